@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/core/concepts.hpp: what a formula may ask of its scalar.
+#pragma once
+
+#include <concepts>
+#include <type_traits>
+
+#include <rye/core/config.hpp>
+
+namespace rye {
+
+/// float or double.
+template <class T>
+concept Real = std::floating_point<T>;
+
+/// Anything a formula can be instantiated with: Real, Dual<Scalar, N>, xsimd::batch<Real>.
+template <class T>
+concept Scalar = std::default_initializable<T> && std::copyable<T> &&
+                 std::constructible_from<T, double> && requires(T a, const T b) {
+                     { b + b } -> std::convertible_to<T>;
+                     { b * b } -> std::convertible_to<T>;
+                     { b / b } -> std::convertible_to<T>;
+                     { -b } -> std::convertible_to<T>;
+                     { a += b };
+                 };
+
+/// The innermost Real of a scalar: float for Dual<Dual<float, 2>, 3> and for batch<float>.
+/// Specialised beside Dual and beside the batch.
+template <class T>
+struct RealOf {
+    using type = T;
+};
+template <class T>
+using real_t = typename RealOf<T>::type;
+
+/// The value of a scalar without its derivative; the identity for Real and batches.
+/// Overloaded beside Dual. Branches and comparisons are taken on values only.
+template <Real T>
+constexpr T value_of(T x) {
+    return x;
+}
+
+} // namespace rye

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/math/scalar.hpp: branch-free choice and the smooth step functions, for every scalar.
+/// Choice is `select(condition, a, b)`: both sides are evaluated, so make the *argument* of a
+/// singular function safe before calling it. Calls inside formulas are unqualified after a
+/// `using std::f`, so that duals and batches are found by their namespace.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include <rye/core/concepts.hpp>
+
+namespace rye {
+
+/// a where the condition holds, else b. (Batches and duals bring their own.)
+template <class T>
+    requires std::is_arithmetic_v<T>
+RYE_HD constexpr T select(bool condition, const T& a, const T& b) {
+    return condition ? a : b;
+}
+
+template <class T>
+RYE_HD constexpr T square(const T& x) {
+    return x * x;
+}
+
+/// min(max(x, lo), hi), with derivative 1 inside, 1/2 at the ends, 0 outside.
+template <Scalar T>
+RYE_HD T clamp_value(const T& x, const T& lo, const T& hi) {
+    using std::max, std::min;
+    return min(max(x, lo), hi);
+}
+
+/// 1 / (1 + exp(-x)) without overflow: exp only of non-positive numbers.
+template <Scalar T>
+RYE_HD T sigmoid(const T& x) {
+    using std::abs, std::exp;
+    const T e = exp(-abs(x));
+    return select(x < T(0), e, T(1)) / (T(1) + e);
+}
+
+/// log(1 + exp(x)) = max(x, 0) + log1p(exp(-|x|)); equals -log(1 - sigmoid(x)).
+template <Scalar T>
+RYE_HD T softplus(const T& x) {
+    using std::abs, std::exp, std::log1p, std::max;
+    return max(x, T(0)) + log1p(exp(-abs(x)));
+}
+
+/// log(p) - log1p(-p), the inverse of sigmoid, for p in (0, 1).
+template <Scalar T>
+RYE_HD T logit(const T& p) {
+    using std::log, std::log1p;
+    return log(p) - log1p(-p);
+}
+
+} // namespace rye
