@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+/// examples/trainer/image_io.hpp: 8-bit images on disk: PNG and JPEG in, PNG out.
+/// Values are the file's own (sRGB for colour, no linearisation); 255 is 1 in the float images.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+#include <rye/core/columns.hpp>
+
+namespace rye::trainer {
+
+/// An image as the file holds it: row by row, channels interleaved.
+struct Image8 {
+    int width = 0;                     ///< [px]
+    int height = 0;                    ///< [px]
+    int channels = 0;                  ///< 1 grey, 2 grey + alpha, 3 RGB, 4 RGBA
+    std::vector<std::uint8_t> values;  ///< channels * width * height
+};
+
+/// Size and channels, from the header only.
+struct ImageHeader {
+    int width = 0, height = 0, channels = 0;
+};
+
+/// The widest or highest image that is read; a header that says more is refused unread.
+inline constexpr int max_image_edge = 16384;
+
+/// Reads the header of a PNG or JPEG; Error names the file.
+ImageHeader read_image_header(const std::filesystem::path& path);
+
+/// Reads a PNG or JPEG, converted to `channels` (1 or 3; 0 keeps the file's own).
+Image8 read_image8(const std::filesystem::path& path, int channels = 0);
+
+/// channels x pixels in [0, 1].
+Image<float> to_float(const Image8& image);
+
+/// Clamped to [0, 1] and rounded to nearest; NaN is an Error.
+Image8 to_8bit(const Image<float>& image);
+
+/// Writes a PNG of 1, 3 or 4 channels, replacing the old file only when the new one is complete.
+void write_png(const std::filesystem::path& path, const Image8& image);
+void write_png(const std::filesystem::path& path, const Image<float>& image);
+
+} // namespace rye::trainer

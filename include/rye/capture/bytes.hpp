@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/capture/bytes.hpp: bounded reading of untrusted little-endian bytes.
+/// Every count is compared with what is left before anything is allocated or touched.
+#pragma once
+
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <span>
+#include <string>
+#include <string_view>
+#include <system_error>
+#include <type_traits>
+#include <vector>
+
+#include <rye/core/error.hpp>
+
+namespace rye {
+
+static_assert(std::endian::native == std::endian::little, "rye's readers assume little-endian");
+
+using Bytes = std::vector<std::byte>;
+using ByteSpan = std::span<const std::byte>;
+
+/// The whole file; Error names it. Files above `max_bytes` are refused unread.
+inline Bytes read_file(const std::filesystem::path& path, std::uint64_t max_bytes = 1ULL << 34U) {
+    const std::string who = path.string();
+    std::error_code status;
+    if (!std::filesystem::exists(path, status)) throw Error(who + ": no such file");
+    if (!std::filesystem::is_regular_file(path, status)) throw Error(who + ": not a file");
+    const std::uintmax_t size = std::filesystem::file_size(path, status);
+    if (status) throw Error(who + ": cannot read its size: " + status.message());
+    require(size <= max_bytes, who,
+            "got " + std::to_string(size) + " bytes, expected at most " + std::to_string(max_bytes));
+    std::ifstream in(path, std::ios::binary);
+    if (!in) throw Error(who + ": cannot be opened for reading");
+    Bytes bytes(static_cast<std::size_t>(size));
+    in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
+    require(static_cast<std::uintmax_t>(in.gcount()) == size, who,
+            "got " + std::to_string(in.gcount()) + " bytes, expected " + std::to_string(size));
+    return bytes;
+}
+
+inline ByteSpan as_bytes(std::string_view text) {
+    return {reinterpret_cast<const std::byte*>(text.data()), text.size()};
+}
+inline std::string_view as_text(ByteSpan bytes) {
+    return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
+/// bytes[offset, offset + count), or an Error that names what was being read.
+inline ByteSpan slice(ByteSpan bytes, std::uint64_t offset, std::uint64_t count,
+                      const std::string& who, const char* what) {
+    if (offset > bytes.size() || count > bytes.size() - offset)
+        throw Error(who + ": truncated: " + what + " needs bytes " + std::to_string(offset) +
+                    " to " + std::to_string(offset) + " + " + std::to_string(count) + ", got " +
+                    std::to_string(bytes.size()));
+    return bytes.subspan(static_cast<std::size_t>(offset), static_cast<std::size_t>(count));
+}
+
+/// The little-endian integer at an offset.
+template <class T>
+    requires std::is_unsigned_v<T>
+T read_at(ByteSpan bytes, std::uint64_t offset, const std::string& who, const char* what) {
+    T value;
+    std::memcpy(&value, slice(bytes, offset, sizeof(T), who, what).data(), sizeof(T));
+    return value;
+}
+
+template <class T>
+    requires std::is_trivially_copyable_v<T>
+void append(Bytes& bytes, const T& value) {
+    const std::size_t end = bytes.size();
+    bytes.resize(end + sizeof(T));
+    std::memcpy(bytes.data() + end, &value, sizeof(T));
+}
+inline void append(Bytes& bytes, ByteSpan more) {
+    bytes.insert(bytes.end(), more.begin(), more.end());
+}
+
+/// a * b, or an Error where the product does not fit 64 bits.
+inline std::uint64_t checked_product(std::uint64_t a, std::uint64_t b, const std::string& who) {
+    std::uint64_t product = 0;
+    if (__builtin_mul_overflow(a, b, &product))
+        throw Error(who + ": " + std::to_string(a) + " * " + std::to_string(b) + " overflows");
+    return product;
+}
+
+} // namespace rye
