@@ -51,7 +51,7 @@ struct Dual {
         Dual r;
         r.value = f;
         for (std::size_t i = 0; i < N; ++i)
-            r.d[i] = select(value_of(d[i]) == value_of(T(0)), T(0), T(d[i] * slope));
+            r.d[i] = pick(is_zero_part(d[i]), T(0), T(d[i] * slope));
         return r;
     }
 
@@ -79,7 +79,7 @@ struct Dual {
     }
     friend Dual operator/(const Dual& a, const Dual& b) {
         const T i = T(1) / b.value;
-        const T q = a.value * i;
+        const T q = a.value / b.value;  // not a i: the value of a formula is the plain formula's
         return combine(a, i, b, -q * i, q);
     }
 
@@ -115,7 +115,7 @@ struct Dual {
     friend Dual exp2(const Dual& x) {
         using std::exp2;
         const T e = exp2(x.value);
-        return x.chain(e, T(0.69314718055994530942) * e);
+        return x.chain(e, constant<T>(0.69314718055994530942) * e);
     }
     // expm1(x + h) = expm1(x) + exp(x) h
     friend Dual expm1(const Dual& x) {
@@ -130,7 +130,7 @@ struct Dual {
     // log2(x + h) = log2(x) + h / (x ln 2)
     friend Dual log2(const Dual& x) {
         using std::log2;
-        return x.chain(log2(x.value), T(1.4426950408889634074) / x.value);
+        return x.chain(log2(x.value), constant<T>(1.4426950408889634074) / x.value);
     }
     // log1p(x + h) = log1p(x) + h / (1 + x)
     friend Dual log1p(const Dual& x) {
@@ -178,7 +178,7 @@ struct Dual {
     friend Dual atan2(const Dual& y, const Dual& x) {
         using std::atan2;
         const T n = x.value * x.value + y.value * y.value;
-        const auto origin = value_of(n) == value_of(T(0));
+        const auto origin = n == T(0);
         const T i = T(1) / pick(origin, T(1), n);
         return combine(y, x.value * i, x, -y.value * i, atan2(y.value, x.value));
     }
@@ -186,16 +186,15 @@ struct Dual {
     friend Dual hypot(const Dual& x, const Dual& y) {
         using std::hypot;
         const T r = hypot(x.value, y.value);
-        const auto origin = value_of(r) == value_of(T(0));
+        const auto origin = r == T(0);
         const T i = T(1) / pick(origin, T(1), r);
         return combine(x, x.value * i, y, y.value * i, r);
     }
     // |x + h| = |x| + sign(x) h, with sign(0) = 0
     friend Dual abs(const Dual& x) {
         using std::abs;
-        const auto v = value_of(x.value);
-        const auto zero = value_of(T(0));
-        const T sign = pick(v > zero, T(1), pick(v < zero, T(-1), T(0)));
+        const T zero = T(0);
+        const T sign = pick(x.value > zero, T(1), pick(x.value < zero, T(-1), zero));
         return x.chain(abs(x.value), sign);
     }
     friend Dual fabs(const Dual& x) { return abs(x); }
@@ -209,7 +208,8 @@ struct Dual {
     friend Dual pow(const Dual& x, double p) {
         using std::pow;
         if (p == 0) return Dual(1);
-        return x.chain(pow(x.value, T(p)), p == 1 ? T(1) : T(T(p) * pow(x.value, T(p - 1))));
+        const T f = pow(x.value, constant<T>(p));
+        return x.chain(f, p == 1 ? T(1) : T(constant<T>(p) * pow(x.value, constant<T>(p - 1))));
     }
     // x^g = exp(g log x): tangent g x^(g-1) h + log(x) x^g k
     friend Dual pow(const Dual& x, const Dual& g) {
@@ -237,7 +237,21 @@ struct Dual {
         return isnan(x.value);
     }
 
+    /// Value and every derivative are 0: only then may a singular slope be dropped. (An inner dual
+    /// of value 0 can still carry a derivative.)
+    friend auto is_zero(const Dual& x) {
+        auto all = is_zero_part(x.value);
+        for (const T& t : x.d) all = all && is_zero_part(t);
+        return all;
+    }
+
   private:
+    static auto is_zero_part(const T& t) {
+        if constexpr (requires { is_zero(t); })
+            return is_zero(t);
+        else
+            return t == T(0);
+    }
     template <class Condition>
     static T pick(const Condition& c, const T& a, const T& b) {
         return select(c, a, b);
@@ -258,7 +272,10 @@ struct RealOf<Dual<T, N, Tag>> {
 /// The innermost value.
 template <class T, int N, class Tag>
 constexpr auto value_of(const Dual<T, N, Tag>& x) {
-    return value_of(x.value);
+    if constexpr (requires { x.value.value; })
+        return value_of(x.value);
+    else
+        return x.value;
 }
 
 } // namespace rye

@@ -12,6 +12,12 @@
 
 namespace rye {
 
+/// A number written in double, rounded once to the innermost Real: batches and duals take it too.
+template <Scalar T>
+RYE_HD constexpr T constant(double x) {
+    return T(static_cast<real_t<T>>(x));
+}
+
 /// a where the condition holds, else b. (Batches and duals bring their own.)
 template <class T>
     requires std::is_arithmetic_v<T>

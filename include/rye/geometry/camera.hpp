@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/geometry/camera.hpp: the pinhole camera.
+/// Frame (OpenCV): x right, y down, z forward; x_camera = R x_world + t. Image plane [px]:
+/// u = fx x / z + cx, v = fy y / z + cy, where the centre of the first pixel is (0.5, 0.5).
+/// Source: Hartley and Zisserman, "Multiple View Geometry", 6.1.
+#pragma once
+
+#include <cmath>
+#include <concepts>
+#include <string>
+
+#include <rye/core/error.hpp>
+#include <rye/geometry/rigid.hpp>
+
+namespace rye {
+
+template <Scalar T>
+struct Pinhole {
+    using scalar = T;
+
+    T fx = T(1), fy = T(1);                        ///< focal lengths [px]
+    T cx = T(0), cy = T(0);                        ///< principal point, anywhere [px]
+    int width = 0, height = 0;                     ///< [px]
+    Rigid<T> camera_from_world = {};
+    T near_depth = constant<T>(0.01);              ///< closest visible depth [world units]
+
+    /// The camera's centre in the world.
+    Vec3<T> centre() const { return camera_from_world.inverse().translation; }
+
+    /// (u [px], v [px], depth [world units]) of a point of the world; the depth must not be 0.
+    RYE_HD Vec3<T> project_point(const Vec3<T>& x_world) const {
+        const Vec3<T> x = camera_from_world.apply(x_world);
+        return Vec3<T>(fx * x[0] / x[2] + cx, fy * x[1] / x[2] + cy, x[2]);
+    }
+
+    /// Unit direction in the world of the ray through an image point.
+    RYE_HD Vec3<T> ray(const Vec2<T>& pixel) const {
+        const Vec3<T> d((pixel[0] - cx) / fx, (pixel[1] - cy) / fy, T(1));
+        return camera_from_world.turn_back(normalized(d));
+    }
+
+    template <Scalar U>
+    Pinhole<U> cast() const {
+        const auto to = [](const T& x) { return static_cast<U>(x); };
+        return {to(fx), to(fy), to(cx), to(cy), width, height,
+                camera_from_world.template cast<U>(), to(near_depth)};
+    }
+};
+
+/// Anything with a size in pixels and a projection of points of the world.
+template <class C>
+concept Camera = requires(const C c, const Vec3<typename C::scalar> x, Vec2<typename C::scalar> p) {
+    { c.width } -> std::convertible_to<int>;
+    { c.height } -> std::convertible_to<int>;
+    { c.project_point(x) } -> std::convertible_to<Vec3<typename C::scalar>>;
+    { c.ray(p) } -> std::convertible_to<Vec3<typename C::scalar>>;
+    { c.centre() } -> std::convertible_to<Vec3<typename C::scalar>>;
+};
+static_assert(Camera<Pinhole<float>>);
+
+/// A camera at `eye` that sees `target` in the middle of the image and `up` upwards.
+template <Real T>
+Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up,
+                   T vertical_fov_rad, int width, int height) {
+    require(width > 0 && height > 0, "look_at",
+            "got an image of " + std::to_string(width) + " x " + std::to_string(height) +
+                " pixels, expected both positive");
+    require(vertical_fov_rad > T(0) && vertical_fov_rad < T(3.14159265358979323846), "look_at",
+            "got a vertical field of view of " + std::to_string(vertical_fov_rad) +
+                " rad, expected it between 0 and pi");
+    const Vec3<T> z = normalized(Vec3<T>(target - eye));
+    const Vec3<T> side = cross(z, normalized(up));
+    require(norm(side) > T(1e-6), "look_at",
+            "got an up vector along the line of sight, or no line of sight, expected them apart");
+    const Vec3<T> x = normalized(side), y = cross(z, x);
+    Pinhole<T> camera;
+    camera.width = width;
+    camera.height = height;
+    camera.fx = camera.fy = T(height) / (T(2) * std::tan(vertical_fov_rad / T(2)));
+    camera.cx = T(width) / T(2);
+    camera.cy = T(height) / T(2);
+    camera.camera_from_world.rotation << x.transpose(), y.transpose(), z.transpose();
+    camera.camera_from_world.translation = -(camera.camera_from_world.rotation * eye);
+    return camera;
+}
+
+/// The same view in an image `factor` times as large: 0.5 halves the size and the intrinsics.
+template <Scalar T>
+Pinhole<T> scaled(Pinhole<T> camera, double factor) {
+    const double w = std::round(camera.width * factor), h = std::round(camera.height * factor);
+    require(w >= 1 && h >= 1 && w < 1e6 && h < 1e6, "scaled",
+            "got the factor " + std::to_string(factor) + " for an image of " +
+                std::to_string(camera.width) + " x " + std::to_string(camera.height) +
+                " pixels, expected 1 to 999999 pixels a side");
+    // Sizes that do not divide evenly stretch the pixels a little, so the view stays whole.
+    const T sx = T(w / camera.width), sy = T(h / camera.height);
+    camera.fx = camera.fx * sx;
+    camera.cx = camera.cx * sx;
+    camera.fy = camera.fy * sy;
+    camera.cy = camera.cy * sy;
+    camera.width = static_cast<int>(w);
+    camera.height = static_cast<int>(h);
+    return camera;
+}
+
+} // namespace rye
