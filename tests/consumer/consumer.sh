@@ -1,0 +1,22 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# consumer.sh WAY SOURCE_DIR BUILD_DIR CMAKE GENERATOR COMPILER: a project of a user's, which gets
+# rye by WAY (find_package after an install, add_subdirectory or fetch_content), builds the program
+# that README.md shows, and runs it.
+set -eu
+way=$1 source=$2 build=$3 cmake=$4 generator=$5 cxx=$6
+work=$build/tests/consumer_$way
+rm -rf "$work"
+mkdir -p "$work/project"
+cp "$source/tests/consumer/CMakeLists.txt" "$work/project/"
+awk '/^```cpp/ { inside = 1; next } /^```/ { if (inside) exit } inside' "$source/README.md" \
+    > "$work/project/main.cpp"
+[ -s "$work/project/main.cpp" ] || { echo "README.md shows no C++ program"; exit 1; }
+if [ "$way" = find_package ]; then
+    "$cmake" --install "$build" --prefix "$work/prefix" --component Unspecified > "$work/install.txt"
+fi
+"$cmake" -S "$work/project" -B "$work/build" -G "$generator" -DCMAKE_CXX_COMPILER="$cxx" \
+    -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$work/prefix" -DWAY="$way" -DRYE_SOURCE="$source"
+"$cmake" --build "$work/build"
+cd "$work/build"
+./consumer

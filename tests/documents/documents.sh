@@ -1,0 +1,23 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# documents.sh SOURCE_DIR: what README.md, CHANGELOG.md and docs/*.md link to or name as a header
+# exists.
+set -eu
+cd "$1"
+bad=0
+# File names here hold no spaces.
+# shellcheck disable=SC2013,SC2016
+for page in README.md CHANGELOG.md docs/*.md; do
+    folder=$(dirname "$page")
+    # [text](target), without addresses and anchors
+    for target in $(grep -o '](\([^)]*\))' "$page" | sed 's/^](//; s/)$//; s/#.*//' |
+                    grep -v '^[a-z]*:' | sort -u); do
+        [ -e "$folder/$target" ] || { echo "$page: no such file: $target"; bad=1; }
+    done
+    # `rye/folder/name.hpp` or <rye/folder/name.hpp>
+    for header in $(grep -o '[`<]rye/[a-z0-9_/]*\.hpp[`>]' "$page" | tr -d '`<>' | sort -u); do
+        [ -e "include/$header" ] || { echo "$page: no such header: $header"; bad=1; }
+    done
+done
+[ $bad -eq 0 ] && echo "the documents name what exists"
+exit $bad

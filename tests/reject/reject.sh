@@ -1,0 +1,22 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# reject.sh COMPILER FLAGS_FILE SOURCE: SOURCE compiles with -DREJECT=0 and not with -DREJECT=1;
+# then the error matches the pattern of its line "// expect: ..." and is at most 40 lines long.
+set -eu
+cxx=$1
+flags=$(tr '\n' ' ' < "$2")
+source=$3
+pattern=$(sed -n 's|^// expect: ||p' "$source")
+[ -n "$pattern" ] || { echo "$source: no line // expect:"; exit 1; }
+# shellcheck disable=SC2086 # the flags are several words
+$cxx $flags -fsyntax-only -Wall -Wextra -Werror -DREJECT=0 "$source" ||
+    { echo "$source: must compile without the fault"; exit 1; }
+# shellcheck disable=SC2086
+if said=$($cxx $flags -fsyntax-only -DREJECT=1 "$source" 2>&1); then
+    echo "$source: compiles with the fault"
+    exit 1
+fi
+echo "$said"
+echo "$said" | grep -Eq "$pattern" || { echo "$source: the error does not say: $pattern"; exit 1; }
+lines=$(echo "$said" | wc -l)
+[ "$lines" -le 40 ] || { echo "$source: the error takes $lines lines, at most 40"; exit 1; }
