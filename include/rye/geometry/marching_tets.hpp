@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/geometry/marching_tets.hpp: the zero surface of a signed distance given at the vertices of a
+/// tetrahedral grid, and its vjp. sdf > 0 is outside, face normals point outside. The topology is
+/// found from values and holds no scalar, so positions can be differentiated on a fixed topology.
+/// Frame and units are those of the grid. Source: Doi and Koide, 1991; triangle table of DMTet.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include <rye/core/error.hpp>
+#include <rye/geometry/mesh.hpp>
+#include <rye/geometry/tet_grid.hpp>
+#include <rye/math/scalar.hpp>
+
+namespace rye {
+
+/// How an edge is cut where the formula t = s_a / (s_a - s_b) is singular or degenerate.
+struct EdgeCut {
+    /// If |s_a - s_b| is less, t = 1/2 with gradient 0: dt/ds is 1 / |s_a - s_b|, so larger
+    /// gradients than 1e8 would only be noise. [units of the sdf]
+    double min_difference = 1e-8;
+    /// t stays this far from 0 and 1, gradient 0 beyond: a distance of exactly 0 at a grid vertex
+    /// would otherwise give faces without area. A hundredth of a percent of an edge is not visible,
+    /// and still hundreds of float ulps in a grid a thousand cells wide. [1]
+    double min_fraction = 1e-4;
+};
+
+/// Vertex i of the surface lies on grid edge edges[i] = (a, b), a < b; edges are sorted.
+struct SurfaceTopology {
+    std::vector<Edge> edges;
+    std::vector<Face> faces;  ///< those of tetrahedra with one triangle first; empty: no surface
+
+    Index vertex_count() const { return static_cast<Index>(edges.size()); }
+};
+
+template <Scalar T>
+struct Surface {
+    Columns<T> positions;  ///< 3 x M
+    Columns<T> fraction;   ///< 1 x M: position = x_a + fraction (x_b - x_a)
+    SurfaceTopology topology;
+};
+
+namespace detail {
+
+/// Number of triangles and their tetrahedron edges; case = sum of 2^i over corners with sdf > 0.
+struct TetCase {
+    int triangles;
+    std::array<std::uint8_t, 6> edges;
+};
+inline constexpr std::array<TetCase, 16> tet_cases{{{0, {}},
+                                                    {1, {1, 0, 2}},
+                                                    {1, {4, 0, 3}},
+                                                    {2, {1, 4, 2, 1, 3, 4}},
+                                                    {1, {3, 1, 5}},
+                                                    {2, {2, 3, 0, 2, 5, 3}},
+                                                    {2, {1, 4, 0, 1, 5, 4}},
+                                                    {1, {4, 2, 5}},
+                                                    {1, {4, 5, 2}},
+                                                    {2, {4, 1, 0, 4, 5, 1}},
+                                                    {2, {3, 2, 0, 3, 5, 2}},
+                                                    {1, {1, 3, 5}},
+                                                    {2, {4, 1, 2, 4, 3, 1}},
+                                                    {1, {3, 0, 4}},
+                                                    {1, {2, 0, 1}},
+                                                    {0, {}}}};
+
+} // namespace detail
+
+/// The topology of the zero surface of sdf, 1 x V. A vertex with sdf = 0 counts as inside.
+template <class T>
+SurfaceTopology surface_topology(const TetTopology& grid, const ColumnsView<T>& sdf) {
+    RYE_ASSERT(sdf.rows() == 1 && sdf.cols() == grid.vertex_count, "surface_topology: sdf not 1 x V");
+    using std::isfinite;
+    const auto at = [](Index i) { return static_cast<std::size_t>(i); };
+    std::vector<std::uint8_t> outside(at(grid.vertex_count));
+    for (Index v = 0; v < grid.vertex_count; ++v) {
+        if (!isfinite(sdf(0, v)))
+            throw Error("surface_topology: got a non-finite sdf at vertex " + std::to_string(v) +
+                        ", expected finite values");
+        outside[at(v)] = value_of(sdf(0, v)) > 0 ? 1 : 0;
+    }
+    SurfaceTopology out;
+    std::vector<Index> vertex(grid.edges.size());  // of the surface, for each crossing grid edge
+    for (std::size_t e = 0; e < grid.edges.size(); ++e) {
+        const auto [a, b] = grid.edges[e];
+        if (outside[at(a)] == outside[at(b)]) continue;
+        vertex[e] = out.vertex_count();
+        out.edges.push_back(grid.edges[e]);
+    }
+    if (out.edges.empty()) return out;
+    std::vector<Face> pairs;  // of tetrahedra with two triangles
+    for (std::size_t t = 0; t < grid.tets.size(); ++t) {
+        const auto [a, b, c, d] = grid.tets[t];
+        const unsigned bits = outside[at(a)] | unsigned{outside[at(b)]} << 1U |
+                              unsigned{outside[at(c)]} << 2U | unsigned{outside[at(d)]} << 3U;
+        const detail::TetCase& found = detail::tet_cases[bits];
+        std::vector<Face>& faces = found.triangles == 2 ? pairs : out.faces;
+        const auto corner = [&](int i) {
+            const std::uint8_t local = found.edges[static_cast<std::size_t>(i)];
+            return vertex[at(grid.tet_edges[t][local])];
+        };
+        for (int i = 0; i < 3 * found.triangles; i += 3)
+            faces.push_back({corner(i), corner(i + 1), corner(i + 2)});
+    }
+    out.faces.insert(out.faces.end(), pairs.begin(), pairs.end());
+    return out;
+}
+
+/// t = s_a / (s_a - s_b) of every surface vertex, 1 x M, with the exceptions of EdgeCut.
+template <class T>
+Columns<T> crossing_fractions(const SurfaceTopology& surface, const ColumnsView<T>& sdf,
+                              const EdgeCut& cut = {}) {
+    Columns<T> t(1, surface.vertex_count());
+    for (Index i = 0; i < t.cols(); ++i) {
+        const auto [a, b] = surface.edges[static_cast<std::size_t>(i)];
+        const T difference = sdf(0, a) - sdf(0, b);
+        const double d = static_cast<double>(value_of(difference));
+        if (std::abs(d) < cut.min_difference) {
+            t(0, i) = T(0.5);
+            continue;
+        }
+        const T quotient = sdf(0, a) / difference;
+        const double q = static_cast<double>(value_of(quotient));
+        if (q < cut.min_fraction) t(0, i) = T(cut.min_fraction);
+        else if (q > 1 - cut.min_fraction) t(0, i) = T(1 - cut.min_fraction);
+        else t(0, i) = quotient;
+    }
+    return t;
+}
+
+/// Adds to g_sdf, 1 x V, from the gradient to the fractions, 1 x M.
+/// dt/ds_a = -s_b / (s_a - s_b)^2 = (1 - t) / (s_a - s_b), dt/ds_b = t / (s_a - s_b).
+template <class T>
+void crossing_fractions_vjp(const SurfaceTopology& surface, const ColumnsView<T>& sdf,
+                            const ColumnsView<T>& g_fraction, Columns<T>& g_sdf,
+                            const EdgeCut& cut = {}) {
+    for (Index i = 0; i < surface.vertex_count(); ++i) {
+        const auto [a, b] = surface.edges[static_cast<std::size_t>(i)];
+        const T difference = sdf(0, a) - sdf(0, b);
+        if (std::abs(static_cast<double>(value_of(difference))) < cut.min_difference) continue;
+        const T t = sdf(0, a) / difference;
+        const double q = static_cast<double>(value_of(t));
+        if (q < cut.min_fraction || q > 1 - cut.min_fraction) continue;
+        const T g = g_fraction(0, i) / difference;
+        g_sdf(0, a) += (T(1) - t) * g;
+        g_sdf(0, b) += t * g;
+    }
+}
+
+/// Values at grid vertices, C x V, at the surface's vertices, C x M: v_a + t (v_b - v_a).
+template <class T>
+Columns<T> interpolate(const SurfaceTopology& surface, const ColumnsView<T>& fraction,
+                       const ColumnsView<T>& values) {
+    Columns<T> out(values.rows(), surface.vertex_count());
+    for (Index i = 0; i < out.cols(); ++i) {
+        const auto [a, b] = surface.edges[static_cast<std::size_t>(i)];
+        out.col(i) = values.col(a) + fraction(0, i) * (values.col(b) - values.col(a));
+    }
+    return out;
+}
+
+/// Adds to g_values, C x V, and g_fraction, 1 x M, from the gradient to the result, C x M.
+template <class T>
+void interpolate_vjp(const SurfaceTopology& surface, const ColumnsView<T>& fraction,
+                     const ColumnsView<T>& values, const ColumnsView<T>& g_out,
+                     Columns<T>& g_values, Columns<T>& g_fraction) {
+    for (Index i = 0; i < surface.vertex_count(); ++i) {
+        const auto [a, b] = surface.edges[static_cast<std::size_t>(i)];
+        const T t = fraction(0, i);
+        g_fraction(0, i) += g_out.col(i).dot(values.col(b) - values.col(a));
+        g_values.col(a) += (T(1) - t) * g_out.col(i);
+        g_values.col(b) += t * g_out.col(i);
+    }
+}
+
+/// The positions, 3 x M, of a known topology.
+template <class T>
+Columns<T> surface_positions(const SurfaceTopology& surface, const ColumnsView<T>& vertices,
+                             const ColumnsView<T>& sdf, const EdgeCut& cut = {}) {
+    return interpolate<T>(surface, crossing_fractions<T>(surface, sdf, cut), vertices);
+}
+
+/// The surface where sdf, 1 x V, is zero; vertices is 3 x V and may differ from the grid's own.
+template <class T>
+Surface<T> marching_tetrahedra(const TetTopology& grid, const ColumnsView<T>& vertices,
+                               const ColumnsView<T>& sdf, const EdgeCut& cut = {}) {
+    Surface<T> out;
+    out.topology = surface_topology<T>(grid, sdf);
+    out.fraction = crossing_fractions<T>(out.topology, sdf, cut);
+    out.positions = interpolate<T>(out.topology, out.fraction, vertices);
+    return out;
+}
+
+template <Scalar T>
+struct SurfaceGradient {
+    Columns<T> vertices;  ///< 3 x V
+    Columns<T> sdf;       ///< 1 x V
+    Columns<T> features;  ///< C x V
+};
+
+/// Gradients to the grid's vertices, sdf and features from those to the surface's positions, 3 x M,
+/// and interpolated features, C x M (C may be 0).
+template <class T>
+SurfaceGradient<T> surface_vjp(const Surface<T>& surface, const ColumnsView<T>& vertices,
+                               const ColumnsView<T>& sdf, const ColumnsView<T>& features,
+                               const ColumnsView<T>& g_positions, const ColumnsView<T>& g_features,
+                               const EdgeCut& cut = {}) {
+    const SurfaceTopology& top = surface.topology;
+    SurfaceGradient<T> g{Columns<T>::Zero(3, vertices.cols()), Columns<T>::Zero(1, sdf.cols()),
+                         Columns<T>::Zero(features.rows(), features.cols())};
+    Columns<T> g_fraction = Columns<T>::Zero(1, top.vertex_count());
+    interpolate_vjp<T>(top, surface.fraction, vertices, g_positions, g.vertices, g_fraction);
+    if (features.rows() > 0)
+        interpolate_vjp<T>(top, surface.fraction, features, g_features, g.features, g_fraction);
+    crossing_fractions_vjp<T>(top, sdf, g_fraction, g.sdf, cut);
+    return g;
+}
+
+/// The grid vertices that a surface touches, ascending. Only they carry a gradient, so networks
+/// over the grid need a trace, and a backward pass, for them alone.
+inline std::vector<Index> touched_vertices(const SurfaceTopology& surface) {
+    std::vector<Index> out;
+    out.reserve(2 * surface.edges.size());
+    for (const auto& [a, b] : surface.edges) out.insert(out.end(), {a, b});
+    std::sort(out.begin(), out.end());
+    out.erase(std::unique(out.begin(), out.end()), out.end());
+    return out;
+}
+
+/// The same surface over the touched vertices alone: indices of edges become places in the list.
+inline SurfaceTopology over_touched(SurfaceTopology surface, const std::vector<Index>& touched) {
+    const auto place = [&](Index v) {
+        return std::lower_bound(touched.begin(), touched.end(), v) - touched.begin();
+    };
+    for (Edge& e : surface.edges) e = {place(e[0]), place(e[1])};
+    return surface;
+}
+
+} // namespace rye
