@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/nn/encoding.hpp: positional encoding of points, poses and angles.
+/// [x, sin x, cos x, sin 2x, cos 2x, sin 4x, cos 4x, ...], each block the whole vector, so D numbers
+/// become D (1 + 2 F). The frequencies are powers of two, so their arguments are exact.
+/// Source: Mildenhall et al., "NeRF", 2020, eq. 4, with the identity and without the factor pi.
+#pragma once
+
+#include <cmath>
+
+#include <rye/core/columns.hpp>
+#include <rye/core/error.hpp>
+
+namespace rye {
+
+/// Frequencies 1, 2, 4, 8, as in Gaussian Head Avatar.
+inline constexpr int default_frequencies = 4;
+
+constexpr Index encoded_size(Index values, int frequencies) {
+    return values * (1 + 2 * frequencies);
+}
+
+/// x: D x N. Returns D (1 + 2 F) x N.
+template <class X>
+Columns<typename X::Scalar> positional_encoding(const Eigen::MatrixBase<X>& x,
+                                                int frequencies = default_frequencies) {
+    using T = typename X::Scalar;
+    const Index d = x.rows();
+    Columns<T> y(encoded_size(d, frequencies), x.cols());
+    Columns<T> scaled = x;                                          // 2^k x
+    y.topRows(d) = scaled;
+    for (int k = 0; k < frequencies; ++k) {
+        y.middleRows(d * (1 + 2 * k), d) = scaled.array().sin().matrix();
+        y.middleRows(d * (2 + 2 * k), d) = scaled.array().cos().matrix();
+        scaled += scaled.eval();
+    }
+    return y;
+}
+
+/// The cotangent of x (D x N) from the encoding itself, which holds every sine and cosine needed.
+template <class Y, class G>
+Columns<typename Y::Scalar> positional_encoding_vjp(const Eigen::MatrixBase<Y>& y,
+                                                    const Eigen::MatrixBase<G>& g,
+                                                    int frequencies = default_frequencies) {
+    using T = typename Y::Scalar;
+    const Index d = y.rows() / encoded_size(1, frequencies);
+    RYE_ASSERT(y.rows() == encoded_size(d, frequencies) && g.rows() == y.rows() &&
+                   g.cols() == y.cols(),
+               "positional_encoding_vjp: shapes differ");
+    Columns<T> gx = g.topRows(d);
+    for (int k = 0; k < frequencies; ++k) {
+        const Index s = d * (1 + 2 * k), c = s + d;                 // rows of sin, of cos
+        gx += T(std::ldexp(1.0, k)) * (g.middleRows(s, d).cwiseProduct(y.middleRows(c, d)) -
+                                       g.middleRows(c, d).cwiseProduct(y.middleRows(s, d)));
+    }
+    return gx;
+}
+
+} // namespace rye
