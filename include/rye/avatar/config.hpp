@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/config.hpp: the sizes and scales of an avatar. Every default is the paper's, or, where
+/// the paper is silent, that of Gaussian Head Avatar (GHA), its parent; see docs/deviations.md.
+#pragma once
+
+#include <variant>
+#include <vector>
+
+#include <rye/nn/mlp.hpp>
+#include <rye/rig/influence.hpp>
+
+namespace rye {
+
+/// Which distance the thresholds t1 ... t4 are compared with; GHA's code compares squared ones.
+using DistanceMetric = std::variant<SquaredDistance, EuclideanDistance>;
+
+/// Hidden widths of each network; inputs and outputs follow from AvatarConfig.
+struct NetworkConfig {
+    std::vector<int> geometry{256, 256, 256, 256, 256};
+    std::vector<int> exp_color{256, 256};
+    std::vector<int> pose_color{128};
+    std::vector<int> exp_deform{256, 256, 256, 256, 256};
+    std::vector<int> pose_deform{256, 256};
+    std::vector<int> exp_attributes{256, 256, 256};
+    std::vector<int> pose_attributes{128, 128};
+    std::vector<int> gaze_deform{256, 256};
+    std::vector<int> gaze_color{128};
+    std::vector<int> eye_offset{128, 128};
+};
+
+struct AvatarConfig {
+    int expression = 0;   ///< width of the expression code; decided by the capture
+    int feature = 128;    ///< width of the per-point feature vector
+    int channels = 32;    ///< feature channels of a Gaussian; the first three are RGB
+    int frequencies = 4;  ///< octaves of the positional encoding
+
+    double exp_near = 0.15;    ///< t1, in units of the metric
+    double exp_far = 0.25;     ///< t2
+    double gaze_near = 0.075;  ///< t3
+    double gaze_far = 0.125;   ///< t4
+    DistanceMetric metric = SquaredDistance{};
+
+    double deform_scale = 0.3;      ///< displacement = scale * tanh(network) [unit]
+    double attribute_scale = 0.2;   ///< step of log-scale, quaternion and logit opacity
+    double vertex_offset = 1. / 128;  ///< largest move of a lattice vertex is tanh(1) times this [unit]
+
+    NetworkConfig networks;
+
+    int encoded(int n) const { return n * (1 + 2 * frequencies); }
+    int position_code() const { return encoded(3); }
+    int pose_code() const { return encoded(6); }
+    int gaze_code() const { return encoded(2); }  ///< of (pitch, yaw)
+};
+
+/// dims [point inputs + frame inputs, hidden..., outputs].
+inline MlpShape mlp_shape(int point_inputs, int frame_inputs, const std::vector<int>& hidden,
+                          int outputs) {
+    MlpShape shape;
+    shape.dims.push_back(point_inputs + frame_inputs);
+    shape.dims.insert(shape.dims.end(), hidden.begin(), hidden.end());
+    shape.dims.push_back(outputs);
+    shape.frame_inputs = frame_inputs;
+    return shape;
+}
+
+} // namespace rye

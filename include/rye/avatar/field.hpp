@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/field.hpp: a network weighted by an influence, run only where the influence is not 0:
+///     out += gain * lambda(x) * squash(MLP([input(x), frame code])).
+/// Source: paper eq. (3), (5), (6) and the same for the gaze; the terms of Phi_f.
+#pragma once
+
+#include <cmath>
+#include <vector>
+
+#include <rye/nn/mlp.hpp>
+
+namespace rye {
+
+enum class Squash { none, tanh, sigmoid };
+
+/// What the vjp of one field needs of its forward.
+template <class T>
+struct FieldTrace {
+    std::vector<Index> set;  ///< points with lambda > 0, ascending
+    Columns<T> input;        ///< inputs of those points
+    Columns<T> output;       ///< squashed outputs of those points, before gain and lambda
+    MlpTrace<T> mlp;
+};
+
+template <class T>
+void squash_in_place(Squash squash, Columns<T>& y) {
+    using std::tanh;
+    if (squash == Squash::tanh) y = y.unaryExpr([](const T& v) { return T(tanh(v)); }).eval();
+    if (squash == Squash::sigmoid) y = y.unaryExpr([](const T& v) { return sigmoid(v); }).eval();
+}
+
+/// Turns a gradient with respect to y = squash(v) into one with respect to v.
+template <class T>
+void squash_vjp(Squash squash, const Columns<T>& y, Columns<T>& g) {
+    if (squash == Squash::tanh) g = g.cwiseProduct(y.unaryExpr([](const T& v) {
+        return T((T(1) - v) * (T(1) + v));
+    })).eval();
+    if (squash == Squash::sigmoid)
+        g = g.cwiseProduct(y.unaryExpr([](const T& v) { return T(v * (T(1) - v)); })).eval();
+}
+
+/// Adds the field to `out` (rows x N). `inputs` are per-point inputs (D x N), `lambda` is 1 x N.
+template <Backend B, class T>
+void add_field(const Mlp<T>& mlp, Squash squash, const T& gain, const Columns<T>& inputs,
+               const Columns<T>& lambda, const VecX<T>& frame, Columns<T>& out,
+               FieldTrace<T>& trace) {
+    trace.set.clear();
+    for (Index i = 0; i < lambda.cols(); ++i)
+        if (lambda(0, i) > T(0)) trace.set.push_back(i);
+    const Index n = static_cast<Index>(trace.set.size());
+    trace.input.resize(inputs.rows(), n);
+    for (Index k = 0; k < n; ++k)
+        trace.input.col(k) = inputs.col(trace.set[static_cast<std::size_t>(k)]);
+    trace.output = mlp_forward<B, T>(mlp, trace.input, frame, &trace.mlp);
+    for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
+        Columns<T> y = trace.output.middleCols(b, e - b);
+        squash_in_place(squash, y);
+        trace.output.middleCols(b, e - b) = y;
+        for (Index k = b; k < e; ++k) {
+            const Index i = trace.set[static_cast<std::size_t>(k)];
+            const T w = gain * lambda(0, i);
+            out.col(i) += w * y.col(k - b);
+        }
+    });
+}
+
+/// Gradients of a field; each pointer may be null.
+template <class T>
+struct FieldGradients {
+    Mlp<T>* mlp = nullptr;              ///< accumulated
+    Columns<T>* inputs = nullptr;       ///< D x N, accumulated
+    Columns<T>* lambda = nullptr;       ///< 1 x N, accumulated
+    VecX<T>* frame = nullptr;           ///< accumulated
+    const Columns<T>* output = nullptr; ///< an extra cotangent of the squashed outputs (set order)
+};
+
+/// Pulls g_out (rows x N) back through add_field.
+template <Backend B, class T>
+void field_vjp(const Mlp<T>& mlp, Squash squash, const T& gain, const Columns<T>& lambda,
+               const VecX<T>& frame, const FieldTrace<T>& trace, const Columns<T>& g_out,
+               const FieldGradients<T>& g) {
+    const Index n = static_cast<Index>(trace.set.size());
+    if (n == 0) return;
+    Columns<T> g_y(trace.output.rows(), n);
+    for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
+        for (Index k = b; k < e; ++k) {
+            const Index i = trace.set[static_cast<std::size_t>(k)];
+            const T w = gain * lambda(0, i);
+            g_y.col(k) = w * g_out.col(i);
+            if (g.output != nullptr) g_y.col(k) += g.output->col(k);
+            if (g.lambda != nullptr)
+                (*g.lambda)(0, i) += gain * trace.output.col(k).dot(g_out.col(i));
+        }
+        Columns<T> block = g_y.middleCols(b, e - b);
+        squash_vjp<T>(squash, trace.output.middleCols(b, e - b), block);
+        g_y.middleCols(b, e - b) = block;
+    });
+    Columns<T> g_input;
+    VecX<T> g_frame;
+    mlp_vjp<B, T>(mlp, trace.input, frame, trace.mlp, g_y, *g.mlp,
+                  g.inputs != nullptr ? &g_input : nullptr, g.frame != nullptr ? &g_frame : nullptr);
+    if (g.inputs != nullptr)
+        for (Index k = 0; k < n; ++k)
+            g.inputs->col(trace.set[static_cast<std::size_t>(k)]) += g_input.col(k);
+    if (g.frame != nullptr) *g.frame += g_frame;
+}
+
+} // namespace rye

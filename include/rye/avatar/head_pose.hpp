@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/head_pose.hpp: Gaussians from the head frame to the world, with vjp.
+/// x_world = S R x + T, q_world = q_R (x) q, scale_world = S scale. Source: GHA, generate(), step 7
+/// (quaternions are composed, not converted through matrices; numerics C12).
+#pragma once
+
+#include <array>
+
+#include <rye/autodiff/dual.hpp>
+#include <rye/avatar/drivers.hpp>
+#include <rye/gaussian/gaussians.hpp>
+#include <rye/math/rotation.hpp>
+
+namespace rye {
+
+template <class T>
+struct HeadTransform {
+    Mat3<T> rotation;
+    Vec4<T> quaternion;
+    Vec3<T> translation;
+    T scale;
+};
+
+template <class T>
+HeadTransform<T> head_transform(const Drivers<T>& drivers) {
+    const Vec3<T> w = drivers.pose.template head<3>();
+    return {so3_exp(w), so3_exp_quat(w), drivers.pose.template tail<3>(), drivers.scale};
+}
+
+/// Moves means, rotations and scales to the world, in place.
+template <Backend B, class T>
+void to_world(const HeadTransform<T>& head, Gaussians<T>& g) {
+    for_chunks<typename B::threads>(g.mean.cols(), 4096, [&](Index b, Index e, Index) {
+        const Mat3<T> sr = head.scale * head.rotation;
+        for (Index i = b; i < e; ++i) {
+            const Vec3<T> x = g.mean.col(i);
+            const Vec4<T> q = g.rotation.col(i);
+            g.mean.col(i) = sr * x + head.translation;
+            g.rotation.col(i) = quat_product<T>(head.quaternion, q);
+        }
+        g.scale.middleCols(b, e - b) *= head.scale;
+    });
+}
+
+/// Cotangents of a HeadTransform's parts.
+template <class T>
+struct HeadTransformGradient {
+    Mat3<T> rotation = Mat3<T>::Zero();
+    Vec4<T> quaternion = Vec4<T>::Zero();
+    Vec3<T> translation = Vec3<T>::Zero();
+
+    HeadTransformGradient& operator+=(const HeadTransformGradient& b) {
+        rotation += b.rotation;
+        quaternion += b.quaternion;
+        translation += b.translation;
+        return *this;
+    }
+};
+
+/// Turns world cotangents in `g` into head-frame ones, in place. `world` is what to_world produced.
+/// Returns the cotangent of the transform.
+template <Backend B, class T>
+HeadTransformGradient<T> to_world_vjp(const HeadTransform<T>& head, const Gaussians<T>& world,
+                                      Gaussians<T>& g) {
+    const Vec4<T> conjugate = quat_conjugate<T>(head.quaternion);
+    return sum_chunks<typename B::threads>(
+        g.mean.cols(), 4096, HeadTransformGradient<T>{}, [&](Index b, Index e) {
+            HeadTransformGradient<T> sum;
+            for (Index i = b; i < e; ++i) {
+                const Vec3<T> gx = g.mean.col(i);
+                const Vec4<T> gq = g.rotation.col(i);
+                const Vec3<T> centred = world.mean.col(i) - head.translation;
+                const Vec3<T> scaled = head.rotation.transpose() * centred;  // S x
+                sum.rotation += gx * scaled.transpose();
+                sum.translation += gx;
+                const Vec4<T> q = quat_product<T>(conjugate, world.rotation.col(i));
+                g.rotation.col(i) = quat_product_vjp_right<T>(head.quaternion, gq);
+                sum.quaternion += quat_product_vjp_left<T>(q, gq);
+                g.mean.col(i) = head.scale * (head.rotation.transpose() * gx);
+            }
+            g.scale.middleCols(b, e - b) *= head.scale;
+            return sum;
+        });
+}
+
+/// Cotangent of pose from that of the transform: the Jacobian of the exponential map by duals.
+template <class T>
+Vec<T, 6> head_pose_vjp(const Drivers<T>& drivers, const HeadTransformGradient<T>& g) {
+    using D = Dual<T, 3>;
+    Vec3<D> w;
+    for (int i = 0; i < 3; ++i) w(i) = D::variable(drivers.pose(i), i);
+    const Mat3<D> r = so3_exp(w);
+    const Vec4<D> q = so3_exp_quat(w);
+    Vec<T, 6> g_pose;
+    for (int k = 0; k < 3; ++k) {
+        const std::size_t kk = static_cast<std::size_t>(k);
+        T sum = T(0);
+        for (int i = 0; i < 9; ++i) sum += g.rotation(i / 3, i % 3) * r(i / 3, i % 3).d[kk];
+        for (int i = 0; i < 4; ++i) sum += g.quaternion(i) * q(i).d[kk];
+        g_pose(k) = sum;
+    }
+    g_pose.template tail<3>() = g.translation;
+    return g_pose;
+}
+
+} // namespace rye

@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/stage_avatar.hpp: one step of stage 2: three renders (final, face alone, eyes alone),
+/// six losses, and their gradient with respect to every parameter of the avatar.
+/// Images are sRGB in [0, 1] on the final background (white). Source: paper section 4.2; weights of
+/// the image terms from GHA.
+#pragma once
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include <rye/avatar/two_stream.hpp>
+#include <rye/loss/perceptual.hpp>
+#include <rye/loss/photometric.hpp>
+#include <rye/splat/rasterizer.hpp>
+
+namespace rye {
+
+/// How the eye terms are averaged: over the whole image, as GHA's L1, or over the pixels of the eye
+/// mask, which does not fade as eyes get smaller in the picture.
+enum class EyeAverage { image, mask };
+
+struct AvatarLossConfig {
+    double high_resolution = 1.0;
+    double low_resolution = 1.0;   ///< lambda_lr of the image loss
+    double perceptual = 0.1;       ///< lambda_vgg
+    double eye_low = 0.5;          ///< lambda_lr of the eyeball loss
+    double eye_high = 0.5;         ///< lambda_hr of the eyeball loss
+    double blank = 1.0;            ///< lambda_blank
+    EyeAverage eye_average = EyeAverage::image;
+};
+
+/// Learning rates of stage 2.
+struct AvatarRates {
+    double upsampler = 1e-4, networks = 1e-4, opacity = 1e-4, scale = 3e-5;
+    double position = 1e-5, feature = 1e-5, rotation = 1e-5, delta_pose = 1e-5;
+    double eye_feature = 1e-4;  ///< free colours of the eyeballs; GHA has none
+
+    double operator()(const std::string& name) const {
+        if (name.starts_with("upsampler.")) return upsampler;
+        if (name == "delta_poses") return delta_pose;
+        if (name == "eyes.feature") return eye_feature;
+        const std::string last = name.substr(name.rfind('.') + 1);
+        if (last == "xyz") return position;
+        if (last == "feature") return feature;
+        if (last == "scales") return scale;
+        if (last == "rotation") return rotation;
+        if (last == "opacity") return opacity;
+        return networks;
+    }
+};
+
+/// One frame seen by one camera. "Small" is the size of the feature render.
+template <class T>
+struct AvatarSample {
+    Drivers<T> drivers;           ///< tracked; the frame's delta pose is added to it
+    Index frame = 0;              ///< column of delta_pose; -1: none
+    Pinhole<T> camera;            ///< of the small image
+    Image<T> truth, truth_small;  ///< RGB on the final background
+    Columns<T> visible, visible_small;  ///< 1 x pixels, 0 where the picture was padded
+    Columns<T> eyes, eyes_small;        ///< 1 x pixels, M_e of both eyes
+    VecX<T> background;           ///< of the final render and the eyes alone, one per channel
+    VecX<T> blank;                ///< c of the face alone
+};
+
+template <class T>
+struct AvatarLosses {
+    T high_resolution = T(0), low_resolution = T(0), perceptual = T(0);
+    T eye_low = T(0), eye_high = T(0), blank = T(0);
+    T total = T(0);  ///< weighted
+};
+
+/// The pictures of a step and the cotangents of its losses.
+template <class T>
+struct AvatarPictures {
+    Raster<T> final, face, eyes;  ///< feature renders
+    Image<T> high, eyes_high;     ///< after super-resolution
+    UpsamplerTrace<T> high_trace, eyes_high_trace;
+    Columns<T> g_high, g_eyes_high;                ///< weighted cotangents of the RGB images
+    Columns<T> g_final, g_face, g_eyes;            ///< ... and of the feature renders
+};
+
+template <class T>
+Drivers<T> corrected_drivers(const TwoStream<T>& avatar, const AvatarSample<T>& sample) {
+    Drivers<T> drivers = sample.drivers;
+    if (sample.frame >= 0) drivers.pose += avatar.delta_pose.col(sample.frame);
+    return drivers;
+}
+
+namespace detail {
+
+/// weight * masked L1 of the first three rows; adds its cotangent to g (all rows).
+template <Backend B, class T>
+T rgb_term(const Columns<T>& prediction, const Columns<T>& truth, const Columns<T>& mask,
+           double weight, Columns<T>& g) {
+    const Columns<T> rgb = prediction.topRows(3);
+    const LossGradient<T> l1 = masked_l1<B, T>(rgb, truth, mask);
+    g.topRows(3) += T(weight) * l1.gradient;
+    return l1.value;
+}
+
+template <class T>
+double eye_gain(EyeAverage average, const Columns<T>& mask) {
+    if (average == EyeAverage::image) return 1.0;
+    double sum = 0;
+    for (Index i = 0; i < mask.size(); ++i) sum += static_cast<double>(value_of(mask(0, i)));
+    return sum > 0 ? static_cast<double>(mask.size()) / std::max(sum, 8.0) : 0.0;
+}
+
+} // namespace detail
+
+/// Renders and compares. Everything the vjp reads stays in `trace` and `pictures`.
+template <Backend B, class Accuracy, class Perceptual, class T>
+AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& config,
+                              const LandmarkRoles& roles, const AvatarLossConfig& weights,
+                              const Rasterizer<B, Accuracy>& rasterizer,
+                              const Perceptual& perceptual, const AvatarSample<T>& sample,
+                              TwoStreamTrace<T>& trace, AvatarPictures<T>& pictures) {
+    drive<B>(avatar, config, roles, corrected_drivers(avatar, sample), trace);
+    AvatarPictures<T>& p = pictures;
+    p.final = rasterizer.forward(joined(trace.world_face, trace.world_eyes), sample.camera,
+                                 sample.background);
+    p.face = rasterizer.forward(trace.world_face, sample.camera, sample.blank);
+    p.eyes = rasterizer.forward(trace.world_eyes, sample.camera, sample.background);
+    p.high = upsampler_forward<B>(avatar.upsampler, p.final.feature, &p.high_trace);
+    p.eyes_high = upsampler_forward<B>(avatar.upsampler, p.eyes.feature, &p.eyes_high_trace);
+
+    const auto zero = [](const Image<T>& i) { return Columns<T>::Zero(i.channels(), i.size()); };
+    p.g_high = zero(p.high);
+    p.g_eyes_high = zero(p.eyes_high);
+    p.g_final = zero(p.final.feature);
+    p.g_face = zero(p.face.feature);
+    p.g_eyes = zero(p.eyes.feature);
+
+    AvatarLosses<T> l;
+    l.high_resolution = detail::rgb_term<B>(p.high.pixels, sample.truth.pixels, sample.visible,
+                                            weights.high_resolution, p.g_high);
+    l.low_resolution =
+        detail::rgb_term<B>(p.final.feature.pixels, sample.truth_small.pixels,
+                            sample.visible_small, weights.low_resolution, p.g_final);
+    const LossGradient<T> seen = perceptual(p.high, sample.truth);
+    l.perceptual = seen.value;
+    p.g_high += T(weights.perceptual) * seen.gradient;
+
+    const double small_gain = detail::eye_gain(weights.eye_average, sample.eyes_small);
+    const double gain = detail::eye_gain(weights.eye_average, sample.eyes);
+    l.eye_low = T(small_gain) *
+                detail::rgb_term<B>(p.eyes.feature.pixels, sample.truth_small.pixels,
+                                    sample.eyes_small, weights.eye_low * small_gain, p.g_eyes);
+    l.eye_high = T(gain) * detail::rgb_term<B>(p.eyes_high.pixels, sample.truth.pixels, sample.eyes,
+                                               weights.eye_high * gain, p.g_eyes_high);
+    const Columns<T> blank = sample.blank.head(3).replicate(1, p.face.feature.size());
+    l.blank = T(small_gain) * detail::rgb_term<B>(p.face.feature.pixels, blank, sample.eyes_small,
+                                                  weights.blank * small_gain, p.g_face);
+    l.total = T(weights.high_resolution) * l.high_resolution +
+              T(weights.low_resolution) * l.low_resolution + T(weights.perceptual) * l.perceptual +
+              T(weights.eye_low) * l.eye_low + T(weights.eye_high) * l.eye_high +
+              T(weights.blank) * l.blank;
+    return l;
+}
+
+/// Adds dL/dparameters to `grad`.
+template <Backend B, class Accuracy, class T>
+void avatar_losses_vjp(const TwoStream<T>& avatar, const AvatarConfig& config,
+                       const Rasterizer<B, Accuracy>& rasterizer, const AvatarSample<T>& sample,
+                       const TwoStreamTrace<T>& trace, AvatarPictures<T>& p, TwoStream<T>& grad) {
+    Columns<T> g_feature;
+    upsampler_vjp<B>(avatar.upsampler, p.final.feature, p.high_trace, p.g_high, grad.upsampler,
+                     &g_feature);
+    p.g_final += g_feature;
+    upsampler_vjp<B>(avatar.upsampler, p.eyes.feature, p.eyes_high_trace, p.g_eyes_high,
+                     grad.upsampler, &g_feature);
+    p.g_eyes += g_feature;
+
+    const Index n = trace.world_face.mean.cols();
+    const Gaussians<T> g_final =
+        rasterizer.vjp(joined(trace.world_face, trace.world_eyes), sample.camera, sample.background,
+                       p.final, p.g_final);
+    Gaussians<T> g_face =
+        rasterizer.vjp(trace.world_face, sample.camera, sample.blank, p.face, p.g_face);
+    Gaussians<T> g_eyes =
+        rasterizer.vjp(trace.world_eyes, sample.camera, sample.background, p.eyes, p.g_eyes);
+    add_fields(g_face, part(g_final, 0, n));
+    add_fields(g_eyes, part(g_final, n, g_final.mean.cols() - n));
+
+    const Drivers<T> drivers = corrected_drivers(avatar, sample);
+    const Vec<T, 6> g_pose = drive_vjp<B>(avatar, config, drivers, trace, g_face, g_eyes, grad);
+    if (sample.frame >= 0) grad.delta_pose.col(sample.frame) += g_pose;
+}
+
+} // namespace rye
