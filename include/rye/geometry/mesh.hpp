@@ -10,6 +10,7 @@
 
 #include <rye/core/columns.hpp>
 #include <rye/core/concepts.hpp>
+#include <rye/math/linalg.hpp>
 
 namespace rye {
 
@@ -26,9 +27,7 @@ struct TriangleMesh {
 /// triangle far from the origin keeps its digits.
 template <Scalar T>
 Vec3<T> area_vector(const Vec3<T>& a, const Vec3<T>& b, const Vec3<T>& c) {
-    const Vec3<T> u = b - a, v = c - a;
-    return {u.y() * v.z() - u.z() * v.y(), u.z() * v.x() - u.x() * v.z(),
-            u.x() * v.y() - u.y() * v.x()};
+    return cross<T>(Vec3<T>(b - a), Vec3<T>(c - a));
 }
 
 /// Number of faces at each vertex.
