@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/gaussian/gaussians.hpp: anisotropic 3D Gaussians as they are drawn.
+/// World frame, activated: scale is a length, opacity a probability. A column per Gaussian.
+#pragma once
+
+#include <string>
+
+#include <rye/core/error.hpp>
+#include <rye/core/fields.hpp>
+
+namespace rye {
+
+template <class T>
+struct Gaussians {
+    Columns<T> mean;      ///< 3 x N  [world units]
+    Columns<T> rotation;  ///< 4 x N  quaternions (w, x, y, z) of any norm but 0
+    Columns<T> scale;     ///< 3 x N  standard deviations along the own axes, >= 0 [world units]
+    Columns<T> opacity;   ///< 1 x N  in 0..1
+    Columns<T> feature;   ///< C x N  colour, or anything else that is blended
+
+    Gaussians() = default;
+    Gaussians(Index count, Index channels)
+        : mean(3, count), rotation(4, count), scale(3, count), opacity(1, count),
+          feature(channels, count) {}
+
+    Index count() const { return mean.cols(); }
+    Index channels() const { return feature.rows(); }
+
+    template <class F, class... P>
+    static void fields(F&& f, P&&... p) {
+        f(std::string("mean"), p.mean...);
+        f(std::string("rotation"), p.rotation...);
+        f(std::string("scale"), p.scale...);
+        f(std::string("opacity"), p.opacity...);
+        f(std::string("feature"), p.feature...);
+    }
+};
+
+/// Throws unless every array has the right number of rows and one column per Gaussian.
+template <class T>
+void check_shapes(const std::string& who, const Gaussians<T>& g) {
+    const Index n = g.count();
+    const auto check = [&](const char* name, const Columns<T>& a, Index rows) {
+        if (a.rows() == rows && a.cols() == n) return;
+        throw Error(who + ": got " + name + " of " + std::to_string(a.rows()) + " x " +
+                    std::to_string(a.cols()) + ", expected " + std::to_string(rows) + " x " +
+                    std::to_string(n));
+    };
+    check("mean", g.mean, 3);
+    check("rotation", g.rotation, 4);
+    check("scale", g.scale, 3);
+    check("opacity", g.opacity, 1);
+    check("feature", g.feature, g.channels());
+}
+
+} // namespace rye

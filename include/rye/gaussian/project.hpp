@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/gaussian/project.hpp: a 3D Gaussian as a 2D one on the screen, to first order in depth.
+/// Camera frame x right, y down, z forward; screen positions are offsets from the principal point
+/// [px], so that a crop of an image is the same numbers as the image.
+/// Source: Zwicker et al., "EWA Splatting", 2002, eq. 26-31. Neither covariance is ever formed from
+/// its entries: the factor M = J W R S (2 x 3) is kept, Sigma = M M^T + d I.
+#pragma once
+
+#include <limits>
+
+#include <rye/geometry/camera.hpp>
+#include <rye/math/rotation.hpp>
+
+namespace rye {
+
+/// Where and how Gaussians are projected: a camera, and the two constants of the model.
+template <Scalar T>
+struct Lens {
+    Rigid<T> camera_from_world;
+    T fx, fy;                    ///< focal lengths [px]
+    T x_low, x_high;             ///< limits of x/z inside the Jacobian
+    T y_low, y_high;             ///< limits of y/z
+    T near_depth;                ///< [world units]
+    T dilation;                  ///< d, added to both variances [px^2]
+
+    /// The Jacobian is evaluated no further outside than `margin` half-images beyond the border,
+    /// wherever the principal point is; without this, splats beside the image would grow huge.
+    Lens(const Pinhole<T>& c, double margin, double dilation_px2)
+        : camera_from_world(c.camera_from_world), fx(c.fx), fy(c.fy), near_depth(c.near_depth),
+          dilation(T(dilation_px2)) {
+        const T half_x = T(0.5 * c.width * margin), half_y = T(0.5 * c.height * margin);
+        x_low = (-c.cx - half_x) / fx;
+        x_high = (T(c.width) - c.cx + half_x) / fx;
+        y_low = (-c.cy - half_y) / fy;
+        y_high = (T(c.height) - c.cy + half_y) / fy;
+    }
+
+    /// The same lens in every lane of a batch.
+    template <Scalar U>
+    explicit Lens(const Lens<U>& o)
+        : fx(o.fx), fy(o.fy), x_low(o.x_low), x_high(o.x_high), y_low(o.y_low), y_high(o.y_high),
+          near_depth(o.near_depth), dilation(o.dilation) {
+        for (int i = 0; i < 9; ++i)
+            camera_from_world.rotation.data()[i] = T(o.camera_from_world.rotation.data()[i]);
+        for (int i = 0; i < 3; ++i)
+            camera_from_world.translation[i] = T(o.camera_from_world.translation[i]);
+    }
+};
+
+/// Position and shape in the world; also their cotangents.
+template <Scalar T>
+struct Shape {
+    Vec3<T> mean;                ///< [world units]
+    Quat<T> rotation;            ///< any norm but 0
+    Vec3<T> scale;               ///< [world units]
+};
+
+/// A Gaussian on the screen.
+template <Scalar T>
+struct ScreenGaussian {
+    using Mask = decltype(std::declval<const T&>() < std::declval<const T&>());
+
+    Vec2<T> centre;              ///< from the principal point [px]
+    T depth;                     ///< z [world units]
+    Sym2<T> covariance;          ///< for bounds [px^2]
+    T determinant;               ///< of the covariance [px^4]
+    PrecisionFactor<T> precision; ///< w = L (p - centre): density exp(-|w|^2 / 2)
+    Mask drawable;               ///< in front of the near plane, and an ellipse that floats can hold
+};
+
+/// Cotangent of a screen Gaussian. The shape's is given through whitened offsets w = L (p - centre):
+/// `moment` is the sum of g w w^T over pixels, g being the cotangent of -|w|^2 / 2. In these terms
+/// nothing cancels, however long the needle.
+template <Scalar T>
+struct ScreenCotangent {
+    Vec2<T> centre;              ///< [1 / px]
+    Sym2<T> moment;
+    T depth;
+};
+
+namespace detail {
+
+/// What projection and its vjp share: y = W x + t, and the rows of J W R (before scaling).
+template <Scalar T>
+struct Linearised {
+    using Mask = typename ScreenGaussian<T>::Mask;
+    Vec3<T> point;               ///< in the camera [world units]
+    Mask in_front;
+    T inverse_depth;
+    T slope_x, slope_y;          ///< x/z, y/z
+    Mask free_x, free_y;         ///< the limits do not act
+    Vec3<T> toward_x, toward_y;  ///< rows of J W [px / world unit]
+    Mat3<T> axes;                ///< R
+    Vec3<T> along_x, along_y;    ///< rows of J W R
+
+    Linearised(const Shape<T>& g, const Lens<T>& lens)
+        : point(lens.camera_from_world.apply(g.mean)), in_front(point[2] > lens.near_depth),
+          inverse_depth(T(1) / select(in_front, point[2], T(1))),
+          slope_x(point[0] * inverse_depth), slope_y(point[1] * inverse_depth),
+          free_x((slope_x >= lens.x_low) && (slope_x <= lens.x_high)),
+          free_y((slope_y >= lens.y_low) && (slope_y <= lens.y_high)),
+          axes(quat_matrix(quat_normalized(g.rotation))) {
+        const T x = select(slope_x < lens.x_low, lens.x_low,
+                           select(slope_x > lens.x_high, lens.x_high, slope_x));
+        const T y = select(slope_y < lens.y_low, lens.y_low,
+                           select(slope_y > lens.y_high, lens.y_high, slope_y));
+        const Mat3<T>& w = lens.camera_from_world.rotation;
+        const T px = lens.fx * inverse_depth, py = lens.fy * inverse_depth;
+        for (int i = 0; i < 3; ++i) {
+            toward_x[i] = px * (w(0, i) - x * w(2, i));
+            toward_y[i] = py * (w(1, i) - y * w(2, i));
+        }
+        for (int i = 0; i < 3; ++i) {
+            const Vec3<T> axis = axes.col(i);
+            along_x[i] = dot(toward_x, axis);
+            along_y[i] = dot(toward_y, axis);
+        }
+    }
+};
+
+template <Scalar T>
+RYE_HD Vec3<T> scaled_by(const Vec3<T>& a, const Vec3<T>& s) {
+    return Vec3<T>(a[0] * s[0], a[1] * s[1], a[2] * s[2]);
+}
+
+} // namespace detail
+
+/// Batches evaluate every lane; `drawable` says which lanes mean something.
+template <Scalar T>
+RYE_HD ScreenGaussian<T> project(const Shape<T>& g, const Lens<T>& lens) {
+    const detail::Linearised<T> l(g, lens);
+    const Vec3<T> x = detail::scaled_by(l.along_x, g.scale);              // rows of M [px]
+    const Vec3<T> y = detail::scaled_by(l.along_y, g.scale);
+    ScreenGaussian<T> s;
+    s.centre = Vec2<T>(lens.fx * l.slope_x, lens.fy * l.slope_y);         // [px]
+    s.depth = l.point[2];
+    s.covariance = gram(x, y, lens.dilation);
+    s.determinant = gram_determinant(x, y, lens.dilation);
+    s.precision = precision_factor(x, y, lens.dilation);
+    // A bound on the largest number, not on its kind, so that NaN fails it too; the reciprocal of
+    // a smaller determinant would not be finite.
+    const T large = T(std::numeric_limits<real_t<T>>::max() / 4);
+    const T extent = s.covariance.xx + s.covariance.yy + s.determinant;
+    const auto shaped = (extent < large) && (s.determinant * large > T(1));
+    const auto placed = (s.centre[0] * s.centre[0] + s.centre[1] * s.centre[1]) < large;
+    s.drawable = l.in_front && shaped && placed;
+    return s;
+}
+
+/// Cotangents of mean, rotation and scale. Sigma = M M^T + d I gives g_M = 2 g_Sigma M, which in
+/// whitened terms is L^T (moment) (L M).
+template <Scalar T>
+RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Lens<T>& lens, const ScreenCotangent<T>& c) {
+    const detail::Linearised<T> l(g, lens);
+    const Vec3<T> x = detail::scaled_by(l.along_x, g.scale);
+    const Vec3<T> y = detail::scaled_by(l.along_y, g.scale);
+    const PrecisionFactor<T> f = precision_factor(x, y, lens.dilation);
+
+    Vec3<T> g_x, g_y;                                                     // of the rows of M
+    for (int i = 0; i < 3; ++i) {
+        const T u = f.k1 * x[i], v = f.k2 * (y[i] - f.m * x[i]);          // L M
+        const T mu = c.moment.xx * u + c.moment.xy * v;
+        const T mv = f.k2 * (c.moment.xy * u + c.moment.yy * v);
+        g_x[i] = f.k1 * mu - f.m * mv;
+        g_y[i] = mv;
+    }
+
+    Shape<T> r;
+    const Vec3<T> h_x = detail::scaled_by(g_x, g.scale), h_y = detail::scaled_by(g_y, g.scale);
+    Mat3<T> g_axes;
+    Vec3<T> g_toward_x, g_toward_y;
+    for (int i = 0; i < 3; ++i) {
+        r.scale[i] = l.along_x[i] * g_x[i] + l.along_y[i] * g_y[i];
+        for (int j = 0; j < 3; ++j)
+            g_axes(j, i) = l.toward_x[j] * h_x[i] + l.toward_y[j] * h_y[i];
+        const Vec3<T> row = l.axes.row(i);
+        g_toward_x[i] = dot(row, h_x);
+        g_toward_y[i] = dot(row, h_y);
+    }
+    const Quat<T> unit = quat_normalized(g.rotation);
+    r.rotation = quat_normalized_vjp(g.rotation, quat_matrix_vjp(unit, g_axes));
+
+    const Vec3<T> forward = lens.camera_from_world.rotation.row(2);
+    const T px = lens.fx * l.inverse_depth, py = lens.fy * l.inverse_depth;
+    const T g_slope_x = lens.fx * c.centre[0] -
+                        select(l.free_x, T(px * dot(forward, g_toward_x)), T(0));
+    const T g_slope_y = lens.fy * c.centre[1] -
+                        select(l.free_y, T(py * dot(forward, g_toward_y)), T(0));
+    // d/dz of everything that is proportional to 1/z: J W, and both slopes.
+    const T g_depth = c.depth - l.inverse_depth * (dot(l.toward_x, g_toward_x) +
+                                                   dot(l.toward_y, g_toward_y) +
+                                                   l.slope_x * g_slope_x + l.slope_y * g_slope_y);
+    r.mean = lens.camera_from_world.turn_back(
+        Vec3<T>(l.inverse_depth * g_slope_x, l.inverse_depth * g_slope_y, g_depth));
+    return r;
+}
+
+} // namespace rye

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/accuracy.hpp: what each shortcut of splatting may cost, as a policy.
+/// Numbers are fields that a caller may change; kinds of rules are static, so that a kernel holds
+/// only the rule it uses. The named presets are ordered from exact to fast. With D the range of
+/// colour along a ray: a skipped contribution costs at most alpha_min D, the inclusive stop
+/// at most stop D, the exclusive one at most stop / (1 - alpha_max) D.
+#pragma once
+
+#include <concepts>
+#include <cstdint>
+
+#include <rye/core/config.hpp>
+
+namespace rye {
+
+/// When a pixel is full: never, after the blend that leaves transmittance < stop, or before it.
+enum class Stop { never, inclusive, exclusive };
+
+/// Where a Gaussian is looked for: where its alpha can reach alpha_min, exactly; or, as in the
+/// first implementation, in the 16 px tiles that a square of 3 standard deviations touches.
+enum class Support { ellipse, square };
+
+/// What a Gaussian with a NaN or an infinity does: it is left out and counted, or it throws.
+enum class NonFinite { cull, fail };
+
+struct Balanced {
+    double alpha_min = 1.0 / 2550.0;   ///< contributions below are skipped
+    double alpha_max = 0.999;          ///< alpha is clamped here; no gradient above
+    double stop = 1e-5;                ///< transmittance at which a pixel is full
+    double dilation = 0.3;             ///< added to both variances on the screen [px^2]
+    double frustum_margin = 0.3;       ///< Jacobian is clamped this many half-images outside
+    double alpha_floor = 0;            ///< f in alpha = o (exp(-|w|^2/2) - f), if has_floor
+    NonFinite non_finite = NonFinite::cull;
+    Index max_entries = Index(1) << 31; ///< (tile, Gaussian) pairs of a frame, else Error
+
+    static constexpr Stop stop_rule = Stop::inclusive;
+    static constexpr Support support = Support::ellipse;
+    static constexpr bool has_floor = false;
+    static constexpr int exp2_degree = 5;   ///< polynomial in lanes; 0 is the library's exp2
+};
+
+/// Errors of an image against every Gaussian at every pixel in double: below 1e-11 (in double).
+struct Exact64 : Balanced {
+    constexpr Exact64() {
+        alpha_min = 1e-15;
+        alpha_max = 1;
+        stop = 1e-14;
+    }
+    static constexpr int exp2_degree = 0;
+};
+
+/// Only float's rounding is left: below 5e-5.
+struct Exact32 : Balanced {
+    constexpr Exact32() {
+        alpha_min = 1e-9;
+        alpha_max = 1;
+        stop = 1e-8;
+    }
+    static constexpr int exp2_degree = 6;
+};
+
+/// Below 1e-3.
+struct Tight : Balanced {
+    constexpr Tight() {
+        alpha_min = 1.0 / 25500.0;
+        stop = 1e-6;
+    }
+};
+
+/// Several 8-bit steps, at the speed of a preview.
+struct Fast : Balanced {
+    constexpr Fast() {
+        alpha_min = 1.0 / 255.0;
+        stop = 1e-4;
+    }
+    static constexpr int exp2_degree = 4;
+};
+
+/// The rules of the first 3DGS implementation (Kerbl et al., 2023), which viewers share. Some
+/// viewers use has_floor with alpha_floor = exp(-4.5): see Compatible3dgsFloor.
+struct Compatible3dgs : Balanced {
+    constexpr Compatible3dgs() {
+        alpha_min = 1.0 / 255.0;
+        alpha_max = 0.99;
+        stop = 1e-4;
+    }
+    static constexpr Stop stop_rule = Stop::exclusive;
+    static constexpr Support support = Support::square;
+    static constexpr int exp2_degree = 6;
+};
+
+/// As Compatible3dgs, but alpha reaches 0 at three standard deviations.
+struct Compatible3dgsFloor : Compatible3dgs {
+    constexpr Compatible3dgsFloor() { alpha_floor = 0.011108996538242306; }
+    static constexpr bool has_floor = true;
+};
+
+template <class A>
+concept AccuracyPolicy = std::default_initializable<A> && requires(const A a) {
+    { a.alpha_min } -> std::convertible_to<double>;
+    { a.alpha_max } -> std::convertible_to<double>;
+    { a.stop } -> std::convertible_to<double>;
+    { a.dilation } -> std::convertible_to<double>;
+    { A::stop_rule } -> std::convertible_to<Stop>;
+    { A::support } -> std::convertible_to<Support>;
+    { A::exp2_degree } -> std::convertible_to<int>;
+};
+static_assert(AccuracyPolicy<Balanced> && AccuracyPolicy<Compatible3dgsFloor>);
+
+} // namespace rye

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/forward.hpp: blending, pixel by pixel: the reference that every tuned walk is held to,
+/// and, on duals, the forward derivative. Decisions are taken on values.
+#pragma once
+
+#include <rye/splat/raster.hpp>
+
+namespace rye {
+
+/// One contribution to a pixel.
+template <class T>
+struct Hit {
+    Index entry;
+    T u, v;                  ///< folded offsets
+    T alpha;
+    T bell;                  ///< d alpha / d exponent (natural units); 0 where alpha is clamped
+    T transmittance;         ///< in front of it
+};
+
+/// Visits the contributions to pixel (x, y) of a tile, near to far, and returns the transmittance
+/// behind them all.
+template <class A, class T, class Visit>
+T walk_pixel(const Scene<T>& scene, const A& accuracy, Index tile, int x, int y, Visit&& visit) {
+    using std::exp2;
+    using R = real_t<T>;
+    const T alpha_max = T(static_cast<R>(accuracy.alpha_max));
+    const R stop = static_cast<R>(accuracy.stop);
+    const T px = T(static_cast<R>(x) + R(0.5)) - scene.cx;
+    const T py = T(static_cast<R>(y) + R(0.5)) - scene.cy;
+    T transmittance = T(1);
+    for (Index k = scene.begin(tile), end = scene.end(tile); k < end; ++k) {
+        const Splat<T>& s = scene.splat(k);
+        if (y < s.row_begin || y >= s.row_end) continue;
+        const Response<T> r = respond(s, T(px - s.x), T(py - s.y));
+        if (!(r.exponent >= s.cut)) continue;
+        Hit<T> hit{k, r.u, r.v, T(0), exp2(r.exponent), transmittance};
+        hit.alpha = hit.bell - s.floor;
+        if (!(hit.alpha < alpha_max)) {
+            hit.alpha = alpha_max;
+            hit.bell = T(0);
+        }
+        const T behind = transmittance * (T(1) - hit.alpha);
+        if (A::stop_rule == Stop::exclusive && behind < T(stop)) break;
+        visit(hit);
+        transmittance = behind;
+        if (A::stop_rule == Stop::inclusive && behind < T(stop)) break;
+    }
+    return transmittance;
+}
+
+/// Draws one tile of the three images.
+template <class A, class T>
+void blend_tile(const Scene<T>& scene, const A& accuracy, Index tile, Raster<T>& out) {
+    const Index channels = scene.feature.rows();
+    for (int y = scene.top(tile); y < scene.bottom(tile); ++y)
+        for (int x = scene.left(tile); x < scene.right(tile); ++x) {
+            const Index p = scene.pixel(x, y);
+            T* sum = out.feature.pixels.data() + p * channels;
+            for (Index c = 0; c < channels; ++c) sum[c] = T(0);
+            T depth = T(0);
+            const T end = walk_pixel(scene, accuracy, tile, x, y, [&](const Hit<T>& h) {
+                const T weight = h.transmittance * h.alpha;
+                const T* feature = scene.feature_of(h.entry);
+                for (Index c = 0; c < channels; ++c) sum[c] += weight * feature[c];
+                depth += weight * scene.splat(h.entry).depth;
+            });
+            for (Index c = 0; c < channels; ++c) sum[c] += end * scene.background[c];
+            out.alpha.pixels(0, p) = T(1) - end;
+            out.depth.pixels(0, p) = depth;
+        }
+    out.trace.used[static_cast<std::size_t>(tile)] = scene.end(tile) - scene.begin(tile);
+}
+
+} // namespace rye

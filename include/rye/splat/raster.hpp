@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/raster.hpp: what a render returns, and what it keeps for its vjp.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include <rye/gaussian/gaussians.hpp>
+#include <rye/splat/falloff.hpp>
+#include <rye/splat/tiles.hpp>
+
+namespace rye {
+
+/// The order and the cut-offs of one render, so that its vjp differentiates what was drawn.
+template <class T>
+struct RasterTrace {
+    std::vector<Splat<T>> splats;        ///< visible Gaussians by rank: near to far
+    std::vector<std::uint32_t> source;   ///< of each rank: its index among the Gaussians
+    TileLists lists;
+    std::vector<Index> used;             ///< of each tile: entries read before all pixels were full
+    Index non_finite = 0;                ///< Gaussians left out for a NaN, an infinity or a zero
+                                         ///< quaternion
+};
+
+/// feature = sum_i T_i a_i c_i + T_end background, alpha = 1 - T_end, depth = sum_i T_i a_i z_i:
+/// divide depth by alpha, where that is positive, for the expected depth.
+template <class T>
+struct Raster {
+    Image<T> feature;                    ///< C channels
+    Image<T> alpha;                      ///< 1 channel, in 0..1
+    Image<T> depth;                      ///< 1 channel [world units]
+    RasterTrace<T> trace;
+};
+
+/// Memory that renders may share to spare allocations; it holds no state between calls.
+template <class T>
+struct RasterScratch {
+    using Key = decltype(depth_key(real_t<T>()));
+
+    struct Candidate {
+        Splat<T> splat;
+        Footprint<real_t<T>> footprint;
+    };
+    std::vector<Candidate> candidates;   ///< by index
+    std::vector<std::uint8_t> state;     ///< by index: see project_gaussians
+    std::vector<Key> keys;
+    SortBuffer<Key> sort;
+    std::vector<Span> pixel_rows;        ///< by rank
+
+    std::vector<SplatCotangent<T>> slots; ///< by entry: each owns its partial gradient
+    Columns<T> feature_slots;            ///< C x entries
+    std::vector<std::uint8_t> touched;   ///< by entry: its slot holds a gradient
+};
+
+/// What a pixel walk reads.
+template <class T>
+struct Scene {
+    const RasterTrace<T>& trace;
+    const Columns<T>& feature;           ///< C x N
+    const VecX<T>& background;           ///< C
+    T cx, cy;                            ///< principal point [px]
+    int width, height;                   ///< [px]
+
+    const Splat<T>& splat(Index entry) const { return trace.splats[rank(entry)]; }
+    const T* feature_of(Index entry) const {
+        return feature.data() + static_cast<Index>(trace.source[rank(entry)]) * feature.rows();
+    }
+    std::size_t rank(Index entry) const {
+        return trace.lists.rank[static_cast<std::size_t>(entry)];
+    }
+    Index begin(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile)]; }
+    Index end(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile) + 1]; }
+    Index used(Index tile) const { return trace.used[static_cast<std::size_t>(tile)]; }
+    /// Top left pixel of a tile, and the end of its pixels.
+    int left(Index tile) const { return static_cast<int>(tile % trace.lists.columns) * tile_edge; }
+    int top(Index tile) const { return static_cast<int>(tile / trace.lists.columns) * tile_edge; }
+    int right(Index tile) const { return std::min(width, left(tile) + tile_edge); }
+    int bottom(Index tile) const { return std::min(height, top(tile) + tile_edge); }
+    Index pixel(int x, int y) const { return static_cast<Index>(y) * width + x; }
+};
+
+/// Cotangents of the three images; alpha's and depth's may be absent.
+template <class T>
+struct RasterCotangent {
+    const Columns<T>& feature;           ///< C x pixels
+    const Columns<T>* alpha = nullptr;   ///< 1 x pixels
+    const Columns<T>* depth = nullptr;   ///< 1 x pixels
+};
+
+} // namespace rye

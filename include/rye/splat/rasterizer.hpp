@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/rasterizer.hpp: Gaussians to images of features, alpha and depth in one pass, and back.
+/// The derivative in a direction is `forward` on duals. Results do not depend on the number of
+/// threads: every (tile, Gaussian) pair owns its partial gradient, merged in the order of tiles.
+#pragma once
+
+#include <rye/backend/scalar.hpp>
+#include <rye/splat/stage.hpp>
+#include <rye/splat/vjp.hpp>
+
+namespace rye {
+
+template <Backend B, AccuracyPolicy A = Balanced>
+struct Rasterizer {
+    A accuracy;
+
+    template <class T>
+    Raster<T> forward(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background,
+                      RasterScratch<T>* scratch = nullptr) const {
+        Raster<T> out;
+        forward_into(g, camera, background, out, scratch);
+        return out;
+    }
+
+    /// As forward, into the memory of an earlier result.
+    template <class T>
+    void forward_into(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background,
+                      Raster<T>& out, RasterScratch<T>* scratch = nullptr) const {
+        RasterScratch<T> own;
+        RasterScratch<T>& s = scratch != nullptr ? *scratch : own;
+        check(g, camera, background);
+        const auto n = static_cast<std::size_t>(g.count());
+        s.candidates.resize(n);
+        s.state.resize(n);
+        for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
+            project_range(g, camera, accuracy, b, e, s);
+        });
+        arrange<B>(camera, accuracy, s, out.trace);
+        shape_image(out.feature, camera, g.channels());
+        shape_image(out.alpha, camera, 1);
+        shape_image(out.depth, camera, 1);
+        out.trace.used.resize(static_cast<std::size_t>(out.trace.lists.tiles()));
+        const Scene<T> scene = scene_of(g, camera, background, out.trace);
+        for_chunks<typename B::threads>(out.trace.lists.tiles(), 8, [&](Index b, Index e, Index) {
+            for (Index t = b; t < e; ++t) blend_tile(scene, accuracy, t, out);
+        });
+    }
+
+    /// Gradients of everything in `g` for the cotangents of the three images; the background's is
+    /// background_vjp. Arguments are those of the forward call that returned `raster`.
+    template <class T>
+    Gaussians<T> vjp(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background,
+                     const Raster<T>& raster, const Columns<T>& g_feature,
+                     const Columns<T>* g_alpha = nullptr, const Columns<T>* g_depth = nullptr,
+                     RasterScratch<T>* scratch = nullptr) const {
+        Gaussians<T> out(g.count(), g.channels());
+        vjp_into(g, camera, background, raster, RasterCotangent<T>{g_feature, g_alpha, g_depth},
+                 out, scratch);
+        return out;
+    }
+
+    /// As vjp, into the memory of an earlier result.
+    template <class T>
+    void vjp_into(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background,
+                  const Raster<T>& raster, const RasterCotangent<T>& cotangent, Gaussians<T>& out,
+                  RasterScratch<T>* scratch = nullptr) const {
+        RasterScratch<T> own;
+        RasterScratch<T>& s = scratch != nullptr ? *scratch : own;
+        check(g, camera, background);
+        check_cotangent(g, camera, cotangent);
+        const RasterTrace<T>& trace = raster.trace;
+        const Index entries = trace.lists.entries();
+        s.slots.resize(static_cast<std::size_t>(entries));
+        if (s.feature_slots.rows() != g.channels() || s.feature_slots.cols() < entries)
+            s.feature_slots.resize(g.channels(), entries);
+        s.touched.assign(static_cast<std::size_t>(entries), 0);
+        const Scene<T> scene = scene_of(g, camera, background, trace);
+        for_chunks<typename B::threads>(trace.lists.tiles(), 8, [&](Index b, Index e, Index) {
+            std::vector<Hit<T>> hits;
+            for (Index t = b; t < e; ++t)
+                blend_tile_vjp(scene, accuracy, cotangent, t, s, hits);
+        });
+        Gaussians<T>::fields(
+            [&](const std::string&, Columns<T>& a, const Columns<T>& like) {
+                a.setZero(like.rows(), like.cols());
+            },
+            out, g);
+        const Index ranks = static_cast<Index>(trace.source.size());
+        for_chunks<typename B::threads>(ranks, 1024, [&](Index b, Index e, Index) {
+            pull_back_range(g, camera, accuracy, trace, s, b, e, out);
+        });
+    }
+
+  private:
+    template <class T>
+    static void check(const Gaussians<T>& g, const Pinhole<T>& camera,
+                      const VecX<T>& background) {
+        check_shapes("rasterizer", g);
+        require(background.size() == g.channels(), "rasterizer",
+                "got a background of " + std::to_string(background.size()) +
+                    " channels, expected " + std::to_string(g.channels()));
+        require(camera.width >= 0 && camera.height >= 0, "rasterizer",
+                "got an image of " + std::to_string(camera.width) + " x " +
+                    std::to_string(camera.height) + " pixels, expected no negative size");
+        require(camera.near_depth > T(0), "rasterizer",
+                "got a near depth that is not positive, expected a positive one");
+        require(g.count() <= Index(0xFFFFFFFF), "rasterizer",
+                "got " + std::to_string(g.count()) + " Gaussians, expected fewer than 2^32");
+    }
+
+    template <class T>
+    static void check_cotangent(const Gaussians<T>& g, const Pinhole<T>& camera,
+                                const RasterCotangent<T>& c) {
+        const Index pixels = static_cast<Index>(camera.width) * camera.height;
+        const auto fits = [&](const Columns<T>* a, Index rows) {
+            return a == nullptr || (a->rows() == rows && a->cols() == pixels);
+        };
+        require(fits(&c.feature, g.channels()) && fits(c.alpha, 1) && fits(c.depth, 1),
+                "rasterizer", "got cotangents of another shape than the images, expected the same");
+    }
+
+    template <class T>
+    static void shape_image(Image<T>& image, const Pinhole<T>& camera, Index channels) {
+        image.width = camera.width;
+        image.height = camera.height;
+        image.pixels.resize(channels, image.size());
+    }
+
+    template <class T>
+    static Scene<T> scene_of(const Gaussians<T>& g, const Pinhole<T>& camera,
+                             const VecX<T>& background, const RasterTrace<T>& trace) {
+        return {trace, g.feature, background, camera.cx, camera.cy, camera.width, camera.height};
+    }
+};
+
+/// Gradient of the background: what reaches it, weighted by the transmittance.
+template <class T>
+VecX<T> background_vjp(const Raster<T>& raster, const Columns<T>& g_feature) {
+    VecX<T> g = VecX<T>::Zero(g_feature.rows());
+    for (Index p = 0; p < g_feature.cols(); ++p)
+        for (Index c = 0; c < g.size(); ++c)
+            g[c] += g_feature(c, p) * (T(1) - raster.alpha.pixels(0, p));
+    return g;
+}
+
+} // namespace rye

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/vjp.hpp: the reverse pixel walk. With s_i = <cotangent, contribution i> and b_i the same
+/// for all that lies behind i, composited from the background forward,
+///     d/d alpha_i = T_i (s_i - b_i),   b_{i-1} = b_i + alpha_i (s_i - b_i),
+/// which neither divides by 1 - alpha nor subtracts large sums: it is exactly 0 where a Gaussian has
+/// the colour of what is behind it. T_i is the stored prefix of the walk that is repeated here.
+#pragma once
+
+#include <rye/splat/forward.hpp>
+
+namespace rye {
+
+/// Adds the gradients of one tile's pixels to the slots of its entries, in the order of pixels.
+template <class A, class T>
+void blend_tile_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotangent<T>& g,
+                    Index tile, RasterScratch<T>& scratch, std::vector<Hit<T>>& hits) {
+    const Index channels = scene.feature.rows();
+    for (int y = scene.top(tile); y < scene.bottom(tile); ++y)
+        for (int x = scene.left(tile); x < scene.right(tile); ++x) {
+            hits.clear();
+            walk_pixel(scene, accuracy, tile, x, y, [&](const Hit<T>& h) { hits.push_back(h); });
+            const Index p = scene.pixel(x, y);
+            const T* g_pixel = g.feature.data() + p * channels;
+            const T g_alpha = g.alpha != nullptr ? (*g.alpha)(0, p) : T(0);
+            const T g_depth = g.depth != nullptr ? (*g.depth)(0, p) : T(0);
+            T behind = T(0);
+            for (Index c = 0; c < channels; ++c) behind += g_pixel[c] * scene.background[c];
+            for (auto h = hits.rbegin(); h != hits.rend(); ++h) {
+                const auto k = static_cast<std::size_t>(h->entry);
+                const T* feature = scene.feature_of(h->entry);
+                T* g_feature = scratch.feature_slots.data() + h->entry * channels;
+                SplatCotangent<T>& slot = scratch.slots[k];
+                if (scratch.touched[k] == 0) {
+                    scratch.touched[k] = 1;
+                    slot = {T(0), T(0), T(0), T(0), T(0), T(0), T(0)};
+                    for (Index c = 0; c < channels; ++c) g_feature[c] = T(0);
+                }
+                const T weight = h->transmittance * h->alpha;
+                T mine = g_alpha + g_depth * scene.splat(h->entry).depth;
+                for (Index c = 0; c < channels; ++c) {
+                    mine += g_pixel[c] * feature[c];
+                    g_feature[c] += weight * g_pixel[c];
+                }
+                const T more = mine - behind;
+                behind += h->alpha * more;
+                const T g_raw = h->transmittance * more;                  // d / d alpha
+                const T g_exponent = g_raw * h->bell;
+                const T gu = g_exponent * h->u, gv = g_exponent * h->v;
+                slot.u += gu;
+                slot.v += gv;
+                slot.uu += gu * h->u;
+                slot.uv += gu * h->v;
+                slot.vv += gv * h->v;
+                // o d alpha / d o; bell is 0, and so is this, where alpha is clamped.
+                const T floor = scene.splat(h->entry).floor;
+                slot.alpha += g_exponent - select(h->bell > T(0), T(g_raw * floor), T(0));
+                slot.depth += weight * g_depth;
+            }
+        }
+}
+
+} // namespace rye
