@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # reject.sh COMPILER FLAGS_FILE SOURCE: SOURCE compiles with -DREJECT=0 and not with -DREJECT=1;
-# then the error matches the pattern of its line "// expect: ..." and is at most 40 lines long.
+# then the error matches the pattern of its line "// expect: ..." and is at most 30 lines long.
 set -eu
 cxx=$1
 flags=$(tr '\n' ' ' < "$2")
@@ -19,4 +19,4 @@ fi
 echo "$said"
 echo "$said" | grep -Eq "$pattern" || { echo "$source: the error does not say: $pattern"; exit 1; }
 lines=$(echo "$said" | wc -l)
-[ "$lines" -le 40 ] || { echo "$source: the error takes $lines lines, at most 40"; exit 1; }
+[ "$lines" -le 30 ] || { echo "$source: the error takes $lines lines, at most 30"; exit 1; }
