@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/math/rotation.hpp: rotations as quaternions (w, x, y, z), matrices and axis-angle vectors.
 /// Angles [rad]. Each formula is branch-free, so it runs on floats, duals and batches alike.
-/// Source: Shepperd, "Quaternion from rotation matrix", 1978; Rodrigues' formula; Hamilton's product.
+/// Source: Shepperd, "Quaternion from rotation matrix", 1978; Rodrigues' formula.
 #pragma once
 
 #include <rye/math/linalg.hpp>
@@ -120,8 +120,8 @@ RYE_HD Quat<T> matrix_quat(const Mat3<T>& r) {
     return select_all(q[0] < T(0), Quat<T>(-q), q);
 }
 
-/// The least rotation (no torsion) that takes the unit vector a to the unit vector b, to 4e-7 rad in
-/// float at every angle. At the antipode, where every axis serves, an axis orthogonal to a is taken.
+/// The least rotation (no torsion) that takes the unit vector a to the unit vector b, to 4e-7 rad
+/// in float at every angle. At the antipode, where every axis serves, one orthogonal to a is taken.
 template <Scalar T>
 RYE_HD Quat<T> shortest_arc(const Vec3<T>& a, const Vec3<T>& b) {
     using std::abs, std::sqrt;
@@ -172,8 +172,8 @@ RYE_HD T sinc_of_square_slope(const T& s) {
     return select(small, constant<T>(-1.0 / 6.0) * tail, direct);
 }
 
-/// exp([w]x) = I + A [w]x + B (w w^T - |w|^2 I), A = sinc(|w|), B = (1 - cos|w|) / |w|^2, the latter
-/// as sinc(|w|/2)^2 / 2, free of cancellation.
+/// exp([w]x) = I + A [w]x + B (w w^T - |w|^2 I), A = sinc(|w|), B = (1 - cos|w|) / |w|^2, which
+/// is sinc(|w|/2)^2 / 2, free of cancellation.
 template <Scalar T>
 RYE_HD Mat3<T> so3_exp(const Vec3<T>& w) {
     const T s = dot(w, w), h = sinc_of_square(T(0.25) * s);

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/rig/eye_transform.hpp: an eyeball's offset, gaze and head pose as one similarity an eye.
+///     x_world = S R (c + o + R_g x) + T,   q_world = q_R (x) q_g (x) q
+/// x: a template point about the eyeball's centre; c: the neutral centre; o: the eye offset (both
+/// in canonical head units); R_g: the least rotation from +z to the gaze, hence no torsion; R, T,
+/// S: the head's pose. The points turn about their own centre, so their rounding does not grow with
+/// the head's distance from the origin.
+/// Source: "Roll Your Eyes", eq. 9-11, with the composition of docs/deviations.md.
+#pragma once
+
+#include <rye/geometry/rigid.hpp>
+#include <rye/math/rotation.hpp>
+#include <rye/rig/gaze.hpp>
+
+namespace rye {
+
+/// Where the head is: x_world = S R x_head + T.
+template <Scalar T>
+struct HeadPlacement {
+    Rigid<T> world_from_head = {};
+    T scale = T(1);
+};
+
+/// One eye of one frame, in the head's canonical frame.
+template <Scalar T>
+struct EyeDrive {
+    Vec3<T> centre;                                   ///< neutral centre [unit]
+    Vec3<T> offset = Vec3<T>(T(0), T(0), T(0));       ///< of the centre [unit]
+    Vec3<T> gaze = Vec3<T>(T(0), T(0), T(1));         ///< direction, any length
+};
+
+template <Scalar T>
+struct EyeTransform {
+    Mat3<T> rotation;       ///< world from eye, without the scale
+    Quat<T> quaternion;     ///< the same as a unit quaternion
+    Vec3<T> translation;    ///< the eyeball's centre in the world [world units]
+    T scale;                ///< of the head
+    Mat3<T> head_rotation;  ///< world from head, for the vjp
+    bool beyond_range;      ///< the gaze is outside gaze_range; drawn all the same
+
+    /// A template point in the world.
+    Vec3<T> apply(const Vec3<T>& x) const {
+        const Rigid<T> turn{rotation, Vec3<T>(T(0), T(0), T(0))};
+        const Vec3<T> y = turn.turn(x);
+        return Vec3<T>(scale * y[0] + translation[0], scale * y[1] + translation[1],
+                       scale * y[2] + translation[2]);
+    }
+};
+
+/// Throws if the gaze is not finite or has no direction.
+template <Scalar T>
+EyeTransform<T> eye_transform(const EyeDrive<T>& drive, const HeadPlacement<T>& head) {
+    const Vec3<T> gaze = checked_gaze(drive.gaze);
+    const Quat<T> turn = shortest_arc(Vec3<T>(T(0), T(0), T(1)), gaze);
+    const Mat3<T>& r = head.world_from_head.rotation;
+    const Rigid<T> eye{quat_matrix(turn), Vec3<T>(T(0), T(0), T(0))};
+    EyeTransform<T> e;
+    e.rotation = compose(Rigid<T>{r, Vec3<T>(T(0), T(0), T(0))}, eye).rotation;
+    e.quaternion = quat_product(matrix_quat(r), turn);
+    const Vec3<T> centre((drive.centre[0] + drive.offset[0]) * head.scale,
+                         (drive.centre[1] + drive.offset[1]) * head.scale,
+                         (drive.centre[2] + drive.offset[2]) * head.scale);
+    e.translation = head.world_from_head.apply(centre);
+    e.scale = head.scale;
+    e.head_rotation = r;
+    e.beyond_range = beyond_gaze_range(gaze);
+    return e;
+}
+
+/// Template points, 3 x P, in the world.
+template <Scalar T>
+Columns<T> eye_points(const EyeTransform<T>& eye, const Columns<T>& points) {
+    Columns<T> y(3, points.cols());
+    for (Index i = 0; i < points.cols(); ++i)
+        y.col(i).template head<3>() = eye.apply(points.col(i));
+    return y;
+}
+
+/// Cotangent of the offset, and of the neutral centre, from that of the world points, 3 x P.
+template <Scalar T>
+Vec3<T> eye_offset_cotangent(const EyeTransform<T>& eye, const Columns<T>& g_points) {
+    Vec3<T> sum(T(0), T(0), T(0));
+    for (Index i = 0; i < g_points.cols(); ++i) sum += g_points.col(i);
+    const Vec3<T> back = Rigid<T>{eye.head_rotation, sum}.turn_back(sum);
+    return Vec3<T>(eye.scale * back[0], eye.scale * back[1], eye.scale * back[2]);
+}
+
+/// Quaternions of the eye's Gaussians, 4 x P, in the world. No conversion through matrices.
+template <Scalar T>
+Columns<T> eye_rotations(const EyeTransform<T>& eye, const Columns<T>& rotations) {
+    Columns<T> q(4, rotations.cols());
+    for (Index i = 0; i < rotations.cols(); ++i)
+        q.col(i).template head<4>() = quat_product<T>(eye.quaternion, rotations.col(i));
+    return q;
+}
+
+/// Cotangent of the quaternions in the eye's frame.
+template <Scalar T>
+Columns<T> eye_rotations_vjp(const EyeTransform<T>& eye, const Columns<T>& g) {
+    Columns<T> r(4, g.cols());
+    for (Index i = 0; i < g.cols(); ++i)
+        r.col(i).template head<4>() = quat_product_vjp_right<T>(eye.quaternion, g.col(i));
+    return r;
+}
+
+} // namespace rye

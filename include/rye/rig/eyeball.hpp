@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/rig/eyeball.hpp: the eyeball's surface: a sphere with a corneal bulge, as rings of points
+/// that are dense inside the limbus. Frame: origin at the eyeball's centre, iris toward +z, y up.
+/// Lengths in canonical head units, 1 unit = 1 dm. Source: docs/architecture.md; the anatomy is of
+/// textbooks (Gullstrand's eye); after the idea of 3DGazeNet's template (Ververas et al., 2024).
+///
+/// Which surface carries the iris' colour? Through the cornea one sees the iris plane; splatted
+/// Gaussians are opaque and do not refract. So there are two choices: the bulge itself (the paper's
+/// mesh, right in profile), or with `iris_plane` the disc behind it (right in parallax).
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <numbers>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <rye/core/columns.hpp>
+#include <rye/core/error.hpp>
+#include <rye/math/linalg.hpp>
+
+namespace rye {
+
+struct EyeballShape {
+    double sclera_radius = 0.12;      ///< of the sphere [unit]
+    double cornea_radius = 0.078;     ///< of the corneal sphere [unit]
+    double cornea_offset = 0.056;     ///< from the eyeball's centre to the cornea's [unit]
+    double limbus_radius = 0.059;     ///< rim of the iris, from the axis [unit]
+    double pupil_radius = 0.020;      ///< from the axis [unit]
+    std::optional<double> iris_plane = {};  ///< z of a flat iris [unit]; none: the bulge
+
+    int iris_rings = 16;              ///< from the axis to the limbus, which is the last
+    int sclera_rings = 12;            ///< from the limbus to the equator, which is the last
+    int back_rings = 10;              ///< behind the equator, without the pole
+
+    /// The same eye with another radius: every length in proportion.
+    EyeballShape with_radius(double radius) const {
+        EyeballShape s = *this;
+        const double k = radius / sclera_radius;
+        for (double* x : {&s.sclera_radius, &s.cornea_radius, &s.cornea_offset, &s.limbus_radius,
+                          &s.pupil_radius})
+            *x *= k;
+        if (s.iris_plane) *s.iris_plane *= k;
+        return s;
+    }
+
+    /// z of the front surface at a distance r from the axis, r <= limbus_radius: sphere or cornea,
+    /// whichever is further out.
+    double front(double r) const {
+        const double sphere = std::sqrt(std::max(0., sclera_radius * sclera_radius - r * r));
+        const double inside = cornea_radius * cornea_radius - r * r;
+        return inside < 0 ? sphere : std::max(sphere, cornea_offset + std::sqrt(inside));
+    }
+
+    /// Where the iris meets the surface: the plane of a flat iris.
+    double limbus_plane() const { return front(limbus_radius); }
+
+    /// The same eye with its iris as a disc through the limbus.
+    EyeballShape with_flat_iris() const {
+        EyeballShape s = *this;
+        s.iris_plane = limbus_plane();
+        return s;
+    }
+};
+
+enum class EyeLabel : std::uint8_t { pupil, iris, sclera, back };
+
+template <Real T>
+struct EyeballTemplate {
+    Columns<T> points;                         ///< 3 x P [unit]
+    Columns<T> spacing;                        ///< 1 x P, RMS distance to 3 neighbours [unit]
+    std::vector<EyeLabel> labels;              ///< P
+    std::vector<std::array<Index, 3>> faces;   ///< closed surface, normals outward
+    std::array<Index, 8> iris8{};              ///< on the limbus, from +x toward +y
+    std::vector<Index> equator;                ///< the ring z = 0; its mean is the centre
+};
+
+namespace detail {
+
+inline void check_shape(const EyeballShape& s) {
+    const double r = s.sclera_radius;
+    const bool sizes = r > 0 && r < 1e6 && s.cornea_radius > 0 && s.cornea_offset >= 0 &&
+                       s.pupil_radius > 0 && s.pupil_radius < s.limbus_radius &&
+                       s.limbus_radius < s.cornea_radius && s.limbus_radius < r &&
+                       s.cornea_offset < r;
+    require(sizes, "eyeball_template",
+            "got radii (sclera, cornea, limbus, pupil) = (" + std::to_string(r) + ", " +
+                std::to_string(s.cornea_radius) + ", " + std::to_string(s.limbus_radius) + ", " +
+                std::to_string(s.pupil_radius) + ") and cornea offset " +
+                std::to_string(s.cornea_offset) +
+                ", expected 0 < pupil < limbus < cornea, limbus < sclera, 0 <= offset < sclera");
+    require(s.iris_rings >= 2 && s.sclera_rings >= 1 && s.back_rings >= 1 &&
+                s.iris_rings + s.sclera_rings + s.back_rings <= 1000,
+            "eyeball_template",
+            "got " + std::to_string(s.iris_rings) + ", " + std::to_string(s.sclera_rings) + ", " +
+                std::to_string(s.back_rings) + " rings, expected at least 2, 1, 1, at most 1000");
+    require(!s.iris_plane || (*s.iris_plane > 0 && *s.iris_plane <= s.front(0)),
+            "eyeball_template", "got an iris plane outside the eyeball's front half");
+}
+
+/// Closes the band between two rings of first points a, b and sizes n, m (a in front of b): always
+/// the step whose next point comes first on the way round.
+inline void join_rings(Index a, Index n, Index b, Index m,
+                       std::vector<std::array<Index, 3>>& faces) {
+    Index i = n == 1 ? 1 : 0, j = m == 1 ? 1 : 0;                        // a pole has no steps
+    while (i < n || j < m) {
+        const Index at_a = a + i % n, at_b = b + j % m;
+        if (j == m || (i < n && (i + 1) * m <= (j + 1) * n))
+            faces.push_back({at_a, at_b, a + ++i % n});
+        else
+            faces.push_back({at_a, at_b, b + ++j % m});
+    }
+}
+
+/// RMS distance of each point to its three nearest others.
+template <Real T>
+Columns<T> three_neighbour_spacing(const Columns<T>& points) {
+    Columns<T> spacing(1, points.cols());
+    for (Index i = 0; i < points.cols(); ++i) {
+        std::array<T, 3> best;
+        best.fill(std::numeric_limits<T>::infinity());
+        for (Index k = 0; k < points.cols(); ++k) {
+            const T d = (points.col(k) - points.col(i)).squaredNorm();
+            if (k == i || d >= best[2]) continue;
+            best[2] = d;
+            if (best[2] < best[1]) std::swap(best[2], best[1]);
+            if (best[1] < best[0]) std::swap(best[1], best[0]);
+        }
+        spacing(0, i) = std::sqrt((best[0] + best[1] + best[2]) / T(3));
+    }
+    return spacing;
+}
+
+} // namespace detail
+
+/// The template of a shape: a point on the axis, rings from the front to the back, the back pole.
+/// A ring has as many points as keep them about as far apart as the rings, a multiple of 8.
+template <Real T>
+EyeballTemplate<T> eyeball_template(const EyeballShape& shape) {
+    detail::check_shape(shape);
+    using std::numbers::pi;
+    struct Ring {
+        double radius, z, step;
+        EyeLabel label;
+    };
+    std::vector<Ring> rings;
+    const double iris_step = shape.limbus_radius / shape.iris_rings;
+    for (int k = 1; k <= shape.iris_rings; ++k) {
+        const double r = shape.limbus_radius * k / shape.iris_rings;
+        const bool flat = shape.iris_plane && k < shape.iris_rings;
+        rings.push_back({r, flat ? *shape.iris_plane : shape.front(r), iris_step,
+                         r <= shape.pupil_radius ? EyeLabel::pupil : EyeLabel::iris});
+    }
+    // On to the equator along the outermost of sphere and cornea, by the angle from +z.
+    const double limbus = std::atan2(shape.limbus_radius, shape.limbus_plane());
+    for (int k = 1; k <= shape.sclera_rings; ++k) {
+        const double angle = limbus + (pi / 2 - limbus) * k / shape.sclera_rings;
+        const double side = shape.cornea_offset * std::sin(angle);
+        const double inside = shape.cornea_radius * shape.cornea_radius - side * side;
+        const double cornea =
+            inside < 0 ? 0 : shape.cornea_offset * std::cos(angle) + std::sqrt(inside);
+        const double out = std::max(shape.sclera_radius, cornea);
+        rings.push_back({out * std::sin(angle), k == shape.sclera_rings ? 0 : out * std::cos(angle),
+                         shape.sclera_radius * (pi / 2 - limbus) / shape.sclera_rings,
+                         EyeLabel::sclera});
+    }
+    for (int k = 1; k <= shape.back_rings; ++k) {
+        const double angle = pi / 2 * (1 + double(k) / (shape.back_rings + 1));
+        const double r = shape.sclera_radius;
+        rings.push_back({r * std::sin(angle), r * std::cos(angle),
+                         r * pi / 2 / (shape.back_rings + 1), EyeLabel::back});
+    }
+
+    EyeballTemplate<T> eye;
+    std::vector<Vec3<T>> points;
+    const auto add = [&](double x, double y, double z, EyeLabel label) {
+        points.emplace_back(static_cast<T>(x), static_cast<T>(y), static_cast<T>(z));
+        eye.labels.push_back(label);
+    };
+    add(0, 0, shape.iris_plane.value_or(shape.front(0)), EyeLabel::pupil);
+    Index previous = 0, previous_size = 1;
+    for (std::size_t r = 0; r < rings.size(); ++r) {
+        const Ring& ring = rings[r];
+        const Index size =
+            8 * std::max<Index>(1, std::llround(2 * pi * ring.radius / ring.step / 8));
+        const auto first = static_cast<Index>(points.size());
+        for (Index i = 0; i < size; ++i) {
+            const double angle = 2 * pi * double(i) / double(size);
+            add(ring.radius * std::cos(angle), ring.radius * std::sin(angle), ring.z, ring.label);
+        }
+        detail::join_rings(previous, previous_size, first, size, eye.faces);
+        if (static_cast<int>(r) + 1 == shape.iris_rings)
+            for (Index i = 0; i < 8; ++i)
+                eye.iris8[static_cast<std::size_t>(i)] = first + i * size / 8;
+        if (static_cast<int>(r) + 1 == shape.iris_rings + shape.sclera_rings)
+            for (Index i = 0; i < size; ++i) eye.equator.push_back(first + i);
+        previous = first;
+        previous_size = size;
+    }
+    const auto pole = static_cast<Index>(points.size());
+    add(0, 0, -shape.sclera_radius, EyeLabel::back);
+    detail::join_rings(previous, previous_size, pole, 1, eye.faces);
+
+    eye.points.resize(3, static_cast<Index>(points.size()));
+    for (std::size_t i = 0; i < points.size(); ++i)
+        eye.points.col(static_cast<Index>(i)).template head<3>() = points[i];
+    eye.spacing = detail::three_neighbour_spacing(eye.points);
+    return eye;
+}
+
+/// The direction an eyeball looks in, from its points wherever they have been moved: from the mean
+/// of the equator to the mean of the iris.
+template <Real T>
+Vec3<T> gaze_from_mesh(const EyeballTemplate<T>& eye, const Columns<T>& points) {
+    Vec3<T> iris = Vec3<T>::Zero(), centre = Vec3<T>::Zero();
+    for (const Index i : eye.iris8) iris += points.col(i);
+    for (const Index i : eye.equator) centre += points.col(i);
+    return normalized(Vec3<T>(iris / T(8) - centre / static_cast<T>(eye.equator.size())));
+}
+
+} // namespace rye

@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/rig/gaze.hpp: gaze directions. Frame: the head's, x to the subject's left, y up, z out of
+/// the face. Angles [rad]: yaw = atan2(x, z), + toward the subject's left; pitch, + up.
+/// Source: the angle convention of ETH-XGaze (Zhang et al., 2020), in the head's frame.
+#pragma once
+
+#include <cmath>
+#include <string>
+
+#include <rye/core/error.hpp>
+#include <rye/math/linalg.hpp>
+#include <rye/nn/encoding.hpp>
+
+namespace rye {
+
+/// Beyond this angle from straight ahead an eye does not turn. [rad] (70 degrees)
+inline constexpr double gaze_range = 1.2217304763960307;
+
+/// The unit vector (cos p sin y, sin p, cos p cos y).
+template <Scalar T>
+RYE_HD Vec3<T> gaze_vector(const T& pitch, const T& yaw) {
+    using std::cos, std::sin;
+    const T c = cos(pitch);
+    return Vec3<T>(c * sin(yaw), sin(pitch), c * cos(yaw));
+}
+
+/// (pitch, yaw) of a direction of any length; at a pole the yaw is 0. By atan2: in float, asin(y)
+/// cannot tell angles nearer than 3e-4 rad to the pole apart.
+template <Scalar T>
+RYE_HD Vec2<T> pitch_yaw(const Vec3<T>& v) {
+    using std::atan2, std::hypot;
+    return Vec2<T>(atan2(v[1], hypot(v[0], v[2])), atan2(v[0], v[2]));
+}
+
+/// Angle between two directions of any length [rad]: 2 atan2(|a - b|, |a + b|), which resolves
+/// small angles that acos rounds to 0.
+template <Scalar T>
+RYE_HD T angular_error(const Vec3<T>& a, const Vec3<T>& b) {
+    using std::atan2;
+    const Vec3<T> u = normalized(a), v = normalized(b);
+    return T(2) * atan2(norm(Vec3<T>(u - v)), norm(Vec3<T>(u + v)));
+}
+
+/// |a - b|^2 of two unit directions: the loss to train on, smooth where the angle is not.
+template <Scalar T>
+RYE_HD T chord_error(const Vec3<T>& a, const Vec3<T>& b) {
+    const Vec3<T> d = a - b;
+    return dot(d, d);
+}
+
+/// A unit direction, from numbers that came from outside: throws if they are not finite or too
+/// short to have a direction, since a gaze normalised from noise would be believed.
+template <Scalar T>
+Vec3<T> checked_gaze(const Vec3<T>& v) {
+    using std::isfinite;
+    const auto text = [](const T& x) { return std::to_string(static_cast<double>(value_of(x))); };
+    const bool finite = isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]);
+    require(finite && norm(v) >= constant<T>(1e-6), "gaze",
+            "got (" + text(v[0]) + ", " + text(v[1]) + ", " + text(v[2]) +
+                "), expected a finite direction, longer than 1e-6");
+    return normalized(v);
+}
+
+/// True if the direction is further than gaze_range from straight ahead.
+template <Scalar T>
+bool beyond_gaze_range(const Vec3<T>& gaze) {
+    return angular_error(gaze, Vec3<T>(T(0), T(0), T(1))) > constant<T>(gaze_range);
+}
+
+/// The angles between the line of sight and the optical axis of one eye, in the head's frame.
+/// A typical left eye (subject's) looks 5 degrees nasally of its optical axis: yaw = +0.087.
+template <Scalar T>
+struct Kappa {
+    T pitch = T(0), yaw = T(0);                                          ///< [rad]
+};
+
+/// The optical axis (which the eyeball turns to) of a visual axis: its angles plus kappa.
+template <Scalar T>
+RYE_HD Vec3<T> apply_kappa(const Vec3<T>& visual, const Kappa<T>& kappa) {
+    const Vec2<T> a = pitch_yaw(visual);
+    return gaze_vector(T(a[0] + kappa.pitch), T(a[1] + kappa.yaw));
+}
+
+/// The visual axis of an optical axis: its angles less kappa.
+template <Scalar T>
+RYE_HD Vec3<T> gaze_from_kappa(const Vec3<T>& optical, const Kappa<T>& kappa) {
+    const Vec2<T> a = pitch_yaw(optical);
+    return gaze_vector(T(a[0] - kappa.pitch), T(a[1] - kappa.yaw));
+}
+
+/// A direction of the world in the head's frame; the rotation is the head pose's.
+template <Scalar T>
+RYE_HD Vec3<T> gaze_in_head(const Mat3<T>& world_from_head, const Vec3<T>& gaze_world) {
+    Vec3<T> r;
+    for (int i = 0; i < 3; ++i) {
+        const Vec3<T> column = world_from_head.col(i);
+        r[i] = dot(column, gaze_world);
+    }
+    return r;
+}
+
+/// A direction of the head's frame in the world.
+template <Scalar T>
+RYE_HD Vec3<T> gaze_in_world(const Mat3<T>& world_from_head, const Vec3<T>& gaze_head) {
+    Vec3<T> r;
+    for (int i = 0; i < 3; ++i)
+        r[i] = world_from_head(i, 0) * gaze_head[0] + world_from_head(i, 1) * gaze_head[1] +
+               world_from_head(i, 2) * gaze_head[2];
+    return r;
+}
+
+/// What the gaze-conditioned networks read: the positional encoding of (pitch, yaw).
+template <Scalar T>
+Columns<T> encode_gaze(const Vec3<T>& gaze, int frequencies = default_frequencies) {
+    return positional_encoding(pitch_yaw(gaze), frequencies);
+}
+
+} // namespace rye

@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/rig/influence.hpp: how much a driver moves a point: 1 near its landmarks, 0 far from them,
+/// linear between. Lengths in canonical head units (about 1 dm).
+/// The parent method's code compares *squared* distances with its thresholds, its paper plain
+/// ones; the metric is therefore a policy. Derivatives at the two kinks are 0.
+/// Source: Xu et al., "Gaussian Head Avatar", 2024; "Roll Your Eyes", eq. 4 and 12.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <concepts>
+#include <limits>
+#include <string>
+
+#include <rye/core/columns.hpp>
+#include <rye/core/error.hpp>
+#include <rye/math/scalar.hpp>
+#include <rye/rig/nearest.hpp>
+
+namespace rye {
+
+/// Weight 1 up to `near`, 0 from `far` on; near == far is a step.
+template <Scalar T>
+struct Ramp {
+    T near, far;  ///< thresholds, in the unit of the metric
+
+    /// Throws unless 0 <= near <= far and both are finite.
+    Ramp(const T& near_threshold, const T& far_threshold)
+        : near(near_threshold), far(far_threshold) {
+        if constexpr (Real<T>)
+            require(near >= T(0) && near <= far && far <= std::numeric_limits<T>::max(), "Ramp",
+                    "got near = " + std::to_string(near) + ", far = " + std::to_string(far) +
+                        ", expected 0 <= near <= far, both finite");
+    }
+};
+
+/// The thresholds are compared with the squared distance.
+struct SquaredDistance {
+    /// The weight at a squared distance; a NaN distance has weight 0.
+    template <Scalar T>
+    T value(const Ramp<T>& ramp, const T& squared) const {
+        const T width = select(ramp.near < ramp.far, T(ramp.far - ramp.near), T(1));
+        const T inside = (ramp.far - squared) / width;
+        return select((squared <= ramp.near) && (squared < ramp.far), T(1),
+                      select(squared < ramp.far, inside, T(0)));
+    }
+    /// d value / d squared.
+    template <Scalar T>
+    T slope(const Ramp<T>& ramp, const T& squared) const {
+        const auto inside = (squared > ramp.near) && (squared < ramp.far);
+        return select(inside, T(T(-1) / select(inside, T(ramp.far - ramp.near), T(1))), T(0));
+    }
+};
+
+/// The thresholds are compared with the distance. The root is taken only between them, so a point
+/// on its landmark has weight 1 and derivative 0.
+struct EuclideanDistance {
+    template <Scalar T>
+    T value(const Ramp<T>& ramp, const T& squared) const {
+        using std::sqrt;
+        const T near2 = ramp.near * ramp.near, far2 = ramp.far * ramp.far;
+        const auto inside = (squared > near2) && (squared < far2);
+        const T root = sqrt(select(inside, squared, T(1)));
+        const T raw = (ramp.far - root) / select(inside, T(ramp.far - ramp.near), T(1));
+        const T bounded = select(raw < T(0), T(0), select(raw > T(1), T(1), raw));
+        return select((squared <= near2) && (squared < far2), T(1),
+                      select(inside, bounded, T(0)));
+    }
+    template <Scalar T>
+    T slope(const Ramp<T>& ramp, const T& squared) const {
+        using std::sqrt;
+        const T near2 = ramp.near * ramp.near, far2 = ramp.far * ramp.far;
+        const auto inside = (squared > near2) && (squared < far2);
+        const T root = sqrt(select(inside, squared, T(1)));
+        return select(inside, T(T(-0.5) / (root * select(inside, T(ramp.far - ramp.near), T(1)))),
+                      T(0));
+    }
+};
+
+/// value(ramp, d^2) is a weight in [0, 1], not increasing in d^2; slope is its derivative.
+template <class M>
+concept InfluenceMetric = std::default_initializable<M> &&
+                          requires(const M m, const Ramp<float> r, const float x) {
+                              { m.value(r, x) } -> std::same_as<float>;
+                              { m.slope(r, x) } -> std::same_as<float>;
+                          };
+static_assert(InfluenceMetric<SquaredDistance> && InfluenceMetric<EuclideanDistance>);
+
+/// The weight of one squared distance.
+template <InfluenceMetric M, Scalar T>
+T influence(const M& metric, const Ramp<T>& ramp, const T& squared) {
+    return metric.value(ramp, squared);
+}
+
+/// Its derivative by the squared distance.
+template <InfluenceMetric M, Scalar T>
+T influence_slope(const M& metric, const Ramp<T>& ramp, const T& squared) {
+    return metric.slope(ramp, squared);
+}
+
+/// Weights, 1 x N, of squared distances, 1 x N. The complement (lambda_pose) is 1 minus it.
+template <InfluenceMetric M, Scalar T>
+Columns<T> influence(const M& metric, const Ramp<T>& ramp, const Columns<T>& squared) {
+    Columns<T> w(1, squared.cols());
+    for (Index i = 0; i < squared.cols(); ++i) w(0, i) = metric.value(ramp, squared(0, i));
+    return w;
+}
+
+/// Cotangent of the squared distances.
+template <InfluenceMetric M, Scalar T>
+Columns<T> influence_vjp(const M& metric, const Ramp<T>& ramp, const Columns<T>& squared,
+                         const Columns<T>& g) {
+    Columns<T> r(1, squared.cols());
+    for (Index i = 0; i < squared.cols(); ++i) {
+        const T x = squared(0, i);
+        r(0, i) = metric.slope(ramp, x) * g(0, i);
+    }
+    return r;
+}
+
+/// What two influences of one kind (left and right gaze) add up to where they overlap: as they
+/// are (the paper; the sum may exceed 1), or scaled down so that it does not.
+enum class Overlap { sum, normalized };
+
+/// Applies the overlap policy to two weights, 1 x N, in place; returns the greatest sum before.
+template <Real T>
+T resolve_overlap(Overlap policy, Columns<T>& left, Columns<T>& right) {
+    T greatest = T(0);
+    for (Index i = 0; i < left.cols(); ++i) {
+        const T sum = left(0, i) + right(0, i);
+        greatest = std::max(greatest, sum);
+        if (policy == Overlap::normalized && sum > T(1)) {
+            left(0, i) /= sum;
+            right(0, i) /= sum;
+        }
+    }
+    return greatest;
+}
+
+} // namespace rye

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/rig/nearest.hpp: squared distance from each point to its nearest landmark, with gradients to
+/// both. Differences first, then squares: a point on its landmark has distance exactly 0.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include <rye/backend/backend.hpp>
+#include <rye/core/columns.hpp>
+#include <rye/core/error.hpp>
+#include <rye/math/scalar.hpp>
+
+namespace rye {
+
+namespace detail {
+
+/// Points in lanes, landmarks broadcast; two vectors of points share each broadcast.
+template <class Batch, class T>
+void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landmarks, Index begin,
+                      Index end, Columns<T>& squared, Index* nearest) {
+    constexpr Index lanes = static_cast<Index>(Batch::size), block = 2 * lanes;
+    std::array<T, static_cast<std::size_t>(block)> x{}, y{}, z{};
+    for (Index at = begin; at < end; at += block) {
+        const Index count = std::min(block, end - at);
+        for (Index i = 0; i < count; ++i) {
+            const auto k = static_cast<std::size_t>(i);
+            x[k] = points(0, at + i), y[k] = points(1, at + i), z[k] = points(2, at + i);
+        }
+        const Batch x0 = Batch::load_unaligned(x.data());
+        const Batch y0 = Batch::load_unaligned(y.data());
+        const Batch z0 = Batch::load_unaligned(z.data());
+        const Batch x1 = Batch::load_unaligned(x.data() + lanes);
+        const Batch y1 = Batch::load_unaligned(y.data() + lanes);
+        const Batch z1 = Batch::load_unaligned(z.data() + lanes);
+        Batch best0(std::numeric_limits<T>::infinity()), best1 = best0;
+        Batch index0(T(-1)), index1 = index0;  // whole numbers below 2^24 are exact in float
+        for (Index k = 0; k < landmarks.cols(); ++k) {
+            const Batch px(landmarks(0, k)), py(landmarks(1, k)), pz(landmarks(2, k));
+            const Batch which(static_cast<T>(k));
+            const Batch a0 = x0 - px, b0 = y0 - py, c0 = z0 - pz;
+            const Batch a1 = x1 - px, b1 = y1 - py, c1 = z1 - pz;
+            const Batch d0 = a0 * a0 + b0 * b0 + c0 * c0, d1 = a1 * a1 + b1 * b1 + c1 * c1;
+            const auto closer0 = d0 < best0, closer1 = d1 < best1;
+            best0 = select(closer0, d0, best0), best1 = select(closer1, d1, best1);
+            index0 = select(closer0, which, index0), index1 = select(closer1, which, index1);
+        }
+        std::array<T, static_cast<std::size_t>(block)> best, index;
+        best0.store_unaligned(best.data()), best1.store_unaligned(best.data() + lanes);
+        index0.store_unaligned(index.data()), index1.store_unaligned(index.data() + lanes);
+        for (Index i = 0; i < count; ++i) {
+            squared(0, at + i) = best[static_cast<std::size_t>(i)];
+            if (nearest) nearest[at + i] = static_cast<Index>(index[static_cast<std::size_t>(i)]);
+        }
+    }
+}
+
+} // namespace detail
+
+/// 1 x N squared distances of 3 x N points to the nearest of 3 x K landmarks, +inf if there is none
+/// (or the point is NaN). `nearest`, if given, receives the landmark's index, -1 for none; the
+/// lowest index wins a tie. Throws if a landmark is not finite.
+template <Backend B, class T>
+Columns<T> nearest_squared_distance(const ColumnsView<T>& points, const ColumnsView<T>& landmarks,
+                                    std::vector<Index>* nearest = nullptr) {
+    using std::isfinite;
+    RYE_ASSERT(points.rows() == 3 && landmarks.rows() == 3, "nearest: expected three rows");
+    for (Index k = 0; k < landmarks.cols(); ++k)
+        require(isfinite(landmarks(0, k)) && isfinite(landmarks(1, k)) && isfinite(landmarks(2, k)),
+                "nearest_squared_distance",
+                "got a non-finite landmark " + std::to_string(k) + ", expected finite numbers");
+    const Index n = points.cols();
+    Columns<T> squared(1, n);
+    if (nearest) nearest->assign(static_cast<std::size_t>(n), -1);
+    Index* const indices = nearest ? nearest->data() : nullptr;
+    for_chunks<typename B::threads>(n, 2048, [&](Index begin, Index end, Index) {
+        if constexpr (Real<T> && requires { typename B::arch; }) {
+            using Batch = typename B::template batch<T>;
+            detail::nearest_in_lanes<Batch, T>(points, landmarks, begin, end, squared, indices);
+        } else {
+            for (Index i = begin; i < end; ++i) {
+                T best = constant<T>(std::numeric_limits<double>::infinity());
+                for (Index k = 0; k < landmarks.cols(); ++k) {
+                    const T a = points(0, i) - landmarks(0, k);
+                    const T b = points(1, i) - landmarks(1, k);
+                    const T c = points(2, i) - landmarks(2, k);
+                    const T d = a * a + b * b + c * c;
+                    if (d < best) {
+                        best = d;
+                        if (indices) indices[i] = k;
+                    }
+                }
+                squared(0, i) = best;
+            }
+        }
+    });
+    return squared;
+}
+
+template <class T>
+struct NearestGradient {
+    Columns<T> points;     ///< 3 x N
+    Columns<T> landmarks;  ///< 3 x K
+};
+
+/// Cotangents of the points and the landmarks; the choice of the nearest is held fixed.
+template <Backend B, class T>
+NearestGradient<T> nearest_squared_distance_vjp(const ColumnsView<T>& points,
+                                                const ColumnsView<T>& landmarks,
+                                                const std::vector<Index>& nearest,
+                                                const ColumnsView<T>& g) {
+    RYE_ASSERT(static_cast<Index>(nearest.size()) == points.cols() && g.cols() == points.cols(),
+               "nearest: expected an index and a cotangent per point");
+    NearestGradient<T> r;
+    r.points = Columns<T>::Zero(3, points.cols());
+    r.landmarks = sum_chunks<typename B::threads>(
+        points.cols(), 8192, Columns<T>(Columns<T>::Zero(3, landmarks.cols())),
+        [&](Index begin, Index end) {
+            Columns<T> part = Columns<T>::Zero(3, landmarks.cols());
+            for (Index i = begin; i < end; ++i) {
+                const Index k = nearest[static_cast<std::size_t>(i)];
+                if (k < 0) continue;
+                for (int j = 0; j < 3; ++j) {
+                    const T d = T(2) * (points(j, i) - landmarks(j, k)) * g(0, i);
+                    r.points(j, i) = d;
+                    part(j, k) -= d;
+                }
+            }
+            return part;
+        });
+    return r;
+}
+
+} // namespace rye
