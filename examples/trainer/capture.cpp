@@ -53,17 +53,19 @@ private:
 
 void require_finite(std::span<const double> values, const std::string& who) {
     for (std::size_t i = 0; i < values.size(); ++i)
-        require(std::isfinite(values[i]), who,
-                "value " + std::to_string(i) + " is " + std::to_string(values[i]) +
-                    ", expected a finite number");
+        if (!std::isfinite(values[i]))
+            throw Error(who + ": value " + std::to_string(i) + " is " + std::to_string(values[i]) +
+                        ", expected a finite number");
 }
 
 /// Finite numbers of one array, of which there must be one of `counts` (any number for none).
 std::vector<double> numbers(const NpyArray& array, const std::string& who,
                             std::initializer_list<Index> counts) {
-    if (counts.size() > 0 && std::find(counts.begin(), counts.end(), array.size()) == counts.end()) {
+    const Index* end = counts.end();
+    if (counts.size() > 0 && std::find(counts.begin(), end, array.size()) == end) {
         std::string expected;
-        for (const Index n : counts) expected += (expected.empty() ? "" : " or ") + std::to_string(n);
+        for (const Index n : counts)
+            expected += (expected.empty() ? "" : " or ") + std::to_string(n);
         throw Error(who + ": got shape " + shape_text(array.shape) + ", expected " + expected +
                     " numbers");
     }
@@ -413,7 +415,8 @@ void read_everything(Capture& c, const CaptureOptions& options, Faults& faults) 
     const Splits splits = described ? described_splits(json, who)
                                     : default_splits(sorted(on_disk), options.test_fraction);
     std::set<std::string> wanted;
-    for (const auto* list : {&splits.train, &splits.test, &splits.novel_gaze, &splits.independent_gaze})
+    for (const auto* list :
+         {&splits.train, &splits.test, &splits.novel_gaze, &splits.independent_gaze})
         wanted.insert(list->begin(), list->end());
     for (const std::string& id : on_disk)
         if (!wanted.contains(id))
@@ -528,9 +531,9 @@ Image<float> Capture::eye_mask(int frame, int camera) const {
     const Image8& labels = cache.get(v.eye_mask, 1);
     for (std::size_t i = 0; i < labels.values.size(); ++i) {
         const int value = labels.values[i];
-        require(value % 85 == 0, v.eye_mask.string(),
-                "got the value " + std::to_string(value) +
-                    ", expected 0 (none), 85 (left), 170 (right) or 255 (reserved)");
+        if (value % 85 != 0)
+            throw Error(v.eye_mask.string() + ": got the value " + std::to_string(value) +
+                        ", expected 0 (none), 85 (left), 170 (right) or 255 (reserved)");
         if (value == 85 || value == 170) eyes.pixels(value / 85 - 1, static_cast<Index>(i)) = 1;
     }
     return eyes;

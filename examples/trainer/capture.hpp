@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// examples/trainer/capture.hpp: a calibrated multi-view capture of a head, read from a folder.
-/// Lengths in the files' own world units (about 1 dm). Cameras are OpenCV, pixel centres at +0.5.
-/// Head frame: x subject's left, y up, z out of the face; world = scale R(pose[:3]) head + pose[3:].
+/// Lengths in the files' own world units (about 1 dm). Cameras are OpenCV, pixel centres +0.5.
+/// Head frame: x subject's left, y up, z out of the face;
+/// x_world = scale R(pose[:3]) x_head + pose[3:].
 /// Eye 0 is the subject's left (x > 0), eye 1 the right.
 /// Source: the folder of Gaussian Head Avatar (Xu et al., 2024), and rye's gaze.npz and eye masks.
 #pragma once
@@ -107,7 +108,7 @@ struct Capture {
     std::vector<int> train, test, novel_gaze, independent_gaze;  ///< indices of frames
     int width = 0;                            ///< of the full-size images [px]
     int height = 0;
-    bool images_over_black = true;            ///< of the files; image() is over black always
+    bool images_over_black = true;            ///< the files; image() is over black always
     bool has_eye_masks = false;               ///< for every view that is present
 
     int frame_count() const { return static_cast<int>(frames.size()); }
@@ -118,7 +119,7 @@ struct Capture {
     bool has_gaze() const;       ///< of every frame
     bool has_centres() const;    ///< of every frame
     const CaptureView& view(int frame, int camera) const;
-    const Pinhole<double>& camera(int frame, int camera) const { return view(frame, camera).camera; }
+    const Pinhole<double>& camera(int f, int c) const { return view(f, c).camera; }
 
     /// 3 channels in [0, 1], sRGB as stored, premultiplied over black: add (1 - mask) * background.
     Image<float> image(int frame, int camera) const;

@@ -45,8 +45,9 @@ void check_png(ByteSpan file, const std::string& who) {
     for (std::uint64_t at = png_magic.size();;) {
         const auto big_endian = [&](std::uint64_t offset) {
             const ByteSpan b = slice(file, offset, 4, who, "a PNG chunk");
-            return static_cast<std::uint32_t>(b[0]) << 24U | static_cast<std::uint32_t>(b[1]) << 16U |
-                   static_cast<std::uint32_t>(b[2]) << 8U | static_cast<std::uint32_t>(b[3]);
+            std::uint32_t value = 0;
+            for (const std::byte next : b) value = value << 8U | static_cast<std::uint32_t>(next);
+            return value;
         };
         const std::uint64_t length = big_endian(at);
         const ByteSpan body = slice(file, at + 4, length + 4, who, "a PNG chunk");
@@ -108,7 +109,8 @@ ImageHeader read_image_header(const std::filesystem::path& path) {
         bytes = read_file(path, max_image_bytes);
         check_magic(bytes, who);
         header = parse_header(bytes, known);
-        if (!known) throw Error(who + ": its image header cannot be read: " + stbi_failure_reason());
+        if (!known)
+            throw Error(who + ": its image header cannot be read: " + stbi_failure_reason());
     }
     check_header(header, who);
     return header;
@@ -142,9 +144,9 @@ Image<float> to_float(const Image8& image) {
     Image<float> out;
     out.width = image.width;
     out.height = image.height;
-    using Values = Eigen::Matrix<std::uint8_t, Eigen::Dynamic, Eigen::Dynamic>;
-    const Eigen::Map<const Values> values(image.values.data(), image.channels, out.size());
-    out.pixels = values.cast<float>() / 255.0f;
+    out.pixels.resize(image.channels, out.size());
+    for (std::size_t i = 0; i < image.values.size(); ++i)
+        out.pixels.data()[i] = static_cast<float>(image.values[i]) / 255.0f;
     return out;
 }
 
@@ -153,8 +155,9 @@ Image8 to_8bit(const Image<float>& image) {
     out.values.resize(static_cast<std::size_t>(image.pixels.size()));
     for (std::size_t i = 0; i < out.values.size(); ++i) {
         const float v = image.pixels.data()[i];
-        require(!std::isnan(v), "to_8bit", "got NaN in value " + std::to_string(i) +
-                                               " of the image, expected numbers");
+        if (std::isnan(v))
+            throw Error("to_8bit: got NaN in value " + std::to_string(i) +
+                        " of the image, expected numbers");
         out.values[i] = static_cast<std::uint8_t>(std::lround(std::clamp(v, 0.0f, 1.0f) * 255.0f));
     }
     return out;

@@ -34,7 +34,8 @@ inline Bytes read_file(const std::filesystem::path& path, std::uint64_t max_byte
     const std::uintmax_t size = std::filesystem::file_size(path, status);
     if (status) throw Error(who + ": cannot read its size: " + status.message());
     require(size <= max_bytes, who,
-            "got " + std::to_string(size) + " bytes, expected at most " + std::to_string(max_bytes));
+            "got " + std::to_string(size) + " bytes, expected at most " +
+                std::to_string(max_bytes));
     std::ifstream in(path, std::ios::binary);
     if (!in) throw Error(who + ": cannot be opened for reading");
     Bytes bytes(static_cast<std::size_t>(size));

@@ -97,7 +97,8 @@ private:
         return value;
     }
     void put(std::byte b) {
-        if (out_.size() == size_) fail("more than the declared " + std::to_string(size_) + " bytes");
+        if (out_.size() == size_)
+            fail("more than the declared " + std::to_string(size_) + " bytes");
         out_.push_back(b);
     }
     int decode(const HuffmanCode& code) {
@@ -105,7 +106,8 @@ private:
         for (std::size_t l = 1; l < 16; ++l) {
             value |= static_cast<int>(bits(1));
             const int n = code.count[l];
-            if (value - n < first) return code.symbol[static_cast<std::size_t>(index + value - first)];
+            if (value - n < first)
+                return code.symbol[static_cast<std::size_t>(index + value - first)];
             index += n;
             first = (first + n) << 1;
             value <<= 1;
@@ -117,7 +119,8 @@ private:
         held_ = 0;
         const auto length = read_at<std::uint16_t>(in_, at_, who_, "a stored block");
         const auto check = read_at<std::uint16_t>(in_, at_ + 2, who_, "a stored block");
-        if (length != static_cast<std::uint16_t>(~check)) fail("a stored block's length is damaged");
+        if (length != static_cast<std::uint16_t>(~check))
+            fail("a stored block's length is damaged");
         for (const std::byte b : slice(in_, at_ + 4, length, who_, "a stored block")) put(b);
         at_ += 4 + std::size_t(length);
     }

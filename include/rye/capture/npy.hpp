@@ -127,7 +127,7 @@ private:
         const std::string type = take('[') ? "a record" : quoted();
         static constexpr std::array known{"b1", "i1", "i2", "i4", "i8", "u1",
                                           "u2", "u4", "u8", "f4", "f8"};
-        const std::string_view item = std::string_view(type).substr(std::min<std::size_t>(1, type.size()));
+        const std::string_view item = type.empty() ? "" : std::string_view(type).substr(1);
         const bool order = !type.empty() && std::string_view("<>=|").find(type[0]) < 4;
         if (!order || std::find(known.begin(), known.end(), item) == known.end())
             fail("got dtype '" + type + "', expected bool, integer, float32 or float64");
@@ -204,7 +204,8 @@ inline NpyArray parse_npy(ByteSpan bytes, const std::string& who) {
     NpyArray& array = header.array;
     const auto item = static_cast<std::size_t>(array.item_size);
     std::uint64_t size = item;
-    for (const Index d : array.shape) size = checked_product(size, static_cast<std::uint64_t>(d), who);
+    for (const Index d : array.shape)
+        size = checked_product(size, static_cast<std::uint64_t>(d), who);
     const ByteSpan data = bytes.subspan(static_cast<std::size_t>(start + length));
     require(data.size() == size, who,
             "shape " + shape_text(array.shape) + " of " + array.type() + " needs " +
@@ -233,10 +234,11 @@ std::vector<T> NpyArray::values(const std::string& who) const {
                 if constexpr (std::floating_point<S>)
                     fits = std::abs(value) < S(9e15) && std::trunc(value) == value &&
                            (std::is_signed_v<T> || value >= S(0)) &&
-                           static_cast<S>(static_cast<T>(static_cast<std::int64_t>(value))) == value;
+                           static_cast<S>(static_cast<T>(std::int64_t(value))) == value;
                 else
                     fits = std::in_range<T>(value);
-                require(fits, who, "number " + std::to_string(i) + " does not fit the type");
+                if (!fits)
+                    throw Error(who + ": number " + std::to_string(i) + " does not fit the type");
             }
             out[i] = static_cast<T>(value);
         }
@@ -275,7 +277,7 @@ NpyArray npy_array(std::vector<Index> shape, std::span<const T> values) {
 template <class T>
 NpyArray npy_array(const Columns<T>& columns) {
     return npy_array<T>({columns.cols(), columns.rows()},
-                        std::span<const T>(columns.data(), static_cast<std::size_t>(columns.size())));
+                        {columns.data(), static_cast<std::size_t>(columns.size())});
 }
 
 /// The bytes of a .npy file, version 1, data on a multiple of 64 bytes as NumPy writes it.

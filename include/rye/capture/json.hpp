@@ -1,0 +1,287 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/capture/json.hpp: a small, strict JSON for headers inside binary files.
+/// Refused: duplicate keys, depth above 64, numbers out of range, NaN, lone surrogates, trailing
+/// text. Numbers are written shortest and read back exactly, whatever the locale.
+/// Source: RFC 8259.
+#pragma once
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include <rye/core/error.hpp>
+
+namespace rye {
+
+struct JsonValue;
+struct JsonMember;
+using JsonArray = std::vector<JsonValue>;
+/// In the order of the text.
+using JsonObject = std::vector<JsonMember>;
+
+struct JsonValue {
+    /// Integers that fit are kept exact.
+    std::variant<std::nullptr_t, bool, std::int64_t, double, std::string, JsonArray, JsonObject>
+        value;
+
+    template <class T>
+    const T* get() const {
+        return std::get_if<T>(&value);
+    }
+    /// The member of an object, or null.
+    const JsonValue* find(std::string_view name) const;
+};
+
+struct JsonMember {
+    std::string name;
+    JsonValue value;
+};
+
+inline const JsonValue* JsonValue::find(std::string_view name) const {
+    if (const auto* object = get<JsonObject>())
+        for (const JsonMember& member : *object)
+            if (member.name == name) return &member.value;
+    return nullptr;
+}
+
+namespace detail {
+
+class JsonParser {
+public:
+    JsonParser(std::string_view text, const std::string& who) : text_(text), who_(who) {}
+
+    JsonValue parse() {
+        JsonValue v = value(0);
+        skip();
+        if (at_ != text_.size()) fail("text after the end");
+        return v;
+    }
+
+private:
+    static constexpr int max_depth = 64;
+
+    [[noreturn]] void fail(const std::string& sentence) const {
+        throw Error(who_ + ": JSON at byte " + std::to_string(at_) + ": " + sentence);
+    }
+    char peek() const { return at_ < text_.size() ? text_[at_] : '\0'; }
+    void skip() {
+        while (peek() == ' ' || peek() == '\n' || peek() == '\r' || peek() == '\t') ++at_;
+    }
+    bool take(char c) {
+        skip();
+        if (peek() != c) return false;
+        ++at_;
+        return true;
+    }
+    void expect(char c) {
+        if (!take(c)) fail(std::string("expected '") + c + "'");
+    }
+    bool take_word(std::string_view word) {
+        if (text_.substr(at_, word.size()) != word) return false;
+        at_ += word.size();
+        return true;
+    }
+
+    JsonValue value(int depth) {
+        if (depth > max_depth) fail("deeper than 64 levels");
+        skip();
+        switch (peek()) {
+            case '{': return {object(depth)};
+            case '[': return {array(depth)};
+            case '"': return {string()};
+            default: break;
+        }
+        if (take_word("true")) return {true};
+        if (take_word("false")) return {false};
+        if (take_word("null")) return {nullptr};
+        return number();
+    }
+    JsonObject object(int depth) {
+        JsonObject members;
+        expect('{');
+        if (take('}')) return members;
+        do {
+            skip();
+            members.push_back({string(), {}});
+            expect(':');
+            members.back().value = value(depth + 1);
+        } while (take(','));
+        expect('}');
+        require_distinct(members);
+        return members;
+    }
+    void require_distinct(const JsonObject& members) const {
+        std::vector<std::string_view> names;
+        for (const JsonMember& member : members) names.push_back(member.name);
+        std::sort(names.begin(), names.end());
+        const auto twice = std::adjacent_find(names.begin(), names.end());
+        if (twice != names.end()) fail("the key '" + std::string(*twice) + "' appears twice");
+    }
+    JsonArray array(int depth) {
+        JsonArray items;
+        expect('[');
+        if (take(']')) return items;
+        do items.push_back(value(depth + 1));
+        while (take(','));
+        expect(']');
+        return items;
+    }
+    /// -? (0 | [1-9][0-9]*) (.[0-9]+)? ([eE][+-]?[0-9]+)?
+    JsonValue number() {
+        const std::size_t start = at_;
+        const auto digits = [&] {
+            const std::size_t first = at_;
+            while (peek() >= '0' && peek() <= '9') ++at_;
+            if (at_ == first) fail("expected a value");
+        };
+        if (peek() == '-') ++at_;
+        if (peek() == '0') ++at_;
+        else digits();
+        bool whole = true;
+        if (peek() == '.') {
+            whole = false;
+            ++at_;
+            digits();
+        }
+        if (peek() == 'e' || peek() == 'E') {
+            whole = false;
+            ++at_;
+            if (peek() == '+' || peek() == '-') ++at_;
+            digits();
+        }
+        const char* first = text_.data() + start;
+        const char* last = text_.data() + at_;
+        std::int64_t i = 0;
+        if (whole && std::from_chars(first, last, i).ec == std::errc()) return {i};
+        double d = 0;
+        if (std::from_chars(first, last, d).ec != std::errc() || !std::isfinite(d))
+            fail("a number out of range");
+        return {d};
+    }
+    std::string string() {
+        if (peek() != '"') fail("expected a string");
+        ++at_;
+        std::string out;
+        for (;;) {
+            if (at_ >= text_.size()) fail("a string does not end");
+            const char c = text_[at_++];
+            if (c == '"') return out;
+            if (static_cast<unsigned char>(c) < 0x20) fail("a control character in a string");
+            if (c == '\\') escape(out);
+            else out += c;
+        }
+    }
+    void escape(std::string& out) {
+        static constexpr std::string_view from = "\"\\/bfnrt", to = "\"\\/\b\f\n\r\t";
+        const char c = peek();
+        ++at_;
+        if (const std::size_t i = from.find(c); i != std::string_view::npos) {
+            out += to[i];
+            return;
+        }
+        if (c != 'u') fail("an unknown escape");
+        std::uint32_t code = hex4();
+        if (code >= 0xDC00 && code < 0xE000) fail("a lone surrogate");
+        if (code >= 0xD800 && code < 0xDC00) {
+            if (!take_word("\\u")) fail("a lone surrogate");
+            const std::uint32_t low = hex4();
+            if (low < 0xDC00 || low >= 0xE000) fail("a lone surrogate");
+            code = 0x10000 + ((code - 0xD800) << 10U) + (low - 0xDC00);
+        }
+        append_utf8(out, code);
+    }
+    std::uint32_t hex4() {
+        std::uint32_t code = 0;
+        const std::string_view digits = text_.substr(std::min(at_, text_.size()), 4);
+        const auto [end, status] =
+            std::from_chars(digits.data(), digits.data() + digits.size(), code, 16);
+        if (status != std::errc() || end != digits.data() + 4) fail("expected 4 hex digits");
+        at_ += 4;
+        return code;
+    }
+    static void append_utf8(std::string& out, std::uint32_t code) {
+        const auto put = [&](std::uint32_t byte) { out += static_cast<char>(byte); };
+        const auto tail = [&](unsigned shift) { put(0x80U | ((code >> shift) & 0x3FU)); };
+        if (code < 0x80) return put(code);
+        if (code < 0x800) {
+            put(0xC0U | (code >> 6U));
+        } else if (code < 0x10000) {
+            put(0xE0U | (code >> 12U));
+            tail(6);
+        } else {
+            put(0xF0U | (code >> 18U));
+            tail(12);
+            tail(6);
+        }
+        tail(0);
+    }
+
+    std::string_view text_;
+    const std::string& who_;
+    std::size_t at_ = 0;
+};
+
+inline void write_json_string(std::string& out, std::string_view s) {
+    static constexpr std::string_view hex = "0123456789abcdef";
+    out += '"';
+    for (const char c : s) {
+        const auto u = static_cast<unsigned char>(c);
+        if (c == '"' || c == '\\') (out += '\\') += c;
+        else if (u < 0x20) ((out += "\\u00") += hex[u >> 4U]) += hex[u & 15U];
+        else out += c;
+    }
+    out += '"';
+}
+
+} // namespace detail
+
+/// Parses the whole text; `who` names it in errors.
+inline JsonValue parse_json(std::string_view text, const std::string& who) {
+    return detail::JsonParser(text, who).parse();
+}
+
+/// Without spaces. Numbers must be finite.
+inline void write_json(std::string& out, const JsonValue& v) {
+    const auto list = [&](char open, const auto& items, char close, auto&& write) {
+        out += open;
+        for (std::size_t i = 0; i < items.size(); ++i) {
+            if (i) out += ',';
+            write(items[i]);
+        }
+        out += close;
+    };
+    const auto number = [&](auto x) {
+        char text[32];
+        out.append(text, std::to_chars(text, text + sizeof text, x).ptr);
+    };
+    if (v.get<std::nullptr_t>()) out += "null";
+    else if (const auto* b = v.get<bool>()) out += *b ? "true" : "false";
+    else if (const auto* i = v.get<std::int64_t>()) number(*i);
+    else if (const auto* s = v.get<std::string>()) detail::write_json_string(out, *s);
+    else if (const auto* d = v.get<double>()) {
+        require(std::isfinite(*d), "write_json", "got a number that is not finite");
+        number(*d);
+    } else if (const auto* a = v.get<JsonArray>()) {
+        list('[', *a, ']', [&](const JsonValue& item) { write_json(out, item); });
+    } else if (const auto* o = v.get<JsonObject>()) {
+        list('{', *o, '}', [&](const JsonMember& member) {
+            detail::write_json_string(out, member.name);
+            out += ':';
+            write_json(out, member.value);
+        });
+    }
+}
+
+inline std::string to_json(const JsonValue& v) {
+    std::string out;
+    write_json(out, v);
+    return out;
+}
+
+} // namespace rye

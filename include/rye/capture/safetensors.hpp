@@ -1,0 +1,295 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/capture/safetensors.hpp: named arrays in one file, in the format of Hugging Face.
+/// Layout: u64 header length; JSON header, padded with spaces to 8 bytes; the arrays, C order,
+/// without holes or overlaps. An array of shape (N, D) is a Columns of D x N.
+/// Source: github.com/huggingface/safetensors; the faults refused are those of its reference.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <cstring>
+#include <filesystem>
+#include <map>
+#include <span>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include <rye/capture/atomic_file.hpp>
+#include <rye/capture/bytes.hpp>
+#include <rye/capture/json.hpp>
+#include <rye/capture/npy.hpp>
+#include <rye/core/columns.hpp>
+#include <rye/core/error.hpp>
+
+namespace rye {
+
+/// Types of numbers; only these are written. Their names in files are F64, F32, I64 and U8.
+enum class TensorType { f64, f32, i64, u8 };
+
+struct TensorTypeInfo {
+    const char* name;
+    std::size_t size;  ///< [bytes]
+};
+constexpr TensorTypeInfo info_of(TensorType type) {
+    constexpr std::array<TensorTypeInfo, 4> infos{{{"F64", 8}, {"F32", 4}, {"I64", 8}, {"U8", 1}}};
+    return infos[static_cast<std::size_t>(type)];
+}
+
+template <class T>
+constexpr TensorType tensor_type() {
+    if constexpr (std::is_same_v<T, double>) return TensorType::f64;
+    else if constexpr (std::is_same_v<T, float>) return TensorType::f32;
+    else if constexpr (std::is_same_v<T, std::int64_t>) return TensorType::i64;
+    else {
+        static_assert(std::is_same_v<T, std::uint8_t>, "tensors hold double, float, int64, uint8");
+        return TensorType::u8;
+    }
+}
+
+/// A named array that lives elsewhere.
+struct TensorEntry {
+    std::string name;
+    TensorType type = TensorType::f32;
+    std::vector<Index> shape;  ///< () is one number
+    ByteSpan bytes;            ///< C order
+};
+
+/// Refers to `values`, which must outlive the entry.
+template <class T>
+TensorEntry tensor_entry(std::string name, std::vector<Index> shape, std::span<const T> values) {
+    return {std::move(name), tensor_type<T>(), std::move(shape), std::as_bytes(values)};
+}
+/// D x N columns as shape (N, D); they must outlive the entry.
+template <class T>
+TensorEntry tensor_entry(std::string name, const Columns<T>& columns) {
+    return tensor_entry<T>(std::move(name), {columns.cols(), columns.rows()},
+                           {columns.data(), static_cast<std::size_t>(columns.size())});
+}
+
+/// Words about the file: names and values.
+using TensorMetadata = std::map<std::string, std::string>;
+
+/// A header above this is refused, as by the reference.
+inline constexpr std::uint64_t max_tensor_header = 100'000'000;
+
+/// The arrays of a file, held in memory.
+class Safetensors {
+public:
+    Safetensors() = default;
+    Safetensors(std::string who, Bytes data, std::map<std::string, TensorEntry> tensors,
+                TensorMetadata metadata)
+        : who_(std::move(who)), data_(std::move(data)), tensors_(std::move(tensors)),
+          metadata_(std::move(metadata)) {}
+    // Entries refer to data_, whose storage a move keeps and a copy would not.
+    Safetensors(Safetensors&&) = default;
+    Safetensors& operator=(Safetensors&&) = default;
+
+    const std::map<std::string, TensorEntry>& tensors() const { return tensors_; }
+    const TensorMetadata& metadata() const { return metadata_; }
+    bool has(const std::string& name) const { return tensors_.count(name) != 0; }
+
+    const TensorEntry& at(const std::string& name) const {
+        const auto found = tensors_.find(name);
+        require(found != tensors_.end(), who_, "the tensor '" + name + "' is missing");
+        return found->second;
+    }
+    /// A metadata value; Error when it is missing.
+    const std::string& word(const std::string& key) const {
+        const auto found = metadata_.find(key);
+        require(found != metadata_.end(), who_, "the metadata '" + key + "' is missing");
+        return found->second;
+    }
+    /// The numbers of a tensor, which must be of type T and have this shape.
+    template <class T>
+    std::vector<T> values(const std::string& name, const std::vector<Index>& shape) const {
+        const TensorEntry& t = at(name);
+        require(t.shape == shape, who_ + ": " + name,
+                "got shape " + shape_text(t.shape) + ", expected " + shape_text(shape));
+        std::vector<T> out(check_type<T>(t) / sizeof(T));
+        if (!out.empty()) std::memcpy(out.data(), t.bytes.data(), t.bytes.size());
+        return out;
+    }
+    /// A tensor of shape (N, D) as D x N.
+    template <class T>
+    Columns<T> columns(const std::string& name) const {
+        const TensorEntry& t = at(name);
+        require(t.shape.size() == 2, who_ + ": " + name,
+                "got shape " + shape_text(t.shape) + ", expected two extents");
+        Columns<T> out(t.shape[1], t.shape[0]);
+        if (check_type<T>(t) > 0) std::memcpy(out.data(), t.bytes.data(), t.bytes.size());
+        return out;
+    }
+    /// The same, of a known size: rows x cols from shape (cols, rows).
+    template <class T>
+    Columns<T> columns(const std::string& name, Index rows, Index cols) const {
+        const std::vector<Index>&got = at(name).shape, expected{cols, rows};
+        require(got == expected, who_ + ": " + name,
+                "got shape " + shape_text(got) + ", expected " + shape_text(expected));
+        return columns<T>(name);
+    }
+
+private:
+    /// Its size [bytes].
+    template <class T>
+    std::size_t check_type(const TensorEntry& t) const {
+        require(t.type == tensor_type<T>(), who_ + ": " + t.name,
+                std::string("got type ") + info_of(t.type).name + ", expected " +
+                    info_of(tensor_type<T>()).name);
+        return t.bytes.size();
+    }
+
+    std::string who_;
+    Bytes data_;
+    std::map<std::string, TensorEntry> tensors_;
+    TensorMetadata metadata_;
+};
+
+namespace detail {
+
+inline std::uint64_t tensor_count(const JsonValue& v, const std::string& who) {
+    const auto* i = v.get<std::int64_t>();
+    require(i && *i >= 0, who, "expected a count");
+    return static_cast<std::uint64_t>(*i);
+}
+
+inline TensorEntry parse_tensor(const std::string& name, const JsonValue& v, ByteSpan data,
+                                const std::string& who) {
+    const JsonValue *dtype = v.find("dtype"), *shape = v.find("shape"),
+                    *offsets = v.find("data_offsets");
+    require(dtype && dtype->get<std::string>() && shape && shape->get<JsonArray>() && offsets &&
+                offsets->get<JsonArray>() && offsets->get<JsonArray>()->size() == 2 &&
+                v.get<JsonObject>()->size() == 3,
+            who, "expected dtype, shape and two data_offsets, and nothing else");
+    TensorEntry t;
+    t.name = name;
+    bool known = false;
+    for (int i = 0; i < 4; ++i)
+        if (const auto type = static_cast<TensorType>(i);
+            *dtype->get<std::string>() == info_of(type).name) {
+            t.type = type;
+            known = true;
+        }
+    require(known, who,
+            "got type " + *dtype->get<std::string>() + ", expected F64, F32, I64 or U8");
+    std::uint64_t size = info_of(t.type).size;
+    for (const JsonValue& extent : *shape->get<JsonArray>()) {
+        const std::uint64_t d = tensor_count(extent, who);
+        size = checked_product(size, d, who);
+        t.shape.push_back(static_cast<Index>(d));
+    }
+    const std::uint64_t begin = tensor_count(offsets->get<JsonArray>()->at(0), who);
+    const std::uint64_t end = tensor_count(offsets->get<JsonArray>()->at(1), who);
+    require(begin <= end && end - begin == size, who,
+            "shape " + shape_text(t.shape) + " needs " + std::to_string(size) +
+                " bytes, got data_offsets " + std::to_string(begin) + " to " + std::to_string(end));
+    t.bytes = slice(data, begin, size, who, "its data");
+    return t;
+}
+
+/// The arrays must cover the data from end to end, once.
+inline void require_covered(const std::map<std::string, TensorEntry>& tensors, ByteSpan data,
+                            const std::string& who) {
+    std::vector<std::pair<std::size_t, std::size_t>> ranges;
+    for (const auto& [name, t] : tensors) {
+        const auto begin = static_cast<std::size_t>(t.bytes.data() - data.data());
+        ranges.emplace_back(begin, begin + t.bytes.size());
+    }
+    std::sort(ranges.begin(), ranges.end());
+    std::size_t covered = 0;
+    for (const auto& [begin, end] : ranges) {
+        require(begin == covered, who,
+                "its tensors overlap or leave a hole at byte " + std::to_string(covered));
+        covered = end;
+    }
+    require(covered == data.size(), who,
+            "its tensors end at byte " + std::to_string(covered) + " of the data, which have " +
+                std::to_string(data.size()));
+}
+
+} // namespace detail
+
+/// The arrays in the bytes of a file; `who` names it in errors.
+inline Safetensors parse_safetensors(ByteSpan file, const std::string& who) {
+    const auto length = read_at<std::uint64_t>(file, 0, who, "the length of the header");
+    require(length <= max_tensor_header, who,
+            "got a header of " + std::to_string(length) + " bytes, expected at most 100000000");
+    const std::string_view header = as_text(slice(file, 8, length, who, "the header"));
+    require(header.starts_with('{'), who, "not a safetensors file: its header is no JSON object");
+    const JsonValue json = parse_json(header, who);
+    const ByteSpan rest = file.subspan(8 + static_cast<std::size_t>(length));
+    Bytes data(rest.begin(), rest.end());  // aligned, unlike the rest of the file
+    std::map<std::string, TensorEntry> tensors;
+    TensorMetadata metadata;
+    for (const auto& [name, member] : *json.get<JsonObject>()) {
+        const std::string label = who + ": " + name;
+        require(member.get<JsonObject>(), label, "expected an object");
+        if (name != "__metadata__") {
+            tensors.emplace(name, detail::parse_tensor(name, member, data, label));
+            continue;
+        }
+        for (const auto& [key, word] : *member.get<JsonObject>()) {
+            require(word.get<std::string>(), label, "'" + key + "' is no string");
+            metadata.emplace(key, *word.get<std::string>());
+        }
+    }
+    detail::require_covered(tensors, data, who);
+    return Safetensors(who, std::move(data), std::move(tensors), std::move(metadata));
+}
+
+inline Safetensors read_safetensors(const std::filesystem::path& path) {
+    return parse_safetensors(read_file(path), path.string());
+}
+
+/// Replaces the file at `path` by one with these arrays, or leaves it as it was and throws.
+/// Arrays of wide types come first, so that all are aligned.
+inline void write_safetensors(const std::filesystem::path& path, std::vector<TensorEntry> entries,
+                              const TensorMetadata& metadata = {}) {
+    std::sort(entries.begin(), entries.end(), [](const TensorEntry& a, const TensorEntry& b) {
+        const std::size_t sa = info_of(a.type).size, sb = info_of(b.type).size;
+        return sa != sb ? sa > sb : a.name < b.name;
+    });
+    JsonObject header;
+    if (!metadata.empty()) {
+        JsonObject words;
+        for (const auto& [key, word] : metadata) words.push_back({key, {word}});
+        header.push_back({"__metadata__", {std::move(words)}});
+    }
+    std::map<std::string, int> seen;
+    std::int64_t offset = 0;
+    for (const TensorEntry& t : entries) {
+        const std::string label = path.string() + ": " + t.name;
+        require(t.name != "__metadata__" && seen[t.name]++ == 0, label,
+                "is the name of two tensors, or reserved");
+        std::uint64_t size = info_of(t.type).size;
+        JsonArray shape;
+        for (const Index d : t.shape) {
+            size = checked_product(size, static_cast<std::uint64_t>(d), label);
+            shape.push_back({std::int64_t(d)});
+        }
+        require(size == t.bytes.size(), label,
+                "shape " + shape_text(t.shape) + " of " + info_of(t.type).name + " needs " +
+                    std::to_string(size) + " bytes, got " + std::to_string(t.bytes.size()));
+        const std::int64_t end = offset + static_cast<std::int64_t>(size);
+        JsonArray offsets{JsonValue{offset}, JsonValue{end}};
+        JsonObject member{{"dtype", {std::string(info_of(t.type).name)}},
+                          {"shape", {std::move(shape)}},
+                          {"data_offsets", {std::move(offsets)}}};
+        header.push_back({t.name, {std::move(member)}});
+        offset = end;
+    }
+    std::string text = to_json({std::move(header)});
+    text.append((8 - text.size() % 8) % 8, ' ');
+    Bytes length;
+    append(length, static_cast<std::uint64_t>(text.size()));
+    AtomicFile file(path);
+    file.write(length);
+    file.write(as_bytes(text));
+    for (const TensorEntry& t : entries) file.write(t.bytes);
+    file.commit();
+}
+
+} // namespace rye
