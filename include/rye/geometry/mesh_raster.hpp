@@ -84,7 +84,8 @@ struct PixelFace {
             barycentric[k] = u[0] * v[1] - u[1] * v[0];
         }
         sum = barycentric[0] + barycentric[1] + barycentric[2];
-        for (W& b : barycentric) b = b / sum;
+        const W scale = W(1) / sum;
+        for (W& b : barycentric) b = b * scale;
     }
 };
 
@@ -94,6 +95,9 @@ void nearest_faces(const Columns<W>& camera, const std::vector<Face>& faces,
                    const std::vector<ScreenFace>& boxes, std::pair<const Index*, const Index*> range,
                    const Pinhole<double>& view, int row, const MeshRasterSettings& settings,
                    Index* pixel_face, int rows) {
+    std::vector<double> rays(static_cast<std::size_t>(view.width));
+    for (std::size_t px = 0; px < rays.size(); ++px)
+        rays[px] = (static_cast<double>(px) + 0.5 - view.cx) / view.fx;
     std::vector<double> nearest(static_cast<std::size_t>(rows * view.width),
                                 std::numeric_limits<double>::infinity());
     for (const Index* it = range.first; it != range.second; ++it) {
@@ -121,7 +125,7 @@ void nearest_faces(const Columns<W>& camera, const std::vector<Face>& faces,
             const double r0y = y[0] - z[0] * ray_y, r1y = y[1] - z[1] * ray_y,
                          r2y = y[2] - z[2] * ray_y;
             for (int px = xs.first; px <= xs.last; ++px) {
-                const double ray_x = (px + 0.5 - view.cx) / view.fx;
+                const double ray_x = rays[static_cast<std::size_t>(px)];
                 const double r0x = x[0] - z[0] * ray_x, r1x = x[1] - z[1] * ray_x,
                              r2x = x[2] - z[2] * ray_x;
                 const double e2 = sign * (r0x * r1y - r0y * r1x);
@@ -274,24 +278,27 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const MeshRaster<T>& raster, const std:
         }
     });
 
-    MeshRasterGradient<T> out{Columns<T>(3, points.cols()),
-                              Columns<T>::Zero(attributes.rows(), attributes.cols())};
-    const Index block = 16;  // channels a task: one cache line of floats
+    MeshRasterGradient<T> out{{}, Columns<T>::Zero(attributes.rows(), attributes.cols())};
+    constexpr int block = 16;  // channels a task: one cache line of floats
     const Index blocks = g.attributes ? chunk_count(attributes.rows(), block) : 0;
     for_chunks<typename B::threads>(1 + blocks, 1, [&](Index task, Index, Index) {
         if (task > 0) {
-            const Index c = (task - 1) * block, n = std::min(block, attributes.rows() - c);
-            for (const Index p : drawn) {
-                const Index found = raster.face[static_cast<std::size_t>(p)];
-                const Face& f = faces[static_cast<std::size_t>(found)];
-                for (std::size_t k = 0; k < 3; ++k)
-                    out.attributes.col(f[k]).segment(c, n) +=
-                        raster.barycentric(static_cast<Index>(k), p) *
-                        g.attributes->col(p).segment(c, n);
-            }
-            return;
+            const Index c = (task - 1) * block;
+            const auto add = [&](auto size) {
+                for (const Index p : drawn) {
+                    const Face& f = faces[static_cast<std::size_t>(
+                        raster.face[static_cast<std::size_t>(p)])];
+                    for (std::size_t k = 0; k < 3; ++k)
+                        out.attributes.col(f[k]).segment(c, size) +=
+                            raster.barycentric(static_cast<Index>(k), p) *
+                            g.attributes->col(p).segment(c, size);
+                }
+            };
+            if (attributes.rows() - c >= block) return add(Eigen::fix<block>);
+            return add(attributes.rows() - c);
         }
         Columns<W> g_camera = Columns<W>::Zero(3, points.cols());
+        Columns<W> g_image = Columns<W>::Zero(2, points.cols());
         for (std::size_t i = 0; i < drawn.size(); ++i) {
             const Index found = raster.face[static_cast<std::size_t>(drawn[i])];
             const Face& f = faces[static_cast<std::size_t>(found)];
@@ -300,13 +307,8 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const MeshRaster<T>& raster, const std:
                                           .template segment<3>(3 * static_cast<Index>(k));
         }
         for (const auto& shares : outline)
-            for (const ImageShare& s : shares) image_point_vjp(points, view, s.vertex, s.g, g_camera);
-        const Mat3<double>& r = view.camera_from_world.rotation;
-        for (Index i = 0; i < points.cols(); ++i)
-            for (int d = 0; d < 3; ++d)
-                out.vertices(d, i) = scalar_cast<T>(W(W(r(0, d)) * g_camera(0, i) +
-                                                      W(r(1, d)) * g_camera(1, i) +
-                                                      W(r(2, d)) * g_camera(2, i)));
+            for (const ImageShare& s : shares) g_image.col(s.vertex) += s.g;
+        out.vertices = screen_mesh_vjp(raster.screen, camera, std::move(g_camera), g_image);
     });
     return out;
 }

@@ -59,15 +59,28 @@ ScreenMesh<T> screen_mesh(const ColumnsView<T>& vertices, const Pinhole<real_t<T
     return out;
 }
 
-/// Adds to g_camera, 3 x M, from the gradient to one vertex's image point.
-template <class W>
-void image_point_vjp(const Columns<W>& camera, const Pinhole<double>& p, Index i,
-                     const Vec2<W>& g_image, Columns<W>& g_camera) {
-    const W iz = W(1) / camera(2, i);
-    const W gx = W(p.fx) * g_image[0] * iz, gy = W(p.fy) * g_image[1] * iz;
-    g_camera(0, i) += gx;
-    g_camera(1, i) += gy;
-    g_camera(2, i) -= (gx * camera(0, i) + gy * camera(1, i)) * iz;
+/// Gradient to the vertices, 3 x M, from those to their camera points, 3 x M, and image points,
+/// 2 x M, the latter 0 for vertices that are not beyond near_depth.
+template <class T>
+Columns<T> screen_mesh_vjp(const ScreenMesh<T>& mesh, const Pinhole<real_t<T>>& view,
+                           Columns<widened_t<T>> g_camera, const Columns<widened_t<T>>& g_image) {
+    using W = widened_t<T>;
+    const Pinhole<double> p = view.template cast<double>();
+    const Mat3<double>& r = p.camera_from_world.rotation;
+    Columns<T> g(3, g_camera.cols());
+    for (Index i = 0; i < g.cols(); ++i) {
+        if (value_of(mesh.camera(2, i)) > p.near_depth) {
+            const W iz = W(1) / mesh.camera(2, i);
+            const W gx = W(p.fx) * g_image(0, i) * iz, gy = W(p.fy) * g_image(1, i) * iz;
+            g_camera(0, i) += gx;
+            g_camera(1, i) += gy;
+            g_camera(2, i) -= (gx * mesh.camera(0, i) + gy * mesh.camera(1, i)) * iz;
+        }
+        for (int d = 0; d < 3; ++d)
+            g(d, i) = scalar_cast<T>(W(W(r(0, d)) * g_camera(0, i) + W(r(1, d)) * g_camera(1, i) +
+                                       W(r(2, d)) * g_camera(2, i)));
+    }
+    return g;
 }
 
 template <class T>

@@ -154,35 +154,30 @@ widened_t<T> silhouette_value(const ScreenMesh<T>& mesh, const SilhouetteTrace& 
 }
 
 /// Calls add(vertex, gradient to its image point) for the trace's i-th pixel, whose soft mask has
-/// the gradient g. ds/dp_k is the product of the other (1 - p): taken from both ends, so that
+/// the gradient g. ds/dp_k is the product of the other (1 - p), taken from both ends, so that
 /// nothing is divided by 1 - p, which may be 0.
 template <class T, class Add>
 void silhouette_vjp(const ScreenMesh<T>& mesh, const SilhouetteTrace& trace, std::size_t i,
                     int width, double sharpness, const widened_t<T>& g, Add&& add) {
     using W = widened_t<T>;
-    using std::exp, std::expm1;
-    const Index begin = trace.begin[i], n = trace.begin[i + 1] - begin;
-    const auto at = [](Index k) { return static_cast<std::size_t>(k); };
-    std::vector<Vec2<W>> d(at(n));
-    std::vector<W> p(at(n)), after(at(n) + 1, W(1));
-    const auto exponent = [&](std::size_t k) {
-        return W(-sharpness) * (d[k][0] * d[k][0] + d[k][1] * d[k][1]);
-    };
-    for (Index k = n - 1; k >= 0; --k) {
-        d[at(k)] = detail::to_outline(mesh, trace.nearest[at(begin + k)], trace.pixel[i], width);
-        p[at(k)] = exp(exponent(at(k)));
-        after[at(k)] = after[at(k + 1)] * -expm1(exponent(at(k)));
+    using std::exp;
+    const std::size_t begin = static_cast<std::size_t>(trace.begin[i]);
+    const std::size_t n = static_cast<std::size_t>(trace.begin[i + 1]) - begin;
+    std::vector<Vec2<W>> d(n);
+    std::vector<W> p(n), after(n + 1, W(1));
+    for (std::size_t k = n; k-- > 0;) {
+        d[k] = detail::to_outline(mesh, trace.nearest[begin + k], trace.pixel[i], width);
+        p[k] = exp(W(-sharpness) * (d[k][0] * d[k][0] + d[k][1] * d[k][1]));
+        after[k] = after[k + 1] * (W(1) - p[k]);
     }
-    W before(1);
-    const double scale = 2.0 / width;
-    for (Index k = 0; k < n; ++k) {
-        const SilhouetteTrace::Nearest& near = trace.nearest[at(begin + k)];
-        const W g_p = g * before * after[at(k + 1)];
-        const W slope = W(-2 * sharpness * scale) * g_p * p[at(k)];
-        before = before * -expm1(exponent(at(k)));
-        const Vec2<W> g_point(slope * d[at(k)][0], slope * d[at(k)][1]);            // [1/px]
-        add(Index{near.a}, Vec2<W>(W(1 - near.t) * g_point[0], W(1 - near.t) * g_point[1]));
-        add(Index{near.b}, Vec2<W>(W(near.t) * g_point[0], W(near.t) * g_point[1]));
+    W before = W(-2 * sharpness * 2.0 / width) * g;                                 // [1/px]
+    for (std::size_t k = 0; k < n; ++k) {
+        const SilhouetteTrace::Nearest& near = trace.nearest[begin + k];
+        const W slope = before * after[k + 1] * p[k];
+        before = before * (W(1) - p[k]);
+        const W a = W(1 - near.t) * slope, b = W(near.t) * slope;
+        add(Index{near.a}, Vec2<W>(a * d[k][0], a * d[k][1]));
+        add(Index{near.b}, Vec2<W>(b * d[k][0], b * d[k][1]));
     }
 }
 

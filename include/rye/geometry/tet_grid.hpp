@@ -51,9 +51,10 @@ inline TetTopology tet_topology(Index vertex_count, std::vector<Tet> tets) {
     };
     for (const Tet& tet : out.tets)
         for_edges(tet, [&](std::size_t, Index a, Index b) {
-            require(a >= 0 && a < b && b < vertex_count, "tet_topology",
-                    "got an edge (" + std::to_string(a) + ", " + std::to_string(b) +
-                        "), expected two different vertices of " + std::to_string(vertex_count));
+            if (!(a >= 0 && a < b && b < vertex_count))
+                throw Error("tet_topology: got an edge (" + std::to_string(a) + ", " +
+                            std::to_string(b) + "), expected two different vertices of " +
+                            std::to_string(vertex_count));
             ++begin[at(a) + 1];
         });
     for (std::size_t i = 1; i < begin.size(); ++i) begin[i] += begin[i - 1];

@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/loss/mesh_terms.hpp: the seven terms that train the guidance mesh (stage 1), unweighted.
+/// Each takes plain columns and returns value and gradient. Units: lengths as given, colours and
+/// masks in 0 ... 1. Sums run in double for float. |x| has derivative 0 at 0.
+/// Source: the paper's L_RGB, L_sil, L_def, L_offset, L_lmk, L_lap, L_eyeoffset, with the means that
+/// Gaussian Head Avatar takes.
+#pragma once
+
+#include <vector>
+
+#include <rye/autodiff/widen.hpp>
+#include <rye/geometry/mesh.hpp>
+#include <rye/loss/term.hpp>
+
+namespace rye {
+
+namespace detail {
+
+template <class T>
+T sign_of(const T& x) {
+    return T(value_of(x) > 0 ? 1 : value_of(x) < 0 ? -1 : 0);
+}
+
+/// sum of x^2 / n and its gradient.
+template <class T>
+LossTerm<T> sum_of_squares(const ColumnsView<T>& x, Index n) {
+    using W = widened_t<T>;
+    LossTerm<T> out{T(0), n, Columns<T>::Zero(x.rows(), x.cols())};
+    if (n == 0) return out;
+    const double each = 1.0 / static_cast<double>(n);
+    W sum(0);
+    for (Index j = 0; j < x.cols(); ++j)
+        for (Index i = 0; i < x.rows(); ++i) {
+            const W v = scalar_cast<W>(T(x(i, j)));
+            sum += v * v;
+            out.gradient(i, j) = T(2 * each) * x(i, j);
+        }
+    out.value = scalar_cast<T>(W(W(each) * sum));
+    return out;
+}
+
+/// mean of |x| and its gradient.
+template <class T>
+LossTerm<T> mean_absolute(const ColumnsView<T>& x) {
+    using std::abs;
+    using W = widened_t<T>;
+    LossTerm<T> out{T(0), x.size(), Columns<T>::Zero(x.rows(), x.cols())};
+    if (out.count == 0) return out;
+    const double each = 1.0 / static_cast<double>(out.count);
+    W sum(0);
+    for (Index j = 0; j < x.cols(); ++j)
+        for (Index i = 0; i < x.rows(); ++i) {
+            sum += scalar_cast<W>(T(abs(T(x(i, j)))));
+            out.gradient(i, j) = T(each) * sign_of<T>(x(i, j));
+        }
+    out.value = scalar_cast<T>(W(W(each) * sum));
+    return out;
+}
+
+} // namespace detail
+
+/// L_RGB: mean over pixels and channels of |(color - target) visible|. color, target: 3 x P,
+/// visible: 1 x P. Invisible pixels count in the mean, as zeros.
+template <class T>
+LossTerm<T> color_term(const ColumnsView<T>& color, const ColumnsView<T>& target,
+                       const ColumnsView<T>& visible) {
+    RYE_ASSERT(color.cols() == target.cols() && color.cols() == visible.cols(), "color_term: sizes");
+    Columns<T> difference = color - target;
+    for (Index p = 0; p < difference.cols(); ++p) difference.col(p) *= visible(0, p);
+    LossTerm<T> out = detail::mean_absolute<T>(difference);
+    for (Index p = 0; p < difference.cols(); ++p) out.gradient.col(p) *= visible(0, p);
+    return out;
+}
+
+/// L_sil: 1 - sum ab / (sum (a + b - ab) + 1e-10) with a = soft visible, b = mask visible, all
+/// 1 x P; the gradient is to soft. Two empty masks agree: 0, count 0.
+template <class T>
+LossTerm<T> silhouette_term(const ColumnsView<T>& soft, const ColumnsView<T>& mask,
+                            const ColumnsView<T>& visible) {
+    RYE_ASSERT(soft.cols() == mask.cols() && soft.cols() == visible.cols(), "silhouette_term: sizes");
+    using W = widened_t<T>;
+    const auto get = [](const auto& m, Index p) { return scalar_cast<W>(T(m(0, p))); };
+    W both(0), either(0);
+    for (Index p = 0; p < soft.cols(); ++p) {
+        const W v = get(visible, p), a = get(soft, p) * v, b = get(mask, p) * v;
+        both += a * b;
+        either += a + b * (W(1) - a);
+    }
+    LossTerm<T> out{T(0), 0, Columns<T>::Zero(1, soft.cols())};
+    if (!(value_of(either) > 0)) return out;
+    out.count = soft.cols();
+    const W scale = W(1) / (either + W(1e-10));
+    const W iou = both * scale;
+    out.value = scalar_cast<T>(W(W(1) - iou));
+    for (Index p = 0; p < soft.cols(); ++p) {
+        const W v = get(visible, p), b = get(mask, p) * v;
+        out.gradient(0, p) = scalar_cast<T>(W((iou * (W(1) - b) - b) * scale * v));
+    }
+    return out;
+}
+
+/// L_def: mean over points and axes of the squared distance of deformed to observed landmarks,
+/// both 3 x L in the head frame.
+template <class T>
+LossTerm<T> deformation_term(const ColumnsView<T>& deformed, const ColumnsView<T>& observed) {
+    const Columns<T> difference = deformed - observed;
+    return detail::sum_of_squares<T>(difference, difference.size());
+}
+
+/// L_offset of one deformation: mean over points of the squared length of its raw output, D x M.
+template <class T>
+LossTerm<T> offset_term(const ColumnsView<T>& displacement) {
+    return detail::sum_of_squares<T>(displacement, displacement.cols());
+}
+
+/// L_lmk: mean |sdf| at the neutral landmarks, 1 x L.
+template <class T>
+LossTerm<T> landmark_term(const ColumnsView<T>& sdf) {
+    return detail::mean_absolute<T>(sdf);
+}
+
+/// L_lap: mean over vertices and axes of the squared uniform Laplacian of posed vertices, 3 x V in
+/// the world: its weight depends on the world's unit.
+template <class T>
+LossTerm<T> laplacian_term(const ColumnsView<T>& vertices, const std::vector<Face>& faces) {
+    const Columns<T> laplacian = uniform_laplacian<T>(vertices, faces);
+    LossTerm<T> out = detail::sum_of_squares<T>(laplacian, laplacian.size());
+    out.gradient = laplacian_vjp<T>(faces, out.gradient);
+    return out;
+}
+
+/// L_eyeoffset: mean over eyes and axes of |predicted - observed| displacement of the eyes' centres,
+/// both 3 x 2 in the head frame.
+template <class T>
+LossTerm<T> eye_offset_term(const ColumnsView<T>& predicted, const ColumnsView<T>& observed) {
+    const Columns<T> difference = predicted - observed;
+    return detail::mean_absolute<T>(difference);
+}
+
+} // namespace rye
