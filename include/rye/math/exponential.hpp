@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/math/exponential.hpp: 2^x by splitting off the whole part and a polynomial on [-1/2, 1/2].
+/// The degree is the price: time against an error that is part of the type. Callers fold log2(e)
+/// into their quadratic form, since multiplying x by it afterwards costs accuracy.
+/// Source: minimax polynomials in relative error (Remez); Cody and Waite, 1980.
+#pragma once
+
+#include <array>
+#include <bit>
+#include <cmath>
+#include <concepts>
+#include <cstdint>
+#include <type_traits>
+
+#include <rye/math/scalar.hpp>
+
+namespace rye {
+
+inline constexpr double log2_e = 1.4426950408889634074;
+inline constexpr double ln_2 = 0.69314718055994530942;
+
+namespace detail {
+
+/// p 2^k for a whole k within the normal exponents.
+template <Scalar T>
+RYE_HD T scale_by_power(const T& p, const T& k) {
+    if constexpr (std::same_as<T, float>)
+        return p * std::bit_cast<float>((static_cast<std::int32_t>(k) + 127) << 23);
+    else if constexpr (std::same_as<T, double>)
+        return p * std::bit_cast<double>((static_cast<std::int64_t>(k) + 1023) << 52);
+    else
+        return ldexp(p, to_int(k));  // a batch: its own, found by argument
+}
+
+/// Degrees 3 to 6, highest power first.
+template <int Degree>
+struct Exp2Coefficients;
+template <>
+struct Exp2Coefficients<3> {
+    static constexpr double error = 7.6e-5;
+    static constexpr std::array<double, 4> c{0.0551716685, 0.242611125, 0.693260968, 0.999928057};
+};
+template <>
+struct Exp2Coefficients<4> {
+    static constexpr double error = 2.8e-6;
+    static constexpr std::array<double, 5> c{0.00957010221, 0.0559178591, 0.240247443, 0.693121791,
+                                             0.999999285};
+};
+template <>
+struct Exp2Coefficients<5> {
+    static constexpr double error = 2.2e-7;
+    static constexpr std::array<double, 6> c{0.00132764725, 0.00967554096, 0.0555071309,
+                                             0.240221202,   0.693146944,   1.00000012};
+};
+template <>
+struct Exp2Coefficients<6> {
+    static constexpr double error = 9e-8;
+    static constexpr std::array<double, 7> c{0.000153458124, 0.00133999309, 0.00961848907,
+                                             0.0555032864,   0.240226462,   0.693147182, 1.};
+};
+
+} // namespace detail
+
+/// 2^x for x <= 127 in float. Below -126, and for NaN, it is 2^-126: a Gaussian whose exponent is
+/// NaN is transparent, on every backend, and not opaque.
+template <int Degree>
+struct Exp2Poly {
+    using Coefficients = detail::Exp2Coefficients<Degree>;
+    static constexpr double max_relative_error = Coefficients::error;  ///< in float
+
+    template <Scalar T>
+    RYE_HD T operator()(const T& x) const {
+        if constexpr (requires { x.chain(x.value, x.value); }) {  // a dual: d 2^x = ln(2) 2^x dx
+            const auto f = (*this)(x.value);
+            using V = std::remove_const_t<decltype(f)>;
+            return x.chain(f, V(constant<V>(ln_2) * f));
+        } else {
+            const T lowest = T(-126);
+            const T safe = select(x > lowest, x, lowest);
+            // Adding 1.5 times 2 to the number of mantissa bits rounds to a whole number.
+            const T round = constant<T>(sizeof(real_t<T>) == 4 ? 0x1.8p23 : 0x1.8p52);
+            const T k = (safe + round) - round;
+            const T f = safe - k;                                        // in [-1/2, 1/2]
+            T p = constant<T>(Coefficients::c[0]);
+            for (std::size_t i = 1; i < Coefficients::c.size(); ++i)
+                p = p * f + constant<T>(Coefficients::c[i]);
+            return detail::scale_by_power(p, k);
+        }
+    }
+};
+
+/// The library's 2^x, rounded almost correctly.
+struct Exp2Library {
+    static constexpr double max_relative_error = 1.5e-7;  ///< in float, the lane version's
+
+    template <Scalar T>
+    RYE_HD T operator()(const T& x) const {
+        using std::exp2;
+        return exp2(x);
+    }
+};
+
+/// 2^x with a stated error.
+template <class E>
+concept Exp2Kernel = std::default_initializable<E> && requires(const E e, const float x) {
+    { e(x) } -> std::same_as<float>;
+    { E::max_relative_error } -> std::convertible_to<double>;
+};
+static_assert(Exp2Kernel<Exp2Poly<5>> && Exp2Kernel<Exp2Library>);
+
+} // namespace rye
