@@ -120,8 +120,9 @@ TetGrid<T> bcc_grid(const Vec3<T>& lo, const Vec3<T>& hi, T cell) {
         for (int d = 0; d < 3; ++d) {
             const Index h = half[static_cast<std::size_t>(d)], all = 2 * n[static_cast<std::size_t>(d)];
             const T step = (hi[d] - lo[d]) / static_cast<T>(all);
-            grid.vertices(d, vertex) = 2 * h <= all ? lo[d] + static_cast<T>(h) * step
-                                                    : hi[d] - static_cast<T>(all - h) * step;
+            grid.vertices(d, vertex) = 2 * h < all   ? lo[d] + static_cast<T>(h) * step
+                                       : 2 * h > all ? hi[d] - static_cast<T>(all - h) * step
+                                                     : (lo[d] + hi[d]) / T(2);
         }
     };
     for (Index z = 0; z <= nz; ++z)
