@@ -4,7 +4,7 @@
 # one after it. rye/rye.hpp stands above all folders.
 set -eu
 cd "$1"
-order="core backend math autodiff geometry gaussian splat nn rig loss avatar train capture"
+order="core backend math autodiff geometry gaussian splat nn rig loss avatar capture train"
 # shellcheck disable=SC2016 # awk expands these
 find rye -mindepth 2 -name '*.hpp' | sort | xargs awk -v order="$order" '
     BEGIN { n = split(order, name, " "); for (i = 1; i <= n; ++i) rank[name[i]] = i }

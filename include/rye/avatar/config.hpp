@@ -12,7 +12,7 @@
 namespace rye {
 
 /// Which distance the thresholds t1 ... t4 are compared with; GHA's code compares squared ones.
-using DistanceMetric = std::variant<SquaredDistance, EuclideanDistance>;
+using ChosenMetric = std::variant<SquaredDistance, EuclideanDistance>;
 
 /// Hidden widths of each network; inputs and outputs follow from AvatarConfig.
 struct NetworkConfig {
@@ -38,7 +38,7 @@ struct AvatarConfig {
     double exp_far = 0.25;     ///< t2
     double gaze_near = 0.075;  ///< t3
     double gaze_far = 0.125;   ///< t4
-    DistanceMetric metric = SquaredDistance{};
+    ChosenMetric metric = SquaredDistance{};
 
     double deform_scale = 0.3;      ///< displacement = scale * tanh(network) [unit]
     double attribute_scale = 0.2;   ///< step of log-scale, quaternion and logit opacity

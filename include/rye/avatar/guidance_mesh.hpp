@@ -76,21 +76,22 @@ struct NeutralSurface {
     bool empty() const { return surface.topology.faces.empty(); }
 };
 
+/// Lattice vertices whose code is held at once, to bound the memory of a fine lattice.
+inline constexpr Index signed_distance_block = 32768;
+
 template <Backend B, class T>
 NeutralSurface<T> neutral_surface(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
                                   const TetGrid<T>& grid) {
     using std::tanh;
     NeutralSurface<T> n;
     Columns<T> sdf;
-    {   // the signed distance everywhere, block by block, without a trace
-        sdf.resize(1, grid.vertices.cols());
-        for_chunks<typename B::threads>(grid.vertices.cols(), 4096, [&](Index b, Index e, Index) {
-            const Columns<T> code =
-                positional_encoding(grid.vertices.middleCols(b, e - b), config.frequencies);
-            const Columns<T> out =
-                mlp_forward<ScalarBackend<Serial>, T>(mesh.geometry, code, VecX<T>(), nullptr);
-            sdf.middleCols(b, e - b) = out.topRows(1);
-        });
+    sdf.resize(1, grid.vertices.cols());
+    for (Index b = 0; b < sdf.cols(); b += signed_distance_block) {  // everywhere, without a trace
+        const Index count = std::min(signed_distance_block, sdf.cols() - b);
+        const Columns<T> code =
+            positional_encoding(grid.vertices.middleCols(b, count), config.frequencies);
+        sdf.middleCols(b, count) =
+            mlp_forward<B, T>(mesh.geometry, code, VecX<T>(), nullptr).topRows(1);
     }
     const SurfaceTopology topology = surface_topology<T>(grid.topology, sdf);  // sign of tanh(s) = s
     if (topology.faces.empty()) return n;

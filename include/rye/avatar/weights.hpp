@@ -10,6 +10,7 @@
 
 #include <rye/avatar/config.hpp>
 #include <rye/rig/influence.hpp>
+#include <rye/rig/nearest.hpp>
 
 namespace rye {
 
@@ -42,6 +43,16 @@ Columns<T> pick_columns(const Columns<T>& all, const std::vector<Index>& which) 
     return r;
 }
 
+namespace detail {
+
+/// Thresholds of landmark set s: expression, left eye, right eye.
+template <class T>
+Ramp<T> face_ramp(const AvatarConfig& c, std::size_t s) {
+    return s == 0 ? Ramp<T>{T(c.exp_near), T(c.exp_far)} : Ramp<T>{T(c.gaze_near), T(c.gaze_far)};
+}
+
+} // namespace detail
+
 template <Backend B, class T>
 Weights<T> face_weights(const AvatarConfig& config, const Columns<T>& points,
                         const Columns<T>& landmarks, const LandmarkRoles& roles,
@@ -54,12 +65,9 @@ Weights<T> face_weights(const AvatarConfig& config, const Columns<T>& points,
                                                           &trace.nearest[s]);
         for (Index& k : trace.nearest[s])
             if (k >= 0) k = (*sets[s])[static_cast<std::size_t>(k)];
-        const Ramp<T> ramp = s == 0 ? Ramp<T>(T(config.exp_near), T(config.exp_far))
-                                    : Ramp<T>(T(config.gaze_near), T(config.gaze_far));
         Columns<T>& lambda = s == 0 ? w.exp : w.gaze[s - 1];
         std::visit([&](const auto& metric) {
-            for (Index i = 0; i < points.cols(); ++i)
-                lambda(0, i) = influence(metric, ramp, trace.squared[s](0, i));
+            lambda = influence(metric, detail::face_ramp<T>(config, s), trace.squared[s]);
         }, config.metric);
     }
     w.pose = Columns<T>::Ones(1, points.cols()) - w.exp;
@@ -72,12 +80,11 @@ void face_weights_vjp(const AvatarConfig& config, const Columns<T>& points,
                       const Columns<T>& landmarks, const WeightsTrace<T>& trace,
                       const Weights<T>& g, Columns<T>& g_points, Columns<T>* g_landmarks) {
     for (std::size_t s = 0; s < 3; ++s) {
-        const Ramp<T> ramp = s == 0 ? Ramp<T>(T(config.exp_near), T(config.exp_far))
-                                    : Ramp<T>(T(config.gaze_near), T(config.gaze_far));
+        const Ramp<T> ramp = detail::face_ramp<T>(config, s);
         std::visit([&](const auto& metric) {
             for (Index i = 0; i < points.cols(); ++i) {
                 const T g_lambda = s == 0 ? T(g.exp(0, i) - g.pose(0, i)) : g.gaze[s - 1](0, i);
-                const T slope = influence_slope(metric, ramp, trace.squared[s](0, i));
+                const T slope = metric.slope(ramp, trace.squared[s](0, i));
                 if (slope == T(0)) continue;
                 const Index k = trace.nearest[s][static_cast<std::size_t>(i)];
                 const Vec3<T> d = (T(2) * g_lambda * slope) * (points.col(i) - landmarks.col(k));

@@ -13,6 +13,7 @@
 #include <rye/loss/perceptual.hpp>
 #include <rye/loss/photometric.hpp>
 #include <rye/splat/rasterizer.hpp>
+#include <rye/train/probe.hpp>
 
 namespace rye {
 
@@ -110,20 +111,24 @@ double eye_gain(EyeAverage average, const Columns<T>& mask) {
 } // namespace detail
 
 /// Renders and compares. Everything the vjp reads stays in `trace` and `pictures`.
-template <Backend B, class Accuracy, class Perceptual, class T>
+template <Backend B, class Accuracy, class Perceptual, class T, class Probe = NoProbe>
 AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& config,
                               const LandmarkRoles& roles, const AvatarLossConfig& weights,
                               const Rasterizer<B, Accuracy>& rasterizer,
                               const Perceptual& perceptual, const AvatarSample<T>& sample,
-                              TwoStreamTrace<T>& trace, AvatarPictures<T>& pictures) {
+                              TwoStreamTrace<T>& trace, AvatarPictures<T>& pictures,
+                              Probe&& probe = {}) {
     drive<B>(avatar, config, roles, corrected_drivers(avatar, sample), trace);
+    probe("networks");
     AvatarPictures<T>& p = pictures;
     p.final = rasterizer.forward(joined(trace.world_face, trace.world_eyes), sample.camera,
                                  sample.background);
     p.face = rasterizer.forward(trace.world_face, sample.camera, sample.blank);
     p.eyes = rasterizer.forward(trace.world_eyes, sample.camera, sample.background);
+    probe("render");
     p.high = upsampler_forward<B>(avatar.upsampler, p.final.feature, &p.high_trace);
     p.eyes_high = upsampler_forward<B>(avatar.upsampler, p.eyes.feature, &p.eyes_high_trace);
+    probe("super-resolution");
 
     const auto zero = [](const Image<T>& i) { return Columns<T>::Zero(i.channels(), i.size()); };
     p.g_high = zero(p.high);
@@ -156,14 +161,16 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
               T(weights.low_resolution) * l.low_resolution + T(weights.perceptual) * l.perceptual +
               T(weights.eye_low) * l.eye_low + T(weights.eye_high) * l.eye_high +
               T(weights.blank) * l.blank;
+    probe("losses");
     return l;
 }
 
 /// Adds dL/dparameters to `grad`.
-template <Backend B, class Accuracy, class T>
+template <Backend B, class Accuracy, class T, class Probe = NoProbe>
 void avatar_losses_vjp(const TwoStream<T>& avatar, const AvatarConfig& config,
                        const Rasterizer<B, Accuracy>& rasterizer, const AvatarSample<T>& sample,
-                       const TwoStreamTrace<T>& trace, AvatarPictures<T>& p, TwoStream<T>& grad) {
+                       const TwoStreamTrace<T>& trace, AvatarPictures<T>& p, TwoStream<T>& grad,
+                       Probe&& probe = {}) {
     Columns<T> g_feature;
     upsampler_vjp<B>(avatar.upsampler, p.final.feature, p.high_trace, p.g_high, grad.upsampler,
                      &g_feature);
@@ -171,6 +178,7 @@ void avatar_losses_vjp(const TwoStream<T>& avatar, const AvatarConfig& config,
     upsampler_vjp<B>(avatar.upsampler, p.eyes.feature, p.eyes_high_trace, p.g_eyes_high,
                      grad.upsampler, &g_feature);
     p.g_eyes += g_feature;
+    probe("super-resolution vjp");
 
     const Index n = trace.world_face.mean.cols();
     const Gaussians<T> g_final =
@@ -182,10 +190,12 @@ void avatar_losses_vjp(const TwoStream<T>& avatar, const AvatarConfig& config,
         rasterizer.vjp(trace.world_eyes, sample.camera, sample.background, p.eyes, p.g_eyes);
     add_fields(g_face, part(g_final, 0, n));
     add_fields(g_eyes, part(g_final, n, g_final.mean.cols() - n));
+    probe("render vjp");
 
     const Drivers<T> drivers = corrected_drivers(avatar, sample);
     const Vec<T, 6> g_pose = drive_vjp<B>(avatar, config, drivers, trace, g_face, g_eyes, grad);
     if (sample.frame >= 0) grad.delta_pose.col(sample.frame) += g_pose;
+    probe("networks vjp");
 }
 
 } // namespace rye

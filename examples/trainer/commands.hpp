@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+/// examples/trainer/commands.hpp: the subcommands of `rye`; each adds itself to the program.
+#pragma once
+
+#include <stdexcept>
+
+namespace CLI {
+class App;
+}
+
+namespace rye::trainer {
+
+void add_capture(CLI::App& app);
+void add_info(CLI::App& app);
+void add_train(CLI::App& app);
+void add_redirect(CLI::App& app);
+void add_evaluate(CLI::App& app);
+void add_export(CLI::App& app);
+void add_render(CLI::App& app);
+
+/// Ends the program with a code; main() catches it.
+struct Exit {
+    int code;
+};
+inline void exit_with(int code) {
+    if (code != 0) throw Exit{code};
+}
+
+/// Threads of all parallel code; 0: as many as the machine has.
+void set_threads(int threads);
+
+} // namespace rye::trainer

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye: capture, train, redirect, evaluate, export and render gaze-redirectable head avatars.
+#include <iostream>
+#include <new>
+
+#include <CLI/CLI.hpp>
+#include <omp.h>
+
+#include <rye/core/config.hpp>
+#include <rye/core/error.hpp>
+
+#include "commands.hpp"
+
+namespace rye::trainer {
+
+void set_threads(int threads) {
+    if (threads > 0) omp_set_num_threads(threads);
+}
+
+} // namespace rye::trainer
+
+int main(int argc, char** argv) {
+    using namespace rye::trainer;
+    const std::string version = std::to_string(RYE_VERSION_MAJOR) + "." +
+                                std::to_string(RYE_VERSION_MINOR) + "." +
+                                std::to_string(RYE_VERSION_PATCH);
+    CLI::App app{"rye " + version + ": gaze-redirectable Gaussian head avatars.\n"
+                 "A first tour: rye capture --out head; rye train --capture head --out run "
+                 "--preset tiny;\nrye redirect --run run --sweep --out sweep.png; rye evaluate "
+                 "--run run --capture head"};
+    app.set_version_flag("--version", version);
+    app.require_subcommand(1);
+    add_capture(app);
+    add_info(app);
+    add_train(app);
+    add_redirect(app);
+    add_evaluate(app);
+    add_export(app);
+    add_render(app);
+    try {
+        app.parse(argc, argv);
+    } catch (const CLI::ParseError& e) {
+        return app.exit(e);
+    } catch (const Exit& e) {
+        return e.code;
+    } catch (const rye::Error& e) {
+        std::cerr << "rye: " << e.what() << "\n";
+        return 2;
+    } catch (const std::bad_alloc&) {
+        std::cerr << "rye: out of memory\n";
+        return 3;
+    } catch (const std::exception& e) {
+        std::cerr << "rye: " << e.what() << "\n";
+        return 2;
+    }
+    return 0;
+}

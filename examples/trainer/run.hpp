@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+/// examples/trainer/run.hpp: the folder of a training run: its checkpoint, its log, its panels.
+/// A checkpoint holds parameters, optimiser state, step and configuration; it is replaced whole or
+/// not at all. Nothing in it depends on the clock, the number of threads or the run's own path.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include <rye/nn/adam.hpp>
+
+#include "config.hpp"
+#include "dataset.hpp"
+#include "types.hpp"
+
+namespace rye::trainer {
+
+enum class Stage { mesh, avatar };
+
+/// Everything that the next step depends on.
+struct TrainState {
+    Stage stage = Stage::mesh;
+    Index step = 0;          ///< steps done in this stage
+    TrainConfig config;
+    std::string capture;     ///< the capture's folder, as given
+    Subject subject;
+    std::vector<int> train_frames;  ///< columns of delta_pose
+    Mesh mesh;
+    Adam<Mesh> mesh_adam;
+    Avatar avatar;           ///< empty in stage 1
+    Adam<Avatar> avatar_adam;
+};
+
+inline std::filesystem::path checkpoint_path(const std::filesystem::path& run) {
+    return run / "checkpoint.safetensors";
+}
+
+void save_checkpoint(const std::filesystem::path& run, const TrainState& state);
+
+/// Error naming file and field for anything missing, of another shape, or of another version.
+TrainState load_checkpoint(const std::filesystem::path& run);
+
+/// A run whose second stage has begun; Error otherwise.
+TrainState load_trained(const std::filesystem::path& run);
+
+/// What an avatar shows: the feature renders, and the image after super-resolution on white.
+struct AvatarView {
+    Raster<float> final, face, eyes;
+    Image<float> high;
+};
+
+/// `camera` is of the full-size image. The streams alone are rendered only if asked for.
+AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
+                         const Pinhole<float>& camera, bool streams = false);
+
+/// RGB of a feature render (its first three channels).
+Image<float> rgb_of(const Image<float>& feature);
+
+} // namespace rye::trainer

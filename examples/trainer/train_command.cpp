@@ -1,0 +1,498 @@
+// SPDX-License-Identifier: Apache-2.0
+/// `rye train`: both stages, with progress, log, panels, checkpoints and resume.
+#include <csignal>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <iostream>
+#include <numeric>
+
+#include <CLI/CLI.hpp>
+
+#include <rye/loss/perceptual.hpp>
+#include <rye/train/initialize.hpp>
+
+#include "commands.hpp"
+#include "panel.hpp"
+#include "run.hpp"
+#include "validate.hpp"
+
+namespace rye::trainer {
+namespace {
+
+volatile std::sig_atomic_t stop_requested = 0;  // set by a signal, read between steps
+
+void request_stop(int signal) {
+    stop_requested = signal;
+    std::signal(signal, SIG_DFL);  // a second one ends the program at once
+}
+
+struct TrainOptions {
+    std::filesystem::path capture, out, config, perceptual_weights;
+    std::string preset = "cpu";
+    bool resume = false, overwrite = false, profile = false, quiet = false, print_config = false;
+    int threads = 0;
+    std::optional<std::uint64_t> seed;
+    std::optional<int> steps;
+};
+
+/// A line that rewrites itself on a terminal, and a plain line now and then elsewhere.
+class Progress {
+  public:
+    Progress(std::string stage, Index total, bool quiet)
+        : stage_(std::move(stage)), total_(total), quiet_(quiet), tty_(isatty(1) != 0) {}
+
+    void show(Index step, const std::string& losses, bool last) {
+        if (quiet_) return;
+        const double now = seconds();
+        if (first_step_ < 0) first_step_ = step - 1;
+        if (!last && now - shown_ < (tty_ ? 0.2 : 10.0)) return;
+        shown_ = now;
+        const double done = static_cast<double>(step - first_step_);
+        const double left = now / done * static_cast<double>(total_ - step);
+        char text[64];
+        std::snprintf(text, sizeof text, "%4.0f ms/step, %d:%02d left", 1e3 * now / done,
+                      static_cast<int>(left) / 60, static_cast<int>(left) % 60);
+        std::cout << (tty_ ? "\r\033[K" : "") << stage_ << " " << step << "/" << total_ << "  "
+                  << losses << "  " << text << (tty_ && !last ? "" : "\n") << std::flush;
+    }
+
+  private:
+    double seconds() const {
+        return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    }
+    std::string stage_;
+    Index total_, first_step_ = -1;
+    bool quiet_, tty_;
+    std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+    double shown_ = -1e9;
+};
+
+/// log.jsonl: one object a logged step. Resuming drops what a killed run wrote after its checkpoint.
+class Log {
+  public:
+    Log(const std::filesystem::path& path, const TrainState& state, bool resume) {
+        std::string kept;
+        if (resume) {
+            std::ifstream old(path);
+            for (std::string line; std::getline(old, line);) {
+                const auto json = nlohmann::json::parse(line, nullptr, false);
+                if (json.is_discarded()) continue;
+                const bool mesh = json.value("stage", "") == "mesh";
+                const bool before = (mesh && state.stage == Stage::avatar) ||
+                                    (mesh == (state.stage == Stage::mesh) &&
+                                     json.value("step", Index(0)) <= state.step);
+                if (before) kept += line + "\n";
+            }
+        }
+        file_.open(path, std::ios::trunc);
+        require(file_.good(), path.string(), "cannot be written");
+        file_ << kept << std::flush;
+    }
+    void write(const nlohmann::ordered_json& line) { file_ << line.dump() << "\n" << std::flush; }
+
+  private:
+    std::ofstream file_;
+};
+
+std::string brief(const char* name, double value) {
+    char text[48];
+    std::snprintf(text, sizeof text, "%s %.4f", name, value);
+    return text;
+}
+
+/// The frames of an epoch in an order that depends on seed and epoch alone.
+int frame_of_step(const std::vector<int>& frames, Index step, const Random& random) {
+    const Index n = static_cast<Index>(frames.size());
+    const Random epoch = random.fork(static_cast<std::uint64_t>(step / n));
+    std::vector<int> order = frames;
+    for (Index i = n - 1; i > 0; --i)
+        std::swap(order[static_cast<std::size_t>(i)],
+                  order[static_cast<std::size_t>(epoch.below(static_cast<std::uint64_t>(i), i + 1))]);
+    return order[static_cast<std::size_t>(step % n)];
+}
+
+std::vector<int> present_cameras(const Capture& capture, int frame) {
+    std::vector<int> all;
+    for (int c = 0; c < capture.camera_count(); ++c)
+        if (capture.view(frame, c).present) all.push_back(c);
+    require(!all.empty(), capture.folder.string() + ": frame " +
+            capture.frames[static_cast<std::size_t>(frame)].id, "no camera has an image of it");
+    return all;
+}
+
+double decayed(double decay, Index step, Index total) {
+    return std::pow(decay, static_cast<double>(step) / static_cast<double>(std::max<Index>(total, 1)));
+}
+
+Index total_steps(int steps, int epochs, const Capture& capture) {
+    return steps > 0 ? steps : static_cast<Index>(epochs) * static_cast<Index>(capture.train.size());
+}
+
+/// Non-finite gradients skip their step; this many in a row end the run.
+constexpr int max_skipped_steps = 20;
+
+/// The trainer of one run.
+class Trainer {
+  public:
+    Trainer(const TrainOptions& options, Capture capture, TrainState state)
+        : options_(options), capture_(std::move(capture)), state_(std::move(state)),
+          log_(options.out / "log.jsonl", state_, options.resume),
+          random_{state_.config.seed, 0} {
+        grid_ = lattice();
+    }
+
+    /// True if it ran to the end.
+    bool run() {
+        if (state_.stage == Stage::mesh) {
+            if (!train_mesh()) return false;
+            begin_avatar();
+        }
+        return train_avatar();
+    }
+    const TrainState& state() const { return state_; }
+
+  private:
+    TetGrid<float> lattice() const {
+        const Vec3<double> h = Vec3<double>::Constant(state_.config.grid.half_side);
+        const Vec3<float> lo = (state_.subject.head_centre - h).cast<float>();
+        const Vec3<float> hi = (state_.subject.head_centre + h).cast<float>();
+        return bcc_grid<float>(lo, hi, static_cast<float>(state_.config.grid.cell));
+    }
+
+    void check_applied(const AdamReport& report, const char* stage) {
+        skipped_ = report.applied ? 0 : skipped_ + 1;
+        if (report.applied) return;
+        log_.write({{"stage", stage}, {"step", state_.step}, {"skipped", report.first_bad_field}});
+        require(skipped_ < max_skipped_steps, options_.out.string(),
+                "the gradient of '" + report.first_bad_field + "' was not finite " +
+                    std::to_string(skipped_) + " times in a row at step " +
+                    std::to_string(state_.step) + "; the last checkpoint is sound");
+    }
+
+    bool stopped() {
+        if (stop_requested == 0) return false;
+        save_checkpoint(options_.out, state_);
+        std::cout << "\nstopped; the checkpoint is saved. Go on with\n  rye train --capture "
+                  << options_.capture.string() << " --out " << options_.out.string()
+                  << " --resume\n";
+        return true;
+    }
+
+    bool train_mesh() {
+        const TrainConfig& config = state_.config;
+        const MeshTrainConfig& m = config.mesh;
+        const Index total = total_steps(m.steps, m.epochs, capture_);
+        const Random order = random_.fork(1), views = random_.fork(2);
+        if (state_.step == 0)
+            pretrain_sphere<TrainBackend>(state_.mesh, config.avatar,
+                                          Vec3<float>(state_.subject.head_centre.cast<float>()),
+                                          static_cast<float>(config.grid.half_side),
+                                          m.pretrain_steps, 1e-3, random_.fork(3));
+        Mesh grad = zeros_like(state_.mesh);
+        MeshTrace<float> trace;
+        Progress progress("stage 1", total, options_.quiet);
+        int empty = 0;
+        while (state_.step < total) {
+            probe_.start();
+            const Index step = state_.step;
+            const int frame = frame_of_step(capture_.train, step, order);
+            std::vector<int> cameras = present_cameras(capture_, frame);
+            const Random pick = views.fork(static_cast<std::uint64_t>(step));
+            const int wanted = std::min<int>(m.views, static_cast<int>(cameras.size()));
+            for (int v = 0; v < wanted; ++v)
+                std::swap(cameras[static_cast<std::size_t>(v)],
+                          cameras[static_cast<std::size_t>(
+                              v + pick.below(static_cast<std::uint64_t>(v),
+                                             static_cast<Index>(cameras.size()) - v))]);
+            cameras.resize(static_cast<std::size_t>(wanted));
+            const MeshSample<float> sample =
+                mesh_sample(capture_, state_.subject, config, frame, cameras);
+            probe_("data");
+            const MeshLosses<float> l = mesh_losses<TrainBackend>(
+                state_.mesh, config.avatar, state_.subject.roles, grid_, m.weights,
+                m.landmarks_follow_gaze, sample, trace, probe_);
+            empty = l.vertices == 0 ? empty + 1 : 0;
+            require(empty < 100, options_.out.string(),
+                    "the signed distance of stage 1 has had no surface for 100 steps (step " +
+                        std::to_string(step) + "); check units and head pose with `rye info`");
+            Mesh::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
+            mesh_losses_vjp<TrainBackend>(state_.mesh, config.avatar, m.landmarks_follow_gaze,
+                                          sample, trace, grad, probe_);
+            const double decay = decayed(m.rate_decay, step, total);
+            check_applied(adam_step<TrainBackend>(state_.mesh, grad, state_.mesh_adam,
+                                                  [&](const std::string& name) {
+                                                      return decay * m.rates(name);
+                                                  }),
+                          "mesh");
+            probe_("optimiser");
+            ++state_.step;
+            const bool last = state_.step == total;
+            if (state_.step % 20 == 0 || last)
+                log_.write({{"stage", "mesh"}, {"step", state_.step}, {"loss", l.total},
+                            {"rgb", l.rgb}, {"silhouette", l.silhouette}, {"deform", l.deform},
+                            {"offset", l.offset}, {"landmark", l.landmark},
+                            {"laplacian", l.laplacian}, {"eye_offset", l.eye_offset},
+                            {"vertices", l.vertices}});
+            progress.show(state_.step,
+                          brief("loss", l.total) + brief("  rgb", l.rgb) +
+                              brief("  silhouette", l.silhouette) + brief("  deform", l.deform) +
+                              "  vertices " + std::to_string(l.vertices),
+                          last);
+            if (stopped()) return false;
+            if (state_.step % state_.config.gaussians.checkpoint_every == 0)
+                save_checkpoint(options_.out, state_);
+        }
+        return true;
+    }
+
+    void begin_avatar() {
+        const TrainConfig& config = state_.config;
+        AvatarInit<float> init;
+        init.grid = config.grid.subdivide ? subdivided(grid_) : grid_;
+        init.mouth_points = config.gaussians.mouth_points;
+        init.opacity = static_cast<float>(config.gaussians.opacity);
+        init.eye_opacity = static_cast<float>(config.gaussians.eyeball.opacity);
+        init.eye_centre.resize(3, 2);
+        for (std::size_t e = 0; e < 2; ++e) {
+            init.eyeball[e] = eyeball_of(state_.subject, config, e);
+            init.eye_centre.col(static_cast<Index>(e)) = state_.subject.eye_centre[e].cast<float>();
+        }
+        init.upsampler = config.gaussians.upsampler;
+        init.upsampler.in_channels = config.avatar.channels;
+        init.frames = static_cast<Index>(capture_.train.size());
+        state_.avatar = initialize_avatar<TrainBackend>(state_.mesh, config.avatar, init,
+                                                        random_.fork(4));
+        state_.avatar_adam = Adam<Avatar>(state_.avatar);
+        state_.stage = Stage::avatar;
+        state_.step = 0;
+        save_checkpoint(options_.out, state_);
+        if (!options_.quiet)
+            std::cout << "stage 2 begins with " << state_.avatar.face.position.cols()
+                      << " face and " << state_.avatar.eyes.position.cols() << " eye Gaussians\n";
+    }
+
+    static EyeballTemplate<float> eyeball_of(const Subject& s, const TrainConfig& config,
+                                             std::size_t eye) {
+        EyeballShape shape = EyeballShape{}.with_radius(s.eye_radius[eye]);
+        shape.pupil_radius *= s.limbus_radius[eye] / shape.limbus_radius;
+        shape.limbus_radius = s.limbus_radius[eye];
+        shape.iris_plane = s.iris_plane[eye];
+        // A ring has about 32 points; share the wanted number as the template's defaults do.
+        const double share = std::sqrt(static_cast<double>(config.gaussians.eyeball.points) / 2000);
+        const auto rings = [&](int n) { return std::max(3, static_cast<int>(std::lround(n * share))); };
+        shape.iris_rings = rings(shape.iris_rings);
+        shape.sclera_rings = rings(shape.sclera_rings);
+        shape.back_rings = rings(shape.back_rings);
+        return eyeball_template<float>(shape);
+    }
+
+    AvatarSample<float> sample_of(Index step, const Random& order, const Random& views,
+                                  const Random& colors) {
+        const int frame = frame_of_step(capture_.train, step, order);
+        const std::vector<int> cameras = present_cameras(capture_, frame);
+        const std::uint64_t key = static_cast<std::uint64_t>(step);
+        const int camera = cameras[static_cast<std::size_t>(
+            views.below(key, static_cast<Index>(cameras.size())))];
+        AvatarSample<float> s = avatar_sample(capture_, state_.config, frame, camera);
+        const Random color = colors.fork(key);
+        for (Index c = 0; c < s.blank.size(); ++c)
+            s.blank(c) = static_cast<float>(color.uniform(static_cast<std::uint64_t>(c)));
+        return s;
+    }
+
+    template <class Perceptual>
+    bool train_avatar_with(const Perceptual& perceptual) {
+        const TrainConfig& config = state_.config;
+        const AvatarTrainConfig& g = config.gaussians;
+        const Index total = total_steps(g.steps, g.epochs, capture_);
+        const Random order = random_.fork(5), views = random_.fork(6), colors = random_.fork(7);
+        const TrainRasterizer rasterizer;
+        Avatar grad = zeros_like(state_.avatar);
+        TwoStreamTrace<float> trace;
+        AvatarPictures<float> pictures;
+        Progress progress("stage 2", total, options_.quiet);
+        while (state_.step < total) {
+            probe_.start();
+            const Index step = state_.step;
+            const AvatarSample<float> sample = sample_of(step, order, views, colors);
+            probe_("data");
+            const AvatarLosses<float> l = avatar_losses<TrainBackend>(
+                state_.avatar, config.avatar, state_.subject.roles, g.weights, rasterizer,
+                perceptual, sample, trace, pictures, probe_);
+            Avatar::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
+            avatar_losses_vjp<TrainBackend>(state_.avatar, config.avatar, rasterizer, sample, trace,
+                                            pictures, grad, probe_);
+            const double decay = decayed(g.rate_decay, step, total);
+            check_applied(adam_step<TrainBackend>(state_.avatar, grad, state_.avatar_adam,
+                                                  [&](const std::string& name) {
+                                                      return decay * g.rates(name);
+                                                  }),
+                          "avatar");
+            probe_("optimiser");
+            ++state_.step;
+            const bool last = state_.step == total;
+            if (state_.step % 20 == 0 || last)
+                log_.write({{"stage", "avatar"}, {"step", state_.step}, {"loss", l.total},
+                            {"high_resolution", l.high_resolution},
+                            {"low_resolution", l.low_resolution}, {"perceptual", l.perceptual},
+                            {"eye_low", l.eye_low}, {"eye_high", l.eye_high}, {"blank", l.blank}});
+            progress.show(state_.step,
+                          brief("loss", l.total) + brief("  hr", l.high_resolution) +
+                              brief("  lr", l.low_resolution) + brief("  eyes", l.eye_high) +
+                              brief("  blank", l.blank),
+                          last);
+            if (g.panel_every > 0 && (state_.step % g.panel_every == 0 || last)) write_panel(sample);
+            if (stopped()) return false;
+            if (state_.step % g.checkpoint_every == 0 || last) save_checkpoint(options_.out, state_);
+        }
+        return true;
+    }
+
+    bool train_avatar() {
+        if (options_.perceptual_weights.empty()) return train_avatar_with(PyramidGradientLoss{});
+        return train_avatar_with(LpipsVgg<float>::load(options_.perceptual_weights));
+    }
+
+    void write_panel(const AvatarSample<float>& sample) {
+        const int factor = 1 << state_.config.gaussians.upsampler.doublings;
+        const Pinhole<float> full = scaled(sample.camera, factor);
+        const AvatarView v = render_avatar(state_, corrected_drivers(state_.avatar, sample), full, true);
+        const int width = sample.truth.width;
+        const std::string number = std::to_string(state_.step);
+        const std::string name = "step_" + std::string(7 - std::min<std::size_t>(7, number.size()), '0') +
+                                 number + ".png";
+        write_png(options_.out / "panels" / name,
+                  side_by_side({sample.truth, v.high, enlarged(rgb_of(v.final.feature), width),
+                                enlarged(rgb_of(v.face.feature), width),
+                                enlarged(rgb_of(v.eyes.feature), width)}));
+    }
+
+    const TrainOptions& options_;
+    Capture capture_;
+    TrainState state_;
+    Log log_;
+    Random random_;
+    TetGrid<float> grid_;
+    TimeProbe probe_;
+    int skipped_ = 0;
+
+  public:
+    void print_profile() const {
+        double all = 0;
+        for (const auto& [name, part] : probe_.parts()) all += part.seconds;
+        std::printf("%-22s %10s %10s %7s\n", "part of a step", "calls", "ms a call", "share");
+        for (const auto& [name, part] : probe_.parts())
+            std::printf("%-22s %10td %10.3f %6.1f%%\n", name.c_str(), part.calls,
+                        1e3 * part.seconds / static_cast<double>(part.calls), 100 * part.seconds / all);
+    }
+};
+
+TrainConfig config_of(const TrainOptions& o) {
+    TrainConfig config = preset(o.preset);
+    if (!o.config.empty()) {
+        std::ifstream file(o.config);
+        require(file.good(), o.config.string(), "cannot be read");
+        try {
+            from_json(nlohmann::ordered_json::parse(file, nullptr, true, true), o.config.string(),
+                      config);
+        } catch (const nlohmann::json::exception& e) {
+            throw Error(o.config.string() + ": " + e.what());
+        }
+    }
+    if (o.seed) config.seed = *o.seed;
+    if (o.steps) config.gaussians.steps = *o.steps;
+    return config;
+}
+
+int train(const TrainOptions& o) {
+    if (o.print_config) {
+        std::cout << to_json(config_of(o)).dump(2) << "\n";
+        return 0;
+    }
+    require(!o.out.empty(), "rye train", "--out is missing, expected a folder for the run");
+    set_threads(o.threads);
+    TrainState state;
+    const bool there = std::filesystem::exists(checkpoint_path(o.out));
+    require(!there || o.resume || o.overwrite, o.out.string(),
+            "holds a run already; expected --resume to go on with it, or --overwrite to lose it");
+    std::filesystem::path folder = o.capture;
+    if (o.resume) {
+        state = load_checkpoint(o.out);
+        if (folder.empty()) folder = state.capture;
+        if (o.steps) state.config.gaussians.steps = *o.steps;
+    }
+    require(!folder.empty(), "rye train", "--capture is missing, expected the folder of a capture");
+    Capture capture = checked_capture(folder);
+    if (o.resume) {
+        require(state.train_frames == capture.train, folder.string(),
+                "its training frames are not those that this run began with");
+    } else {
+        state.config = config_of(o);
+        state.config.avatar.expression = capture.expression_width();
+        const int factor = 1 << state.config.gaussians.upsampler.doublings;
+        require(capture.width % factor == 0 && capture.height % factor == 0, folder.string(),
+                "images of " + std::to_string(capture.width) + " x " + std::to_string(capture.height) +
+                    " pixels, expected sides divisible by " + std::to_string(factor) +
+                    " (gaussians.upsampler.doublings)");
+        require(capture.has_eye_masks, folder.string(),
+                "some images have no eye_mask_<camera>.png, expected one for every view");
+        state.capture = folder.string();
+        state.subject = describe_subject(capture, state.config);
+        state.train_frames = capture.train;
+        state.mesh = Mesh::init(state.config.avatar, state.subject.neutral.cast<float>(),
+                                Random{state.config.seed, 0});
+        state.mesh_adam = Adam<Mesh>(state.mesh);
+    }
+    std::filesystem::create_directories(o.out / "panels");
+    {
+        std::ofstream file(o.out / "config.json");
+        require(file.good(), (o.out / "config.json").string(), "cannot be written");
+        file << to_json(state.config).dump(2) << "\n";
+    }
+    std::signal(SIGINT, request_stop);
+    std::signal(SIGTERM, request_stop);
+    Trainer trainer(o, std::move(capture), std::move(state));
+    const bool done = trainer.run();
+    if (o.profile) trainer.print_profile();
+    if (done && !o.quiet)
+        std::cout << "done: " << checkpoint_path(o.out).string() << "\npanels: "
+                  << (o.out / "panels").string()
+                  << " (truth, final, low resolution, face alone, eyes alone)\n";
+    return done ? 0 : 128 + static_cast<int>(stop_requested);
+}
+
+} // namespace
+
+void add_train(CLI::App& app) {
+    auto options = std::make_shared<TrainOptions>();
+    CLI::App* c = app.add_subcommand("train", "Train a gaze-redirectable head avatar from a capture");
+    c->add_option("--capture", options->capture, "Folder of the capture (see `rye info`)");
+    c->add_option("--out", options->out, "Folder of the run: checkpoint, log.jsonl, panels");
+    c->add_option("--preset", options->preset,
+                  "tiny: minutes on two cores; cpu: below an hour; paper: the paper's numbers")
+        ->check(CLI::IsMember({"tiny", "cpu", "paper"}))
+        ->capture_default_str();
+    c->add_option("--config", options->config,
+                  "JSON file whose fields replace the preset's (see --print-config)");
+    c->add_flag("--print-config", options->print_config,
+                "Print the effective configuration, every field of it, and stop");
+    c->add_option("--steps", options->steps, "Steps of stage 2, instead of the configuration's");
+    c->add_option("--seed", options->seed, "Seed of all randomness");
+    c->add_option("--threads", options->threads, "Threads; results do not depend on it (0: all)")
+        ->capture_default_str();
+    c->add_option("--perceptual-weights", options->perceptual_weights,
+                  "VGG16 + LPIPS weights (safetensors, see docs/perceptual.md); without them the "
+                  "weight-free gradient-pyramid loss is used");
+    c->add_flag("--resume", options->resume, "Go on from the run's checkpoint, bit for bit");
+    c->add_flag("--overwrite", options->overwrite, "Replace a run that is in --out");
+    c->add_flag("--profile", options->profile, "Print where a step's time went");
+    c->add_flag("--quiet", options->quiet, "No progress line");
+    c->callback([options] { exit_with(train(*options)); });
+}
+
+} // namespace rye::trainer

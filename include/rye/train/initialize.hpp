@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/initialize.hpp: the first state of each stage: a sphere for stage 1; Gaussians on the
+/// neutral surface, in the mouth and on the eyeballs for stage 2.
+/// Source: GHA's pre-training and GaussianHeadModule; paper section 4.1, last paragraph.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include <rye/avatar/guidance_mesh.hpp>
+#include <rye/avatar/two_stream.hpp>
+#include <rye/geometry/nearest.hpp>
+#include <rye/nn/adam.hpp>
+#include <rye/rig/eyeball.hpp>
+
+namespace rye {
+
+/// Fits the signed distance to a sphere of radius 1 at `centre`, over points of the cube of the
+/// given half side around it. Targets beyond 1 cannot be reached through tanh; they need not be.
+template <Backend B, Real T>
+void pretrain_sphere(GuidanceMesh<T>& mesh, const AvatarConfig& config, const Vec3<T>& centre,
+                     T half_side, int steps, double rate, const Random& random) {
+    constexpr Index points = 8192;
+    Adam<GuidanceMesh<T>> adam(mesh);
+    GuidanceMesh<T> grad = zeros_like(mesh);
+    for (int step = 0; step < steps; ++step) {
+        const Random r = random.fork(static_cast<std::uint64_t>(step));
+        Columns<T> x(3, points), target(1, points);
+        for (Index i = 0; i < x.size(); ++i)
+            x(i) = half_side * T(2 * r.uniform(static_cast<std::uint64_t>(i)) - 1);
+        target.row(0) = x.colwise().norm().array() - T(1);
+        x.colwise() += centre;
+        GeometryTrace<T> trace;
+        geometry_at<B>(mesh, config, x, trace);
+        Columns<T> g = Columns<T>::Zero(trace.output.rows(), points);
+        g.row(0) = T(2.0 / points) * (trace.output.row(0) - target.row(0));
+        GuidanceMesh<T>::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
+        geometry_vjp<B>(mesh, config, trace, g, grad);
+        adam_step<B>(mesh, grad, adam, [&](const std::string& name) {
+            return name.starts_with("geo_mlp.") ? rate : 0.0;
+        });
+    }
+}
+
+/// What initialize_avatar needs beside the guidance mesh.
+template <class T>
+struct AvatarInit {
+    TetGrid<T> grid;           ///< subdivided once more than stage 1's, if so wished
+    int mouth_points = 3000;
+    T opacity = T(0.3);
+    T eye_opacity = T(0.9);
+    std::array<EyeballTemplate<T>, 2> eyeball;  ///< about their centres, canonical units
+    Columns<T> eye_centre;     ///< neutral, canonical, 3 x 2
+    UpsamplerShape upsampler;
+    Index frames = 0;          ///< training frames, for delta_pose
+};
+
+/// A feature that saturated tanh would be infinite before it; this keeps it below 6.2.
+inline constexpr double max_initial_feature = 1 - 1e-5;
+
+/// Points in the mouth, where the neutral surface has none: uniform in a box around the lips.
+/// `lips` are their columns among the landmarks. Source: GHA, 1.6 times the lips' extent.
+template <Real T>
+Columns<T> mouth_points(const Columns<T>& lips, int count, const Random& random) {
+    Vec3<T> centre = lips.rowwise().mean();
+    centre.z() = lips.row(2).minCoeff();
+    const Vec3<T> extent = (lips.colwise() - centre).cwiseAbs().rowwise().maxCoeff();
+    Columns<T> x(3, count);
+    for (Index i = 0; i < count; ++i)
+        for (Index a = 0; a < 3; ++a)
+            x(a, i) = centre(a) + T(1.6) * extent(a) *
+                                      T(random.uniform(static_cast<std::uint64_t>(3 * i + a)) - 0.5);
+    return x;
+}
+
+/// Error if the guidance mesh has no surface.
+template <Backend B, Real T>
+TwoStream<T> initialize_avatar(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
+                               const AvatarInit<T>& init, const Random& random) {
+    const NeutralSurface<T> neutral = neutral_surface<B>(mesh, config, init.grid);
+    require(!neutral.empty(), "initialize_avatar",
+            "the guidance mesh of stage 1 has no surface (its signed distance has one sign "
+            "everywhere), expected a head; check units and head pose with `rye info`, or train "
+            "stage 1 for longer");
+    const Columns<T>& surface = neutral.surface.positions;
+    // The inner and outer lips: GHA's landmarks[48:66].
+    const Columns<T> lips = mesh.landmarks.middleCols(48, 18);
+    const Columns<T> mouth = mouth_points(lips, init.mouth_points, random.fork(21));
+    const Index n = surface.cols() + mouth.cols();
+
+    TwoStream<T> a;
+    FaceStream<T>& f = a.face;
+    f.position.resize(3, n);
+    f.position << surface, mouth;
+    f.feature = Columns<T>::Zero(config.feature, n);
+    f.feature.leftCols(surface.cols()) = neutral.feature.unaryExpr([](const T& v) {
+        const T limit = T(max_initial_feature);
+        return T(std::atanh(std::clamp(v, -limit, limit)));
+    });
+    const Columns<T> d2 = mean_squared_neighbour_distance<B>(f.position);
+    f.log_scale = d2.unaryExpr([](const T& v) {
+        return T(0.5) * std::log(std::max(v, T(1e-7)));
+    }).replicate(3, 1);
+    f.rotation = Columns<T>::Zero(4, n);
+    f.rotation.row(0).setOnes();
+    f.opacity_logit = Columns<T>::Constant(1, n, logit(init.opacity));
+    f.landmarks = mesh.landmarks;
+    f.networks = mesh.networks;
+    const auto attributes = [&](int frame_inputs, const std::vector<int>& hidden, int key) {
+        return Mlp<T>::init(mlp_shape(config.feature, frame_inputs, hidden, 8),
+                            random.fork(static_cast<std::uint64_t>(key)));
+    };
+    f.exp_attributes = attributes(config.expression, config.networks.exp_attributes, 22);
+    f.pose_attributes = attributes(config.pose_code(), config.networks.pose_attributes, 23);
+
+    EyeStream<T>& e = a.eyes;
+    const Index per_eye = init.eyeball[0].points.cols();
+    e.position.resize(3, 2 * per_eye);
+    e.position << init.eyeball[0].points, init.eyeball[1].points;
+    e.centre = init.eye_centre;
+    e.feature = Columns<T>::Constant(config.channels, 2 * per_eye, T(0.5));
+    for (Index i = config.channels > 3 ? 3 : 0; i < config.channels; ++i)
+        for (Index k = 0; k < 2 * per_eye; ++k)  // beyond RGB: small numbers that differ
+            e.feature(i, k) = T(0.1 * (2 * random.fork(24).uniform(static_cast<std::uint64_t>(
+                                               k * config.channels + i)) - 1));
+    Columns<T> spacing(1, 2 * per_eye);
+    spacing << init.eyeball[0].spacing, init.eyeball[1].spacing;
+    e.log_scale = spacing.unaryExpr([](const T& v) {
+        return T(std::log(std::max(v, T(1e-4))));
+    }).replicate(3, 1);
+    e.rotation = Columns<T>::Zero(4, 2 * per_eye);
+    e.rotation.row(0).setOnes();
+    e.opacity_logit = Columns<T>::Constant(1, 2 * per_eye, logit(init.eye_opacity));
+    e.offset = mesh.eye_offset;
+
+    a.upsampler = Upsampler<T>::init(init.upsampler, random.fork(25));
+    a.delta_pose = Columns<T>::Zero(6, std::max<Index>(init.frames, 1));
+    return a;
+}
+
+} // namespace rye

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/probe.hpp: where a step's time goes. A step calls its probe at the end of each part; the
+/// default does nothing and costs nothing.
+#pragma once
+
+#include <chrono>
+#include <map>
+#include <string>
+
+#include <rye/core/config.hpp>
+
+namespace rye {
+
+struct NoProbe {
+    void operator()(const char*) const {}
+};
+
+/// Sums wall time by part. Keep one for many steps; call start() before each.
+class TimeProbe {
+  public:
+    struct Part {
+        double seconds = 0;
+        Index calls = 0;
+    };
+    void start() { last_ = std::chrono::steady_clock::now(); }
+    void operator()(const char* part) {
+        const auto now = std::chrono::steady_clock::now();
+        Part& p = parts_[part];
+        p.seconds += std::chrono::duration<double>(now - last_).count();
+        ++p.calls;
+        last_ = now;
+    }
+    const std::map<std::string, Part>& parts() const { return parts_; }
+
+  private:
+    std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+    std::map<std::string, Part> parts_;
+};
+
+} // namespace rye
