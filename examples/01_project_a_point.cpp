@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Lesson 1: a formula is written once, over its scalar. With doubles it gives a value; with duals,
-// the value and its derivatives; and a test of the derivatives needs nothing but the formula itself.
+// the value and its derivatives; and a test of those needs nothing but the formula itself.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>

@@ -5,6 +5,7 @@
 #include <cstdio>
 
 #include <rye/backend/xsimd.hpp>
+#include <rye/core/random.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/nn/encoding.hpp>
 #include <rye/nn/mlp.hpp>
@@ -20,13 +21,13 @@ int main() {
     Columns<float> points(2, n), target(1, n);
     for (Index i = 0; i < n; ++i) {
         const auto k = static_cast<std::uint64_t>(i);
-        points(0, i) = static_cast<float>(2 * random.uniform(2 * k) - 1);
-        points(1, i) = static_cast<float>(2 * random.uniform(2 * k + 1) - 1);
+        points(0, i) = float(2 * random.uniform(2 * k) - 1);
+        points(1, i) = float(2 * random.uniform(2 * k + 1) - 1);
         target(0, i) = std::sin(3 * points(0, i)) * std::cos(2 * points(1, i));
     }
 
     const Columns<float> encoded = positional_encoding(points, 2);  // 10 x n
-    const VecX<float> frame;                                        // no inputs shared by all points
+    const VecX<float> frame;                    // no inputs that all points share
     Mlp<float> network = Mlp<float>::init({.dims = {10, 32, 32, 1}}, random.fork(1));
     std::printf("a network of %td numbers:\n", count_fields(network));
     Mlp<float>::fields(
