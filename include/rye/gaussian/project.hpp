@@ -64,13 +64,13 @@ struct ScreenGaussian {
     T depth;                     ///< z [world units]
     Sym2<T> covariance;          ///< for bounds [px^2]
     T determinant;               ///< of the covariance [px^4]
-    PrecisionFactor<T> precision; ///< w = L (p - centre): density exp(-|w|^2 / 2)
-    Mask drawable;               ///< in front of the near plane, and an ellipse that floats can hold
+    PrecisionFactor<T> precision; ///< w = L (p - centre), density exp(-|w|^2 / 2)
+    Mask drawable;               ///< beyond the near plane, its ellipse within range
 };
 
-/// Cotangent of a screen Gaussian. The shape's is given through whitened offsets w = L (p - centre):
-/// `moment` is the sum of g w w^T over pixels, g being the cotangent of -|w|^2 / 2. In these terms
-/// nothing cancels, however long the needle.
+/// Cotangent of a screen Gaussian. The shape's is in whitened offsets w = L (p - centre): `moment`
+/// is the sum of g w w^T over pixels, g being the cotangent of -|w|^2 / 2. In these terms nothing
+/// cancels, however long the needle.
 template <Scalar T>
 struct ScreenCotangent {
     Vec2<T> centre;              ///< [1 / px]

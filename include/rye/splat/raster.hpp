@@ -32,6 +32,8 @@ struct Raster {
     RasterTrace<T> trace;
 };
 
+enum class Candidacy : std::uint8_t { hidden, visible, non_finite };
+
 /// Memory that renders may share to spare allocations; it holds no state between calls.
 template <class T>
 struct RasterScratch {
@@ -42,7 +44,7 @@ struct RasterScratch {
         Footprint<real_t<T>> footprint;
     };
     std::vector<Candidate> candidates;   ///< by index
-    std::vector<std::uint8_t> state;     ///< by index: see project_gaussians
+    std::vector<Candidacy> state;        ///< by index
     std::vector<Key> keys;
     SortBuffer<Key> sort;
     std::vector<Span> pixel_rows;        ///< by rank

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/rasterizer.hpp: Gaussians to images of features, alpha and depth in one pass, and back.
+/// rye/splat/rasterizer.hpp: Gaussians to images of features, alpha and depth, and back.
 /// The derivative in a direction is `forward` on duals. Results do not depend on the number of
 /// threads: every (tile, Gaussian) pair owns its partial gradient, merged in the order of tiles.
 #pragma once
@@ -7,8 +7,26 @@
 #include <rye/backend/scalar.hpp>
 #include <rye/splat/stage.hpp>
 #include <rye/splat/vjp.hpp>
+#include <rye/splat/xsimd_forward.hpp>
+#include <rye/splat/xsimd_stage.hpp>
+#include <rye/splat/xsimd_vjp.hpp>
 
 namespace rye {
+
+/// f(std::integral_constant) of the number of channels where a walk is compiled for it, else of 0.
+template <class F>
+decltype(auto) with_channels(Index channels, F&& f) {
+    using std::integral_constant;
+    switch (channels) {
+    case 1: return f(integral_constant<int, 1>());
+    case 3: return f(integral_constant<int, 3>());
+    case 4: return f(integral_constant<int, 4>());
+    case 8: return f(integral_constant<int, 8>());
+    case 16: return f(integral_constant<int, 16>());
+    case 32: return f(integral_constant<int, 32>());
+    default: return f(integral_constant<int, 0>());
+    }
+}
 
 template <Backend B, AccuracyPolicy A = Balanced>
 struct Rasterizer {
@@ -33,7 +51,10 @@ struct Rasterizer {
         s.candidates.resize(n);
         s.state.resize(n);
         for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
-            project_range(g, camera, accuracy, b, e, s);
+            if constexpr (LaneBackend<B, T>)
+                project_range_lanes<typename B::template batch<T>>(g, camera, accuracy, b, e, s);
+            else
+                project_range(g, camera, accuracy, b, e, s);
         });
         arrange<B>(camera, accuracy, s, out.trace);
         shape_image(out.feature, camera, g.channels());
@@ -41,8 +62,17 @@ struct Rasterizer {
         shape_image(out.depth, camera, 1);
         out.trace.used.resize(static_cast<std::size_t>(out.trace.lists.tiles()));
         const Scene<T> scene = scene_of(g, camera, background, out.trace);
-        for_chunks<typename B::threads>(out.trace.lists.tiles(), 8, [&](Index b, Index e, Index) {
-            for (Index t = b; t < e; ++t) blend_tile(scene, accuracy, t, out);
+        for_tiles(out.trace.lists.tiles(), [&](Index b, Index e) {
+            if constexpr (LaneBackend<B, T>) {
+                std::vector<T> sums;
+                with_channels(g.channels(), [&](auto c) {
+                    for (Index t = b; t < e; ++t)
+                        blend_tile_lanes<typename B::template batch<T>, c>(scene, accuracy, t, out,
+                                                                           sums);
+                });
+            } else {
+                for (Index t = b; t < e; ++t) blend_tile(scene, accuracy, t, out);
+            }
         });
     }
 
@@ -75,10 +105,19 @@ struct Rasterizer {
             s.feature_slots.resize(g.channels(), entries);
         s.touched.assign(static_cast<std::size_t>(entries), 0);
         const Scene<T> scene = scene_of(g, camera, background, trace);
-        for_chunks<typename B::threads>(trace.lists.tiles(), 8, [&](Index b, Index e, Index) {
-            std::vector<Hit<T>> hits;
-            for (Index t = b; t < e; ++t)
-                blend_tile_vjp(scene, accuracy, cotangent, t, s, hits);
+        for_tiles(trace.lists.tiles(), [&](Index b, Index e) {
+            if constexpr (LaneBackend<B, T>) {
+                LaneTape<T> tape;
+                with_channels(g.channels(), [&](auto c) {
+                    for (Index t = b; t < e; ++t)
+                        blend_tile_vjp_lanes<typename B::template batch<T>, c>(
+                            scene, accuracy, cotangent, t, s, tape);
+                });
+            } else {
+                std::vector<Hit<T>> hits;
+                for (Index t = b; t < e; ++t)
+                    blend_tile_vjp(scene, accuracy, cotangent, t, s, hits);
+            }
         });
         Gaussians<T>::fields(
             [&](const std::string&, Columns<T>& a, const Columns<T>& like) {
@@ -87,11 +126,21 @@ struct Rasterizer {
             out, g);
         const Index ranks = static_cast<Index>(trace.source.size());
         for_chunks<typename B::threads>(ranks, 1024, [&](Index b, Index e, Index) {
-            pull_back_range(g, camera, accuracy, trace, s, b, e, out);
+            if constexpr (LaneBackend<B, T>)
+                pull_back_range_lanes<typename B::template batch<T>>(g, camera, accuracy, trace, s,
+                                                                     b, e, out);
+            else
+                pull_back_range(g, camera, accuracy, trace, s, b, e, out);
         });
     }
 
   private:
+    /// f(begin, end) for runs of tiles.
+    template <class F>
+    static void for_tiles(Index tiles, F&& f) {
+        for_chunks<typename B::threads>(tiles, 16, [&](Index b, Index e, Index) { f(b, e); });
+    }
+
     template <class T>
     static void check(const Gaussians<T>& g, const Pinhole<T>& camera,
                       const VecX<T>& background) {

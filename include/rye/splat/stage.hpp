@@ -5,50 +5,81 @@
 
 #include <string>
 
-#include <rye/backend/backend.hpp>
+#include <rye/backend/xsimd.hpp>
 #include <rye/splat/raster.hpp>
 
 namespace rye {
 
-enum class Candidacy : std::uint8_t { hidden, visible, non_finite };
-
 /// Whether every number that is read of a Gaussian is finite and its quaternion has a direction.
 template <class T>
 bool usable(const Gaussians<T>& g, Index i) {
-    using std::isfinite;
-    const auto finite = [](const T* x, Index n) {
-        real_t<T> zero = 0;                                  // 0 * x sums to NaN if any x is not finite
-        for (Index k = 0; k < n; ++k) zero += real_t<T>(0) * static_cast<real_t<T>>(value_of(x[k]));
-        return zero == real_t<T>(0);
+    int bad = 0;
+    const auto look = [&](const T* x, Index n) {
+        for (Index k = 0; k < n; ++k) {
+            const real_t<T> v = value_of(x[k]);
+            bad |= !(v - v == real_t<T>(0));                 // inf - inf is NaN
+        }
     };
+    look(g.mean.data() + 3 * i, 3);
+    look(g.rotation.data() + 4 * i, 4);
+    look(g.scale.data() + 3 * i, 3);
+    look(g.opacity.data() + i, 1);
+    look(g.feature.data() + i * g.channels(), g.channels());
     const T* q = g.rotation.data() + 4 * i;
     const bool turned = q[0] != T(0) || q[1] != T(0) || q[2] != T(0) || q[3] != T(0);
-    return turned && finite(g.mean.data() + 3 * i, 3) && finite(q, 4) &&
-           finite(g.scale.data() + 3 * i, 3) && finite(g.opacity.data() + i, 1) &&
-           finite(g.feature.data() + i * g.channels(), g.channels());
+    return bad == 0 && turned;
+}
+
+/// Columns of fixed length; the compiler must not see a loop over a length it does not know.
+template <class T>
+Shape<T> load_shape(const Gaussians<T>& g, Index i) {
+    return {Eigen::Map<const Vec3<T>>(g.mean.data() + 3 * i),
+            Eigen::Map<const Quat<T>>(g.rotation.data() + 4 * i),
+            Eigen::Map<const Vec3<T>>(g.scale.data() + 3 * i)};
+}
+
+template <class T>
+void store_shape(const Shape<T>& s, Gaussians<T>& g, Index i) {
+    Eigen::Map<Vec3<T>>(g.mean.data() + 3 * i) = s.mean;
+    Eigen::Map<Quat<T>>(g.rotation.data() + 4 * i) = s.rotation;
+    Eigen::Map<Vec3<T>>(g.scale.data() + 3 * i) = s.scale;
 }
 
 /// The value of a screen Gaussian's extent, in the image's pixels.
 template <class A, class T>
-Footprint<real_t<T>> footprint_of(const ScreenGaussian<T>& s, const Splat<T>& splat,
-                                  const Pinhole<T>& camera) {
+auto footprint_of(const ScreenGaussian<T>& s, const Splat<T>& splat, const T& cx, const T& cy) {
+    using std::ceil, std::max, std::sqrt;
     using R = real_t<T>;
-    Footprint<R> f;
-    f.x = value_of(s.centre[0]) + value_of(camera.cx);
-    f.y = value_of(s.centre[1]) + value_of(camera.cy);
-    f.covariance = {value_of(s.covariance.xx), value_of(s.covariance.xy), value_of(s.covariance.yy)};
+    using V = std::remove_cvref_t<decltype(value_of(std::declval<const T&>()))>;
+    Footprint<V> f;
+    f.x = value_of(s.centre[0]) + value_of(cx);
+    f.y = value_of(s.centre[1]) + value_of(cy);
+    f.covariance = {value_of(s.covariance.xx), value_of(s.covariance.xy),
+                    value_of(s.covariance.yy)};
     f.determinant = value_of(s.determinant);
     if constexpr (A::support == Support::square) {
-        const R mid = R(0.5) * (f.covariance.xx + f.covariance.yy);
-        const R spread = std::sqrt(std::max(R(0.1), mid * mid - f.determinant));
-        f.radius = std::ceil(R(3) * std::sqrt(mid + spread));             // [px]
+        const V mid = V(R(0.5)) * (f.covariance.xx + f.covariance.yy);
+        const V spread = sqrt(max(V(R(0.1)), V(mid * mid - f.determinant)));
+        f.radius = ceil(V(R(3)) * sqrt(mid + spread));                    // [px]
     } else {
         // exponent >= cut  <=>  |w|^2 <= 2 ln(2) (log2 o - cut); the factor covers rounding.
-        const R reach = value_of(splat.log2_opacity) - value_of(splat.cut);
-        f.radius = R(unfold) * std::sqrt(std::max(R(0), reach)) *
-                   (R(1) + R(16) * std::numeric_limits<R>::epsilon());
+        const V reach = value_of(splat.log2_opacity) - value_of(splat.cut);
+        f.radius = V(R(unfold) * (R(1) + R(16) * std::numeric_limits<R>::epsilon())) *
+                   sqrt(max(V(R(0)), reach));
     }
     return f;
+}
+
+/// Completes candidate i: it is visible unless it reaches no row of pixels.
+template <class A, class T>
+void settle(const Pinhole<T>& camera, Index i, RasterScratch<T>& scratch) {
+    using Covers = Cover<A::support, real_t<T>>;
+    auto& c = scratch.candidates[static_cast<std::size_t>(i)];
+    const Span rows = Covers{c.footprint, camera.width, camera.height}.rows();
+    c.splat.row_begin = rows.begin;
+    c.splat.row_end = rows.end;
+    scratch.state[static_cast<std::size_t>(i)] =
+        rows.begin < rows.end ? Candidacy::visible : Candidacy::hidden;
 }
 
 /// Fills candidate and state of Gaussians [b, e); one at a time, for any scalar.
@@ -58,17 +89,16 @@ void project_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& acc
     const Lens<T> lens(camera, accuracy.frustum_margin, accuracy.dilation);
     for (Index i = b; i < e; ++i) {
         const auto at = static_cast<std::size_t>(i);
-        scratch.state[at] = static_cast<std::uint8_t>(Candidacy::non_finite);
+        scratch.state[at] = Candidacy::non_finite;
         if (!usable(g, i)) continue;
-        const ScreenGaussian<T> s = project(
-            Shape<T>{g.mean.col(i), g.rotation.col(i), g.scale.col(i)}, lens);
-        scratch.state[at] = static_cast<std::uint8_t>(Candidacy::hidden);
+        const ScreenGaussian<T> s = project(load_shape(g, i), lens);
+        scratch.state[at] = Candidacy::hidden;
         if (!s.drawable || !(g.opacity(0, i) > T(0))) continue;
         auto& c = scratch.candidates[at];
         c.splat = make_splat(s, g.opacity(0, i), accuracy);
         if (!(c.splat.log2_opacity > c.splat.cut)) continue;
-        c.footprint = footprint_of<A>(s, c.splat, camera);
-        scratch.state[at] = static_cast<std::uint8_t>(Candidacy::visible);
+        c.footprint = footprint_of<A>(s, c.splat, camera.cx, camera.cy);
+        settle<A>(camera, i, scratch);
     }
 }
 
@@ -77,21 +107,15 @@ template <Backend B, class A, class T>
 void arrange(const Pinhole<T>& camera, const A& accuracy, RasterScratch<T>& scratch,
              RasterTrace<T>& trace) {
     using R = real_t<T>;
-    using Covers = Cover<A::support, R>;
     const std::size_t n = scratch.candidates.size();
     scratch.keys.clear();
     trace.source.clear();
     trace.non_finite = 0;
     for (std::size_t i = 0; i < n; ++i) {
-        const auto state = static_cast<Candidacy>(scratch.state[i]);
-        if (state == Candidacy::non_finite) ++trace.non_finite;
-        if (state != Candidacy::visible) continue;
-        auto& c = scratch.candidates[i];
-        const Span rows = Covers{c.footprint, camera.width, camera.height}.rows();
-        if (rows.begin >= rows.end) continue;
-        c.splat.row_begin = rows.begin;
-        c.splat.row_end = rows.end;
-        scratch.keys.push_back(depth_key(static_cast<R>(value_of(c.splat.depth))));
+        if (scratch.state[i] == Candidacy::non_finite) ++trace.non_finite;
+        if (scratch.state[i] != Candidacy::visible) continue;
+        scratch.keys.push_back(
+            depth_key(static_cast<R>(value_of(scratch.candidates[i].splat.depth))));
         trace.source.push_back(static_cast<std::uint32_t>(i));
     }
     if (accuracy.non_finite == NonFinite::fail && trace.non_finite > 0)
@@ -113,12 +137,12 @@ void arrange(const Pinhole<T>& camera, const A& accuracy, RasterScratch<T>& scra
         });
 }
 
-/// The sum of a rank's slots over its tiles, in the order of tiles; its features go to g_feature.
-template <class T>
+/// The sum of a rank's slots over its tiles, in the order of tiles; its features go to g_feature,
+/// which holds zeros, by add(from, to, channels).
+template <class T, class Add>
 SplatCotangent<T> merge_slots(const TileLists& lists, const RasterScratch<T>& scratch, Index rank,
-                              T* g_feature, Index channels) {
+                              T* g_feature, Index channels, const Add& add) {
     SplatCotangent<T> sum{T(0), T(0), T(0), T(0), T(0), T(0), T(0)};
-    for (Index c = 0; c < channels; ++c) g_feature[c] = T(0);
     const auto r = static_cast<std::size_t>(rank);
     for (Index i = lists.first[r]; i < lists.first[r + 1]; ++i) {
         const Index entry = lists.place[static_cast<std::size_t>(i)];
@@ -132,13 +156,12 @@ SplatCotangent<T> merge_slots(const TileLists& lists, const RasterScratch<T>& sc
         sum.vv += s.vv;
         sum.alpha += s.alpha;
         sum.depth += s.depth;
-        const T* f = scratch.feature_slots.data() + entry * channels;
-        for (Index c = 0; c < channels; ++c) g_feature[c] += f[c];
+        add(scratch.feature_slots.data() + entry * channels, g_feature, channels);
     }
     return sum;
 }
 
-/// Gradients of ranks [b, e), from slots to world; the columns of the other Gaussians stay.
+/// Gradients of ranks [b, e), from slots to world, into `out`, which holds zeros.
 template <class A, class T>
 void pull_back_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy,
                      const RasterTrace<T>& trace, const RasterScratch<T>& scratch, Index b, Index e,
@@ -149,12 +172,11 @@ void pull_back_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& a
         const Index i = trace.source[at];
         const SplatCotangent<T> sum =
             merge_slots(trace.lists, scratch, r, out.feature.data() + i * g.channels(),
-                        g.channels());
-        const Shape<T> shape{g.mean.col(i), g.rotation.col(i), g.scale.col(i)};
-        const Shape<T> d = project_vjp(shape, lens, screen_cotangent(trace.splats[at], sum));
-        out.mean.col(i) = d.mean;
-        out.rotation.col(i) = d.rotation;
-        out.scale.col(i) = d.scale;
+                        g.channels(), [](const T* from, T* to, Index n) {
+                            for (Index c = 0; c < n; ++c) to[c] += from[c];
+                        });
+        const ScreenCotangent<T> c = screen_cotangent(trace.splats[at], sum);
+        store_shape(project_vjp(load_shape(g, i), lens, c), out, i);
         out.opacity(0, i) = sum.alpha / g.opacity(0, i);
     }
 }

@@ -26,12 +26,12 @@ inline constexpr int tile_edge = 8;
 inline constexpr int tile_pixels = tile_edge * tile_edge;
 
 /// The region where a Gaussian's alpha can reach alpha_min: an ellipse, or a square.
-template <Real R>
+template <class R>              // Real, or a batch of them
 struct Footprint {
-    R x = 0, y = 0;              ///< centre in the image [px]
-    R radius = 0;                ///< [standard deviations]; of a square: half its side [px]
-    Sym2<R> covariance = {1, 0, 1}; ///< [px^2]
-    R determinant = 1;           ///< [px^4]
+    R x, y;                      ///< centre in the image [px]
+    R radius;                    ///< [standard deviations]; of a square: half its side [px]
+    Sym2<R> covariance;          ///< [px^2]
+    R determinant;               ///< [px^4]
 };
 
 /// Pixels or tiles [begin, end).
@@ -79,7 +79,7 @@ struct Cover {
                 static_cast<R>(std::min((row + 1) * tile_edge, rows.end) - 1) + R(0.5) - f.y;
             const R sigma_x = std::sqrt(f.covariance.xx);
             const R tilt = f.covariance.xy / f.covariance.yy;              // of E[x | y]
-            const R widest = f.radius * f.covariance.xy / sigma_x;         // y of the rightmost point
+            const R widest = f.radius * f.covariance.xy / sigma_x;   // y of the rightmost point
             const R s = slack();
             px = pixels_between(f.x + end(-widest, top, bottom, tilt, R(-1)) - s,
                                 f.x + end(widest, top, bottom, tilt, R(1)) + s, width);
@@ -196,7 +196,8 @@ struct TileLists {
                 const Cover<support, R> cover{footprint(r), width, height};
                 const Span t = tile_rows(r);
                 for (int y = t.begin; y < t.end; ++y)
-                    at(spans_, at(first_span_, r) + y - t.begin) = cover.columns(y, at(pixel_rows, r));
+                    at(spans_, at(first_span_, r) + y - t.begin) =
+                        cover.columns(y, at(pixel_rows, r));
             }
         });
 
@@ -211,8 +212,8 @@ struct TileLists {
             }
             if (total > max_entries)
                 throw Error("rasterizer: got more than " + std::to_string(max_entries) +
-                            " pairs of a tile and a Gaussian, expected fewer: the Gaussians are too "
-                            "large for the image");
+                            " pairs of a tile and a Gaussian, expected fewer: the Gaussians are "
+                            "too large for the image");
         }
         for (Index t = 0; t < tiles(); ++t) at(begin, t + 1) += at(begin, t);
         rank.resize(static_cast<std::size_t>(total));

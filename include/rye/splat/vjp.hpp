@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/vjp.hpp: the reverse pixel walk. With s_i = <cotangent, contribution i> and b_i the same
-/// for all that lies behind i, composited from the background forward,
+/// rye/splat/vjp.hpp: the reverse pixel walk. With s_i = <cotangent, contribution i> and b_i the
+/// same for all that lies behind i, composited from the background forward,
 ///     d/d alpha_i = T_i (s_i - b_i),   b_{i-1} = b_i + alpha_i (s_i - b_i),
-/// which neither divides by 1 - alpha nor subtracts large sums: it is exactly 0 where a Gaussian has
-/// the colour of what is behind it. T_i is the stored prefix of the walk that is repeated here.
+/// which neither divides by 1 - alpha nor subtracts large sums: it is 0 where a Gaussian has the
+/// colour of what is behind it. T_i is the stored prefix of the walk that is repeated here.
 #pragma once
 
 #include <rye/splat/forward.hpp>
@@ -23,8 +23,13 @@ void blend_tile_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotang
             const T* g_pixel = g.feature.data() + p * channels;
             const T g_alpha = g.alpha != nullptr ? (*g.alpha)(0, p) : T(0);
             const T g_depth = g.depth != nullptr ? (*g.depth)(0, p) : T(0);
-            T behind = T(0);
-            for (Index c = 0; c < channels; ++c) behind += g_pixel[c] * scene.background[c];
+            // One function for both sides, so that equal colours give equal sums.
+            const auto along = [&](const T* colour) {
+                T sum = T(0);
+                for (Index c = 0; c < channels; ++c) sum += g_pixel[c] * colour[c];
+                return sum;
+            };
+            T behind = along(scene.background.data());
             for (auto h = hits.rbegin(); h != hits.rend(); ++h) {
                 const auto k = static_cast<std::size_t>(h->entry);
                 const T* feature = scene.feature_of(h->entry);
@@ -36,12 +41,9 @@ void blend_tile_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotang
                     for (Index c = 0; c < channels; ++c) g_feature[c] = T(0);
                 }
                 const T weight = h->transmittance * h->alpha;
-                T mine = g_alpha + g_depth * scene.splat(h->entry).depth;
-                for (Index c = 0; c < channels; ++c) {
-                    mine += g_pixel[c] * feature[c];
-                    g_feature[c] += weight * g_pixel[c];
-                }
-                const T more = mine - behind;
+                for (Index c = 0; c < channels; ++c) g_feature[c] += weight * g_pixel[c];
+                const T extra = g_alpha + g_depth * scene.splat(h->entry).depth;
+                const T more = (along(feature) - behind) + extra;
                 behind += h->alpha * more;
                 const T g_raw = h->transmittance * more;                  // d / d alpha
                 const T g_exponent = g_raw * h->bell;

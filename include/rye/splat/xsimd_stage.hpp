@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/xsimd_stage.hpp: the per-Gaussian formulas with a Gaussian in each lane. The formulas
+/// are those of gaussian/project.hpp, instantiated on batches; here is only how lanes are filled.
+#pragma once
+
+#include <rye/backend/xsimd.hpp>
+#include <rye/splat/stage.hpp>
+
+namespace rye {
+
+/// A few numbers of as many Gaussians as there are lanes: row k holds number k of every lane.
+template <class V, int Rows>
+struct LaneBlock {
+    using T = typename V::value_type;
+    static constexpr int lanes = static_cast<int>(V::size);
+    alignas(64) T row[Rows][lanes];
+
+    V operator[](int k) const { return V::load_aligned(row[k]); }
+    void set(int k, const V& x) { x.store_aligned(row[k]); }
+};
+
+/// Mean, rotation, scale and opacity of Gaussians index(0) ... index(lanes - 1).
+template <class V>
+struct LaneShapes {
+    using T = typename V::value_type;
+    LaneBlock<V, 11> in;
+
+    template <class IndexOf>
+    LaneShapes(const Gaussians<T>& g, const IndexOf& index) {
+        for (int lane = 0; lane < LaneBlock<V, 11>::lanes; ++lane) {
+            const Index i = index(lane);
+            for (int k = 0; k < 3; ++k) in.row[k][lane] = g.mean.data()[3 * i + k];
+            for (int k = 0; k < 4; ++k) in.row[3 + k][lane] = g.rotation.data()[4 * i + k];
+            for (int k = 0; k < 3; ++k) in.row[7 + k][lane] = g.scale.data()[3 * i + k];
+            in.row[10][lane] = g.opacity.data()[i];
+        }
+    }
+    Shape<V> shape() const {
+        return {Vec3<V>(in[0], in[1], in[2]), Quat<V>(in[3], in[4], in[5], in[6]),
+                Vec3<V>(in[7], in[8], in[9])};
+    }
+    V opacity() const { return in[10]; }
+    /// 1 where the numbers are finite and the quaternion has a direction, else 0.
+    V usable() const {
+        const V zero(T(0));
+        V sum = in[0] * zero;                                // 0, or NaN
+        for (int k = 1; k < 11; ++k) sum = sum + in[k] * zero;
+        const auto turned = in[3] != zero || in[4] != zero || in[5] != zero || in[6] != zero;
+        return select((sum == zero) && turned, V(T(1)), zero);
+    }
+};
+
+/// Whether n numbers are finite.
+template <class V>
+bool all_finite(const typename V::value_type* x, Index n) {
+    using T = typename V::value_type;
+    constexpr Index lanes = static_cast<Index>(V::size);
+    V sum(T(0));
+    T tail(0);
+    Index k = 0;
+    for (; k + lanes <= n; k += lanes) sum = sum + V::load_unaligned(x + k) * V(T(0));
+    for (; k < n; ++k) tail += x[k] * T(0);
+    return all(sum == V(T(0))) && tail == T(0);
+}
+
+/// to += from, n numbers.
+template <class V>
+void add_to(const typename V::value_type* from, typename V::value_type* to, Index n) {
+    constexpr Index lanes = static_cast<Index>(V::size);
+    Index k = 0;
+    for (; k + lanes <= n; k += lanes)
+        (V::load_unaligned(to + k) + V::load_unaligned(from + k)).store_unaligned(to + k);
+    for (; k < n; ++k) to[k] += from[k];
+}
+
+/// As project_range, as many Gaussians at a time as there are lanes.
+template <class V, class A>
+void project_range_lanes(const Gaussians<typename V::value_type>& g,
+                         const Pinhole<typename V::value_type>& camera, const A& accuracy, Index b,
+                         Index e, RasterScratch<typename V::value_type>& scratch) {
+    using T = typename V::value_type;
+    constexpr int lanes = static_cast<int>(V::size);
+    const Lens<V> lens(Lens<T>(camera, accuracy.frustum_margin, accuracy.dilation));
+    const V cx(camera.cx), cy(camera.cy), zero(T(0));
+    for (Index start = b; start < e; start += lanes) {
+        const LaneShapes<V> in(g, [&](int lane) { return std::min(start + lane, e - 1); });
+        const ScreenGaussian<V> s = project(in.shape(), lens);
+        const V o = in.opacity();
+        const Splat<V> splat = make_splat(s, V(select(o > zero, o, V(T(1)))), accuracy);
+        const Footprint<V> f = footprint_of<A>(s, splat, cx, cy);
+        const V usable = in.usable();
+        const auto seen = s.drawable && (o > zero) && (splat.log2_opacity > splat.cut);
+
+        LaneBlock<V, 17> out;
+        const V* const values[17] = {&splat.x, &splat.y, &splat.ux, &splat.vx, &splat.vy,
+                                     &splat.log2_opacity, &splat.cut, &splat.floor, &splat.depth,
+                                     &f.x, &f.y, &f.radius, &f.covariance.xx, &f.covariance.xy,
+                                     &f.covariance.yy, &f.determinant, &usable};
+        for (int k = 0; k < 17; ++k) out.set(k, *values[k]);
+        LaneBlock<V, 1> visible;
+        visible.set(0, select(seen, V(T(1)), zero));
+        for (int lane = 0; lane < lanes && start + lane < e; ++lane) {
+            const Index i = start + lane;
+            const auto at = static_cast<std::size_t>(i);
+            const auto value = [&](int k) { return out.row[k][lane]; };
+            const T* feature = g.feature.data() + i * g.channels();
+            if (!(value(16) > T(0)) || !all_finite<V>(feature, g.channels())) {
+                scratch.state[at] = Candidacy::non_finite;
+                continue;
+            }
+            scratch.state[at] = Candidacy::hidden;
+            if (!(visible.row[0][lane] > T(0))) continue;
+            auto& c = scratch.candidates[at];
+            c.splat = {value(0), value(1), value(2), value(3), value(4),
+                       value(5), value(6), value(7), value(8)};
+            c.footprint = {value(9), value(10), value(11), {value(12), value(13), value(14)},
+                           value(15)};
+            settle<A>(camera, i, scratch);
+        }
+    }
+}
+
+/// As pull_back_range, as many ranks at a time as there are lanes.
+template <class V, class A>
+void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
+                           const Pinhole<typename V::value_type>& camera, const A& accuracy,
+                           const RasterTrace<typename V::value_type>& trace,
+                           const RasterScratch<typename V::value_type>& scratch, Index b, Index e,
+                           Gaussians<typename V::value_type>& out) {
+    using T = typename V::value_type;
+    constexpr int lanes = static_cast<int>(V::size);
+    const Lens<V> lens(Lens<T>(camera, accuracy.frustum_margin, accuracy.dilation));
+    const Index channels = g.channels();
+    const auto add = [](const T* from, T* to, Index n) { add_to<V>(from, to, n); };
+    for (Index start = b; start < e; start += lanes) {
+        const auto rank = [&](int lane) {
+            return static_cast<std::size_t>(std::min(start + lane, e - 1));
+        };
+        const auto source = [&](int lane) { return static_cast<Index>(trace.source[rank(lane)]); };
+        LaneBlock<V, 10> slots;
+        for (int lane = 0; lane < lanes; ++lane) {
+            const Splat<T>& s = trace.splats[rank(lane)];
+            SplatCotangent<T> c{};
+            if (start + lane < e)
+                c = merge_slots(trace.lists, scratch, start + lane,
+                                out.feature.data() + source(lane) * channels, channels, add);
+            const T values[10] = {c.u, c.v, c.uu, c.uv, c.vv, c.alpha, c.depth, s.ux, s.vx, s.vy};
+            for (int k = 0; k < 10; ++k) slots.row[k][lane] = values[k];
+        }
+        const LaneShapes<V> in(g, source);
+        Splat<V> splat;
+        splat.ux = slots[7];
+        splat.vx = slots[8];
+        splat.vy = slots[9];
+        const SplatCotangent<V> c{slots[0], slots[1], slots[2], slots[3],
+                                  slots[4], slots[5], slots[6]};
+        const Shape<V> d = project_vjp(in.shape(), lens, screen_cotangent(splat, c));
+        LaneBlock<V, 11> r;
+        for (int k = 0; k < 3; ++k) r.set(k, d.mean[k]);
+        for (int k = 0; k < 4; ++k) r.set(3 + k, d.rotation[k]);
+        for (int k = 0; k < 3; ++k) r.set(7 + k, d.scale[k]);
+        r.set(10, c.alpha / in.opacity());
+        for (int lane = 0; lane < lanes && start + lane < e; ++lane) {
+            const Index i = source(lane);
+            for (int k = 0; k < 3; ++k) out.mean.data()[3 * i + k] = r.row[k][lane];
+            for (int k = 0; k < 4; ++k) out.rotation.data()[4 * i + k] = r.row[3 + k][lane];
+            for (int k = 0; k < 3; ++k) out.scale.data()[3 * i + k] = r.row[7 + k][lane];
+            out.opacity.data()[i] = r.row[10][lane];
+        }
+    }
+}
+
+} // namespace rye
