@@ -6,13 +6,21 @@
 /// Gaussian Head Avatar takes.
 #pragma once
 
+#include <type_traits>
 #include <vector>
 
 #include <rye/autodiff/widen.hpp>
 #include <rye/geometry/mesh.hpp>
-#include <rye/loss/term.hpp>
+#include <rye/loss/photometric.hpp>
 
 namespace rye {
+
+/// A loss, its gradient, and over how many numbers the mean was taken. A mean over nothing is 0 with
+/// count 0 and gradient 0: a caller can add it up and still see that it was absent.
+template <class T>
+struct LossTerm : LossGradient<T> {
+    Index count = 0;
+};
 
 namespace detail {
 
@@ -25,7 +33,7 @@ T sign_of(const T& x) {
 template <class T>
 LossTerm<T> sum_of_squares(const ColumnsView<T>& x, Index n) {
     using W = widened_t<T>;
-    LossTerm<T> out{T(0), n, Columns<T>::Zero(x.rows(), x.cols())};
+    LossTerm<T> out{{T(0), Columns<T>::Zero(x.rows(), x.cols())}, n};
     if (n == 0) return out;
     const double each = 1.0 / static_cast<double>(n);
     W sum(0);
@@ -44,7 +52,7 @@ template <class T>
 LossTerm<T> mean_absolute(const ColumnsView<T>& x) {
     using std::abs;
     using W = widened_t<T>;
-    LossTerm<T> out{T(0), x.size(), Columns<T>::Zero(x.rows(), x.cols())};
+    LossTerm<T> out{{T(0), Columns<T>::Zero(x.rows(), x.cols())}, x.size()};
     if (out.count == 0) return out;
     const double each = 1.0 / static_cast<double>(out.count);
     W sum(0);
@@ -61,15 +69,11 @@ LossTerm<T> mean_absolute(const ColumnsView<T>& x) {
 
 /// L_RGB: mean over pixels and channels of |(color - target) visible|. color, target: 3 x P,
 /// visible: 1 x P. Invisible pixels count in the mean, as zeros.
-template <class T>
-LossTerm<T> color_term(const ColumnsView<T>& color, const ColumnsView<T>& target,
-                       const ColumnsView<T>& visible) {
-    RYE_ASSERT(color.cols() == target.cols() && color.cols() == visible.cols(), "color_term: sizes");
-    Columns<T> difference = color - target;
-    for (Index p = 0; p < difference.cols(); ++p) difference.col(p) *= visible(0, p);
-    LossTerm<T> out = detail::mean_absolute<T>(difference);
-    for (Index p = 0; p < difference.cols(); ++p) out.gradient.col(p) *= visible(0, p);
-    return out;
+template <Backend B, class T>
+LossTerm<T> color_term(const std::type_identity_t<ColumnsView<T>>& color,
+                       const std::type_identity_t<ColumnsView<T>>& target,
+                       const Columns<T>& visible) {
+    return {masked_l1<B, T>(color, target, visible), color.size()};
 }
 
 /// L_sil: 1 - sum ab / (sum (a + b - ab) + 1e-10) with a = soft visible, b = mask visible, all
@@ -86,7 +90,7 @@ LossTerm<T> silhouette_term(const ColumnsView<T>& soft, const ColumnsView<T>& ma
         both += a * b;
         either += a + b * (W(1) - a);
     }
-    LossTerm<T> out{T(0), 0, Columns<T>::Zero(1, soft.cols())};
+    LossTerm<T> out{{T(0), Columns<T>::Zero(1, soft.cols())}, 0};
     if (!(value_of(either) > 0)) return out;
     out.count = soft.cols();
     const W scale = W(1) / (either + W(1e-10));
