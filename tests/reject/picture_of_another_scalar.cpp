@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: Apache-2.0
+// Gaussians in double and a camera in float would round silently somewhere in between.
+// expect: no matching (member )?function
+#include <rye/splat/rasterizer.hpp>
+
+rye::Raster<double> draw(const rye::Gaussians<double>& g, const rye::Pinhole<float>& camera,
+                         const rye::VecX<double>& background) {
+    const rye::Rasterizer<rye::ScalarBackend<>> rasterizer;
+#if REJECT
+    return rasterizer.forward(g, camera, background);
+#else
+    return rasterizer.forward(g, camera.cast<double>(), background);
+#endif
+}
