@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// The accuracy of a rasterizer is a policy, all of whose knobs are known; not a tolerance.
+// A user's own accuracy policy, one knob of which has the wrong type.
 // expect: AccuracyPolicy
 #include <rye/splat/rasterizer.hpp>
 
+struct Preview : rye::Balanced {
 #if REJECT
-using Accuracy = float;
+    const char* stop = "early";
 #else
-using Accuracy = rye::Tight;
+    double stop = 0.01;
 #endif
+};
 
 rye::Raster<float> draw(const rye::Gaussians<float>& g, const rye::Pinhole<float>& camera,
                         const rye::VecX<float>& background) {
-    return rye::Rasterizer<rye::ScalarBackend<>, Accuracy>{}.forward(g, camera, background);
+    return rye::Rasterizer<rye::ScalarBackend<>, Preview>{}.forward(g, camera, background);
 }
