@@ -57,15 +57,16 @@ struct DotProducts {
     }
     template <class P>
     void add_reverse_fields(const P& g, const P& dp) {
-        P::fields([&](const std::string&, const auto& a, const auto& b) { add_reverse(a, b); }, g, dp);
+        P::fields([&](const std::string&, const auto& a, const auto& b) { add_reverse(a, b); }, g,
+                  dp);
     }
     double error() const { return std::abs(forward - reverse) / terms; }
 
   private:
     template <class A, class B>
     double add(const Eigen::MatrixBase<A>& a, const Eigen::MatrixBase<B>& b) {
-        const Eigen::ArrayXXd p =
-            a.derived().template cast<double>().array() * b.derived().template cast<double>().array();
+        const Eigen::ArrayXXd p = a.derived().template cast<double>().array() *
+                                  b.derived().template cast<double>().array();
         terms += p.abs().sum();
         return p.sum();
     }

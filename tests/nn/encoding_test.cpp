@@ -10,8 +10,9 @@ using namespace rye;
 TEST_CASE("encoding: the value written out for one number, and 27 values for a point") {
     const Columns<double> x = Columns<double>::Constant(1, 1, 0.5);
     const Columns<double> y = positional_encoding(x);
-    const double expected[] = {0.5,           std::sin(0.5), std::cos(0.5), std::sin(1.0), std::cos(1.0),
-                               std::sin(2.0), std::cos(2.0), std::sin(4.0), std::cos(4.0)};
+    const double expected[] = {0.5,           std::sin(0.5), std::cos(0.5),
+                               std::sin(1.0), std::cos(1.0), std::sin(2.0),
+                               std::cos(2.0), std::sin(4.0), std::cos(4.0)};
     REQUIRE(y.size() == 9);
     for (Index i = 0; i < 9; ++i) CHECK(y(i) == doctest::Approx(expected[i]).epsilon(1e-15));
     CHECK(positional_encoding(random_columns<float>(3, 4, 1)).rows() == 27);
@@ -35,7 +36,8 @@ TEST_CASE("encoding: float agrees with double to 1e-6 up to frequency 2^10 and |
 
 TEST_CASE_TEMPLATE("encoding: the vjp is the adjoint of the forward derivative", T, float, double) {
     for (const double size : {1.0, 1e-8, 1e3}) {
-        const Columns<T> x = T(size) * random_columns<T>(6, 40, 1), dx = random_columns<T>(6, 40, 2);
+        const Columns<T> x = T(size) * random_columns<T>(6, 40, 1),
+                         dx = random_columns<T>(6, 40, 2);
         const Columns<Dual<T, 1>> y = positional_encoding(lifted(x, dx));
         const Columns<T> w = random_columns<T>(y.rows(), y.cols(), 3);
         DotProducts dots;

@@ -71,7 +71,9 @@ const MlpShape small{{12, 16, 24, 16, 5}, 7};
 } // namespace
 
 TEST_CASE("mlp: parameter counts of the published networks") {
-    const auto count = [](std::vector<int> dims) { return count_fields(Mlp<float>(MlpShape{dims})); };
+    const auto count = [](std::vector<int> dims) {
+        return count_fields(Mlp<float>(MlpShape{dims}));
+    };
     CHECK(count({27, 256, 256, 256, 256, 256, 132}) == 311172);
     CHECK(count({192, 256, 256, 32}) == 129568);
     CHECK(count({182, 128, 32}) == 33376);
@@ -88,8 +90,8 @@ TEST_CASE("mlp: fields carry the published names, in order") {
     std::vector<std::string> names;
     const Mlp<float> m(MlpShape{{3, 4, 2}});
     Mlp<float>::fields([&](const std::string& n, const auto&) { names.push_back(n); }, m);
-    CHECK(names == std::vector<std::string>{"conv0.weight", "conv0.bias", "conv1.weight",
-                                            "conv1.bias"});
+    CHECK(names ==
+          std::vector<std::string>{"conv0.weight", "conv0.bias", "conv1.weight", "conv1.bias"});
 }
 
 TEST_CASE("mlp: equals the network written out, with and without frame inputs") {
@@ -100,9 +102,12 @@ TEST_CASE("mlp: equals the network written out, with and without frame inputs") 
         const VecX<double> f = random_columns<double>(s.frame_inputs, 1, 2);
         const Columns<double> expected = plain_mlp(m, x, f);
         MlpTrace<double> trace;
-        CHECK((mlp_forward<ScalarBackend<>>(m, x, f, nullptr) - expected).cwiseAbs().maxCoeff() < 1e-13);
-        CHECK((mlp_forward<ScalarBackend<>>(m, x, f, &trace) - expected).cwiseAbs().maxCoeff() < 1e-13);
-        CHECK((mlp_forward<XsimdBackend<>>(m, x, f, &trace) - expected).cwiseAbs().maxCoeff() < 1e-13);
+        CHECK((mlp_forward<ScalarBackend<>>(m, x, f, nullptr) - expected).cwiseAbs().maxCoeff() <
+              1e-13);
+        CHECK((mlp_forward<ScalarBackend<>>(m, x, f, &trace) - expected).cwiseAbs().maxCoeff() <
+              1e-13);
+        CHECK((mlp_forward<XsimdBackend<>>(m, x, f, &trace) - expected).cwiseAbs().maxCoeff() <
+              1e-13);
     }
 }
 
@@ -118,7 +123,8 @@ TEST_CASE("mlp: the vjp is the adjoint of the forward derivative") {
 
 TEST_CASE("mlp: gradients add up, and null outputs are allowed") {
     const Mlp<double> m = Mlp<double>::init(small, Random{7, 0});
-    const Columns<double> x = random_columns<double>(5, 90, 1), w = random_columns<double>(5, 90, 2);
+    const Columns<double> x = random_columns<double>(5, 90, 1),
+                          w = random_columns<double>(5, 90, 2);
     const VecX<double> f = random_columns<double>(7, 1, 3);
     MlpTrace<double> trace;
     mlp_forward<ScalarBackend<>>(m, x, f, &trace);
@@ -135,7 +141,8 @@ TEST_CASE("mlp: gradients add up, and null outputs are allowed") {
 
 TEST_CASE("mlp: the same bits with any kind of threads, and none points") {
     const Mlp<float> m = Mlp<float>::init(small, Random{7, 0});
-    const Columns<float> x = random_columns<float>(5, 9000, 1), w = random_columns<float>(5, 9000, 2);
+    const Columns<float> x = random_columns<float>(5, 9000, 1),
+                         w = random_columns<float>(5, 9000, 2);
     const VecX<float> f = random_columns<float>(7, 1, 3);
     const auto run = [&]<class B>(B, Index n) {
         MlpTrace<float> trace;

@@ -26,18 +26,18 @@ struct AdamConfig {
 /// The optimiser's state: moments of the same shapes as the parameters.
 template <class P>
 struct Adam {
-    P m;                             ///< mean of gradients
-    P v;                             ///< mean of squared gradients
-    Index step = 0;                  ///< steps applied so far
-    std::vector<Index> field_steps;  ///< steps applied to each field, in the order of the walk
+    P m;                            ///< mean of gradients
+    P v;                            ///< mean of squared gradients
+    Index step = 0;                 ///< steps applied so far
+    std::vector<Index> field_steps; ///< steps applied to each field, in the order of the walk
 
     Adam() = default;
     explicit Adam(const P& p) : m(zeros_like(p)), v(zeros_like(p)) {}
 };
 
 struct AdamReport {
-    bool applied = true;          ///< false: a gradient was not finite and nothing has changed
-    std::string first_bad_field;  ///< empty if applied
+    bool applied = true;         ///< false: a gradient was not finite and nothing has changed
+    std::string first_bad_field; ///< empty if applied
 };
 
 namespace detail {
@@ -48,67 +48,68 @@ inline constexpr Index adam_grain = 16384;
 /// 0 x = 0 for every finite x and NaN for all others, so one vectorised sum tells.
 template <Backend B, class T>
 bool all_finite(const Columns<T>& a) {
-    const T zero = sum_chunks<typename B::threads>(a.size(), adam_grain, T(0), [&](Index b, Index e) {
-        return (Eigen::Map<const VecX<T>>(a.data() + b, e - b).array() * T(0)).sum();
-    });
+    const T zero =
+        sum_chunks<typename B::threads>(a.size(), adam_grain, T(0), [&](Index b, Index e) {
+            return (Eigen::Map<const VecX<T>>(a.data() + b, e - b).array() * T(0)).sum();
+        });
     return zero == T(0);
 }
 
 } // namespace detail
 
-/// One step. `rate(name)` is the learning rate of a field; a field of rate 0 keeps its value and its
-/// moments, and its gradient is not looked at.
+/// One step. `rate(name)` is the learning rate of a field; a field of rate 0 keeps its value and
+/// its moments, and its gradient is not looked at.
 template <Backend B, class P, class Rate>
-    requires std::is_invocable_r_v<double, Rate, const std::string&>
-AdamReport adam_step(P& p, const P& g, Adam<P>& state, const Rate& rate,
-                     const AdamConfig& config = {}) {
-    AdamReport report;
-    std::vector<double> rates;
-    P::fields(
-        [&](const std::string& name, const auto& a) {
-            rates.push_back(rate(name));
-            if (report.applied && rates.back() != 0.0 && !detail::all_finite<B>(a))
-                report = {false, name};
-        },
-        g);
-    if (!report.applied) return report;
+    requires std::is_invocable_r_v<double, Rate, const std::string&> AdamReport
+    adam_step(P& p, const P& g, Adam<P>& state, const Rate& rate, const AdamConfig& config = {}) {
+        AdamReport report;
+        std::vector<double> rates;
+        P::fields(
+            [&](const std::string& name, const auto& a) {
+                rates.push_back(rate(name));
+                if (report.applied && rates.back() != 0.0 && !detail::all_finite<B>(a))
+                    report = {false, name};
+            },
+            g);
+        if (!report.applied) return report;
 
-    state.field_steps.resize(rates.size(), state.step);
-    ++state.step;
-    std::size_t field = 0;
-    P::fields(
-        [&](const std::string&, auto& a, const auto& ga, auto& m, auto& v) {
-            using T = typename std::remove_cvref_t<decltype(a)>::Scalar;
-            const std::size_t i = field++;
-            if (rates[i] == 0.0) return;
-            RYE_ASSERT(T(config.eps) > T(0), "adam_step: eps is 0 in this precision");
-            RYE_ASSERT(a.size() == ga.size() && a.size() == m.size() && a.size() == v.size(),
-                       "adam_step: shapes of parameter, gradient and moments differ");
-            const double t = static_cast<double>(++state.field_steps[i]);
-            const double c1 = -std::expm1(t * std::log(config.beta1));
-            const double c2 = -std::expm1(t * std::log(config.beta2));
-            const T b1 = T(config.beta1), d1 = T(1.0 - config.beta1);
-            const T b2 = T(config.beta2), d2 = T(1.0 - config.beta2);
-            const T size = T(rates[i] / c1), root = T(1.0 / std::sqrt(c2)), eps = T(config.eps);
-            for_chunks<typename B::threads>(a.size(), detail::adam_grain, [&](Index b, Index e, Index) {
-                const Index n = e - b;
-                T *pa = a.data() + b, *pm = m.data() + b, *pv = v.data() + b;
-                const T* pg = ga.data() + b;
-                transform_array<B>(
-                    n, pm, [&](auto x, auto y) { return b1 * x + d1 * y; }, pm, pg);
-                transform_array<B>(
-                    n, pv, [&](auto x, auto y) { return b2 * x + d2 * y * y; }, pv, pg);
-                transform_array<B>(
-                    n, pa,
-                    [&](auto x, auto mi, auto vi) {
-                        using std::sqrt;
-                        return x - size * mi / (sqrt(vi) * root + eps);
-                    },
-                    pa, pm, pv);
-            });
-        },
-        p, g, state.m, state.v);
-    return report;
-}
+        state.field_steps.resize(rates.size(), state.step);
+        ++state.step;
+        std::size_t field = 0;
+        P::fields(
+            [&](const std::string&, auto& a, const auto& ga, auto& m, auto& v) {
+                using T = typename std::remove_cvref_t<decltype(a)>::Scalar;
+                const std::size_t i = field++;
+                if (rates[i] == 0.0) return;
+                RYE_ASSERT(T(config.eps) > T(0), "adam_step: eps is 0 in this precision");
+                RYE_ASSERT(a.size() == ga.size() && a.size() == m.size() && a.size() == v.size(),
+                           "adam_step: shapes of parameter, gradient and moments differ");
+                const double t = static_cast<double>(++state.field_steps[i]);
+                const double c1 = -std::expm1(t * std::log(config.beta1));
+                const double c2 = -std::expm1(t * std::log(config.beta2));
+                const T b1 = T(config.beta1), d1 = T(1.0 - config.beta1);
+                const T b2 = T(config.beta2), d2 = T(1.0 - config.beta2);
+                const T size = T(rates[i] / c1), root = T(1.0 / std::sqrt(c2)), eps = T(config.eps);
+                for_chunks<typename B::threads>(
+                    a.size(), detail::adam_grain, [&](Index b, Index e, Index) {
+                        const Index n = e - b;
+                        T *pa = a.data() + b, *pm = m.data() + b, *pv = v.data() + b;
+                        const T* pg = ga.data() + b;
+                        transform_array<B>(
+                            n, pm, [&](auto x, auto y) { return b1 * x + d1 * y; }, pm, pg);
+                        transform_array<B>(
+                            n, pv, [&](auto x, auto y) { return b2 * x + d2 * y * y; }, pv, pg);
+                        transform_array<B>(
+                            n, pa,
+                            [&](auto x, auto mi, auto vi) {
+                                using std::sqrt;
+                                return x - size * mi / (sqrt(vi) * root + eps);
+                            },
+                            pa, pm, pv);
+                    });
+            },
+            p, g, state.m, state.v);
+        return report;
+    }
 
 } // namespace rye

@@ -13,7 +13,9 @@ namespace rye {
 
 /// The backend brings vectors of this scalar.
 template <class B, class T>
-concept HasLanes = Backend<B> && Real<T> && requires { typename B::template batch<T>; };
+concept HasLanes = Backend<B> && Real<T> && requires {
+    typename B::template batch<T>;
+};
 
 /// out[i] = f(in[i]...) for i in [0, n); out may be one of the inputs.
 template <Backend B, class T, class F, class... In>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/nn/encoding.hpp: positional encoding of points, poses and angles.
-/// [x, sin x, cos x, sin 2x, cos 2x, sin 4x, cos 4x, ...], each block the whole vector, so D numbers
-/// become D (1 + 2 F). The frequencies are powers of two, so their arguments are exact.
+/// [x, sin x, cos x, sin 2x, cos 2x, sin 4x, cos 4x, ...], each block the whole vector, so D
+/// numbers become D (1 + 2 F). The frequencies are powers of two, so their arguments are exact.
 /// Source: Mildenhall et al., "NeRF", 2020, eq. 4, with the identity and without the factor pi.
 #pragma once
 
@@ -26,7 +26,7 @@ Columns<typename X::Scalar> positional_encoding(const Eigen::MatrixBase<X>& x,
     using T = typename X::Scalar;
     const Index d = x.rows();
     Columns<T> y(encoded_size(d, frequencies), x.cols());
-    Columns<T> scaled = x;                                          // 2^k x
+    Columns<T> scaled = x; // 2^k x
     y.topRows(d) = scaled;
     for (int k = 0; k < frequencies; ++k) {
         y.middleRows(d * (1 + 2 * k), d) = scaled.array().sin().matrix();
@@ -43,12 +43,12 @@ Columns<typename Y::Scalar> positional_encoding_vjp(const Eigen::MatrixBase<Y>& 
                                                     int frequencies = default_frequencies) {
     using T = typename Y::Scalar;
     const Index d = y.rows() / encoded_size(1, frequencies);
-    RYE_ASSERT(y.rows() == encoded_size(d, frequencies) && g.rows() == y.rows() &&
-                   g.cols() == y.cols(),
-               "positional_encoding_vjp: shapes differ");
+    RYE_ASSERT(
+        y.rows() == encoded_size(d, frequencies) && g.rows() == y.rows() && g.cols() == y.cols(),
+        "positional_encoding_vjp: shapes differ");
     Columns<T> gx = g.topRows(d);
     for (int k = 0; k < frequencies; ++k) {
-        const Index s = d * (1 + 2 * k), c = s + d;                 // rows of sin, of cos
+        const Index s = d * (1 + 2 * k), c = s + d; // rows of sin, of cos
         gx += T(std::ldexp(1.0, k)) * (g.middleRows(s, d).cwiseProduct(y.middleRows(c, d)) -
                                        g.middleRows(c, d).cwiseProduct(y.middleRows(s, d)));
     }

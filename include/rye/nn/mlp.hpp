@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/nn/mlp.hpp: the multilayer perceptron over columns, with one skip and its vjp.
-/// Layer l maps dims[l] to dims[l + 1]; layer floor(len(dims) / 2) also reads the input again, after
-/// the hidden part. LeakyReLU(0.01) after every layer but the last; the caller applies what follows.
-/// The last `frame_inputs` rows of the input are the same for all points, so their products are
-/// folded into the biases once per call, and their gradients come from the summed cotangents.
-/// Points go through all layers in blocks that stay in the cache. Source: Xu et al., "Gaussian Head
-/// Avatar", 2024, and its published configuration.
+/// Layer l maps dims[l] to dims[l + 1]; layer floor(len(dims) / 2) also reads the input again,
+/// after the hidden part. LeakyReLU(0.01) after every layer but the last; the caller applies what
+/// follows. The last `frame_inputs` rows of the input are the same for all points, so their
+/// products are folded into the biases once per call, and their gradients come from the summed
+/// cotangents. Points go through all layers in blocks that stay in the cache. Source: Xu et al.,
+/// "Gaussian Head Avatar", 2024, and its published configuration.
 #pragma once
 
 #include <algorithm>
@@ -24,8 +24,8 @@
 namespace rye {
 
 struct MlpShape {
-    std::vector<int> dims;  ///< sizes of the input, the hidden layers and the output
-    int frame_inputs = 0;   ///< how many of the last dims[0] inputs all points share
+    std::vector<int> dims; ///< sizes of the input, the hidden layers and the output
+    int frame_inputs = 0;  ///< how many of the last dims[0] inputs all points share
 
     int layers() const { return static_cast<int>(dims.size()) - 1; }
     int skip() const { return static_cast<int>(dims.size()) / 2; }
@@ -88,11 +88,11 @@ struct Mlp {
     }
 };
 
-/// What the vjp needs of a forward pass: the outputs of the hidden layers. Keep it between calls, so
-/// that its memory is allocated once.
+/// What the vjp needs of a forward pass: the outputs of the hidden layers. Keep it between calls,
+/// so that its memory is allocated once.
 template <class T>
 struct MlpTrace {
-    std::vector<Columns<T>> hidden;  ///< of each layer but the last: dims[l + 1] x N
+    std::vector<Columns<T>> hidden; ///< of each layer but the last: dims[l + 1] x N
 };
 
 namespace detail {
@@ -138,7 +138,8 @@ void mlp_layer(const Mlp<T>& m, int l, const VecX<T>& bias, const ColumnsView<T>
     for (Index j = 0; j < y.cols(); ++j) {
         T* to = y.col(j).data();
         if (last)
-            transform_array<B>(y.rows(), to, [](auto v, auto b) { return v + b; }, to, bias.data());
+            transform_array<B>(
+                y.rows(), to, [](auto v, auto b) { return v + b; }, to, bias.data());
         else
             transform_array<B>(
                 y.rows(), to, [](auto v, auto b) { return leaky_relu(v + b); }, to, bias.data());
@@ -169,7 +170,7 @@ Columns<T> mlp_forward(const Mlp<T>& m, const std::type_identity_t<ColumnsView<T
         std::vector<Columns<T>> local(trace ? 0 : 2);
         const ColumnsView<T> x = points.middleCols(b, e - b);
         Columns<T> none;
-        const auto hidden = [&](int l) -> ColumnsSpan<T> {          // the output of layer l
+        const auto hidden = [&](int l) -> ColumnsSpan<T> { // the output of layer l
             if (l < 0) return none;
             if (l + 1 == layers) return y.middleCols(b, e - b);
             if (trace) return trace->hidden[static_cast<std::size_t>(l)].middleCols(b, e - b);
@@ -236,7 +237,7 @@ void mlp_vjp(const Mlp<T>& m, const std::type_identity_t<ColumnsView<T>>& points
             for (const Mlp<T>& part : parts)
                 g_params.weight[i].middleCols(b, e - b) += part.weight[i].middleCols(b, e - b);
         });
-        VecX<T> sum = VecX<T>::Zero(s.layer_out(l));                // of the cotangents of all points
+        VecX<T> sum = VecX<T>::Zero(s.layer_out(l)); // of the cotangents of all points
         for (const Mlp<T>& part : parts) sum += part.bias[i].col(0);
         g_params.bias[i] += sum;
         if (s.reads_input(l) && s.frame_inputs > 0) {

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/loss/photometric.hpp: what two images differ by, pixel by pixel: L1 with its gradient, mean
+/// squared error and PSNR. A mask weighs pixels; an empty mask means 1 everywhere.
+/// Source: the L1 terms of Gaussian Head Avatar and RYE, which divide by *all* pixels and channels.
+#pragma once
+
+#include <cmath>
+#include <limits>
+#include <string>
+#include <type_traits>
+
+#include <rye/backend/backend.hpp>
+#include <rye/core/columns.hpp>
+#include <rye/core/concepts.hpp>
+#include <rye/core/error.hpp>
+
+namespace rye {
+
+/// A loss and its cotangent of the first image.
+template <class T>
+struct LossGradient {
+    T value = T(0);
+    Columns<T> gradient; ///< of the shape of the first image
+};
+
+namespace detail {
+
+/// Pixels per partial sum.
+inline constexpr Index loss_grain = 1024;
+
+template <class T>
+void require_same_shape(const char* who, const ColumnsView<T>& a, const ColumnsView<T>& b,
+                        const ColumnsView<T>& mask) {
+    const auto text = [](const ColumnsView<T>& m) {
+        return std::to_string(m.rows()) + " x " + std::to_string(m.cols());
+    };
+    require(a.rows() == b.rows() && a.cols() == b.cols(), who,
+            "got images of " + text(a) + " and " + text(b) + ", expected equal shapes");
+    require(mask.size() == 0 || (mask.rows() == 1 && mask.cols() == a.cols()), who,
+            "got a mask of " + text(mask) + ", expected 1 x " + std::to_string(a.cols()));
+}
+
+} // namespace detail
+
+/// mean |mask (a - b)| over all pixels and channels, whatever the mask; its slope at 0 is 0.
+/// a, b: channels x pixels; mask: 1 x pixels or empty.
+template <Backend B, class T>
+LossGradient<T> masked_l1(const std::type_identity_t<ColumnsView<T>>& a,
+                          const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask) {
+    using std::abs;
+    detail::require_same_shape<T>("masked_l1", a, b, mask);
+    LossGradient<T> loss{T(0), Columns<T>::Zero(a.rows(), a.cols())};
+    if (a.size() == 0) return loss;
+    const T share(static_cast<real_t<T>>(1.0 / static_cast<double>(a.size())));
+    const T sum = sum_chunks<typename B::threads>(
+        a.cols(), detail::loss_grain, T(0), [&](Index first, Index last) {
+            T total(0);
+            for (Index j = first; j < last; ++j) {
+                const T m = mask.size() ? mask(j) : T(1);
+                if (m == T(0)) continue; // what is masked out may hold anything
+                for (Index i = 0; i < a.rows(); ++i) {
+                    const T d = m * (a(i, j) - b(i, j));
+                    total += abs(d);
+                    loss.gradient(i, j) = d > T(0) ? T(m * share) : d < T(0) ? T(-m * share) : T(0);
+                }
+            }
+            return total;
+        });
+    loss.value = sum * share;
+    return loss;
+}
+
+/// mean of mask (a - b)^2 over the pixels that the mask weighs and all channels, in double;
+/// 0 where the mask is 0 everywhere.
+template <class T>
+double mean_squared_error(const std::type_identity_t<ColumnsView<T>>& a,
+                          const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask) {
+    detail::require_same_shape<T>("mean_squared_error", a, b, mask);
+    double sum = 0, weight = 0;
+    for (Index j = 0; j < a.cols(); ++j) {
+        const double m = mask.size() ? static_cast<double>(mask(j)) : 1.0;
+        if (m == 0) continue; // what is masked out may hold anything
+        sum +=
+            m * (a.col(j).template cast<double>() - b.col(j).template cast<double>()).squaredNorm();
+        weight += m * static_cast<double>(a.rows());
+    }
+    return weight > 0 ? sum / weight : 0.0;
+}
+
+/// 10 log10(peak^2 / mean squared error) [dB]; +infinity for equal images.
+template <class T>
+double psnr(const std::type_identity_t<ColumnsView<T>>& a,
+            const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask,
+            double peak = 1.0) {
+    const double mse = mean_squared_error<T>(a, b, mask);
+    return mse > 0 ? 10.0 * std::log10(peak * peak / mse) : std::numeric_limits<double>::infinity();
+}
+
+} // namespace rye

@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/nn/convolution.hpp: 3 x 3 convolution with zero padding, and the vjp of input and weights.
+/// A pixel is a column, so the three pixels under a row of the kernel are 3 C adjacent numbers, and
+/// a row of the output is three products with a matrix whose columns overlap: nothing is unfolded.
+/// Weights are out x 9 in; column (3 ky + kx) in + i belongs to kernel row ky, column kx, input i.
+/// The kernel is not flipped (cross-correlation), as in PyTorch.
+#pragma once
+
+#include <algorithm>
+#include <vector>
+
+#include <rye/backend/backend.hpp>
+#include <rye/core/columns.hpp>
+#include <rye/nn/elementwise.hpp>
+
+namespace rye {
+
+/// An image inside a border of one pixel of zeros.
+template <class T>
+struct Padded {
+    int width = 0;     ///< without the border [px]
+    int height = 0;    ///< without the border [px]
+    Columns<T> pixels; ///< channels x ((width + 2) (height + 2))
+
+    using Neighbours = Eigen::Map<const Columns<T>, 0, Eigen::OuterStride<>>;
+
+    int channels() const { return static_cast<int>(pixels.rows()); }
+    /// For each pixel of row y the three pixels under kernel row ky: 3 channels x width.
+    Neighbours under(Index y, int ky) const {
+        const Index c = pixels.rows();
+        return {pixels.data() + (y + ky) * (width + 2) * c, 3 * c, width, Eigen::OuterStride<>(c)};
+    }
+};
+
+/// Rows of an image that one chunk handles: about 2048 pixels.
+inline Index rows_per_chunk(int width) { return std::max<Index>(1, 2048 / std::max(width, 1)); }
+
+/// f of every pixel inside the border.
+template <Backend B, class T, class F>
+Padded<T> padded(const Image<T>& in, const F& f) {
+    const Index w = in.width, c = in.channels(), pitch = w + 2;
+    Padded<T> out{in.width, in.height, Columns<T>(c, pitch * (in.height + 2))};
+    out.pixels.leftCols(pitch).setZero();
+    out.pixels.rightCols(pitch).setZero();
+    for_chunks<typename B::threads>(
+        in.height, rows_per_chunk(in.width), [&](Index b, Index e, Index) {
+            for (Index y = b; y < e; ++y) {
+                const Index row = (y + 1) * pitch;
+                out.pixels.col(row).setZero();
+                out.pixels.col(row + w + 1).setZero();
+                transform_array<B>(w * c, out.pixels.col(row + 1).data(), f,
+                                   in.pixels.data() + y * w * c);
+            }
+        });
+    return out;
+}
+template <Backend B, class T>
+Padded<T> padded(const Image<T>& in) {
+    return padded<B>(in, [](const auto& x) { return x; });
+}
+
+/// weight: out x 9 in. Returns an image of `out` channels.
+template <Backend B, class T>
+Image<T> convolve3x3(const Columns<T>& weight, const Padded<T>& in) {
+    const Index k = 3 * in.channels();
+    RYE_ASSERT(weight.cols() == 3 * k, "convolve3x3: channels of weight and image differ");
+    Image<T> out;
+    out.width = in.width;
+    out.height = in.height;
+    out.pixels.resize(weight.rows(), out.size());
+    for_chunks<typename B::threads>(
+        in.height, rows_per_chunk(in.width), [&](Index b, Index e, Index) {
+            for (Index y = b; y < e; ++y) {
+                ColumnsSpan<T> row = out.pixels.middleCols(y * in.width, in.width);
+                row.noalias() = weight.leftCols(k) * in.under(y, 0);
+                row.noalias() += weight.middleCols(k, k) * in.under(y, 1);
+                row.noalias() += weight.rightCols(k) * in.under(y, 2);
+            }
+        });
+    return out;
+}
+
+/// The weights of the adjoint convolution: in x 9 out, turned by 180 degrees.
+template <class T>
+Columns<T> adjoint_weight3x3(const Columns<T>& weight) {
+    const Index out = weight.rows(), in = weight.cols() / 9;
+    Columns<T> w(in, 9 * out);
+    for (Index k = 0; k < 9; ++k)
+        w.middleCols(k * out, out) = weight.middleCols((8 - k) * in, in).transpose();
+    return w;
+}
+
+/// The cotangent of the input from that of the output.
+template <Backend B, class T>
+Image<T> convolve3x3_vjp_input(const Columns<T>& weight, const Image<T>& g) {
+    return convolve3x3<B>(adjoint_weight3x3(weight), padded<B>(g));
+}
+
+/// Adds the cotangent of the weights: partial sums over at most 16 bands of rows, merged in order.
+template <Backend B, class T>
+void convolve3x3_vjp_weight(const Padded<T>& in, const Image<T>& g, Columns<T>& g_weight) {
+    const Index k = 3 * in.channels();
+    const Index rows = std::max(rows_per_chunk(in.width), chunk_count(in.height, 16));
+    std::vector<Columns<T>> parts(static_cast<std::size_t>(chunk_count(in.height, rows)));
+    for_chunks<typename B::threads>(in.height, rows, [&](Index b, Index e, Index c) {
+        Columns<T>& part = parts[static_cast<std::size_t>(c)];
+        part.setZero(g_weight.rows(), g_weight.cols());
+        for (Index y = b; y < e; ++y) {
+            const ColumnsView<T> row = g.pixels.middleCols(y * in.width, in.width);
+            for (int ky = 0; ky < 3; ++ky)
+                part.middleCols(ky * k, k).noalias() += row * in.under(y, ky).transpose();
+        }
+    });
+    for (const Columns<T>& part : parts) g_weight += part;
+}
+
+} // namespace rye

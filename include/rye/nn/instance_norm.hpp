@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/nn/instance_norm.hpp: each channel of an image brought to mean 0 and variance 1, and its
+/// vjp. No learned scale and no running statistics. The variance is of centred values, summed in
+/// fixed blocks. Source: Ulyanov et al., "Instance Normalization", 2016; eps as in PyTorch.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include <rye/backend/backend.hpp>
+#include <rye/core/columns.hpp>
+#include <rye/core/concepts.hpp>
+
+namespace rye {
+
+/// Bounds the gain of a channel that is nearly constant.
+inline constexpr double norm_eps = 1e-5;
+
+namespace detail {
+
+/// Pixels per partial sum: long sums are sums of sums, so that float keeps its digits.
+inline constexpr Index norm_block = 256;
+
+/// Mean over pixels of f(begin, count), a channels x 1 sum over a block of pixels.
+template <Backend B, class T, class F>
+VecX<T> pixel_mean(Index channels, Index pixels, const F& f) {
+    const VecX<T> zero = VecX<T>::Zero(channels);
+    const VecX<T> sum = sum_chunks<typename B::threads>(
+        chunk_count(pixels, norm_block), 16, zero, [&](Index first, Index last) {
+            VecX<T> s = zero;
+            for (Index c = first; c < last; ++c) {
+                const Index b = c * norm_block;
+                s += f(b, std::min(norm_block, pixels - b));
+            }
+            return s;
+        });
+    return sum * T(1.0 / static_cast<double>(std::max<Index>(pixels, 1)));
+}
+
+} // namespace detail
+
+/// Normalises in place; returns 1 / sqrt(variance + eps) of each channel.
+template <Backend B, class T>
+VecX<T> instance_norm(Columns<T>& x) {
+    using std::sqrt;
+    const VecX<T> mean = detail::pixel_mean<B, T>(
+        x.rows(), x.cols(),
+        [&](Index b, Index n) -> VecX<T> { return x.middleCols(b, n).rowwise().sum(); });
+    const VecX<T> variance =
+        detail::pixel_mean<B, T>(x.rows(), x.cols(), [&](Index b, Index n) -> VecX<T> {
+            VecX<T> s = VecX<T>::Zero(x.rows());
+            for (Index j = b; j < b + n; ++j) s += (x.col(j) - mean).cwiseAbs2();
+            return s;
+        });
+    const VecX<T> gain =
+        variance.unaryExpr([](const T& v) { return T(T(1) / sqrt(v + T(real_t<T>(norm_eps)))); });
+    for_chunks<typename B::threads>(x.cols(), 4096, [&](Index b, Index e, Index) {
+        for (Index j = b; j < e; ++j) x.col(j) = (x.col(j) - mean).cwiseProduct(gain);
+    });
+    return gain;
+}
+
+/// Turns the cotangent of the output y into that of the input, in place.
+template <Backend B, class T>
+void instance_norm_vjp(const Columns<T>& y, const VecX<T>& gain, Columns<T>& g) {
+    const VecX<T> mean_g = detail::pixel_mean<B, T>(
+        y.rows(), y.cols(),
+        [&](Index b, Index n) -> VecX<T> { return g.middleCols(b, n).rowwise().sum(); });
+    const VecX<T> mean_gy =
+        detail::pixel_mean<B, T>(y.rows(), y.cols(), [&](Index b, Index n) -> VecX<T> {
+            VecX<T> s = VecX<T>::Zero(y.rows());
+            for (Index j = b; j < b + n; ++j) s += g.col(j).cwiseProduct(y.col(j));
+            return s;
+        });
+    for_chunks<typename B::threads>(y.cols(), 4096, [&](Index b, Index e, Index) {
+        for (Index j = b; j < e; ++j)
+            g.col(j) = (g.col(j) - mean_g - y.col(j).cwiseProduct(mean_gy)).cwiseProduct(gain);
+    });
+}
+
+} // namespace rye

@@ -1,0 +1,254 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/nn/upsampler.hpp: the super-resolution network, from feature maps to an image in 0..1.
+/// `inc` and one `up` per doubling are pairs of 3 x 3 convolution, InstanceNorm, ReLU; an `up`
+/// doubles its input first; `outc` is a 1 x 1 convolution and a sigmoid. With capacity c and d
+/// doublings the widths are 2^d c, ..., 2 c, c. Source: Xu et al., "Gaussian Head Avatar", 2024.
+/// Nested under the name "upsampler", the fields carry the names of its checkpoints.
+#pragma once
+
+#include <cmath>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include <rye/core/error.hpp>
+#include <rye/core/fields.hpp>
+#include <rye/core/random.hpp>
+#include <rye/nn/bilinear.hpp>
+#include <rye/nn/convolution.hpp>
+#include <rye/nn/instance_norm.hpp>
+
+namespace rye {
+
+enum class Normalization {
+    instance, ///< as published
+    none      ///< statistics of a crop then cannot differ from those of the whole image
+};
+
+struct UpsamplerShape {
+    int in_channels = 32;
+    int capacity = 32; ///< channels before the last layer
+    int doublings = 2; ///< the output is 2^doublings times the input
+    Normalization norm = Normalization::instance;
+    /// A deviation for short training: the doubled first three channels b, clamped into (0, 1), are
+    /// the odds that outc multiplies: b e^z / (b e^z + 1 - b). This is sigmoid(z + logit b) without
+    /// a logarithm, so its slope in b is 1 at z = 0 for every b; outc then starts at zero, and
+    /// training at the doubled image.
+    bool skip = false;
+
+    int blocks() const { return doublings + 1; }
+    int layers() const { return 2 * blocks(); }
+    int block_out(int block) const { return capacity << (doublings - block); }
+    int layer_in(int l) const {
+        return l == 0 ? in_channels : l % 2 == 0 ? block_out(l / 2 - 1) : block_out(l / 2);
+    }
+};
+
+/// Gradients and moments have the same type.
+template <class T>
+struct Upsampler {
+    UpsamplerShape shape;
+    std::vector<Columns<T>> conv; ///< of layer l: out x 9 in, see convolution.hpp
+    Columns<T> out_weight;        ///< 3 x capacity
+    Columns<T> out_bias;          ///< 3 x 1
+
+    Upsampler() = default;
+    /// All zero.
+    explicit Upsampler(const UpsamplerShape& s)
+        : shape(s),
+          out_weight(Columns<T>::Zero(3, s.capacity)),
+          out_bias(Columns<T>::Zero(3, 1)) {
+        require(s.in_channels >= (s.skip ? 3 : 1) && s.capacity >= 1 && s.doublings >= 0,
+                "Upsampler",
+                "got " + std::to_string(s.in_channels) + " channels, capacity " +
+                    std::to_string(s.capacity) + ", " + std::to_string(s.doublings) +
+                    " doublings, expected at least 1 channel (3 with skip), 1 and 0");
+        for (int l = 0; l < s.layers(); ++l)
+            conv.push_back(Columns<T>::Zero(s.block_out(l / 2), 9 * s.layer_in(l)));
+    }
+
+    /// PyTorch's default: uniform in +-1 / sqrt(fan_in).
+    static Upsampler init(const UpsamplerShape& s, const Random& random) {
+        Upsampler u(s);
+        std::uint64_t array = 0;
+        const auto fill = [&](Columns<T>& a, int fan_in) {
+            const double bound = 1.0 / std::sqrt(static_cast<double>(fan_in));
+            const Random r = random.fork(array++);
+            for (Index i = 0; i < a.size(); ++i)
+                a(i) = T(bound * (2.0 * r.uniform(static_cast<std::uint64_t>(i)) - 1.0));
+        };
+        for (Columns<T>& w : u.conv) fill(w, static_cast<int>(w.cols()));
+        if (!s.skip) {
+            fill(u.out_weight, s.capacity);
+            fill(u.out_bias, s.capacity);
+        }
+        return u;
+    }
+
+    template <class F, class... P>
+    static void fields(F&& f, P&&... p) {
+        const std::size_t n = std::get<0>(std::tie(p...)).conv.size();
+        for (std::size_t l = 0; l < n; ++l) {
+            const std::string block = l < 2 ? "inc" : "up" + std::to_string(l / 2) + ".conv";
+            f(block + ".double_conv." + (l % 2 == 0 ? "0" : "3") + ".weight", p.conv[l]...);
+        }
+        f("outc.conv.weight", p.out_weight...);
+        f("outc.conv.bias", p.out_bias...);
+    }
+};
+
+/// What the vjp needs of a forward pass. Keep it between calls.
+template <class T>
+struct UpsamplerTrace {
+    std::vector<Image<T>> normal; ///< of each layer: normalised, before ReLU
+    std::vector<VecX<T>> gain;    ///< of each layer: what the norm multiplied with
+    Image<T> base;                ///< the doubled first three channels, if skip
+    Image<T> out;
+};
+
+namespace detail {
+
+/// The clamp of the skip's base: half an 8-bit step is not visible, and z can still move it.
+inline constexpr double base_margin = 1e-3;
+
+template <class T>
+T clamped_base(const T& b) {
+    const auto m = static_cast<real_t<T>>(base_margin);
+    return clamp_value(b, T(m), T(1 - m));
+}
+
+/// b e^z / (b e^z + 1 - b) with an exponential that cannot overflow.
+template <class T>
+T odds_sigmoid(const T& b, const T& z) {
+    using std::abs, std::exp;
+    const T e = exp(-abs(z));
+    const T p = select(z < T(0), T(b * e), b), q = select(z < T(0), T(T(1) - b), T((T(1) - b) * e));
+    return p / (p + q);
+}
+
+/// The input of layer l inside its border: the features, or what the layer below left, doubled at
+/// the start of a block. Rebuilt in the vjp, which is cheaper than keeping it.
+template <Backend B, class T>
+Padded<T> upsampler_layer_input(const Image<T>& in, const std::vector<Image<T>>& normal, int l) {
+    if (l == 0) return padded<B>(in);
+    const Image<T>& below = normal[static_cast<std::size_t>(l - 1)];
+    const auto f = [](const auto& x) { return relu(x); };
+    if (l % 2 == 1) return padded<B>(below, f);
+    const Index w = 2 * below.width, h = 2 * below.height, c = below.channels();
+    Padded<T> out{static_cast<int>(w), static_cast<int>(h), Columns<T>::Zero(c, (w + 2) * (h + 2))};
+    double_into<B>(below, f, [&](Index y) { return out.pixels.col((y + 1) * (w + 2) + 1).data(); });
+    return out;
+}
+
+/// Pixels per partial sum of the last layer's gradients: at most 16 chunks.
+inline Index outc_grain(Index pixels) { return std::max<Index>(2048, chunk_count(pixels, 16)); }
+
+} // namespace detail
+
+/// in: in_channels. Returns 3 channels in 0..1, 2^doublings times as wide and high. The trace may
+/// be null.
+template <Backend B, class T>
+Image<T> upsampler_forward(const Upsampler<T>& u, const Image<T>& in,
+                           std::type_identity_t<UpsamplerTrace<T>>* trace) {
+    const UpsamplerShape& s = u.shape;
+    RYE_ASSERT(in.channels() == s.in_channels, "upsampler_forward: channels of the input");
+    UpsamplerTrace<T> local;
+    UpsamplerTrace<T>& t = trace ? *trace : local;
+    t.normal.resize(static_cast<std::size_t>(s.layers()));
+    t.gain.resize(static_cast<std::size_t>(s.layers()));
+    for (int l = 0; l < s.layers(); ++l) {
+        const std::size_t i = static_cast<std::size_t>(l);
+        t.normal[i] = convolve3x3<B>(u.conv[i], detail::upsampler_layer_input<B>(in, t.normal, l));
+        if (s.norm == Normalization::instance) t.gain[i] = instance_norm<B>(t.normal[i].pixels);
+        if (!trace && l > 0) t.normal[i - 1] = {};
+    }
+    if (s.skip) {
+        t.base = {};
+        t.base.width = in.width;
+        t.base.height = in.height;
+        t.base.pixels = in.pixels.topRows(3);
+        for (int d = 0; d < s.doublings; ++d) t.base = doubled<B>(t.base);
+    }
+    const Image<T>& last = t.normal.back();
+    Image<T> out(last.width, last.height, 3);
+    for_chunks<typename B::threads>(out.size(), 2048, [&](Index b, Index e, Index) {
+        const Columns<T> h =
+            last.pixels.middleCols(b, e - b).unaryExpr([](const T& x) { return relu(x); });
+        Columns<T> z = u.out_weight * h;
+        z.colwise() += u.out_bias.col(0);
+        T* to = out.pixels.col(b).data();
+        if (s.skip)
+            transform_array<B>(
+                z.size(), to,
+                [](const auto& base, const auto& x) {
+                    return detail::odds_sigmoid(detail::clamped_base(base), x);
+                },
+                t.base.pixels.col(b).data(), z.data());
+        else
+            transform_array<B>(
+                z.size(), to, [](const auto& x) { return sigmoid(x); }, z.data());
+    });
+    if (trace) t.out = out;
+    return out;
+}
+
+/// g_out: 3 x pixels of the output. Adds to g_params; overwrites g_in (in_channels x pixels of the
+/// input), which may be null.
+template <Backend B, class T>
+void upsampler_vjp(const Upsampler<T>& u, const Image<T>& in, const UpsamplerTrace<T>& t,
+                   const std::type_identity_t<ColumnsView<T>>& g_out, Upsampler<T>& g_params,
+                   std::type_identity_t<Columns<T>>* g_in) {
+    const UpsamplerShape& s = u.shape;
+    const Image<T>& last = t.normal.back();
+    const Index pixels = last.size();
+    RYE_ASSERT(g_out.rows() == 3 && g_out.cols() == pixels, "upsampler_vjp: shape of g_out");
+    // Both outputs have d out / d z = out (1 - out); the base's slope is that over b (1 - b).
+    const Columns<T> g_z =
+        g_out.cwiseProduct(t.out.pixels.unaryExpr([](const T& o) { return T(o * (T(1) - o)); }));
+
+    Image<T> g(last.width, last.height, s.capacity);
+    const Columns<T> zero = Columns<T>::Zero(3, s.capacity + 1);
+    const Columns<T> g_outc = sum_chunks<typename B::threads>(
+        pixels, detail::outc_grain(pixels), zero, [&](Index b, Index e) {
+            const Columns<T> h =
+                last.pixels.middleCols(b, e - b).unaryExpr([](const T& x) { return relu(x); });
+            const ColumnsView<T> gz = g_z.middleCols(b, e - b);
+            g.pixels.middleCols(b, e - b).noalias() = u.out_weight.transpose() * gz;
+            Columns<T> part(3, s.capacity + 1);
+            part << gz * h.transpose(), gz.rowwise().sum();
+            return part;
+        });
+    g_params.out_weight += g_outc.leftCols(s.capacity);
+    g_params.out_bias += g_outc.rightCols(1);
+
+    for (int l = s.layers() - 1; l >= 0; --l) {
+        const std::size_t i = static_cast<std::size_t>(l);
+        const Columns<T>& y = t.normal[i].pixels;
+        for_chunks<typename B::threads>(y.size(), 16384, [&](Index b, Index e, Index) {
+            T* to = g.pixels.data() + b;
+            transform_array<B>(
+                e - b, to, [](const auto& v, const auto& gv) { return relu_vjp(v, gv); },
+                y.data() + b, to);
+        });
+        if (s.norm == Normalization::instance) instance_norm_vjp<B>(y, t.gain[i], g.pixels);
+        convolve3x3_vjp_weight<B>(detail::upsampler_layer_input<B>(in, t.normal, l), g,
+                                  g_params.conv[i]);
+        if (l == 0 && !g_in) return;
+        g = convolve3x3_vjp_input<B>(u.conv[i], g);
+        if (l > 0 && l % 2 == 0) g = doubled_vjp<B>(g);
+    }
+    *g_in = std::move(g.pixels);
+    if (!s.skip) return;
+    Image<T> g_base(last.width, last.height, 3);
+    const auto low = static_cast<real_t<T>>(detail::base_margin), high = 1 - low;
+    g_base.pixels = g_z.binaryExpr(t.base.pixels, [&](const T& gz, const T& b) {
+        const real_t<T> v = value_of(b);
+        const real_t<T> slope = v > low && v < high ? real_t<T>(1) : v < low || v > high ? 0 : 0.5f;
+        const T c = detail::clamped_base(b);
+        return T(T(slope) * gz / (c * (T(1) - c)));
+    });
+    for (int d = 0; d < s.doublings; ++d) g_base = doubled_vjp<B>(g_base);
+    g_in->topRows(3) += g_base.pixels;
+}
+
+} // namespace rye

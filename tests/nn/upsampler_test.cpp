@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <rye/nn/upsampler.hpp>
+
+#include <doctest/doctest.h>
+
+#include <rye/backend/scalar.hpp>
+#include <rye/backend/xsimd.hpp>
+
+#include "adjoint.hpp"
+
+using namespace rye;
+
+namespace {
+
+template <class T>
+Image<T> random_image(int width, int height, int channels, std::uint64_t seed) {
+    Image<T> image(width, height, channels);
+    image.pixels = random_columns<T>(channels, image.size(), seed);
+    return image;
+}
+
+template <class B, class T>
+double upsampler_dot_error(const UpsamplerShape& s, std::uint64_t seed) {
+    const int w = 7, h = 5;
+    Upsampler<T> u = Upsampler<T>::init(s, Random{seed, 0});
+    const Upsampler<T> du = Upsampler<T>::init(s, Random{seed + 1, 0});
+    if (s.skip) u.out_weight = random_columns<T>(3, s.capacity, seed + 5);
+    Image<T> in = random_image<T>(w, h, s.in_channels, seed + 2);
+    if (s.skip) in.pixels.topRows(3).array() += T(0.6); // inside and outside of (0, 1)
+    const Columns<T> din = random_columns<T>(s.in_channels, in.size(), seed + 3);
+    Upsampler<Dual<T, 1>> ud(s);
+    lift_fields(ud, u, du);
+    Image<Dual<T, 1>> ind(w, h, s.in_channels);
+    ind.pixels = lifted(in.pixels, din);
+    const Image<Dual<T, 1>> yd = upsampler_forward<ScalarBackend<>>(ud, ind, nullptr);
+
+    UpsamplerTrace<T> trace;
+    const Image<T> y = upsampler_forward<B>(u, in, &trace);
+    CHECK((y.pixels - values(yd.pixels)).cwiseAbs().maxCoeff() < T(1e-5));
+    const Columns<T> g = random_columns<T>(3, y.size(), seed + 4);
+    Upsampler<T> gu(s);
+    Columns<T> gin;
+    upsampler_vjp<B>(u, in, trace, g, gu, &gin);
+    DotProducts dots;
+    dots.add_forward(tangents(yd.pixels), g);
+    dots.add_reverse(gin, din);
+    dots.add_reverse_fields(gu, du);
+    return dots.error();
+}
+
+UpsamplerShape shape(int in, int capacity, int doublings, Normalization norm, bool skip) {
+    return {in, capacity, doublings, norm, skip};
+}
+
+} // namespace
+
+TEST_CASE("upsampler: parameter counts of the published network") {
+    for (const auto& [capacity, count] : {std::pair(32, 322659), {64, 1216707}, {128, 4718979}}) {
+        const Upsampler<float> u(UpsamplerShape{32, capacity});
+        CHECK(count_fields(u) == count);
+    }
+    const Upsampler<float> u(UpsamplerShape{32, 32});
+    std::vector<std::pair<std::string, Index>> sizes;
+    nested_fields<Upsampler<float>>(
+        "upsampler", [&](const std::string& n, const auto& a) { sizes.emplace_back(n, a.size()); },
+        u);
+    const std::vector<std::pair<std::string, Index>> expected{
+        {"upsampler.inc.double_conv.0.weight", 9 * 32 * 128},
+        {"upsampler.inc.double_conv.3.weight", 9 * 128 * 128},
+        {"upsampler.up1.conv.double_conv.0.weight", 9 * 128 * 64},
+        {"upsampler.up1.conv.double_conv.3.weight", 9 * 64 * 64},
+        {"upsampler.up2.conv.double_conv.0.weight", 9 * 64 * 32},
+        {"upsampler.up2.conv.double_conv.3.weight", 9 * 32 * 32},
+        {"upsampler.outc.conv.weight", 96},
+        {"upsampler.outc.conv.bias", 3}};
+    CHECK(sizes == expected);
+}
+
+TEST_CASE("upsampler: the vjp is the adjoint of the forward derivative") {
+    for (const Normalization norm : {Normalization::instance, Normalization::none})
+        for (const bool skip : {false, true})
+            for (const int doublings : {0, 1, 2}) {
+                CAPTURE(skip);
+                CAPTURE(doublings);
+                const UpsamplerShape s = shape(5, 4, doublings, norm, skip);
+                CHECK(upsampler_dot_error<ScalarBackend<>, double>(s, 1) < 1e-13);
+                CHECK(upsampler_dot_error<XsimdBackend<>, double>(s, 2) < 1e-13);
+                CHECK(upsampler_dot_error<XsimdBackend<>, float>(s, 3) < 5e-6);
+            }
+}
+
+TEST_CASE("upsampler: sizes, range, and a constant input") {
+    const UpsamplerShape s{8, 4, 2};
+    const Upsampler<float> u = Upsampler<float>::init(s, Random{1, 0});
+    const Image<float> y =
+        upsampler_forward<XsimdBackend<>>(u, random_image<float>(6, 9, 8, 1), nullptr);
+    CHECK(y.width == 24);
+    CHECK(y.height == 36);
+    CHECK(y.pixels.minCoeff() > 0);
+    CHECK(y.pixels.maxCoeff() < 1);
+    CHECK(upsampler_forward<XsimdBackend<>>(u, Image<float>(6, 9, 8, 1.0f), nullptr)
+              .pixels.allFinite());
+    CHECK(upsampler_forward<XsimdBackend<>>(u, Image<float>(1, 1, 8, 1.0f), nullptr)
+              .pixels.allFinite());
+}
+
+TEST_CASE("upsampler: with the skip, training starts at the doubled image") {
+    UpsamplerShape s{8, 4, 1};
+    s.skip = true;
+    Image<float> in = random_image<float>(6, 9, 8, 1);
+    in.pixels = (in.pixels.array() * 0.4f + 0.5f).matrix();
+    Image<float> rgb(6, 9, 3);
+    rgb.pixels = in.pixels.topRows(3);
+    const Upsampler<float> u = Upsampler<float>::init(s, Random{1, 0});
+    const Image<float> y = upsampler_forward<XsimdBackend<>>(u, in, nullptr);
+    CHECK((y.pixels - doubled<XsimdBackend<>>(rgb).pixels).cwiseAbs().maxCoeff() < 1e-6f);
+}
+
+TEST_CASE("upsampler: odds times the base are the sigmoid of the sum of logits") {
+    for (const double b : {0.001, 0.2, 0.5, 0.999})
+        for (const double z : {-700.0, -3.0, 0.0, 2.0, 700.0})
+            CHECK(detail::odds_sigmoid(b, z) ==
+                  doctest::Approx(sigmoid(z + logit(b))).epsilon(1e-12));
+}
+
+TEST_CASE("upsampler: the same bits with any kind of threads") {
+    const UpsamplerShape s{8, 8, 1};
+    const Upsampler<float> u = Upsampler<float>::init(s, Random{1, 0});
+    const Image<float> in = random_image<float>(90, 70, 8, 1);
+    const Columns<float> g = random_columns<float>(3, 4 * in.size(), 2);
+    const auto run = [&]<class B>(B) {
+        UpsamplerTrace<float> trace;
+        upsampler_forward<B>(u, in, &trace);
+        std::pair<Upsampler<float>, Columns<float>> r{Upsampler<float>(s), {}};
+        upsampler_vjp<B>(u, in, trace, g, r.first, &r.second);
+        return r;
+    };
+    const auto a = run(XsimdBackend<xsimd::default_arch, Serial>{});
+    const auto b = run(XsimdBackend<xsimd::default_arch, DefaultThreads>{});
+    CHECK(a.second == b.second);
+    for (std::size_t l = 0; l < 4; ++l) CHECK(a.first.conv[l] == b.first.conv[l]);
+}
+
+TEST_CASE("upsampler: a bad shape is refused") {
+    CHECK_THROWS_AS(Upsampler<float>(shape(2, 4, 1, Normalization::none, true)), Error);
+    CHECK_THROWS_AS(Upsampler<float>(shape(3, 0, 1, Normalization::none, false)), Error);
+}
