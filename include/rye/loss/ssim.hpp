@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/loss/ssim.hpp: structural similarity of two images in 0..1, 11 x 11 Gaussian, sigma 1.5.
+/// Written as (1 - (mx - my)^2 / (mx^2 + my^2 + C1)) (1 - var(x - y) / (var x + var y + C2)), which
+/// is the usual product, but exactly 1 for equal images and never above. In double throughout.
+/// Source: Wang et al., "Image Quality Assessment", 2004, eq. 13.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string>
+#include <type_traits>
+
+#include <rye/backend/backend.hpp>
+#include <rye/core/columns.hpp>
+#include <rye/core/error.hpp>
+
+namespace rye {
+
+inline constexpr int ssim_window = 11;    ///< [px]
+inline constexpr double ssim_sigma = 1.5; ///< [px]
+inline constexpr double ssim_c1 = 1e-4;   ///< (0.01 * peak)^2
+inline constexpr double ssim_c2 = 9e-4;   ///< (0.03 * peak)^2
+
+namespace detail {
+
+inline std::array<double, ssim_window> ssim_weights() {
+    std::array<double, ssim_window> w{};
+    double sum = 0;
+    for (int i = 0; i < ssim_window; ++i) {
+        const double x = (i - ssim_window / 2) / ssim_sigma;
+        sum += w[static_cast<std::size_t>(i)] = std::exp(-0.5 * x * x);
+    }
+    for (double& x : w) x /= sum;
+    return w;
+}
+
+/// Five windowed means of a row: x, y, x^2, y^2, (x - y)^2. One array of width * channels each.
+using SsimRow = Eigen::Array<double, Eigen::Dynamic, 5>;
+
+/// Means over the window's columns for row y of the windows, then over its rows.
+template <class T>
+SsimRow ssim_row(const Image<T>& a, const Image<T>& b, Index y,
+                 const std::array<double, ssim_window>& weight) {
+    const Index c = a.channels(), n = a.width * c, valid = n - (ssim_window - 1) * c;
+    SsimRow column = SsimRow::Zero(n, 5), mean = SsimRow::Zero(valid, 5);
+    Eigen::ArrayXd p(n), q(n);
+    for (int k = 0; k < ssim_window; ++k) {
+        const double w = weight[static_cast<std::size_t>(k)];
+        p = Eigen::Map<const VecX<T>>(a.pixels.data() + (y + k) * n, n).template cast<double>();
+        q = Eigen::Map<const VecX<T>>(b.pixels.data() + (y + k) * n, n).template cast<double>();
+        column.col(0) += w * p;
+        column.col(1) += w * q;
+        column.col(2) += w * p.square();
+        column.col(3) += w * q.square();
+        column.col(4) += w * (p - q).square();
+    }
+    for (int k = 0; k < ssim_window; ++k)
+        mean += weight[static_cast<std::size_t>(k)] * column.middleRows(k * c, valid);
+    return mean;
+}
+
+/// (valid width * channels) values of a row of windows from their means.
+inline Eigen::ArrayXd ssim_values(const SsimRow& m) {
+    const Eigen::ArrayXd x2 = m.col(0).square(), y2 = m.col(1).square();
+    const Eigen::ArrayXd d2 = (m.col(0) - m.col(1)).square();
+    // Means of squares minus squares of means are not negative but for rounding.
+    const Eigen::ArrayXd var = (m.col(2) - x2).max(0.0) + (m.col(3) - y2).max(0.0);
+    const Eigen::ArrayXd var_d = (m.col(4) - d2).max(0.0);
+    return (1.0 - d2 / (x2 + y2 + ssim_c1)) * (1.0 - var_d / (var + ssim_c2));
+}
+
+} // namespace detail
+
+/// Mean of the map over channels and over the windows that lie inside the image, each weighted by
+/// the mask (1 x pixels, or empty for 1 everywhere) at its centre; 1 where no window has weight.
+template <Backend B, class T>
+double ssim(const Image<T>& a, const Image<T>& b, const std::type_identity_t<Columns<T>>& mask) {
+    require(a.width == b.width && a.height == b.height && a.channels() == b.channels(), "ssim",
+            "got images of different shapes");
+    require(a.width >= ssim_window && a.height >= ssim_window, "ssim",
+            "got " + std::to_string(a.width) + " x " + std::to_string(a.height) +
+                " pixels, expected at least 11 x 11");
+    require(
+        mask.size() == 0 || mask.size() == a.size(), "ssim",
+        "got a mask of " + std::to_string(mask.size()) + ", expected " + std::to_string(a.size()));
+    const std::array<double, ssim_window> weight = detail::ssim_weights();
+    constexpr Index margin = ssim_window / 2;
+    const Index c = a.channels(), columns = a.width - 2 * margin;
+    const Eigen::Vector2d zero = Eigen::Vector2d::Zero(); // weighted sum, weight
+    const Eigen::Vector2d total = sum_chunks<typename B::threads>(
+        a.height - 2 * margin, 8, zero, [&](Index first, Index last) {
+            Eigen::Vector2d part = zero;
+            for (Index y = first; y < last; ++y) {
+                const Eigen::ArrayXd s = detail::ssim_values(detail::ssim_row(a, b, y, weight));
+                for (Index x = 0; x < columns; ++x) {
+                    const Index centre = (y + margin) * a.width + x + margin;
+                    const double m = mask.size() ? static_cast<double>(mask(centre)) : 1.0;
+                    if (m == 0) continue;
+                    part += m * Eigen::Vector2d(s.segment(x * c, c).sum(), static_cast<double>(c));
+                }
+            }
+            return part;
+        });
+    return total(1) > 0 ? total(0) / total(1) : 1.0;
+}
+
+} // namespace rye

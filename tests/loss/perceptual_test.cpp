@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <rye/loss/perceptual.hpp>
+
+#include <doctest/doctest.h>
+
+#include <rye/autodiff/dual.hpp>
+#include <rye/core/random.hpp>
+
+using namespace rye;
+
+namespace {
+
+struct ValueOnly {
+    template <class T>
+    T operator()(const Image<T>&, const Image<T>&) const {
+        return T(0);
+    }
+};
+static_assert(!PerceptualLoss<ValueOnly>);
+
+Image<double> random_image(int width, int height, std::uint64_t seed) {
+    Image<double> image(width, height, 3);
+    for (Index i = 0; i < image.pixels.size(); ++i)
+        image.pixels(i) = Random{seed, 0}.uniform(static_cast<std::uint64_t>(i));
+    return image;
+}
+
+} // namespace
+
+TEST_CASE("pyramid gradient: constants do not count, and an edge counts on every level") {
+    const PyramidGradientLoss loss;
+    Image<double> a(16, 16, 1, 0.7);
+    const Image<double> b(16, 16, 1, 0.2);
+    CHECK(loss(a, b).value == 0);
+    CHECK(loss(a, b).gradient.isZero(0));
+    for (int y = 0; y < 16; ++y)
+        for (int x = 8; x < 16; ++x) a.at(x, y).array() += 0.3;
+    // One of w - 1 differences of each row, on widths 16, 8 and 4.
+    CHECK(loss(a, b).value == doctest::Approx(0.3 * (1.0 / 15 + 1.0 / 7 + 1.0 / 3)));
+    const PyramidGradientLoss coarse{{0, 0, 2}};
+    CHECK(coarse(a, b).value == doctest::Approx(2 * 0.3 / 3));
+}
+
+TEST_CASE("pyramid gradient: the gradient is that of duals, also for odd and thin images") {
+    using D = Dual<double, 1>;
+    for (const auto& [w, h] : {std::pair(37, 50), {16, 16}, {5, 3}, {1, 9}, {1, 1}}) {
+        const Image<double> a = random_image(w, h, 1), b = random_image(w, h, 2);
+        const Image<double> da = random_image(w, h, 3);
+        Image<D> ad(w, h, 3), bd(w, h, 3);
+        ad.pixels = a.pixels.binaryExpr(da.pixels, [](double x, double dx) {
+            D d(x);
+            d.d[0] = dx;
+            return d;
+        });
+        bd.pixels = b.pixels.unaryExpr([](double x) { return D(x); });
+        const D value = PyramidGradientLoss()(ad, bd).value;
+        const LossGradient<double> loss = PyramidGradientLoss()(a, b);
+        const double reverse = loss.gradient.cwiseProduct(da.pixels).sum();
+        CHECK(value.value == doctest::Approx(loss.value).epsilon(1e-13));
+        CHECK(std::abs(value.d[0] - reverse) <= 1e-13 * (1 + std::abs(reverse)));
+    }
+}
+
+TEST_CASE("pyramid gradient: the same bits with any kind of threads") {
+    const Image<double> a = random_image(90, 70, 1), b = random_image(90, 70, 2);
+    const auto serial = PyramidGradientLoss().run<ScalarBackend<Serial>>(a, b);
+    const auto parallel = PyramidGradientLoss().run<ScalarBackend<DefaultThreads>>(a, b);
+    CHECK(serial.value == parallel.value);
+    CHECK(serial.gradient == parallel.gradient);
+}
+
+TEST_CASE("pyramid gradient: images of different shapes are refused") {
+    CHECK_THROWS_AS(PyramidGradientLoss()(random_image(4, 4, 1), random_image(4, 5, 1)), Error);
+}
