@@ -59,7 +59,7 @@ double dot_product_test(F&& f, Vjp&& vjp, const Columns<X>& x, const Columns<X>&
     return disagreement(forward, reverse);
 }
 
-/// (f(x + h dx) - f(x - h dx)) / 2h; `f` takes columns of doubles. The step suits inputs of about 1.
+/// (f(x + h dx) - f(x - h dx)) / 2h; `f` takes columns of doubles. The step suits inputs near 1.
 template <class F>
 Columns<double> central_difference(F&& f, const Columns<double>& x, const Columns<double>& dx,
                                    double h = 6e-6) {

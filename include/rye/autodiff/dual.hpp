@@ -211,12 +211,14 @@ struct Dual {
         const T f = pow(x.value, constant<T>(p));
         return x.chain(f, p == 1 ? T(1) : T(constant<T>(p) * pow(x.value, constant<T>(p - 1))));
     }
-    // x^g = exp(g log x): tangent g x^(g-1) h + log(x) x^g k
+    // x^g = exp(g log x): tangent g x^(g-1) h + log(x) x^g k, where 0^g with g > 0 stays 0
     friend Dual pow(const Dual& x, const Dual& g) {
         using std::log, std::pow;
         const T f = pow(x.value, g.value);
         const Dual by_base = x.chain(f, g.value * pow(x.value, g.value - T(1)));
-        const Dual by_exponent = g.chain(f, log(x.value) * f);
+        const auto still = (x.value == T(0)) && (g.value > T(0));
+        const T rate = log(pick(still, T(1), x.value)) * f;
+        const Dual by_exponent = g.chain(f, pick(still, T(0), rate));
         Dual r;
         r.value = f;
         for (std::size_t i = 0; i < N; ++i) r.d[i] = by_base.d[i] + by_exponent.d[i];

@@ -120,7 +120,7 @@ RYE_HD Quat<T> matrix_quat(const Mat3<T>& r) {
     return select_all(q[0] < T(0), Quat<T>(-q), q);
 }
 
-/// The least rotation (no torsion) that takes the unit vector a to the unit vector b, to 4e-7 rad
+/// The least rotation (no torsion) that takes the unit vector a to the unit vector b, to 6e-7 rad
 /// in float at every angle. At the antipode, where every axis serves, one orthogonal to a is taken.
 template <Scalar T>
 RYE_HD Quat<T> shortest_arc(const Vec3<T>& a, const Vec3<T>& b) {
@@ -170,6 +170,21 @@ RYE_HD T sinc_of_square_slope(const T& s) {
     const T angle = sqrt(safe);
     const T direct = (cos(angle) - sin(angle) / angle) / (safe + safe);
     return select(small, constant<T>(-1.0 / 6.0) * tail, direct);
+}
+
+/// From a (t = 0) to b (t = 1) at a steady rate along the shorter way; unit quaternions. The ratio of
+/// sines is one of sincs, so neither equal nor opposite ends are special.
+template <Scalar T>
+RYE_HD Quat<T> quat_slerp(const Quat<T>& a, const Quat<T>& b, const T& t) {
+    using std::atan2;
+    const Quat<T> end = select_all(dot(a, b) < T(0), Quat<T>(-b), b);
+    const T angle = T(2) * atan2(norm(Quat<T>(end - a)), norm(Quat<T>(end + a)));  // to pi / 2
+    const T s = angle * angle, r = T(1) - t, whole = sinc_of_square(s);
+    const T wa = r * sinc_of_square(T(r * r * s)) / whole;
+    const T wb = t * sinc_of_square(T(t * t * s)) / whole;
+    Quat<T> q;
+    for (int i = 0; i < 4; ++i) q[i] = wa * a[i] + wb * end[i];
+    return normalized(q);
 }
 
 /// exp([w]x) = I + A [w]x + B (w w^T - |w|^2 I), A = sinc(|w|), B = (1 - cos|w|) / |w|^2, which

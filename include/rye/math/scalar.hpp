@@ -37,12 +37,14 @@ RYE_HD T clamp_value(const T& x, const T& lo, const T& hi) {
     return min(max(x, lo), hi);
 }
 
-/// 1 / (1 + exp(-x)) without overflow: exp only of non-positive numbers.
+/// 1 / (1 + exp(-x)) without overflow: exp only of non-positive numbers. Not by |x|, whose
+/// derivative at 0 would leave sigmoid'(0) = 0.
 template <Scalar T>
 RYE_HD T sigmoid(const T& x) {
-    using std::abs, std::exp;
-    const T e = exp(-abs(x));
-    return select(x < T(0), e, T(1)) / (T(1) + e);
+    using std::exp;
+    const auto negative = x < T(0);
+    const T e = exp(select(negative, x, T(-x)));
+    return select(negative, e, T(1)) / (T(1) + e);
 }
 
 /// log(1 + exp(x)) = max(x, 0) + log1p(exp(-|x|)); equals -log(1 - sigmoid(x)).
