@@ -13,6 +13,7 @@
 
 #include <rye/rig/gaze.hpp>
 
+#include "commands.hpp"
 #include "validate.hpp"
 
 namespace rye::trainer {
@@ -149,7 +150,7 @@ void add_info(CLI::App& app) {
     };
     CLI::App* command = app.add_subcommand("info", "Describe a capture and check it");
     const auto arguments = std::make_shared<Arguments>();
-    command->add_option("DIR", arguments->folder, "Folder of the capture")->required();
+    command->add_option("--capture,DIR", arguments->folder, "Folder of the capture")->required();
     command->add_flag("--all-images", arguments->all, "Decode every image, not a sample");
     command->callback([arguments] {
         std::vector<Problem> problems;

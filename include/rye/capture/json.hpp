@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/capture/json.hpp: a small, strict JSON for headers inside binary files.
 /// Refused: duplicate keys, depth above 64, numbers out of range, NaN, lone surrogates, trailing
-/// text. Numbers are written shortest and read back exactly, whatever the locale.
+/// text. Numbers are read exactly, whatever the locale.
 /// Source: RFC 8259.
 #pragma once
 
@@ -227,18 +227,6 @@ private:
     std::size_t at_ = 0;
 };
 
-inline void write_json_string(std::string& out, std::string_view s) {
-    static constexpr std::string_view hex = "0123456789abcdef";
-    out += '"';
-    for (const char c : s) {
-        const auto u = static_cast<unsigned char>(c);
-        if (c == '"' || c == '\\') (out += '\\') += c;
-        else if (u < 0x20) ((out += "\\u00") += hex[u >> 4U]) += hex[u & 15U];
-        else out += c;
-    }
-    out += '"';
-}
-
 } // namespace detail
 
 /// Parses the whole text; `who` names it in errors.
@@ -246,42 +234,17 @@ inline JsonValue parse_json(std::string_view text, const std::string& who) {
     return detail::JsonParser(text, who).parse();
 }
 
-/// Without spaces. Numbers must be finite.
-inline void write_json(std::string& out, const JsonValue& v) {
-    const auto list = [&](char open, const auto& items, char close, auto&& write) {
-        out += open;
-        for (std::size_t i = 0; i < items.size(); ++i) {
-            if (i) out += ',';
-            write(items[i]);
-        }
-        out += close;
-    };
-    const auto number = [&](auto x) {
-        char text[32];
-        out.append(text, std::to_chars(text, text + sizeof text, x).ptr);
-    };
-    if (v.get<std::nullptr_t>()) out += "null";
-    else if (const auto* b = v.get<bool>()) out += *b ? "true" : "false";
-    else if (const auto* i = v.get<std::int64_t>()) number(*i);
-    else if (const auto* s = v.get<std::string>()) detail::write_json_string(out, *s);
-    else if (const auto* d = v.get<double>()) {
-        require(std::isfinite(*d), "write_json", "got a number that is not finite");
-        number(*d);
-    } else if (const auto* a = v.get<JsonArray>()) {
-        list('[', *a, ']', [&](const JsonValue& item) { write_json(out, item); });
-    } else if (const auto* o = v.get<JsonObject>()) {
-        list('{', *o, '}', [&](const JsonMember& member) {
-            detail::write_json_string(out, member.name);
-            out += ':';
-            write_json(out, member.value);
-        });
+/// The string in quotes, escaped.
+inline std::string json_string(std::string_view s) {
+    static constexpr std::string_view hex = "0123456789abcdef";
+    std::string out = "\"";
+    for (const char c : s) {
+        const auto u = static_cast<unsigned char>(c);
+        if (c == '"' || c == '\\') (out += '\\') += c;
+        else if (u < 0x20) ((out += "\\u00") += hex[u >> 4U]) += hex[u & 15U];
+        else out += c;
     }
-}
-
-inline std::string to_json(const JsonValue& v) {
-    std::string out;
-    write_json(out, v);
-    return out;
+    return out + '"';
 }
 
 } // namespace rye

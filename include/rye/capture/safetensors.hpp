@@ -252,36 +252,42 @@ inline void write_safetensors(const std::filesystem::path& path, std::vector<Ten
         const std::size_t sa = info_of(a.type).size, sb = info_of(b.type).size;
         return sa != sb ? sa > sb : a.name < b.name;
     });
-    JsonObject header;
+    std::string text = "{";
+    const auto next_member = [&](const std::string& name) {
+        if (text.back() != '{') text += ',';
+        text += json_string(name) + ':';
+    };
     if (!metadata.empty()) {
-        JsonObject words;
-        for (const auto& [key, word] : metadata) words.push_back({key, {word}});
-        header.push_back({"__metadata__", {std::move(words)}});
+        next_member("__metadata__");
+        text += '{';
+        for (const auto& [key, word] : metadata) {
+            next_member(key);
+            text += json_string(word);
+        }
+        text += '}';
     }
     std::map<std::string, int> seen;
-    std::int64_t offset = 0;
+    std::uint64_t offset = 0;
     for (const TensorEntry& t : entries) {
         const std::string label = path.string() + ": " + t.name;
         require(t.name != "__metadata__" && seen[t.name]++ == 0, label,
                 "is the name of two tensors, or reserved");
         std::uint64_t size = info_of(t.type).size;
-        JsonArray shape;
+        std::string shape;
         for (const Index d : t.shape) {
             size = checked_product(size, static_cast<std::uint64_t>(d), label);
-            shape.push_back({std::int64_t(d)});
+            shape += (shape.empty() ? "" : ",") + std::to_string(d);
         }
         require(size == t.bytes.size(), label,
                 "shape " + shape_text(t.shape) + " of " + info_of(t.type).name + " needs " +
                     std::to_string(size) + " bytes, got " + std::to_string(t.bytes.size()));
-        const std::int64_t end = offset + static_cast<std::int64_t>(size);
-        JsonArray offsets{JsonValue{offset}, JsonValue{end}};
-        JsonObject member{{"dtype", {std::string(info_of(t.type).name)}},
-                          {"shape", {std::move(shape)}},
-                          {"data_offsets", {std::move(offsets)}}};
-        header.push_back({t.name, {std::move(member)}});
-        offset = end;
+        next_member(t.name);
+        text += std::string(R"({"dtype":")") + info_of(t.type).name + R"(","shape":[)" + shape +
+                R"(],"data_offsets":[)" + std::to_string(offset) + "," +
+                std::to_string(offset + size) + "]}";
+        offset += size;
     }
-    std::string text = to_json({std::move(header)});
+    text += '}';
     text.append((8 - text.size() % 8) % 8, ' ');
     Bytes length;
     append(length, static_cast<std::uint64_t>(text.size()));
