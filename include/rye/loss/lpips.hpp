@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/loss/lpips.hpp: the learned perceptual distance LPIPS 0.1.4, net = 'vgg', with the user's
+/// weights; cmake/convert_lpips_weights.py writes them. Images hold RGB in 0..1 (normalize = True).
+/// Per slice: features scaled to unit length per pixel, squared difference, weighted sum over
+/// channels, mean over pixels; summed over slices.
+/// Source: Zhang et al., "The Unreasonable Effectiveness of Deep Features", 2018, eq. 1.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <string>
+#include <tuple>
+
+#include <rye/loss/perceptual.hpp>
+#include <rye/nn/features.hpp>
+
+namespace rye {
+
+/// An image in -1..1 goes through (x - shift) / scale, channel by channel.
+inline constexpr std::array<double, 3> lpips_shift{-0.030, -0.088, -0.188};
+inline constexpr std::array<double, 3> lpips_scale{0.458, 0.448, 0.450};
+/// Added to the length of a feature vector.
+inline constexpr double lpips_eps = 1e-10;
+
+/// The network and the weights (channels x 1, not negative) of its slices.
+template <class T>
+struct LpipsWeights {
+    Vgg<T> net;
+    std::array<Columns<T>, vgg_slices> linear;
+
+    explicit LpipsWeights(const VggShape& shape = {}) : net(shape) {
+        for (std::size_t s = 0; s < vgg_slices; ++s)
+            linear[s] = Columns<T>::Zero(shape.channels[s], 1);
+    }
+    template <class F, class... P>
+    static void fields(F&& f, P&&... p) {
+        Vgg<T>::fields(f, p.net...);
+        for (std::size_t s = 0; s < vgg_slices; ++s)
+            f("lin" + std::to_string(s) + ".weight", p.linear[s]...);
+    }
+};
+
+namespace detail {
+
+/// One slice: the value, and the cotangent of the first features.
+template <Backend B, class T>
+LossGradient<T> lpips_slice(const Columns<T>& fa, const Columns<T>& fb, const Columns<T>& weight) {
+    using std::sqrt;
+    LossGradient<T> loss{T(0), Columns<T>(fa.rows(), fa.cols())};
+    const T eps(static_cast<real_t<T>>(lpips_eps));
+    const T share(static_cast<real_t<T>>(1.0 / static_cast<double>(fa.cols())));
+    const T sum =
+        sum_chunks<typename B::threads>(fa.cols(), 256, T(0), [&](Index first, Index last) {
+            T total(0);
+            for (Index j = first; j < last; ++j) {
+                const T ra = sqrt(fa.col(j).squaredNorm()), rb = sqrt(fb.col(j).squaredNorm());
+                const VecX<T> d = fa.col(j) / (ra + eps) - fb.col(j) / (rb + eps);
+                const VecX<T> wd = weight.col(0).cwiseProduct(d);
+                total += d.dot(wd);
+                // y = f / s, s = |f| + eps: g_f = g / s - f <f, g> / (|f| s^2). Features of length
+                // 0 come from a ReLU that passes nothing on.
+                const T s = ra + eps;
+                const VecX<T> g = T(2 * share) * wd;
+                if (ra > T(0))
+                    loss.gradient.col(j) = g / s - fa.col(j) * (fa.col(j).dot(g) / (ra * s * s));
+                else
+                    loss.gradient.col(j).setZero();
+            }
+            return total;
+        });
+    loss.value = sum * share;
+    return loss;
+}
+
+/// 0..1 to what the network was trained on.
+template <class T>
+Image<T> lpips_input(const Image<T>& image) {
+    Image<T> out = image;
+    for (Index c = 0; c < 3; ++c) {
+        const std::size_t i = static_cast<std::size_t>(c);
+        const T gain(static_cast<real_t<T>>(2.0 / lpips_scale[i]));
+        const T offset(static_cast<real_t<T>>((-1.0 - lpips_shift[i]) / lpips_scale[i]));
+        out.pixels.row(c) = (out.pixels.row(c).array() * gain + offset).matrix();
+    }
+    return out;
+}
+
+} // namespace detail
+
+/// A PerceptualLoss with the gradient of the first image.
+template <Backend B, class T>
+struct LpipsVgg {
+    LpipsWeights<T> weights;
+
+    LossGradient<T> operator()(const Image<T>& a, const Image<T>& b) const {
+        detail::require_same_shape<T>("LpipsVgg", a.pixels, b.pixels, Columns<T>());
+        require(a.channels() == 3, "LpipsVgg",
+                "got " + std::to_string(a.channels()) + " channels, expected 3");
+        const VggTrace<T> ta = vgg_forward<B>(weights.net, detail::lpips_input(a));
+        const VggTrace<T> tb = vgg_forward<B>(weights.net, detail::lpips_input(b));
+        LossGradient<T> loss;
+        std::array<Columns<T>, vgg_slices> g;
+        for (std::size_t s = 0; s < vgg_slices; ++s) {
+            const int slice = static_cast<int>(s);
+            LossGradient<T> part = detail::lpips_slice<B, T>(
+                ta.feature(slice).pixels, tb.feature(slice).pixels, weights.linear[s]);
+            loss.value += part.value;
+            g[s] = std::move(part.gradient);
+        }
+        loss.gradient = vgg_vjp_input<B>(weights.net, ta, g);
+        for (std::size_t c = 0; c < 3; ++c)
+            loss.gradient.row(static_cast<Index>(c)) *=
+                T(static_cast<real_t<T>>(2.0 / lpips_scale[c]));
+        return loss;
+    }
+};
+
+} // namespace rye

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/nn/features.hpp: the VGG-16 feature extractor: five slices of 3 x 3 convolutions with ReLU,
+/// with a 2 x 2 maximum between slices. Its outputs are relu1_2, relu2_2, relu3_3, relu4_3,
+/// relu5_3. The weights are the user's; the fields carry torchvision's names, "features.0.weight"
+/// and so on. Source: Simonyan and Zisserman, "Very Deep Convolutional Networks", 2015,
+/// configuration D.
+#pragma once
+
+#include <array>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include <rye/core/error.hpp>
+#include <rye/core/fields.hpp>
+#include <rye/nn/convolution.hpp>
+
+namespace rye {
+
+/// Slices, each at half the size of the one before.
+inline constexpr int vgg_slices = 5;
+
+struct VggShape {
+    int in_channels = 3;
+    std::array<int, vgg_slices> channels{64, 128, 256, 512, 512};
+    std::array<int, vgg_slices> convolutions{2, 2, 3, 3, 3};
+};
+
+template <class T>
+struct Vgg {
+    VggShape shape;
+    std::vector<Columns<T>> weight; ///< out x 9 in, see convolution.hpp
+    std::vector<Columns<T>> bias;   ///< out x 1
+
+    /// All zero.
+    explicit Vgg(const VggShape& s = {}) : shape(s) {
+        int in = s.in_channels;
+        for (int slice = 0; slice < vgg_slices; ++slice)
+            for (int k = 0; k < s.convolutions[static_cast<std::size_t>(slice)]; ++k) {
+                const int out = s.channels[static_cast<std::size_t>(slice)];
+                weight.push_back(Columns<T>::Zero(out, 9 * in));
+                bias.push_back(Columns<T>::Zero(out, 1));
+                in = out;
+            }
+    }
+
+    template <class F, class... P>
+    static void fields(F&& f, P&&... p) {
+        const VggShape s = std::get<0>(std::tie(p...)).shape;
+        std::size_t layer = 0;
+        int index = 0; // torchvision counts convolutions, ReLUs and maxima alike
+        for (const int count : s.convolutions) {
+            for (int k = 0; k < count; ++k, ++layer, index += 2) {
+                const std::string name = "features." + std::to_string(index);
+                f(name + ".weight", p.weight[layer]...);
+                f(name + ".bias", p.bias[layer]...);
+            }
+            ++index;
+        }
+    }
+};
+
+/// The outputs of all convolutions after ReLU; those that end a slice are the features.
+template <class T>
+struct VggTrace {
+    std::vector<Image<T>> layer;
+    std::array<std::size_t, vgg_slices> slice_end{}; ///< which layers end a slice
+
+    const Image<T>& feature(int slice) const {
+        return layer[slice_end[static_cast<std::size_t>(slice)]];
+    }
+};
+
+namespace detail {
+
+/// The first of the four pixels with the largest value, as a column of the input.
+template <class T>
+Index largest_of_four(const Image<T>& in, Index x, Index y, Index channel) {
+    Index best = 2 * y * in.width + 2 * x;
+    for (const Index i : {best + 1, best + in.width, best + in.width + 1})
+        if (in.pixels(channel, i) > in.pixels(channel, best)) best = i;
+    return best;
+}
+
+/// The maximum over 2 x 2 pixels; an odd last row or column is left out.
+template <Backend B, class T>
+Image<T> max_pool(const Image<T>& in) {
+    Image<T> out(in.width / 2, in.height / 2, in.channels());
+    for_chunks<typename B::threads>(out.height, 8, [&](Index b, Index e, Index) {
+        for (Index y = b; y < e; ++y)
+            for (Index x = 0; x < out.width; ++x)
+                for (Index c = 0; c < in.channels(); ++c)
+                    out.pixels(c, y * out.width + x) = in.pixels(c, largest_of_four(in, x, y, c));
+    });
+    return out;
+}
+
+template <Backend B, class T>
+Image<T> max_pool_vjp(const Image<T>& in, const Image<T>& g) {
+    Image<T> out(in.width, in.height, in.channels());
+    for_chunks<typename B::threads>(g.height, 8, [&](Index b, Index e, Index) {
+        for (Index y = b; y < e; ++y)
+            for (Index x = 0; x < g.width; ++x)
+                for (Index c = 0; c < in.channels(); ++c)
+                    out.pixels(c, largest_of_four(in, x, y, c)) = g.pixels(c, y * g.width + x);
+    });
+    return out;
+}
+
+template <Backend B, class T>
+void add_bias_relu(Image<T>& image, const Columns<T>& bias) {
+    const Index c = image.channels();
+    for_chunks<typename B::threads>(image.size(), 1024, [&](Index b, Index e, Index) {
+        for (Index j = b; j < e; ++j) {
+            T* p = image.pixels.col(j).data();
+            transform_array<B>(
+                c, p, [](const auto& x, const auto& y) { return relu(x + y); }, p, bias.data());
+        }
+    });
+}
+
+} // namespace detail
+
+template <Backend B, class T>
+VggTrace<T> vgg_forward(const Vgg<T>& net, const Image<T>& in) {
+    require(in.channels() == net.shape.in_channels && in.width >= 16 && in.height >= 16,
+            "vgg_forward",
+            "got " + std::to_string(in.channels()) + " channels of " + std::to_string(in.width) +
+                " x " + std::to_string(in.height) + " pixels, expected " +
+                std::to_string(net.shape.in_channels) + " of at least 16 x 16");
+    VggTrace<T> t;
+    for (std::size_t slice = 0; slice < vgg_slices; ++slice)
+        for (int k = 0; k < net.shape.convolutions[slice]; ++k) {
+            const std::size_t l = t.layer.size();
+            const Padded<T> x = l == 0   ? padded<B>(in)
+                                : k == 0 ? padded<B>(detail::max_pool<B>(t.layer[l - 1]))
+                                         : padded<B>(t.layer[l - 1]);
+            t.layer.push_back(convolve3x3<B>(net.weight[l], x));
+            detail::add_bias_relu<B>(t.layer.back(), net.bias[l]);
+            t.slice_end[slice] = l;
+        }
+    return t;
+}
+
+/// The cotangent of the input from those of the five features (channels x pixels each).
+template <Backend B, class T>
+Columns<T> vgg_vjp_input(const Vgg<T>& net, const VggTrace<T>& t,
+                         const std::array<Columns<T>, vgg_slices>& g_features) {
+    Image<T> g;
+    std::size_t l = t.layer.size();
+    for (std::size_t slice = vgg_slices; slice-- > 0;) {
+        const Image<T>& feature = t.layer[t.slice_end[slice]];
+        if (g.pixels.size() == 0) {
+            g.width = feature.width;
+            g.height = feature.height;
+            g.pixels = g_features[slice];
+        } else {
+            g = detail::max_pool_vjp<B>(feature, g);
+            g.pixels += g_features[slice];
+        }
+        for (int k = 0; k < net.shape.convolutions[slice]; ++k) {
+            --l;
+            const Columns<T>& y = t.layer[l].pixels;
+            for_chunks<typename B::threads>(y.size(), 16384, [&](Index b, Index e, Index) {
+                T* to = g.pixels.data() + b;
+                transform_array<B>(
+                    e - b, to, [](const auto& v, const auto& gv) { return relu_vjp(v, gv); },
+                    y.data() + b, to);
+            });
+            g = convolve3x3_vjp_input<B>(net.weight[l], g);
+        }
+    }
+    return std::move(g.pixels);
+}
+
+} // namespace rye
