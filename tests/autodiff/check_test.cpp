@@ -33,7 +33,8 @@ Columns<double> cubic_vjp(const Columns<double>& x, const Columns<double>& w, do
 }
 
 struct Pair {
-    Columns<double> a = Columns<double>::Constant(2, 3, 1.), b = Columns<double>::Constant(4, 1, 2.);
+    Columns<double> a = Columns<double>::Constant(2, 3, 1.);
+    Columns<double> b = Columns<double>::Constant(4, 1, 2.);
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
         f("a", p.a...);
@@ -44,7 +45,8 @@ struct Pair {
 } // namespace
 
 TEST_CASE("check: accepts an adjoint, and finds the fault in a wrong one") {
-    const Columns<double> x = random_columns<double>(3, 5, {1}), dx = random_columns<double>(3, 5, {2});
+    const Columns<double> x = random_columns<double>(3, 5, {1});
+    const Columns<double> dx = random_columns<double>(3, 5, {2});
     const Columns<double> w = random_columns<double>(3, 5, {3});
     const auto right = [&](const Columns<double>& g) { return cubic_vjp(x, g); };
     const auto wrong = [&](const Columns<double>& g) { return cubic_vjp(x, g, 0.5); };
@@ -63,7 +65,8 @@ TEST_CASE("check: not a number never passes") {
 }
 
 TEST_CASE("check: jvp, jacobian and differences agree") {
-    const Columns<double> x = random_columns<double>(2, 3, {4}), dx = random_columns<double>(2, 3, {5});
+    const Columns<double> x = random_columns<double>(2, 3, {4});
+    const Columns<double> dx = random_columns<double>(2, 3, {5});
     const Columns<double> j = jacobian(Cubic{}, x), forward = jvp(Cubic{}, x, dx);
     const VecX<double> product = j * dx.reshaped();
     CHECK((product - VecX<double>(forward.reshaped())).norm() <= 1e-14);

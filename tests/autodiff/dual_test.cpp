@@ -19,7 +19,7 @@ constexpr double inf = std::numeric_limits<double>::infinity();
 template <class A, class B>
 concept Multiplies = requires(A a, B b) { a * b; };
 
-/// f'(x) by the dual against the central difference, and f(x) against the plain formula, bit by bit.
+/// f'(x) by the dual against the central difference; f(x) against the plain formula, bit by bit.
 template <class F>
 void check_rule(F f, double x) {
     CAPTURE(x);
@@ -155,7 +155,8 @@ TEST_CASE("dual: branches are on values only (H7)") {
 }
 
 TEST_CASE("dual: matrices of duals multiply") {
-    const Columns<double> a = random_columns<double>(3, 4, {1}), da = random_columns<double>(3, 4, {2});
+    const Columns<double> a = random_columns<double>(3, 4, {1});
+    const Columns<double> da = random_columns<double>(3, 4, {2});
     const Columns<double> b = random_columns<double>(4, 5, {3});
     const Columns<D> y = seeded(a, da) * b.cast<D>();
     CHECK((values_of(y) - a * b).cwiseAbs().maxCoeff() <= 1e-15);

@@ -19,7 +19,8 @@ Rigid<T> some_motion(double a, double b, double c) {
 
 TEST_CASE_TEMPLATE("rigid: inverse and composition", T, float, double) {
     const double tolerance = 8 * double(std::numeric_limits<T>::epsilon());
-    const Rigid<T> a_from_b = some_motion<T>(0.3, -0.7, 0.5), b_from_c = some_motion<T>(1.1, 0.2, -2);
+    const Rigid<T> a_from_b = some_motion<T>(0.3, -0.7, 0.5);
+    const Rigid<T> b_from_c = some_motion<T>(1.1, 0.2, -2);
     const Vec3<T> x(T(0.4), T(-0.6), T(0.9));
     const Vec3<T> there = a_from_b.apply(b_from_c.apply(x));
     CHECK(double((compose(a_from_b, b_from_c).apply(x) - there).norm()) <= tolerance);

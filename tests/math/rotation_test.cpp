@@ -135,7 +135,8 @@ TEST_CASE_TEMPLATE("rotation: adjoints of normalise, matrix and product (C3)", T
     CHECK(dot_product_test(f, vjp, x, dx, random_columns<T>(13, n, {3})) <= tolerance);
 }
 
-TEST_CASE_TEMPLATE("rotation: shortest arc at every angle, the antipode too (C5)", T, float, double) {
+TEST_CASE_TEMPLATE("rotation: shortest arc at every angle, the antipode too (C5)", T, float,
+                   double) {
     const double tolerance = std::is_same_v<T, double> ? 2e-15 : 6e-7;
     double worst = 0;
     for (const double from_antipode : {0., 1e-9, 1e-7, 1e-5, 1e-3, 1e-1, 1., pi / 2, 2., 3., 3.1,
@@ -198,7 +199,8 @@ TEST_CASE_TEMPLATE("rotation: adjoint of the exponential map", T, float, double)
         const Mat3<S> r = so3_exp(Vec3<S>(x(0, 0), x(1, 0), x(2, 0)));
         return Columns<S>(r);
     };
-    for (const double angle : {0., 1e-20, 1e-8, 1e-4, 0.1, 0.9999, 1.0001, 1.9999, 2.0001, pi, 6.}) {
+    for (const double angle : {0., 1e-20, 1e-8, 1e-4, 0.1, 0.9999, 1.0001, 1.9999, 2.0001, pi,
+                               6.}) {
         for (std::uint64_t i = 0; i < 10; ++i) {
             const Columns<T> w = unit_vec<T, 3>(i) * static_cast<T>(angle);
             const auto vjp = [&](const Columns<T>& g) {
@@ -252,7 +254,8 @@ TEST_CASE("rotation: matrices to quaternions at every pivot, with finite derivat
         CHECK(std::min((back - q).norm(), (back + q).norm()) <= 1e-15);
         CHECK(back[0] >= 0);
         const Quat<float> backf = matrix_quat(quat_matrix(Quat<float>(q.cast<float>())));
-        CHECK(std::min((backf.cast<double>() - q).norm(), (backf.cast<double>() + q).norm()) <= 4e-7);
+        const Quat<double> near = backf.cast<double>();
+        CHECK(std::min((near - q).norm(), (near + q).norm()) <= 4e-7);
         using D = Dual<double, 3>;
         const Vec3<D> w(D::variable(0, 0), D::variable(0, 1), D::variable(0, 2));
         const Quat<D> moved = quat_product(so3_exp_quat(w), Quat<D>(q.cast<D>()));
@@ -300,5 +303,7 @@ TEST_CASE("rotation: lanes compute what scalars compute") {
               return quat_log(so3_exp_quat(w(l)));
           }) <= 1e-6);
     const Mat3<Batch> r = so3_exp(wv);
-    CHECK(lane_gap(matrix_quat(r), [&](std::size_t l) { return matrix_quat(so3_exp(w(l))); }) <= 6e-7);
+    CHECK(lane_gap(matrix_quat(r), [&](std::size_t l) {
+              return matrix_quat(so3_exp(w(l)));
+          }) <= 6e-7);
 }

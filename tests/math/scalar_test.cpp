@@ -23,7 +23,8 @@ TEST_CASE("scalar: sigmoid and softplus over the whole range of floats (F1, F2)"
 }
 
 TEST_CASE("scalar: logit undoes sigmoid") {
-    for (double x = -15; x <= 15; x += 0.37) CHECK(logit(sigmoid(x)) == doctest::Approx(x).epsilon(1e-9));
+    for (double x = -15; x <= 15; x += 0.37)
+        CHECK(logit(sigmoid(x)) == doctest::Approx(x).epsilon(1e-9));
 }
 
 TEST_CASE("scalar: duals of sigmoid and softplus, at 0 too") {

@@ -172,8 +172,8 @@ RYE_HD T sinc_of_square_slope(const T& s) {
     return select(small, constant<T>(-1.0 / 6.0) * tail, direct);
 }
 
-/// From a (t = 0) to b (t = 1) at a steady rate along the shorter way; unit quaternions. The ratio of
-/// sines is one of sincs, so neither equal nor opposite ends are special.
+/// From a (t = 0) to b (t = 1) at a steady rate along the shorter way; unit quaternions. The ratio
+/// of sines is one of sincs, so neither equal nor opposite ends are special.
 template <Scalar T>
 RYE_HD Quat<T> quat_slerp(const Quat<T>& a, const Quat<T>& b, const T& t) {
     using std::atan2;
