@@ -14,8 +14,8 @@ namespace rye {
 /// The order and the cut-offs of one render, so that its vjp differentiates what was drawn.
 template <class T>
 struct RasterTrace {
-    std::vector<Splat<T>> splats;        ///< visible Gaussians by rank: near to far
-    std::vector<std::uint32_t> source;   ///< of each rank: its index among the Gaussians
+    std::vector<Splat<T>> splats;        ///< visible Gaussians, by member of lists
+    std::vector<std::uint32_t> source;   ///< of each member: its index
     TileLists lists;
     std::vector<Index> used;             ///< of each tile: entries read before all pixels were full
     Index non_finite = 0;                ///< Gaussians left out for a NaN, an infinity or a zero
@@ -45,9 +45,12 @@ struct RasterScratch {
     };
     std::vector<Candidate> candidates;   ///< by index
     std::vector<Candidacy> state;        ///< by index
-    std::vector<Key> keys;
+    std::vector<std::uint32_t> visible;  ///< indices, ascending
+    std::vector<Key> keys;               ///< of each of these, then sorted
+    std::vector<std::uint32_t> order;    ///< members, near to far
+    std::vector<std::uint32_t> homes;    ///< members by tile: counts, then cursors
     SortBuffer<Key> sort;
-    std::vector<Span> pixel_rows;        ///< by rank
+    std::vector<Span> pixel_rows;        ///< by member
 
     std::vector<SplatCotangent<T>> slots; ///< by entry: each owns its partial gradient
     Columns<T> feature_slots;            ///< C x entries
@@ -63,12 +66,13 @@ struct Scene {
     T cx, cy;                            ///< principal point [px]
     int width, height;                   ///< [px]
 
-    const Splat<T>& splat(Index entry) const { return trace.splats[rank(entry)]; }
+    const Splat<T>& splat(Index entry) const { return trace.splats[member(entry)]; }
     const T* feature_of(Index entry) const {
-        return feature.data() + static_cast<Index>(trace.source[rank(entry)]) * feature.rows();
+        const auto index = static_cast<Index>(trace.source[member(entry)]);
+        return feature.data() + index * feature.rows();
     }
-    std::size_t rank(Index entry) const {
-        return trace.lists.rank[static_cast<std::size_t>(entry)];
+    std::size_t member(Index entry) const {
+        return trace.lists.member[static_cast<std::size_t>(entry)];
     }
     Index begin(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile)]; }
     Index end(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile) + 1]; }

@@ -124,8 +124,8 @@ struct Rasterizer {
                 a.setZero(like.rows(), like.cols());
             },
             out, g);
-        const Index ranks = static_cast<Index>(trace.source.size());
-        for_chunks<typename B::threads>(ranks, 1024, [&](Index b, Index e, Index) {
+        const Index members = static_cast<Index>(trace.source.size());
+        for_chunks<typename B::threads>(members, 1024, [&](Index b, Index e, Index) {
             if constexpr (LaneBackend<B, T>)
                 pull_back_range_lanes<typename B::template batch<T>>(g, camera, accuracy, trace, s,
                                                                      b, e, out);

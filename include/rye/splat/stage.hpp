@@ -102,48 +102,64 @@ void project_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& acc
     }
 }
 
-/// Projected candidates become ranks, near to far, ties by index, and entries of tiles.
+/// Visible candidates become members in the order of the tiles that they lie in, and entries of
+/// tiles in the order of depth, ties by index.
 template <Backend B, class A, class T>
 void arrange(const Pinhole<T>& camera, const A& accuracy, RasterScratch<T>& scratch,
              RasterTrace<T>& trace) {
     using R = real_t<T>;
-    const std::size_t n = scratch.candidates.size();
-    scratch.keys.clear();
-    trace.source.clear();
     trace.non_finite = 0;
-    for (std::size_t i = 0; i < n; ++i) {
+    scratch.visible.clear();
+    for (std::size_t i = 0; i < scratch.candidates.size(); ++i) {
         if (scratch.state[i] == Candidacy::non_finite) ++trace.non_finite;
-        if (scratch.state[i] != Candidacy::visible) continue;
-        scratch.keys.push_back(
-            depth_key(static_cast<R>(value_of(scratch.candidates[i].splat.depth))));
-        trace.source.push_back(static_cast<std::uint32_t>(i));
+        if (scratch.state[i] == Candidacy::visible)
+            scratch.visible.push_back(static_cast<std::uint32_t>(i));
     }
     if (accuracy.non_finite == NonFinite::fail && trace.non_finite > 0)
         throw Error("rasterizer: got " + std::to_string(trace.non_finite) +
                     " Gaussians with a number that is not finite, expected none");
-    sort_by_key(scratch.keys, trace.source, scratch.sort);
 
-    const std::size_t visible = trace.source.size();
-    trace.splats.resize(visible);
-    scratch.pixel_rows.resize(visible);
-    for (std::size_t r = 0; r < visible; ++r) {
-        trace.splats[r] = scratch.candidates[trace.source[r]].splat;
-        scratch.pixel_rows[r] = {trace.splats[r].row_begin, trace.splats[r].row_end};
+    const std::size_t n = scratch.visible.size();
+    const int columns = (camera.width + tile_edge - 1) / tile_edge;
+    const int rows = (camera.height + tile_edge - 1) / tile_edge;
+    const auto home = [&](const auto& c) {
+        const R x = std::clamp(c.footprint.x, R(0), static_cast<R>(camera.width - 1));
+        return static_cast<std::size_t>(Index(c.splat.row_begin / tile_edge) * columns +
+                                        static_cast<int>(x) / tile_edge);
+    };
+    scratch.homes.assign(static_cast<std::size_t>(Index(columns) * rows) + 1, 0);
+    for (const std::uint32_t i : scratch.visible) ++scratch.homes[home(scratch.candidates[i]) + 1];
+    for (std::size_t t = 1; t < scratch.homes.size(); ++t) scratch.homes[t] += scratch.homes[t - 1];
+    scratch.keys.resize(n);
+    scratch.order.resize(n);
+    scratch.pixel_rows.resize(n);
+    trace.splats.resize(n);
+    trace.source.resize(n);
+    for (std::size_t v = 0; v < n; ++v) {
+        const std::uint32_t i = scratch.visible[v];
+        const auto& c = scratch.candidates[i];
+        const std::uint32_t m = scratch.homes[home(c)]++;
+        scratch.keys[v] = depth_key(static_cast<R>(value_of(c.splat.depth)));
+        scratch.order[v] = m;
+        scratch.pixel_rows[m] = {c.splat.row_begin, c.splat.row_end};
+        trace.splats[m] = c.splat;
+        trace.source[m] = i;
     }
+    sort_by_key(scratch.keys, scratch.order, scratch.sort);
     trace.lists.template build<typename B::threads, A::support, R>(
-        camera.width, camera.height, scratch.pixel_rows, accuracy.max_entries,
-        [&](Index r) -> const Footprint<R>& {
-            return scratch.candidates[trace.source[static_cast<std::size_t>(r)]].footprint;
+        camera.width, camera.height, scratch.pixel_rows, scratch.order, accuracy.max_entries,
+        [&](Index m) -> const Footprint<R>& {
+            return scratch.candidates[trace.source[static_cast<std::size_t>(m)]].footprint;
         });
 }
 
-/// The sum of a rank's slots over its tiles, in the order of tiles; its features go to g_feature,
+/// The sum of a member's slots over its tiles, in the order of tiles; its features go to g_feature,
 /// which holds zeros, by add(from, to, channels).
 template <class T, class Add>
-SplatCotangent<T> merge_slots(const TileLists& lists, const RasterScratch<T>& scratch, Index rank,
+SplatCotangent<T> merge_slots(const TileLists& lists, const RasterScratch<T>& scratch, Index member,
                               T* g_feature, Index channels, const Add& add) {
     SplatCotangent<T> sum{T(0), T(0), T(0), T(0), T(0), T(0), T(0)};
-    const auto r = static_cast<std::size_t>(rank);
+    const auto r = static_cast<std::size_t>(member);
     for (Index i = lists.first[r]; i < lists.first[r + 1]; ++i) {
         const Index entry = lists.place[static_cast<std::size_t>(i)];
         const auto k = static_cast<std::size_t>(entry);
@@ -161,7 +177,7 @@ SplatCotangent<T> merge_slots(const TileLists& lists, const RasterScratch<T>& sc
     return sum;
 }
 
-/// Gradients of ranks [b, e), from slots to world, into `out`, which holds zeros.
+/// Gradients of members [b, e), from slots to world, into `out`, which holds zeros.
 template <class A, class T>
 void pull_back_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy,
                      const RasterTrace<T>& trace, const RasterScratch<T>& scratch, Index b, Index e,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/tiles.hpp: which Gaussians can be seen in which tile, in the order of depth.
-/// The N visible Gaussians are sorted once (stable, ties by index), then dealt out in that order,
-/// so that every tile's list is sorted. Pixel units; counts are 64-bit.
+/// The visible Gaussians are sorted once (stable, ties by index), then dealt out in that order, so
+/// that every tile's list is sorted. Pixel units; counts are 64-bit.
 /// Source: bounds as in Radl et al., "StopThePop", 2024, but per row of tiles and exact.
 #pragma once
 
@@ -158,21 +158,23 @@ void sort_by_key(std::vector<Key>& keys, std::vector<std::uint32_t>& values,
     }
 }
 
-/// For each tile its Gaussians, near to far, as ranks in the order of depth.
+/// For each tile its Gaussians, near to far. Visible Gaussians are members 0, 1, ... in the order
+/// of the tiles that they lie in, so that what a tile reads lies together.
 struct TileLists {
     int columns = 0, rows = 0;            ///< of tiles
     std::vector<Index> begin;             ///< tile t holds entries [begin[t], begin[t + 1])
-    std::vector<std::uint32_t> rank;      ///< of each entry
-    std::vector<Index> first;             ///< rank r owns places [first[r], first[r + 1])
-    std::vector<Index> place;             ///< entries of a rank, in the order of tiles
+    std::vector<std::uint32_t> member;    ///< of each entry
+    std::vector<Index> first;             ///< member m owns places [first[m], first[m + 1])
+    std::vector<Index> place;             ///< entries of a member, in the order of tiles
 
     Index tiles() const { return static_cast<Index>(columns) * rows; }
     Index entries() const { return begin.empty() ? 0 : begin.back(); }
 
-    /// Deals the ranks out over an image; footprint(rank) is a Footprint, and pixel_rows[rank] its
-    /// rows of pixels, not empty.
+    /// Deals members out over an image, in the given order; footprint(m) is a Footprint, and
+    /// pixel_rows[m] its rows of pixels, not empty.
     template <Threads P, Support support, Real R, class Footprints>
-    void build(int width, int height, const std::vector<Span>& pixel_rows, Index max_entries,
+    void build(int width, int height, const std::vector<Span>& pixel_rows,
+               const std::vector<std::uint32_t>& order, Index max_entries,
                const Footprints& footprint) {
         const Index n = static_cast<Index>(pixel_rows.size());
         columns = (width + tile_edge - 1) / tile_edge;
@@ -202,11 +204,13 @@ struct TileLists {
         });
 
         begin.assign(static_cast<std::size_t>(tiles()) + 1, 0);
+        first.resize(static_cast<std::size_t>(n) + 1);
         Index total = 0;
-        for (Index r = 0; r < n; ++r) {
-            const Span t = tile_rows(r);
+        for (Index m = 0; m < n; ++m) {
+            at(first, m) = total;
+            const Span t = tile_rows(m);
             for (int y = t.begin; y < t.end; ++y) {
-                const Span s = at(spans_, at(first_span_, r) + y - t.begin);
+                const Span s = at(spans_, at(first_span_, m) + y - t.begin);
                 for (int x = s.begin; x < s.end; ++x) ++at(begin, Index(y) * columns + x + 1);
                 total += s.end - s.begin;
             }
@@ -215,25 +219,23 @@ struct TileLists {
                             " pairs of a tile and a Gaussian, expected fewer: the Gaussians are "
                             "too large for the image");
         }
+        at(first, n) = total;
         for (Index t = 0; t < tiles(); ++t) at(begin, t + 1) += at(begin, t);
-        rank.resize(static_cast<std::size_t>(total));
+        member.resize(static_cast<std::size_t>(total));
         place.resize(static_cast<std::size_t>(total));
         cursor_.assign(begin.begin(), begin.end());
-        first.resize(static_cast<std::size_t>(n) + 1);
-        Index placed = 0;
-        for (Index r = 0; r < n; ++r) {
-            const Span t = tile_rows(r);
-            at(first, r) = placed;
+        for (const std::uint32_t m : order) {
+            const Span t = tile_rows(m);
+            Index at_place = at(first, m);
             for (int y = t.begin; y < t.end; ++y) {
-                const Span s = at(spans_, at(first_span_, r) + y - t.begin);
+                const Span s = at(spans_, at(first_span_, m) + y - t.begin);
                 for (int x = s.begin; x < s.end; ++x) {
                     const Index to = at(cursor_, Index(y) * columns + x)++;
-                    at(rank, to) = static_cast<std::uint32_t>(r);
-                    at(place, placed++) = to;
+                    at(member, to) = m;
+                    at(place, at_place++) = to;
                 }
             }
         }
-        at(first, n) = placed;
     }
 
   private:

@@ -32,6 +32,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
     const Index begin = scene.begin(tile), end = scene.end(tile);
     Index k = begin;
     while (k < end) {
+        fetch_ahead(scene, k, end);
         const Splat<T>& s = scene.splat(k);
         const T* feature = scene.feature_of(k);
         const LaneResponse<V> response(vectors, s);
@@ -59,7 +60,8 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
             constexpr int parts = C / lanes;
             std::array<V, static_cast<std::size_t>(parts)> colour;
             unrolled<parts>([&](auto i) { colour[i] = V::load_unaligned(feature + i * lanes); });
-            pixels.each([&](int p) {
+            pixels.flush();
+            each_pixel(pixels.bits, [&](int p) {
                 const V w(weight[p]);
                 T* sum = sums.data() + p * C;
                 unrolled<parts>([&](auto i) {

@@ -6,6 +6,7 @@
 #include <array>
 #include <bit>
 #include <cstdint>
+#include <limits>
 #include <type_traits>
 #include <utility>
 
@@ -128,34 +129,36 @@ struct LaneBlend {
     }
 };
 
-/// Which of a tile's 64 pixels a Gaussian adds to, as bits.
+/// Which of a tile's 64 pixels a Gaussian adds to, as bits. Vectors are added in order.
 template <class V>
 struct PixelBits {
     using T = typename V::value_type;
     static constexpr int lanes = static_cast<int>(V::size);
+    /// Powers of two sum without rounding as far as the mantissa reaches: so many vectors at once.
+    static constexpr int at_once = std::max(1, std::numeric_limits<T>::digits / lanes);
+    static constexpr int wide = std::min(at_once, 32 / lanes);
 
     std::uint64_t bits = 0;
+    V pending = V(T(0));
+    int first = -1;                      ///< vector of the lowest pending bits
 
     void add(const V& alpha, int vector) {
-        const auto on = alpha > V(T(0));
-        if constexpr (requires { on.mask(); }) {
-            bits |= static_cast<std::uint64_t>(on.mask()) << (vector * lanes);
-        } else {
-            // Powers of two sum without rounding: lane i counts 2^i.
-            const T sum = lane_sum(select(on, V::load_aligned(powers.data()), V(T(0))));
-            bits |= static_cast<std::uint64_t>(sum) << (vector * lanes);
-        }
+        if (first < 0) first = vector;
+        const T* p = powers.data() + (vector - first) * lanes;
+        pending = pending + select(alpha > V(T(0)), V::load_aligned(p), V(T(0)));
+        if (vector - first == wide - 1) flush();
     }
-
-    /// f(pixel) for each bit, in order.
-    template <class F>
-    void each(F&& f) const {
-        for (std::uint64_t left = bits; left != 0; left &= left - 1) f(std::countr_zero(left));
+    void flush() {
+        if (first < 0) return;
+        const auto sum = static_cast<std::uint64_t>(static_cast<std::int64_t>(lane_sum(pending)));
+        bits |= sum << (first * lanes);
+        pending = V(T(0));
+        first = -1;
     }
 
   private:
-    alignas(64) static constexpr std::array<T, static_cast<std::size_t>(lanes)> powers = [] {
-        std::array<T, static_cast<std::size_t>(lanes)> p{};
+    alignas(64) static constexpr std::array<T, static_cast<std::size_t>(wide * lanes)> powers = [] {
+        std::array<T, static_cast<std::size_t>(wide * lanes)> p{};
         T x = 1;
         for (T& q : p) {
             q = x;
@@ -164,6 +167,35 @@ struct PixelBits {
         return p;
     }();
 };
+
+/// f(pixel) for each bit, in order.
+template <class F>
+void each_pixel(std::uint64_t bits, F&& f) {
+    for (; bits != 0; bits &= bits - 1) f(std::countr_zero(bits));
+}
+
+/// Asks for an entry's feature. Always inlined, as fetch_ahead.
+template <class T>
+[[gnu::always_inline]] inline void fetch_feature(const Scene<T>& scene, Index entry) {
+    constexpr Index line = 64;
+    const char* f = static_cast<const char*>(static_cast<const void*>(scene.feature_of(entry)));
+    const Index size = scene.feature.rows() * static_cast<Index>(sizeof(T));
+    for (Index b = 0; b < size; b += line) __builtin_prefetch(f + b);
+    __builtin_prefetch(f + size - 1);
+}
+
+/// Asks for the record and the feature of an entry that is a few steps away. Always inlined: g++
+/// takes a function that only prefetches for one without effect, and drops the call.
+template <class T>
+[[gnu::always_inline]] inline void fetch_ahead(const Scene<T>& scene, Index entry, Index end) {
+    if (entry + 16 < end) {
+        const std::size_t r = scene.member(entry + 16);
+        __builtin_prefetch(&scene.trace.source[r]);
+        __builtin_prefetch(&scene.trace.splats[r]);
+        __builtin_prefetch(&scene.trace.splats[r].row_end);
+    }
+    if (entry + 8 < end) fetch_feature(scene, entry + 8);
+}
 
 /// Whether any pixel can still take a contribution.
 template <class V>

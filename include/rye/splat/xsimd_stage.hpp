@@ -120,7 +120,28 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
     }
 }
 
-/// As pull_back_range, as many ranks at a time as there are lanes.
+/// Asks for the slots of a member that is a few steps away, and for the column that they go to.
+/// Always inlined, as fetch_ahead.
+template <class T>
+[[gnu::always_inline]] inline void fetch_slots_ahead(const TileLists& lists,
+                                                     const RasterScratch<T>& scratch,
+                                                     Index source, Index member,
+                                                     const Columns<T>& out) {
+    constexpr Index line = 64 / static_cast<Index>(sizeof(T));
+    const Index channels = out.rows();
+    for (Index c = 0; c < channels; c += line)
+        __builtin_prefetch(out.data() + source * channels + c, 1);
+    const auto m = static_cast<std::size_t>(member);
+    for (Index i = lists.first[m]; i < lists.first[m + 1]; ++i) {
+        const Index entry = lists.place[static_cast<std::size_t>(i)];
+        if (scratch.touched[static_cast<std::size_t>(entry)] == 0) continue;
+        __builtin_prefetch(&scratch.slots[static_cast<std::size_t>(entry)]);
+        const T* f = scratch.feature_slots.data() + entry * channels;
+        for (Index c = 0; c < channels; c += line) __builtin_prefetch(f + c);
+    }
+}
+
+/// As pull_back_range, as many members at a time as there are lanes.
 template <class V, class A>
 void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
                            const Pinhole<typename V::value_type>& camera, const A& accuracy,
@@ -133,13 +154,16 @@ void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
     const Index channels = g.channels();
     const auto add = [](const T* from, T* to, Index n) { add_to<V>(from, to, n); };
     for (Index start = b; start < e; start += lanes) {
-        const auto rank = [&](int lane) {
+        const auto member = [&](int lane) {
             return static_cast<std::size_t>(std::min(start + lane, e - 1));
         };
-        const auto source = [&](int lane) { return static_cast<Index>(trace.source[rank(lane)]); };
+        const auto source = [&](int lane) -> Index { return trace.source[member(lane)]; };
+        for (Index r = start + lanes; r < std::min(start + 2 * lanes, e); ++r)
+            fetch_slots_ahead(trace.lists, scratch, trace.source[static_cast<std::size_t>(r)], r,
+                              out.feature);
         LaneBlock<V, 10> slots;
         for (int lane = 0; lane < lanes; ++lane) {
-            const Splat<T>& s = trace.splats[rank(lane)];
+            const Splat<T>& s = trace.splats[member(lane)];
             SplatCotangent<T> c{};
             if (start + lane < e)
                 c = merge_slots(trace.lists, scratch, start + lane,

@@ -52,6 +52,7 @@ void record_tile(const Scene<typename V::value_type>& scene, const A& accuracy, 
     tape.reserve((end - begin) * tile_pixels);
     Index at = 0;
     for (Index k = begin; k < end; ++k) {
+        fetch_ahead(scene, k, end);
         const Splat<T>& s = scene.splat(k);
         const LaneResponse<V> response(vectors, s);
         const V cut(s.cut), floor(s.floor);
@@ -66,6 +67,7 @@ void record_tile(const Scene<typename V::value_type>& scene, const A& accuracy, 
             t.store_aligned(transmittance + v * lanes);
             pixels.add(alpha, v);
         }
+        pixels.flush();
         if (pixels.bits == 0) continue;
         tape.hits.push_back({k, at, range, pixels.bits});
         at = to;
@@ -111,6 +113,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
     const V zero(T(0)), alpha_max(static_cast<T>(accuracy.alpha_max));
     for (auto h = tape.hits.rbegin(); h != tape.hits.rend(); ++h) {
         const Splat<T>& s = scene.splat(h->entry);
+        if (tape.hits.rend() - h > 4) fetch_feature(scene, (h + 4)->entry);
         const T* feature = scene.feature_of(h->entry);
         T* g_feature = scratch.feature_slots.data() + h->entry * channels;
         const T* alphas = tape.alpha.get() + h->at;
@@ -129,7 +132,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
                 colour[i] = V::load_unaligned(feature + i * lanes);
                 sum[i] = zero;
             });
-            PixelBits<V>{h->pixels}.each([&](int p) {
+            each_pixel(h->pixels, [&](int p) {
                 const T* gp = g_of(p);
                 const V w(weight[p]);
                 V along = zero;
