@@ -9,6 +9,7 @@
 #include <vector>
 
 #include <rye/autodiff/widen.hpp>
+#include <rye/core/parallel.hpp>
 #include <rye/geometry/camera.hpp>
 #include <rye/geometry/mesh.hpp>
 
