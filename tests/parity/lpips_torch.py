@@ -6,40 +6,21 @@ Writes random weights through the converter, and two random images; runs PROGRAM
 them; computes value and gradient with torch from the definition of LPIPS 0.1.4 (net = 'vgg',
 normalize = True), and compares in float64. Exit status 77 means that torch is not installed.
 """
-import json
 import os
-import struct
 import subprocess
 import sys
 import tempfile
 
-try:
-    import torch
-    import torch.nn.functional as F
-except ImportError:
-    print("torch is not installed: skipped")
-    sys.exit(77)
-
 sys.dont_write_bytecode = True
+from tensors import read_f64, relative_error, torch  # noqa: E402
+
+import torch.nn.functional as F  # noqa: E402
+
 sys.path.insert(0, sys.argv[2])
 from convert_lpips_weights import CONVOLUTIONS, rye_tensors, write_safetensors  # noqa: E402
 
 CHANNELS = (64, 64, 128, 128, 256, 256, 256, 512, 512, 512, 512, 512, 512)
 SLICE_ENDS = (1, 3, 6, 9, 12)
-
-
-def read_f64(path):
-    with open(path, "rb") as f:
-        (length,) = struct.unpack("<Q", f.read(8))
-        header = json.loads(f.read(length))
-        data = f.read()
-    out = {}
-    for name, t in header.items():
-        if name != "__metadata__":
-            b, e = t["data_offsets"]
-            values = torch.frombuffer(bytearray(data[b:e]), dtype=torch.float64)
-            out[name] = values.reshape(t["shape"])
-    return out
 
 
 def features(vgg, x):
@@ -89,8 +70,8 @@ def main():
     value = lpips(vgg, lin, a, b)
     value.backward()
     expected = a.grad[0].permute(1, 2, 0).reshape(-1, 3)
-    value_error = abs(got["value"].item() - value.item()) / value.item()
-    gradient_error = ((got["gradient"] - expected).norm() / expected.norm()).item()
+    value_error = relative_error(got["value"].reshape(()), value.detach())
+    gradient_error = relative_error(got["gradient"], expected)
     print(f"value {value.item():.6f}, relative error {value_error:.2e}, gradient {gradient_error:.2e}")
     sys.exit(0 if value_error < 1e-10 and gradient_error < 1e-8 else 1)
 
