@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/gaussian/cloud.hpp: Gaussians as they are trained and stored: unbounded numbers in place of
+/// scales, opacities and colours. World frame; a column per Gaussian.
+#pragma once
+
+#include <rye/gaussian/gaussians.hpp>
+#include <rye/math/harmonics.hpp>
+
+namespace rye {
+
+template <class T>
+struct GaussianCloud {
+    Columns<T> mean;           ///< 3 x N  [world units]
+    Columns<T> sh_constant;    ///< 3 x N  band 0 of red, green, blue ("f_dc")
+    Columns<T> sh_rest;        ///< 3 K x N  the other K coefficients of red, of green, of blue
+    Columns<T> logit_opacity;  ///< 1 x N
+    Columns<T> log_scale;      ///< 3 x N
+    Columns<T> rotation;       ///< 4 x N  quaternions (w, x, y, z), any norm but 0
+
+    GaussianCloud() = default;
+    GaussianCloud(Index count, int degree)
+        : mean(3, count), sh_constant(3, count), sh_rest(3 * (sh_count(degree) - 1), count),
+          logit_opacity(1, count), log_scale(3, count), rotation(4, count) {}
+
+    Index count() const { return mean.cols(); }
+    int degree() const { return sh_degree(static_cast<int>(sh_rest.rows() / 3) + 1); }
+
+    template <class F, class... P>
+    static void fields(F&& f, P&&... p) {
+        f(std::string("mean"), p.mean...);
+        f(std::string("sh_constant"), p.sh_constant...);
+        f(std::string("sh_rest"), p.sh_rest...);
+        f(std::string("logit_opacity"), p.logit_opacity...);
+        f(std::string("log_scale"), p.log_scale...);
+        f(std::string("rotation"), p.rotation...);
+    }
+};
+
+} // namespace rye

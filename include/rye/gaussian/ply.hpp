@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/gaussian/ply.hpp: the file of trained Gaussians that all viewers read.
+/// Little-endian floats: mean, normal (zeros), f_dc, f_rest channel by channel, logit opacity, log
+/// scale, quaternion w x y z. Read with any order of properties, extra ones, ascii, double, without
+/// normals, f_rest or the third scale.
+/// Source: the writer of "3D Gaussian Splatting" (Kerbl et al., 2023).
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstring>
+#include <fstream>
+#include <ostream>
+
+#include <rye/gaussian/cloud.hpp>
+#include <rye/gaussian/ply_header.hpp>
+
+namespace rye {
+
+/// Log-scale of the axis that flat Gaussians (2DGS) do not store: too thin to matter.
+inline constexpr double flat_log_scale = -20;
+
+struct PlyOptions {
+    int degree = -1;           ///< of the spherical harmonics, padded with zeros; -1: as the cloud
+    std::string comment = {};  ///< one line
+};
+
+namespace detail {
+
+/// Where each property of a record goes in a cloud.
+template <class T>
+struct PlyTarget {
+    Columns<T>* array = nullptr;
+    Index row = 0;
+};
+
+/// Where the properties of a vertex go; throws for one that is missing.
+template <class T>
+std::vector<PlyTarget<T>> ply_targets(const PlyHeader& h, GaussianCloud<T>& cloud, bool flat,
+                                      const std::string& who) {
+    std::vector<PlyTarget<T>> targets(h.properties.size());
+    const auto bind = [&](const std::string& name, Columns<T>& array, Index row) {
+        const Index i = h.find(name);
+        require(i >= 0, who, "got no property " + name + ", expected one");
+        targets[static_cast<std::size_t>(i)] = {&array, row};
+    };
+    for (int k = 0; k < 3; ++k) {
+        bind(std::string(1, static_cast<char>('x' + k)), cloud.mean, k);
+        bind("f_dc_" + std::to_string(k), cloud.sh_constant, k);
+        if (k < 2 || !flat) bind("scale_" + std::to_string(k), cloud.log_scale, k);
+    }
+    for (int k = 0; k < 4; ++k) bind("rot_" + std::to_string(k), cloud.rotation, k);
+    bind("opacity", cloud.logit_opacity, 0);
+    for (Index k = 0; k < cloud.sh_rest.rows(); ++k)
+        bind("f_rest_" + std::to_string(k), cloud.sh_rest, k);
+    return targets;
+}
+
+template <class U>
+U little_endian(const char* at) {
+    std::array<char, sizeof(U)> bytes;
+    std::memcpy(bytes.data(), at, sizeof(U));
+    if constexpr (std::endian::native == std::endian::big) std::reverse(bytes.begin(), bytes.end());
+    return std::bit_cast<U>(bytes);
+}
+
+template <class T>
+T ply_number(const char* at, PlyType type) {
+    switch (type) {
+    case PlyType::i8: return static_cast<T>(little_endian<std::int8_t>(at));
+    case PlyType::u8: return static_cast<T>(little_endian<std::uint8_t>(at));
+    case PlyType::i16: return static_cast<T>(little_endian<std::int16_t>(at));
+    case PlyType::u16: return static_cast<T>(little_endian<std::uint16_t>(at));
+    case PlyType::i32: return static_cast<T>(little_endian<std::int32_t>(at));
+    case PlyType::u32: return static_cast<T>(little_endian<std::uint32_t>(at));
+    case PlyType::f32: return static_cast<T>(little_endian<float>(at));
+    case PlyType::f64: return static_cast<T>(little_endian<double>(at));
+    }
+    return T(0);
+}
+
+/// Bytes left in a stream, or the largest number where it cannot tell.
+inline Index bytes_left(std::istream& in) {
+    const auto here = in.tellg();
+    if (here == std::istream::pos_type(-1)) {
+        in.clear();
+        return std::numeric_limits<Index>::max();
+    }
+    in.seekg(0, std::ios::end);
+    const auto end = in.tellg();
+    in.seekg(here);
+    return static_cast<Index>(end - here);
+}
+
+} // namespace detail
+
+/// Reads a cloud; `name` is the file's, for messages.
+template <Real T>
+GaussianCloud<T> read_ply(std::istream& in, const std::string& name) {
+    const std::string who = "read_ply: " + name;
+    const PlyHeader h = read_ply_header(in, who);
+    int rest = 0;
+    while (h.find("f_rest_" + std::to_string(rest)) >= 0) ++rest;
+    require(rest == 0 || rest == 9 || rest == 24 || rest == 45 || rest == 72, who,
+            "got " + std::to_string(rest) + " properties f_rest, expected 0, 9, 24, 45 or 72");
+
+    // The header may lie: nothing is allocated before the file is known to hold that much. An ascii
+    // number takes two bytes or more.
+    const Index stride = h.ascii ? 2 * static_cast<Index>(h.properties.size()) : h.stride;
+    const Index left = detail::bytes_left(in);
+    require(stride > 0 && h.count <= (left + 1) / stride, who,
+            "got " + std::to_string(h.count) + " vertices in the header, but " +
+                std::to_string(left) + " bytes of data, too few for them");
+    const bool known = left != std::numeric_limits<Index>::max();
+    require(known || h.count <= (Index(1) << 28), who,
+            "got over 2^28 vertices in a stream of unknown length, expected fewer");
+
+    const bool flat = h.find("scale_2") < 0;
+    GaussianCloud<T> cloud(h.count, sh_degree(rest / 3 + 1));
+    if (flat) cloud.log_scale.row(2).setConstant(static_cast<T>(flat_log_scale));
+    const auto targets = detail::ply_targets(h, cloud, flat, who);
+    const auto missing = [&](Index i) {
+        return Error(who + ": got " + std::to_string(i) + " whole vertices, expected " +
+                     std::to_string(h.count));
+    };
+    if (h.ascii) {
+        std::string word;
+        for (Index i = 0; i < h.skip_lines; ++i) std::getline(in, word);
+        for (Index i = 0; i < h.count; ++i)
+            for (std::size_t p = 0; p < targets.size(); ++p) {
+                if (!(in >> word)) throw missing(i);
+                double x = 0;
+                const char* begin = word.data() + (word[0] == '+' ? 1 : 0);
+                const auto [end, fault] = std::from_chars(begin, word.data() + word.size(), x);
+                require(fault == std::errc() && end == word.data() + word.size(), who,
+                        "got \"" + word + "\" for property " + h.properties[p].name +
+                            " of vertex " + std::to_string(i) + ", expected a number");
+                if (targets[p].array != nullptr)
+                    (*targets[p].array)(targets[p].row, i) = static_cast<T>(x);
+            }
+        return cloud;
+    }
+    in.ignore(h.skip);
+    std::vector<char> record(static_cast<std::size_t>(h.stride));
+    for (Index i = 0; i < h.count; ++i) {
+        if (!in.read(record.data(), h.stride)) throw missing(i);
+        for (std::size_t p = 0; p < targets.size(); ++p)
+            if (targets[p].array != nullptr)
+                (*targets[p].array)(targets[p].row, i) =
+                    detail::ply_number<T>(record.data() + h.properties[p].offset,
+                                          h.properties[p].type);
+    }
+    return cloud;
+}
+
+/// Reads a cloud from a file.
+template <Real T>
+GaussianCloud<T> read_ply(const std::string& path) {
+    std::ifstream in(path, std::ios::binary);
+    require(in.good(), "read_ply", "got " + path + ", expected a file that can be opened");
+    return read_ply<T>(in, path);
+}
+
+/// Writes a cloud as floats. Replacing a file safely is the caller's business.
+template <Real T>
+void write_ply(std::ostream& out, const GaussianCloud<T>& cloud, const PlyOptions& options = {}) {
+    const int own = cloud.degree(), degree = options.degree < 0 ? own : options.degree;
+    require(degree >= own && degree <= 4, "write_ply",
+            "got degree " + std::to_string(degree) + " for a cloud of degree " +
+                std::to_string(own) + ", expected as much or more, and 4 at most");
+    require(options.comment.find('\n') == std::string::npos, "write_ply",
+            "got a comment of several lines, expected one");
+    const int kept = sh_count(own) - 1, padded = sh_count(degree) - 1;
+    out << "ply\nformat binary_little_endian 1.0\n";
+    if (!options.comment.empty()) out << "comment " << options.comment << '\n';
+    out << "element vertex " << cloud.count() << '\n';
+    const auto names = [&](const std::string& stem, int count) {
+        for (int k = 0; k < count; ++k) out << "property float " << stem << k << '\n';
+    };
+    for (const char* n : {"x", "y", "z", "nx", "ny", "nz"}) out << "property float " << n << '\n';
+    names("f_dc_", 3);
+    names("f_rest_", 3 * padded);
+    out << "property float opacity\n";
+    names("scale_", 3);
+    names("rot_", 4);
+    out << "end_header\n";
+
+    std::vector<float> record;
+    for (Index i = 0; i < cloud.count(); ++i) {
+        record.clear();
+        const auto put = [&](const Columns<T>& a) {
+            for (Index k = 0; k < a.rows(); ++k) record.push_back(static_cast<float>(a(k, i)));
+        };
+        put(cloud.mean);
+        record.insert(record.end(), 3, 0.0F);
+        put(cloud.sh_constant);
+        for (int c = 0; c < 3; ++c)
+            for (int k = 0; k < padded; ++k)
+                record.push_back(k < kept ? static_cast<float>(cloud.sh_rest(c * kept + k, i))
+                                          : 0.0F);
+        put(cloud.logit_opacity);
+        put(cloud.log_scale);
+        put(cloud.rotation);
+        for (const float x : record) {
+            std::array<char, 4> bytes = std::bit_cast<std::array<char, 4>>(x);
+            if constexpr (std::endian::native == std::endian::big)
+                std::reverse(bytes.begin(), bytes.end());
+            out.write(bytes.data(), 4);
+        }
+    }
+    out.flush();
+    require(out.good(), "write_ply", "got a stream that failed, expected one that takes all");
+}
+
+} // namespace rye

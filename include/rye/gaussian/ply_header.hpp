@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/gaussian/ply_header.hpp: the header of a PLY file: which number lies where in a record.
+/// Source: Turk, "The PLY Polygon File Format", 1994.
+#pragma once
+
+#include <array>
+#include <charconv>
+#include <cstdint>
+#include <istream>
+#include <limits>
+#include <sstream>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <rye/core/config.hpp>
+#include <rye/core/error.hpp>
+
+namespace rye {
+
+enum class PlyType { i8, u8, i16, u16, i32, u32, f32, f64 };
+
+struct PlyProperty {
+    std::string name;
+    PlyType type = PlyType::f32;
+    Index offset = 0;                    ///< in the record [bytes]
+};
+
+struct PlyHeader {
+    bool ascii = false;
+    Index count = 0;                     ///< of vertices
+    Index stride = 0;                    ///< of a binary vertex [bytes]
+    Index skip = 0;                      ///< binary data before the first vertex [bytes]
+    Index skip_lines = 0;                ///< ascii lines before the first vertex
+    std::vector<PlyProperty> properties; ///< of the vertex
+
+    /// Index of a property, or -1.
+    Index find(std::string_view name) const {
+        for (std::size_t i = 0; i < properties.size(); ++i)
+            if (properties[i].name == name) return static_cast<Index>(i);
+        return -1;
+    }
+};
+
+inline Index ply_size(PlyType type) {
+    constexpr std::array<Index, 8> bytes{1, 1, 2, 2, 4, 4, 4, 8};
+    return bytes[static_cast<std::size_t>(type)];
+}
+
+namespace detail {
+
+/// A line of the header without its end, LF or CRLF. A very long one is not PLY.
+inline std::string ply_line(std::istream& in, const std::string& who) {
+    constexpr std::size_t longest = 4096;
+    std::string line;
+    for (;;) {
+        const int c = in.get();
+        require(c != std::istream::traits_type::eof(), who,
+                "got the end of the file in the header, expected end_header");
+        if (c == '\n') break;
+        line.push_back(static_cast<char>(c));
+        require(line.size() <= longest, who,
+                "got a header line of over " + std::to_string(longest) + " bytes, expected PLY");
+    }
+    if (!line.empty() && line.back() == '\r') line.pop_back();
+    return line;
+}
+
+inline PlyType ply_type(const std::string& name, const std::string& who) {
+    constexpr std::array<std::array<std::string_view, 2>, 8> names{
+        {{"char", "int8"}, {"uchar", "uint8"}, {"short", "int16"}, {"ushort", "uint16"},
+         {"int", "int32"}, {"uint", "uint32"}, {"float", "float32"}, {"double", "float64"}}};
+    for (std::size_t i = 0; i < names.size(); ++i)
+        if (name == names[i][0] || name == names[i][1]) return static_cast<PlyType>(i);
+    throw Error(who + ": got a property of type \"" + name + "\", expected a PLY number type");
+}
+
+inline Index ply_count(const std::string& text, const std::string& who) {
+    Index n = -1;
+    const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), n);
+    require(fault == std::errc() && end == text.data() + text.size() && n >= 0, who,
+            "got an element count of \"" + text + "\", expected a whole number that fits 63 bits");
+    return n;
+}
+
+} // namespace detail
+
+/// Reads up to and including end_header; `who` begins every message.
+inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
+    constexpr int most_lines = 65536;
+    PlyHeader h;
+    require(detail::ply_line(in, who) == "ply", who, "got another first line, expected \"ply\"");
+    bool format_seen = false, vertex_seen = false, in_vertex = false;
+    Index element_count = 0, element_stride = 0;
+    const auto close = [&] {             // an element that precedes the vertices is skipped
+        if (vertex_seen || element_count == 0) return;
+        require(element_stride < (Index(1) << 20) && element_count < (Index(1) << 40), who,
+                "got an element before the vertices that is too large to skip");
+        h.skip += element_count * element_stride;
+        h.skip_lines += element_count;
+    };
+    for (int lines = 0;; ++lines) {
+        require(lines < most_lines, who, "got a header without end, expected end_header");
+        std::istringstream words(detail::ply_line(in, who));
+        std::string key, a, b;
+        words >> key >> a >> b;
+        if (key == "end_header") break;
+        if (key == "comment" || key == "obj_info" || key.empty()) continue;
+        if (key == "format") {
+            require(a != "binary_big_endian", who,
+                    "got a big-endian file, expected ascii or binary_little_endian");
+            require(a == "ascii" || a == "binary_little_endian", who,
+                    "got the format \"" + a + "\", expected ascii or binary_little_endian");
+            h.ascii = a == "ascii";
+            format_seen = true;
+        } else if (key == "element") {
+            close();
+            in_vertex = a == "vertex";
+            require(!(in_vertex && vertex_seen), who, "got two vertex elements, expected one");
+            element_count = detail::ply_count(b, who);
+            element_stride = 0;
+            if (in_vertex) {
+                vertex_seen = true;
+                h.count = element_count;
+            }
+        } else if (key == "property") {
+            if (a == "list") {
+                require(vertex_seen && !in_vertex, who,
+                        "got a list property in or before the vertices, expected numbers");
+                continue;
+            }
+            const PlyType type = detail::ply_type(a, who);
+            if (in_vertex) {
+                require(!b.empty(), who, "got a property without a name, expected one");
+                require(h.find(b) < 0, who, "got property " + b + " twice, expected it once");
+                h.properties.push_back({b, type, h.stride});
+                h.stride += ply_size(type);
+            }
+            element_stride += ply_size(type);
+        } else {
+            throw Error(who + ": got the header line \"" + key + "\", expected a PLY keyword");
+        }
+    }
+    require(format_seen, who, "got no format line, expected one");
+    require(vertex_seen, who, "got no vertex element, expected one");
+    return h;
+}
+
+} // namespace rye

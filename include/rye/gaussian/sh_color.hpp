@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/gaussian/sh_color.hpp: colour as seen from a point: max(0, 1/2 + sum_k b_k(d) c_k), with d
+/// the unit direction from the eye to the Gaussian and b the real spherical harmonics.
+/// A Gaussian at the eye has no direction: it keeps its constant band and gets no gradient of d.
+#pragma once
+
+#include <rye/gaussian/cloud.hpp>
+
+namespace rye {
+
+/// One colour and what its derivative needs.
+template <Scalar T, int Degree>
+struct ShColor {
+    Vec3<T> offset;            ///< mean - eye [world units]
+    ShArray<T, Degree> basis;
+    Vec3<T> raw;               ///< before max(0, .)
+
+    ShColor(const Vec3<T>& mean, const Vec3<T>& eye, const T* constant_band, const T* rest)
+        : offset(mean - eye), basis(sh_basis<T, Degree>(normalized(offset))) {
+        constexpr int more = sh_count(Degree) - 1;
+        for (int c = 0; c < 3; ++c) {
+            raw[c] = T(real_t<T>(0.5)) + basis[0] * constant_band[c];
+            for (int k = 0; k < more; ++k)
+                raw[c] += basis[static_cast<std::size_t>(k) + 1] * rest[c * more + k];
+        }
+    }
+    Vec3<T> rgb() const {
+        const T zero = T(0);
+        return Vec3<T>(select(raw[0] > zero, raw[0], zero), select(raw[1] > zero, raw[1], zero),
+                       select(raw[2] > zero, raw[2], zero));
+    }
+    /// Cotangent of the mean; those of the coefficients are written.
+    Vec3<T> vjp(const Vec3<T>& g, const T* rest, T* g_constant_band, T* g_rest) const {
+        constexpr int more = sh_count(Degree) - 1;
+        ShArray<T, Degree> g_basis;
+        for (T& b : g_basis) b = T(0);
+        for (int c = 0; c < 3; ++c) {
+            const T gc = select(raw[c] > T(0), g[c], T(0));
+            g_constant_band[c] = basis[0] * gc;
+            for (int k = 0; k < more; ++k) {
+                const auto b = static_cast<std::size_t>(k) + 1;
+                g_rest[c * more + k] = basis[b] * gc;
+                g_basis[b] += rest[c * more + k] * gc;
+            }
+        }
+        return normalized_vjp(offset, sh_basis_vjp<T, Degree>(normalized(offset), g_basis));
+    }
+};
+
+/// 3 x N colours of a cloud seen from `eye`.
+template <class T>
+Columns<T> sh_colors(const GaussianCloud<T>& cloud, const Vec3<T>& eye) {
+    Columns<T> rgb(3, cloud.count());
+    detail::with_sh_degree(cloud.degree(), [&](auto degree) {
+        for (Index i = 0; i < cloud.count(); ++i) {
+            const Vec3<T> mean = cloud.mean.col(i);
+            rgb.col(i) = ShColor<T, degree()>(mean, eye, cloud.sh_constant.data() + 3 * i,
+                                              cloud.sh_rest.data() + i * cloud.sh_rest.rows())
+                             .rgb();
+        }
+    });
+    return rgb;
+}
+
+/// Writes the gradients of sh_constant and sh_rest, and adds that of the mean.
+template <class T>
+void sh_colors_vjp(const GaussianCloud<T>& cloud, const Vec3<T>& eye, const Columns<T>& g_rgb,
+                   GaussianCloud<T>& g) {
+    const Index rest = cloud.sh_rest.rows();
+    detail::with_sh_degree(cloud.degree(), [&](auto degree) {
+        for (Index i = 0; i < cloud.count(); ++i) {
+            const Vec3<T> mean = cloud.mean.col(i), gi = g_rgb.col(i);
+            const T* coefficients = cloud.sh_rest.data() + i * rest;
+            const ShColor<T, degree()> color(mean, eye, cloud.sh_constant.data() + 3 * i,
+                                             coefficients);
+            g.mean.col(i) += color.vjp(gi, coefficients, g.sh_constant.data() + 3 * i,
+                                       g.sh_rest.data() + i * rest);
+        }
+    });
+}
+
+} // namespace rye

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+// The standard Gaussian PLY: what is written is read back, what other writers leave out or add is
+// accepted, and files that lie are refused by name before anything is allocated for them.
+// RYE_DATA may name a folder with splats/biker.ply; without it the last case passes unseen.
+#include <rye/gaussian/ply.hpp>
+
+#include <cstdlib>
+#include <sstream>
+
+#include <doctest/doctest.h>
+
+#include <rye/core/random.hpp>
+
+using namespace rye;
+
+namespace {
+
+GaussianCloud<float> cloud_of(Index n, int degree) {
+    GaussianCloud<float> c(n, degree);
+    std::uint64_t k = 0;
+    GaussianCloud<float>::fields(
+        [&](const std::string&, Columns<float>& a) {
+            for (Index i = 0; i < a.size(); ++i)
+                a.data()[i] = static_cast<float>(Random{1, 2}.normal(k++));
+        },
+        c);
+    return c;
+}
+
+bool same(const GaussianCloud<float>& a, const GaussianCloud<float>& b) {
+    bool equal = true;
+    GaussianCloud<float>::fields(
+        [&](const std::string&, const Columns<float>& x, const Columns<float>& y) {
+            equal = equal && x.rows() == y.rows() && x.cols() == y.cols() && x == y;
+        },
+        a, b);
+    return equal;
+}
+
+std::string written(const GaussianCloud<float>& c, const PlyOptions& o = {}) {
+    std::ostringstream out;
+    write_ply(out, c, o);
+    return out.str();
+}
+
+GaussianCloud<float> parsed(const std::string& text) {
+    std::istringstream in(text);
+    return read_ply<float>(in, "some.ply");
+}
+
+const std::string numbers = "property float x\nproperty float y\nproperty float z\n"
+                            "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\n"
+                            "property float opacity\nproperty float scale_0\n"
+                            "property float scale_1\nproperty float rot_0\nproperty float rot_1\n"
+                            "property float rot_2\nproperty float rot_3\n";
+
+/// The message that reading a text ends with.
+std::string fault(const std::string& text) {
+    try {
+        parsed(text);
+    } catch (const Error& e) {
+        return e.what();
+    }
+    return "";
+}
+
+bool mentions(const std::string& text, const std::string& word) {
+    return text.find(word) != std::string::npos && text.find("some.ply") != std::string::npos;
+}
+
+} // namespace
+
+TEST_CASE("ply: what is written is read back bit for bit, at every degree") {
+    for (int degree = 0; degree <= 4; ++degree) {
+        const auto c = cloud_of(7, degree);
+        CHECK(same(parsed(written(c)), c));
+    }
+    CHECK(parsed(written(cloud_of(0, 1))).count() == 0);
+}
+
+TEST_CASE("ply: a record is 68 bytes at degree 0 and 248 at degree 3") {
+    const std::string header = "end_header\n";
+    const auto body = [&](const std::string& s) { return s.size() - s.find(header) - 11; };
+    CHECK(body(written(cloud_of(2, 0))) == 2 * 68);
+    CHECK(body(written(cloud_of(2, 3))) == 2 * 248);
+    CHECK(body(written(cloud_of(2, 0), {.degree = 3})) == 2 * 248);
+}
+
+TEST_CASE("ply: padding keeps each channel's coefficients and adds zeros behind them") {
+    const auto c = cloud_of(3, 1);
+    const auto p = parsed(written(c, {.degree = 2, .comment = "padded"}));
+    REQUIRE(p.degree() == 2);
+    for (int channel = 0; channel < 3; ++channel) {
+        CHECK(p.sh_rest.middleRows(8 * channel, 3) == c.sh_rest.middleRows(3 * channel, 3));
+        CHECK(p.sh_rest.middleRows(8 * channel + 3, 5).cwiseAbs().maxCoeff() == 0);
+    }
+    CHECK_THROWS_AS(written(c, {.degree = 0}), Error);
+}
+
+TEST_CASE("ply: ascii, CRLF, another order, extra and missing properties") {
+    const std::string text = "ply\r\nformat ascii 1.0\r\ncomment hello\r\nelement vertex 2\r\n"
+                             "property uchar red\r\n" + numbers +
+                             "element face 1\r\nproperty list uchar int vertex_indices\r\n"
+                             "end_header\r\n"
+                             "9 1 2 3 .1 .2 .3 -1 -2 -3 1 0 0 0\r\n"
+                             "9 4 5 6 .4 .5 .6 +1e-1 -5 -6 0 1 0 0\r\n3 0 0 0\r\n";
+    const auto c = parsed(text);
+    REQUIRE(c.count() == 2);
+    CHECK(c.degree() == 0);
+    CHECK(c.mean(1, 1) == 5.0F);
+    CHECK(c.logit_opacity(0, 1) == 0.1F);
+    CHECK(c.log_scale(1, 0) == -3.0F);
+    CHECK(c.log_scale(2, 0) == -20.0F);
+    CHECK(c.rotation(1, 1) == 1.0F);
+}
+
+TEST_CASE("ply: doubles and an element before the vertices") {
+    std::string text = "ply\nformat binary_little_endian 1.0\nelement camera 1\n"
+                       "property double f\nelement vertex 1\n" + numbers + "end_header\n";
+    for (auto at = text.find("float"); at != std::string::npos; at = text.find("float"))
+        text.replace(at, 5, "double");
+    double values[14] = {99, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13};
+    text.append(reinterpret_cast<const char*>(values), sizeof values);
+    const auto c = parsed(text);
+    CHECK(c.mean(0, 0) == 1.0F);
+    CHECK(c.rotation(3, 0) == 13.0F);
+}
+
+TEST_CASE("ply: files that lie are refused, with the file and the fault in the message") {
+    const std::string begin = "ply\nformat binary_little_endian 1.0\nelement vertex ";
+    const auto of_count = [&](const std::string& n) {
+        return begin + n + "\n" + numbers + "end_header\nabcd";
+    };
+    CHECK(mentions(fault(of_count("1152921504606846976")), "vertices"));
+    CHECK(mentions(fault(of_count("1")), "vertices"));
+    CHECK(mentions(fault(of_count("-1")), "-1"));
+    CHECK(mentions(fault(of_count("1e99")), "1e99"));
+    CHECK(mentions(fault(of_count("99999999999999999999")), "99999999999999999999"));
+    CHECK(mentions(fault("ply\nformat binary_big_endian 1.0\n"), "big-endian"));
+    CHECK(mentions(fault("ply\nformat ascii 1.0\nelement vertex 1\n"), "end_header"));
+    CHECK(mentions(fault("plx\n"), "ply"));
+    CHECK(mentions(fault(begin + "1\nproperty float x\nproperty float x\nend_header\n"), "twice"));
+    CHECK(mentions(fault(begin + "1\nproperty list uchar float x\nend_header\n"), "list"));
+    CHECK(mentions(fault(begin + "1\nproperty quad x\nend_header\n"), "quad"));
+    CHECK(mentions(fault(begin + "0\nproperty float x\nend_header\n"), "f_dc_0"));
+    CHECK(mentions(fault(begin + "0\n" + numbers + "property float f_rest_0\nend_header\n"),
+                   "f_rest"));
+    CHECK(mentions(fault("ply\nformat ascii 1.0\nelement vertex 1\n" + numbers +
+                         "end_header\n1 2 3 4 5 6 7 8 x 1 0 0 0\n"),
+                   "scale_1"));
+    CHECK(mentions(fault("ply\nformat ascii 1.0\nelement vertex 2\n" + numbers +
+                         "end_header\n1 2 3 4 5 6 7 8 9 1 0 0 0 0000000000000000000000000000\n"),
+                   "whole vertices"));
+    CHECK(mentions(fault(std::string(5000, 'a')), "header line"));
+}
+
+TEST_CASE("ply: a real trained scene and a file of degree 3") {
+    const char* data = std::getenv("RYE_DATA");
+    if (data == nullptr) return;
+    const auto biker = read_ply<float>(std::string(data) + "/splats/biker.ply");
+    CHECK(biker.count() == 152746);
+    CHECK(biker.degree() == 0);
+    CHECK(biker.mean.allFinite());
+    const auto three =
+        read_ply<float>(std::string(data) + "/splats/test-splat.3-points-from-train.ply");
+    CHECK(three.count() == 3);
+    CHECK(three.degree() == 3);
+    CHECK(same(parsed(written(three)), three));
+}
