@@ -30,7 +30,7 @@ TEST_CASE("activate: dot-product test at every degree") {
         fill(cloud, 1);
         fill(v, 2);
         const Vec3<double> eye(0.1, -0.2, 0.4);
-        cloud.mean.col(3) = eye;                                   // no direction
+        cloud.mean.col(3) << eye[0], eye[1], eye[2];                // no direction
         v.mean.col(3).setZero();
         GaussianCloud<D> dual(40, degree);
         convert_fields(dual, cloud, [](double x) { return D(x); });

@@ -50,13 +50,14 @@ struct ShColor {
 /// 3 x N colours of a cloud seen from `eye`.
 template <class T>
 Columns<T> sh_colors(const GaussianCloud<T>& cloud, const Vec3<T>& eye) {
+    using Map3 = Eigen::Map<const Vec3<T>>;
     Columns<T> rgb(3, cloud.count());
     detail::with_sh_degree(cloud.degree(), [&](auto degree) {
         for (Index i = 0; i < cloud.count(); ++i) {
-            const Vec3<T> mean = cloud.mean.col(i);
-            rgb.col(i) = ShColor<T, degree()>(mean, eye, cloud.sh_constant.data() + 3 * i,
-                                              cloud.sh_rest.data() + i * cloud.sh_rest.rows())
-                             .rgb();
+            const ShColor<T, degree()> color(Map3(cloud.mean.data() + 3 * i), eye,
+                                             cloud.sh_constant.data() + 3 * i,
+                                             cloud.sh_rest.data() + i * cloud.sh_rest.rows());
+            Eigen::Map<Vec3<T>>(rgb.data() + 3 * i) = color.rgb();
         }
     });
     return rgb;
@@ -66,15 +67,16 @@ Columns<T> sh_colors(const GaussianCloud<T>& cloud, const Vec3<T>& eye) {
 template <class T>
 void sh_colors_vjp(const GaussianCloud<T>& cloud, const Vec3<T>& eye, const Columns<T>& g_rgb,
                    GaussianCloud<T>& g) {
+    using Map3 = Eigen::Map<const Vec3<T>>;
     const Index rest = cloud.sh_rest.rows();
     detail::with_sh_degree(cloud.degree(), [&](auto degree) {
         for (Index i = 0; i < cloud.count(); ++i) {
-            const Vec3<T> mean = cloud.mean.col(i), gi = g_rgb.col(i);
             const T* coefficients = cloud.sh_rest.data() + i * rest;
-            const ShColor<T, degree()> color(mean, eye, cloud.sh_constant.data() + 3 * i,
-                                             coefficients);
-            g.mean.col(i) += color.vjp(gi, coefficients, g.sh_constant.data() + 3 * i,
-                                       g.sh_rest.data() + i * rest);
+            const ShColor<T, degree()> color(Map3(cloud.mean.data() + 3 * i), eye,
+                                             cloud.sh_constant.data() + 3 * i, coefficients);
+            Eigen::Map<Vec3<T>>(g.mean.data() + 3 * i) +=
+                color.vjp(Map3(g_rgb.data() + 3 * i), coefficients, g.sh_constant.data() + 3 * i,
+                          g.sh_rest.data() + i * rest);
         }
     });
 }
