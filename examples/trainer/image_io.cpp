@@ -181,7 +181,8 @@ void write_png(const std::filesystem::path& path, const Image8& image) {
                                                image.channels, image.values.data(),
                                                image.width * image.channels);
     require(written != 0, who, "cannot be encoded as PNG");
-    write_atomic(path, png);
+    // Pictures come in thousands and can be drawn again.
+    write_atomic(path, png, Durability::atomic_only);
 }
 
 void write_png(const std::filesystem::path& path, const Image<float>& image) {

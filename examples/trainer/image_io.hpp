@@ -39,7 +39,7 @@ Image<float> to_float(const Image8& image);
 /// Clamped to [0, 1] and rounded to nearest; NaN is an Error.
 Image8 to_8bit(const Image<float>& image);
 
-/// Writes a PNG of 1, 3 or 4 channels, replacing the old file only when the new one is complete.
+/// Writes a PNG of 1 to 4 channels, replacing the old file only when the new one is complete.
 void write_png(const std::filesystem::path& path, const Image8& image);
 void write_png(const std::filesystem::path& path, const Image<float>& image);
 

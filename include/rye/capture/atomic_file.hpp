@@ -2,7 +2,8 @@
 /// rye/capture/atomic_file.hpp: a file is replaced by a complete one or not at all.
 /// The new bytes go to a temporary file in the same folder; commit() makes them durable (fsync),
 /// renames over the target, and makes the rename durable (fsync of the folder). Without commit()
-/// the target is untouched and the temporary file is removed. POSIX.
+/// the target is untouched and the temporary file is removed. A durable file survives a power cut
+/// and costs milliseconds; one that can be made again need only be atomic. POSIX.
 #pragma once
 
 #include <cerrno>
@@ -20,6 +21,8 @@
 #include <rye/core/error.hpp>
 
 namespace rye {
+
+enum class Durability { durable, atomic_only };
 
 class AtomicFile {
 public:
@@ -54,14 +57,15 @@ public:
         }
     }
 
-    void commit() {
-        if (::fsync(descriptor_) != 0) discard_and_fail("cannot be made durable");
+    void commit(Durability durability = Durability::durable) {
+        const bool durable = durability == Durability::durable;
+        if (durable && ::fsync(descriptor_) != 0) discard_and_fail("cannot be made durable");
         const int closed = ::close(std::exchange(descriptor_, -1));
         if (closed != 0) discard_and_fail("cannot be closed");
         if (::rename(temporary_.c_str(), target_.c_str()) != 0)
             discard_and_fail("cannot be replaced");
         temporary_.clear();
-        sync_folder();
+        if (durable) sync_folder();
     }
 
 private:
@@ -109,10 +113,11 @@ private:
     int descriptor_ = -1;
 };
 
-inline void write_atomic(const std::filesystem::path& path, ByteSpan bytes) {
+inline void write_atomic(const std::filesystem::path& path, ByteSpan bytes,
+                         Durability durability = Durability::durable) {
     AtomicFile file(path);
     file.write(bytes);
-    file.commit();
+    file.commit(durability);
 }
 
 } // namespace rye
