@@ -125,7 +125,9 @@ double plain_silhouette(const Columns<double>& image, const std::vector<Face>& f
         double d2 = std::numeric_limits<double>::infinity();
         for (int k = 0; k < 3; ++k) {
             const Vec2<double> a = q.col(k), ab = q.col((k + 1) % 3) - a;
-            const double t = std::clamp((p - a).dot(ab) / ab.squaredNorm(), 0.0, 1.0);
+            const double t = ab.norm() > 0
+                                 ? std::clamp((p - a).dot(ab) / ab.squaredNorm(), 0.0, 1.0)
+                                 : 0.0;
             d2 = std::min(d2, (p - a - t * ab).squaredNorm());
         }
         outside *= 1 - std::exp(-s.sharpness * d2 * 4 / (double(width) * width));
@@ -212,6 +214,7 @@ TEST_CASE("rasterize_mesh: shows the nearest face that a ray meets") {
                     const Vec3<double> n = area_vector<double>(a, b, c);
                     if (culling == Culling::back_faces && n.dot(a) >= 0) continue;
                     if (culling == Culling::normal_z && n[2] > 0) continue;
+                    if (n.dot(ray) == 0) continue;
                     const double z = n.dot(a) / n.dot(ray);
                     const Vec3<double> p = z * ray;
                     const double wa = area_vector<double>(p, b, c).dot(n),
