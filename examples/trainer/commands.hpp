@@ -2,8 +2,6 @@
 /// examples/trainer/commands.hpp: the subcommands of `rye`; each adds itself to the program.
 #pragma once
 
-#include <stdexcept>
-
 namespace CLI {
 class App;
 }
@@ -17,14 +15,6 @@ void add_redirect(CLI::App& app);
 void add_evaluate(CLI::App& app);
 void add_export(CLI::App& app);
 void add_render(CLI::App& app);
-
-/// Ends the program with a code; main() catches it.
-struct Exit {
-    int code;
-};
-inline void exit_with(int code) {
-    if (code != 0) throw Exit{code};
-}
 
 /// Threads of all parallel code; 0: as many as the machine has.
 void set_threads(int threads);

@@ -54,7 +54,7 @@ void walk(F& f, TrainConfig& c) {
         f("steps", m.steps);
         f("epochs", m.epochs);
         f("views", m.views);
-        f("image_divisor", m.image_divisor);
+        f("image_size", m.image_size);
         f("pretrain_steps", m.pretrain_steps);
         f("rate_decay", m.rate_decay);
         f("landmarks_follow_gaze", m.landmarks_follow_gaze);
@@ -147,7 +147,7 @@ struct Writer {
             json = std::move(outer);
         } else if constexpr (std::is_enum_v<X>) {
             json[name] = words<X>()[static_cast<std::size_t>(value)];
-        } else if constexpr (std::is_same_v<X, DistanceMetric>) {
+        } else if constexpr (std::is_same_v<X, ChosenMetric>) {
             json[name] = metric_words()[value.index()];
         } else {
             json[name] = value;
@@ -190,7 +190,7 @@ struct Reader {
             std::swap(inner, *this);
         } else if constexpr (std::is_enum_v<X>) {
             value = static_cast<X>(word(words<X>()));
-        } else if constexpr (std::is_same_v<X, DistanceMetric>) {
+        } else if constexpr (std::is_same_v<X, ChosenMetric>) {
             if (word(metric_words()) == 0) value = SquaredDistance{};
             else value = EuclideanDistance{};
         } else if constexpr (std::is_same_v<X, bool>) {
@@ -257,7 +257,7 @@ void check(const TrainConfig& c, const std::string& source) {
     positive("grid.cell", c.grid.cell);
     if (c.grid.cell > c.grid.half_side)
         fail("grid.cell", std::to_string(c.grid.cell), "half_side or less");
-    positive("mesh.image_divisor", c.mesh.image_divisor);
+    positive("mesh.image_size", c.mesh.image_size);
     positive("mesh.views", c.mesh.views);
     positive("mesh.rate_decay", c.mesh.rate_decay);
     positive("gaussians.rate_decay", c.gaussians.rate_decay);
@@ -320,7 +320,7 @@ TrainConfig preset(const std::string& name) {
     c.grid.cell = tiny ? 3.5 / 16 : 3.5 / 20;
     c.mesh.steps = tiny ? 300 : 1200;
     c.mesh.views = 2;
-    c.mesh.image_divisor = 2;
+    c.mesh.image_size = tiny ? 96 : 128;
     c.mesh.rate_decay = 0.1;
     c.mesh.landmarks_follow_gaze = true;
     AvatarTrainConfig& g = c.gaussians;

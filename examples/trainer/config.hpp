@@ -11,8 +11,7 @@
 
 #include <rye/avatar/config.hpp>
 #include <rye/nn/upsampler.hpp>
-#include <rye/train/stage_avatar.hpp>
-#include <rye/train/stage_mesh.hpp>
+#include <rye/train/settings.hpp>
 
 namespace rye::trainer {
 
@@ -26,7 +25,7 @@ struct MeshTrainConfig {
     int steps = 0;            ///< 0: `epochs` times the training frames
     int epochs = 50;
     int views = 4;            ///< cameras a step
-    int image_divisor = 8;    ///< the rasterised image is this much smaller than the capture's
+    int image_size = 256;     ///< width of the rasterised image [px]
     int pretrain_steps = 300; ///< of the sphere
     double rate_decay = 1;    ///< the rates at the last step, as a part of the first's
     bool landmarks_follow_gaze = false;  ///< L_def deforms by the gaze fields too, not expression alone

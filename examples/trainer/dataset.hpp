@@ -5,8 +5,8 @@
 
 #include <array>
 
-#include <rye/train/stage_avatar.hpp>
-#include <rye/train/stage_mesh.hpp>
+#include <rye/avatar/weights.hpp>
+#include <rye/train/samples.hpp>
 
 #include "capture.hpp"
 #include "config.hpp"

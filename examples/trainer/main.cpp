@@ -41,8 +41,6 @@ int main(int argc, char** argv) {
         app.parse(argc, argv);
     } catch (const CLI::ParseError& e) {
         return app.exit(e);
-    } catch (const Exit& e) {
-        return e.code;
     } catch (const rye::Error& e) {
         std::cerr << "rye: " << e.what() << "\n";
         return 2;

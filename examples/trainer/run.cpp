@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include <rye/train/checkpoint.hpp>
-#include <rye/train/initialize.hpp>
 
 namespace rye::trainer {
 namespace {
@@ -190,33 +189,6 @@ TrainState load_trained(const std::filesystem::path& run) {
             "this run is still in stage 1 (step " + std::to_string(s.step) +
                 "), expected one with Gaussians; continue it with `rye train --resume`");
     return s;
-}
-
-AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
-                         const Pinhole<float>& camera, bool streams) {
-    const TrainConfig& config = state.config;
-    const int factor = 1 << config.gaussians.upsampler.doublings;
-    const Pinhole<float> small = scaled(camera, 1.0 / factor);
-    TwoStreamTrace<float> trace;
-    drive<TrainBackend>(state.avatar, config.avatar, state.subject.roles, drivers, trace);
-    const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
-    const TrainRasterizer rasterizer;
-    AvatarView v;
-    v.final = rasterizer.forward(joined(trace.world_face, trace.world_eyes), small, white);
-    if (streams) {
-        v.face = rasterizer.forward(trace.world_face, small, white);
-        v.eyes = rasterizer.forward(trace.world_eyes, small, white);
-    }
-    v.high = upsampler_forward<TrainBackend>(state.avatar.upsampler, v.final.feature, nullptr);
-    return v;
-}
-
-Image<float> rgb_of(const Image<float>& feature) {
-    Image<float> rgb;
-    rgb.width = feature.width;
-    rgb.height = feature.height;
-    rgb.pixels = feature.pixels.topRows(3);
-    return rgb;
 }
 
 } // namespace rye::trainer

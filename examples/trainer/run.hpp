@@ -44,17 +44,4 @@ TrainState load_checkpoint(const std::filesystem::path& run);
 /// A run whose second stage has begun; Error otherwise.
 TrainState load_trained(const std::filesystem::path& run);
 
-/// What an avatar shows: the feature renders, and the image after super-resolution on white.
-struct AvatarView {
-    Raster<float> final, face, eyes;
-    Image<float> high;
-};
-
-/// `camera` is of the full-size image. The streams alone are rendered only if asked for.
-AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
-                         const Pinhole<float>& camera, bool streams = false);
-
-/// RGB of a feature render (its first three channels).
-Image<float> rgb_of(const Image<float>& feature);
-
 } // namespace rye::trainer

@@ -13,16 +13,17 @@
 
 #include <CLI/CLI.hpp>
 
-#include <rye/loss/perceptual.hpp>
-#include <rye/train/initialize.hpp>
+#include <rye/train/probe.hpp>
 
 #include "commands.hpp"
 #include "panel.hpp"
-#include "run.hpp"
+#include "steps.hpp"
 #include "validate.hpp"
 
 namespace rye::trainer {
 namespace {
+
+using Json = nlohmann::ordered_json;
 
 volatile std::sig_atomic_t stop_requested = 0;  // set by a signal, read between steps
 
@@ -93,17 +94,20 @@ class Log {
         require(file_.good(), path.string(), "cannot be written");
         file_ << kept << std::flush;
     }
-    void write(const nlohmann::ordered_json& line) { file_ << line.dump() << "\n" << std::flush; }
+    void write(const Json& line) { file_ << line.dump() << "\n" << std::flush; }
 
   private:
     std::ofstream file_;
 };
 
-std::string brief(const char* name, double value) {
-    char text[48];
-    std::snprintf(text, sizeof text, "%s %.4f", name, value);
+/// A loss for the progress line: the first letters of its words.
+std::string brief(const std::string& name, double value) {
+    char text[64];
+    std::snprintf(text, sizeof text, " %s %.4f", name.substr(0, name.find('_') + 2).c_str(), value);
     return text;
 }
+
+constexpr Index log_every = 20;  ///< steps between lines of log.jsonl
 
 /// The frames of an epoch in an order that depends on seed and epoch alone.
 int frame_of_step(const std::vector<int>& frames, Index step, const Random& random) {
@@ -143,33 +147,31 @@ class Trainer {
         : options_(options), capture_(std::move(capture)), state_(std::move(state)),
           log_(options.out / "log.jsonl", state_, options.resume),
           random_{state_.config.seed, 0} {
-        grid_ = lattice();
+        grid_ = make_lattice(state_);
     }
 
     /// True if it ran to the end.
     bool run() {
         if (state_.stage == Stage::mesh) {
             if (!train_mesh()) return false;
-            begin_avatar();
+            begin_avatar(state_, grid_);
+            save_checkpoint(options_.out, state_);
+            if (!options_.quiet)
+                std::cout << "stage 2 begins with " << state_.avatar.face.position.cols()
+                          << " face and " << state_.avatar.eyes.position.cols()
+                          << " eye Gaussians\n";
         }
         return train_avatar();
     }
     const TrainState& state() const { return state_; }
 
   private:
-    TetGrid<float> lattice() const {
-        const Vec3<double> h = Vec3<double>::Constant(state_.config.grid.half_side);
-        const Vec3<float> lo = (state_.subject.head_centre - h).cast<float>();
-        const Vec3<float> hi = (state_.subject.head_centre + h).cast<float>();
-        return bcc_grid<float>(lo, hi, static_cast<float>(state_.config.grid.cell));
-    }
-
-    void check_applied(const AdamReport& report, const char* stage) {
-        skipped_ = report.applied ? 0 : skipped_ + 1;
-        if (report.applied) return;
-        log_.write({{"stage", stage}, {"step", state_.step}, {"skipped", report.first_bad_field}});
+    void check_applied(const StepReport& report, const char* stage) {
+        skipped_ = report.bad_field.empty() ? 0 : skipped_ + 1;
+        if (skipped_ == 0) return;
+        log_.write({{"stage", stage}, {"step", state_.step}, {"skipped", report.bad_field}});
         require(skipped_ < max_skipped_steps, options_.out.string(),
-                "the gradient of '" + report.first_bad_field + "' was not finite " +
+                "the gradient of '" + report.bad_field + "' was not finite " +
                     std::to_string(skipped_) + " times in a row at step " +
                     std::to_string(state_.step) + "; the last checkpoint is sound");
     }
@@ -188,13 +190,8 @@ class Trainer {
         const MeshTrainConfig& m = config.mesh;
         const Index total = total_steps(m.steps, m.epochs, capture_);
         const Random order = random_.fork(1), views = random_.fork(2);
-        if (state_.step == 0)
-            pretrain_sphere<TrainBackend>(state_.mesh, config.avatar,
-                                          Vec3<float>(state_.subject.head_centre.cast<float>()),
-                                          static_cast<float>(config.grid.half_side),
-                                          m.pretrain_steps, 1e-3, random_.fork(3));
-        Mesh grad = zeros_like(state_.mesh);
-        MeshTrace<float> trace;
+        if (state_.step == 0) pretrain_mesh(state_);
+        MeshStepper stepper(state_);
         Progress progress("stage 1", total, options_.quiet);
         int empty = 0;
         while (state_.step < total) {
@@ -213,36 +210,14 @@ class Trainer {
             const MeshSample<float> sample =
                 mesh_sample(capture_, state_.subject, config, frame, cameras);
             probe_("data");
-            const MeshLosses<float> l = mesh_losses<TrainBackend>(
-                state_.mesh, config.avatar, state_.subject.roles, grid_, m.weights,
-                m.landmarks_follow_gaze, sample, trace, probe_);
-            empty = l.vertices == 0 ? empty + 1 : 0;
+            const StepReport report = stepper.step(
+                state_, grid_, sample, decayed(m.rate_decay, step, total), std::ref(probe_));
+            empty = report.vertices == 0 ? empty + 1 : 0;
             require(empty < 100, options_.out.string(),
                     "the signed distance of stage 1 has had no surface for 100 steps (step " +
                         std::to_string(step) + "); check units and head pose with `rye info`");
-            Mesh::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
-            mesh_losses_vjp<TrainBackend>(state_.mesh, config.avatar, m.landmarks_follow_gaze,
-                                          sample, trace, grad, probe_);
-            const double decay = decayed(m.rate_decay, step, total);
-            check_applied(adam_step<TrainBackend>(state_.mesh, grad, state_.mesh_adam,
-                                                  [&](const std::string& name) {
-                                                      return decay * m.rates(name);
-                                                  }),
-                          "mesh");
-            probe_("optimiser");
-            ++state_.step;
-            const bool last = state_.step == total;
-            if (state_.step % 20 == 0 || last)
-                log_.write({{"stage", "mesh"}, {"step", state_.step}, {"loss", l.total},
-                            {"rgb", l.rgb}, {"silhouette", l.silhouette}, {"deform", l.deform},
-                            {"offset", l.offset}, {"landmark", l.landmark},
-                            {"laplacian", l.laplacian}, {"eye_offset", l.eye_offset},
-                            {"vertices", l.vertices}});
-            progress.show(state_.step,
-                          brief("loss", l.total) + brief("  rgb", l.rgb) +
-                              brief("  silhouette", l.silhouette) + brief("  deform", l.deform) +
-                              "  vertices " + std::to_string(l.vertices),
-                          last);
+            check_applied(report, "mesh");
+            tell("mesh", report, progress, state_.step == total);
             if (stopped()) return false;
             if (state_.step % state_.config.gaussians.checkpoint_every == 0)
                 save_checkpoint(options_.out, state_);
@@ -250,45 +225,17 @@ class Trainer {
         return true;
     }
 
-    void begin_avatar() {
-        const TrainConfig& config = state_.config;
-        AvatarInit<float> init;
-        init.grid = config.grid.subdivide ? subdivided(grid_) : grid_;
-        init.mouth_points = config.gaussians.mouth_points;
-        init.opacity = static_cast<float>(config.gaussians.opacity);
-        init.eye_opacity = static_cast<float>(config.gaussians.eyeball.opacity);
-        init.eye_centre.resize(3, 2);
-        for (std::size_t e = 0; e < 2; ++e) {
-            init.eyeball[e] = eyeball_of(state_.subject, config, e);
-            init.eye_centre.col(static_cast<Index>(e)) = state_.subject.eye_centre[e].cast<float>();
+    /// Logs and shows a step.
+    void tell(const char* stage, const StepReport& report, Progress& progress, bool last) {
+        if (state_.step % log_every == 0 || last) {
+            Json line = {{"stage", stage}, {"step", state_.step}};
+            for (const auto& [name, value] : report.losses) line[name] = value;
+            if (report.vertices > 0) line["vertices"] = report.vertices;
+            log_.write(line);
         }
-        init.upsampler = config.gaussians.upsampler;
-        init.upsampler.in_channels = config.avatar.channels;
-        init.frames = static_cast<Index>(capture_.train.size());
-        state_.avatar = initialize_avatar<TrainBackend>(state_.mesh, config.avatar, init,
-                                                        random_.fork(4));
-        state_.avatar_adam = Adam<Avatar>(state_.avatar);
-        state_.stage = Stage::avatar;
-        state_.step = 0;
-        save_checkpoint(options_.out, state_);
-        if (!options_.quiet)
-            std::cout << "stage 2 begins with " << state_.avatar.face.position.cols()
-                      << " face and " << state_.avatar.eyes.position.cols() << " eye Gaussians\n";
-    }
-
-    static EyeballTemplate<float> eyeball_of(const Subject& s, const TrainConfig& config,
-                                             std::size_t eye) {
-        EyeballShape shape = EyeballShape{}.with_radius(s.eye_radius[eye]);
-        shape.pupil_radius *= s.limbus_radius[eye] / shape.limbus_radius;
-        shape.limbus_radius = s.limbus_radius[eye];
-        shape.iris_plane = s.iris_plane[eye];
-        // A ring has about 32 points; share the wanted number as the template's defaults do.
-        const double share = std::sqrt(static_cast<double>(config.gaussians.eyeball.points) / 2000);
-        const auto rings = [&](int n) { return std::max(3, static_cast<int>(std::lround(n * share))); };
-        shape.iris_rings = rings(shape.iris_rings);
-        shape.sclera_rings = rings(shape.sclera_rings);
-        shape.back_rings = rings(shape.back_rings);
-        return eyeball_template<float>(shape);
+        std::string text;
+        for (const auto& [name, value] : report.losses) text += brief(name, value);
+        progress.show(state_.step, text, last);
     }
 
     AvatarSample<float> sample_of(Index step, const Random& order, const Random& views,
@@ -305,47 +252,22 @@ class Trainer {
         return s;
     }
 
-    template <class Perceptual>
-    bool train_avatar_with(const Perceptual& perceptual) {
-        const TrainConfig& config = state_.config;
-        const AvatarTrainConfig& g = config.gaussians;
+    bool train_avatar() {
+        const AvatarTrainConfig& g = state_.config.gaussians;
         const Index total = total_steps(g.steps, g.epochs, capture_);
         const Random order = random_.fork(5), views = random_.fork(6), colors = random_.fork(7);
-        const TrainRasterizer rasterizer;
-        Avatar grad = zeros_like(state_.avatar);
-        TwoStreamTrace<float> trace;
-        AvatarPictures<float> pictures;
+        AvatarStepper stepper(state_, options_.perceptual_weights);
         Progress progress("stage 2", total, options_.quiet);
         while (state_.step < total) {
             probe_.start();
             const Index step = state_.step;
             const AvatarSample<float> sample = sample_of(step, order, views, colors);
             probe_("data");
-            const AvatarLosses<float> l = avatar_losses<TrainBackend>(
-                state_.avatar, config.avatar, state_.subject.roles, g.weights, rasterizer,
-                perceptual, sample, trace, pictures, probe_);
-            Avatar::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
-            avatar_losses_vjp<TrainBackend>(state_.avatar, config.avatar, rasterizer, sample, trace,
-                                            pictures, grad, probe_);
-            const double decay = decayed(g.rate_decay, step, total);
-            check_applied(adam_step<TrainBackend>(state_.avatar, grad, state_.avatar_adam,
-                                                  [&](const std::string& name) {
-                                                      return decay * g.rates(name);
-                                                  }),
-                          "avatar");
-            probe_("optimiser");
-            ++state_.step;
+            const StepReport report =
+                stepper.step(state_, sample, decayed(g.rate_decay, step, total), std::ref(probe_));
+            check_applied(report, "avatar");
             const bool last = state_.step == total;
-            if (state_.step % 20 == 0 || last)
-                log_.write({{"stage", "avatar"}, {"step", state_.step}, {"loss", l.total},
-                            {"high_resolution", l.high_resolution},
-                            {"low_resolution", l.low_resolution}, {"perceptual", l.perceptual},
-                            {"eye_low", l.eye_low}, {"eye_high", l.eye_high}, {"blank", l.blank}});
-            progress.show(state_.step,
-                          brief("loss", l.total) + brief("  hr", l.high_resolution) +
-                              brief("  lr", l.low_resolution) + brief("  eyes", l.eye_high) +
-                              brief("  blank", l.blank),
-                          last);
+            tell("avatar", report, progress, last);
             if (g.panel_every > 0 && (state_.step % g.panel_every == 0 || last)) write_panel(sample);
             if (stopped()) return false;
             if (state_.step % g.checkpoint_every == 0 || last) save_checkpoint(options_.out, state_);
@@ -353,23 +275,18 @@ class Trainer {
         return true;
     }
 
-    bool train_avatar() {
-        if (options_.perceptual_weights.empty()) return train_avatar_with(PyramidGradientLoss{});
-        return train_avatar_with(LpipsVgg<float>::load(options_.perceptual_weights));
-    }
-
     void write_panel(const AvatarSample<float>& sample) {
         const int factor = 1 << state_.config.gaussians.upsampler.doublings;
         const Pinhole<float> full = scaled(sample.camera, factor);
-        const AvatarView v = render_avatar(state_, corrected_drivers(state_.avatar, sample), full, true);
+        const AvatarView v = render_avatar(state_, sample.drivers, full, true);
         const int width = sample.truth.width;
         const std::string number = std::to_string(state_.step);
         const std::string name = "step_" + std::string(7 - std::min<std::size_t>(7, number.size()), '0') +
                                  number + ".png";
         write_png(options_.out / "panels" / name,
-                  side_by_side({sample.truth, v.high, enlarged(rgb_of(v.final.feature), width),
-                                enlarged(rgb_of(v.face.feature), width),
-                                enlarged(rgb_of(v.eyes.feature), width)}));
+                  side_by_side({sample.truth, v.high, enlarged(rgb_of(v.final), width),
+                                enlarged(rgb_of(v.face), width),
+                                enlarged(rgb_of(v.eyes), width)}));
     }
 
     const TrainOptions& options_;
@@ -427,7 +344,7 @@ int train(const TrainOptions& o) {
         if (o.steps) state.config.gaussians.steps = *o.steps;
     }
     require(!folder.empty(), "rye train", "--capture is missing, expected the folder of a capture");
-    Capture capture = checked_capture(folder);
+    Capture capture = read_valid_capture(folder);
     if (o.resume) {
         require(state.train_frames == capture.train, folder.string(),
                 "its training frames are not those that this run began with");
@@ -492,7 +409,10 @@ void add_train(CLI::App& app) {
     c->add_flag("--overwrite", options->overwrite, "Replace a run that is in --out");
     c->add_flag("--profile", options->profile, "Print where a step's time went");
     c->add_flag("--quiet", options->quiet, "No progress line");
-    c->callback([options] { exit_with(train(*options)); });
+    c->callback([options] {
+        const int code = train(*options);
+        if (code != 0) throw CLI::RuntimeError(code);
+    });
 }
 
 } // namespace rye::trainer

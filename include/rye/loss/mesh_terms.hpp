@@ -12,6 +12,7 @@
 #include <rye/autodiff/widen.hpp>
 #include <rye/geometry/mesh.hpp>
 #include <rye/loss/photometric.hpp>
+#include <rye/math/scalar.hpp>
 
 namespace rye {
 
@@ -23,11 +24,6 @@ struct LossTerm : LossGradient<T> {
 };
 
 namespace detail {
-
-template <class T>
-T sign_of(const T& x) {
-    return T(value_of(x) > 0 ? 1 : value_of(x) < 0 ? -1 : 0);
-}
 
 /// sum of x^2 / n and its gradient.
 template <class T>

@@ -12,6 +12,7 @@
 
 #include <rye/backend/scalar.hpp>
 #include <rye/loss/photometric.hpp>
+#include <rye/math/scalar.hpp>
 
 namespace rye {
 
@@ -52,12 +53,6 @@ Image<T> halved(const Image<T>& in) {
                                            in.at(2 * x, 2 * y + 1) + in.at(2 * x + 1, 2 * y + 1));
     });
     return out;
-}
-
-/// The slope of |x|, 0 at 0.
-template <class T>
-T sign_of(const T& x) {
-    return x > T(0) ? T(1) : x < T(0) ? T(-1) : T(0);
 }
 
 /// mean |d(i + 1) - d(i)| along both axes, times weight; adds its slope to g.

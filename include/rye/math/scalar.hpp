@@ -30,6 +30,12 @@ RYE_HD constexpr T square(const T& x) {
     return x * x;
 }
 
+/// The slope of |x|: -1, 0 or 1, by value; 0 at 0.
+template <Scalar T>
+RYE_HD T sign_of(const T& x) {
+    return select(x > T(0), T(1), select(x < T(0), T(-1), T(0)));
+}
+
 /// min(max(x, lo), hi), with derivative 1 inside, 1/2 at the ends, 0 outside.
 template <Scalar T>
 RYE_HD T clamp_value(const T& x, const T& lo, const T& hi) {

@@ -14,55 +14,10 @@
 #include <rye/loss/photometric.hpp>
 #include <rye/splat/rasterizer.hpp>
 #include <rye/train/probe.hpp>
+#include <rye/train/samples.hpp>
+#include <rye/train/settings.hpp>
 
 namespace rye {
-
-/// How the eye terms are averaged: over the whole image, as GHA's L1, or over the pixels of the eye
-/// mask, which does not fade as eyes get smaller in the picture.
-enum class EyeAverage { image, mask };
-
-struct AvatarLossConfig {
-    double high_resolution = 1.0;
-    double low_resolution = 1.0;   ///< lambda_lr of the image loss
-    double perceptual = 0.1;       ///< lambda_vgg
-    double eye_low = 0.5;          ///< lambda_lr of the eyeball loss
-    double eye_high = 0.5;         ///< lambda_hr of the eyeball loss
-    double blank = 1.0;            ///< lambda_blank
-    EyeAverage eye_average = EyeAverage::image;
-};
-
-/// Learning rates of stage 2.
-struct AvatarRates {
-    double upsampler = 1e-4, networks = 1e-4, opacity = 1e-4, scale = 3e-5;
-    double position = 1e-5, feature = 1e-5, rotation = 1e-5, delta_pose = 1e-5;
-    double eye_feature = 1e-4;  ///< free colours of the eyeballs; GHA has none
-
-    double operator()(const std::string& name) const {
-        if (name.starts_with("upsampler.")) return upsampler;
-        if (name == "delta_poses") return delta_pose;
-        if (name == "eyes.feature") return eye_feature;
-        const std::string last = name.substr(name.rfind('.') + 1);
-        if (last == "xyz") return position;
-        if (last == "feature") return feature;
-        if (last == "scales") return scale;
-        if (last == "rotation") return rotation;
-        if (last == "opacity") return opacity;
-        return networks;
-    }
-};
-
-/// One frame seen by one camera. "Small" is the size of the feature render.
-template <class T>
-struct AvatarSample {
-    Drivers<T> drivers;           ///< tracked; the frame's delta pose is added to it
-    Index frame = 0;              ///< column of delta_pose; -1: none
-    Pinhole<T> camera;            ///< of the small image
-    Image<T> truth, truth_small;  ///< RGB on the final background
-    Columns<T> visible, visible_small;  ///< 1 x pixels, 0 where the picture was padded
-    Columns<T> eyes, eyes_small;        ///< 1 x pixels, M_e of both eyes
-    VecX<T> background;           ///< of the final render and the eyes alone, one per channel
-    VecX<T> blank;                ///< c of the face alone
-};
 
 template <class T>
 struct AvatarLosses {

@@ -11,44 +11,10 @@
 #include <rye/geometry/mesh_raster.hpp>
 #include <rye/loss/mesh_terms.hpp>
 #include <rye/train/probe.hpp>
+#include <rye/train/samples.hpp>
+#include <rye/train/settings.hpp>
 
 namespace rye {
-
-struct MeshLossConfig {
-    double rgb = 0.1;
-    double silhouette = 0.1;
-    double deform = 1.0;
-    double offset = 0.01;
-    double landmark = 0.1;
-    double laplacian = 100;
-    double eye_offset = 0.1;
-};
-
-struct MeshRates {
-    double networks = 1e-3;
-    double landmarks = 1e-4;
-
-    double operator()(const std::string& name) const {
-        return name == "landmarks_3d_neutral" ? landmarks : networks;
-    }
-};
-
-template <class T>
-struct MeshView {
-    Pinhole<real_t<T>> camera;
-    Image<T> truth;      ///< RGB over black
-    Columns<T> mask;     ///< 1 x pixels, the subject
-    Columns<T> visible;  ///< 1 x pixels, 0 where the picture was padded
-};
-
-/// One frame and some of its views.
-template <class T>
-struct MeshSample {
-    Drivers<T> drivers;
-    Columns<T> landmarks;         ///< of this frame, canonical, 3 x L
-    Columns<T> eye_displacement;  ///< of the eyeball centres since neutral, canonical, 3 x 2
-    std::vector<MeshView<T>> views;
-};
 
 template <class T>
 struct MeshLosses {
@@ -112,7 +78,7 @@ MeshLosses<T> mesh_losses(const GuidanceMesh<T>& mesh, const AvatarConfig& confi
                                                      view.camera, t.posed.color));
             const MeshRaster<T>& raster = t.rasters.back();
             const Columns<T> rgb = raster.attributes.pixels.topRows(3);
-            const LossTerm<T> color = color_term<T>(rgb, view.truth.pixels, view.visible);
+            const LossTerm<T> color = color_term<B, T>(rgb, view.truth.pixels, view.visible);
             l.rgb += share * color.value;
             t.g_image.push_back(Columns<T>::Zero(config.channels, raster.mask.size()));
             t.g_image.back().topRows(3) = (T(weights.rgb) * share) * color.gradient;

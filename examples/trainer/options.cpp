@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "options.hpp"
+
+#include <rye/core/error.hpp>
+#include <rye/math/rotation.hpp>
+
+namespace rye::trainer {
+
+int frame_index(const Capture& capture, const std::string& id) {
+    if (id.empty()) return capture.test.empty() ? 0 : capture.test.front();
+    for (int f = 0; f < capture.frame_count(); ++f)
+        if (capture.frames[static_cast<std::size_t>(f)].id == id) return f;
+    throw Error("--frame: got '" + id + "', expected one from '" + capture.frames.front().id +
+                "' to '" + capture.frames.back().id + "' in " + capture.folder.string());
+}
+
+int camera_index(const Capture& capture, const std::string& id, int frame) {
+    if (!id.empty()) {
+        std::string all;
+        for (int c = 0; c < capture.camera_count(); ++c) {
+            const std::string& name = capture.camera_ids[static_cast<std::size_t>(c)];
+            all += " " + name;
+            if (name != id) continue;
+            require(capture.view(frame, c).present, "--camera",
+                    "camera '" + id + "' has no image of frame '" +
+                        capture.frames[static_cast<std::size_t>(frame)].id + "'");
+            return c;
+        }
+        throw Error("--camera: got '" + id + "', expected one of:" + all);
+    }
+    const CaptureFrame& f = capture.frames[static_cast<std::size_t>(frame)];
+    const Mat3<double> head = so3_exp(Vec3<double>(f.pose.head<3>()));
+    const Vec3<double> forward = head.col(2), at = f.landmarks.rowwise().mean();
+    int best = -1;
+    double most = -2;
+    for (int c = 0; c < capture.camera_count(); ++c) {
+        if (!capture.view(frame, c).present) continue;
+        const Vec3<double> to = capture.camera(frame, c).centre() - at;
+        const double facing = to.normalized().dot(forward);
+        if (facing > most) most = facing, best = c;
+    }
+    require(best >= 0, capture.folder.string(), "frame '" + f.id + "' has no image");
+    return best;
+}
+
+void require_same_subject(const TrainState& state, const Capture& capture) {
+    const int width = capture.expression_width();
+    require(width == state.config.avatar.expression, capture.folder.string(),
+            "exp_coeff has " + std::to_string(width) + " values, expected " +
+                std::to_string(state.config.avatar.expression) + ", as this run was trained with");
+    const int factor = 1 << state.config.gaussians.upsampler.doublings;
+    require(capture.width % factor == 0 && capture.height % factor == 0, capture.folder.string(),
+            "images of " + std::to_string(capture.width) + " x " + std::to_string(capture.height) +
+                " pixels, expected sides divisible by " + std::to_string(factor));
+}
+
+} // namespace rye::trainer

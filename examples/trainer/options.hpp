@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+/// examples/trainer/options.hpp: frames and cameras by name, for the commands that render.
+#pragma once
+
+#include <string>
+
+#include "run.hpp"
+
+namespace rye::trainer {
+
+/// Index of a frame by its id; empty: the first test frame, or else the first frame.
+int frame_index(const Capture& capture, const std::string& id);
+
+/// Index of a camera by its id; empty: the one that sees the face of that frame most frontally.
+int camera_index(const Capture& capture, const std::string& id, int frame);
+
+/// Error unless the capture's drivers fit the trained avatar.
+void require_same_subject(const TrainState& state, const Capture& capture);
+
+} // namespace rye::trainer

@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "steps.hpp"
+
+#include <cmath>
+#include <variant>
+
+#include <rye/capture/lpips_weights.hpp>
+#include <rye/loss/perceptual.hpp>
+#include <rye/loss/ssim.hpp>
+#include <rye/train/checkpoint.hpp>
+#include <rye/train/initialize.hpp>
+#include <rye/train/stage_avatar.hpp>
+#include <rye/train/stage_mesh.hpp>
+
+namespace rye::trainer {
+namespace {
+
+Random seed_of(const TrainState& state) { return {state.config.seed, 0}; }
+
+EyeballTemplate<float> eyeball_of(const Subject& s, const TrainConfig& config, std::size_t eye) {
+    EyeballShape shape = EyeballShape{}.with_radius(s.eye_radius[eye]);
+    shape.pupil_radius *= s.limbus_radius[eye] / shape.limbus_radius;
+    shape.limbus_radius = s.limbus_radius[eye];
+    shape.iris_plane = s.iris_plane[eye];
+    // The default rings make about 2000 points.
+    const double share = std::sqrt(static_cast<double>(config.gaussians.eyeball.points) / 2000);
+    const auto rings = [&](int n) { return std::max(3, static_cast<int>(std::lround(n * share))); };
+    shape.iris_rings = rings(shape.iris_rings);
+    shape.sclera_rings = rings(shape.sclera_rings);
+    shape.back_rings = rings(shape.back_rings);
+    return eyeball_template<float>(shape);
+}
+
+template <class P>
+void set_zero(P& p) {
+    P::fields([](const std::string&, auto& a) { a.setZero(); }, p);
+}
+
+} // namespace
+
+TetGrid<float> make_lattice(const TrainState& state) {
+    const Vec3<double> h = Vec3<double>::Constant(state.config.grid.half_side);
+    const Vec3<float> lo = (state.subject.head_centre - h).cast<float>();
+    const Vec3<float> hi = (state.subject.head_centre + h).cast<float>();
+    return bcc_grid<float>(lo, hi, static_cast<float>(state.config.grid.cell));
+}
+
+void pretrain_mesh(TrainState& state) {
+    const TrainConfig& c = state.config;
+    pretrain_sphere<TrainBackend>(state.mesh, c.avatar,
+                                  Vec3<float>(state.subject.head_centre.cast<float>()),
+                                  static_cast<float>(c.grid.half_side), c.mesh.pretrain_steps, 1e-3,
+                                  seed_of(state).fork(3));
+}
+
+void begin_avatar(TrainState& state, const TetGrid<float>& grid) {
+    const TrainConfig& config = state.config;
+    AvatarInit<float> init;
+    init.grid = config.grid.subdivide ? subdivide(grid) : grid;
+    init.mouth_points = config.gaussians.mouth_points;
+    init.opacity = static_cast<float>(config.gaussians.opacity);
+    init.eye_opacity = static_cast<float>(config.gaussians.eyeball.opacity);
+    init.eye_centre.resize(3, 2);
+    for (std::size_t e = 0; e < 2; ++e) {
+        init.eyeball[e] = eyeball_of(state.subject, config, e);
+        init.eye_centre.col(static_cast<Index>(e)) = state.subject.eye_centre[e].cast<float>();
+    }
+    init.upsampler = config.gaussians.upsampler;
+    init.upsampler.in_channels = config.avatar.channels;
+    init.frames = static_cast<Index>(state.train_frames.size());
+    state.avatar = initialize_avatar<TrainBackend>(state.mesh, config.avatar, init,
+                                                   seed_of(state).fork(4));
+    state.avatar_adam = Adam<Avatar>(state.avatar);
+    state.stage = Stage::avatar;
+    state.step = 0;
+}
+
+struct MeshStepper::Memory {
+    Mesh grad;
+    MeshTrace<float> trace;
+};
+
+MeshStepper::MeshStepper(const TrainState& state)
+    : memory_(std::make_unique<Memory>(Memory{zeros_like(state.mesh), {}})) {}
+MeshStepper::~MeshStepper() = default;
+
+StepReport MeshStepper::step(TrainState& state, const TetGrid<float>& grid,
+                             const MeshSample<float>& sample, double rate, const Probe& probe) {
+    const TrainConfig& c = state.config;
+    const MeshLosses<float> l = mesh_losses<TrainBackend>(
+        state.mesh, c.avatar, state.subject.roles, grid, c.mesh.weights,
+        c.mesh.landmarks_follow_gaze, sample, memory_->trace, probe);
+    set_zero(memory_->grad);
+    mesh_losses_vjp<TrainBackend>(state.mesh, c.avatar, c.mesh.landmarks_follow_gaze, sample,
+                                  memory_->trace, memory_->grad, probe);
+    const AdamReport report =
+        adam_step<TrainBackend>(state.mesh, memory_->grad, state.mesh_adam,
+                                [&](const std::string& name) { return rate * c.mesh.rates(name); });
+    probe("optimiser");
+    ++state.step;
+    return {{{"loss", l.total}, {"rgb", l.rgb}, {"silhouette", l.silhouette}, {"deform", l.deform},
+             {"offset", l.offset}, {"landmark", l.landmark}, {"laplacian", l.laplacian},
+             {"eye_offset", l.eye_offset}},
+            l.vertices, report.first_bad_field};
+}
+
+struct AvatarStepper::Memory {
+    Avatar grad;
+    TwoStreamTrace<float> trace;
+    AvatarPictures<float> pictures;
+    TrainRasterizer rasterizer;
+    std::variant<PyramidGradientLoss, LpipsVgg<TrainBackend, float>> perceptual;
+};
+
+AvatarStepper::AvatarStepper(const TrainState& state, const std::filesystem::path& weights)
+    : memory_(std::make_unique<Memory>()) {
+    memory_->grad = zeros_like(state.avatar);
+    if (weights.empty()) return;
+    memory_->perceptual = LpipsVgg<TrainBackend, float>{read_lpips_weights<float>(weights)};
+}
+AvatarStepper::~AvatarStepper() = default;
+
+StepReport AvatarStepper::step(TrainState& state, const AvatarSample<float>& sample, double rate,
+                               const Probe& probe) {
+    const TrainConfig& c = state.config;
+    Memory& m = *memory_;
+    const AvatarLosses<float> l = std::visit([&](const auto& perceptual) {
+        return avatar_losses<TrainBackend>(state.avatar, c.avatar, state.subject.roles,
+                                           c.gaussians.weights, m.rasterizer, perceptual, sample,
+                                           m.trace, m.pictures, probe);
+    }, m.perceptual);
+    set_zero(m.grad);
+    avatar_losses_vjp<TrainBackend>(state.avatar, c.avatar, m.rasterizer, sample, m.trace,
+                                    m.pictures, m.grad, probe);
+    const AdamReport report = adam_step<TrainBackend>(
+        state.avatar, m.grad, state.avatar_adam,
+        [&](const std::string& name) { return rate * c.gaussians.rates(name); });
+    probe("optimiser");
+    ++state.step;
+    return {{{"loss", l.total}, {"high_resolution", l.high_resolution},
+             {"low_resolution", l.low_resolution}, {"perceptual", l.perceptual},
+             {"eye_low", l.eye_low}, {"eye_high", l.eye_high}, {"blank", l.blank}},
+            0, report.first_bad_field};
+}
+
+AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
+                         const Pinhole<float>& camera, bool streams) {
+    const TrainConfig& config = state.config;
+    const int factor = 1 << config.gaussians.upsampler.doublings;
+    const Pinhole<float> small = scaled(camera, 1.0 / factor);
+    TwoStreamTrace<float> trace;
+    drive<TrainBackend>(state.avatar, config.avatar, state.subject.roles, drivers, trace);
+    const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
+    const TrainRasterizer rasterizer;
+    AvatarView v;
+    v.final = rasterizer.forward(joined(trace.world_face, trace.world_eyes), small, white).feature;
+    if (streams) {
+        v.face = rasterizer.forward(trace.world_face, small, white).feature;
+        v.eyes = rasterizer.forward(trace.world_eyes, small, white).feature;
+    }
+    v.high = upsampler_forward<TrainBackend>(state.avatar.upsampler, v.final, nullptr);
+    return v;
+}
+
+Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
+    TwoStreamTrace<float> trace;
+    drive<TrainBackend>(state.avatar, state.config.avatar, state.subject.roles, drivers, trace);
+    return joined(trace.world_face, trace.world_eyes);
+}
+
+Image<float> rgb_of(const Image<float>& feature) {
+    Image<float> rgb;
+    rgb.width = feature.width;
+    rgb.height = feature.height;
+    rgb.pixels = feature.pixels.topRows(3);
+    return rgb;
+}
+
+double masked_ssim(const Image<float>& a, const Image<float>& b, const Columns<float>& area) {
+    return ssim<TrainBackend>(a, b, area);
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+/// examples/trainer/steps.hpp: the numerical work of the trainer. Its source instantiates the
+/// templates of rye for the policies of types.hpp, once, so that no other source has to.
+#pragma once
+
+#include <functional>
+#include <string>
+
+#include "run.hpp"
+
+namespace rye::trainer {
+
+/// What one step reports: its losses by name, and the first parameter whose gradient was not finite
+/// (the step was then not taken).
+struct StepReport {
+    std::vector<std::pair<std::string, double>> losses;  ///< "loss", the weighted sum, first
+    Index vertices = 0;                                  ///< of the surface, in stage 1
+    std::string bad_field;
+};
+
+using Probe = std::function<void(const char*)>;  ///< called at the end of each part of a step
+
+/// The lattice of stage 1 around the subject's head.
+TetGrid<float> make_lattice(const TrainState& state);
+
+/// Fits the guidance mesh to a sphere, from the state's seed.
+void pretrain_mesh(TrainState& state);
+
+/// Turns the guidance mesh into an avatar and the state into one of stage 2, step 0.
+void begin_avatar(TrainState& state, const TetGrid<float>& grid);
+
+/// Memory that steps of one stage share.
+class MeshStepper {
+  public:
+    explicit MeshStepper(const TrainState& state);
+    ~MeshStepper();
+    /// Adds 1 to state.step; the rates are multiplied by `rate`.
+    StepReport step(TrainState& state, const TetGrid<float>& grid, const MeshSample<float>& sample,
+                    double rate, const Probe& probe);
+
+  private:
+    struct Memory;
+    std::unique_ptr<Memory> memory_;
+};
+
+class AvatarStepper {
+  public:
+    /// `perceptual_weights`: a safetensors file for LPIPS, or empty for the weight-free loss.
+    AvatarStepper(const TrainState& state, const std::filesystem::path& perceptual_weights);
+    ~AvatarStepper();
+    StepReport step(TrainState& state, const AvatarSample<float>& sample, double rate,
+                    const Probe& probe);
+
+  private:
+    struct Memory;
+    std::unique_ptr<Memory> memory_;
+};
+
+/// What an avatar shows: the feature renders, and the image after super-resolution on white.
+struct AvatarView {
+    Image<float> final, face, eyes;  ///< feature renders; the last two if the streams were asked for
+    Image<float> high;               ///< RGB
+};
+
+/// `camera` is of the full-size image.
+AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
+                         const Pinhole<float>& camera, bool streams = false);
+
+/// The driven Gaussians of both streams in the world, the face's first.
+Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers);
+
+/// RGB of a feature render (its first three channels).
+Image<float> rgb_of(const Image<float>& feature);
+
+/// SSIM over an area (1 x pixels).
+double masked_ssim(const Image<float>& a, const Image<float>& b, const Columns<float>& area);
+
+} // namespace rye::trainer
