@@ -7,6 +7,7 @@
 
 #include <array>
 #include <string>
+#include <type_traits>
 
 #include <rye/core/error.hpp>
 #include <rye/math/linalg.hpp>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/eyeball.hpp: the eyeball's surface: a sphere with a corneal bulge, as rings of points
 /// that are dense inside the limbus. Frame: origin at the eyeball's centre, iris toward +z, y up.
-/// Lengths in canonical head units, 1 unit = 1 dm. Source: docs/architecture.md; the anatomy is of
-/// textbooks (Gullstrand's eye); after the idea of 3DGazeNet's template (Ververas et al., 2024).
+/// Lengths in canonical head units, 1 unit = 1 dm. Source: the radii of Gullstrand's schematic
+/// eye; the idea of a dense iris from 3DGazeNet's template (Ververas et al., 2024).
 ///
 /// Which surface carries the iris' colour? Through the cornea one sees the iris plane; splatted
 /// Gaussians are opaque and do not refract. So there are two choices: the bulge itself (the paper's
