@@ -86,6 +86,7 @@ void walk(F& f, TrainConfig& c) {
             f("points", g.eyeball.points);
             f("radius", g.eyeball.radius);
             f("opacity", g.eyeball.opacity);
+            f("max_growth", g.eyeball.max_growth);
         });
         f("weights", [&] {
             f("high_resolution", g.weights.high_resolution);
@@ -95,6 +96,8 @@ void walk(F& f, TrainConfig& c) {
             f("eye_high", g.weights.eye_high);
             f("blank", g.weights.blank);
             f("eye_average", g.weights.eye_average);
+            f("face_alone", g.weights.face_alone);
+            f("eye_high_every", g.weights.eye_high_every);
         });
         f("rates", [&] {
             f("upsampler", g.rates.upsampler);
@@ -266,6 +269,7 @@ void check(const TrainConfig& c, const std::string& source) {
     if (c.gaussians.eyeball.opacity <= 0 || c.gaussians.eyeball.opacity >= 1)
         fail("gaussians.eyeball.opacity", std::to_string(c.gaussians.eyeball.opacity),
              "between 0 and 1");
+    positive("gaussians.weights.eye_high_every", c.gaussians.weights.eye_high_every);
     positive("gaussians.eyeball.radius", c.gaussians.eyeball.radius);
     if (c.gaussians.upsampler.doublings > 4)
         fail("gaussians.upsampler.doublings", std::to_string(c.gaussians.upsampler.doublings),
@@ -334,6 +338,9 @@ TrainConfig preset(const std::string& name) {
     g.weights.eye_average = EyeAverage::mask;
     g.weights.eye_low = g.weights.eye_high = 0.1;
     g.weights.blank = 0.2;
+    g.weights.face_alone = 0.5;
+    g.weights.eye_high_every = 3;
+    g.eyeball.max_growth = 1.5;
     g.rates.upsampler = 1e-3;
     g.rates.networks = 1e-3;
     g.rates.opacity = 1e-2;

@@ -136,7 +136,9 @@ AvatarSample<float> avatar_sample(const Capture& capture, const TrainConfig& con
     const auto place = std::find(capture.train.begin(), capture.train.end(), frame);
     s.frame = place == capture.train.end() ? -1 : place - capture.train.begin();
     s.camera = scaled(capture.camera(frame, camera).cast<float>(), 1.0 / factor);
-    s.truth = on_background(capture.image(frame, camera), capture.mask(frame, camera), 1.0f);
+    const Image<float> mask = capture.mask(frame, camera);
+    s.truth = on_background(capture.image(frame, camera), mask, 1.0f);
+    s.mask_small = shrunk(mask, factor).pixels;
     s.truth_small = shrunk(s.truth, factor);
     const Image<float> visible = capture.visible(frame, camera);
     s.visible = visible.pixels;

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "options.hpp"
 
+#include <cmath>
+
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
+#include <rye/rig/gaze.hpp>
 
 namespace rye::trainer {
 
@@ -41,6 +44,16 @@ int camera_index(const Capture& capture, const std::string& id, int frame) {
     }
     require(best >= 0, capture.folder.string(), "frame '" + f.id + "' has no image");
     return best;
+}
+
+Vec3<float> gaze_option(const std::vector<double>& pitch_yaw_deg, const std::string& option) {
+    require(pitch_yaw_deg.size() == 2, option,
+            "got " + std::to_string(pitch_yaw_deg.size()) + " numbers, expected PITCH,YAW");
+    for (const double a : pitch_yaw_deg)
+        require(std::isfinite(a) && std::abs(a) <= 70, option,
+                "got " + std::to_string(a) + " degrees, expected at most 70 either way");
+    constexpr double degree = 3.14159265358979323846 / 180;
+    return gaze_vector(pitch_yaw_deg[0] * degree, pitch_yaw_deg[1] * degree).cast<float>();
 }
 
 void require_same_subject(const TrainState& state, const Capture& capture) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "run.hpp"
 
@@ -13,6 +14,9 @@ int frame_index(const Capture& capture, const std::string& id);
 
 /// Index of a camera by its id; empty: the one that sees the face of that frame most frontally.
 int camera_index(const Capture& capture, const std::string& id, int frame);
+
+/// PITCH,YAW in degrees as a unit vector of the head frame; Error beyond 70 degrees either way.
+Vec3<float> gaze_option(const std::vector<double>& pitch_yaw_deg, const std::string& option);
 
 /// Error unless the capture's drivers fit the trained avatar.
 void require_same_subject(const TrainState& state, const Capture& capture);

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 /// `rye redirect`: a trained head looks where it is told, each eye on its own.
-#include <cmath>
 #include <iostream>
 #include <memory>
 
 #include <CLI/CLI.hpp>
 
-#include <rye/rig/gaze.hpp>
+#include <rye/math/rotation.hpp>
 
 #include "commands.hpp"
 #include "options.hpp"
@@ -17,8 +16,6 @@
 namespace rye::trainer {
 namespace {
 
-constexpr double degree = 3.14159265358979323846 / 180;
-
 struct RedirectOptions {
     std::filesystem::path run, capture, out;
     std::string frame, camera;
@@ -27,20 +24,12 @@ struct RedirectOptions {
     int threads = 0;
 };
 
-Vec3<float> gaze_of(const std::vector<double>& pitch_yaw_deg, const std::string& option) {
-    require(pitch_yaw_deg.size() == 2, "rye redirect", option + " expects PITCH,YAW in degrees");
-    for (const double a : pitch_yaw_deg)
-        require(std::isfinite(a) && std::abs(a) <= 70, "rye redirect",
-                option + ": got " + std::to_string(a) + " degrees, expected at most 70 either way");
-    return gaze_vector(pitch_yaw_deg[0] * degree, pitch_yaw_deg[1] * degree).cast<float>();
-}
-
 /// A contact sheet: pitch down the rows, yaw across; then each eye alone, then squint and its
 /// opposite. The crop around the eyes below each head makes the lids visible.
 Image<float> contact_sheet(const TrainState& state, Drivers<float> drivers,
                            const Pinhole<float>& camera) {
     const auto picture = [&](double pl, double yl, double pr, double yr) {
-        drivers.gaze = {gaze_of({pl, yl}, "--sweep"), gaze_of({pr, yr}, "--sweep")};
+        drivers.gaze = {gaze_option({pl, yl}, "--sweep"), gaze_option({pr, yr}, "--sweep")};
         return render_avatar(state, drivers, camera).high;
     };
     std::vector<Image<float>> rows;
@@ -91,8 +80,8 @@ void redirect(const RedirectOptions& o) {
     if (o.sweep) {
         write_png(o.out, contact_sheet(state, drivers, camera));
     } else {
-        if (!o.left.empty()) drivers.gaze[0] = gaze_of(o.left, "--gaze-left");
-        if (!o.right.empty()) drivers.gaze[1] = gaze_of(o.right, "--gaze-right");
+        if (!o.left.empty()) drivers.gaze[0] = gaze_option(o.left, "--gaze-left");
+        if (!o.right.empty()) drivers.gaze[1] = gaze_option(o.right, "--gaze-right");
         const Image<float> picture = render_avatar(state, drivers, camera).high;
         write_png(o.out, o.compare ? side_by_side({on_background(capture.image(frame, cam),
                                                                  capture.mask(frame, cam), 1.0f),

@@ -177,6 +177,7 @@ TrainState load_checkpoint(const std::filesystem::path& run) {
     agree("eyes.rotation", e.rotation, 4, m);
     agree("eyes.opacity", e.opacity_logit, 1, m);
     agree("eyes.centre", e.centre, 3, 2);
+    agree("eyes.spacing", e.spacing, 1, m);
     agree("face.landmarks_3d_neutral", f.landmarks, 3, s.subject.neutral.cols());
     s.avatar_adam = Adam<Avatar>(s.avatar);
     load_adam(file, "avatar_adam", s.avatar_adam);

@@ -135,11 +135,14 @@ StepReport AvatarStepper::step(TrainState& state, const AvatarSample<float>& sam
     const AdamReport report = adam_step<TrainBackend>(
         state.avatar, m.grad, state.avatar_adam,
         [&](const std::string& name) { return rate * c.gaussians.rates(name); });
+    if (c.gaussians.eyeball.max_growth > 0)
+        bound_scales(state.avatar.eyes, static_cast<float>(c.gaussians.eyeball.max_growth));
     probe("optimiser");
     ++state.step;
     return {{{"loss", l.total}, {"high_resolution", l.high_resolution},
              {"low_resolution", l.low_resolution}, {"perceptual", l.perceptual},
-             {"eye_low", l.eye_low}, {"eye_high", l.eye_high}, {"blank", l.blank}},
+             {"eye_low", l.eye_low}, {"eye_high", l.eye_high}, {"blank", l.blank},
+             {"face_alone", l.face_alone}},
             0, report.first_bad_field};
 }
 

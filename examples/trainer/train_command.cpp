@@ -246,6 +246,11 @@ class Trainer {
         const int camera = cameras[static_cast<std::size_t>(
             views.below(key, static_cast<Index>(cameras.size())))];
         AvatarSample<float> s = avatar_sample(capture_, state_.config, frame, camera);
+        s.eyes_high = step % state_.config.gaussians.weights.eye_high_every == 0;
+        if (state_.config.gaussians.augment)
+            s.scale = random_scale(s.camera.width, s.camera.height,
+                                   1 << state_.config.gaussians.upsampler.doublings,
+                                   random_.fork(8).fork(key));
         const Random color = colors.fork(key);
         for (Index c = 0; c < s.blank.size(); ++c)
             s.blank(c) = static_cast<float>(color.uniform(static_cast<std::uint64_t>(c)));

@@ -72,6 +72,7 @@ struct EyeStream {
 
     Columns<T> position;  ///< fixed: template points about their centre, 3 x 2P
     Columns<T> centre;    ///< fixed: neutral centres, canonical, 3 x 2
+    Columns<T> spacing;   ///< fixed: distance between neighbours of the template, 1 x 2P
 
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
@@ -85,9 +86,20 @@ struct EyeStream {
     static void buffers(F&& f, P&&... p) {
         f("xyz", p.position...);
         f("centre", p.centre...);
+        f("spacing", p.spacing...);
     }
     Index per_eye() const { return position.cols() / 2; }
 };
+
+/// Takes scales back to at most `factor` times the template's spacing, so that the eyeball keeps its
+/// shape: larger Gaussians would reach over its rim and paint lids.
+template <Real T>
+void bound_scales(EyeStream<T>& eyes, T factor) {
+    for (Index i = 0; i < eyes.log_scale.cols(); ++i) {
+        const T most = std::log(factor * eyes.spacing(0, i));
+        eyes.log_scale.col(i) = eyes.log_scale.col(i).cwiseMin(most);
+    }
+}
 
 template <class T>
 struct EyeTrace {

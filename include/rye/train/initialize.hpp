@@ -123,11 +123,10 @@ TwoStream<T> initialize_avatar(const GuidanceMesh<T>& mesh, const AvatarConfig& 
         for (Index k = 0; k < 2 * per_eye; ++k)  // beyond RGB: small numbers that differ
             e.feature(i, k) = T(0.1 * (2 * random.fork(24).uniform(static_cast<std::uint64_t>(
                                                k * config.channels + i)) - 1));
-    Columns<T> spacing(1, 2 * per_eye);
-    spacing << init.eyeball[0].spacing, init.eyeball[1].spacing;
-    e.log_scale = spacing.unaryExpr([](const T& v) {
-        return T(std::log(std::max(v, T(1e-4))));
-    }).replicate(3, 1);
+    e.spacing.resize(1, 2 * per_eye);
+    e.spacing << init.eyeball[0].spacing, init.eyeball[1].spacing;
+    e.spacing = e.spacing.cwiseMax(T(1e-4));
+    e.log_scale = e.spacing.array().log().replicate(3, 1);
     e.rotation = Columns<T>::Zero(4, 2 * per_eye);
     e.rotation.row(0).setOnes();
     e.opacity_logit = Columns<T>::Constant(1, 2 * per_eye, logit(init.eye_opacity));

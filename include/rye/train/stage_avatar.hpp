@@ -22,7 +22,7 @@ namespace rye {
 template <class T>
 struct AvatarLosses {
     T high_resolution = T(0), low_resolution = T(0), perceptual = T(0);
-    T eye_low = T(0), eye_high = T(0), blank = T(0);
+    T eye_low = T(0), eye_high = T(0), blank = T(0), face_alone = T(0);
     T total = T(0);  ///< weighted
 };
 
@@ -30,6 +30,7 @@ struct AvatarLosses {
 template <class T>
 struct AvatarPictures {
     Raster<T> final, face, eyes;  ///< feature renders
+    Image<T> scaled;              ///< the final feature render after the sample's random scale
     Image<T> high, eyes_high;     ///< after super-resolution
     UpsamplerTrace<T> high_trace, eyes_high_trace;
     Columns<T> g_high, g_eyes_high;                ///< weighted cotangents of the RGB images
@@ -65,6 +66,23 @@ double eye_gain(EyeAverage average, const Columns<T>& mask) {
 
 } // namespace detail
 
+/// What the face alone should show outside the eyes: the picture, over the blank's background.
+template <class T>
+Columns<T> face_alone_truth(const AvatarSample<T>& sample) {
+    const Vec3<T> change = sample.blank.template head<3>() - sample.background.template head<3>();
+    return sample.truth_small.pixels +
+           change * (Columns<T>::Ones(1, sample.mask_small.cols()) - sample.mask_small);
+}
+
+/// 1 where a visible pixel shows nothing of the eyes.
+template <class T>
+Columns<T> face_alone_mask(const AvatarSample<T>& sample) {
+    Columns<T> mask = sample.visible_small;
+    for (Index i = 0; i < mask.cols(); ++i)
+        if (sample.eyes_small(0, i) > T(0)) mask(0, i) = T(0);
+    return mask;
+}
+
 /// Renders and compares. Everything the vjp reads stays in `trace` and `pictures`.
 template <Backend B, class Accuracy, class Perceptual, class T, class Probe = NoProbe>
 AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& config,
@@ -81,8 +99,13 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
     p.face = rasterizer.forward(trace.world_face, sample.camera, sample.blank);
     p.eyes = rasterizer.forward(trace.world_eyes, sample.camera, sample.background);
     probe("render");
-    p.high = upsampler_forward<B>(avatar.upsampler, p.final.feature, &p.high_trace);
-    p.eyes_high = upsampler_forward<B>(avatar.upsampler, p.eyes.feature, &p.eyes_high_trace);
+    p.scaled = p.final.feature;
+    if (sample.scale.active()) p.scaled.pixels = gathered(p.final.feature.pixels, sample.scale.small);
+    p.high = upsampler_forward<B>(avatar.upsampler, p.scaled, &p.high_trace);
+    if (sample.eyes_high)
+        p.eyes_high = upsampler_forward<B>(avatar.upsampler, p.eyes.feature, &p.eyes_high_trace);
+    else
+        p.eyes_high = {};
     probe("super-resolution");
 
     const auto zero = [](const Image<T>& i) { return Columns<T>::Zero(i.channels(), i.size()); };
@@ -93,12 +116,15 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
     p.g_eyes = zero(p.eyes.feature);
 
     AvatarLosses<T> l;
-    l.high_resolution = detail::rgb_term<B>(p.high.pixels, sample.truth.pixels, sample.visible,
-                                            weights.high_resolution, p.g_high);
+    Image<T> truth = sample.truth;
+    truth.pixels = gathered(sample.truth.pixels, sample.scale.full);
+    l.high_resolution =
+        detail::rgb_term<B>(p.high.pixels, truth.pixels, gathered(sample.visible, sample.scale.full),
+                            weights.high_resolution, p.g_high);
     l.low_resolution =
         detail::rgb_term<B>(p.final.feature.pixels, sample.truth_small.pixels,
                             sample.visible_small, weights.low_resolution, p.g_final);
-    const LossGradient<T> seen = perceptual(p.high, sample.truth);
+    const LossGradient<T> seen = perceptual(p.high, truth);
     l.perceptual = seen.value;
     p.g_high += T(weights.perceptual) * seen.gradient;
 
@@ -107,15 +133,20 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
     l.eye_low = T(small_gain) *
                 detail::rgb_term<B>(p.eyes.feature.pixels, sample.truth_small.pixels,
                                     sample.eyes_small, weights.eye_low * small_gain, p.g_eyes);
-    l.eye_high = T(gain) * detail::rgb_term<B>(p.eyes_high.pixels, sample.truth.pixels, sample.eyes,
-                                               weights.eye_high * gain, p.g_eyes_high);
+    const double eye_high = sample.eyes_high ? weights.eye_high * weights.eye_high_every : 0.0;
+    if (sample.eyes_high)
+        l.eye_high = T(gain) * detail::rgb_term<B>(p.eyes_high.pixels, sample.truth.pixels,
+                                                   sample.eyes, eye_high * gain, p.g_eyes_high);
     const Columns<T> blank = sample.blank.head(3).replicate(1, p.face.feature.size());
     l.blank = T(small_gain) * detail::rgb_term<B>(p.face.feature.pixels, blank, sample.eyes_small,
                                                   weights.blank * small_gain, p.g_face);
+    if (weights.face_alone > 0)
+        l.face_alone = detail::rgb_term<B>(p.face.feature.pixels, face_alone_truth(sample),
+                                           face_alone_mask(sample), weights.face_alone, p.g_face);
     l.total = T(weights.high_resolution) * l.high_resolution +
               T(weights.low_resolution) * l.low_resolution + T(weights.perceptual) * l.perceptual +
-              T(weights.eye_low) * l.eye_low + T(weights.eye_high) * l.eye_high +
-              T(weights.blank) * l.blank;
+              T(weights.eye_low) * l.eye_low + T(eye_high) * l.eye_high +
+              T(weights.blank) * l.blank + T(weights.face_alone) * l.face_alone;
     probe("losses");
     return l;
 }
@@ -127,12 +158,13 @@ void avatar_losses_vjp(const TwoStream<T>& avatar, const AvatarConfig& config,
                        const TwoStreamTrace<T>& trace, AvatarPictures<T>& p, TwoStream<T>& grad,
                        Probe&& probe = {}) {
     Columns<T> g_feature;
-    upsampler_vjp<B>(avatar.upsampler, p.final.feature, p.high_trace, p.g_high, grad.upsampler,
-                     &g_feature);
-    p.g_final += g_feature;
-    upsampler_vjp<B>(avatar.upsampler, p.eyes.feature, p.eyes_high_trace, p.g_eyes_high,
-                     grad.upsampler, &g_feature);
-    p.g_eyes += g_feature;
+    upsampler_vjp<B>(avatar.upsampler, p.scaled, p.high_trace, p.g_high, grad.upsampler, &g_feature);
+    gathered_vjp(g_feature, sample.scale.small, p.g_final);
+    if (sample.eyes_high) {
+        upsampler_vjp<B>(avatar.upsampler, p.eyes.feature, p.eyes_high_trace, p.g_eyes_high,
+                         grad.upsampler, &g_feature);
+        p.g_eyes += g_feature;
+    }
     probe("super-resolution vjp");
 
     const Index n = trace.world_face.mean.cols();

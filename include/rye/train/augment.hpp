@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/augment.hpp: random scale between the feature render and super-resolution: the map is
+/// resized (nearest) by 0.8 to 1.25 and cut or pasted back to its size; picture and visibility
+/// likewise, so that the upsampler sees many sizes of the same head. What is pasted onto is 1.
+/// Source: GHA, training of stage 2.
+#pragma once
+
+#include <cmath>
+#include <vector>
+
+#include <rye/core/columns.hpp>
+#include <rye/core/random.hpp>
+
+namespace rye {
+
+/// Which source pixel each pixel shows, -1: none. Empty maps change nothing.
+struct Augmentation {
+    std::vector<Index> small;  ///< of the feature map
+    std::vector<Index> full;   ///< of the picture
+    bool active() const { return !small.empty(); }
+};
+
+namespace detail {
+
+/// Pixel x of `size` pixels shows pixel nearest to (x - offset) / scale of the source.
+inline Index resized_source(int x, int offset, int resized, int size) {
+    const int at = x - offset;
+    if (at < 0 || at >= resized) return -1;
+    return static_cast<Index>(at) * size / resized;
+}
+
+inline std::vector<Index> resized_map(int width, int height, int new_width, int new_height, int dx,
+                                      int dy) {
+    std::vector<Index> map;
+    map.reserve(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+    for (int y = 0; y < height; ++y)
+        for (int x = 0; x < width; ++x) {
+            const Index sx = resized_source(x, dx, new_width, width);
+            const Index sy = resized_source(y, dy, new_height, height);
+            map.push_back(sx < 0 || sy < 0 ? -1 : sy * width + sx);
+        }
+    return map;
+}
+
+} // namespace detail
+
+/// width, height: of the feature map; the picture is `factor` times as large.
+inline Augmentation random_scale(int width, int height, int factor, const Random& random) {
+    const double scale = 0.8 + 0.45 * random.uniform(0);
+    const int w = std::max(1, static_cast<int>(width * scale));
+    const int h = std::max(1, static_cast<int>(height * scale));
+    // Smaller: pasted anywhere inside; larger: any window of it.
+    const auto offset = [&](int size, int resized, std::uint64_t index) {
+        const Index room = std::abs(size - resized) + 1;
+        const int k = static_cast<int>(random.below(index, room));
+        return resized <= size ? k : -k;
+    };
+    const int dx = offset(width, w, 1), dy = offset(height, h, 2);
+    return {detail::resized_map(width, height, w, h, dx, dy),
+            detail::resized_map(width * factor, height * factor, w * factor, h * factor, dx * factor,
+                                dy * factor)};
+}
+
+/// Columns of the source by the map; 1 where there is none.
+template <class T>
+Columns<T> gathered(const Columns<T>& source, const std::vector<Index>& map) {
+    if (map.empty()) return source;
+    Columns<T> out(source.rows(), static_cast<Index>(map.size()));
+    for (Index i = 0; i < out.cols(); ++i) {
+        const Index from = map[static_cast<std::size_t>(i)];
+        if (from < 0) out.col(i).setOnes();
+        else out.col(i) = source.col(from);
+    }
+    return out;
+}
+
+/// The transpose of gathered: adds into `g_source`.
+template <class T>
+void gathered_vjp(const Columns<T>& g, const std::vector<Index>& map, Columns<T>& g_source) {
+    if (map.empty()) {
+        g_source += g;
+        return;
+    }
+    for (Index i = 0; i < g.cols(); ++i) {
+        const Index from = map[static_cast<std::size_t>(i)];
+        if (from >= 0) g_source.col(from) += g.col(i);
+    }
+}
+
+} // namespace rye

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/samples.hpp: what one step of each stage is shown. Images are sRGB in [0, 1].
+#pragma once
+
+#include <vector>
+
+#include <rye/avatar/drivers.hpp>
+#include <rye/geometry/camera.hpp>
+#include <rye/train/augment.hpp>
+
+namespace rye {
+
+template <class T>
+struct MeshView {
+    Pinhole<real_t<T>> camera;
+    Image<T> truth;      ///< RGB over black
+    Columns<T> mask;     ///< 1 x pixels, the subject
+    Columns<T> visible;  ///< 1 x pixels, 0 where the picture was padded
+};
+
+/// One frame and some of its views.
+template <class T>
+struct MeshSample {
+    Drivers<T> drivers;
+    Columns<T> landmarks;         ///< of this frame, canonical, 3 x L
+    Columns<T> eye_displacement;  ///< of the eyeball centres since neutral, canonical, 3 x 2
+    std::vector<MeshView<T>> views;
+};
+
+/// One frame seen by one camera. "Small" is the size of the feature render.
+template <class T>
+struct AvatarSample {
+    Drivers<T> drivers;           ///< tracked; the frame's delta pose is added to it
+    Index frame = 0;              ///< column of delta_pose; -1: none
+    Pinhole<T> camera;            ///< of the small image
+    Image<T> truth, truth_small;  ///< RGB on the final background
+    Columns<T> visible, visible_small;  ///< 1 x pixels, 0 where the picture was padded
+    Columns<T> eyes, eyes_small;        ///< 1 x pixels, M_e of both eyes
+    Columns<T> mask_small;              ///< 1 x pixels, the subject
+    bool eyes_high = true;              ///< whether this step takes the high-resolution eye term
+    Augmentation scale;           ///< random scale of the final image's super-resolution
+    VecX<T> background;           ///< of the final render and the eyes alone, one per channel
+    VecX<T> blank;                ///< c of the face alone
+};
+
+} // namespace rye

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/settings.hpp: weights of the losses and learning rates of both stages. Every default is
+/// the paper's (sections 4.1, 4.2) or, where it is silent, GHA's; see docs/deviations.md.
+#pragma once
+
+#include <string>
+
+namespace rye {
+
+/// Stage 1, eq. (13).
+struct MeshLossConfig {
+    double rgb = 0.1;
+    double silhouette = 0.1;
+    double deform = 1.0;
+    double offset = 0.01;
+    double landmark = 0.1;
+    double laplacian = 100;
+    double eye_offset = 0.1;
+};
+
+struct MeshRates {
+    double networks = 1e-3;
+    double landmarks = 1e-4;
+
+    double operator()(const std::string& name) const {
+        return name == "landmarks_3d_neutral" ? landmarks : networks;
+    }
+};
+
+/// How the eye terms are averaged: over the whole image, as GHA's L1, or over the pixels of the eye
+/// mask, which does not fade as eyes get smaller in the picture.
+enum class EyeAverage { image, mask };
+
+struct AvatarLossConfig {
+    double high_resolution = 1.0;
+    double low_resolution = 1.0;   ///< lambda_lr of the image loss
+    double perceptual = 0.1;       ///< lambda_vgg
+    double eye_low = 0.5;          ///< lambda_lr of the eyeball loss
+    double eye_high = 0.5;         ///< lambda_hr of the eyeball loss
+    double blank = 1.0;            ///< lambda_blank
+    /// The face alone must show the picture outside the eyes (over the blank's background), so that
+    /// eyeballs do not learn to paint skin. Not in the paper; see docs/deviations.md.
+    double face_alone = 0.0;
+    /// The high-resolution eye term costs a second super-resolution; in every n-th step it is taken
+    /// n times as heavy.
+    int eye_high_every = 1;
+    EyeAverage eye_average = EyeAverage::image;
+};
+
+/// Learning rates of stage 2.
+struct AvatarRates {
+    double upsampler = 1e-4, networks = 1e-4, opacity = 1e-4, scale = 3e-5;
+    double position = 1e-5, feature = 1e-5, rotation = 1e-5, delta_pose = 1e-5;
+    double eye_feature = 1e-4;  ///< free colours of the eyeballs; GHA has none
+
+    double operator()(const std::string& name) const {
+        if (name.starts_with("upsampler.")) return upsampler;
+        if (name == "delta_poses") return delta_pose;
+        if (name == "eyes.feature") return eye_feature;
+        const std::string last = name.substr(name.rfind('.') + 1);
+        if (last == "xyz") return position;
+        if (last == "feature") return feature;
+        if (last == "scales") return scale;
+        if (last == "rotation") return rotation;
+        if (last == "opacity") return opacity;
+        return networks;
+    }
+};
+
+} // namespace rye
