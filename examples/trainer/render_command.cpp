@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+/// `rye render`: a picture of any splat file that other programs write, as they would show it.
+/// The file's own axes and units; for a capture upright in OpenCV's axes, up is -y.
+#include <chrono>
+#include <cstdio>
+#include <iostream>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include <rye/backend/xsimd.hpp>
+#include <rye/gaussian/activate.hpp>
+#include <rye/gaussian/ply.hpp>
+#include <rye/splat/rasterizer.hpp>
+
+#include "commands.hpp"
+#include "image_io.hpp"
+
+namespace rye::trainer {
+namespace {
+
+/// Where the first 3DGS implementation, and viewers after it, begin to draw. [world units]
+constexpr double viewer_near_depth = 0.2;
+
+struct RenderOptions {
+    std::string ply, out, size = "512x512", accuracy = "3dgs";
+    std::vector<double> eye, target, up{0, -1, 0}, background{0, 0, 0};
+    double fov_deg = 40;
+    double alpha_floor = 0;
+    double near_depth = viewer_near_depth;
+    int threads = 0;
+};
+
+Vec3<double> vector_of(const std::vector<double>& v) { return {v[0], v[1], v[2]}; }
+
+/// WxH.
+std::pair<int, int> parsed_size(const std::string& text) {
+    int width = 0, height = 0, read = 0;
+    const int found = std::sscanf(text.c_str(), "%5dx%5d%n", &width, &height, &read);
+    require(found == 2 && static_cast<std::size_t>(read) == text.size() && width > 0 &&
+                height > 0 && width <= max_image_edge && height <= max_image_edge,
+            "rye render", "--size: got " + text + ", expected WxH, each 1 to " +
+                              std::to_string(max_image_edge) + " pixels");
+    return {width, height};
+}
+
+template <Backend B, Real T, AccuracyPolicy A>
+Image<float> picture(const A& accuracy, const Gaussians<T>& g, const Pinhole<T>& camera,
+                     const VecX<T>& background) {
+    const Raster<T> raster = Rasterizer<B, A>{accuracy}.forward(g, camera, background);
+    if (raster.trace.non_finite > 0)
+        std::cerr << "rye render: left out " << raster.trace.non_finite
+                  << " Gaussians whose numbers are not finite\n";
+    Image<float> image(camera.width, camera.height, 3);
+    image.pixels = raster.feature.pixels.template cast<float>();
+    return image;
+}
+
+/// The picture, by the name of its accuracy. Only the exact one is in double.
+Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
+                     const Pinhole<double>& camera) {
+    using Draw = Image<float> (*)(const RenderOptions&, const Gaussians<float>&,
+                                  const Pinhole<float>&, const VecX<float>&);
+    using B = XsimdBackend<>;
+    static const std::map<std::string, Draw> by_name{
+        {"3dgs",
+         [](const RenderOptions& options, const auto& g, const auto& c, const auto& b) {
+             if (options.alpha_floor == 0) return picture<B>(Compatible3dgs{}, g, c, b);
+             Compatible3dgsFloor accuracy;
+             accuracy.alpha_floor = options.alpha_floor;
+             return picture<B>(accuracy, g, c, b);
+         }},
+        {"fast", [](const RenderOptions&, const auto& g, const auto& c,
+                    const auto& b) { return picture<B>(Fast{}, g, c, b); }},
+        {"balanced", [](const RenderOptions&, const auto& g, const auto& c,
+                        const auto& b) { return picture<B>(Balanced{}, g, c, b); }},
+        {"tight", [](const RenderOptions&, const auto& g, const auto& c,
+                     const auto& b) { return picture<B>(Tight{}, g, c, b); }}};
+    const Vec3<double> background = vector_of(o.background);
+    if (o.accuracy == "exact") {
+        GaussianCloud<double> exact;
+        convert_fields(exact, cloud, [](float x) { return static_cast<double>(x); });
+        return picture<ScalarBackend<>>(Exact64{}, activate(exact, camera.centre()), camera,
+                                        VecX<double>(background));
+    }
+    const Gaussians<float> g = activate<float>(cloud, camera.centre().cast<float>());
+    return by_name.at(o.accuracy)(o, g, camera.cast<float>(), background.cast<float>());
+}
+
+void render(const RenderOptions& o) {
+    set_threads(o.threads);
+    require(o.alpha_floor == 0 || o.accuracy == "3dgs", "rye render",
+            "--alpha-floor: got it with --accuracy " + o.accuracy + ", expected --accuracy 3dgs");
+    const auto [width, height] = parsed_size(o.size);
+    const double fov = o.fov_deg * 3.14159265358979323846 / 180;
+    Pinhole<double> camera = look_at<double>(vector_of(o.eye), vector_of(o.target),
+                                             vector_of(o.up), fov, width, height);
+    camera.near_depth = o.near_depth;
+    const GaussianCloud<float> cloud = read_ply<float>(o.ply);
+
+    const auto begin = std::chrono::steady_clock::now();
+    const Image<float> image = picture(o, cloud, camera);
+    const double seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    write_png(o.out, image);
+    std::printf("%s: %td Gaussians, %d x %d pixels, %.3f s\n", o.out.c_str(), cloud.count(), width,
+                height, seconds);
+}
+
+} // namespace
+
+void add_render(CLI::App& app) {
+    auto o = std::make_shared<RenderOptions>();
+    CLI::App* c = app.add_subcommand("render", "Make a picture of a PLY file of Gaussians");
+    const auto finite = CLI::Range(-1e9, 1e9);
+    const auto vector = [&](const char* name, std::vector<double>& v, const char* help) {
+        return c->add_option(name, v, help)->delimiter(',')->expected(3)->check(finite);
+    };
+    c->add_option("ply", o->ply, "PLY file, in the standard form")->required();
+    vector("--eye", o->eye, "Where the camera is: X,Y,Z")->required();
+    vector("--target", o->target, "What it looks at: X,Y,Z")->required();
+    vector("--up", o->up, "What is up in the picture: X,Y,Z")->capture_default_str();
+    c->add_option("--fov", o->fov_deg, "Vertical field of view in degrees")
+        ->check(CLI::Range(0.01, 179.0))->capture_default_str();
+    c->add_option("--size", o->size, "Pixels: WxH")->capture_default_str();
+    vector("--background", o->background, "R,G,B in 0 to 1")->check(CLI::Range(0.0, 1.0))
+        ->capture_default_str();
+    c->add_option("--accuracy", o->accuracy, "3dgs (as viewers draw), fast, balanced, tight or "
+                                             "exact (every Gaussian, in double: slow)")
+        ->check(CLI::IsMember({"3dgs", "fast", "balanced", "tight", "exact"}))
+        ->capture_default_str();
+    c->add_option("--alpha-floor", o->alpha_floor,
+                  "Taken from the falloff, so that it ends at 0; viewers that do so take 0.0111")
+        ->check(CLI::Range(0.0, 0.99))->capture_default_str();
+    c->add_option("--near", o->near_depth, "Closest depth that is drawn, in the file's units")
+        ->check(CLI::Range(1e-9, 1e9))->capture_default_str();
+    c->add_option("--out", o->out, "PNG file to write")->required();
+    c->add_option("--threads", o->threads, "Threads (0: all)")->check(CLI::Range(0, 1024));
+    c->callback([o] { render(*o); });
+}
+
+} // namespace rye::trainer
