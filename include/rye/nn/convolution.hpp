@@ -7,10 +7,12 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <vector>
 
 #include <rye/backend/backend.hpp>
 #include <rye/core/columns.hpp>
+#include <rye/nn/convolution_lanes.hpp>
 #include <rye/nn/elementwise.hpp>
 
 namespace rye {
@@ -59,6 +61,20 @@ Padded<T> padded(const Image<T>& in) {
     return padded<B>(in, [](const auto& x) { return x; });
 }
 
+namespace detail {
+
+/// The tiles in registers win while the outputs fill lanes and the weights stay in the cache.
+template <class B, class T>
+bool runs_in_lanes(Index outputs, Index inputs, Index width) {
+    if constexpr (HasLanes<B, T>)
+        return outputs % static_cast<Index>(B::template batch<T>::size) == 0 && width >= 8 &&
+               outputs * inputs <= 64 * 128;
+    else
+        return false;
+}
+
+} // namespace detail
+
 /// weight: out x 9 in. Returns an image of `out` channels.
 template <Backend B, class T>
 Image<T> convolve3x3(const Columns<T>& weight, const Padded<T>& in) {
@@ -68,9 +84,19 @@ Image<T> convolve3x3(const Columns<T>& weight, const Padded<T>& in) {
     out.width = in.width;
     out.height = in.height;
     out.pixels.resize(weight.rows(), out.size());
+    const bool lanes = detail::runs_in_lanes<B, T>(weight.rows(), in.channels(), in.width);
     for_chunks<typename B::threads>(
         in.height, rows_per_chunk(in.width), [&](Index b, Index e, Index) {
             for (Index y = b; y < e; ++y) {
+                if constexpr (HasLanes<B, T>)
+                    if (lanes) {
+                        detail::convolve_row<typename B::template batch<T>, T>(
+                            weight.data(),
+                            {in.under(y, 0).data(), in.under(y, 1).data(), in.under(y, 2).data()},
+                            out.pixels.col(y * in.width).data(), in.width,
+                            {k, in.channels(), weight.rows()});
+                        continue;
+                    }
                 ColumnsSpan<T> row = out.pixels.middleCols(y * in.width, in.width);
                 row.noalias() = weight.leftCols(k) * in.under(y, 0);
                 row.noalias() += weight.middleCols(k, k) * in.under(y, 1);
@@ -101,14 +127,23 @@ template <Backend B, class T>
 void convolve3x3_vjp_weight(const Padded<T>& in, const Image<T>& g, Columns<T>& g_weight) {
     const Index k = 3 * in.channels();
     const Index rows = std::max(rows_per_chunk(in.width), chunk_count(in.height, 16));
+    const bool lanes = detail::runs_in_lanes<B, T>(g.channels(), in.channels(), in.width);
     std::vector<Columns<T>> parts(static_cast<std::size_t>(chunk_count(in.height, rows)));
     for_chunks<typename B::threads>(in.height, rows, [&](Index b, Index e, Index c) {
         Columns<T>& part = parts[static_cast<std::size_t>(c)];
         part.setZero(g_weight.rows(), g_weight.cols());
         for (Index y = b; y < e; ++y) {
             const ColumnsView<T> row = g.pixels.middleCols(y * in.width, in.width);
-            for (int ky = 0; ky < 3; ++ky)
+            for (int ky = 0; ky < 3; ++ky) {
+                if constexpr (HasLanes<B, T>)
+                    if (lanes) {
+                        detail::correlate_row<typename B::template batch<T>, T>(
+                            row.data(), in.under(y, ky).data(), in.width, part.col(ky * k).data(),
+                            {k, in.channels(), g.channels()});
+                        continue;
+                    }
                 part.middleCols(ky * k, k).noalias() += row * in.under(y, ky).transpose();
+            }
         }
     });
     for (const Columns<T>& part : parts) g_weight += part;
