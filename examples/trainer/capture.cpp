@@ -21,7 +21,7 @@ using Json = nlohmann::json;
 
 /// Where faults go: thrown when nobody collects them.
 class Faults {
-public:
+  public:
     explicit Faults(std::vector<Problem>* list) : list_(list) {}
 
     void error(const std::string& message) {
@@ -45,7 +45,7 @@ public:
         return false;
     }
 
-private:
+  private:
     std::vector<Problem>* list_;
 };
 
@@ -251,13 +251,14 @@ void read_view(Capture& c, const std::string& frame, const std::string& camera, 
     if (view.mask.empty()) faults.error(missing(images / ("mask_" + camera), ".png or .jpg"));
     bool whole = !view.image.empty() && !view.mask.empty();
     whole &= faults.attempt([&] { view.camera = read_camera(camera_file); });
-    if (!view.image.empty()) whole &= faults.attempt([&] {
-        const ImageHeader h = read_image_header(view.image);
-        if (c.width == 0) {
-            c.width = h.width;
-            c.height = h.height;
-        }
-    });
+    if (!view.image.empty())
+        whole &= faults.attempt([&] {
+            const ImageHeader h = read_image_header(view.image);
+            if (c.width == 0) {
+                c.width = h.width;
+                c.height = h.height;
+            }
+        });
     for (const fs::path* path : {&view.image, &view.mask, &view.eye_mask, &view.visible})
         if (whole) whole &= faults.attempt([&] { require_size(*path, c.width, c.height); });
     view.camera.width = c.width;
@@ -363,8 +364,8 @@ void read_description_into(Capture& c, const Json& json, const CaptureOptions& o
                            const std::string& who) {
     c.subject = string_of(json, "subject");
     c.expression_names = strings(json, "exp_names", who);
-    const Json conventions = json.is_object() && json.contains("conventions")
-                                 ? json.at("conventions") : Json();
+    const Json conventions =
+        json.is_object() && json.contains("conventions") ? json.at("conventions") : Json();
     const std::string image = string_of(conventions, "image");
     c.images_over_black = options.content == ImageContent::automatic
                               ? image.find("over black") != std::string::npos
@@ -433,8 +434,8 @@ void read_everything(Capture& c, const CaptureOptions& options, Faults& faults) 
         std::vector<CaptureView> views(c.camera_ids.size());
         for (std::size_t i = 0; i < views.size(); ++i)
             read_view(c, id, c.camera_ids[i], views[i], faults);
-        const bool seen = std::any_of(views.begin(), views.end(),
-                                      [](const CaptureView& v) { return v.present; });
+        const bool seen =
+            std::any_of(views.begin(), views.end(), [](const CaptureView& v) { return v.present; });
         if (!seen) {
             faults.error((c.folder / "images" / id).string() + ": no camera has this frame whole");
             continue;
@@ -442,10 +443,17 @@ void read_everything(Capture& c, const CaptureOptions& options, Faults& faults) 
         c.frames.push_back(std::move(frame));
         c.views.insert(c.views.end(), views.begin(), views.end());
     }
-    c.has_eye_masks = !c.views.empty() &&
-                      std::all_of(c.views.begin(), c.views.end(), [](const CaptureView& v) {
-                          return !v.present || !v.eye_mask.empty();
-                      });
+    for (int k = 0; k < c.camera_count() && c.frame_count() > 0; ++k) {
+        int f = 0;
+        while (f < c.frame_count() && !c.view(f, k).present) ++f;
+        if (f == c.frame_count())
+            faults.error((c.folder / "images").string() + ": camera " +
+                         c.camera_ids[static_cast<std::size_t>(k)] + " has no whole frame");
+    }
+    c.has_eye_masks =
+        !c.views.empty() && std::all_of(c.views.begin(), c.views.end(), [](const CaptureView& v) {
+            return !v.present || !v.eye_mask.empty();
+        });
     c.train = indices(c, splits.train);
     c.test = indices(c, splits.test);
     c.novel_gaze = indices(c, splits.novel_gaze);

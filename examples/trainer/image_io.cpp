@@ -66,9 +66,7 @@ void check_jpeg(ByteSpan file, const std::string& who) {
             "truncated: the JPEG has no end (" + std::to_string(file.size()) + " bytes)");
 }
 
-const stbi_uc* stb_bytes(ByteSpan bytes) {
-    return reinterpret_cast<const stbi_uc*>(bytes.data());
-}
+const stbi_uc* stb_bytes(ByteSpan bytes) { return reinterpret_cast<const stbi_uc*>(bytes.data()); }
 
 ImageHeader parse_header(ByteSpan bytes, bool& known) {
     ImageHeader h;
@@ -121,8 +119,10 @@ Image8 read_image8(const std::filesystem::path& path, int channels) {
     RYE_ASSERT(channels == 0 || channels == 1 || channels == 3, "read_image8: channels");
     const Bytes bytes = read_file(path, max_image_bytes);
     check_magic(bytes, who);
-    if (as_text(bytes).starts_with(png_magic)) check_png(bytes, who);
-    else check_jpeg(bytes, who);
+    if (as_text(bytes).starts_with(png_magic))
+        check_png(bytes, who);
+    else
+        check_jpeg(bytes, who);
     bool known = false;
     const ImageHeader header = parse_header(bytes, known);
     if (known) check_header(header, who);
@@ -174,12 +174,12 @@ void write_png(const std::filesystem::path& path, const Image8& image) {
                "write_png: size and values");
     Bytes png;
     const auto collect = [](void* to, void* data, int size) {
-        append(*static_cast<Bytes*>(to), ByteSpan(static_cast<const std::byte*>(data),
-                                                  static_cast<std::size_t>(size)));
+        append(*static_cast<Bytes*>(to),
+               ByteSpan(static_cast<const std::byte*>(data), static_cast<std::size_t>(size)));
     };
-    const int written = stbi_write_png_to_func(collect, &png, image.width, image.height,
-                                               image.channels, image.values.data(),
-                                               image.width * image.channels);
+    const int written =
+        stbi_write_png_to_func(collect, &png, image.width, image.height, image.channels,
+                               image.values.data(), image.width * image.channels);
     require(written != 0, who, "cannot be encoded as PNG");
     // Pictures come in thousands and can be drawn again.
     write_atomic(path, png, Durability::atomic_only);

@@ -65,8 +65,10 @@ std::string describe_cameras(const Capture& c) {
     for (int k = 0; k < c.camera_count(); ++k) {
         int frame = 0, absent = 0;
         for (int f = c.frame_count() - 1; f >= 0; --f) {
-            if (c.view(f, k).present) frame = f;
-            else ++absent;
+            if (c.view(f, k).present)
+                frame = f;
+            else
+                ++absent;
         }
         const std::string& id = c.camera_ids[static_cast<std::size_t>(k)];
         if (absent > 0)
@@ -87,9 +89,9 @@ std::string describe_cameras(const Capture& c) {
                       id.c_str(), angles[1], angles[0], away, camera.fx);
         rows += row;
     }
-    std::string out = line("cameras", std::to_string(c.camera_count()) + ": yaw " + yaw.text(1) +
-                                          ", pitch " + pitch.text(1) + " degrees, distance " +
-                                          distance.text(2));
+    std::string out =
+        line("cameras", std::to_string(c.camera_count()) + ": yaw " + yaw.text(1) + ", pitch " +
+                            pitch.text(1) + " degrees, distance " + distance.text(2));
     if (!missed.empty()) out += line("", "frames missed: " + missed);
     return out + rows;
 }
@@ -137,9 +139,9 @@ std::string describe(const Capture& c) {
                                  std::to_string(c.frames.front().vertices.cols()) +
                                  " vertices; they span " + number(landmark_span(c), 2) +
                                  " units (a head has about 2 dm)");
-    out += line("", number(100 * fit.inside_mask, 1) +
-                        " % of the landmarks fall into the masks of " + std::to_string(fit.views) +
-                        " views");
+    out +=
+        line("", number(100 * fit.inside_mask, 1) + " % of the landmarks fall into the masks of " +
+                     std::to_string(fit.views) + " views");
     return out + describe_gaze(c);
 }
 
@@ -155,8 +157,8 @@ void add_info(CLI::App& app) {
     command->callback([arguments] {
         std::vector<Problem> problems;
         const Capture capture = read_capture(arguments->folder, {}, &problems);
-        const std::vector<Problem> more = validate(
-            capture, arguments->all ? ImagesToDecode::all : ImagesToDecode::sample);
+        const std::vector<Problem> more =
+            validate(capture, arguments->all ? ImagesToDecode::all : ImagesToDecode::sample);
         problems.insert(problems.end(), more.begin(), more.end());
         std::cout << describe(capture);
         int errors = 0;
@@ -165,8 +167,8 @@ void add_info(CLI::App& app) {
             errors += error ? 1 : 0;
             std::cout << (error ? "error:   " : "warning: ") << p.message << "\n";
         }
-        std::cout << line("verdict", errors > 0 ? std::to_string(errors) + " errors: not usable"
-                                                : "usable");
+        std::cout << line("verdict",
+                          errors > 0 ? std::to_string(errors) + " errors: not usable" : "usable");
         if (errors > 0) throw CLI::RuntimeError(1);
     });
 }

@@ -20,7 +20,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double degrees = 57.29577951308232;
-constexpr double head_span = 2.2;  ///< of 66 landmarks of an adult [dm]
+constexpr double head_span = 2.2;      ///< of 66 landmarks of an adult [dm]
+constexpr double usual_distance = 4.5; ///< of a camera, in spans of the head
 constexpr int max_sampled_views = 64;
 
 /// Printed with three significant digits.
@@ -30,9 +31,12 @@ std::string text(double x) {
     return digits;
 }
 
+/// The nearest one: units differ by powers of ten.
+double power_of_ten(double x) { return std::pow(10.0, std::round(std::log10(x))); }
+
 /// Collects problems; a fault of the same kind is told for its first place only, then counted.
 class Findings {
-public:
+  public:
     void error(const char* kind, const std::string& message) {
         add(Problem::Severity::error, kind, message);
     }
@@ -48,7 +52,7 @@ public:
         return out;
     }
 
-private:
+  private:
     struct Place {
         std::size_t index = 0;
         int count = 0;
@@ -124,10 +128,10 @@ std::vector<MaskedView> masked_views(const Capture& c) {
     std::vector<MaskedView> out;
     for (const auto [f, k] : sampled_views(c, max_sampled_views)) {
         try {
-            out.push_back({c.camera(f, k), c.mask(f, k),
-                           &c.frames[static_cast<std::size_t>(f)].landmarks});
+            out.push_back(
+                {c.camera(f, k), c.mask(f, k), &c.frames[static_cast<std::size_t>(f)].landmarks});
         } catch (const Error&) {
-            continue;  // told by check_pixels
+            continue; // told by check_pixels
         }
     }
     return out;
@@ -170,7 +174,7 @@ void invert_camera(Pinhole<double>& c) { c.camera_from_world = c.camera_from_wor
 
 /// What would make the landmarks fall into the masks, in words; empty if nothing tried does.
 std::string remedy(const std::vector<MaskedView>& views) {
-    std::vector<std::pair<std::string, CameraChange>> changes{
+    const std::vector<std::pair<std::string, CameraChange>> changes{
         {"the cameras have OpenGL axes (y up, z backward): negate rows 2 and 3 of extrinsic",
          flip_camera_axes},
         {"extrinsic is camera to world: invert it", invert_camera},
@@ -195,14 +199,8 @@ std::string remedy(const std::vector<MaskedView>& views) {
              c.fy *= sy;
              c.cy *= sy;
          }}};
-    for (const double factor : {0.001, 0.01, 0.1, 10.0, 100.0, 1000.0})
-        changes.emplace_back("the cameras and the landmarks have different units: multiply the "
-                             "translation in extrinsic by " + text(factor),
-                             [factor](Pinhole<double>& c) {
-                                 c.camera_from_world.translation *= factor;
-                             });
     std::string best;
-    double best_share = 0.8;  // below that nothing is explained
+    double best_share = 0.8; // below that nothing is explained
     for (const auto& [words, change] : changes) {
         const double share = fit(views, change).inside_mask;
         if (share > best_share) {
@@ -218,14 +216,18 @@ void check_projection(const Capture& c, Findings& found) {
     if (views.empty()) return;
     const LandmarkFit now = fit(views, [](Pinhole<double>&) {});
     if (now.inside_mask >= 0.9) return;
-    const std::string shares = "only " + text(100 * now.inside_mask) + " % of the points of lmk_3d "
-                               "fall into the masks (" + text(100 * now.in_front) +
-                               " % in front of the camera, " + text(100 * now.inside_image) +
+    const std::string shares = "only " + text(100 * now.inside_mask) +
+                               " % of the points of lmk_3d "
+                               "fall into the masks (" +
+                               text(100 * now.in_front) + " % in front of the camera, " +
+                               text(100 * now.inside_image) +
                                " % inside the image), expected nearly all";
     const std::string where = (c.folder / "cameras").string() + ": ";
     const std::string advice = remedy(views);
-    if (now.inside_mask >= 0.7) found.warning("projection", where + shares);
-    else found.error("projection", where + shares + (advice.empty() ? "" : "; " + advice));
+    if (now.inside_mask >= 0.7)
+        found.warning("projection", where + shares);
+    else
+        found.error("projection", where + shares + (advice.empty() ? "" : "; " + advice));
 }
 
 // ---- units and cameras -------------------------------------------------------------------------
@@ -234,7 +236,7 @@ void check_units(const Capture& c, double span, Findings& found) {
     const std::string where = file_of(c, c.frames.front(), "lmk_3d.npy");
     if (!(span > 0)) return found.error("units", where + ": all landmarks are in one place");
     if (span < 0.7 || span > 7) {
-        const double factor = std::pow(10.0, std::round(std::log10(head_span / span)));
+        const double factor = power_of_ten(head_span / span);
         const char* unit = factor == 0.01   ? "it looks like millimetres: "
                            : factor == 0.1  ? "it looks like centimetres: "
                            : factor == 10.0 ? "it looks like metres: "
@@ -255,9 +257,12 @@ void check_cameras(const Capture& c, double span, Findings& found) {
         const Vec3<double> head = landmarks.rowwise().mean();
         const double distance = norm(Vec3<double>(camera.centre() - head));
         if (distance < 0.7 * span || distance > 200 * span)
-            found.error("distance", where + ": extrinsic: the camera is " + text(distance) +
-                                        " units from landmarks that span " + text(span) +
-                                        ", expected 1 to 100 times that: are the units the same?");
+            found.error("distance",
+                        where + ": extrinsic: the camera is " + text(distance) +
+                            " units from landmarks that span " + text(span) +
+                            ", expected 1 to 100 times that; if the units differ, multiply the "
+                            "translation in extrinsic by " +
+                            text(power_of_ten(usual_distance * span / distance)));
         if (camera.camera_from_world.apply(head).z() <= 0)
             found.error("behind", where + ": extrinsic: the head is behind the camera (depth " +
                                       text(camera.camera_from_world.apply(head).z()) +
@@ -303,17 +308,18 @@ void check_head_frame(const Capture& c, double span, Findings& found) {
         const char* frame_words = " in the head's frame (x left, y up, z out of the face)";
         const Vec3<double> right = mean_of(in_head, 36, 6), left = mean_of(in_head, 42, 6);
         if (!(left.x() > right.x()))
-            found.error("left", where + "the subject's left eye (landmarks 42 to 47, x = " +
-                                    text(left.x()) + ") is right of the right eye (x = " +
-                                    text(right.x()) + ")" + frame_words);
+            found.error(
+                "left",
+                where + "the subject's left eye (landmarks 42 to 47, x = " + text(left.x()) +
+                    ") is right of the right eye (x = " + text(right.x()) + ")" + frame_words);
         if (!(mean_of(in_head, 17, 10).y() > in_head(1, 8)))
             found.error("up", where + "the brows (y = " + text(mean_of(in_head, 17, 10).y()) +
                                   ") are below the chin (y = " + text(in_head(1, 8)) + ")" +
                                   frame_words);
         if (!(in_head(2, 30) > mean_of(in_head, 0, 17).z()))
             found.error("out", where + "the nose (z = " + text(in_head(2, 30)) +
-                                   ") is behind the jaw (z = " +
-                                   text(mean_of(in_head, 0, 17).z()) + ")" + frame_words);
+                                   ") is behind the jaw (z = " + text(mean_of(in_head, 0, 17).z()) +
+                                   ")" + frame_words);
     }
     for (const CaptureFrame& f : c.frames) {
         const double size = span / f.scale;
@@ -323,8 +329,10 @@ void check_head_frame(const Capture& c, double span, Findings& found) {
             file_of(c, f, "params.npz") + ": pose: nose and eyes are " + text(100 * share) +
             " % of the face away from where the other frames have them in the head's frame: pose "
             "and lmk_3d do not belong together";
-        if (share > 0.15) found.error("rigid", message);
-        else if (share > 0.05) found.warning("loose", message);
+        if (share > 0.15)
+            found.error("rigid", message);
+        else if (share > 0.05)
+            found.warning("loose", message);
     }
 }
 
@@ -339,7 +347,8 @@ void check_expressions(const Capture& c, Findings& found) {
         }
     }
     const std::string where = file_of(c, c.frames.front(), "params.npz") + ": exp_coeff: ";
-    if (c.expression_width() == 0) found.warning("expression", where + "has no numbers");
+    if (c.expression_width() == 0)
+        found.warning("expression", where + "has no numbers");
     else if (!varies && c.frame_count() > 1)
         found.warning("expression",
                       where + "the same in all frames: expressions will not be learned");
@@ -391,7 +400,8 @@ void check_eye(const CaptureFrame& f, std::size_t e, double span, const std::str
                                         std::abs(optical[0] - visual[0] - kappa[1]));
             if (off > 0.5)
                 found.warning("kappa_sum", where + ": kappa_" + side + ": the optical axis is " +
-                                               text(off) + " degrees from visual + kappa (yaw, "
+                                               text(off) +
+                                               " degrees from visual + kappa (yaw, "
                                                "pitch), expected equal");
         }
     }
@@ -403,7 +413,8 @@ void check_eye(const CaptureFrame& f, std::size_t e, double span, const std::str
         if (away > 0.2)
             found.error("centre", where + ": eye_center_" + side + " is " + text(100 * away) +
                                       " % of the face away from the lids of that eye, expected "
-                                      "below 20 (world units, " + side + " is the subject's)");
+                                      "below 20 (world units, " +
+                                      side + " is the subject's)");
     }
     if (eye.radius) {
         const double share = *eye.radius / span;
@@ -450,8 +461,8 @@ bool eyes_swapped(const Capture& c, ViewIndex v, const Image<float>& labels) {
     std::array<Vec2<double>, 2> lids, seen{Vec2<double>::Zero(), Vec2<double>::Zero()};
     std::array<double, 2> count{0, 0};
     for (int e = 0; e < 2; ++e) {
-        const Vec3<double> middle = mean_of(
-            c.frames[static_cast<std::size_t>(v.frame)].landmarks, eye_landmarks(e).front(), 6);
+        const Vec3<double> middle = mean_of(c.frames[static_cast<std::size_t>(v.frame)].landmarks,
+                                            eye_landmarks(e).front(), 6);
         lids[static_cast<std::size_t>(e)] =
             c.camera(v.frame, v.camera).project_point(middle).head<2>();
     }
@@ -481,8 +492,9 @@ void check_pixels(const Capture& c, ImagesToDecode which, Findings& found) {
                                         ": the mask is empty (its largest value is " +
                                         text(255 * mask.pixels.maxCoeff()) + " of 255)");
             if (mask.pixels.minCoeff() > 0.5f)
-                found.warning("full", view.mask.string() + ": the mask covers the whole image, "
-                                                           "expected the head only");
+                found.warning("full", view.mask.string() +
+                                          ": the mask covers the whole image, "
+                                          "expected the head only");
             double outside = 0, light = 0;
             for (Index i = 0; i < mask.size(); ++i)
                 if (mask.pixels(0, i) == 0) {
@@ -520,7 +532,7 @@ LandmarkFit fit_landmarks(const Capture& c) {
 }
 
 std::vector<Problem> validate(const Capture& c, ImagesToDecode images) {
-    if (c.frames.empty()) return {};  // the reader has said why
+    if (c.frames.empty()) return {}; // the reader has said why
     Findings found;
     const double span = landmark_span(c);
     check_units(c, span, found);

@@ -14,16 +14,16 @@
 #include <rye/core/error.hpp>
 
 /// The expression throws an Error whose sentence holds `words`.
-#define CHECK_FAULT(expression, words)                                       \
-    do {                                                                     \
-        std::string told_ = "nothing was thrown";                            \
-        try {                                                                \
-            static_cast<void>(expression);                                   \
-        } catch (const rye::Error& fault_) {                                 \
-            told_ = fault_.what();                                           \
-        }                                                                    \
-        INFO("said: ", told_);                                               \
-        CHECK(told_.find(words) != std::string::npos);                       \
+#define CHECK_FAULT(expression, words)                 \
+    do {                                               \
+        std::string told_ = "nothing was thrown";      \
+        try {                                          \
+            static_cast<void>(expression);             \
+        } catch (const rye::Error& fault_) {           \
+            told_ = fault_.what();                     \
+        }                                              \
+        INFO("said: ", told_);                         \
+        CHECK(told_.find(words) != std::string::npos); \
     } while (false)
 
 /// A folder of its own for a test, removed with all in it.
@@ -33,8 +33,8 @@ struct TemporaryFolder {
         // for none.
         std::error_code ignored;
         const std::filesystem::path memory = "/dev/shm";
-        const bool has = std::filesystem::is_directory(memory, ignored) &&
-                         ::access(memory.c_str(), W_OK) == 0;
+        const bool has =
+            std::filesystem::is_directory(memory, ignored) && ::access(memory.c_str(), W_OK) == 0;
         const auto base = has ? memory : std::filesystem::temp_directory_path();
         std::string name = (base / "rye-test-XXXXXX").string();
         REQUIRE(::mkdtemp(name.data()) != nullptr);

@@ -24,8 +24,8 @@ double number(const std::string& text) { return *parse(text).get<double>(); }
 } // namespace
 
 TEST_CASE("json: every kind of value, members in their order") {
-    const JsonValue v = parse(
-        R"( {"b" : [1, -2.5, true, false, null, "q\"\\\n"], "a":{"deep":[[]],"none":{}}} )");
+    const JsonValue v =
+        parse(R"( {"b" : [1, -2.5, true, false, null, "q\"\\\n"], "a":{"deep":[[]],"none":{}}} )");
     REQUIRE(v.find("b"));
     const JsonArray& b = *v.find("b")->get<JsonArray>();
     REQUIRE(b.size() == 6);
@@ -55,7 +55,7 @@ TEST_CASE("json: numbers come back exactly, integers as integers") {
     for (const std::int64_t i : {std::numeric_limits<std::int64_t>::max(),
                                  std::numeric_limits<std::int64_t>::min(), std::int64_t(0)})
         CHECK(*parse(std::to_string(i)).get<std::int64_t>() == i);
-    CHECK(number("9223372036854775808") == 9223372036854775808.0);  // one more than an int64
+    CHECK(number("9223372036854775808") == 9223372036854775808.0); // one more than an int64
 }
 
 TEST_CASE("json: a locale with decimal commas changes nothing") {
@@ -75,11 +75,42 @@ TEST_CASE("json: escapes are UTF-8") {
 }
 
 TEST_CASE("json: what is not JSON is refused with the place") {
-    for (const char* text :
-         {"", " ", "{", "[", "[1", "[1,", "[1,]", "{\"a\"}", "{\"a\":}", "{\"a\":1,}", "{a:1}", "01",
-          "-", "1.", ".5", "1e", "+1", "NaN", "Infinity", "-Infinity", "nul", "tru", "'a'", "\"a",
-          "\"\\x\"", "\"\\u12\"", "\"\\ud800\"", "\"\\ud800\\u0041\"", "\"\\udc00\"", "\"\n\"",
-          "[1]]", "1 2", "1e999", "-1e999", "{\"a\":1 \"b\":2}", "/**/1"}) {
+    for (const char* text : {"",
+                             " ",
+                             "{",
+                             "[",
+                             "[1",
+                             "[1,",
+                             "[1,]",
+                             "{\"a\"}",
+                             "{\"a\":}",
+                             "{\"a\":1,}",
+                             "{a:1}",
+                             "01",
+                             "-",
+                             "1.",
+                             ".5",
+                             "1e",
+                             "+1",
+                             "NaN",
+                             "Infinity",
+                             "-Infinity",
+                             "nul",
+                             "tru",
+                             "'a'",
+                             "\"a",
+                             "\"\\x\"",
+                             "\"\\u12\"",
+                             "\"\\ud800\"",
+                             "\"\\ud800\\u0041\"",
+                             "\"\\udc00\"",
+                             "\"\n\"",
+                             "[1]]",
+                             "1 2",
+                             "1e999",
+                             "-1e999",
+                             "{\"a\":1 \"b\":2}",
+                             "/**/1"}) {
         INFO("text: ", text);
         CHECK_FAULT(parse(text), "x.json: JSON at byte");
     }

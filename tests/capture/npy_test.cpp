@@ -70,11 +70,12 @@ TEST_CASE("npy: Fortran order and big-endian become C order and little-endian") 
     const std::vector<std::uint16_t> swapped{0x0100, 0x0201};
     CHECK(parse_npy(file_with(dict(">u2", "False", "(2,)"), swapped), "a").values<int>("a") ==
           std::vector<int>{1, 0x0102});
-    std::vector<std::int32_t> cube(24);  // element (i, j, k) = 100 i + 10 j + k
+    std::vector<std::int32_t> cube(24); // element (i, j, k) = 100 i + 10 j + k
     for (int k = 0, n = 0; k < 4; ++k)
         for (int j = 0; j < 3; ++j)
             for (int i = 0; i < 2; ++i) cube[static_cast<std::size_t>(n++)] = 100 * i + 10 * j + k;
-    const auto c = parse_npy(file_with(dict("<i4", "True", "(2, 3, 4)"), cube), "a").values<int>("a");
+    const auto c =
+        parse_npy(file_with(dict("<i4", "True", "(2, 3, 4)"), cube), "a").values<int>("a");
     CHECK(c[0] == 0);
     CHECK(c[1] == 1);
     CHECK(c[4] == 10);
@@ -97,10 +98,13 @@ TEST_CASE("npy: conversions that lose the number are refused") {
 
 TEST_CASE("npy: hostile headers are one sentence that names the file") {
     const std::vector<double> one{1.0};
-    const auto parse = [&](const std::string& header) { return parse_npy(file_with(header, one), "x.npy"); };
+    const auto parse = [&](const std::string& header) {
+        return parse_npy(file_with(header, one), "x.npy");
+    };
     CHECK(parse(dict("<f8", "False", "(1,)")).size() == 1);
     CHECK(parse(dict("<f8", "False", "()")).size() == 1);
-    CHECK_FAULT(parse(dict("<f8", "False", "(2,)")), "x.npy: shape (2,) of f8 needs 16 bytes, got 8");
+    CHECK_FAULT(parse(dict("<f8", "False", "(2,)")),
+                "x.npy: shape (2,) of f8 needs 16 bytes, got 8");
     CHECK_FAULT(parse(dict("<f8", "False", "(0,)")), "needs 0 bytes, got 8");
     CHECK_FAULT(parse(dict("<f8", "False", "(-1,)")), "extent is not a count");
     CHECK_FAULT(parse(dict("<f8", "False", "(1e9,)")), "expected ')'");
@@ -112,7 +116,8 @@ TEST_CASE("npy: hostile headers are one sentence that names the file") {
     CHECK_FAULT(parse(dict("<U8", "False", "(1,)")), "got dtype '<U8'");
     CHECK_FAULT(parse(dict("", "False", "(1,)")), "got dtype ''");
     CHECK_FAULT(parse(dict("<f8", "Maybe", "(1,)")), "neither True nor False");
-    CHECK_FAULT(parse("{'descr': [('x', '<f8')], 'fortran_order': False, 'shape': (1,)}"), "record");
+    CHECK_FAULT(parse("{'descr': [('x', '<f8')], 'fortran_order': False, 'shape': (1,)}"),
+                "record");
     CHECK_FAULT(parse("{'descr': '<f8', 'shape': (1,)}"), "is missing");
     CHECK_FAULT(parse("{'descr': '<f8', 'descr': '<f4'}"), "unknown or repeated");
     CHECK_FAULT(parse("{'descr"), "does not end");

@@ -17,7 +17,8 @@ namespace {
 Bytes from_hex(std::string_view hex) {
     Bytes out;
     for (std::size_t i = 0; i + 1 < hex.size(); i += 2)
-        out.push_back(static_cast<std::byte>(std::stoi(std::string(hex.substr(i, 2)), nullptr, 16)));
+        out.push_back(
+            static_cast<std::byte>(std::stoi(std::string(hex.substr(i, 2)), nullptr, 16)));
     return out;
 }
 
@@ -139,13 +140,13 @@ TEST_CASE("npz: lies about sizes are refused before memory is asked for") {
     const auto set32 = [&](std::size_t at, std::uint32_t value) {
         std::memcpy(zip.data() + at, &value, 4);
     };
-    set32(directory + 24, 0xF0000000U);  // unpacked
+    set32(directory + 24, 0xF0000000U); // unpacked
     CHECK_FAULT(parse_npz(zip, "a.npz"), "two sizes differ");
-    zip[directory + 10] = std::byte(8);  // deflate
+    zip[directory + 10] = std::byte(8); // deflate
     CHECK_FAULT(parse_npz(zip, "a.npz"), "cannot hold the declared");
-    zip[directory + 10] = std::byte(12);  // bzip2
+    zip[directory + 10] = std::byte(12); // bzip2
     CHECK_FAULT(parse_npz(zip, "a.npz"), "got zip method 12");
-    set32(directory + 24, 0xFFFFFFFFU);  // promises a zip64 field
+    set32(directory + 24, 0xFFFFFFFFU); // promises a zip64 field
     CHECK_FAULT(parse_npz(zip, "a.npz"), "zip64 field of 'a.npy' is missing");
 }
 

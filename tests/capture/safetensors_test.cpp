@@ -102,10 +102,12 @@ TEST_CASE("safetensors: the reference's list of faults") {
     CHECK_FAULT(parse(R"({"u":{"dtype":"F16","shape":[1],"data_offsets":[0,2]}})", 2),
                 "got type F16, expected F64, F32, I64 or U8");
     CHECK_FAULT(parse(R"({"a":{"dtype":"U8","shape":[2],"data_offsets":[0,2]},)"
-                      R"("b":{"dtype":"U8","shape":[2],"data_offsets":[1,3]}})", 3),
+                      R"("b":{"dtype":"U8","shape":[2],"data_offsets":[1,3]}})",
+                      3),
                 "overlap");
     CHECK_FAULT(parse(R"({"a":{"dtype":"U8","shape":[0],"data_offsets":[0,0]},)"
-                      R"("a":{"dtype":"U8","shape":[0],"data_offsets":[0,0]}})", 0),
+                      R"("a":{"dtype":"U8","shape":[0],"data_offsets":[0,0]}})",
+                      0),
                 "appears twice");
     CHECK_FAULT(parse(R"({"__metadata__":{"a":1}})", 0), "'a' is no string");
 }
@@ -125,7 +127,8 @@ TEST_CASE("safetensors: a bad entry leaves the old file as it was") {
     TensorEntry wrong = tensor_entry("w", w);
     wrong.shape = {5};
     CHECK_FAULT(write_safetensors(path, {wrong}), "w: shape (5,) of F32 needs 20 bytes, got 16");
-    CHECK_FAULT(write_safetensors(path, {tensor_entry("w", w), tensor_entry("w", w)}), "two tensors");
+    CHECK_FAULT(write_safetensors(path, {tensor_entry("w", w), tensor_entry("w", w)}),
+                "two tensors");
     CHECK(read_file(path) == before);
     CHECK(files_in(folder.path) == 1);
 }

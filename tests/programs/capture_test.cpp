@@ -28,7 +28,7 @@ TEST_CASE("capture: what the files hold") {
     CHECK(c.has_gaze());
     CHECK(c.has_centres());
     CHECK(c.has_eye_masks);
-    CHECK(c.train == std::vector<int>{0, 1, 2});  // the last fifth, at least one, is for tests
+    CHECK(c.train == std::vector<int>{0, 1, 2}); // the last fifth, at least one, is for tests
     CHECK(c.test == std::vector<int>{3});
     const CaptureFrame& f = c.frames[2];
     CHECK(f.id == "0002");
@@ -117,7 +117,7 @@ TEST_CASE("capture: the cache keeps its budget, and a moved capture keeps its ca
     const TemporaryFolder folder;
     const TinyCapture tiny(folder.path);
     CaptureOptions options;
-    options.cache_bytes = 48 * 48 * 8;  // two colour images, or one and more masks
+    options.cache_bytes = 48 * 48 * 8; // two colour images, or one and more masks
     Capture first = read_capture(folder.path, options);
     for (int round = 0; round < 2; ++round)
         for (int f = 0; f < 4; ++f)
@@ -129,7 +129,7 @@ TEST_CASE("capture: the cache keeps its budget, and a moved capture keeps its ca
     const Capture c = std::move(first);
     CHECK(c.cache.bytes() > 0);
     fs::remove(tiny.image(3, 2));
-    CHECK(c.image(3, 2).at(24, 24)[0] == 132 / 255.0f);  // still held
+    CHECK(c.image(3, 2).at(24, 24)[0] == 132 / 255.0f); // still held
     CHECK(c.image(0, 0).at(24, 24)[0] == 100 / 255.0f);
 }
 

@@ -101,7 +101,7 @@ TEST_CASE("image: a PNG that claims to be huge is refused unread") {
     const fs::path path = folder.path / "bomb.png";
     write_png(path, pattern(2, 2, 1));
     Bytes bomb = read_file(path);
-    for (const std::size_t at : {16U, 20U}) {  // width and height of IHDR, big-endian
+    for (const std::size_t at : {16U, 20U}) { // width and height of IHDR, big-endian
         bomb[at] = std::byte(0x7f);
         bomb[at + 1] = bomb[at + 2] = bomb[at + 3] = std::byte(0xff);
     }

@@ -60,8 +60,10 @@ struct TinyCapture {
     template <class F>
     void edit_all(const std::string& file, const std::string& name, F&& edit) const {
         for (int f = 0; f < frames; ++f) {
-            if (file != "camera") edit_one(params(f, file), name, edit);
-            else for (int c = 0; c < cameras; ++c) edit_one(camera_file(f, c), name, edit);
+            if (file != "camera")
+                edit_one(params(f, file), name, edit);
+            else
+                for (int c = 0; c < cameras; ++c) edit_one(camera_file(f, c), name, edit);
         }
     }
     template <class F>
@@ -70,8 +72,10 @@ struct TinyCapture {
         const NpyArray old = npz ? read_npz(file).at(name) : read_npy(file);
         std::vector<double> values = old.values<double>(name);
         edit(values);
-        if (npz) set(file, name, old.shape, values);
-        else write_npy(file, npy_array<double>(old.shape, values));
+        if (npz)
+            set(file, name, old.shape, values);
+        else
+            write_npy(file, npy_array<double>(old.shape, values));
     }
     void write_text(const std::string& name, const std::string& text) const {
         std::ofstream(folder / name) << text;
@@ -88,15 +92,18 @@ struct TinyCapture {
             }
         };
         const auto bow = [](double s) { return 4 * s * (1 - s); };
-        arc(0, 17, -0.75, 0.75, [&](double s) { return Vec2<double>(0.3 - bow(s), 0.2 + 0.6 * bow(s)); });
+        arc(0, 17, -0.75, 0.75,
+            [&](double s) { return Vec2<double>(0.3 - bow(s), 0.2 + 0.6 * bow(s)); });
         arc(17, 5, -0.6, -0.15, [&](double s) { return Vec2<double>(0.55, 1 + 0.05 * bow(s)); });
         arc(22, 5, 0.15, 0.6, [&](double s) { return Vec2<double>(0.55, 1 + 0.05 * bow(s)); });
         arc(27, 4, 0, 0, [](double s) { return Vec2<double>(0.35 - 0.35 * s, 1.05 + 0.25 * s); });
         arc(31, 5, -0.15, 0.15, [](double) { return Vec2<double>(-0.1, 1.15); });
         for (const int first : {36, 42}) {
             const double middle = first == 36 ? -0.32 : 0.32;
-            arc(first, 4, middle - 0.14, middle + 0.14, [&](double s) { return Vec2<double>(0.33 + 0.06 * bow(s), 0.93); });
-            arc(first + 4, 2, middle + 0.05, middle - 0.05, [](double) { return Vec2<double>(0.28, 0.93); });
+            arc(first, 4, middle - 0.14, middle + 0.14,
+                [&](double s) { return Vec2<double>(0.33 + 0.06 * bow(s), 0.93); });
+            arc(first + 4, 2, middle + 0.05, middle - 0.05,
+                [](double) { return Vec2<double>(0.28, 0.93); });
         }
         arc(48, 12, -0.25, 0.25, [&](double s) { return Vec2<double>(-0.35 + 0.1 * bow(s), 1.1); });
         arc(60, 8, -0.2, 0.2, [&](double s) { return Vec2<double>(-0.35 - 0.1 * bow(s), 1.1); });
@@ -119,7 +126,7 @@ struct TinyCapture {
         return look_at<double>(eye, target, up, 0.25, size, size);
     }
 
-private:
+  private:
     void write_frame(int f) const {
         const std::filesystem::path file = params(f, "params.npz");
         for (const char* part : {"images", "cameras", "params"})
@@ -154,10 +161,11 @@ private:
             const std::string side = e == 0 ? "left" : "right";
             const double x = e == 0 ? 0.32 : -0.32, kappa = e == 0 ? 5 : -5, yaw = 0.1 * f;
             const Vec3<double> visual = gaze_vector(0.05, yaw);
-            const Vec3<double> optical = gaze_vector(0.05 - 1.5 / 57.29577951308232,
-                                                     yaw + kappa / 57.29577951308232);
+            const Vec3<double> optical =
+                gaze_vector(0.05 - 1.5 / 57.29577951308232, yaw + kappa / 57.29577951308232);
             put("gaze_" + side, optical);
-            put("gaze_" + side + "_world", to_world(f, optical) - to_world(f, Vec3<double>(0, 0, 0)));
+            put("gaze_" + side + "_world",
+                to_world(f, optical) - to_world(f, Vec3<double>(0, 0, 0)));
             put("visual_" + side, visual);
             put("eye_center_" + side, to_world(f, Vec3<double>(x, 0.33, 0.8)));
             put_pair("kappa_" + side, kappa, -1.5);
@@ -174,9 +182,10 @@ private:
         const std::vector<double> k{camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1};
         Eigen::Matrix<double, 3, 4, Eigen::RowMajor> m;
         m << camera.camera_from_world.rotation, camera.camera_from_world.translation;
-        write_npz(camera_file(f, c),
-                  {{"intrinsic", npy_array<double>({3, 3}, k)},
-                   {"extrinsic", npy_array<double>({3, 4}, std::span<const double>(m.data(), 12))}});
+        write_npz(
+            camera_file(f, c),
+            {{"intrinsic", npy_array<double>({3, 3}, k)},
+             {"extrinsic", npy_array<double>({3, 4}, std::span<const double>(m.data(), 12))}});
         const auto project = [&](const Vec3<double>& x) {
             return Vec2<double>(camera.project_point(x).head<2>());
         };
@@ -191,7 +200,8 @@ private:
                 const bool inside = (at - middle).norm() < radius;
                 std::uint8_t label = 0;
                 for (int e = 0; e < 2; ++e) {
-                    const Vec3<double> lids = world.middleCols(e == 0 ? 42 : 36, 6).rowwise().mean();
+                    const Vec3<double> lids =
+                        world.middleCols(e == 0 ? 42 : 36, 6).rowwise().mean();
                     if ((at - project(lids)).norm() < 2) label = e == 0 ? 85 : 170;
                 }
                 const int shade = inside ? 100 + 10 * f + c : 0;
