@@ -119,11 +119,7 @@ struct Rasterizer {
                     blend_tile_vjp(scene, accuracy, cotangent, t, s, hits);
             }
         });
-        Gaussians<T>::fields(
-            [&](const std::string&, Columns<T>& a, const Columns<T>& like) {
-                a.setZero(like.rows(), like.cols());
-            },
-            out, g);
+        clear_hidden(trace, g, out, s);
         const Index members = static_cast<Index>(trace.source.size());
         for_chunks<typename B::threads>(members, 1024, [&](Index b, Index e, Index) {
             if constexpr (LaneBackend<B, T>)
@@ -139,6 +135,22 @@ struct Rasterizer {
     template <class F>
     static void for_tiles(Index tiles, F&& f) {
         for_chunks<typename B::threads>(tiles, 16, [&](Index b, Index e, Index) { f(b, e); });
+    }
+
+    /// Shapes `out` as `g`, with zeros for the Gaussians that are not members; members are written.
+    template <class T>
+    static void clear_hidden(const RasterTrace<T>& trace, const Gaussians<T>& g, Gaussians<T>& out,
+                             RasterScratch<T>& scratch) {
+        scratch.state.assign(static_cast<std::size_t>(g.count()), Candidacy::hidden);
+        for (const std::uint32_t i : trace.source) scratch.state[i] = Candidacy::visible;
+        Gaussians<T>::fields(
+            [&](const std::string&, Columns<T>& a, const Columns<T>& like) {
+                a.resize(like.rows(), like.cols());
+                for (Index i = 0; i < like.cols(); ++i)
+                    if (scratch.state[static_cast<std::size_t>(i)] == Candidacy::hidden)
+                        a.col(i).setZero();
+            },
+            out, g);
     }
 
     template <class T>

@@ -153,16 +153,14 @@ void arrange(const Pinhole<T>& camera, const A& accuracy, RasterScratch<T>& scra
         });
 }
 
-/// The sum of a member's slots over its tiles, in the order of tiles; its features go to g_feature,
-/// which holds zeros, by add(from, to, channels).
-template <class T, class Add>
-SplatCotangent<T> merge_slots(const TileLists& lists, const RasterScratch<T>& scratch, Index member,
-                              T* g_feature, Index channels, const Add& add) {
+/// The sum of a member's slots over its tiles, in the order of tiles, but for the features.
+template <class T>
+SplatCotangent<T> merge_slots(const TileLists& lists, const RasterScratch<T>& scratch,
+                              Index member) {
     SplatCotangent<T> sum{T(0), T(0), T(0), T(0), T(0), T(0), T(0)};
-    const auto r = static_cast<std::size_t>(member);
-    for (Index i = lists.first[r]; i < lists.first[r + 1]; ++i) {
-        const Index entry = lists.place[static_cast<std::size_t>(i)];
-        const auto k = static_cast<std::size_t>(entry);
+    const auto m = static_cast<std::size_t>(member);
+    for (Index i = lists.first[m]; i < lists.first[m + 1]; ++i) {
+        const auto k = static_cast<std::size_t>(lists.place[static_cast<std::size_t>(i)]);
         if (scratch.touched[k] == 0) continue;
         const SplatCotangent<T>& s = scratch.slots[k];
         sum.u += s.u;
@@ -172,12 +170,26 @@ SplatCotangent<T> merge_slots(const TileLists& lists, const RasterScratch<T>& sc
         sum.vv += s.vv;
         sum.alpha += s.alpha;
         sum.depth += s.depth;
-        add(scratch.feature_slots.data() + entry * channels, g_feature, channels);
     }
     return sum;
 }
 
-/// Gradients of members [b, e), from slots to world, into `out`, which holds zeros.
+/// The same sum for the feature from `channel` on: one number or, by `load`, a batch of them.
+template <class V, class T, class Load>
+V merge_features(const TileLists& lists, const RasterScratch<T>& scratch, Index member,
+                 Index channel, const Load& load) {
+    V sum(T(0));
+    const auto m = static_cast<std::size_t>(member);
+    for (Index i = lists.first[m]; i < lists.first[m + 1]; ++i) {
+        const Index entry = lists.place[static_cast<std::size_t>(i)];
+        if (scratch.touched[static_cast<std::size_t>(entry)] == 0) continue;
+        sum = sum + load(scratch.feature_slots.data() + entry * scratch.feature_slots.rows() +
+                         channel);
+    }
+    return sum;
+}
+
+/// Gradients of members [b, e), from slots to world; the other columns of `out` stay.
 template <class A, class T>
 void pull_back_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy,
                      const RasterTrace<T>& trace, const RasterScratch<T>& scratch, Index b, Index e,
@@ -186,11 +198,10 @@ void pull_back_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& a
     for (Index r = b; r < e; ++r) {
         const auto at = static_cast<std::size_t>(r);
         const Index i = trace.source[at];
-        const SplatCotangent<T> sum =
-            merge_slots(trace.lists, scratch, r, out.feature.data() + i * g.channels(),
-                        g.channels(), [](const T* from, T* to, Index n) {
-                            for (Index c = 0; c < n; ++c) to[c] += from[c];
-                        });
+        const SplatCotangent<T> sum = merge_slots(trace.lists, scratch, r);
+        for (Index k = 0; k < g.channels(); ++k)
+            out.feature(k, i) = merge_features<T>(trace.lists, scratch, r, k,
+                                                  [](const T* from) { return *from; });
         const ScreenCotangent<T> c = screen_cotangent(trace.splats[at], sum);
         store_shape(project_vjp(load_shape(g, i), lens, c), out, i);
         out.opacity(0, i) = sum.alpha / g.opacity(0, i);

@@ -63,16 +63,6 @@ bool all_finite(const typename V::value_type* x, Index n) {
     return all(sum == V(T(0))) && tail == T(0);
 }
 
-/// to += from, n numbers.
-template <class V>
-void add_to(const typename V::value_type* from, typename V::value_type* to, Index n) {
-    constexpr Index lanes = static_cast<Index>(V::size);
-    Index k = 0;
-    for (; k + lanes <= n; k += lanes)
-        (V::load_unaligned(to + k) + V::load_unaligned(from + k)).store_unaligned(to + k);
-    for (; k < n; ++k) to[k] += from[k];
-}
-
 /// As project_range, as many Gaussians at a time as there are lanes.
 template <class V, class A>
 void project_range_lanes(const Gaussians<typename V::value_type>& g,
@@ -152,7 +142,6 @@ void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
     constexpr int lanes = static_cast<int>(V::size);
     const Lens<V> lens(Lens<T>(camera, accuracy.frustum_margin, accuracy.dilation));
     const Index channels = g.channels();
-    const auto add = [](const T* from, T* to, Index n) { add_to<V>(from, to, n); };
     for (Index start = b; start < e; start += lanes) {
         const auto member = [&](int lane) {
             return static_cast<std::size_t>(std::min(start + lane, e - 1));
@@ -165,9 +154,18 @@ void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
         for (int lane = 0; lane < lanes; ++lane) {
             const Splat<T>& s = trace.splats[member(lane)];
             SplatCotangent<T> c{};
-            if (start + lane < e)
-                c = merge_slots(trace.lists, scratch, start + lane,
-                                out.feature.data() + source(lane) * channels, channels, add);
+            if (start + lane < e) {
+                c = merge_slots(trace.lists, scratch, start + lane);
+                T* to = out.feature.data() + source(lane) * channels;
+                Index k = 0;
+                for (; k + lanes <= channels; k += lanes)
+                    merge_features<V>(trace.lists, scratch, start + lane, k, [](const T* from) {
+                        return V::load_unaligned(from);
+                    }).store_unaligned(to + k);
+                for (; k < channels; ++k)
+                    to[k] = merge_features<T>(trace.lists, scratch, start + lane, k,
+                                              [](const T* from) { return *from; });
+            }
             const T values[10] = {c.u, c.v, c.uu, c.uv, c.vv, c.alpha, c.depth, s.ux, s.vx, s.vy};
             for (int k = 0; k < 10; ++k) slots.row[k][lane] = values[k];
         }
