@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: Apache-2.0
+// Projection of one Gaussian: needles, near plane, limits of the Jacobian, and the hand-written
+// reverse derivative against duals, at random and where it is hard.
+#include <rye/gaussian/project.hpp>
+
+#include <doctest/doctest.h>
+
+#include <rye/autodiff/dual.hpp>
+#include <rye/backend/xsimd.hpp>
+#include <rye/core/random.hpp>
+
+using namespace rye;
+
+namespace {
+
+struct Draws {
+    Random random;
+    std::uint64_t k = 0;
+    double normal() { return random.normal(k++); }
+    double uniform() { return random.uniform(k++); }
+};
+
+Pinhole<double> tilted_camera() {
+    Pinhole<double> c;
+    c.fx = 300, c.fy = 320, c.cx = 90, c.cy = -20;
+    c.width = 128, c.height = 100;
+    const Vec3<double> turn(0.3, -0.2, 0.5);
+    c.camera_from_world.rotation = so3_exp(turn);
+    c.camera_from_world.translation = Vec3<double>(0.1, 0.2, 4);
+    return c;
+}
+
+Shape<double> random_shape(Draws& d) {
+    Shape<double> s;
+    for (int i = 0; i < 3; ++i) s.mean[i] = d.normal();
+    for (int i = 0; i < 4; ++i) s.rotation[i] = d.normal() * 3;
+    for (int i = 0; i < 3; ++i) s.scale[i] = std::exp(d.normal() - 2);
+    return s;
+}
+
+/// Relative gap of the dot-product test, with a cotangent that has no symmetry to hide behind.
+double gap(const Shape<double>& s, const Pinhole<double>& camera, Draws& d) {
+    using D = Dual<double, 1>;
+    const Lens<double> lens(camera, 0.3, 0.3);
+    Shape<D> moved;
+    Shape<double> v = random_shape(d);
+    const auto lift = [](auto& to, const auto& x, const auto& t) {
+        for (int i = 0; i < x.size(); ++i) {
+            to[i] = D(x[i]);
+            to[i].d[0] = t[i];
+        }
+    };
+    v.scale = v.scale.cwiseProduct(s.scale).eval();
+    lift(moved.mean, s.mean, v.mean);
+    lift(moved.rotation, s.rotation, v.rotation);
+    lift(moved.scale, s.scale, v.scale);
+    const ScreenGaussian<double> p = project(s, lens);
+    const ScreenGaussian<D> q = project(moved, Lens<D>(camera.cast<D>(), 0.3, 0.3));
+
+    // A few pixels around the Gaussian give the moments that a render would.
+    ScreenCotangent<double> c{Vec2<double>(d.normal(), d.normal()), {0, 0, 0}, d.normal()};
+    double forward = c.centre[0] * q.centre[0].d[0] + c.centre[1] * q.centre[1].d[0] +
+                     c.depth * q.depth.d[0];
+    for (int k = 0; k < 5; ++k) {
+        // w = (a, b) in the whitened frame; the pixel at p.centre + L^-1 w stays where it is.
+        const double a = d.normal(), b = d.normal(), g = d.normal();
+        const double dx = a / p.precision.k1;
+        const double dy = b / p.precision.k2 + p.precision.m * dx;
+        c.moment.xx += g * a * a;
+        c.moment.xy += g * a * b;
+        c.moment.yy += g * b * b;
+        forward += g * -0.5 * q.precision.quadratic(D(dx), D(dy)).d[0];
+    }
+    const Shape<double> r = project_vjp(s, lens, c);
+    double reverse = 0, scale = 0;
+    const auto pair = [&](const auto& x, const auto& y) {
+        for (int i = 0; i < x.size(); ++i) {
+            reverse += x[i] * y[i];
+            scale += std::abs(x[i] * y[i]);
+        }
+    };
+    pair(r.mean, v.mean);
+    pair(r.rotation, v.rotation);
+    pair(r.scale, v.scale);
+    return std::abs(forward - reverse) / scale;
+}
+
+} // namespace
+
+TEST_CASE("project: dot-product test, thousands of random shapes inside and outside the image") {
+    Draws d{{1, 1}};
+    const auto camera = tilted_camera();
+    double worst = 0;
+    for (int i = 0; i < 4000; ++i) worst = std::max(worst, gap(random_shape(d), camera, d));
+    CHECK(worst < 1e-12);
+}
+
+TEST_CASE("project: dot-product test on both sides of the Jacobian's limits and on needles") {
+    Draws d{{2, 1}};
+    Pinhole<double> camera = tilted_camera();
+    camera.camera_from_world = Rigid<double>();
+    const Lens<double> lens(camera, 0.3, 0.3);
+    for (const double limit : {lens.x_low, lens.x_high})
+        for (const double nudge : {1 - 1e-3, 1 - 1e-7, 1 + 1e-7, 1 + 1e-3, 2.0}) {
+            Shape<double> s = random_shape(d);
+            s.mean = Vec3<double>(2 * limit * nudge, 2 * lens.y_high * nudge, 2);
+            CHECK(gap(s, camera, d) < 1e-12);
+        }
+    for (const double length : {0.1, 1.0, 10.0, 100.0}) {
+        Shape<double> s = random_shape(d);
+        s.mean = Vec3<double>(0.1, 0.1, 2);
+        s.scale = Vec3<double>(length, 1e-3, 1e-3);
+        CHECK(gap(s, camera, d) < 1e-9);              // u length / sqrt(dilation)
+        s.scale = Vec3<double>(0.1, 0.0, length);     // a flat one
+        CHECK(gap(s, camera, d) < 1e-9);
+    }
+}
+
+TEST_CASE("project: determinant and exponent of needles in float") {
+    Draws d{{3, 1}};
+    double worst_det = 0, worst_power = 0;
+    for (const double sigma : {10.0, 100.0, 1000.0, 30000.0})
+        for (int i = 0; i < 2000; ++i) {
+            const double a = 6.3 * d.uniform(), e = 1e-3;
+            const Vec3<float> x(float(sigma * std::cos(a)), float(-e * std::sin(a)), 0);
+            const Vec3<float> y(float(sigma * std::sin(a)), float(e * std::cos(a)), 0);
+            const Vec3<double> xd = x.cast<double>(), yd = y.cast<double>();
+            const double truth = gram_determinant(xd, yd, double(0.3F));
+            const double det = double(gram_determinant(x, y, 0.3F));
+            worst_det = std::max(worst_det, std::abs(det / truth - 1));
+            if (sigma > 1000) continue;
+            const auto f = precision_factor(x, y, 0.3F);
+            const auto g = precision_factor(xd, yd, double(0.3F));
+            const double u = 3 * (2 * d.uniform() - 1), v = d.normal();
+            const float dx = float(u * sigma * std::cos(a) - 0.5 * v * std::sin(a));
+            const float dy = float(u * sigma * std::sin(a) + 0.5 * v * std::cos(a));
+            const double exact = g.quadratic(double(dx), double(dy));
+            const double gap = std::abs(0.5 * (double(f.quadratic(dx, dy)) - exact));
+            worst_power = std::max(worst_power, gap / (sigma / std::sqrt(0.3)));
+        }
+    CHECK(worst_det < 4e-7);
+    CHECK(worst_power < 2 * 6e-8 * 20);
+}
+
+TEST_CASE("project: what cannot be drawn is said so") {
+    Pinhole<float> camera = tilted_camera().cast<float>();
+    camera.camera_from_world = Rigid<float>();
+    camera.near_depth = 0.5F;
+    const Lens<float> lens(camera, 0.3, 0.3);
+    const auto drawable = [&](float x, float z, float scale) {
+        const Shape<float> s{Vec3<float>(x, 0, z), Quat<float>(1, 0, 0, 0),
+                             Vec3<float>(scale, scale, scale)};
+        return project(s, lens).drawable;
+    };
+    CHECK(drawable(0, 0.5001F, 0.1F));
+    for (const float z : {0.5F, 0.1F, 1e-6F, 0.0F, -2.0F}) CHECK_FALSE(drawable(0, z, 0.1F));
+    CHECK(drawable(0, 1, 0));
+    CHECK(drawable(0, 1, 1e-30F));
+    CHECK_FALSE(drawable(0, 1, 1e18F));
+    CHECK_FALSE(drawable(1e30F, 1, 1));
+    const float nan = std::numeric_limits<float>::quiet_NaN();
+    CHECK_FALSE(drawable(nan, 1, 1));
+    CHECK_FALSE(drawable(0, nan, 1));
+    CHECK_FALSE(drawable(0, 1, nan));
+}
+
+TEST_CASE("project: lanes hold what one scalar at a time does") {
+    using V = XsimdBackend<>::batch<float>;
+    constexpr std::size_t lanes = V::size;
+    Draws d{{4, 1}};
+    const Pinhole<float> camera = tilted_camera().cast<float>();
+    const Lens<float> lens(camera, 0.3, 0.3);
+    const Lens<V> wide(lens);
+    for (int trial = 0; trial < 50; ++trial) {
+        std::array<Shape<float>, lanes> one;
+        alignas(64) float rows[10][lanes];
+        for (std::size_t i = 0; i < lanes; ++i) {
+            const Shape<double> s = random_shape(d);
+            one[i] = {s.mean.cast<float>(), s.rotation.cast<float>(), s.scale.cast<float>()};
+            for (int k = 0; k < 3; ++k) rows[k][i] = one[i].mean[k];
+            for (int k = 0; k < 4; ++k) rows[3 + k][i] = one[i].rotation[k];
+            for (int k = 0; k < 3; ++k) rows[7 + k][i] = one[i].scale[k];
+        }
+        const auto at = [&](int k) { return V::load_aligned(rows[k]); };
+        const Shape<V> all{Vec3<V>(at(0), at(1), at(2)), Quat<V>(at(3), at(4), at(5), at(6)),
+                           Vec3<V>(at(7), at(8), at(9))};
+        const ScreenGaussian<V> s = project(all, wide);
+        const ScreenCotangent<V> c{Vec2<V>(V(0.3F), V(-0.2F)), {V(1.0F), V(-0.4F), V(0.7F)},
+                                   V(0.1F)};
+        const Shape<V> g = project_vjp(all, wide, c);
+        for (std::size_t i = 0; i < lanes; ++i) {
+            const ScreenGaussian<float> t = project(one[i], lens);
+            CHECK(s.centre[0].get(i) == doctest::Approx(t.centre[0]).epsilon(1e-5));
+            CHECK(s.determinant.get(i) == doctest::Approx(t.determinant).epsilon(1e-4));
+            CHECK(s.drawable.get(i) == t.drawable);
+            const ScreenCotangent<float> one_c{Vec2<float>(0.3F, -0.2F), {1.0F, -0.4F, 0.7F}, 0.1F};
+            const Shape<float> h = project_vjp(one[i], lens, one_c);
+            if (!t.drawable) continue;
+            for (int k = 0; k < 3; ++k)
+                CHECK(std::abs(g.mean[k].get(i) - h.mean[k]) <= 1e-4F * (1 + h.mean.norm()));
+            for (int k = 0; k < 4; ++k)
+                CHECK(std::abs(g.rotation[k].get(i) - h.rotation[k]) <=
+                      1e-4F * (1 + h.rotation.norm()));
+        }
+    }
+}
