@@ -42,8 +42,13 @@ bool tells(const std::vector<Problem>& problems, Problem::Severity severity,
     return false;
 }
 
-/// `rye info FOLDER`: its exit code and what it prints.
-std::pair<int, std::string> info(const fs::path& folder) {
+struct Outcome {
+    int code;
+    std::string printed;
+};
+
+/// `rye info FOLDER`.
+Outcome info(const fs::path& folder) {
     CLI::App app;
     add_info(app);
     std::ostringstream printed;
@@ -71,9 +76,9 @@ void check_error(const std::string& words, F&& damage) {
     for (const Problem& p : problems) // one sentence each, with the file's path
         CHECK(p.message.find(folder.path.string()) != std::string::npos);
     CHECK_FAULT(read_valid_capture(folder.path), words);
-    const auto [code, printed] = info(folder.path);
-    CHECK(code == 1);
-    CHECK(printed.find(words) != std::string::npos);
+    const Outcome outcome = info(folder.path);
+    CHECK(outcome.code == 1);
+    CHECK(outcome.printed.find(words) != std::string::npos);
 }
 
 template <class F>
@@ -88,7 +93,7 @@ void check_warning(const std::string& words, F&& damage) {
     std::vector<Problem> warnings;
     CHECK_NOTHROW(read_valid_capture(folder.path, {}, &warnings));
     CHECK(tells(warnings, Problem::Severity::warning, words));
-    CHECK(info(folder.path).first == 0);
+    CHECK(info(folder.path).code == 0);
 }
 
 using Values = std::vector<double>;
@@ -130,14 +135,14 @@ TEST_CASE("validate: a sound capture has no problem, and info describes it") {
     const std::vector<Problem> problems = problems_of(folder.path);
     INFO("told: ", text_of(problems));
     CHECK(problems.empty());
-    const auto [code, printed] = info(folder.path);
-    CHECK(code == 0);
+    const Outcome outcome = info(folder.path);
+    CHECK(outcome.code == 0);
     for (const char* words : {"48 x 48", "training    3 (0000 to 0002)", "test        1 (0003)",
                               "cameras       3: yaw", "2 numbers a frame", "66, and 5 vertices",
                               "100.0 % of the landmarks", "kappa yaw 5.00 pitch -1.50", "usable"}) {
-        INFO("printed: ", printed);
+        INFO("printed: ", outcome.printed);
         INFO("expected: ", words);
-        CHECK(printed.find(words) != std::string::npos);
+        CHECK(outcome.printed.find(words) != std::string::npos);
     }
 }
 
@@ -362,7 +367,7 @@ TEST_CASE("validate: many faults are told together, repeated ones once with thei
 
 TEST_CASE("validate: a folder that is not there") {
     const TemporaryFolder folder;
-    CHECK(info(folder.path / "nowhere").first == 1);
+    CHECK(info(folder.path / "nowhere").code == 1);
     CHECK_FAULT(read_valid_capture(folder.path / "nowhere"), "nowhere: no such folder");
     CHECK_FAULT(read_capture(folder.path), "images: no such folder");
 }
