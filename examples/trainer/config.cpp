@@ -337,8 +337,8 @@ TrainConfig preset(const std::string& name) {
     g.eyeball.points = tiny ? 700 : 1500;
     g.weights.eye_average = EyeAverage::mask;
     g.weights.eye_low = g.weights.eye_high = 0.1;
-    g.weights.blank = 0.2;
-    g.weights.face_alone = 0.5;
+    g.weights.blank = 0.02;
+    g.weights.face_alone = 1.0;
     g.weights.eye_high_every = 3;
     g.eyeball.max_growth = 1.5;
     g.rates.upsampler = 1e-3;

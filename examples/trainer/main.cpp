@@ -4,7 +4,12 @@
 #include <new>
 
 #include <CLI/CLI.hpp>
+#ifdef _OPENMP
 #include <omp.h>
+#endif
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
 
 #include <rye/core/config.hpp>
 #include <rye/core/error.hpp>
@@ -14,13 +19,23 @@
 namespace rye::trainer {
 
 void set_threads(int threads) {
+#ifdef _OPENMP
     if (threads > 0) omp_set_num_threads(threads);
+#else
+    static_cast<void>(threads);
+#endif
 }
 
 } // namespace rye::trainer
 
 int main(int argc, char** argv) {
     using namespace rye::trainer;
+#ifdef __GLIBC__
+    // Feature maps of a few MB come and go in every step: keep their pages instead of returning
+    // them to the system and faulting them in again.
+    mallopt(M_MMAP_THRESHOLD, 1 << 30);
+    mallopt(M_TRIM_THRESHOLD, 1 << 30);
+#endif
     const std::string version = std::to_string(RYE_VERSION_MAJOR) + "." +
                                 std::to_string(RYE_VERSION_MINOR) + "." +
                                 std::to_string(RYE_VERSION_PATCH);

@@ -11,6 +11,7 @@
 #include <rye/avatar/field.hpp>
 #include <rye/avatar/head_pose.hpp>
 #include <rye/core/fields.hpp>
+#include <rye/rig/eye_transform.hpp>
 
 namespace rye {
 
@@ -124,18 +125,15 @@ Gaussians<T> eye_gaussians(const EyeStream<T>& eyes, const AvatarConfig& config,
     });
     g.opacity = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     for (Index eye = 0; eye < 2; ++eye) {
-        Quat<T>& turn = trace.turn[static_cast<std::size_t>(eye)];
-        turn = shortest_arc<T>(Vec3<T>(T(0), T(0), T(1)), drivers.gaze[static_cast<std::size_t>(eye)]);
-        const Quat<T> world = quat_product<T>(head.quaternion, turn);
-        const Mat3<T> turned = head.rotation * quat_matrix<T>(turn);
-        const Mat3<T> rotation = head.scale * turned;
-        const Vec3<T> centre = eyes.centre.col(eye) + moved.col(eye);
-        const Vec3<T> scaled = head.scale * centre;
-        const Vec3<T> translation = head.rotation * scaled + head.translation;
-        for (Index i = eye * per_eye; i < (eye + 1) * per_eye; ++i) {
-            g.mean.col(i) = rotation * eyes.position.col(i) + translation;
-            g.rotation.col(i) = quat_product<T>(world, eyes.rotation.col(i));
-        }
+        const std::size_t e = static_cast<std::size_t>(eye);
+        const EyeTransform<T> placed = eye_transform<T>(
+            {eyes.centre.col(eye), moved.col(eye), drivers.gaze[e]},
+            {{head.rotation, head.translation}, head.scale});
+        trace.turn[e] = quat_product<T>(quat_conjugate<T>(head.quaternion), placed.quaternion);
+        const Columns<T> points = eyes.position.middleCols(eye * per_eye, per_eye);
+        const Columns<T> rotations = eyes.rotation.middleCols(eye * per_eye, per_eye);
+        g.mean.middleCols(eye * per_eye, per_eye) = eye_points<T>(placed, points);
+        g.rotation.middleCols(eye * per_eye, per_eye) = eye_rotations<T>(placed, rotations);
     }
     return g;
 }

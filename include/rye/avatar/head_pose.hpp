@@ -23,8 +23,8 @@ struct HeadTransform {
 
 template <class T>
 HeadTransform<T> head_transform(const Drivers<T>& drivers) {
-    const Vec3<T> w = drivers.pose.template head<3>();
-    return {so3_exp(w), so3_exp_quat(w), drivers.pose.template tail<3>(), drivers.scale};
+    const Mat3<T> rotation = so3_exp(Vec3<T>(drivers.pose.template head<3>()));
+    return {rotation, matrix_quat(rotation), drivers.pose.template tail<3>(), drivers.scale};
 }
 
 /// Moves means, rotations and scales to the world, in place.
@@ -90,7 +90,7 @@ Vec<T, 6> head_pose_vjp(const Drivers<T>& drivers, const HeadTransformGradient<T
     Vec3<D> w;
     for (int i = 0; i < 3; ++i) w(i) = D::variable(drivers.pose(i), i);
     const Mat3<D> r = so3_exp(w);
-    const Vec4<D> q = so3_exp_quat(w);
+    const Vec4<D> q = matrix_quat(r);
     Vec<T, 6> g_pose;
     for (int k = 0; k < 3; ++k) {
         const std::size_t kk = static_cast<std::size_t>(k);

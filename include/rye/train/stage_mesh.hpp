@@ -72,16 +72,16 @@ MeshLosses<T> mesh_losses(const GuidanceMesh<T>& mesh, const AvatarConfig& confi
         l.vertices = t.neutral.surface.positions.cols();
         pose_mesh<B>(mesh, config, roles, sample.drivers, t.neutral, t.posed);
         probe("networks");
+        const Columns<T> shown = t.posed.color.topRows(3);  // the other channels have no loss here
         const T share = T(1.0 / static_cast<double>(sample.views.size()));
         for (const MeshView<T>& view : sample.views) {
             t.rasters.push_back(rasterize_mesh<B, T>(t.posed.world, t.neutral.surface.topology.faces,
-                                                     view.camera, t.posed.color));
+                                                     view.camera, shown));
             const MeshRaster<T>& raster = t.rasters.back();
-            const Columns<T> rgb = raster.attributes.pixels.topRows(3);
-            const LossTerm<T> color = color_term<B, T>(rgb, view.truth.pixels, view.visible);
+            const LossTerm<T> color =
+                color_term<B, T>(raster.attributes.pixels, view.truth.pixels, view.visible);
             l.rgb += share * color.value;
-            t.g_image.push_back(Columns<T>::Zero(config.channels, raster.mask.size()));
-            t.g_image.back().topRows(3) = (T(weights.rgb) * share) * color.gradient;
+            t.g_image.push_back((T(weights.rgb) * share) * color.gradient);
             const LossTerm<T> sil =
                 silhouette_term<T>(raster.silhouette.pixels, view.mask, view.visible);
             l.silhouette += share * sil.value;
@@ -151,12 +151,13 @@ void mesh_losses_vjp(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
         const std::vector<Face>& faces = t.neutral.surface.topology.faces;
         Columns<T> g_world = t.g_world;
         Columns<T> g_color = Columns<T>::Zero(t.posed.color.rows(), t.posed.color.cols());
+        const Columns<T> shown = t.posed.color.topRows(3);
         for (std::size_t v = 0; v < t.rasters.size(); ++v) {
             const MeshRasterGradient<T> g = rasterize_mesh_vjp<B, T>(
-                t.rasters[v], faces, sample.views[v].camera, t.posed.color,
+                t.rasters[v], faces, sample.views[v].camera, shown,
                 {&t.g_image[v], &t.g_silhouette[v], nullptr});
             g_world += g.vertices;
-            g_color += g.attributes;
+            g_color.topRows(3) += g.attributes;
         }
         probe("mesh render vjp");
         Columns<T> g_positions = Columns<T>::Zero(3, g_world.cols());
