@@ -10,6 +10,6 @@ build=${BUILD:-build/check}
 step "Dependencies" sh cmake/install_dependencies.sh
 step "Configure" configure "$build" -DRYE_WARNINGS=ON
 step "Build everything" cmake --build "$build" --parallel "$jobs"
-step "Test" ctest --test-dir "$build" --output-on-failure
+step "Test" ctest --test-dir "$build" --parallel "$jobs" --output-on-failure
 
 printf '\nAll of it took %s s.\n' "$(seconds_since "$begin")"
