@@ -35,6 +35,9 @@ struct AvatarPictures {
     UpsamplerTrace<T> high_trace, eyes_high_trace;
     Columns<T> g_high, g_eyes_high;                ///< weighted cotangents of the RGB images
     Columns<T> g_final, g_face, g_eyes;            ///< ... and of the feature renders
+    RasterScratch<T> scratch;                      ///< memory that the renders share
+    Gaussians<T> cloud;                            ///< both streams
+    Gaussians<T> g_cloud, g_face_cloud, g_eye_cloud;
 };
 
 template <class T>
@@ -94,10 +97,10 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
     drive<B>(avatar, config, roles, corrected_drivers(avatar, sample), trace);
     probe("networks");
     AvatarPictures<T>& p = pictures;
-    p.final = rasterizer.forward(joined(trace.world_face, trace.world_eyes), sample.camera,
-                                 sample.background);
-    p.face = rasterizer.forward(trace.world_face, sample.camera, sample.blank);
-    p.eyes = rasterizer.forward(trace.world_eyes, sample.camera, sample.background);
+    p.cloud = joined(trace.world_face, trace.world_eyes);
+    rasterizer.forward_into(p.cloud, sample.camera, sample.background, p.final, &p.scratch);
+    rasterizer.forward_into(trace.world_face, sample.camera, sample.blank, p.face, &p.scratch);
+    rasterizer.forward_into(trace.world_eyes, sample.camera, sample.background, p.eyes, &p.scratch);
     probe("render");
     p.scaled = p.final.feature;
     if (sample.scale.active()) p.scaled.pixels = gathered(p.final.feature.pixels, sample.scale.small);
@@ -168,19 +171,21 @@ void avatar_losses_vjp(const TwoStream<T>& avatar, const AvatarConfig& config,
     probe("super-resolution vjp");
 
     const Index n = trace.world_face.mean.cols();
-    const Gaussians<T> g_final =
-        rasterizer.vjp(joined(trace.world_face, trace.world_eyes), sample.camera, sample.background,
-                       p.final, p.g_final);
-    Gaussians<T> g_face =
-        rasterizer.vjp(trace.world_face, sample.camera, sample.blank, p.face, p.g_face);
-    Gaussians<T> g_eyes =
-        rasterizer.vjp(trace.world_eyes, sample.camera, sample.background, p.eyes, p.g_eyes);
-    add_fields(g_face, part(g_final, 0, n));
-    add_fields(g_eyes, part(g_final, n, g_final.mean.cols() - n));
+    const auto pull = [&](const Gaussians<T>& cloud, const VecX<T>& background, const Raster<T>& raster,
+                          const Columns<T>& g, Gaussians<T>& out) {
+        rasterizer.vjp_into(cloud, sample.camera, background, raster, RasterCotangent<T>{g}, out,
+                            &p.scratch);
+    };
+    pull(p.cloud, sample.background, p.final, p.g_final, p.g_cloud);
+    pull(trace.world_face, sample.blank, p.face, p.g_face, p.g_face_cloud);
+    pull(trace.world_eyes, sample.background, p.eyes, p.g_eyes, p.g_eye_cloud);
+    add_fields(p.g_face_cloud, part(p.g_cloud, 0, n));
+    add_fields(p.g_eye_cloud, part(p.g_cloud, n, p.g_cloud.mean.cols() - n));
     probe("render vjp");
 
     const Drivers<T> drivers = corrected_drivers(avatar, sample);
-    const Vec<T, 6> g_pose = drive_vjp<B>(avatar, config, drivers, trace, g_face, g_eyes, grad);
+    const Vec<T, 6> g_pose = drive_vjp<B>(avatar, config, drivers, trace, p.g_face_cloud,
+                                             p.g_eye_cloud, grad);
     if (sample.frame >= 0) grad.delta_pose.col(sample.frame) += g_pose;
     probe("networks vjp");
 }

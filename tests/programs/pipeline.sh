@@ -1,0 +1,96 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# pipeline.sh RYE WORK: the whole job in small, as a user runs it, and what goes wrong in it.
+# Checks that results have the same bits for any number of threads and after an interruption, and
+# that bad input gives one sentence, a code other than 0, and leaves what was there.
+set -eu
+rye=$1
+work=$2
+rm -rf "$work"
+mkdir -p "$work"
+cd "$work"
+
+fail() { echo "FAILED: $*" >&2; exit 1; }
+same() { cmp "$1" "$2" || fail "$1 and $2 differ"; }
+
+# refuses WORDS COMMAND...: the command must fail with one line that holds the words.
+refuses() {
+    words=$1
+    shift
+    if "$@" > out.txt 2> err.txt; then fail "accepted: $*"; fi
+    lines=$(wc -l < err.txt)
+    [ "$lines" -ge 1 ] || fail "no message from: $*"
+    grep -q -- "$words" err.txt out.txt || { cat out.txt err.txt; fail "no word of '$words' from: $*"; }
+}
+
+"$rye" capture --out cap --size 64 --cameras 4 --frames 4 --test-frames 1 --apart-frames 1 \
+    --samples 2 --quiet
+"$rye" info cap > info.txt || { cat info.txt; fail "rye info finds errors in rye's own capture"; }
+
+cat > small.json << 'EOF'
+{"avatar": {"feature": 8, "channels": 8,
+  "networks": {"geometry": [16, 16], "exp_color": [16], "pose_color": [8], "exp_deform": [16, 16],
+    "pose_deform": [8], "exp_attributes": [8], "pose_attributes": [8], "gaze_deform": [8],
+    "gaze_color": [8], "eye_offset": [8]}},
+ "grid": {"cell": 0.35},
+ "mesh": {"steps": 12, "image_size": 32, "pretrain_steps": 40},
+ "gaussians": {"steps": 12, "mouth_points": 20, "panel_every": 6, "checkpoint_every": 5,
+  "augment": true, "eyeball": {"points": 120}, "upsampler": {"capacity": 2}}}
+EOF
+train() { "$rye" train --capture cap --preset tiny --config small.json --quiet "$@" > log.txt; }
+
+train --out one --threads 1
+train --out two --threads 2
+same one/checkpoint.safetensors two/checkpoint.safetensors
+for panel in one/panels/*.png; do same "$panel" "two/panels/$(basename "$panel")"; done
+
+# Killed without a word once there is a checkpoint, then gone on with.
+"$rye" train --capture cap --preset tiny --config small.json --quiet --out cut --threads 2 > log.txt &
+pid=$!
+while [ ! -e cut/checkpoint.safetensors ] && kill -0 "$pid" 2> /dev/null; do sleep 0.05; done
+kill -9 "$pid" 2> /dev/null || true
+wait "$pid" 2> /dev/null || true
+"$rye" train --out cut --threads 1 --resume --quiet > log.txt
+same one/checkpoint.safetensors cut/checkpoint.safetensors
+"$rye" evaluate --run one --split test > table_one.txt
+"$rye" evaluate --run cut --split test > table_cut.txt
+same one/results.json cut/results.json
+same one/per_view.json cut/per_view.json
+
+"$rye" redirect --run one --gaze-left 5,10 --gaze-right -5,-10 --out look.png
+"$rye" redirect --run two --gaze-left 5,10 --gaze-right -5,-10 --out look2.png --threads 1
+same look.png look2.png
+"$rye" redirect --run one --sweep --out sweep.png
+"$rye" export --run one --ply head.ply
+"$rye" export --run one --ply canonical.ply --canonical --sh 3
+"$rye" render head.ply --eye 0,0,-10 --target 0,0,0 --up 0,-1,0 --fov 18 --size 64x64 \
+    --background 1,1,1 --out render.png
+
+# Bad input.
+refuses "holds a run" "$rye" train --capture cap --out one --config small.json
+refuses "nowhere" "$rye" train --capture nowhere --out x1
+refuses "checkpoint" "$rye" redirect --run nowhere --out x.png
+refuses "70 degrees" "$rye" redirect --run one --gaze-left 80,0 --gaze-right 0,0 --out x.png
+refuses "frame" "$rye" redirect --run one --frame 999 --out x.png
+echo '{"gaussians": {"rates": {"position": "fast"}}}' > bad.json
+refuses "gaussians.rates.position" "$rye" train --capture cap --out x2 --config bad.json
+echo '{"gausians": {}}' > bad.json
+refuses "gausians" "$rye" train --capture cap --out x2 --config bad.json
+cp one/checkpoint.safetensors kept.safetensors
+head -c 5000 kept.safetensors > one/checkpoint.safetensors
+refuses "checkpoint.safetensors" "$rye" evaluate --run one
+cp kept.safetensors one/checkpoint.safetensors
+head -c 400 head.ply > cut.ply
+refuses "cut.ply" "$rye" render cut.ply --eye 0,0,-10 --target 0,0,0 --out never.png
+[ ! -e never.png ] || fail "a picture of a broken file"
+break_capture() { rm -rf broken; cp -r cap broken; }
+first=$(ls cap/params | head -n 1)
+image=$(find cap/images/"$first" -name 'image_0*' ! -name '*lowres*' | sort | head -n 1)
+break_capture; rm broken/params/"$first"/gaze.npz
+refuses "gaze.npz" "$rye" train --capture broken --out x3 --config small.json
+break_capture; head -c 100 cap/params/"$first"/params.npz > broken/params/"$first"/params.npz
+refuses "params.npz" "$rye" train --capture broken --out x3 --config small.json
+break_capture; : > broken/"${image#cap/}"
+refuses "$(basename "$image")" "$rye" info broken
+[ ! -e x3 ] || fail "a run was begun from a broken capture"
+echo "1 passed, 0 failed"
