@@ -39,7 +39,9 @@ V3 sky(const V3& d) {
     const double t = 0.5 + 0.5 * d.y();
     return V3(0.20, 0.19, 0.18) + t * V3(0.42, 0.43, 0.46);
 }
-constexpr int sky_directions = 48, box_edge = 4;
+constexpr int sky_directions = 36;
+/// Beams of each softbox along its edge: the bright one casts the shadows that are seen.
+constexpr std::array box_edges{4, 2};
 
 struct Beam {
     V3 to, power;  // power: radiance times solid angle
@@ -56,10 +58,11 @@ std::vector<Beam> beams() {
     }
     for (int b = 0; b < 2; ++b) {
         const Softbox& s = softboxes[static_cast<std::size_t>(b)];
-        const double solid = 4 * s.half_size * s.half_size / (box_edge * box_edge);
-        for (int k = 0; k < box_edge * box_edge; ++k) {
-            const auto place = [&](int i) { return s.half_size * ((2.0 * i + 1) / box_edge - 1); };
-            const V3 d = normalized(V3(s.to + place(k % box_edge) * s.right + place(k / box_edge) * s.up));
+        const int edge = box_edges[static_cast<std::size_t>(b)];
+        const double solid = 4 * s.half_size * s.half_size / (edge * edge);
+        for (int k = 0; k < edge * edge; ++k) {
+            const auto place = [&](int i) { return s.half_size * ((2.0 * i + 1) / edge - 1); };
+            const V3 d = normalized(V3(s.to + place(k % edge) * s.right + place(k / edge) * s.up));
             list.push_back({d, s.radiance * solid, b});
         }
     }
@@ -122,7 +125,7 @@ void PosedHead::find_normals() {
     for (Index i = 0; i < normals_.cols(); ++i) {
         const V3 n = normals_.col(i);
         const double length = n.norm();
-        const V3 unit = length > 0 ? V3(n / length) : V3(0, 0, 1);
+        const V3 unit = length > 0 ? V3(n / length) : V3::Zero();
         normals_.col(i) = unit;
     }
 }
@@ -133,11 +136,14 @@ void PosedHead::gather_light() {
     for_chunks<DefaultThreads>(vertices_.cols(), 256, [&](Index begin, Index end, Index) {
         for (Index i = begin; i < end; ++i) {
             const V3 n = normals_.col(i), from = V3(vertices_.col(i)) + lift * n;
+            if (n.isZero(0)) continue;  // no face uses it
             for (const Beam& beam : all) {
                 const double facing = n.dot(beam.to);
                 if (facing <= 0 || caster_.meets({from, beam.to})) continue;
                 for (int c = 0; c < 3; ++c) light_(c, i) += beam.power[c] * facing;
-                if (beam.box >= 0) light_(3 + beam.box, i) += 1.0 / (box_edge * box_edge);
+                if (beam.box < 0) continue;
+                const int edge = box_edges[static_cast<std::size_t>(beam.box)];
+                light_(3 + beam.box, i) += 1.0 / (edge * edge);
             }
         }
     });

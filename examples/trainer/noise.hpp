@@ -17,9 +17,11 @@ inline double smooth_step(double a, double b, double x) {
     return t * t * (3 - 2 * t);
 }
 
+/// A random number for each cell of the lattice.
 inline std::uint64_t cell_key(std::uint64_t seed, const Vec3<double>& cell) {
     const auto k = [](double x) { return static_cast<std::uint64_t>(static_cast<std::int64_t>(x)); };
-    return mix64(mix64(mix64(seed ^ k(cell.x())) ^ k(cell.y())) ^ k(cell.z()));
+    return mix64(seed + k(cell.x()) * 0x9E3779B97F4A7C15ULL + k(cell.y()) * 0xD1B54A32D192ED03ULL +
+                 k(cell.z()) * 0x8CB92BA72F3D8DD7ULL);
 }
 
 /// Gradient noise, about -0.7 to 0.7, features of size 1.
@@ -61,8 +63,9 @@ inline double spots(std::uint64_t seed, const Vec3<double>& p, double share, dou
     double best = 0;
     for (int i = 0; i < 27; ++i) {
         const Vec3<double> c = cell + Vec3<double>(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1);
-        const Random r{cell_key(seed, c)};
-        if (r.uniform(0) > share) continue;
+        const std::uint64_t key = cell_key(seed, c);
+        if (static_cast<double>(key >> 40U) * 0x1.0p-24 > share) continue;
+        const Random r{key};
         const Vec3<double> at = c + Vec3<double>(r.uniform(1), r.uniform(2), r.uniform(3));
         const double radius = small * (1 + r.uniform(4));
         best = std::max(best, 1 - smooth_step(0.5, 1.0, (p - at).norm() / radius));

@@ -19,7 +19,7 @@ using V3 = Vec3<double>;
 constexpr double degree = std::numbers::pi / 180;
 
 /// Size of the albedo image [px].
-constexpr int albedo_width = 1536, albedo_height = 1024;
+constexpr int albedo_width = 1280, albedo_height = 896;
 /// Height of the scalp's hair above the skin.
 constexpr double hair_height = 0.055;
 /// How far the jaw turns at jawOpen = 1, about the axis through its joints.

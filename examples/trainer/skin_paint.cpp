@@ -130,10 +130,12 @@ Vec4<double> SkinPaint::operator()(const V3& p) const {
     const double freckled = front * palette_.freckles *
                             (bell(p, V3(0, 0.12, 1.15), 0.30) + bell(p, V3(0.38, 0.08, 0.9), 0.30) +
                              bell(p, V3(-0.38, 0.08, 0.9), 0.30) + 0.15);
-    const double freckle = 0.55 * spots(seed_ + 20, 22 * p, 0.30, 0.22) +
-                           0.35 * spots(seed_ + 21, 37 * p, 0.30, 0.26);
-    colour = colour.cwiseProduct(
-        mix(V3::Ones(), V3(0.60, 0.42, 0.32), std::min(1.0, freckled * freckle)));
+    if (freckled > 0.02) {
+        const double freckle = 0.55 * spots(seed_ + 20, 22 * p, 0.30, 0.22) +
+                               0.35 * spots(seed_ + 21, 37 * p, 0.30, 0.26);
+        colour = colour.cwiseProduct(
+            mix(V3::Ones(), V3(0.60, 0.42, 0.32), std::min(1.0, freckled * freckle)));
+    }
     for (Index i = 0; i < moles_.cols(); ++i) {
         const double d = (p - V3(moles_.col(i))).norm();
         colour = mix(colour, 0.18 * palette_.skin, 0.85 * smooth_step(0.021, 0.009, d));
@@ -157,6 +159,7 @@ Vec4<double> SkinPaint::operator()(const V3& p) const {
         for (int i = 0; i < 5; ++i) arch[static_cast<std::size_t>(i)] = flat(s > 0 ? 22 + i : 21 - i);
         if (front <= 0) break;
         const Along a = along(xy, arch);
+        if (a.distance > 0.2) continue;
         const V2 across(p.x() * s, p.y() - landmarks_[19].y());
         const V3 strand(26 * (across.x() * 0.75 + across.y() * 0.66),
                         110 * (across.y() * 0.75 - across.x() * 0.55), 3.0 * p.z());
@@ -175,10 +178,12 @@ Vec4<double> SkinPaint::operator()(const V3& p) const {
         std::array<V2, 12> mouth;
         for (int i = 0; i < 12; ++i) mouth[static_cast<std::size_t>(i)] = flat(48 + i);
         const double d = inside(xy, mouth.data(), 12) - 0.012;
-        const double lip = smooth_step(0.014, -0.012, d + 0.006 * noise(seed_ + 40, 25 * p));
-        const double line = noise(seed_ + 41, V3(55 * p.x(), 9 * p.y(), 9 * p.z()));
-        colour = mix(colour, palette_.lips * (1 + 0.22 * line), 0.92 * lip);
-        gloss = std::lerp(gloss, 0.85, lip);
+        if (d < 0.03) {
+            const double lip = smooth_step(0.014, -0.012, d + 0.006 * noise(seed_ + 40, 25 * p));
+            const double line = noise(seed_ + 41, V3(55 * p.x(), 9 * p.y(), 9 * p.z()));
+            colour = mix(colour, palette_.lips * (1 + 0.22 * line), 0.92 * lip);
+            gloss = std::lerp(gloss, 0.85, lip);
+        }
         std::array<V2, 5> seam{flat(48), flat(61), flat(62), flat(63), flat(54)};
         const double seam_distance = along(xy, seam).distance;
         colour *= 1 - 0.45 * smooth_step(0.022, 0.004, seam_distance);
@@ -192,8 +197,12 @@ Vec4<double> SkinPaint::operator()(const V3& p) const {
     }
 
     // Hair, cut short: strands run down from the crown.
-    const double edge = 0.05 * noise(seed_ + 50, 9 * p) + 0.05 * noise(seed_ + 51, V3(40 * p.x(), 4 * p.y(), 40 * p.z()));
-    const double hair = hair_cover(p + V3(0, edge, 0), 0.035);
+    double hair = hair_cover(p + V3(0, 0.1, 0), 0.035);
+    if (hair > 0) {
+        const double edge = 0.05 * noise(seed_ + 50, 9 * p) +
+                            0.05 * noise(seed_ + 51, V3(40 * p.x(), 4 * p.y(), 40 * p.z()));
+        hair = hair_cover(p + V3(0, edge, 0), 0.035);
+    }
     if (hair > 0) {
         const double turn = std::atan2(p.x(), p.z() + 0.15);
         const double strands = noise(seed_ + 52, V3(46 * turn, 5 * p.y(), 6 * p.z())) +
@@ -203,9 +212,9 @@ Vec4<double> SkinPaint::operator()(const V3& p) const {
         colour = mix(colour, strand, 0.97 * hair);
         gloss = std::lerp(gloss, 0.30 + 0.3 * strands, hair);
     }
-    Vec4<double> result;
-    result << colour.cwiseMax(0.004), std::clamp(gloss, 0.0, 1.0);
-    return result;
+    constexpr double least = 0.004;  // nothing is quite black
+    return {std::max(colour[0], least), std::max(colour[1], least), std::max(colour[2], least),
+            std::clamp(gloss, 0.0, 1.0)};
 }
 
 Image<float> painted(const HeadModel& model, const Points& neutral, const SkinPaint& paint,
