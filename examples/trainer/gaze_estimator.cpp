@@ -20,10 +20,11 @@ std::vector<Seen> seen_directions(const Image<float>& image, const Columns<float
                                   const Pinhole<double>& camera, const EyeballGeometry& ball) {
     std::vector<Seen> all;
     const Vec3<double> from = camera.centre();
-    for (int y = 0; y < image.height; ++y)
-        for (int x = 0; x < image.width; ++x) {
+    for (int y = 1; y < image.height; ++y)
+        for (int x = 1; x + 1 < image.width; ++x) {
             const Index p = static_cast<Index>(y) * image.width + x;
-            if (eye(0, p) < 0.5f) continue;
+            const auto inside = [&](Index q) { return eye(0, q) >= 0.5f; };
+            if (!inside(p) || !inside(p - 1) || !inside(p + 1) || !inside(p - image.width)) continue;
             const Vec3<double> ray = camera.ray(Vec2<double>(x + 0.5, y + 0.5));
             // Closest approach, then half a chord back (no cancelling discriminant); a ray that
             // passes just outside, at the rim, takes the closest point itself.

@@ -7,7 +7,9 @@
 /// direction from the centre. A gaze g splits these directions by their angle from g into pupil,
 /// iris and sclera; the estimate is the g whose split leaves the least variance of brightness, with
 /// the iris darker than the sclera. That is a fit of a dark disc of known size, seen in perspective,
-/// to all pixels at once, so it is good to a fraction of a pixel and needs no whole iris.
+/// to all pixels at once, so it is good to a fraction of a pixel and needs no whole iris. Pixels at
+/// the rim of the visible eye, but for its lower rim, are left out: lashes and the shadow of the
+/// upper lid darken them as an iris would.
 /// Frame: world. Units: world units, [rad].
 #pragma once
 
@@ -32,10 +34,10 @@ struct GazeEstimate {
     int pixels;         ///< of the eye that were seen
 };
 
-/// Fewer visible pixels than this do not determine a direction.
-inline constexpr int min_eye_pixels = 20;
+/// Fewer pixels than this do not determine a direction.
+inline constexpr int min_eye_pixels = 40;
 /// Below this contrast no iris was found.
-inline constexpr double min_contrast = 0.25;
+inline constexpr double min_contrast = 0.45;
 
 /// `image`: RGB in [0, 1]; `eye`: 1 x pixels, 1 where this eyeball is visible. Nothing where too
 /// little of the eye is seen or no dark disc is found.
