@@ -408,8 +408,8 @@ void add_train(CLI::App& app) {
     c->add_option("--threads", options->threads, "Threads; results do not depend on it (0: all)")
         ->capture_default_str();
     c->add_option("--perceptual-weights", options->perceptual_weights,
-                  "VGG16 + LPIPS weights (safetensors, see docs/perceptual.md); without them the "
-                  "weight-free gradient-pyramid loss is used");
+                  "VGG16 + LPIPS weights, a safetensors file that cmake/convert_lpips_weights.py writes; "
+                  "without it the weight-free gradient-pyramid loss is used");
     c->add_flag("--resume", options->resume, "Go on from the run's checkpoint, bit for bit");
     c->add_flag("--overwrite", options->overwrite, "Replace a run that is in --out");
     c->add_flag("--profile", options->profile, "Print where a step's time went");
