@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/avatar/config.hpp: the sizes and scales of an avatar. Every default is the paper's, or, where
-/// the paper is silent, that of Gaussian Head Avatar (GHA), its parent; see docs/deviations.md.
+/// rye/avatar/config.hpp: the sizes and scales of an avatar. Every default is the paper's, or,
+/// where the paper is silent, that of Gaussian Head Avatar (GHA), its parent; see
+/// docs/deviations.md.
 #pragma once
 
 #include <variant>
@@ -42,7 +43,8 @@ struct AvatarConfig {
 
     double deform_scale = 0.3;      ///< displacement = scale * tanh(network) [unit]
     double attribute_scale = 0.2;   ///< step of log-scale, quaternion and logit opacity
-    double vertex_offset = 1. / 128;  ///< largest move of a lattice vertex is tanh(1) times this [unit]
+    double vertex_offset =
+        1. / 128; ///< largest move of a lattice vertex is tanh(1) times this [unit]
 
     NetworkConfig networks;
 

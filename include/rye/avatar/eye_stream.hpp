@@ -92,8 +92,8 @@ struct EyeStream {
     Index per_eye() const { return position.cols() / 2; }
 };
 
-/// Takes scales back to at most `factor` times the template's spacing, so that the eyeball keeps its
-/// shape: larger Gaussians would reach over its rim and paint lids.
+/// Takes scales back to at most `factor` times the template's spacing, so that the eyeball keeps
+/// its shape: larger Gaussians would reach over its rim and paint lids.
 template <Real T>
 void bound_scales(EyeStream<T>& eyes, T factor) {
     for (Index i = 0; i < eyes.log_scale.cols(); ++i) {

@@ -98,7 +98,8 @@ void field_vjp(const Mlp<T>& mlp, Squash squash, const T& gain, const Columns<T>
     Columns<T> g_input;
     VecX<T> g_frame;
     mlp_vjp<B, T>(mlp, trace.input, frame, trace.mlp, g_y, *g.mlp,
-                  g.inputs != nullptr ? &g_input : nullptr, g.frame != nullptr ? &g_frame : nullptr);
+                  g.inputs != nullptr ? &g_input : nullptr,
+                  g.frame != nullptr ? &g_frame : nullptr);
     if (g.inputs != nullptr)
         for (Index k = 0; k < n; ++k)
             g.inputs->col(trace.set[static_cast<std::size_t>(k)]) += g_input.col(k);

@@ -93,7 +93,7 @@ NeutralSurface<T> neutral_surface(const GuidanceMesh<T>& mesh, const AvatarConfi
         sdf.middleCols(b, count) =
             mlp_forward<B, T>(mesh.geometry, code, VecX<T>(), nullptr).topRows(1);
     }
-    const SurfaceTopology topology = surface_topology<T>(grid.topology, sdf);  // sign of tanh(s) = s
+    const SurfaceTopology topology = surface_topology<T>(grid.topology, sdf); // sign of tanh(s) = s
     if (topology.faces.empty()) return n;
     const std::vector<Index> touched = touched_vertices(topology);
     const Columns<T> rest = pick_columns(grid.vertices, touched);

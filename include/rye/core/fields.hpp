@@ -47,8 +47,9 @@ Index count_fields(const P& p) {
 /// Used to lift parameters from float to double or to duals.
 template <class Dst, class Src, class Convert>
 void convert_fields(Dst& dst, const Src& src, const Convert& convert) {
-    Dst::fields([&](const std::string&, auto& d, const auto& s) { d = s.unaryExpr(convert).eval(); },
-                dst, src);
+    Dst::fields(
+        [&](const std::string&, auto& d, const auto& s) { d = s.unaryExpr(convert).eval(); }, dst,
+        src);
 }
 
 } // namespace rye

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/core/parallel.hpp: threads with fixed chunks, so that results do not depend on their number.
-/// The kind of threading is a type and so part of every symbol that uses it: translation units built
-/// with and without OpenMP can be linked together.
+/// The kind of threading is a type and so part of every symbol that uses it: translation units
+/// built with and without OpenMP can be linked together.
 #pragma once
 
 #include <algorithm>

@@ -73,7 +73,8 @@ inline constexpr std::array<TetCase, 16> tet_cases{{{0, {}},
 /// The topology of the zero surface of sdf, 1 x V. A vertex with sdf = 0 counts as inside.
 template <class T>
 SurfaceTopology surface_topology(const TetTopology& grid, const ColumnsView<T>& sdf) {
-    RYE_ASSERT(sdf.rows() == 1 && sdf.cols() == grid.vertex_count, "surface_topology: sdf not 1 x V");
+    RYE_ASSERT(sdf.rows() == 1 && sdf.cols() == grid.vertex_count,
+               "surface_topology: sdf not 1 x V");
     using std::isfinite;
     const auto at = [](Index i) { return static_cast<std::size_t>(i); };
     std::vector<std::uint8_t> outside(at(grid.vertex_count));

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/geometry/mesh.hpp: a triangle mesh and its uniform Laplacian.
-/// Frame and units are those of the vertices. A face's corners turn counter-clockwise when seen from
-/// the side that its normal points to (outside).
-/// Source: the Laplacian of Gaussian Head Avatar's guidance mesh (every face counts its two edges).
+/// Frame and units are those of the vertices. A face's corners turn counter-clockwise when seen
+/// from the side that its normal points to (outside). Source: the Laplacian of Gaussian Head
+/// Avatar's guidance mesh (every face counts its two edges).
 #pragma once
 
 #include <array>

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/mesh_raster.hpp: a z-buffered image of a triangle mesh with interpolated attributes,
-/// and its vjp. Vertices in the world [world units], images as in core/columns.hpp, depth = camera z.
-/// A face is drawn if normal . view < 0: corners turn counter-clockwise seen from outside, so its
-/// outside faces the camera. Gradients reach the attributes, the vertices through perspective-correct
-/// barycentrics, and the vertices through the soft silhouette; never the visibility, nor the camera.
-/// Source: kaolin's DIB-R as Gaussian Head Avatar uses it; homogeneous edge functions as Olano and
-/// Greer, "Triangle Scan Conversion using 2D Homogeneous Coordinates", 1997.
+/// rye/geometry/mesh_raster.hpp: a z-buffered image of a triangle mesh with interpolated
+/// attributes, and its vjp. Vertices in the world [world units], images as in core/columns.hpp,
+/// depth = camera z. A face is drawn if normal . view < 0: corners turn counter-clockwise seen from
+/// outside, so its outside faces the camera. Gradients reach the attributes, the vertices through
+/// perspective-correct barycentrics, and the vertices through the soft silhouette; never the
+/// visibility, nor the camera. Source: kaolin's DIB-R as Gaussian Head Avatar uses it; homogeneous
+/// edge functions as Olano and Greer, "Triangle Scan Conversion using 2D Homogeneous Coordinates",
+/// 1997.
 #pragma once
 
 #include <algorithm>
@@ -92,9 +93,9 @@ struct PixelFace {
 /// The z-buffer of one band of rows, decided on values alone.
 template <class W>
 void nearest_faces(const Columns<W>& camera, const std::vector<Face>& faces,
-                   const std::vector<ScreenFace>& boxes, std::pair<const Index*, const Index*> range,
-                   const Pinhole<double>& view, int row, const MeshRasterSettings& settings,
-                   Index* pixel_face, int rows) {
+                   const std::vector<ScreenFace>& boxes,
+                   std::pair<const Index*, const Index*> range, const Pinhole<double>& view,
+                   int row, const MeshRasterSettings& settings, Index* pixel_face, int rows) {
     std::vector<double> rays(static_cast<std::size_t>(view.width));
     for (std::size_t px = 0; px < rays.size(); ++px)
         rays[px] = (static_cast<double>(px) + 0.5 - view.cx) / view.fx;
@@ -111,7 +112,8 @@ void nearest_faces(const Columns<W>& camera, const std::vector<Face>& faces,
         bool even = true;
         for (const auto& [i, j] : {std::pair<std::size_t, std::size_t>{0, 1}, {1, 2}, {0, 1}})
             if (f[i] > f[j]) std::swap(f[i], f[j]), even = !even;
-        const double sign = (box.area > 0) == even ? -1 : 1;  // e < 0 inside a face seen from outside
+        const double sign =
+            (box.area > 0) == even ? -1 : 1; // e < 0 inside a face seen from outside
         double x[3], y[3], z[3];
         for (std::size_t k = 0; k < 3; ++k) {
             x[k] = static_cast<double>(value_of(camera(0, f[k])));
@@ -208,7 +210,8 @@ MeshRaster<T> rasterize_mesh(const ColumnsView<T>& vertices, const std::vector<F
 
 /// Gradients to vertices and attributes from those to the images.
 template <Backend B, class T>
-MeshRasterGradient<T> rasterize_mesh_vjp(const MeshRaster<T>& raster, const std::vector<Face>& faces,
+MeshRasterGradient<T> rasterize_mesh_vjp(const MeshRaster<T>& raster,
+                                         const std::vector<Face>& faces,
                                          const Pinhole<real_t<T>>& camera,
                                          const ColumnsView<T>& attributes,
                                          const MeshRasterCotangent<T>& g) {
@@ -231,13 +234,16 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const MeshRaster<T>& raster, const std:
         Index vertex;
         Vec2<W> g;
     };
-    Columns<W> corner(9, static_cast<Index>(drawn.size()));  // gradients to the corners, camera frame
+    Columns<W> corner(9,
+                      static_cast<Index>(drawn.size())); // gradients to the corners, camera frame
     std::vector<std::vector<ImageShare>> outline(raster.silhouettes.size());
-    for_chunks<typename B::threads>(static_cast<Index>(outline.size()), 1, [&](Index b, Index, Index) {
+    for_chunks<
+        typename B::threads>(static_cast<Index>(outline.size()), 1, [&](Index b, Index, Index) {
         const std::size_t band = static_cast<std::size_t>(b);
         for (Index i = band_begin[band]; i < band_begin[band + 1]; ++i) {
             const Index p = drawn[static_cast<std::size_t>(i)];
-            const Face& f = faces[static_cast<std::size_t>(raster.face[static_cast<std::size_t>(p)])];
+            const Face& f =
+                faces[static_cast<std::size_t>(raster.face[static_cast<std::size_t>(p)])];
             const double ray[2] = {(static_cast<double>(p % width) + 0.5 - view.cx) / view.fx,
                                    (static_cast<double>(p / width) + 0.5 - view.cy) / view.fy};
             const detail::PixelFace<W> at(points, f, ray[0], ray[1]);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/nearest.hpp: distances to the nearest neighbours within one cloud of points, through
-/// a uniform grid. Used once, for the first scales of Gaussians. Source: 3DGS, initialisation.
+/// rye/geometry/nearest.hpp: distances to the nearest neighbours within one cloud of points,
+/// through a uniform grid. Used once, for the first scales of Gaussians. Source: 3DGS,
+/// initialisation.
 #pragma once
 
 #include <algorithm>
@@ -15,8 +16,8 @@
 
 namespace rye {
 
-/// Mean squared distance of each point (3 x N) to its `k` nearest others, 1 x N. Fewer than k others:
-/// the mean over those; a point alone: 0.
+/// Mean squared distance of each point (3 x N) to its `k` nearest others, 1 x N. Fewer than k
+/// others: the mean over those; a point alone: 0.
 template <Backend B, Real T>
 Columns<T> mean_squared_neighbour_distance(const Columns<T>& points, int k = 3) {
     const Index n = points.cols();
@@ -69,7 +70,8 @@ Columns<T> mean_squared_neighbour_distance(const Columns<T>& points, int k = 3) 
                                 const T d2 = d.squaredNorm();
                                 if (d2 >= best.back()) continue;
                                 best.back() = d2;
-                                for (std::size_t s = best.size() - 1; s > 0 && best[s] < best[s - 1]; --s)
+                                for (std::size_t s = best.size() - 1;
+                                     s > 0 && best[s] < best[s - 1]; --s)
                                     std::swap(best[s], best[s - 1]);
                             }
                         }

@@ -84,8 +84,8 @@ SilhouetteTrace silhouette_trace(const ScreenMesh<T>& mesh, const std::vector<Fa
                                  int row, int width, const SilhouetteSettings& settings) {
     const int rows = static_cast<int>(covered.size()) / width;
     const auto at = [&](int x, int y) { return static_cast<std::size_t>(y * width + x); };
-    // open(x, y) = uncovered pixels above and left of the corner (x, y): most faces lie amid covered
-    // pixels and are dismissed by four look-ups.
+    // open(x, y) = uncovered pixels above and left of the corner (x, y): most faces lie amid
+    // covered pixels and are dismissed by four look-ups.
     std::vector<int> open(static_cast<std::size_t>((width + 1) * (rows + 1)), 0);
     const auto open_at = [&](int x, int y) -> int& {
         return open[static_cast<std::size_t>(y * (width + 1) + x)];
@@ -116,9 +116,10 @@ SilhouetteTrace silhouette_trace(const ScreenMesh<T>& mesh, const std::vector<Fa
                 int& n = count[at(x, y)];
                 if (covered[at(x, y)] || n == settings.max_faces) continue;
                 ++n;
-                hits.push_back({static_cast<std::int32_t>(at(x, y)),
-                                detail::nearest_on_outline(mesh, faces[static_cast<std::size_t>(*f)],
-                                                           {x + 0.5, y + row + 0.5})});
+                hits.push_back(
+                    {static_cast<std::int32_t>(at(x, y)),
+                     detail::nearest_on_outline(mesh, faces[static_cast<std::size_t>(*f)],
+                                                {x + 0.5, y + row + 0.5})});
             }
     }
     SilhouetteTrace out;
@@ -134,7 +135,8 @@ SilhouetteTrace silhouette_trace(const ScreenMesh<T>& mesh, const std::vector<Fa
     out.begin.push_back(total);
     out.nearest.resize(static_cast<std::size_t>(total));
     for (const Hit& h : hits)
-        out.nearest[static_cast<std::size_t>(next[static_cast<std::size_t>(h.pixel)]++)] = h.nearest;
+        out.nearest[static_cast<std::size_t>(next[static_cast<std::size_t>(h.pixel)]++)] =
+            h.nearest;
     return out;
 }
 

@@ -45,7 +45,8 @@ inline TetTopology tet_topology(Index vertex_count, std::vector<Tet> tets) {
     std::vector<Index> begin(at(vertex_count) + 1, 0);
     const auto for_edges = [&](const Tet& tet, auto&& f) {
         for (std::size_t e = 0; e < 6; ++e) {
-            const auto [lo, hi] = std::minmax(tet[tet_edge_corners[e][0]], tet[tet_edge_corners[e][1]]);
+            const auto [lo, hi] =
+                std::minmax(tet[tet_edge_corners[e][0]], tet[tet_edge_corners[e][1]]);
             f(e, Index{lo}, Index{hi});
         }
     };
@@ -72,7 +73,8 @@ inline TetTopology tet_topology(Index vertex_count, std::vector<Tet> tets) {
     out.tet_edges.resize(out.tets.size());
     for (std::size_t t = 0; t < out.tets.size(); ++t)
         for_edges(out.tets[t], [&](std::size_t e, Index a, Index b) {
-            const auto lo = out.edges.begin() + first[at(a)], hi = out.edges.begin() + first[at(a) + 1];
+            const auto lo = out.edges.begin() + first[at(a)],
+                       hi = out.edges.begin() + first[at(a) + 1];
             out.tet_edges[t][e] = std::lower_bound(lo, hi, Edge{a, b}) - out.edges.begin();
         });
     return out;
@@ -118,7 +120,8 @@ TetGrid<T> bcc_grid(const Vec3<T>& lo, const Vec3<T>& hi, T cell) {
     // symmetric box gives a symmetric grid.
     const auto place = [&](Index vertex, const std::array<Index, 3>& half) {
         for (int d = 0; d < 3; ++d) {
-            const Index h = half[static_cast<std::size_t>(d)], all = 2 * n[static_cast<std::size_t>(d)];
+            const Index h = half[static_cast<std::size_t>(d)],
+                        all = 2 * n[static_cast<std::size_t>(d)];
             const T step = (hi[d] - lo[d]) / static_cast<T>(all);
             grid.vertices(d, vertex) = 2 * h < all   ? lo[d] + static_cast<T>(h) * step
                                        : 2 * h > all ? hi[d] - static_cast<T>(all - h) * step

@@ -2,8 +2,8 @@
 /// rye/loss/mesh_terms.hpp: the seven terms that train the guidance mesh (stage 1), unweighted.
 /// Each takes plain columns and returns value and gradient. Units: lengths as given, colours and
 /// masks in 0 ... 1. Sums run in double for float. |x| has derivative 0 at 0.
-/// Source: the paper's L_RGB, L_sil, L_def, L_offset, L_lmk, L_lap, L_eyeoffset, with the means that
-/// Gaussian Head Avatar takes.
+/// Source: the paper's L_RGB, L_sil, L_def, L_offset, L_lmk, L_lap, L_eyeoffset, with the means
+/// that Gaussian Head Avatar takes.
 #pragma once
 
 #include <type_traits>
@@ -16,8 +16,8 @@
 
 namespace rye {
 
-/// A loss, its gradient, and over how many numbers the mean was taken. A mean over nothing is 0 with
-/// count 0 and gradient 0: a caller can add it up and still see that it was absent.
+/// A loss, its gradient, and over how many numbers the mean was taken. A mean over nothing is 0
+/// with count 0 and gradient 0: a caller can add it up and still see that it was absent.
 template <class T>
 struct LossTerm : LossGradient<T> {
     Index count = 0;
@@ -77,7 +77,8 @@ LossTerm<T> color_term(const std::type_identity_t<ColumnsView<T>>& color,
 template <class T>
 LossTerm<T> silhouette_term(const ColumnsView<T>& soft, const ColumnsView<T>& mask,
                             const ColumnsView<T>& visible) {
-    RYE_ASSERT(soft.cols() == mask.cols() && soft.cols() == visible.cols(), "silhouette_term: sizes");
+    RYE_ASSERT(soft.cols() == mask.cols() && soft.cols() == visible.cols(),
+               "silhouette_term: sizes");
     using W = widened_t<T>;
     const auto get = [](const auto& m, Index p) { return scalar_cast<W>(T(m(0, p))); };
     W both(0), either(0);
@@ -129,8 +130,8 @@ LossTerm<T> laplacian_term(const ColumnsView<T>& vertices, const std::vector<Fac
     return out;
 }
 
-/// L_eyeoffset: mean over eyes and axes of |predicted - observed| displacement of the eyes' centres,
-/// both 3 x 2 in the head frame.
+/// L_eyeoffset: mean over eyes and axes of |predicted - observed| displacement of the eyes'
+/// centres, both 3 x 2 in the head frame.
 template <class T>
 LossTerm<T> eye_offset_term(const ColumnsView<T>& predicted, const ColumnsView<T>& observed) {
     const Columns<T> difference = predicted - observed;

@@ -57,8 +57,8 @@ inline Augmentation random_scale(int width, int height, int factor, const Random
     };
     const int dx = offset(width, w, 1), dy = offset(height, h, 2);
     return {detail::resized_map(width, height, w, h, dx, dy),
-            detail::resized_map(width * factor, height * factor, w * factor, h * factor, dx * factor,
-                                dy * factor)};
+            detail::resized_map(width * factor, height * factor, w * factor, h * factor,
+                                dx * factor, dy * factor)};
 }
 
 /// Columns of the source by the map; 1 where there is none.

@@ -28,7 +28,8 @@ void append_fields(const std::string& prefix, const P& p, std::vector<TensorEntr
 
 /// The moments and step counts of an optimiser.
 template <class P>
-void append_adam(const std::string& prefix, const Adam<P>& adam, std::vector<TensorEntry>& entries) {
+void append_adam(const std::string& prefix, const Adam<P>& adam,
+                 std::vector<TensorEntry>& entries) {
     const auto moments = [&](const std::string& which, const P& m) {
         P::fields([&](const std::string& name, const auto& a) {
             entries.push_back(tensor_entry(prefix + "." + which + "." + name, a));
@@ -40,7 +41,8 @@ void append_adam(const std::string& prefix, const Adam<P>& adam, std::vector<Ten
     const auto counts = std::as_bytes(std::span(adam.field_steps));
     entries.push_back({prefix + ".field_steps", TensorType::i64,
                        {static_cast<Index>(adam.field_steps.size())}, counts});
-    entries.push_back({prefix + ".step", TensorType::i64, {}, std::as_bytes(std::span(&adam.step, 1))});
+    entries.push_back(
+        {prefix + ".step", TensorType::i64, {}, std::as_bytes(std::span(&adam.step, 1))});
 }
 
 namespace detail {

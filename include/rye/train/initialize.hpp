@@ -68,8 +68,9 @@ Columns<T> mouth_points(const Columns<T>& lips, int count, const Random& random)
     Columns<T> x(3, count);
     for (Index i = 0; i < count; ++i)
         for (Index a = 0; a < 3; ++a)
-            x(a, i) = centre(a) + T(1.6) * extent(a) *
-                                      T(random.uniform(static_cast<std::uint64_t>(3 * i + a)) - 0.5);
+            x(a, i) =
+                centre(a) +
+                T(1.6) * extent(a) * T(random.uniform(static_cast<std::uint64_t>(3 * i + a)) - 0.5);
     return x;
 }
 

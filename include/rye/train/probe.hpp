@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/probe.hpp: where a step's time goes. A step calls its probe at the end of each part; the
-/// default does nothing and costs nothing.
+/// rye/train/probe.hpp: where a step's time goes. A step calls its probe at the end of each part;
+/// the default does nothing and costs nothing.
 #pragma once
 
 #include <chrono>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/settings.hpp: weights of the losses and learning rates of both stages. Every default is
-/// the paper's (sections 4.1, 4.2) or, where it is silent, GHA's; see docs/deviations.md.
+/// rye/train/settings.hpp: weights of the losses and learning rates of both stages. Every default
+/// is the paper's (sections 4.1, 4.2) or, where it is silent, GHA's; see docs/deviations.md.
 #pragma once
 
 #include <string>

@@ -103,7 +103,8 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
     rasterizer.forward_into(trace.world_eyes, sample.camera, sample.background, p.eyes, &p.scratch);
     probe("render");
     p.scaled = p.final.feature;
-    if (sample.scale.active()) p.scaled.pixels = gathered(p.final.feature.pixels, sample.scale.small);
+    if (sample.scale.active())
+        p.scaled.pixels = gathered(p.final.feature.pixels, sample.scale.small);
     p.high = upsampler_forward<B>(avatar.upsampler, p.scaled, &p.high_trace);
     if (sample.eyes_high)
         p.eyes_high = upsampler_forward<B>(avatar.upsampler, p.eyes.feature, &p.eyes_high_trace);
@@ -121,9 +122,9 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
     AvatarLosses<T> l;
     Image<T> truth = sample.truth;
     truth.pixels = gathered(sample.truth.pixels, sample.scale.full);
-    l.high_resolution =
-        detail::rgb_term<B>(p.high.pixels, truth.pixels, gathered(sample.visible, sample.scale.full),
-                            weights.high_resolution, p.g_high);
+    l.high_resolution = detail::rgb_term<B>(p.high.pixels, truth.pixels,
+                                            gathered(sample.visible, sample.scale.full),
+                                            weights.high_resolution, p.g_high);
     l.low_resolution =
         detail::rgb_term<B>(p.final.feature.pixels, sample.truth_small.pixels,
                             sample.visible_small, weights.low_resolution, p.g_final);
@@ -161,7 +162,8 @@ void avatar_losses_vjp(const TwoStream<T>& avatar, const AvatarConfig& config,
                        const TwoStreamTrace<T>& trace, AvatarPictures<T>& p, TwoStream<T>& grad,
                        Probe&& probe = {}) {
     Columns<T> g_feature;
-    upsampler_vjp<B>(avatar.upsampler, p.scaled, p.high_trace, p.g_high, grad.upsampler, &g_feature);
+    upsampler_vjp<B>(avatar.upsampler, p.scaled, p.high_trace, p.g_high, grad.upsampler,
+                     &g_feature);
     gathered_vjp(g_feature, sample.scale.small, p.g_final);
     if (sample.eyes_high) {
         upsampler_vjp<B>(avatar.upsampler, p.eyes.feature, p.eyes_high_trace, p.g_eyes_high,
@@ -171,8 +173,8 @@ void avatar_losses_vjp(const TwoStream<T>& avatar, const AvatarConfig& config,
     probe("super-resolution vjp");
 
     const Index n = trace.world_face.mean.cols();
-    const auto pull = [&](const Gaussians<T>& cloud, const VecX<T>& background, const Raster<T>& raster,
-                          const Columns<T>& g, Gaussians<T>& out) {
+    const auto pull = [&](const Gaussians<T>& cloud, const VecX<T>& background,
+                          const Raster<T>& raster, const Columns<T>& g, Gaussians<T>& out) {
         rasterizer.vjp_into(cloud, sample.camera, background, raster, RasterCotangent<T>{g}, out,
                             &p.scratch);
     };

@@ -75,8 +75,8 @@ MeshLosses<T> mesh_losses(const GuidanceMesh<T>& mesh, const AvatarConfig& confi
         const Columns<T> shown = t.posed.color.topRows(3);  // the other channels have no loss here
         const T share = T(1.0 / static_cast<double>(sample.views.size()));
         for (const MeshView<T>& view : sample.views) {
-            t.rasters.push_back(rasterize_mesh<B, T>(t.posed.world, t.neutral.surface.topology.faces,
-                                                     view.camera, shown));
+            t.rasters.push_back(rasterize_mesh<B, T>(
+                t.posed.world, t.neutral.surface.topology.faces, view.camera, shown));
             const MeshRaster<T>& raster = t.rasters.back();
             const LossTerm<T> color =
                 color_term<B, T>(raster.attributes.pixels, view.truth.pixels, view.visible);
