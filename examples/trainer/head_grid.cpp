@@ -48,8 +48,10 @@ Layout layout() {
     append(rows, -40, lowest_deg, 1.2);
     l.slide.assign(rows.size(), 0.0);
     append(l.slide, 0, 0.45, 0.045);
-    append(l.slide, 0.45, 1.75, 0.065);
-    rows.resize(l.slide.size(), lowest_deg);
+    append(l.slide, 0.45, 1.80, 0.06);
+    // Over the shoulders the rays rise, to meet their ends less steeply.
+    for (std::size_t r = rows.size(); r < l.slide.size(); ++r)
+        rows.push_back(lowest_deg + 12 * smooth_step(0.7, 1.8, l.slide[r]));
 
     std::vector<double> half{0.0};
     append(half, 0, 36, 0.85);
@@ -67,6 +69,7 @@ Vec3<double> point(double latitude_deg, double slide, double longitude_deg,
     return head_surface(middle + slide * down_the_neck, direction, shape);
 }
 
+/// The first of the numbers closest to a value.
 int nearest(const std::vector<double>& list, double value) {
     const auto closer = [&](double a, double b) { return std::abs(a - value) < std::abs(b - value); };
     return static_cast<int>(std::min_element(list.begin(), list.end(), closer) - list.begin());
@@ -199,11 +202,14 @@ HeadGrid head_grid(const HeadShape& shape, const Eyeball& eye) {
             slit.lower.push_back(below[static_cast<std::size_t>(i)]);
         }
     };
-    const int eye_row = nearest(l.latitude_deg, eye_row_deg);
+    const std::vector<double> face_rows(
+        l.latitude_deg.begin(),
+        std::find(l.latitude_deg.begin(), l.latitude_deg.end(), lowest_deg));
+    const int eye_row = nearest(face_rows, eye_row_deg);
     const int corner = nearest(l.longitude_deg, mouth_corner_deg);
     cut(grid.eyes[0], eye_row, inner, outer);
     cut(grid.eyes[1], eye_row, 2 * zero - inner, 2 * zero - outer);
-    cut(grid.mouth, nearest(l.latitude_deg, mouth_row_deg), 2 * zero - corner, corner);
+    cut(grid.mouth, nearest(face_rows, mouth_row_deg), 2 * zero - corner, corner);
     const Points whole = grid.vertices;
     grid.vertices.resize(3, regular + static_cast<Index>(doubled.size()));
     grid.vertices.leftCols(regular) = whole;

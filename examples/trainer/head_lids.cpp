@@ -60,7 +60,10 @@ EyeLids::EyeLids(const HeadGrid& grid, int eye, const Eyeball& left_eye, const H
             for (Index a = 0; a < azimuths; ++a) {
                 const Vec3<double> d = eye_direction(first_azimuth + step * static_cast<double>(a),
                                                      first_elevation + step * static_cast<double>(e));
-                table_(a, e) = (head_surface(eye_.centre, d, shape) - eye_.centre).norm();
+                const double r = (head_surface(eye_.centre, d, shape) - eye_.centre).norm();
+                // The nose's side is nearly parallel to these rays: its slope is not followed.
+                constexpr double near = 0.19, span = 0.035;
+                table_(a, e) = r < near ? r : near + span * (1 - std::exp(-(r - near) / span));
             }
     });
     for (Index i = 0; i < grid.vertices.cols(); ++i) {
@@ -69,7 +72,9 @@ EyeLids::EyeLids(const HeadGrid& grid, int eye, const Eyeball& left_eye, const H
         if (p.x() < 0.02) continue;
         const EyeAngles a = eye_angles(p - eye_.centre);
         const double above = a.elevation - corners_.line(a.azimuth);
-        const double part = lid_part(p, a.distance);
+        const double far = std::hypot((a.azimuth - 8 * degree) / (80 * degree),
+                                      above / (above > 0 ? reach_up : reach_down));
+        const double part = lid_part(p, a.distance) * smooth_step(1.0, 0.68, far);
         if (part == 0 || a.azimuth < -80 * degree || a.azimuth > 95 * degree ||
             above > reach_up || above < -reach_down)
             continue;

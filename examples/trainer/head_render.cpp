@@ -21,6 +21,8 @@ constexpr double lift = 0.004;
 /// Lids lie this far above the eyeball.
 constexpr double lid_gap = 0.010;
 constexpr double exposure = 1.0;
+/// Light that skin throws on skin, and into the mouth, where no beam reaches.
+const V3 bounced(0.30, 0.17, 0.13);
 
 /// A square light far away.
 struct Softbox {
@@ -75,6 +77,13 @@ double mirrored(const Softbox& s, const V3& d) {
     if (z <= 0) return 0;
     const double far = std::max(std::abs(d.dot(s.right)), std::abs(d.dot(s.up))) / z;
     return smooth_step(1.15, 0.85, far / s.half_size);
+}
+
+double power(double x, int n) {
+    double result = 1;
+    for (; n > 0; n >>= 1, x *= x)
+        if (n & 1) result *= x;
+    return result;
 }
 
 double srgb(double x) {
@@ -218,7 +227,7 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
     V3 n = blend(normals_);
     n /= std::max(n.norm(), 1e-12);
     const Vec<double, 5> light = blend(light_);
-    const V3 fallen = light.head<3>() / std::numbers::pi;
+    const V3 fallen = (light.head<3>() + bounced) / std::numbers::pi;
     const V3 half_grey(0.10, 0.045, 0.035);
     V3 colour;
     const Part part = parts_[f];
@@ -229,7 +238,7 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
         colour = albedo.cwiseProduct(fallen);
         // The wet surface mirrors the softboxes, as far as the lids leave them in sight.
         const V3 mirror = ray.direction - 2 * n.dot(ray.direction) * n;
-        const double grazing = std::pow(1 - std::clamp(-n.dot(ray.direction), 0.0, 1.0), 5);
+        const double grazing = power(1 - std::clamp(-n.dot(ray.direction), 0.0, 1.0), 5);
         const double reflects = 0.035 + 0.6 * grazing;
         for (int b = 0; b < 2; ++b) {
             const Softbox& s = softboxes[static_cast<std::size_t>(b)];
@@ -259,8 +268,8 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
         const Softbox& s = softboxes[static_cast<std::size_t>(b)];
         const V3 middle = normalized(V3(s.to - ray.direction));
         const double nh = std::max(0.0, n.dot(middle)), nl = std::max(0.0, n.dot(s.to));
-        const double lobe = 0.7 * std::pow(nh, 12) * 20 / 25 + 0.3 * std::pow(nh, 50) * 58 / 25;
-        const double fresnel = 0.035 + 0.5 * std::pow(1 - std::max(0.0, -middle.dot(ray.direction)), 5);
+        const double lobe = 0.7 * power(nh, 12) * 20 / 25 + 0.3 * power(nh, 50) * 58 / 25;
+        const double fresnel = 0.035 + 0.5 * power(1 - std::max(0.0, -middle.dot(ray.direction)), 5);
         const double solid = 4 * s.half_size * s.half_size;
         colour += s.radiance * (solid * nl * lobe * fresnel * skin[3] * 1.4 * light[3 + b]);
     }
@@ -272,22 +281,27 @@ HeadPicture PosedHead::picture(const Pinhole<double>& camera, int samples) const
     HeadPicture out{Image<float>(width, height, 3), Image<float>(width, height, 1), {}};
     out.eye.assign(static_cast<std::size_t>(out.mask.size()), 0);
     const V3 from = camera.centre();
-    const auto cast = [&](double x, double y) {
-        return Ray{from, camera.ray(Vec2<double>(x, y))};
-    };
     for (int y = 0; y < height; ++y)
         for (int x = 0; x < width; ++x) {
             V3 sum = V3::Zero();
             int covered = 0;
-            for (int s = 0; s < samples; ++s) {
-                // The points of Roberts' R2 sequence: even, in no rows.
-                const double a = 0.5 + 0.7548776662466927 * s, b = 0.5 + 0.5698402909980532 * s;
-                const Ray ray = cast(x + a - std::floor(a), y + b - std::floor(b));
-                const Hit hit = caster_.nearest(ray);
-                if (!hit) continue;
-                ++covered;
-                const V3 colour = exposure * shade(ray, hit);
-                for (int c = 0; c < 3; ++c) sum[c] += srgb(shoulder(std::max(0.0, colour[c])));
+            for (int first = 0; first < samples; first += 4) {
+                RayBundle bundle{from, {}};
+                for (int k = 0; k < 4; ++k) {
+                    // The points of Roberts' R2 sequence: even, in no rows.
+                    const int s = std::min(first + k, samples - 1);
+                    const double a = 0.5 + 0.7548776662466927 * s, b = 0.5 + 0.5698402909980532 * s;
+                    bundle.directions[static_cast<std::size_t>(k)] =
+                        camera.ray({x + a - std::floor(a), y + b - std::floor(b)});
+                }
+                const std::array<Hit, 4> hits = caster_.nearest(bundle);
+                for (int k = 0; k < std::min(4, samples - first); ++k) {
+                    const Hit& hit = hits[static_cast<std::size_t>(k)];
+                    if (!hit) continue;
+                    ++covered;
+                    const V3 colour = exposure * shade({from, bundle.directions[static_cast<std::size_t>(k)]}, hit);
+                    for (int c = 0; c < 3; ++c) sum[c] += srgb(shoulder(std::max(0.0, colour[c])));
+                }
             }
             const Index at = static_cast<Index>(y) * width + x;
             for (int c = 0; c < 3; ++c)
@@ -302,7 +316,7 @@ HeadPicture PosedHead::picture(const Pinhole<double>& camera, int samples) const
         const int x1 = std::min(width, first(c.x() + reach)), y1 = std::min(height, first(c.y() + reach));
         for (int y = first(c.y() - reach); y < y1; ++y)
             for (int x = first(c.x() - reach); x < x1; ++x) {
-                const Hit hit = caster_.nearest(cast(x + 0.5, y + 0.5));
+                const Hit hit = caster_.nearest(Ray{from, camera.ray({x + 0.5, y + 0.5})});
                 if (!hit) continue;
                 const Part part = parts_[static_cast<std::size_t>(hit.face)];
                 const auto at = static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +

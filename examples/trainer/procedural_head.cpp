@@ -19,7 +19,7 @@ using V3 = Vec3<double>;
 constexpr double degree = std::numbers::pi / 180;
 
 /// Size of the albedo image [px].
-constexpr int albedo_width = 1280, albedo_height = 896;
+constexpr int albedo_width = 1024, albedo_height = 768;
 /// Height of the scalp's hair above the skin.
 constexpr double hair_height = 0.055;
 /// How far the jaw turns at jawOpen = 1, about the axis through its joints.
@@ -60,8 +60,8 @@ const std::vector<Push> pushes{
 /// How much a point below the lips' line follows the jaw, against one above it.
 double below_lips(const V3& p, bool lower_side) {
     const double under = mouth_line(p.x()) - p.y(), beside = std::abs(p.x());
-    const double soft = smooth_step(-0.16, 0.30, under);
-    return std::lerp(lower_side ? 1.0 : 0.0, soft, smooth_step(0.17, 0.36, beside));
+    const double apart = std::pow(std::max(0.0, 1 - beside * beside / (0.26 * 0.26)), 0.7);
+    return std::lerp(smooth_step(-0.16, 0.30, under), lower_side ? 1.0 : 0.0, apart);
 }
 
 double jaw_weight(const V3& p, bool lower_side) {
@@ -149,7 +149,7 @@ struct Builder {
         face(a, c, d, part);
     }
 
-    /// A grid of points p(i, j), faces turned towards (d/di) x (d/dj).
+    /// A grid of points p(i, j), faces turned towards (d/dj) x (d/di).
     template <class F>
     void sheet(int n, int m, Part part, const F& p, const std::function<double(const V3&)>& jaw_of) {
         const Index start = first + static_cast<Index>(points.size());
@@ -161,7 +161,7 @@ struct Builder {
         for (int j = 0; j < m; ++j)
             for (int i = 0; i < n; ++i) {
                 const Index a = start + static_cast<Index>(j) * (n + 1) + i;
-                quad(a, a + 1, a + n + 2, a + n + 1, part);
+                quad(a, a + n + 1, a + n + 2, a + 1, part);
             }
     }
 };
@@ -241,7 +241,7 @@ void add_mouth(Builder& b, const HeadGrid& grid) {
     // A dark wall behind the teeth.
     b.sheet(14, 10, Part::mouth, [](double s, double t) {
         const double a = (s - 0.5) * 2.6;
-        return V3(0.27 * std::sin(a), -0.08 - 0.55 * t, 0.58 + 0.28 * std::cos(a));
+        return V3(0.27 * std::sin(a), -0.08 - 0.42 * t, 0.58 + 0.28 * std::cos(a));
     }, [](const V3& p) { return smooth_step(-0.25, -0.42, p.y()); });
     // Two rows of teeth, each tooth a little round.
     for (const bool lower : {false, true}) {
@@ -265,7 +265,7 @@ void add_mouth(Builder& b, const HeadGrid& grid) {
 /// The pink flesh in the inner corner of an eye.
 void add_caruncle(Builder& b, double side) {
     b.sheet(10, 8, Part::eye_corner, [&](double s, double t) {
-        const double a = 2 * std::numbers::pi * s * side, e = (t - 0.5) * std::numbers::pi;
+        const double a = -2 * std::numbers::pi * s, e = (t - 0.5) * std::numbers::pi;
         return V3(side * 0.196 + 0.026 * std::cos(e) * std::cos(a), 0.325 + 0.020 * std::sin(e),
                   0.893 - 0.026 * std::cos(e) * std::sin(a));
     }, [](const V3&) { return 0.0; });
@@ -431,7 +431,7 @@ HeadModel procedural_head(std::uint64_t seed) {
     model.landmarks = find_landmarks(grid);
     for (Index i = 0; i < skin; ++i) {
         const V3 p = grid.vertices.col(i);
-        if (i % 3 == 0 && p.z() > 0.35 && p.y() > -0.78 && p.y() < 0.95) model.dense.push_back(i);
+        if (i % 5 == 0 && p.z() > 0.35 && p.y() > -0.78 && p.y() < 0.95) model.dense.push_back(i);
     }
     model.vertices = [parts](const VecX<double>& expression, const VecX<double>& lid) {
         return parts->vertices(expression, lid);

