@@ -58,8 +58,8 @@ void run(const Options& o) {
     const auto seconds = [&] {
         return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     };
-    const HeadModel model = o.model.empty() ? procedural_head(o.settings.seed)
-                                            : ict_head(o.model, o.settings.seed);
+    const HeadModel model =
+        o.model.empty() ? procedural_head(o.settings.seed) : ict_head(o.model, o.settings.seed);
     const CaptureScene scene = capture_scene(model, o.settings);
     // Whatever interrupts the work, no half-written capture carries the name of a whole one.
     const fs::path unfinished = beside(o.out, ".tmp");

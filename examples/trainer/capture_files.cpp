@@ -57,11 +57,11 @@ Image<float> halved(const Image<float>& image) {
     return out;
 }
 
+/// Converted to T.
 template <class T, class V>
 NpyArray numbers(std::vector<Index> shape, const V& values) {
     std::vector<T> list;
-    for (Index i = 0; i < static_cast<Index>(values.size()); ++i)
-        list.push_back(static_cast<T>(values[i]));
+    for (const auto x : values) list.push_back(static_cast<T>(x));
     return npy_array<T>(std::move(shape), std::span<const T>(list));
 }
 
@@ -73,9 +73,9 @@ void write_camera(const fs::path& path, const Pinhole<double>& c) {
     const std::array<double, 9> k{c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1};
     Eigen::Matrix<double, 3, 4, Eigen::RowMajor> e;
     e << c.camera_from_world.rotation, c.camera_from_world.translation;
-    const std::array<double, 9>& intrinsic = k;
-    write_arrays(path, {{"intrinsic", npy_array<double>({3, 3}, std::span<const double>(intrinsic))},
-                        {"extrinsic", npy_array<double>({3, 4}, std::span<const double>(e.data(), 12))}});
+    write_arrays(path,
+                 {{"intrinsic", npy_array<double>({3, 3}, std::span<const double>(k))},
+                  {"extrinsic", npy_array<double>({3, 4}, std::span<const double>(e.data(), 12))}});
 }
 
 /// Columns `which` of the points, as float32 (N, 3).
@@ -92,7 +92,9 @@ NpyArray picked(const Points& points, const List& which) {
 
 void write_params(const fs::path& folder, const HeadModel& model, const CaptureScene& scene,
                   const SceneFrame& f, const PosedHead& head) {
-    const auto width = [](const auto& v) { return std::vector<Index>{1, static_cast<Index>(v.size())}; };
+    const auto width = [](const auto& v) {
+        return std::vector<Index>{1, static_cast<Index>(v.size())};
+    };
     const VecX<double> scale = VecX<double>::Ones(1);
     write_arrays(folder / "params.npz",
                  {{"id_coeff", numbers<float>(width(model.identity), model.identity)},
@@ -158,35 +160,44 @@ Json pair(const Vec2<double>& v) { return {rounded(v.x(), 2), rounded(v.y(), 2)}
 Json conventions(int size) {
     const std::string edge = std::to_string(size);
     return {
-        {"world", "right-handed; with identity pose x = subject left, y up, z out of the face "
-                  "(toward the cameras)"},
-        {"pose", "X_world = scale * R(pose[:3]) X_head + pose[3:]; pose[:3] is axis-angle in radians "
-                 "(Gaussian Head Avatar convention); scale is 1 here"},
-        {"camera", "x_cam = extrinsic[:,:3] X_world + extrinsic[:,3]; OpenCV axes (x right, y down, "
-                   "z forward); u = fx x/z + cx, v = fy y/z + cy"},
+        {"world",
+         "right-handed; with identity pose x = subject left, y up, z out of the face "
+         "(toward the cameras)"},
+        {"pose",
+         "X_world = scale * R(pose[:3]) X_head + pose[3:]; pose[:3] is axis-angle in radians "
+         "(Gaussian Head Avatar convention); scale is 1 here"},
+        {"camera",
+         "x_cam = extrinsic[:,:3] X_world + extrinsic[:,3]; OpenCV axes (x right, y down, "
+         "z forward); u = fx x/z + cx, v = fy y/z + cy"},
         {"pixels", "u,v are CONTINUOUS image coordinates: the image spans [0," + edge +
                        "]; the centre of pixel column i, row j is (i+0.5, j+0.5). Principal points "
                        "are off centre on purpose. No lens distortion. For the half-size images "
                        "divide the intrinsics by 2."},
-        {"image", "8-bit sRGB over black (premultiplied in sRGB): to put it on a background bg use "
-                  "image + (1-mask)*bg"},
+        {"image",
+         "8-bit sRGB over black (premultiplied in sRGB): to put it on a background bg use "
+         "image + (1-mask)*bg"},
         {"mask", "share of each pixel that the head covers, 0..255"},
-        {"eye_mask", "values 0 none, 85 subject left eye, 170 subject right eye; visible eyeball "
-                     "(sclera+iris+cornea) at pixel centres, hidden by skin and lids. "
-                     "Nearest-sample, no antialiasing."},
-        {"gaze", "gaze_left/right: unit OPTICAL axes in head coordinates (pose removed); *_world = R "
-                 "@ head. yaw = atan2(x,z) (+ toward subject left), pitch = asin(y) (+ up). "
-                 "visual_left/right: unit visual axes in head coordinates, eye centre -> target. "
-                 "optical(yaw,pitch) = visual(yaw,pitch) + kappa (deg, per eye, head coordinates). "
-                 "target is world; nan with has_target False for independent-gaze frames."},
-        {"eyeball", "rigid: rotated about eye_center by the minimal (torsion-free) rotation taking +z "
-                    "to the optical axis; the iris is the disc of limbus_radius[eye] about eye_center "
-                    "+ iris_plane[eye]*gaze, seen without refraction; eye_radius = scleral sphere; "
-                    "index 0 left, 1 right (world units)"},
-        {"exp_coeff", "weights in 0..1 (exp_names), WITHOUT the 8 gaze-following lid shapes, which "
-                      "are in lid_coeff (lid_names) so that exp_coeff does not leak the gaze"},
-        {"vertices", "vertices vertex_index.npy of the model (narrow face area), world; includes lid "
-                     "push-out over the cornea so it is not exactly linear in the coefficients"}};
+        {"eye_mask",
+         "values 0 none, 85 subject left eye, 170 subject right eye; visible eyeball "
+         "(sclera+iris+cornea) at pixel centres, hidden by skin and lids. "
+         "Nearest-sample, no antialiasing."},
+        {"gaze",
+         "gaze_left/right: unit OPTICAL axes in head coordinates (pose removed); *_world = R "
+         "@ head. yaw = atan2(x,z) (+ toward subject left), pitch = asin(y) (+ up). "
+         "visual_left/right: unit visual axes in head coordinates, eye centre -> target. "
+         "optical(yaw,pitch) = visual(yaw,pitch) + kappa (deg, per eye, head coordinates). "
+         "target is world; nan with has_target False for independent-gaze frames."},
+        {"eyeball",
+         "rigid: rotated about eye_center by the minimal (torsion-free) rotation taking +z "
+         "to the optical axis; the iris is the disc of limbus_radius[eye] about eye_center "
+         "+ iris_plane[eye]*gaze, seen without refraction; eye_radius = scleral sphere; "
+         "index 0 left, 1 right (world units)"},
+        {"exp_coeff",
+         "weights in 0..1 (exp_names), WITHOUT the 8 gaze-following lid shapes, which "
+         "are in lid_coeff (lid_names) so that exp_coeff does not leak the gaze"},
+        {"vertices",
+         "vertices vertex_index.npy of the model (narrow face area), world; includes lid "
+         "push-out over the cornea so it is not exactly linear in the coefficients"}};
 }
 
 Json frame_json(const HeadModel& model, const SceneFrame& f, const std::array<int, 2>& eye_pixels) {
@@ -225,29 +236,30 @@ Json description(const HeadModel& model, const CaptureScene& scene, const Json& 
     Json identity = Json::array();
     for (Index i = 0; i < model.identity.size(); ++i) identity.push_back(model.identity[i]);
     using enum FrameKind;
-    return {{"subject", "seed " + std::to_string(s.seed)},
-            {"image_size", {s.size, s.size}},
-            {"lowres_size", {s.size / 2, s.size / 2}},
-            {"camera_ids", ids},
-            {"cameras", cameras},
-            {"train_frames", frames_of({train})},
-            {"test_frames", frames_of({novel, independent})},
-            {"novel_gaze_test_frames", frames_of({novel})},
-            {"independent_gaze_test_frames", frames_of({independent})},
-            {"heldout_fixation_cells_deg", held_out},
-            {"exp_names", model.expression_names},
-            {"lid_names", lid_names},
-            {"id_names", model.identity_names},
-            {"conventions", conventions(s.size)},
-            {"units", "1 unit is about 1 dm: nasion to chin about 1.1; camera distance about 10"},
-            {"head_center", {head_centre.x(), head_centre.y(), head_centre.z()}},
-            {"id_coeff", identity},
-            {"kappa_deg", {{"left", pair(scene.kappa_deg[0])}, {"right", pair(scene.kappa_deg[1])}}},
-            {"frames", frames},
-            {"licence", model.origin},
-            {"generator", "rye capture"},
-            {"seed", s.seed},
-            {"samples_per_pixel", s.samples}};
+    return {
+        {"subject", "seed " + std::to_string(s.seed)},
+        {"image_size", {s.size, s.size}},
+        {"lowres_size", {s.size / 2, s.size / 2}},
+        {"camera_ids", ids},
+        {"cameras", cameras},
+        {"train_frames", frames_of({train})},
+        {"test_frames", frames_of({novel, independent})},
+        {"novel_gaze_test_frames", frames_of({novel})},
+        {"independent_gaze_test_frames", frames_of({independent})},
+        {"heldout_fixation_cells_deg", held_out},
+        {"exp_names", model.expression_names},
+        {"lid_names", lid_names},
+        {"id_names", model.identity_names},
+        {"conventions", conventions(s.size)},
+        {"units", "1 unit is about 1 dm: nasion to chin about 1.1; camera distance about 10"},
+        {"head_center", {head_centre.x(), head_centre.y(), head_centre.z()}},
+        {"id_coeff", identity},
+        {"kappa_deg", {{"left", pair(scene.kappa_deg[0])}, {"right", pair(scene.kappa_deg[1])}}},
+        {"frames", frames},
+        {"licence", model.origin},
+        {"generator", "rye capture"},
+        {"seed", s.seed},
+        {"samples_per_pixel", s.samples}};
 }
 
 } // namespace

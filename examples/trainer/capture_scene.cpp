@@ -16,10 +16,24 @@ namespace {
 constexpr double degree = std::numbers::pi / 180;
 
 /// Places of the cameras, (yaw, pitch) [deg] seen from the head, the most telling ones first.
-constexpr std::array<std::array<double, 2>, 18> rig{{
-    {0, 1}, {-32, 3}, {32, 3}, {-12, 16}, {13, 17}, {1, -29}, {3, 43}, {-69, 2}, {69, -2},
-    {11, -13}, {-10, -15}, {-26, 34}, {31, 33}, {-27, -28}, {25, -25}, {-53, 25}, {50, 17},
-    {-48, -13}}};
+constexpr std::array<std::array<double, 2>, 18> rig{{{0, 1},
+                                                     {-32, 3},
+                                                     {32, 3},
+                                                     {-12, 16},
+                                                     {13, 17},
+                                                     {1, -29},
+                                                     {3, 43},
+                                                     {-69, 2},
+                                                     {69, -2},
+                                                     {11, -13},
+                                                     {-10, -15},
+                                                     {-26, 34},
+                                                     {31, 33},
+                                                     {-27, -28},
+                                                     {25, -25},
+                                                     {-53, 25},
+                                                     {50, 17},
+                                                     {-48, -13}}};
 constexpr double rig_distance = 10.2;
 /// Focal length over distance and image width: the head fills the image.
 constexpr double focal_share = 0.3555;
@@ -51,7 +65,8 @@ Vec2<double> yaw_pitch_deg(const Vec3<double>& v) {
 std::string digits(int i, int width) {
     std::string text = std::to_string(i);
     return std::string(static_cast<std::size_t>(std::max(0, width - static_cast<int>(text.size()))),
-                       '0') + text;
+                       '0') +
+           text;
 }
 
 std::vector<SceneCamera> make_cameras(const CaptureSettings& s) {
@@ -74,17 +89,15 @@ std::vector<SceneCamera> make_cameras(const CaptureSettings& s) {
         c.camera.cy += s.size / 256.0 * spread(6, 3);
         cameras.push_back(c);
     }
-    std::sort(cameras.begin(), cameras.end(), [](const SceneCamera& a, const SceneCamera& b) {
-        return a.yaw_deg < b.yaw_deg;
-    });
-    for (std::size_t i = 0; i < cameras.size(); ++i)
-        cameras[i].id = digits(static_cast<int>(i), 2);
+    std::sort(cameras.begin(), cameras.end(),
+              [](const SceneCamera& a, const SceneCamera& b) { return a.yaw_deg < b.yaw_deg; });
+    for (std::size_t i = 0; i < cameras.size(); ++i) cameras[i].id = digits(static_cast<int>(i), 2);
     return cameras;
 }
 
 /// Largest weight that looks natural in any company.
 double limit(const std::string& name) {
-    if (name.starts_with("eyeBlink")) return 0.25;  // a shut eye shows no gaze
+    if (name.starts_with("eyeBlink")) return 0.25; // a shut eye shows no gaze
     if (name == "jawOpen") return 0.60;
     if (name == "mouthFunnel" || name == "mouthPucker") return 0.70;
     if (name.starts_with("jaw")) return 0.60;
@@ -137,8 +150,8 @@ void fixate(SceneFrame& f, const HeadModel& model, const CaptureScene& scene) {
 
 /// Each eye for itself.
 void look_apart(SceneFrame& f, int index, const CaptureScene& scene, const Random& r) {
-    constexpr std::array<std::array<double, 4>, 2> first{{{19, -7.5, -21, 3.5},
-                                                          {-15, 10.5, 5, -13.5}}};
+    constexpr std::array<std::array<double, 4>, 2> first{
+        {{19, -7.5, -21, 3.5}, {-15, 10.5, 5, -13.5}}};
     for (std::size_t e = 0; e < 2; ++e) {
         f.optical_deg[e] =
             index < 2 ? Vec2<double>(first[static_cast<std::size_t>(index)][2 * e],
@@ -157,8 +170,9 @@ CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& s) {
                     std::to_string(low) + " to " + std::to_string(high));
     };
     check("the image size", s.size, 32, 4096);
-    require(s.size % 2 == 0, "capture", "got the odd image size " + std::to_string(s.size) +
-                                            ", expected an even one: there are halved images");
+    require(s.size % 2 == 0, "capture",
+            "got the odd image size " + std::to_string(s.size) +
+                ", expected an even one: there are halved images");
     check("the cameras", s.cameras, 1, static_cast<int>(rig.size()));
     check("the training frames", s.train_frames, 1, 9000);
     check("the test frames", s.novel_frames, 0, 900);
@@ -197,8 +211,10 @@ CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& s) {
                 std::lerp(c.yaw_deg[0], c.yaw_deg[1], 0.15 + 0.7 * r.uniform(320)),
                 std::lerp(c.pitch_deg[0], c.pitch_deg[1], 0.15 + 0.7 * r.uniform(321)));
         }
-        if (f.fixation_deg) fixate(f, model, scene);
-        else look_apart(f, i - s.train_frames - s.novel_frames, scene, r);
+        if (f.fixation_deg)
+            fixate(f, model, scene);
+        else
+            look_apart(f, i - s.train_frames - s.novel_frames, scene, r);
         for (std::size_t e = 0; e < 2; ++e) f.state.optical[e] = direction(f.optical_deg[e]);
         f.state.lids = lid_coefficients(f.optical_deg);
         scene.frames.push_back(f);

@@ -30,13 +30,13 @@ struct CaptureSettings {
 /// A camera of the rig.
 struct SceneCamera {
     std::string id;
-    double yaw_deg = 0, pitch_deg = 0, distance = 0;  ///< of its place, from the head's middle
+    double yaw_deg = 0, pitch_deg = 0, distance = 0; ///< of its place, from the head's middle
     Pinhole<double> camera;
 };
 
 /// A rectangle of directions.
 struct GazeCell {
-    Vec2<double> yaw_deg, pitch_deg;  ///< from, to
+    Vec2<double> yaw_deg, pitch_deg; ///< from, to
     bool contains(const Vec2<double>& deg) const {
         return deg.x() >= yaw_deg[0] && deg.x() <= yaw_deg[1] && deg.y() >= pitch_deg[0] &&
                deg.y() <= pitch_deg[1];
@@ -48,11 +48,11 @@ enum class FrameKind { train, novel, independent };
 struct SceneFrame {
     std::string id;
     FrameKind kind = FrameKind::train;
-    Vec<double, 6> pose = Vec<double, 6>::Zero();      ///< axis-angle [rad], translation
+    Vec<double, 6> pose = Vec<double, 6>::Zero(); ///< axis-angle [rad], translation
     HeadState state;
-    std::optional<Vec2<double>> fixation_deg;          ///< of the target, from between the eyes
-    std::optional<Vec3<double>> target;                ///< world
-    std::array<Vec3<double>, 2> visual;                ///< unit, head frame
+    std::optional<Vec2<double>> fixation_deg; ///< of the target, from between the eyes
+    std::optional<Vec3<double>> target;       ///< world
+    std::array<Vec3<double>, 2> visual;       ///< unit, head frame
     std::array<Vec2<double>, 2> optical_deg;
 };
 
@@ -60,8 +60,8 @@ struct CaptureScene {
     CaptureSettings settings;
     std::vector<SceneCamera> cameras;
     std::vector<SceneFrame> frames;
-    std::array<Vec2<double>, 2> kappa_deg;             ///< optical - visual, of left and right eye
-    std::vector<GazeCell> held_out;                    ///< fixations that no training frame has
+    std::array<Vec2<double>, 2> kappa_deg; ///< optical - visual, of left and right eye
+    std::vector<GazeCell> held_out;        ///< fixations that no training frame has
 };
 
 /// The middle of the rig.
@@ -72,7 +72,6 @@ CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& settin
 /// Renders every view and writes the capture to a new folder `out`; nothing is there before all is.
 /// progress(done, of) is told after each frame.
 void write_capture(const HeadModel& model, const CaptureScene& scene,
-                   const std::filesystem::path& out,
-                   const std::function<void(int, int)>& progress);
+                   const std::filesystem::path& out, const std::function<void(int, int)>& progress);
 
 } // namespace rye::trainer

@@ -30,11 +30,10 @@ void append(std::vector<double>& list, double a, double b, double step) {
     for (int i = 1; i <= n; ++i) list.push_back(a + (b - a) * i / n);
 }
 
-
 struct Layout {
-    std::vector<double> latitude_deg;   // of each row, where it does not slide
-    std::vector<double> slide;          // down the neck
-    std::vector<double> longitude_deg;  // of each column, in [-180, 180)
+    std::vector<double> latitude_deg;  // of each row, where it does not slide
+    std::vector<double> slide;         // down the neck
+    std::vector<double> longitude_deg; // of each column, in [-180, 180)
 };
 
 Layout layout() {
@@ -71,7 +70,9 @@ Vec3<double> point(double latitude_deg, double slide, double longitude_deg,
 
 /// The first of the numbers closest to a value.
 int nearest(const std::vector<double>& list, double value) {
-    const auto closer = [&](double a, double b) { return std::abs(a - value) < std::abs(b - value); };
+    const auto closer = [&](double a, double b) {
+        return std::abs(a - value) < std::abs(b - value);
+    };
     return static_cast<int>(std::min_element(list.begin(), list.end(), closer) - list.begin());
 }
 
@@ -89,14 +90,14 @@ double root(double row_deg, const F& height) {
 /// How far rows bend, so that one passes along a line between two longitudes.
 struct Bend {
     double row_deg = 0, first_deg = 0, last_deg = 0;
-    std::vector<double> shift_deg;  // at steps of 1 degree from first to last
+    std::vector<double> shift_deg; // at steps of 1 degree from first to last
 
     double operator()(double latitude_deg, double longitude_deg) const {
         const double x = std::clamp(std::abs(longitude_deg), first_deg, last_deg) - first_deg;
         const auto i = std::min(static_cast<std::size_t>(x), shift_deg.size() - 2);
         const double s = std::lerp(shift_deg[i], shift_deg[i + 1], x - static_cast<double>(i));
-        const double beside = std::max(first_deg - std::abs(longitude_deg),
-                                       std::abs(longitude_deg) - last_deg);
+        const double beside =
+            std::max(first_deg - std::abs(longitude_deg), std::abs(longitude_deg) - last_deg);
         const double reach = std::max(0.0, 1 - std::abs(latitude_deg - row_deg) / 18);
         return s * reach * (1 - smooth_step(0, 14, beside));
     }
@@ -174,8 +175,8 @@ HeadGrid head_grid(const HeadShape& shape, const Eyeball& eye) {
             for (int k = 0; k < grid.columns; ++k) {
                 const double latitude = l.latitude_deg[static_cast<std::size_t>(r)];
                 const double longitude = l.longitude_deg[static_cast<std::size_t>(k)];
-                const double bent = latitude + eye_bend(latitude, longitude) +
-                                    mouth_bend(latitude, longitude);
+                const double bent =
+                    latitude + eye_bend(latitude, longitude) + mouth_bend(latitude, longitude);
                 const Index i = grid.at(static_cast<int>(r), k);
                 grid.vertices.col(i) =
                     point(bent, l.slide[static_cast<std::size_t>(r)], longitude, shape);
@@ -233,7 +234,8 @@ HeadGrid head_grid(const HeadShape& shape, const Eyeball& eye) {
             const auto top = [&](int column) {
                 return below[static_cast<std::size_t>(grid.at(r, column))];
             };
-            const Index a = top(k), b = grid.at(r + 1, k), d = grid.at(r + 1, k + 1), e = top(k + 1);
+            const Index a = top(k), b = grid.at(r + 1, k), d = grid.at(r + 1, k + 1),
+                        e = top(k + 1);
             grid.faces.push_back({a, b, d});
             grid.face_uv.push_back({uv_at(r, k), uv_at(r + 1, k), uv_at(r + 1, k + 1)});
             grid.faces.push_back({a, d, e});

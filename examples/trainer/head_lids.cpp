@@ -53,13 +53,16 @@ LidState lid_state(const LidDrivers& d) {
 }
 
 EyeLids::EyeLids(const HeadGrid& grid, int eye, const Eyeball& left_eye, const HeadShape& shape)
-    : side_(eye == 0 ? 1 : -1), eye_(left_eye), corners_(grid.corners) {
+    : side_(eye == 0 ? 1 : -1),
+      eye_(left_eye),
+      corners_(grid.corners) {
     table_.resize(azimuths, elevations);
     for_chunks<DefaultThreads>(elevations, 4, [&](Index begin, Index end, Index) {
         for (Index e = begin; e < end; ++e)
             for (Index a = 0; a < azimuths; ++a) {
-                const Vec3<double> d = eye_direction(first_azimuth + step * static_cast<double>(a),
-                                                     first_elevation + step * static_cast<double>(e));
+                const Vec3<double> d =
+                    eye_direction(first_azimuth + step * static_cast<double>(a),
+                                  first_elevation + step * static_cast<double>(e));
                 const double r = (head_surface(eye_.centre, d, shape) - eye_.centre).norm();
                 // The nose's side is nearly parallel to these rays: its slope is not followed.
                 constexpr double near = 0.19, span = 0.035;
@@ -75,12 +78,12 @@ EyeLids::EyeLids(const HeadGrid& grid, int eye, const Eyeball& left_eye, const H
         const double far = std::hypot((a.azimuth - 8 * degree) / (80 * degree),
                                       above / (above > 0 ? reach_up : reach_down));
         const double part = lid_part(p, a.distance) * smooth_step(1.0, 0.68, far);
-        if (part == 0 || a.azimuth < -80 * degree || a.azimuth > 95 * degree ||
-            above > reach_up || above < -reach_down)
+        if (part == 0 || a.azimuth < -80 * degree || a.azimuth > 95 * degree || above > reach_up ||
+            above < -reach_down)
             continue;
         const bool upper = grid.row_of[static_cast<std::size_t>(i)] <= grid.eyes[0].row;
-        skin_.push_back({i, a.azimuth, a.elevation, a.distance - table(a.azimuth, a.elevation),
-                         part, upper});
+        skin_.push_back(
+            {i, a.azimuth, a.elevation, a.distance - table(a.azimuth, a.elevation), part, upper});
     }
     for (const Index i : grid.eyes[static_cast<std::size_t>(eye)].upper) {
         Vec3<double> p = grid.vertices.col(i);
@@ -124,7 +127,8 @@ double EyeLids::slide(const LidVertex& v, const LidState& state, double look_out
     return v.part * (v.upper ? state.upper : state.lower) * height * std::pow(1 - t, 1.3);
 }
 
-void EyeLids::open(Points& vertices, const LidState& state, double look_out, Index first_rim) const {
+void EyeLids::open(Points& vertices, const LidState& state, double look_out,
+                   Index first_rim) const {
     for (const LidVertex& v : skin_) {
         const double elevation = v.elevation + slide(v, state, look_out);
         const double closed = table(v.azimuth, elevation) + v.above_table;
@@ -147,8 +151,8 @@ void EyeLids::open(Points& vertices, const LidState& state, double look_out, Ind
         const double azimuth = rim_[static_cast<std::size_t>(i)], line = corners_.line(azimuth);
         for (const bool upper : {true, false}) {
             const LidVertex margin{0, azimuth, line, 0, 1, upper};
-            const Vec3<double> p = placed(azimuth, line + slide(margin, state, look_out),
-                                          eye_.radius - rim_depth);
+            const Vec3<double> p =
+                placed(azimuth, line + slide(margin, state, look_out), eye_.radius - rim_depth);
             vertices.col(first_rim + (upper ? 0 : n) + i) = p;
         }
     }

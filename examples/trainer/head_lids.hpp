@@ -12,8 +12,8 @@ namespace rye::trainer {
 
 /// How far the lids' margins stand from the line where they meet, at their highest points [rad].
 struct LidState {
-    double upper = 0;  ///< upwards
-    double lower = 0;  ///< upwards, so negative where open
+    double upper = 0; ///< upwards
+    double lower = 0; ///< upwards, so negative where open
 };
 
 /// Weights in [0, 1] of what moves the lids of one eye.
@@ -24,11 +24,12 @@ LidState lid_state(const LidDrivers& drivers);
 
 /// The lids of one eye; those of the right eye are those of the left, mirrored.
 class EyeLids {
-public:
+  public:
     /// Picks the vertices that the lids move, from the closed skin.
     EyeLids(const HeadGrid& grid, int eye, const Eyeball& left_eye, const HeadShape& shape);
 
-    /// 1 on the eyeball, 0 from a little beyond the lids' folds on: how firmly a closed vertex is held.
+    /// 1 on the eyeball, 0 from a little beyond the lids' folds on: how firmly a closed vertex is
+    /// held.
     double hold(const Vec3<double>& closed) const;
 
     /// Number of further vertices: the inner rim of the margins, upper then lower.
@@ -37,23 +38,23 @@ public:
     /// `look_out` [rad] is the eye's turn away from the nose, which the upper lid's arch follows.
     void open(Points& vertices, const LidState& state, double look_out, Index first_rim) const;
 
-private:
+  private:
     struct LidVertex {
         Index index;
         double azimuth, elevation, above_table;
-        double part;  // how much of the lids' motion it takes
+        double part; // how much of the lids' motion it takes
         bool upper;
     };
     double table(double azimuth, double elevation) const;
     double slide(const LidVertex& v, const LidState& state, double look_out) const;
     Vec3<double> placed(double azimuth, double elevation, double distance) const;
 
-    double side_ = 1;  // -1 for the right eye
+    double side_ = 1; // -1 for the right eye
     Eyeball eye_;
     EyeCorners corners_;
-    Columns<double> table_;  // distances of the closed skin, azimuth by elevation
+    Columns<double> table_; // distances of the closed skin, azimuth by elevation
     std::vector<LidVertex> skin_;
-    std::vector<double> rim_;  // azimuths
+    std::vector<double> rim_; // azimuths
 };
 
 } // namespace rye::trainer

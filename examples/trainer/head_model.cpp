@@ -22,7 +22,7 @@ double Eyeball::iris_plane() const {
 double Eyeball::surface(double angle) const {
     if (angle >= std::asin(limbus_radius / radius)) return radius;
     const double sagitta = std::sqrt(cornea_radius * cornea_radius - limbus_radius * limbus_radius);
-    const double ahead = iris_plane() - sagitta;  // of the cornea's centre
+    const double ahead = iris_plane() - sagitta; // of the cornea's centre
     const double side = ahead * std::sin(angle);
     return ahead * std::cos(angle) + std::sqrt(cornea_radius * cornea_radius - side * side);
 }
@@ -49,8 +49,8 @@ EyeballMesh eyeball_mesh(const Eyeball& eye) {
             const double a = rings[static_cast<std::size_t>(r)];
             const double b = 2 * std::numbers::pi * static_cast<double>(t) / around;
             mesh.vertices.col(at(r, t)) =
-                eye.surface(a) * Vec3<double>(std::sin(a) * std::cos(b), std::sin(a) * std::sin(b),
-                                              std::cos(a));
+                eye.surface(a) *
+                Vec3<double>(std::sin(a) * std::cos(b), std::sin(a) * std::sin(b), std::cos(a));
         }
     for (Index t = 0; t < around; ++t) {
         mesh.faces.push_back({0, at(0, t), at(0, t + 1)});

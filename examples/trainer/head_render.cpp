@@ -26,8 +26,8 @@ const V3 bounced(0.30, 0.17, 0.13);
 
 /// A square light far away.
 struct Softbox {
-    V3 to, right, up;  // unit
-    double half_size;  // [rad]
+    V3 to, right, up; // unit
+    double half_size; // [rad]
     V3 radiance;
 };
 Softbox softbox(const V3& to, double half_size, const V3& radiance) {
@@ -46,8 +46,8 @@ constexpr int sky_directions = 36;
 constexpr std::array box_edges{4, 2};
 
 struct Beam {
-    V3 to, power;  // power: radiance times solid angle
-    int box;       // softbox, or -1
+    V3 to, power; // power: radiance times solid angle
+    int box;      // softbox, or -1
 };
 std::vector<Beam> beams() {
     std::vector<Beam> list;
@@ -86,9 +86,7 @@ double power(double x, int n) {
     return result;
 }
 
-double srgb(double x) {
-    return x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055;
-}
+double srgb(double x) { return x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055; }
 /// Linear up to a half, then bent so that 1 is not left.
 double shoulder(double x) {
     constexpr double knee = 0.5;
@@ -106,7 +104,8 @@ void PosedHead::add_eyeball(const Eyeball& eye, const HeadState& state, int inde
     const Index first = vertices_.cols();
     Points all(3, first + ball.vertices.cols());
     all.leftCols(first) = vertices_;
-    all.rightCols(ball.vertices.cols()) = (world_from_eye_[e] * ball.vertices).colwise() + eye_centres_[e];
+    all.rightCols(ball.vertices.cols()) =
+        (world_from_eye_[e] * ball.vertices).colwise() + eye_centres_[e];
     vertices_ = all;
     for (const Face& f : ball.faces) {
         faces_.push_back({f[0] + first, f[1] + first, f[2] + first});
@@ -115,10 +114,14 @@ void PosedHead::add_eyeball(const Eyeball& eye, const HeadState& state, int inde
 }
 
 PosedHead::PosedHead(const HeadModel& model, const HeadState& state)
-    : model_(model), faces_(model.faces), parts_(model.parts), caster_(Columns<double>(3, 0), {}) {
+    : model_(model),
+      faces_(model.faces),
+      parts_(model.parts),
+      caster_(Columns<double>(3, 0), {}) {
     Points head = model.vertices(state.expression, state.lids);
     clear_eyeballs(head, model.eyes, state.optical, lid_gap);
-    vertices_ = (state.world_from_head.rotation * head).colwise() + state.world_from_head.translation;
+    vertices_ =
+        (state.world_from_head.rotation * head).colwise() + state.world_from_head.translation;
     for (int e = 0; e < 2; ++e) add_eyeball(model.eyes[static_cast<std::size_t>(e)], state, e);
     find_normals();
     caster_ = RayCaster(vertices_, faces_);
@@ -128,7 +131,8 @@ PosedHead::PosedHead(const HeadModel& model, const HeadState& state)
 void PosedHead::find_normals() {
     normals_ = Points::Zero(3, vertices_.cols());
     for (const Face& f : faces_) {
-        const V3 n = area_vector<double>(vertices_.col(f[0]), vertices_.col(f[1]), vertices_.col(f[2]));
+        const V3 n =
+            area_vector<double>(vertices_.col(f[0]), vertices_.col(f[1]), vertices_.col(f[2]));
         for (const Index i : f) normals_.col(i) += n;
     }
     for (Index i = 0; i < normals_.cols(); ++i) {
@@ -145,7 +149,7 @@ void PosedHead::gather_light() {
     for_chunks<DefaultThreads>(vertices_.cols(), 256, [&](Index begin, Index end, Index) {
         for (Index i = begin; i < end; ++i) {
             const V3 n = normals_.col(i), from = V3(vertices_.col(i)) + lift * n;
-            if (n.isZero(0)) continue;  // no face uses it
+            if (n.isZero(0)) continue; // no face uses it
             for (const Beam& beam : all) {
                 const double facing = n.dot(beam.to);
                 if (facing <= 0 || caster_.meets({from, beam.to})) continue;
@@ -186,8 +190,8 @@ V3 PosedHead::eye_colour(const Ray& ray, const V3& at, int index, double& inside
     const V3 p = world_from_eye_[e].transpose() * (at - eye_centres_[e]);
     const V3 d = world_from_eye_[e].transpose() * ray.direction;
     inside = 0;
-    // Seen through the cornea, the disc of the iris; straight on, since refraction would move it away
-    // from where the labels say it is.
+    // Seen through the cornea, the disc of the iris; straight on, since refraction would move it
+    // away from where the labels say it is.
     const double plane = eye.iris_plane();
     double r = p.head<2>().norm() / eye.limbus_radius;
     V3 q = p;
@@ -197,15 +201,18 @@ V3 PosedHead::eye_colour(const Ray& ray, const V3& at, int index, double& inside
     }
     const double turn = std::atan2(q.y(), q.x());
     const V3 veins(60 * p.x(), 60 * p.y(), 60 * p.z());
-    const double vein = std::max(0.0, 1 - 9 * std::abs(noise(seed, 0.35 * veins) + 0.3 * noise(seed + 1, veins)));
+    const double vein =
+        std::max(0.0, 1 - 9 * std::abs(noise(seed, 0.35 * veins) + 0.3 * noise(seed + 1, veins)));
     const double away = std::acos(std::clamp(p.z() / p.norm(), -1.0, 1.0));
     const double tired = smooth_step(0.45, 1.3, away);
-    const V3 sclera = V3(0.70, 0.665, 0.635).cwiseProduct(
-        V3(1, 1 - 0.16 * tired - 0.10 * vein, 1 - 0.18 * tired - 0.10 * vein));
+    const V3 sclera =
+        V3(0.70, 0.665, 0.635)
+            .cwiseProduct(V3(1, 1 - 0.16 * tired - 0.10 * vein, 1 - 0.18 * tired - 0.10 * vein));
     if (r > 1.12 || p.z() < 0.5 * plane) return sclera;
     inside = smooth_step(1.0, 0.9, r);
-    const double fibre = noise(seed + 2, V3(9 * std::cos(turn), 9 * std::sin(turn), 1.6 * r)) +
-                         0.6 * noise(seed + 3, V3(19 * std::cos(turn), 19 * std::sin(turn), 2.5 * r));
+    const double fibre =
+        noise(seed + 2, V3(9 * std::cos(turn), 9 * std::sin(turn), 1.6 * r)) +
+        0.6 * noise(seed + 3, V3(19 * std::cos(turn), 19 * std::sin(turn), 2.5 * r));
     V3 iris = look.iris * (1.25 + 0.9 * fibre);
     const double collar = smooth_step(0.68, 0.45, r + 0.05 * fibre);
     iris += (look.ring * (1.2 + 0.8 * fibre) - iris) * collar;
@@ -220,9 +227,12 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
     const Face& face = faces_[f];
     const double w = 1 - hit.u - hit.v;
     const auto blend = [&](const auto& columns) {
-        return (w * columns.col(face[0]) + hit.u * columns.col(face[1]) + hit.v * columns.col(face[2])).eval();
+        return (w * columns.col(face[0]) + hit.u * columns.col(face[1]) +
+                hit.v * columns.col(face[2]))
+            .eval();
     };
-    const V3 flat = area_vector<double>(vertices_.col(face[0]), vertices_.col(face[1]), vertices_.col(face[2]));
+    const V3 flat =
+        area_vector<double>(vertices_.col(face[0]), vertices_.col(face[1]), vertices_.col(face[2]));
     const bool back = flat.dot(ray.direction) > 0;
     V3 n = blend(normals_);
     n /= std::max(n.norm(), 1e-12);
@@ -250,17 +260,25 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
     if (back && part == Part::skin) return half_grey * 0.12;
     Vec4<double> skin;
     switch (part) {
-    case Part::skin: {
-        const Face& u = model_.face_uv[f];
-        const Vec2<double> uv = w * model_.uv.col(u[0]) + hit.u * model_.uv.col(u[1]) +
-                                hit.v * model_.uv.col(u[2]);
-        skin = sampled(model_.albedo, uv);
-        break;
-    }
-    case Part::tooth: skin << 0.62, 0.57, 0.48, 0.8; break;
-    case Part::eye_corner: skin << 0.52, 0.26, 0.22, 0.8; break;
-    case Part::lash: skin << 0.035, 0.024, 0.020, 0.1; break;
-    default: skin << 0.24, 0.055, 0.05, 0.6; break;
+        case Part::skin: {
+            const Face& u = model_.face_uv[f];
+            const Vec2<double> uv =
+                w * model_.uv.col(u[0]) + hit.u * model_.uv.col(u[1]) + hit.v * model_.uv.col(u[2]);
+            skin = sampled(model_.albedo, uv);
+            break;
+        }
+        case Part::tooth:
+            skin << 0.62, 0.57, 0.48, 0.8;
+            break;
+        case Part::eye_corner:
+            skin << 0.52, 0.26, 0.22, 0.8;
+            break;
+        case Part::lash:
+            skin << 0.035, 0.024, 0.020, 0.1;
+            break;
+        default:
+            skin << 0.24, 0.055, 0.05, 0.6;
+            break;
     }
     colour = skin.head<3>().cwiseProduct(fallen);
     // Oil on the skin: a broad and a narrow lobe about each softbox's middle.
@@ -269,7 +287,8 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
         const V3 middle = normalized(V3(s.to - ray.direction));
         const double nh = std::max(0.0, n.dot(middle)), nl = std::max(0.0, n.dot(s.to));
         const double lobe = 0.7 * power(nh, 12) * 20 / 25 + 0.3 * power(nh, 50) * 58 / 25;
-        const double fresnel = 0.035 + 0.5 * power(1 - std::max(0.0, -middle.dot(ray.direction)), 5);
+        const double fresnel =
+            0.035 + 0.5 * power(1 - std::max(0.0, -middle.dot(ray.direction)), 5);
         const double solid = 4 * s.half_size * s.half_size;
         colour += s.radiance * (solid * nl * lobe * fresnel * skin[3] * 1.4 * light[3 + b]);
     }
@@ -299,7 +318,9 @@ HeadPicture PosedHead::picture(const Pinhole<double>& camera, int samples) const
                     const Hit& hit = hits[static_cast<std::size_t>(k)];
                     if (!hit) continue;
                     ++covered;
-                    const V3 colour = exposure * shade({from, bundle.directions[static_cast<std::size_t>(k)]}, hit);
+                    const V3 colour =
+                        exposure *
+                        shade({from, bundle.directions[static_cast<std::size_t>(k)]}, hit);
                     for (int c = 0; c < 3; ++c) sum[c] += srgb(shoulder(std::max(0.0, colour[c])));
                 }
             }
@@ -313,7 +334,8 @@ HeadPicture PosedHead::picture(const Pinhole<double>& camera, int samples) const
         const V3 c = camera.project_point(eye_centres_[e]);
         const double reach = 1.3 * model_.eyes[e].radius * camera.fx / c.z() + 1;
         const auto first = [](double v) { return std::max(0, static_cast<int>(v)); };
-        const int x1 = std::min(width, first(c.x() + reach)), y1 = std::min(height, first(c.y() + reach));
+        const int x1 = std::min(width, first(c.x() + reach)),
+                  y1 = std::min(height, first(c.y() + reach));
         for (int y = first(c.y() - reach); y < y1; ++y)
             for (int x = first(c.x() - reach); x < x1; ++x) {
                 const Hit hit = caster_.nearest(Ray{from, camera.ray({x + 0.5, y + 0.5})});

@@ -27,15 +27,17 @@ constexpr int albedo_width = 1792, albedo_height = 896;
 constexpr double most_identity = 1.3;
 
 /// Parts by their number in the pack; the model's eyeballs and its see-through shells are left out.
-constexpr std::array<int, 19> kept{0, 0, 1, 1, 1, 1, 2, -1, -1, -1, -1, 3, 3, -1, -1, -1, -1, -1, -1};
+constexpr std::array<int, 19> kept{0,  0, 1, 1,  1,  1,  2,  -1, -1, -1,
+                                   -1, 3, 3, -1, -1, -1, -1, -1, -1};
 constexpr std::array kinds{Part::skin, Part::mouth, Part::tooth, Part::eye_corner};
 /// Number of the left sclera; the right one is two further.
 constexpr std::size_t sclera = 7;
 
 float half_to_float(std::uint16_t h) {
     const int exponent = (h >> 10) & 31, mantissa = h & 1023;
-    const float size = exponent == 0 ? std::ldexp(static_cast<float>(mantissa), -24)
-                                     : std::ldexp(static_cast<float>(1024 + mantissa), exponent - 25);
+    const float size = exponent == 0
+                           ? std::ldexp(static_cast<float>(mantissa), -24)
+                           : std::ldexp(static_cast<float>(1024 + mantissa), exponent - 25);
     return (h & 0x8000) != 0 ? -size : size;
 }
 
@@ -50,14 +52,16 @@ NpzArrays read_pack(const fs::path& path) {
         const auto name = read_at<std::uint16_t>(zip, m.header + 26, who, what);
         const auto extra = read_at<std::uint16_t>(zip, m.header + 28, who, what);
         const ByteSpan packed = slice(zip, m.header + 30 + name + extra, m.packed, who, "its data");
-        Bytes bytes = m.method == 8 ? inflate(packed, m.unpacked, who)
-                                    : Bytes(packed.begin(), packed.end());
+        Bytes bytes =
+            m.method == 8 ? inflate(packed, m.unpacked, who) : Bytes(packed.begin(), packed.end());
         require(crc32(bytes) == m.crc, who, "'" + m.name + "' is damaged: its checksum is wrong");
         constexpr std::string_view half = "'<f2'";
-        const std::string_view head = as_text(ByteSpan(bytes).first(std::min<std::size_t>(128, bytes.size())));
+        const std::string_view head =
+            as_text(ByteSpan(bytes).first(std::min<std::size_t>(128, bytes.size())));
         if (const auto at = head.find(half); at != std::string_view::npos)
             bytes[at + 2] = static_cast<std::byte>('u');
-        arrays.emplace(m.name.substr(0, m.name.find(".npy")), parse_npy(bytes, who + ": " + m.name));
+        arrays.emplace(m.name.substr(0, m.name.find(".npy")),
+                       parse_npy(bytes, who + ": " + m.name));
     }
     return arrays;
 }
@@ -70,7 +74,8 @@ class Pack {
         const auto found = arrays_.find(name);
         require(found != arrays_.end(), who_, "has no array '" + name + "', expected the ICT pack");
         const std::vector<Index>& shape = found->second.shape;
-        require(!shape.empty() && (columns == 1 ? shape.size() == 1 : shape.back() == columns), who_,
+        require(!shape.empty() && (columns == 1 ? shape.size() == 1 : shape.back() == columns),
+                who_,
                 name + ": got shape " + shape_text(shape) + ", expected rows of " +
                     std::to_string(columns));
         return found->second;
@@ -78,8 +83,9 @@ class Pack {
     std::vector<Index> indices(const std::string& name, Index columns, Index below) const {
         std::vector<Index> list = array(name, columns).values<Index>(who_ + ": " + name);
         for (const Index i : list)
-            require(i >= 0 && i < below, who_, name + ": got the index " + std::to_string(i) +
-                                                   ", expected 0 to " + std::to_string(below - 1));
+            require(i >= 0 && i < below, who_,
+                    name + ": got the index " + std::to_string(i) + ", expected 0 to " +
+                        std::to_string(below - 1));
         return list;
     }
     /// Numbers or halves, as columns of D.
@@ -90,7 +96,8 @@ class Pack {
             for (const auto h : a.values<std::uint16_t>(who_)) list.push_back(half_to_float(h));
         else
             list = a.values<double>(who_ + ": " + name);
-        return Eigen::Map<const Columns<double>>(list.data(), d, static_cast<Index>(list.size()) / d);
+        return Eigen::Map<const Columns<double>>(list.data(), d,
+                                                 static_cast<Index>(list.size()) / d);
     }
     const std::string& who() const { return who_; }
 
@@ -117,10 +124,10 @@ Names read_names(const fs::path& path) {
 /// What deforms: the subject's neutral face and its sparse shapes.
 struct Shapes {
     Points neutral;
-    std::vector<Index> vertex;       // of each row of delta
+    std::vector<Index> vertex; // of each row of delta
     Points delta;
-    std::vector<Index> offset;       // first row of each shape
-    std::vector<std::size_t> expression, lids;  // shapes that the weights drive
+    std::vector<Index> offset;                 // first row of each shape
+    std::vector<std::size_t> expression, lids; // shapes that the weights drive
 
     Points vertices(const VecX<double>& weights, const VecX<double>& lid) const {
         Points v = neutral;
@@ -143,12 +150,14 @@ Eyeball find_eyeball(const Pack& pack, const Points& mean, const Points& subject
     require(ranges.cols() > part, pack.who(), "part_range has too few rows");
     const auto first = static_cast<Index>(ranges(0, part));
     const Index n = static_cast<Index>(ranges(1, part)) - first;
-    require(first >= 0 && n > 0 && first + n <= mean.cols(), pack.who(), "part_range is out of range");
+    require(first >= 0 && n > 0 && first + n <= mean.cols(), pack.who(),
+            "part_range is out of range");
     const V3 a = mean.middleCols(first, n).rowwise().mean();
     const V3 b = subject.middleCols(first, n).rowwise().mean();
     const double grown = (subject.middleCols(first, n).colwise() - b).norm() /
                          (mean.middleCols(first, n).colwise() - a).norm();
-    const Columns<double> centres = pack.columns("eye_center", 3), radii = pack.columns("eye_radius", 1);
+    const Columns<double> centres = pack.columns("eye_center", 3),
+                          radii = pack.columns("eye_radius", 1);
     const auto k = static_cast<Index>(eye);
     const V3 centre = unit * V3(centres.col(k));
     Eyeball ball;
@@ -166,8 +175,10 @@ HeadModel ict_head(const fs::path& path, std::uint64_t seed) {
     const Pack pack(path);
     const Names names = read_names(path.parent_path() / "names.json");
     HeadModel model;
-    model.origin = "ICT-FaceKit light model, (c) 2020 USC Institute for Creative Technologies, MIT "
-                   "licence; identity and skin from seed " + std::to_string(seed);
+    model.origin =
+        "ICT-FaceKit light model, (c) 2020 USC Institute for Creative Technologies, MIT "
+        "licence; identity and skin from seed " +
+        std::to_string(seed);
     model.identity_names = names.identity;
 
     const auto shapes = std::make_shared<Shapes>();
@@ -180,8 +191,8 @@ HeadModel ict_head(const fs::path& path, std::uint64_t seed) {
     model.identity.resize(ids);
     shapes->neutral = mean;
     for (Index i = 0; i < ids; ++i) {
-        model.identity[i] = std::clamp(random.normal(static_cast<std::uint64_t>(i)), -most_identity,
-                                       most_identity);
+        model.identity[i] =
+            std::clamp(random.normal(static_cast<std::uint64_t>(i)), -most_identity, most_identity);
         shapes->neutral += unit * model.identity[i] * id_delta.middleCols(i * n, n);
     }
 
@@ -200,7 +211,8 @@ HeadModel ict_head(const fs::path& path, std::uint64_t seed) {
     }
     for (const std::string& name : names.expressions) {
         // The gaze moves the lids; the pupil is the eyeball's; cheekRaiser is cheekSquint again.
-        if (name.starts_with("eyeLook") || name.starts_with("Pupil") || name.starts_with("cheekRaiser"))
+        if (name.starts_with("eyeLook") || name.starts_with("Pupil") ||
+            name.starts_with("cheekRaiser"))
             continue;
         model.expression_names.push_back(name);
         shapes->expression.push_back(number[name]);
@@ -225,8 +237,8 @@ HeadModel ict_head(const fs::path& path, std::uint64_t seed) {
     model.uv.row(1) = (1 - uv.row(1).array()).matrix();
 
     const std::vector<Index> marks = pack.indices("lmk68", 1, n);
-    require(marks.size() == 68, pack.who(), "lmk68 has " + std::to_string(marks.size()) +
-                                                " vertices, expected 68");
+    require(marks.size() == 68, pack.who(),
+            "lmk68 has " + std::to_string(marks.size()) + " vertices, expected 68");
     std::array<V3, 68> places;
     for (std::size_t i = 0; i < 68; ++i) {
         model.landmarks[i] = marks[i];

@@ -19,7 +19,9 @@ inline double smooth_step(double a, double b, double x) {
 
 /// A random number for each cell of the lattice.
 inline std::uint64_t cell_key(std::uint64_t seed, const Vec3<double>& cell) {
-    const auto k = [](double x) { return static_cast<std::uint64_t>(static_cast<std::int64_t>(x)); };
+    const auto k = [](double x) {
+        return static_cast<std::uint64_t>(static_cast<std::int64_t>(x));
+    };
     return mix64(seed + k(cell.x()) * 0x9E3779B97F4A7C15ULL + k(cell.y()) * 0xD1B54A32D192ED03ULL +
                  k(cell.z()) * 0x8CB92BA72F3D8DD7ULL);
 }

@@ -27,19 +27,38 @@ constexpr double jaw_turn = 15 * degree;
 const V3 jaw_joint(0, 0.06, 0.12);
 
 enum Expression {
-    brow_down_l, brow_down_r, brow_inner_up, brow_outer_up_l, brow_outer_up_r, cheek_puff,
-    blink_l, blink_r, squint_l, squint_r, wide_l, wide_r, jaw_left, jaw_open, jaw_right,
-    frown, pucker, smile_l, smile_r, upper_up, nose_sneer, expression_count
+    brow_down_l,
+    brow_down_r,
+    brow_inner_up,
+    brow_outer_up_l,
+    brow_outer_up_r,
+    cheek_puff,
+    blink_l,
+    blink_r,
+    squint_l,
+    squint_r,
+    wide_l,
+    wide_r,
+    jaw_left,
+    jaw_open,
+    jaw_right,
+    frown,
+    pucker,
+    smile_l,
+    smile_r,
+    upper_up,
+    nose_sneer,
+    expression_count
 };
 const std::vector<std::string> names{
-    "browDown_L", "browDown_R", "browInnerUp", "browOuterUp_L", "browOuterUp_R", "cheekPuff",
-    "eyeBlink_L", "eyeBlink_R", "eyeSquint_L", "eyeSquint_R", "eyeWide_L", "eyeWide_R", "jawLeft",
-    "jawOpen", "jawRight", "mouthFrown", "mouthPucker", "mouthSmile_L", "mouthSmile_R",
-    "mouthUpperUp", "noseSneer"};
+    "browDown_L",   "browDown_R",   "browInnerUp", "browOuterUp_L", "browOuterUp_R", "cheekPuff",
+    "eyeBlink_L",   "eyeBlink_R",   "eyeSquint_L", "eyeSquint_R",   "eyeWide_L",     "eyeWide_R",
+    "jawLeft",      "jawOpen",      "jawRight",    "mouthFrown",    "mouthPucker",   "mouthSmile_L",
+    "mouthSmile_R", "mouthUpperUp", "noseSneer"};
 
 /// A soft push on the left half of the face; the right half is pushed alike by its own weight.
 struct Push {
-    int left, right;      // weights that drive it, on either side
+    int left, right; // weights that drive it, on either side
     V3 centre, radii, move;
     bool upper_lip_only = false;
 };
@@ -77,9 +96,9 @@ struct Parts {
     Eyeball left_eye;
     std::vector<EyeLids> lids;
     std::array<Index, 2> first_rim{};
-    Points rest;                      // closed skin, then everything else
-    std::vector<Points> moves;        // of each expression weight, on the rest vertices
-    VecX<double> jaw;                 // weight of each vertex
+    Points rest;               // closed skin, then everything else
+    std::vector<Points> moves; // of each expression weight, on the rest vertices
+    VecX<double> jaw;          // weight of each vertex
 
     Points vertices(const VecX<double>& expression, const VecX<double>& lid) const {
         Points v = rest;
@@ -128,7 +147,7 @@ struct Builder {
     HeadModel& model;
     std::vector<V3> points;
     std::vector<double> jaw;
-    std::vector<Index> led_by;  // the skin vertex whose expressions move this one, or -1
+    std::vector<Index> led_by; // the skin vertex whose expressions move this one, or -1
     Index first = 0;
     std::vector<Vec2<double>> uv;
     Index first_uv = 0;
@@ -151,7 +170,8 @@ struct Builder {
 
     /// A grid of points p(i, j), faces turned towards (d/dj) x (d/di).
     template <class F>
-    void sheet(int n, int m, Part part, const F& p, const std::function<double(const V3&)>& jaw_of) {
+    void sheet(int n, int m, Part part, const F& p,
+               const std::function<double(const V3&)>& jaw_of) {
         const Index start = first + static_cast<Index>(points.size());
         for (int j = 0; j <= m; ++j)
             for (int i = 0; i <= n; ++i) {
@@ -178,7 +198,7 @@ void add_ear(Builder& b, double side, const HeadShape& shape) {
     for (int i = 0; i <= around; ++i)
         for (int j = 0; j <= across; ++j) {
             const double a = 2 * std::numbers::pi * i / around, v = 1.32 * j / across;
-            const double c = std::cos(a), s = std::sin(a);  // c: towards the face, s: upwards
+            const double c = std::cos(a), s = std::sin(a); // c: towards the face, s: upwards
             const double lobe = smooth_step(-0.45, -0.95, s), face = smooth_step(0.2, 0.95, c);
             double radius = 1 / std::hypot(c / (c > 0 ? 0.125 : 0.175), s / (s > 0 ? 0.30 : 0.275));
             radius *= 1 - 0.10 * face;
@@ -189,15 +209,14 @@ void add_ear(Builder& b, double side, const HeadShape& shape) {
             h -= 0.018 * std::exp(-std::pow((v - 0.78) / 0.07, 2)) * (1 - lobe);
             h += 0.030 * std::exp(-std::pow((v - 0.95) / 0.10, 2)) * (1 - 0.7 * lobe);
             if (v > 1) h -= 0.20 * std::pow((v - 1) / 0.32, 1.3);
-            h += 0.055 * -c * smooth_step(0.2, 1.0, std::min(v, 1.0));  // the back edge stands off
-            h -= 0.075 * face * smooth_step(0.45, 1.0, v);              // the front grows in
+            h += 0.055 * -c * smooth_step(0.2, 1.0, std::min(v, 1.0)); // the back edge stands off
+            h -= 0.075 * face * smooth_step(0.45, 1.0, v);             // the front grows in
             const double tragus = std::hypot(c - 0.9, s + 0.15);
-            h += 0.05 * std::exp(-tragus * tragus * 14) *
-                 std::exp(-std::pow((v - 0.62) / 0.2, 2));
+            h += 0.05 * std::exp(-tragus * tragus * 14) * std::exp(-std::pow((v - 0.62) / 0.2, 2));
             const V3 p = centre + r * (c * fore + s * up) + h * out;
             b.add(p, 0);
-            b.uv.push_back({(side > 0 ? 0.0 : 0.5) + 0.45 * i / around + 0.01,
-                            0.91 + 0.085 * j / across});
+            b.uv.push_back(
+                {(side > 0 ? 0.0 : 0.5) + 0.45 * i / around + 0.01, 0.91 + 0.085 * j / across});
         }
     for (int i = 0; i < around; ++i)
         for (int j = 0; j < across; ++j) {
@@ -228,47 +247,61 @@ void add_mouth(Builder& b, const HeadGrid& grid) {
             for (const Index i : edge) {
                 const V3 p = grid.vertices.col(i);
                 const double s = lower ? -1 : 1, depth = 0.022 * step * step;
-                next.push_back(
-                    b.add(p + V3(0, s * 0.008 * step, -depth), jaw_weight(p, lower), i));
+                next.push_back(b.add(p + V3(0, s * 0.008 * step, -depth), jaw_weight(p, lower), i));
             }
             for (std::size_t i = 0; i + 1 < edge.size(); ++i) {
-                if (lower) b.quad(previous[i], next[i], next[i + 1], previous[i + 1], Part::mouth);
-                else b.quad(previous[i + 1], next[i + 1], next[i], previous[i], Part::mouth);
+                if (lower)
+                    b.quad(previous[i], next[i], next[i + 1], previous[i + 1], Part::mouth);
+                else
+                    b.quad(previous[i + 1], next[i + 1], next[i], previous[i], Part::mouth);
             }
             previous = next;
         }
     }
     // A dark wall behind the teeth.
-    b.sheet(14, 10, Part::mouth, [](double s, double t) {
-        const double a = (s - 0.5) * 2.6;
-        return V3(0.27 * std::sin(a), -0.08 - 0.42 * t, 0.58 + 0.28 * std::cos(a));
-    }, [](const V3& p) { return smooth_step(-0.25, -0.42, p.y()); });
+    b.sheet(
+        14, 10, Part::mouth,
+        [](double s, double t) {
+            const double a = (s - 0.5) * 2.6;
+            return V3(0.27 * std::sin(a), -0.08 - 0.42 * t, 0.58 + 0.28 * std::cos(a));
+        },
+        [](const V3& p) { return smooth_step(-0.25, -0.42, p.y()); });
     // Two rows of teeth, each tooth a little round.
     for (const bool lower : {false, true}) {
         const double top = lower ? -0.352 : -0.215, height = lower ? 0.105 : 0.115;
         const double size = lower ? 0.95 : 1.0;
-        b.sheet(96, 4, Part::tooth, [&](double s, double t) {
-            const double a = (s - 0.5) * 2.5, tooth = std::abs(std::sin(a * 7.2));
-            const double round = 0.010 * std::sqrt(tooth) - 0.012 * std::pow(2 * t - 1, 4);
-            const double edge = (lower ? 1 - t : t) * 0.012 * (1 - tooth);
-            return V3((0.205 * size + round) * std::sin(a), top - height * t + (lower ? -edge : edge),
-                      0.80 + (0.225 * size + round) * std::cos(a));
-        }, [&](const V3&) { return lower ? 1.0 : 0.0; });
+        b.sheet(
+            96, 4, Part::tooth,
+            [&](double s, double t) {
+                const double a = (s - 0.5) * 2.5, tooth = std::abs(std::sin(a * 7.2));
+                const double round = 0.010 * std::sqrt(tooth) - 0.012 * std::pow(2 * t - 1, 4);
+                const double edge = (lower ? 1 - t : t) * 0.012 * (1 - tooth);
+                return V3((0.205 * size + round) * std::sin(a),
+                          top - height * t + (lower ? -edge : edge),
+                          0.80 + (0.225 * size + round) * std::cos(a));
+            },
+            [&](const V3&) { return lower ? 1.0 : 0.0; });
     }
     // The tongue.
-    b.sheet(12, 8, Part::mouth, [](double s, double t) {
-        const double a = (s - 0.5) * std::numbers::pi;
-        return V3(0.13 * std::sin(a), -0.40 + 0.05 * std::cos(a) - 0.03 * t, 0.70 + 0.26 * t);
-    }, [](const V3&) { return 1.0; });
+    b.sheet(
+        12, 8, Part::mouth,
+        [](double s, double t) {
+            const double a = (s - 0.5) * std::numbers::pi;
+            return V3(0.13 * std::sin(a), -0.40 + 0.05 * std::cos(a) - 0.03 * t, 0.70 + 0.26 * t);
+        },
+        [](const V3&) { return 1.0; });
 }
 
 /// The pink flesh in the inner corner of an eye.
 void add_caruncle(Builder& b, double side) {
-    b.sheet(10, 8, Part::eye_corner, [&](double s, double t) {
-        const double a = -2 * std::numbers::pi * s, e = (t - 0.5) * std::numbers::pi;
-        return V3(side * 0.196 + 0.026 * std::cos(e) * std::cos(a), 0.325 + 0.020 * std::sin(e),
-                  0.893 - 0.026 * std::cos(e) * std::sin(a));
-    }, [](const V3&) { return 0.0; });
+    b.sheet(
+        10, 8, Part::eye_corner,
+        [&](double s, double t) {
+            const double a = -2 * std::numbers::pi * s, e = (t - 0.5) * std::numbers::pi;
+            return V3(side * 0.196 + 0.026 * std::cos(e) * std::cos(a), 0.325 + 0.020 * std::sin(e),
+                      0.893 - 0.026 * std::cos(e) * std::sin(a));
+        },
+        [](const V3&) { return 0.0; });
 }
 
 /// Where landmarks of the mean head lie, on the left and in the middle; -1 names no landmark.
@@ -277,15 +310,20 @@ struct Place {
     V3 at;
 };
 const std::vector<Place> places{
-    {16, 0, {0.76, 0.36, 0.34}},    {15, 1, {0.74, 0.16, 0.36}},    {14, 2, {0.71, -0.04, 0.42}},
-    {13, 3, {0.66, -0.23, 0.48}},   {12, 4, {0.57, -0.42, 0.56}},   {11, 5, {0.45, -0.57, 0.68}},
-    {10, 6, {0.31, -0.66, 0.84}},   {9, 7, {0.16, -0.70, 0.97}},    {8, -1, {0.0, -0.72, 1.02}},
-    {22, 21, {0.125, 0.575, 1.10}}, {23, 20, {0.25, 0.615, 1.07}},  {24, 19, {0.385, 0.625, 1.01}},
-    {25, 18, {0.505, 0.590, 0.92}}, {26, 17, {0.600, 0.515, 0.80}}, {27, -1, {0.0, 0.38, 1.06}},
-    {28, -1, {0.0, 0.26, 1.14}},    {29, -1, {0.0, 0.15, 1.21}},    {30, -1, {0.0, 0.03, 1.30}},
-    {35, 31, {0.115, -0.075, 1.12}}, {34, 32, {0.06, -0.105, 1.15}}, {33, -1, {0.0, -0.115, 1.17}},
-    {53, 49, {0.165, -0.268, 1.12}}, {52, 50, {0.070, -0.245, 1.16}}, {51, -1, {0.0, -0.252, 1.17}},
-    {55, 59, {0.165, -0.392, 1.09}}, {56, 58, {0.090, -0.412, 1.13}}, {57, -1, {0.0, -0.416, 1.14}},
+    {16, 0, {0.76, 0.36, 0.34}},     {15, 1, {0.74, 0.16, 0.36}},
+    {14, 2, {0.71, -0.04, 0.42}},    {13, 3, {0.66, -0.23, 0.48}},
+    {12, 4, {0.57, -0.42, 0.56}},    {11, 5, {0.45, -0.57, 0.68}},
+    {10, 6, {0.31, -0.66, 0.84}},    {9, 7, {0.16, -0.70, 0.97}},
+    {8, -1, {0.0, -0.72, 1.02}},     {22, 21, {0.125, 0.575, 1.10}},
+    {23, 20, {0.25, 0.615, 1.07}},   {24, 19, {0.385, 0.625, 1.01}},
+    {25, 18, {0.505, 0.590, 0.92}},  {26, 17, {0.600, 0.515, 0.80}},
+    {27, -1, {0.0, 0.38, 1.06}},     {28, -1, {0.0, 0.26, 1.14}},
+    {29, -1, {0.0, 0.15, 1.21}},     {30, -1, {0.0, 0.03, 1.30}},
+    {35, 31, {0.115, -0.075, 1.12}}, {34, 32, {0.06, -0.105, 1.15}},
+    {33, -1, {0.0, -0.115, 1.17}},   {53, 49, {0.165, -0.268, 1.12}},
+    {52, 50, {0.070, -0.245, 1.16}}, {51, -1, {0.0, -0.252, 1.17}},
+    {55, 59, {0.165, -0.392, 1.09}}, {56, 58, {0.090, -0.412, 1.13}},
+    {57, -1, {0.0, -0.416, 1.14}},
 };
 
 std::array<Index, 68> find_landmarks(const HeadGrid& grid) {
@@ -303,11 +341,12 @@ std::array<Index, 68> find_landmarks(const HeadGrid& grid) {
         put(p.right, closest(V3(-p.at.x(), p.at.y(), p.at.z())));
     }
     const auto part = [](const std::vector<Index>& list, double share) {
-        return list[static_cast<std::size_t>(std::lround(share * static_cast<double>(list.size() - 1)))];
+        return list[static_cast<std::size_t>(
+            std::lround(share * static_cast<double>(list.size() - 1)))];
     };
     const Slit &l = grid.eyes[0], &r = grid.eyes[1], &m = grid.mouth;
-    const std::array<std::pair<double, bool>, 6> lid{{{0, true}, {0.32, true}, {0.70, true},
-                                                      {1, true}, {0.70, false}, {0.32, false}}};
+    const std::array<std::pair<double, bool>, 6> lid{
+        {{0, true}, {0.32, true}, {0.70, true}, {1, true}, {0.70, false}, {0.32, false}}};
     constexpr std::array mirrored{39, 38, 37, 36, 41, 40};
     for (std::size_t i = 0; i < 6; ++i) {
         put(42 + static_cast<int>(i), part(lid[i].second ? l.upper : l.lower, lid[i].first));
@@ -363,8 +402,9 @@ HeadModel procedural_head(std::uint64_t seed) {
     for (int i = 0; i < 10; ++i)
         model.identity[i] = std::clamp(random.normal(static_cast<std::uint64_t>(i)), -1.6, 1.6);
     const VecX<double>& id = model.identity;
-    const HeadShape shape{0.018 * id[0], 0.030 * id[1], 0.025 * id[2], 0.022 * id[3], 0.014 * id[4],
-                          0.012 * id[5], 0.022 * id[6], 0.010 * id[7], 0.012 * id[8], 0.008 * id[9]};
+    const HeadShape shape{0.018 * id[0], 0.030 * id[1], 0.025 * id[2], 0.022 * id[3],
+                          0.014 * id[4], 0.012 * id[5], 0.022 * id[6], 0.010 * id[7],
+                          0.012 * id[8], 0.008 * id[9]};
     model.eyes[0].centre = V3(0.32, 0.35, 0.79);
     model.eyes[1].centre = V3(-0.32, 0.35, 0.79);
 
@@ -396,8 +436,10 @@ HeadModel procedural_head(std::uint64_t seed) {
                 const auto k = static_cast<std::size_t>(i);
                 const Index r = parts->first_rim[e] + (upper ? 0 : n) + i;
                 const Part part = upper ? Part::lash : Part::eye_corner;
-                if (upper == (eye == 0)) b.quad(edge[k], edge[k + 1], r + 1, r, part);
-                else b.quad(edge[k], r, r + 1, edge[k + 1], part);
+                if (upper == (eye == 0))
+                    b.quad(edge[k], edge[k + 1], r + 1, r, part);
+                else
+                    b.quad(edge[k], r, r + 1, edge[k + 1], part);
             }
     }
     add_mouth(b, grid);
@@ -439,11 +481,12 @@ HeadModel procedural_head(std::uint64_t seed) {
 
     const Palette colours = palette(seed);
     model.look = colours.eyes;
-    const Points neutral = parts->vertices(VecX<double>::Zero(expression_count), VecX<double>::Zero(8));
+    const Points neutral =
+        parts->vertices(VecX<double>::Zero(expression_count), VecX<double>::Zero(8));
     std::array<V3, 68> marks;
     for (std::size_t i = 0; i < 68; ++i) marks[i] = neutral.col(model.landmarks[i]);
-    model.albedo = painted(model, neutral, SkinPaint(marks, colours, seed), albedo_width,
-                           albedo_height);
+    model.albedo =
+        painted(model, neutral, SkinPaint(marks, colours, seed), albedo_width, albedo_height);
     return model;
 }
 

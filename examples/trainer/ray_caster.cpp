@@ -19,6 +19,8 @@ constexpr Index leaf_size = 3;
 constexpr int max_depth = 64;
 /// A ray through an edge shared by two triangles must meet one of them despite rounding.
 constexpr double edge_slack = 1e-10;
+/// Boxes are larger by this share, so that a ray in the plane of a side is not lost.
+constexpr double box_slack = 1e-12;
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 /// A component that is 0 becomes so small that it acts as 0, and 0 * inf never arises.
@@ -138,7 +140,11 @@ RayCaster::RayCaster(const ColumnsView<double>& vertices, const std::vector<Face
     builder.centres.resize(n);
     builder.order.resize(n);
     for (std::size_t f = 0; f < n; ++f) {
-        for (const Index i : faces[f]) builder.boxes[f].add(vertices.col(i));
+        Box& box = builder.boxes[f];
+        for (const Index i : faces[f]) box.add(vertices.col(i));
+        const double slack = box_slack * std::max(1.0, box.lower.cwiseAbs().maxCoeff());
+        box.lower.array() -= slack;
+        box.upper.array() += slack;
         builder.centres[f] = 0.5 * (builder.boxes[f].lower + builder.boxes[f].upper);
         builder.order[f] = static_cast<Index>(f);
     }
@@ -216,7 +222,7 @@ Hit RayCaster::walk(const Ray& ray) const {
 }
 
 std::array<Hit, 4> RayCaster::nearest(const RayBundle& rays) const {
-    using Lanes = Eigen::Array<double, 4, 1>;  // one ray each
+    using Lanes = Eigen::Array<double, 4, 1>; // one ray each
     std::array<Hit, 4> hits;
     if (nodes_.empty()) return hits;
     std::array<Lanes, 3> d, inverse;
@@ -247,9 +253,10 @@ std::array<Hit, 4> RayCaster::nearest(const RayBundle& rays) const {
         const Lanes det = ab[0] * px + ab[1] * py + ab[2] * pz;
         const Lanes u = (s[0] * px + s[1] * py + s[2] * pz) / det;
         const Lanes v = (d[0] * q[0] + d[1] * q[1] + d[2] * q[2]) / det;
-        const Lanes t = ac.dot(q) / det;  // a det of 0 gives no number that passes
+        const Lanes t = ac.dot(q) / det; // a det of 0 gives no number that passes
         const auto within = (u >= -edge_slack && v >= -edge_slack && u + v <= 1 + edge_slack &&
-                             t >= 0.0 && t <= closest).eval();
+                             t >= 0.0 && t <= closest)
+                                .eval();
         if (!within.any()) return;
         for (int k = 0; k < 4; ++k) {
             Hit& hit = hits[static_cast<std::size_t>(k)];

@@ -15,14 +15,14 @@ namespace rye::trainer {
 
 struct Ray {
     Vec3<double> origin;
-    Vec3<double> direction;  ///< any length; t counts in it
-    double t_min = 0;        ///< intersections closer than this are not seen
+    Vec3<double> direction; ///< any length; t counts in it
+    double t_min = 0;       ///< intersections closer than this are not seen
     double t_max = std::numeric_limits<double>::infinity();
 };
 
 /// Where a ray meets a face: origin + t direction = (1 - u - v) a + u b + v c.
 struct Hit {
-    Index face = -1;  ///< -1: nothing met
+    Index face = -1; ///< -1: nothing met
     double t = std::numeric_limits<double>::infinity();
     double u = 0, v = 0;
     explicit operator bool() const { return face >= 0; }
@@ -36,7 +36,7 @@ struct RayBundle {
 
 /// A bounding volume hierarchy over the faces of a mesh. Both sides of a face are met.
 class RayCaster {
-public:
+  public:
     RayCaster(const ColumnsView<double>& vertices, const std::vector<Face>& faces);
 
     /// The closest intersection.
@@ -46,18 +46,18 @@ public:
     /// Whether there is any.
     bool meets(const Ray& ray) const;
 
-private:
+  private:
     struct Node {
         Vec3<double> lower, upper;
-        Index first = 0;  // of a leaf: its first triangle; of a branch: its left child
-        Index count = 0;  // of a leaf: its triangles; 0: a branch, whose right child is first + 1
+        Index first = 0; // of a leaf: its first triangle; of a branch: its left child
+        Index count = 0; // of a leaf: its triangles; 0: a branch, whose right child is first + 1
     };
     struct Triangle {
         Vec3<double> a, ab, ac;
         Index face = 0;
     };
     struct Split {
-        int axis = -1;  // -1: no split pays
+        int axis = -1; // -1: no split pays
         double at = 0;
         double cost = 0;
     };

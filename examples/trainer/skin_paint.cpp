@@ -21,7 +21,8 @@ double bell(const V3& p, const V3& centre, double radius) {
     return std::exp(-(p - centre).squaredNorm() / (radius * radius));
 }
 
-/// Distance to a polyline in the plane of the face, and how far along it [0, 1] the closest point is.
+/// Distance to a polyline in the plane of the face, and how far along it [0, 1] the closest point
+/// is.
 struct Along {
     double distance = 1e9, side = 0, at = 0;
 };
@@ -33,7 +34,8 @@ Along along(const V2& p, const std::array<V2, n>& line) {
         const double t = std::clamp(q.dot(d) / d.squaredNorm(), 0.0, 1.0);
         const V2 away = q - t * d;
         if (away.norm() < best.distance)
-            best = {away.norm(), away.y(), (static_cast<double>(i) + t) / static_cast<double>(n - 1)};
+            best = {away.norm(), away.y(),
+                    (static_cast<double>(i) + t) / static_cast<double>(n - 1)};
     }
     return best;
 }
@@ -45,9 +47,9 @@ double inside(const V2& p, const V2* corner, int n) {
     for (int i = 0, j = n - 1; i < n; j = i++) {
         const V2 &a = corner[i], &b = corner[j];
         const V2 d = b - a, q = p - a;
-        distance = std::min(distance, (q - std::clamp(q.dot(d) / d.squaredNorm(), 0.0, 1.0) * d).norm());
-        if ((a.y() > p.y()) != (b.y() > p.y()) &&
-            p.x() < d.x() * (p.y() - a.y()) / d.y() + a.x())
+        distance =
+            std::min(distance, (q - std::clamp(q.dot(d) / d.squaredNorm(), 0.0, 1.0) * d).norm());
+        if ((a.y() > p.y()) != (b.y() > p.y()) && p.x() < d.x() * (p.y() - a.y()) / d.y() + a.x())
             within = !within;
     }
     return within ? -distance : distance;
@@ -70,7 +72,8 @@ Palette palette(std::uint64_t seed) {
     p.brow = 0.75 * p.hair;
     constexpr std::array irises{std::array{0.10, 0.17, 0.24}, std::array{0.12, 0.17, 0.08},
                                 std::array{0.16, 0.085, 0.035}, std::array{0.075, 0.040, 0.020}};
-    const auto& i = irises[static_cast<std::size_t>(tone > 0.3 ? 2 + r.below(4, 2) : r.below(4, 4))];
+    const auto& i =
+        irises[static_cast<std::size_t>(tone > 0.3 ? 2 + r.below(4, 2) : r.below(4, 4))];
     p.eyes.iris = V3(i[0], i[1], i[2]);
     p.eyes.ring = mix(p.eyes.iris, V3(0.22, 0.13, 0.05), 0.6);
     p.eyes.seed = mix64(seed);
@@ -97,15 +100,17 @@ double hair_cover(const V3& p, double softness) {
 
 SkinPaint::SkinPaint(const std::array<V3, 68>& landmarks, const Palette& colours,
                      std::uint64_t seed)
-    : landmarks_(landmarks), palette_(colours), seed_(mix64(seed ^ 0x5EEDULL)) {
+    : landmarks_(landmarks),
+      palette_(colours),
+      seed_(mix64(seed ^ 0x5EEDULL)) {
     const Random r{seed_, 5};
     moles_.resize(3, 9);
     for (Index i = 0; i < moles_.cols(); ++i) {
         const auto k = static_cast<std::uint64_t>(4 * i);
         const V3& base = landmarks_[static_cast<std::size_t>(r.below(k, 17))];
         const V3& nose = landmarks_[30];
-        const V3 mole = mix(base, nose, 0.15 + 0.5 * r.uniform(k + 1)) +
-                        V3(0, 0.5 * r.uniform(k + 2) - 0.1, 0);
+        const V3 mole =
+            mix(base, nose, 0.15 + 0.5 * r.uniform(k + 1)) + V3(0, 0.5 * r.uniform(k + 2) - 0.1, 0);
         moles_.col(i) = mole;
     }
 }
@@ -116,7 +121,8 @@ Vec4<double> SkinPaint::operator()(const V3& p) const {
     const auto flat = [&](int i) { return V2(landmarks_[static_cast<std::size_t>(i)].head<2>()); };
 
     // Skin: blotches, pores, blood below thin places, freckles, moles.
-    V3 colour = palette_.skin * (1 + 0.16 * fractal(seed_, 3.5 * p, 4) + 0.09 * noise(seed_ + 9, 42 * p));
+    V3 colour =
+        palette_.skin * (1 + 0.16 * fractal(seed_, 3.5 * p, 4) + 0.09 * noise(seed_ + 9, 42 * p));
     double gloss = 0.35 + 0.2 * noise(seed_ + 10, 18 * p);
     const V3 &nose = landmarks_[30], &chin = landmarks_[8];
     double red = 0.22 * noise(seed_ + 11, 7 * p) + 0.16 * noise(seed_ + 12, 22 * p);
@@ -155,8 +161,9 @@ Vec4<double> SkinPaint::operator()(const V3& p) const {
 
     // Brows: short strokes that lie down towards the temples.
     for (const int s : {-1, 1}) {
-        std::array<V2, 5> arch;  // from the nose outwards
-        for (int i = 0; i < 5; ++i) arch[static_cast<std::size_t>(i)] = flat(s > 0 ? 22 + i : 21 - i);
+        std::array<V2, 5> arch; // from the nose outwards
+        for (int i = 0; i < 5; ++i)
+            arch[static_cast<std::size_t>(i)] = flat(s > 0 ? 22 + i : 21 - i);
         if (front <= 0) break;
         const Along a = along(xy, arch);
         if (a.distance > 0.2) continue;
@@ -168,8 +175,8 @@ Vec4<double> SkinPaint::operator()(const V3& p) const {
         const double cover = smooth_step(1.15, 0.55, a.distance / thick) *
                              (0.80 + 0.40 * noise(seed_ + 31, 1.3 * strand));
         const bool beyond = a.at <= 0 || a.at >= 1;
-        colour = mix(colour, palette_.brow,
-                     front * std::clamp(cover * (beyond ? 0.9 : 1.0), 0.0, 0.93));
+        colour =
+            mix(colour, palette_.brow, front * std::clamp(cover * (beyond ? 0.9 : 1.0), 0.0, 0.93));
         gloss *= 1 - 0.5 * std::clamp(cover, 0.0, 1.0);
     }
 
@@ -212,7 +219,7 @@ Vec4<double> SkinPaint::operator()(const V3& p) const {
         colour = mix(colour, strand, 0.97 * hair);
         gloss = std::lerp(gloss, 0.30 + 0.3 * strands, hair);
     }
-    constexpr double least = 0.004;  // nothing is quite black
+    constexpr double least = 0.004; // nothing is quite black
     return {std::max(colour[0], least), std::max(colour[1], least), std::max(colour[2], least),
             std::clamp(gloss, 0.0, 1.0)};
 }
@@ -245,8 +252,8 @@ Image<float> painted(const HeadModel& model, const Points& neutral, const SkinPa
                 if (u < -1e-9 || v < -1e-9 || u + v > 1 + 1e-9) continue;
                 const Index at = static_cast<Index>(y) * width + x;
                 const Face& i = model.faces[f];
-                const V3 p = (1 - u - v) * neutral.col(i[0]) + u * neutral.col(i[1]) +
-                             v * neutral.col(i[2]);
+                const V3 p =
+                    (1 - u - v) * neutral.col(i[0]) + u * neutral.col(i[1]) + v * neutral.col(i[2]);
                 rest.col(at) = p;
                 known[static_cast<std::size_t>(at)] = 1;
             }

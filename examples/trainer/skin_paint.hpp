@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// examples/trainer/skin_paint.hpp: the colour of skin, brows, lips and hair as a field in space.
-/// Painted on the neutral head, in its frame and units (head_model.hpp); everything is placed by the
-/// 68 landmarks, so that any head in that frame can be painted. Colours are linear RGB.
+/// Painted on the neutral head, in its frame and units (head_model.hpp); everything is placed by
+/// the 68 landmarks, so that any head in that frame can be painted. Colours are linear RGB.
 #pragma once
 
 #include <array>
@@ -15,7 +15,7 @@ namespace rye::trainer {
 struct Palette {
     Vec3<double> skin, lips, hair, brow;
     EyeLook eyes;
-    double freckles = 0;  ///< 0 none, 1 many
+    double freckles = 0; ///< 0 none, 1 many
     double brow_width = 1;
 };
 Palette palette(std::uint64_t seed);
@@ -24,7 +24,7 @@ Palette palette(std::uint64_t seed);
 double hair_cover(const Vec3<double>& p, double softness);
 
 class SkinPaint {
-public:
+  public:
     /// landmarks: of the neutral head with open eyes.
     SkinPaint(const std::array<Vec3<double>, 68>& landmarks, const Palette& palette,
               std::uint64_t seed);
@@ -32,7 +32,7 @@ public:
     /// Linear RGB, then gloss in [0, 1], of the point p of the neutral skin.
     Vec4<double> operator()(const Vec3<double>& p) const;
 
-private:
+  private:
     std::array<Vec3<double>, 68> landmarks_;
     Palette palette_;
     std::uint64_t seed_;
@@ -51,8 +51,8 @@ inline Vec4<double> sampled(const Image<float>& image, const Vec2<double>& uv) {
     const int i = static_cast<int>(x), j = static_cast<int>(y);
     const auto a = static_cast<float>(x - i), b = static_cast<float>(y - j);
     const auto texel = [&](int k, int l) -> Vec4<float> {
-        return Eigen::Map<const Vec4<float>>(
-            image.pixels.data() + 4 * (static_cast<Index>(l) * image.width + k));
+        return Eigen::Map<const Vec4<float>>(image.pixels.data() +
+                                             4 * (static_cast<Index>(l) * image.width + k));
     };
     const Vec4<float> top = (1 - a) * texel(i, j) + a * texel(i + 1, j);
     const Vec4<float> low = (1 - a) * texel(i, j + 1) + a * texel(i + 1, j + 1);
