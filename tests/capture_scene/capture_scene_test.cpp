@@ -92,7 +92,7 @@ std::string run_command(const std::vector<std::string>& arguments) {
 } // namespace
 
 TEST_CASE("scene: splits, held-out gazes, kappa and targets are what the labels say") {
-    for (const std::uint64_t seed : {1, 2, 3}) {
+    for (const std::uint64_t seed : {1ULL, 2ULL, 3ULL}) {
         CaptureSettings settings;
         settings.train_frames = 150;
         settings.novel_frames = 40;
