@@ -25,7 +25,8 @@ struct Weights {
     Columns<T> exp, pose;             ///< 1 x N each, exp + pose = 1
     std::array<Columns<T>, 2> gaze;   ///< 1 x N, left and right
 
-    explicit Weights(Index n = 0)
+    Weights() = default;
+    explicit Weights(Index n)
         : exp(Columns<T>::Zero(1, n)), pose(exp), gaze{exp, exp} {}
 };
 
