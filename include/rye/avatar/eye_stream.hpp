@@ -3,7 +3,7 @@
 /// moved by one rigid transform an eye (eye offset, gaze, head pose) and never optimised freely;
 /// colour, rotation, scale and opacity are.
 /// Frame: points relative to the eyeball's centre in canonical units, iris toward +z.
-/// Source: paper eq. (9)-(11); composition as in docs/deviations.md.
+/// Source: paper eq. (9)-(10); composition as in docs/deviations.md.
 #pragma once
 
 #include <array>

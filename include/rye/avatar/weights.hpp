@@ -2,7 +2,7 @@
 /// rye/avatar/weights.hpp: the influence of each driver on each point of the face, with vjp.
 /// lambda_exp falls off with the distance to the nearest landmark, lambda_pose = 1 - lambda_exp,
 /// lambda_gaze falls off with the distance to the nearest landmark of each eye.
-/// Source: paper eq. (4) and (12).
+/// Source: paper eq. (4) and (11).
 #pragma once
 
 #include <array>

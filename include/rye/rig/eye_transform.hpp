@@ -5,7 +5,7 @@
 /// in canonical head units); R_g: the least rotation from +z to the gaze, hence no torsion; R, T,
 /// S: the head's pose. The points turn about their own centre, so their rounding does not grow with
 /// the head's distance from the origin.
-/// Source: "Roll Your Eyes", eq. 9-11, with the composition of docs/deviations.md.
+/// Source: "Roll Your Eyes", eq. 9-10, with the composition of docs/deviations.md.
 #pragma once
 
 #include <rye/geometry/rigid.hpp>

@@ -7,7 +7,7 @@
 
 namespace rye {
 
-/// Stage 1, eq. (13).
+/// Stage 1, eq. (12).
 struct MeshLossConfig {
     double rgb = 0.1;
     double silhouette = 0.1;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/train/stage_mesh.hpp: one step of stage 1, geometry-guided initialisation: the guidance mesh
 /// of one frame drawn in several views, seven losses, and their gradient.
-/// Images are sRGB in [0, 1] over black. Source: paper section 4.1, eq. (13) and its weights.
+/// Images are sRGB in [0, 1] over black. Source: paper section 4.1, eq. (12) and its weights.
 #pragma once
 
 #include <string>
