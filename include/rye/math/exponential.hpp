@@ -48,13 +48,13 @@ struct Exp2Coefficients<4> {
 };
 template <>
 struct Exp2Coefficients<5> {
-    static constexpr double error = 2.2e-7;
+    static constexpr double error = 2.4e-7;
     static constexpr std::array<double, 6> c{0.00132764725, 0.00967554096, 0.0555071309,
                                              0.240221202,   0.693146944,   1.00000012};
 };
 template <>
 struct Exp2Coefficients<6> {
-    static constexpr double error = 9e-8;
+    static constexpr double error = 1.0e-7;
     static constexpr std::array<double, 7> c{0.000153458124, 0.00133999309, 0.00961848907,
                                              0.0555032864,   0.240226462,   0.693147182, 1.};
 };
