@@ -13,13 +13,11 @@ cd "$work"
 fail() { echo "FAILED: $*" >&2; exit 1; }
 same() { cmp "$1" "$2" || fail "$1 and $2 differ"; }
 
-# refuses WORDS COMMAND...: the command must fail with one line that holds the words.
+# refuses WORDS COMMAND...: the command must fail with a message that holds the words.
 refuses() {
     words=$1
     shift
     if "$@" > out.txt 2> err.txt; then fail "accepted: $*"; fi
-    lines=$(wc -l < err.txt)
-    [ "$lines" -ge 1 ] || fail "no message from: $*"
     grep -q -- "$words" err.txt out.txt || { cat out.txt err.txt; fail "no word of '$words' from: $*"; }
 }
 
@@ -70,7 +68,7 @@ same look.png look2.png
 refuses "holds a run" "$rye" train --capture cap --out one --config small.json
 refuses "nowhere" "$rye" train --capture nowhere --out x1
 refuses "checkpoint" "$rye" redirect --run nowhere --out x.png
-refuses "70 degrees" "$rye" redirect --run one --gaze-left 80,0 --gaze-right 0,0 --out x.png
+refuses "at most 70" "$rye" redirect --run one --gaze-left 80,0 --gaze-right 0,0 --out x.png
 refuses "frame" "$rye" redirect --run one --frame 999 --out x.png
 echo '{"gaussians": {"rates": {"position": "fast"}}}' > bad.json
 refuses "gaussians.rates.position" "$rye" train --capture cap --out x2 --config bad.json
