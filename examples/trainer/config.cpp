@@ -328,7 +328,7 @@ TrainConfig preset(const std::string& name) {
     c.mesh.rate_decay = 0.1;
     c.mesh.landmarks_follow_gaze = true;
     AvatarTrainConfig& g = c.gaussians;
-    g.steps = tiny ? 1200 : 7000;
+    g.steps = tiny ? 1200 : 5000;
     g.mouth_points = tiny ? 300 : 600;
     g.rate_decay = 0.05;
     g.augment = false;
@@ -337,7 +337,7 @@ TrainConfig preset(const std::string& name) {
     g.eyeball.points = tiny ? 700 : 1500;
     g.weights.eye_average = EyeAverage::mask;
     g.weights.eye_low = g.weights.eye_high = 0.1;
-    g.weights.blank = 0.1;
+    g.weights.blank = 0.06;
     g.weights.face_alone = 1.0;
     g.weights.eye_high_every = 3;
     g.eyeball.max_growth = 1.5;

@@ -14,23 +14,6 @@ Mat3<double> head_rotation(const CaptureFrame& frame) {
     return so3_exp(Vec3<double>(frame.pose.head<3>()));
 }
 
-/// Width of the ring around the eyes in which the face must hold its edge [px of the feature map].
-constexpr int ring_pixels = 3;
-
-/// 1 within `reach` pixels, along both axes, of a pixel above 0.
-Columns<float> grown(const Columns<float>& mask, int width, int reach) {
-    const int height = static_cast<int>(mask.cols()) / width;
-    Columns<float> out = Columns<float>::Zero(1, mask.cols());
-    for (int y = 0; y < height; ++y)
-        for (int x = 0; x < width; ++x) {
-            if (mask(0, static_cast<Index>(y) * width + x) <= 0) continue;
-            for (int j = std::max(0, y - reach); j <= std::min(height - 1, y + reach); ++j)
-                for (int i = std::max(0, x - reach); i <= std::min(width - 1, x + reach); ++i)
-                    out(0, static_cast<Index>(j) * width + i) = 1;
-        }
-    return out;
-}
-
 Vec3<double> eye_landmark_centre(const Columns<double>& landmarks, int eye) {
     Vec3<double> sum = Vec3<double>::Zero();
     for (const int k : eye_landmarks(eye)) sum += landmarks.col(k);
@@ -165,7 +148,6 @@ AvatarSample<float> avatar_sample(const Capture& capture, const TrainConfig& con
     both.pixels = eyes.pixels.colwise().maxCoeff();
     s.eyes = both.pixels;
     s.eyes_small = shrunk(both, factor).pixels;
-    s.ring_small = grown(s.eyes_small, s.camera.width, ring_pixels);
     s.background = VecX<float>::Ones(config.avatar.channels);
     s.blank = s.background;
     return s;

@@ -31,8 +31,6 @@ AvatarSample<T> tiny_sample(Draw draw) {
     s.eyes_small = Columns<T>::Zero(1, s.truth_small.size());
     for (Index i = 60; i < 90; ++i) s.eyes_small(0, i) = T(1);
     for (Index i = 300; i < 400; ++i) s.eyes(0, i) = T(1);
-    s.ring_small = Columns<T>::Zero(1, s.truth_small.size());
-    for (Index i = 55; i < 95; ++i) s.ring_small(0, i) = T(1);
     s.mask_small = Columns<T>::Constant(1, s.truth_small.size(), T(0.75));
     s.scale = random_scale(w, h, 2, draw.random.fork(3));
     s.background = VecX<T>::Ones(5);

@@ -36,7 +36,6 @@ struct AvatarSample {
     Image<T> truth, truth_small;  ///< RGB on the final background
     Columns<T> visible, visible_small;  ///< 1 x pixels, 0 where the picture was padded
     Columns<T> eyes, eyes_small;        ///< 1 x pixels, M_e of both eyes
-    Columns<T> ring_small;              ///< 1 x pixels, 1 near the eyes
     Columns<T> mask_small;              ///< 1 x pixels, the subject
     bool eyes_high = true;              ///< whether this step takes the high-resolution eye term
     Augmentation scale;           ///< random scale of the final image's super-resolution

@@ -77,15 +77,12 @@ Columns<T> face_alone_truth(const AvatarSample<T>& sample) {
            change * (Columns<T>::Ones(1, sample.mask_small.cols()) - sample.mask_small);
 }
 
-/// 1 where a visible pixel shows nothing of the eyes; around them `ring_weight`, so that the face
-/// holds its edge there against the blank loss on the other side.
+/// 1 where a visible pixel shows nothing of the eyes.
 template <class T>
-Columns<T> face_alone_mask(const AvatarSample<T>& sample, double ring_weight) {
+Columns<T> face_alone_mask(const AvatarSample<T>& sample) {
     Columns<T> mask = sample.visible_small;
-    for (Index i = 0; i < mask.cols(); ++i) {
+    for (Index i = 0; i < mask.cols(); ++i)
         if (sample.eyes_small(0, i) > T(0)) mask(0, i) = T(0);
-        else if (sample.ring_small(0, i) > T(0)) mask(0, i) *= T(ring_weight);
-    }
     return mask;
 }
 
@@ -148,10 +145,8 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
     l.blank = T(small_gain) * detail::rgb_term<B>(p.face.feature.pixels, blank, sample.eyes_small,
                                                   weights.blank * small_gain, p.g_face);
     if (weights.face_alone > 0)
-        l.face_alone = detail::rgb_term<B>(
-            p.face.feature.pixels, face_alone_truth(sample),
-            face_alone_mask(sample, std::max(1.0, weights.blank * small_gain / weights.face_alone)),
-            weights.face_alone, p.g_face);
+        l.face_alone = detail::rgb_term<B>(p.face.feature.pixels, face_alone_truth(sample),
+                                           face_alone_mask(sample), weights.face_alone, p.g_face);
     l.total = T(weights.high_resolution) * l.high_resolution +
               T(weights.low_resolution) * l.low_resolution + T(weights.perceptual) * l.perceptual +
               T(weights.eye_low) * l.eye_low + T(eye_high) * l.eye_high +
