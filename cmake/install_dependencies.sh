@@ -22,6 +22,7 @@ missing() {
     has_header nlohmann/json.hpp || echo nlohmann-json3-dev
     has_header stb_image.h || echo libstb-dev
     has_header doctest/doctest.h || echo doctest-dev
+    has_header benchmark/benchmark.h || echo libbenchmark-dev
 }
 
 packages=$(missing | tr '\n' ' ')
