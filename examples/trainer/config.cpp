@@ -77,6 +77,8 @@ void walk(F& f, TrainConfig& c) {
         f("steps", g.steps);
         f("epochs", g.epochs);
         f("mouth_points", g.mouth_points);
+        f("spacing", g.spacing);
+        f("spacing_slope", g.spacing_slope);
         f("opacity", g.opacity);
         f("rate_decay", g.rate_decay);
         f("augment", g.augment);
@@ -95,6 +97,7 @@ void walk(F& f, TrainConfig& c) {
             f("eye_low", g.weights.eye_low);
             f("eye_high", g.weights.eye_high);
             f("blank", g.weights.blank);
+            f("blank_eyeballs", g.weights.blank_eyeballs);
             f("eye_average", g.weights.eye_average);
             f("face_alone", g.weights.face_alone);
             f("eye_high_every", g.weights.eye_high_every);
@@ -337,7 +340,8 @@ TrainConfig preset(const std::string& name) {
     g.eyeball.points = tiny ? 700 : 1500;
     g.weights.eye_average = EyeAverage::mask;
     g.weights.eye_low = g.weights.eye_high = 0.1;
-    g.weights.blank = 0.06;
+    g.weights.blank = 0.2;
+    g.weights.blank_eyeballs = true;
     g.weights.face_alone = 1.0;
     g.weights.eye_high_every = 3;
     g.eyeball.max_growth = 1.5;

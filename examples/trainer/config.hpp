@@ -44,6 +44,9 @@ struct AvatarTrainConfig {
     int steps = 0;              ///< 0: `epochs` times the training frames
     int epochs = 500;
     int mouth_points = 3000;
+    /// Edges of the neutral surface longer than spacing + spacing_slope * (distance to the nearest
+    /// eye or lip landmark) are halved, canonical units; spacing 0: none.
+    double spacing = 0, spacing_slope = 0.1;
     double opacity = 0.3;       ///< first
     double rate_decay = 1;
     bool augment = true;        ///< random scale before super-resolution

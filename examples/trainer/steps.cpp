@@ -58,6 +58,8 @@ void begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     AvatarInit<float> init;
     init.grid = config.grid.subdivide ? subdivide(grid) : grid;
     init.mouth_points = config.gaussians.mouth_points;
+    init.spacing = static_cast<float>(config.gaussians.spacing);
+    init.spacing_slope = static_cast<float>(config.gaussians.spacing_slope);
     init.opacity = static_cast<float>(config.gaussians.opacity);
     init.eye_opacity = static_cast<float>(config.gaussians.eyeball.opacity);
     init.eye_centre.resize(3, 2);
@@ -158,7 +160,10 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
     AvatarView v;
     v.final = rasterizer.forward(joined(trace.world_face, trace.world_eyes), small, white).feature;
     if (streams) {
-        v.face = rasterizer.forward(trace.world_face, small, white).feature;
+        Gaussians<float> face = trace.world_face;  // as the blank loss sees it
+        if (config.gaussians.weights.blank_eyeballs)
+            face = joined(face, painted(trace.world_eyes, white));
+        v.face = rasterizer.forward(face, small, white).feature;
         v.eyes = rasterizer.forward(trace.world_eyes, small, white).feature;
     }
     v.high = upsampler_forward<TrainBackend>(state.avatar.upsampler, v.final, nullptr);

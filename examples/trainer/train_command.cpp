@@ -384,7 +384,7 @@ int train(const TrainOptions& o) {
     if (done && !o.quiet)
         std::cout << "done: " << checkpoint_path(o.out).string() << "\npanels: "
                   << (o.out / "panels").string()
-                  << " (truth, final, low resolution, face alone, eyes alone)\n";
+                  << " (truth, final, low resolution, face over white eyeballs, eyes alone)\n";
     return done ? 0 : 128 + static_cast<int>(stop_requested);
 }
 

@@ -551,18 +551,19 @@ Capture read_valid_capture(const fs::path& folder, const CaptureOptions& options
     Capture capture = read_capture(folder, options, &problems);
     const std::vector<Problem> more = validate(capture);
     problems.insert(problems.end(), more.begin(), more.end());
-    std::string errors;
+    std::string first;
     int count = 0;
     for (const Problem& p : problems) {
         if (p.severity == Problem::Severity::error) {
-            errors += "\n  " + p.message;
-            ++count;
+            if (count++ == 0) first = p.message;
         } else if (warnings) {
             warnings->push_back(p);
         }
     }
-    require(count == 0, folder.string(),
-            std::to_string(count) + (count == 1 ? " error:" : " errors:") + errors);
+    if (count > 1)
+        first += " (and " + std::to_string(count - 1) + " more: `rye info " + folder.string() +
+                 "` lists them)";
+    if (count > 0) throw Error(first);
     return capture;
 }
 

@@ -1,11 +1,12 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# pipeline.sh RYE WORK: the whole job in small, as a user runs it, and what goes wrong in it.
+# pipeline.sh RYE CORRUPT WORK: the whole job in small, as a user runs it, and what goes wrong in it.
 # Checks that results have the same bits for any number of threads and after an interruption, and
 # that bad input gives one sentence, a code other than 0, and leaves what was there.
 set -eu
 rye=$1
-work=$2
+corrupt=$2
+work=$3
 rm -rf "$work"
 mkdir -p "$work"
 cd "$work"
@@ -13,12 +14,13 @@ cd "$work"
 fail() { echo "FAILED: $*" >&2; exit 1; }
 same() { cmp "$1" "$2" || fail "$1 and $2 differ"; }
 
-# refuses WORDS COMMAND...: the command must fail with a message that holds the words.
+# refuses WORDS COMMAND...: the command must fail with one line that holds the words.
 refuses() {
     words=$1
     shift
     if "$@" > out.txt 2> err.txt; then fail "accepted: $*"; fi
-    grep -q -- "$words" err.txt out.txt || { cat out.txt err.txt; fail "no word of '$words' from: $*"; }
+    grep -q -- "$words" err.txt || { cat out.txt err.txt; fail "no word of '$words' from: $*"; }
+    [ "$(wc -l < err.txt)" -eq 1 ] || { cat err.txt; fail "more than a line from: $*"; }
 }
 
 "$rye" capture --out cap --size 64 --cameras 4 --frames 4 --test-frames 1 --apart-frames 1 \
@@ -64,7 +66,8 @@ same look.png look2.png
 "$rye" render head.ply --eye 0,0,-10 --target 0,0,0 --up 0,-1,0 --fov 18 --size 64x64 \
     --background 1,1,1 --out render.png
 
-# Bad input.
+# Bad input. The run stays as it is through all of it.
+cat one/checkpoint.safetensors one/config.json one/log.jsonl one/results.json > before.bin
 refuses "holds a run" "$rye" train --capture cap --out one --config small.json
 refuses "nowhere" "$rye" train --capture nowhere --out x1
 refuses "checkpoint" "$rye" redirect --run nowhere --out x.png
@@ -89,6 +92,25 @@ refuses "gaze.npz" "$rye" train --capture broken --out x3 --config small.json
 break_capture; head -c 100 cap/params/"$first"/params.npz > broken/params/"$first"/params.npz
 refuses "params.npz" "$rye" train --capture broken --out x3 --config small.json
 break_capture; : > broken/"${image#cap/}"
-refuses "$(basename "$image")" "$rye" info broken
+refuses "$(basename "$image")" "$rye" train --capture broken --out x3 --config small.json
+camera=$(ls cap/cameras/"$first" | head -n 1)
+break_capture; "$corrupt" nan broken/cameras/"$first/$camera" intrinsic
+refuses "$camera.*intrinsic" "$rye" train --capture broken --out x3 --config small.json
+break_capture; "$corrupt" infinite broken/cameras/"$first/$camera" extrinsic
+refuses "$camera.*extrinsic" "$rye" train --capture broken --out x3 --config small.json
+break_capture; "$corrupt" flat broken/cameras/"$first/$camera" extrinsic
+refuses "$camera.*extrinsic" "$rye" train --capture broken --out x3 --config small.json
+break_capture; "$corrupt" nan broken/params/"$first"/params.npz pose
+refuses "params.npz.*pose" "$rye" train --capture broken --out x3 --config small.json
+break_capture; "$corrupt" flat broken/params/"$first"/params.npz exp_coeff
+refuses "params.npz.*exp_coeff" "$rye" train --capture broken --out x3 --config small.json
+break_capture; tr -d '\n' < cap/capture.json | sed 's/"test_frames": *\[[^]]*\]/"test_frames": []/' \
+    > broken/capture.json
+refuses "test" "$rye" evaluate --run one --capture broken --split test
+break_capture; tr -d '\n' < cap/capture.json | sed 's/"train_frames": *\[[^]]*\]/"train_frames": []/' \
+    > broken/capture.json
+refuses "train_frames" "$rye" train --capture broken --out x3 --config small.json
 [ ! -e x3 ] || fail "a run was begun from a broken capture"
+cat one/checkpoint.safetensors one/config.json one/log.jsonl one/results.json > after.bin
+same before.bin after.bin
 echo "1 passed, 0 failed"

@@ -40,9 +40,11 @@ AvatarSample<T> tiny_sample(Draw draw) {
 
 template <class T, class U>
 AvatarLosses<U> losses_at(const TwoStream<U>& avatar, const AvatarConfig& config,
-                          EyeAverage average, TwoStreamTrace<U>& trace, AvatarPictures<U>& pictures) {
+                          EyeAverage average, bool blank_eyeballs, TwoStreamTrace<U>& trace,
+                          AvatarPictures<U>& pictures) {
     AvatarLossConfig weights;
     weights.eye_average = average;
+    weights.blank_eyeballs = blank_eyeballs;
     weights.face_alone = 0.7;
     return avatar_losses<ScalarBackend<>>(avatar, config, tiny_roles(), weights,
                                           Rasterizer<ScalarBackend<>, Balanced>{},
@@ -52,7 +54,8 @@ AvatarLosses<U> losses_at(const TwoStream<U>& avatar, const AvatarConfig& config
 
 /// How far <gradient, d> is from the derivative along d that duals give.
 template <class T>
-double law_error(EyeAverage average, ChosenMetric metric, std::uint64_t seed) {
+double law_error(EyeAverage average, ChosenMetric metric, std::uint64_t seed,
+                 bool blank_eyeballs = false) {
     using D = Dual<T, 1>;
     Draw draw{{seed, 3}};
     AvatarConfig config = tiny_config();
@@ -60,7 +63,7 @@ double law_error(EyeAverage average, ChosenMetric metric, std::uint64_t seed) {
     const TwoStream<T> avatar = lifted<T>(tiny_avatar(config, draw));
     TwoStreamTrace<T> trace;
     AvatarPictures<T> pictures;
-    const AvatarLosses<T> l = losses_at<T>(avatar, config, average, trace, pictures);
+    const AvatarLosses<T> l = losses_at<T>(avatar, config, average, blank_eyeballs, trace, pictures);
     TwoStream<T> grad = zeros_like(avatar);
     avatar_losses_vjp<ScalarBackend<>>(avatar, config, Rasterizer<ScalarBackend<>, Balanced>{},
                                        tiny_sample<T>(Draw{{9, 0}}), trace, pictures, grad);
@@ -69,7 +72,8 @@ double law_error(EyeAverage average, ChosenMetric metric, std::uint64_t seed) {
     seed_fields(dual, avatar, direction);
     TwoStreamTrace<D> dual_trace;
     AvatarPictures<D> dual_pictures;
-    const AvatarLosses<D> dl = losses_at<T>(dual, config, average, dual_trace, dual_pictures);
+    const AvatarLosses<D> dl = losses_at<T>(dual, config, average, blank_eyeballs, dual_trace,
+                                              dual_pictures);
     CHECK(std::abs(static_cast<double>(dl.total.value - l.total)) <=
           1e-5 * static_cast<double>(l.total));
     DotSum by_vjp, by_dual;
@@ -85,11 +89,13 @@ TEST_CASE("the two-stream step: its vjp is the transpose of its duals, in double
     for (const std::uint64_t seed : {1, 2, 3})
         CHECK(law_error<double>(EyeAverage::image, SquaredDistance{}, seed) <= 1e-12);
     CHECK(law_error<double>(EyeAverage::mask, EuclideanDistance{}, 4) <= 1e-12);
+    CHECK(law_error<double>(EyeAverage::mask, SquaredDistance{}, 5, true) <= 1e-12);
 }
 
 TEST_CASE("the two-stream step: its vjp is the transpose of its duals, in float") {
     CHECK(law_error<float>(EyeAverage::image, SquaredDistance{}, 1) <= 1e-5);
     CHECK(law_error<float>(EyeAverage::mask, EuclideanDistance{}, 2) <= 1e-5);
+    CHECK(law_error<float>(EyeAverage::mask, SquaredDistance{}, 3, true) <= 1e-5);
 }
 
 TEST_CASE("a blink: without eye pixels the eye terms and their gradients are zero") {

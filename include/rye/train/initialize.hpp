@@ -10,6 +10,7 @@
 #include <rye/avatar/guidance_mesh.hpp>
 #include <rye/avatar/two_stream.hpp>
 #include <rye/geometry/nearest.hpp>
+#include <rye/geometry/refine.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/rig/eyeball.hpp>
 
@@ -46,6 +47,9 @@ void pretrain_sphere(GuidanceMesh<T>& mesh, const AvatarConfig& config, const Ve
 template <class T>
 struct AvatarInit {
     TetGrid<T> grid;           ///< subdivided once more than stage 1's, if so wished
+    /// Edges of the neutral surface longer than spacing + slope * (distance to the nearest eye or
+    /// lip landmark) are halved; spacing 0: none. Units: canonical.
+    T spacing = T(0), spacing_slope = T(0.1);
     int mouth_points = 3000;
     T opacity = T(0.3);
     T eye_opacity = T(0.9);
@@ -74,6 +78,30 @@ Columns<T> mouth_points(const Columns<T>& lips, int count, const Random& random)
     return x;
 }
 
+/// The neutral surface, with vertices close together around eyes and lips, where a coarse one could
+/// neither open nor close.
+template <Backend B, Real T>
+void refine_at_landmarks(const Columns<T>& landmarks, T spacing, T slope, TriangleMesh<T>& mesh,
+                         Columns<T>& feature) {
+    constexpr int passes = 6;  // 1/64 of the longest edge
+    refine(mesh, feature, [&](const Vec3<T>& x) -> T {
+        const Columns<T> d2 = nearest_squared_distance<B, T>(Columns<T>(x), landmarks, nullptr);
+        return spacing + slope * std::sqrt(d2(0, 0));
+    }, passes);
+}
+
+/// Moves points that lie in an eyeball out to just before it: lids that began inside could only
+/// show through a transparent eye.
+template <Real T>
+void leave_eyeball(const Columns<T>& eyeball, const Vec3<T>& centre, Columns<T>& points) {
+    const T reach = T(1.03) * std::sqrt(eyeball.colwise().squaredNorm().maxCoeff());
+    for (Index i = 0; i < points.cols(); ++i) {
+        const Vec3<T> d = points.col(i) - centre;
+        const T r = d.norm();
+        if (r < reach && r > T(0)) points.col(i) = centre + (reach / r) * d;
+    }
+}
+
 /// Error if the guidance mesh has no surface.
 template <Backend B, Real T>
 TwoStream<T> initialize_avatar(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
@@ -83,9 +111,17 @@ TwoStream<T> initialize_avatar(const GuidanceMesh<T>& mesh, const AvatarConfig& 
             "the guidance mesh of stage 1 has no surface (its signed distance has one sign "
             "everywhere), expected a head; check units and head pose with `rye info`, or train "
             "stage 1 for longer");
-    const Columns<T>& surface = neutral.surface.positions;
-    // The inner and outer lips: GHA's landmarks[48:66].
+    // Eyes and lips among the landmarks (36 to 47, 48 to 65 of GHA's numbering).
     const Columns<T> lips = mesh.landmarks.middleCols(48, 18);
+    TriangleMesh<T> mesh_of{neutral.surface.positions, neutral.surface.topology.faces};
+    Columns<T> feature = neutral.feature;
+    if (init.spacing > T(0))
+        refine_at_landmarks<B, T>(mesh.landmarks.middleCols(36, 30), init.spacing,
+                                  init.spacing_slope, mesh_of, feature);
+    for (Index eye = 0; eye < 2; ++eye)
+        leave_eyeball<T>(init.eyeball[static_cast<std::size_t>(eye)].points,
+                         init.eye_centre.col(eye), mesh_of.vertices);
+    const Columns<T>& surface = mesh_of.vertices;
     const Columns<T> mouth = mouth_points(lips, init.mouth_points, random.fork(21));
     const Index n = surface.cols() + mouth.cols();
 
@@ -94,7 +130,7 @@ TwoStream<T> initialize_avatar(const GuidanceMesh<T>& mesh, const AvatarConfig& 
     f.position.resize(3, n);
     f.position << surface, mouth;
     f.feature = Columns<T>::Zero(config.feature, n);
-    f.feature.leftCols(surface.cols()) = neutral.feature.unaryExpr([](const T& v) {
+    f.feature.leftCols(surface.cols()) = feature.unaryExpr([](const T& v) {
         const T limit = T(max_initial_feature);
         return T(std::atanh(std::clamp(v, -limit, limit)));
     });

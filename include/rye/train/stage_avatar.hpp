@@ -29,14 +29,16 @@ struct AvatarLosses {
 /// The pictures of a step and the cotangents of its losses.
 template <class T>
 struct AvatarPictures {
-    Raster<T> final, face, eyes;  ///< feature renders
+    Raster<T> final;              ///< feature render
+    Raster<T> face;               ///< RGB of the face alone
+    Raster<T> eyes;               ///< of the eyes alone: RGB, features if sample.eyes_high
     Image<T> scaled;              ///< the final feature render after the sample's random scale
     Image<T> high, eyes_high;     ///< after super-resolution
     UpsamplerTrace<T> high_trace, eyes_high_trace;
     Columns<T> g_high, g_eyes_high;                ///< weighted cotangents of the RGB images
     Columns<T> g_final, g_face, g_eyes;            ///< ... and of the feature renders
     RasterScratch<T> scratch;                      ///< memory that the renders share
-    Gaussians<T> cloud;                            ///< both streams
+    Gaussians<T> cloud, face_cloud, eye_cloud;     ///< of the three renders
     Gaussians<T> g_cloud, g_face_cloud, g_eye_cloud;
 };
 
@@ -45,6 +47,17 @@ Drivers<T> corrected_drivers(const TwoStream<T>& avatar, const AvatarSample<T>& 
     Drivers<T> drivers = sample.drivers;
     if (sample.frame >= 0) drivers.pose += avatar.delta_pose.col(sample.frame);
     return drivers;
+}
+
+/// The same numbers without derivatives, in one colour.
+template <class T>
+Gaussians<T> painted(const Gaussians<T>& g, const VecX<T>& color) {
+    Gaussians<T> r;
+    Gaussians<T>::fields([](const std::string&, auto& out, const auto& in) {
+        out = in.unaryExpr([](const T& v) { return T(value_of(v)); });
+    }, r, g);
+    r.feature = color.replicate(1, g.count());
+    return r;
 }
 
 namespace detail {
@@ -57,6 +70,23 @@ T rgb_term(const Columns<T>& prediction, const Columns<T>& truth, const Columns<
     const LossGradient<T> l1 = masked_l1<B, T>(rgb, truth, mask);
     g.topRows(3) += T(weight) * l1.gradient;
     return l1.value;
+}
+
+/// The same Gaussians with their first channels only.
+template <class T>
+Gaussians<T> with_channels(const Gaussians<T>& g, Index channels) {
+    Gaussians<T> r = g;
+    r.feature = g.feature.topRows(channels);
+    return r;
+}
+
+/// Adds the gradient of the first Gaussians and channels.
+template <class T>
+void add_first(Gaussians<T>& sum, const Gaussians<T>& g) {
+    Gaussians<T>::fields([](const std::string&, auto& out, const auto& in) {
+        const Index n = std::min(out.cols(), in.cols()), rows = std::min(out.rows(), in.rows());
+        out.topLeftCorner(rows, n) += in.topLeftCorner(rows, n);
+    }, sum, g);
 }
 
 template <class T>
@@ -86,6 +116,15 @@ Columns<T> face_alone_mask(const AvatarSample<T>& sample) {
     return mask;
 }
 
+/// 1 where a visible pixel shows an eye, or an eyeball would be seen if there were no face.
+template <class T>
+Columns<T> eyeball_mask(const AvatarSample<T>& sample, const Columns<T>& eyeball_alpha) {
+    Columns<T> mask = sample.visible_small;
+    for (Index i = 0; i < mask.cols(); ++i)
+        if (!(sample.eyes_small(0, i) > T(0)) && !(eyeball_alpha(0, i) > T(0.5))) mask(0, i) = T(0);
+    return mask;
+}
+
 /// Renders and compares. Everything the vjp reads stays in `trace` and `pictures`.
 template <Backend B, class Accuracy, class Perceptual, class T, class Probe = NoProbe>
 AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& config,
@@ -99,8 +138,16 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
     AvatarPictures<T>& p = pictures;
     p.cloud = joined(trace.world_face, trace.world_eyes);
     rasterizer.forward_into(p.cloud, sample.camera, sample.background, p.final, &p.scratch);
-    rasterizer.forward_into(trace.world_face, sample.camera, sample.blank, p.face, &p.scratch);
-    rasterizer.forward_into(trace.world_eyes, sample.camera, sample.background, p.eyes, &p.scratch);
+    const VecX<T> blank_color = sample.blank.head(3);
+    p.face_cloud = detail::with_channels(trace.world_face, 3);
+    if (weights.blank_eyeballs)
+        p.face_cloud = joined(p.face_cloud, painted(trace.world_eyes, blank_color));
+    rasterizer.forward_into(p.face_cloud, sample.camera, blank_color, p.face, &p.scratch);
+    // Only super-resolution reads more than RGB.
+    p.eye_cloud = detail::with_channels(
+        trace.world_eyes, sample.eyes_high ? trace.world_eyes.channels() : Index(3));
+    const VecX<T> behind_eyes = sample.background.head(p.eye_cloud.channels());
+    rasterizer.forward_into(p.eye_cloud, sample.camera, behind_eyes, p.eyes, &p.scratch);
     probe("render");
     p.scaled = p.final.feature;
     if (sample.scale.active())
@@ -141,9 +188,17 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
     if (sample.eyes_high)
         l.eye_high = T(gain) * detail::rgb_term<B>(p.eyes_high.pixels, sample.truth.pixels,
                                                    sample.eyes, eye_high * gain, p.g_eyes_high);
-    const Columns<T> blank = sample.blank.head(3).replicate(1, p.face.feature.size());
-    l.blank = T(small_gain) * detail::rgb_term<B>(p.face.feature.pixels, blank, sample.eyes_small,
-                                                  weights.blank * small_gain, p.g_face);
+    Columns<T> blank = blank_color.replicate(1, p.face.feature.size());
+    Columns<T> blank_mask = sample.eyes_small;
+    if (weights.blank_eyeballs) {
+        const Columns<T> picture = face_alone_truth(sample);
+        for (Index i = 0; i < blank.cols(); ++i)
+            blank.col(i) = picture.col(i) + sample.eyes_small(0, i) * (blank_color - picture.col(i));
+        blank_mask = eyeball_mask(sample, p.eyes.alpha.pixels);
+    }
+    const double blank_gain = detail::eye_gain(weights.eye_average, blank_mask);
+    l.blank = T(blank_gain) * detail::rgb_term<B>(p.face.feature.pixels, blank, blank_mask,
+                                                  weights.blank * blank_gain, p.g_face);
     if (weights.face_alone > 0)
         l.face_alone = detail::rgb_term<B>(p.face.feature.pixels, face_alone_truth(sample),
                                            face_alone_mask(sample), weights.face_alone, p.g_face);
@@ -174,15 +229,17 @@ void avatar_losses_vjp(const TwoStream<T>& avatar, const AvatarConfig& config,
 
     const Index n = trace.world_face.mean.cols();
     const auto pull = [&](const Gaussians<T>& cloud, const VecX<T>& background,
-                          const Raster<T>& raster, const Columns<T>& g, Gaussians<T>& out) {
-        rasterizer.vjp_into(cloud, sample.camera, background, raster, RasterCotangent<T>{g}, out,
-                            &p.scratch);
+                          const Raster<T>& raster, const Columns<T>& g) {
+        rasterizer.vjp_into(cloud, sample.camera, background, raster, RasterCotangent<T>{g},
+                            p.g_cloud, &p.scratch);
     };
-    pull(p.cloud, sample.background, p.final, p.g_final, p.g_cloud);
-    pull(trace.world_face, sample.blank, p.face, p.g_face, p.g_face_cloud);
-    pull(trace.world_eyes, sample.background, p.eyes, p.g_eyes, p.g_eye_cloud);
-    add_fields(p.g_face_cloud, part(p.g_cloud, 0, n));
-    add_fields(p.g_eye_cloud, part(p.g_cloud, n, p.g_cloud.mean.cols() - n));
+    pull(p.cloud, sample.background, p.final, p.g_final);
+    p.g_face_cloud = part(p.g_cloud, 0, n);
+    p.g_eye_cloud = part(p.g_cloud, n, p.g_cloud.mean.cols() - n);
+    pull(p.face_cloud, VecX<T>(sample.blank.head(3)), p.face, p.g_face);
+    detail::add_first(p.g_face_cloud, p.g_cloud);
+    pull(p.eye_cloud, VecX<T>(sample.background.head(p.eye_cloud.channels())), p.eyes, p.g_eyes);
+    detail::add_first(p.g_eye_cloud, p.g_cloud);
     probe("render vjp");
 
     const Drivers<T> drivers = corrected_drivers(avatar, sample);
