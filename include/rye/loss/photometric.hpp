@@ -9,6 +9,7 @@
 #include <string>
 #include <type_traits>
 
+#include <rye/autodiff/widen.hpp>
 #include <rye/backend/backend.hpp>
 #include <rye/core/columns.hpp>
 #include <rye/core/concepts.hpp>
@@ -48,25 +49,26 @@ template <Backend B, class T>
 LossGradient<T> masked_l1(const std::type_identity_t<ColumnsView<T>>& a,
                           const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask) {
     using std::abs;
+    using W = widened_t<T>;  // a mean of millions of floats needs more digits than they have
     detail::require_same_shape<T>("masked_l1", a, b, mask);
     LossGradient<T> loss{T(0), Columns<T>::Zero(a.rows(), a.cols())};
     if (a.size() == 0) return loss;
     const T share(static_cast<real_t<T>>(1.0 / static_cast<double>(a.size())));
-    const T sum = sum_chunks<typename B::threads>(
-        a.cols(), detail::loss_grain, T(0), [&](Index first, Index last) {
-            T total(0);
+    const W sum = sum_chunks<typename B::threads>(
+        a.cols(), detail::loss_grain, W(0), [&](Index first, Index last) {
+            W total(0);
             for (Index j = first; j < last; ++j) {
                 const T m = mask.size() ? mask(j) : T(1);
                 if (m == T(0)) continue; // what is masked out may hold anything
                 for (Index i = 0; i < a.rows(); ++i) {
                     const T d = m * (a(i, j) - b(i, j));
-                    total += abs(d);
+                    total += scalar_cast<W>(T(abs(d)));
                     loss.gradient(i, j) = d > T(0) ? T(m * share) : d < T(0) ? T(-m * share) : T(0);
                 }
             }
             return total;
         });
-    loss.value = sum * share;
+    loss.value = scalar_cast<T>(W(sum * W(1.0 / static_cast<double>(a.size()))));
     return loss;
 }
 
