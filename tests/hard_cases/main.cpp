@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+// hard_cases [--page FILE]: runs every hard case; exit status 1 if one fails. With --page it also
+// writes docs/hard_cases.md.
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <set>
+
+#include "report.hpp"
+
+using namespace rye::hard;
+
+namespace {
+
+std::string number(double x) {
+    if (std::isnan(x)) return "NaN";
+    if (std::isinf(x)) return "inf";
+    char text[32];
+    std::snprintf(text, sizeof text, x == 0 ? "0" : "%.1e", x);
+    return text;
+}
+
+struct Counts {
+    std::size_t tested = 0, elsewhere = 0, absent = 0, textbook = 0;
+};
+
+Counts count(const Report& report) {
+    std::set<std::string> tested, textbook;
+    for (const Row& r : report.rows) (r.textbook ? textbook : tested).insert(r.id);
+    Counts c{tested.size(), 0, 0, textbook.size()};
+    for (const Entry& e : catalogue())
+        if (tested.count(std::string(e.id)) == 0)
+            ++(e.elsewhere.starts_with("absent") ? c.absent : c.elsewhere);
+    return c;
+}
+
+/// Rows of one law and one demand: kinds of number, and the worst of them (the best of a textbook).
+struct Group {
+    const Row* row;
+    std::string kinds;
+    double reached;
+};
+
+std::vector<Group> groups(const std::vector<const Row*>& rows) {
+    std::vector<Group> all;
+    for (const Row* r : rows) {
+        auto g = std::find_if(all.begin(), all.end(), [&](const Group& x) {
+            return x.row->inputs == r->inputs && x.row->demanded == r->demanded &&
+                   x.row->textbook == r->textbook;
+        });
+        if (g == all.end()) {
+            all.push_back({r, r->kind, r->reached});
+            continue;
+        }
+        g->kinds += "; " + r->kind;
+        if (r->textbook)
+            g->reached = std::min(g->reached, r->reached);
+        else
+            worsen(g->reached, r->reached);
+    }
+    return all;
+}
+
+void write_page(const Report& report, const char* path) {
+    const Counts c = count(report);
+    std::ofstream out(path);
+    out << "# Hard cases\n\n"
+           "Written by the test program `hard_cases --page docs/hard_cases.md`. An entry is an "
+           "input\n"
+           "that breaks the formula of the textbook, in float or at all; here is what is demanded "
+           "of\n"
+           "rye's formula and the worst that it reached on the machine that wrote the page. A row "
+           "in\n"
+           "*italics* is the textbook's formula, or a way of working, under the same demand: it "
+           "must\n"
+           "fail, so that the demand says something. \"holds\" is a fact without a number.\n\n"
+        << catalogue().size() << " entries: " << c.tested << " tested here, " << c.elsewhere
+        << " by another test, " << c.absent << " about code that is not in the tree; for "
+        << c.textbook << " the textbook's formula is shown to fail.\n\n"
+        << "| entry | inputs or formula | number | demanded | reached |\n|---|---|---|---|---|\n";
+    std::map<std::string, std::vector<const Row*>> by_id;
+    for (const Row& r : report.rows) by_id[r.id].push_back(&r);
+    for (const Entry& e : catalogue()) {
+        const auto found = by_id.find(std::string(e.id));
+        out << "| **" << e.id << "** " << e.title << " | ";
+        if (found == by_id.end()) {
+            out << e.elsewhere << " | | | |\n";
+            continue;
+        }
+        out << e.elsewhere << " | | | |\n";
+        for (const Group& g : groups(found->second)) {
+            const char* star = g.row->textbook ? "*" : "";
+            const bool fact = g.row->demanded < 0;
+            out << "| | " << star << g.row->inputs << star << " | " << g.kinds << " | "
+                << (fact ? "holds" : number(g.row->demanded)) << " | "
+                << (!fact            ? number(g.reached)
+                    : g.reached == 0 ? "holds"
+                                     : "does not hold")
+                << " |\n";
+        }
+    }
+}
+
+} // namespace
+
+int main(int argc, char** argv) {
+    Report report;
+    determinants(report);
+    cameras(report);
+    blending(report);
+    images(report);
+    tiling(report);
+    rotations(report);
+    rigs(report);
+    colours(report);
+    networks(report);
+    losses(report);
+    surfaces(report);
+    duals(report);
+    machines(report);
+    files(report);
+
+    int failed = 0;
+    std::set<std::string> known, seen;
+    for (const Entry& e : catalogue()) known.insert(std::string(e.id));
+    for (const Row& r : report.rows) {
+        if (!r.textbook) seen.insert(r.id);
+        const bool strange = known.count(r.id) == 0;
+        if (r.passed() && !strange) continue;
+        ++failed;
+        std::printf("%s %s, %s: %s: demanded %s, reached %s%s\n", strange ? "unknown" : "failed",
+                    r.id.c_str(), r.kind.c_str(), r.inputs.c_str(), number(r.demanded).c_str(),
+                    number(r.reached).c_str(), r.textbook ? " (a textbook formula must fail)" : "");
+    }
+    for (const Entry& e : catalogue())
+        if (e.elsewhere.empty() && seen.count(std::string(e.id)) == 0) {
+            ++failed;
+            std::printf("failed %s: no test and no word why\n", std::string(e.id).c_str());
+        }
+    const Counts c = count(report);
+    if (catalogue().size() != 127 || c.textbook < 40) ++failed;
+    std::printf(
+        "%zu entries, %zu tested here with %zu laws, %zu elsewhere, %zu absent; textbook "
+        "formulas fail for %zu; %d faults\n",
+        catalogue().size(), c.tested, report.rows.size(), c.elsewhere, c.absent, c.textbook,
+        failed);
+    if (argc == 3 && std::strcmp(argv[1], "--page") == 0) write_page(report, argv[2]);
+    return failed == 0 ? 0 : 1;
+}

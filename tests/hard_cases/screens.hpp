@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+/// tests/hard_cases/screens.hpp: scenes of a few large, flat Gaussians before a small camera, whose
+/// blended values can be written down; and the backends that a render is tried on.
+#pragma once
+
+#include <rye/splat/rasterizer.hpp>
+
+#include "report.hpp"
+
+namespace rye::hard {
+
+using Plain = ScalarBackend<Serial>;
+using Wide = XsimdBackend<xsimd::default_arch, Serial>;
+using Narrow = XsimdBackend<xsimd::sse4_2, Serial>;
+
+template <class B>
+const char* backend_name() {
+    if constexpr (std::is_same_v<B, Plain>)
+        return "scalar backend";
+    else if constexpr (std::is_same_v<B, Narrow>)
+        return "SSE backend";
+    else
+        return "lanes backend";
+}
+template <class B, class T>
+std::string kind() {
+    return kind_of<T>() + ", " + backend_name<B>();
+}
+
+template <class T>
+struct Screen {
+    Gaussians<T> gaussians;
+    Pinhole<T> camera;
+    VecX<T> background;
+};
+
+/// n Gaussians one behind the other on the axis, 25 px wide, in a 9 x 9 image of C channels.
+template <class T>
+Screen<T> layers(Index n, Index channels, T opacity) {
+    Screen<T> s{Gaussians<T>(n, channels), {}, VecX<T>::Zero(channels)};
+    s.gaussians.mean.setZero();
+    s.gaussians.rotation.setZero();
+    s.gaussians.rotation.row(0).setOnes();
+    s.gaussians.scale.setConstant(T(50));
+    s.gaussians.opacity.setConstant(opacity);
+    s.gaussians.feature.setConstant(T(1));
+    for (Index i = 0; i < n; ++i) s.gaussians.mean(2, i) = T(0.001) * static_cast<T>(i);
+    s.camera.fx = s.camera.fy = T(50);
+    s.camera.cx = s.camera.cy = T(4.5);
+    s.camera.width = s.camera.height = 9;
+    s.camera.camera_from_world.translation = Vec3<T>(T(0), T(0), T(100));
+    return s;
+}
+
+/// A random cloud of unit size, 3 in front of an uneven image.
+template <class T>
+Screen<T> cloud(Index n, Index channels, std::uint64_t seed, double size = 0.08) {
+    const Random random{seed, 1};
+    std::uint64_t k = 0;
+    Screen<T> s{Gaussians<T>(n, channels), {}, VecX<T>::Constant(channels, T(0.3))};
+    Gaussians<T>& g = s.gaussians;
+    for (Index i = 0; i < n; ++i) {
+        for (Index j = 0; j < 3; ++j) g.mean(j, i) = static_cast<T>(0.6 * random.normal(k++));
+        for (Index j = 0; j < 4; ++j) g.rotation(j, i) = static_cast<T>(random.normal(k++));
+        for (Index j = 0; j < 3; ++j)
+            g.scale(j, i) = static_cast<T>(size * std::exp(0.7 * random.normal(k++)));
+        g.opacity(0, i) = static_cast<T>(random.uniform(k++));
+        for (Index c = 0; c < channels; ++c) g.feature(c, i) = static_cast<T>(random.uniform(k++));
+    }
+    s.camera.fx = T(50), s.camera.fy = T(55);
+    s.camera.cx = T(20), s.camera.cy = T(11);
+    s.camera.width = 37, s.camera.height = 29;
+    s.camera.camera_from_world.translation = Vec3<T>(T(0.125), T(0.0625), T(3));
+    return s;
+}
+
+template <class B, class T>
+Raster<T> draw(const Screen<T>& s, const Balanced& accuracy = {}) {
+    return Rasterizer<B>{accuracy}.forward(s.gaussians, s.camera, s.background);
+}
+/// Gradients for cotangents of 1 at every channel of every pixel.
+template <class B, class T>
+Gaussians<T> pull(const Screen<T>& s, const Raster<T>& r, const Balanced& accuracy = {}) {
+    const Columns<T> ones = Columns<T>::Ones(s.gaussians.channels(), r.feature.size());
+    return Rasterizer<B>{accuracy}.vjp(s.gaussians, s.camera, s.background, r, ones);
+}
+
+/// f.template operator()<B, T>() for every backend and both widths.
+template <class F>
+void every_backend(F&& f) {
+    f.template operator()<Plain, float>();
+    f.template operator()<Plain, double>();
+    f.template operator()<Wide, float>();
+    f.template operator()<Wide, double>();
+    f.template operator()<Narrow, float>();
+}
+
+} // namespace rye::hard
