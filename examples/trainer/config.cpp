@@ -30,6 +30,7 @@ void walk(F& f, TrainConfig& c) {
         f("deform_scale", a.deform_scale);
         f("attribute_scale", a.attribute_scale);
         f("vertex_offset", a.vertex_offset);
+        f("drivers_from_zero", a.drivers_from_zero);
         f("networks", [&] {
             NetworkConfig& n = a.networks;
             f("geometry", n.geometry);
@@ -58,6 +59,7 @@ void walk(F& f, TrainConfig& c) {
         f("pretrain_steps", m.pretrain_steps);
         f("rate_decay", m.rate_decay);
         f("landmarks_follow_gaze", m.landmarks_follow_gaze);
+        f("fit_steps", m.fit_steps);
         f("weights", [&] {
             f("rgb", m.weights.rgb);
             f("silhouette", m.weights.silhouette);
@@ -322,7 +324,8 @@ TrainConfig preset(const std::string& name) {
     // What the paper leaves to a graphics card and days, shortened: narrower networks, fewer
     // Gaussians, one doubling of the image, larger rates that decay.
     c.avatar.feature = 32;
-    c.avatar.channels = tiny ? 16 : 32;
+    c.avatar.channels = tiny ? 16 : 8;
+    c.avatar.drivers_from_zero = true;
     c.avatar.networks = tiny ? narrow_networks(48, 32) : narrow_networks(64, 64);
     c.grid.cell = tiny ? 3.5 / 16 : 3.5 / 20;
     c.mesh.steps = tiny ? 400 : 900;
@@ -330,9 +333,12 @@ TrainConfig preset(const std::string& name) {
     c.mesh.image_size = tiny ? 96 : 128;
     c.mesh.rate_decay = 0.1;
     c.mesh.landmarks_follow_gaze = true;
+    c.mesh.fit_steps = tiny ? 1500 : 3000;
     AvatarTrainConfig& g = c.gaussians;
     g.steps = tiny ? 1200 : 5000;
     g.mouth_points = tiny ? 300 : 600;
+    g.spacing = tiny ? 0.02 : 0.012;
+    g.spacing_slope = 0.2;
     g.rate_decay = 0.05;
     g.augment = false;
     g.checkpoint_every = tiny ? 400 : 1000;
@@ -340,7 +346,7 @@ TrainConfig preset(const std::string& name) {
     g.eyeball.points = tiny ? 700 : 1500;
     g.weights.eye_average = EyeAverage::mask;
     g.weights.eye_low = g.weights.eye_high = 0.1;
-    g.weights.blank = 0.2;
+    g.weights.blank = 0.1;
     g.weights.blank_eyeballs = true;
     g.weights.face_alone = 1.0;
     g.weights.eye_high_every = 3;
@@ -355,7 +361,7 @@ TrainConfig preset(const std::string& name) {
     g.rates.delta_pose = 1e-5;
     g.rates.eye_feature = 1e-2;
     g.upsampler.capacity = 8;
-    g.upsampler.doublings = 1;
+    g.upsampler.doublings = tiny ? 1 : 0;
     g.upsampler.norm = Normalization::none;
     g.upsampler.skip = true;
     return c;

@@ -29,6 +29,7 @@ struct MeshTrainConfig {
     int pretrain_steps = 300; ///< of the sphere
     double rate_decay = 1;    ///< the rates at the last step, as a part of the first's
     bool landmarks_follow_gaze = false;  ///< L_def deforms by the gaze fields too, not expression alone
+    int fit_steps = 0;  ///< of fit_deformation, after the last step
     MeshLossConfig weights;
     MeshRates rates;
 };

@@ -8,6 +8,7 @@
 #include <rye/loss/perceptual.hpp>
 #include <rye/loss/ssim.hpp>
 #include <rye/train/checkpoint.hpp>
+#include <rye/train/fit_deformation.hpp>
 #include <rye/train/initialize.hpp>
 #include <rye/train/stage_avatar.hpp>
 #include <rye/train/stage_mesh.hpp>
@@ -51,6 +52,14 @@ void pretrain_mesh(TrainState& state) {
                                   Vec3<float>(state.subject.head_centre.cast<float>()),
                                   static_cast<float>(c.grid.half_side), c.mesh.pretrain_steps, 1e-3,
                                   seed_of(state).fork(3));
+}
+
+double fit_landmarks(TrainState& state, const std::vector<MeshSample<float>>& frames) {
+    DeformationFit fit;
+    fit.steps = state.config.mesh.fit_steps;
+    return fit_deformation<TrainBackend>(state.mesh, state.config.avatar, state.subject.roles,
+                                         state.config.mesh.landmarks_follow_gaze, frames, fit,
+                                         seed_of(state).fork(9));
 }
 
 void begin_avatar(TrainState& state, const TetGrid<float>& grid) {

@@ -26,6 +26,10 @@ TetGrid<float> make_lattice(const TrainState& state);
 /// Fits the guidance mesh to a sphere, from the state's seed.
 void pretrain_mesh(TrainState& state);
 
+/// Fits its deformations to the landmarks of all training frames; see fit_deformation. Returns the
+/// root mean square error that is left, canonical units.
+double fit_landmarks(TrainState& state, const std::vector<MeshSample<float>>& frames);
+
 /// Turns the guidance mesh into an avatar and the state into one of stage 2, step 0.
 void begin_avatar(TrainState& state, const TetGrid<float>& grid);
 

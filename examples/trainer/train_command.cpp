@@ -154,6 +154,7 @@ class Trainer {
     bool run() {
         if (state_.stage == Stage::mesh) {
             if (!train_mesh()) return false;
+            fit_to_landmarks();
             begin_avatar(state_, grid_);
             save_checkpoint(options_.out, state_);
             if (!options_.quiet)
@@ -223,6 +224,17 @@ class Trainer {
                 save_checkpoint(options_.out, state_);
         }
         return true;
+    }
+
+    void fit_to_landmarks() {
+        if (state_.config.mesh.fit_steps == 0) return;
+        std::vector<MeshSample<float>> frames;
+        for (const int frame : capture_.train)
+            frames.push_back(mesh_sample(capture_, state_.subject, state_.config, frame, {}));
+        const double left = fit_landmarks(state_, frames);
+        log_.write({{"stage", "mesh"}, {"step", state_.step}, {"landmark_rms", left}});
+        if (!options_.quiet)
+            std::cout << "landmarks of all frames fitted to " << brief("", left) << "\n";
     }
 
     /// Logs and shows a step.

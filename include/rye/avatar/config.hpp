@@ -46,6 +46,10 @@ struct AvatarConfig {
     double vertex_offset =
         1. / 128; ///< largest move of a lattice vertex is tanh(1) times this [unit]
 
+    /// Weights of the frame inputs (expression, head pose, gaze) start at 0: what training has not
+    /// seen vary then changes nothing. The published start is random.
+    bool drivers_from_zero = false;
+
     NetworkConfig networks;
 
     int encoded(int n) const { return n * (1 + 2 * frequencies); }
@@ -63,6 +67,17 @@ inline MlpShape mlp_shape(int point_inputs, int frame_inputs, const std::vector<
     shape.dims.push_back(outputs);
     shape.frame_inputs = frame_inputs;
     return shape;
+}
+
+/// A first network for points that frame inputs drive.
+template <class T>
+Mlp<T> driven_mlp(const AvatarConfig& config, const MlpShape& shape, const Random& random) {
+    Mlp<T> mlp = Mlp<T>::init(shape, random);
+    if (config.drivers_from_zero)
+        for (int l = 0; l < shape.layers(); ++l)
+            if (shape.reads_input(l))
+                mlp.weight[static_cast<std::size_t>(l)].rightCols(shape.frame_inputs).setZero();
+    return mlp;
 }
 
 } // namespace rye

@@ -32,7 +32,7 @@ struct FaceNetworks {
         const int xyz = c.position_code(), pose = c.pose_code(), gaze = c.gaze_code();
         const auto make = [&](int points, int frame, const std::vector<int>& hidden, int out,
                               std::uint64_t key) {
-            return Mlp<T>::init(mlp_shape(points, frame, hidden, out), random.fork(key));
+            return driven_mlp<T>(c, mlp_shape(points, frame, hidden, out), random.fork(key));
         };
         FaceNetworks n;
         n.exp_color = make(c.feature, c.expression, c.networks.exp_color, c.channels, 1);

@@ -144,8 +144,8 @@ TwoStream<T> initialize_avatar(const GuidanceMesh<T>& mesh, const AvatarConfig& 
     f.landmarks = mesh.landmarks;
     f.networks = mesh.networks;
     const auto attributes = [&](int frame_inputs, const std::vector<int>& hidden, int key) {
-        return Mlp<T>::init(mlp_shape(config.feature, frame_inputs, hidden, 8),
-                            random.fork(static_cast<std::uint64_t>(key)));
+        return driven_mlp<T>(config, mlp_shape(config.feature, frame_inputs, hidden, 8),
+                             random.fork(static_cast<std::uint64_t>(key)));
     };
     f.exp_attributes = attributes(config.expression, config.networks.exp_attributes, 22);
     f.pose_attributes = attributes(config.pose_code(), config.networks.pose_attributes, 23);

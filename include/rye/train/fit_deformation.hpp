@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/fit_deformation.hpp: the deformations by expression and gaze, fitted to the landmarks of
+/// all frames at the end of stage 1. A step costs a thousandth of one with pictures, so the frames
+/// that are rare (a blink) get as near as the common ones. Not in the paper; see docs/deviations.md.
+#pragma once
+
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <rye/core/random.hpp>
+#include <rye/nn/adam.hpp>
+#include <rye/train/landmark_losses.hpp>
+
+namespace rye {
+
+struct DeformationFit {
+    int steps = 0;
+    int batch = 4;        ///< frames a step
+    double rate = 2e-3;   ///< first learning rate; the last is a twentieth
+};
+
+/// `frames` need drivers and landmarks only. Returns the root mean square distance of a landmark's
+/// coordinate in the last steps (as many as there are frames), canonical units.
+template <Backend B, Real T>
+double fit_deformation(GuidanceMesh<T>& mesh, const AvatarConfig& config,
+                       const LandmarkRoles& roles, bool landmarks_follow_gaze,
+                       const std::vector<MeshSample<T>>& frames, const DeformationFit& fit,
+                       const Random& random) {
+    MeshLossConfig weights;
+    weights.landmark = weights.eye_offset = 0;
+    weights.deform = 1.0 / fit.batch;
+    Adam<GuidanceMesh<T>> adam(mesh);
+    GuidanceMesh<T> grad = zeros_like(mesh);
+    LandmarkTrace<T> trace;
+    double squares = 0, count = 0;
+    for (int step = 0; step < fit.steps; ++step) {
+        GuidanceMesh<T>::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
+        for (int i = 0; i < fit.batch; ++i) {
+            const auto draw = static_cast<std::uint64_t>(step * fit.batch + i);
+            const MeshSample<T>& frame = frames[static_cast<std::size_t>(
+                random.below(draw, static_cast<Index>(frames.size())))];
+            MeshLosses<T> l;
+            landmark_losses<B>(mesh, config, roles, weights, landmarks_follow_gaze, frame, trace, l);
+            landmark_losses_vjp<B>(mesh, config, landmarks_follow_gaze, frame, trace, grad);
+            if (step < fit.steps - static_cast<int>(frames.size())) continue;
+            squares += static_cast<double>(l.deform);
+            ++count;
+        }
+        const double rate = fit.rate * std::pow(0.05, static_cast<double>(step) / fit.steps);
+        adam_step<B>(mesh, grad, adam, [&](const std::string& name) {
+            return name.find("exp_deform") == 0 || name.find("gaze_deform") != std::string::npos
+                       ? rate : 0.0;
+        });
+    }
+    return count > 0 ? std::sqrt(squares / count) : 0.0;
+}
+
+} // namespace rye

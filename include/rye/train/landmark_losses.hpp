@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/landmark_losses.hpp: the terms of stage 1 that need no surface and no picture: where
+/// landmarks and eyeball centres go, and that landmarks lie on the surface.
+/// Canonical units. Source: paper eq. (12), L_def, L_lmk and L_eye.
+#pragma once
+
+#include <array>
+
+#include <rye/avatar/eye_stream.hpp>
+#include <rye/avatar/guidance_mesh.hpp>
+#include <rye/loss/mesh_terms.hpp>
+#include <rye/train/samples.hpp>
+#include <rye/train/settings.hpp>
+
+namespace rye {
+
+template <class T>
+struct MeshLosses {
+    T rgb = T(0), silhouette = T(0), deform = T(0), offset = T(0), landmark = T(0);
+    T laplacian = T(0), eye_offset = T(0);
+    T total = T(0);      ///< weighted
+    Index vertices = 0;  ///< of the surface; 0: no surface, image losses left out
+};
+
+/// The deformation of the neutral landmarks by expression (and by gaze where asked), for L_def.
+template <class T>
+struct LandmarkTrace {
+    GeometryTrace<T> geometry;  ///< at the landmarks: signed distance and offset
+    Columns<T> shifted;         ///< after the lattice offset
+    Columns<T> code;
+    Columns<T> ones;            ///< influence 1 everywhere
+    Weights<T> weights;
+    WeightsTrace<T> nearest;
+    FieldTrace<T> exp;
+    std::array<FieldTrace<T>, 2> gaze;
+    Columns<T> deformed;
+    EyeOffsetTrace<T> eye_offset;
+    Columns<T> g_deformed, g_sdf, g_eye_offset;  ///< weighted cotangents
+};
+
+/// Sets l.deform, l.landmark and l.eye_offset. `landmarks_follow_gaze` deforms the landmarks of
+/// L_def by the gaze fields too, weighted by lambda_gaze; GHA, which has none, deforms them by
+/// expression alone.
+template <Backend B, class T>
+void landmark_losses(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
+                     const LandmarkRoles& roles, const MeshLossConfig& weights,
+                     bool landmarks_follow_gaze, const MeshSample<T>& sample, LandmarkTrace<T>& m,
+                     MeshLosses<T>& l) {
+    using std::tanh;
+    const FrameCode<T> code = frame_code(config, sample.drivers);
+    geometry_at<B>(mesh, config, mesh.landmarks, m.geometry);
+    const T reach = T(config.vertex_offset), gain = T(config.deform_scale);
+    m.shifted = mesh.landmarks + m.geometry.output.middleRows(1, 3).unaryExpr(
+                                     [&](const T& o) { return T(reach * tanh(o)); });
+    m.code = positional_encoding(m.shifted, config.frequencies);
+    m.ones = Columns<T>::Ones(1, m.shifted.cols());
+    m.deformed = m.shifted;
+    add_field<B>(mesh.networks.exp_deform, Squash::tanh, gain, m.code, m.ones, code.expression,
+                 m.deformed, m.exp);
+    if (landmarks_follow_gaze) {
+        m.weights = face_weights<B, T>(config, m.shifted, mesh.landmarks, roles, m.nearest);
+        for (std::size_t eye = 0; eye < 2; ++eye)
+            add_field<B>(mesh.networks.gaze_deform[eye], Squash::tanh, gain, m.code,
+                         m.weights.gaze[eye], code.gaze[eye], m.deformed, m.gaze[eye]);
+    }
+    const LossTerm<T> def = deformation_term<T>(m.deformed, sample.landmarks);
+    l.deform = def.value;
+    m.g_deformed = T(weights.deform) * def.gradient;
+    const Columns<T> sdf = m.geometry.output.topRows(1);
+    const LossTerm<T> lmk = landmark_term<T>(sdf);
+    l.landmark = lmk.value;
+    m.g_sdf = T(weights.landmark) * lmk.gradient;
+
+    const Columns<T> moved = eye_offset<B, T>(mesh.eye_offset, config, code, m.eye_offset);
+    const LossTerm<T> eye = eye_offset_term<T>(moved, sample.eye_displacement);
+    l.eye_offset = eye.value;
+    m.g_eye_offset = T(weights.eye_offset) * eye.gradient;
+}
+
+/// Adds the gradient to `grad`.
+template <Backend B, class T>
+void landmark_losses_vjp(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
+                         bool landmarks_follow_gaze, const MeshSample<T>& sample,
+                         const LandmarkTrace<T>& m, GuidanceMesh<T>& grad) {
+    using std::tanh;
+    const FrameCode<T> code = frame_code(config, sample.drivers);
+    const T reach = T(config.vertex_offset), gain = T(config.deform_scale);
+    Columns<T> g_code = Columns<T>::Zero(m.code.rows(), m.code.cols());
+    Columns<T> g_shifted = m.g_deformed;
+    field_vjp<B>(mesh.networks.exp_deform, Squash::tanh, gain, m.ones, code.expression, m.exp,
+                 m.g_deformed, {&grad.networks.exp_deform, &g_code});
+    if (landmarks_follow_gaze) {
+        Weights<T> g_w(m.shifted.cols());
+        for (std::size_t eye = 0; eye < 2; ++eye)
+            field_vjp<B>(mesh.networks.gaze_deform[eye], Squash::tanh, gain, m.weights.gaze[eye],
+                         code.gaze[eye], m.gaze[eye], m.g_deformed,
+                         {&grad.networks.gaze_deform[eye], &g_code, &g_w.gaze[eye]});
+        face_weights_vjp<T>(config, m.shifted, mesh.landmarks, m.nearest, g_w, g_shifted,
+                            &grad.landmarks);
+    }
+    g_shifted += positional_encoding_vjp(m.code, g_code, config.frequencies);
+    Columns<T> g_output = Columns<T>::Zero(m.geometry.output.rows(), m.geometry.output.cols());
+    g_output.topRows(1) = m.g_sdf;
+    g_output.middleRows(1, 3) =
+        g_shifted.cwiseProduct(m.geometry.output.middleRows(1, 3).unaryExpr([&](const T& o) {
+            const T h = tanh(o);
+            return T(reach * (T(1) - h) * (T(1) + h));
+        }));
+    grad.landmarks += g_shifted + geometry_vjp<B>(mesh, config, m.geometry, g_output, grad);
+
+    VecX<T> g_pose_code = VecX<T>::Zero(code.pose.size());
+    eye_offset_vjp<B, T>(mesh.eye_offset, config, m.eye_offset, m.g_eye_offset, grad.eye_offset,
+                         g_pose_code);
+}
+
+} // namespace rye
