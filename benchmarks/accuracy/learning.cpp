@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+// What precision costs in learning: an MLP's values and gradients in float and with weights of 16
+// bits (bf16, sums in float) against double; and ways to add up a gradient of a million terms.
+#include <bit>
+#include <chrono>
+#include <cmath>
+
+#include <rye/backend/xsimd.hpp>
+#include <rye/core/parallel.hpp>
+#include <rye/core/random.hpp>
+#include <rye/nn/mlp.hpp>
+
+#include "table.hpp"
+
+namespace rye::bench {
+namespace {
+
+/// To the nearest of the 16 upper bits, ties to even.
+float bf16(float x) {
+    auto b = std::bit_cast<std::uint32_t>(x);
+    b += 0x7FFFU + ((b >> 16U) & 1U);
+    return std::bit_cast<float>(b & 0xFFFF0000U);
+}
+
+double relative(const Columns<double>& a, const Columns<double>& b) {
+    return (a - b).norm() / b.norm();
+}
+
+template <class F>
+double least_seconds(const F& f) {
+    double least = INFINITY;
+    for (int i = 0; i < 7; ++i) {
+        const auto a = std::chrono::steady_clock::now();
+        f();
+        const auto b = std::chrono::steady_clock::now();
+        least = std::min(least, std::chrono::duration<double>(b - a).count());
+    }
+    return least;
+}
+
+void mlp_precision() {
+    using B = XsimdBackend<xsimd::default_arch, Serial>;
+    const MlpShape shape{{27, 64, 64, 64, 32}, 0};
+    const Index points = 4096;
+    const Mlp<float> net = Mlp<float>::init(shape, Random{1, 0});
+    Columns<float> x(27, points), w(32, points);
+    for (Index i = 0; i < x.size(); ++i)
+        x.data()[i] = static_cast<float>(Random{2, 0}.normal(std::uint64_t(i)));
+    for (Index i = 0; i < w.size(); ++i)
+        w.data()[i] = static_cast<float>(Random{3, 0}.normal(std::uint64_t(i)));
+    Mlp<double> truth(shape);
+    convert_fields(truth, net, [](float v) { return static_cast<double>(v); });
+    const auto run = [&](const auto& m, const auto& in, const auto& g, auto& value, auto& grad) {
+        using T = typename std::decay_t<decltype(in)>::Scalar;
+        MlpTrace<T> trace;
+        value = mlp_forward<B>(m, in, VecX<T>(), &trace);
+        grad = zeros_like(m);
+        mlp_vjp<B>(m, in, VecX<T>(), trace, g, grad, nullptr, nullptr);
+    };
+    Columns<double> y64;
+    Mlp<double> g64(shape);
+    const Columns<double> x64 = x.cast<double>(), w64 = w.cast<double>();
+    run(truth, x64, w64, y64, g64);
+    const double t64 = least_seconds([&] { run(truth, x64, w64, y64, g64); });
+    const auto report = [&](const char* name, const Mlp<float>& m, const Columns<float>& in) {
+        Columns<float> y;
+        Mlp<float> g(shape);
+        const double t = least_seconds([&] { run(m, in, w, y, g); });
+        double worst = 0;
+        for (std::size_t l = 0; l < g.weight.size(); ++l)
+            worst = std::max(worst, relative(g.weight[l].cast<double>(), g64.weight[l]));
+        std::printf("mlp %-34s value %.1e, gradient %.1e, time %.2f of double's\n", name,
+                    relative(y.cast<double>(), y64), worst, t / t64);
+    };
+    std::printf("mlp 27-64-64-64-32, %td points, against double\n", points);
+    report("float", net, x);
+    Mlp<float> half = net;
+    Mlp<float>::fields([](const std::string&, auto& a) { a = a.unaryExpr(&bf16).eval(); }, half);
+    const Columns<float> half_x = x.unaryExpr(&bf16);
+    report("bf16 weights and inputs, float sums", half, half_x);
+}
+
+void accumulation() {
+    const Index n = 1 << 20;
+    Columns<float> g(1, n);
+    long double truth = 0, size = 0;
+    for (Index i = 0; i < n; ++i) {
+        g(0, i) = static_cast<float>(1e-3 * Random{5, 0}.normal(std::uint64_t(i)) + 1e-5);
+        truth += g(0, i);
+        size += std::abs(g(0, i));
+    }
+    std::printf("a gradient of %td terms: error over the sum of magnitudes\n", n);
+    const float* p = g.data();
+    const auto report = [&](const char* name, const auto& sum, double& base) {
+        double value = 0;
+        const double t = least_seconds([&] { value = static_cast<double>(sum()); });
+        if (base == 0) base = t;
+        std::printf("sum %-34s %.1e, time %.2f of the first\n", name,
+                    static_cast<double>(std::abs(value - truth) / size), t / base);
+    };
+    double base = 0;
+    report(
+        "one float",
+        [&] {
+            float s = 0;
+            for (Index i = 0; i < n; ++i) s += p[i];
+            return s;
+        },
+        base);
+    report(
+        "one float, Kahan",
+        [&] {
+            float s = 0, c = 0;
+            for (Index i = 0; i < n; ++i) {
+                const float y = p[i] - c, t = s + y;
+                c = (t - s) - y;
+                s = t;
+            }
+            return s;
+        },
+        base);
+    report(
+        "fixed chunks of 256 floats (rye's)",
+        [&] {
+            return sum_chunks<Serial>(n, 256, 0.0F, [&](Index b, Index e) {
+                return Eigen::Map<const VecX<float>>(p + b, e - b).sum();
+            });
+        },
+        base);
+    report(
+        "one double",
+        [&] {
+            double s = 0;
+            for (Index i = 0; i < n; ++i) s += static_cast<double>(p[i]);
+            return s;
+        },
+        base);
+}
+
+} // namespace
+
+void learning() {
+    mlp_precision();
+    accumulation();
+}
+
+} // namespace rye::bench

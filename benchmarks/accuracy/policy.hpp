@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+/// benchmarks/accuracy/policy.hpp: accuracy policies behind one face, so that a table can be made
+/// of them. Each is bound to a scene once; its renders share memory, as those of a user would.
+#pragma once
+
+#include <functional>
+#include <memory>
+
+#include <rye/splat/rasterizer.hpp>
+
+#include "scenes.hpp"
+
+namespace rye::bench {
+
+/// What a policy makes of one scene.
+struct Runner {
+    std::function<void()> forward, backward;
+    std::function<Columns<double>()> feature;    ///< of the last forward
+    std::function<Gaussians<double>()> gradient; ///< of the last backward
+};
+
+struct Policy {
+    std::string name, group; ///< "preset", or the knob that is turned
+    std::function<Runner(const Scenery&, const Columns<float>& w, const Columns<float>& w_alpha)>
+        bind;
+};
+
+template <class B, class T, class A>
+Policy policy(const std::string& name, const std::string& group, const A& accuracy) {
+    return {
+        name, group,
+        [accuracy](const Scenery& s, const Columns<float>& w, const Columns<float>& w_alpha) {
+            struct State {
+                Rasterizer<B, A> rasterizer;
+                Gaussians<T> g, gradient;
+                Pinhole<T> camera;
+                VecX<T> background;
+                Columns<T> w, w_alpha;
+                Raster<T> raster;
+                RasterScratch<T> scratch;
+            };
+            const auto st = std::make_shared<State>();
+            st->rasterizer.accuracy = accuracy;
+            convert_fields(st->g, s.gaussians, [](float x) { return static_cast<T>(x); });
+            st->camera = s.camera.cast<T>();
+            st->background = s.background.cast<T>();
+            st->w = w.cast<T>();
+            st->w_alpha = w_alpha.cast<T>();
+            return Runner{
+                [st] {
+                    st->rasterizer.forward_into(st->g, st->camera, st->background, st->raster,
+                                                &st->scratch);
+                },
+                [st] {
+                    st->rasterizer.vjp_into(st->g, st->camera, st->background, st->raster,
+                                            {st->w, &st->w_alpha}, st->gradient, &st->scratch);
+                },
+                [st] { return Columns<double>(st->raster.feature.pixels.template cast<double>()); },
+                [st] {
+                    Gaussians<double> d;
+                    convert_fields(d, st->gradient, [](T x) { return static_cast<double>(x); });
+                    return d;
+                }};
+        }};
+}
+
+using Lanes = XsimdBackend<xsimd::default_arch, Serial>;
+using Plain = ScalarBackend<Serial>;
+
+/// Exact32's numbers under another degree of the exponential.
+template <int Degree>
+struct ExactDegree : Exact32 {
+    static constexpr int exp2_degree = Degree;
+};
+
+// One file each, since each kind of rule is compiled for every number of channels.
+std::vector<Policy> exact_policies();  ///< Exact32 and what is a number of it
+std::vector<Policy> preset_policies(); ///< Tight, Balanced, Fast
+std::vector<Policy> degree_policies(); ///< degrees of the exponential
+std::vector<Policy> rule_policies();   ///< other stops and supports
+std::vector<Policy> scalar_policies(); ///< double, and plain loops
+
+} // namespace rye::bench

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/oracle_vjp.hpp: the true gradient that accuracy policies are measured against: by hand
+/// through the sums over pixels, in double, and by duals through the ellipses, in long double. It
+/// shares no formula with the rasterizer's vjp, and the projection's derivative is nobody's but the
+/// duals'. Slow by intent.
+#pragma once
+
+#include <array>
+
+#include <rye/autodiff/dual.hpp>
+#include <rye/splat/oracle.hpp>
+
+namespace rye {
+
+/// Cotangents of the image and, if not empty, of alpha.
+struct OracleCotangent {
+    Columns<double> feature;       ///< C x pixels
+    Columns<double> alpha = {};    ///< 1 x pixels, or empty
+};
+
+namespace detail {
+
+/// Sums over pixels of the cotangents of one ellipse.
+struct EllipseCotangent {
+    std::array<double, 5> part{};  ///< of u, v, a, b, c
+    double opacity = 0;
+};
+
+/// One pixel: every alpha near to far, then the recursion far to near.
+inline void oracle_pixel_vjp(const Gaussians<double>& g,
+                             const std::vector<OracleEllipse<long double>>& ellipses,
+                             const VecX<double>& background, const OracleCotangent& w, double px,
+                             double py, Index p, std::vector<EllipseCotangent>& sums,
+                             Columns<double>& g_feature) {
+    struct Hit {
+        std::size_t k;
+        double dx, dy, bell, alpha, before;
+    };
+    std::vector<Hit> hits;
+    double t = 1;
+    for (std::size_t k = 0; k < ellipses.size(); ++k) {
+        const OracleEllipse<long double>& e = ellipses[k];
+        const long double dx = px - e.u, dy = py - e.v;
+        const long double form = e.a * dx * dx + 2 * e.b * dx * dy + e.c * dy * dy;
+        if (form > 1500) continue;                     // exp of it is 0 in double
+        const double bell = std::exp(-0.5 * static_cast<double>(form));
+        const double alpha = g.opacity(0, e.index) * bell;
+        hits.push_back({k, static_cast<double>(dx), static_cast<double>(dy), bell, alpha, t});
+        t *= 1 - alpha;
+    }
+    const VecX<double> wp = w.feature.col(p);
+    double behind = wp.dot(background);
+    const double extra = w.alpha.size() > 0 ? w.alpha(0, p) : 0.0;
+    double behind_alpha = 0;                           // of alpha, composited likewise
+    for (auto h = hits.rbegin(); h != hits.rend(); ++h) {
+        const OracleEllipse<long double>& e = ellipses[h->k];
+        const double mine = wp.dot(g.feature.col(e.index));
+        const double more = mine - behind + extra * (1 - behind_alpha);
+        g_feature.col(e.index) += h->before * h->alpha * wp;
+        behind += h->alpha * (mine - behind);
+        behind_alpha += h->alpha * (1 - behind_alpha);
+        const double g_alpha = h->before * more;
+        EllipseCotangent& s = sums[h->k];
+        s.opacity += g_alpha * h->bell;
+        const double g_form = -0.5 * g_alpha * h->alpha;
+        const double a = static_cast<double>(e.a), b = static_cast<double>(e.b),
+                     c = static_cast<double>(e.c);
+        s.part[0] -= g_form * 2 * (a * h->dx + b * h->dy);
+        s.part[1] -= g_form * 2 * (b * h->dx + c * h->dy);
+        s.part[2] += g_form * h->dx * h->dx;
+        s.part[3] += g_form * 2 * h->dx * h->dy;
+        s.part[4] += g_form * h->dy * h->dy;
+    }
+}
+
+} // namespace detail
+
+/// Gradients of everything in `g` for a cotangent of the image.
+inline Gaussians<double> oracle_vjp(const Gaussians<double>& g, const Pinhole<double>& camera,
+                                    const VecX<double>& background,
+                                    const std::vector<std::uint32_t>& order,
+                                    const OracleCotangent& w, const OracleModel& model = {}) {
+    using D = Dual<long double, 10>;
+    const auto ellipses = oracle_ellipses(g, camera, order, model);
+    std::vector<detail::EllipseCotangent> sums(ellipses.size());
+    Gaussians<double> out = zeros_like(g);
+    for (int y = 0; y < camera.height; ++y)
+        for (int x = 0; x < camera.width; ++x)
+            detail::oracle_pixel_vjp(g, ellipses, background, w, x + 0.5, y + 0.5,
+                                     Index(y) * camera.width + x, sums, out.feature);
+    const Pinhole<D> lens = camera.cast<long double>().cast<D>();
+    for (std::size_t k = 0; k < ellipses.size(); ++k) {
+        const Index i = ellipses[k].index;
+        int n = 0;
+        const auto lift = [&](double x) { return D::variable(static_cast<long double>(x), n++); };
+        Vec3<D> mean, scale;
+        Vec4<D> q;
+        for (int j = 0; j < 3; ++j) mean[j] = lift(g.mean(j, i));
+        for (int j = 0; j < 4; ++j) q[j] = lift(g.rotation(j, i));
+        for (int j = 0; j < 3; ++j) scale[j] = lift(g.scale(j, i));
+        const OracleEllipse<D> e = oracle_ellipse<D>(i, mean, q, scale, lens, model);
+        const std::array<const D*, 5> parts{&e.u, &e.v, &e.a, &e.b, &e.c};
+        std::array<long double, 10> sum{};
+        for (std::size_t part = 0; part < 5; ++part)
+            for (std::size_t j = 0; j < 10; ++j)
+                sum[j] += static_cast<long double>(sums[k].part[part]) * parts[part]->d[j];
+        for (std::size_t j = 0; j < 10; ++j) {
+            const auto row = static_cast<Index>(j);
+            double& to = j < 3   ? out.mean(row, i)
+                         : j < 7 ? out.rotation(row - 3, i)
+                                 : out.scale(row - 7, i);
+            to = static_cast<double>(sum[j]);
+        }
+        out.opacity(0, i) = sums[k].opacity;
+    }
+    return out;
+}
+
+} // namespace rye
