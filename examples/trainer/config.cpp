@@ -96,6 +96,7 @@ void walk(F& f, TrainConfig& c) {
             f("high_resolution", g.weights.high_resolution);
             f("low_resolution", g.weights.low_resolution);
             f("perceptual", g.weights.perceptual);
+            f("dssim", g.weights.dssim);
             f("eye_low", g.weights.eye_low);
             f("eye_high", g.weights.eye_high);
             f("blank", g.weights.blank);

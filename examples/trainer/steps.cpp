@@ -151,7 +151,7 @@ StepReport AvatarStepper::step(TrainState& state, const AvatarSample<float>& sam
     probe("optimiser");
     ++state.step;
     return {{{"loss", l.total}, {"high_resolution", l.high_resolution},
-             {"low_resolution", l.low_resolution}, {"perceptual", l.perceptual},
+             {"low_resolution", l.low_resolution}, {"perceptual", l.perceptual}, {"dssim", l.dssim},
              {"eye_low", l.eye_low}, {"eye_high", l.eye_high}, {"blank", l.blank},
              {"face_alone", l.face_alone}},
             0, report.first_bad_field};

@@ -46,6 +46,7 @@ AvatarLosses<U> losses_at(const TwoStream<U>& avatar, const AvatarConfig& config
     weights.eye_average = average;
     weights.blank_eyeballs = blank_eyeballs;
     weights.face_alone = 0.7;
+    weights.dssim = 0.3;
     return avatar_losses<ScalarBackend<>>(avatar, config, tiny_roles(), weights,
                                           Rasterizer<ScalarBackend<>, Balanced>{},
                                           PyramidGradientLoss{}, tiny_sample<U>(Draw{{9, 0}}), trace,

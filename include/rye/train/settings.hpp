@@ -35,6 +35,7 @@ struct AvatarLossConfig {
     double high_resolution = 1.0;
     double low_resolution = 1.0;   ///< lambda_lr of the image loss
     double perceptual = 0.1;       ///< lambda_vgg
+    double dssim = 0;              ///< 1 - SSIM of the final image; not in the paper
     double eye_low = 0.5;          ///< lambda_lr of the eyeball loss
     double eye_high = 0.5;         ///< lambda_hr of the eyeball loss
     double blank = 1.0;            ///< lambda_blank

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include <rye/avatar/two_stream.hpp>
+#include <rye/loss/dssim.hpp>
 #include <rye/loss/perceptual.hpp>
 #include <rye/loss/photometric.hpp>
 #include <rye/splat/rasterizer.hpp>
@@ -21,7 +22,7 @@ namespace rye {
 
 template <class T>
 struct AvatarLosses {
-    T high_resolution = T(0), low_resolution = T(0), perceptual = T(0);
+    T high_resolution = T(0), low_resolution = T(0), perceptual = T(0), dssim = T(0);
     T eye_low = T(0), eye_high = T(0), blank = T(0), face_alone = T(0);
     T total = T(0);  ///< weighted
 };
@@ -179,6 +180,12 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
     l.perceptual = seen.value;
     p.g_high += T(weights.perceptual) * seen.gradient;
 
+    if (weights.dssim > 0) {
+        const LossGradient<T> structure = dssim<B, T>(p.high, truth);
+        l.dssim = structure.value;
+        p.g_high += T(weights.dssim) * structure.gradient;
+    }
+
     const double small_gain = detail::eye_gain(weights.eye_average, sample.eyes_small);
     const double gain = detail::eye_gain(weights.eye_average, sample.eyes);
     l.eye_low = T(small_gain) *
@@ -204,6 +211,7 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
                                            face_alone_mask(sample), weights.face_alone, p.g_face);
     l.total = T(weights.high_resolution) * l.high_resolution +
               T(weights.low_resolution) * l.low_resolution + T(weights.perceptual) * l.perceptual +
+              T(weights.dssim) * l.dssim +
               T(weights.eye_low) * l.eye_low + T(eye_high) * l.eye_high +
               T(weights.blank) * l.blank + T(weights.face_alone) * l.face_alone;
     probe("losses");

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <rye/loss/dssim.hpp>
+
+#include <doctest/doctest.h>
+
+#include <rye/backend/scalar.hpp>
+
+#include "../nn/adjoint.hpp"
+
+using namespace rye;
+
+namespace {
+
+using B = ScalarBackend<>;
+
+template <class T>
+Image<T> image_of(int width, int height, std::uint64_t seed) {
+    Image<T> image(width, height, 3);
+    image.pixels = (random_columns<T>(3, width * height, seed).array() * T(0.5) + T(0.5)).matrix();
+    return image;
+}
+
+template <class T>
+double law_error(int width, int height) {
+    const Image<T> a = image_of<T>(width, height, 1), b = image_of<T>(width, height, 2);
+    const Columns<T> da = random_columns<T>(3, a.size(), 3);
+    Image<Dual<T, 1>> x(width, height, 3), y(width, height, 3);
+    x.pixels = lifted(a.pixels, da);
+    y.pixels = lifted(b.pixels, Columns<T>(Columns<T>::Zero(3, b.size())));
+    DotProducts d;
+    const Columns<T> slope =
+        Columns<T>::Constant(1, 1, dssim<B, Dual<T, 1>>(x, y).value.d[0]);
+    d.add_forward(slope, Columns<T>(Columns<T>::Ones(1, 1)));
+    d.add_reverse(dssim<B, T>(a, b).gradient, da);
+    return d.error();
+}
+
+/// The same in the middle of a black canvas.
+Image<double> framed(const Image<double>& image) {
+    constexpr int edge = ssim_window / 2;
+    Image<double> out(image.width + 2 * edge, image.height + 2 * edge, 3);
+    out.pixels.setZero();
+    for (int y = 0; y < image.height; ++y)
+        for (int x = 0; x < image.width; ++x) out.at(x + edge, y + edge) = image.at(x, y);
+    return out;
+}
+
+} // namespace
+
+TEST_CASE("D-SSIM is 1 - SSIM, with black around the images") {
+    const Image<double> a = image_of<double>(23, 17, 4), b = image_of<double>(23, 17, 5);
+    const double measured = ssim<B>(framed(a), framed(b), Columns<double>());
+    CHECK(dssim<B, double>(a, b).value == doctest::Approx(1 - measured).epsilon(1e-12));
+    CHECK(dssim<B, double>(a, a).value == doctest::Approx(0).epsilon(1e-12));
+}
+
+TEST_CASE("D-SSIM: its gradient is what duals give") {
+    CHECK(law_error<double>(19, 14) <= 1e-12);
+    CHECK(law_error<float>(19, 14) <= 1e-5);
+    CHECK(law_error<double>(5, 3) <= 1e-12);  // smaller than the window
+}
+
+TEST_CASE("D-SSIM of flat pictures has a finite gradient") {
+    Image<float> a(12, 12, 3), b(12, 12, 3);
+    a.pixels.setZero();
+    b.pixels.setOnes();
+    CHECK(dssim<B, float>(a, b).gradient.allFinite());
+    b.pixels.setZero();
+    CHECK(dssim<B, float>(a, b).gradient.isZero(1e-6F));
+}
