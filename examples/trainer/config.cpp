@@ -115,6 +115,7 @@ void walk(F& f, TrainConfig& c) {
             f("rotation", g.rates.rotation);
             f("delta_pose", g.rates.delta_pose);
             f("eye_feature", g.rates.eye_feature);
+            f("eye_offset", g.rates.eye_offset);
         });
         f("upsampler", [&] {
             f("capacity", g.upsampler.capacity);
@@ -361,6 +362,7 @@ TrainConfig preset(const std::string& name) {
     g.rates.rotation = 2e-3;
     g.rates.delta_pose = 1e-5;
     g.rates.eye_feature = 1e-2;
+    g.rates.eye_offset = 0;
     g.upsampler.capacity = 8;
     g.upsampler.doublings = tiny ? 1 : 0;
     g.upsampler.norm = Normalization::none;
