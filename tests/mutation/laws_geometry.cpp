@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+// geometry/mesh.hpp, geometry/marching_tets.hpp, nn/elementwise.hpp, loss/mesh_terms.hpp.
+#include <rye/backend/scalar.hpp>
+#include <rye/geometry/marching_tets.hpp>
+#include <rye/loss/mesh_terms.hpp>
+
+#include "laws.hpp"
+
+using namespace rye;
+using namespace rye::laws;
+
+namespace {
+
+const std::vector<Face> fan{{0, 1, 2}, {0, 2, 3}, {0, 3, 4}, {1, 2, 4}};
+
+/// A loss of one array, as an operator on its entries.
+template <class Loss>
+void scalar_loss(const char* name, Index rows, Index cols, const Loss& loss) {
+    every_law(
+        name, rows * cols, 1,
+        [&](const auto& x) {
+            using S = typename std::decay_t<decltype(x)>::Scalar;
+            return Columns<S>::Constant(1, 1, loss(Columns<S>(x.reshaped(rows, cols))).value)
+                .eval();
+        },
+        [&](const auto& x, const auto& g) {
+            using S = typename std::decay_t<decltype(x)>::Scalar;
+            return Columns<S>(loss(Columns<S>(x.reshaped(rows, cols))).gradient.reshaped() *
+                              g(0, 0));
+        });
+}
+
+void all() {
+    every_law(
+        "uniform_laplacian", 15, 15,
+        [](const auto& x) {
+            using S = typename std::decay_t<decltype(x)>::Scalar;
+            return Columns<S>(uniform_laplacian<S>(Columns<S>(x.reshaped(3, 5)), fan).reshaped());
+        },
+        [](const auto& x, const auto& g) {
+            using S = typename std::decay_t<decltype(x)>::Scalar;
+            return Columns<S>(laplacian_vjp<S>(fan, Columns<S>(g.reshaped(3, 5))).reshaped());
+        });
+    // Two corners of an edge and their distances, of opposite sign.
+    SurfaceTopology edge;
+    edge.edges.push_back({0, 1});
+    const auto distances = [](const auto& x) {
+        using S = typename std::decay_t<decltype(x)>::Scalar;
+        Columns<S> s(1, 2);
+        s(0, 0) = S(1) + S(0.5F) * sin(x(6, 0)), s(0, 1) = S(-1) + S(0.5F) * sin(x(7, 0));
+        return s;
+    };
+    every_law(
+        "surface_positions", 8, 3,
+        [&](const auto& x) {
+            using S = typename std::decay_t<decltype(x)>::Scalar;
+            const Columns<S> v = Columns<S>(x.topRows(6)).reshaped(3, 2);
+            return Columns<S>(surface_positions<S>(edge, v, distances(x)));
+        },
+        [&](const auto& x, const auto& g) {
+            using S = typename std::decay_t<decltype(x)>::Scalar;
+            using std::cos, std::sin;
+            const Columns<S> v = Columns<S>(x.topRows(6)).reshaped(3, 2), s = distances(x);
+            Surface<S> surface{surface_positions<S>(edge, v, s), crossing_fractions<S>(edge, s),
+                               edge};
+            const auto r = surface_vjp<S>(surface, v, s, Columns<S>(0, 2), g, Columns<S>(0, 1));
+            auto out = x;
+            out.topRows(6) = r.vertices.reshaped();
+            for (Index k = 0; k < 2; ++k) out(6 + k, 0) = S(0.5F) * cos(x(6 + k, 0)) * r.sdf(0, k);
+            return out;
+        });
+    scalar_loss("laplacian_term", 3, 5, [](const auto& x) {
+        using S = typename std::decay_t<decltype(x)>::Scalar;
+        return laplacian_term<S>(x, fan);
+    });
+    scalar_loss("silhouette_term", 1, 6, [](const auto& x) {
+        using S = typename std::decay_t<decltype(x)>::Scalar;
+        Columns<S> mask(1, 6), visible = Columns<S>::Ones(1, 6), soft = x;
+        for (Index i = 0; i < 6; ++i) {
+            mask(0, i) = S(i % 2 == 0 ? 1 : 0);
+            soft(0, i) = S(0.5F) + S(0.1F) * x(0, i);
+        }
+        auto r = silhouette_term<S>(soft, mask, visible);
+        r.gradient = Columns<S>(S(0.1F) * r.gradient);
+        return r;
+    });
+}
+
+} // namespace
+
+int main(int argc, char** argv) { return run(argc, argv, all); }
