@@ -329,7 +329,7 @@ TrainConfig preset(const std::string& name) {
     c.avatar.channels = tiny ? 16 : 8;
     c.avatar.drivers_from_zero = true;
     c.avatar.networks = tiny ? narrow_networks(48, 32) : narrow_networks(64, 64);
-    c.grid.cell = tiny ? 3.5 / 16 : 3.5 / 20;
+    c.grid.cell = tiny ? 3.5 / 16 : 3.5 / 24;
     c.mesh.steps = tiny ? 400 : 900;
     c.mesh.views = 2;
     c.mesh.image_size = tiny ? 96 : 128;
@@ -345,14 +345,15 @@ TrainConfig preset(const std::string& name) {
     g.augment = false;
     g.checkpoint_every = tiny ? 400 : 1000;
     g.panel_every = tiny ? 400 : 500;
-    g.eyeball.points = tiny ? 700 : 1500;
+    g.eyeball.points = tiny ? 700 : 2500;
     g.weights.eye_average = EyeAverage::mask;
-    g.weights.eye_low = g.weights.eye_high = 0.1;
+    g.weights.eye_low = g.weights.eye_high = 0.2;
+    g.weights.dssim = 0.2;
     g.weights.blank = 0.1;
     g.weights.blank_eyeballs = true;
     g.weights.face_alone = 1.0;
     g.weights.eye_high_every = 3;
-    g.eyeball.max_growth = 1.5;
+    g.eyeball.max_growth = 0.7;
     g.rates.upsampler = 1e-3;
     g.rates.networks = 1e-3;
     g.rates.opacity = 1e-2;

@@ -23,8 +23,13 @@ EyeballTemplate<float> eyeball_of(const Subject& s, const TrainConfig& config, s
     shape.pupil_radius *= s.limbus_radius[eye] / shape.limbus_radius;
     shape.limbus_radius = s.limbus_radius[eye];
     shape.iris_plane = s.iris_plane[eye];
-    // The default rings make about 2000 points.
-    const double share = std::sqrt(static_cast<double>(config.gaussians.eyeball.points) / 2000);
+    // Rings whose points lie half as far apart on the iris as on the sclera: where a coarse sclera
+    // met a fine iris, its large Gaussians would reach over the iris of an eye that looks aside.
+    // They make about 2500 points.
+    shape.iris_rings = 12;
+    shape.sclera_rings = 20;
+    shape.back_rings = 8;
+    const double share = std::sqrt(static_cast<double>(config.gaussians.eyeball.points) / 2500);
     const auto rings = [&](int n) { return std::max(3, static_cast<int>(std::lround(n * share))); };
     shape.iris_rings = rings(shape.iris_rings);
     shape.sclera_rings = rings(shape.sclera_rings);
