@@ -101,6 +101,12 @@ template <class M>
     requires(!std::is_same_v<M, bool>)
 bool truth(const M& mask) { return xsimd::all(mask); }
 
+/// Whether this thread flushes denormals to zero.
+inline bool flushed() {
+    volatile float least = 1e-38F, half = 0.25F;
+    return least * half == 0.0F;
+}
+
 /// As std::max, but NaN is the worst of all.
 inline void worsen(double& worst, double x) {
     if (!(x <= worst) && !std::isnan(worst)) worst = x;

@@ -41,6 +41,8 @@ void c1_c3(Report& report) {
     double worst = 0, naive = 0, along = 0;
     for (const double magnitude : {1e-38, 1e-30, 1e-23, 1e-20, 1e-10, 1.0, 1e10, 1e19, 1e30, 1e37})
         for (std::uint64_t i = 0; i < 200; ++i) {
+            // Where denormals are zero, entries or gradients of these would be.
+            if (flushed() && (magnitude < 1e-29 || magnitude > 1e30)) continue;
             Quat<S> q = draw<S, 4>(1, i);
             for (int k = 0; k < 4; ++k) q[k] = q[k] * S(static_cast<R>(magnitude));
             const Quat<long double> truth = wide(q) / wide(q).norm();
