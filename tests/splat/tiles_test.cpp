@@ -127,9 +127,17 @@ TEST_CASE("tiles: each list is near to far, and members find their entries") {
     for (std::size_t t = 0; t < std::size_t(lists.tiles()); ++t)
         for (Index k = lists.begin[t] + 1; k < lists.begin[t + 1]; ++k)
             sorted &= rank[lists.member[std::size_t(k) - 1]] < rank[lists.member[std::size_t(k)]];
+    // Each slot is one entry's, and one of those of the entry's member, tile after tile.
+    std::vector<Index> entry_of(std::size_t(lists.entries()), -1);
+    for (Index k = 0; k < lists.entries(); ++k) {
+        const std::size_t m = lists.member[std::size_t(k)], slot = lists.slot[std::size_t(k)];
+        found &= Index(slot) >= lists.first[m] && Index(slot) < lists.first[m + 1];
+        found &= entry_of[slot] == -1;
+        entry_of[slot] = k;
+    }
     for (std::size_t m = 0; m < std::size_t(n); ++m)
-        for (Index i = lists.first[m]; i < lists.first[m + 1]; ++i)
-            found &= lists.member[std::size_t(lists.place[std::size_t(i)])] == m;
+        for (Index i = lists.first[m] + 1; i < lists.first[m + 1]; ++i)
+            found &= entry_of[std::size_t(i) - 1] < entry_of[std::size_t(i)];
     CHECK(sorted);
     CHECK(found);
     CHECK(lists.first.back() == lists.entries());

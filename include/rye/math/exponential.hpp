@@ -11,6 +11,7 @@
 #include <concepts>
 #include <cstdint>
 #include <type_traits>
+#include <utility>
 
 #include <rye/math/scalar.hpp>
 
@@ -21,15 +22,26 @@ inline constexpr double ln_2 = 0.69314718055994530942;
 
 namespace detail {
 
-/// p 2^k for a whole k within the normal exponents.
+/// Adding 1.5 times 2 to the number of mantissa bits rounds to a whole number, which then stands in
+/// the lowest bits.
+template <class R>
+inline constexpr double rounder = sizeof(R) == 4 ? 0x1.8p23 : 0x1.8p52;
+
+/// p 2^k for p in [1/2, 2) and t = k + rounder, k within the normal exponents: k is added to the
+/// exponent's bits. Elsewhere any number.
 template <Scalar T>
-RYE_HD T scale_by_power(const T& p, const T& k) {
-    if constexpr (std::same_as<T, float>)
-        return p * std::bit_cast<float>((static_cast<std::int32_t>(k) + 127) << 23);
-    else if constexpr (std::same_as<T, double>)
-        return p * std::bit_cast<double>((static_cast<std::int64_t>(k) + 1023) << 52);
-    else
-        return ldexp(p, to_int(k));  // a batch: its own, found by argument
+RYE_HD T scale_by_power(const T& p, const T& t) {
+    if constexpr (std::same_as<T, float>) {
+        const auto k = std::bit_cast<std::uint32_t>(t) << 23U;
+        return std::bit_cast<float>(std::bit_cast<std::uint32_t>(p) + k);
+    } else if constexpr (std::same_as<T, double>) {
+        const auto k = std::bit_cast<std::uint64_t>(t) << 52U;
+        return std::bit_cast<double>(std::bit_cast<std::uint64_t>(p) + k);
+    } else {                                // a batch: its own functions, found by argument
+        using Bits = decltype(to_int(p));
+        constexpr int mantissa = sizeof(real_t<T>) == 4 ? 23 : 52;
+        return bitwise_cast<T>(bitwise_cast<Bits>(p) + (bitwise_cast<Bits>(t) << mantissa));
+    }
 }
 
 /// Degrees 3 to 6, highest power first.
@@ -76,16 +88,26 @@ struct Exp2Poly {
             return x.chain(f, V(constant<V>(ln_2) * f));
         } else {
             const T lowest = T(-126);
-            const T safe = select(x > lowest, x, lowest);
-            // Adding 1.5 times 2 to the number of mantissa bits rounds to a whole number.
-            const T round = constant<T>(sizeof(real_t<T>) == 4 ? 0x1.8p23 : 0x1.8p52);
-            const T k = (safe + round) - round;
-            const T f = safe - k;                                        // in [-1/2, 1/2]
-            T p = constant<T>(Coefficients::c[0]);
-            for (std::size_t i = 1; i < Coefficients::c.size(); ++i)
-                p = p * f + constant<T>(Coefficients::c[i]);
-            return detail::scale_by_power(p, k);
+            return within(T(select(x > lowest, x, lowest)));
         }
+    }
+
+    /// The same for x in [-126, 127], not a dual; elsewhere any number.
+    template <Scalar T>
+    RYE_HD static T within(const T& x) {
+        const T round = constant<T>(detail::rounder<real_t<T>>);
+        const T t = x + round;
+        const T f = x - (t - round);                                     // in [-1/2, 1/2]
+        return detail::scale_by_power(polynomial(f, std::make_index_sequence<Degree>()), t);
+    }
+
+  private:
+    /// Horner's scheme, written out: compilers leave a loop over an array of doubles a loop.
+    template <Scalar T, std::size_t... I>
+    RYE_HD static T polynomial(const T& f, std::index_sequence<I...>) {
+        T p = constant<T>(Coefficients::c[0]);
+        ((p = p * f + constant<T>(Coefficients::c[I + 1])), ...);
+        return p;
     }
 };
 

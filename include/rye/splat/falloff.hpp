@@ -31,7 +31,8 @@ struct Splat {
     int row_end = 0;
 };
 
-/// Sums over pixels, g being the cotangent of the exponent -(u^2 + v^2) in natural units.
+/// Sums over pixels, g being the cotangent of the exponent -(u^2 + v^2) in natural units. Slots
+/// hold them in this order.
 template <class T>
 struct SplatCotangent {
     T u, v;                  ///< sum of g u, g v

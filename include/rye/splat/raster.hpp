@@ -11,11 +11,14 @@
 
 namespace rye {
 
+inline constexpr std::uint32_t no_member = 0xFFFFFFFF;
+
 /// The order and the cut-offs of one render, so that its vjp differentiates what was drawn.
 template <class T>
 struct RasterTrace {
     std::vector<Splat<T>> splats;        ///< visible Gaussians, by member of lists
     std::vector<std::uint32_t> source;   ///< of each member: its index
+    std::vector<std::uint32_t> member;   ///< of each index: its member, or no_member
     TileLists lists;
     std::vector<Index> used;             ///< of each tile: entries read before all pixels were full
     Index non_finite = 0;                ///< Gaussians left out for a NaN, an infinity or a zero
@@ -33,6 +36,29 @@ struct Raster {
 };
 
 enum class Candidacy : std::uint8_t { hidden, visible, non_finite };
+
+/// Partial gradients, one slot an entry, so that no two threads write to one: a SplatCotangent's
+/// numbers, an idle one, and the features, in whole eights. A slot that is not touched holds none.
+template <class T>
+struct Slots {
+    static constexpr Index head = 8;     ///< features begin here
+    struct alignas(64) Line {
+        T x[16];
+    };
+    std::vector<Line> lines;
+    std::vector<std::uint8_t> touched;
+    Index stride = 0;
+
+    void shape(Index count, Index channels) {
+        stride = head + (channels + 7) / 8 * 8;
+        const auto need = static_cast<std::size_t>((count * stride + 15) / 16);
+        if (lines.size() < need) lines.resize(need);
+        touched.assign(static_cast<std::size_t>(count), 0);
+    }
+    T* operator[](Index slot) { return lines.data()->x + slot * stride; }
+    const T* operator[](Index slot) const { return lines.data()->x + slot * stride; }
+    bool is_touched(Index slot) const { return touched[static_cast<std::size_t>(slot)] != 0; }
+};
 
 /// Memory that renders may share to spare allocations; it holds no state between calls.
 template <class T>
@@ -52,9 +78,7 @@ struct RasterScratch {
     SortBuffer<Key> sort;
     std::vector<Span> pixel_rows;        ///< by member
 
-    std::vector<SplatCotangent<T>> slots; ///< by entry: each owns its partial gradient
-    Columns<T> feature_slots;            ///< C x entries
-    std::vector<std::uint8_t> touched;   ///< by entry: its slot holds a gradient
+    Slots<T> slots;
 };
 
 /// What a pixel walk reads.
@@ -73,6 +97,9 @@ struct Scene {
     }
     std::size_t member(Index entry) const {
         return trace.lists.member[static_cast<std::size_t>(entry)];
+    }
+    Index slot(Index entry) const {
+        return trace.lists.slot[static_cast<std::size_t>(entry)];
     }
     Index begin(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile)]; }
     Index end(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile) + 1]; }

@@ -21,9 +21,6 @@ decltype(auto) with_channels(Index channels, F&& f) {
     case 1: return f(integral_constant<int, 1>());
     case 3: return f(integral_constant<int, 3>());
     case 4: return f(integral_constant<int, 4>());
-    case 8: return f(integral_constant<int, 8>());
-    case 16: return f(integral_constant<int, 16>());
-    case 32: return f(integral_constant<int, 32>());
     default: return f(integral_constant<int, 0>());
     }
 }
@@ -64,11 +61,11 @@ struct Rasterizer {
         const Scene<T> scene = scene_of(g, camera, background, out.trace);
         for_tiles(out.trace.lists.tiles(), [&](Index b, Index e) {
             if constexpr (LaneBackend<B, T>) {
-                std::vector<T> sums;
+                using V = typename B::template batch<T>;
+                const auto canvas = std::make_unique<LaneCanvas<V>>();
                 with_channels(g.channels(), [&](auto c) {
                     for (Index t = b; t < e; ++t)
-                        blend_tile_lanes<typename B::template batch<T>, c>(scene, accuracy, t, out,
-                                                                           sums);
+                        blend_tile_lanes<V, c>(scene, accuracy, t, out, *canvas);
                 });
             } else {
                 for (Index t = b; t < e; ++t) blend_tile(scene, accuracy, t, out);
@@ -99,19 +96,15 @@ struct Rasterizer {
         check(g, camera, background);
         check_cotangent(g, camera, cotangent);
         const RasterTrace<T>& trace = raster.trace;
-        const Index entries = trace.lists.entries();
-        s.slots.resize(static_cast<std::size_t>(entries));
-        if (s.feature_slots.rows() != g.channels() || s.feature_slots.cols() < entries)
-            s.feature_slots.resize(g.channels(), entries);
-        s.touched.assign(static_cast<std::size_t>(entries), 0);
+        s.slots.shape(trace.lists.entries(), g.channels());
         const Scene<T> scene = scene_of(g, camera, background, trace);
         for_tiles(trace.lists.tiles(), [&](Index b, Index e) {
             if constexpr (LaneBackend<B, T>) {
-                LaneTape<T> tape;
+                using V = typename B::template batch<T>;
+                const auto tape = std::make_unique<LaneTape<V>>();
                 with_channels(g.channels(), [&](auto c) {
                     for (Index t = b; t < e; ++t)
-                        blend_tile_vjp_lanes<typename B::template batch<T>, c>(
-                            scene, accuracy, cotangent, t, s, tape);
+                        blend_tile_vjp_lanes<V, c>(scene, accuracy, cotangent, t, s, *tape);
                 });
             } else {
                 std::vector<Hit<T>> hits;
@@ -119,14 +112,15 @@ struct Rasterizer {
                     blend_tile_vjp(scene, accuracy, cotangent, t, s, hits);
             }
         });
-        clear_hidden(trace, g, out, s);
-        const Index members = static_cast<Index>(trace.source.size());
-        for_chunks<typename B::threads>(members, 1024, [&](Index b, Index e, Index) {
+        Gaussians<T>::fields([](const std::string&, Columns<T>& a,
+                                const Columns<T>& like) { a.resize(like.rows(), like.cols()); },
+                             out, g);
+        for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
             if constexpr (LaneBackend<B, T>)
-                pull_back_range_lanes<typename B::template batch<T>>(g, camera, accuracy, trace, s,
-                                                                     b, e, out);
+                pull_back_range_lanes<typename B::template batch<T>>(g, camera, accuracy, trace,
+                                                                     s.slots, b, e, out);
             else
-                pull_back_range(g, camera, accuracy, trace, s, b, e, out);
+                pull_back_range(g, camera, accuracy, trace, s.slots, b, e, out);
         });
     }
 
@@ -134,23 +128,7 @@ struct Rasterizer {
     /// f(begin, end) for runs of tiles.
     template <class F>
     static void for_tiles(Index tiles, F&& f) {
-        for_chunks<typename B::threads>(tiles, 16, [&](Index b, Index e, Index) { f(b, e); });
-    }
-
-    /// Shapes `out` as `g`, with zeros for the Gaussians that are not members; members are written.
-    template <class T>
-    static void clear_hidden(const RasterTrace<T>& trace, const Gaussians<T>& g, Gaussians<T>& out,
-                             RasterScratch<T>& scratch) {
-        scratch.state.assign(static_cast<std::size_t>(g.count()), Candidacy::hidden);
-        for (const std::uint32_t i : trace.source) scratch.state[i] = Candidacy::visible;
-        Gaussians<T>::fields(
-            [&](const std::string&, Columns<T>& a, const Columns<T>& like) {
-                a.resize(like.rows(), like.cols());
-                for (Index i = 0; i < like.cols(); ++i)
-                    if (scratch.state[static_cast<std::size_t>(i)] == Candidacy::hidden)
-                        a.col(i).setZero();
-            },
-            out, g);
+        for_chunks<typename B::threads>(tiles, 8, [&](Index b, Index e, Index) { f(b, e); });
     }
 
     template <class T>

@@ -135,6 +135,7 @@ void arrange(const Pinhole<T>& camera, const A& accuracy, RasterScratch<T>& scra
     scratch.pixel_rows.resize(n);
     trace.splats.resize(n);
     trace.source.resize(n);
+    trace.member.assign(scratch.candidates.size(), no_member);
     for (std::size_t v = 0; v < n; ++v) {
         const std::uint32_t i = scratch.visible[v];
         const auto& c = scratch.candidates[i];
@@ -144,6 +145,7 @@ void arrange(const Pinhole<T>& camera, const A& accuracy, RasterScratch<T>& scra
         scratch.pixel_rows[m] = {c.splat.row_begin, c.splat.row_end};
         trace.splats[m] = c.splat;
         trace.source[m] = i;
+        trace.member[i] = m;
     }
     sort_by_key(scratch.keys, scratch.order, scratch.sort);
     trace.lists.template build<typename B::threads, A::support, R>(
@@ -153,58 +155,45 @@ void arrange(const Pinhole<T>& camera, const A& accuracy, RasterScratch<T>& scra
         });
 }
 
-/// The sum of a member's slots over its tiles, in the order of tiles, but for the features.
+/// Adds a member's slots over its tiles, in the order of tiles, to sum[0 ... stride).
 template <class T>
-SplatCotangent<T> merge_slots(const TileLists& lists, const RasterScratch<T>& scratch,
-                              Index member) {
-    SplatCotangent<T> sum{T(0), T(0), T(0), T(0), T(0), T(0), T(0)};
+void merge_slots(const TileLists& lists, const Slots<T>& slots, Index member, T* sum) {
+    std::fill_n(sum, slots.stride, T(0));
     const auto m = static_cast<std::size_t>(member);
     for (Index i = lists.first[m]; i < lists.first[m + 1]; ++i) {
-        const auto k = static_cast<std::size_t>(lists.place[static_cast<std::size_t>(i)]);
-        if (scratch.touched[k] == 0) continue;
-        const SplatCotangent<T>& s = scratch.slots[k];
-        sum.u += s.u;
-        sum.v += s.v;
-        sum.uu += s.uu;
-        sum.uv += s.uv;
-        sum.vv += s.vv;
-        sum.alpha += s.alpha;
-        sum.depth += s.depth;
+        if (!slots.is_touched(i)) continue;
+        const T* s = slots[i];
+        for (Index k = 0; k < slots.stride; ++k) sum[k] += s[k];
     }
-    return sum;
 }
 
-/// The same sum for the feature from `channel` on: one number or, by `load`, a batch of them.
-template <class V, class T, class Load>
-V merge_features(const TileLists& lists, const RasterScratch<T>& scratch, Index member,
-                 Index channel, const Load& load) {
-    V sum(T(0));
-    const auto m = static_cast<std::size_t>(member);
-    for (Index i = lists.first[m]; i < lists.first[m + 1]; ++i) {
-        const Index entry = lists.place[static_cast<std::size_t>(i)];
-        if (scratch.touched[static_cast<std::size_t>(entry)] == 0) continue;
-        sum = sum + load(scratch.feature_slots.data() + entry * scratch.feature_slots.rows() +
-                         channel);
-    }
-    return sum;
+/// Zeros for a Gaussian that is not drawn.
+template <class T>
+void clear_gradient(Gaussians<T>& out, Index i) {
+    Gaussians<T>::fields(
+        [&](const std::string&, Columns<T>& a) { a.col(i).setZero(); }, out);
 }
 
-/// Gradients of members [b, e), from slots to world; the other columns of `out` stay.
+/// Gradients of Gaussians [b, e), from slots to world.
 template <class A, class T>
 void pull_back_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy,
-                     const RasterTrace<T>& trace, const RasterScratch<T>& scratch, Index b, Index e,
+                     const RasterTrace<T>& trace, const Slots<T>& slots, Index b, Index e,
                      Gaussians<T>& out) {
     const Lens<T> lens(camera, accuracy.frustum_margin, accuracy.dilation);
-    for (Index r = b; r < e; ++r) {
-        const auto at = static_cast<std::size_t>(r);
-        const Index i = trace.source[at];
-        const SplatCotangent<T> sum = merge_slots(trace.lists, scratch, r);
+    std::vector<T> sum(static_cast<std::size_t>(slots.stride));
+    for (Index i = b; i < e; ++i) {
+        const std::uint32_t m = trace.member[static_cast<std::size_t>(i)];
+        if (m == no_member) {
+            clear_gradient(out, i);
+            continue;
+        }
+        merge_slots(trace.lists, slots, m, sum.data());
         for (Index k = 0; k < g.channels(); ++k)
-            out.feature(k, i) = merge_features<T>(trace.lists, scratch, r, k,
-                                                  [](const T* from) { return *from; });
-        const ScreenCotangent<T> c = screen_cotangent(trace.splats[at], sum);
-        store_shape(project_vjp(load_shape(g, i), lens, c), out, i);
-        out.opacity(0, i) = sum.alpha / g.opacity(0, i);
+            out.feature(k, i) = sum[static_cast<std::size_t>(Slots<T>::head + k)];
+        const SplatCotangent<T> s{sum[0], sum[1], sum[2], sum[3], sum[4], sum[5], sum[6]};
+        store_shape(project_vjp(load_shape(g, i), lens, screen_cotangent(trace.splats[m], s)), out,
+                    i);
+        out.opacity(0, i) = s.alpha / g.opacity(0, i);
     }
 }
 

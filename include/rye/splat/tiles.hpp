@@ -12,6 +12,7 @@
 #include <limits>
 #include <string>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include <rye/core/error.hpp>
@@ -21,8 +22,8 @@
 
 namespace rye {
 
-/// Side of a tile [px]: small, since most Gaussians of a head avatar span a few pixels.
-inline constexpr int tile_edge = 8;
+/// Side of a tile [px]: 8 and 16 were tried; the larger halves the entries.
+inline constexpr int tile_edge = 16;
 inline constexpr int tile_pixels = tile_edge * tile_edge;
 
 /// The region where a Gaussian's alpha can reach alpha_min: an ellipse, or a square.
@@ -68,33 +69,54 @@ struct Cover {
     }
 
     /// Columns of tiles of tile row `row`, whose pixels within `rows` are all that count.
-    Span columns(int row, const Span& rows) const {
-        Span px;
-        if constexpr (support == Support::square) {
-            px = square(f.x, width);
-        } else {
-            // The widest point of the ellipse within the slab of these rows.
-            const R top = static_cast<R>(std::max(row * tile_edge, rows.begin)) + R(0.5) - f.y;
-            const R bottom =
-                static_cast<R>(std::min((row + 1) * tile_edge, rows.end) - 1) + R(0.5) - f.y;
-            const R sigma_x = std::sqrt(f.covariance.xx);
-            const R tilt = f.covariance.xy / f.covariance.yy;              // of E[x | y]
-            const R widest = f.radius * f.covariance.xy / sigma_x;   // y of the rightmost point
-            const R s = slack();
-            px = pixels_between(f.x + end(-widest, top, bottom, tilt, R(-1)) - s,
-                                f.x + end(widest, top, bottom, tilt, R(1)) + s, width);
-        }
+    Span columns(int row, const Span& rows) const { return columns_of(rows)(row); }
+
+    /// The same as a function of the row.
+    auto columns_of(const Span& rows) const {
+        if constexpr (support == Support::square)
+            return [px = square(f.x, width)](int) { return tiles_of(px); };
+        else
+            return Slabs{*this, rows};
+    }
+
+  private:
+    static Span tiles_of(const Span& px) {
         if (px.begin >= px.end) return {};
         return {px.begin / tile_edge, (px.end - 1) / tile_edge + 1};
     }
 
-  private:
-    /// Left (-1) or right (+1) end of the ellipse at the y in [top, bottom] nearest to `y`.
-    R end(R y, R top, R bottom, R tilt, R side) const {
-        const R at = std::clamp(y, top, bottom);
-        const R left_over = std::max(R(0), f.radius * f.radius - at * at / f.covariance.yy);
-        return tilt * at + side * std::sqrt(left_over * (f.determinant / f.covariance.yy));
-    }
+    /// The widest part of the ellipse within a row of tiles.
+    struct Slabs {
+        R x, y, slack;
+        R tilt;                      ///< of E[x | y]
+        R widest;                    ///< y of the rightmost point
+        R square, inverse_yy, left_over;
+        Span rows;
+        int width;
+
+        Slabs(const Cover& c, const Span& r) : x(c.f.x), y(c.f.y), slack(c.slack()), rows(r),
+                                               width(c.width) {
+            const Footprint<R>& f = c.f;
+            inverse_yy = R(1) / f.covariance.yy;
+            tilt = f.covariance.xy * inverse_yy;
+            widest = f.radius * f.covariance.xy / std::sqrt(f.covariance.xx);
+            square = f.radius * f.radius;
+            left_over = f.determinant * inverse_yy;
+        }
+        Span operator()(int row) const {
+            const R top = static_cast<R>(std::max(row * tile_edge, rows.begin)) + R(0.5) - y;
+            const R bottom =
+                static_cast<R>(std::min((row + 1) * tile_edge, rows.end) - 1) + R(0.5) - y;
+            return tiles_of(pixels_between(x + end(-widest, top, bottom, R(-1)) - slack,
+                                           x + end(widest, top, bottom, R(1)) + slack, width));
+        }
+        /// Left (-1) or right (+1) end of the ellipse at the y in [top, bottom] nearest to `at`.
+        R end(R nearest, R top, R bottom, R side) const {
+            const R at = std::clamp(nearest, top, bottom);
+            const R rest = std::max(R(0), square - at * at * inverse_yy);
+            return tilt * at + side * std::sqrt(rest * left_over);
+        }
+    };
 
     /// The 16 px tiles that [centre - radius, centre + radius] touches, as pixels.
     Span square(R centre, int size) const {
@@ -164,83 +186,107 @@ struct TileLists {
     int columns = 0, rows = 0;            ///< of tiles
     std::vector<Index> begin;             ///< tile t holds entries [begin[t], begin[t + 1])
     std::vector<std::uint32_t> member;    ///< of each entry
-    std::vector<Index> first;             ///< member m owns places [first[m], first[m + 1])
-    std::vector<Index> place;             ///< entries of a member, in the order of tiles
+    std::vector<std::uint32_t> slot;      ///< of each entry: its place among its member's
+    std::vector<Index> first;             ///< member m owns slots [first[m], first[m + 1]), in the
+                                          ///< order of tiles
 
     Index tiles() const { return static_cast<Index>(columns) * rows; }
     Index entries() const { return begin.empty() ? 0 : begin.back(); }
 
     /// Deals members out over an image, in the given order; footprint(m) is a Footprint, and
-    /// pixel_rows[m] its rows of pixels, not empty.
+    /// pixel_rows[m] its rows of pixels, not empty. The order is cut into chunks; where a chunk
+    /// goes on in a tile's list follows from what the chunks before it have there.
     template <Threads P, Support support, Real R, class Footprints>
     void build(int width, int height, const std::vector<Span>& pixel_rows,
                const std::vector<std::uint32_t>& order, Index max_entries,
                const Footprints& footprint) {
-        const Index n = static_cast<Index>(pixel_rows.size());
+        const Index n = static_cast<Index>(order.size());
+        const Index grain = std::max<Index>(2048, (n + most_chunks - 1) / most_chunks);
+        const Index chunks = chunk_count(n, grain);
         columns = (width + tile_edge - 1) / tile_edge;
         rows = (height + tile_edge - 1) / tile_edge;
-        const auto tile_rows = [&](Index r) {
-            const Span& p = pixel_rows[static_cast<std::size_t>(r)];
-            return Span{p.begin / tile_edge, (p.end + tile_edge - 1) / tile_edge};
-        };
         const auto at = [](auto& v, Index i) -> auto& { return v[static_cast<std::size_t>(i)]; };
+        parts_.resize(std::max(parts_.size(), static_cast<std::size_t>(chunks)));
+        first.resize(static_cast<std::size_t>(n) + 1);
+        at(first, 0) = 0;
 
-        // Both passes below read the same spans, so counts and entries cannot disagree.
-        first_span_.resize(static_cast<std::size_t>(n) + 1);
-        at(first_span_, 0) = 0;
-        for (Index r = 0; r < n; ++r) {
-            const Span t = tile_rows(r);
-            at(first_span_, r + 1) = at(first_span_, r) + (t.end - t.begin);
-        }
-        spans_.resize(static_cast<std::size_t>(at(first_span_, n)));
-        for_chunks<P>(n, 2048, [&](Index b, Index e, Index) {
-            for (Index r = b; r < e; ++r) {
-                const Cover<support, R> cover{footprint(r), width, height};
-                const Span t = tile_rows(r);
-                for (int y = t.begin; y < t.end; ++y)
-                    at(spans_, at(first_span_, r) + y - t.begin) =
-                        cover.columns(y, at(pixel_rows, r));
+        for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+            Part& part = at(parts_, c);
+            part.cursor.assign(static_cast<std::size_t>(tiles()), 0);
+            part.spans.clear();
+            for (Index i = b; i < e; ++i) {
+                if (i + ahead < e) prefetch(footprint(at(order, i + ahead)));
+                const std::uint32_t m = at(order, i);
+                const Span& pixels = at(pixel_rows, m);
+                const Cover<support, R> cover{footprint(m), width, height};
+                const auto columns_of = cover.columns_of(pixels);
+                Index count = 0;
+                const int end = (pixels.end + tile_edge - 1) / tile_edge;
+                for (int y = pixels.begin / tile_edge; y < end; ++y) {
+                    const Span s = columns_of(y);
+                    part.spans.push_back(s);
+                    Index* const in_row = part.cursor.data() + Index(y) * columns;
+                    for (int x = s.begin; x < s.end; ++x) ++in_row[x];
+                    count += s.end - s.begin;
+                }
+                at(first, Index(m) + 1) = count;
             }
         });
-
-        begin.assign(static_cast<std::size_t>(tiles()) + 1, 0);
-        first.resize(static_cast<std::size_t>(n) + 1);
         Index total = 0;
-        for (Index m = 0; m < n; ++m) {
-            at(first, m) = total;
-            const Span t = tile_rows(m);
-            for (int y = t.begin; y < t.end; ++y) {
-                const Span s = at(spans_, at(first_span_, m) + y - t.begin);
-                for (int x = s.begin; x < s.end; ++x) ++at(begin, Index(y) * columns + x + 1);
-                total += s.end - s.begin;
+        for (Index m = 0; m < n; ++m) total = at(first, m + 1) += total;
+        if (total > std::min(max_entries, Index(0xFFFFFFFF)))
+            throw Error("rasterizer: got " + std::to_string(total) +
+                        " pairs of a tile and a Gaussian, expected at most " +
+                        std::to_string(max_entries) +
+                        ": the Gaussians are too large for the image");
+        begin.resize(static_cast<std::size_t>(tiles()) + 1);
+        Index entry = 0;
+        for (Index t = 0; t < tiles(); ++t) {
+            at(begin, t) = entry;
+            for (Index c = 0; c < chunks; ++c) {
+                Index& cursor = at(at(parts_, c).cursor, t);
+                entry += std::exchange(cursor, entry);
             }
-            if (total > max_entries)
-                throw Error("rasterizer: got more than " + std::to_string(max_entries) +
-                            " pairs of a tile and a Gaussian, expected fewer: the Gaussians are "
-                            "too large for the image");
         }
-        at(first, n) = total;
-        for (Index t = 0; t < tiles(); ++t) at(begin, t + 1) += at(begin, t);
+        at(begin, tiles()) = entry;
         member.resize(static_cast<std::size_t>(total));
-        place.resize(static_cast<std::size_t>(total));
-        cursor_.assign(begin.begin(), begin.end());
-        for (const std::uint32_t m : order) {
-            const Span t = tile_rows(m);
-            Index at_place = at(first, m);
-            for (int y = t.begin; y < t.end; ++y) {
-                const Span s = at(spans_, at(first_span_, m) + y - t.begin);
-                for (int x = s.begin; x < s.end; ++x) {
-                    const Index to = at(cursor_, Index(y) * columns + x)++;
-                    at(member, to) = m;
-                    at(place, at_place++) = to;
+        slot.resize(static_cast<std::size_t>(total));
+        for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+            Part& part = at(parts_, c);
+            const Span* span = part.spans.data();
+            for (Index i = b; i < e; ++i) {
+                if (i + ahead < e) prefetch(at(first, at(order, i + ahead)));
+                const std::uint32_t m = at(order, i);
+                const Span& pixels = at(pixel_rows, m);
+                auto to_slot = static_cast<std::uint32_t>(at(first, m));
+                const int end = (pixels.end + tile_edge - 1) / tile_edge;
+                for (int y = pixels.begin / tile_edge; y < end; ++y, ++span) {
+                    Index* const in_row = part.cursor.data() + Index(y) * columns;
+                    for (int x = span->begin; x < span->end; ++x) {
+                        const Index to = in_row[x]++;
+                        at(member, to) = m;
+                        at(slot, to) = to_slot++;
+                    }
                 }
             }
-        }
+        });
     }
 
   private:
-    std::vector<Span> spans_;
-    std::vector<Index> first_span_, cursor_;
+    static constexpr Index most_chunks = 16, ahead = 16;
+
+    /// Of one chunk: the columns of tiles of each row of tiles, and where it goes on in each list.
+    struct Part {
+        std::vector<Span> spans;
+        std::vector<Index> cursor;
+    };
+    std::vector<Part> parts_;
+
+    /// Always inlined: g++ takes a function that only prefetches for one without effect.
+    template <class X>
+    [[gnu::always_inline]] static void prefetch(const X& x) {
+        __builtin_prefetch(&x);
+    }
 };
 
 } // namespace rye

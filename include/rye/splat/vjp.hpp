@@ -31,14 +31,13 @@ void blend_tile_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotang
             };
             T behind = along(scene.background.data());
             for (auto h = hits.rbegin(); h != hits.rend(); ++h) {
-                const auto k = static_cast<std::size_t>(h->entry);
                 const T* feature = scene.feature_of(h->entry);
-                T* g_feature = scratch.feature_slots.data() + h->entry * channels;
-                SplatCotangent<T>& slot = scratch.slots[k];
-                if (scratch.touched[k] == 0) {
-                    scratch.touched[k] = 1;
-                    slot = {T(0), T(0), T(0), T(0), T(0), T(0), T(0)};
-                    for (Index c = 0; c < channels; ++c) g_feature[c] = T(0);
+                const Index at = scene.slot(h->entry);
+                T* const slot = scratch.slots[at];
+                T* const g_feature = slot + Slots<T>::head;
+                if (!scratch.slots.is_touched(at)) {
+                    scratch.slots.touched[static_cast<std::size_t>(at)] = 1;
+                    std::fill_n(slot, scratch.slots.stride, T(0));
                 }
                 const T weight = h->transmittance * h->alpha;
                 for (Index c = 0; c < channels; ++c) g_feature[c] += weight * g_pixel[c];
@@ -48,15 +47,15 @@ void blend_tile_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotang
                 const T g_raw = h->transmittance * more;                  // d / d alpha
                 const T g_exponent = g_raw * h->bell;
                 const T gu = g_exponent * h->u, gv = g_exponent * h->v;
-                slot.u += gu;
-                slot.v += gv;
-                slot.uu += gu * h->u;
-                slot.uv += gu * h->v;
-                slot.vv += gv * h->v;
+                slot[0] += gu;
+                slot[1] += gv;
+                slot[2] += gu * h->u;
+                slot[3] += gu * h->v;
+                slot[4] += gv * h->v;
                 // o d alpha / d o; bell is 0, and so is this, where alpha is clamped.
                 const T floor = scene.splat(h->entry).floor;
-                slot.alpha += g_exponent - select(h->bell > T(0), T(g_raw * floor), T(0));
-                slot.depth += weight * g_depth;
+                slot[5] += g_exponent - select(h->bell > T(0), T(g_raw * floor), T(0));
+                slot[6] += weight * g_depth;
             }
         }
 }

@@ -1,100 +1,162 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/xsimd_forward.hpp: blending a tile in vectors. Alpha and transmittance have a pixel in
-/// each lane; so have the colours when they are few. With many channels, weights are laid down and
-/// each contributing pixel adds whole vectors of channels, so that no lane idles.
+/// rye/splat/xsimd_forward.hpp: blending a tile, strip by strip. A few channels are summed in
+/// registers with a pixel in each lane. Many are a product of matrices for each strip, the weights
+/// of its entries times their features, with channels in the lanes.
 #pragma once
 
 #include <rye/splat/xsimd_lanes.hpp>
 
 namespace rye {
 
-/// C channels, or any number for C = 0.
-template <class V, int C, class A>
-void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accuracy, Index tile,
-                      Raster<typename V::value_type>& out,
-                      std::vector<typename V::value_type>& sums) {
+/// Memory of one thread's tiles.
+template <class V>
+struct LaneCanvas {
     using T = typename V::value_type;
-    using Tile = TileVectors<V>;
-    constexpr int lanes = Tile::lanes;
-    const int channels = C > 0 ? C : static_cast<int>(scene.feature.rows());
-    const Tile vectors(scene, tile);
-    const LaneBlend<A, V> blend(accuracy);
-    alignas(64) T transmittance[tile_pixels], depth[tile_pixels], weight[tile_pixels];
-    for (int v = 0; v < Tile::count; ++v) {
-        const V inside = V::load_aligned(vectors.inside + v * lanes);
-        LaneBlend<A, V>::start(inside).store_aligned(transmittance + v * lanes);
-        V(T(0)).store_aligned(depth + v * lanes);
-    }
-    // By channels: a column of C a pixel. By pixels: a row of tile_pixels a channel.
-    sums.assign(static_cast<std::size_t>(channels * tile_pixels), T(0));
+    LaneGroup<V> group;
+    alignas(64) T transmittance[tile_pixels], left[tile_pixels], depth[tile_pixels];
+    alignas(64) T weight[LaneGroup<V>::most][Strips<V>::lanes];
+    Lines<T> sums;           ///< few channels: strip by strip, each channel's; else a row a pixel
+    Lines<T> feature;        ///< of the group
+    Lines<T> background;     ///< many channels, padded
+};
 
-    const int top = scene.top(tile);
-    const Index begin = scene.begin(tile), end = scene.end(tile);
-    Index k = begin;
-    while (k < end) {
-        fetch_ahead(scene, k, end);
-        const Splat<T>& s = scene.splat(k);
-        const T* feature = scene.feature_of(k);
-        const LaneResponse<V> response(vectors, s);
-        const V cut(s.cut), floor(s.floor), z(s.depth);
-        const Span range = Tile::range(s, top);
-        PixelBits<V> pixels;
-        for (int v = range.begin; v < range.end; ++v) {
-            V t = V::load_aligned(transmittance + v * lanes);
-            const V before = t;
-            const V alpha = blend(response(v).exponent, cut, floor, t);
-            const V w = alpha * before;
-            t.store_aligned(transmittance + v * lanes);
-            (V::load_aligned(depth + v * lanes) + w * z).store_aligned(depth + v * lanes);
-            if constexpr (by_channels<V, C>) {
-                w.store_aligned(weight + v * lanes);
-                pixels.add(alpha, v);
-            } else {
-                for (int c = 0; c < channels; ++c) {
-                    T* sum = sums.data() + c * tile_pixels + v * lanes;
-                    (V::load_unaligned(sum) + w * V(feature[c])).store_unaligned(sum);
-                }
-            }
-        }
-        if constexpr (by_channels<V, C>) {
-            constexpr int parts = C / lanes;
-            std::array<V, static_cast<std::size_t>(parts)> colour;
-            unrolled<parts>([&](auto i) { colour[i] = V::load_unaligned(feature + i * lanes); });
-            pixels.flush();
-            each_pixel(pixels.bits, [&](int p) {
-                const V w(weight[p]);
-                T* sum = sums.data() + p * C;
-                unrolled<parts>([&](auto i) {
-                    (V::load_unaligned(sum + i * lanes) + w * colour[i])
-                        .store_unaligned(sum + i * lanes);
-                });
+/// sums(pixel, channels) += sum_j weight[j][pixel] feature(entry j of the strip, channels) for the pixels of a
+/// strip and P vectors of channels; two pixels at a time keep their sums in registers.
+template <int P, class V>
+void blend_channels(const typename V::value_type (*weight)[V::size], std::uint32_t entries,
+                    const typename V::value_type* feature, Index stride,
+                    typename V::value_type* sums) {
+    constexpr int lanes = static_cast<int>(V::size);
+    for (int p = 0; p < lanes; p += 2) {
+        std::array<V, std::size_t(P)> a, b;
+        typename V::value_type* const to = sums + p * stride;
+        unrolled<P>([&](auto i) {
+            a[i] = V::load_aligned(to + i * lanes);
+            b[i] = V::load_aligned(to + stride + i * lanes);
+        });
+        int j = 0;
+        for (std::uint32_t left = entries; left != 0; left &= left - 1, ++j) {
+            const V wa(weight[j][p]), wb(weight[j][p + 1]);
+            const auto* f = feature + std::countr_zero(left) * stride;
+            unrolled<P>([&](auto i) {
+                const V x = V::load_aligned(f + i * lanes);
+                a[i] = a[i] + wa * x;
+                b[i] = b[i] + wb * x;
             });
         }
-        ++k;
-        if ((k - begin) % 8 == 0 && !any_open(transmittance, blend.stop)) break;
+        unrolled<P>([&](auto i) {
+            a[i].store_aligned(to + i * lanes);
+            b[i].store_aligned(to + stride + i * lanes);
+        });
+    }
+}
+
+/// One strip's walk over its list. C few channels, or any number for C = 0.
+template <class V, int C, class A>
+void blend_strip(const LaneBlend<A, V>& blend, int strip, Index stride, LaneCanvas<V>& canvas) {
+    using T = typename V::value_type;
+    constexpr int lanes = static_cast<int>(V::size);
+    const LaneGroup<V>& group = canvas.group;
+    const std::uint32_t entries = group.entries_of(strip);
+    if (entries == 0) return;
+    const int row = strip % tile_edge, column = strip / tile_edge * lanes, at = strip * lanes;
+    T* const sums = canvas.sums.lines[0].x + at * stride;
+    const T* const feature = canvas.feature.lines[0].x;
+    V t = V::load_aligned(canvas.transmittance + at), depth = V::load_aligned(canvas.depth + at);
+    std::array<V, std::size_t(std::max(C, 1))> sum;
+    unrolled<C>([&](auto c) { sum[c] = V::load_aligned(sums + c * lanes); });
+    int j = 0;
+    for (std::uint32_t todo = entries; todo != 0; todo &= todo - 1) {
+        const int k = std::countr_zero(todo);
+        const auto& shared = group.shared[k];
+        const V v = V::load_aligned(shared.v + column) + V(shared.down[row]);
+        const V exponent = V::load_aligned(shared.exponent + column) - v * v;
+        const V w =
+            blend(exponent, V(group.cut[k]), V(group.floor[k]), t, canvas.left + at).weight;
+        depth = depth + w * V(group.depth[k]);
+        if constexpr (C > 0)
+            unrolled<C>([&](auto c) { sum[c] = sum[c] + w * V(feature[k * stride + c]); });
+        else
+            w.store_aligned(canvas.weight[j++]);
+    }
+    t.store_aligned(canvas.transmittance + at);
+    depth.store_aligned(canvas.depth + at);
+    unrolled<C>([&](auto c) { sum[c].store_aligned(sums + c * lanes); });
+    if constexpr (C == 0) {
+        Index c = 0;
+        const auto blocks = [&]<int P>(std::integral_constant<int, P>) {
+            for (; c + P * lanes <= stride; c += P * lanes)
+                blend_channels<P, V>(canvas.weight, entries, feature + c, stride, sums + c);
+        };
+        blocks(std::integral_constant<int, 4>());
+        blocks(std::integral_constant<int, 2>());
+        blocks(std::integral_constant<int, 1>());
+    }
+}
+
+/// Draws one tile of the three images. C few channels, or any number for C = 0.
+template <class V, int C, class A>
+void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accuracy, Index tile,
+                      Raster<typename V::value_type>& out, LaneCanvas<V>& canvas) {
+    using T = typename V::value_type;
+    using Tile = Strips<V>;
+    constexpr int lanes = Tile::lanes;
+    const Index channels = C > 0 ? C : scene.feature.rows();
+    const Index stride = C > 0 ? C : padded_channels<V>(channels);
+    const int left = scene.left(tile), top = scene.top(tile);
+    const Index begin = scene.begin(tile), end = scene.end(tile);
+    if (begin == end) {
+        out.trace.used[static_cast<std::size_t>(tile)] = 0;
+        for (int y = top; y < scene.bottom(tile); ++y) {
+            const Index p = scene.pixel(left, y), n = scene.right(tile) - left;
+            T* to = out.feature.pixels.data() + p * channels;
+            for (Index i = 0; i < n; ++i)
+                for (Index c = 0; c < channels; ++c) *to++ = scene.background[c];
+            std::fill_n(out.alpha.pixels.data() + p, n, T(0));
+            std::fill_n(out.depth.pixels.data() + p, n, T(0));
+        }
+        return;
+    }
+    const Tile strips(scene, tile);
+    const LaneBlend<A, V> blend(accuracy);
+    strips.start(canvas.transmittance);
+    std::fill_n(canvas.left, tile_pixels, T(0));
+    std::fill_n(canvas.depth, tile_pixels, T(0));
+    T* const sums = canvas.sums.reserve(tile_pixels * stride);
+    std::fill_n(sums, tile_pixels * stride, T(0));
+    T* const feature = canvas.feature.reserve(LaneGroup<V>::most * stride);
+
+    std::uint32_t open[LaneGroup<V>::words];
+    Index k = begin;
+    while (k < end && open_strips<V>(canvas.transmittance, open)) {
+        const Index next = std::min<Index>(end, k + LaneGroup<V>::most);
+        fetch_ahead(scene, next, std::min<Index>(end, next + LaneGroup<V>::most));
+        copy_features<C>(scene, k, next, stride, feature);
+        canvas.group.fill(scene, strips, top, k, next, open);
+        for (int s = 0; s < Tile::count; ++s) blend_strip<V, C>(blend, s, stride, canvas);
+        k = next;
     }
     out.trace.used[static_cast<std::size_t>(tile)] = k - begin;
 
-    for (int y = top; y < scene.bottom(tile); ++y)
-        for (int x = scene.left(tile); x < scene.right(tile); ++x) {
-            const int p = (y - top) * tile_edge + (x - scene.left(tile));
-            const Index to = scene.pixel(x, y);
-            const T behind = std::abs(transmittance[p]);
-            T* pixel = out.feature.pixels.data() + to * channels;
-            if constexpr (by_channels<V, C>) {
-                unrolled<C / lanes>([&](auto i) {
-                    (V::load_unaligned(sums.data() + p * C + i * lanes) +
-                     V(behind) * V::load_unaligned(scene.background.data() + i * lanes))
-                        .store_unaligned(pixel + i * lanes);
-                });
+    for (int y = 0; y < strips.height; ++y) {
+        const Index p = scene.pixel(left, top + y);
+        T* to = out.feature.pixels.data() + p * channels;
+        for (int x = 0; x < strips.width; ++x) {
+            const int at = Tile::at(x, y);
+            const T behind = canvas.transmittance[at] + canvas.left[at];
+            out.alpha.pixels.data()[p + x] = T(1) - behind;
+            out.depth.pixels.data()[p + x] = canvas.depth[at];
+            if constexpr (C > 0) {
+                const T* from = sums + at / lanes * lanes * stride + at % lanes;
+                for (int c = 0; c < C; ++c)
+                    *to++ = from[c * lanes] + behind * scene.background[c];
             } else {
-                for (int c = 0; c < channels; ++c)
-                    pixel[c] = sums[static_cast<std::size_t>(c * tile_pixels + p)] +
-                               behind * scene.background[c];
+                const T* from = sums + at * stride;
+                for (Index c = 0; c < channels; ++c)
+                    *to++ = from[c] + behind * scene.background[c];
             }
-            out.alpha.pixels(0, to) = T(1) - behind;
-            out.depth.pixels(0, to) = depth[p];
         }
+    }
 }
 
 } // namespace rye

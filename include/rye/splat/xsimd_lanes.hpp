@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/xsimd_lanes.hpp: what the tuned walks share: a tile as vectors of pixels, the alpha of
-/// a Gaussian at one of them, and sums over lanes.
+/// rye/splat/xsimd_lanes.hpp: what the tuned walks share. A tile is cut into strips: as many pixels
+/// of a row as there are lanes. A tile's entries are taken in groups; each entry is evaluated once
+/// for what all rows share, and joins the lists of the strips that it reaches. Then each strip walks
+/// its list with its pixels' state in registers.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <type_traits>
 #include <utility>
 
@@ -22,8 +26,8 @@ concept LaneBackend = Backend<B> && Real<T> && requires { typename B::template b
 
 /// f(0) ... f(N - 1) with constant arguments, so that arrays indexed by them stay in registers.
 template <int N, class F>
-void unrolled(F&& f) {
-    [&]<int... I>(std::integer_sequence<int, I...>) {
+[[gnu::always_inline]] inline void unrolled(F&& f) {
+    [&]<int... I>(std::integer_sequence<int, I...>) __attribute__((always_inline)) {
         (f(std::integral_constant<int, I>()), ...);
     }(std::make_integer_sequence<int, N>());
 }
@@ -37,177 +41,286 @@ typename V::value_type lane_sum(const V& x) {
         return hadd(x);
 }
 
-/// Tile pixels in vectors, row by row: pixel p of the tile is lane p % lanes of vector p / lanes.
+/// The sums of eight batches' lanes, into eight numbers at `to`.
 template <class V>
-struct TileVectors {
+void lane_sums(const std::array<V, 8>& x, typename V::value_type* to) {
+    constexpr std::size_t lanes = V::size;
+    if constexpr (8 % lanes == 0)
+        for (std::size_t i = 0; i < 8; i += lanes) haddp(x.data() + i).store_unaligned(to + i);
+    else
+        for (std::size_t i = 0; i < 8; ++i) to[i] = lane_sum(x[i]);
+}
+
+/// Memory from a cache line's start: a vector across two lines is slow, and slower still to read
+/// back. Its numbers are anything.
+template <class T>
+struct Lines {
+    struct alignas(64) Line {
+        T x[64 / sizeof(T)];
+    };
+    std::unique_ptr<Line[]> lines;
+    std::size_t capacity = 0;
+
+    T* reserve(Index numbers) {
+        const std::size_t n = static_cast<std::size_t>(numbers) / (64 / sizeof(T)) + 1;
+        if (!lines || n > capacity) {
+            capacity = n + n / 2;
+            lines = std::make_unique_for_overwrite<Line[]>(capacity);
+        }
+        return lines[0].x;
+    }
+    /// As reserve, but the first `kept` numbers stay.
+    T* grow(Index numbers, Index kept) {
+        if (lines && static_cast<std::size_t>(numbers) / (64 / sizeof(T)) < capacity) return lines[0].x;
+        const std::unique_ptr<Line[]> old = std::move(lines);
+        T* const to = reserve(numbers);
+        if (kept > 0) std::copy_n(old[0].x, kept, to);
+        return to;
+    }
+};
+
+/// The strips of a tile: that of a side and a row is number side tile_edge + row.
+template <class V>
+struct Strips {
     using T = typename V::value_type;
     static constexpr int lanes = static_cast<int>(V::size);
-    static constexpr int count = tile_pixels / lanes;
-    static_assert(tile_pixels % lanes == 0);
-    static constexpr bool by_rows = lanes == tile_edge;      ///< a vector is a row
+    static constexpr int sides = tile_edge / lanes;
+    static constexpr int count = sides * tile_edge;
+    static_assert(tile_edge % lanes == 0 && tile_edge <= 16);
 
-    alignas(64) T px[tile_pixels];       ///< pixel centres from the principal point [px]
-    alignas(64) T py[tile_pixels];
-    alignas(64) T inside[tile_pixels];   ///< 1 for pixels of the image, else 0
+    alignas(64) T x[tile_edge];          ///< pixel centres from the principal point [px]
+    alignas(64) T y[tile_edge];
+    int width, height;                   ///< of the part inside the image [px]
 
-    TileVectors(const Scene<T>& scene, Index tile) {
-        for (int p = 0; p < tile_pixels; ++p) {
-            const int x = scene.left(tile) + p % tile_edge, y = scene.top(tile) + p / tile_edge;
-            px[p] = static_cast<T>(x) + T(0.5) - scene.cx;
-            py[p] = static_cast<T>(y) + T(0.5) - scene.cy;
-            inside[p] = x < scene.width && y < scene.height ? T(1) : T(0);
+    Strips(const Scene<T>& scene, Index tile)
+        : width(scene.right(tile) - scene.left(tile)),
+          height(scene.bottom(tile) - scene.top(tile)) {
+        for (int i = 0; i < tile_edge; ++i) {
+            x[i] = static_cast<T>(scene.left(tile) + i) + T(0.5) - scene.cx;
+            y[i] = static_cast<T>(scene.top(tile) + i) + T(0.5) - scene.cy;
         }
     }
-
-    /// The vectors that hold a Gaussian's rows, given the first row of the tile.
-    static Span range(const Splat<T>& s, int top) {
-        const int b = std::max(0, s.row_begin - top), e = std::min(tile_edge, s.row_end - top);
-        return {b * tile_edge / lanes, (e * tile_edge + lanes - 1) / lanes};
+    /// Transmittance 1 inside the image, 0 outside, strip by strip.
+    void start(T* transmittance) const {
+        for (int s = 0; s < count; ++s)
+            for (int lane = 0; lane < lanes; ++lane)
+                transmittance[s * lanes + lane] =
+                    s % tile_edge < height && s / tile_edge * lanes + lane < width ? T(1) : T(0);
+    }
+    /// Where pixel (x, y) of the tile lies in strip by strip arrays.
+    static int at(int px, int py) {
+        return (px / lanes * tile_edge + py) * lanes + px % lanes;
     }
 };
 
-/// Folded offsets and exponent of one Gaussian, vector by vector.
+/// Transposes 32 x 32 bits: bit i of word j becomes bit j of word i.
+inline void transpose_bits(std::uint32_t* word) {
+    std::uint32_t low = 0x0000FFFF;
+    for (unsigned j = 16; j != 0; j >>= 1U, low ^= low << j)
+        for (unsigned k = 0; k < 32; k = ((k | j) + 1) & ~j) {
+            const std::uint32_t t = ((word[k] >> j) ^ word[k | j]) & low;
+            word[k | j] ^= t;
+            word[k] ^= t << j;
+        }
+}
+
+/// A group of a tile's entries, made ready for the strips.
 template <class V>
-struct LaneResponse {
+struct LaneGroup {
     using T = typename V::value_type;
-    const TileVectors<V>& tile;
-    T x, y;
-    V ux, vx, vy, log2_opacity;
-    V u_row, v_row, exponent_row;        ///< what does not change from row to row
+    using Tile = Strips<V>;
+    static constexpr int lanes = Tile::lanes;
+    static constexpr int most = 32;      ///< entries
+    static constexpr int sides_a_word = 32 / tile_edge;
+    static constexpr int words = (Tile::sides + sides_a_word - 1) / sides_a_word;
 
-    LaneResponse(const TileVectors<V>& t, const Splat<T>& s)
-        : tile(t), x(s.x), y(s.y), ux(s.ux), vx(s.vx), vy(s.vy), log2_opacity(s.log2_opacity),
-          u_row(ux * (V::load_aligned(t.px) - V(s.x))),
-          v_row(vx * (V::load_aligned(t.px) - V(s.x))),
-          exponent_row(log2_opacity - u_row * u_row) {}
+    struct alignas(64) Shared {
+        T v[tile_edge];                  ///< v = this + down[row]
+        T exponent[tile_edge];           ///< exponent = this - v^2
+        T down[tile_edge];
+    };
+    Shared shared[most];
+    alignas(64) T x[most], y[most], ux[most], vx[most], vy[most], peak[most];
+    alignas(64) T cut[most], floor[most], depth[most];
+    std::uint32_t strips[words][most];   ///< of each entry, a bit a strip that it reaches
+    std::uint32_t entries[words][32];    ///< of each strip, a bit an entry that reaches it
 
-    Response<V> operator()(int vector) const {
-        if constexpr (TileVectors<V>::by_rows) {
-            const V v = v_row + vy * V(tile.py[vector * tile_edge] - y);
-            return {u_row, v, exponent_row - v * v};
-        } else {
-            const V dx = V::load_aligned(tile.px + vector * TileVectors<V>::lanes) - V(x);
-            const V dy = V::load_aligned(tile.py + vector * TileVectors<V>::lanes) - V(y);
-            const V u = ux * dx, v = vx * dx + vy * dy;
-            return {u, v, log2_opacity - u * u - v * v};
+    /// Takes entries [begin, end); strips that are not `open`, a bit each, get none.
+    void fill(const Scene<T>& scene, const Tile& tile, int top, Index begin, Index end,
+              const std::uint32_t* open) {
+        std::uint32_t rows[most];
+        const int n = static_cast<int>(end - begin);
+        for (int k = 0; k < n; ++k) rows[k] = share(scene.splat(begin + k), tile, top, k);
+        for (int k = 0; k < n; k += lanes) reach(tile, k);
+        for (int w = 0; w < words; ++w) {
+            std::uint32_t* const s = strips[w];
+            for (int k = 0; k < n; ++k) s[k] &= rows[k] & open[w];
+            std::fill(s + n, s + most, 0U);
+            std::copy_n(s, most, entries[w]);
+            transpose_bits(entries[w]);
         }
+    }
+    std::uint32_t entries_of(int strip) const { return entries[strip / 32][strip % 32]; }
+
+  private:
+    /// What all strips need of an entry; returns its rows, for each side of a word.
+    std::uint32_t share(const Splat<T>& s, const Tile& tile, int top, int k) {
+        x[k] = s.x, y[k] = s.y, ux[k] = s.ux, vx[k] = s.vx, vy[k] = s.vy;
+        peak[k] = s.log2_opacity, cut[k] = s.cut, floor[k] = s.floor, depth[k] = s.depth;
+        Shared& to = shared[k];
+        unrolled<Tile::sides>([&](auto i) __attribute__((always_inline)) {
+            const V dx = V::load_aligned(tile.x + i * lanes) - V(s.x);
+            const V u = V(s.ux) * dx;
+            (V(s.vx) * dx).store_aligned(to.v + i * lanes);
+            (V(s.log2_opacity) - u * u).store_aligned(to.exponent + i * lanes);
+            (V(s.vy) * (V::load_aligned(tile.y + i * lanes) - V(s.y)))
+                .store_aligned(to.down + i * lanes);
+        });
+        const int b = std::max(0, s.row_begin - top), e = std::min(tile_edge, s.row_end - top);
+        const std::uint32_t span = (1U << static_cast<unsigned>(e)) - (1U << static_cast<unsigned>(b));
+        return span | span << static_cast<unsigned>(tile_edge);
+    }
+
+    /// Which strips entries k, k + 1, ... reach, an entry in each lane: those in which the highest
+    /// exponent of a row is not below the cut; a bit more for the rounding.
+    void reach(const Tile& tile, int k) {
+        const auto of = [k](const T* a) { return V::load_aligned(a + k); };
+        const V cx = of(x), cy = of(y), a = of(ux), b = of(vx), c = of(vy), zero(T(0));
+        const V most_lost = of(peak) - of(cut) + V(T(0x1p-10));
+        const V steepest = -b / (a * a + b * b);
+        std::array<V, std::size_t(Tile::sides)> low, high, bits;
+        unrolled<Tile::sides>([&](auto side) __attribute__((always_inline)) {
+            low[side] = V(tile.x[side * lanes]) - cx;
+            high[side] = V(tile.x[side * lanes + lanes - 1]) - cx;
+            bits[side] = zero;
+        });
+        T power = 1;
+        for (int row = 0; row < tile_edge; ++row, power *= 2) {
+            const V down = c * (V(tile.y[row]) - cy), nearest = steepest * down;
+            const V allowed = most_lost + V(T(0x1p-16)) * abs(down);
+            unrolled<Tile::sides>([&](auto side) __attribute__((always_inline)) {
+                const V dx = min(high[side], max(low[side], nearest));
+                const V u = a * dx, v = b * dx + down;
+                bits[side] = bits[side] + select(u * u + v * v <= allowed, V(power), zero);
+            });
+        }
+        alignas(64) T number[Tile::sides][lanes];
+        for (int side = 0; side < Tile::sides; ++side)
+            bits[std::size_t(side)].store_aligned(number[side]);
+        for (int w = 0; w < words; ++w)
+            for (int lane = 0; lane < lanes; ++lane) {
+                std::uint32_t word = 0;
+                for (int i = 0; i < sides_a_word && w * sides_a_word + i < Tile::sides; ++i)
+                    word |= static_cast<std::uint32_t>(
+                                static_cast<std::int32_t>(number[w * sides_a_word + i][lane]))
+                            << (i * tile_edge);
+                strips[w][k + lane] = word;
+            }
     }
 };
 
-/// One blend, vector by vector. A full pixel is one whose transmittance is below `stop`, or, with
-/// the exclusive rule, negative; pixels outside the image start full.
+/// What a Gaussian adds to a strip.
+template <class V>
+struct LaneShare {
+    V alpha, before;         ///< and the transmittance in front of it
+    V weight;                ///< alpha times before; 0 where nothing is added
+};
+
+/// One blend, strip by strip. The transmittance of a full pixel, and of one outside the image, is
+/// 0; that with which it got full is kept aside.
 template <class A, class V>
 struct LaneBlend {
     using T = typename V::value_type;
-    using Exp2 = std::conditional_t<A::exp2_degree == 0 || std::is_same_v<T, double>, Exp2Library,
-                                    Exp2Poly<A::exp2_degree == 0 ? 6 : A::exp2_degree>>;
+    static constexpr bool library = A::exp2_degree == 0 || std::is_same_v<T, double>;
+    using Exp2 = Exp2Poly<A::exp2_degree == 0 ? 6 : A::exp2_degree>;
     V alpha_max, stop;
 
     explicit LaneBlend(const A& a)
-        : alpha_max(static_cast<T>(a.alpha_max)),
-          stop(A::stop_rule == Stop::never ? T(0) : static_cast<T>(a.stop)) {}
+        : alpha_max(static_cast<T>(a.alpha_max)), stop(static_cast<T>(a.stop)) {}
 
-    static V start(const V& inside) { return select(inside > V(T(0)), V(T(1)), V(T(-1))); }
-    static V finish(const V& transmittance) { return abs(transmittance); }
-
-    /// alpha, 0 where nothing is added; updates the transmittance.
-    V operator()(const V& exponent, const V& cut, const V& floor, V& transmittance) const {
-        V alpha = Exp2()(exponent);
+    /// Updates the transmittance; that of pixels that get full goes to `left`.
+    [[gnu::always_inline]] LaneShare<V> operator()(const V& exponent, const V& cut, const V& floor,
+                                                   V& transmittance, T* left) const {
+        const V zero(T(0));
+        // Exponents below the cut, and so those that the polynomial does not know, are not used.
+        V alpha;
+        if constexpr (library)
+            alpha = Exp2Library()(exponent);
+        else
+            alpha = Exp2::within(exponent);
         if constexpr (A::has_floor) alpha = alpha - floor;
-        alpha = min(alpha_max, alpha);
-        const auto on = (exponent >= cut) && (transmittance >= stop);
-        alpha = select(on, alpha, V(T(0)));
-        const V behind = transmittance - transmittance * alpha;
-        if constexpr (A::stop_rule == Stop::exclusive) {
-            const auto full = on && (behind < stop);
-            alpha = select(full, V(T(0)), alpha);
-            transmittance = select(full, -transmittance, behind);
-        } else {
-            transmittance = behind;
+        alpha = select(exponent >= cut, min(alpha_max, alpha), zero);
+        const V before = transmittance;
+        V weight = alpha * before;
+        V behind = before - weight;
+        if constexpr (A::stop_rule != Stop::never) {
+            const auto full = behind < min(before, stop);
+            if (any(full)) [[unlikely]] {
+                constexpr bool in = A::stop_rule == Stop::inclusive;
+                select(full, in ? behind : before, V::load_aligned(left)).store_aligned(left);
+                if constexpr (!in) {
+                    alpha = select(full, zero, alpha);
+                    weight = select(full, zero, weight);
+                }
+                behind = select(full, zero, behind);
+            }
         }
-        return alpha;
+        transmittance = behind;
+        return {alpha, before, weight};
     }
 };
 
-/// Which of a tile's 64 pixels a Gaussian adds to, as bits. Vectors are added in order.
+/// Which strips can still take a contribution, a bit each; false if none.
 template <class V>
-struct PixelBits {
+bool open_strips(const typename V::value_type* transmittance, std::uint32_t* open) {
     using T = typename V::value_type;
-    static constexpr int lanes = static_cast<int>(V::size);
-    /// Powers of two sum without rounding as far as the mantissa reaches: so many vectors at once.
-    static constexpr int at_once = std::max(1, std::numeric_limits<T>::digits / lanes);
-    static constexpr int wide = std::min(at_once, 32 / lanes);
-
-    std::uint64_t bits = 0;
-    V pending = V(T(0));
-    int first = -1;                      ///< vector of the lowest pending bits
-
-    void add(const V& alpha, int vector) {
-        if (first < 0) first = vector;
-        const T* p = powers.data() + (vector - first) * lanes;
-        pending = pending + select(alpha > V(T(0)), V::load_aligned(p), V(T(0)));
-        if (vector - first == wide - 1) flush();
-    }
-    void flush() {
-        if (first < 0) return;
-        const auto sum = static_cast<std::uint64_t>(static_cast<std::int64_t>(lane_sum(pending)));
-        bits |= sum << (first * lanes);
-        pending = V(T(0));
-        first = -1;
-    }
-
-  private:
-    alignas(64) static constexpr std::array<T, static_cast<std::size_t>(wide * lanes)> powers = [] {
-        std::array<T, static_cast<std::size_t>(wide * lanes)> p{};
-        T x = 1;
-        for (T& q : p) {
-            q = x;
-            x *= 2;
+    std::fill_n(open, LaneGroup<V>::words, 0U);
+    bool some = false;
+    for (int s = 0; s < Strips<V>::count; ++s)
+        if (any(V::load_aligned(transmittance + s * Strips<V>::lanes) > V(T(0)))) {
+            open[s / 32] |= std::uint32_t(1) << (s % 32);
+            some = true;
         }
-        return p;
-    }();
-};
-
-/// f(pixel) for each bit, in order.
-template <class F>
-void each_pixel(std::uint64_t bits, F&& f) {
-    for (; bits != 0; bits &= bits - 1) f(std::countr_zero(bits));
+    return some;
 }
 
-/// Asks for an entry's feature. Always inlined, as fetch_ahead.
-template <class T>
-[[gnu::always_inline]] inline void fetch_feature(const Scene<T>& scene, Index entry) {
-    constexpr Index line = 64;
-    const char* f = static_cast<const char*>(static_cast<const void*>(scene.feature_of(entry)));
-    const Index size = scene.feature.rows() * static_cast<Index>(sizeof(T));
-    for (Index b = 0; b < size; b += line) __builtin_prefetch(f + b);
-    __builtin_prefetch(f + size - 1);
-}
-
-/// Asks for the record and the feature of an entry that is a few steps away. Always inlined: g++
-/// takes a function that only prefetches for one without effect, and drops the call.
+/// Asks for the records of the entries of a tile that come after `entry`. Always inlined: g++ takes
+/// a function that only prefetches for one without effect, and drops the call.
 template <class T>
 [[gnu::always_inline]] inline void fetch_ahead(const Scene<T>& scene, Index entry, Index end) {
-    if (entry + 16 < end) {
-        const std::size_t r = scene.member(entry + 16);
-        __builtin_prefetch(&scene.trace.source[r]);
+    for (Index k = entry; k < end; ++k) {
+        const std::size_t r = scene.member(k);
         __builtin_prefetch(&scene.trace.splats[r]);
         __builtin_prefetch(&scene.trace.splats[r].row_end);
+        __builtin_prefetch(&scene.trace.source[r]);
     }
-    if (entry + 8 < end) fetch_feature(scene, entry + 8);
 }
 
-/// Whether any pixel can still take a contribution.
+/// Channels in whole vectors, and at least in eights.
 template <class V>
-bool any_open(const typename V::value_type* transmittance, const V& stop) {
-    V most = V::load_aligned(transmittance);
-    for (int v = 1; v < TileVectors<V>::count; ++v)
-        most = max(most, V::load_aligned(transmittance + v * TileVectors<V>::lanes));
-    return any(most >= stop);
+constexpr Index padded_channels(Index channels) {
+    constexpr Index unit = std::max<Index>(8, static_cast<Index>(V::size));
+    return (channels + unit - 1) / unit * unit;
 }
 
-/// Channels are blended in vectors of channels when they fill some; else pixels fill the vectors.
-template <class V, int C>
-inline constexpr bool by_channels = C >= 8 && C % static_cast<int>(V::size) == 0;
+/// The features of entries [begin, end), a row of `stride` each, with zeros behind the channels.
+/// C channels, or any number for C = 0.
+template <int C, class T>
+void copy_features(const Scene<T>& scene, Index begin, Index end, Index stride, T* to) {
+    const Index channels = C > 0 ? C : scene.feature.rows();
+    for (Index k = begin; k < end; ++k, to += stride) {
+        const T* from = scene.feature_of(k);
+        if constexpr (C > 0) {
+            unrolled<C>([&](auto c) { to[c] = from[c]; });
+        } else {
+            std::copy_n(from, channels, to);
+            std::fill(to + channels, to + stride, T(0));
+        }
+    }
+}
+
+/// Whether walks keep all channels in registers: else they are blended in blocks.
+template <int C>
+inline constexpr bool few_channels = C > 0 && C <= 4;
 
 } // namespace rye

@@ -3,8 +3,8 @@
 /// are those of gaussian/project.hpp, instantiated on batches; here is only how lanes are filled.
 #pragma once
 
-#include <rye/backend/xsimd.hpp>
 #include <rye/splat/stage.hpp>
+#include <rye/splat/xsimd_lanes.hpp>
 
 namespace rye {
 
@@ -110,84 +110,101 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
     }
 }
 
-/// Asks for the slots of a member that is a few steps away, and for the column that they go to.
-/// Always inlined, as fetch_ahead.
-template <class T>
-[[gnu::always_inline]] inline void fetch_slots_ahead(const TileLists& lists,
-                                                     const RasterScratch<T>& scratch,
-                                                     Index source, Index member,
-                                                     const Columns<T>& out) {
-    constexpr Index line = 64 / static_cast<Index>(sizeof(T));
-    const Index channels = out.rows();
-    for (Index c = 0; c < channels; c += line)
-        __builtin_prefetch(out.data() + source * channels + c, 1);
-    const auto m = static_cast<std::size_t>(member);
-    for (Index i = lists.first[m]; i < lists.first[m + 1]; ++i) {
-        const Index entry = lists.place[static_cast<std::size_t>(i)];
-        if (scratch.touched[static_cast<std::size_t>(entry)] == 0) continue;
-        __builtin_prefetch(&scratch.slots[static_cast<std::size_t>(entry)]);
-        const T* f = scratch.feature_slots.data() + entry * channels;
-        for (Index c = 0; c < channels; c += line) __builtin_prefetch(f + c);
+/// As merge_slots, for the 8 leading numbers and, in whole eights, the features.
+template <class V>
+void merge_slots_lanes(const TileLists& lists, const Slots<typename V::value_type>& slots,
+                       Index member, typename V::value_type* sum) {
+    using T = typename V::value_type;
+    constexpr Index lanes = static_cast<Index>(V::size);
+    if constexpr (8 % lanes != 0) {
+        merge_slots(lists, slots, member, sum);
+    } else {
+        const auto m = static_cast<std::size_t>(member);
+        const Index begin = lists.first[m], end = lists.first[m + 1];
+        for (Index k = 0; k < slots.stride; k += 8) {
+            std::array<V, static_cast<std::size_t>(8 / lanes)> s;
+            s.fill(V(T(0)));
+            for (Index i = begin; i < end; ++i)
+                if (slots.is_touched(i))
+                    for (std::size_t p = 0; p < s.size(); ++p)
+                        s[p] = s[p] +
+                               V::load_aligned(slots[i] + k + static_cast<Index>(p) * lanes);
+            for (std::size_t p = 0; p < s.size(); ++p)
+                s[p].store_aligned(sum + k + static_cast<Index>(p) * lanes);
+        }
     }
 }
 
-/// As pull_back_range, as many members at a time as there are lanes.
+/// Asks for the slots of a Gaussian that is a few steps away. Always inlined, as fetch_ahead.
+template <class T>
+[[gnu::always_inline]] inline void fetch_slots(const RasterTrace<T>& trace, const Slots<T>& slots,
+                                               Index index) {
+    const std::uint32_t m = trace.member[static_cast<std::size_t>(index)];
+    if (m == no_member) return;
+    __builtin_prefetch(&trace.splats[m]);
+    constexpr Index line = 64 / static_cast<Index>(sizeof(T));
+    const T* const end = slots[trace.lists.first[std::size_t(m) + 1]];
+    for (const T* s = slots[trace.lists.first[m]]; s < end; s += line) __builtin_prefetch(s);
+}
+
+/// As pull_back_range, as many Gaussians at a time as there are lanes.
 template <class V, class A>
 void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
                            const Pinhole<typename V::value_type>& camera, const A& accuracy,
                            const RasterTrace<typename V::value_type>& trace,
-                           const RasterScratch<typename V::value_type>& scratch, Index b, Index e,
+                           const Slots<typename V::value_type>& slots, Index b, Index e,
                            Gaussians<typename V::value_type>& out) {
     using T = typename V::value_type;
     constexpr int lanes = static_cast<int>(V::size);
     const Lens<V> lens(Lens<T>(camera, accuracy.frustum_margin, accuracy.dilation));
     const Index channels = g.channels();
-    for (Index start = b; start < e; start += lanes) {
-        const auto member = [&](int lane) {
-            return static_cast<std::size_t>(std::min(start + lane, e - 1));
-        };
-        const auto source = [&](int lane) -> Index { return trace.source[member(lane)]; };
-        for (Index r = start + lanes; r < std::min(start + 2 * lanes, e); ++r)
-            fetch_slots_ahead(trace.lists, scratch, trace.source[static_cast<std::size_t>(r)], r,
-                              out.feature);
-        LaneBlock<V, 10> slots;
-        for (int lane = 0; lane < lanes; ++lane) {
-            const Splat<T>& s = trace.splats[member(lane)];
-            SplatCotangent<T> c{};
-            if (start + lane < e) {
-                c = merge_slots(trace.lists, scratch, start + lane);
-                T* to = out.feature.data() + source(lane) * channels;
-                Index k = 0;
-                for (; k + lanes <= channels; k += lanes)
-                    merge_features<V>(trace.lists, scratch, start + lane, k, [](const T* from) {
-                        return V::load_unaligned(from);
-                    }).store_unaligned(to + k);
-                for (; k < channels; ++k)
-                    to[k] = merge_features<T>(trace.lists, scratch, start + lane, k,
-                                              [](const T* from) { return *from; });
+    Lines<T> memory;
+    T* const sum = memory.reserve(slots.stride);
+    std::array<Index, static_cast<std::size_t>(lanes)> index{};
+    LaneBlock<V, 10> in_slots;
+    for (Index i = b; i < e;) {
+        int filled = 0;
+        for (; i < e && filled < lanes; ++i) {
+            if (i + lanes < e) fetch_slots(trace, slots, i + lanes);
+            const std::uint32_t m = trace.member[static_cast<std::size_t>(i)];
+            if (m == no_member) {
+                clear_gradient(out, i);
+                continue;
             }
-            const T values[10] = {c.u, c.v, c.uu, c.uv, c.vv, c.alpha, c.depth, s.ux, s.vx, s.vy};
-            for (int k = 0; k < 10; ++k) slots.row[k][lane] = values[k];
+            merge_slots_lanes<V>(trace.lists, slots, m, sum);
+            const Splat<T>& s = trace.splats[m];
+            for (int k = 0; k < 7; ++k) in_slots.row[k][filled] = sum[k];
+            in_slots.row[7][filled] = s.ux;
+            in_slots.row[8][filled] = s.vx;
+            in_slots.row[9][filled] = s.vy;
+            T* const to = out.feature.data() + i * channels;
+            for (Index k = 0; k < channels; ++k) to[k] = sum[Slots<T>::head + k];
+            index[static_cast<std::size_t>(filled++)] = i;
         }
-        const LaneShapes<V> in(g, source);
+        if (filled == 0) break;
+        const LaneShapes<V> in(g, [&](int lane) {
+            return index[static_cast<std::size_t>(std::min(lane, filled - 1))];
+        });
+        for (int lane = filled; lane < lanes; ++lane)
+            for (auto& row : in_slots.row) row[lane] = T(0);
         Splat<V> splat;
-        splat.ux = slots[7];
-        splat.vx = slots[8];
-        splat.vy = slots[9];
-        const SplatCotangent<V> c{slots[0], slots[1], slots[2], slots[3],
-                                  slots[4], slots[5], slots[6]};
+        splat.ux = in_slots[7];
+        splat.vx = in_slots[8];
+        splat.vy = in_slots[9];
+        const SplatCotangent<V> c{in_slots[0], in_slots[1], in_slots[2], in_slots[3],
+                                  in_slots[4], in_slots[5], in_slots[6]};
         const Shape<V> d = project_vjp(in.shape(), lens, screen_cotangent(splat, c));
         LaneBlock<V, 11> r;
         for (int k = 0; k < 3; ++k) r.set(k, d.mean[k]);
         for (int k = 0; k < 4; ++k) r.set(3 + k, d.rotation[k]);
         for (int k = 0; k < 3; ++k) r.set(7 + k, d.scale[k]);
         r.set(10, c.alpha / in.opacity());
-        for (int lane = 0; lane < lanes && start + lane < e; ++lane) {
-            const Index i = source(lane);
-            for (int k = 0; k < 3; ++k) out.mean.data()[3 * i + k] = r.row[k][lane];
-            for (int k = 0; k < 4; ++k) out.rotation.data()[4 * i + k] = r.row[3 + k][lane];
-            for (int k = 0; k < 3; ++k) out.scale.data()[3 * i + k] = r.row[7 + k][lane];
-            out.opacity.data()[i] = r.row[10][lane];
+        for (int lane = 0; lane < filled; ++lane) {
+            const Index to = index[static_cast<std::size_t>(lane)];
+            for (int k = 0; k < 3; ++k) out.mean.data()[3 * to + k] = r.row[k][lane];
+            for (int k = 0; k < 4; ++k) out.rotation.data()[4 * to + k] = r.row[3 + k][lane];
+            for (int k = 0; k < 3; ++k) out.scale.data()[3 * to + k] = r.row[7 + k][lane];
+            out.opacity.data()[to] = r.row[10][lane];
         }
     }
 }
