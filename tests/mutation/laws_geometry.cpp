@@ -46,6 +46,7 @@ void all() {
     edge.edges.push_back({0, 1});
     const auto distances = [](const auto& x) {
         using S = typename std::decay_t<decltype(x)>::Scalar;
+        using std::sin;
         Columns<S> s(1, 2);
         s(0, 0) = S(1) + S(0.5F) * sin(x(6, 0)), s(0, 1) = S(-1) + S(0.5F) * sin(x(7, 0));
         return s;

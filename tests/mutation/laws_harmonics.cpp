@@ -16,6 +16,7 @@ void ramp(const char* name) {
     // Squared distances beside the kinks, where the slope is documented to be 0.
     const auto at = [](const auto& x) {
         using S = typename std::decay_t<decltype(x)>::Scalar;
+        using std::sin;
         const S inside = S(0.2) + S(0.04) * sin(x(0, 0));
         return std::is_same_v<M, SquaredDistance> ? inside : S(inside * inside);
     };

@@ -12,7 +12,7 @@ namespace {
 
 template <class S>
 Shape<S> shape_of(const Columns<S>& x) {
-    using std::exp;
+    using std::exp, std::sin;
     Shape<S> s;
     s.mean = Vec3<S>(S(0.5F) * x(0, 0), S(0.5F) * x(1, 0), S(3) + S(0.5F) * sin(x(2, 0)));
     s.rotation = Quat<S>(S(2) + x(3, 0), x(4, 0), x(5, 0), x(6, 0));

@@ -24,7 +24,7 @@ Balanced open() {
 
 template <class S>
 Gaussians<S> gaussians_of(const Columns<S>& x) {
-    using std::exp;
+    using std::exp, std::sin;
     Gaussians<S> g(count, 2);
     for (Index i = 0; i < count; ++i) {
         const Index o = i * per;
