@@ -15,6 +15,7 @@
 #include <rye/gaussian/activate.hpp>
 #include <rye/gaussian/ply.hpp>
 #include <rye/splat/rasterizer.hpp>
+#include <rye/splat/select_accuracy.hpp>
 
 #include "commands.hpp"
 #include "image_io.hpp"
@@ -26,7 +27,7 @@ namespace {
 constexpr double viewer_near_depth = 0.2;
 
 struct RenderOptions {
-    std::string ply, out, size = "512x512", accuracy = "3dgs";
+    std::string ply, out, size = "512x512", accuracy = "3dgs", max_error;
     std::vector<double> eye, target, up{0, -1, 0}, background{0, 0, 0};
     double fov_deg = 40;
     double alpha_floor = 0;
@@ -45,6 +46,17 @@ std::pair<int, int> parsed_size(const std::string& text) {
             "rye render", "--size: got " + text + ", expected WxH, each 1 to " +
                               std::to_string(max_image_edge) + " pixels");
     return {width, height};
+}
+
+/// "0.004" or "1/255".
+double parsed_error(const std::string& text) {
+    double above = 0, below = 1;
+    int read = 0, all = 0;
+    if (std::sscanf(text.c_str(), "%lf%n/%lf%n", &above, &read, &below, &all) == 2) read = all;
+    const double error = above / below;
+    require(static_cast<std::size_t>(read) == text.size() && error > 0 && error < 1, "rye render",
+            "--max-error: got " + text + ", expected a number between 0 and 1 such as 0.004 or 1/255");
+    return error;
 }
 
 template <Backend B, Real T, AccuracyPolicy A>
@@ -87,6 +99,21 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
                                         VecX<double>(background));
     }
     const Gaussians<float> g = activate<float>(cloud, camera.centre().cast<float>());
+    if (!o.max_error.empty()) {
+        const VecX<float> behind = background.cast<float>();
+        const SelectedAccuracy chosen = select_accuracy<B, float>(
+            g, camera.cast<float>(), behind, parsed_error(o.max_error));
+        if (chosen.met)
+            std::printf("accuracy %s: the coarsest of %zu whose error stays below %s; on %td tiles it "
+                        "is at most %.2g, and at most %.1f %% of all tiles are worse (95 %% sure)\n",
+                        chosen.name.c_str(), accuracy_ladder.size(), o.max_error.c_str(),
+                        chosen.tiles, chosen.sampled_error, 100 * chosen.failing_share);
+        else
+            std::printf("accuracy %s: the finest there is in float; its own rounding of up to %.2g may "
+                        "break %s (--accuracy exact is in double)\n",
+                        chosen.name.c_str(), chosen.rounding, o.max_error.c_str());
+        return picture<B>(chosen.accuracy, g, camera.cast<float>(), behind);
+    }
     return by_name.at(o.accuracy)(o, g, camera.cast<float>(), background.cast<float>());
 }
 
@@ -132,6 +159,9 @@ void add_render(CLI::App& app) {
                                              "exact (every Gaussian, in double: slow)")
         ->check(CLI::IsMember({"3dgs", "fast", "balanced", "tight", "exact"}))
         ->capture_default_str();
+    c->add_option("--max-error", o->max_error,
+                  "Instead of --accuracy: the cheapest whose largest error in any channel stays below "
+                  "this, by sampled tiles; 0.004 or 1/255")->excludes("--accuracy");
     c->add_option("--alpha-floor", o->alpha_floor,
                   "Taken from the falloff, so that it ends at 0; viewers that do so take 0.0111")
         ->check(CLI::Range(0.0, 0.99))->capture_default_str();

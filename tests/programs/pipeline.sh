@@ -65,6 +65,9 @@ same look.png look2.png
 "$rye" export --run one --ply canonical.ply --canonical --sh 3
 "$rye" render head.ply --eye 0,0,-10 --target 0,0,0 --up 0,-1,0 --fov 18 --size 64x64 \
     --background 1,1,1 --out render.png
+"$rye" render head.ply --eye 0,0,-10 --target 0,0,0 --up 0,-1,0 --fov 18 --size 64x64 \
+    --max-error 1/255 --out chosen.png | grep -q "^accuracy" || fail "no word of the chosen accuracy"
+refuses "max-error" "$rye" render head.ply --eye 0,0,-10 --target 0,0,0 --max-error nothing --out x.png
 
 # Bad input. The run stays as it is through all of it.
 cat one/checkpoint.safetensors one/config.json one/log.jsonl one/results.json > before.bin
