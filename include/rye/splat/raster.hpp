@@ -8,6 +8,7 @@
 #include <rye/gaussian/gaussians.hpp>
 #include <rye/splat/falloff.hpp>
 #include <rye/splat/tiles.hpp>
+#include <rye/splat/workspaces.hpp>
 
 namespace rye {
 
@@ -68,6 +69,7 @@ struct RasterScratch {
     struct Candidate {
         Splat<T> splat;
         Footprint<real_t<T>> footprint;
+        TileRows rows;
     };
     std::vector<Candidate> candidates;   ///< by index
     std::vector<Candidacy> state;        ///< by index
@@ -76,9 +78,10 @@ struct RasterScratch {
     std::vector<std::uint32_t> order;    ///< members, near to far
     std::vector<std::uint32_t> homes;    ///< members by tile: counts, then cursors
     SortBuffer<Key> sort;
-    std::vector<Span> pixel_rows;        ///< by member
+    std::vector<TileRows> rows;          ///< by member
 
     Slots<T> slots;
+    Workspaces workspaces;
 };
 
 /// What a pixel walk reads.

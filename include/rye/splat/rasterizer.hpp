@@ -62,7 +62,7 @@ struct Rasterizer {
         for_tiles(out.trace.lists.tiles(), [&](Index b, Index e) {
             if constexpr (LaneBackend<B, T>) {
                 using V = typename B::template batch<T>;
-                const auto canvas = std::make_unique<LaneCanvas<V>>();
+                const auto canvas = s.workspaces.template lend<LaneCanvas<V>>();
                 with_channels(g.channels(), [&](auto c) {
                     for (Index t = b; t < e; ++t)
                         blend_tile_lanes<V, c>(scene, accuracy, t, out, *canvas);
@@ -101,10 +101,16 @@ struct Rasterizer {
         for_tiles(trace.lists.tiles(), [&](Index b, Index e) {
             if constexpr (LaneBackend<B, T>) {
                 using V = typename B::template batch<T>;
-                const auto tape = std::make_unique<LaneTape<V>>();
+                const auto tape = s.workspaces.template lend<LaneTape<V>>();
+                const bool extra = cotangent.alpha != nullptr || cotangent.depth != nullptr;
                 with_channels(g.channels(), [&](auto c) {
                     for (Index t = b; t < e; ++t)
-                        blend_tile_vjp_lanes<V, c>(scene, accuracy, cotangent, t, s, *tape);
+                        if (extra)
+                            blend_tile_vjp_lanes<V, c, true>(scene, accuracy, cotangent, t, s,
+                                                             *tape);
+                        else
+                            blend_tile_vjp_lanes<V, c, false>(scene, accuracy, cotangent, t, s,
+                                                              *tape);
                 });
             } else {
                 std::vector<Hit<T>> hits;

@@ -70,14 +70,12 @@ auto footprint_of(const ScreenGaussian<T>& s, const Splat<T>& splat, const T& cx
     return f;
 }
 
-/// Completes candidate i: it is visible unless it reaches no row of pixels.
-template <class A, class T>
-void settle(const Pinhole<T>& camera, Index i, RasterScratch<T>& scratch) {
-    using Covers = Cover<A::support, real_t<T>>;
+/// Completes candidate i, whose rows of pixels are known: it is visible unless there are none.
+template <class T>
+void settle(Index i, const Span& rows, RasterScratch<T>& scratch) {
     auto& c = scratch.candidates[static_cast<std::size_t>(i)];
-    const Span rows = Covers{c.footprint, camera.width, camera.height}.rows();
-    c.splat.row_begin = rows.begin;
-    c.splat.row_end = rows.end;
+    c.rows.begin = c.splat.row_begin = rows.begin;
+    c.rows.end = c.splat.row_end = rows.end;
     scratch.state[static_cast<std::size_t>(i)] =
         rows.begin < rows.end ? Candidacy::visible : Candidacy::hidden;
 }
@@ -98,7 +96,14 @@ void project_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& acc
         c.splat = make_splat(s, g.opacity(0, i), accuracy);
         if (!(c.splat.log2_opacity > c.splat.cut)) continue;
         c.footprint = footprint_of<A>(s, c.splat, camera.cx, camera.cy);
-        settle<A>(camera, i, scratch);
+        const Cover<A::support, real_t<T>> cover{c.footprint, camera.width, camera.height};
+        settle(i, cover.rows(), scratch);
+        if (scratch.state[at] != Candidacy::visible || !c.rows.known(camera.width)) continue;
+        for (int y = c.rows.first_row(); y < c.rows.last_row(); ++y) {
+            const Span x = cover.columns(y, c.rows);
+            c.rows.columns[static_cast<std::size_t>(y - c.rows.first_row())] = {
+                static_cast<std::uint16_t>(x.begin), static_cast<std::uint16_t>(x.end)};
+        }
     }
 }
 
@@ -132,7 +137,7 @@ void arrange(const Pinhole<T>& camera, const A& accuracy, RasterScratch<T>& scra
     for (std::size_t t = 1; t < scratch.homes.size(); ++t) scratch.homes[t] += scratch.homes[t - 1];
     scratch.keys.resize(n);
     scratch.order.resize(n);
-    scratch.pixel_rows.resize(n);
+    scratch.rows.resize(n);
     trace.splats.resize(n);
     trace.source.resize(n);
     trace.member.assign(scratch.candidates.size(), no_member);
@@ -142,14 +147,14 @@ void arrange(const Pinhole<T>& camera, const A& accuracy, RasterScratch<T>& scra
         const std::uint32_t m = scratch.homes[home(c)]++;
         scratch.keys[v] = depth_key(static_cast<R>(value_of(c.splat.depth)));
         scratch.order[v] = m;
-        scratch.pixel_rows[m] = {c.splat.row_begin, c.splat.row_end};
+        scratch.rows[m] = c.rows;
         trace.splats[m] = c.splat;
         trace.source[m] = i;
         trace.member[i] = m;
     }
     sort_by_key(scratch.keys, scratch.order, scratch.sort);
     trace.lists.template build<typename B::threads, A::support, R>(
-        camera.width, camera.height, scratch.pixel_rows, scratch.order, accuracy.max_entries,
+        camera.width, camera.height, scratch.rows, scratch.order, accuracy.max_entries,
         [&](Index m) -> const Footprint<R>& {
             return scratch.candidates[trace.source[static_cast<std::size_t>(m)]].footprint;
         });

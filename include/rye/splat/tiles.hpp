@@ -6,8 +6,10 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
+#include <concepts>
 #include <cstdint>
 #include <limits>
 #include <string>
@@ -40,92 +42,129 @@ struct Span {
     int begin = 0, end = 0;
 };
 
-/// Whole pixels whose centres lie in [low, high], cut to [0, size); the cast is of a clamped value.
+/// The same in whole numbers of type R: Real, or a batch of them.
+template <class R>
+struct PixelRange {
+    R begin, end;
+};
+
+/// Whole pixels whose centres lie in [low, high], cut to [0, size).
+template <class R>
+PixelRange<R> pixel_range(const R& low, const R& high, int size) {
+    using std::ceil, std::floor, std::max, std::min;
+    using S = real_t<R>;
+    const R top(static_cast<S>(size));
+    const R b = ceil(min(top, R(max(R(S(0)), R(low - R(S(0.5)))))));
+    const R e = floor(min(top, R(max(R(S(-1)), R(high - R(S(0.5))))))) + R(S(1));
+    return {b, min(top, e)};
+}
+template <Real R>
+Span whole(const PixelRange<R>& r) {
+    return {static_cast<int>(r.begin), static_cast<int>(r.end)};
+}
 template <Real R>
 Span pixels_between(R low, R high, int size) {
-    const R top = static_cast<R>(size);
-    const R b = std::ceil(std::clamp(low - R(0.5), R(0), top));
-    const R e = std::floor(std::clamp(high - R(0.5), R(-1), top)) + R(1);
-    return {static_cast<int>(b), std::min(size, static_cast<int>(e))};
+    return whole(pixel_range(low, high, size));
+}
+/// The tiles that these pixels lie in.
+inline Span tiles_of(const Span& px) {
+    if (px.begin >= px.end) return {};
+    return {px.begin / tile_edge, (px.end - 1) / tile_edge + 1};
 }
 
 /// The footprint's rows of pixels, and for each row of tiles its columns of tiles.
-template <Support support, Real R>
+template <Support support, class R>  // Real, or a batch of them
 struct Cover {
+    using S = real_t<R>;
     Footprint<R> f;
     int width, height;           ///< of the image [px]
 
-    /// Rounding moves a bound by a few units in the last place of a position; this covers it.
-    R slack() const {
-        return R(8) * std::numeric_limits<R>::epsilon() *
-               (std::abs(f.x) + std::abs(f.y) + f.radius * std::sqrt(f.covariance.xx) +
-                f.radius * std::sqrt(f.covariance.yy) + R(1));
-    }
+    Span rows() const { return whole(row_range()); }
 
-    Span rows() const {
-        if constexpr (support == Support::square) return square(f.y, height);
-        const R reach = f.radius * std::sqrt(f.covariance.yy) + slack();
-        return pixels_between(f.y - reach, f.y + reach, height);
+    PixelRange<R> row_range() const {
+        using std::sqrt;
+        if constexpr (support == Support::square) {
+            return square(f.y, height);
+        } else {
+            const R reach = f.radius * sqrt(f.covariance.yy) + slack();
+            return pixel_range(R(f.y - reach), R(f.y + reach), height);
+        }
     }
 
     /// Columns of tiles of tile row `row`, whose pixels within `rows` are all that count.
-    Span columns(int row, const Span& rows) const { return columns_of(rows)(row); }
-
-    /// The same as a function of the row.
-    auto columns_of(const Span& rows) const {
-        if constexpr (support == Support::square)
-            return [px = square(f.x, width)](int) { return tiles_of(px); };
-        else
-            return Slabs{*this, rows};
+    Span columns(int row, const Span& rows) const {
+        const auto top = static_cast<R>(std::max(row * tile_edge, rows.begin));
+        const auto bottom = static_cast<R>(std::min((row + 1) * tile_edge, rows.end));
+        return tiles_of(whole(Slabs(*this).pixels(top, bottom)));
     }
 
-  private:
-    static Span tiles_of(const Span& px) {
-        if (px.begin >= px.end) return {};
-        return {px.begin / tile_edge, (px.end - 1) / tile_edge + 1};
-    }
-
-    /// The widest part of the ellipse within a row of tiles.
+    /// The widest part of the footprint within rows [top, bottom) of pixels.
     struct Slabs {
-        R x, y, slack;
-        R tilt;                      ///< of E[x | y]
-        R widest;                    ///< y of the rightmost point
-        R square, inverse_yy, left_over;
-        Span rows;
-        int width;
+        const Cover& c;
+        R slack, tilt, widest, squared, inverse_yy, left_over;
 
-        Slabs(const Cover& c, const Span& r) : x(c.f.x), y(c.f.y), slack(c.slack()), rows(r),
-                                               width(c.width) {
+        explicit Slabs(const Cover& cover) : c(cover) {
+            using std::sqrt;
             const Footprint<R>& f = c.f;
-            inverse_yy = R(1) / f.covariance.yy;
-            tilt = f.covariance.xy * inverse_yy;
-            widest = f.radius * f.covariance.xy / std::sqrt(f.covariance.xx);
-            square = f.radius * f.radius;
+            slack = c.slack();
+            inverse_yy = R(S(1)) / f.covariance.yy;
+            tilt = f.covariance.xy * inverse_yy;                         // of E[x | y]
+            widest = f.radius * f.covariance.xy / sqrt(f.covariance.xx); // y of the rightmost point
+            squared = f.radius * f.radius;
             left_over = f.determinant * inverse_yy;
         }
-        Span operator()(int row) const {
-            const R top = static_cast<R>(std::max(row * tile_edge, rows.begin)) + R(0.5) - y;
-            const R bottom =
-                static_cast<R>(std::min((row + 1) * tile_edge, rows.end) - 1) + R(0.5) - y;
-            return tiles_of(pixels_between(x + end(-widest, top, bottom, R(-1)) - slack,
-                                           x + end(widest, top, bottom, R(1)) + slack, width));
+        PixelRange<R> pixels(const R& top, const R& bottom) const {
+            if constexpr (support == Support::square) {
+                return c.square(c.f.x, c.width);
+            } else {
+                const R low = top + R(S(0.5)) - c.f.y, high = bottom - R(S(0.5)) - c.f.y;
+                return pixel_range(R(c.f.x + end(-widest, low, high, S(-1)) - slack),
+                                   R(c.f.x + end(widest, low, high, S(1)) + slack), c.width);
+            }
         }
-        /// Left (-1) or right (+1) end of the ellipse at the y in [top, bottom] nearest to `at`.
-        R end(R nearest, R top, R bottom, R side) const {
-            const R at = std::clamp(nearest, top, bottom);
-            const R rest = std::max(R(0), square - at * at * inverse_yy);
-            return tilt * at + side * std::sqrt(rest * left_over);
+
+      private:
+        /// Left (-1) or right (+1) end of the ellipse at the y in [low, high] nearest to `nearest`.
+        R end(const R& nearest, const R& low, const R& high, S side) const {
+            using std::max, std::min, std::sqrt;
+            const R at = min(high, R(max(low, nearest)));
+            const R rest = max(R(S(0)), R(squared - at * at * inverse_yy));
+            return tilt * at + R(side) * sqrt(R(rest * left_over));
         }
     };
 
-    /// The 16 px tiles that [centre - radius, centre + radius] touches, as pixels.
-    Span square(R centre, int size) const {
-        constexpr int coarse = 16;
-        const R top = static_cast<R>(size + coarse), p = centre - R(0.5);  // its pixel origin
-        const int low = static_cast<int>(std::clamp(p - f.radius, R(0), top));
-        const int high = static_cast<int>(std::clamp(p + f.radius + R(coarse - 1), R(0), top));
-        return {std::min(size, low / coarse * coarse), std::min(size, high / coarse * coarse)};
+  private:
+    /// Rounding moves a bound by a few units in the last place of a position; this covers it.
+    R slack() const {
+        using std::abs, std::sqrt;
+        return R(S(8) * std::numeric_limits<S>::epsilon()) *
+               (abs(f.x) + abs(f.y) + f.radius * sqrt(f.covariance.xx) +
+                f.radius * sqrt(f.covariance.yy) + R(S(1)));
     }
+
+    /// The 16 px tiles that [centre - radius, centre + radius] touches, as pixels.
+    PixelRange<R> square(const R& centre, int size) const {
+        using std::floor, std::max, std::min;
+        constexpr S coarse = 16;
+        const R top(static_cast<S>(size) + coarse), zero(S(0)), p = centre - R(S(0.5));
+        const auto touched = [&](const R& edge) {
+            const R cut = min(top, R(max(zero, edge)));
+            return R(min(R(static_cast<S>(size)), R(floor(R(cut * R(1 / coarse))) * R(coarse))));
+        };
+        return {touched(R(p - f.radius)), touched(R(p + f.radius + R(coarse - 1)))};
+    }
+};
+
+/// Rows of pixels, and the columns of tiles in the few rows of tiles that most Gaussians span.
+struct TileRows : Span {
+    static constexpr int most = 3;
+    std::array<std::array<std::uint16_t, 2>, most> columns;
+
+    int first_row() const { return begin / tile_edge; }
+    int last_row() const { return (end + tile_edge - 1) / tile_edge; }
+    /// Whether an image's columns of tiles fit.
+    static bool fits(int width) { return width / tile_edge < 0xFFFF; }
+    bool known(int width) const { return last_row() - first_row() <= most && fits(width); }
 };
 
 /// Bits that compare as the non-negative number does.
@@ -194,41 +233,77 @@ struct TileLists {
     Index entries() const { return begin.empty() ? 0 : begin.back(); }
 
     /// Deals members out over an image, in the given order; footprint(m) is a Footprint, and
-    /// pixel_rows[m] its rows of pixels, not empty. The order is cut into chunks; where a chunk
-    /// goes on in a tile's list follows from what the chunks before it have there.
-    template <Threads P, Support support, Real R, class Footprints>
-    void build(int width, int height, const std::vector<Span>& pixel_rows,
+    /// pixel_rows[m] its rows of pixels, not empty.
+    template <Threads P, Support support, Real R, class Rows, class Footprints>
+        requires std::derived_from<Rows, Span>
+    void build(int width, int height, const std::vector<Rows>& pixel_rows,
                const std::vector<std::uint32_t>& order, Index max_entries,
                const Footprints& footprint) {
+        columns = (width + tile_edge - 1) / tile_edge;
+        rows = (height + tile_edge - 1) / tile_edge;
+        const auto each_row = [&](std::uint32_t m, const auto& f) {
+            const Rows& r = pixel_rows[m];
+            const int begin_row = r.begin / tile_edge;
+            const int end_row = (r.end + tile_edge - 1) / tile_edge;
+            if constexpr (std::same_as<Rows, TileRows>)
+                if (r.known(width)) {
+                    for (int y = begin_row; y < end_row; ++y) {
+                        const auto& c = r.columns[static_cast<std::size_t>(y - begin_row)];
+                        f(RowSpan{y, c[0], c[1]});
+                    }
+                    return;
+                }
+            const Cover<support, R> cover{footprint(m), width, height};
+            for (int y = begin_row; y < end_row; ++y) {
+                const Span s = cover.columns(y, r);
+                f(RowSpan{y, s.begin, s.end});
+            }
+        };
+        deal<P>(pixel_rows, order, max_entries, each_row);
+    }
+
+  private:
+    static constexpr Index most_chunks = 16, ahead = 16;
+
+    struct RowSpan {
+        int row, begin, end;     ///< of tiles
+    };
+    /// Of one chunk: its rows, where each member's end, and where it goes on in each list.
+    struct Part {
+        std::vector<RowSpan> spans;
+        std::vector<std::uint32_t> ends;
+        std::vector<Index> cursor;
+    };
+    std::vector<Part> parts_;
+
+    /// The order is cut into chunks; where a chunk goes on in a tile's list follows from what the
+    /// chunks before it have there.
+    template <Threads P, class Rows, class EachRow>
+    void deal(const std::vector<Rows>& pixel_rows, const std::vector<std::uint32_t>& order,
+              Index max_entries, const EachRow& each_row) {
+        const auto at = [](auto& v, Index i) -> auto& { return v[static_cast<std::size_t>(i)]; };
         const Index n = static_cast<Index>(order.size());
         const Index grain = std::max<Index>(2048, (n + most_chunks - 1) / most_chunks);
         const Index chunks = chunk_count(n, grain);
-        columns = (width + tile_edge - 1) / tile_edge;
-        rows = (height + tile_edge - 1) / tile_edge;
-        const auto at = [](auto& v, Index i) -> auto& { return v[static_cast<std::size_t>(i)]; };
         parts_.resize(std::max(parts_.size(), static_cast<std::size_t>(chunks)));
         first.resize(static_cast<std::size_t>(n) + 1);
         at(first, 0) = 0;
-
         for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
             Part& part = at(parts_, c);
             part.cursor.assign(static_cast<std::size_t>(tiles()), 0);
             part.spans.clear();
+            part.ends.clear();
             for (Index i = b; i < e; ++i) {
-                if (i + ahead < e) prefetch(footprint(at(order, i + ahead)));
+                if (i + ahead < e) prefetch(at(pixel_rows, at(order, i + ahead)));
                 const std::uint32_t m = at(order, i);
-                const Span& pixels = at(pixel_rows, m);
-                const Cover<support, R> cover{footprint(m), width, height};
-                const auto columns_of = cover.columns_of(pixels);
                 Index count = 0;
-                const int end = (pixels.end + tile_edge - 1) / tile_edge;
-                for (int y = pixels.begin / tile_edge; y < end; ++y) {
-                    const Span s = columns_of(y);
+                each_row(m, [&](const RowSpan& s) {
                     part.spans.push_back(s);
-                    Index* const in_row = part.cursor.data() + Index(y) * columns;
+                    Index* const in_row = part.cursor.data() + Index(s.row) * columns;
                     for (int x = s.begin; x < s.end; ++x) ++in_row[x];
                     count += s.end - s.begin;
-                }
+                });
+                part.ends.push_back(static_cast<std::uint32_t>(part.spans.size()));
                 at(first, Index(m) + 1) = count;
             }
         });
@@ -253,15 +328,14 @@ struct TileLists {
         slot.resize(static_cast<std::size_t>(total));
         for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
             Part& part = at(parts_, c);
-            const Span* span = part.spans.data();
+            const RowSpan* span = part.spans.data();
             for (Index i = b; i < e; ++i) {
                 if (i + ahead < e) prefetch(at(first, at(order, i + ahead)));
                 const std::uint32_t m = at(order, i);
-                const Span& pixels = at(pixel_rows, m);
                 auto to_slot = static_cast<std::uint32_t>(at(first, m));
-                const int end = (pixels.end + tile_edge - 1) / tile_edge;
-                for (int y = pixels.begin / tile_edge; y < end; ++y, ++span) {
-                    Index* const in_row = part.cursor.data() + Index(y) * columns;
+                for (const RowSpan* const end = part.spans.data() + at(part.ends, i - b);
+                     span < end; ++span) {
+                    Index* const in_row = part.cursor.data() + Index(span->row) * columns;
                     for (int x = span->begin; x < span->end; ++x) {
                         const Index to = in_row[x]++;
                         at(member, to) = m;
@@ -271,16 +345,6 @@ struct TileLists {
             }
         });
     }
-
-  private:
-    static constexpr Index most_chunks = 16, ahead = 16;
-
-    /// Of one chunk: the columns of tiles of each row of tiles, and where it goes on in each list.
-    struct Part {
-        std::vector<Span> spans;
-        std::vector<Index> cursor;
-    };
-    std::vector<Part> parts_;
 
     /// Always inlined: g++ takes a function that only prefetches for one without effect.
     template <class X>

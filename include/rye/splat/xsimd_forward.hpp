@@ -10,14 +10,14 @@ namespace rye {
 
 /// Memory of one thread's tiles.
 template <class V>
-struct LaneCanvas {
+struct LaneCanvas : Workspaces::Space {
     using T = typename V::value_type;
     LaneGroup<V> group;
     alignas(64) T transmittance[tile_pixels], left[tile_pixels], depth[tile_pixels];
     alignas(64) T weight[LaneGroup<V>::most][Strips<V>::lanes];
     Lines<T> sums;           ///< few channels: strip by strip, each channel's; else a row a pixel
     Lines<T> feature;        ///< of the group
-    Lines<T> background;     ///< many channels, padded
+    Lines<T> background;     ///< a row of it
 };
 
 /// sums(pixel, channels) += sum_j weight[j][pixel] feature(entry j of the strip, channels) for the pixels of a
@@ -107,11 +107,12 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
     const Index begin = scene.begin(tile), end = scene.end(tile);
     if (begin == end) {
         out.trace.used[static_cast<std::size_t>(tile)] = 0;
+        const Index n = scene.right(tile) - left;
+        T* const row = canvas.background.reserve(tile_edge * channels);
+        for (Index i = 0; i < n * channels; ++i) row[i] = scene.background[i % channels];
         for (int y = top; y < scene.bottom(tile); ++y) {
-            const Index p = scene.pixel(left, y), n = scene.right(tile) - left;
-            T* to = out.feature.pixels.data() + p * channels;
-            for (Index i = 0; i < n; ++i)
-                for (Index c = 0; c < channels; ++c) *to++ = scene.background[c];
+            const Index p = scene.pixel(left, y);
+            std::copy_n(row, n * channels, out.feature.pixels.data() + p * channels);
             std::fill_n(out.alpha.pixels.data() + p, n, T(0));
             std::fill_n(out.depth.pixels.data() + p, n, T(0));
         }
@@ -130,7 +131,9 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
     Index k = begin;
     while (k < end && open_strips<V>(canvas.transmittance, open)) {
         const Index next = std::min<Index>(end, k + LaneGroup<V>::most);
-        fetch_ahead(scene, next, std::min<Index>(end, next + LaneGroup<V>::most));
+        const Index after = std::min<Index>(end, next + LaneGroup<V>::most);
+        fetch_ahead(scene, after, std::min<Index>(end, after + LaneGroup<V>::most));
+        fetch_features(scene, next, after);
         copy_features<C>(scene, k, next, stride, feature);
         canvas.group.fill(scene, strips, top, k, next, open);
         for (int s = 0; s < Tile::count; ++s) blend_strip<V, C>(blend, s, stride, canvas);
@@ -151,9 +154,14 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
                 for (int c = 0; c < C; ++c)
                     *to++ = from[c * lanes] + behind * scene.background[c];
             } else {
-                const T* from = sums + at * stride;
-                for (Index c = 0; c < channels; ++c)
-                    *to++ = from[c] + behind * scene.background[c];
+                const T* const from = sums + at * stride;
+                const T* const back = scene.background.data();
+                Index c = 0;
+                for (; c + lanes <= channels; c += lanes)
+                    (V::load_aligned(from + c) + V(behind) * V::load_unaligned(back + c))
+                        .store_unaligned(to + c);
+                for (; c < channels; ++c) to[c] = from[c] + behind * back[c];
+                to += channels;
             }
         }
     }

@@ -296,6 +296,18 @@ template <class T>
     }
 }
 
+/// Asks for the features of entries [begin, end), whose records were asked for before. Always
+/// inlined, as fetch_ahead.
+template <class T>
+[[gnu::always_inline]] inline void fetch_features(const Scene<T>& scene, Index begin, Index end) {
+    constexpr Index line = 64 / static_cast<Index>(sizeof(T));
+    for (Index k = begin; k < end; ++k) {
+        const T* const f = scene.feature_of(k);
+        for (Index c = 0; c < scene.feature.rows(); c += line) __builtin_prefetch(f + c);
+        __builtin_prefetch(f + scene.feature.rows() - 1);
+    }
+}
+
 /// Channels in whole vectors, and at least in eights.
 template <class V>
 constexpr Index padded_channels(Index channels) {

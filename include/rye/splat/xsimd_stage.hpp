@@ -89,6 +89,20 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
         for (int k = 0; k < 17; ++k) out.set(k, *values[k]);
         LaneBlock<V, 1> visible;
         visible.set(0, select(seen, V(T(1)), zero));
+        const Cover<A::support, V> cover{f, camera.width, camera.height};
+        const PixelRange<V> rows = cover.row_range();
+        LaneBlock<V, 2 + 2 * TileRows::most> range;    // of pixels: rows, then columns
+        range.set(0, rows.begin);
+        range.set(1, rows.end);
+        const typename Cover<A::support, V>::Slabs slabs(cover);
+        V top = floor(rows.begin * V(T(1) / tile_edge)) * V(T(tile_edge));
+        for (int j = 0; j < TileRows::most; ++j) {
+            const V bottom = top + V(T(tile_edge));
+            const PixelRange<V> px = slabs.pixels(max(top, rows.begin), min(bottom, rows.end));
+            range.set(2 + 2 * j, px.begin);
+            range.set(3 + 2 * j, px.end);
+            top = bottom;
+        }
         for (int lane = 0; lane < lanes && start + lane < e; ++lane) {
             const Index i = start + lane;
             const auto at = static_cast<std::size_t>(i);
@@ -105,7 +119,16 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
                        value(5), value(6), value(7), value(8)};
             c.footprint = {value(9), value(10), value(11), {value(12), value(13), value(14)},
                            value(15)};
-            settle<A>(camera, i, scratch);
+            const auto span = [&](int k) {
+                return whole(PixelRange<T>{range.row[k][lane], range.row[k + 1][lane]});
+            };
+            settle(i, span(0), scratch);
+            if (scratch.state[at] != Candidacy::visible || !c.rows.known(camera.width)) continue;
+            for (int j = 0; j < c.rows.last_row() - c.rows.first_row(); ++j) {
+                const Span x = tiles_of(span(2 + 2 * j));
+                c.rows.columns[static_cast<std::size_t>(j)] = {
+                    static_cast<std::uint16_t>(x.begin), static_cast<std::uint16_t>(x.end)};
+            }
         }
     }
 }
@@ -135,7 +158,8 @@ void merge_slots_lanes(const TileLists& lists, const Slots<typename V::value_typ
     }
 }
 
-/// Asks for the slots of a Gaussian that is a few steps away. Always inlined, as fetch_ahead.
+/// Asks for the slots of a Gaussian that is a few steps away, whose range was asked for before.
+/// Always inlined, as fetch_ahead.
 template <class T>
 [[gnu::always_inline]] inline void fetch_slots(const RasterTrace<T>& trace, const Slots<T>& slots,
                                                Index index) {
@@ -165,7 +189,11 @@ void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
     for (Index i = b; i < e;) {
         int filled = 0;
         for (; i < e && filled < lanes; ++i) {
-            if (i + lanes < e) fetch_slots(trace, slots, i + lanes);
+            if (i + 4 * lanes < e) {
+                const std::uint32_t far = trace.member[static_cast<std::size_t>(i + 4 * lanes)];
+                if (far != no_member) __builtin_prefetch(&trace.lists.first[far]);
+            }
+            if (i + 2 * lanes < e) fetch_slots(trace, slots, i + 2 * lanes);
             const std::uint32_t m = trace.member[static_cast<std::size_t>(i)];
             if (m == no_member) {
                 clear_gradient(out, i);

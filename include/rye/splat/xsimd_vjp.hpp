@@ -10,7 +10,7 @@ namespace rye {
 
 /// Memory of one thread's tiles.
 template <class V>
-struct LaneTape {
+struct LaneTape : Workspaces::Space {
     using T = typename V::value_type;
     using Tile = Strips<V>;
     using Group = LaneGroup<V>;
@@ -23,12 +23,13 @@ struct LaneTape {
     LaneGroup<V> group;
     alignas(64) T transmittance[tile_pixels], left[tile_pixels];
     alignas(64) T behind[tile_pixels], g_alpha[tile_pixels], g_depth[tile_pixels];
-    alignas(64) T along[tile_pixels], weight[tile_pixels];
+    alignas(64) T weight[tile_pixels];
     std::vector<Recorded> groups;
     Lines<T> steps;          ///< alpha and transmittance of each step: two vectors
     Index used = 0;          ///< steps
-    Lines<T> cotangent;      ///< channels x tile_pixels, strip by strip, zeros behind the channels
-    Lines<T> feature;        ///< of one entry, padded
+    Lines<T> cotangent;      ///< strip by strip: a vector a channel, zeros behind the channels
+    Lines<T> feature;        ///< of a group, padded
+    Lines<T> background;     ///< padded
 };
 
 /// Repeats the forward walk of a tile onto the tape.
@@ -77,15 +78,36 @@ void record_tile(const Scene<typename V::value_type>& scene, const A& accuracy, 
     }
 }
 
+/// <cotangent, colour> of a strip's pixels, from `stride` vectors: C few channels, else eights. One
+/// function for entries and background, so that equal colours give equal sums.
+template <class V, int C>
+[[gnu::always_inline]] inline V along(const typename V::value_type* cotangent,
+                                      const typename V::value_type* colour, Index stride) {
+    constexpr int lanes = static_cast<int>(V::size);
+    constexpr int parts = C > 0 ? C : 8;         // sums that do not wait for each other
+    std::array<V, std::size_t(parts)> sum;
+    unrolled<parts>([&](auto i) { sum[i] = V::load_aligned(cotangent + i * lanes) * V(colour[i]); });
+    for (Index c = parts; c < stride; c += parts)
+        unrolled<parts>([&](auto i) {
+            sum[i] = sum[i] + V::load_aligned(cotangent + (c + i) * lanes) * V(colour[c + i]);
+        });
+    for (std::size_t half = parts / 2; C == 0 && half > 0; half /= 2)
+        for (std::size_t i = 0; i < half; ++i) sum[i] = sum[i] + sum[i + half];
+    if constexpr (C > 1) unrolled<C - 1>([&](auto i) { sum[0] = sum[0] + sum[i + 1]; });
+    return sum[0];
+}
+
 /// The cotangents of a tile's pixels, strip by strip, and that of the background seen through it.
-template <class V>
+template <class V, int C>
 void load_cotangents(const Scene<typename V::value_type>& scene,
                      const RasterCotangent<typename V::value_type>& g, Index tile,
                      const Strips<V>& strips, Index stride, LaneTape<V>& tape) {
     using T = typename V::value_type;
-    const Index channels = scene.feature.rows();
+    constexpr int lanes = Strips<V>::lanes;
+    const Index channels = C > 0 ? C : scene.feature.rows();
     T* const cotangent = tape.cotangent.reserve(stride * tile_pixels);
-    std::fill_n(cotangent, stride * tile_pixels, T(0));
+    if (stride != channels || strips.width < tile_edge || strips.height < tile_edge)
+        std::fill_n(cotangent, stride * tile_pixels, T(0));
     std::fill_n(tape.g_alpha, tile_pixels, T(0));
     std::fill_n(tape.g_depth, tile_pixels, T(0));
     for (int y = 0; y < strips.height; ++y) {
@@ -93,23 +115,22 @@ void load_cotangents(const Scene<typename V::value_type>& scene,
         const T* gp = g.feature.data() + from * channels;
         for (int x = 0; x < strips.width; ++x) {
             const int at = Strips<V>::at(x, y);
-            for (Index c = 0; c < channels; ++c) cotangent[c * tile_pixels + at] = *gp++;
+            T* const to = cotangent + at / lanes * lanes * stride + at % lanes;
+            for (Index c = 0; c < channels; ++c) to[c * lanes] = *gp++;
             if (g.alpha != nullptr) tape.g_alpha[at] = g.alpha->data()[from + x];
             if (g.depth != nullptr) tape.g_depth[at] = g.depth->data()[from + x];
         }
     }
-    // As `along` of an entry, so that equal colours give equal sums.
-    for (int at = 0; at < tile_pixels; at += Strips<V>::lanes) {
-        V sum(T(0));
-        for (Index c = 0; c < channels; ++c)
-            sum = sum + V::load_aligned(cotangent + c * tile_pixels + at) *
-                            V(scene.background[c]);
-        sum.store_aligned(tape.behind + at);
-    }
+    T* const background = tape.background.reserve(stride);
+    std::fill_n(background, stride, T(0));
+    std::copy_n(scene.background.data(), channels, background);
+    for (int at = 0; at < tile_pixels; at += lanes)
+        along<V, C>(cotangent + at * stride, background, stride).store_aligned(tape.behind + at);
 }
 
-/// One entry of the reverse walk, into its slot. C few channels, or any number for C = 0.
-template <class V, int C, class A>
+/// One entry of the reverse walk, into its slot. C few channels, or any number for C = 0; only
+/// `Extra` if alpha or depth has a cotangent.
+template <class V, int C, bool Extra, class A>
 struct LaneReverse {
     using T = typename V::value_type;
     using Tile = Strips<V>;
@@ -126,46 +147,55 @@ struct LaneReverse {
         const V zero(T(0));
         std::array<V, 8> sum;                // as in SplatCotangent
         sum.fill(zero);
-        std::array<V, 8> colour;
+        std::array<V, std::size_t(std::max(C, 1))> colour;
         colour.fill(zero);
-        if constexpr (C == 0) look_along(reached, feature);
-        const V z(s.depth), floor(s.floor), x(s.x), ux(s.ux), vx(s.vx), vy(s.vy), y(s.y);
+        V opacity = zero, depth = zero;
+        const V z(s.depth), floor(s.floor);
+        const T* const steps = tape.steps.lines[0].x;
+        alignas(64) T down[tile_edge];
+        unrolled<Tile::sides>([&](auto i) {
+            (V(s.vy) * (V::load_aligned(strips.y + i * lanes) - V(s.y)))
+                .store_aligned(down + i * lanes);
+        });
         for (int side = 0; side < Tile::sides; ++side) {
-            const std::uint32_t rows = rows_of(reached, side);
+            std::uint32_t rows = rows_of(reached, side);
             if (rows == 0) continue;
-            const V dx = V::load_aligned(strips.x + side * lanes) - x;
-            const V u = ux * dx, across = vx * dx;
+            const V dx = V::load_aligned(strips.x + side * lanes) - V(s.x);
+            const V u = V(s.ux) * dx, across = V(s.vx) * dx;
             V g0 = zero, g1 = zero, g2 = zero;                   // sums of g, g v, g v^2
-            for (std::uint32_t left = rows; left != 0; left &= left - 1) {
-                const int row = std::countr_zero(left), strip = side * tile_edge + row;
+            for (; rows != 0; rows &= rows - 1) {
+                const int row = std::countr_zero(rows), strip = side * tile_edge + row;
                 const int at = strip * lanes;
-                const T* step = tape.steps.lines[0].x + --cursor[strip] * 2 * lanes;
+                const T* const step = steps + --cursor[strip] * 2 * lanes;
+                const T* const g_strip = cotangent + at * stride;
                 const V alpha = V::load_aligned(step), before = V::load_aligned(step + lanes);
                 const V weight = alpha * before;
-                V along = zero;
                 if constexpr (C > 0)
-                    unrolled<C>([&](auto c) __attribute__((always_inline)) {
-                        const V gc = V::load_aligned(cotangent + c * tile_pixels + at);
-                        along = along + gc * V(feature[c]);
-                        colour[c] = colour[c] + gc * weight;
+                    unrolled<C>([&](auto c) {
+                        colour[c] = colour[c] + V::load_aligned(g_strip + c * lanes) * weight;
                     });
                 else
-                    along = V::load_aligned(tape.along + at), weight.store_aligned(tape.weight + at);
-                const V gz = V::load_aligned(tape.g_depth + at);
+                    weight.store_aligned(tape.weight + at);
                 const V behind = V::load_aligned(tape.behind + at);
-                const V extra = V::load_aligned(tape.g_alpha + at) + gz * z;
-                const V more = select(weight > zero, (along - behind) + extra, zero);
+                V more = along<V, C>(g_strip, feature, stride) - behind;
+                if constexpr (Extra) {
+                    const V gz = V::load_aligned(tape.g_depth + at);
+                    more = more + (V::load_aligned(tape.g_alpha + at) + gz * z);
+                    depth = depth + weight * gz;
+                }
+                more = select(weight > zero, more, zero);
                 (behind + alpha * more).store_aligned(tape.behind + at);
                 const V g_raw = select(alpha < alpha_max, before * more, zero);
                 V g = g_raw * alpha;
-                sum[5] = sum[5] + g;
-                if constexpr (A::has_floor) g = g + g_raw * floor;
-                const V v = across + vy * (V(strips.y[row]) - y);
+                if constexpr (A::has_floor) {
+                    opacity = opacity + g;
+                    g = g + g_raw * floor;
+                }
+                const V v = across + V(down[row]);
                 const V gv = g * v;
                 g0 = g0 + g;
                 g1 = g1 + gv;
                 g2 = g2 + gv * v;
-                sum[6] = sum[6] + weight * gz;
             }
             const V gu = g0 * u;
             sum[0] = sum[0] + gu;
@@ -173,12 +203,19 @@ struct LaneReverse {
             sum[2] = sum[2] + gu * u;
             sum[3] = sum[3] + g1 * u;
             sum[4] = sum[4] + g2;
+            sum[5] = sum[5] + g0;
         }
+        if constexpr (A::has_floor) sum[5] = opacity;
+        sum[6] = depth;
         lane_sums(sum, slot);
-        if constexpr (C > 0)
-            lane_sums(colour, slot + Slots<T>::head);
-        else
+        if constexpr (C > 0) {
+            std::array<V, 8> padded;
+            padded.fill(zero);
+            unrolled<C>([&](auto c) { padded[c] = colour[c]; });
+            lane_sums(padded, slot + Slots<T>::head);
+        } else {
             gather_features(reached, slot + Slots<T>::head);
+        }
     }
 
   private:
@@ -187,43 +224,37 @@ struct LaneReverse {
         const int bit = side * tile_edge;
         return reached[bit / 32] >> (bit % 32) & ((1U << tile_edge) - 1);
     }
-    template <class F>
-    static void each_strip(const std::uint32_t* reached, F&& f) {
-        for (int side = 0; side < Tile::sides; ++side)
-            for (std::uint32_t left = rows_of(reached, side); left != 0; left &= left - 1)
-                f((side * tile_edge + std::countr_zero(left)) * lanes);
-    }
-    /// <cotangent, feature> of each pixel.
-    void look_along(const std::uint32_t* reached, const T* feature) {
-        each_strip(reached, [&](int at) {
-            V along(T(0));
-            const T* g = cotangent + at;
-            for (Index c = 0; c < stride; c += 8, g += 8 * tile_pixels)
-                unrolled<8>([&](auto i) {
-                    along = along + V::load_aligned(g + i * tile_pixels) * V(feature[c + i]);
-                });
-            along.store_aligned(tape.along + at);
-        });
-    }
     /// Sums of weight times cotangent, eight channels at a time.
     void gather_features(const std::uint32_t* reached, T* to) {
         for (Index c = 0; c < stride; c += 8) {
             std::array<V, 8> sum;
             sum.fill(V(T(0)));
-            each_strip(reached, [&](int at) {
-                const V weight = V::load_aligned(tape.weight + at);
-                const T* g = cotangent + c * tile_pixels + at;
-                unrolled<8>([&](auto i) {
-                    sum[i] = sum[i] + V::load_aligned(g + i * tile_pixels) * weight;
-                });
-            });
+            for (int side = 0; side < Tile::sides; ++side)
+                for (std::uint32_t rows = rows_of(reached, side); rows != 0; rows &= rows - 1) {
+                    const int at = (side * tile_edge + std::countr_zero(rows)) * lanes;
+                    const V weight = V::load_aligned(tape.weight + at);
+                    const T* const g = cotangent + at * stride + c * lanes;
+                    unrolled<8>([&](auto i) {
+                        sum[i] = sum[i] + V::load_aligned(g + i * lanes) * weight;
+                    });
+                }
             lane_sums(sum, to + c);
         }
     }
 };
 
+/// Asks for the slots of entries, to be written. Always inlined, as fetch_ahead.
+template <class T>
+[[gnu::always_inline]] inline void fetch_slots(const Scene<T>& scene, const Slots<T>& slots,
+                                               Index begin, Index end) {
+    constexpr Index line = 64 / static_cast<Index>(sizeof(T));
+    for (Index k = begin; k < end; ++k)
+        for (Index c = 0; c < slots.stride; c += line)
+            __builtin_prefetch(slots[scene.slot(k)] + c, 1);
+}
+
 /// Gradients of one tile's pixels, into the slots of its entries.
-template <class V, int C, class A>
+template <class V, int C, bool Extra, class A>
 void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& accuracy,
                           const RasterCotangent<typename V::value_type>& g, Index tile,
                           RasterScratch<typename V::value_type>& scratch, LaneTape<V>& tape) {
@@ -234,33 +265,40 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
     const Index channels = scene.feature.rows();
     const Index stride = C > 0 ? C : (channels + 7) / 8 * 8;
     record_tile<V>(scene, accuracy, tile, strips, tape);
-    load_cotangents(scene, g, tile, strips, stride, tape);
+    load_cotangents<V, C>(scene, g, tile, strips, stride, tape);
 
     Index cursor[Tile::count];
-    LaneReverse<V, C, A> reverse{strips,
+    LaneReverse<V, C, Extra, A> reverse{strips,
                                  tape,
                                  stride,
                                  V(static_cast<T>(accuracy.alpha_max)),
                                  tape.cotangent.lines[0].x,
                                  cursor};
-    T* const feature = tape.feature.reserve(stride);
-    Index entry = scene.begin(tile) + std::min<Index>(
-        scene.used(tile), static_cast<Index>(tape.groups.size()) * LaneGroup<V>::most);
+    T* const feature = tape.feature.reserve(LaneGroup<V>::most * stride);
+    const auto first_of = [&](std::size_t group) {
+        return scene.begin(tile) + static_cast<Index>(group) * LaneGroup<V>::most;
+    };
     for (std::size_t i = tape.groups.size(); i-- > 0;) {
         const auto& group = tape.groups[i];
         std::copy_n(group.end, Tile::count, cursor);
-        const Index first = scene.begin(tile) + static_cast<Index>(i) * LaneGroup<V>::most;
-        for (; entry-- > first;) {
+        const Index first = first_of(i);
+        const Index end =
+            std::min<Index>(scene.begin(tile) + scene.used(tile), first + LaneGroup<V>::most);
+        copy_features<C>(scene, first, end, stride, feature);
+        if (i > 0) {
+            fetch_features(scene, first_of(i - 1), first);
+            fetch_slots(scene, scratch.slots, first_of(i - 1), first);
+        }
+        for (Index entry = end; entry-- > first;) {
             std::uint32_t reached[LaneGroup<V>::words], any_strip = 0;
             for (int w = 0; w < LaneGroup<V>::words; ++w)
                 any_strip |= reached[w] = group.strips[w][entry - first];
             if (any_strip == 0) continue;
             const Index slot = scene.slot(entry);
-            copy_features<C>(scene, entry, entry + 1, stride, feature);
             scratch.slots.touched[static_cast<std::size_t>(slot)] = 1;
-            reverse(scene.splat(entry), reached, feature, scratch.slots[slot]);
+            reverse(scene.splat(entry), reached, feature + (entry - first) * stride,
+                    scratch.slots[slot]);
         }
-        ++entry;
     }
 }
 
