@@ -134,7 +134,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
         const Index after = std::min<Index>(end, next + LaneGroup<V>::most);
         fetch_ahead(scene, after, std::min<Index>(end, after + LaneGroup<V>::most));
         fetch_features(scene, next, after);
-        copy_features<C>(scene, k, next, stride, feature);
+        copy_features<V, C>(scene, k, next, stride, feature);
         canvas.group.fill(scene, strips, top, k, next, open);
         for (int s = 0; s < Tile::count; ++s) blend_strip<V, C>(blend, s, stride, canvas);
         k = next;

@@ -43,7 +43,7 @@ typename V::value_type lane_sum(const V& x) {
 
 /// The sums of eight batches' lanes, into eight numbers at `to`.
 template <class V>
-void lane_sums(const std::array<V, 8>& x, typename V::value_type* to) {
+[[gnu::always_inline]] inline void lane_sums(const std::array<V, 8>& x, typename V::value_type* to) {
     constexpr std::size_t lanes = V::size;
     if constexpr (8 % lanes == 0)
         for (std::size_t i = 0; i < 8; i += lanes) haddp(x.data() + i).store_unaligned(to + i);
@@ -317,16 +317,22 @@ constexpr Index padded_channels(Index channels) {
 
 /// The features of entries [begin, end), a row of `stride` each, with zeros behind the channels.
 /// C channels, or any number for C = 0.
-template <int C, class T>
-void copy_features(const Scene<T>& scene, Index begin, Index end, Index stride, T* to) {
+template <class V, int C>
+void copy_features(const Scene<typename V::value_type>& scene, Index begin, Index end,
+                   Index stride, typename V::value_type* to) {
+    using T = typename V::value_type;
+    constexpr Index lanes = static_cast<Index>(V::size);
     const Index channels = C > 0 ? C : scene.feature.rows();
     for (Index k = begin; k < end; ++k, to += stride) {
         const T* from = scene.feature_of(k);
         if constexpr (C > 0) {
             unrolled<C>([&](auto c) { to[c] = from[c]; });
         } else {
-            std::copy_n(from, channels, to);
-            std::fill(to + channels, to + stride, T(0));
+            Index c = 0;
+            for (; c + lanes <= channels; c += lanes)
+                V::load_unaligned(from + c).store_aligned(to + c);
+            for (; c < channels; ++c) to[c] = from[c];
+            for (; c < stride; ++c) to[c] = T(0);
         }
     }
 }

@@ -87,14 +87,17 @@ template <class V, int C>
     constexpr int parts = C > 0 ? C : 8;         // sums that do not wait for each other
     std::array<V, std::size_t(parts)> sum;
     unrolled<parts>([&](auto i) { sum[i] = V::load_aligned(cotangent + i * lanes) * V(colour[i]); });
-    for (Index c = parts; c < stride; c += parts)
-        unrolled<parts>([&](auto i) {
-            sum[i] = sum[i] + V::load_aligned(cotangent + (c + i) * lanes) * V(colour[c + i]);
-        });
-    for (std::size_t half = parts / 2; C == 0 && half > 0; half /= 2)
-        for (std::size_t i = 0; i < half; ++i) sum[i] = sum[i] + sum[i + half];
-    if constexpr (C > 1) unrolled<C - 1>([&](auto i) { sum[0] = sum[0] + sum[i + 1]; });
-    return sum[0];
+    if constexpr (C == 0) {
+        for (Index c = parts; c < stride; c += parts)
+            unrolled<parts>([&](auto i) {
+                sum[i] = sum[i] + V::load_aligned(cotangent + (c + i) * lanes) * V(colour[c + i]);
+            });
+        unrolled<4>([&](auto i) { sum[i] = sum[i] + sum[i + 4]; });
+        return (sum[0] + sum[2]) + (sum[1] + sum[3]);
+    } else {
+        unrolled<C - 1>([&](auto i) { sum[0] = sum[0] + sum[i + 1]; });
+        return sum[0];
+    }
 }
 
 /// The cotangents of a tile's pixels, strip by strip, and that of the background seen through it.
@@ -138,7 +141,7 @@ struct LaneReverse {
 
     const Strips<V>& strips;
     LaneTape<V>& tape;
-    Index stride;
+    Index channels, stride;
     V alpha_max;
     const T* cotangent;
     Index* cursor;           ///< of each strip: steps that are left
@@ -226,7 +229,7 @@ struct LaneReverse {
     }
     /// Sums of weight times cotangent, eight channels at a time.
     void gather_features(const std::uint32_t* reached, T* to) {
-        for (Index c = 0; c < stride; c += 8) {
+        for (Index c = 0; c < channels; c += 8) {
             std::array<V, 8> sum;
             sum.fill(V(T(0)));
             for (int side = 0; side < Tile::sides; ++side)
@@ -263,13 +266,14 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
     if (scene.used(tile) == 0) return;
     const Tile strips(scene, tile);
     const Index channels = scene.feature.rows();
-    const Index stride = C > 0 ? C : (channels + 7) / 8 * 8;
+    const Index stride = C > 0 ? C : padded_channels<V>(channels);
     record_tile<V>(scene, accuracy, tile, strips, tape);
     load_cotangents<V, C>(scene, g, tile, strips, stride, tape);
 
     Index cursor[Tile::count];
     LaneReverse<V, C, Extra, A> reverse{strips,
                                  tape,
+                                 channels,
                                  stride,
                                  V(static_cast<T>(accuracy.alpha_max)),
                                  tape.cotangent.lines[0].x,
@@ -284,7 +288,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
         const Index first = first_of(i);
         const Index end =
             std::min<Index>(scene.begin(tile) + scene.used(tile), first + LaneGroup<V>::most);
-        copy_features<C>(scene, first, end, stride, feature);
+        copy_features<V, C>(scene, first, end, stride, feature);
         if (i > 0) {
             fetch_features(scene, first_of(i - 1), first);
             fetch_slots(scene, scratch.slots, first_of(i - 1), first);
