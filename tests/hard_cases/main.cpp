@@ -76,6 +76,13 @@ std::vector<Group> groups(const std::vector<const Row*>& rows) {
     return all;
 }
 
+/// A bar would end the cell of a table.
+std::string in_cell(const std::string& text) {
+    std::string out;
+    for (const char c : text) (c == '|' ? out += '\\' : out) += c;
+    return out;
+}
+
 void write_page(const Report& report, const char* path) {
     const Counts c = count(report);
     std::ofstream out(path);
@@ -106,7 +113,7 @@ void write_page(const Report& report, const char* path) {
         for (const Group& g : groups(found->second)) {
             const char* star = g.row->textbook ? "*" : "";
             const bool fact = g.row->demanded < 0;
-            out << "| | " << star << g.row->inputs << star << " | " << g.kinds << " | "
+            out << "| | " << star << in_cell(g.row->inputs) << star << " | " << g.kinds << " | "
                 << (fact ? "holds" : number(g.row->demanded)) << " | "
                 << (!fact            ? number(g.reached)
                     : g.reached == 0 ? "holds"

@@ -239,7 +239,8 @@ void c10_c11(Report& report) {
                 worsen(trace_error, std::abs(double(angle) / theta - 1));
         }
     const bool f = sizeof(R) == 4;
-    report.at_most("C10", kind_of<S>(), "theta 0, 1e-38 to pi: entries of exp", 12 * unit<S>, worst);
+    report.at_most("C10", kind_of<S>(), "theta 0, 1e-38 to pi: entries of exp", 12 * unit<S>,
+                   worst);
     report.textbook("C10", kind_of<S>(), "(1 - cos t) / t^2", 12 * unit<S>, naive);
     report.at_most("C11", kind_of<S>(), "log(exp(w)) - w", f ? 1e-6 : 2e-15, back);
     report.textbook("C11", kind_of<S>(), "angle by acos((trace - 1) / 2)", f ? 1e-6 : 2e-15,
