@@ -122,10 +122,11 @@ struct Rasterizer {
                                 const Columns<T>& like) { a.resize(like.rows(), like.cols()); },
                              out, g);
         for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
-            if constexpr (LaneBackend<B, T>)
-                pull_back_range_lanes<typename B::template batch<T>>(g, camera, accuracy, trace,
-                                                                     s.slots, b, e, out);
-            else
+            if constexpr (LaneBackend<B, T>) {
+                using V = typename B::template batch<T>;
+                const auto sums = s.workspaces.template lend<LaneSums<V>>();
+                pull_back_range_lanes<V>(g, camera, accuracy, trace, s.slots, b, e, out, *sums);
+            } else
                 pull_back_range(g, camera, accuracy, trace, s.slots, b, e, out);
         });
     }
@@ -141,16 +142,26 @@ struct Rasterizer {
     static void check(const Gaussians<T>& g, const Pinhole<T>& camera,
                       const VecX<T>& background) {
         check_shapes("rasterizer", g);
-        require(background.size() == g.channels(), "rasterizer",
-                "got a background of " + std::to_string(background.size()) +
-                    " channels, expected " + std::to_string(g.channels()));
-        require(camera.width >= 0 && camera.height >= 0, "rasterizer",
-                "got an image of " + std::to_string(camera.width) + " x " +
-                    std::to_string(camera.height) + " pixels, expected no negative size");
-        require(camera.near_depth > T(0), "rasterizer",
-                "got a near depth that is not positive, expected a positive one");
-        require(g.count() <= Index(0xFFFFFFFF), "rasterizer",
-                "got " + std::to_string(g.count()) + " Gaussians, expected fewer than 2^32");
+        expect(background.size() == g.channels(), [&] {
+            return "got a background of " + std::to_string(background.size()) +
+                   " channels, expected " + std::to_string(g.channels());
+        });
+        expect(camera.width >= 0 && camera.height >= 0, [&] {
+            return "got an image of " + std::to_string(camera.width) + " x " +
+                   std::to_string(camera.height) + " pixels, expected no negative size";
+        });
+        expect(camera.near_depth > T(0), [] {
+            return std::string("got a near depth that is not positive, expected a positive one");
+        });
+        expect(g.count() <= Index(0xFFFFFFFF), [&] {
+            return "got " + std::to_string(g.count()) + " Gaussians, expected fewer than 2^32";
+        });
+    }
+
+    /// A sentence that is made only when it is said: a step that fits allocates nothing.
+    template <class Sentence>
+    static void expect(bool condition, const Sentence& sentence) {
+        if (!condition) throw Error("rasterizer: " + sentence());
     }
 
     template <class T>
@@ -160,8 +171,10 @@ struct Rasterizer {
         const auto fits = [&](const Columns<T>* a, Index rows) {
             return a == nullptr || (a->rows() == rows && a->cols() == pixels);
         };
-        require(fits(&c.feature, g.channels()) && fits(c.alpha, 1) && fits(c.depth, 1),
-                "rasterizer", "got cotangents of another shape than the images, expected the same");
+        expect(fits(&c.feature, g.channels()) && fits(c.alpha, 1) && fits(c.depth, 1), [] {
+            return std::string(
+                "got cotangents of another shape than the images, expected the same");
+        });
     }
 
     template <class T>

@@ -44,13 +44,13 @@ struct Span {
 
 /// The same in whole numbers of type R: Real, or a batch of them.
 template <class R>
-struct PixelRange {
+struct PixelInterval {
     R begin, end;
 };
 
 /// Whole pixels whose centres lie in [low, high], cut to [0, size).
 template <class R>
-PixelRange<R> pixel_range(const R& low, const R& high, int size) {
+PixelInterval<R> pixel_range(const R& low, const R& high, int size) {
     using std::ceil, std::floor, std::max, std::min;
     using S = real_t<R>;
     const R top(static_cast<S>(size));
@@ -59,7 +59,7 @@ PixelRange<R> pixel_range(const R& low, const R& high, int size) {
     return {b, min(top, e)};
 }
 template <Real R>
-Span whole(const PixelRange<R>& r) {
+Span whole(const PixelInterval<R>& r) {
     return {static_cast<int>(r.begin), static_cast<int>(r.end)};
 }
 template <Real R>
@@ -81,7 +81,7 @@ struct Cover {
 
     Span rows() const { return whole(row_range()); }
 
-    PixelRange<R> row_range() const {
+    PixelInterval<R> row_range() const {
         using std::sqrt;
         if constexpr (support == Support::square) {
             return square(f.y, height);
@@ -113,7 +113,7 @@ struct Cover {
             squared = f.radius * f.radius;
             left_over = f.determinant * inverse_yy;
         }
-        PixelRange<R> pixels(const R& top, const R& bottom) const {
+        PixelInterval<R> pixels(const R& top, const R& bottom) const {
             if constexpr (support == Support::square) {
                 return c.square(c.f.x, c.width);
             } else {
@@ -143,7 +143,7 @@ struct Cover {
     }
 
     /// The 16 px tiles that [centre - radius, centre + radius] touches, as pixels.
-    PixelRange<R> square(const R& centre, int size) const {
+    PixelInterval<R> square(const R& centre, int size) const {
         using std::floor, std::max, std::min;
         constexpr S coarse = 16;
         const R top(static_cast<S>(size) + coarse), zero(S(0)), p = centre - R(S(0.5));
@@ -181,6 +181,7 @@ template <class Key>
 struct SortBuffer {
     std::vector<Key> keys;
     std::vector<std::uint32_t> values;
+    std::vector<std::uint32_t> histogram;
 };
 
 /// Sorts values by key, stable: radix with 11-bit digits; a digit that all keys share is skipped.
@@ -193,7 +194,8 @@ void sort_by_key(std::vector<Key>& keys, std::vector<std::uint32_t>& values,
     if (n < 2) return;
     buffer.keys.resize(n);
     buffer.values.resize(n);
-    std::vector<std::uint32_t> histogram(static_cast<std::size_t>(passes * buckets), 0U);
+    std::vector<std::uint32_t>& histogram = buffer.histogram;
+    histogram.assign(static_cast<std::size_t>(passes * buckets), 0U);
     const auto bucket = [](Key k, int pass) {
         return static_cast<std::size_t>((k >> (pass * digit)) & static_cast<Key>(buckets - 1));
     };

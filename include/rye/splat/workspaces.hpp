@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/workspaces.hpp: memory of walks over tiles, lent to one thread at a time and kept for
-/// the next call. Allocating it for every run of tiles would cost as much as the walks: large blocks
-/// come from the system a page fault at a time. What it holds is anything.
+/// the next call. Allocating it for every run of tiles would cost as much as the walks: large
+/// blocks come from the system a page fault at a time. What it holds is anything.
 #pragma once
 
 #include <cstddef>

@@ -20,8 +20,9 @@ struct LaneCanvas : Workspaces::Space {
     Lines<T> background;     ///< a row of it
 };
 
-/// sums(pixel, channels) += sum_j weight[j][pixel] feature(entry j of the strip, channels) for the pixels of a
-/// strip and P vectors of channels; two pixels at a time keep their sums in registers.
+/// sums(pixel, channels) += sum_j weight[j][pixel] feature(entry j of the strip, channels) for
+/// the pixels of a strip and P vectors of channels; two pixels at a time keep their sums in
+/// registers.
 template <int P, class V>
 void blend_channels(const typename V::value_type (*weight)[V::size], std::uint32_t entries,
                     const typename V::value_type* feature, Index stride,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/xsimd_lanes.hpp: what the tuned walks share. A tile is cut into strips: as many pixels
 /// of a row as there are lanes. A tile's entries are taken in groups; each entry is evaluated once
-/// for what all rows share, and joins the lists of the strips that it reaches. Then each strip walks
+/// for what all rows share, and joins the lists of the strips it reaches. Then each strip walks
 /// its list with its pixels' state in registers.
 #pragma once
 
@@ -43,7 +43,8 @@ typename V::value_type lane_sum(const V& x) {
 
 /// The sums of eight batches' lanes, into eight numbers at `to`.
 template <class V>
-[[gnu::always_inline]] inline void lane_sums(const std::array<V, 8>& x, typename V::value_type* to) {
+[[gnu::always_inline]] inline void lane_sums(const std::array<V, 8>& x,
+                                             typename V::value_type* to) {
     constexpr std::size_t lanes = V::size;
     if constexpr (8 % lanes == 0)
         for (std::size_t i = 0; i < 8; i += lanes) haddp(x.data() + i).store_unaligned(to + i);
@@ -71,7 +72,8 @@ struct Lines {
     }
     /// As reserve, but the first `kept` numbers stay.
     T* grow(Index numbers, Index kept) {
-        if (lines && static_cast<std::size_t>(numbers) / (64 / sizeof(T)) < capacity) return lines[0].x;
+        if (lines && static_cast<std::size_t>(numbers) / (64 / sizeof(T)) < capacity)
+            return lines[0].x;
         const std::unique_ptr<Line[]> old = std::move(lines);
         T* const to = reserve(numbers);
         if (kept > 0) std::copy_n(old[0].x, kept, to);
@@ -177,7 +179,8 @@ struct LaneGroup {
                 .store_aligned(to.down + i * lanes);
         });
         const int b = std::max(0, s.row_begin - top), e = std::min(tile_edge, s.row_end - top);
-        const std::uint32_t span = (1U << static_cast<unsigned>(e)) - (1U << static_cast<unsigned>(b));
+        const std::uint32_t span =
+            (1U << static_cast<unsigned>(e)) - (1U << static_cast<unsigned>(b));
         return span | span << static_cast<unsigned>(tile_edge);
     }
 

@@ -90,7 +90,7 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
         LaneBlock<V, 1> visible;
         visible.set(0, select(seen, V(T(1)), zero));
         const Cover<A::support, V> cover{f, camera.width, camera.height};
-        const PixelRange<V> rows = cover.row_range();
+        const PixelInterval<V> rows = cover.row_range();
         LaneBlock<V, 2 + 2 * TileRows::most> range;    // of pixels: rows, then columns
         range.set(0, rows.begin);
         range.set(1, rows.end);
@@ -98,7 +98,7 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
         V top = floor(rows.begin * V(T(1) / tile_edge)) * V(T(tile_edge));
         for (int j = 0; j < TileRows::most; ++j) {
             const V bottom = top + V(T(tile_edge));
-            const PixelRange<V> px = slabs.pixels(max(top, rows.begin), min(bottom, rows.end));
+            const PixelInterval<V> px = slabs.pixels(max(top, rows.begin), min(bottom, rows.end));
             range.set(2 + 2 * j, px.begin);
             range.set(3 + 2 * j, px.end);
             top = bottom;
@@ -120,7 +120,7 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
             c.footprint = {value(9), value(10), value(11), {value(12), value(13), value(14)},
                            value(15)};
             const auto span = [&](int k) {
-                return whole(PixelRange<T>{range.row[k][lane], range.row[k + 1][lane]});
+                return whole(PixelInterval<T>{range.row[k][lane], range.row[k + 1][lane]});
             };
             settle(i, span(0), scratch);
             if (scratch.state[at] != Candidacy::visible || !c.rows.known(camera.width)) continue;
@@ -171,19 +171,24 @@ template <class T>
     for (const T* s = slots[trace.lists.first[m]]; s < end; s += line) __builtin_prefetch(s);
 }
 
+/// Memory of one thread's gradients.
+template <class V>
+struct LaneSums : Workspaces::Space {
+    Lines<typename V::value_type> sum;
+};
+
 /// As pull_back_range, as many Gaussians at a time as there are lanes.
 template <class V, class A>
 void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
                            const Pinhole<typename V::value_type>& camera, const A& accuracy,
                            const RasterTrace<typename V::value_type>& trace,
                            const Slots<typename V::value_type>& slots, Index b, Index e,
-                           Gaussians<typename V::value_type>& out) {
+                           Gaussians<typename V::value_type>& out, LaneSums<V>& memory) {
     using T = typename V::value_type;
     constexpr int lanes = static_cast<int>(V::size);
     const Lens<V> lens(Lens<T>(camera, accuracy.frustum_margin, accuracy.dilation));
     const Index channels = g.channels();
-    Lines<T> memory;
-    T* const sum = memory.reserve(slots.stride);
+    T* const sum = memory.sum.reserve(slots.stride);
     std::array<Index, static_cast<std::size_t>(lanes)> index{};
     LaneBlock<V, 10> in_slots;
     for (Index i = b; i < e;) {

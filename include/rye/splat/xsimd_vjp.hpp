@@ -86,7 +86,8 @@ template <class V, int C>
     constexpr int lanes = static_cast<int>(V::size);
     constexpr int parts = C > 0 ? C : 8;         // sums that do not wait for each other
     std::array<V, std::size_t(parts)> sum;
-    unrolled<parts>([&](auto i) { sum[i] = V::load_aligned(cotangent + i * lanes) * V(colour[i]); });
+    unrolled<parts>(
+        [&](auto i) { sum[i] = V::load_aligned(cotangent + i * lanes) * V(colour[i]); });
     if constexpr (C == 0) {
         for (Index c = parts; c < stride; c += parts)
             unrolled<parts>([&](auto i) {

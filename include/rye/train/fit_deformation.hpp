@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/fit_deformation.hpp: the deformations by expression and gaze, fitted to the landmarks of
-/// all frames at the end of stage 1. A step costs a thousandth of one with pictures, so the frames
-/// that are rare (a blink) get as near as the common ones. Not in the paper; see docs/deviations.md.
+/// rye/train/fit_deformation.hpp: the deformations by expression and gaze, fitted to the landmarks
+/// of all frames at the end of stage 1. A step costs little beside one with pictures, so the frames
+/// that are rare (a blink) get as near as the common ones. Not in the paper: docs/deviations.md.
 #pragma once
 
 #include <cmath>
@@ -41,7 +41,8 @@ double fit_deformation(GuidanceMesh<T>& mesh, const AvatarConfig& config,
             const MeshSample<T>& frame = frames[static_cast<std::size_t>(
                 random.below(draw, static_cast<Index>(frames.size())))];
             MeshLosses<T> l;
-            landmark_losses<B>(mesh, config, roles, weights, landmarks_follow_gaze, frame, trace, l);
+            landmark_losses<B>(mesh, config, roles, weights, landmarks_follow_gaze, frame, trace,
+                               l);
             landmark_losses_vjp<B>(mesh, config, landmarks_follow_gaze, frame, trace, grad);
             if (step < fit.steps - static_cast<int>(frames.size())) continue;
             squares += static_cast<double>(l.deform);

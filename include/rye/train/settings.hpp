@@ -42,7 +42,7 @@ struct AvatarLossConfig {
     /// The face alone must show the picture outside the eyes (over the blank's background), so that
     /// eyeballs do not learn to paint skin. Not in the paper; see docs/deviations.md.
     double face_alone = 0.0;
-    /// The blank's render holds the eyeballs too, painted with its background and not trained by it:
+    /// The blank's render holds the eyeballs too, painted with its background, not trained by it:
     /// what counts is what the face paints before them, not the back of the head behind them. Its
     /// loss then covers the eyeballs' discs, and asks for the picture where no eye is seen. Not in
     /// the paper; see docs/deviations.md.

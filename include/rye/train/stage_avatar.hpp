@@ -200,7 +200,8 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
     if (weights.blank_eyeballs) {
         const Columns<T> picture = face_alone_truth(sample);
         for (Index i = 0; i < blank.cols(); ++i)
-            blank.col(i) = picture.col(i) + sample.eyes_small(0, i) * (blank_color - picture.col(i));
+            blank.col(i) =
+                picture.col(i) + sample.eyes_small(0, i) * (blank_color - picture.col(i));
         blank_mask = eyeball_mask(sample, p.eyes.alpha.pixels);
     }
     const double blank_gain = detail::eye_gain(weights.eye_average, blank_mask);
