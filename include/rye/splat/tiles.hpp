@@ -105,13 +105,14 @@ struct Cover {
 
         explicit Slabs(const Cover& cover) : c(cover) {
             using std::sqrt;
-            const Footprint<R>& f = c.f;
+            const Footprint<R>& from = cover.f;
             slack = c.slack();
-            inverse_yy = R(S(1)) / f.covariance.yy;
-            tilt = f.covariance.xy * inverse_yy;                         // of E[x | y]
-            widest = f.radius * f.covariance.xy / sqrt(f.covariance.xx); // y of the rightmost point
-            squared = f.radius * f.radius;
-            left_over = f.determinant * inverse_yy;
+            inverse_yy = R(S(1)) / from.covariance.yy;
+            tilt = from.covariance.xy * inverse_yy;                         // of E[x | y]
+            // y of the rightmost point
+            widest = from.radius * from.covariance.xy / sqrt(from.covariance.xx);
+            squared = from.radius * from.radius;
+            left_over = from.determinant * inverse_yy;
         }
         PixelInterval<R> pixels(const R& top, const R& bottom) const {
             if constexpr (support == Support::square) {
