@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// What one thread of this machine can do at most: the measure of all the other benchmarks.
+#include <benchmark/benchmark.h>
+
+#include "machine.hpp"
+
+namespace {
+
+void roofline(benchmark::State& state) {
+    for (auto _ : state) benchmark::DoNotOptimize(rye::bench::machine());
+    const auto& m = rye::bench::machine();
+    state.counters["gflop_s"] = m.flops * 1e-9;
+    state.counters["gbyte_s"] = m.bytes * 1e-9;
+    state.counters["mkey_s"] = m.keys * 1e-6;
+    state.counters["lanes"] = static_cast<double>(rye::XsimdBackend<>::batch<float>::size);
+}
+BENCHMARK(roofline)->Iterations(1)->Unit(benchmark::kMillisecond);
+
+} // namespace
+
+BENCHMARK_MAIN();

@@ -1,0 +1,19 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# run.sh BUILD_DIR [OUT.json [BASELINE.json]]: runs every benchmark of a build, gathers what they
+# report in one JSON, and prints it as tables, beside a baseline if one is given. With PAGE set, the
+# tables replace those in that page, which is how docs/performance.md was made.
+set -eu
+build=$1
+out=${2:-$build/benchmarks.json}
+baseline=${3:-}
+here=$(cd "$(dirname "$0")" && pwd)
+parts=$(mktemp -d)
+trap 'rm -rf "$parts"' EXIT
+
+for question in roofline splatting mlp convolution primitives; do
+    echo "run.sh: $question" >&2
+    "$build/benchmarks/bench_$question" --benchmark_out="$parts/$question.json" \
+        --benchmark_out_format=json > /dev/null
+done
+python3 "$here/tables.py" "$out" "$baseline" "${PAGE:-}" "$parts"/*.json
