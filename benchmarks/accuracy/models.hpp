@@ -52,7 +52,7 @@ inline Columns<double> blend_in_float(const Scenery& s, Form form) {
                 sum += t * alpha * g.feature.col(o.i);
                 t *= 1 - alpha;
             }
-            const Vec3<float> pixel = sum + t * s.background;
+            const Vec3<float> pixel = sum + t * s.background.head<3>();
             out.col(Index(y) * s.camera.width + x) = pixel.cast<double>();
         }
     return out;
