@@ -52,8 +52,8 @@ inline Columns<double> blend_in_float(const Scenery& s, Form form) {
                 sum += t * alpha * g.feature.col(o.i);
                 t *= 1 - alpha;
             }
-            const Vec3<float> pixel = sum + t * s.background.head<3>();
-            out.col(Index(y) * s.camera.width + x) = pixel.cast<double>();
+            for (Index c = 0; c < 3; ++c)
+                out(c, Index(y) * s.camera.width + x) = double(sum[c] + t * s.background[c]);
         }
     return out;
 }
