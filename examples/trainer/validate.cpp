@@ -536,8 +536,8 @@ std::vector<Problem> validate(const Capture& c, ImagesToDecode images) {
     Findings found;
     const double span = landmark_span(c);
     check_units(c, span, found);
+    check_projection(c, found); // before single cameras: it may know why all of them are wrong
     check_cameras(c, span, found);
-    check_projection(c, found);
     check_head_frame(c, span, found);
     check_expressions(c, found);
     check_gaze(c, span, found);
