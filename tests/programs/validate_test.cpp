@@ -63,9 +63,10 @@ Outcome info(const fs::path& folder) {
     return {code, printed.str()};
 }
 
-/// After the damage an error of these words is told, training is refused, and info exits with 1.
+/// After the damage an error of these words is told, training is refused (with these words, or those
+/// of the fault that explains it), and info exits with 1.
 template <class F>
-void check_error(const std::string& words, F&& damage) {
+void check_error(const std::string& words, F&& damage, const std::string& cause = "") {
     const TemporaryFolder folder;
     const TinyCapture tiny(folder.path);
     damage(tiny);
@@ -75,7 +76,7 @@ void check_error(const std::string& words, F&& damage) {
     CHECK(tells(problems, Problem::Severity::error, words));
     for (const Problem& p : problems) // one sentence each, with the file's path
         CHECK(p.message.find(folder.path.string()) != std::string::npos);
-    CHECK_FAULT(read_valid_capture(folder.path), words);
+    CHECK_FAULT(read_valid_capture(folder.path), cause.empty() ? words : cause);
     const Outcome outcome = info(folder.path);
     CHECK(outcome.code == 1);
     CHECK(outcome.printed.find(words) != std::string::npos);
@@ -262,8 +263,9 @@ TEST_CASE("validate: axes") {
     using T = const TinyCapture&;
     check_error("OpenGL axes (y up, z backward): negate rows 2 and 3",
                 [](T t) { t.edit_all("camera", "extrinsic", negate_rows_2_and_3); });
-    check_error("the head is behind the camera",
-                [](T t) { t.edit_all("camera", "extrinsic", negate_rows_2_and_3); });
+    check_error(
+        "the head is behind the camera",
+        [](T t) { t.edit_all("camera", "extrinsic", negate_rows_2_and_3); }, "negate rows 2 and 3");
     check_error("extrinsic is camera to world: invert it",
                 [](T t) { t.edit_all("camera", "extrinsic", invert); });
     check_error("as in NeRF", [](T t) {
