@@ -22,6 +22,8 @@ void walk(F& f, TrainConfig& c) {
         f("feature", a.feature);
         f("channels", a.channels);
         f("frequencies", a.frequencies);
+        f("pose_frequencies", a.pose_frequencies);
+        f("gaze_frequencies", a.gaze_frequencies);
         f("exp_near", a.exp_near);
         f("exp_far", a.exp_far);
         f("gaze_near", a.gaze_near);
@@ -101,6 +103,7 @@ void walk(F& f, TrainConfig& c) {
             f("eye_high", g.weights.eye_high);
             f("blank", g.weights.blank);
             f("blank_eyeballs", g.weights.blank_eyeballs);
+            f("eyes_from_eye_terms", g.weights.eyes_from_eye_terms);
             f("eye_average", g.weights.eye_average);
             f("face_alone", g.weights.face_alone);
             f("eye_high_every", g.weights.eye_high_every);

@@ -131,6 +131,25 @@ TEST_CASE("eyeball: a flat iris is a disc at its plane, the rest unchanged") {
     }
 }
 
+TEST_CASE("eyeball: the iris curves from its middle to the limbus, which lies on the sphere") {
+    EyeballShape shape = EyeballShape{}.with_radius(0.158).with_limbus(0.063);
+    const double rim = std::sqrt(0.158 * 0.158 - 0.063 * 0.063);
+    CHECK(shape.limbus_plane() == doctest::Approx(rim).epsilon(1e-12));
+    CHECK(shape.front(0) > 0.158); // the bulge
+    CHECK(shape.pupil_radius / shape.limbus_radius == doctest::Approx(0.020 / 0.059));
+    shape.iris_plane = 0.1573;
+    const EyeballTemplate<double> eye = eyeball_template<double>(shape);
+    for (Index i = 0; i < eye.points.cols(); ++i) {
+        const double r = eye.points.col(i).head<2>().norm();
+        if (eye.labels[static_cast<std::size_t>(i)] == EyeLabel::sclera)
+            CHECK(eye.points.col(i).norm() == doctest::Approx(0.158));
+        if (eye.labels[static_cast<std::size_t>(i)] != EyeLabel::iris) continue;
+        const double share = r / 0.063;
+        CHECK(eye.points(2, i) ==
+              doctest::Approx((1 - share * share) * 0.1573 + share * share * rim));
+    }
+}
+
 TEST_CASE("eyeball: a larger eye is the same eye") {
     const EyeballTemplate<double> a = eyeball_template<double>({});
     const EyeballTemplate<double> b = eyeball_template<double>(EyeballShape{}.with_radius(0.24));

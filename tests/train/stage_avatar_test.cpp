@@ -120,6 +120,34 @@ TEST_CASE("a blink: without eye pixels the eye terms and their gradients are zer
     CHECK(pictures.g_eyes.isZero(0));
 }
 
+TEST_CASE("eyes from eye terms: their colours do not learn from the joint picture") {
+    Draw draw;
+    const AvatarConfig config = tiny_config();
+    const TwoStream<double> avatar = tiny_avatar(config, draw);
+    const AvatarSample<double> sample = tiny_sample<double>(Draw{{9, 0}});
+    const auto gradient = [&](bool from_eye_terms, double joint) {
+        AvatarLossConfig weights;
+        weights.eyes_from_eye_terms = from_eye_terms;
+        weights.high_resolution = weights.low_resolution = joint;
+        weights.perceptual = 0;
+        TwoStreamTrace<double> trace;
+        AvatarPictures<double> pictures;
+        const Rasterizer<ScalarBackend<>, Balanced> rasterizer;
+        avatar_losses<ScalarBackend<>>(avatar, config, tiny_roles(), weights, rasterizer,
+                                       PyramidGradientLoss{}, sample, trace, pictures);
+        TwoStream<double> grad = zeros_like(avatar);
+        avatar_losses_vjp<ScalarBackend<>>(avatar, config, rasterizer, sample, trace, pictures,
+                                           grad);
+        return grad;
+    };
+    const TwoStream<double> with = gradient(true, 1), without = gradient(false, 0);
+    CHECK(with.eyes.feature.norm() > 0);
+    CHECK(with.eyes.feature == without.eyes.feature);
+    CHECK(with.eyes.log_scale == without.eyes.log_scale);
+    CHECK(gradient(false, 1).eyes.feature != without.eyes.feature);
+    CHECK(with.face.feature == gradient(false, 1).face.feature);
+}
+
 TEST_CASE("eye positions are the rig's: no field of the avatar moves them freely") {
     Draw draw;
     const TwoStream<double> avatar = tiny_avatar(tiny_config(), draw);

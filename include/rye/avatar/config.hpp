@@ -33,7 +33,9 @@ struct AvatarConfig {
     int expression = 0;   ///< width of the expression code; decided by the capture
     int feature = 128;    ///< width of the per-point feature vector
     int channels = 32;    ///< feature channels of a Gaussian; the first three are RGB
-    int frequencies = 4;  ///< octaves of the positional encoding
+    int frequencies = 4;       ///< octaves of the positional encoding of points
+    int pose_frequencies = 4;  ///< of the head pose
+    int gaze_frequencies = 4;  ///< of the gaze; fewer bend less between the gazes of a small capture
 
     double exp_near = 0.15;    ///< t1, in units of the metric
     double exp_far = 0.25;     ///< t2
@@ -52,10 +54,9 @@ struct AvatarConfig {
 
     NetworkConfig networks;
 
-    int encoded(int n) const { return n * (1 + 2 * frequencies); }
-    int position_code() const { return encoded(3); }
-    int pose_code() const { return encoded(6); }
-    int gaze_code() const { return encoded(2); }  ///< of (pitch, yaw)
+    int position_code() const { return 3 * (1 + 2 * frequencies); }
+    int pose_code() const { return 6 * (1 + 2 * pose_frequencies); }
+    int gaze_code() const { return 2 * (1 + 2 * gaze_frequencies); }  ///< of (pitch, yaw)
 };
 
 /// dims [point inputs + frame inputs, hidden..., outputs].

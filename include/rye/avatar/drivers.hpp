@@ -35,7 +35,7 @@ struct Drivers {
 template <class T>
 struct FrameCode {
     VecX<T> expression;            ///< raw
-    VecX<T> pose;                  ///< encoded, 54
+    VecX<T> pose;                  ///< encoded, 54 with 4 octaves
     std::array<VecX<T>, 2> gaze;   ///< encoded (pitch, yaw), 18 an eye
 };
 
@@ -43,10 +43,10 @@ template <class T>
 FrameCode<T> frame_code(const AvatarConfig& config, const Drivers<T>& drivers) {
     FrameCode<T> code;
     code.expression = drivers.expression;
-    code.pose = positional_encoding(drivers.pose, config.frequencies);
+    code.pose = positional_encoding(drivers.pose, config.pose_frequencies);
     for (std::size_t eye = 0; eye < 2; ++eye) {
         const Vec2<T> angles = pitch_yaw(drivers.gaze[eye]);
-        code.gaze[eye] = positional_encoding(angles, config.frequencies);
+        code.gaze[eye] = positional_encoding(angles, config.gaze_frequencies);
     }
     return code;
 }

@@ -92,7 +92,7 @@ Vec<T, 6> drive_vjp(const TwoStream<T>& avatar, const AvatarConfig& config,
     eye_vjp<B>(avatar.eyes, config, trace.head, trace.eyes, trace.world_eyes, g_eyes, grad.eyes,
                g_pose_code);
     Vec<T, 6> g_pose = head_pose_vjp(drivers, g_head);
-    g_pose += positional_encoding_vjp(trace.code.pose, g_pose_code, config.frequencies);
+    g_pose += positional_encoding_vjp(trace.code.pose, g_pose_code, config.pose_frequencies);
     return g_pose;
 }
 

@@ -6,7 +6,7 @@
 ///
 /// Which surface carries the iris' colour? Through the cornea one sees the iris plane; splatted
 /// Gaussians are opaque and do not refract. So there are two choices: the bulge itself (the paper's
-/// mesh, right in profile), or with `iris_plane` the disc behind it (right in parallax).
+/// mesh, right in profile), or with `iris_plane` the iris behind it (right in parallax).
 #pragma once
 
 #include <algorithm>
@@ -31,7 +31,8 @@ struct EyeballShape {
     double cornea_offset = 0.056;     ///< from the eyeball's centre to the cornea's [unit]
     double limbus_radius = 0.059;     ///< rim of the iris, from the axis [unit]
     double pupil_radius = 0.020;      ///< from the axis [unit]
-    std::optional<double> iris_plane = {};  ///< z of a flat iris [unit]; none: the bulge
+    /// z of the middle of the iris, which curves from there to the limbus [unit]; none: the bulge.
+    std::optional<double> iris_plane = {};
 
     int iris_rings = 16;              ///< from the axis to the limbus, which is the last
     int sclera_rings = 12;            ///< from the limbus to the equator, which is the last
@@ -48,6 +49,26 @@ struct EyeballShape {
         return s;
     }
 
+    /// The same eye with another limbus: pupil and cornea in proportion, the bulge rising from the
+    /// sphere at the limbus.
+    EyeballShape with_limbus(double radius) const {
+        EyeballShape s = *this;
+        const double k = radius / limbus_radius;
+        for (double* x : {&s.limbus_radius, &s.pupil_radius, &s.cornea_radius}) *x *= k;
+        s.cornea_offset =
+            std::sqrt(std::max(0., sclera_radius * sclera_radius - radius * radius)) -
+            std::sqrt(std::max(0., s.cornea_radius * s.cornea_radius - radius * radius));
+        return s;
+    }
+
+    /// z of the iris behind the cornea at a distance r from the axis, r <= limbus_radius: a
+    /// paraboloid through the middle of the iris and the limbus.
+    double iris(double r) const {
+        if (!iris_plane) return front(r);
+        const double share = r / limbus_radius;
+        return *iris_plane + (limbus_plane() - *iris_plane) * share * share;
+    }
+
     /// z of the front surface at a distance r from the axis, r <= limbus_radius: sphere or cornea,
     /// whichever is further out.
     double front(double r) const {
@@ -56,7 +77,7 @@ struct EyeballShape {
         return inside < 0 ? sphere : std::max(sphere, cornea_offset + std::sqrt(inside));
     }
 
-    /// Where the iris meets the surface: the plane of a flat iris.
+    /// z where the iris meets the surface: the plane of a flat iris.
     double limbus_plane() const { return front(limbus_radius); }
 
     /// The same eye with its iris as a disc through the limbus.
@@ -151,8 +172,7 @@ EyeballTemplate<T> eyeball_template(const EyeballShape& shape) {
     const double iris_step = shape.limbus_radius / shape.iris_rings;
     for (int k = 1; k <= shape.iris_rings; ++k) {
         const double r = shape.limbus_radius * k / shape.iris_rings;
-        const bool flat = shape.iris_plane && k < shape.iris_rings;
-        rings.push_back({r, flat ? *shape.iris_plane : shape.front(r), iris_step,
+        rings.push_back({r, k < shape.iris_rings ? shape.iris(r) : shape.limbus_plane(), iris_step,
                          r <= shape.pupil_radius ? EyeLabel::pupil : EyeLabel::iris});
     }
     // On to the equator along the outermost of sphere and cornea, by the angle from +z.
@@ -181,7 +201,7 @@ EyeballTemplate<T> eyeball_template(const EyeballShape& shape) {
         points.emplace_back(static_cast<T>(x), static_cast<T>(y), static_cast<T>(z));
         eye.labels.push_back(label);
     };
-    add(0, 0, shape.iris_plane.value_or(shape.front(0)), EyeLabel::pupil);
+    add(0, 0, shape.iris(0), EyeLabel::pupil);
     Index previous = 0, previous_size = 1;
     for (std::size_t r = 0; r < rings.size(); ++r) {
         const Ring& ring = rings[r];

@@ -47,6 +47,11 @@ struct AvatarLossConfig {
     /// loss then covers the eyeballs' discs, and asks for the picture where no eye is seen. Not in
     /// the paper; see docs/deviations.md.
     bool blank_eyeballs = false;
+    /// Colour, shape and opacity of the eyeballs learn from the two eye terms alone, which see pixels
+    /// of visible eyes only. From the joint picture they also learn lids: skin and lashes painted on
+    /// the eyeball, which another gaze then turns into the opening. Not in the paper; see
+    /// docs/deviations.md.
+    bool eyes_from_eye_terms = false;
     /// The high-resolution eye term costs a second super-resolution; in every n-th step it is taken
     /// n times as heavy.
     int eye_high_every = 1;

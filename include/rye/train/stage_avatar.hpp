@@ -41,6 +41,7 @@ struct AvatarPictures {
     RasterScratch<T> scratch;                      ///< memory that the renders share
     Gaussians<T> cloud, face_cloud, eye_cloud;     ///< of the three renders
     Gaussians<T> g_cloud, g_face_cloud, g_eye_cloud;
+    bool eyes_from_eye_terms = false; ///< of the weights
 };
 
 template <class T>
@@ -141,6 +142,7 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
     rasterizer.forward_into(p.cloud, sample.camera, sample.background, p.final, &p.scratch);
     const VecX<T> blank_color = sample.blank.head(3);
     p.face_cloud = detail::with_channels(trace.world_face, 3);
+    p.eyes_from_eye_terms = weights.eyes_from_eye_terms;
     if (weights.blank_eyeballs)
         p.face_cloud = joined(p.face_cloud, painted(trace.world_eyes, blank_color));
     rasterizer.forward_into(p.face_cloud, sample.camera, blank_color, p.face, &p.scratch);
@@ -245,6 +247,10 @@ void avatar_losses_vjp(const TwoStream<T>& avatar, const AvatarConfig& config,
     pull(p.cloud, sample.background, p.final, p.g_final);
     p.g_face_cloud = part(p.g_cloud, 0, n);
     p.g_eye_cloud = part(p.g_cloud, n, p.g_cloud.mean.cols() - n);
+    if (p.eyes_from_eye_terms) // where they are is the joint picture's still: it moves the head
+        for (Columns<T>* g : {&p.g_eye_cloud.rotation, &p.g_eye_cloud.scale,
+                              &p.g_eye_cloud.opacity, &p.g_eye_cloud.feature})
+            g->setZero();
     pull(p.face_cloud, VecX<T>(sample.blank.head(3)), p.face, p.g_face);
     detail::add_first(p.g_face_cloud, p.g_cloud);
     pull(p.eye_cloud, VecX<T>(sample.background.head(p.eye_cloud.channels())), p.eyes, p.g_eyes);
