@@ -92,6 +92,7 @@ void walk(F& f, TrainConfig& c) {
             f("points", g.eyeball.points);
             f("radius", g.eyeball.radius);
             f("opacity", g.eyeball.opacity);
+            f("thickness", g.eyeball.thickness);
             f("max_growth", g.eyeball.max_growth);
         });
         f("weights", [&] {
@@ -276,6 +277,9 @@ void check(const TrainConfig& c, const std::string& source) {
     positive("gaussians.rate_decay", c.gaussians.rate_decay);
     if (c.gaussians.opacity <= 0 || c.gaussians.opacity >= 1)
         fail("gaussians.opacity", std::to_string(c.gaussians.opacity), "between 0 and 1");
+    if (!(c.gaussians.eyeball.thickness > 0 && c.gaussians.eyeball.thickness <= 1))
+        fail("gaussians.eyeball.thickness", std::to_string(c.gaussians.eyeball.thickness),
+             "above 0, at most 1");
     if (c.gaussians.eyeball.opacity <= 0 || c.gaussians.eyeball.opacity >= 1)
         fail("gaussians.eyeball.opacity", std::to_string(c.gaussians.eyeball.opacity),
              "between 0 and 1");
@@ -357,6 +361,8 @@ TrainConfig preset(const std::string& name) {
     g.weights.face_alone = 1.0;
     g.weights.eye_high_every = 3;
     g.eyeball.max_growth = 0.7;
+    g.eyeball.thickness = 0.1;
+    g.weights.eyes_from_eye_terms = true;
     g.rates.upsampler = 1e-3;
     g.rates.networks = 1e-3;
     g.rates.opacity = 1e-2;

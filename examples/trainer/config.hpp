@@ -38,6 +38,7 @@ struct EyeballConfig {
     int points = 1500;          ///< wanted Gaussians an eyeball
     double radius = 0.12;       ///< of the sclera where the capture does not say, canonical units
     double opacity = 0.9;       ///< first
+    double thickness = 1;       ///< along the normal, times the width
     double max_growth = 0;      ///< of scales, times the template's spacing; 0: no bound
 };
 

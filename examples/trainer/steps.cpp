@@ -75,6 +75,7 @@ void begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     init.spacing_slope = static_cast<float>(config.gaussians.spacing_slope);
     init.opacity = static_cast<float>(config.gaussians.opacity);
     init.eye_opacity = static_cast<float>(config.gaussians.eyeball.opacity);
+    init.eye_thickness = static_cast<float>(config.gaussians.eyeball.thickness);
     init.eye_centre.resize(3, 2);
     for (std::size_t e = 0; e < 2; ++e) {
         init.eyeball[e] = eyeball_of(state.subject, config, e);
@@ -151,7 +152,8 @@ StepReport AvatarStepper::step(TrainState& state, const AvatarSample<float>& sam
         state.avatar, m.grad, state.avatar_adam,
         [&](const std::string& name) { return rate * c.gaussians.rates(name); });
     if (c.gaussians.eyeball.max_growth > 0)
-        bound_scales(state.avatar.eyes, static_cast<float>(c.gaussians.eyeball.max_growth));
+        bound_scales(state.avatar.eyes, static_cast<float>(c.gaussians.eyeball.max_growth),
+                     static_cast<float>(c.gaussians.eyeball.thickness));
     probe("optimiser");
     ++state.step;
     return {{{"loss", l.total}, {"high_resolution", l.high_resolution},

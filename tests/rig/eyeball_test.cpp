@@ -150,6 +150,18 @@ TEST_CASE("eyeball: the iris curves from its middle to the limbus, which lies on
     }
 }
 
+TEST_CASE("eyeball: normals are unit and outward, the sphere's where it is one") {
+    const EyeballTemplate<double> eye = eyeball_template<double>(EyeballShape{}.with_flat_iris());
+    for (Index i = 0; i < eye.points.cols(); ++i) {
+        const Vec3<double> n = eye.normals.col(i), p = eye.points.col(i);
+        CHECK(n.norm() == doctest::Approx(1));
+        CHECK(n.dot(p) > 0);
+        if (eye.labels[static_cast<std::size_t>(i)] == EyeLabel::back)
+            CHECK(n.dot(p.normalized()) > 0.99);
+        if (eye.labels[static_cast<std::size_t>(i)] == EyeLabel::pupil) CHECK(n.z() > 1 - 1e-12);
+    }
+}
+
 TEST_CASE("eyeball: a larger eye is the same eye") {
     const EyeballTemplate<double> a = eyeball_template<double>({});
     const EyeballTemplate<double> b = eyeball_template<double>(EyeballShape{}.with_radius(0.24));

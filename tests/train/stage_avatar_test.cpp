@@ -148,6 +148,19 @@ TEST_CASE("eyes from eye terms: their colours do not learn from the joint pictur
     CHECK(with.face.feature == gradient(false, 1).face.feature);
 }
 
+TEST_CASE("eyeball Gaussians are bounded by the template's spacing, and thinner along the normal") {
+    Draw draw;
+    EyeStream<double> eyes = tiny_avatar(tiny_config(), draw).eyes;
+    eyes.log_scale.setZero();
+    eyes.log_scale.col(1).setConstant(-20);
+    bound_scales(eyes, 0.7, 0.1);
+    const double most = 0.7 * eyes.spacing(0, 0);
+    CHECK(std::exp(eyes.log_scale(0, 0)) == doctest::Approx(most));
+    CHECK(std::exp(eyes.log_scale(1, 0)) == doctest::Approx(most));
+    CHECK(std::exp(eyes.log_scale(2, 0)) == doctest::Approx(0.1 * most));
+    CHECK(eyes.log_scale.col(1) == Vec3<double>::Constant(-20));
+}
+
 TEST_CASE("eye positions are the rig's: no field of the avatar moves them freely") {
     Draw draw;
     const TwoStream<double> avatar = tiny_avatar(tiny_config(), draw);

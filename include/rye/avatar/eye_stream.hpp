@@ -92,13 +92,14 @@ struct EyeStream {
     Index per_eye() const { return position.cols() / 2; }
 };
 
-/// Takes scales back to at most `factor` times the template's spacing, so that the eyeball keeps
-/// its shape: larger Gaussians would reach over its rim and paint lids.
+/// Takes scales back to at most `factor` times the template's spacing, and `thickness` of that along
+/// the normal, so that the eyeball keeps its shape: larger Gaussians would reach over its rim and
+/// paint lids, thicker ones stand out from its surface.
 template <Real T>
-void bound_scales(EyeStream<T>& eyes, T factor) {
+void bound_scales(EyeStream<T>& eyes, T factor, T thickness) {
     for (Index i = 0; i < eyes.log_scale.cols(); ++i) {
-        const T most = std::log(factor * eyes.spacing(0, i));
-        eyes.log_scale.col(i) = eyes.log_scale.col(i).cwiseMin(most);
+        const T most = std::log(factor * eyes.spacing(0, i)), thick = most + std::log(thickness);
+        eyes.log_scale.col(i) = eyes.log_scale.col(i).cwiseMin(Vec3<T>(most, most, thick));
     }
 }
 

@@ -94,6 +94,7 @@ template <Real T>
 struct EyeballTemplate {
     Columns<T> points;                         ///< 3 x P [unit]
     Columns<T> spacing;                        ///< 1 x P, RMS distance to 3 neighbours [unit]
+    Columns<T> normals;                        ///< 3 x P, unit, outward
     std::vector<EyeLabel> labels;              ///< P
     std::vector<std::array<Index, 3>> faces;   ///< closed surface, normals outward
     std::array<Index, 8> iris8{};              ///< on the limbus, from +x toward +y
@@ -154,6 +155,19 @@ Columns<T> three_neighbour_spacing(const Columns<T>& points) {
         spacing(0, i) = std::sqrt((best[0] + best[1] + best[2]) / T(3));
     }
     return spacing;
+}
+
+/// Means of the neighbouring faces' normals, by area.
+template <Real T>
+Columns<T> vertex_normals(const Columns<T>& points,
+                          const std::vector<std::array<Index, 3>>& faces) {
+    Columns<T> normals = Columns<T>::Zero(3, points.cols());
+    for (const auto& f : faces) {
+        const Vec3<T> a = points.col(f[0]), b = points.col(f[1]), c = points.col(f[2]);
+        const Vec3<T> twice_area = cross(Vec3<T>(b - a), Vec3<T>(c - a));
+        for (const Index i : f) normals.col(i) += twice_area;
+    }
+    return normals.colwise().normalized();
 }
 
 } // namespace detail
@@ -229,6 +243,7 @@ EyeballTemplate<T> eyeball_template(const EyeballShape& shape) {
     for (std::size_t i = 0; i < points.size(); ++i)
         eye.points.col(static_cast<Index>(i)).template head<3>() = points[i];
     eye.spacing = detail::three_neighbour_spacing(eye.points);
+    eye.normals = detail::vertex_normals(eye.points, eye.faces);
     return eye;
 }
 

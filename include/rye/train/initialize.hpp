@@ -53,6 +53,7 @@ struct AvatarInit {
     int mouth_points = 3000;
     T opacity = T(0.3);
     T eye_opacity = T(0.9);
+    T eye_thickness = T(1); ///< of eyeball Gaussians along the normal, times their width
     std::array<EyeballTemplate<T>, 2> eyeball;  ///< about their centres, canonical units
     Columns<T> eye_centre;     ///< neutral, canonical, 3 x 2
     UpsamplerShape upsampler;
@@ -164,8 +165,13 @@ TwoStream<T> initialize_avatar(const GuidanceMesh<T>& mesh, const AvatarConfig& 
     e.spacing << init.eyeball[0].spacing, init.eyeball[1].spacing;
     e.spacing = e.spacing.cwiseMax(T(1e-4));
     e.log_scale = e.spacing.array().log().replicate(3, 1);
-    e.rotation = Columns<T>::Zero(4, 2 * per_eye);
-    e.rotation.row(0).setOnes();
+    e.log_scale.row(2).array() += std::log(init.eye_thickness);
+    e.rotation.resize(4, 2 * per_eye);
+    for (Index i = 0; i < 2 * per_eye; ++i) {
+        const EyeballTemplate<T>& ball = init.eyeball[i < per_eye ? 0 : 1];
+        e.rotation.col(i) =
+            shortest_arc(Vec3<T>(0, 0, 1), Vec3<T>(ball.normals.col(i % per_eye)));
+    }
     e.opacity_logit = Columns<T>::Constant(1, 2 * per_eye, logit(init.eye_opacity));
     e.offset = mesh.eye_offset;
 
