@@ -344,7 +344,7 @@ TrainConfig preset(const std::string& name) {
     c.mesh.landmarks_follow_gaze = true;
     c.mesh.fit_steps = tiny ? 1500 : 3000;
     AvatarTrainConfig& g = c.gaussians;
-    g.steps = tiny ? 1200 : 5000;
+    g.steps = tiny ? 1200 : 6000;
     g.mouth_points = tiny ? 300 : 600;
     g.spacing = tiny ? 0.02 : 0.012;
     g.spacing_slope = 0.2;
