@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // bench_accuracy [--ply FILE] [--csv FILE] [--primitives-csv FILE] [--repeats N] [--exhaustive]
-//                [--only prices|primitives|learning|select] [--select N]
-// What accuracy costs in time. Without arguments: the price list, sampled primitives, learning.
+//                [--only prices|primitives|learning|training|select] [--select N]
+// What accuracy costs in time. Without arguments: the price list, sampled primitives, learning and
+// training.
 // Exit status 1 if an error is above its promise; times are told, not judged.
 #include <cmath>
 #include <cstdlib>
@@ -105,6 +106,7 @@ int main(int argc, char** argv) {
             s.prices = what == "prices";
             s.primitives = what == "primitives";
             s.learning = what == "learning";
+            s.training = what == "training";
             s.selection = what == "select";
         } else {
             std::fprintf(stderr, "bench_accuracy: got %s, expected an option of main.cpp\n",
@@ -120,6 +122,7 @@ int main(int argc, char** argv) {
     }
     if (s.primitives) write_primitives(primitives(s), s.primitives_csv);
     if (s.learning) learning();
+    if (s.training) training(300);
     if (s.selection || select > 0) {
         const int n = select > 0 ? select : 100;
         kept = selection(n) * 100 <= n && kept;

@@ -17,6 +17,8 @@ struct Runner {
     std::function<void()> forward, backward;
     std::function<Columns<double>()> feature;    ///< of the last forward
     std::function<Gaussians<double>()> gradient; ///< of the last backward
+    std::function<void(const Gaussians<float>&)> place; ///< other Gaussians, as many
+    std::function<void(const Columns<float>&)> pull;    ///< another cotangent of the feature
 };
 
 struct Policy {
@@ -29,7 +31,7 @@ template <class B, class T, class A>
 Policy policy(const std::string& name, const std::string& group, const A& accuracy) {
     return {
         name, group,
-        [accuracy](const Scenery& s, const Columns<float>& w, const Columns<float>& w_alpha) {
+        [accuracy](const Scenery& s, const Columns<float>& weights, const Columns<float>& w_alpha) {
             struct State {
                 Rasterizer<B, A> rasterizer;
                 Gaussians<T> g, gradient;
@@ -44,7 +46,7 @@ Policy policy(const std::string& name, const std::string& group, const A& accura
             convert_fields(st->g, s.gaussians, [](float x) { return static_cast<T>(x); });
             st->camera = s.camera.cast<T>();
             st->background = s.background.cast<T>();
-            st->w = w.cast<T>();
+            st->w = weights.cast<T>();
             st->w_alpha = w_alpha.cast<T>();
             return Runner{
                 [st] {
@@ -60,7 +62,11 @@ Policy policy(const std::string& name, const std::string& group, const A& accura
                     Gaussians<double> d;
                     convert_fields(d, st->gradient, [](T x) { return static_cast<double>(x); });
                     return d;
-                }};
+                },
+                [st](const Gaussians<float>& g) {
+                    convert_fields(st->g, g, [](float x) { return static_cast<T>(x); });
+                },
+                [st](const Columns<float>& w) { st->w = w.cast<T>(); }};
         }};
 }
 

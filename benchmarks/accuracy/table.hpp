@@ -29,12 +29,13 @@ struct Settings {
     std::string csv = "accuracy.csv", primitives_csv = "primitives.csv", ply;
     int repeats = 7;
     bool exhaustive = false;
-    bool prices = true, primitives = true, learning = true, selection = false;
+    bool prices = true, primitives = true, learning = true, selection = false, training = true;
 };
 
 std::vector<PriceRow> price_list(const Settings&);
 std::vector<PrimitiveRow> primitives(const Settings&);
 void learning();
+void training(int steps);
 int selection(int scenes); ///< number of held-out scenes that break their bound
 
 } // namespace rye::bench
