@@ -63,6 +63,7 @@ struct Exact32 : Balanced {
 struct Tight : Balanced {
     constexpr Tight() {
         alpha_min = 1.0 / 25500.0;
+        alpha_max = 1;  // costs no time, and the gradient behind opaque surfaces stays right
         stop = 1e-6;
     }
 };
