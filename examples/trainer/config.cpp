@@ -105,6 +105,7 @@ void walk(F& f, TrainConfig& c) {
             f("blank", g.weights.blank);
             f("blank_eyeballs", g.weights.blank_eyeballs);
             f("eyes_from_eye_terms", g.weights.eyes_from_eye_terms);
+            f("eye_smooth", g.weights.eye_smooth);
             f("eye_average", g.weights.eye_average);
             f("face_alone", g.weights.face_alone);
             f("eye_high_every", g.weights.eye_high_every);
@@ -363,6 +364,7 @@ TrainConfig preset(const std::string& name) {
     g.eyeball.max_growth = 0.7;
     g.eyeball.thickness = 0.1;
     g.weights.eyes_from_eye_terms = true;
+    g.weights.eye_smooth = 0.1;
     g.rates.upsampler = 1e-3;
     g.rates.networks = 1e-3;
     g.rates.opacity = 1e-2;

@@ -7,6 +7,7 @@
 #include <rye/capture/lpips_weights.hpp>
 #include <rye/loss/perceptual.hpp>
 #include <rye/loss/ssim.hpp>
+#include <rye/loss/smoothness.hpp>
 #include <rye/train/checkpoint.hpp>
 #include <rye/train/fit_deformation.hpp>
 #include <rye/train/initialize.hpp>
@@ -125,12 +126,23 @@ struct AvatarStepper::Memory {
     TwoStreamTrace<float> trace;
     AvatarPictures<float> pictures;
     TrainRasterizer rasterizer;
+    NeighbourGraph eye_neighbours; ///< of both eyeballs' points, if their colours are smoothed
     std::variant<PyramidGradientLoss, LpipsVgg<TrainBackend, float>> perceptual;
 };
 
 AvatarStepper::AvatarStepper(const TrainState& state, const std::filesystem::path& weights)
     : memory_(std::make_unique<Memory>()) {
     memory_->grad = zeros_like(state.avatar);
+    if (state.config.gaussians.weights.eye_smooth > 0) {
+        const EyeStream<float>& eyes = state.avatar.eyes;
+        for (Index e = 0; e < 2; ++e) {
+            const Index n = eyes.per_eye();
+            const Columns<float> points = eyes.position.middleCols(e * n, n);
+            const NeighbourGraph of_eye = four_nearest(points, e * n);
+            memory_->eye_neighbours.insert(memory_->eye_neighbours.end(), of_eye.begin(),
+                                           of_eye.end());
+        }
+    }
     if (weights.empty()) return;
     memory_->perceptual = LpipsVgg<TrainBackend, float>{read_lpips_weights<float>(weights)};
 }
@@ -140,7 +152,7 @@ StepReport AvatarStepper::step(TrainState& state, const AvatarSample<float>& sam
                                const Probe& probe) {
     const TrainConfig& c = state.config;
     Memory& m = *memory_;
-    const AvatarLosses<float> l = std::visit([&](const auto& perceptual) {
+    AvatarLosses<float> l = std::visit([&](const auto& perceptual) {
         return avatar_losses<TrainBackend>(state.avatar, c.avatar, state.subject.roles,
                                            c.gaussians.weights, m.rasterizer, perceptual, sample,
                                            m.trace, m.pictures, probe);
@@ -148,6 +160,14 @@ StepReport AvatarStepper::step(TrainState& state, const AvatarSample<float>& sam
     set_zero(m.grad);
     avatar_losses_vjp<TrainBackend>(state.avatar, c.avatar, m.rasterizer, sample, m.trace,
                                     m.pictures, m.grad, probe);
+    float eye_smooth = 0;
+    if (c.gaussians.weights.eye_smooth > 0) {
+        const auto weight = static_cast<float>(c.gaussians.weights.eye_smooth);
+        const LossGradient<float> term = smoothness(state.avatar.eyes.feature, m.eye_neighbours);
+        m.grad.eyes.feature += weight * term.gradient;
+        eye_smooth = term.value;
+        l.total += weight * term.value;
+    }
     const AdamReport report = adam_step<TrainBackend>(
         state.avatar, m.grad, state.avatar_adam,
         [&](const std::string& name) { return rate * c.gaussians.rates(name); });
@@ -159,7 +179,7 @@ StepReport AvatarStepper::step(TrainState& state, const AvatarSample<float>& sam
     return {{{"loss", l.total}, {"high_resolution", l.high_resolution},
              {"low_resolution", l.low_resolution}, {"perceptual", l.perceptual}, {"dssim", l.dssim},
              {"eye_low", l.eye_low}, {"eye_high", l.eye_high}, {"blank", l.blank},
-             {"face_alone", l.face_alone}},
+             {"face_alone", l.face_alone}, {"eye_smooth", eye_smooth}},
             0, report.first_bad_field};
 }
 

@@ -52,6 +52,8 @@ struct AvatarLossConfig {
     /// the eyeball, which another gaze then turns into the opening. Not in the paper; see
     /// docs/deviations.md.
     bool eyes_from_eye_terms = false;
+    /// Neighbours on an eyeball should have like colours (rye/loss/smoothness.hpp). Not in the paper.
+    double eye_smooth = 0;
     /// The high-resolution eye term costs a second super-resolution; in every n-th step it is taken
     /// n times as heavy.
     int eye_high_every = 1;

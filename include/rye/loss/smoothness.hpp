@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/loss/smoothness.hpp: neighbours should be alike. A mean of squared differences over a fixed
+/// graph, for colours of points that few pixels see: data outweighs it where there is some, and
+/// without data a point takes after its neighbours. Not in the paper; see docs/deviations.md.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <vector>
+
+#include <rye/core/columns.hpp>
+#include <rye/core/concepts.hpp>
+#include <rye/core/error.hpp>
+#include <rye/loss/photometric.hpp>
+
+namespace rye {
+
+/// Neighbours of each point of a cloud, by index.
+using NeighbourGraph = std::vector<std::array<Index, 4>>;
+
+/// The four nearest others of each point (3 x N, N > 4); of equally near ones those of lower index.
+/// `first` is added to every index. All pairs are looked at: for the thousands of points of an eye.
+template <Real T>
+NeighbourGraph four_nearest(const Columns<T>& points, Index first = 0) {
+    const Index n = points.cols();
+    require(n > 4, "four_nearest", "got " + std::to_string(n) + " points, expected at least 5");
+    NeighbourGraph graph;
+    std::vector<std::pair<T, Index>> by_distance;
+    for (Index i = 0; i < n; ++i) {
+        by_distance.clear();
+        for (Index k = 0; k < n; ++k)
+            if (k != i) by_distance.emplace_back((points.col(k) - points.col(i)).squaredNorm(), k);
+        std::partial_sort(by_distance.begin(), by_distance.begin() + 4, by_distance.end());
+        auto& of_i = graph.emplace_back();
+        for (std::size_t k = 0; k < 4; ++k) of_i[k] = first + by_distance[k].second;
+    }
+    return graph;
+}
+
+/// The mean over points and channels of the squared differences to the neighbours, and its
+/// gradient. values: C x N, one entry of the graph per column.
+template <class T>
+LossGradient<T> smoothness(const Columns<T>& values, const NeighbourGraph& graph) {
+    require(static_cast<Index>(graph.size()) == values.cols(), "smoothness",
+            "got " + std::to_string(graph.size()) + " neighbourhoods, expected " +
+                std::to_string(values.cols()));
+    const T share = T(1) / T(static_cast<real_t<T>>(std::max<Index>(values.size(), 1)));
+    LossGradient<T> l;
+    l.value = T(0);
+    l.gradient = Columns<T>::Zero(values.rows(), values.cols());
+    for (Index i = 0; i < values.cols(); ++i)
+        for (const Index k : graph[static_cast<std::size_t>(i)]) {
+            const VecX<T> d = values.col(i) - values.col(k);
+            l.value += share * d.squaredNorm();
+            l.gradient.col(i) += T(2) * share * d;
+            l.gradient.col(k) -= T(2) * share * d;
+        }
+    return l;
+}
+
+} // namespace rye
