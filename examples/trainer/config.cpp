@@ -364,7 +364,7 @@ TrainConfig preset(const std::string& name) {
     g.eyeball.max_growth = 0.7;
     g.eyeball.thickness = 0.1;
     g.weights.eyes_from_eye_terms = true;
-    g.weights.eye_smooth = 0.1;
+    g.weights.eye_smooth = 0.2;
     g.rates.upsampler = 1e-3;
     g.rates.networks = 1e-3;
     g.rates.opacity = 1e-2;
