@@ -35,7 +35,7 @@ struct AvatarConfig {
     int channels = 32;    ///< feature channels of a Gaussian; the first three are RGB
     int frequencies = 4;       ///< octaves of the positional encoding of points
     int pose_frequencies = 4;  ///< of the head pose
-    int gaze_frequencies = 4;  ///< of the gaze; fewer bend less between the gazes of a small capture
+    int gaze_frequencies = 4;  ///< of the gaze; fewer bend less between a capture's gazes
 
     double exp_near = 0.15;    ///< t1, in units of the metric
     double exp_far = 0.25;     ///< t2

@@ -92,8 +92,8 @@ struct EyeStream {
     Index per_eye() const { return position.cols() / 2; }
 };
 
-/// Takes scales back to at most `factor` times the template's spacing, and `thickness` of that along
-/// the normal, so that the eyeball keeps its shape: larger Gaussians would reach over its rim and
+/// Takes scales back to at most `factor` times the template's spacing, and `thickness` of that
+/// along the normal, so that the eyeball keeps its shape: larger Gaussians would reach over its rim and
 /// paint lids, thicker ones stand out from its surface.
 template <Real T>
 void bound_scales(EyeStream<T>& eyes, T factor, T thickness) {

@@ -47,12 +47,12 @@ struct AvatarLossConfig {
     /// loss then covers the eyeballs' discs, and asks for the picture where no eye is seen. Not in
     /// the paper; see docs/deviations.md.
     bool blank_eyeballs = false;
-    /// Colour, shape and opacity of the eyeballs learn from the two eye terms alone, which see pixels
-    /// of visible eyes only. From the joint picture they also learn lids: skin and lashes painted on
+    /// Colour, shape and opacity of the eyeballs learn from the two eye terms alone, which see
+    /// visible eyes only. From the joint picture they also learn lids: skin and lashes painted on
     /// the eyeball, which another gaze then turns into the opening. Not in the paper; see
     /// docs/deviations.md.
     bool eyes_from_eye_terms = false;
-    /// Neighbours on an eyeball should have like colours (rye/loss/smoothness.hpp). Not in the paper.
+    /// Neighbours on an eyeball should have like colours (loss/smoothness.hpp); not the paper's.
     double eye_smooth = 0;
     /// The high-resolution eye term costs a second super-resolution; in every n-th step it is taken
     /// n times as heavy.
