@@ -93,8 +93,8 @@ struct EyeStream {
 };
 
 /// Takes scales back to at most `factor` times the template's spacing, and `thickness` of that
-/// along the normal, so that the eyeball keeps its shape: larger Gaussians would reach over its rim and
-/// paint lids, thicker ones stand out from its surface.
+/// along the normal, so that the eyeball keeps its shape: larger Gaussians would reach over its rim
+/// and paint lids, thicker ones stand out from its surface.
 template <Real T>
 void bound_scales(EyeStream<T>& eyes, T factor, T thickness) {
     for (Index i = 0; i < eyes.log_scale.cols(); ++i) {
