@@ -6,18 +6,6 @@
 
 #include <nlohmann/json.hpp>
 
-#define STBI_WRITE_NO_STDIO
-#define STB_IMAGE_WRITE_STATIC
-#define STB_IMAGE_WRITE_IMPLEMENTATION
-#if defined(__GNUC__)
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wunused-function"
-#endif
-#include <stb_image_write.h>
-#if defined(__GNUC__)
-#pragma GCC diagnostic pop
-#endif
-
 #include <rye/capture/npz.hpp>
 #include <rye/core/parallel.hpp>
 
@@ -34,18 +22,6 @@ using Json = nlohmann::ordered_json;
 constexpr int jpeg_quality = 95;
 /// Values of the left and the right eyeball in the eye masks.
 constexpr std::array<std::uint8_t, 3> eye_values{0, 85, 170};
-
-void write_jpeg(const fs::path& path, const Image8& image) {
-    Bytes jpeg;
-    const auto collect = [](void* to, void* data, int size) {
-        append(*static_cast<Bytes*>(to),
-               ByteSpan(static_cast<const std::byte*>(data), static_cast<std::size_t>(size)));
-    };
-    const int written = stbi_write_jpg_to_func(collect, &jpeg, image.width, image.height,
-                                               image.channels, image.values.data(), jpeg_quality);
-    require(written != 0, path.string(), "cannot be encoded as JPEG");
-    write_atomic(path, jpeg, Durability::atomic_only);
-}
 
 /// Means of 2 x 2 pixels.
 Image<float> halved(const Image<float>& image) {
@@ -137,8 +113,8 @@ std::array<int, 2> write_view(const fs::path& folder, const std::string& camera,
     const auto file = [&](const char* stem, const char* suffix) {
         return folder / (stem + camera + suffix);
     };
-    write_jpeg(file("image_", ".jpg"), to_8bit(picture.image));
-    write_jpeg(file("image_lowres_", ".jpg"), to_8bit(halved(picture.image)));
+    write_jpeg(file("image_", ".jpg"), to_8bit(picture.image), jpeg_quality);
+    write_jpeg(file("image_lowres_", ".jpg"), to_8bit(halved(picture.image)), jpeg_quality);
     write_png(file("mask_", ".png"), picture.mask);
     write_png(file("mask_lowres_", ".png"), halved(picture.mask));
     Image8 eyes{picture.mask.width, picture.mask.height, 1, {}};

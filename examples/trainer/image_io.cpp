@@ -88,6 +88,23 @@ void check_magic(ByteSpan bytes, const std::string& who) {
             "neither a PNG nor a JPEG by its first bytes");
 }
 
+/// stb's callback: `to` is a Bytes.
+void collect(void* to, void* data, int size) {
+    append(*static_cast<Bytes*>(to),
+           ByteSpan(static_cast<const std::byte*>(data), static_cast<std::size_t>(size)));
+}
+
+void check_pixels(const std::filesystem::path& path, const Image8& image) {
+    require(image.width > 0 && image.height > 0 && image.channels >= 1 && image.channels <= 4,
+            path.string(),
+            "got an image of " + std::to_string(image.width) + " x " +
+                std::to_string(image.height) + " x " + std::to_string(image.channels) +
+                ", expected pixels in 1 to 4 channels");
+    RYE_ASSERT(image.values.size() == std::size_t(image.width) * std::size_t(image.height) *
+                                          std::size_t(image.channels),
+               "check_pixels: size and values");
+}
+
 } // namespace
 
 ImageHeader read_image_header(const std::filesystem::path& path) {
@@ -164,29 +181,27 @@ Image8 to_8bit(const Image<float>& image) {
 }
 
 void write_png(const std::filesystem::path& path, const Image8& image) {
-    const std::string who = path.string();
-    require(image.width > 0 && image.height > 0 && image.channels >= 1 && image.channels <= 4, who,
-            "got an image of " + std::to_string(image.width) + " x " +
-                std::to_string(image.height) + " x " + std::to_string(image.channels) +
-                ", expected pixels in 1 to 4 channels");
-    RYE_ASSERT(image.values.size() == std::size_t(image.width) * std::size_t(image.height) *
-                                          std::size_t(image.channels),
-               "write_png: size and values");
+    check_pixels(path, image);
     Bytes png;
-    const auto collect = [](void* to, void* data, int size) {
-        append(*static_cast<Bytes*>(to),
-               ByteSpan(static_cast<const std::byte*>(data), static_cast<std::size_t>(size)));
-    };
     const int written =
         stbi_write_png_to_func(collect, &png, image.width, image.height, image.channels,
                                image.values.data(), image.width * image.channels);
-    require(written != 0, who, "cannot be encoded as PNG");
+    require(written != 0, path.string(), "cannot be encoded as PNG");
     // Pictures come in thousands and can be drawn again.
     write_atomic(path, png, Durability::atomic_only);
 }
 
 void write_png(const std::filesystem::path& path, const Image<float>& image) {
     write_png(path, to_8bit(image));
+}
+
+void write_jpeg(const std::filesystem::path& path, const Image8& image, int quality) {
+    check_pixels(path, image);
+    Bytes jpeg;
+    const int written = stbi_write_jpg_to_func(collect, &jpeg, image.width, image.height,
+                                               image.channels, image.values.data(), quality);
+    require(written != 0, path.string(), "cannot be encoded as JPEG");
+    write_atomic(path, jpeg, Durability::atomic_only);
 }
 
 } // namespace rye::trainer

@@ -43,4 +43,7 @@ Image8 to_8bit(const Image<float>& image);
 void write_png(const std::filesystem::path& path, const Image8& image);
 void write_png(const std::filesystem::path& path, const Image<float>& image);
 
+/// The same as a JPEG; above a quality of 90 colour has full resolution too.
+void write_jpeg(const std::filesystem::path& path, const Image8& image, int quality);
+
 } // namespace rye::trainer
