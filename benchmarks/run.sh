@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # run.sh BUILD_DIR [OUT.json [BASELINE.json]]: runs every benchmark of a build, gathers what they
 # report in one JSON, and prints it as tables, beside a baseline if one is given. With PAGE set, the
-# tables replace those in that page, which is how docs/performance.md was made.
+# tables replace those in that page.
 set -eu
 build=$1
 out=${2:-$build/benchmarks.json}

@@ -36,7 +36,7 @@ template <class T>
 struct FrameCode {
     VecX<T> expression;            ///< raw
     VecX<T> pose;                  ///< encoded, 54 with 4 octaves
-    std::array<VecX<T>, 2> gaze;   ///< encoded (pitch, yaw), 18 an eye
+    std::array<VecX<T>, 2> gaze;   ///< encoded (pitch, yaw), 18 an eye with 4
 };
 
 template <class T>

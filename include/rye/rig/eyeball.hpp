@@ -21,6 +21,7 @@
 
 #include <rye/core/columns.hpp>
 #include <rye/core/error.hpp>
+#include <rye/geometry/mesh.hpp>
 #include <rye/math/linalg.hpp>
 
 namespace rye {
@@ -160,12 +161,11 @@ Columns<T> three_neighbour_spacing(const Columns<T>& points) {
 /// Means of the neighbouring faces' normals, by area.
 template <Real T>
 Columns<T> vertex_normals(const Columns<T>& points,
-                          const std::vector<std::array<Index, 3>>& faces) {
+                          const std::vector<Face>& faces) {
     Columns<T> normals = Columns<T>::Zero(3, points.cols());
     for (const auto& f : faces) {
-        const Vec3<T> a = points.col(f[0]), b = points.col(f[1]), c = points.col(f[2]);
-        const Vec3<T> twice_area = cross(Vec3<T>(b - a), Vec3<T>(c - a));
-        for (const Index i : f) normals.col(i) += twice_area;
+        const Vec3<T> area = area_vector<T>(points.col(f[0]), points.col(f[1]), points.col(f[2]));
+        for (const Index i : f) normals.col(i) += area;
     }
     return normals.colwise().normalized();
 }
