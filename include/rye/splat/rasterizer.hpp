@@ -64,8 +64,7 @@ struct Rasterizer {
                 using V = typename B::template batch<T>;
                 const auto canvas = s.workspaces.template lend<LaneCanvas<V>>();
                 with_channels(g.channels(), [&](auto c) {
-                    for (Index t = b; t < e; ++t)
-                        blend_tile_lanes<V, c>(scene, accuracy, t, out, *canvas);
+                    blend_tiles_lanes<V, c>(scene, accuracy, b, e, out, *canvas);
                 });
             } else {
                 for (Index t = b; t < e; ++t) blend_tile(scene, accuracy, t, out);
