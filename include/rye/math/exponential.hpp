@@ -37,6 +37,8 @@ RYE_HD T scale_by_power(const T& p, const T& t) {
     } else if constexpr (std::same_as<T, double>) {
         const auto k = std::bit_cast<std::uint64_t>(t) << 52U;
         return std::bit_cast<double>(std::bit_cast<std::uint64_t>(p) + k);
+    } else if constexpr (requires { p.each(t, nullptr); }) {  // several batches
+        return p.each(t, [](const auto& a, const auto& b) { return scale_by_power(a, b); });
     } else {                                // a batch: its own functions, found by argument
         using Bits = decltype(to_int(p));
         constexpr int mantissa = sizeof(real_t<T>) == 4 ? 23 : 52;

@@ -44,9 +44,7 @@ struct Rasterizer {
         RasterScratch<T> own;
         RasterScratch<T>& s = scratch != nullptr ? *scratch : own;
         check(g, camera, background);
-        const auto n = static_cast<std::size_t>(g.count());
-        s.candidates.resize(n);
-        s.state.resize(n);
+        s.shape(g.count());
         for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
             if constexpr (LaneBackend<B, T>)
                 project_range_lanes<typename B::template batch<T>>(g, camera, accuracy, b, e, s);

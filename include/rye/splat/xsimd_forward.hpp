@@ -60,7 +60,8 @@ template <class V, int C, class A>
 void blend_group(LaneBlend<A, V> blend, LaneCanvas<V>& canvas) {
     using T = typename V::value_type;
     constexpr int lanes = static_cast<int>(V::size);
-    const LaneGroup<V>& group = canvas.group;
+    LaneGroup<V>& group = canvas.group;
+    blend.alphas(group);
     T* const state = canvas.state.lines[0].x;
     const int visits = group.visits;
     for (int i = 0; i < visits; ++i) {
@@ -68,8 +69,7 @@ void blend_group(LaneBlend<A, V> blend, LaneCanvas<V>& canvas) {
         const std::size_t strip = group.strip[i];
         T* const at = state + strip * ((2 + C) * lanes);
         V t = V::load_aligned(at);
-        const V w =
-            blend(LaneGroup<V>::exponent(entry, strip), V(entry.cut), V(entry.floor), t).weight;
+        const V w = blend(V::load_aligned(group.alpha[i]), t).weight;
         t.store_aligned(at);
         (V::load_aligned(at + lanes) + w * V(entry.depth)).store_aligned(at + lanes);
         if constexpr (C > 0) {
@@ -168,7 +168,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
         const Index p = scene.pixel(scene.left(tile), scene.top(tile) + y);
         T* to = out.feature.pixels.data() + p * channels;
         for (int x = 0; x < strips.width; ++x) {
-            const int strip = Tile::strip(x, y), lane = x % lanes;
+            const Index strip = static_cast<Index>(Tile::strip(x, y)), lane = x % lanes;
             const T* const from = state + strip * state_stride + lane;
             const T behind = std::abs(from[0]);
             out.alpha.pixels.data()[p + x] = T(1) - behind;
