@@ -83,8 +83,8 @@ void settle(Index i, const Span& rows, const Pinhole<T>& camera, RasterScratch<T
     scratch.state[at] = visible ? Candidacy::visible : Candidacy::hidden;
     if (!visible) return;
     const R x = std::clamp(scratch.footprints[at].x, R(0), static_cast<R>(camera.width - 1));
-    scratch.home[at] = static_cast<std::uint32_t>(rows.begin / tile_edge * tiles_across(camera.width) +
-                                                  static_cast<int>(x) / tile_edge);
+    scratch.home[at] = static_cast<std::uint32_t>(
+        rows.begin / tile_edge * tiles_across(camera.width) + static_cast<int>(x) / tile_edge);
 }
 
 /// Fills candidate and state of Gaussians [b, e); one at a time, for any scalar.
@@ -193,8 +193,8 @@ void pull_back_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& a
         for (Index k = 0; k < g.channels(); ++k)
             out.feature(k, i) = sum[static_cast<std::size_t>(Slots<T>::head + k)];
         const SplatCotangent<T> s{sum[0], sum[1], sum[2], sum[3], sum[4], sum[5], sum[6]};
-        store_shape(project_vjp(load_shape(g, i), lens, screen_cotangent(trace.members[m].splat, s)), out,
-                    i);
+        const ScreenCotangent<T> screen = screen_cotangent(trace.members[m].splat, s);
+        store_shape(project_vjp(load_shape(g, i), lens, screen), out, i);
         out.opacity(0, i) = s.alpha / g.opacity(0, i);
     }
 }

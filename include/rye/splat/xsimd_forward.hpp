@@ -122,7 +122,8 @@ void draw_background(const Scene<T>& scene, Index first, Index last, Raster<T>& 
     std::fill(out.trace.used.begin() + first, out.trace.used.begin() + last, 0);
 }
 
-/// Draws one tile of the three images, which holds Gaussians. C few channels, or any number for C = 0.
+/// Draws one tile of the three images, which holds Gaussians. C few channels, or any number for
+/// C = 0.
 template <class V, int C, class A>
 void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accuracy, Index tile,
                       Raster<typename V::value_type>& out, LaneCanvas<V>& canvas) {
@@ -147,7 +148,8 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
     fetch_ahead(scene, begin, std::min<Index>(end, begin + 2 * most));
     Index k = begin;
     while (k < end && blend.open_strips(state, state_stride, open)) {
-        const Index next = std::min<Index>(end, k + most), after = std::min<Index>(end, next + most);
+        const Index next = std::min<Index>(end, k + most);
+        const Index after = std::min<Index>(end, next + most);
         fetch_ahead(scene, after, std::min<Index>(end, after + most));
         fetch_features(scene, next, after);
         canvas.group.fill(scene, strips, scene.top(tile), k, next, open);

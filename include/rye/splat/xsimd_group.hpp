@@ -136,7 +136,8 @@ struct LaneGroup {
     std::uint32_t strips_[words][most];  ///< that each entry reaches, a bit each
 
     /// What all strips need of an entry; returns its rows, for each side of a word.
-    std::uint32_t share(const Member<T>& member, const Tile& tile, int top, int k) {
+    [[gnu::always_inline]] std::uint32_t share(const Member<T>& member, const Tile& tile, int top,
+                                               int k) {
         const Splat<T>& s = member.splat;
         x_[k] = s.x, y_[k] = s.y, ux_[k] = s.ux, vx_[k] = s.vx, vy_[k] = s.vy;
         lost_[k] = s.log2_opacity - s.cut;
@@ -158,8 +159,8 @@ struct LaneGroup {
     }
 
     /// Which strips entries k, k + 1, ... reach, an entry in each lane: those in which the highest
-    /// exponent of a row, dx nearest to that of the row's maximum, is not below the cut; and a bit
-    /// more for the rounding. With s = ux^2 + vx^2, u^2 + v^2 = s (dx - nearest)^2 + (ux down)^2 / s.
+    /// exponent of a row is not below the cut; and a bit more for the rounding. In a row,
+    /// u^2 + v^2 = s (dx - nearest)^2 + (ux down)^2 / s with s = ux^2 + vx^2.
     void reach(const Tile& tile, int k) {
         const auto load = [k](const T* from) { return V::load_aligned(from + k); };
         const V cx = load(x_), cy = load(y_), a = load(ux_), b = load(vx_), c = load(vy_);
@@ -215,7 +216,7 @@ struct LaneBlend {
     explicit LaneBlend(const A& a)
         : alpha_max(static_cast<T>(a.alpha_max)), stop(static_cast<T>(a.stop)) {}
 
-    /// The alpha of each visit of a group where its pixels are not full, several visits side by side.
+    /// The alpha of each visit of a group, several side by side; full pixels take none of it.
     void alphas(LaneGroup<V>& group) const {
         constexpr int side_by_side = 4;
         using Several = Bundle<V, side_by_side>;
@@ -226,7 +227,7 @@ struct LaneBlend {
             unrolled<side_by_side>([&](auto k) __attribute__((always_inline)) {
                 e.x[k] = LaneGroup<V>::exponent(group.entry[group.of[i + k]], group.strip[i + k]);
             });
-            // Exponents below the cut, and so those that the polynomial does not know, are not used.
+            // Exponents below the cut, and so those that the polynomial does not know, go unused.
             Several alpha;
             if constexpr (library)
                 alpha = e.each(e, [](const V& x, const V&) { return V(Exp2Library()(x)); });

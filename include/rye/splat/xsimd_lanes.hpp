@@ -52,12 +52,16 @@ struct Bundle {
         unrolled<N>([&](auto i) __attribute__((always_inline)) { r.x[i] = f(x[i], other.x[i]); });
         return r;
     }
-    friend Bundle operator+(const Bundle& a, const Bundle& b) { return a.each(b, std::plus<V>()); }
-    friend Bundle operator-(const Bundle& a, const Bundle& b) { return a.each(b, std::minus<V>()); }
-    friend Bundle operator*(const Bundle& a, const Bundle& b) {
+    [[gnu::always_inline]] friend Bundle operator+(const Bundle& a, const Bundle& b) {
+        return a.each(b, std::plus<V>());
+    }
+    [[gnu::always_inline]] friend Bundle operator-(const Bundle& a, const Bundle& b) {
+        return a.each(b, std::minus<V>());
+    }
+    [[gnu::always_inline]] friend Bundle operator*(const Bundle& a, const Bundle& b) {
         return a.each(b, std::multiplies<V>());
     }
-    friend Bundle operator/(const Bundle& a, const Bundle& b) {
+    [[gnu::always_inline]] friend Bundle operator/(const Bundle& a, const Bundle& b) {
         return a.each(b, std::divides<V>());
     }
     friend Bundle operator-(const Bundle& a) { return Bundle(0.0) - a; }

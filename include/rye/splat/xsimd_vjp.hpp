@@ -24,7 +24,8 @@ struct LaneTape : Workspaces::Space {
     Lines<T> background;                ///< padded
     // Of many channels:
     Lines<T> feature;                   ///< of a group, padded
-    alignas(64) T along[Tile::count][V::size], weight[Tile::count][V::size];  ///< of an entry's visits
+    alignas(64) T along[Tile::count][V::size];   ///< of an entry's visits
+    alignas(64) T weight[Tile::count][V::size];  ///< of the same
 };
 
 /// Repeats the forward walk of a tile onto the tape.
