@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <rye/splat/redraw.hpp>
 
-#include <cstring>
 #include <limits>
 #ifdef _OPENMP
 #include <omp.h>
@@ -9,18 +8,14 @@
 
 #include <doctest/doctest.h>
 
+#include <rye/core/bits.hpp>
+
 #include "scenes.hpp"
 
 using namespace rye;
 using namespace rye::test;
 
 namespace {
-
-template <class T>
-bool same_bits(const Columns<T>& a, const Columns<T>& b) {
-    return a.rows() == b.rows() && a.cols() == b.cols() &&
-           std::memcmp(a.data(), b.data(), sizeof(T) * static_cast<std::size_t>(a.size())) == 0;
-}
 
 template <class T>
 void check_same(const Raster<T>& a, const Raster<T>& b) {

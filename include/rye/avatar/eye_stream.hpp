@@ -109,6 +109,30 @@ struct EyeTrace {
     std::array<Quat<T>, 2> turn;  ///< rest (+z) to gaze, no torsion
 };
 
+/// Scales of both eyeballs' Gaussians in the world.
+template <class T>
+Columns<T> eye_scales(const EyeStream<T>& eyes, const T& head_scale) {
+    return head_scale * eyes.log_scale.unaryExpr([](const T& v) {
+        using std::exp;
+        return T(exp(v));
+    });
+}
+
+/// Means and rotations of one eyeball's Gaussians, in the columns of `g` from `begin` on. Returns
+/// its rotation in the world.
+template <class T>
+Quat<T> place_eye(const EyeStream<T>& eyes, Index eye, const EyeDrive<T>& drive,
+                  const HeadTransform<T>& head, Index begin, Gaussians<T>& g) {
+    const Index n = eyes.per_eye();
+    const EyeTransform<T> placed =
+        eye_transform<T>(drive, {{head.rotation, head.translation}, head.scale});
+    const Columns<T> points = eyes.position.middleCols(eye * n, n);
+    const Columns<T> rotations = eyes.rotation.middleCols(eye * n, n);
+    g.mean.middleCols(begin, n) = eye_points<T>(placed, points);
+    g.rotation.middleCols(begin, n) = eye_rotations<T>(placed, rotations);
+    return placed.quaternion;
+}
+
 /// The eyeballs in the world.
 template <Backend B, class T>
 Gaussians<T> eye_gaussians(const EyeStream<T>& eyes, const AvatarConfig& config,
@@ -120,21 +144,15 @@ Gaussians<T> eye_gaussians(const EyeStream<T>& eyes, const AvatarConfig& config,
     g.feature = eyes.feature;
     g.mean.resize(3, 2 * per_eye);
     g.rotation.resize(4, 2 * per_eye);
-    g.scale = head.scale * eyes.log_scale.unaryExpr([](const T& v) {
-        using std::exp;
-        return T(exp(v));
-    });
+    g.scale = eye_scales(eyes, head.scale);
     g.opacity = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     for (Index eye = 0; eye < 2; ++eye) {
-        const std::size_t e = static_cast<std::size_t>(eye);
-        const EyeTransform<T> placed = eye_transform<T>(
-            {eyes.centre.col(eye), moved.col(eye), drivers.gaze[e]},
-            {{head.rotation, head.translation}, head.scale});
-        trace.turn[e] = quat_product<T>(quat_conjugate<T>(head.quaternion), placed.quaternion);
-        const Columns<T> points = eyes.position.middleCols(eye * per_eye, per_eye);
-        const Columns<T> rotations = eyes.rotation.middleCols(eye * per_eye, per_eye);
-        g.mean.middleCols(eye * per_eye, per_eye) = eye_points<T>(placed, points);
-        g.rotation.middleCols(eye * per_eye, per_eye) = eye_rotations<T>(placed, rotations);
+        const Quat<T> turned =
+            place_eye<T>(eyes, eye, {eyes.centre.col(eye), moved.col(eye),
+                                     drivers.gaze[static_cast<std::size_t>(eye)]},
+                         head, eye * per_eye, g);
+        trace.turn[static_cast<std::size_t>(eye)] =
+            quat_product<T>(quat_conjugate<T>(head.quaternion), turned);
     }
     return g;
 }

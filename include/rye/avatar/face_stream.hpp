@@ -52,12 +52,22 @@ struct FaceTrace {
     Columns<T> attributes;  ///< summed attribute steps, 8 x N: log-scale, quaternion, logit opacity
 };
 
+/// Scale, rotation and opacity of point i after its attribute steps.
+template <class T>
+void shape_point(const FaceStream<T>& face, const Columns<T>& attributes, Index i,
+                 Gaussians<T>& g) {
+    using std::exp;
+    for (Index k = 0; k < 3; ++k) g.scale(k, i) = exp(face.log_scale(k, i) + attributes(k, i));
+    for (Index k = 0; k < 4; ++k) g.rotation(k, i) = face.rotation(k, i) + attributes(3 + k, i);
+    g.opacity(0, i) = sigmoid(face.opacity_logit(0, i) + attributes(7, i));
+}
+
 /// The driven face in the head frame (before head pose and scale).
 template <Backend B, class T>
 Gaussians<T> face_gaussians(const FaceStream<T>& face, const AvatarConfig& config,
                             const LandmarkRoles& roles, const FrameCode<T>& code,
                             FaceTrace<T>& trace) {
-    using std::exp, std::tanh;
+    using std::tanh;
     const Index n = face.position.cols();
     const FaceNetworks<T>& nets = face.networks;
     trace.code = positional_encoding(face.position, config.frequencies);
@@ -99,13 +109,7 @@ Gaussians<T> face_gaussians(const FaceStream<T>& face, const AvatarConfig& confi
     g.rotation.resize(4, n);
     g.opacity.resize(1, n);
     for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
-        for (Index i = b; i < e; ++i) {
-            for (Index k = 0; k < 3; ++k)
-                g.scale(k, i) = exp(face.log_scale(k, i) + trace.attributes(k, i));
-            for (Index k = 0; k < 4; ++k)
-                g.rotation(k, i) = face.rotation(k, i) + trace.attributes(3 + k, i);
-            g.opacity(0, i) = sigmoid(face.opacity_logit(0, i) + trace.attributes(7, i));
-        }
+        for (Index i = b; i < e; ++i) shape_point(face, trace.attributes, i, g);
     });
     return g;
 }

@@ -37,13 +37,6 @@ struct WeightsTrace {
     std::array<std::vector<Index>, 3> nearest;      ///< columns of the landmark array
 };
 
-template <class T>
-Columns<T> pick_columns(const Columns<T>& all, const std::vector<Index>& which) {
-    Columns<T> r(all.rows(), static_cast<Index>(which.size()));
-    for (std::size_t k = 0; k < which.size(); ++k) r.col(static_cast<Index>(k)) = all.col(which[k]);
-    return r;
-}
-
 namespace detail {
 
 /// Thresholds of landmark set s: expression, left eye, right eye.
