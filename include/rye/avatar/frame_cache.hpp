@@ -5,8 +5,8 @@
 ///
 ///     changed             deformation      render                            super-resolution
 ///     nothing             none             none                              none
-///     a gaze              what it moves    the Gaussians it moved, and the   the windows of these
-///                                          tiles of their old and new places tiles (or whole)
+///     a gaze              what it moves    the Gaussians it moved, and the   where these tiles are
+///                                          tiles of their old and new places (or whole)
 ///     expression, pose    what it moves    the same, or whole if many moved  the same
 ///     background          none             blending                          whole
 ///     camera              none             whole                             whole
@@ -48,9 +48,10 @@ class FrameCache {
         if (whole || static_cast<Index>(changed.size()) > g.count() / whole_share) {
             redraw_.draw(g, camera, background);
             picture_ = Stale::whole;
+            stale_ = Region(camera.width, camera.height);
         } else {
             redraw_.redraw(g, changed);
-            mark_windows(camera);
+            mark(redraw_.blended());
             if (repaint) {
                 redraw_.redraw_background(g, background);
                 picture_ = Stale::whole;
@@ -63,12 +64,13 @@ class FrameCache {
     /// The last update's render after super-resolution.
     const Image<T>& picture() {
         require(shown_.has_value(), "FrameCache", "got no frame yet, expected update() before");
+        const Image<T>& render = redraw_.raster().feature;
         if (picture_ == Stale::whole)
-            upsampler_.draw(avatar_->upsampler, redraw_.raster().feature);
+            upsampler_.draw(avatar_->upsampler, render);
         else
-            upsampler_.redraw(avatar_->upsampler, redraw_.raster().feature, windows_);
-        picture_ = Stale::windows;
-        windows_.clear();
+            upsampler_.redraw(avatar_->upsampler, render, stale_);
+        picture_ = Stale::region;
+        stale_ = Region(render.width, render.height);
         return upsampler_.picture();
     }
 
@@ -85,7 +87,7 @@ class FrameCache {
         Pinhole<T> camera;
         VecX<T> background;
     };
-    enum class Stale { whole, windows };  ///< what of the picture waits for picture()
+    enum class Stale { whole, region };  ///< what of the picture waits for picture()
 
     static bool same_bits(const VecX<T>& a, const VecX<T>& b) { return rye::same_bits(a, b); }
     static bool same_bits(const Pinhole<T>& a, const Pinhole<T>& b) {
@@ -96,12 +98,14 @@ class FrameCache {
                rye::same_bits(a.camera_from_world.translation, b.camera_from_world.translation);
     }
 
-    /// The windows of blended tiles join those that wait for picture().
-    void mark_windows(const Pinhole<T>& camera) {
+    /// The picture waits for these tiles, too.
+    void mark(const std::vector<Index>& tiles) {
         const int columns = redraw_.raster().trace.lists.columns;
-        for (const Window& w : windows_of_cells(redraw_.blended(), columns, tile_edge, camera.width,
-                                                camera.height))
-            add_window(windows_, w);
+        for (const Index t : tiles) {
+            const int x = static_cast<int>(t % columns) * tile_edge;
+            const int y = static_cast<int>(t / columns) * tile_edge;
+            stale_.add({x, y, x + tile_edge, y + tile_edge});
+        }
     }
 
     const TwoStream<T>* avatar_;
@@ -110,7 +114,7 @@ class FrameCache {
     UpsamplerCache<B, T> upsampler_;
     std::optional<Shown> shown_;
     Stale picture_ = Stale::whole;
-    std::vector<Window> windows_;
+    Region stale_{0, 0};                  ///< if not the whole
 };
 
 } // namespace rye

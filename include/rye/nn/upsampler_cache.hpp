@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/upsampler_cache.hpp: super-resolution of an image that changes in a few windows. A 3 x 3
-/// convolution passes a change on to the next pixel and no further, so only the windows, grown by
+/// rye/nn/upsampler_cache.hpp: super-resolution of an image that changes in a part. A 3 x 3
+/// convolution passes a change on to the next pixel and no further, so only that part, grown by
 /// one pixel a layer, are convolved again, and every bit is that of upsampler_forward.
 /// That holds without InstanceNorm, whose mean and variance are of the whole image: one pixel
 /// changes them all; and without doublings, whose weights depend on where in the image they are.
@@ -10,7 +10,7 @@
 
 #include <vector>
 
-#include <rye/core/window.hpp>
+#include <rye/core/region.hpp>
 #include <rye/nn/upsampler.hpp>
 
 namespace rye {
@@ -35,17 +35,19 @@ class UpsamplerCache {
         return out_;
     }
 
-    /// The picture of an input that differs from the last one in these windows alone, which do not
-    /// overlap.
-    const Image<T>& redraw(const Upsampler<T>& u, const Image<T>& in,
-                           const std::vector<Window>& changed) {
-        if (!is_local(u.shape)) return changed.empty() ? out_ : draw(u, in);
-        require(out_.width == in.width && out_.height == in.height, "UpsamplerCache",
-                "got an image of another size than the last, expected the same; draw it whole first");
+    /// The picture of an input that differs from the last one in this region alone.
+    const Image<T>& redraw(const Upsampler<T>& u, const Image<T>& in, const Region& changed) {
         pixels_ = 0;
-        std::vector<Window> windows = changed;
-        for (int l = 0; l < u.shape.layers(); ++l) windows = convolve(u, in, l, windows);
-        last_layer(u, in, windows);
+        if (changed.empty()) return out_;
+        if (!is_local(u.shape)) return draw(u, in);
+        require(out_.width == in.width && out_.height == in.height &&
+                    changed.width() == in.width && changed.height() == in.height,
+                "UpsamplerCache",
+                "got an image or a region of another size than the last image, expected the same; "
+                "draw it whole first");
+        Region region = changed;
+        for (int l = 0; l < u.shape.layers(); ++l) region = convolve(u, in, l, region);
+        last_layer(u, in, region);
         return out_;
     }
 
@@ -61,19 +63,16 @@ class UpsamplerCache {
 
   private:
     /// Convolves layer l where its input changed; returns where its output did.
-    std::vector<Window> convolve(const Upsampler<T>& u, const Image<T>& in, int l,
-                                 const std::vector<Window>& changed) {
+    Region convolve(const Upsampler<T>& u, const Image<T>& in, int l, const Region& changed) {
         const auto i = static_cast<std::size_t>(l);
         Image<T>& to = trace_.normal[i];
         const Columns<T>& weight = u.conv[i];
         const Image<T>& from = l == 0 ? in : trace_.normal[i - 1];
-        std::vector<Window> out;
-        for (const Window& w : changed) add_window(out, aligned(w.grown(1, to.width, to.height), to));
+        // A product of matrices may round a column by where it stands: there, whole rows.
         const bool lanes = detail::runs_in_lanes<B, T>(weight.rows(), from.channels(), to.width);
-        for (Window& w : out) {
-            if (!lanes || w.width() < narrowest) w.left = 0, w.right = to.width;
-        }
-        for (const Window& w : out) {
+        Region region = changed.grown(narrowest);
+        region.widen(lanes ? narrowest : to.width);
+        for (const Window& w : region.bands()) {
             const Padded<T> input =
                 l == 0 ? cut(from, w, [](const auto& x) { return x; })
                        : cut(from, w, [](const auto& x) { return relu(x); });
@@ -83,17 +82,11 @@ class UpsamplerCache {
                 std::copy_n(part.pixels.data() + Index(y) * part.width * c, part.width * c,
                             to.pixels.data() + (Index(w.top + y) * to.width + w.left) * c);
         }
-        return out;
+        return region;
     }
 
     /// Fewer columns than these are not convolved in lanes.
     static constexpr int narrowest = 8;
-
-    /// Whole eights of columns, as far as the image goes.
-    static Window aligned(const Window& w, const Image<T>& image) {
-        return {w.left / narrowest * narrowest, w.top,
-                std::min(image.width, (w.right + narrowest - 1) / narrowest * narrowest), w.bottom};
-    }
 
     /// f of the pixels of a window and of those around it, zeros outside the image.
     template <class F>
@@ -116,11 +109,11 @@ class UpsamplerCache {
     }
 
     /// The last layer goes over fixed chunks of pixels: those that hold a changed one are done.
-    void last_layer(const Upsampler<T>& u, const Image<T>& in, const std::vector<Window>& changed) {
+    void last_layer(const Upsampler<T>& u, const Image<T>& in, const Region& changed) {
         const Index n = out_.size(), grain = detail::last_layer_grain;
         std::vector<Index> chunks;
         std::vector<bool> marked(static_cast<std::size_t>(chunk_count(n, grain)), false);
-        for (const Window& w : changed)
+        for (const Window& w : changed.bands())
             for (int y = w.top; y < w.bottom; ++y) {
                 const Index row = Index(y) * out_.width;
                 for (Index k = (row + w.left) / grain; k <= (row + w.right - 1) / grain; ++k)
