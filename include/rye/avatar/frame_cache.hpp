@@ -51,7 +51,7 @@ class FrameCache {
             stale_ = Region(camera.width, camera.height);
         } else {
             redraw_.redraw(g, changed);
-            mark(redraw_.blended());
+            stale_.add(redraw_.region());
             if (repaint) {
                 redraw_.redraw_background(g, background);
                 picture_ = Stale::whole;
@@ -96,16 +96,6 @@ class FrameCache {
                a.width == b.width && a.height == b.height && same(a.near_depth, b.near_depth) &&
                rye::same_bits(a.camera_from_world.rotation, b.camera_from_world.rotation) &&
                rye::same_bits(a.camera_from_world.translation, b.camera_from_world.translation);
-    }
-
-    /// The picture waits for these tiles, too.
-    void mark(const std::vector<Index>& tiles) {
-        const int columns = redraw_.raster().trace.lists.columns;
-        for (const Index t : tiles) {
-            const int x = static_cast<int>(t % columns) * tile_edge;
-            const int y = static_cast<int>(t / columns) * tile_edge;
-            stale_.add({x, y, x + tile_edge, y + tile_edge});
-        }
     }
 
     const TwoStream<T>* avatar_;

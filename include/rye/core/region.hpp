@@ -38,6 +38,11 @@ class Region {
         for (int y = std::max(0, w.top); y < std::min(height(), w.bottom); ++y) row(y).add(run);
     }
 
+    /// Adds a region of the same image.
+    void add(const Region& o) {
+        for (const Window& w : o.bands()) add(w);
+    }
+
     /// One pixel more on every side, and the runs' ends at multiples of `step`, where the image
     /// goes as far.
     Region grown(int step) const {

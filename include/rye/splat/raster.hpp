@@ -2,6 +2,7 @@
 /// rye/splat/raster.hpp: what a render returns, and what it keeps for its vjp.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -35,6 +36,18 @@ struct Raster {
     Image<T> depth;                      ///< 1 channel [world units]
     RasterTrace<T> trace;
 };
+
+/// Strips of a tile that are drawn, a bit each (splat/xsimd_lanes.hpp); their pixels alone are
+/// written. The plain walk draws them all.
+struct StripMask {
+    std::array<std::uint32_t, 4> words;
+
+    bool has(int strip) const {
+        return (words[static_cast<std::size_t>(strip / 32)] >> (strip % 32) & 1U) != 0;
+    }
+    bool none() const { return (words[0] | words[1] | words[2] | words[3]) == 0; }
+};
+inline constexpr StripMask all_strips{{~0U, ~0U, ~0U, ~0U}};
 
 enum class Candidacy : std::uint8_t { hidden, visible, non_finite };
 

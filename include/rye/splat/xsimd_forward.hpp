@@ -95,10 +95,11 @@ void blend_strip(const LaneBlend<A, V>& blend, int strip, Index stride, LaneCanv
     }
 }
 
-/// Draws one tile of the three images. C few channels, or any number for C = 0.
+/// Draws those strips of one tile of the three images. C few channels, or any number for C = 0.
 template <class V, int C, class A>
 void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accuracy, Index tile,
-                      Raster<typename V::value_type>& out, LaneCanvas<V>& canvas) {
+                      const StripMask& drawn, Raster<typename V::value_type>& out,
+                      LaneCanvas<V>& canvas) {
     using T = typename V::value_type;
     using Tile = Strips<V>;
     constexpr int lanes = Tile::lanes;
@@ -121,7 +122,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
     }
     const Tile strips(scene, tile);
     const LaneBlend<A, V> blend(accuracy);
-    strips.start(canvas.transmittance);
+    strips.start(drawn, canvas.transmittance);
     std::fill_n(canvas.left, tile_pixels, T(0));
     std::fill_n(canvas.depth, tile_pixels, T(0));
     T* const sums = canvas.sums.reserve(tile_pixels * stride);
@@ -147,6 +148,10 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
         T* to = out.feature.pixels.data() + p * channels;
         for (int x = 0; x < strips.width; ++x) {
             const int at = Tile::at(x, y);
+            if (!drawn.has(at / lanes)) {
+                to += channels;
+                continue;
+            }
             const T behind = canvas.transmittance[at] + canvas.left[at];
             out.alpha.pixels.data()[p + x] = T(1) - behind;
             out.depth.pixels.data()[p + x] = canvas.depth[at];

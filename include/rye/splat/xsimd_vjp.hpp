@@ -41,7 +41,7 @@ void record_tile(const Scene<typename V::value_type>& scene, const A& accuracy, 
     constexpr int lanes = Tile::lanes;
     const LaneBlend<A, V> blend(accuracy);
     LaneGroup<V>& group = tape.group;
-    strips.start(tape.transmittance);
+    strips.start(all_strips, tape.transmittance);
     std::fill_n(tape.left, tile_pixels, T(0));
     tape.groups.clear();
     tape.used = 0;
