@@ -37,7 +37,7 @@ struct Raster {
     RasterTrace<T> trace;
 };
 
-/// Strips of a tile that are drawn, a bit each (splat/xsimd_lanes.hpp); their pixels alone are
+/// Strips of a tile that are drawn, a bit each (splat/xsimd_group.hpp); their pixels alone are
 /// written. The plain walk draws them all.
 struct StripMask {
     std::array<std::uint32_t, 4> words;
@@ -48,6 +48,15 @@ struct StripMask {
     bool none() const { return (words[0] | words[1] | words[2] | words[3]) == 0; }
 };
 inline constexpr StripMask all_strips{{~0U, ~0U, ~0U, ~0U}};
+
+/// What of an image is drawn; null: tiles 0, 1, ..., and all strips of each.
+struct DrawnTiles {
+    const Index* tiles = nullptr;
+    const StripMask* strips = nullptr;
+
+    Index tile(Index k) const { return tiles != nullptr ? tiles[k] : k; }
+    const StripMask& mask(Index k) const { return strips != nullptr ? strips[k] : all_strips; }
+};
 
 enum class Candidacy : std::uint8_t { hidden, visible, non_finite };
 

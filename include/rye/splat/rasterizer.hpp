@@ -50,7 +50,7 @@ struct Rasterizer {
         shape_image(out.alpha, camera, 1);
         shape_image(out.depth, camera, 1);
         out.trace.used.resize(static_cast<std::size_t>(out.trace.lists.tiles()));
-        blend_into(scene_of(g, camera, background, out.trace), {nullptr, nullptr},
+        blend_into(scene_of(g, camera, background, out.trace), {},
                    out.trace.lists.tiles(), out, s);
     }
 
@@ -67,30 +67,19 @@ struct Rasterizer {
         });
     }
 
-    /// What of the image is drawn; null: tiles 0, 1, ...; all strips of each.
-    struct DrawnTiles {
-        const Index* tiles;
-        const StripMask* strips;
-    };
-
     /// The last step: draws `count` tiles of the three images. The other pixels stay.
     template <class T>
     void blend_into(const Scene<T>& scene, const DrawnTiles& drawn, Index count, Raster<T>& out,
                     RasterScratch<T>& s) const {
         for_tiles(count, [&](Index b, Index e) {
-            const auto tile = [&](Index k) { return drawn.tiles != nullptr ? drawn.tiles[k] : k; };
-            const auto strips = [&](Index k) -> const StripMask& {
-                return drawn.strips != nullptr ? drawn.strips[k] : all_strips;
-            };
             if constexpr (LaneBackend<B, T>) {
                 using V = typename B::template batch<T>;
                 const auto canvas = s.workspaces.template lend<LaneCanvas<V>>();
                 with_channels(scene.feature.rows(), [&](auto c) {
-                    for (Index k = b; k < e; ++k)
-                        blend_tile_lanes<V, c>(scene, accuracy, tile(k), strips(k), out, *canvas);
+                    blend_tiles_lanes<V, c>(scene, accuracy, drawn, {b, e}, out, *canvas);
                 });
             } else {
-                for (Index k = b; k < e; ++k) blend_tile(scene, accuracy, tile(k), out);
+                for (Index k = b; k < e; ++k) blend_tile(scene, accuracy, drawn.tile(k), out);
             }
         });
     }

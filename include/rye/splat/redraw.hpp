@@ -203,6 +203,8 @@ class Redraw {
         const Scene<T> scene = rasterizer_.scene_of(part_, camera_, background_, few_);
         const auto canvas = scratch_.workspaces.template lend<LaneCanvas<V>>();
         LaneGroup<V>& group = (*canvas).group;
+        typename LaneGroup<V>::Open every;
+        every.fill(~0U);
         for (std::size_t t = 0; t < tiles_.size(); ++t) {
             if (tiles_[t].mask == whole_tile) continue;
             const Index tile = static_cast<Index>(t), end = scene.end(tile);
@@ -210,10 +212,9 @@ class Redraw {
             StripMask& mask = found_[tiles_[t].mask];
             for (Index k = scene.begin(tile); k < end; k += LaneGroup<V>::most) {
                 group.fill(scene, strips, scene.top(tile), k,
-                           std::min<Index>(end, k + LaneGroup<V>::most), all_strips.words.data());
-                for (int s = 0; s < Strips<V>::count; ++s)
-                    if (group.entries_of(s) != 0)
-                        mask.words[static_cast<std::size_t>(s / 32)] |= 1U << (s % 32);
+                           std::min<Index>(end, k + LaneGroup<V>::most), every);
+                for (int v = 0; v < group.visits; ++v)
+                    mask.words[group.strip[v] / 32U] |= 1U << (group.strip[v] % 32U);
             }
         }
     }
