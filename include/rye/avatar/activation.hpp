@@ -23,24 +23,30 @@ void tanh_into(const Columns<T>& x, Columns<T>& y) {
     });
 }
 
-/// Sets scale, rotation and opacity of `g`. Without steps, give none.
+/// Sets scale, rotation and opacity of Gaussian i of `g`. Without steps, give none.
+template <class T, class... Steps>
+    requires (sizeof...(Steps) <= 1)
+void activate_point(const Columns<T>& log_scale, const Columns<T>& rotation,
+                    const Columns<T>& opacity_logit, Index i, Gaussians<T>& g,
+                    const Steps&... steps) {
+    using std::exp;
+    for (Index k = 0; k < 3; ++k) g.scale(k, i) = exp((log_scale(k, i) + ... + steps(k, i)));
+    for (Index k = 0; k < 4; ++k) g.rotation(k, i) = (rotation(k, i) + ... + steps(3 + k, i));
+    g.opacity(0, i) = sigmoid(T((opacity_logit(0, i) + ... + steps(7, i))));
+}
+
+/// ... of all of them.
 template <Backend B, class T, class... Steps>
     requires (sizeof...(Steps) <= 1)
 void activate_into(const Columns<T>& log_scale, const Columns<T>& rotation,
                    const Columns<T>& opacity_logit, Gaussians<T>& g, const Steps&... steps) {
-    using std::exp;
     const Index n = log_scale.cols();
     g.scale.resize(3, n);
     g.rotation.resize(4, n);
     g.opacity.resize(1, n);
     for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
-        for (Index i = b; i < e; ++i) {
-            for (Index k = 0; k < 3; ++k)
-                g.scale(k, i) = exp((log_scale(k, i) + ... + steps(k, i)));
-            for (Index k = 0; k < 4; ++k)
-                g.rotation(k, i) = (rotation(k, i) + ... + steps(3 + k, i));
-            g.opacity(0, i) = sigmoid(T((opacity_logit(0, i) + ... + steps(7, i))));
-        }
+        for (Index i = b; i < e; ++i)
+            activate_point(log_scale, rotation, opacity_logit, i, g, steps...);
     });
 }
 

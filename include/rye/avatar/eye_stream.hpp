@@ -81,6 +81,27 @@ struct EyeTrace {
     [[no_unique_address]] GazeSlot<E, Quat<T>> turn;  ///< rest (+z) to gaze, no torsion
 };
 
+/// Scales of both eyeballs' Gaussians in the world, whose units the head's scale gives, if any.
+template <class T, EffectSet E, class... Scale>
+Columns<T> eye_scales(const EyeStream<T, E>& eyes, const Scale&... head_scale) {
+    const auto exponential = [](const T& v) {
+        using std::exp;
+        return T(exp(v));
+    };
+    return (eyes.log_scale.unaryExpr(exponential) * ... * head_scale);
+}
+
+/// Means and rotations of one eyeball's Gaussians, in the columns of `g` from `begin` on.
+template <class T, EffectSet E>
+void place_eye(const EyeStream<T, E>& eyes, Index eye, const EyeTransform<T>& placed, Index begin,
+               Gaussians<T>& g) {
+    const Index n = eyes.per_eye();
+    const Columns<T> points = eyes.position.middleCols(eye * n, n);
+    const Columns<T> rotations = eyes.rotation.middleCols(eye * n, n);
+    g.mean.middleCols(begin, n) = eye_points<T>(placed, points);
+    g.rotation.middleCols(begin, n) = eye_rotations<T>(placed, rotations);
+}
+
 /// The eyeballs in the world. The drivers' gazes are optical axes; `head` is the HeadTransform of
 /// an avatar that has one.
 template <Backend B, class T, EffectSet E, class... Head>
@@ -88,10 +109,6 @@ template <Backend B, class T, EffectSet E, class... Head>
 Gaussians<T> eye_gaussians(const EyeStream<T, E>& eyes, const AvatarConfig& config,
                            const Drivers<T, E>& drivers, const FrameCode<T, E>& code,
                            EyeTrace<T, E>& trace, const Head&... head) {
-    const auto exponential = [](const T& v) {
-        using std::exp;
-        return T(exp(v));
-    };
     const Index per_eye = eyes.per_eye();
     Columns<T> centre = eyes.centre;
     if constexpr (has_effect<E, EyeOffset>)
@@ -100,10 +117,7 @@ Gaussians<T> eye_gaussians(const EyeStream<T, E>& eyes, const AvatarConfig& conf
     g.feature = eyes.feature;
     g.mean.resize(3, 2 * per_eye);
     g.rotation.resize(4, 2 * per_eye);
-    if constexpr (has_effect<E, HeadPose>)
-        g.scale = (head.scale, ...) * eyes.log_scale.unaryExpr(exponential);
-    else
-        g.scale = eyes.log_scale.unaryExpr(exponential);
+    g.scale = eye_scales(eyes, head.scale...);
     g.opacity = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     for_eyes([&]<std::size_t eye>() {
         constexpr Index e = static_cast<Index>(eye);
@@ -116,10 +130,7 @@ Gaussians<T> eye_gaussians(const EyeStream<T, E>& eyes, const AvatarConfig& conf
                   quat_product<T>(quat_conjugate<T>(head.quaternion), placed.quaternion)),
              ...);
         }
-        const Columns<T> points = eyes.position.middleCols(e * per_eye, per_eye);
-        const Columns<T> rotations = eyes.rotation.middleCols(e * per_eye, per_eye);
-        g.mean.middleCols(e * per_eye, per_eye) = eye_points<T>(placed, points);
-        g.rotation.middleCols(e * per_eye, per_eye) = eye_rotations<T>(placed, rotations);
+        place_eye(eyes, e, placed, e * per_eye, g);
     });
     return g;
 }

@@ -77,6 +77,13 @@ struct FaceTrace : FaceFields<FieldTrace<T>, E>, AttributeFields<FieldTrace<T>, 
     [[no_unique_address]] Slot<E, ReadsFaceRamp, Columns<T>, 3> attributes;
 };
 
+/// Scale, rotation and opacity of point i after its attribute steps.
+template <class T, EffectSet E>
+void shape_point(const FaceStream<T, E>& face, const Columns<T>& attributes, Index i,
+                 Gaussians<T>& g) {
+    activate_point(face.log_scale, face.rotation, face.opacity_logit, i, g, attributes);
+}
+
 /// The driven face in the head frame (before head pose and scale).
 template <Backend B, class T, EffectSet E>
 Gaussians<T> face_gaussians(const FaceStream<T, E>& face, const AvatarConfig& config,

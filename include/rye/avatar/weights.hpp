@@ -51,13 +51,6 @@ struct WeightsTrace {
     [[no_unique_address]] SkinSlot<E, NearestTrace<T>, 3> gaze; ///< left, right
 };
 
-template <class T>
-Columns<T> pick_columns(const Columns<T>& all, const std::vector<Index>& which) {
-    Columns<T> r(all.rows(), static_cast<Index>(which.size()));
-    for (std::size_t k = 0; k < which.size(); ++k) r.col(static_cast<Index>(k)) = all.col(which[k]);
-    return r;
-}
-
 namespace detail {
 
 /// The influence of one set of landmarks.

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/xsimd_forward.hpp: blending a tile, strip by strip. A few channels are summed in
-/// registers with a pixel in each lane. Many are a product of matrices for each strip, the weights
-/// of its entries times their features, with channels in the lanes.
+/// rye/splat/xsimd_forward.hpp: blending a tile, visit by visit, with a pixel in each lane. The
+/// sums of a few channels lie beside the transmittance. Many channels are a product of matrices for
+/// each strip, the weights of its visits times their entries' features, with channels in the lanes.
 #pragma once
 
-#include <rye/splat/xsimd_lanes.hpp>
+#include <rye/splat/xsimd_group.hpp>
 
 namespace rye {
 
@@ -12,20 +12,24 @@ namespace rye {
 template <class V>
 struct LaneCanvas : Workspaces::Space {
     using T = typename V::value_type;
+    using Tile = Strips<V>;
+    static constexpr int most = LaneGroup<V>::most;
+
     LaneGroup<V> group;
-    alignas(64) T transmittance[tile_pixels], left[tile_pixels], depth[tile_pixels];
-    alignas(64) T weight[LaneGroup<V>::most][Strips<V>::lanes];
-    Lines<T> sums;           ///< few channels: strip by strip, each channel's; else a row a pixel
+    Lines<T> state;          ///< of each strip: transmittance, depth, sums of a few channels
+    // Of many channels:
+    Lines<T> sums;           ///< a row a pixel
     Lines<T> feature;        ///< of the group
-    Lines<T> background;     ///< a row of it
+    alignas(64) T weight[Tile::count][most][V::size];  ///< of each strip's visits
+    std::uint8_t of[Tile::count][most];                ///< of each strip's visits: their entries
+    std::uint8_t visits[Tile::count];
 };
 
-/// sums(pixel, channels) += sum_j weight[j][pixel] feature(entry j of the strip, channels) for
-/// the pixels of a strip and P vectors of channels; two pixels at a time keep their sums in
-/// registers.
+/// sums(pixel, channels) += sum_j weight[j][pixel] feature(of[j], channels) for the pixels of a
+/// strip and P vectors of channels; two pixels at a time keep their sums in registers.
 template <int P, class V>
-void blend_channels(const typename V::value_type (*weight)[V::size], std::uint32_t entries,
-                    const typename V::value_type* feature, Index stride,
+void blend_channels(const typename V::value_type (*weight)[V::size], const std::uint8_t* of,
+                    int visits, const typename V::value_type* feature, Index stride,
                     typename V::value_type* sums) {
     constexpr int lanes = static_cast<int>(V::size);
     for (int p = 0; p < lanes; p += 2) {
@@ -35,10 +39,9 @@ void blend_channels(const typename V::value_type (*weight)[V::size], std::uint32
             a[i] = V::load_aligned(to + i * lanes);
             b[i] = V::load_aligned(to + stride + i * lanes);
         });
-        int j = 0;
-        for (std::uint32_t left = entries; left != 0; left &= left - 1, ++j) {
+        for (int j = 0; j < visits; ++j) {
             const V wa(weight[j][p]), wb(weight[j][p + 1]);
-            const auto* f = feature + std::countr_zero(left) * stride;
+            const auto* f = feature + of[j] * stride;
             unrolled<P>([&](auto i) {
                 const V x = V::load_aligned(f + i * lanes);
                 a[i] = a[i] + wa * x;
@@ -52,119 +55,165 @@ void blend_channels(const typename V::value_type (*weight)[V::size], std::uint32
     }
 }
 
-/// One strip's walk over its list. C few channels, or any number for C = 0.
+/// Blends a group's visits. C few channels, or any number for C = 0, whose weights are laid down.
 template <class V, int C, class A>
-void blend_strip(const LaneBlend<A, V>& blend, int strip, Index stride, LaneCanvas<V>& canvas) {
+void blend_group(LaneBlend<A, V> blend, LaneCanvas<V>& canvas) {
     using T = typename V::value_type;
     constexpr int lanes = static_cast<int>(V::size);
     const LaneGroup<V>& group = canvas.group;
-    const std::uint32_t entries = group.entries_of(strip);
-    if (entries == 0) return;
-    const int row = strip % tile_edge, column = strip / tile_edge * lanes, at = strip * lanes;
-    T* const sums = canvas.sums.lines[0].x + at * stride;
-    const T* const feature = canvas.feature.lines[0].x;
-    V t = V::load_aligned(canvas.transmittance + at), depth = V::load_aligned(canvas.depth + at);
-    std::array<V, std::size_t(std::max(C, 1))> sum;
-    unrolled<C>([&](auto c) { sum[c] = V::load_aligned(sums + c * lanes); });
-    int j = 0;
-    for (std::uint32_t todo = entries; todo != 0; todo &= todo - 1) {
-        const int k = std::countr_zero(todo);
-        const auto& shared = group.shared[k];
-        const V v = V::load_aligned(shared.v + column) + V(shared.down[row]);
-        const V exponent = V::load_aligned(shared.exponent + column) - v * v;
+    T* const state = canvas.state.lines[0].x;
+    const int visits = group.visits;
+    for (int i = 0; i < visits; ++i) {
+        const LaneEntry<T>& entry = group.entry[group.of[i]];
+        const std::size_t strip = group.strip[i];
+        T* const at = state + strip * ((2 + C) * lanes);
+        V t = V::load_aligned(at);
         const V w =
-            blend(exponent, V(group.cut[k]), V(group.floor[k]), t, canvas.left + at).weight;
-        depth = depth + w * V(group.depth[k]);
-        if constexpr (C > 0)
-            unrolled<C>([&](auto c) { sum[c] = sum[c] + w * V(feature[k * stride + c]); });
-        else
-            w.store_aligned(canvas.weight[j++]);
+            blend(LaneGroup<V>::exponent(entry, strip), V(entry.cut), V(entry.floor), t).weight;
+        t.store_aligned(at);
+        (V::load_aligned(at + lanes) + w * V(entry.depth)).store_aligned(at + lanes);
+        if constexpr (C > 0) {
+            unrolled<C>([&](auto c) __attribute__((always_inline)) {
+                T* const sum = at + (2 + c) * lanes;
+                (V::load_aligned(sum) + w * V(entry.colour[c])).store_aligned(sum);
+            });
+        } else {
+            const int j = canvas.visits[strip]++;
+            w.store_aligned(canvas.weight[strip][j]);
+            canvas.of[strip][j] = group.of[i];
+        }
     }
-    t.store_aligned(canvas.transmittance + at);
-    depth.store_aligned(canvas.depth + at);
-    unrolled<C>([&](auto c) { sum[c].store_aligned(sums + c * lanes); });
-    if constexpr (C == 0) {
+}
+
+/// The product of matrices of a group of many channels.
+template <class V>
+void blend_features(Index stride, LaneCanvas<V>& canvas) {
+    constexpr int lanes = static_cast<int>(V::size);
+    for (int s = 0; s < Strips<V>::count; ++s) {
+        auto* const sums = canvas.sums.lines[0].x + s * lanes * stride;
         Index c = 0;
         const auto blocks = [&]<int P>(std::integral_constant<int, P>) {
             for (; c + P * lanes <= stride; c += P * lanes)
-                blend_channels<P, V>(canvas.weight, entries, feature + c, stride, sums + c);
+                blend_channels<P, V>(canvas.weight[s], canvas.of[s], canvas.visits[s],
+                                     canvas.feature.lines[0].x + c, stride, sums + c);
         };
+        if (canvas.visits[s] == 0) continue;
         blocks(std::integral_constant<int, 4>());
         blocks(std::integral_constant<int, 2>());
         blocks(std::integral_constant<int, 1>());
     }
 }
 
-/// Draws one tile of the three images. C few channels, or any number for C = 0.
+/// Tiles [first, last) of one row of tiles, which hold no Gaussian, row of pixels by row.
+template <class T>
+void draw_background(const Scene<T>& scene, Index first, Index last, Raster<T>& out) {
+    const Index channels = scene.feature.rows(), n = scene.right(last - 1) - scene.left(first);
+    const auto pixels = [&](int y) {
+        return out.feature.pixels.data() + scene.pixel(scene.left(first), y) * channels;
+    };
+    const int top = scene.top(first);
+    for (Index i = 0; i < n * channels; ++i) pixels(top)[i] = scene.background[i % channels];
+    for (int y = top; y < scene.bottom(first); ++y) {
+        if (y > top) std::copy_n(pixels(top), n * channels, pixels(y));
+        const Index p = scene.pixel(scene.left(first), y);
+        std::fill_n(out.alpha.pixels.data() + p, n, T(0));
+        std::fill_n(out.depth.pixels.data() + p, n, T(0));
+    }
+    std::fill(out.trace.used.begin() + first, out.trace.used.begin() + last, 0);
+}
+
+/// Draws strips of one tile of the three images, which holds Gaussians. C few channels, or any
+/// number for C = 0.
 template <class V, int C, class A>
 void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accuracy, Index tile,
-                      Raster<typename V::value_type>& out, LaneCanvas<V>& canvas) {
+                      const StripMask& drawn, Raster<typename V::value_type>& out,
+                      LaneCanvas<V>& canvas) {
     using T = typename V::value_type;
     using Tile = Strips<V>;
-    constexpr int lanes = Tile::lanes;
+    constexpr int lanes = Tile::lanes, most = LaneGroup<V>::most;
+    constexpr Index state_stride = (2 + C) * lanes;
     const Index channels = C > 0 ? C : scene.feature.rows();
     const Index stride = C > 0 ? C : padded_channels<V>(channels);
-    const int left = scene.left(tile), top = scene.top(tile);
     const Index begin = scene.begin(tile), end = scene.end(tile);
-    if (begin == end) {
-        out.trace.used[static_cast<std::size_t>(tile)] = 0;
-        const Index n = scene.right(tile) - left;
-        T* const row = canvas.background.reserve(tile_edge * channels);
-        for (Index i = 0; i < n * channels; ++i) row[i] = scene.background[i % channels];
-        for (int y = top; y < scene.bottom(tile); ++y) {
-            const Index p = scene.pixel(left, y);
-            std::copy_n(row, n * channels, out.feature.pixels.data() + p * channels);
-            std::fill_n(out.alpha.pixels.data() + p, n, T(0));
-            std::fill_n(out.depth.pixels.data() + p, n, T(0));
-        }
-        return;
-    }
     const Tile strips(scene, tile);
     const LaneBlend<A, V> blend(accuracy);
-    strips.start(canvas.transmittance);
-    std::fill_n(canvas.left, tile_pixels, T(0));
-    std::fill_n(canvas.depth, tile_pixels, T(0));
-    T* const sums = canvas.sums.reserve(tile_pixels * stride);
-    std::fill_n(sums, tile_pixels * stride, T(0));
-    T* const feature = canvas.feature.reserve(LaneGroup<V>::most * stride);
+    T* const state = canvas.state.reserve(Tile::count * state_stride);
+    std::fill_n(state, Tile::count * state_stride, T(0));
+    strips.start(drawn, state, state_stride);
+    if constexpr (C == 0) {
+        std::fill_n(canvas.sums.reserve(tile_pixels * stride), tile_pixels * stride, T(0));
+        canvas.feature.reserve(most * stride);
+    }
 
-    std::uint32_t open[LaneGroup<V>::words];
+    typename LaneGroup<V>::Open open;
+    fetch_ahead(scene, begin, std::min<Index>(end, begin + 2 * most));
     Index k = begin;
-    while (k < end && open_strips<V>(canvas.transmittance, open)) {
-        const Index next = std::min<Index>(end, k + LaneGroup<V>::most);
-        const Index after = std::min<Index>(end, next + LaneGroup<V>::most);
-        fetch_ahead(scene, after, std::min<Index>(end, after + LaneGroup<V>::most));
+    while (k < end && blend.open_strips(state, state_stride, open)) {
+        const Index next = std::min<Index>(end, k + most), after = std::min<Index>(end, next + most);
+        fetch_ahead(scene, after, std::min<Index>(end, after + most));
         fetch_features(scene, next, after);
-        copy_features<V, C>(scene, k, next, stride, feature);
-        canvas.group.fill(scene, strips, top, k, next, open);
-        for (int s = 0; s < Tile::count; ++s) blend_strip<V, C>(blend, s, stride, canvas);
+        canvas.group.fill(scene, strips, scene.top(tile), k, next, open);
+        if constexpr (C > 0) {
+            for (Index i = k; i < next; ++i)
+                std::copy_n(scene.feature_of(i), C, canvas.group.entry[i - k].colour);
+        } else {
+            copy_features<V>(scene, k, next, stride, canvas.feature.lines[0].x);
+            std::fill_n(canvas.visits, Tile::count, std::uint8_t(0));
+        }
+        blend_group<V, C>(blend, canvas);
+        if constexpr (C == 0) blend_features<V>(stride, canvas);
         k = next;
     }
     out.trace.used[static_cast<std::size_t>(tile)] = k - begin;
 
     for (int y = 0; y < strips.height; ++y) {
-        const Index p = scene.pixel(left, top + y);
+        const Index p = scene.pixel(scene.left(tile), scene.top(tile) + y);
         T* to = out.feature.pixels.data() + p * channels;
         for (int x = 0; x < strips.width; ++x) {
-            const int at = Tile::at(x, y);
-            const T behind = canvas.transmittance[at] + canvas.left[at];
+            const int strip = Tile::strip(x, y), lane = x % lanes;
+            if (!drawn.has(strip)) {
+                to += channels;
+                continue;
+            }
+            const T* const from = state + strip * state_stride + lane;
+            const T behind = std::abs(from[0]);
             out.alpha.pixels.data()[p + x] = T(1) - behind;
-            out.depth.pixels.data()[p + x] = canvas.depth[at];
+            out.depth.pixels.data()[p + x] = from[lanes];
             if constexpr (C > 0) {
-                const T* from = sums + at / lanes * lanes * stride + at % lanes;
                 for (int c = 0; c < C; ++c)
-                    *to++ = from[c * lanes] + behind * scene.background[c];
+                    *to++ = from[(2 + c) * lanes] + behind * scene.background[c];
             } else {
-                const T* const from = sums + at * stride;
+                const T* const sum = canvas.sums.lines[0].x + (strip * lanes + lane) * stride;
                 const T* const back = scene.background.data();
                 Index c = 0;
                 for (; c + lanes <= channels; c += lanes)
-                    (V::load_aligned(from + c) + V(behind) * V::load_unaligned(back + c))
+                    (V::load_aligned(sum + c) + V(behind) * V::load_unaligned(back + c))
                         .store_unaligned(to + c);
-                for (; c < channels; ++c) to[c] = from[c] + behind * back[c];
+                for (; c < channels; ++c) to[c] = sum[c] + behind * back[c];
                 to += channels;
             }
         }
+    }
+}
+
+/// Draws tiles drawn.tile(k) for the ks of a span.
+template <class V, int C, class A>
+void blend_tiles_lanes(const Scene<typename V::value_type>& scene, const A& accuracy,
+                       const DrawnTiles& drawn, const std::array<Index, 2>& span,
+                       Raster<typename V::value_type>& out, LaneCanvas<V>& canvas) {
+    const auto empty = [&](Index t) { return scene.begin(t) == scene.end(t); };
+    for (Index k = span[0]; k < span[1];) {
+        const Index first = drawn.tile(k);
+        Index last = first;
+        while (k < span[1] && drawn.tile(k) == last && empty(last) &&
+               scene.top(last) == scene.top(first)) {
+            ++k;
+            ++last;
+        }
+        if (last > first)
+            draw_background(scene, first, last, out);
+        else
+            blend_tile_lanes<V, C>(scene, accuracy, first, drawn.mask(k++), out, canvas);
     }
 }
 

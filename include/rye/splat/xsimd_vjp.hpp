@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/xsimd_vjp.hpp: the reverse walk of a tile in vectors. The forward walk is repeated
-/// without colours, laying down alpha and transmittance; then, far to near, as in splat/vjp.hpp,
-/// an entry at a time over its strips, so that its sums stay in registers.
+/// without colours, laying down alpha and transmittance of each visit; then, far to near, as in
+/// splat/vjp.hpp, an entry at a time over its visits, so that its sums stay in registers.
 #pragma once
 
-#include <rye/splat/xsimd_lanes.hpp>
+#include <rye/splat/xsimd_group.hpp>
 
 namespace rye {
 
@@ -13,23 +13,18 @@ template <class V>
 struct LaneTape : Workspaces::Space {
     using T = typename V::value_type;
     using Tile = Strips<V>;
-    using Group = LaneGroup<V>;
 
-    /// A recorded group: which strips its entries added to, and where each strip's steps end.
-    struct Recorded {
-        std::uint32_t strips[Group::words][Group::most];
-        Index end[Tile::count];
-    };
     LaneGroup<V> group;
-    alignas(64) T transmittance[tile_pixels], left[tile_pixels];
+    alignas(64) T transmittance[tile_pixels];
     alignas(64) T behind[tile_pixels], g_alpha[tile_pixels], g_depth[tile_pixels];
-    alignas(64) T weight[tile_pixels];
-    std::vector<Recorded> groups;
-    Lines<T> steps;          ///< alpha and transmittance of each step: two vectors
-    Index used = 0;          ///< steps
-    Lines<T> cotangent;      ///< strip by strip: a vector a channel, zeros behind the channels
-    Lines<T> feature;        ///< of a group, padded
-    Lines<T> background;     ///< padded
+    Lines<T> steps;                     ///< of each visit: alpha and transmittance, two vectors
+    std::vector<std::uint8_t> strip;    ///< of each visit
+    std::vector<Index> end;             ///< of each entry: where its visits end
+    Lines<T> cotangent;                 ///< of each strip: a vector a channel, zeros behind them
+    Lines<T> background;                ///< padded
+    // Of many channels:
+    Lines<T> feature;                   ///< of a group, padded
+    alignas(64) T along[Tile::count][V::size], weight[Tile::count][V::size];  ///< of an entry's visits
 };
 
 /// Repeats the forward walk of a tile onto the tape.
@@ -37,67 +32,75 @@ template <class V, class A>
 void record_tile(const Scene<typename V::value_type>& scene, const A& accuracy, Index tile,
                  const Strips<V>& strips, LaneTape<V>& tape) {
     using T = typename V::value_type;
-    using Tile = Strips<V>;
-    constexpr int lanes = Tile::lanes;
+    using Group = LaneGroup<V>;
+    constexpr int lanes = Strips<V>::lanes;
     const LaneBlend<A, V> blend(accuracy);
-    LaneGroup<V>& group = tape.group;
-    strips.start(tape.transmittance);
-    std::fill_n(tape.left, tile_pixels, T(0));
-    tape.groups.clear();
-    tape.used = 0;
-    std::uint32_t open[LaneGroup<V>::words];
+    Group& group = tape.group;
+    strips.start(all_strips, tape.transmittance, lanes);
+    tape.strip.clear();
+    tape.end.clear();
+    typename Group::Open open;
     const Index begin = scene.begin(tile), end = begin + scene.used(tile);
-    for (Index k = begin; k < end && open_strips<V>(tape.transmittance, open);) {
-        const Index next = std::min<Index>(end, k + LaneGroup<V>::most);
-        fetch_ahead(scene, next, std::min<Index>(end, next + LaneGroup<V>::most));
+    fetch_ahead(scene, begin, std::min<Index>(end, begin + Group::most));
+    for (Index k = begin; k < end && blend.open_strips(tape.transmittance, lanes, open);) {
+        const Index next = std::min<Index>(end, k + Group::most);
+        fetch_ahead(scene, next, std::min<Index>(end, next + Group::most));
         group.fill(scene, strips, scene.top(tile), k, next, open);
-        auto& recorded = tape.groups.emplace_back();
-        std::copy_n(group.strips[0], LaneGroup<V>::words * LaneGroup<V>::most, recorded.strips[0]);
-        T* const steps = tape.steps.grow(
-            (tape.used + Tile::count * LaneGroup<V>::most) * 2 * lanes, tape.used * 2 * lanes);
-        T* to = steps + tape.used * 2 * lanes;
-        for (int s = 0; s < Tile::count; ++s) {
-            const int row = s % tile_edge, side = s / tile_edge, at = s * lanes;
-            V t = V::load_aligned(tape.transmittance + at);
-            for (std::uint32_t todo = group.entries_of(s); todo != 0; todo &= todo - 1) {
-                const int entry = std::countr_zero(todo);
-                const auto& shared = group.shared[entry];
-                const V v = V::load_aligned(shared.v + side * lanes) + V(shared.down[row]);
-                const V exponent = V::load_aligned(shared.exponent + side * lanes) - v * v;
-                const LaneShare<V> share = blend(exponent, V(group.cut[entry]),
-                                                 V(group.floor[entry]), t, tape.left + at);
-                share.alpha.store_aligned(to);
-                share.before.store_aligned(to + lanes);
-                to += 2 * lanes;
-            }
-            t.store_aligned(tape.transmittance + at);
-            recorded.end[s] = (to - steps) / (2 * lanes);
+        const auto used = static_cast<Index>(tape.strip.size());
+        tape.strip.insert(tape.strip.end(), group.strip, group.strip + group.visits);
+        for (Index i = 0; i < next - k; ++i) tape.end.push_back(used + group.end[i]);
+        T* const steps = tape.steps.grow((used + group.visits) * 2 * lanes, used * 2 * lanes);
+        T* to = steps + used * 2 * lanes;
+        const int visits = group.visits;
+        for (int i = 0; i < visits; ++i, to += 2 * lanes) {
+            const LaneEntry<T>& entry = group.entry[group.of[i]];
+            const std::size_t strip = group.strip[i];
+            T* const at = tape.transmittance + strip * lanes;
+            V t = V::load_aligned(at);
+            const LaneShare<V> share =
+                blend(Group::exponent(entry, strip), V(entry.cut), V(entry.floor), t);
+            t.store_aligned(at);
+            share.alpha.store_aligned(to);
+            share.before.store_aligned(to + lanes);
         }
-        tape.used = (to - steps) / (2 * lanes);
         k = next;
     }
 }
 
-/// <cotangent, colour> of a strip's pixels, from `stride` vectors: C few channels, else eights. One
-/// function for entries and background, so that equal colours give equal sums.
+/// <cotangent, colour> of a strip's pixels, for a few channels. One expression for entries and
+/// background, so that equal colours give equal sums.
 template <class V, int C>
 [[gnu::always_inline]] inline V along(const typename V::value_type* cotangent,
-                                      const typename V::value_type* colour, Index stride) {
+                                      const std::array<V, std::size_t(C)>& colour) {
     constexpr int lanes = static_cast<int>(V::size);
-    constexpr int parts = C > 0 ? C : 8;         // sums that do not wait for each other
-    std::array<V, std::size_t(parts)> sum;
-    unrolled<parts>(
-        [&](auto i) { sum[i] = V::load_aligned(cotangent + i * lanes) * V(colour[i]); });
-    if constexpr (C == 0) {
-        for (Index c = parts; c < stride; c += parts)
-            unrolled<parts>([&](auto i) {
-                sum[i] = sum[i] + V::load_aligned(cotangent + (c + i) * lanes) * V(colour[c + i]);
+    V sum = V::load_aligned(cotangent) * colour[0];
+    unrolled<C - 1>([&](auto c) __attribute__((always_inline)) {
+        sum = sum + V::load_aligned(cotangent + (c + 1) * lanes) * colour[c + 1];
+    });
+    return sum;
+}
+
+/// The same of many channels for several strips: to[i] of strip[i], eight channels at a time, whose
+/// colours stay in registers.
+template <class V>
+void along_strips(const typename V::value_type* cotangent, const std::uint8_t* strip, Index visits,
+                  const typename V::value_type* colour, Index stride,
+                  typename V::value_type (*to)[V::size]) {
+    constexpr int lanes = static_cast<int>(V::size);
+    for (Index c = 0; c < stride; c += 8) {
+        std::array<V, 8> f;
+        unrolled<8>([&](auto i) { f[i] = V(colour[c + i]); });
+        for (Index v = 0; v < visits; ++v) {
+            const auto* const g = cotangent + (strip[v] * stride + c) * lanes;
+            V even = c == 0 ? V::load_aligned(g) * f[0]
+                            : V::load_aligned(to[v]) + V::load_aligned(g) * f[0];
+            V odd = V::load_aligned(g + lanes) * f[1];
+            unrolled<3>([&](auto i) __attribute__((always_inline)) {
+                even = even + V::load_aligned(g + (2 + 2 * i) * lanes) * f[2 + 2 * i];
+                odd = odd + V::load_aligned(g + (3 + 2 * i) * lanes) * f[3 + 2 * i];
             });
-        unrolled<4>([&](auto i) { sum[i] = sum[i] + sum[i + 4]; });
-        return (sum[0] + sum[2]) + (sum[1] + sum[3]);
-    } else {
-        unrolled<C - 1>([&](auto i) { sum[0] = sum[0] + sum[i + 1]; });
-        return sum[0];
+            (even + odd).store_aligned(to[v]);
+        }
     }
 }
 
@@ -107,7 +110,8 @@ void load_cotangents(const Scene<typename V::value_type>& scene,
                      const RasterCotangent<typename V::value_type>& g, Index tile,
                      const Strips<V>& strips, Index stride, LaneTape<V>& tape) {
     using T = typename V::value_type;
-    constexpr int lanes = Strips<V>::lanes;
+    using Tile = Strips<V>;
+    constexpr int lanes = Tile::lanes;
     const Index channels = C > 0 ? C : scene.feature.rows();
     T* const cotangent = tape.cotangent.reserve(stride * tile_pixels);
     if (stride != channels || strips.width < tile_edge || strips.height < tile_edge)
@@ -118,18 +122,30 @@ void load_cotangents(const Scene<typename V::value_type>& scene,
         const Index from = scene.pixel(scene.left(tile), scene.top(tile) + y);
         const T* gp = g.feature.data() + from * channels;
         for (int x = 0; x < strips.width; ++x) {
-            const int at = Strips<V>::at(x, y);
-            T* const to = cotangent + at / lanes * lanes * stride + at % lanes;
+            const int strip = Tile::strip(x, y), lane = x % lanes;
+            T* const to = cotangent + strip * lanes * stride + lane;
             for (Index c = 0; c < channels; ++c) to[c * lanes] = *gp++;
-            if (g.alpha != nullptr) tape.g_alpha[at] = g.alpha->data()[from + x];
-            if (g.depth != nullptr) tape.g_depth[at] = g.depth->data()[from + x];
+            if (g.alpha != nullptr)
+                tape.g_alpha[strip * lanes + lane] = g.alpha->data()[from + x];
+            if (g.depth != nullptr)
+                tape.g_depth[strip * lanes + lane] = g.depth->data()[from + x];
         }
     }
-    T* const background = tape.background.reserve(stride);
-    std::fill_n(background, stride, T(0));
-    std::copy_n(scene.background.data(), channels, background);
-    for (int at = 0; at < tile_pixels; at += lanes)
-        along<V, C>(cotangent + at * stride, background, stride).store_aligned(tape.behind + at);
+    if constexpr (C > 0) {
+        std::array<V, std::size_t(C)> background;
+        unrolled<C>([&](auto c) { background[c] = V(scene.background[c]); });
+        for (int at = 0; at < tile_pixels; at += lanes)
+            along<V, C>(cotangent + at * stride, background).store_aligned(tape.behind + at);
+    } else {
+        T* const background = tape.background.reserve(stride);
+        std::fill_n(background, stride, T(0));
+        std::copy_n(scene.background.data(), channels, background);
+        std::array<std::uint8_t, std::size_t(Tile::count)> all;
+        for (int s = 0; s < Tile::count; ++s)
+            all[static_cast<std::size_t>(s)] = static_cast<std::uint8_t>(s);
+        along_strips<V>(cotangent, all.data(), Tile::count, background, stride, tape.along);
+        std::copy_n(tape.along[0], tile_pixels, tape.behind);
+    }
 }
 
 /// One entry of the reverse walk, into its slot. C few channels, or any number for C = 0; only
@@ -142,106 +158,98 @@ struct LaneReverse {
 
     const Strips<V>& strips;
     LaneTape<V>& tape;
-    Index channels, stride;
+    Index stride;
     V alpha_max;
     const T* cotangent;
-    Index* cursor;           ///< of each strip: steps that are left
 
-    void operator()(const Splat<T>& s, const std::uint32_t* reached, const T* feature, T* slot) {
+    /// Visits [begin, end) of the tape.
+    void operator()(const Splat<T>& s, Index begin, Index end, const T* feature, T* slot) {
         const V zero(T(0));
+        const std::uint8_t* const strip = tape.strip.data() + begin;
+        const Index visits = end - begin;
         std::array<V, 8> sum;                // as in SplatCotangent
         sum.fill(zero);
-        std::array<V, std::size_t(std::max(C, 1))> colour;
-        colour.fill(zero);
-        V opacity = zero, depth = zero;
+        std::array<V, std::size_t(std::max(C, 1))> colour, colour_sum;
+        colour_sum.fill(zero);
+        if constexpr (C > 0)
+            unrolled<C>([&](auto c) { colour[c] = V(feature[c]); });
+        else
+            along_strips<V>(cotangent, strip, visits, feature, stride, tape.along);
         const V z(s.depth), floor(s.floor);
-        const T* const steps = tape.steps.lines[0].x;
-        alignas(64) T down[tile_edge];
-        unrolled<Tile::sides>([&](auto i) {
+        V opacity = zero;
+        alignas(64) T us[tile_edge], across[tile_edge], down[tile_edge];
+        unrolled<Tile::sides>([&](auto i) __attribute__((always_inline)) {
+            const V dx = V::load_aligned(strips.x + i * lanes) - V(s.x);
+            (V(s.ux) * dx).store_aligned(us + i * lanes);
+            (V(s.vx) * dx).store_aligned(across + i * lanes);
             (V(s.vy) * (V::load_aligned(strips.y + i * lanes) - V(s.y)))
                 .store_aligned(down + i * lanes);
         });
-        for (int side = 0; side < Tile::sides; ++side) {
-            std::uint32_t rows = rows_of(reached, side);
-            if (rows == 0) continue;
-            const V dx = V::load_aligned(strips.x + side * lanes) - V(s.x);
-            const V u = V(s.ux) * dx, across = V(s.vx) * dx;
-            V g0 = zero, g1 = zero, g2 = zero;                   // sums of g, g v, g v^2
-            for (; rows != 0; rows &= rows - 1) {
-                const int row = std::countr_zero(rows), strip = side * tile_edge + row;
-                const int at = strip * lanes;
-                const T* const step = steps + --cursor[strip] * 2 * lanes;
-                const T* const g_strip = cotangent + at * stride;
-                const V alpha = V::load_aligned(step), before = V::load_aligned(step + lanes);
-                const V weight = alpha * before;
-                if constexpr (C > 0)
-                    unrolled<C>([&](auto c) {
-                        colour[c] = colour[c] + V::load_aligned(g_strip + c * lanes) * weight;
-                    });
-                else
-                    weight.store_aligned(tape.weight + at);
-                const V behind = V::load_aligned(tape.behind + at);
-                V more = along<V, C>(g_strip, feature, stride) - behind;
-                if constexpr (Extra) {
-                    const V gz = V::load_aligned(tape.g_depth + at);
-                    more = more + (V::load_aligned(tape.g_alpha + at) + gz * z);
-                    depth = depth + weight * gz;
-                }
-                more = select(weight > zero, more, zero);
-                (behind + alpha * more).store_aligned(tape.behind + at);
-                const V g_raw = select(alpha < alpha_max, before * more, zero);
-                V g = g_raw * alpha;
-                if constexpr (A::has_floor) {
-                    opacity = opacity + g;
-                    g = g + g_raw * floor;
-                }
-                const V v = across + V(down[row]);
-                const V gv = g * v;
-                g0 = g0 + g;
-                g1 = g1 + gv;
-                g2 = g2 + gv * v;
+        const T* step = tape.steps.lines[0].x + begin * 2 * lanes;
+        for (Index i = 0; i < visits; ++i, step += 2 * lanes) {
+            const std::size_t at = strip[i] * std::size_t(lanes);
+            const std::size_t side = Tile::side(strip[i]) * lanes;
+            const V alpha = V::load_aligned(step), before = V::load_aligned(step + lanes);
+            const V weight = alpha * before, behind = V::load_aligned(tape.behind + at);
+            V more;
+            if constexpr (C > 0) {
+                const T* const g_strip = cotangent + at * C;
+                unrolled<C>([&](auto c) __attribute__((always_inline)) {
+                    colour_sum[c] = colour_sum[c] + V::load_aligned(g_strip + c * lanes) * weight;
+                });
+                more = along<V, C>(g_strip, colour) - behind;
+            } else {
+                weight.store_aligned(tape.weight[i]);
+                more = V::load_aligned(tape.along[i]) - behind;
             }
-            const V gu = g0 * u;
+            if constexpr (Extra) {
+                const V gz = V::load_aligned(tape.g_depth + at);
+                more = more + (V::load_aligned(tape.g_alpha + at) + gz * z);
+                sum[6] = sum[6] + weight * gz;
+            }
+            more = select(weight > zero, more, zero);
+            (behind + alpha * more).store_aligned(tape.behind + at);
+            const V g_raw = select(alpha < alpha_max, before * more, zero);
+            V g = g_raw * alpha;
+            if constexpr (A::has_floor) {
+                opacity = opacity + g;
+                g = g + g_raw * floor;
+            }
+            const V u = V::load_aligned(us + side);
+            const V v = V::load_aligned(across + side) + V(down[Tile::row(strip[i])]);
+            const V gu = g * u, gv = g * v;
             sum[0] = sum[0] + gu;
-            sum[1] = sum[1] + g1;
+            sum[1] = sum[1] + gv;
             sum[2] = sum[2] + gu * u;
-            sum[3] = sum[3] + g1 * u;
-            sum[4] = sum[4] + g2;
-            sum[5] = sum[5] + g0;
+            sum[3] = sum[3] + gv * u;
+            sum[4] = sum[4] + gv * v;
+            sum[5] = sum[5] + g;
         }
         if constexpr (A::has_floor) sum[5] = opacity;
-        sum[6] = depth;
         lane_sums(sum, slot);
         if constexpr (C > 0) {
             std::array<V, 8> padded;
             padded.fill(zero);
-            unrolled<C>([&](auto c) { padded[c] = colour[c]; });
+            unrolled<C>([&](auto c) { padded[c] = colour_sum[c]; });
             lane_sums(padded, slot + Slots<T>::head);
         } else {
-            gather_features(reached, slot + Slots<T>::head);
+            gather_features(strip, visits, slot + Slots<T>::head);
         }
     }
 
   private:
-    /// The rows of a side, a bit each, from the words of an entry's strips.
-    static std::uint32_t rows_of(const std::uint32_t* reached, int side) {
-        const int bit = side * tile_edge;
-        return reached[bit / 32] >> (bit % 32) & ((1U << tile_edge) - 1);
-    }
     /// Sums of weight times cotangent, eight channels at a time.
-    void gather_features(const std::uint32_t* reached, T* to) {
-        for (Index c = 0; c < channels; c += 8) {
+    void gather_features(const std::uint8_t* strip, Index visits, T* to) {
+        for (Index c = 0; c < stride; c += 8) {
             std::array<V, 8> sum;
             sum.fill(V(T(0)));
-            for (int side = 0; side < Tile::sides; ++side)
-                for (std::uint32_t rows = rows_of(reached, side); rows != 0; rows &= rows - 1) {
-                    const int at = (side * tile_edge + std::countr_zero(rows)) * lanes;
-                    const V weight = V::load_aligned(tape.weight + at);
-                    const T* const g = cotangent + at * stride + c * lanes;
-                    unrolled<8>([&](auto i) {
-                        sum[i] = sum[i] + V::load_aligned(g + i * lanes) * weight;
-                    });
-                }
+            for (Index v = 0; v < visits; ++v) {
+                const V weight = V::load_aligned(tape.weight[v]);
+                const T* const g = cotangent + (strip[v] * stride + c) * lanes;
+                unrolled<8>([&](auto i) __attribute__((always_inline)) {
+                    sum[i] = sum[i] + V::load_aligned(g + i * lanes) * weight;
+                });
+            }
             lane_sums(sum, to + c);
         }
     }
@@ -263,46 +271,38 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
                           const RasterCotangent<typename V::value_type>& g, Index tile,
                           RasterScratch<typename V::value_type>& scratch, LaneTape<V>& tape) {
     using T = typename V::value_type;
-    using Tile = Strips<V>;
+    constexpr Index most = LaneGroup<V>::most;
     if (scene.used(tile) == 0) return;
-    const Tile strips(scene, tile);
+    const Strips<V> strips(scene, tile);
     const Index channels = scene.feature.rows();
     const Index stride = C > 0 ? C : padded_channels<V>(channels);
     record_tile<V>(scene, accuracy, tile, strips, tape);
     load_cotangents<V, C>(scene, g, tile, strips, stride, tape);
 
-    Index cursor[Tile::count];
-    LaneReverse<V, C, Extra, A> reverse{strips,
-                                 tape,
-                                 channels,
-                                 stride,
-                                 V(static_cast<T>(accuracy.alpha_max)),
-                                 tape.cotangent.lines[0].x,
-                                 cursor};
-    T* const feature = tape.feature.reserve(LaneGroup<V>::most * stride);
-    const auto first_of = [&](std::size_t group) {
-        return scene.begin(tile) + static_cast<Index>(group) * LaneGroup<V>::most;
+    LaneReverse<V, C, Extra, A> reverse{strips, tape, stride,
+                                        V(static_cast<T>(accuracy.alpha_max)),
+                                        tape.cotangent.lines[0].x};
+    T* const feature = tape.feature.reserve(C > 0 ? 1 : most * stride);
+    const Index begin = scene.begin(tile), entries = static_cast<Index>(tape.end.size());
+    const auto visits_end = [&](Index k) {
+        return k < 0 ? Index(0) : tape.end[static_cast<std::size_t>(k)];
     };
-    for (std::size_t i = tape.groups.size(); i-- > 0;) {
-        const auto& group = tape.groups[i];
-        std::copy_n(group.end, Tile::count, cursor);
-        const Index first = first_of(i);
-        const Index end =
-            std::min<Index>(scene.begin(tile) + scene.used(tile), first + LaneGroup<V>::most);
-        copy_features<V, C>(scene, first, end, stride, feature);
-        if (i > 0) {
-            fetch_features(scene, first_of(i - 1), first);
-            fetch_slots(scene, scratch.slots, first_of(i - 1), first);
+    for (Index group = (entries - 1) / most * most; group >= 0; group -= most) {
+        const Index end = std::min(entries, group + most);
+        if constexpr (C == 0)
+            copy_features<V>(scene, begin + group, begin + end, stride, feature);
+        if (group > 0) {
+            fetch_features(scene, begin + group - most, begin + group);
+            fetch_slots(scene, scratch.slots, begin + group - most, begin + group);
         }
-        for (Index entry = end; entry-- > first;) {
-            std::uint32_t reached[LaneGroup<V>::words], any_strip = 0;
-            for (int w = 0; w < LaneGroup<V>::words; ++w)
-                any_strip |= reached[w] = group.strips[w][entry - first];
-            if (any_strip == 0) continue;
-            const Index slot = scene.slot(entry);
+        for (Index k = end; k-- > group;) {
+            const Index from = visits_end(k - 1), to = visits_end(k);
+            if (from == to) continue;
+            const Index slot = scene.slot(begin + k);
             scratch.slots.touched[static_cast<std::size_t>(slot)] = 1;
-            reverse(scene.splat(entry), reached, feature + (entry - first) * stride,
-                    scratch.slots[slot]);
+            const T* const f =
+                C > 0 ? scene.feature_of(begin + k) : feature + (k - group) * stride;
+            reverse(scene.splat(begin + k), from, to, f, scratch.slots[slot]);
         }
     }
 }

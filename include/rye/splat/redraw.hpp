@@ -1,0 +1,405 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/redraw.hpp: a render that is kept up to date. Gaussians that changed are projected
+/// again and dealt into the lists of their tiles, and only tiles that their old or new footprints
+/// reach are blended again: of those that a few reach only the strips that these can change, and
+/// none whose pixels are full before the first change.
+/// Every list holds what Rasterizer::forward would put there, in the same order, and the same
+/// kernels read it: the images have its bits. Pixel units.
+/// Memory: one render's trace and scratch, a second copy of the lists, what changed once more.
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include <rye/core/region.hpp>
+#include <rye/splat/rasterizer.hpp>
+
+namespace rye {
+
+/// What the last call did.
+struct RedrawWork {
+    Index projected = 0;  ///< Gaussians
+    Index blended = 0;    ///< tiles, whole or in part
+    Index whole = 0;      ///< of these whole
+};
+
+template <Backend B, AccuracyPolicy A, Real T>
+class Redraw {
+  public:
+    explicit Redraw(const Rasterizer<B, A>& rasterizer = {}) : rasterizer_(rasterizer) {}
+
+    /// The images. Their trace is of no use to a vjp: lists hold no slots.
+    const Raster<T>& raster() const { return raster_; }
+    /// Pixels outside this are those of the call before the last.
+    const Region& region() const { return region_; }
+    const RedrawWork& work() const { return work_; }
+    /// Whether redraw may be called.
+    bool drawn() const { return drawn_; }
+
+    /// The whole picture.
+    void draw(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background) {
+        drawn_ = false;
+        rasterizer_.forward_into(g, camera, background, raster_, &scratch_);
+        camera_ = camera;
+        background_ = background;
+        const RasterTrace<T>& trace = raster_.trace;
+        key_.resize(trace.splats.size());
+        for (std::size_t m = 0; m < key_.size(); ++m) key_[m] = depth_key(trace.splats[m].depth);
+        moved_.assign(key_.size(), 0);
+        every_tile();
+        count(g.count());
+        drawn_ = true;
+    }
+
+    /// The same Gaussians and camera over another background.
+    void redraw_background(const Gaussians<T>& g, const VecX<T>& background) {
+        check(g, background);
+        background_ = background;
+        every_tile();
+        blend(g, 0);
+    }
+
+    /// Gaussians that differ from the last ones in the columns `changed` alone, which ascend.
+    void redraw(const Gaussians<T>& g, std::span<const Index> changed) {
+        check(g, background_);
+        blended_.clear();
+        drawn_strips_.clear();
+        region_ = Region(camera_.width, camera_.height);
+        work_ = {};
+        if (changed.empty()) return;
+        drawn_ = false;  // until all is consistent again
+        tiles_.assign(static_cast<std::size_t>(raster_.trace.lists.tiles()), {});
+        for (const Index i : changed) leave(i);
+        project(g, changed);
+        for (std::size_t k = 0; k < changed.size(); ++k)
+            if (part_scratch_.state[k] == Candidacy::visible)
+                each_tile(part_scratch_.candidates[k],
+                          [&](std::size_t t) { ++tiles_[t].entered; });
+        if constexpr (LaneBackend<B, T>) find_strips(changed);
+        for (std::size_t k = 0; k < changed.size(); ++k) enter(changed[k], k);
+        sort_fresh(changed);
+        merge_lists();
+        for (const Index i : changed)
+            if (const std::uint32_t m = member(i); m != no_member) moved_[m] = 0;
+        blend(g, static_cast<Index>(changed.size()));
+        drawn_ = true;
+    }
+
+    /// Of everything that is kept.
+    std::size_t bytes() const {
+        const auto of = [](const auto&... v) {
+            return (std::size_t(0) + ... + (v.capacity() * sizeof(v[0])));
+        };
+        const RasterTrace<T>& t = raster_.trace;
+        Index numbers = raster_.feature.pixels.size() + 2 * raster_.alpha.pixels.size();
+        Gaussians<T>::fields([&](const std::string&, const Columns<T>& a) { numbers += a.size(); },
+                             part_);
+        std::size_t sum = static_cast<std::size_t>(numbers) * sizeof(T) +
+                          of(t.splats, t.source, t.member, t.used, key_, moved_, tiles_, fresh_,
+                             few_.splats, cursor_, found_, blended_, drawn_strips_);
+        for (const TileLists* l : {&t.lists, &next_, &few_.lists})
+            sum += of(l->begin, l->member, l->slot, l->first);
+        for (const RasterScratch<T>* s : {&scratch_, &part_scratch_})
+            sum += of(s->candidates, s->state, s->visible, s->keys, s->order, s->homes, s->rows,
+                      s->sort.keys, s->sort.values, s->sort.histogram);
+        return sum;
+    }
+
+  private:
+    using Key = typename RasterScratch<T>::Key;
+
+    /// What happens to a tile's list.
+    struct TileChange {
+        std::uint32_t left = 0, entered = 0;  ///< entries
+        std::uint32_t fresh = 0;              ///< where those that entered begin in fresh_
+        std::uint32_t mask = whole_tile;      ///< its strips' place in found_
+        bool redraw = false;
+
+        bool changes() const { return left + entered > 0; }
+        bool few() const { return changes() && left + entered <= most_few; }
+    };
+    static constexpr std::uint32_t whole_tile = 0xFFFFFFFF;
+    /// Finding out which strips a change reaches costs a few percent of blending what it reaches;
+    /// many changes reach most strips.
+    static constexpr std::uint32_t most_few = 64;
+
+    static std::size_t at(Index i) { return static_cast<std::size_t>(i); }
+    std::uint32_t member(Index i) const { return raster_.trace.member[at(i)]; }
+    bool visible(Index i) const { return scratch_.state[at(i)] == Candidacy::visible; }
+
+    void check(const Gaussians<T>& g, const VecX<T>& background) const {
+        require(drawn_ && g.count() == static_cast<Index>(scratch_.state.size()) &&
+                    g.channels() == raster_.feature.channels() &&
+                    background.size() == g.channels(),
+                "Redraw", "got Gaussians or a background of another shape than the last picture's, "
+                          "expected the same; draw the whole picture first");
+    }
+
+    /// f(tile) of every tile that a visible Gaussian reaches.
+    template <class F>
+    void each_tile(const typename RasterScratch<T>::Candidate& c, const F& f) const {
+        const Index columns = raster_.trace.lists.columns;
+        each_tile_row<A::support, T>(
+            camera_.width, camera_.height, c.rows,
+            [&]() -> const Footprint<T>& { return c.footprint; },
+            [&](const TileRowSpan& s) {
+                for (int x = s.begin; x < s.end; ++x) f(at(s.row * columns + x));
+            });
+    }
+
+    /// The old footprint of Gaussian i.
+    void leave(Index i) {
+        if (!visible(i)) return;
+        moved_[member(i)] = 1;
+        each_tile(scratch_.candidates[at(i)], [&](std::size_t t) { ++tiles_[t].left; });
+    }
+
+    /// Gathers what changed and projects it.
+    void project(const Gaussians<T>& g, std::span<const Index> changed) {
+        const Index n = static_cast<Index>(changed.size());
+        Gaussians<T>::fields([&](const std::string&, Columns<T>& to, const Columns<T>& from) {
+            to.resize(from.rows(), n);
+            const Index rows = from.rows();
+            for (Index k = 0; k < n; ++k)
+                std::copy_n(from.data() + changed[at(k)] * rows, rows, to.data() + k * rows);
+        }, part_, g);
+        rasterizer_.project_into(part_, camera_, part_scratch_);
+    }
+
+    /// Of tiles that a few changes reach, the strips that their old and new splats reach, found as
+    /// blending does: the changes are made a small scene.
+    void find_strips(std::span<const Index> changed) {
+        using V = typename B::template batch<T>;
+        TileLists& lists = few_.lists;
+        lists.columns = raster_.trace.lists.columns;
+        lists.rows = raster_.trace.lists.rows;
+        lists.begin.resize(tiles_.size() + 1);
+        Index sum = 0;
+        std::uint32_t masks = 0;
+        for (std::size_t t = 0; t < tiles_.size(); ++t) {
+            lists.begin[t] = sum;
+            if (!tiles_[t].few()) continue;
+            sum += tiles_[t].left + tiles_[t].entered;
+            tiles_[t].mask = masks++;
+        }
+        lists.begin[tiles_.size()] = sum;
+        found_.assign(masks, {});
+        if (masks == 0) return;
+        few_.splats.resize(at(sum));
+        lists.member.resize(at(sum));
+        for (std::size_t e = 0; e < lists.member.size(); ++e)
+            lists.member[e] = static_cast<std::uint32_t>(e);
+        cursor_.assign(lists.begin.begin(), lists.begin.end() - 1);
+        const auto deal = [&](const typename RasterScratch<T>::Candidate& c) {
+            each_tile(c, [&](std::size_t t) {
+                if (tiles_[t].mask != whole_tile) few_.splats[at(cursor_[t]++)] = c.splat;
+            });
+        };
+        for (std::size_t k = 0; k < changed.size(); ++k) {
+            if (visible(changed[k])) deal(scratch_.candidates[at(changed[k])]);
+            if (part_scratch_.state[k] == Candidacy::visible) deal(part_scratch_.candidates[k]);
+        }
+        const Scene<T> scene = rasterizer_.scene_of(part_, camera_, background_, few_);
+        const auto canvas = scratch_.workspaces.template lend<LaneCanvas<V>>();
+        LaneGroup<V>& group = (*canvas).group;
+        typename LaneGroup<V>::Open every;
+        every.fill(~0U);
+        for (std::size_t t = 0; t < tiles_.size(); ++t) {
+            if (tiles_[t].mask == whole_tile) continue;
+            const Index tile = static_cast<Index>(t), end = scene.end(tile);
+            const Strips<V> strips(scene, tile);
+            StripMask& mask = found_[tiles_[t].mask];
+            for (Index k = scene.begin(tile); k < end; k += LaneGroup<V>::most) {
+                group.fill(scene, strips, scene.top(tile), k,
+                           std::min<Index>(end, k + LaneGroup<V>::most), every);
+                for (int v = 0; v < group.visits; ++v)
+                    mask.words[group.strip[v] / 32U] |= 1U << (group.strip[v] % 32U);
+            }
+        }
+    }
+
+    /// The new footprint of Gaussian i, which is number k of those that changed.
+    void enter(Index i, std::size_t k) {
+        RasterTrace<T>& trace = raster_.trace;
+        const Candidacy now = part_scratch_.state[k];
+        trace.non_finite += Index(now == Candidacy::non_finite) -
+                            Index(scratch_.state[at(i)] == Candidacy::non_finite);
+        if (rasterizer_.accuracy.non_finite == NonFinite::fail && trace.non_finite > 0)
+            throw Error("rasterizer: got a Gaussian with a number that is not finite, expected "
+                        "none");
+        scratch_.state[at(i)] = now;
+        if (now != Candidacy::visible) return;
+        scratch_.candidates[at(i)] = part_scratch_.candidates[k];
+        const Splat<T>& splat = part_scratch_.candidates[k].splat;
+        if (member(i) == no_member) {
+            trace.member[at(i)] = static_cast<std::uint32_t>(trace.splats.size());
+            trace.splats.push_back(splat);
+            trace.source.push_back(static_cast<std::uint32_t>(i));
+            key_.push_back(depth_key(splat.depth));
+            moved_.push_back(1);
+        } else {
+            const std::uint32_t m = member(i);
+            trace.splats[m] = splat;
+            key_[m] = depth_key(splat.depth);
+            moved_[m] = 1;
+        }
+    }
+
+    /// Deals what entered out into its tiles, near to far, ties by index.
+    void sort_fresh(std::span<const Index> changed) {
+        auto& keys = part_scratch_.keys;
+        auto& order = part_scratch_.order;
+        keys.clear();
+        order.clear();
+        for (std::size_t k = 0; k < changed.size(); ++k)
+            if (visible(changed[k])) {
+                keys.push_back(key_[member(changed[k])]);
+                order.push_back(static_cast<std::uint32_t>(k));
+            }
+        sort_by_key(keys, order, part_scratch_.sort);
+        std::uint32_t sum = 0;
+        for (TileChange& t : tiles_) {
+            t.fresh = sum;
+            sum += t.entered;
+        }
+        fresh_.resize(sum);
+        for (const std::uint32_t k : order) {
+            const std::uint32_t m = member(changed[k]);
+            each_tile(scratch_.candidates[at(changed[k])],
+                      [&](std::size_t t) { fresh_[tiles_[t].fresh++] = m; });
+        }
+        for (TileChange& t : tiles_) t.fresh -= t.entered;
+    }
+
+    /// New lists: old ones without the entries that left, with those that entered.
+    void merge_lists() {
+        TileLists& old = raster_.trace.lists;
+        next_.columns = old.columns;
+        next_.rows = old.rows;
+        next_.begin.resize(old.begin.size());
+        Index entries = 0;
+        for (std::size_t t = 0; t < tiles_.size(); ++t) {
+            next_.begin[t] = entries;
+            entries += old.begin[t + 1] - old.begin[t] - Index(tiles_[t].left) +
+                       Index(tiles_[t].entered);
+        }
+        next_.begin[tiles_.size()] = entries;
+        TileLists::check_entries(entries, rasterizer_.accuracy.max_entries);
+        next_.member.resize(at(entries));
+        for_chunks<typename B::threads>(old.tiles(), 8, [&](Index b, Index e, Index) {
+            for (Index t = b; t < e; ++t) merge_list(at(t));
+        });
+        std::swap(old.begin, next_.begin);
+        std::swap(old.member, next_.member);
+        for (std::size_t t = 0; t < tiles_.size(); ++t) {
+            if (!tiles_[t].redraw) continue;
+            const bool whole = tiles_[t].mask == whole_tile;
+            if (!whole && found_[tiles_[t].mask].none()) continue;
+            blended_.push_back(static_cast<Index>(t));
+            drawn_strips_.push_back(whole ? all_strips : found_[tiles_[t].mask]);
+        }
+    }
+
+    void merge_list(std::size_t t) {
+        TileChange& change = tiles_[t];
+        const TileLists& old = raster_.trace.lists;
+        const std::uint32_t* from = old.member.data() + old.begin[t];
+        const std::uint32_t* const end = old.member.data() + old.begin[t + 1];
+        std::uint32_t* to = next_.member.data() + next_.begin[t];
+        if (!change.changes()) {
+            std::copy(from, end, to);
+            return;
+        }
+        const std::uint32_t* fresh = fresh_.data() + change.fresh;
+        const std::uint32_t* const fresh_end = fresh + change.entered;
+        const std::uint32_t* const begin = to;
+        const Index before = end - from;
+        Index same = before;  // entries at the front that both lists share
+        const auto differ = [&] { same = std::min<Index>(same, to - begin); };
+        for (; from < end; ++from) {
+            if (moved_[*from] != 0) {
+                differ();
+                continue;
+            }
+            while (fresh < fresh_end && nearer(*fresh, *from)) {
+                differ();
+                *to++ = *fresh++;
+            }
+            *to++ = *from;
+        }
+        if (fresh < fresh_end) differ();
+        std::copy(fresh, fresh_end, to);
+        // Fewer were read than there are: all pixels were full, by entries that are the same.
+        const Index used = raster_.trace.used[t];
+        change.redraw = !(used < before && used <= same);
+    }
+
+    /// In the order of lists.
+    bool nearer(std::uint32_t a, std::uint32_t b) const {
+        const RasterTrace<T>& trace = raster_.trace;
+        return key_[a] < key_[b] || (key_[a] == key_[b] && trace.source[a] < trace.source[b]);
+    }
+
+    void every_tile() {
+        blended_.clear();
+        for (Index t = 0; t < raster_.trace.lists.tiles(); ++t) blended_.push_back(t);
+        drawn_strips_.assign(blended_.size(), all_strips);
+    }
+
+    void blend(const Gaussians<T>& g, Index projected) {
+        rasterizer_.blend_into(rasterizer_.scene_of(g, camera_, background_, raster_.trace),
+                               {blended_.data(), drawn_strips_.data()},
+                               static_cast<Index>(blended_.size()), raster_, scratch_);
+        count(projected);
+    }
+
+    /// What was drawn, and where. Of a tile drawn in part it is not known how far its list would
+    /// have been read.
+    void count(Index projected) {
+        work_ = {projected, static_cast<Index>(blended_.size()), 0};
+        region_ = Region(camera_.width, camera_.height);
+        const TileLists& lists = raster_.trace.lists;
+        for (std::size_t k = 0; k < blended_.size(); ++k) {
+            const Index t = blended_[k];
+            const int x = static_cast<int>(t % lists.columns) * tile_edge;
+            const int y = static_cast<int>(t / lists.columns) * tile_edge;
+            const StripMask& strips = drawn_strips_[k];
+            if (strips.words == all_strips.words) {
+                ++work_.whole;
+                region_.add({x, y, x + tile_edge, y + tile_edge});
+                continue;
+            }
+            raster_.trace.used[at(t)] = lists.begin[at(t) + 1] - lists.begin[at(t)];
+            if constexpr (LaneBackend<B, T>) {
+                using S = Strips<typename B::template batch<T>>;
+                for (int s = 0; s < S::count; ++s) {
+                    const int left = x + s / tile_edge * S::lanes, top = y + s % tile_edge;
+                    if (strips.has(s)) region_.add({left, top, left + S::lanes, top + 1});
+                }
+            }
+        }
+    }
+
+    Rasterizer<B, A> rasterizer_;
+    Raster<T> raster_;
+    RasterScratch<T> scratch_, part_scratch_;
+    Gaussians<T> part_;                ///< what changed, gathered
+    Pinhole<T> camera_;
+    VecX<T> background_;
+    std::vector<Key> key_;             ///< depth of each member
+    std::vector<std::uint8_t> moved_;  ///< of each member, during a redraw
+    std::vector<TileChange> tiles_;
+    std::vector<std::uint32_t> fresh_; ///< members that enter tiles, tile by tile
+    TileLists next_;
+    RasterTrace<T> few_;               ///< the changes of tiles with few of them
+    std::vector<Index> cursor_;
+    std::vector<StripMask> found_;     ///< strips that these reach
+    std::vector<Index> blended_;
+    std::vector<StripMask> drawn_strips_;
+    Region region_{0, 0};
+    RedrawWork work_;
+    bool drawn_ = false;
+};
+
+} // namespace rye
