@@ -6,12 +6,13 @@
 
 #include <rye/avatar/eye_stream.hpp>
 #include <rye/avatar/face_stream.hpp>
+#include <rye/avatar/own_effects.hpp>
 #include <rye/nn/upsampler.hpp>
 
 namespace rye {
 
 template <class T, EffectSet E = PaperEffects>
-struct TwoStream {
+struct TwoStream : OwnParameters<T, E> {
     FaceStream<T, E> face;
     EyeStream<T, E> eyes;
     Upsampler<T> upsampler;
@@ -20,6 +21,7 @@ struct TwoStream {
 
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
+        if constexpr (has_own_effects<E>) OwnParameters<T, E>::fields(f, p...);
         nested_fields<FaceStream<T, E>>("face", f, p.face...);
         nested_fields<EyeStream<T, E>>("eyes", f, p.eyes...);
         nested_fields<Upsampler<T>>("upsampler", f, p.upsampler...);
@@ -75,6 +77,8 @@ void drive(const TwoStream<T, E>& avatar, const AvatarConfig& config, const Land
     trace.code = frame_code(config, optical);
     trace.driven_face = face_gaussians<B, T>(avatar.face, config, roles, trace.code, trace.face);
     trace.world_face = trace.driven_face;
+    if constexpr (has_own_effects<E>)
+        add_own_effects<B, T, E>(avatar, optical, trace.world_face);
     if constexpr (has_effect<E, HeadPose>) {
         trace.head = head_transform(optical);
         to_world<B>(trace.head, trace.world_face);
@@ -95,6 +99,9 @@ Vec<T, 6> drive_vjp(const TwoStream<T, E>& avatar, const AvatarConfig& config,
     Vec<T, 6> g_pose = Vec<T, 6>::Zero();
     FrameCotangent<T, E> g_frame(trace.code);
     const auto streams_vjp = [&](const auto&... head) {
+        if constexpr (has_own_effects<E>)
+            own_effects_vjp<B, T, E>(avatar, optical_drivers(avatar.eyes, drivers),
+                                     trace.driven_face, g_face, grad);
         face_vjp<B>(avatar.face, config, trace.code, trace.face, trace.driven_face, g_face,
                     grad.face, g_frame);
         eye_vjp<B>(avatar.eyes, config, drivers, trace.eyes, trace.world_eyes, g_eyes, grad.eyes,
