@@ -61,9 +61,10 @@ decltype(auto) dispatch(Variants<First, Rest...>, const EffectMask& called, F&& 
     using List = Variants<First, Rest...>;
     const std::size_t k = List::smallest(called);
     if (k == List::count)
-        throw Error("dispatch: got a scene that calls for " + text_of(called) + ", expected one of " +
-                    std::to_string(List::count) + " compiled variants to have all of it; the nearest "
-                    "lacks " + detail::nearest_variant<List>(called));
+        throw Error("dispatch: got a scene that calls for " + text_of(called) +
+                    ", expected one of " + std::to_string(List::count) +
+                    " compiled variants to have all of it; the nearest lacks " +
+                    detail::nearest_variant<List>(called));
     const auto run = [&]<class V, class... More>(const auto& self, std::size_t left, V,
                                                  More... more) -> decltype(f(First{})) {
         if constexpr (sizeof...(More) > 0)

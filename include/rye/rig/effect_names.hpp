@@ -83,7 +83,7 @@ inline std::string text_of(const EffectMask& m) {
     return s.empty() ? "none" : s;
 }
 
-/// The set of some effects' types by their `name`s; a name that is not in the list does not compile.
+/// The set of some effects' types by their `name`s; one that is not in the list does not compile.
 template <class... E>
 consteval EffectMask mask_of() {
     EffectMask m;

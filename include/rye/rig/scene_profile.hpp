@@ -5,8 +5,8 @@
 /// Leaving out what is not called for changes no colour by more than the bound:
 ///   spherical harmonics  |sum_m b_m c_m| <= sqrt((2l + 1) / 4 pi) |c| of band l and a channel; a
 ///                        pixel's weights add up to at most 1, and max(0, .) does not stretch
-///   antialias            a splat thinner than a pixel calls for it; a dilation of d px^2 changes the
-///                        opacity of one of variance s [px^2] by 2 d / (e s) or less (e = 2.718...)
+///   antialias            a splat thinner than a pixel calls for it; a dilation of d px^2 changes
+///                        the opacity of one of variance s [px^2] by 2 d / (2.718 s) or less
 ///   all others           what they read varies by less than their own bound
 #pragma once
 
@@ -78,7 +78,8 @@ struct DriverFacts {
 
     void add(const std::vector<double>& code, const Vec<double, 6>& p, double s) {
         ++frames;
-        expression.add(Eigen::Map<const VecX<double>>(code.data(), static_cast<Index>(code.size())));
+        const auto n = static_cast<Index>(code.size());
+        expression.add(Eigen::Map<const VecX<double>>(code.data(), n));
         pose.add(p);
         scale.add(Vec<double, 1>(s));
         identity = std::max({identity, p.cwiseAbs().maxCoeff(), std::abs(s - 1)});
@@ -115,7 +116,7 @@ struct SceneFacts {
     std::optional<DriverFacts> drivers;
     std::optional<AvatarFacts> avatar;
     std::optional<RenderFacts> render;
-    /// Of bands 1, 2, 3: what leaving out this one alone can change in a colour.
+    /// Of bands 1, 2, and 3 and above: what leaving out this one alone can change in a colour.
     std::optional<std::array<double, 3>> sh;
     std::array<double, 3> sh_rest{};  ///< and this one with all above it
 };
@@ -134,7 +135,7 @@ void add_sh(const GaussianCloud<T>& cloud, SceneFacts& facts) {
                     cloud.sh_rest.col(i).segment(from, 2 * l + 1).template cast<double>().norm());
                 const double most = std::sqrt((2 * l + 1) / (4 * std::numbers::pi)) * norm;
                 above += most;
-                const auto at = static_cast<std::size_t>(l - 1);
+                const auto at = static_cast<std::size_t>(std::min(l, 3) - 1);  // 4 goes with 3
                 alone[at] = std::max(alone[at], most);
                 rest[at] = std::max(rest[at], above);
             }
