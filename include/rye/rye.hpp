@@ -62,6 +62,8 @@
 #include <rye/nn/instance_norm.hpp>
 #include <rye/nn/mlp.hpp>
 #include <rye/nn/upsampler.hpp>
+#include <rye/rig/effect_mask.hpp>
+#include <rye/rig/effect_names.hpp>
 #include <rye/rig/effect_slots.hpp>
 #include <rye/rig/effects.hpp>
 #include <rye/rig/eye_transform.hpp>

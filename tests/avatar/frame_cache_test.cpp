@@ -22,7 +22,7 @@ struct Stage {
     LandmarkRoles roles = tiny_roles();
     TwoStream<T> avatar;
     Drivers<T> drivers = tiny_drivers<T>();
-    Pinhole<T> camera = tiny_camera(117, 85).template cast<T>();
+    Pinhole<T> camera = tiny_camera(85, 69).template cast<T>();
     VecX<T> background;
 
     explicit Stage(const UpsamplerShape& upsampler) : config(tiny_config()) {

@@ -3,8 +3,8 @@
 /// again and dealt into the lists of their tiles, and only tiles that their old or new footprints
 /// reach are blended again: of those that a few reach only the strips that these can change, and
 /// none whose pixels are full before the first change.
-/// Every list holds what Rasterizer::forward would put there, in the same order, and the same
-/// kernels read it: the images have its bits. Pixel units.
+/// Every list holds what Rasterizer::forward would put there, in its order, and its kernels read
+/// it: the images have its bits. Pixel units.
 /// Memory: one render's trace and scratch, a second copy of the lists, what changed once more.
 #pragma once
 
@@ -14,6 +14,7 @@
 
 #include <rye/core/region.hpp>
 #include <rye/splat/rasterizer.hpp>
+#include <rye/splat/tile_changes.hpp>
 
 namespace rye {
 
@@ -101,33 +102,16 @@ class Redraw {
         for (const TileLists* l : {&t.lists, &next_, &few_.lists})
             sum += of(l->begin, l->member, l->slot, l->first);
         for (const RasterScratch<T>* s : {&scratch_, &part_scratch_})
-            sum += of(s->candidates, s->state, s->visible, s->keys, s->order, s->homes, s->rows,
-                      s->sort.keys, s->sort.values, s->sort.histogram);
+            sum += of(s->candidates, s->state, s->visible, s->keys, s->order, s->homes, s->rows);
         return sum;
     }
 
   private:
     using Key = typename RasterScratch<T>::Key;
 
-    /// What happens to a tile's list.
-    struct TileChange {
-        std::uint32_t left = 0, entered = 0;  ///< entries
-        std::uint32_t fresh = 0;              ///< where those that entered begin in fresh_
-        std::uint32_t mask = whole_tile;      ///< its strips' place in found_
-        bool redraw = false;
-
-        bool changes() const { return left + entered > 0; }
-        bool few() const { return changes() && left + entered <= most_few; }
-    };
-    static constexpr std::uint32_t whole_tile = 0xFFFFFFFF;
-    /// Finding out which strips a change reaches costs a few percent of blending what it reaches;
-    /// many changes reach most strips.
-    static constexpr std::uint32_t most_few = 64;
-
     static std::size_t at(Index i) { return static_cast<std::size_t>(i); }
     std::uint32_t member(Index i) const { return raster_.trace.member[at(i)]; }
     bool visible(Index i) const { return scratch_.state[at(i)] == Candidacy::visible; }
-
     void check(const Gaussians<T>& g, const VecX<T>& background) const {
         require(drawn_ && g.count() == static_cast<Index>(scratch_.state.size()) &&
                     g.channels() == raster_.feature.channels() &&
@@ -193,7 +177,8 @@ class Redraw {
         cursor_.assign(lists.begin.begin(), lists.begin.end() - 1);
         const auto deal = [&](const typename RasterScratch<T>::Candidate& c) {
             each_tile(c, [&](std::size_t t) {
-                if (tiles_[t].mask != whole_tile) few_.splats[at(cursor_[t]++)] = c.splat;
+                if (tiles_[t].mask != TileChange::whole_tile)
+                    few_.splats[at(cursor_[t]++)] = c.splat;
             });
         };
         for (std::size_t k = 0; k < changed.size(); ++k) {
@@ -206,7 +191,7 @@ class Redraw {
         typename LaneGroup<V>::Open every;
         every.fill(~0U);
         for (std::size_t t = 0; t < tiles_.size(); ++t) {
-            if (tiles_[t].mask == whole_tile) continue;
+            if (tiles_[t].mask == TileChange::whole_tile) continue;
             const Index tile = static_cast<Index>(t), end = scene.end(tile);
             const Strips<V> strips(scene, tile);
             StripMask& mask = found_[tiles_[t].mask];
@@ -294,7 +279,7 @@ class Redraw {
         std::swap(old.member, next_.member);
         for (std::size_t t = 0; t < tiles_.size(); ++t) {
             if (!tiles_[t].redraw) continue;
-            const bool whole = tiles_[t].mask == whole_tile;
+            const bool whole = tiles_[t].mask == TileChange::whole_tile;
             if (!whole && found_[tiles_[t].mask].none()) continue;
             blended_.push_back(static_cast<Index>(t));
             drawn_strips_.push_back(whole ? all_strips : found_[tiles_[t].mask]);
@@ -304,32 +289,19 @@ class Redraw {
     void merge_list(std::size_t t) {
         TileChange& change = tiles_[t];
         const TileLists& old = raster_.trace.lists;
-        const std::uint32_t* from = old.member.data() + old.begin[t];
+        const std::uint32_t* const from = old.member.data() + old.begin[t];
         const std::uint32_t* const end = old.member.data() + old.begin[t + 1];
-        std::uint32_t* to = next_.member.data() + next_.begin[t];
+        std::uint32_t* const to = next_.member.data() + next_.begin[t];
         if (!change.changes()) {
             std::copy(from, end, to);
             return;
         }
-        const std::uint32_t* fresh = fresh_.data() + change.fresh;
-        const std::uint32_t* const fresh_end = fresh + change.entered;
-        const std::uint32_t* const begin = to;
         const Index before = end - from;
-        Index same = before;  // entries at the front that both lists share
-        const auto differ = [&] { same = std::min<Index>(same, to - begin); };
-        for (; from < end; ++from) {
-            if (moved_[*from] != 0) {
-                differ();
-                continue;
-            }
-            while (fresh < fresh_end && nearer(*fresh, *from)) {
-                differ();
-                *to++ = *fresh++;
-            }
-            *to++ = *from;
-        }
-        if (fresh < fresh_end) differ();
-        std::copy(fresh, fresh_end, to);
+        const std::uint32_t* const fresh = fresh_.data() + change.fresh;
+        const Index same = merge_entries(
+            from, end, fresh, fresh + change.entered, to,
+            [&](std::uint32_t m) { return moved_[m] != 0; },
+            [&](std::uint32_t x, std::uint32_t y) { return nearer(x, y); });
         // Fewer were read than there are: all pixels were full, by entries that are the same.
         const Index used = raster_.trace.used[t];
         change.redraw = !(used < before && used <= same);
