@@ -2,11 +2,13 @@
 #include <rye/avatar/hold.hpp>
 
 #include <algorithm>
+#include <filesystem>
 #include <vector>
 
 #include <doctest/doctest.h>
 
 #include <rye/backend/scalar.hpp>
+#include <rye/train/checkpoint.hpp>
 
 #include "effect_sets.hpp"
 
@@ -155,6 +157,37 @@ static_assert(std::is_empty_v<FrameCode<float, Effects<LeftGaze>>>);
 static_assert(std::is_empty_v<FaceTrace<float, Effects<LeftGaze, HeadPose>>>);
 
 } // namespace
+
+TEST_CASE("an avatar with fewer effects is saved and read; one with more is not read from it") {
+    using Fewer = Less<AllEffects, Expression, LeftGaze>;
+    const auto a = held<Fewer, B>(avatar_of_all(), tiny_config(), tiny_roles(), drivers_of_all());
+    const auto path = std::filesystem::temp_directory_path() / "rye_effects_test.safetensors";
+    const auto save = [&](const auto& avatar) {
+        std::vector<TensorEntry> entries;
+        append_fields("avatar", avatar, entries);
+        write_safetensors(path, entries, {});
+    };
+    save(a);
+    TwoStream<double, Fewer> b = zeros_like(a);
+    TwoStream<double, Fewer>::buffers([](const std::string&, auto& x) { x.setZero(); }, b);
+    load_fields(read_safetensors(path), "avatar", b);
+    const auto same = [](const std::string& name, const auto& x, const auto& y) {
+        CHECK_MESSAGE((x.size() > 0 && x == y), name);
+    };
+    TwoStream<double, Fewer>::fields(same, a, b);
+    TwoStream<double, Fewer>::buffers(same, a, b);
+    TwoStream<double, AllEffects> more = avatar_of_all();
+    CHECK_THROWS_WITH_AS(load_fields(read_safetensors(path), "avatar", more),
+                         doctest::Contains("exp_color_mlp"), Error);
+    // Nothing held: the anchor has no points.
+    const TwoStream<double, Fewer> plain = restricted<Fewer>(avatar_of_all());
+    save(plain);
+    b.face.anchor.resize(0, 0);
+    load_fields(read_safetensors(path), "avatar", b);
+    CHECK(b.face.anchor.size() == 0);
+    CHECK(b.face.position == plain.face.position);
+    std::filesystem::remove(path);
+}
 
 TEST_CASE("held: with fewer effects it looks the same at those drivers, and goes on from there") {
     const TwoStream<double, AllEffects> all = avatar_of_all();
