@@ -14,6 +14,7 @@
 #include <rye/rig/gaze.hpp>
 
 #include "commands.hpp"
+#include "info_effects.hpp"
 #include "validate.hpp"
 
 namespace rye::trainer {
@@ -148,13 +149,31 @@ std::string describe(const Capture& c) {
 void add_info(CLI::App& app) {
     struct Arguments {
         std::string folder;
-        bool all = false;
+        bool all = false, effects = false;
+        EffectsOptions options;
     };
-    CLI::App* command = app.add_subcommand("info", "Describe a capture and check it");
+    CLI::App* command = app.add_subcommand("info", "Describe a capture and check it; or say which "
+                                                   "effects a scene calls for");
     const auto arguments = std::make_shared<Arguments>();
-    command->add_option("--capture,DIR", arguments->folder, "Folder of the capture")->required();
+    command->add_option("--capture,DIR", arguments->folder,
+                        "Folder of the capture; with --effects also a PLY file of Gaussians, or a "
+                        "folder of photographs with a transforms.json");
     command->add_flag("--all-images", arguments->all, "Decode every image, not a sample");
+    auto* effects = command->add_flag("--effects", arguments->effects,
+                                      "Say which effects the scene calls for, and why");
+    command->add_option("--run", arguments->options.run, "Folder of a run: its avatar is judged, too")
+        ->needs(effects);
+    command->add_option("--bound", arguments->options.bound,
+                        "With --effects: the least change of a colour that counts; 0.004 or 1/255")
+        ->needs(effects)->capture_default_str();
     command->callback([arguments] {
+        if (arguments->effects) {
+            arguments->options.scene = arguments->folder;
+            std::cout << explain_effects(arguments->options);
+            return;
+        }
+        require(!arguments->folder.empty(), "rye info",
+                "--capture: got none, expected the folder of a capture");
         std::vector<Problem> problems;
         const Capture capture = read_capture(arguments->folder, {}, &problems);
         const std::vector<Problem> more =

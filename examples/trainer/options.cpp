@@ -2,6 +2,7 @@
 #include "options.hpp"
 
 #include <cmath>
+#include <cstdio>
 
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
@@ -65,6 +66,16 @@ void require_same_subject(const TrainState& state, const Capture& capture) {
     require(capture.width % factor == 0 && capture.height % factor == 0, capture.folder.string(),
             "images of " + std::to_string(capture.width) + " x " + std::to_string(capture.height) +
                 " pixels, expected sides divisible by " + std::to_string(factor));
+}
+
+double parsed_error(const std::string& text, const std::string& who, const std::string& option) {
+    double above = 0, below = 1;
+    int read = 0, all = 0;
+    if (std::sscanf(text.c_str(), "%lf%n/%lf%n", &above, &read, &below, &all) == 2) read = all;
+    const double error = above / below;
+    require(static_cast<std::size_t>(read) == text.size() && error > 0 && error < 1, who,
+            option + ": got " + text + ", expected a number between 0 and 1 such as 0.004 or 1/255");
+    return error;
 }
 
 } // namespace rye::trainer

@@ -18,6 +18,9 @@ int camera_index(const Capture& capture, const std::string& id, int frame);
 /// PITCH,YAW in degrees as a unit vector of the head frame; Error beyond 70 degrees either way.
 Vec3<float> gaze_option(const std::vector<double>& pitch_yaw_deg, const std::string& option);
 
+/// "0.004" or "1/255", between 0 and 1; Error naming the command and the option for anything else.
+double parsed_error(const std::string& text, const std::string& who, const std::string& option);
+
 /// Error unless the capture's drivers fit the trained avatar.
 void require_same_subject(const TrainState& state, const Capture& capture);
 

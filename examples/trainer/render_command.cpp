@@ -19,6 +19,7 @@
 
 #include "commands.hpp"
 #include "image_io.hpp"
+#include "options.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -46,17 +47,6 @@ std::pair<int, int> parsed_size(const std::string& text) {
             "rye render", "--size: got " + text + ", expected WxH, each 1 to " +
                               std::to_string(max_image_edge) + " pixels");
     return {width, height};
-}
-
-/// "0.004" or "1/255".
-double parsed_error(const std::string& text) {
-    double above = 0, below = 1;
-    int read = 0, all = 0;
-    if (std::sscanf(text.c_str(), "%lf%n/%lf%n", &above, &read, &below, &all) == 2) read = all;
-    const double error = above / below;
-    require(static_cast<std::size_t>(read) == text.size() && error > 0 && error < 1, "rye render",
-            "--max-error: got " + text + ", expected a number between 0 and 1 such as 0.004 or 1/255");
-    return error;
 }
 
 template <Backend B, Real T, AccuracyPolicy A>
@@ -102,7 +92,7 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
     if (!o.max_error.empty()) {
         const VecX<float> behind = background.cast<float>();
         const SelectedAccuracy chosen = select_accuracy<B, float>(
-            g, camera.cast<float>(), behind, parsed_error(o.max_error));
+            g, camera.cast<float>(), behind, parsed_error(o.max_error, "rye render", "--max-error"));
         if (chosen.met)
             std::printf("accuracy %s: the coarsest of %zu whose error stays below %s; on %td tiles it "
                         "is at most %.2g, and at most %.1f %% of all tiles are worse (95 %% sure)\n",

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cmath>
+#include <type_traits>
 #include <vector>
 
 #include <rye/nn/mlp.hpp>
@@ -38,29 +39,53 @@ void squash_vjp(Squash squash, const Columns<T>& y, Columns<T>& g) {
         g = g.cwiseProduct(y.unaryExpr([](const T& v) { return T(v * (T(1) - v)); })).eval();
 }
 
+/// Points with an influence, ascending.
+template <class T>
+std::vector<Index> influenced(const Columns<T>& lambda) {
+    std::vector<Index> set;
+    for (Index i = 0; i < lambda.cols(); ++i)
+        if (lambda(0, i) > T(0)) set.push_back(i);
+    return set;
+}
+
+/// Squashed outputs of the network for the points of `input`.
+template <Backend B, class T>
+void evaluate_field(const Mlp<T>& mlp, Squash squash, const Columns<T>& input,
+                    const VecX<T>& frame, Columns<T>& output,
+                    std::type_identity_t<MlpTrace<T>>* trace) {
+    output = mlp_forward<B, T>(mlp, input, frame, trace);
+    for_chunks<typename B::threads>(input.cols(), 1024, [&](Index b, Index e, Index) {
+        Columns<T> y = output.middleCols(b, e - b);
+        squash_in_place(squash, y);
+        output.middleCols(b, e - b) = y;
+    });
+}
+
+/// out += gain lambda output, where column k of `output` belongs to point set[k]; of these ks all,
+/// or those listed.
+template <Backend B, class T>
+void accumulate_field(const T& gain, const Columns<T>& lambda, const std::vector<Index>& set,
+                      const Columns<T>& output, const std::vector<Index>* listed, Columns<T>& out) {
+    const Index n = static_cast<Index>(listed != nullptr ? listed->size() : set.size());
+    for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
+        for (Index j = b; j < e; ++j) {
+            const Index k = listed != nullptr ? (*listed)[static_cast<std::size_t>(j)] : j;
+            const Index i = set[static_cast<std::size_t>(k)];
+            const T w = gain * lambda(0, i);
+            out.col(i) += w * output.col(k);
+        }
+    });
+}
+
 /// Adds the field to `out` (rows x N). `inputs` are per-point inputs (D x N), `lambda` is 1 x N.
 template <Backend B, class T>
 void add_field(const Mlp<T>& mlp, Squash squash, const T& gain, const Columns<T>& inputs,
                const Columns<T>& lambda, const VecX<T>& frame, Columns<T>& out,
                FieldTrace<T>& trace) {
-    trace.set.clear();
-    for (Index i = 0; i < lambda.cols(); ++i)
-        if (lambda(0, i) > T(0)) trace.set.push_back(i);
-    const Index n = static_cast<Index>(trace.set.size());
-    trace.input.resize(inputs.rows(), n);
-    for (Index k = 0; k < n; ++k)
-        trace.input.col(k) = inputs.col(trace.set[static_cast<std::size_t>(k)]);
-    trace.output = mlp_forward<B, T>(mlp, trace.input, frame, &trace.mlp);
-    for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
-        Columns<T> y = trace.output.middleCols(b, e - b);
-        squash_in_place(squash, y);
-        trace.output.middleCols(b, e - b) = y;
-        for (Index k = b; k < e; ++k) {
-            const Index i = trace.set[static_cast<std::size_t>(k)];
-            const T w = gain * lambda(0, i);
-            out.col(i) += w * y.col(k - b);
-        }
-    });
+    trace.set = influenced(lambda);
+    trace.input = pick_columns(inputs, trace.set);
+    evaluate_field<B>(mlp, squash, trace.input, frame, trace.output, &trace.mlp);
+    accumulate_field<B>(gain, lambda, trace.set, trace.output, nullptr, out);
 }
 
 /// Gradients of a field; each pointer may be null.

@@ -5,6 +5,8 @@
 /// MLP over points, a convolution over pixels and the blending of features share their products.
 #pragma once
 
+#include <vector>
+
 #include <Eigen/Core>
 
 #include <rye/core/config.hpp>
@@ -36,6 +38,14 @@ template <class T, int R, int C>
 using Mat = Eigen::Matrix<T, R, C>;
 template <class T>
 using Mat3 = Mat<T, 3, 3>;
+
+/// Those columns, in that order.
+template <class T>
+Columns<T> pick_columns(const Columns<T>& all, const std::vector<Index>& which) {
+    Columns<T> r(all.rows(), static_cast<Index>(which.size()));
+    for (std::size_t k = 0; k < which.size(); ++k) r.col(static_cast<Index>(k)) = all.col(which[k]);
+    return r;
+}
 
 /// An image: channels x (width * height), pixel (x, y) in column y * width + x, top row first.
 /// Pixel (x, y) covers [x, x+1) x [y, y+1); its centre is (x + 0.5, y + 0.5).

@@ -36,4 +36,20 @@ struct GaussianCloud {
     }
 };
 
+/// The cloud without the bands of its harmonics above `degree`; that of a lower degree as it is.
+template <class T>
+GaussianCloud<T> truncated(const GaussianCloud<T>& cloud, int degree) {
+    if (degree >= cloud.degree()) return cloud;
+    GaussianCloud<T> r(cloud.count(), degree);
+    r.mean = cloud.mean;
+    r.sh_constant = cloud.sh_constant;
+    r.logit_opacity = cloud.logit_opacity;
+    r.log_scale = cloud.log_scale;
+    r.rotation = cloud.rotation;
+    const Index kept = r.sh_rest.rows() / 3, of = cloud.sh_rest.rows() / 3;
+    for (Index c = 0; c < 3; ++c)
+        r.sh_rest.middleRows(c * kept, kept) = cloud.sh_rest.middleRows(c * of, kept);
+    return r;
+}
+
 } // namespace rye

@@ -143,6 +143,28 @@ Padded<T> upsampler_layer_input(const Image<T>& in, const std::vector<Image<T>>&
 /// Pixels per partial sum of the last layer's gradients: at most 16 chunks.
 inline Index outc_grain(Index pixels) { return std::max<Index>(2048, chunk_count(pixels, 16)); }
 
+/// Pixels per chunk of the last layer.
+inline constexpr Index last_layer_grain = 2048;
+
+/// Pixels [b, e), one chunk, of the output: from the layer below it, and the base, if skip.
+template <Backend B, class T>
+void last_layer(const Upsampler<T>& u, const Image<T>& below, const Image<T>& base, Index b,
+                Index e, Image<T>& out) {
+    const Columns<T> h =
+        below.pixels.middleCols(b, e - b).unaryExpr([](const T& x) { return relu(x); });
+    Columns<T> z = u.out_weight * h;
+    z.colwise() += u.out_bias.col(0);
+    T* to = out.pixels.col(b).data();
+    if (u.shape.skip)
+        transform_array<B>(
+            z.size(), to,
+            [](const auto& low, const auto& x) { return odds_sigmoid(clamped_base(low), x); },
+            base.pixels.col(b).data(), z.data());
+    else
+        transform_array<B>(
+            z.size(), to, [](const auto& x) { return sigmoid(x); }, z.data());
+}
+
 } // namespace detail
 
 /// in: in_channels. Returns 3 channels in 0..1, 2^doublings times as wide and high. The trace may
@@ -171,23 +193,9 @@ Image<T> upsampler_forward(const Upsampler<T>& u, const Image<T>& in,
     }
     const Image<T>& last = t.normal.back();
     Image<T> out(last.width, last.height, 3);
-    for_chunks<typename B::threads>(out.size(), 2048, [&](Index b, Index e, Index) {
-        const Columns<T> h =
-            last.pixels.middleCols(b, e - b).unaryExpr([](const T& x) { return relu(x); });
-        Columns<T> z = u.out_weight * h;
-        z.colwise() += u.out_bias.col(0);
-        T* to = out.pixels.col(b).data();
-        if (s.skip)
-            transform_array<B>(
-                z.size(), to,
-                [](const auto& base, const auto& x) {
-                    return detail::odds_sigmoid(detail::clamped_base(base), x);
-                },
-                t.base.pixels.col(b).data(), z.data());
-        else
-            transform_array<B>(
-                z.size(), to, [](const auto& x) { return sigmoid(x); }, z.data());
-    });
+    for_chunks<typename B::threads>(
+        out.size(), detail::last_layer_grain,
+        [&](Index b, Index e, Index) { detail::last_layer<B>(u, last, t.base, b, e, out); });
     if (trace) t.out = out;
     return out;
 }

@@ -10,6 +10,7 @@
 #include <cstdint>
 
 #include <rye/core/config.hpp>
+#include <rye/gaussian/antialias.hpp>
 
 namespace rye {
 
@@ -27,7 +28,7 @@ struct Balanced {
     double alpha_min = 1.0 / 2550.0;   ///< contributions below are skipped
     double alpha_max = 0.999;          ///< alpha is clamped here; no gradient above
     double stop = 1e-5;                ///< transmittance at which a pixel is full
-    double dilation = 0.3;             ///< added to both variances on the screen [px^2]
+    double dilation = 0.3;             ///< of Antialias::dilate and mip [px^2]
     double frustum_margin = 0.3;       ///< Jacobian is clamped this many half-images outside
     double alpha_floor = 0;            ///< f in alpha = o (exp(-|w|^2/2) - f), if has_floor
     NonFinite non_finite = NonFinite::cull;
@@ -35,6 +36,7 @@ struct Balanced {
 
     static constexpr Stop stop_rule = Stop::inclusive;
     static constexpr Support support = Support::ellipse;
+    static constexpr Antialias antialias = Antialias::dilate;
     static constexpr bool has_floor = false;
     static constexpr int exp2_degree = 5;   ///< polynomial in lanes; 0 is the library's exp2
 };
@@ -104,8 +106,14 @@ concept AccuracyPolicy = std::default_initializable<A> && requires(const A a) {
     { a.dilation } -> std::convertible_to<double>;
     { A::stop_rule } -> std::convertible_to<Stop>;
     { A::support } -> std::convertible_to<Support>;
+    { A::antialias } -> std::convertible_to<Antialias>;
     { A::exp2_degree } -> std::convertible_to<int>;
 };
+/// What is added to both variances on the screen [px^2].
+template <AccuracyPolicy A>
+constexpr double screen_dilation(const A& accuracy) {
+    return A::antialias == Antialias::none ? 0.0 : accuracy.dilation;
+}
 static_assert(AccuracyPolicy<Balanced> && AccuracyPolicy<Compatible3dgsFloor>);
 
 } // namespace rye

@@ -2,6 +2,7 @@
 /// rye/splat/raster.hpp: what a render returns, and what it keeps for its vjp.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -42,6 +43,27 @@ struct Raster {
     Image<T> alpha;                      ///< 1 channel, in 0..1
     Image<T> depth;                      ///< 1 channel [world units]
     RasterTrace<T> trace;
+};
+
+/// Strips of a tile that are drawn, a bit each (splat/xsimd_group.hpp); their pixels alone are
+/// written. The plain walk draws them all.
+struct StripMask {
+    std::array<std::uint32_t, 4> words;
+
+    bool has(int strip) const {
+        return (words[static_cast<std::size_t>(strip / 32)] >> (strip % 32) & 1U) != 0;
+    }
+    bool none() const { return (words[0] | words[1] | words[2] | words[3]) == 0; }
+};
+inline constexpr StripMask all_strips{{~0U, ~0U, ~0U, ~0U}};
+
+/// What of an image is drawn; null: tiles 0, 1, ..., and all strips of each.
+struct DrawnTiles {
+    const Index* tiles = nullptr;
+    const StripMask* strips = nullptr;
+
+    Index tile(Index k) const { return tiles != nullptr ? tiles[k] : k; }
+    const StripMask& mask(Index k) const { return strips != nullptr ? strips[k] : all_strips; }
 };
 
 enum class Candidacy : std::uint8_t { hidden, visible, non_finite };

@@ -44,6 +44,19 @@ struct Rasterizer {
         RasterScratch<T> own;
         RasterScratch<T>& s = scratch != nullptr ? *scratch : own;
         check(g, camera, background);
+        project_into(g, camera, s);
+        arrange<B>(camera, accuracy, s, out.trace);
+        shape_image(out.feature, camera, g.channels());
+        shape_image(out.alpha, camera, 1);
+        shape_image(out.depth, camera, 1);
+        out.trace.used.resize(static_cast<std::size_t>(out.trace.lists.tiles()));
+        blend_into(scene_of(g, camera, background, out.trace), {},
+                   out.trace.lists.tiles(), out, s);
+    }
+
+    /// The first step of forward_into: candidate and state of every Gaussian.
+    template <class T>
+    void project_into(const Gaussians<T>& g, const Pinhole<T>& camera, RasterScratch<T>& s) const {
         s.shape(g.count());
         for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
             if constexpr (LaneBackend<B, T>)
@@ -51,23 +64,29 @@ struct Rasterizer {
             else
                 project_range(g, camera, accuracy, b, e, s);
         });
-        arrange<B>(camera, accuracy, s, out.trace);
-        shape_image(out.feature, camera, g.channels());
-        shape_image(out.alpha, camera, 1);
-        shape_image(out.depth, camera, 1);
-        out.trace.used.resize(static_cast<std::size_t>(out.trace.lists.tiles()));
-        const Scene<T> scene = scene_of(g, camera, background, out.trace);
-        for_tiles(out.trace.lists.tiles(), [&](Index b, Index e) {
+    }
+
+    /// The last step: draws `count` tiles of the three images. The other pixels stay.
+    template <class T>
+    void blend_into(const Scene<T>& scene, const DrawnTiles& drawn, Index count, Raster<T>& out,
+                    RasterScratch<T>& s) const {
+        for_tiles(count, [&](Index b, Index e) {
             if constexpr (LaneBackend<B, T>) {
                 using V = typename B::template batch<T>;
                 const auto canvas = s.workspaces.template lend<LaneCanvas<V>>();
-                with_channels(g.channels(), [&](auto c) {
-                    blend_tiles_lanes<V, c>(scene, accuracy, b, e, out, *canvas);
+                with_channels(scene.feature.rows(), [&](auto c) {
+                    blend_tiles_lanes<V, c>(scene, accuracy, drawn, {b, e}, out, *canvas);
                 });
             } else {
-                for (Index t = b; t < e; ++t) blend_tile(scene, accuracy, t, out);
+                for (Index k = b; k < e; ++k) blend_tile(scene, accuracy, drawn.tile(k), out);
             }
         });
+    }
+
+    template <class T>
+    static Scene<T> scene_of(const Gaussians<T>& g, const Pinhole<T>& camera,
+                             const VecX<T>& background, const RasterTrace<T>& trace) {
+        return {trace, g.feature, background, camera.cx, camera.cy, camera.width, camera.height};
     }
 
     /// Gradients of everything in `g` for the cotangents of the three images; the background's is
@@ -179,12 +198,6 @@ struct Rasterizer {
         image.width = camera.width;
         image.height = camera.height;
         image.pixels.resize(channels, image.size());
-    }
-
-    template <class T>
-    static Scene<T> scene_of(const Gaussians<T>& g, const Pinhole<T>& camera,
-                             const VecX<T>& background, const RasterTrace<T>& trace) {
-        return {trace, g.feature, background, camera.cx, camera.cy, camera.width, camera.height};
     }
 };
 

@@ -91,16 +91,16 @@ void settle(Index i, const Span& rows, const Pinhole<T>& camera, RasterScratch<T
 template <class A, class T>
 void project_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy, Index b,
                    Index e, RasterScratch<T>& scratch) {
-    const Lens<T> lens(camera, accuracy.frustum_margin, accuracy.dilation);
+    const Lens<T> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
     for (Index i = b; i < e; ++i) {
         const auto at = static_cast<std::size_t>(i);
         scratch.state[at] = Candidacy::non_finite;
         if (!usable(g, i)) continue;
-        const ScreenGaussian<T> s = project(load_shape(g, i), lens);
+        const Projected<T, A::antialias> s = project<A::antialias>(load_shape(g, i), lens);
         scratch.state[at] = Candidacy::hidden;
         if (!s.drawable || !(g.opacity(0, i) > T(0))) continue;
         Member<T>& c = scratch.candidates[at];
-        c.splat = make_splat(s, g.opacity(0, i), accuracy);
+        c.splat = make_splat(s, kept_opacity(s, g.opacity(0, i)), accuracy);
         if (!(c.splat.log2_opacity > c.splat.cut)) continue;
         scratch.footprints[at] = footprint_of<A>(s, c.splat, camera.cx, camera.cy);
         const Cover<A::support, real_t<T>> cover{scratch.footprints[at], camera.width,
@@ -181,7 +181,7 @@ template <class A, class T>
 void pull_back_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy,
                      const RasterTrace<T>& trace, const Slots<T>& slots, Index b, Index e,
                      Gaussians<T>& out) {
-    const Lens<T> lens(camera, accuracy.frustum_margin, accuracy.dilation);
+    const Lens<T> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
     std::vector<T> sum(static_cast<std::size_t>(slots.stride));
     for (Index i = b; i < e; ++i) {
         const std::uint32_t m = trace.member[static_cast<std::size_t>(i)];
@@ -193,8 +193,9 @@ void pull_back_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& a
         for (Index k = 0; k < g.channels(); ++k)
             out.feature(k, i) = sum[static_cast<std::size_t>(Slots<T>::head + k)];
         const SplatCotangent<T> s{sum[0], sum[1], sum[2], sum[3], sum[4], sum[5], sum[6]};
-        const ScreenCotangent<T> screen = screen_cotangent(trace.members[m].splat, s);
-        store_shape(project_vjp(load_shape(g, i), lens, screen), out, i);
+        store_shape(project_vjp<A::antialias>(load_shape(g, i), lens,
+                                              screen_cotangent(trace.members[m].splat, s), s.alpha),
+                    out, i);
         out.opacity(0, i) = s.alpha / g.opacity(0, i);
     }
 }

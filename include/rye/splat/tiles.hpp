@@ -170,6 +170,32 @@ struct TileRows : Span {
     bool known(int width) const { return last_row() - first_row() <= most && fits(width); }
 };
 
+/// Tiles [begin, end) of a row of tiles.
+struct TileRowSpan {
+    int row, begin, end;
+};
+
+/// f of each row of tiles that a footprint reaches; `rows` are its rows of pixels, not empty, and
+/// footprint() is asked for only where these do not say which columns.
+template <Support support, Real R, class Rows, class Footprint, class F>
+void each_tile_row(int width, int height, const Rows& rows, const Footprint& footprint,
+                   const F& f) {
+    const int begin = rows.begin / tile_edge, end = (rows.end + tile_edge - 1) / tile_edge;
+    if constexpr (std::same_as<Rows, TileRows>)
+        if (rows.known(width)) {
+            for (int y = begin; y < end; ++y) {
+                const auto& c = rows.columns[static_cast<std::size_t>(y - begin)];
+                f(TileRowSpan{y, c[0], c[1]});
+            }
+            return;
+        }
+    const Cover<support, R> cover{footprint(), width, height};
+    for (int y = begin; y < end; ++y) {
+        const Span s = cover.columns(y, rows);
+        f(TileRowSpan{y, s.begin, s.end});
+    }
+}
+
 /// Bits that compare as the non-negative number does.
 template <Real R>
 auto depth_key(R depth) {
@@ -248,36 +274,29 @@ struct TileLists {
     void build(int width, int height, const PixelRows& pixel_rows,
                const std::vector<std::uint32_t>& order, Index max_entries,
                const Footprints& footprint) {
-        using Rows = std::remove_cvref_t<std::invoke_result_t<PixelRows, Index>>;
         columns = tiles_across(width);
         rows = tiles_across(height);
         const auto each_row = [&](std::uint32_t m, const auto& f) {
-            const Rows& r = pixel_rows(m);
-            const int begin_row = r.begin / tile_edge;
-            const int end_row = (r.end + tile_edge - 1) / tile_edge;
-            if constexpr (std::same_as<Rows, TileRows>)
-                if (r.known(width)) {
-                    for (int y = begin_row; y < end_row; ++y) {
-                        const auto& c = r.columns[static_cast<std::size_t>(y - begin_row)];
-                        f(RowSpan{y, c[0], c[1]});
-                    }
-                    return;
-                }
-            const Cover<support, R> cover{footprint(m), width, height};
-            for (int y = begin_row; y < end_row; ++y) {
-                const Span s = cover.columns(y, r);
-                f(RowSpan{y, s.begin, s.end});
-            }
+            each_tile_row<support, R>(width, height, pixel_rows(m), [&]() -> const Footprint<R>& {
+                return footprint(m);
+            }, f);
         };
         deal<P>(order, max_entries, each_row, [&](std::uint32_t m) { prefetch(pixel_rows(m)); });
+    }
+
+    /// Throws if there are more entries than allowed.
+    static void check_entries(Index total, Index max_entries) {
+        if (total > std::min(max_entries, Index(0xFFFFFFFF)))
+            throw Error("rasterizer: got " + std::to_string(total) +
+                        " pairs of a tile and a Gaussian, expected at most " +
+                        std::to_string(max_entries) +
+                        ": the Gaussians are too large for the image");
     }
 
   private:
     static constexpr Index ahead = 16;
 
-    struct RowSpan {
-        int row, begin, end;     ///< of tiles
-    };
+    using RowSpan = TileRowSpan;
     std::vector<std::vector<Index>> cursors_;  ///< of each chunk: where it goes on in each list
 
     /// The order is cut into as many chunks as there are threads; where a chunk goes on in a tile's
@@ -319,11 +338,7 @@ struct TileLists {
             });
         Index total = 0;
         for (Index m = 0; m < n; ++m) total = at(first, m + 1) += total;
-        if (total > std::min(max_entries, Index(0xFFFFFFFF)))
-            throw Error("rasterizer: got " + std::to_string(total) +
-                        " pairs of a tile and a Gaussian, expected at most " +
-                        std::to_string(max_entries) +
-                        ": the Gaussians are too large for the image");
+        check_entries(total, max_entries);
         begin.resize(static_cast<std::size_t>(tiles()) + 1);
         Index next = 0;
         for (Index t = 0; t < tiles(); ++t) {

@@ -122,11 +122,12 @@ void draw_background(const Scene<T>& scene, Index first, Index last, Raster<T>& 
     std::fill(out.trace.used.begin() + first, out.trace.used.begin() + last, 0);
 }
 
-/// Draws one tile of the three images, which holds Gaussians. C few channels, or any number for
-/// C = 0.
+/// Draws strips of one tile of the three images, which holds Gaussians. C few channels, or any
+/// number for C = 0.
 template <class V, int C, class A>
 void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accuracy, Index tile,
-                      Raster<typename V::value_type>& out, LaneCanvas<V>& canvas) {
+                      const StripMask& drawn, Raster<typename V::value_type>& out,
+                      LaneCanvas<V>& canvas) {
     using T = typename V::value_type;
     using Tile = Strips<V>;
     constexpr int lanes = Tile::lanes, most = LaneGroup<V>::most;
@@ -138,7 +139,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
     const LaneBlend<A, V> blend(accuracy);
     T* const state = canvas.state.reserve(Tile::count * state_stride);
     std::fill_n(state, Tile::count * state_stride, T(0));
-    strips.start(state, state_stride);
+    strips.start(drawn, state, state_stride);
     if constexpr (C == 0) {
         std::fill_n(canvas.sums.reserve(tile_pixels * stride), tile_pixels * stride, T(0));
         canvas.feature.reserve(most * stride);
@@ -170,7 +171,11 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
         const Index p = scene.pixel(scene.left(tile), scene.top(tile) + y);
         T* to = out.feature.pixels.data() + p * channels;
         for (int x = 0; x < strips.width; ++x) {
-            const Index strip = static_cast<Index>(Tile::strip(x, y)), lane = x % lanes;
+            const int strip = Tile::strip(x, y), lane = x % lanes;
+            if (!drawn.has(strip)) {
+                to += channels;
+                continue;
+            }
             const T* const from = state + strip * state_stride + lane;
             const T behind = std::abs(from[0]);
             out.alpha.pixels.data()[p + x] = T(1) - behind;
@@ -192,20 +197,24 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
     }
 }
 
-/// Draws tiles [begin, end).
+/// Draws tiles drawn.tile(k) for the ks of a span.
 template <class V, int C, class A>
-void blend_tiles_lanes(const Scene<typename V::value_type>& scene, const A& accuracy, Index begin,
-                       Index end, Raster<typename V::value_type>& out, LaneCanvas<V>& canvas) {
+void blend_tiles_lanes(const Scene<typename V::value_type>& scene, const A& accuracy,
+                       const DrawnTiles& drawn, const std::array<Index, 2>& span,
+                       Raster<typename V::value_type>& out, LaneCanvas<V>& canvas) {
     const auto empty = [&](Index t) { return scene.begin(t) == scene.end(t); };
-    for (Index t = begin; t < end;) {
-        Index next = t + 1;
-        if (empty(t)) {
-            while (next < end && empty(next) && scene.top(next) == scene.top(t)) ++next;
-            draw_background(scene, t, next, out);
-        } else {
-            blend_tile_lanes<V, C>(scene, accuracy, t, out, canvas);
+    for (Index k = span[0]; k < span[1];) {
+        const Index first = drawn.tile(k);
+        Index last = first;
+        while (k < span[1] && drawn.tile(k) == last && empty(last) &&
+               scene.top(last) == scene.top(first)) {
+            ++k;
+            ++last;
         }
-        t = next;
+        if (last > first)
+            draw_background(scene, first, last, out);
+        else
+            blend_tile_lanes<V, C>(scene, accuracy, first, drawn.mask(k++), out, canvas);
     }
 }
 

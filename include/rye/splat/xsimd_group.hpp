@@ -24,7 +24,7 @@ struct Strips {
     static constexpr int lanes = static_cast<int>(V::size);
     static constexpr int sides = tile_edge / lanes;
     static constexpr int count = sides * tile_edge;
-    static_assert(tile_edge % lanes == 0 && tile_edge <= 16);
+    static_assert(tile_edge % lanes == 0 && tile_edge <= 16 && count <= 128);
 
     alignas(64) T x[tile_edge];          ///< pixel centres from the principal point [px]
     alignas(64) T y[tile_edge];
@@ -38,12 +38,14 @@ struct Strips {
             y[i] = static_cast<T>(scene.top(tile) + i) + T(0.5) - scene.cy;
         }
     }
-    /// Transmittance 1 inside the image, 0 outside; a vector every `stride` numbers.
-    void start(T* transmittance, Index stride) const {
+    /// Transmittance 1 where a pixel is drawn, 0 outside the image; a vector every `stride` numbers.
+    void start(const StripMask& drawn, T* transmittance, Index stride) const {
         for (int s = 0; s < count; ++s)
             for (int lane = 0; lane < lanes; ++lane)
                 transmittance[s * stride + lane] =
-                    s % tile_edge < height && s / tile_edge * lanes + lane < width ? T(1) : T(0);
+                    drawn.has(s) && s % tile_edge < height && s / tile_edge * lanes + lane < width
+                        ? T(1)
+                        : T(0);
     }
     static constexpr std::size_t side(std::size_t strip) { return strip / tile_edge; }
     static constexpr std::size_t row(std::size_t strip) { return strip % tile_edge; }

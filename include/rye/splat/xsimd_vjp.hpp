@@ -37,7 +37,7 @@ void record_tile(const Scene<typename V::value_type>& scene, const A& accuracy, 
     constexpr int lanes = Strips<V>::lanes;
     const LaneBlend<A, V> blend(accuracy);
     Group& group = tape.group;
-    strips.start(tape.transmittance, lanes);
+    strips.start(all_strips, tape.transmittance, lanes);
     tape.strip.clear();
     tape.end.clear();
     typename Group::Open open;

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+/// benchmarks/effects/subject.hpp: the avatar that frames are timed on: a trained one (--run DIR,
+/// --capture DIR, or RYE_RUN and RYE_DATA), or else a synthetic one of the same sizes.
+#pragma once
+
+#include <string>
+
+#include <rye/avatar/two_stream.hpp>
+#include <rye/geometry/camera.hpp>
+
+namespace rye::bench {
+
+/// What the command line says; empty: the environment, or nothing.
+struct SubjectOptions {
+    std::string run, capture;
+};
+SubjectOptions& subject_options();
+
+struct Subject {
+    std::string name;              ///< for the output
+    TwoStream<float> avatar;
+    AvatarConfig config;
+    LandmarkRoles roles;
+    Drivers<float> drivers;
+    Pinhole<float> camera;         ///< of the render
+    VecX<float> background;
+};
+
+/// The same for every benchmark of a run.
+const Subject& subject();
+
+} // namespace rye::bench

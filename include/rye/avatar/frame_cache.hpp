@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/frame_cache.hpp: a frame that is kept up to date. What changed little is not computed
+/// twice: an update compares drivers, camera and background with the last ones, by bits, and does
+/// what they reach (avatar/drive_cache.hpp, splat/redraw.hpp, nn/upsampler_cache.hpp):
+///
+///     changed             deformation      render                            super-resolution
+///     nothing             none             none                              none
+///     a gaze              what it moves    the Gaussians it moved, and the   where these tiles are
+///                                          tiles of their old and new places (or whole)
+///     expression, pose    what it moves    the same, or whole if many moved  the same
+///     background          none             blending                          whole
+///     camera              none             whole                             whole
+///
+/// Every image is that of drive(), Rasterizer::forward and upsampler_forward, bit for bit.
+/// Memory: bytes() says.
+#pragma once
+
+#include <optional>
+
+#include <rye/avatar/drive_cache.hpp>
+#include <rye/nn/upsampler_cache.hpp>
+#include <rye/splat/redraw.hpp>
+
+namespace rye {
+
+template <Backend B, AccuracyPolicy A, Real T>
+class FrameCache {
+  public:
+    /// Avatar, configuration and roles must outlive the cache. Call reset() when the avatar's
+    /// parameters have changed.
+    FrameCache(const TwoStream<T>& avatar, const AvatarConfig& config, const LandmarkRoles& roles,
+               const Rasterizer<B, A>& rasterizer = {})
+        : avatar_(&avatar), drive_(avatar, config, roles), redraw_(rasterizer) {}
+
+    void reset() {
+        drive_.reset();
+        shown_.reset();
+    }
+
+    /// Brings the render up to date; `camera` is that of the render.
+    const Raster<T>& update(const Drivers<T>& drivers, const Pinhole<T>& camera,
+                            const VecX<T>& background) {
+        const bool whole = !shown_ || !redraw_.drawn() || !same_bits(camera, shown_->camera);
+        const bool repaint = whole || !same_bits(background, shown_->background);
+        shown_.reset();  // until all is consistent again
+        const Gaussians<T>& g = drive_.update(drivers);
+        const std::vector<Index>& changed = drive_.changed();
+        if (whole || static_cast<Index>(changed.size()) > g.count() / whole_share) {
+            redraw_.draw(g, camera, background);
+            picture_ = Stale::whole;
+            stale_ = Region(camera.width, camera.height);
+        } else {
+            redraw_.redraw(g, changed);
+            stale_.add(redraw_.region());
+            if (repaint) {
+                redraw_.redraw_background(g, background);
+                picture_ = Stale::whole;
+            }
+        }
+        shown_ = Shown{camera, background};
+        return redraw_.raster();
+    }
+
+    /// The last update's render after super-resolution.
+    const Image<T>& picture() {
+        require(shown_.has_value(), "FrameCache", "got no frame yet, expected update() before");
+        const Image<T>& render = redraw_.raster().feature;
+        if (picture_ == Stale::whole)
+            upsampler_.draw(avatar_->upsampler, render);
+        else
+            upsampler_.redraw(avatar_->upsampler, render, stale_);
+        picture_ = Stale::region;
+        stale_ = Region(render.width, render.height);
+        return upsampler_.picture();
+    }
+
+    const DriveCache<B, T>& drive() const { return drive_; }
+    const Redraw<B, A, T>& render() const { return redraw_; }
+    const UpsamplerCache<B, T>& upsampler() const { return upsampler_; }
+    std::size_t bytes() const { return drive_.bytes() + redraw_.bytes() + upsampler_.bytes(); }
+
+  private:
+    /// If more than one in this many Gaussians moved, a whole render is cheaper.
+    static constexpr Index whole_share = 2;
+
+    struct Shown {
+        Pinhole<T> camera;
+        VecX<T> background;
+    };
+    enum class Stale { whole, region };  ///< what of the picture waits for picture()
+
+    static bool same_bits(const VecX<T>& a, const VecX<T>& b) { return rye::same_bits(a, b); }
+    static bool same_bits(const Pinhole<T>& a, const Pinhole<T>& b) {
+        const auto same = [](const T& x, const T& y) { return rye::same_bits(x, y); };
+        return same(a.fx, b.fx) && same(a.fy, b.fy) && same(a.cx, b.cx) && same(a.cy, b.cy) &&
+               a.width == b.width && a.height == b.height && same(a.near_depth, b.near_depth) &&
+               rye::same_bits(a.camera_from_world.rotation, b.camera_from_world.rotation) &&
+               rye::same_bits(a.camera_from_world.translation, b.camera_from_world.translation);
+    }
+
+    const TwoStream<T>* avatar_;
+    DriveCache<B, T> drive_;
+    Redraw<B, A, T> redraw_;
+    UpsamplerCache<B, T> upsampler_;
+    std::optional<Shown> shown_;
+    Stale picture_ = Stale::whole;
+    Region stale_{0, 0};                  ///< if not the whole
+};
+
+} // namespace rye

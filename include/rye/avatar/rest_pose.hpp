@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/rest_pose.hpp: what of the face stream no driver changes: influences, the points that
+/// each driver moves, and the networks' inputs at those points. Valid while the face's positions,
+/// features and landmarks are the ones it was made from; a step of training changes them.
+/// Memory: for each driver its points times (position code + feature + 1) numbers.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include <rye/avatar/face_stream.hpp>
+
+namespace rye {
+
+/// The drivers of the face's networks, in the order in which their fields are added.
+enum class FaceDriver : std::uint8_t { expression, pose, left_gaze, right_gaze };
+inline constexpr std::size_t face_drivers = 4;
+
+template <class T>
+struct RestPose {
+    /// Points that one driver moves.
+    struct Moved {
+        std::vector<Index> points;  ///< lambda > 0, ascending
+        Columns<T> code;            ///< positional encoding of these
+        Columns<T> feature;         ///< tanh(F_0) of these
+    };
+    Index count = 0;                ///< of all points
+    Weights<T> weights;
+    std::array<Moved, face_drivers> moved;
+
+    const Columns<T>& lambda(std::size_t driver) const {
+        return driver == 0 ? weights.exp : driver == 1 ? weights.pose : weights.gaze[driver - 2];
+    }
+};
+
+template <Backend B, class T>
+RestPose<T> rest_pose(const FaceStream<T>& face, const AvatarConfig& config,
+                      const LandmarkRoles& roles) {
+    using std::tanh;
+    RestPose<T> rest;
+    rest.count = face.position.cols();
+    WeightsTrace<T> nearest;
+    rest.weights = face_weights<B, T>(config, face.position, face.landmarks, roles, nearest);
+    const Columns<T> code = positional_encoding(face.position, config.frequencies);
+    for (std::size_t d = 0; d < face_drivers; ++d) {
+        auto& moved = rest.moved[d];
+        moved.points = influenced(rest.lambda(d));
+        moved.code = pick_columns(code, moved.points);
+        moved.feature = pick_columns(face.feature, moved.points)
+                            .unaryExpr([](const T& v) { return T(tanh(v)); });
+    }
+    return rest;
+}
+
+/// Of each driver's points (as their numbers among these) those that lie in the union of some
+/// drivers' points, and that union: what is added up again when these drivers change.
+struct Reached {
+    std::vector<Index> points;                            ///< ascending
+    std::array<std::vector<Index>, face_drivers> listed;
+};
+
+template <class T>
+Reached reached(const RestPose<T>& rest, const std::array<bool, face_drivers>& changed) {
+    std::vector<bool> in(static_cast<std::size_t>(rest.count), false);
+    for (std::size_t d = 0; d < face_drivers; ++d)
+        if (changed[d])
+            for (const Index i : rest.moved[d].points) in[static_cast<std::size_t>(i)] = true;
+    Reached r;
+    for (std::size_t i = 0; i < in.size(); ++i)
+        if (in[i]) r.points.push_back(static_cast<Index>(i));
+    for (std::size_t d = 0; d < face_drivers; ++d) {
+        const std::vector<Index>& points = rest.moved[d].points;
+        for (std::size_t k = 0; k < points.size(); ++k)
+            if (in[static_cast<std::size_t>(points[k])])
+                r.listed[d].push_back(static_cast<Index>(k));
+    }
+    return r;
+}
+
+} // namespace rye

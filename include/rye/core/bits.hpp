@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/core/bits.hpp: whether two numbers, or arrays of them, are the same bits. Unlike ==, a NaN
+/// is the same as itself, and -0 is not the same as 0: what has the same bits gives the same bits.
+#pragma once
+
+#include <cstring>
+
+#include <rye/core/columns.hpp>
+#include <rye/core/concepts.hpp>
+
+namespace rye {
+
+template <Real T>
+bool same_bits(const T& a, const T& b) {
+    return std::memcmp(&a, &b, sizeof(T)) == 0;
+}
+
+template <Real T, int R, int C>
+bool same_bits(const Eigen::Matrix<T, R, C>& a, const Eigen::Matrix<T, R, C>& b) {
+    return a.rows() == b.rows() && a.cols() == b.cols() &&
+           (a.size() == 0 ||
+            std::memcmp(a.data(), b.data(), sizeof(T) * static_cast<std::size_t>(a.size())) == 0);
+}
+
+} // namespace rye

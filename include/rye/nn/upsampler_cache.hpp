@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/nn/upsampler_cache.hpp: super-resolution of an image that changes in a part. A 3 x 3
+/// convolution passes a change on to the next pixel and no further, so only that part, grown by
+/// one pixel a layer, are convolved again, and every bit is that of upsampler_forward.
+/// That holds without InstanceNorm, whose mean and variance are of the whole image: one pixel
+/// changes them all; and without doublings, whose weights depend on where in the image they are.
+/// With either the network runs whole (is_local says so).
+/// Memory: the output of every layer, and the picture.
+#pragma once
+
+#include <vector>
+
+#include <rye/core/region.hpp>
+#include <rye/nn/upsampler.hpp>
+
+namespace rye {
+
+/// Whether a change of the input stays where it is, up to a few pixels.
+inline bool is_local(const UpsamplerShape& s) {
+    return s.norm == Normalization::none && s.doublings == 0;
+}
+
+template <Backend B, Real T>
+class UpsamplerCache {
+  public:
+    /// The whole picture.
+    const Image<T>& draw(const Upsampler<T>& u, const Image<T>& in) {
+        if (is_local(u.shape)) {
+            out_ = upsampler_forward<B>(u, in, &trace_);
+            trace_.out = {};
+        } else {
+            out_ = upsampler_forward<B>(u, in, nullptr);
+        }
+        pixels_ = out_.size();
+        return out_;
+    }
+
+    /// The picture of an input that differs from the last one in this region alone.
+    const Image<T>& redraw(const Upsampler<T>& u, const Image<T>& in, const Region& changed) {
+        pixels_ = 0;
+        if (changed.empty()) return out_;
+        if (!is_local(u.shape)) return draw(u, in);
+        require(out_.width == in.width && out_.height == in.height &&
+                    changed.width() == in.width && changed.height() == in.height,
+                "UpsamplerCache",
+                "got an image or a region of another size than the last image, expected the same; "
+                "draw it whole first");
+        Region region = changed;
+        for (int l = 0; l < u.shape.layers(); ++l) region = convolve(u, in, l, region);
+        last_layer(u, in, region);
+        return out_;
+    }
+
+    const Image<T>& picture() const { return out_; }
+    /// Pixels that the last call brought up to date.
+    Index pixels() const { return pixels_; }
+
+    std::size_t bytes() const {
+        Index numbers = out_.pixels.size() + trace_.base.pixels.size();
+        for (const Image<T>& i : trace_.normal) numbers += i.pixels.size();
+        return static_cast<std::size_t>(numbers) * sizeof(T);
+    }
+
+  private:
+    /// Convolves layer l where its input changed; returns where its output did.
+    Region convolve(const Upsampler<T>& u, const Image<T>& in, int l, const Region& changed) {
+        const auto i = static_cast<std::size_t>(l);
+        Image<T>& to = trace_.normal[i];
+        const Columns<T>& weight = u.conv[i];
+        const Image<T>& from = l == 0 ? in : trace_.normal[i - 1];
+        // A product of matrices may round a column by where it stands: there, whole rows.
+        const bool lanes = detail::runs_in_lanes<B, T>(weight.rows(), from.channels(), to.width);
+        Region region = changed.grown(narrowest);
+        region.widen(lanes ? narrowest : to.width);
+        for (const Window& w : region.bands()) {
+            const Padded<T> input =
+                l == 0 ? cut(from, w, [](const auto& x) { return x; })
+                       : cut(from, w, [](const auto& x) { return relu(x); });
+            const Image<T> part = convolve3x3<B>(weight, input);
+            const Index c = to.pixels.rows();
+            for (int y = 0; y < part.height; ++y)
+                std::copy_n(part.pixels.data() + Index(y) * part.width * c, part.width * c,
+                            to.pixels.data() + (Index(w.top + y) * to.width + w.left) * c);
+        }
+        return region;
+    }
+
+    /// Fewer columns than these are not convolved in lanes.
+    static constexpr int narrowest = 8;
+
+    /// f of the pixels of a window and of those around it, zeros outside the image.
+    template <class F>
+    static Padded<T> cut(const Image<T>& image, const Window& w, const F& f) {
+        const Index c = image.channels(), pitch = w.width() + 2;
+        Padded<T> out{w.width(), w.height(), Columns<T>(c, pitch * (w.height() + 2))};
+        const int left = std::max(0, w.left - 1), right = std::min(image.width, w.right + 1);
+        for (int y = w.top - 1; y <= w.bottom; ++y) {
+            T* const row = out.pixels.data() + (y - w.top + 1) * pitch * c;
+            if (y < 0 || y >= image.height) {
+                std::fill_n(row, pitch * c, T(0));
+                continue;
+            }
+            if (w.left == 0) std::fill_n(row, c, T(0));
+            if (w.right == image.width) std::fill_n(row + (pitch - 1) * c, c, T(0));
+            transform_array<B>((right - left) * c, row + (left - w.left + 1) * c, f,
+                               image.pixels.data() + (Index(y) * image.width + left) * c);
+        }
+        return out;
+    }
+
+    /// The last layer goes over fixed chunks of pixels: those that hold a changed one are done.
+    void last_layer(const Upsampler<T>& u, const Image<T>& in, const Region& changed) {
+        const Index n = out_.size(), grain = detail::last_layer_grain;
+        std::vector<Index> chunks;
+        std::vector<bool> marked(static_cast<std::size_t>(chunk_count(n, grain)), false);
+        for (const Window& w : changed.bands())
+            for (int y = w.top; y < w.bottom; ++y) {
+                const Index row = Index(y) * out_.width;
+                for (Index k = (row + w.left) / grain; k <= (row + w.right - 1) / grain; ++k)
+                    marked[static_cast<std::size_t>(k)] = true;
+            }
+        for (std::size_t k = 0; k < marked.size(); ++k)
+            if (marked[k]) chunks.push_back(static_cast<Index>(k));
+        for_chunks<typename B::threads>(
+            static_cast<Index>(chunks.size()), 1, [&](Index k, Index, Index) {
+                const Index b = chunks[static_cast<std::size_t>(k)] * grain;
+                const Index e = std::min(n, b + grain);
+                if (u.shape.skip)
+                    trace_.base.pixels.middleCols(b, e - b) =
+                        in.pixels.middleCols(b, e - b).topRows(3);
+                detail::last_layer<B>(u, trace_.normal.back(), trace_.base, b, e, out_);
+            });
+        for (const Index k : chunks) pixels_ += std::min(n, (k + 1) * grain) - k * grain;
+    }
+
+    UpsamplerTrace<T> trace_;
+    Image<T> out_;
+    Index pixels_ = 0;
+};
+
+} // namespace rye

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/rig/effect_names.hpp: effects by name, and sets of them, for what is decided while a program
+/// runs: which effects a scene calls for, and which compiled variant has them.
+#pragma once
+
+#include <array>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <initializer_list>
+#include <string>
+#include <string_view>
+
+#include <rye/core/config.hpp>
+
+namespace rye {
+
+enum class EffectName : std::uint8_t {
+    expression,
+    head_pose,
+    pose_residual,
+    left_gaze,
+    right_gaze,
+    eye_offset,
+    kappa,
+    periocular,
+    corneal_bulge,
+    sh1,               ///< band 1 of the spherical harmonics
+    sh2,
+    sh3,
+    feature_channels,  ///< more than three
+    antialias,
+    lens_distortion,
+    super_resolution,
+    extra_outputs      ///< depth, normals, contributors
+};
+
+/// As the effects' types and the documents write them, in the order of EffectName.
+inline constexpr std::array<std::string_view, 17> effect_names{
+    "expression", "head pose",        "pose residual",   "left gaze",        "right gaze",
+    "eye offset", "kappa",            "periocular",      "corneal bulge",    "sh 1",
+    "sh 2",       "sh 3",             "feature channels", "antialias",       "lens distortion",
+    "super-resolution", "extra outputs"};
+inline constexpr std::size_t effect_count = effect_names.size();
+
+constexpr std::string_view name_of(EffectName e) {
+    return effect_names[static_cast<std::size_t>(e)];
+}
+
+/// A set of effects.
+struct EffectMask {
+    std::uint32_t bits = 0;
+
+    constexpr EffectMask() = default;
+    constexpr EffectMask(std::initializer_list<EffectName> effects) {
+        for (const EffectName e : effects) add(e);
+    }
+    constexpr void add(EffectName e) { bits |= 1U << static_cast<unsigned>(e); }
+    constexpr bool has(EffectName e) const {
+        return (bits >> static_cast<unsigned>(e) & 1U) != 0;
+    }
+    constexpr bool contains(const EffectMask& o) const { return (o.bits & ~bits) == 0; }
+    constexpr int count() const { return std::popcount(bits); }
+    constexpr bool operator==(const EffectMask&) const = default;
+    constexpr EffectMask without(const EffectMask& o) const {
+        EffectMask r;
+        r.bits = bits & ~o.bits;
+        return r;
+    }
+    constexpr EffectMask with(const EffectMask& o) const {
+        EffectMask r;
+        r.bits = bits | o.bits;
+        return r;
+    }
+};
+
+/// "expression, head pose"; "none".
+inline std::string text_of(const EffectMask& m) {
+    std::string s;
+    for (std::size_t k = 0; k < effect_count; ++k)
+        if (m.has(static_cast<EffectName>(k)))
+            s += (s.empty() ? "" : ", ") + std::string(effect_names[k]);
+    return s.empty() ? "none" : s;
+}
+
+/// The set of some effects' types by their `name`s; one that is not in the list does not compile.
+template <class... E>
+consteval EffectMask mask_of() {
+    EffectMask m;
+    [[maybe_unused]] const auto add = [&](std::string_view name) {
+        std::size_t k = 0;
+        while (effect_names.at(k) != name) ++k;
+        m.add(static_cast<EffectName>(k));
+    };
+    (add(E::name), ...);
+    return m;
+}
+
+} // namespace rye

@@ -1,0 +1,382 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/redraw.hpp: a render that is kept up to date. Gaussians that changed are projected
+/// again and dealt into the lists of their tiles, and only tiles that their old or new footprints
+/// reach are blended again: of those that a few reach only the strips that these can change, and
+/// none whose pixels are full before the first change.
+/// Every list holds what Rasterizer::forward would put there, in its order, and its kernels read
+/// it: the images have its bits. Pixel units.
+/// Memory: one render's trace and scratch, a second copy of the lists, what changed once more.
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include <rye/core/region.hpp>
+#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/tile_changes.hpp>
+
+namespace rye {
+
+/// What the last call did.
+struct RedrawWork {
+    Index projected = 0;  ///< Gaussians
+    Index blended = 0;    ///< tiles, whole or in part
+    Index whole = 0;      ///< of these whole
+};
+
+template <Backend B, AccuracyPolicy A, Real T>
+class Redraw {
+  public:
+    explicit Redraw(const Rasterizer<B, A>& rasterizer = {}) : rasterizer_(rasterizer) {}
+
+    /// The images. Their trace is of no use to a vjp: lists hold no slots.
+    const Raster<T>& raster() const { return raster_; }
+    /// Pixels outside this are those of the call before the last.
+    const Region& region() const { return region_; }
+    const RedrawWork& work() const { return work_; }
+    /// Whether redraw may be called.
+    bool drawn() const { return drawn_; }
+
+    /// The whole picture.
+    void draw(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background) {
+        drawn_ = false;
+        rasterizer_.forward_into(g, camera, background, raster_, &scratch_);
+        camera_ = camera;
+        background_ = background;
+        const RasterTrace<T>& trace = raster_.trace;
+        key_.resize(trace.members.size());
+        for (std::size_t m = 0; m < key_.size(); ++m)
+            key_[m] = depth_key(trace.members[m].splat.depth);
+        moved_.assign(key_.size(), 0);
+        every_tile();
+        count(g.count());
+        drawn_ = true;
+    }
+
+    /// The same Gaussians and camera over another background.
+    void redraw_background(const Gaussians<T>& g, const VecX<T>& background) {
+        check(g, background);
+        background_ = background;
+        every_tile();
+        blend(g, 0);
+    }
+
+    /// Gaussians that differ from the last ones in the columns `changed` alone, which ascend.
+    void redraw(const Gaussians<T>& g, std::span<const Index> changed) {
+        check(g, background_);
+        blended_.clear();
+        drawn_strips_.clear();
+        region_ = Region(camera_.width, camera_.height);
+        work_ = {};
+        if (changed.empty()) return;
+        drawn_ = false;  // until all is consistent again
+        tiles_.assign(static_cast<std::size_t>(raster_.trace.lists.tiles()), {});
+        for (const Index i : changed) leave(i);
+        project(g, changed);
+        for (std::size_t k = 0; k < changed.size(); ++k)
+            if (part_scratch_.state[k] == Candidacy::visible)
+                each_tile(part_scratch_, k, [&](std::size_t t) { ++tiles_[t].entered; });
+        if constexpr (LaneBackend<B, T>) find_strips(changed);
+        for (std::size_t k = 0; k < changed.size(); ++k) enter(changed[k], k);
+        sort_fresh(changed);
+        merge_lists();
+        for (const Index i : changed)
+            if (const std::uint32_t m = member(i); m != no_member) moved_[m] = 0;
+        blend(g, static_cast<Index>(changed.size()));
+        drawn_ = true;
+    }
+
+    /// Of everything that is kept.
+    std::size_t bytes() const {
+        const auto of = [](const auto&... v) {
+            return (std::size_t(0) + ... + (v.capacity() * sizeof(v[0])));
+        };
+        const RasterTrace<T>& t = raster_.trace;
+        Index numbers = raster_.feature.pixels.size() + 2 * raster_.alpha.pixels.size();
+        Gaussians<T>::fields([&](const std::string&, const Columns<T>& a) { numbers += a.size(); },
+                             part_);
+        std::size_t sum = static_cast<std::size_t>(numbers) * sizeof(T) +
+                          of(t.members, t.member, t.used, key_, moved_, tiles_, fresh_,
+                             few_.members, cursor_, found_, blended_, drawn_strips_);
+        for (const TileLists* l : {&t.lists, &next_, &few_.lists})
+            sum += of(l->begin, l->entry, l->first);
+        for (const RasterScratch<T>* s : {&scratch_, &part_scratch_})
+            sum += of(s->candidates, s->footprints, s->state, s->home, s->visible, s->keys,
+                      s->order, s->homes);
+        return sum;
+    }
+
+  private:
+    using Key = typename RasterScratch<T>::Key;
+
+    static std::size_t at(Index i) { return static_cast<std::size_t>(i); }
+    std::uint32_t member(Index i) const { return raster_.trace.member[at(i)]; }
+    bool visible(Index i) const { return scratch_.state[at(i)] == Candidacy::visible; }
+    void check(const Gaussians<T>& g, const VecX<T>& background) const {
+        require(drawn_ && g.count() == static_cast<Index>(scratch_.state.size()) &&
+                    g.channels() == raster_.feature.channels() &&
+                    background.size() == g.channels(),
+                "Redraw", "got Gaussians or a background of another shape than the last picture's, "
+                          "expected the same; draw the whole picture first");
+    }
+
+    /// f(tile) of every tile that visible candidate k reaches.
+    template <class F>
+    void each_tile(const RasterScratch<T>& scratch, std::size_t k, const F& f) const {
+        const Index columns = raster_.trace.lists.columns;
+        each_tile_row<A::support, T>(
+            camera_.width, camera_.height, scratch.candidates[k].rows,
+            [&]() -> const Footprint<T>& { return scratch.footprints[k]; },
+            [&](const TileRowSpan& s) {
+                for (int x = s.begin; x < s.end; ++x) f(at(s.row * columns + x));
+            });
+    }
+
+    /// The old footprint of Gaussian i.
+    void leave(Index i) {
+        if (!visible(i)) return;
+        moved_[member(i)] = 1;
+        each_tile(scratch_, at(i), [&](std::size_t t) { ++tiles_[t].left; });
+    }
+
+    /// Gathers what changed and projects it.
+    void project(const Gaussians<T>& g, std::span<const Index> changed) {
+        const Index n = static_cast<Index>(changed.size());
+        Gaussians<T>::fields([&](const std::string&, Columns<T>& to, const Columns<T>& from) {
+            to.resize(from.rows(), n);
+            const Index rows = from.rows();
+            for (Index k = 0; k < n; ++k)
+                std::copy_n(from.data() + changed[at(k)] * rows, rows, to.data() + k * rows);
+        }, part_, g);
+        rasterizer_.project_into(part_, camera_, part_scratch_);
+    }
+
+    /// Of tiles that a few changes reach, the strips that their old and new splats reach, found as
+    /// blending does: the changes are made a small scene.
+    void find_strips(std::span<const Index> changed) {
+        using V = typename B::template batch<T>;
+        TileLists& lists = few_.lists;
+        lists.columns = raster_.trace.lists.columns;
+        lists.rows = raster_.trace.lists.rows;
+        lists.begin.resize(tiles_.size() + 1);
+        Index sum = 0;
+        std::uint32_t masks = 0;
+        for (std::size_t t = 0; t < tiles_.size(); ++t) {
+            lists.begin[t] = sum;
+            if (!tiles_[t].few()) continue;
+            sum += tiles_[t].left + tiles_[t].entered;
+            tiles_[t].mask = masks++;
+        }
+        lists.begin[tiles_.size()] = sum;
+        found_.assign(masks, {});
+        if (masks == 0) return;
+        few_.members.resize(at(sum));
+        lists.entry.resize(at(sum));
+        for (std::size_t e = 0; e < lists.entry.size(); ++e)
+            lists.entry[e] = {static_cast<std::uint32_t>(e), 0};
+        cursor_.assign(lists.begin.begin(), lists.begin.end() - 1);
+        const auto deal = [&](const RasterScratch<T>& from, std::size_t k) {
+            each_tile(from, k, [&](std::size_t t) {
+                if (tiles_[t].mask != TileChange::whole_tile)
+                    few_.members[at(cursor_[t]++)] = from.candidates[k];
+            });
+        };
+        for (std::size_t k = 0; k < changed.size(); ++k) {
+            if (visible(changed[k])) deal(scratch_, at(changed[k]));
+            if (part_scratch_.state[k] == Candidacy::visible) deal(part_scratch_, k);
+        }
+        const Scene<T> scene = rasterizer_.scene_of(part_, camera_, background_, few_);
+        const auto canvas = scratch_.workspaces.template lend<LaneCanvas<V>>();
+        LaneGroup<V>& group = (*canvas).group;
+        typename LaneGroup<V>::Open every;
+        every.fill(~0U);
+        for (std::size_t t = 0; t < tiles_.size(); ++t) {
+            if (tiles_[t].mask == TileChange::whole_tile) continue;
+            const Index tile = static_cast<Index>(t), end = scene.end(tile);
+            const Strips<V> strips(scene, tile);
+            StripMask& mask = found_[tiles_[t].mask];
+            for (Index k = scene.begin(tile); k < end; k += LaneGroup<V>::most) {
+                group.fill(scene, strips, scene.top(tile), k,
+                           std::min<Index>(end, k + LaneGroup<V>::most), every);
+                for (int v = 0; v < group.visits; ++v)
+                    mask.words[group.strip[v] / 32U] |= 1U << (group.strip[v] % 32U);
+            }
+        }
+    }
+
+    /// The new footprint of Gaussian i, which is number k of those that changed.
+    void enter(Index i, std::size_t k) {
+        RasterTrace<T>& trace = raster_.trace;
+        const Candidacy now = part_scratch_.state[k];
+        trace.non_finite += Index(now == Candidacy::non_finite) -
+                            Index(scratch_.state[at(i)] == Candidacy::non_finite);
+        if (rasterizer_.accuracy.non_finite == NonFinite::fail && trace.non_finite > 0)
+            throw Error("rasterizer: got a Gaussian with a number that is not finite, expected "
+                        "none");
+        scratch_.state[at(i)] = now;
+        if (now != Candidacy::visible) return;
+        Member<T>& drawn = scratch_.candidates[at(i)];
+        drawn = part_scratch_.candidates[k];
+        drawn.source = static_cast<std::uint32_t>(i);
+        scratch_.footprints[at(i)] = part_scratch_.footprints[k];
+        const Key key = depth_key(drawn.splat.depth);
+        if (member(i) == no_member) {
+            trace.member[at(i)] = static_cast<std::uint32_t>(trace.members.size());
+            trace.members.push_back(drawn);
+            key_.push_back(key);
+            moved_.push_back(1);
+        } else {
+            const std::uint32_t m = member(i);
+            trace.members[m] = drawn;
+            key_[m] = key;
+            moved_[m] = 1;
+        }
+    }
+
+    /// Deals what entered out into its tiles, near to far, ties by index.
+    void sort_fresh(std::span<const Index> changed) {
+        auto& keys = part_scratch_.keys;
+        auto& order = part_scratch_.order;
+        keys.clear();
+        order.clear();
+        for (std::size_t k = 0; k < changed.size(); ++k)
+            if (visible(changed[k])) {
+                keys.push_back(key_[member(changed[k])]);
+                order.push_back(static_cast<std::uint32_t>(k));
+            }
+        sort_by_key(keys, order, part_scratch_.sort);
+        std::uint32_t sum = 0;
+        for (TileChange& t : tiles_) {
+            t.fresh = sum;
+            sum += t.entered;
+        }
+        fresh_.resize(sum);
+        for (const std::uint32_t k : order) {
+            const std::uint32_t m = member(changed[k]);
+            each_tile(scratch_, at(changed[k]),
+                      [&](std::size_t t) { fresh_[tiles_[t].fresh++] = {m, 0}; });
+        }
+        for (TileChange& t : tiles_) t.fresh -= t.entered;
+    }
+
+    /// New lists: old ones without the entries that left, with those that entered.
+    void merge_lists() {
+        TileLists& old = raster_.trace.lists;
+        next_.columns = old.columns;
+        next_.rows = old.rows;
+        next_.begin.resize(old.begin.size());
+        Index entries = 0;
+        for (std::size_t t = 0; t < tiles_.size(); ++t) {
+            next_.begin[t] = entries;
+            entries += old.begin[t + 1] - old.begin[t] - Index(tiles_[t].left) +
+                       Index(tiles_[t].entered);
+        }
+        next_.begin[tiles_.size()] = entries;
+        TileLists::check_entries(entries, rasterizer_.accuracy.max_entries);
+        next_.entry.resize(at(entries));
+        for_chunks<typename B::threads>(old.tiles(), 8, [&](Index b, Index e, Index) {
+            for (Index t = b; t < e; ++t) merge_list(at(t));
+        });
+        std::swap(old.begin, next_.begin);
+        std::swap(old.entry, next_.entry);
+        for (std::size_t t = 0; t < tiles_.size(); ++t) {
+            if (!tiles_[t].redraw) continue;
+            const bool whole = tiles_[t].mask == TileChange::whole_tile;
+            if (!whole && found_[tiles_[t].mask].none()) continue;
+            blended_.push_back(static_cast<Index>(t));
+            drawn_strips_.push_back(whole ? all_strips : found_[tiles_[t].mask]);
+        }
+    }
+
+    void merge_list(std::size_t t) {
+        TileChange& change = tiles_[t];
+        const TileLists& old = raster_.trace.lists;
+        using Entry = TileLists::Entry;
+        const Entry* const from = old.entry.data() + old.begin[t];
+        const Entry* const end = old.entry.data() + old.begin[t + 1];
+        Entry* const to = next_.entry.data() + next_.begin[t];
+        if (!change.changes()) {
+            std::copy(from, end, to);
+            return;
+        }
+        const Index before = end - from;
+        const Entry* const fresh = fresh_.data() + change.fresh;
+        const Index same = merge_entries(
+            from, end, fresh, fresh + change.entered, to,
+            [&](const Entry& e) { return moved_[e.member] != 0; },
+            [&](const Entry& x, const Entry& y) { return nearer(x.member, y.member); });
+        // Fewer were read than there are: all pixels were full, by entries that are the same.
+        const Index used = raster_.trace.used[t];
+        change.redraw = !(used < before && used <= same);
+    }
+
+    /// In the order of lists.
+    bool nearer(std::uint32_t a, std::uint32_t b) const {
+        const RasterTrace<T>& trace = raster_.trace;
+        return key_[a] < key_[b] ||
+               (key_[a] == key_[b] && trace.members[a].source < trace.members[b].source);
+    }
+
+    void every_tile() {
+        blended_.clear();
+        for (Index t = 0; t < raster_.trace.lists.tiles(); ++t) blended_.push_back(t);
+        drawn_strips_.assign(blended_.size(), all_strips);
+    }
+
+    void blend(const Gaussians<T>& g, Index projected) {
+        rasterizer_.blend_into(rasterizer_.scene_of(g, camera_, background_, raster_.trace),
+                               {blended_.data(), drawn_strips_.data()},
+                               static_cast<Index>(blended_.size()), raster_, scratch_);
+        count(projected);
+    }
+
+    /// What was drawn, and where. Of a tile drawn in part it is not known how far its list would
+    /// have been read.
+    void count(Index projected) {
+        work_ = {projected, static_cast<Index>(blended_.size()), 0};
+        region_ = Region(camera_.width, camera_.height);
+        const TileLists& lists = raster_.trace.lists;
+        for (std::size_t k = 0; k < blended_.size(); ++k) {
+            const Index t = blended_[k];
+            const int x = static_cast<int>(t % lists.columns) * tile_edge;
+            const int y = static_cast<int>(t / lists.columns) * tile_edge;
+            const StripMask& strips = drawn_strips_[k];
+            if (strips.words == all_strips.words) {
+                ++work_.whole;
+                region_.add({x, y, x + tile_edge, y + tile_edge});
+                continue;
+            }
+            raster_.trace.used[at(t)] = lists.begin[at(t) + 1] - lists.begin[at(t)];
+            if constexpr (LaneBackend<B, T>) {
+                using S = Strips<typename B::template batch<T>>;
+                for (int s = 0; s < S::count; ++s) {
+                    const int left = x + s / tile_edge * S::lanes, top = y + s % tile_edge;
+                    if (strips.has(s)) region_.add({left, top, left + S::lanes, top + 1});
+                }
+            }
+        }
+    }
+
+    Rasterizer<B, A> rasterizer_;
+    Raster<T> raster_;
+    RasterScratch<T> scratch_, part_scratch_;
+    Gaussians<T> part_;                ///< what changed, gathered
+    Pinhole<T> camera_;
+    VecX<T> background_;
+    std::vector<Key> key_;             ///< depth of each member
+    std::vector<std::uint8_t> moved_;  ///< of each member, during a redraw
+    std::vector<TileChange> tiles_;
+    std::vector<TileLists::Entry> fresh_;  ///< that enter tiles, tile by tile
+    TileLists next_;
+    RasterTrace<T> few_;               ///< the changes of tiles with few of them
+    std::vector<Index> cursor_;
+    std::vector<StripMask> found_;     ///< strips that these reach
+    std::vector<Index> blended_;
+    std::vector<StripMask> drawn_strips_;
+    Region region_{0, 0};
+    RedrawWork work_;
+    bool drawn_ = false;
+};
+
+} // namespace rye
