@@ -76,15 +76,23 @@ void all() {
     });
     scalar_loss("silhouette_term", 1, 6, [](const auto& x) {
         using S = typename std::decay_t<decltype(x)>::Scalar;
-        Columns<S> mask(1, 6), visible = Columns<S>::Ones(1, 6), soft = x;
+        // Masks that are neither 0 nor 1: else a forgotten factor of visible or mask is 1.
+        Columns<S> mask(1, 6), visible(1, 6), soft = x;
         for (Index i = 0; i < 6; ++i) {
-            mask(0, i) = S(i % 2 == 0 ? 1 : 0);
+            mask(0, i) = S(0.25F * static_cast<float>(i % 5));
+            visible(0, i) = S(1.0F - 0.125F * static_cast<float>(i));
             soft(0, i) = S(0.5F) + S(0.1F) * x(0, i);
         }
         auto r = silhouette_term<S>(soft, mask, visible);
         r.gradient = Columns<S>(S(0.1F) * r.gradient);
         return r;
     });
+    // No law of derivatives tells which number keeps the quotient finite: that masks too faint for
+    // it still pull the silhouette towards them does.
+    const Columns<double> faint = Columns<double>::Constant(1, 6, 1e-12), all_of_it =
+        Columns<double>::Ones(1, 6);
+    demand("silhouette_term", "faint masks", "double",
+           silhouette_term<double>(faint, faint, all_of_it).gradient.maxCoeff(), 0);
 }
 
 } // namespace
