@@ -7,6 +7,7 @@
 
 #include <rye/gaussian/gaussians.hpp>
 #include <rye/splat/falloff.hpp>
+#include <rye/splat/ray_peak.hpp>
 #include <rye/splat/tiles.hpp>
 #include <rye/splat/workspaces.hpp>
 
@@ -20,6 +21,7 @@ struct RasterTrace {
     std::vector<Splat<T>> splats;        ///< visible Gaussians, by member of lists
     std::vector<std::uint32_t> source;   ///< of each member: its index
     std::vector<std::uint32_t> member;   ///< of each index: its member, or no_member
+    std::vector<RayPeak<real_t<T>>> peaks; ///< by member, if they are the order; else empty
     TileLists lists;
     std::vector<Index> used;             ///< of each tile: entries read before all pixels were full
     Index non_finite = 0;                ///< Gaussians left out for a NaN, an infinity or a zero
@@ -78,6 +80,8 @@ struct RasterScratch {
     std::vector<std::uint32_t> order;    ///< members, near to far
     std::vector<std::uint32_t> homes;    ///< members by tile: counts, then cursors
     SortBuffer<Key> sort;
+    std::vector<std::uint64_t> fine_keys; ///< as keys, of policies that ask for more bits than T's
+    SortBuffer<std::uint64_t> fine_sort;
     std::vector<TileRows> rows;          ///< by member
 
     Slots<T> slots;

@@ -53,7 +53,7 @@ struct Rasterizer {
             else
                 project_range(g, camera, accuracy, b, e, s);
         });
-        arrange<B>(camera, accuracy, s, out.trace);
+        arrange<B>(g, camera, accuracy, s, out.trace);
         shape_image(out.feature, camera, g.channels());
         shape_image(out.alpha, camera, 1);
         shape_image(out.depth, camera, 1);

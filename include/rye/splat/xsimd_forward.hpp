@@ -4,6 +4,7 @@
 /// of its entries times their features, with channels in the lanes.
 #pragma once
 
+#include <rye/splat/forward.hpp>
 #include <rye/splat/xsimd_lanes.hpp>
 
 namespace rye {
@@ -101,6 +102,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
                       Raster<typename V::value_type>& out, LaneCanvas<V>& canvas) {
     using T = typename V::value_type;
     using Tile = Strips<V>;
+    if constexpr (A::order == BlendOrder::by_peak) return blend_tile(scene, accuracy, tile, out);
     constexpr int lanes = Tile::lanes;
     const Index channels = C > 0 ? C : scene.feature.rows();
     const Index stride = C > 0 ? C : padded_channels<V>(channels);
