@@ -41,33 +41,38 @@ void all() {
             using S = typename std::decay_t<decltype(x)>::Scalar;
             return Columns<S>(laplacian_vjp<S>(fan, Columns<S>(g.reshaped(3, 5))).reshaped());
         });
-    // Two corners of an edge and their distances, of opposite sign.
-    SurfaceTopology edge;
-    edge.edges.push_back({0, 1});
+    // Three edges: their corners and distances of opposite sign. The second and third cross so close
+    // to a corner that the crossing is held off it, and the distances have no derivative.
+    SurfaceTopology edges;
+    edges.edges = {{0, 1}, {2, 3}, {4, 5}};
     const auto distances = [](const auto& x) {
         using S = typename std::decay_t<decltype(x)>::Scalar;
         using std::sin;
-        Columns<S> s(1, 2);
-        s(0, 0) = S(1) + S(0.5F) * sin(x(6, 0)), s(0, 1) = S(-1) + S(0.5F) * sin(x(7, 0));
+        const double size[6] = {1, -1, 1e-8, -1, 1, -1e-8};
+        Columns<S> s(1, 6);
+        for (Index k = 0; k < 6; ++k) s(0, k) = S(size[k]) * (S(1) + S(0.5F) * sin(x(18 + k, 0)));
         return s;
     };
     every_law(
-        "surface_positions", 8, 3,
+        "surface_positions", 24, 9,
         [&](const auto& x) {
             using S = typename std::decay_t<decltype(x)>::Scalar;
-            const Columns<S> v = Columns<S>(x.topRows(6)).reshaped(3, 2);
-            return Columns<S>(surface_positions<S>(edge, v, distances(x)));
+            const Columns<S> v = Columns<S>(x.topRows(18)).reshaped(3, 6);
+            return Columns<S>(surface_positions<S>(edges, v, distances(x)).reshaped());
         },
         [&](const auto& x, const auto& g) {
             using S = typename std::decay_t<decltype(x)>::Scalar;
-            using std::cos, std::sin;
-            const Columns<S> v = Columns<S>(x.topRows(6)).reshaped(3, 2), s = distances(x);
-            Surface<S> surface{surface_positions<S>(edge, v, s), crossing_fractions<S>(edge, s),
-                               edge};
-            const auto r = surface_vjp<S>(surface, v, s, Columns<S>(0, 2), g, Columns<S>(0, 1));
+            using std::cos;
+            const Columns<S> v = Columns<S>(x.topRows(18)).reshaped(3, 6), s = distances(x);
+            const double size[6] = {1, -1, 1e-8, -1, 1, -1e-8};
+            Surface<S> surface{surface_positions<S>(edges, v, s), crossing_fractions<S>(edges, s),
+                               edges};
+            const auto r = surface_vjp<S>(surface, v, s, Columns<S>(0, 6),
+                                          Columns<S>(g.reshaped(3, 3)), Columns<S>(0, 3));
             auto out = x;
-            out.topRows(6) = r.vertices.reshaped();
-            for (Index k = 0; k < 2; ++k) out(6 + k, 0) = S(0.5F) * cos(x(6 + k, 0)) * r.sdf(0, k);
+            out.topRows(18) = r.vertices.reshaped();
+            for (Index k = 0; k < 6; ++k)
+                out(18 + k, 0) = S(0.5F * size[k]) * cos(x(18 + k, 0)) * r.sdf(0, k);
             return out;
         });
     scalar_loss("laplacian_term", 3, 5, [](const auto& x) {
