@@ -41,8 +41,8 @@ void all() {
             using S = typename std::decay_t<decltype(x)>::Scalar;
             return Columns<S>(laplacian_vjp<S>(fan, Columns<S>(g.reshaped(3, 5))).reshaped());
         });
-    // Three edges: their corners and distances of opposite sign. The second and third cross so close
-    // to a corner that the crossing is held off it, and the distances have no derivative.
+    // Three edges: their corners and distances of opposite sign. The second and third cross so
+    // close to a corner that the crossing is held off it, and the distances have no derivative.
     SurfaceTopology edges;
     edges.edges = {{0, 1}, {2, 3}, {4, 5}};
     const auto distances = [](const auto& x) {
