@@ -25,4 +25,10 @@ inline void flush_to_zero_if_asked(int argc, char** argv) {
     }
 }
 
+/// Whether this thread flushes denormals to zero.
+inline bool flushed() {
+    volatile float least = 1e-38F, half = 0.25F;
+    return least * half == 0.0F;
+}
+
 } // namespace rye

@@ -9,7 +9,6 @@
 #include <map>
 #include <set>
 
-#include "../flush_to_zero.hpp"
 #include "report.hpp"
 
 using namespace rye::hard;
