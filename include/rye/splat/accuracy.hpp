@@ -21,8 +21,15 @@ enum class Stop { never, inclusive, exclusive };
 /// first implementation, in the 16 px tiles that a square of 3 standard deviations touches.
 enum class Support { ellipse, square };
 
-/// What a Gaussian with a NaN or an infinity does: it is left out and counted, or it throws.
-enum class NonFinite { cull, fail };
+/// The order in which a pixel blends: of the depths of centres, one for all pixels; or of the
+/// depths where the pixel's own ray is closest to each Gaussian, sorted at every pixel. The second
+/// is the better model where Gaussians cross; it has plain loops only, on every backend.
+enum class BlendOrder { by_centre, by_peak };
+
+/// What a Gaussian with a NaN or an infinity does: it is left out and counted; it throws; or the
+/// caller vouches that there is none, and nothing is looked at. If the caller errs, no memory is
+/// misused, but pixels and gradients may be NaN.
+enum class NonFinite { cull, fail, trust };
 
 struct Balanced {
     double alpha_min = 1.0 / 2550.0;   ///< contributions below are skipped
@@ -37,6 +44,10 @@ struct Balanced {
     static constexpr Stop stop_rule = Stop::inclusive;
     static constexpr Support support = Support::ellipse;
     static constexpr Antialias antialias = Antialias::dilate;
+    static constexpr BlendOrder order = BlendOrder::by_centre;
+    /// Of depths that are compared: 32, or 64, which measures float Gaussians' depths in double.
+    /// Those of double Gaussians always have 64.
+    static constexpr int depth_bits = 32;
     static constexpr bool has_floor = false;
     static constexpr int exp2_degree = 5;   ///< polynomial in lanes; 0 is the library's exp2
 };
@@ -107,6 +118,8 @@ concept AccuracyPolicy = std::default_initializable<A> && requires(const A a) {
     { A::stop_rule } -> std::convertible_to<Stop>;
     { A::support } -> std::convertible_to<Support>;
     { A::antialias } -> std::convertible_to<Antialias>;
+    { A::order } -> std::convertible_to<BlendOrder>;
+    { A::depth_bits } -> std::convertible_to<int>;
     { A::exp2_degree } -> std::convertible_to<int>;
 };
 /// What is added to both variances on the screen [px^2].
@@ -115,5 +128,6 @@ constexpr double screen_dilation(const A& accuracy) {
     return A::antialias == Antialias::none ? 0.0 : accuracy.dilation;
 }
 static_assert(AccuracyPolicy<Balanced> && AccuracyPolicy<Compatible3dgsFloor>);
+static_assert(!AccuracyPolicy<BlendOrder>);
 
 } // namespace rye

@@ -27,6 +27,9 @@ struct RedrawWork {
 
 template <Backend B, AccuracyPolicy A, Real T>
 class Redraw {
+    static_assert(A::order == BlendOrder::by_centre && A::depth_bits <= 8 * int(sizeof(T)),
+                  "Redraw keeps lists by the centres' depths in the Gaussians' own numbers");
+
   public:
     explicit Redraw(const Rasterizer<B, A>& rasterizer = {}) : rasterizer_(rasterizer) {}
 

@@ -92,10 +92,11 @@ template <class A, class T>
 void project_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy, Index b,
                    Index e, RasterScratch<T>& scratch) {
     const Lens<T> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
+    const bool look = accuracy.non_finite != NonFinite::trust;
     for (Index i = b; i < e; ++i) {
         const auto at = static_cast<std::size_t>(i);
         scratch.state[at] = Candidacy::non_finite;
-        if (!usable(g, i)) continue;
+        if (look && !usable(g, i)) continue;
         const Projected<T, A::antialias> s = project<A::antialias>(load_shape(g, i), lens);
         scratch.state[at] = Candidacy::hidden;
         if (!s.drawable || !(g.opacity(0, i) > T(0))) continue;
@@ -115,13 +116,33 @@ void project_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& acc
     }
 }
 
+template <bool fine, class T>
+auto& depth_keys(RasterScratch<T>& scratch) {
+    if constexpr (fine)
+        return scratch.fine_keys;
+    else
+        return scratch.keys;
+}
+
+/// The depth of Gaussian i in double, whatever it is given in.
+template <class T>
+double fine_depth(const Gaussians<T>& g, const Pinhole<T>& camera, Index i) {
+    const auto& pose = camera.camera_from_world;
+    double z = 0;
+    for (int k = 0; k < 3; ++k)
+        z += static_cast<double>(value_of(pose.rotation(2, k))) *
+             static_cast<double>(value_of(g.mean(k, i)));
+    return z + static_cast<double>(value_of(pose.translation[2]));
+}
+
 /// Visible candidates become members in the order of the tiles that they lie in, and entries of
 /// tiles in the order of depth, ties by index.
 template <Backend B, class A, class T>
-void arrange(const Pinhole<T>& camera, const A& accuracy, RasterScratch<T>& scratch,
-             RasterTrace<T>& trace) {
+void arrange(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy,
+             RasterScratch<T>& scratch, RasterTrace<T>& trace) {
     using R = real_t<T>;
     const Index tiles = Index(tiles_across(camera.width)) * tiles_across(camera.height);
+    constexpr bool fine = A::depth_bits > 8 * static_cast<int>(sizeof(R));
     trace.non_finite = 0;
     scratch.visible.clear();
     scratch.homes.assign(static_cast<std::size_t>(tiles) + 1, 0);
@@ -137,18 +158,28 @@ void arrange(const Pinhole<T>& camera, const A& accuracy, RasterScratch<T>& scra
 
     const std::size_t n = scratch.visible.size();
     for (std::size_t t = 1; t < scratch.homes.size(); ++t) scratch.homes[t] += scratch.homes[t - 1];
-    scratch.keys.resize(n);
+    auto& keys = depth_keys<fine>(scratch);
+    keys.resize(n);
     scratch.order.resize(n);
     trace.members.resize(n);
     trace.member.assign(scratch.candidates.size(), no_member);
+    trace.peaks.resize(A::order == BlendOrder::by_peak ? n : 0);
     for (std::size_t v = 0; v < n; ++v) {
         const std::uint32_t i = scratch.visible[v], m = scratch.homes[scratch.home[i]]++;
-        trace.members[m] = scratch.candidates[i];
-        trace.member[i] = m;
-        scratch.keys[v] = depth_key(static_cast<R>(value_of(scratch.candidates[i].splat.depth)));
+        const Member<T>& c = scratch.candidates[i];
+        if constexpr (fine)
+            keys[v] = depth_key(fine_depth(g, camera, i));
+        else
+            keys[v] = depth_key(static_cast<R>(value_of(c.splat.depth)));
+        if constexpr (A::order == BlendOrder::by_peak) trace.peaks[m] = ray_peak(g, camera, i);
         scratch.order[v] = m;
+        trace.members[m] = c;
+        trace.member[i] = m;
     }
-    sort_by_key(scratch.keys, scratch.order, scratch.sort);
+    if constexpr (fine)
+        sort_by_key(keys, scratch.order, scratch.fine_sort);
+    else
+        sort_by_key(keys, scratch.order, scratch.sort);
     trace.lists.template build<typename B::threads, A::support, R>(
         camera.width, camera.height,
         [&](Index m) -> const TileRows& { return trace.members[static_cast<std::size_t>(m)].rows; },

@@ -72,6 +72,7 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
     constexpr int lanes = static_cast<int>(V::size);
     const Lens<V> lens(Lens<T>(camera, accuracy.frustum_margin, screen_dilation(accuracy)));
     const V cx(camera.cx), cy(camera.cy), zero(T(0));
+    const bool look = accuracy.non_finite != NonFinite::trust;
     for (Index start = b; start < e; start += lanes) {
         const LaneShapes<V> in(g, [&](int lane) { return std::min(start + lane, e - 1); });
         const Projected<V, A::antialias> s = project<A::antialias>(in.shape(), lens);
@@ -109,7 +110,7 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
             const auto at = static_cast<std::size_t>(i);
             const auto value = [&](int k) { return out.row[k][lane]; };
             const T* feature = g.feature.data() + i * g.channels();
-            if (!(value(16) > T(0)) || !all_finite<V>(feature, g.channels())) {
+            if (look && (!(value(16) > T(0)) || !all_finite<V>(feature, g.channels()))) {
                 scratch.state[at] = Candidacy::non_finite;
                 continue;
             }
