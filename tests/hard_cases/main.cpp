@@ -88,10 +88,10 @@ void write_page(const Report& report, const char* path) {
         << " by another test, " << c.absent << " about code that is not in the tree; for "
         << c.textbook
         << " the textbook's formula is shown to fail\n(`hard_cases --textbook` lists them).\n\n"
-           "The entries, and the other tests of numbers, also hold with denormals flushed to zero "
-           "(each\nsuch program takes `--flush-to-zero`, and ctest runs it both ways), and, by one "
-           "command that\ntakes some minutes to build, with products fused and not, under the "
-           "address and\nundefined-behaviour sanitizers, and by clang: `sh tests/variants.sh`.\n\n"
+           "They and the other tests of numbers also run with denormals flushed to zero: each such "
+           "program\ntakes `--flush-to-zero`, and ctest runs it both ways. `sh tests/variants.sh` "
+           "builds and runs\nthem with products fused and not, under the address and "
+           "undefined-behaviour sanitizers, and\nby clang; that takes many minutes.\n\n"
         << "| entry | inputs or formula | number | demanded | reached |\n|---|---|---|---|---|\n";
     std::map<std::string, std::vector<const Row*>> by_id;
     for (const Row& r : report.rows) by_id[r.id].push_back(&r);
