@@ -1,5 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // One thing at a time: stages, channels, Gaussians, resolution, accuracy, backend, threads.
+#include <malloc.h>
+
+#include <cmath>
+#include <utility>
+
 #include "work.hpp"
 
 namespace {
@@ -7,14 +12,13 @@ namespace {
 using namespace rye;
 using namespace rye::bench;
 
-template <class B = OneThread, class A = HeadRules, class Clock = double (*)()>
-void sweep(benchmark::State& state, Index count, int channels, int size,
-           Clock clock = thread_seconds) {
-    Work<B, A> work{head_scene(count, channels, size)};
+template <class B = OneThread, class A = HeadRules>
+void sweep(benchmark::State& state, HeadScene&& scene) {
+    Work<B, A> work{std::move(scene)};
+    const int rounds = work.scene.gaussians.count() > 200000 ? 3 : 9;
     Times best;
     for (auto _ : state)
-        for (int round = 0; round < (count > 200000 ? 3 : 9); ++round)
-            time_round(work, clock, best);
+        for (int round = 0; round < rounds; ++round) time_round(work, thread_seconds, best);
     report(state, work.counted(), work.raster.trace.lists.entries(), best);
 }
 
@@ -43,21 +47,61 @@ void stages(benchmark::State& state) {
 BENCHMARK(stages)->ArgName("n")->Arg(20000)->Arg(100000)->Iterations(1);
 
 void channels(benchmark::State& state) {
-    sweep(state, 100000, static_cast<int>(state.range(0)), 512);
+    sweep(state, head_scene(100000, static_cast<int>(state.range(0))));
 }
 BENCHMARK(channels)->ArgName("c")->Arg(1)->Arg(3)->Arg(4)->Arg(8)->Arg(16)->Arg(32)->Iterations(1);
 
-void gaussians(benchmark::State& state) { sweep(state, state.range(0), 3, 512); }
+/// More of them in one picture: ever more hide behind others, and cost without a pair blended.
+void gaussians(benchmark::State& state) { sweep(state, head_scene(state.range(0), 3)); }
 BENCHMARK(gaussians)->ArgName("n")->RangeMultiplier(10)->Range(1000, 1000000)->Iterations(1);
 
+/// More of them in as much larger a picture, smaller in the world: each draws and hides as much as
+/// before. What is left is how the work itself grows.
+void gaussians_and_pixels(benchmark::State& state) {
+    const double more = static_cast<double>(state.range(0)) / 20000;
+    HeadScene scene = head_scene(state.range(0), 3, static_cast<int>(512 * std::sqrt(more)));
+    scene.gaussians.scale /= static_cast<float>(std::sqrt(more));
+    sweep(state, std::move(scene));
+}
+BENCHMARK(gaussians_and_pixels)
+    ->ArgName("n")->RangeMultiplier(10)->Range(10000, 1000000)->Iterations(1);
+
+/// What a render and its gradient keep, by the sizes of what they hold and by the allocator.
+void memory(benchmark::State& state) {
+    const Index n = state.range(0);
+    const int channels = static_cast<int>(state.range(1));
+    const auto allocated = [] {
+        const auto m = mallinfo2();
+        return static_cast<double>(m.uordblks + m.hblkhd);
+    };
+    for (auto _ : state) {
+        Work<OneThread, HeadRules> work{head_scene(n, channels)};
+        const double before = allocated();
+        work.forward();
+        work.backward();
+        const double measured = allocated() - before;
+        const double entries = static_cast<double>(work.raster.trace.lists.entries());
+        const double visible = static_cast<double>(work.raster.trace.members.size());
+        state.counters["entries"] = entries;
+        state.counters["stated_mbyte"] =
+            1e-6 * kept_bytes(static_cast<double>(n), visible, entries, channels,
+                              static_cast<double>(work.raster.alpha.size()));
+        state.counters["measured_mbyte"] = 1e-6 * measured;
+        state.counters["byte_per_gaussian"] = measured / static_cast<double>(n);
+    }
+}
+BENCHMARK(memory)
+    ->ArgNames({"n", "c"})->ArgsProduct({{20000, 100000, 1000000}, {3}})->Args({100000, 32})
+    ->Iterations(1);
+
 void resolution(benchmark::State& state) {
-    sweep(state, 20000, 3, static_cast<int>(state.range(0)));
+    sweep(state, head_scene(20000, 3, static_cast<int>(state.range(0))));
 }
 BENCHMARK(resolution)->ArgName("px")->RangeMultiplier(2)->Range(128, 1024)->Iterations(1);
 
 template <class A>
 void accuracy(benchmark::State& state) {
-    sweep<OneThread, A>(state, 20000, 3, 512);
+    sweep<OneThread, A>(state, head_scene(20000, 3));
 }
 BENCHMARK(accuracy<Fast>)->Iterations(1);
 BENCHMARK(accuracy<Compatible3dgs>)->Iterations(1);
@@ -67,7 +111,7 @@ BENCHMARK(accuracy<Exact32>)->Iterations(1);
 
 template <class B>
 void backend(benchmark::State& state) {
-    sweep<B>(state, 20000, 3, 512);
+    sweep<B>(state, head_scene(20000, 3));
 }
 BENCHMARK(backend<ScalarBackend<Serial>>)->Iterations(1);
 BENCHMARK(backend<OneThread>)->Iterations(1);

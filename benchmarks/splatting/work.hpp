@@ -62,6 +62,17 @@ void time_round(W& work, const Clock& clock, Times& best) {
     best.both = std::min(best.both, end - start);
 }
 
+/// What a render of floats and its vjp keep between calls [byte]: by Gaussian, by visible one, by
+/// pair of a tile and a Gaussian, and the images; and the gradients that the vjp returns. Memory of
+/// one thread's tiles, half a megabyte, comes on top.
+inline double kept_bytes(double gaussians, double visible, double entries, int channels,
+                         double pixels) {
+    const double record = sizeof(Member<float>), slot = 4 * (8 + (channels + 7) / 8 * 8);
+    return gaussians * (record + sizeof(Footprint<float>) + 1 + 4 + 4 + 4 * (11 + channels)) +
+           visible * (record + 4 + 2 * (4 + 4) + 8) + entries * (8 + slot + 1) +
+           pixels * 4 * (channels + 2);
+}
+
 /// What does not depend on the machine, and the shares of what it can do.
 inline void report(benchmark::State& state, const SplatWork& w, Index entries, const Times& t) {
     const Machine& m = machine();

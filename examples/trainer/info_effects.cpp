@@ -47,7 +47,7 @@ void add_splats(const Gaussians<float>& g, const Pinhole<float>& camera, double 
     facts.dilation = rasterizer.accuracy.dilation;
     for (std::size_t i = 0; i < scratch.state.size(); ++i) {
         if (scratch.state[i] != Candidacy::visible) continue;
-        const Footprint<float>& f = scratch.candidates[i].footprint;
+        const Footprint<float>& f = scratch.footprints[i];
         const double xx = f.covariance.xx - facts.dilation, yy = f.covariance.yy - facts.dilation;
         const double xy = f.covariance.xy, middle = 0.5 * (xx + yy);
         const double spread = std::sqrt(std::max(0.0, 0.25 * (xx - yy) * (xx - yy) + xy * xy));

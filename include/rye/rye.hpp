@@ -48,6 +48,7 @@
 #include <rye/splat/tiles.hpp>
 #include <rye/splat/vjp.hpp>
 #include <rye/splat/xsimd_forward.hpp>
+#include <rye/splat/xsimd_group.hpp>
 #include <rye/splat/xsimd_lanes.hpp>
 #include <rye/splat/xsimd_stage.hpp>
 #include <rye/splat/xsimd_vjp.hpp>
@@ -60,6 +61,8 @@
 #include <rye/nn/features.hpp>
 #include <rye/nn/instance_norm.hpp>
 #include <rye/nn/mlp.hpp>
+#include <rye/nn/product.hpp>
+#include <rye/nn/register_tile.hpp>
 #include <rye/nn/upsampler.hpp>
 #include <rye/rig/eye_transform.hpp>
 #include <rye/rig/eyeball.hpp>

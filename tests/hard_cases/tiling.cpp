@@ -134,13 +134,13 @@ void b7(Report& report) {
         camera.fx = camera.fy = T(100);
         camera.cx = camera.cy = T(8), camera.width = camera.height = 16;
         RasterScratch<T> scratch;
-        scratch.candidates.resize(1), scratch.state.resize(1);
+        scratch.shape(1);
         project_range(g, camera, accuracy, 0, 1, scratch);
         // At the threshold itself the footprint may be the centre alone; beyond, it is drawn.
         if (o < theta) declared = declared && scratch.state[0] == Candidacy::hidden;
         if (o > theta * T(1 + 1e-5)) declared = declared && scratch.state[0] == Candidacy::visible;
         if (scratch.state[0] == Candidacy::visible)
-            declared = declared && std::isfinite(double(scratch.candidates[0].footprint.radius));
+            declared = declared && std::isfinite(double(scratch.footprints[0].radius));
     }
     report.holds("B7", kind_of<T>(), "o in {0, theta(1 -+ 4u), theta, 1}: culled or finite",
                  declared);
@@ -181,7 +181,7 @@ void b12_b13(Report& report) {
     const Index all = Index(3) * (64 / tile_edge) * ((1 << 20) / tile_edge);
     bool told = false;
     try {
-        lists.build<Serial, Support::ellipse, T>(64, 1 << 20, rows, order, all - 1,
+        lists.build<Serial, Support::ellipse, T>(64, 1 << 20, [&](Index m) { return rows[std::size_t(m)]; }, order, all - 1,
                                                  [&](Index) -> const Footprint<T>& { return f; });
     } catch (const Error&) {
         told = true;
@@ -214,12 +214,12 @@ void b12_b13(Report& report) {
         }
         TileLists t;
         t.build<Serial, Support::ellipse, T>(
-            100, 70, spans, sequence, 1 << 30,
+            100, 70, [&](Index m) { return spans[static_cast<std::size_t>(m)]; }, sequence, 1 << 30,
             [&](Index i) -> const Footprint<T>& { return feet[static_cast<std::size_t>(i)]; });
         Index counted = 0;
         for (std::size_t m = 0; m + 1 < t.first.size(); ++m) counted += t.first[m + 1] - t.first[m];
-        equal = equal && counted == t.entries() && static_cast<Index>(t.member.size()) == counted;
-        for (const std::uint32_t m : t.member) equal = equal && m < feet.size();
+        equal = equal && counted == t.entries() && static_cast<Index>(t.entry.size()) == counted;
+        for (const auto& e : t.entry) equal = equal && e.member < feet.size();
     }
     report.holds("B13", kind_of<T>(), "30 x 50 random extents, some infinite: counted == emitted",
                  equal);

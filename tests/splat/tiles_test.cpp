@@ -72,7 +72,7 @@ TEST_CASE("tiles: no pixel that an ellipse reaches is missed") {
         std::vector<Span> pixel_rows;
         if (rows.begin < rows.end) order = {0}, pixel_rows = {rows};
         lists.build<Serial, Support::ellipse, float>(
-            width, height, pixel_rows, order, 1000000, [&](Index) -> const auto& { return f; });
+            width, height, [&](Index m) { return pixel_rows[std::size_t(m)]; }, order, 1000000, [&](Index) -> const auto& { return f; });
         listed += lists.entries();
         for (Index t = 0; t < lists.tiles(); ++t) {
             const bool in_list = lists.begin[std::size_t(t)] < lists.begin[std::size_t(t) + 1];
@@ -120,17 +120,19 @@ TEST_CASE("tiles: each list is near to far, and members find their entries") {
     }
     TileLists lists;
     lists.build<DefaultThreads, Support::ellipse, float>(
-        64, 64, rows, order, 1 << 30, [&](Index m) -> const auto& { return f[std::size_t(m)]; });
+        64, 64, [&](Index m) { return rows[std::size_t(m)]; }, order, 1 << 30, [&](Index m) -> const auto& { return f[std::size_t(m)]; });
     std::vector<Index> rank(static_cast<std::size_t>(n));
     for (Index r = 0; r < n; ++r) rank[order[std::size_t(r)]] = r;
     bool sorted = true, found = true;
     for (std::size_t t = 0; t < std::size_t(lists.tiles()); ++t)
         for (Index k = lists.begin[t] + 1; k < lists.begin[t + 1]; ++k)
-            sorted &= rank[lists.member[std::size_t(k) - 1]] < rank[lists.member[std::size_t(k)]];
+            sorted &= rank[lists.entry[std::size_t(k) - 1].member] <
+                      rank[lists.entry[std::size_t(k)].member];
     // Each slot is one entry's, and one of those of the entry's member, tile after tile.
     std::vector<Index> entry_of(std::size_t(lists.entries()), -1);
     for (Index k = 0; k < lists.entries(); ++k) {
-        const std::size_t m = lists.member[std::size_t(k)], slot = lists.slot[std::size_t(k)];
+        const std::size_t m = lists.entry[std::size_t(k)].member;
+        const std::size_t slot = lists.entry[std::size_t(k)].slot;
         found &= Index(slot) >= lists.first[m] && Index(slot) < lists.first[m + 1];
         found &= entry_of[slot] == -1;
         entry_of[slot] = k;

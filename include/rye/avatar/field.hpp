@@ -25,8 +25,7 @@ struct FieldTrace {
 
 template <class T>
 void squash_in_place(Squash squash, Columns<T>& y) {
-    using std::tanh;
-    if (squash == Squash::tanh) y = y.unaryExpr([](const T& v) { return T(tanh(v)); }).eval();
+    if (squash == Squash::tanh) y = y.array().tanh().matrix().eval();
     if (squash == Squash::sigmoid) y = y.unaryExpr([](const T& v) { return sigmoid(v); }).eval();
 }
 

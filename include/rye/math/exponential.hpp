@@ -37,6 +37,8 @@ RYE_HD T scale_by_power(const T& p, const T& t) {
     } else if constexpr (std::same_as<T, double>) {
         const auto k = std::bit_cast<std::uint64_t>(t) << 52U;
         return std::bit_cast<double>(std::bit_cast<std::uint64_t>(p) + k);
+    } else if constexpr (requires { p.each(t, nullptr); }) {  // several batches
+        return p.each(t, [](const auto& a, const auto& b) { return scale_by_power(a, b); });
     } else {                                // a batch: its own functions, found by argument
         using Bits = decltype(to_int(p));
         constexpr int mantissa = sizeof(real_t<T>) == 4 ? 23 : 52;
@@ -94,7 +96,7 @@ struct Exp2Poly {
 
     /// The same for x in [-126, 127], not a dual; elsewhere any number.
     template <Scalar T>
-    RYE_HD static T within(const T& x) {
+    [[gnu::always_inline]] RYE_HD static T within(const T& x) {
         const T round = constant<T>(detail::rounder<real_t<T>>);
         const T t = x + round;
         const T f = x - (t - round);                                     // in [-1/2, 1/2]
@@ -104,7 +106,7 @@ struct Exp2Poly {
   private:
     /// Horner's scheme, written out: compilers leave a loop over an array of doubles a loop.
     template <Scalar T, std::size_t... I>
-    RYE_HD static T polynomial(const T& f, std::index_sequence<I...>) {
+    [[gnu::always_inline]] RYE_HD static T polynomial(const T& f, std::index_sequence<I...>) {
         T p = constant<T>(Coefficients::c[0]);
         ((p = p * f + constant<T>(Coefficients::c[I + 1])), ...);
         return p;

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/nn/convolution_lanes.hpp: the inner loops of the 3 x 3 convolution in registers: a lane is
 /// an output channel. Few channels leave a general matrix product mostly packing; these tiles read
-/// the padded image and the weights where they lie. V vectors of outputs times P pixels (or inputs)
-/// are 8 to 12 sums, which is what two multiply-add units of latency 4 need.
+/// the padded image and the weights where they lie.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +9,7 @@
 #include <cstddef>
 #include <utility>
 
-#include <rye/core/config.hpp>
+#include <rye/nn/register_tile.hpp>
 
 namespace rye::detail {
 
@@ -21,69 +20,22 @@ struct ConvolutionRow {
     Index outputs; ///< output channels
 };
 
-/// The sums of column P of a tile: one vector, or two. Members of their own, not of an array, which
-/// gcc would keep in memory.
-template <class Batch, std::size_t V, std::size_t P>
-struct TileColumn;
-template <class Batch, std::size_t P>
-struct TileColumn<Batch, 1, P> {
-    Batch low = Batch(0);
-    void add(const Batch& a, const Batch&, const Batch& b) { low = fma(a, b, low); }
-    template <class F>
-    void each(typename Batch::value_type* to, const F& f) const {
-        f(to, low);
-    }
-};
-template <class Batch, std::size_t P>
-struct TileColumn<Batch, 2, P> {
-    Batch low = Batch(0), high = Batch(0);
-    void add(const Batch& a0, const Batch& a1, const Batch& b) {
-        low = fma(a0, b, low);
-        high = fma(a1, b, high);
-    }
-    template <class F>
-    void each(typename Batch::value_type* to, const F& f) const {
-        f(to, low);
-        f(to + static_cast<Index>(Batch::size), high);
-    }
-};
-
-/// The sums of a tile of V vectors by the columns P....
-template <class Batch, std::size_t V, class Columns>
-struct ConvolutionTile;
-template <class Batch, std::size_t V, std::size_t... P>
-struct ConvolutionTile<Batch, V, std::index_sequence<P...>> : TileColumn<Batch, V, P>... {
-    using T = typename Batch::value_type;
-
-    /// sum += vectors at a, times the numbers at b that are `step` apart.
-    void add_product(const T* a, const T* b, Index step) {
-        const Batch a0 = Batch::load_unaligned(a);
-        const Batch a1 = Batch::load_unaligned(a + (V == 2 ? static_cast<Index>(Batch::size) : 0));
-        (TileColumn<Batch, V, P>::add(a0, a1, Batch(b[static_cast<Index>(P) * step])), ...);
-    }
-    /// f(where, sum) with the columns `step` apart.
-    template <class F>
-    void each(T* to, Index step, const F& f) const {
-        (TileColumn<Batch, V, P>::each(to + static_cast<Index>(P) * step, f), ...);
-    }
-};
-
 /// y[p, :] = sum over the three kernel rows of W x[p, :] for P pixels and V vectors of outputs.
 /// w: numbers of one input are `outputs` apart. rows: where the first pixel's inputs begin.
 template <class Batch, std::size_t V, std::size_t P, class T>
 void convolve_tile(const T* w, const std::array<const T*, 3>& rows, T* y, const ConvolutionRow& s) {
-    ConvolutionTile<Batch, V, std::make_index_sequence<P>> tile;
+    RegisterTile<Batch, V, std::make_index_sequence<P>> tile;
     for (const T* x : rows)
         for (Index i = 0; i < s.inputs; ++i, w += s.outputs) tile.add_product(w, x + i, s.step);
-    tile.each(y, s.outputs, [](T* to, const Batch& sum) { sum.store_unaligned(to); });
+    tile.each(y, s.outputs, [](T* to, const Batch& sum, Index) { sum.store_unaligned(to); });
 }
 
 /// g_w[:, i] += sum over a row of pixels of g[p, :] x[p, i] for N inputs and V vectors of outputs.
 template <class Batch, std::size_t V, std::size_t N, class T>
 void correlate_tile(const T* g, const T* x, Index pixels, T* g_w, const ConvolutionRow& s) {
-    ConvolutionTile<Batch, V, std::make_index_sequence<N>> tile;
+    RegisterTile<Batch, V, std::make_index_sequence<N>> tile;
     for (Index p = 0; p < pixels; ++p) tile.add_product(g + p * s.outputs, x + p * s.step, 1);
-    tile.each(g_w, s.outputs, [](T* to, const Batch& sum) {
+    tile.each(g_w, s.outputs, [](T* to, const Batch& sum, Index) {
         (Batch::load_unaligned(to) + sum).store_unaligned(to);
     });
 }

@@ -3,6 +3,8 @@
 /// The remainder of an array runs the same formula on its scalar.
 #pragma once
 
+#include <type_traits>
+
 #include <Eigen/Core>
 
 #include <rye/backend/backend.hpp>
@@ -16,6 +18,15 @@ template <class B, class T>
 concept HasLanes = Backend<B> && Real<T> && requires {
     typename B::template batch<T>;
 };
+
+/// Numbers at `from` of the kind of `like`: one, or a vector.
+template <class V, class T>
+V load_like(const V&, const T* from) {
+    if constexpr (std::is_same_v<V, T>)
+        return *from;
+    else
+        return V::load_unaligned(from);
+}
 
 /// out[i] = f(in[i]...) for i in [0, n); out may be one of the inputs.
 template <Backend B, class T, class F, class... In>

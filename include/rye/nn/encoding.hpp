@@ -26,11 +26,14 @@ Columns<typename X::Scalar> positional_encoding(const Eigen::MatrixBase<X>& x,
     using T = typename X::Scalar;
     const Index d = x.rows();
     Columns<T> y(encoded_size(d, frequencies), x.cols());
-    Columns<T> scaled = x; // 2^k x
+    Columns<T> scaled = x, turned; // 2^k x
     y.topRows(d) = scaled;
     for (int k = 0; k < frequencies; ++k) {
-        y.middleRows(d * (1 + 2 * k), d) = scaled.array().sin().matrix();
-        y.middleRows(d * (2 + 2 * k), d) = scaled.array().cos().matrix();
+        // Whole arrays: a few rows at a time would be taken number by number.
+        turned = scaled.array().sin().matrix();
+        y.middleRows(d * (1 + 2 * k), d) = turned;
+        turned = scaled.array().cos().matrix();
+        y.middleRows(d * (2 + 2 * k), d) = turned;
         scaled += scaled.eval();
     }
     return y;

@@ -19,7 +19,7 @@
 #include <rye/core/error.hpp>
 #include <rye/core/fields.hpp>
 #include <rye/core/random.hpp>
-#include <rye/nn/elementwise.hpp>
+#include <rye/nn/product.hpp>
 
 namespace rye {
 
@@ -109,41 +109,68 @@ inline Index mlp_chunk(const MlpShape& s, Index points) {
     return block * std::max<Index>(1, chunk_count(chunk_count(points, 16), block));
 }
 
-/// The biases with the products of the frame inputs folded in.
-template <class T>
-std::vector<VecX<T>> folded_biases(const Mlp<T>& m, const VecX<T>& frame) {
-    std::vector<VecX<T>> b;
-    for (int l = 0; l < m.shape.layers(); ++l) {
-        const std::size_t i = static_cast<std::size_t>(l);
-        b.push_back(m.bias[i].col(0));
-        if (m.shape.reads_input(l) && frame.size() > 0)
-            b.back() += m.weight[i].rightCols(m.shape.frame_inputs) * frame;
+/// The layers as the forward pass reads them: weights as factors, biases with the products of the
+/// frame inputs folded in and room for a vector behind them.
+template <Backend B, class T>
+struct MlpLayers {
+    struct Layer {
+        LeftFactor<B, T> hidden, input;
+        VecX<T> bias;
+    };
+    std::vector<Layer> layers;
+
+    MlpLayers(const Mlp<T>& m, const VecX<T>& frame) {
+        const MlpShape& s = m.shape;
+        layers.resize(static_cast<std::size_t>(s.layers()));
+        for (int l = 0; l < s.layers(); ++l) {
+            const std::size_t i = static_cast<std::size_t>(l);
+            const Columns<T>& w = m.weight[i];
+            Layer& layer = layers[i];
+            const int h = s.hidden_in(l), p = s.point_inputs();
+            if (h > 0) layer.hidden.set(w.leftCols(h));
+            if (s.reads_input(l) && (p > 0 || h == 0)) layer.input.set(w.middleCols(h, p));
+            layer.bias = VecX<T>::Zero(w.rows() + room);
+            layer.bias.head(w.rows()) = m.bias[i].col(0);
+            if (s.reads_input(l) && frame.size() > 0)
+                layer.bias.head(w.rows()) += w.rightCols(s.frame_inputs) * frame;
+        }
     }
-    return b;
-}
+
+  private:
+    static constexpr Index room = 64;
+};
 
 /// y = W [hidden; x] + b, and LeakyReLU unless last.
 template <Backend B, class T>
-void mlp_layer(const Mlp<T>& m, int l, const VecX<T>& bias, const ColumnsView<T>& hidden,
-               const ColumnsView<T>& x, ColumnsSpan<T> y) {
-    const Columns<T>& w = m.weight[static_cast<std::size_t>(l)];
-    const int h = m.shape.hidden_in(l), p = m.shape.point_inputs();
-    if (h > 0) {
-        y.noalias() = w.leftCols(h) * hidden;
-        if (m.shape.reads_input(l) && p > 0) y.noalias() += w.middleCols(h, p) * x;
-    } else {
-        y.noalias() = w.leftCols(p) * x;
-    }
-    const bool last = l + 1 == m.shape.layers();
-    for (Index j = 0; j < y.cols(); ++j) {
-        T* to = y.col(j).data();
-        if (last)
-            transform_array<B>(
-                y.rows(), to, [](auto v, auto b) { return v + b; }, to, bias.data());
-        else
-            transform_array<B>(
-                y.rows(), to, [](auto v, auto b) { return leaky_relu(v + b); }, to, bias.data());
-    }
+void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const MlpShape& s, int l,
+               const ColumnsView<T>& hidden, const ColumnsView<T>& x, ColumnsSpan<T> y) {
+    const auto finish = [&](const auto& last) {
+        const T* const bias = layer.bias.data();
+        const auto activated = [&](Index row, const auto& sum) {
+            const auto v = sum + load_like(sum, bias + row);
+            if constexpr (std::remove_cvref_t<decltype(last)>::value)
+                return v;
+            else
+                return leaky_relu(v);
+        };
+        const bool both = s.hidden_in(l) > 0 && s.reads_input(l) && s.point_inputs() > 0;
+        if (both) {
+            layer.hidden.times(hidden, y, [](Index, const auto& sum, const auto&) { return sum; });
+            layer.input.times(x, y, [&](Index row, const auto& sum, const auto& before) {
+                return activated(row, std::remove_cvref_t<decltype(sum)>(before + sum));
+            });
+        } else {
+            const bool first = s.hidden_in(l) == 0;
+            (first ? layer.input : layer.hidden)
+                .times(first ? x : hidden, y, [&](Index row, const auto& sum, const auto&) {
+                    return activated(row, sum);
+                });
+        }
+    };
+    if (l + 1 == s.layers())
+        finish(std::true_type());
+    else
+        finish(std::false_type());
 }
 
 } // namespace detail
@@ -159,7 +186,7 @@ Columns<T> mlp_forward(const Mlp<T>& m, const std::type_identity_t<ColumnsView<T
     RYE_ASSERT(frame.size() == s.frame_inputs, "mlp_forward: size of frame");
     const int layers = s.layers();
     const Index n = points.cols();
-    const std::vector<VecX<T>> bias = detail::folded_biases(m, frame);
+    const detail::MlpLayers<B, T> packed(m, frame);
     if (trace) {
         trace->hidden.resize(static_cast<std::size_t>(layers - 1));
         for (int l = 0; l + 1 < layers; ++l)
@@ -179,8 +206,8 @@ Columns<T> mlp_forward(const Mlp<T>& m, const std::type_identity_t<ColumnsView<T
             return buffer;
         };
         for (int l = 0; l < layers; ++l)
-            detail::mlp_layer<B, T>(m, l, bias[static_cast<std::size_t>(l)], hidden(l - 1), x,
-                                    hidden(l));
+            detail::mlp_layer<B, T>(packed.layers[static_cast<std::size_t>(l)], s, l,
+                                    hidden(l - 1), x, hidden(l));
     });
     return y;
 }
@@ -197,10 +224,20 @@ void mlp_vjp(const Mlp<T>& m, const std::type_identity_t<ColumnsView<T>>& points
     RYE_ASSERT(g_out.rows() == s.outputs() && g_out.cols() == n, "mlp_vjp: shape of g_out");
     if (g_points) g_points->resize(p, n);
     std::vector<Mlp<T>> parts(static_cast<std::size_t>(chunk_count(n, chunk)));
+    std::vector<LeftFactor<B, T>> to_hidden(static_cast<std::size_t>(layers)), to_input(to_hidden);
+    for (int l = 0; l < layers; ++l) {
+        const std::size_t i = static_cast<std::size_t>(l);
+        const int h = s.hidden_in(l);
+        if (h > 0) to_hidden[i].set_transposed(m.weight[i].leftCols(h));
+        if (g_points && s.reads_input(l) && p > 0)
+            to_input[i].set_transposed(m.weight[i].middleCols(h, p));
+    }
+    const auto added = [](Index, const auto& sum, const auto& before) { return before + sum; };
 
     for_chunks<typename B::threads>(n, chunk, [&](Index first, Index last, Index c) {
         Mlp<T>& part = parts[static_cast<std::size_t>(c)] = Mlp<T>(s);
         Columns<T> g, g_below;
+        LeftFactor<B, T> g_rows;
         for (Index b = first; b < last; b += block) {
             const Index k = std::min(block, last - b);
             const ColumnsView<T> x = points.middleCols(b, k);
@@ -208,23 +245,20 @@ void mlp_vjp(const Mlp<T>& m, const std::type_identity_t<ColumnsView<T>>& points
             if (g_points) g_points->middleCols(b, k).setZero();
             for (int l = layers - 1; l >= 0; --l) {
                 const std::size_t i = static_cast<std::size_t>(l);
-                const Columns<T>& w = m.weight[i];
                 const int h = s.hidden_in(l);
-                part.bias[i] += g.rowwise().sum();
+                for (Index j = 0; j < k; ++j) part.bias[i] += g.col(j);
+                g_rows.set(g);
                 if (s.reads_input(l) && p > 0) {
-                    part.weight[i].middleCols(h, p).noalias() += g * x.transpose();
-                    if (g_points)
-                        g_points->middleCols(b, k).noalias() += w.middleCols(h, p).transpose() * g;
+                    g_rows.times_transposed(x, part.weight[i].middleCols(h, p), added);
+                    if (g_points) to_input[i].times(g, g_points->middleCols(b, k), added);
                 }
                 if (h == 0) continue;
                 const ColumnsView<T> below = trace.hidden[i - 1].middleCols(b, k);
-                part.weight[i].leftCols(h).noalias() += g * below.transpose();
-                g_below.resize(h, k);
-                g_below.noalias() = w.leftCols(h).transpose() * g;
-                transform_array<B>(
-                    g_below.size(), g_below.data(),
-                    [](auto y, auto gy) { return leaky_relu_vjp(y, gy); }, below.data(),
-                    g_below.data());
+                g_rows.times_transposed(below, part.weight[i].leftCols(h), added);
+                g_below = below;
+                to_hidden[i].times(g, g_below, [](Index, const auto& sum, const auto& y) {
+                    return leaky_relu_vjp(y, sum);
+                });
                 g.swap(g_below);
             }
         }

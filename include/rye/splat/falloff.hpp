@@ -27,8 +27,6 @@ struct Splat {
     T cut;                   ///< exponents below are skipped
     T floor;                 ///< o f, subtracted from the bell; 0 without a floor
     T depth;                 ///< [world units]
-    int row_begin = 0;       ///< rows of pixels it can reach: [row_begin, row_end)
-    int row_end = 0;
 };
 
 /// Sums over pixels, g being the cotangent of the exponent -(u^2 + v^2) in natural units. Slots
@@ -41,7 +39,7 @@ struct SplatCotangent {
     T depth;                 ///< sum of weight d/d depth
 };
 
-/// The record of a Gaussian of opacity o > 0; without its rows.
+/// The record of a Gaussian of opacity o > 0.
 template <class A, class T>
 Splat<T> make_splat(const ScreenGaussian<T>& s, const T& opacity, const A& accuracy) {
     using std::log2;

@@ -29,8 +29,9 @@ T walk_pixel(const Scene<T>& scene, const A& accuracy, Index tile, int x, int y,
     const T py = T(static_cast<R>(y) + R(0.5)) - scene.cy;
     T transmittance = T(1);
     for (Index k = scene.begin(tile), end = scene.end(tile); k < end; ++k) {
-        const Splat<T>& s = scene.splat(k);
-        if (y < s.row_begin || y >= s.row_end) continue;
+        const Member<T>& m = scene.member(k);
+        if (y < m.rows.begin || y >= m.rows.end) continue;
+        const Splat<T>& s = m.splat;
         const Response<T> r = respond(s, T(px - s.x), T(py - s.y));
         if (!(r.exponent >= s.cut)) continue;
         Hit<T> hit{k, r.u, r.v, T(0), exp2(r.exponent), transmittance};

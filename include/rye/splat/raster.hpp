@@ -15,11 +15,19 @@ namespace rye {
 
 inline constexpr std::uint32_t no_member = 0xFFFFFFFF;
 
+/// A visible Gaussian, all that tiles read of it. In float it fills a line of the cache.
+template <class T>
+struct alignas(64) Member {
+    Splat<T> splat;
+    TileRows rows;
+    std::uint32_t source;                ///< its index
+};
+static_assert(sizeof(Member<float>) == 64);
+
 /// The order and the cut-offs of one render, so that its vjp differentiates what was drawn.
 template <class T>
 struct RasterTrace {
-    std::vector<Splat<T>> splats;        ///< visible Gaussians, by member of lists
-    std::vector<std::uint32_t> source;   ///< of each member: its index
+    std::vector<Member<T>> members;      ///< visible Gaussians, as `lists` numbers them
     std::vector<std::uint32_t> member;   ///< of each index: its member, or no_member
     TileLists lists;
     std::vector<Index> used;             ///< of each tile: entries read before all pixels were full
@@ -42,7 +50,7 @@ struct Raster {
 struct StripMask {
     std::array<std::uint32_t, 4> words;
 
-    bool has(int strip) const {
+    bool has(Index strip) const {
         return (words[static_cast<std::size_t>(strip / 32)] >> (strip % 32) & 1U) != 0;
     }
     bool none() const { return (words[0] | words[1] | words[2] | words[3]) == 0; }
@@ -88,19 +96,24 @@ template <class T>
 struct RasterScratch {
     using Key = decltype(depth_key(real_t<T>()));
 
-    struct Candidate {
-        Splat<T> splat;
-        Footprint<real_t<T>> footprint;
-        TileRows rows;
-    };
-    std::vector<Candidate> candidates;   ///< by index
+    std::vector<Member<T>> candidates;   ///< by index; only visible ones hold anything
+    std::vector<Footprint<real_t<T>>> footprints;  ///< by index
     std::vector<Candidacy> state;        ///< by index
+    std::vector<std::uint32_t> home;     ///< by index: the tile that a visible one is laid by
     std::vector<std::uint32_t> visible;  ///< indices, ascending
     std::vector<Key> keys;               ///< of each of these, then sorted
     std::vector<std::uint32_t> order;    ///< members, near to far
     std::vector<std::uint32_t> homes;    ///< members by tile: counts, then cursors
     SortBuffer<Key> sort;
-    std::vector<TileRows> rows;          ///< by member
+
+    /// Makes room for n Gaussians.
+    void shape(Index n) {
+        const auto count = static_cast<std::size_t>(n);
+        candidates.resize(count);
+        footprints.resize(count);
+        state.resize(count);
+        home.resize(count);
+    }
 
     Slots<T> slots;
     Workspaces workspaces;
@@ -115,16 +128,15 @@ struct Scene {
     T cx, cy;                            ///< principal point [px]
     int width, height;                   ///< [px]
 
-    const Splat<T>& splat(Index entry) const { return trace.splats[member(entry)]; }
-    const T* feature_of(Index entry) const {
-        const auto index = static_cast<Index>(trace.source[member(entry)]);
-        return feature.data() + index * feature.rows();
+    const Member<T>& member(Index entry) const {
+        return trace.members[trace.lists.entry[static_cast<std::size_t>(entry)].member];
     }
-    std::size_t member(Index entry) const {
-        return trace.lists.member[static_cast<std::size_t>(entry)];
+    const Splat<T>& splat(Index entry) const { return member(entry).splat; }
+    const T* feature_of(Index entry) const {
+        return feature.data() + static_cast<Index>(member(entry).source) * feature.rows();
     }
     Index slot(Index entry) const {
-        return trace.lists.slot[static_cast<std::size_t>(entry)];
+        return trace.lists.entry[static_cast<std::size_t>(entry)].slot;
     }
     Index begin(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile)]; }
     Index end(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile) + 1]; }

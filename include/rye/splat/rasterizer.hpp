@@ -57,8 +57,7 @@ struct Rasterizer {
     /// The first step of forward_into: candidate and state of every Gaussian.
     template <class T>
     void project_into(const Gaussians<T>& g, const Pinhole<T>& camera, RasterScratch<T>& s) const {
-        s.candidates.resize(static_cast<std::size_t>(g.count()));
-        s.state.resize(static_cast<std::size_t>(g.count()));
+        s.shape(g.count());
         for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
             if constexpr (LaneBackend<B, T>)
                 project_range_lanes<typename B::template batch<T>>(g, camera, accuracy, b, e, s);

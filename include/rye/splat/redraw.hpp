@@ -45,8 +45,9 @@ class Redraw {
         camera_ = camera;
         background_ = background;
         const RasterTrace<T>& trace = raster_.trace;
-        key_.resize(trace.splats.size());
-        for (std::size_t m = 0; m < key_.size(); ++m) key_[m] = depth_key(trace.splats[m].depth);
+        key_.resize(trace.members.size());
+        for (std::size_t m = 0; m < key_.size(); ++m)
+            key_[m] = depth_key(trace.members[m].splat.depth);
         moved_.assign(key_.size(), 0);
         every_tile();
         count(g.count());
@@ -75,7 +76,7 @@ class Redraw {
         project(g, changed);
         for (std::size_t k = 0; k < changed.size(); ++k)
             if (part_scratch_.state[k] == Candidacy::visible)
-                each_tile(part_scratch_.candidates[k],
+                each_tile(part_scratch_, static_cast<Index>(k),
                           [&](std::size_t t) { ++tiles_[t].entered; });
         if constexpr (LaneBackend<B, T>) find_strips(changed);
         for (std::size_t k = 0; k < changed.size(); ++k) enter(changed[k], k);
@@ -97,12 +98,13 @@ class Redraw {
         Gaussians<T>::fields([&](const std::string&, const Columns<T>& a) { numbers += a.size(); },
                              part_);
         std::size_t sum = static_cast<std::size_t>(numbers) * sizeof(T) +
-                          of(t.splats, t.source, t.member, t.used, key_, moved_, tiles_, fresh_,
-                             few_.splats, cursor_, found_, blended_, drawn_strips_);
+                          of(t.members, t.member, t.used, key_, moved_, tiles_, fresh_,
+                             few_.members, cursor_, found_, blended_, drawn_strips_);
         for (const TileLists* l : {&t.lists, &next_, &few_.lists})
-            sum += of(l->begin, l->member, l->slot, l->first);
+            sum += of(l->begin, l->entry, l->first);
         for (const RasterScratch<T>* s : {&scratch_, &part_scratch_})
-            sum += of(s->candidates, s->state, s->visible, s->keys, s->order, s->homes, s->rows);
+            sum += of(s->candidates, s->footprints, s->state, s->home, s->visible, s->keys,
+                      s->order, s->homes);
         return sum;
     }
 
@@ -122,11 +124,11 @@ class Redraw {
 
     /// f(tile) of every tile that a visible Gaussian reaches.
     template <class F>
-    void each_tile(const typename RasterScratch<T>::Candidate& c, const F& f) const {
+    void each_tile(const RasterScratch<T>& from, Index i, const F& f) const {
         const Index columns = raster_.trace.lists.columns;
         each_tile_row<A::support, T>(
-            camera_.width, camera_.height, c.rows,
-            [&]() -> const Footprint<T>& { return c.footprint; },
+            camera_.width, camera_.height, from.candidates[at(i)].rows,
+            [&]() -> const Footprint<T>& { return from.footprints[at(i)]; },
             [&](const TileRowSpan& s) {
                 for (int x = s.begin; x < s.end; ++x) f(at(s.row * columns + x));
             });
@@ -136,7 +138,7 @@ class Redraw {
     void leave(Index i) {
         if (!visible(i)) return;
         moved_[member(i)] = 1;
-        each_tile(scratch_.candidates[at(i)], [&](std::size_t t) { ++tiles_[t].left; });
+        each_tile(scratch_, i, [&](std::size_t t) { ++tiles_[t].left; });
     }
 
     /// Gathers what changed and projects it.
@@ -170,20 +172,21 @@ class Redraw {
         lists.begin[tiles_.size()] = sum;
         found_.assign(masks, {});
         if (masks == 0) return;
-        few_.splats.resize(at(sum));
-        lists.member.resize(at(sum));
-        for (std::size_t e = 0; e < lists.member.size(); ++e)
-            lists.member[e] = static_cast<std::uint32_t>(e);
+        few_.members.resize(at(sum));
+        lists.entry.resize(at(sum));
+        for (std::size_t e = 0; e < lists.entry.size(); ++e)
+            lists.entry[e] = {static_cast<std::uint32_t>(e), 0};
         cursor_.assign(lists.begin.begin(), lists.begin.end() - 1);
-        const auto deal = [&](const typename RasterScratch<T>::Candidate& c) {
-            each_tile(c, [&](std::size_t t) {
+        const auto deal = [&](const RasterScratch<T>& from, Index i) {
+            each_tile(from, i, [&](std::size_t t) {
                 if (tiles_[t].mask != TileChange::whole_tile)
-                    few_.splats[at(cursor_[t]++)] = c.splat;
+                    few_.members[at(cursor_[t]++)] = from.candidates[at(i)];
             });
         };
         for (std::size_t k = 0; k < changed.size(); ++k) {
-            if (visible(changed[k])) deal(scratch_.candidates[at(changed[k])]);
-            if (part_scratch_.state[k] == Candidacy::visible) deal(part_scratch_.candidates[k]);
+            if (visible(changed[k])) deal(scratch_, changed[k]);
+            if (part_scratch_.state[k] == Candidacy::visible)
+                deal(part_scratch_, static_cast<Index>(k));
         }
         const Scene<T> scene = rasterizer_.scene_of(part_, camera_, background_, few_);
         const auto canvas = scratch_.workspaces.template lend<LaneCanvas<V>>();
@@ -215,20 +218,20 @@ class Redraw {
                         "none");
         scratch_.state[at(i)] = now;
         if (now != Candidacy::visible) return;
-        scratch_.candidates[at(i)] = part_scratch_.candidates[k];
-        const Splat<T>& splat = part_scratch_.candidates[k].splat;
+        Member<T>& candidate = scratch_.candidates[at(i)];
+        candidate = part_scratch_.candidates[k];
+        candidate.source = static_cast<std::uint32_t>(i);
+        scratch_.footprints[at(i)] = part_scratch_.footprints[k];
         if (member(i) == no_member) {
-            trace.member[at(i)] = static_cast<std::uint32_t>(trace.splats.size());
-            trace.splats.push_back(splat);
-            trace.source.push_back(static_cast<std::uint32_t>(i));
-            key_.push_back(depth_key(splat.depth));
-            moved_.push_back(1);
-        } else {
-            const std::uint32_t m = member(i);
-            trace.splats[m] = splat;
-            key_[m] = depth_key(splat.depth);
-            moved_[m] = 1;
+            trace.member[at(i)] = static_cast<std::uint32_t>(trace.members.size());
+            trace.members.emplace_back();
+            key_.emplace_back();
+            moved_.emplace_back();
         }
+        const std::uint32_t m = member(i);
+        trace.members[m] = candidate;
+        key_[m] = depth_key(candidate.splat.depth);
+        moved_[m] = 1;
     }
 
     /// Deals what entered out into its tiles, near to far, ties by index.
@@ -251,8 +254,8 @@ class Redraw {
         fresh_.resize(sum);
         for (const std::uint32_t k : order) {
             const std::uint32_t m = member(changed[k]);
-            each_tile(scratch_.candidates[at(changed[k])],
-                      [&](std::size_t t) { fresh_[tiles_[t].fresh++] = m; });
+            each_tile(part_scratch_, static_cast<Index>(k),
+                      [&](std::size_t t) { fresh_[tiles_[t].fresh++] = {m, 0}; });
         }
         for (TileChange& t : tiles_) t.fresh -= t.entered;
     }
@@ -271,12 +274,12 @@ class Redraw {
         }
         next_.begin[tiles_.size()] = entries;
         TileLists::check_entries(entries, rasterizer_.accuracy.max_entries);
-        next_.member.resize(at(entries));
+        next_.entry.resize(at(entries));
         for_chunks<typename B::threads>(old.tiles(), 8, [&](Index b, Index e, Index) {
             for (Index t = b; t < e; ++t) merge_list(at(t));
         });
         std::swap(old.begin, next_.begin);
-        std::swap(old.member, next_.member);
+        std::swap(old.entry, next_.entry);
         for (std::size_t t = 0; t < tiles_.size(); ++t) {
             if (!tiles_[t].redraw) continue;
             const bool whole = tiles_[t].mask == TileChange::whole_tile;
@@ -289,19 +292,21 @@ class Redraw {
     void merge_list(std::size_t t) {
         TileChange& change = tiles_[t];
         const TileLists& old = raster_.trace.lists;
-        const std::uint32_t* const from = old.member.data() + old.begin[t];
-        const std::uint32_t* const end = old.member.data() + old.begin[t + 1];
-        std::uint32_t* const to = next_.member.data() + next_.begin[t];
+        const TileLists::Entry* const from = old.entry.data() + old.begin[t];
+        const TileLists::Entry* const end = old.entry.data() + old.begin[t + 1];
+        TileLists::Entry* const to = next_.entry.data() + next_.begin[t];
         if (!change.changes()) {
             std::copy(from, end, to);
             return;
         }
         const Index before = end - from;
-        const std::uint32_t* const fresh = fresh_.data() + change.fresh;
+        const TileLists::Entry* const fresh = fresh_.data() + change.fresh;
         const Index same = merge_entries(
             from, end, fresh, fresh + change.entered, to,
-            [&](std::uint32_t m) { return moved_[m] != 0; },
-            [&](std::uint32_t x, std::uint32_t y) { return nearer(x, y); });
+            [&](const TileLists::Entry& e) { return moved_[e.member] != 0; },
+            [&](const TileLists::Entry& x, const TileLists::Entry& y) {
+                return nearer(x.member, y.member);
+            });
         // Fewer were read than there are: all pixels were full, by entries that are the same.
         const Index used = raster_.trace.used[t];
         change.redraw = !(used < before && used <= same);
@@ -310,7 +315,8 @@ class Redraw {
     /// In the order of lists.
     bool nearer(std::uint32_t a, std::uint32_t b) const {
         const RasterTrace<T>& trace = raster_.trace;
-        return key_[a] < key_[b] || (key_[a] == key_[b] && trace.source[a] < trace.source[b]);
+        return key_[a] < key_[b] ||
+               (key_[a] == key_[b] && trace.members[a].source < trace.members[b].source);
     }
 
     void every_tile() {
@@ -362,7 +368,7 @@ class Redraw {
     std::vector<Key> key_;             ///< depth of each member
     std::vector<std::uint8_t> moved_;  ///< of each member, during a redraw
     std::vector<TileChange> tiles_;
-    std::vector<std::uint32_t> fresh_; ///< members that enter tiles, tile by tile
+    std::vector<TileLists::Entry> fresh_;  ///< what enters tiles, tile by tile
     TileLists next_;
     RasterTrace<T> few_;               ///< the changes of tiles with few of them
     std::vector<Index> cursor_;

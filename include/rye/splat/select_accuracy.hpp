@@ -77,8 +77,7 @@ struct TileSample {
     RasterTrace<T> trace = {};
 
     void prepare() {
-        scratch.candidates.resize(static_cast<std::size_t>(g.count()));
-        scratch.state.resize(static_cast<std::size_t>(g.count()));
+        scratch.shape(g.count());
         for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
             project_range(g, camera, accuracy, b, e, scratch);
         });

@@ -70,14 +70,21 @@ auto footprint_of(const ScreenGaussian<T>& s, const Splat<T>& splat, const T& cx
     return f;
 }
 
-/// Completes candidate i, whose rows of pixels are known: it is visible unless there are none.
+/// Completes candidate i, whose splat and footprint are known: it is visible unless it has no rows.
 template <class T>
-void settle(Index i, const Span& rows, RasterScratch<T>& scratch) {
-    auto& c = scratch.candidates[static_cast<std::size_t>(i)];
-    c.rows.begin = c.splat.row_begin = rows.begin;
-    c.rows.end = c.splat.row_end = rows.end;
-    scratch.state[static_cast<std::size_t>(i)] =
-        rows.begin < rows.end ? Candidacy::visible : Candidacy::hidden;
+void settle(Index i, const Span& rows, const Pinhole<T>& camera, RasterScratch<T>& scratch) {
+    using R = real_t<T>;
+    const auto at = static_cast<std::size_t>(i);
+    Member<T>& c = scratch.candidates[at];
+    c.rows.begin = rows.begin;
+    c.rows.end = rows.end;
+    c.source = static_cast<std::uint32_t>(i);
+    const bool visible = rows.begin < rows.end;
+    scratch.state[at] = visible ? Candidacy::visible : Candidacy::hidden;
+    if (!visible) return;
+    const R x = std::clamp(scratch.footprints[at].x, R(0), static_cast<R>(camera.width - 1));
+    scratch.home[at] = static_cast<std::uint32_t>(
+        rows.begin / tile_edge * tiles_across(camera.width) + static_cast<int>(x) / tile_edge);
 }
 
 /// Fills candidate and state of Gaussians [b, e); one at a time, for any scalar.
@@ -92,12 +99,13 @@ void project_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& acc
         const ScreenGaussian<T> s = project(load_shape(g, i), lens);
         scratch.state[at] = Candidacy::hidden;
         if (!s.drawable || !(g.opacity(0, i) > T(0))) continue;
-        auto& c = scratch.candidates[at];
+        Member<T>& c = scratch.candidates[at];
         c.splat = make_splat(s, g.opacity(0, i), accuracy);
         if (!(c.splat.log2_opacity > c.splat.cut)) continue;
-        c.footprint = footprint_of<A>(s, c.splat, camera.cx, camera.cy);
-        const Cover<A::support, real_t<T>> cover{c.footprint, camera.width, camera.height};
-        settle(i, cover.rows(), scratch);
+        scratch.footprints[at] = footprint_of<A>(s, c.splat, camera.cx, camera.cy);
+        const Cover<A::support, real_t<T>> cover{scratch.footprints[at], camera.width,
+                                                 camera.height};
+        settle(i, cover.rows(), camera, scratch);
         if (scratch.state[at] != Candidacy::visible || !c.rows.known(camera.width)) continue;
         for (int y = c.rows.first_row(); y < c.rows.last_row(); ++y) {
             const Span x = cover.columns(y, c.rows);
@@ -113,50 +121,39 @@ template <Backend B, class A, class T>
 void arrange(const Pinhole<T>& camera, const A& accuracy, RasterScratch<T>& scratch,
              RasterTrace<T>& trace) {
     using R = real_t<T>;
+    const Index tiles = Index(tiles_across(camera.width)) * tiles_across(camera.height);
     trace.non_finite = 0;
     scratch.visible.clear();
+    scratch.homes.assign(static_cast<std::size_t>(tiles) + 1, 0);
     for (std::size_t i = 0; i < scratch.candidates.size(); ++i) {
         if (scratch.state[i] == Candidacy::non_finite) ++trace.non_finite;
-        if (scratch.state[i] == Candidacy::visible)
-            scratch.visible.push_back(static_cast<std::uint32_t>(i));
+        if (scratch.state[i] != Candidacy::visible) continue;
+        scratch.visible.push_back(static_cast<std::uint32_t>(i));
+        ++scratch.homes[scratch.home[i] + 1];
     }
     if (accuracy.non_finite == NonFinite::fail && trace.non_finite > 0)
         throw Error("rasterizer: got " + std::to_string(trace.non_finite) +
                     " Gaussians with a number that is not finite, expected none");
 
     const std::size_t n = scratch.visible.size();
-    const int columns = (camera.width + tile_edge - 1) / tile_edge;
-    const int rows = (camera.height + tile_edge - 1) / tile_edge;
-    const auto home = [&](const auto& c) {
-        const R x = std::clamp(c.footprint.x, R(0), static_cast<R>(camera.width - 1));
-        return static_cast<std::size_t>(Index(c.splat.row_begin / tile_edge) * columns +
-                                        static_cast<int>(x) / tile_edge);
-    };
-    scratch.homes.assign(static_cast<std::size_t>(Index(columns) * rows) + 1, 0);
-    for (const std::uint32_t i : scratch.visible) ++scratch.homes[home(scratch.candidates[i]) + 1];
     for (std::size_t t = 1; t < scratch.homes.size(); ++t) scratch.homes[t] += scratch.homes[t - 1];
     scratch.keys.resize(n);
     scratch.order.resize(n);
-    scratch.rows.resize(n);
-    trace.splats.resize(n);
-    trace.source.resize(n);
+    trace.members.resize(n);
     trace.member.assign(scratch.candidates.size(), no_member);
     for (std::size_t v = 0; v < n; ++v) {
-        const std::uint32_t i = scratch.visible[v];
-        const auto& c = scratch.candidates[i];
-        const std::uint32_t m = scratch.homes[home(c)]++;
-        scratch.keys[v] = depth_key(static_cast<R>(value_of(c.splat.depth)));
-        scratch.order[v] = m;
-        scratch.rows[m] = c.rows;
-        trace.splats[m] = c.splat;
-        trace.source[m] = i;
+        const std::uint32_t i = scratch.visible[v], m = scratch.homes[scratch.home[i]]++;
+        trace.members[m] = scratch.candidates[i];
         trace.member[i] = m;
+        scratch.keys[v] = depth_key(static_cast<R>(value_of(scratch.candidates[i].splat.depth)));
+        scratch.order[v] = m;
     }
     sort_by_key(scratch.keys, scratch.order, scratch.sort);
     trace.lists.template build<typename B::threads, A::support, R>(
-        camera.width, camera.height, scratch.rows, scratch.order, accuracy.max_entries,
-        [&](Index m) -> const Footprint<R>& {
-            return scratch.candidates[trace.source[static_cast<std::size_t>(m)]].footprint;
+        camera.width, camera.height,
+        [&](Index m) -> const TileRows& { return trace.members[static_cast<std::size_t>(m)].rows; },
+        scratch.order, accuracy.max_entries, [&](Index m) -> const Footprint<R>& {
+            return scratch.footprints[trace.members[static_cast<std::size_t>(m)].source];
         });
 }
 
@@ -196,8 +193,8 @@ void pull_back_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& a
         for (Index k = 0; k < g.channels(); ++k)
             out.feature(k, i) = sum[static_cast<std::size_t>(Slots<T>::head + k)];
         const SplatCotangent<T> s{sum[0], sum[1], sum[2], sum[3], sum[4], sum[5], sum[6]};
-        store_shape(project_vjp(load_shape(g, i), lens, screen_cotangent(trace.splats[m], s)), out,
-                    i);
+        const ScreenCotangent<T> screen = screen_cotangent(trace.members[m].splat, s);
+        store_shape(project_vjp(load_shape(g, i), lens, screen), out, i);
         out.opacity(0, i) = s.alpha / g.opacity(0, i);
     }
 }

@@ -28,11 +28,10 @@ struct TileChange {
 
 /// Writes the entries [from, end) that have not left, and the sorted [fresh, fresh_end) among them,
 /// to `to`. Returns how many entries at the front are those of the old list.
-template <class Left, class Nearer>
-Index merge_entries(const std::uint32_t* from, const std::uint32_t* end,
-                    const std::uint32_t* fresh, const std::uint32_t* fresh_end, std::uint32_t* to,
-                    const Left& left, const Nearer& nearer) {
-    const std::uint32_t* const begin = to;
+template <class Entry, class Left, class Nearer>
+Index merge_entries(const Entry* from, const Entry* end, const Entry* fresh,
+                    const Entry* fresh_end, Entry* to, const Left& left, const Nearer& nearer) {
+    const Entry* const begin = to;
     Index same = end - from;
     const auto differ = [&] { same = std::min<Index>(same, to - begin); };
     for (; from < end; ++from) {

@@ -66,6 +66,8 @@ template <Real R>
 Span pixels_between(R low, R high, int size) {
     return whole(pixel_range(low, high, size));
 }
+/// Tiles along a side of an image.
+inline int tiles_across(int pixels) { return (pixels + tile_edge - 1) / tile_edge; }
 /// The tiles that these pixels lie in.
 inline Span tiles_of(const Span& px) {
     if (px.begin >= px.end) return {};
@@ -251,10 +253,13 @@ void sort_by_key(std::vector<Key>& keys, std::vector<std::uint32_t>& values,
 /// For each tile its Gaussians, near to far. Visible Gaussians are members 0, 1, ... in the order
 /// of the tiles that they lie in, so that what a tile reads lies together.
 struct TileLists {
+    struct Entry {
+        std::uint32_t member;
+        std::uint32_t slot;               ///< its place among its member's
+    };
     int columns = 0, rows = 0;            ///< of tiles
     std::vector<Index> begin;             ///< tile t holds entries [begin[t], begin[t + 1])
-    std::vector<std::uint32_t> member;    ///< of each entry
-    std::vector<std::uint32_t> slot;      ///< of each entry: its place among its member's
+    std::vector<Entry> entry;
     std::vector<Index> first;             ///< member m owns slots [first[m], first[m + 1]), in the
                                           ///< order of tiles
 
@@ -262,20 +267,21 @@ struct TileLists {
     Index entries() const { return begin.empty() ? 0 : begin.back(); }
 
     /// Deals members out over an image, in the given order; footprint(m) is a Footprint, and
-    /// pixel_rows[m] its rows of pixels, not empty.
-    template <Threads P, Support support, Real R, class Rows, class Footprints>
-        requires std::derived_from<Rows, Span>
-    void build(int width, int height, const std::vector<Rows>& pixel_rows,
+    /// pixel_rows(m) its rows of pixels, not empty.
+    template <Threads P, Support support, Real R, class PixelRows, class Footprints>
+        requires std::derived_from<std::remove_cvref_t<std::invoke_result_t<PixelRows, Index>>,
+                                   Span>
+    void build(int width, int height, const PixelRows& pixel_rows,
                const std::vector<std::uint32_t>& order, Index max_entries,
                const Footprints& footprint) {
-        columns = (width + tile_edge - 1) / tile_edge;
-        rows = (height + tile_edge - 1) / tile_edge;
+        columns = tiles_across(width);
+        rows = tiles_across(height);
         const auto each_row = [&](std::uint32_t m, const auto& f) {
-            each_tile_row<support, R>(width, height, pixel_rows[m], [&]() -> const Footprint<R>& {
+            each_tile_row<support, R>(width, height, pixel_rows(m), [&]() -> const Footprint<R>& {
                 return footprint(m);
             }, f);
         };
-        deal<P>(pixel_rows, order, max_entries, each_row);
+        deal<P>(order, max_entries, each_row, [&](std::uint32_t m) { prefetch(pixel_rows(m)); });
     }
 
     /// Throws if there are more entries than allowed.
@@ -288,79 +294,74 @@ struct TileLists {
     }
 
   private:
-    static constexpr Index most_chunks = 16, ahead = 16;
+    static constexpr Index ahead = 16;
 
     using RowSpan = TileRowSpan;
-    /// Of one chunk: its rows, where each member's end, and where it goes on in each list.
-    struct Part {
-        std::vector<RowSpan> spans;
-        std::vector<std::uint32_t> ends;
-        std::vector<Index> cursor;
-    };
-    std::vector<Part> parts_;
+    std::vector<std::vector<Index>> cursors_;  ///< of each chunk: where it goes on in each list
 
-    /// The order is cut into chunks; where a chunk goes on in a tile's list follows from what the
-    /// chunks before it have there.
-    template <Threads P, class Rows, class EachRow>
-    void deal(const std::vector<Rows>& pixel_rows, const std::vector<std::uint32_t>& order,
-              Index max_entries, const EachRow& each_row) {
+    /// The order is cut into as many chunks as there are threads; where a chunk goes on in a tile's
+    /// list follows from what the chunks before it have there. Lists do not depend on the chunks.
+    template <Threads P, class EachRow, class Fetch>
+    void deal(const std::vector<std::uint32_t>& order, Index max_entries, const EachRow& each_row,
+              const Fetch& fetch) {
         const auto at = [](auto& v, Index i) -> auto& { return v[static_cast<std::size_t>(i)]; };
         const Index n = static_cast<Index>(order.size());
-        const Index grain = std::max<Index>(2048, (n + most_chunks - 1) / most_chunks);
+        const Index grain = std::max<Index>(2048, (n + P::count() - 1) / P::count());
         const Index chunks = chunk_count(n, grain);
-        parts_.resize(std::max(parts_.size(), static_cast<std::size_t>(chunks)));
+        if (static_cast<Index>(cursors_.size()) < chunks)
+            cursors_.resize(static_cast<std::size_t>(chunks));
         first.resize(static_cast<std::size_t>(n) + 1);
         at(first, 0) = 0;
+        const auto count = [this](std::vector<Index>& cursor, const RowSpan& s) {
+            Index* const in_row = cursor.data() + Index(s.row) * columns;
+            for (int x = s.begin; x < s.end; ++x) ++in_row[x];
+        };
+        // What each member has, in the order of memory; a single chunk needs no other order.
         for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
-            Part& part = at(parts_, c);
-            part.cursor.assign(static_cast<std::size_t>(tiles()), 0);
-            part.spans.clear();
-            part.ends.clear();
-            for (Index i = b; i < e; ++i) {
-                if (i + ahead < e) prefetch(at(pixel_rows, at(order, i + ahead)));
-                const std::uint32_t m = at(order, i);
-                Index count = 0;
-                each_row(m, [&](const RowSpan& s) {
-                    part.spans.push_back(s);
-                    Index* const in_row = part.cursor.data() + Index(s.row) * columns;
-                    for (int x = s.begin; x < s.end; ++x) ++in_row[x];
-                    count += s.end - s.begin;
+            at(cursors_, c).assign(static_cast<std::size_t>(tiles()), 0);
+            for (Index m = b; m < e; ++m) {
+                Index all = 0;
+                each_row(static_cast<std::uint32_t>(m), [&](const RowSpan& s) {
+                    all += s.end - s.begin;
+                    if (chunks == 1) count(at(cursors_, c), s);
                 });
-                part.ends.push_back(static_cast<std::uint32_t>(part.spans.size()));
-                at(first, Index(m) + 1) = count;
+                at(first, m + 1) = all;
             }
         });
+        if (chunks > 1)
+            for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+                for (Index i = b; i < e; ++i) {
+                    if (i + ahead < e) fetch(at(order, i + ahead));
+                    each_row(at(order, i),
+                             [&](const RowSpan& s) { count(at(cursors_, c), s); });
+                }
+            });
         Index total = 0;
         for (Index m = 0; m < n; ++m) total = at(first, m + 1) += total;
         check_entries(total, max_entries);
         begin.resize(static_cast<std::size_t>(tiles()) + 1);
-        Index entry = 0;
+        Index next = 0;
         for (Index t = 0; t < tiles(); ++t) {
-            at(begin, t) = entry;
+            at(begin, t) = next;
             for (Index c = 0; c < chunks; ++c) {
-                Index& cursor = at(at(parts_, c).cursor, t);
-                entry += std::exchange(cursor, entry);
+                Index& cursor = at(at(cursors_, c), t);
+                next += std::exchange(cursor, next);
             }
         }
-        at(begin, tiles()) = entry;
-        member.resize(static_cast<std::size_t>(total));
-        slot.resize(static_cast<std::size_t>(total));
+        at(begin, tiles()) = next;
+        entry.resize(static_cast<std::size_t>(total));
         for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
-            Part& part = at(parts_, c);
-            const RowSpan* span = part.spans.data();
             for (Index i = b; i < e; ++i) {
-                if (i + ahead < e) prefetch(at(first, at(order, i + ahead)));
-                const std::uint32_t m = at(order, i);
-                auto to_slot = static_cast<std::uint32_t>(at(first, m));
-                for (const RowSpan* const end = part.spans.data() + at(part.ends, i - b);
-                     span < end; ++span) {
-                    Index* const in_row = part.cursor.data() + Index(span->row) * columns;
-                    for (int x = span->begin; x < span->end; ++x) {
-                        const Index to = in_row[x]++;
-                        at(member, to) = m;
-                        at(slot, to) = to_slot++;
-                    }
+                if (i + ahead < e) {
+                    fetch(at(order, i + ahead));
+                    prefetch(at(first, at(order, i + ahead)));
                 }
+                const std::uint32_t m = at(order, i);
+                auto slot = static_cast<std::uint32_t>(at(first, m));
+                each_row(m, [&](const RowSpan& s) {
+                    Index* const in_row = at(cursors_, c).data() + Index(s.row) * columns;
+                    for (int x = s.begin; x < s.end; ++x) at(entry, in_row[x]++) = {m, slot++};
+                });
             }
         });
     }

@@ -60,7 +60,8 @@ template <class V, int C, class A>
 void blend_group(LaneBlend<A, V> blend, LaneCanvas<V>& canvas) {
     using T = typename V::value_type;
     constexpr int lanes = static_cast<int>(V::size);
-    const LaneGroup<V>& group = canvas.group;
+    LaneGroup<V>& group = canvas.group;
+    blend.alphas(group);
     T* const state = canvas.state.lines[0].x;
     const int visits = group.visits;
     for (int i = 0; i < visits; ++i) {
@@ -68,8 +69,7 @@ void blend_group(LaneBlend<A, V> blend, LaneCanvas<V>& canvas) {
         const std::size_t strip = group.strip[i];
         T* const at = state + strip * ((2 + C) * lanes);
         V t = V::load_aligned(at);
-        const V w =
-            blend(LaneGroup<V>::exponent(entry, strip), V(entry.cut), V(entry.floor), t).weight;
+        const V w = blend(V::load_aligned(group.alpha[i]), t).weight;
         t.store_aligned(at);
         (V::load_aligned(at + lanes) + w * V(entry.depth)).store_aligned(at + lanes);
         if constexpr (C > 0) {
@@ -149,7 +149,8 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
     fetch_ahead(scene, begin, std::min<Index>(end, begin + 2 * most));
     Index k = begin;
     while (k < end && blend.open_strips(state, state_stride, open)) {
-        const Index next = std::min<Index>(end, k + most), after = std::min<Index>(end, next + most);
+        const Index next = std::min<Index>(end, k + most);
+        const Index after = std::min<Index>(end, next + most);
         fetch_ahead(scene, after, std::min<Index>(end, after + most));
         fetch_features(scene, next, after);
         canvas.group.fill(scene, strips, scene.top(tile), k, next, open);
@@ -170,7 +171,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
         const Index p = scene.pixel(scene.left(tile), scene.top(tile) + y);
         T* to = out.feature.pixels.data() + p * channels;
         for (int x = 0; x < strips.width; ++x) {
-            const int strip = Tile::strip(x, y), lane = x % lanes;
+            const Index strip = static_cast<Index>(Tile::strip(x, y)), lane = x % lanes;
             if (!drawn.has(strip)) {
                 to += channels;
                 continue;

@@ -94,13 +94,14 @@ struct LaneGroup {
     std::uint8_t strip[most * Tile::count + 8];   ///< of each visit
     std::uint8_t of[most * Tile::count + 8];      ///< of each visit: its entry
     std::uint16_t end[most];                      ///< of each entry: where its visits end
+    alignas(64) T alpha[most * Tile::count + 8][lanes];  ///< of each visit
 
     /// Takes entries [first, last); strips that are not open get no visits.
     void fill(const Scene<T>& scene, const Tile& tile, int top, Index first, Index last,
               const Open& open) {
         std::uint32_t rows[most];
         const int n = static_cast<int>(last - first);
-        for (int k = 0; k < n; ++k) rows[k] = share(scene.splat(first + k), tile, top, k);
+        for (int k = 0; k < n; ++k) rows[k] = share(scene.member(first + k), tile, top, k);
         for (int k = 0; k < n; k += lanes) reach(tile, k);
         int count = 0;
         for (int k = 0; k < n; ++k) {
@@ -118,6 +119,9 @@ struct LaneGroup {
             end[k] = static_cast<std::uint16_t>(count);
         }
         visits = count;
+        // What is read beyond the end by fours is a visit too.
+        std::memset(strip + count, 0, 4);
+        std::memset(of + count, 0, 4);
     }
     /// Of a strip's pixels.
     [[gnu::always_inline]] static V exponent(const LaneEntry<T>& e, std::size_t strip) {
@@ -134,7 +138,9 @@ struct LaneGroup {
     std::uint32_t strips_[words][most];  ///< that each entry reaches, a bit each
 
     /// What all strips need of an entry; returns its rows, for each side of a word.
-    std::uint32_t share(const Splat<T>& s, const Tile& tile, int top, int k) {
+    [[gnu::always_inline]] std::uint32_t share(const Member<T>& member, const Tile& tile, int top,
+                                               int k) {
+        const Splat<T>& s = member.splat;
         x_[k] = s.x, y_[k] = s.y, ux_[k] = s.ux, vx_[k] = s.vx, vy_[k] = s.vy;
         lost_[k] = s.log2_opacity - s.cut;
         LaneEntry<T>& to = entry[k];
@@ -147,19 +153,24 @@ struct LaneGroup {
             (V(s.vy) * (V::load_aligned(tile.y + i * lanes) - V(s.y)))
                 .store_aligned(to.down + i * lanes);
         });
-        const int b = std::max(0, s.row_begin - top), e = std::min(tile_edge, s.row_end - top);
+        const int b = std::max(0, member.rows.begin - top);
+        const int e = std::min(tile_edge, member.rows.end - top);
         const std::uint32_t span =
             (1U << static_cast<unsigned>(e)) - (1U << static_cast<unsigned>(b));
         return span | span << static_cast<unsigned>(tile_edge);
     }
 
     /// Which strips entries k, k + 1, ... reach, an entry in each lane: those in which the highest
-    /// exponent of a row is not below the cut; a bit more for the rounding.
+    /// exponent of a row is not below the cut; and a bit more for the rounding. In a row,
+    /// u^2 + v^2 = s (dx - nearest)^2 + (ux down)^2 / s with s = ux^2 + vx^2.
     void reach(const Tile& tile, int k) {
         const auto load = [k](const T* from) { return V::load_aligned(from + k); };
         const V cx = load(x_), cy = load(y_), a = load(ux_), b = load(vx_), c = load(vy_);
-        const V most_lost = load(lost_) + V(T(0x1p-10)), zero(T(0));
-        const V steepest = -b / (a * a + b * b);
+        const V inverse = V(T(1)) / (a * a + b * b), zero(T(0));
+        const V steepest = -b * inverse, share = a * a * inverse * inverse;
+        const V farthest = max(abs(V(tile.y[0]) - cy), abs(V(tile.y[tile_edge - 1]) - cy));
+        const V rounding = c * farthest + V(T(2 * tile_edge)) * (a + abs(b));
+        const V budget = (load(lost_) + V(T(0x1p-10)) + V(T(0x1p-16)) * rounding) * inverse;
         std::array<V, std::size_t(Tile::sides)> low, high, bits;
         unrolled<Tile::sides>([&](auto side) __attribute__((always_inline)) {
             low[side] = V(tile.x[side * lanes]) - cx;
@@ -169,25 +180,21 @@ struct LaneGroup {
         T power = 1;
         for (int row = 0; row < tile_edge; ++row, power *= 2) {
             const V down = c * (V(tile.y[row]) - cy), nearest = steepest * down;
-            const V allowed = most_lost + V(T(0x1p-16)) * abs(down);
+            const V allowed = budget - share * down * down;
             unrolled<Tile::sides>([&](auto side) __attribute__((always_inline)) {
-                const V dx = min(high[side], max(low[side], nearest));
-                const V u = a * dx, v = b * dx + down;
-                bits[side] = bits[side] + select(u * u + v * v <= allowed, V(power), zero);
+                const V off = min(high[side], max(low[side], nearest)) - nearest;
+                bits[side] = bits[side] + where(off * off <= allowed, V(power));
             });
         }
-        alignas(64) T number[Tile::sides][lanes];
-        for (int side = 0; side < Tile::sides; ++side)
-            bits[std::size_t(side)].store_aligned(number[side]);
-        for (int w = 0; w < words; ++w)
-            for (int lane = 0; lane < lanes; ++lane) {
-                std::uint32_t word = 0;
-                for (int i = 0; i < sides_a_word && w * sides_a_word + i < Tile::sides; ++i)
-                    word |= static_cast<std::uint32_t>(
-                                static_cast<std::int32_t>(number[w * sides_a_word + i][lane]))
-                            << (i * tile_edge);
-                strips_[w][k + lane] = word;
-            }
+        for (int w = 0; w < words; ++w) {
+            auto word = to_int(bits[std::size_t(w * sides_a_word)]);
+            if constexpr (Tile::sides > 1)
+                word = word | (to_int(bits[std::size_t(w * sides_a_word + 1)]) << tile_edge);
+            alignas(64) typename decltype(word)::value_type number[lanes];
+            word.store_aligned(number);
+            for (int lane = 0; lane < lanes; ++lane)
+                strips_[w][k + lane] = static_cast<std::uint32_t>(number[lane]);
+        }
     }
 };
 
@@ -211,21 +218,36 @@ struct LaneBlend {
     explicit LaneBlend(const A& a)
         : alpha_max(static_cast<T>(a.alpha_max)), stop(static_cast<T>(a.stop)) {}
 
-    [[gnu::always_inline]] LaneShare<V> operator()(const V& exponent, const V& cut, const V& floor,
-                                                   V& transmittance) const {
+    /// The alpha of each visit of a group, several side by side; full pixels take none of it.
+    void alphas(LaneGroup<V>& group) const {
+        constexpr int side_by_side = 4;
+        using Several = Bundle<V, side_by_side>;
+        const V most = alpha_max;
+        const int visits = group.visits;
+        for (int i = 0; i < visits; i += side_by_side) {
+            Several e;
+            unrolled<side_by_side>([&](auto k) __attribute__((always_inline)) {
+                e.x[k] = LaneGroup<V>::exponent(group.entry[group.of[i + k]], group.strip[i + k]);
+            });
+            // Exponents below the cut, and so those that the polynomial does not know, go unused.
+            Several alpha;
+            if constexpr (library)
+                alpha = e.each(e, [](const V& x, const V&) { return V(Exp2Library()(x)); });
+            else
+                alpha = Exp2::within(e);
+            unrolled<side_by_side>([&](auto k) __attribute__((always_inline)) {
+                const LaneEntry<T>& entry = group.entry[group.of[i + k]];
+                V a = alpha.x[k];
+                if constexpr (A::has_floor) a = a - V(entry.floor);
+                where(e.x[k] >= V(entry.cut), V(min(most, a))).store_aligned(group.alpha[i + k]);
+            });
+        }
+    }
+
+    /// What a visit adds to its strip.
+    [[gnu::always_inline]] LaneShare<V> operator()(V alpha, V& transmittance) const {
         const V before = transmittance;
-        // Exponents below the cut, and so those that the polynomial does not know, are not used.
-        V alpha;
-        if constexpr (library)
-            alpha = Exp2Library()(exponent);
-        else
-            alpha = Exp2::within(exponent);
-        if constexpr (A::has_floor) alpha = alpha - floor;
-        alpha = min(alpha_max, alpha);
-        if constexpr (A::stop_rule == Stop::inclusive)
-            alpha = where(exponent >= cut && before >= stop, alpha);
-        else
-            alpha = where(exponent >= cut, alpha);
+        if constexpr (A::stop_rule == Stop::inclusive) alpha = where(before >= stop, alpha);
         V weight = alpha * before;
         V behind = before - weight;
         if constexpr (A::stop_rule == Stop::exclusive) {

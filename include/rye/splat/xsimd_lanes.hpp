@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <functional>
 #include <bit>
 #include <cstdint>
 #include <limits>
@@ -30,6 +31,47 @@ template <int N, class F>
     }(std::make_integer_sequence<int, N>());
 }
 
+/// N batches that go through a formula side by side: each operation is N in a row that do not wait
+/// for each other.
+template <class V, int N>
+struct Bundle {
+    std::array<V, std::size_t(N)> x;
+
+    Bundle() = default;
+    /// All N alike.
+    template <class S>
+        requires std::is_arithmetic_v<S>
+    explicit Bundle(S s) {
+        x.fill(V(static_cast<typename V::value_type>(s)));
+    }
+
+    /// f of each batch and the one beside it in `other`.
+    template <class F>
+    [[gnu::always_inline]] Bundle each(const Bundle& other, const F& f) const {
+        Bundle r;
+        unrolled<N>([&](auto i) __attribute__((always_inline)) { r.x[i] = f(x[i], other.x[i]); });
+        return r;
+    }
+    [[gnu::always_inline]] friend Bundle operator+(const Bundle& a, const Bundle& b) {
+        return a.each(b, std::plus<V>());
+    }
+    [[gnu::always_inline]] friend Bundle operator-(const Bundle& a, const Bundle& b) {
+        return a.each(b, std::minus<V>());
+    }
+    [[gnu::always_inline]] friend Bundle operator*(const Bundle& a, const Bundle& b) {
+        return a.each(b, std::multiplies<V>());
+    }
+    [[gnu::always_inline]] friend Bundle operator/(const Bundle& a, const Bundle& b) {
+        return a.each(b, std::divides<V>());
+    }
+    friend Bundle operator-(const Bundle& a) { return Bundle(0.0) - a; }
+    Bundle& operator+=(const Bundle& b) { return *this = *this + b; }
+};
+template <class V, int N>
+struct RealOf<Bundle<V, N>> {
+    using type = typename V::value_type;
+};
+
 /// x where the mask holds, else 0: one instruction where masks are as wide as numbers.
 template <class V>
 [[gnu::always_inline]] inline V where(const typename V::batch_bool_type& mask, const V& x) {
@@ -37,6 +79,13 @@ template <class V>
         return V(mask.data) & x;
     else
         return select(mask, x, V(typename V::value_type(0)));
+}
+
+/// i, as a number the compiler knows nothing about: loads at it stay loads. A compiler that turns
+/// loads of several lanes into one gather makes them slower.
+[[gnu::always_inline]] inline Index opaque(Index i) {
+    asm("" : "+r"(i));
+    return i;
 }
 
 /// Sum of a batch's lanes; the library renamed it.
@@ -93,10 +142,8 @@ struct Lines {
 template <class T>
 [[gnu::always_inline]] inline void fetch_ahead(const Scene<T>& scene, Index entry, Index end) {
     for (Index k = entry; k < end; ++k) {
-        const std::size_t r = scene.member(k);
-        __builtin_prefetch(&scene.trace.splats[r]);
-        __builtin_prefetch(&scene.trace.splats[r].row_end);
-        __builtin_prefetch(&scene.trace.source[r]);
+        const char* const m = reinterpret_cast<const char*>(&scene.member(k));
+        for (std::size_t at = 0; at < sizeof(Member<T>); at += 64) __builtin_prefetch(m + at);
     }
 }
 

@@ -28,7 +28,7 @@ struct LaneShapes {
     template <class IndexOf>
     LaneShapes(const Gaussians<T>& g, const IndexOf& index) {
         for (int lane = 0; lane < LaneBlock<V, 11>::lanes; ++lane) {
-            const Index i = index(lane);
+            const Index i = opaque(index(lane));
             for (int k = 0; k < 3; ++k) in.row[k][lane] = g.mean.data()[3 * i + k];
             for (int k = 0; k < 4; ++k) in.row[3 + k][lane] = g.rotation.data()[4 * i + k];
             for (int k = 0; k < 3; ++k) in.row[7 + k][lane] = g.scale.data()[3 * i + k];
@@ -114,15 +114,15 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
             }
             scratch.state[at] = Candidacy::hidden;
             if (!(visible.row[0][lane] > T(0))) continue;
-            auto& c = scratch.candidates[at];
+            Member<T>& c = scratch.candidates[at];
             c.splat = {value(0), value(1), value(2), value(3), value(4),
                        value(5), value(6), value(7), value(8)};
-            c.footprint = {value(9), value(10), value(11), {value(12), value(13), value(14)},
-                           value(15)};
+            scratch.footprints[at] = {value(9), value(10), value(11),
+                                      {value(12), value(13), value(14)}, value(15)};
             const auto span = [&](int k) {
                 return whole(PixelInterval<T>{range.row[k][lane], range.row[k + 1][lane]});
             };
-            settle(i, span(0), scratch);
+            settle(i, span(0), camera, scratch);
             if (scratch.state[at] != Candidacy::visible || !c.rows.known(camera.width)) continue;
             for (int j = 0; j < c.rows.last_row() - c.rows.first_row(); ++j) {
                 const Span x = tiles_of(span(2 + 2 * j));
@@ -165,7 +165,7 @@ template <class T>
                                                Index index) {
     const std::uint32_t m = trace.member[static_cast<std::size_t>(index)];
     if (m == no_member) return;
-    __builtin_prefetch(&trace.splats[m]);
+    __builtin_prefetch(&trace.members[m]);
     constexpr Index line = 64 / static_cast<Index>(sizeof(T));
     const T* const end = slots[trace.lists.first[std::size_t(m) + 1]];
     for (const T* s = slots[trace.lists.first[m]]; s < end; s += line) __builtin_prefetch(s);
@@ -205,7 +205,7 @@ void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
                 continue;
             }
             merge_slots_lanes<V>(trace.lists, slots, m, sum);
-            const Splat<T>& s = trace.splats[m];
+            const Splat<T>& s = trace.members[m].splat;
             for (int k = 0; k < 7; ++k) in_slots.row[k][filled] = sum[k];
             in_slots.row[7][filled] = s.ux;
             in_slots.row[8][filled] = s.vx;
@@ -233,7 +233,7 @@ void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
         for (int k = 0; k < 3; ++k) r.set(7 + k, d.scale[k]);
         r.set(10, c.alpha / in.opacity());
         for (int lane = 0; lane < filled; ++lane) {
-            const Index to = index[static_cast<std::size_t>(lane)];
+            const Index to = opaque(index[static_cast<std::size_t>(lane)]);
             for (int k = 0; k < 3; ++k) out.mean.data()[3 * to + k] = r.row[k][lane];
             for (int k = 0; k < 4; ++k) out.rotation.data()[4 * to + k] = r.row[3 + k][lane];
             for (int k = 0; k < 3; ++k) out.scale.data()[3 * to + k] = r.row[7 + k][lane];

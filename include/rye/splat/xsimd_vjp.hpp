@@ -24,7 +24,8 @@ struct LaneTape : Workspaces::Space {
     Lines<T> background;                ///< padded
     // Of many channels:
     Lines<T> feature;                   ///< of a group, padded
-    alignas(64) T along[Tile::count][V::size], weight[Tile::count][V::size];  ///< of an entry's visits
+    alignas(64) T along[Tile::count][V::size];   ///< of an entry's visits
+    alignas(64) T weight[Tile::count][V::size];  ///< of the same
 };
 
 /// Repeats the forward walk of a tile onto the tape.
@@ -51,14 +52,12 @@ void record_tile(const Scene<typename V::value_type>& scene, const A& accuracy, 
         for (Index i = 0; i < next - k; ++i) tape.end.push_back(used + group.end[i]);
         T* const steps = tape.steps.grow((used + group.visits) * 2 * lanes, used * 2 * lanes);
         T* to = steps + used * 2 * lanes;
+        blend.alphas(group);
         const int visits = group.visits;
         for (int i = 0; i < visits; ++i, to += 2 * lanes) {
-            const LaneEntry<T>& entry = group.entry[group.of[i]];
-            const std::size_t strip = group.strip[i];
-            T* const at = tape.transmittance + strip * lanes;
+            T* const at = tape.transmittance + group.strip[i] * lanes;
             V t = V::load_aligned(at);
-            const LaneShare<V> share =
-                blend(Group::exponent(entry, strip), V(entry.cut), V(entry.floor), t);
+            const LaneShare<V> share = blend(V::load_aligned(group.alpha[i]), t);
             t.store_aligned(at);
             share.alpha.store_aligned(to);
             share.before.store_aligned(to + lanes);
@@ -292,6 +291,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
         if constexpr (C == 0)
             copy_features<V>(scene, begin + group, begin + end, stride, feature);
         if (group > 0) {
+            fetch_ahead(scene, begin + group - most, begin + group);
             fetch_features(scene, begin + group - most, begin + group);
             fetch_slots(scene, scratch.slots, begin + group - most, begin + group);
         }

@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/nn/product.hpp: products of dense matrices: in register tiles where the backend has lanes,
+/// else Eigen's. The left factor is prepared once for many columns of the right one. In lanes each
+/// number of the result is one sum in the order of the depth: its bits depend on nothing but its
+/// row and its column. Matrices are column-major.
+#pragma once
+
+#include <algorithm>
+#include <type_traits>
+#include <vector>
+
+#include <rye/core/columns.hpp>
+#include <rye/nn/elementwise.hpp>
+#include <rye/nn/register_tile.hpp>
+
+namespace rye {
+
+/// A matrix as the left factor is read: panels of two vectors of rows, the last of one if that is
+/// enough, zeros below the last row; within a panel, column after column. Where they lie, columns
+/// of a power of two of numbers would share a few sets of the cache.
+template <class Batch>
+struct PackedMatrix {
+    using T = typename Batch::value_type;
+    static constexpr Index lanes = static_cast<Index>(Batch::size);
+    Index rows = 0, depth = 0;
+    std::vector<T> data;
+
+    Index height(Index row) const { return rows - row > lanes ? 2 * lanes : lanes; }
+    const T* panel(Index row) const { return data.data() + row * depth; }
+
+    /// A column-major matrix, or its transpose, whose rows are `step` apart.
+    void pack(const ColumnsView<T>& a) {
+        shape(a.rows(), a.cols());
+        each_panel([&](T* to, Index row, Index h) {
+            const Index n = std::min(h, rows - row);
+            for (Index j = 0; j < depth; ++j, to += h) {
+                std::copy_n(a.data() + j * a.outerStride() + row, n, to);
+                std::fill_n(to + n, h - n, T(0));
+            }
+        });
+    }
+    void pack_transposed(const ColumnsView<T>& a) {
+        shape(a.cols(), a.rows());
+        each_panel([&](T* to, Index row, Index h) {
+            const Index n = std::min(h, rows - row);
+            for (Index i = 0; i < n; ++i)
+                for (Index j = 0; j < depth; ++j) to[j * h + i] = a(j, row + i);
+            for (Index i = n; i < h; ++i)
+                for (Index j = 0; j < depth; ++j) to[j * h + i] = T(0);
+        });
+    }
+
+  private:
+    void shape(Index new_rows, Index new_depth) {
+        rows = new_rows;
+        depth = new_depth;
+        data.resize(static_cast<std::size_t>((rows + lanes - 1) / lanes * lanes * depth));
+    }
+    template <class F>
+    void each_panel(const F& f) {
+        for (Index row = 0; row < rows; row += 2 * lanes)
+            f(data.data() + row * depth, row, height(row));
+    }
+};
+
+/// The right factor: a column-major matrix or its transpose, where it lies.
+template <class T>
+struct RightFactor {
+    const T* data;
+    Index depth_step, column_step, columns;
+
+    static RightFactor of(const ColumnsView<T>& x) {
+        return {x.data(), 1, x.outerStride(), x.cols()};
+    }
+    static RightFactor transposed(const ColumnsView<T>& x) {
+        return {x.data(), x.outerStride(), 1, x.rows()};
+    }
+};
+
+namespace detail {
+
+/// V vectors of rows by N columns of the product, from column c on.
+template <class Batch, std::size_t V, std::size_t N, class T, class Put>
+void product_tile(const T* a, Index depth, const RightFactor<T>& x, Index c, T* y, Index ld,
+                  const Put& put) {
+    RegisterTile<Batch, V, std::make_index_sequence<N>> tile;
+    const T* b = x.data + c * x.column_step;
+    constexpr Index height = static_cast<Index>(V * Batch::size);
+    for (Index j = 0; j < depth; ++j, a += height, b += x.depth_step)
+        tile.add_product(a, b, x.column_step);
+    tile.each(y, ld, put);
+}
+
+/// A panel times columns [begin, end) of X; y is where column `begin` goes.
+template <class Batch, std::size_t V, std::size_t N, class T, class Put>
+void product_panel(const T* a, Index depth, const RightFactor<T>& x, Index begin, Index end, T* y,
+                   Index ld, const Put& put) {
+    constexpr Index n = static_cast<Index>(N);
+    Index c = begin;
+    for (; c + n <= end; c += n, y += n * ld)
+        product_tile<Batch, V, N>(a, depth, x, c, y, ld, put);
+    if constexpr (N > 1)
+        if (c < end) product_panel<Batch, V, N / 2>(a, depth, x, c, end, y, ld, put);
+}
+
+} // namespace detail
+
+/// y = put(row, A x, y) with vectors of rows that begin at `row`.
+template <class Batch, class Put>
+void packed_product(const PackedMatrix<Batch>& a, const RightFactor<typename Batch::value_type>& x,
+                    std::type_identity_t<ColumnsSpan<typename Batch::value_type>> y,
+                    const Put& put) {
+    using T = typename Batch::value_type;
+    constexpr Index lanes = static_cast<Index>(Batch::size), block = 12;
+    const Index ld = y.outerStride();
+    const auto panel = [&]<std::size_t V>(Index row, Index begin, Index end, T* to, Index step) {
+        detail::product_panel<Batch, V, 12 / V>(
+            a.panel(row), a.depth, x, begin, end, to, step,
+            [&](T* at, const Batch& sum, Index below) {
+                put(row + below, sum, Batch::load_unaligned(at)).store_unaligned(at);
+            });
+    };
+    const auto any_height = [&](Index row, auto... rest) {
+        if (a.height(row) > lanes)
+            panel.template operator()<2>(row, rest...);
+        else
+            panel.template operator()<1>(row, rest...);
+    };
+    for (Index row = 0; row < a.rows; row += 2 * lanes) {
+        const Index height = a.height(row), here = std::min(height, a.rows - row);
+        if (here == height) {
+            any_height(row, Index(0), x.columns, y.data() + row, ld);
+            continue;
+        }
+        // The last rows end within a vector: through memory of our own.
+        alignas(64) T own[block * 2 * lanes] = {};
+        for (Index c = 0; c < x.columns; c += block) {
+            const Index n = std::min(block, x.columns - c);
+            for (Index k = 0; k < n; ++k) std::copy_n(&y(row, c + k), here, own + k * height);
+            any_height(row, c, c + n, own, height);
+            for (Index k = 0; k < n; ++k) std::copy_n(own + k * height, here, &y(row, c + k));
+        }
+    }
+}
+
+/// A left factor A, kept as the backend's products read it. put(row, sum, before) says how sums
+/// become results, where `before` is what stood there: numbers of row `row`, or vectors of rows
+/// from `row` on, which may reach beyond the last row.
+template <Backend B, class T>
+struct LeftFactor {
+    Columns<T> a;
+
+    void set(const ColumnsView<T>& x) { a = x; }
+    void set_transposed(const ColumnsView<T>& x) { a = x.transpose(); }
+    /// y = put(row, A x, y)
+    template <class Put>
+    void times(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put) const {
+        store(a * x, y, put);
+    }
+    /// y = put(row, A x^T, y)
+    template <class Put>
+    void times_transposed(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put) const {
+        store(a * x.transpose(), y, put);
+    }
+
+  private:
+    template <class Put>
+    static void store(const Columns<T>& sum, ColumnsSpan<T>& y, const Put& put) {
+        for (Index j = 0; j < y.cols(); ++j)
+            for (Index i = 0; i < y.rows(); ++i) y(i, j) = put(i, sum(i, j), y(i, j));
+    }
+};
+
+template <Backend B, class T>
+    requires HasLanes<B, T>
+struct LeftFactor<B, T> {
+    PackedMatrix<typename B::template batch<T>> a;
+
+    void set(const ColumnsView<T>& x) { a.pack(x); }
+    void set_transposed(const ColumnsView<T>& x) { a.pack_transposed(x); }
+    template <class Put>
+    void times(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put) const {
+        packed_product(a, RightFactor<T>::of(x), y, put);
+    }
+    template <class Put>
+    void times_transposed(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put) const {
+        packed_product(a, RightFactor<T>::transposed(x), y, put);
+    }
+};
+
+} // namespace rye
