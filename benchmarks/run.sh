@@ -1,8 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # run.sh BUILD_DIR [OUT.json [BASELINE.json]]: runs every benchmark of a build, gathers what they
-# report in one JSON, and prints it as tables, beside a baseline if one is given. With PAGE set, the
-# tables replace those in that page.
+# report in one JSON, and prints it as tables, beside a baseline if one is given. With PAGE set
+# (docs/performance.md), the tables of ratios and counts replace those in that page.
 set -eu
 build=$1
 out=${2:-$build/benchmarks.json}
@@ -11,9 +11,11 @@ here=$(cd "$(dirname "$0")" && pwd)
 parts=$(mktemp -d)
 trap 'rm -rf "$parts"' EXIT
 
-for question in roofline splatting mlp convolution primitives; do
+for question in roofline splatting mlp convolution primitives effects; do
     echo "run.sh: $question" >&2
     "$build/benchmarks/bench_$question" --benchmark_out="$parts/$question.json" \
         --benchmark_out_format=json > /dev/null
 done
-python3 "$here/tables.py" "$out" "$baseline" "${PAGE:-}" "$parts"/*.json
+echo "run.sh: compile" >&2
+sh "$here/compile/compile.sh" "$here/../include" > "$parts/compile.md"
+python3 "$here/tables.py" "$out" "$baseline" "${PAGE:-}" "$parts"/*

@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""tables.py OUT.json BASELINE.json|'' PAGE|'' PART.json...: joins Google Benchmark's files into one
-and prints what they counted as tables, one a benchmark; changes against a baseline in per cent."""
+"""tables.py OUT.json BASELINE.json|'' PAGE|'' PART...: joins Google Benchmark's files (PART.json)
+into one and prints what they counted as tables, one a benchmark, then the tables in PART.md; changes
+against a baseline in per cent. PAGE and the figure beside it get what does not depend on the
+machine: counts and ratios, and nanoseconds as multiples of the first case's."""
 import json
 import os
 import re
@@ -16,6 +18,14 @@ BEGIN, END = "<!-- tables of benchmarks/run.sh -->", "<!-- end of tables -->"
 
 def counters(row):
     return {k: v for k, v in row.items() if k not in NOT_COUNTERS}
+
+
+def of_the_machine(counter):
+    return counter.endswith(("_ms", "_s")) or counter == "lanes"
+
+
+def nanoseconds(counter):
+    return counter == "ns" or counter.startswith("ns_")
 
 
 def short(x):
@@ -34,29 +44,62 @@ def case(name):
     return re.sub(r"/iterations:\d+", "", name)[len(family(name)):].strip("/")
 
 
-def table(title, rows, before):
+def table(title, rows, before, lasting):
     heads = list(dict.fromkeys(k for r in rows for k in counters(r)))
-    lines = [f"### {title}", "", "| case | " + " | ".join(heads) + " |",
+    if lasting:
+        heads = [h for h in heads if not of_the_machine(h)]
+    if not heads:
+        return ""
+    shown = [h.replace("ns_per_", "time a ").replace("ns", "time") + " / first"
+             if lasting and nanoseconds(h) else h for h in heads]
+    lines = [f"### {title}", "", "| case | " + " | ".join(shown) + " |",
              "|---" * (len(heads) + 1) + "|"]
     for row in rows:
         old = before.get(row["name"], {})
         cells = []
         for h in heads:
-            cell = short(row[h]) if h in row else ""
-            if old.get(h):
+            unit = rows[0].get(h, 1) if lasting and nanoseconds(h) else 1
+            cell = short(row[h] / unit) if h in row else ""
+            if old.get(h) and not lasting:
                 cell += f" ({100 * (row[h] / old[h] - 1):+.0f}%)"
             cells.append(cell)
         label = case(row["name"]).replace("rye::", "").replace("|", "/") or "all"
         lines.append("| " + " | ".join([label] + cells) + " |")
-    return "\n".join(lines + [""])
+    return "\n".join(lines + ["", ""])
+
+
+def bars(rows, path):
+    """The walks against the yardstick: how many times as fast."""
+    out, y = [], 34
+    most = max(r["fwd_ratio"] for r in rows)
+    for r in rows:
+        label = case(r["name"]).replace("n:", "").replace("/c:", " Gaussians, C = ")
+        out.append(f'<text x="176" y="{y + 17}" text-anchor="end">{label}</text>')
+        for key, colour in (("fwd_ratio", "#1f4e9c"), ("both_ratio", "#d68910")):
+            width = 430 * r[key] / most
+            out.append(f'<rect x="184" y="{y}" width="{width:.0f}" height="12" fill="{colour}"/>')
+            out.append(f'<text x="{190 + width:.0f}" y="{y + 11}">{r[key]:.1f}</text>')
+            y += 14
+        y += 14
+    head = (f'<svg xmlns="http://www.w3.org/2000/svg" width="680" height="{y}" '
+            'font-family="sans-serif" font-size="12"><rect width="100%" height="100%" '
+            'fill="white"/><rect x="184" y="10" width="12" height="12" fill="#1f4e9c"/>'
+            '<text x="200" y="20">forward</text><rect x="264" y="10" width="12" height="12" '
+            'fill="#d68910"/><text x="280" y="20">forward and gradient; times as fast as the '
+            'yardstick, one thread</text>')
+    with open(path, "w", encoding="utf-8") as f:
+        f.write(head + "\n".join(out) + "</svg>\n")
 
 
 def main():
     out, baseline, page, parts = sys.argv[1], sys.argv[2], sys.argv[3], sys.argv[4:]
-    rows = []
+    rows, texts = [], []
     for part in parts:
         with open(part, encoding="utf-8") as f:
-            rows += json.load(f)["benchmarks"]
+            if part.endswith(".md"):
+                texts.append(f"### {os.path.basename(part)[:-3]}\n\n{f.read()}\n")
+            else:
+                rows += json.load(f)["benchmarks"]
     with open(out, "w", encoding="utf-8") as f:
         json.dump({"benchmarks": rows}, f, indent=1)
     before = {}
@@ -66,13 +109,18 @@ def main():
     families = {}
     for row in rows:
         families.setdefault(family(row["name"]), []).append(row)
-    text = "\n".join(table(t, r, before) for t, r in families.items())
-    print(text)
+
+    def text(lasting):
+        return "".join([table(t, r, before, lasting) for t, r in families.items()] + texts)
+
+    print(text(False))
     if page and os.path.exists(page):
         with open(page, encoding="utf-8") as f:
             head, rest = f.read().split(BEGIN)
         with open(page, "w", encoding="utf-8") as f:
-            f.write(head + BEGIN + "\n\n" + text + "\n" + END + rest.split(END)[1])
+            f.write(head + BEGIN + "\n\n" + text(True) + END + rest.split(END)[1])
+        bars(families["against_naive"], os.path.join(os.path.dirname(page) or ".",
+                                                     "images", "performance.svg"))
 
 
 main()

@@ -47,7 +47,7 @@ int main() {
         worst = std::max(worst, angular_error(seen, optical));
 
         // The line of sight differs from the optical axis by kappa, a constant of the person.
-        const Kappa<double> kappa{.pitch = 0, .yaw = (eye == 0 ? 5 : -5) * degree};
+        const KappaAngles<double> kappa{.pitch = 0, .yaw = (eye == 0 ? 5 : -5) * degree};
         const Vec2<double> sight = pitch_yaw(gaze_from_kappa(optical, kappa)) / degree;
         std::printf("           so this person looks along pitch %6.2f yaw %6.2f\n", sight[0],
                     sight[1]);

@@ -9,7 +9,9 @@
 #include <rye/core/parallel.hpp>
 #include <rye/core/random.hpp>
 #include <rye/nn/mlp.hpp>
+#include <rye/splat/rasterizer.hpp>
 
+#include "scenes.hpp"
 #include "table.hpp"
 
 namespace rye::bench {
@@ -62,22 +64,27 @@ void mlp_precision() {
     const Columns<double> x64 = x.cast<double>(), w64 = w.cast<double>();
     run(truth, x64, w64, y64, g64);
     const double t64 = least_seconds([&] { run(truth, x64, w64, y64, g64); });
-    const auto report = [&](const char* name, const Mlp<float>& m, const Columns<float>& in) {
+    const auto report = [&](const char* name, const Mlp<float>& m, const Columns<float>& in,
+                            bool timed) {
         Columns<float> y;
         Mlp<float> g(shape);
         const double t = least_seconds([&] { run(m, in, w, y, g); });
         double worst = 0;
         for (std::size_t l = 0; l < g.weight.size(); ++l)
             worst = std::max(worst, relative(g.weight[l].cast<double>(), g64.weight[l]));
-        std::printf("mlp %-34s value %.1e, gradient %.1e, time %.2f of double's\n", name,
-                    relative(y.cast<double>(), y64), worst, t / t64);
+        std::printf("mlp %-34s value %.1e, gradient %.1e, ", name, relative(y.cast<double>(), y64),
+                    worst);
+        if (timed)
+            std::printf("time %.2f of double's\n", t / t64);
+        else
+            std::printf("no time: rounded in software, no kernel multiplies bf16\n");
     };
     std::printf("mlp 27-64-64-64-32, %td points, against double\n", points);
-    report("float", net, x);
+    report("float", net, x, true);
     Mlp<float> half = net;
     Mlp<float>::fields([](const std::string&, auto& a) { a = a.unaryExpr(&bf16).eval(); }, half);
     const Columns<float> half_x = x.unaryExpr(&bf16);
-    report("bf16 weights and inputs, float sums", half, half_x);
+    report("bf16 weights and inputs, float sums", half, half_x, false);
 }
 
 void accumulation() {
@@ -137,11 +144,77 @@ void accumulation() {
         base);
 }
 
+/// Sums over pixels of every Gaussian's cotangents, of numbers of type T added up in type S.
+template <class T, class S>
+struct SlotSums {
+    Gaussians<T> g;
+    Pinhole<T> camera;
+    VecX<T> background;
+    Columns<T> w;
+    Raster<T> raster;
+    RasterScratch<S> scratch;
+    Columns<double> sums;    ///< SplatCotangent and features x Gaussians
+
+    template <class A>
+    SlotSums(const Scenery& s, const A& accuracy, const Columns<float>& weights)
+        : camera(s.camera.cast<T>()), background(s.background.cast<T>()), w(weights.cast<T>()) {
+        convert_fields(g, s.gaussians, [](float x) { return static_cast<T>(x); });
+        raster = Rasterizer<ScalarBackend<Serial>, A>{accuracy}.forward(g, camera, background);
+        walk(accuracy);
+    }
+    template <class A>
+    void walk(const A& accuracy) {
+        const TileLists& lists = raster.trace.lists;
+        const Scene<T> scene{raster.trace, g.feature,    background,   camera.cx,
+                             camera.cy,    camera.width, camera.height};
+        scratch.slots.shape(lists.entries(), g.channels());
+        std::vector<Hit<T>> hits;
+        for (Index t = 0; t < lists.tiles(); ++t)
+            blend_tile_vjp(scene, accuracy, RasterCotangent<T>{w}, t, scratch, hits);
+        sums = Columns<double>::Zero(scratch.slots.stride, g.count());
+        std::vector<S> sum(static_cast<std::size_t>(scratch.slots.stride));
+        for (std::size_t m = 0; m < raster.trace.source.size(); ++m) {
+            merge_slots(lists, scratch.slots, static_cast<Index>(m), sum.data());
+            for (std::size_t k = 0; k < sum.size(); ++k)
+                sums(static_cast<Index>(k), raster.trace.source[m]) = static_cast<double>(sum[k]);
+        }
+    }
+};
+
+/// Does a rasterizer's gradient lose by being added up in float?
+void slot_precision() {
+    for (const Scenery& s : {accuracy_head(), random_cloud("huge", 60, 23, 5)}) {
+        Columns<float> w(3, Index(s.camera.width) * s.camera.height);
+        for (Index i = 0; i < w.size(); ++i)
+            w.data()[i] = static_cast<float>(Random{4, 0}.normal(std::uint64_t(i)));
+        const Exact32 rules;
+        const SlotSums<double, double> truth(s, rules, w);
+        SlotSums<float, float> narrow(s, rules, w);
+        SlotSums<float, double> wide(s, rules, w);
+        const double t_narrow = least_seconds([&] { narrow.walk(rules); });
+        const double t_wide = least_seconds([&] { wide.walk(rules); });
+        const auto group = [&](const Columns<double>& sums, Index from, Index rows) {
+            return relative(sums.middleRows(from, rows), truth.sums.middleRows(from, rows));
+        };
+        const auto line = [&](const char* name, const Columns<double>& sums, double time) {
+            std::printf("slots of %-8s centre %.1e, shape %.1e, opacity %.1e, colour %.1e, "
+                        "time %.2f of the first\n",
+                        name, group(sums, 0, 2), group(sums, 2, 3), group(sums, 5, 1),
+                        group(sums, 8, 3), time / t_narrow);
+        };
+        std::printf("%s: float contributions of plain loops, summed over pixels and tiles\n",
+                    s.name.c_str());
+        line("float", narrow.sums, t_narrow);
+        line("double", wide.sums, t_wide);
+    }
+}
+
 } // namespace
 
 void learning() {
     mlp_precision();
     accumulation();
+    slot_precision();
 }
 
 } // namespace rye::bench

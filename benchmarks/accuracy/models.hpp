@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// benchmarks/accuracy/models.hpp: images by plain loops over every Gaussian at every pixel: forms
-/// that rye does not use (the conic, the naive determinant) in float, and the physical model: the
-/// peak of each Gaussian along the ray, in its own order at every pixel.
+/// that rye does not use (the conic, the naive determinant) in float; and pixels left out.
 #pragma once
 
 #include <algorithm>
@@ -58,62 +57,14 @@ inline Columns<double> blend_in_float(const Scenery& s, Form form) {
     return out;
 }
 
-enum class Order { by_depth, by_peak };
-
-/// Every `stride`-th pixel of the physical image: alpha = o exp(-d^2 / 2), d the least whitened
-/// distance of the ray to the mean, in front of the camera.
-inline Columns<double> ray_image(const Scenery& s, Order rule, int stride) {
-    const Gaussians<float>& g = s.gaussians;
-    const Pinhole<double> camera = s.camera.cast<double>();
-    struct One {
-        Index i;
-        Mat3<double> whiten;
-        Vec3<double> mean;
-        double z;
-    };
-    std::vector<One> all;
-    for (Index i = 0; i < g.count(); ++i) {
-        const Vec3<double> mean = camera.camera_from_world.apply(g.mean.col(i).cast<double>());
-        if (!(mean[2] > camera.near_depth)) continue;
-        const Mat3<double> r =
-            camera.camera_from_world.rotation *
-            quat_matrix(quat_normalized(Quat<double>(g.rotation.col(i).cast<double>())));
-        const Vec3<double> scale = g.scale.col(i).cast<double>().cwiseMax(1e-9);
-        all.push_back({i, scale.cwiseInverse().asDiagonal() * r.transpose(), mean, mean[2]});
-    }
-    const int w = (camera.width + stride - 1) / stride, h = (camera.height + stride - 1) / stride;
-    Columns<double> out(3, Index(w) * h);
-    struct Hit {
-        double t, alpha;
-        Index i;
-    };
-    std::vector<Hit> hits;
-    for (int y = 0; y < h; ++y)
-        for (int x = 0; x < w; ++x) {
-            const Vec3<double> d((x * stride + 0.5 - camera.cx) / camera.fx,
-                                 (y * stride + 0.5 - camera.cy) / camera.fy, 1);
-            hits.clear();
-            for (const One& o : all) {
-                const Vec3<double> dd = o.whiten * d, m = o.whiten * o.mean;
-                const double t = dot(m, dd) / dot(dd, dd); // depth of the peak, as z of d is 1
-                if (!(t > 0)) continue;
-                const Vec3<double> miss = cross(m, dd);
-                const double d2 = dot(miss, miss) / dot(dd, dd);
-                if (d2 < 80)
-                    hits.push_back({rule == Order::by_depth ? o.z : t,
-                                    double(g.opacity(0, o.i)) * std::exp(-0.5 * d2), o.i});
-            }
-            std::stable_sort(hits.begin(), hits.end(),
-                             [](const Hit& a, const Hit& b) { return a.t < b.t; });
-            double t = 1;
-            Vec3<double> sum(0, 0, 0);
-            for (const Hit& k : hits) {
-                sum += t * k.alpha * g.feature.col(k.i).cast<double>();
-                t *= 1 - k.alpha;
-            }
-            out.col(Index(y) * w + x) = sum + t * s.background.cast<double>();
-        }
-    return out;
+/// Of every `stride`-th pixel of every `stride`-th row.
+inline Pinhole<double> every_pixel(const Pinhole<double>& camera, int stride) {
+    Pinhole<double> c = camera;
+    c.fx /= stride, c.fy /= stride;
+    c.cx = (camera.cx - 0.5) / stride + 0.5, c.cy = (camera.cy - 0.5) / stride + 0.5;
+    c.width = (camera.width + stride - 1) / stride;
+    c.height = (camera.height + stride - 1) / stride;
+    return c;
 }
 
 /// The same pixels of an image.

@@ -12,13 +12,17 @@ struct ExclusiveStop : Exact32 {
 struct SquareSupport : Exact32 {
     static constexpr Support support = Support::square;
 };
+struct FineKeys : Exact32 {
+    static constexpr int depth_bits = 64;
+};
 
 } // namespace
 
 std::vector<Policy> rule_policies() {
     return {policy<Lanes, float>("Compatible3dgs", "preset", Compatible3dgs()),
             policy<Lanes, float>("exclusive stop 1e-4", "stop", ExclusiveStop()),
-            policy<Lanes, float>("3 sigma squares", "support", SquareSupport())};
+            policy<Lanes, float>("3 sigma squares", "support", SquareSupport()),
+            policy<Lanes, float>("depth keys of 64 bits", "order", FineKeys())};
 }
 
 } // namespace rye::bench

@@ -21,16 +21,23 @@ struct Runner {
     std::function<void(const Columns<float>&)> pull;    ///< another cotangent of the feature
 };
 
+/// The order of the truth that a policy is held to: of depths in float, in double, or by pixel.
+enum class Truth { float_depths, double_depths, by_peak };
+
 struct Policy {
     std::string name, group; ///< "preset", or the knob that is turned
+    Truth truth;
     std::function<Runner(const Scenery&, const Columns<float>& w, const Columns<float>& w_alpha)>
         bind;
 };
 
 template <class B, class T, class A>
 Policy policy(const std::string& name, const std::string& group, const A& accuracy) {
+    const Truth truth = A::order == BlendOrder::by_peak             ? Truth::by_peak
+                        : sizeof(T) == 8 || A::depth_bits == 64 ? Truth::double_depths
+                                                                    : Truth::float_depths;
     return {
-        name, group,
+        name, group, truth,
         [accuracy](const Scenery& s, const Columns<float>& weights, const Columns<float>& w_alpha) {
             struct State {
                 Rasterizer<B, A> rasterizer;

@@ -60,7 +60,7 @@ Columns<float> weights(Index rows, Index pixels, std::uint64_t stream) {
 
 /// Rows without a time: forms and models that no kernel has.
 void add_models(const Scenery& s, const Columns<double>& truth, const Columns<double>& fine,
-                std::vector<PriceRow>& rows) {
+                const Columns<double>& by_peak, std::vector<PriceRow>& rows) {
     const double none = std::nan("");
     const auto add = [&](const char* kind, const char* name, const Columns<double>& image,
                          const Columns<double>& reference) {
@@ -75,14 +75,21 @@ void add_models(const Scenery& s, const Columns<double>& truth, const Columns<do
     const Pinhole<double> camera = s.camera.cast<double>();
     const VecX<double> background = s.background.cast<double>();
     add("order", "depth keys of 32 bits", truth, fine);
+    add("order", "order by depth against by pixel", fine, by_peak);
+    // Every fourth pixel of every fourth row, since rays are slow.
     constexpr int stride = 4;
-    const auto rays = ray_image(s, Order::by_peak, stride);
-    const auto sorted = ray_image(s, Order::by_depth, stride);
-    const auto sharp = oracle(g, camera, background, depth_order(g, camera), {.dilation = 0});
+    const Pinhole<double> sparse = every_pixel(camera, stride);
+    const auto order = depth_order(g, camera);
+    const auto rays = oracle(g, sparse, background, order, physical_model).feature.pixels;
+    OracleModel in_depth_order = physical_model;
+    in_depth_order.order = BlendOrder::by_centre;
+    const auto sorted = oracle(g, sparse, background, order, in_depth_order).feature.pixels;
+    const auto sharp = oracle(g, camera, background, order, {.dilation = 0});
     add("model", "projection, no dilation, against rays",
         strided(sharp.feature.pixels, s.camera.width, stride), sorted);
     add("model", "dilation .3 against none", fine, sharp.feature.pixels);
-    add("model", "order by depth against by pixel", sorted, rays);
+    add("model", "rays in order of depth against by pixel", sorted, rays);
+    add("model", "Exact64 against the physical truth", strided(fine, s.camera.width, stride), rays);
 }
 
 } // namespace
@@ -104,17 +111,21 @@ std::vector<PriceRow> price_list(const Settings& settings) {
         const auto order = depth_order(s.gaussians, s.camera);
         const Index pixels = Index(s.camera.width) * s.camera.height;
         const Columns<float> w = weights(3, pixels, 0), wa = weights(1, pixels, 200);
-        const auto truth = oracle(g, camera, background, order);
-        const Gaussians<double> truth_g =
-            oracle_vjp(g, camera, background, order, {w.cast<double>(), wa.cast<double>()});
-
-        // Depths in double may be in another order, which is then the truth of Exact64.
+        // Depths in double may be in another order; each pixel's own order nearly always is.
         const auto fine_order = depth_order(g, camera);
-        const auto fine = fine_order == order ? truth : oracle(g, camera, background, fine_order);
-        const Gaussians<double> fine_g = fine_order == order
-                                             ? truth_g
-                                             : oracle_vjp(g, camera, background, fine_order,
-                                                          {w.cast<double>(), wa.cast<double>()});
+        const OracleModel own_order{.order = BlendOrder::by_peak};
+        const OracleCotangent cotangent{w.cast<double>(), wa.cast<double>()};
+        std::map<Truth, std::pair<Columns<double>, Gaussians<double>>> truths;
+        truths[Truth::float_depths] = {oracle(g, camera, background, order).feature.pixels,
+                                       oracle_vjp(g, camera, background, order, cotangent)};
+        truths[Truth::double_depths] =
+            fine_order == order
+                ? truths[Truth::float_depths]
+                : std::pair{oracle(g, camera, background, fine_order).feature.pixels,
+                            oracle_vjp(g, camera, background, fine_order, cotangent)};
+        truths[Truth::by_peak] = {
+            oracle(g, camera, background, order, own_order).feature.pixels,
+            oracle_vjp(g, camera, background, order, cotangent, own_order)};
 
         std::vector<Runner> runners;
         for (const Policy& p : policies) runners.push_back(p.bind(s, w, wa));
@@ -130,12 +141,11 @@ std::vector<PriceRow> price_list(const Settings& settings) {
                 backward[i] = std::min(backward[i], c - b);
             }
         for (std::size_t i = 0; i < runners.size(); ++i) {
-            const bool own_order = policies[i].name == "Exact64";
-            const ImageError e = image_error(
-                runners[i].feature(), own_order ? fine.feature.pixels : truth.feature.pixels);
+            const auto& [truth, truth_g] = truths[policies[i].truth];
+            const ImageError e = image_error(runners[i].feature(), truth);
             GroupError worst;
             for (const GroupError& group :
-                 gradient_errors(runners[i].gradient(), own_order ? fine_g : truth_g)) {
+                 gradient_errors(runners[i].gradient(), truth_g)) {
                 worst.relative = std::max(worst.relative, group.relative);
                 worst.cosine = std::min(worst.cosine, group.cosine);
                 worst.worst = std::max(worst.worst, group.worst);
@@ -151,7 +161,8 @@ std::vector<PriceRow> price_list(const Settings& settings) {
             total[policies[i].name].first += forward[i];
             total[policies[i].name].second += forward[i] + backward[i];
         }
-        add_models(s, truth.feature.pixels, fine.feature.pixels, rows);
+        add_models(s, truths[Truth::float_depths].first, truths[Truth::double_depths].first,
+                   truths[Truth::by_peak].first, rows);
         std::printf("%s done\n", s.name.c_str());
         std::fflush(stdout);
     }

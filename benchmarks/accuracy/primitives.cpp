@@ -8,6 +8,7 @@
 #include <limits>
 
 #include <rye/backend/xsimd.hpp>
+#include <rye/core/columns.hpp>
 #include <rye/math/exponential.hpp>
 #include <rye/math/scalar.hpp>
 
@@ -75,8 +76,8 @@ PrimitiveRow measure(const char* name, const F& f, const G& truth, const Range& 
             const float a = std::abs(static_cast<float>(t));
             if (a < std::numeric_limits<float>::min()) continue;
             const double unit = std::ldexp(1.0, std::ilogb(a) - 23);
-            ulp = std::max(ulp, off / unit);
-            relative = std::max(relative, off / std::abs(t));
+            if (!(off / unit <= ulp)) ulp = off / unit;        // NaN stays
+            if (!(off / std::abs(t) <= relative)) relative = off / std::abs(t);
         }
     }
     return {name, ulp, relative, time_of(f, timed), range.text, exhaustive};
@@ -134,6 +135,12 @@ std::vector<PrimitiveRow> primitives(const Settings& s) {
         "softplus", pass([](V x) { return softplus(x); }),
         [](double x) { return std::max(x, 0.0) + std::log1p(std::exp(-std::abs(x))); }, wide, near);
     add(
+        "sigmoid, one by one", scalar_pass([](float x) { return sigmoid(x); }),
+        [](double x) { return 1 / (1 + std::exp(-x)); }, wide, near);
+    add(
+        "softplus, one by one", scalar_pass([](float x) { return softplus(x); }),
+        [](double x) { return std::max(x, 0.0) + std::log1p(std::exp(-std::abs(x))); }, wide, near);
+    add(
         "1 / sqrt", pass([](V x) { return V(1.0F) / sqrt(x); }),
         [](double x) { return 1 / std::sqrt(x); }, positive, some);
     add(
@@ -148,6 +155,19 @@ std::vector<PrimitiveRow> primitives(const Settings& s) {
     add(
         "sin of libm, one by one", scalar_pass([](float x) { return std::sin(x); }),
         [](double x) { return std::sin(x); }, turns, near);
+    // Whole arrays, as in nn/encoding.hpp.
+    const auto encode = [](auto&& f) {
+        return [f](const float* x, float* y, std::size_t n) {
+            const auto size = static_cast<Index>(n);
+            f(Eigen::Map<const Eigen::ArrayXf>(x, size), Eigen::Map<Eigen::ArrayXf>(y, size));
+        };
+    };
+    add(
+        "sin of the encoding", encode([](const auto& x, auto y) { y = x.sin(); }),
+        [](double x) { return std::sin(x); }, turns, near);
+    add(
+        "cos of the encoding", encode([](const auto& x, auto y) { y = x.cos(); }),
+        [](double x) { return std::cos(x); }, turns, near);
     return rows;
 }
 

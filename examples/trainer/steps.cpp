@@ -20,8 +20,8 @@ namespace {
 Random seed_of(const TrainState& state) { return {state.config.seed, 0}; }
 
 EyeballTemplate<float> eyeball_of(const Subject& s, const TrainConfig& config, std::size_t eye) {
-    EyeballShape shape =
-        EyeballShape{}.with_radius(s.eye_radius[eye]).with_limbus(s.limbus_radius[eye]);
+    TrainEyeball shape =
+        TrainEyeball{}.with_radius(s.eye_radius[eye]).with_limbus(s.limbus_radius[eye]);
     shape.iris_plane = s.iris_plane[eye];
     // Rings whose points lie half as far apart on the iris as on the sclera: where a coarse sclera
     // met a fine iris, its large Gaussians would reach over the iris of an eye that looks aside.

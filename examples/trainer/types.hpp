@@ -5,13 +5,16 @@
 #include <rye/avatar/guidance_mesh.hpp>
 #include <rye/avatar/two_stream.hpp>
 #include <rye/backend/xsimd.hpp>
+#include <rye/rig/eyeball.hpp>
 #include <rye/splat/rasterizer.hpp>
 
 namespace rye::trainer {
 
 using TrainBackend = XsimdBackend<>;
 using TrainRasterizer = Rasterizer<TrainBackend, Balanced>;
-using Mesh = GuidanceMesh<float>;
-using Avatar = TwoStream<float>;
+using TrainEffects = PaperEffects;
+using Mesh = GuidanceMesh<float, TrainEffects>;
+using Avatar = TwoStream<float, TrainEffects>;
+using TrainEyeball = BasicEyeballShape<TrainEffects>;
 
 } // namespace rye::trainer

@@ -118,7 +118,7 @@ TEST_CASE("scene: splits, held-out gazes, kappa and targets are what the labels 
             CHECK(f.state.expression.maxCoeff() <= 1);
             for (std::size_t e = 0; e < 2; ++e) {
                 // apply_kappa is the toolkit's own definition.
-                const Kappa<double> kappa{scene.kappa_deg[e].y() * degree,
+                const KappaAngles<double> kappa{scene.kappa_deg[e].y() * degree,
                                           scene.kappa_deg[e].x() * degree};
                 CHECK(angular_error(apply_kappa(f.visual[e], kappa), f.state.optical[e]) < 1e-12);
                 if (!f.target) continue;

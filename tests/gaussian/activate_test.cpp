@@ -61,6 +61,35 @@ TEST_CASE("activate: dot-product test at every degree") {
     }
 }
 
+TEST_CASE("activate: bands above the most are as if they were 0, and bands of 0 change no bit") {
+    GaussianCloud<double> cloud(20, 3), low(20, 1);
+    fill(cloud, 6);
+    low.mean = cloud.mean, low.rotation = cloud.rotation, low.log_scale = cloud.log_scale;
+    low.logit_opacity = cloud.logit_opacity, low.sh_constant = cloud.sh_constant;
+    GaussianCloud<double> silent = cloud;
+    silent.sh_rest.setZero();
+    for (Index c = 0; c < 3; ++c) {  // a band of three of the fifteen coefficients of a channel
+        low.sh_rest.middleRows(3 * c, 3) = cloud.sh_rest.middleRows(15 * c, 3);
+        silent.sh_rest.middleRows(15 * c, 3) = cloud.sh_rest.middleRows(15 * c, 3);
+    }
+    const Vec3<double> eye(0.1, -0.2, 0.4);
+    const Gaussians<double> drawn = activate<1>(cloud, eye);
+    CHECK(drawn.feature == activate(low, eye).feature);
+    CHECK(drawn.feature == activate(silent, eye).feature);
+    CHECK(drawn.feature != activate(cloud, eye).feature);
+    CHECK(activate<4>(low, eye).feature == activate(low, eye).feature);
+    Gaussians<double> w(20, 3);
+    fill(w, 7);
+    const auto g = activate_vjp<1>(cloud, eye, drawn, w);
+    const auto g_low = activate_vjp(low, eye, drawn, w);
+    CHECK(g.mean == g_low.mean);
+    CHECK(g.sh_constant == g_low.sh_constant);
+    for (Index c = 0; c < 3; ++c) {
+        CHECK(g.sh_rest.middleRows(15 * c, 3) == g_low.sh_rest.middleRows(3 * c, 3));
+        CHECK(g.sh_rest.middleRows(15 * c + 3, 12).isZero(0));
+    }
+}
+
 TEST_CASE("activate: the gate of a colour below zero is shut both ways") {
     GaussianCloud<double> cloud(1, 0);
     fill(cloud, 4);

@@ -39,6 +39,7 @@ Shape<double> random_shape(Draws& d) {
 }
 
 /// Relative gap of the dot-product test, with a cotangent that has no symmetry to hide behind.
+template <Antialias how = Antialias::dilate>
 double gap(const Shape<double>& s, const Pinhole<double>& camera, Draws& d) {
     using D = Dual<double, 1>;
     const Lens<double> lens(camera, 0.3, 0.3);
@@ -54,8 +55,8 @@ double gap(const Shape<double>& s, const Pinhole<double>& camera, Draws& d) {
     lift(moved.mean, s.mean, v.mean);
     lift(moved.rotation, s.rotation, v.rotation);
     lift(moved.scale, s.scale, v.scale);
-    const ScreenGaussian<double> p = project(s, lens);
-    const ScreenGaussian<D> q = project(moved, Lens<D>(camera.cast<D>(), 0.3, 0.3));
+    const auto p = project<how>(s, lens);
+    const auto q = project<how>(moved, Lens<D>(camera.cast<D>(), 0.3, 0.3));
 
     // A few pixels around the Gaussian give the moments that a render would.
     ScreenCotangent<double> c{Vec2<double>(d.normal(), d.normal()), {0, 0, 0}, d.normal()};
@@ -71,7 +72,12 @@ double gap(const Shape<double>& s, const Pinhole<double>& camera, Draws& d) {
         c.moment.yy += g * b * b;
         forward += g * -0.5 * q.precision.quadratic(D(dx), D(dy)).d[0];
     }
-    const Shape<double> r = project_vjp(s, lens, c);
+    double alpha = 0;
+    if constexpr (how == Antialias::mip) {
+        alpha = d.normal();
+        forward += alpha * q.share.d[0] / q.share.value;
+    }
+    const Shape<double> r = project_vjp<how>(s, lens, c, alpha);
     double reverse = 0, scale = 0;
     const auto pair = [&](const auto& x, const auto& y) {
         for (int i = 0; i < x.size(); ++i) {
@@ -93,6 +99,55 @@ TEST_CASE("project: dot-product test, thousands of random shapes inside and outs
     double worst = 0;
     for (int i = 0; i < 4000; ++i) worst = std::max(worst, gap(random_shape(d), camera, d));
     CHECK(worst < 1e-12);
+}
+
+TEST_CASE("project, mip: dot-product test, random shapes, specks and needles") {
+    Draws d{{4, 1}};
+    const auto camera = tilted_camera();
+    double worst = 0;
+    for (int i = 0; i < 4000; ++i) {
+        Shape<double> s = random_shape(d);
+        if (i % 3 == 0) s.scale *= 1e-4;
+        if (i % 3 == 1) s.scale[i % 2] *= 1e-3;
+        worst = std::max(worst, gap<Antialias::mip>(s, camera, d));
+    }
+    CHECK(worst < 1e-12);
+}
+
+TEST_CASE("project, mip: large Gaussians keep their opacity, specks their light, flat ones none") {
+    Draws d{{5, 1}};
+    const Pinhole<double> camera = tilted_camera();
+    const Lens<double> lens(camera, 0.3, 0.3), plain(camera, 0.3, 0.0);
+    double large = 0, light = 0;
+    for (int i = 0; i < 500; ++i) {
+        Shape<double> s = random_shape(d);
+        s.scale = Vec3<double>(0.9, 1.0, 1.1);
+        if (!project(s, lens).drawable) continue;
+        s.scale *= 1e4;
+        large = std::max(large, std::abs(project<Antialias::mip>(s, lens).share - 1));
+        // Without dilation all of it is kept, to the bit.
+        CHECK(project<Antialias::mip>(s, plain).share == 1);
+        // The light of a Gaussian is its opacity times sqrt(det): the same with and without.
+        s.scale *= 1e-8;
+        const auto p = project<Antialias::mip>(s, lens);
+        const double full = std::sqrt(project(s, plain).determinant);
+        light = std::max(light, std::abs(p.share * std::sqrt(p.determinant) / full - 1));
+        CHECK(p.share < 0.1);
+        CHECK(kept_opacity(p, 0.5) == 0.5 * p.share);
+        // The screen Gaussian itself is the dilated one.
+        CHECK(p.determinant == project(s, lens).determinant);
+        CHECK(kept_opacity(project(s, lens), 0.5) == 0.5);
+    }
+    CHECK(large < 1e-6);
+    CHECK(light < 1e-12);
+    Shape<double> flat = random_shape(d);
+    flat.scale.setZero();
+    const auto gone = project<Antialias::mip>(flat, lens);
+    CHECK(gone.share == 0);
+    const Shape<double> r = project_vjp<Antialias::mip>(
+        flat, lens, {Vec2<double>(0, 0), {0, 0, 0}, 0}, 1.0);
+    CHECK(r.scale.allFinite());
+    CHECK(r.mean.allFinite());
 }
 
 TEST_CASE("project: dot-product test on both sides of the Jacobian's limits and on needles") {

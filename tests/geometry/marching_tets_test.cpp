@@ -7,6 +7,7 @@
 
 #include <doctest/doctest.h>
 
+#include "../flush_to_zero.hpp"
 #include "../nn/adjoint.hpp"
 
 using namespace rye;
@@ -171,6 +172,10 @@ TEST_CASE("marching_tetrahedra: values too small to divide give the middle and n
         Columns<float> sdf(1, 4);
         sdf << -e, e, e, e;
         const Surface<float> s = marching_tetrahedra<float>(g.topology, g.vertices, sdf);
+        if (flushed() && e < std::numeric_limits<float>::min()) {
+            CHECK(s.topology.faces.empty()); // denormals are 0, which is inside
+            continue;
+        }
         CHECK(s.topology.faces.size() == 1);
         CHECK((s.fraction.array() == 0.5f).all());
         const Columns<float> w = Columns<float>::Ones(3, 3), none(0, 3), no_features(0, 4);

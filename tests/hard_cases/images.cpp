@@ -14,6 +14,10 @@ bool same(const Raster<T>& a, const Raster<T>& b) {
            a.depth.pixels == b.depth.pixels;
 }
 
+struct FineKeys : Balanced {
+    static constexpr int depth_bits = 64;
+};
+
 template <class B, class T>
 void b10(Report& report) {
     // A coplanar grid and depths so close that some floats are equal, in another order.
@@ -48,6 +52,10 @@ void b10(Report& report) {
     } else {
         // In float depths 3 + 1e-6 u take a handful of values.
         report.textbook_fails("B10", kind<B, T>(), "float keys tell depths 1e-6 apart", distinct);
+        const Rasterizer<B, FineKeys> fine;
+        report.holds("B10", kind<B, T>(), "the same with keys of 64 bits: permuted, same bits",
+                     same(fine.forward(s.gaussians, s.camera, s.background),
+                          fine.forward(p.gaussians, p.camera, p.background)));
         const auto again = draw<B>(s);
         report.holds("B10", kind<B, T>(), "the same order given twice: the same bits",
                      same(again, draw<B>(s)));

@@ -13,6 +13,8 @@
 #include <rye/backend/xsimd.hpp>
 #include <rye/core/random.hpp>
 
+#include "../flush_to_zero.hpp"
+
 namespace rye::hard {
 
 struct Row {
@@ -100,12 +102,6 @@ inline bool truth(bool b) { return b; }
 template <class M>
     requires(!std::is_same_v<M, bool>)
 bool truth(const M& mask) { return xsimd::all(mask); }
-
-/// Whether this thread flushes denormals to zero.
-inline bool flushed() {
-    volatile float least = 1e-38F, half = 0.25F;
-    return least * half == 0.0F;
-}
 
 /// As std::max, but NaN is the worst of all.
 inline void worsen(double& worst, double x) {

@@ -87,7 +87,7 @@ void c15(Report& report) {
     drive.centre = Vec3<T>(T(0.3), T(0.1), T(0.8));
     drive.offset = Vec3<T>(T(0.02), T(0), T(0));
     const Vec3<double> visual = gaze_vector(-30 * degree, 0.0);
-    drive.gaze = apply_kappa(Vec3<T>(visual.cast<T>()), Kappa<T>{T(0), T(5 * degree)});
+    drive.gaze = apply_kappa(Vec3<T>(visual.cast<T>()), KappaAngles<T>{T(0), T(5 * degree)});
     HeadPlacement<T> place;
     place.world_from_head = {Mat3<T>(head.cast<T>()), Vec3<T>(T(1), T(2), T(3))};
     const Vec3<T> x(T(0.01), T(-0.02), T(0.12));

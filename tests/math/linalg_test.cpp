@@ -7,6 +7,7 @@
 
 #include <rye/autodiff/check.hpp>
 
+#include "../flush_to_zero.hpp"
 #include "samples.hpp"
 
 using namespace rye;
@@ -130,6 +131,9 @@ TEST_CASE_TEMPLATE("linalg: normalising at every magnitude (C1, E2)", T, float, 
         for (std::uint64_t i = 0; i < 100; ++i) {
             Vec3<T> v = unit_vec<T, 3>(i);
             v /= v.cwiseAbs().maxCoeff();
+            // Where denormals are flushed, such entries are 0 before anyone sees them.
+            if (flushed() && scale == lo)
+                for (int k = 0; k < 3; ++k) v[k] = std::abs(v[k]) < T(1) ? T(0) : v[k];
             const Vec3<T> x = v * scale;
             const Vec3<T> y = normalized(x);
             const Vec3<T> expected = v.normalized();

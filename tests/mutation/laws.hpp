@@ -2,7 +2,7 @@
 /// tests/mutation/laws.hpp: the laws of derivatives, operator by operator, over many draws: the dot
 /// product <J v, w> = <v, J'w>, every entry of J'w, the central difference, and the second
 /// derivative by nested duals. A draw is 16 points at once, so that its sums do not vanish by luck.
-/// A program's argument is the number of draws.
+/// A program's arguments are the number of draws and --flush-to-zero.
 #pragma once
 
 #include <cstdio>
@@ -10,6 +10,8 @@
 
 #include <rye/autodiff/check.hpp>
 #include <rye/math/linalg.hpp>
+
+#include "../flush_to_zero.hpp"
 
 namespace rye::laws {
 
@@ -139,7 +141,8 @@ void every_law(const char* name, Index n, Index m, const Op& op, const Vjp& vjp,
 }
 
 inline int run(int argc, char** argv, void (*laws)()) {
-    if (argc > 1) draws = std::max(1, std::atoi(argv[1]));
+    flush_to_zero_if_asked(argc, argv);
+    if (argc > 1 && argv[1][0] != '-') draws = std::max(1, std::atoi(argv[1]));
     laws();
     return failed == 0 ? 0 : 1;
 }

@@ -41,33 +41,38 @@ void all() {
             using S = typename std::decay_t<decltype(x)>::Scalar;
             return Columns<S>(laplacian_vjp<S>(fan, Columns<S>(g.reshaped(3, 5))).reshaped());
         });
-    // Two corners of an edge and their distances, of opposite sign.
-    SurfaceTopology edge;
-    edge.edges.push_back({0, 1});
+    // Three edges: their corners and distances of opposite sign. The second and third cross so
+    // close to a corner that the crossing is held off it, and the distances have no derivative.
+    SurfaceTopology edges;
+    edges.edges = {{0, 1}, {2, 3}, {4, 5}};
     const auto distances = [](const auto& x) {
         using S = typename std::decay_t<decltype(x)>::Scalar;
         using std::sin;
-        Columns<S> s(1, 2);
-        s(0, 0) = S(1) + S(0.5F) * sin(x(6, 0)), s(0, 1) = S(-1) + S(0.5F) * sin(x(7, 0));
+        const double size[6] = {1, -1, 1e-8, -1, 1, -1e-8};
+        Columns<S> s(1, 6);
+        for (Index k = 0; k < 6; ++k) s(0, k) = S(size[k]) * (S(1) + S(0.5F) * sin(x(18 + k, 0)));
         return s;
     };
     every_law(
-        "surface_positions", 8, 3,
+        "surface_positions", 24, 9,
         [&](const auto& x) {
             using S = typename std::decay_t<decltype(x)>::Scalar;
-            const Columns<S> v = Columns<S>(x.topRows(6)).reshaped(3, 2);
-            return Columns<S>(surface_positions<S>(edge, v, distances(x)));
+            const Columns<S> v = Columns<S>(x.topRows(18)).reshaped(3, 6);
+            return Columns<S>(surface_positions<S>(edges, v, distances(x)).reshaped());
         },
         [&](const auto& x, const auto& g) {
             using S = typename std::decay_t<decltype(x)>::Scalar;
-            using std::cos, std::sin;
-            const Columns<S> v = Columns<S>(x.topRows(6)).reshaped(3, 2), s = distances(x);
-            Surface<S> surface{surface_positions<S>(edge, v, s), crossing_fractions<S>(edge, s),
-                               edge};
-            const auto r = surface_vjp<S>(surface, v, s, Columns<S>(0, 2), g, Columns<S>(0, 1));
+            using std::cos;
+            const Columns<S> v = Columns<S>(x.topRows(18)).reshaped(3, 6), s = distances(x);
+            const double size[6] = {1, -1, 1e-8, -1, 1, -1e-8};
+            Surface<S> surface{surface_positions<S>(edges, v, s), crossing_fractions<S>(edges, s),
+                               edges};
+            const auto r = surface_vjp<S>(surface, v, s, Columns<S>(0, 6),
+                                          Columns<S>(g.reshaped(3, 3)), Columns<S>(0, 3));
             auto out = x;
-            out.topRows(6) = r.vertices.reshaped();
-            for (Index k = 0; k < 2; ++k) out(6 + k, 0) = S(0.5F) * cos(x(6 + k, 0)) * r.sdf(0, k);
+            out.topRows(18) = r.vertices.reshaped();
+            for (Index k = 0; k < 6; ++k)
+                out(18 + k, 0) = S(0.5F * size[k]) * cos(x(18 + k, 0)) * r.sdf(0, k);
             return out;
         });
     scalar_loss("laplacian_term", 3, 5, [](const auto& x) {
@@ -76,15 +81,23 @@ void all() {
     });
     scalar_loss("silhouette_term", 1, 6, [](const auto& x) {
         using S = typename std::decay_t<decltype(x)>::Scalar;
-        Columns<S> mask(1, 6), visible = Columns<S>::Ones(1, 6), soft = x;
+        // Masks that are neither 0 nor 1: else a forgotten factor of visible or mask is 1.
+        Columns<S> mask(1, 6), visible(1, 6), soft = x;
         for (Index i = 0; i < 6; ++i) {
-            mask(0, i) = S(i % 2 == 0 ? 1 : 0);
+            mask(0, i) = S(0.25F * static_cast<float>(i % 5));
+            visible(0, i) = S(1.0F - 0.125F * static_cast<float>(i));
             soft(0, i) = S(0.5F) + S(0.1F) * x(0, i);
         }
         auto r = silhouette_term<S>(soft, mask, visible);
         r.gradient = Columns<S>(S(0.1F) * r.gradient);
         return r;
     });
+    // No law of derivatives tells which number keeps the quotient finite: that masks too faint for
+    // it still pull the silhouette towards them does.
+    const Columns<double> faint = Columns<double>::Constant(1, 6, 1e-12), all_of_it =
+        Columns<double>::Ones(1, 6);
+    demand("silhouette_term", "faint masks", "double",
+           silhouette_term<double>(faint, faint, all_of_it).gradient.maxCoeff(), 0);
 }
 
 } // namespace

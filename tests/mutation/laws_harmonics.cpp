@@ -11,33 +11,40 @@ using namespace rye::laws;
 
 namespace {
 
+/// Three points: on the slope, nearer and farther; beside the kinks, where the slope is documented
+/// to be 0.
 template <class M>
 void ramp(const char* name) {
-    // Squared distances beside the kinks, where the slope is documented to be 0.
-    const auto at = [](const auto& x) {
+    const auto distance = [](const auto& x, Index i) {
         using S = typename std::decay_t<decltype(x)>::Scalar;
         using std::sin;
-        const S inside = S(0.2) + S(0.04) * sin(x(0, 0));
-        return std::is_same_v<M, SquaredDistance> ? inside : S(inside * inside);
+        const double middle[3] = {0.2, 0.09, 0.31};
+        return S(S(middle[i]) + S(0.04) * sin(x(i, 0)));
     };
-    const auto lift = [](const auto& x, const auto& g) {
-        using S = typename std::decay_t<decltype(x)>::Scalar;
-        using std::cos, std::sin;
-        const S inside = S(0.2) + S(0.04) * sin(x(0, 0)), by = S(0.04) * cos(x(0, 0));
-        const Ramp<S> r(S(0.15), S(0.25));
-        const bool squared = std::is_same_v<M, SquaredDistance>;
-        const S d2 = squared ? inside : S(inside * inside);
-        const S slope = influence_slope(M(), r, d2) * (squared ? by : S(S(2) * inside * by));
-        return std::decay_t<decltype(x)>::Constant(1, 1, slope * g(0, 0)).eval();
-    };
+    constexpr bool squared = std::is_same_v<M, SquaredDistance>;
     every_law(
-        name, 1, 1,
+        name, 3, 3,
         [&](const auto& x) {
             using S = typename std::decay_t<decltype(x)>::Scalar;
-            return Columns<S>::Constant(1, 1, influence(M(), Ramp<S>(S(0.15), S(0.25)), S(at(x))))
-                .eval();
+            Columns<S> y(3, 1);
+            for (Index i = 0; i < 3; ++i) {
+                const S d = distance(x, i);
+                y(i, 0) = influence(M(), Ramp<S>(S(0.15), S(0.25)), S(squared ? d : d * d));
+            }
+            return y;
         },
-        [&](const auto& x, const auto& g) { return lift(x, g); });
+        [&](const auto& x, const auto& g) {
+            using S = typename std::decay_t<decltype(x)>::Scalar;
+            using std::cos;
+            auto out = g;
+            for (Index i = 0; i < 3; ++i) {
+                const S d = distance(x, i), by = S(0.04) * cos(x(i, 0));
+                const S slope =
+                    influence_slope(M(), Ramp<S>(S(0.15), S(0.25)), S(squared ? d : d * d));
+                out(i, 0) = g(i, 0) * slope * (squared ? by : S(S(2) * d * by));
+            }
+            return out;
+        });
 }
 
 void all() {

@@ -95,10 +95,11 @@ def main():
     p.add_argument("--minutes", type=float, default=120)
     p.add_argument("--each", type=int, default=40, help="at most so many of a function")
     p.add_argument("--draws", type=int, default=200)
+    p.add_argument("--only", default="", help="functions of this name alone")
     p.add_argument("--compiler", default="g++ -std=c++20 -O0 -DEIGEN_DONT_PARALLELIZE "
                    "-march=native -isystem /usr/include/eigen3")
     o = p.parse_args()
-    everything = sorted(set(sites()))
+    everything = sorted(s for s in set(sites()) if o.only in ("", s[1]))
     random.Random(o.seed).shuffle(everything)
     seen = {}                                            # the harmonics are half of all sites
     everything = [s for s in everything

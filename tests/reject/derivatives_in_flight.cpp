@@ -2,6 +2,7 @@
 // Duals of two differentiations at once have different tags, so that their tangents cannot be
 // added by mistake.
 // expect: no match for .operator\+.|invalid operands to binary expression
+// lines: 30
 #include <rye/autodiff/dual.hpp>
 
 struct Inner {};

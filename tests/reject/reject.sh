@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # reject.sh COMPILER FLAGS_FILE SOURCE: SOURCE compiles with -DREJECT=0 and not with -DREJECT=1;
-# then the error matches the pattern of its line "// expect: ..." and is at most 30 lines long.
+# then the error matches the pattern of its line "// expect: ...", is at most 25 lines long (or as
+# many as "// lines: ..." says), and begins in SOURCE itself.
 set -eu
 cxx=$1
 flags=$(tr '\n' ' ' < "$2")
@@ -19,4 +20,10 @@ fi
 echo "$said"
 echo "$said" | grep -Eq "$pattern" || { echo "$source: the error does not say: $pattern"; exit 1; }
 lines=$(echo "$said" | wc -l)
-[ "$lines" -le 30 ] || { echo "$source: the error takes $lines lines, at most 30"; exit 1; }
+most=$(sed -n 's|^// lines: ||p' "$source")
+[ "$lines" -le "${most:-25}" ] ||
+    { echo "$source: the error takes $lines lines, at most ${most:-25}"; exit 1; }
+case $said in
+    "$source"*) ;;
+    *) echo "$source: the error begins elsewhere"; exit 1 ;;
+esac

@@ -84,11 +84,14 @@ TEST_CASE("gaze: range of the eye") {
 
 TEST_CASE("gaze: kappa") {
     const Vec3<double> visual = gaze_vector(0.1, -0.2);
-    const Kappa<double> kappa{0.02, 0.087};
+    const KappaAngles<double> kappa{0.02, 0.087};
     const Vec3<double> optical = apply_kappa(visual, kappa);
     CHECK((optical - gaze_vector(0.12, -0.113)).norm() <= 1e-15);
     CHECK((gaze_from_kappa(optical, kappa) - visual).norm() <= 1e-15);
-    CHECK((apply_kappa(visual, Kappa<double>{}) - visual).norm() <= 1e-15);
+    CHECK(apply_kappa(visual, KappaAngles<double>{}) == visual);  // to the bit
+    const Vec3<double> up(0, 1, 0);
+    CHECK(apply_kappa(up, KappaAngles<double>{}) == up);
+    CHECK((apply_kappa(up, kappa) - gaze_vector(pi / 2 + 0.02, 0.087)).norm() <= 1e-15);
 }
 
 TEST_CASE("gaze: between head and world") {

@@ -7,6 +7,7 @@
 #include <rye/avatar/guidance_mesh.hpp>
 #include <rye/avatar/two_stream.hpp>
 #include <rye/core/random.hpp>
+#include <rye/geometry/camera.hpp>
 
 namespace rye::test {
 
@@ -92,7 +93,7 @@ inline TwoStream<double> tiny_avatar(const AvatarConfig& c, Draw& draw) {
     e.log_scale = draw.columns(3, 2 * eye, 0.3).array() - 3.0;
     e.rotation = draw.columns(4, 2 * eye);
     e.opacity_logit = draw.columns(1, 2 * eye);
-    e.offset = EyeOffset<double>::init(c, Random{4, 0});
+    e.offset = EyeOffsetNetwork<double>::init(c, Random{4, 0});
     e.offset.mlp.weight.back() = draw.columns(6, e.offset.mlp.weight.back().cols(), 0.3);
     e.position = draw.columns(3, 2 * eye, 0.12);
     e.spacing = Columns<double>::Constant(1, 2 * eye, 0.05);
@@ -114,24 +115,26 @@ Mlp<U> shaped(const Mlp<T>& m) {
 
 template <class U, class T>
 FaceNetworks<U> shaped(const FaceNetworks<T>& n) {
-    return {shaped<U>(n.exp_color), shaped<U>(n.pose_color), shaped<U>(n.exp_deform),
-            shaped<U>(n.pose_deform),
-            {shaped<U>(n.gaze_deform[0]), shaped<U>(n.gaze_deform[1])},
-            {shaped<U>(n.gaze_color[0]), shaped<U>(n.gaze_color[1])}};
+    return {{shaped<U>(n.exp_color), shaped<U>(n.pose_color), shaped<U>(n.exp_deform),
+             shaped<U>(n.pose_deform),
+             {shaped<U>(n.gaze_deform[0]), shaped<U>(n.gaze_deform[1])},
+             {shaped<U>(n.gaze_color[0]), shaped<U>(n.gaze_color[1])}}};
 }
 
 /// The same avatar in another scalar.
-template <class U, class T>
-TwoStream<U> lifted(const TwoStream<T>& a) {
-    TwoStream<U> b;
-    b.face.networks = shaped<U>(a.face.networks);
-    b.face.exp_attributes = shaped<U>(a.face.exp_attributes);
-    b.face.pose_attributes = shaped<U>(a.face.pose_attributes);
-    b.eyes.offset.mlp = shaped<U>(a.eyes.offset.mlp);
+template <class U, class T, EffectSet E>
+TwoStream<U, E> lifted(const TwoStream<T, E>& a) {
+    TwoStream<U, E> b;
+    for_face_fields<E>([&](auto by) {
+        by.color(b.face.networks) = shaped<U>(by.color(a.face.networks));
+        by.deform(b.face.networks) = shaped<U>(by.deform(a.face.networks));
+        if constexpr (by.attributes) by.attribute(b.face) = shaped<U>(by.attribute(a.face));
+    });
+    if constexpr (has_effect<E, EyeOffset>) b.eyes.offset.mlp = shaped<U>(a.eyes.offset.mlp);
     b.upsampler = Upsampler<U>(a.upsampler.shape);
     const auto convert = [](const T& x) { return U(static_cast<real_t<U>>(x)); };
     convert_fields(b, a, convert);
-    TwoStream<U>::buffers([&](const std::string&, auto& to, const auto& from) {
+    TwoStream<U, E>::buffers([&](const std::string&, auto& to, const auto& from) {
         to = from.unaryExpr(convert);
     }, b, a);
     return b;

@@ -226,8 +226,10 @@ class DriveCache {
             const std::size_t e = static_cast<std::size_t>(eye);
             if (!moved[e]) continue;
             const Index begin = n + eye * per_eye;
-            place_eye<T>(eyes, eye, {eyes.centre.col(eye), offset_.col(eye), drivers.gaze[e]},
-                         head_, begin, world_);
+            const EyeTransform<T> placed = eye_transform<T>(
+                {eyes.centre.col(eye), offset_.col(eye), drivers.gaze[e]},
+                {{head_.rotation, head_.translation}, head_.scale});
+            place_eye(eyes, eye, placed, begin, world_);
             for (Index i = begin; i < begin + per_eye; ++i) changed_.push_back(i);
             ++work_.eyes;
         }

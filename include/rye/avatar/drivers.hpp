@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/avatar/drivers.hpp: what a frame is driven by, and its codes as the networks read them.
+/// rye/avatar/drivers.hpp: what a frame is driven by, and its codes as the networks read them; of
+/// both only what the effects read.
 /// Frames: x_world = S R(pose[0:3]) x_head + pose[3:6] (GHA's convention); gaze is a unit vector in
 /// the head frame, +z out of the face; eye 0 is the subject's left.
 #pragma once
@@ -9,45 +10,64 @@
 #include <rye/avatar/config.hpp>
 #include <rye/core/columns.hpp>
 #include <rye/nn/encoding.hpp>
+#include <rye/rig/effect_slots.hpp>
 #include <rye/rig/gaze.hpp>
 
 namespace rye {
 
-template <class T>
+using ReadsExpression = ReaderOf<Reads::expression>;
+using ReadsHeadPose = ReaderOf<Reads::head_pose>;
+
+template <class T, EffectSet E = PaperEffects>
 struct Drivers {
-    VecX<T> expression;            ///< blendshape coefficients
-    Vec<T, 6> pose;                ///< axis-angle [rad], translation [world unit]
-    T scale = T(1);                ///< S, world units per canonical unit
-    std::array<Vec3<T>, 2> gaze;   ///< optical axes, left and right, head frame
+    /// Blendshape coefficients.
+    [[no_unique_address]] Slot<E, ReadsExpression, VecX<T>> expression;
+    /// Axis-angle [rad], translation [world unit].
+    [[no_unique_address]] Slot<E, ReadsHeadPose, Vec<T, 6>> pose;
+    /// S, world units per canonical unit.
+    [[no_unique_address]] Slot<E, HeadPose, T> scale = initial_slot<Slot<E, HeadPose, T>>(1);
+    /// Optical axes, left and right, head frame; visual axes if Kappa is on.
+    [[no_unique_address]] GazeSlot<E, Vec3<T>> gaze;
 
     template <class U>
-    Drivers<U> cast() const {
-        Drivers<U> r;
-        r.expression = expression.template cast<U>();
-        r.pose = pose.template cast<U>();
-        r.scale = U(scale);
-        r.gaze = {gaze[0].template cast<U>(), gaze[1].template cast<U>()};
+    Drivers<U, E> cast() const {
+        Drivers<U, E> r;
+        if constexpr (has_effect<E, ReadsExpression>)
+            r.expression = expression.template cast<U>();
+        if constexpr (has_effect<E, ReadsHeadPose>) r.pose = pose.template cast<U>();
+        if constexpr (has_effect<E, HeadPose>) r.scale = U(scale);
+        for_eyes([&]<std::size_t eye>() {
+            if constexpr (eye_turns<E, eye>)
+                of_eye<eye>(r.gaze) = of_eye<eye>(gaze).template cast<U>();
+        });
         return r;
     }
 };
 
+/// What networks read of the head pose: its code.
+using ReadsPoseCode = AnyOf<PoseResidual, EyeOffset>;
+
 /// The frame inputs of the networks.
-template <class T>
+template <class T, EffectSet E = PaperEffects>
 struct FrameCode {
-    VecX<T> expression;            ///< raw
-    VecX<T> pose;                  ///< encoded, 54 with 4 octaves
-    std::array<VecX<T>, 2> gaze;   ///< encoded (pitch, yaw), 18 an eye with 4
+    [[no_unique_address]] Slot<E, ReadsExpression, VecX<T>> expression; ///< raw
+    [[no_unique_address]] Slot<E, ReadsPoseCode, VecX<T>> pose; ///< encoded, 54 with 4 octaves
+    [[no_unique_address]] SkinSlot<E, VecX<T>> gaze; ///< encoded (pitch, yaw), 18 an eye with 4
 };
 
-template <class T>
-FrameCode<T> frame_code(const AvatarConfig& config, const Drivers<T>& drivers) {
-    FrameCode<T> code;
-    code.expression = drivers.expression;
-    code.pose = positional_encoding(drivers.pose, config.pose_frequencies);
-    for (std::size_t eye = 0; eye < 2; ++eye) {
-        const Vec2<T> angles = pitch_yaw(drivers.gaze[eye]);
-        code.gaze[eye] = positional_encoding(angles, config.gaze_frequencies);
-    }
+/// The gazes of the drivers must be optical axes: see optical_drivers.
+template <class T, EffectSet E>
+FrameCode<T, E> frame_code(const AvatarConfig& config, const Drivers<T, E>& drivers) {
+    FrameCode<T, E> code;
+    if constexpr (has_effect<E, ReadsExpression>) code.expression = drivers.expression;
+    if constexpr (has_effect<E, ReadsPoseCode>)
+        code.pose = positional_encoding(drivers.pose, config.pose_frequencies);
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (skin_follows<E, eye>) {
+            const Vec2<T> angles = pitch_yaw(of_eye<eye>(drivers.gaze));
+            of_eye<eye>(code.gaze) = positional_encoding(angles, config.gaze_frequencies);
+        }
+    });
     return code;
 }
 

@@ -1,75 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/avatar/eye_stream.hpp: stage 2, the eyeball Gaussians. Their positions are the template's,
-/// moved by one rigid transform an eye (eye offset, gaze, head pose) and never optimised freely;
-/// colour, rotation, scale and opacity are.
+/// moved by one rigid transform an eye (eye offset, gaze, kappa, head pose) and never optimised
+/// freely; colour, rotation, scale and opacity are.
 /// Frame: points relative to the eyeball's centre in canonical units, iris toward +z.
 /// Source: paper eq. (9)-(10); composition as in docs/deviations.md.
 #pragma once
 
-#include <array>
-
-#include <rye/avatar/field.hpp>
+#include <rye/avatar/eye_kappa.hpp>
+#include <rye/avatar/eye_offset.hpp>
+#include <rye/avatar/frame_cotangent.hpp>
 #include <rye/avatar/head_pose.hpp>
 #include <rye/core/fields.hpp>
+#include <rye/gaussian/gaussians.hpp>
 #include <rye/rig/eye_transform.hpp>
 
 namespace rye {
 
-/// D_e: the displacement of both eyeball centres by expression and head pose, canonical units.
-template <class T>
-struct EyeOffset {
-    Mlp<T> mlp;
-
-    template <class F, class... P>
-    static void fields(F&& f, P&&... p) {
-        nested_fields<Mlp<T>>("eye_offset_mlp", f, p.mlp...);
-    }
-    /// The last layer starts at 0, so that training starts at the measured neutral centres.
-    static EyeOffset init(const AvatarConfig& c, const Random& random) {
-        EyeOffset offset{Mlp<T>::init(mlp_shape(c.expression + c.pose_code(), 0,
-                                                c.networks.eye_offset, 6), random)};
-        offset.mlp.weight.back().setZero();
-        offset.mlp.bias.back().setZero();
-        return offset;
-    }
-};
-
-template <class T>
-struct EyeOffsetTrace {
-    Columns<T> input;    ///< [expression; pose code], one column
-    Columns<T> squashed; ///< tanh of the output, 6 x 1
-    MlpTrace<T> mlp;
-};
-
-/// 3 x 2: the displacement of the left and the right centre.
-template <Backend B, class T>
-Columns<T> eye_offset(const EyeOffset<T>& offset, const AvatarConfig& config,
-                      const FrameCode<T>& code, EyeOffsetTrace<T>& trace) {
-    trace.input.resize(code.expression.size() + code.pose.size(), 1);
-    trace.input << code.expression, code.pose;
-    trace.squashed = mlp_forward<B, T>(offset.mlp, trace.input, VecX<T>(), &trace.mlp);
-    squash_in_place(Squash::tanh, trace.squashed);
-    return T(config.deform_scale) * trace.squashed.reshaped(3, 2);
-}
-
-template <Backend B, class T>
-void eye_offset_vjp(const EyeOffset<T>& offset, const AvatarConfig& config,
-                    const EyeOffsetTrace<T>& trace, const Columns<T>& g_offset,
-                    EyeOffset<T>& grad, VecX<T>& g_pose_code) {
-    Columns<T> g = T(config.deform_scale) * g_offset.reshaped(6, 1);
-    squash_vjp(Squash::tanh, trace.squashed, g);
-    Columns<T> g_input;
-    mlp_vjp<B, T>(offset.mlp, trace.input, VecX<T>(), trace.mlp, g, grad.mlp, &g_input, nullptr);
-    g_pose_code += g_input.bottomRows(g_pose_code.size());
-}
-
-template <class T>
+template <class T, EffectSet E = PaperEffects>
 struct EyeStream {
     Columns<T> feature;        ///< colour channels, free, C x 2P: left eye, then right
     Columns<T> log_scale;      ///< 3 x 2P
     Columns<T> rotation;       ///< 4 x 2P, w x y z, in the frame of the eyeball
     Columns<T> opacity_logit;  ///< 1 x 2P
-    EyeOffset<T> offset;
+    [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetNetwork<T>> offset;
+    [[no_unique_address]] Slot<E, Kappa, Columns<T>> kappa;  ///< (pitch, yaw) [rad] an eye, 2 x 2
 
     Columns<T> position;  ///< fixed: template points about their centre, 3 x 2P
     Columns<T> centre;    ///< fixed: neutral centres, canonical, 3 x 2
@@ -81,7 +35,8 @@ struct EyeStream {
         f("scales", p.log_scale...);
         f("rotation", p.rotation...);
         f("opacity", p.opacity_logit...);
-        EyeOffset<T>::fields(f, p.offset...);
+        if constexpr (has_effect<E, EyeOffset>) EyeOffsetNetwork<T>::fields(f, p.offset...);
+        if constexpr (has_effect<E, Kappa>) f("kappa", p.kappa...);
     }
     template <class F, class... P>
     static void buffers(F&& f, P&&... p) {
@@ -95,87 +50,134 @@ struct EyeStream {
 /// Takes scales back to at most `factor` times the template's spacing, and `thickness` of that
 /// along the normal, so that the eyeball keeps its shape: larger Gaussians would reach over its rim
 /// and paint lids, thicker ones stand out from its surface.
-template <Real T>
-void bound_scales(EyeStream<T>& eyes, T factor, T thickness) {
+template <Real T, EffectSet E>
+void bound_scales(EyeStream<T, E>& eyes, std::type_identity_t<T> factor,
+                  std::type_identity_t<T> thickness) {
     for (Index i = 0; i < eyes.log_scale.cols(); ++i) {
         const T most = std::log(factor * eyes.spacing(0, i)), thick = most + std::log(thickness);
         eyes.log_scale.col(i) = eyes.log_scale.col(i).cwiseMin(Vec3<T>(most, most, thick));
     }
 }
 
-template <class T>
-struct EyeTrace {
-    EyeOffsetTrace<T> offset;
-    std::array<Quat<T>, 2> turn;  ///< rest (+z) to gaze, no torsion
-};
-
-/// Scales of both eyeballs' Gaussians in the world.
-template <class T>
-Columns<T> eye_scales(const EyeStream<T>& eyes, const T& head_scale) {
-    return head_scale * eyes.log_scale.unaryExpr([](const T& v) {
-        using std::exp;
-        return T(exp(v));
-    });
+/// The drivers with the optical axes in the place of the gazes: the same ones without Kappa.
+template <class T, EffectSet E>
+decltype(auto) optical_drivers(const EyeStream<T, E>& eyes, const Drivers<T, E>& drivers) {
+    if constexpr (has_effect<E, Kappa>) {
+        Drivers<T, E> d = drivers;
+        for_eyes([&]<std::size_t eye>() {
+            if constexpr (eye_turns<E, eye>)
+                of_eye<eye>(d.gaze) = apply_kappa<T>(of_eye<eye>(drivers.gaze),
+                                                     kappa_of(eyes.kappa, eye));
+        });
+        return d;
+    } else {
+        return (drivers);
+    }
 }
 
-/// Means and rotations of one eyeball's Gaussians, in the columns of `g` from `begin` on. Returns
-/// its rotation in the world.
-template <class T>
-Quat<T> place_eye(const EyeStream<T>& eyes, Index eye, const EyeDrive<T>& drive,
-                  const HeadTransform<T>& head, Index begin, Gaussians<T>& g) {
+template <class T, EffectSet E = PaperEffects>
+struct EyeTrace {
+    [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetTrace<T>> offset;
+    [[no_unique_address]] GazeSlot<E, Quat<T>> turn;  ///< rest (+z) to gaze, no torsion
+};
+
+/// Scales of both eyeballs' Gaussians in the world, whose units the head's scale gives, if any.
+template <class T, EffectSet E, class... Scale>
+Columns<T> eye_scales(const EyeStream<T, E>& eyes, const Scale&... head_scale) {
+    const auto exponential = [](const T& v) {
+        using std::exp;
+        return T(exp(v));
+    };
+    return (eyes.log_scale.unaryExpr(exponential) * ... * head_scale);
+}
+
+/// Means and rotations of one eyeball's Gaussians, in the columns of `g` from `begin` on.
+template <class T, EffectSet E>
+void place_eye(const EyeStream<T, E>& eyes, Index eye, const EyeTransform<T>& placed, Index begin,
+               Gaussians<T>& g) {
     const Index n = eyes.per_eye();
-    const EyeTransform<T> placed =
-        eye_transform<T>(drive, {{head.rotation, head.translation}, head.scale});
     const Columns<T> points = eyes.position.middleCols(eye * n, n);
     const Columns<T> rotations = eyes.rotation.middleCols(eye * n, n);
     g.mean.middleCols(begin, n) = eye_points<T>(placed, points);
     g.rotation.middleCols(begin, n) = eye_rotations<T>(placed, rotations);
-    return placed.quaternion;
 }
 
-/// The eyeballs in the world.
-template <Backend B, class T>
-Gaussians<T> eye_gaussians(const EyeStream<T>& eyes, const AvatarConfig& config,
-                           const Drivers<T>& drivers, const HeadTransform<T>& head,
-                           const FrameCode<T>& code, EyeTrace<T>& trace) {
-    const Columns<T> moved = eye_offset<B, T>(eyes.offset, config, code, trace.offset);
+/// The eyeballs in the world. The drivers' gazes are optical axes; `head` is the HeadTransform of
+/// an avatar that has one.
+template <Backend B, class T, EffectSet E, class... Head>
+    requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
+Gaussians<T> eye_gaussians(const EyeStream<T, E>& eyes, const AvatarConfig& config,
+                           const Drivers<T, E>& drivers, const FrameCode<T, E>& code,
+                           EyeTrace<T, E>& trace, const Head&... head) {
     const Index per_eye = eyes.per_eye();
+    Columns<T> centre = eyes.centre;
+    if constexpr (has_effect<E, EyeOffset>)
+        centre += eye_offset<B, T>(eyes.offset, config, code, trace.offset);
     Gaussians<T> g;
     g.feature = eyes.feature;
     g.mean.resize(3, 2 * per_eye);
     g.rotation.resize(4, 2 * per_eye);
-    g.scale = eye_scales(eyes, head.scale);
+    g.scale = eye_scales(eyes, head.scale...);
     g.opacity = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
-    for (Index eye = 0; eye < 2; ++eye) {
-        const Quat<T> turned =
-            place_eye<T>(eyes, eye, {eyes.centre.col(eye), moved.col(eye),
-                                     drivers.gaze[static_cast<std::size_t>(eye)]},
-                         head, eye * per_eye, g);
-        trace.turn[static_cast<std::size_t>(eye)] =
-            quat_product<T>(quat_conjugate<T>(head.quaternion), turned);
-    }
+    for_eyes([&]<std::size_t eye>() {
+        constexpr Index e = static_cast<Index>(eye);
+        EyeTransform<T> placed = eye_at<T>(centre.col(e));
+        if constexpr (eye_turns<E, eye>) turn_eye<T>(placed, of_eye<eye>(drivers.gaze));
+        (carry_eye<T>(placed, {{head.rotation, head.translation}, head.scale}), ...);
+        if constexpr (eye_turns<E, eye>) {
+            of_eye<eye>(trace.turn) = placed.quaternion;
+            ((of_eye<eye>(trace.turn) =
+                  quat_product<T>(quat_conjugate<T>(head.quaternion), placed.quaternion)),
+             ...);
+        }
+        place_eye(eyes, e, placed, e * per_eye, g);
+    });
     return g;
 }
 
 /// Accumulates parameter gradients from cotangents of the head-frame eyeballs, which to_world_vjp
-/// gives; `world` is what eye_gaussians returned.
-template <Backend B, class T>
-void eye_vjp(const EyeStream<T>& eyes, const AvatarConfig& config, const HeadTransform<T>& head,
-             const EyeTrace<T>& trace, const Gaussians<T>& world, const Gaussians<T>& g,
-             EyeStream<T>& grad, VecX<T>& g_pose_code) {
+/// gives; `world` is what eye_gaussians returned, `drivers` those of the frame, gazes as they came.
+/// g_frame.gaze holds the cotangents of the gaze codes when it is called.
+template <Backend B, class T, EffectSet E, class... Head>
+    requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
+void eye_vjp(const EyeStream<T, E>& eyes, const AvatarConfig& config,
+             [[maybe_unused]] const Drivers<T, E>& drivers, const EyeTrace<T, E>& trace,
+             const Gaussians<T>& world, const Gaussians<T>& g, EyeStream<T, E>& grad,
+             FrameCotangent<T, E>& g_frame, const Head&... head) {
     const Index per_eye = eyes.per_eye();
     grad.feature += g.feature;
-    grad.log_scale += g.scale.cwiseProduct(world.scale) / head.scale;
+    if constexpr (has_effect<E, HeadPose>)
+        grad.log_scale += g.scale.cwiseProduct(world.scale) / (head.scale, ...);
+    else
+        grad.log_scale += g.scale.cwiseProduct(world.scale);
     grad.opacity_logit += g.opacity.cwiseProduct(
         world.opacity.unaryExpr([](const T& a) { return T(a * (T(1) - a)); }));
-    Columns<T> g_offset = Columns<T>::Zero(3, 2);
-    for (Index eye = 0; eye < 2; ++eye)
-        for (Index i = eye * per_eye; i < (eye + 1) * per_eye; ++i) {
-            g_offset.col(eye) += g.mean.col(i);
-            grad.rotation.col(i) += quat_product_vjp_right<T>(
-                trace.turn[static_cast<std::size_t>(eye)], g.rotation.col(i));
+    for_eyes([&]<std::size_t eye>() {
+        constexpr Index e = static_cast<Index>(eye);
+        for (Index i = e * per_eye; i < (e + 1) * per_eye; ++i) {
+            if constexpr (eye_turns<E, eye>)
+                grad.rotation.col(i) +=
+                    quat_product_vjp_right<T>(of_eye<eye>(trace.turn), g.rotation.col(i));
+            else
+                grad.rotation.col(i) += g.rotation.col(i);
         }
-    eye_offset_vjp<B, T>(eyes.offset, config, trace.offset, g_offset, grad.offset, g_pose_code);
+        if constexpr (eye_turns<E, eye> && has_effect<E, Kappa>)
+            grad.kappa.col(e) += kappa_vjp<T>(
+                config, of_eye<eye>(drivers.gaze), kappa_of(eyes.kappa, eye),
+                turn_cotangent<T>(eyes.position.middleCols(e * per_eye, per_eye),
+                                  eyes.rotation.middleCols(e * per_eye, per_eye),
+                                  g.mean.middleCols(e * per_eye, per_eye),
+                                  g.rotation.middleCols(e * per_eye, per_eye)),
+                gaze_code_cotangent<eye>(g_frame));
+    });
+    if constexpr (has_effect<E, EyeOffset>) {
+        Columns<T> g_offset = Columns<T>::Zero(3, 2);
+        for (Index e = 0; e < 2; ++e)
+            for (Index i = e * per_eye; i < (e + 1) * per_eye; ++i)
+                g_offset.col(e) += g.mean.col(i);
+        eye_offset_vjp<B, T>(eyes.offset, config, trace.offset, g_offset, grad.offset,
+                             g_frame.pose);
+    }
 }
 
 } // namespace rye

@@ -14,25 +14,30 @@
 
 namespace rye {
 
-template <class T>
+template <class T, EffectSet E = PaperEffects>
 struct GuidanceMesh {
     Mlp<T> geometry;         ///< PE(x) -> tanh -> signed distance, vertex offset (3), feature
-    FaceNetworks<T> networks;
-    EyeOffset<T> eye_offset;
+    [[no_unique_address]] FaceNetworks<T, E> networks;
+    [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetNetwork<T>> eye_offset;
     Columns<T> landmarks;    ///< neutral landmarks, trainable, 3 x L
 
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
         nested_fields<Mlp<T>>("geo_mlp", f, p.geometry...);
-        FaceNetworks<T>::fields(f, p.networks...);
-        EyeOffset<T>::fields(f, p.eye_offset...);
+        FaceNetworks<T, E>::fields(f, p.networks...);
+        if constexpr (has_effect<E, EyeOffset>) EyeOffsetNetwork<T>::fields(f, p.eye_offset...);
         f("landmarks_3d_neutral", p.landmarks...);
     }
     static GuidanceMesh init(const AvatarConfig& c, const Columns<T>& landmarks,
                              const Random& random) {
         const MlpShape shape = mlp_shape(c.position_code(), 0, c.networks.geometry, 4 + c.feature);
-        return {Mlp<T>::init(shape, random.fork(11)), FaceNetworks<T>::init(c, random.fork(12)),
-                EyeOffset<T>::init(c, random.fork(13)), landmarks};
+        GuidanceMesh m;
+        m.geometry = Mlp<T>::init(shape, random.fork(11));
+        m.networks = FaceNetworks<T, E>::init(c, random.fork(12));
+        if constexpr (has_effect<E, EyeOffset>)
+            m.eye_offset = EyeOffsetNetwork<T>::init(c, random.fork(13));
+        m.landmarks = landmarks;
+        return m;
     }
 };
 
@@ -43,18 +48,19 @@ struct GeometryTrace {
     MlpTrace<T> mlp;
 };
 
-template <Backend B, class T>
-void geometry_at(const GuidanceMesh<T>& mesh, const AvatarConfig& config, const Columns<T>& points,
-                 GeometryTrace<T>& trace) {
+template <Backend B, class T, EffectSet E>
+void geometry_at(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+                 const Columns<T>& points, GeometryTrace<T>& trace) {
     trace.code = positional_encoding(points, config.frequencies);
     trace.output = mlp_forward<B, T>(mesh.geometry, trace.code, VecX<T>(), &trace.mlp);
     squash_in_place(Squash::tanh, trace.output);
 }
 
 /// Accumulates network gradients; returns the cotangent of the points.
-template <Backend B, class T>
-Columns<T> geometry_vjp(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
-                        const GeometryTrace<T>& trace, Columns<T> g_output, GuidanceMesh<T>& grad) {
+template <Backend B, class T, EffectSet E>
+Columns<T> geometry_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+                        const GeometryTrace<T>& trace, Columns<T> g_output,
+                        GuidanceMesh<T, E>& grad) {
     squash_vjp(Squash::tanh, trace.output, g_output);
     Columns<T> g_code;
     mlp_vjp<B, T>(mesh.geometry, trace.code, VecX<T>(), trace.mlp, g_output, grad.geometry, &g_code,
@@ -79,8 +85,8 @@ struct NeutralSurface {
 /// Lattice vertices whose code is held at once, to bound the memory of a fine lattice.
 inline constexpr Index signed_distance_block = 32768;
 
-template <Backend B, class T>
-NeutralSurface<T> neutral_surface(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
+template <Backend B, class T, EffectSet E>
+NeutralSurface<T> neutral_surface(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                                   const TetGrid<T>& grid) {
     using std::tanh;
     NeutralSurface<T> n;
@@ -111,10 +117,10 @@ NeutralSurface<T> neutral_surface(const GuidanceMesh<T>& mesh, const AvatarConfi
     return n;
 }
 
-template <Backend B, class T>
-void neutral_surface_vjp(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
+template <Backend B, class T, EffectSet E>
+void neutral_surface_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                          const NeutralSurface<T>& n, const Columns<T>& g_positions,
-                         const Columns<T>& g_feature, GuidanceMesh<T>& grad) {
+                         const Columns<T>& g_feature, GuidanceMesh<T, E>& grad) {
     using std::tanh;
     const SurfaceGradient<T> g = surface_vjp<T>(n.surface, n.lattice, n.sdf, n.lattice_feature,
                                                 g_positions, g_feature);
@@ -131,97 +137,116 @@ void neutral_surface_vjp(const GuidanceMesh<T>& mesh, const AvatarConfig& config
 }
 
 /// One frame of the guidance mesh.
-template <class T>
-struct PosedMesh {
-    FrameCode<T> code;
-    HeadTransform<T> head;
-    Weights<T> weights;
-    WeightsTrace<T> nearest;
+template <class T, EffectSet E = PaperEffects>
+struct PosedMesh : FaceFields<FieldTrace<T>, E> {
+    [[no_unique_address]] FrameCode<T, E> code;
+    [[no_unique_address]] HeadSlot<T, E> head;
+    [[no_unique_address]] Weights<T, E> weights;
+    [[no_unique_address]] WeightsTrace<T, E> nearest;
     Columns<T> rest_code, moved;        ///< PE(x), and x after expression and gaze
     Columns<T> moved_code;              ///< PE of the latter, which the head pose's field reads
-    FieldTrace<T> exp_color, pose_color, exp_deform, pose_deform;
-    std::array<FieldTrace<T>, 2> gaze_color, gaze_deform;
     Columns<T> color;                   ///< channels x M; the first three are RGB
     Columns<T> canonical;               ///< deformed, head frame, 3 x M
     Columns<T> world;                   ///< 3 x M
 };
 
+/// Colours by expression and head pose are in [0, 1]; the gaze's are added to them.
+constexpr Squash mesh_colour_squash(ExpressionField) { return Squash::sigmoid; }
+constexpr Squash mesh_colour_squash(PoseField) { return Squash::sigmoid; }
+template <std::size_t eye>
+constexpr Squash mesh_colour_squash(GazeField<eye>) { return Squash::none; }
+
 /// Colours, then deforms one after the other (expression and gaze, then head pose), then poses.
-template <Backend B, class T>
-void pose_mesh(const GuidanceMesh<T>& mesh, const AvatarConfig& config, const LandmarkRoles& roles,
-               const Drivers<T>& drivers, const NeutralSurface<T>& neutral, PosedMesh<T>& p) {
-    const FaceNetworks<T>& nets = mesh.networks;
+template <Backend B, class T, EffectSet E>
+void pose_mesh(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+               const LandmarkRoles& roles, const Drivers<T, E>& drivers,
+               const NeutralSurface<T>& neutral, PosedMesh<T, E>& p) {
+    const FaceNetworks<T, E>& nets = mesh.networks;
     const Columns<T>& x = neutral.surface.positions;
     const T one = T(1), reach = T(config.deform_scale);
     p.code = frame_code(config, drivers);
-    p.head = head_transform(drivers);
     p.weights = face_weights<B, T>(config, x, mesh.landmarks, roles, p.nearest);
-    const Weights<T>& w = p.weights;
+    const Weights<T, E>& w = p.weights;
     p.color = Columns<T>::Zero(config.channels, x.cols());
-    add_field<B>(nets.exp_color, Squash::sigmoid, one, neutral.feature, w.exp, p.code.expression,
-                 p.color, p.exp_color);
-    add_field<B>(nets.pose_color, Squash::sigmoid, one, neutral.feature, w.pose, p.code.pose,
-                 p.color, p.pose_color);
+    for_face_fields<E>([&](auto by) {
+        add_field<B>(by.color(nets), mesh_colour_squash(by), one, neutral.feature,
+                     by.influence(w), by.code(p.code), p.color, by.color(p));
+    });
     p.rest_code = positional_encoding(x, config.frequencies);
     p.moved = x;
-    add_field<B>(nets.exp_deform, Squash::tanh, reach, p.rest_code, w.exp, p.code.expression,
-                 p.moved, p.exp_deform);
-    for (std::size_t eye = 0; eye < 2; ++eye) {
-        add_field<B>(nets.gaze_color[eye], Squash::none, one, neutral.feature, w.gaze[eye],
-                     p.code.gaze[eye], p.color, p.gaze_color[eye]);
-        add_field<B>(nets.gaze_deform[eye], Squash::tanh, reach, p.rest_code, w.gaze[eye],
-                     p.code.gaze[eye], p.moved, p.gaze_deform[eye]);
-    }
-    p.moved_code = positional_encoding(p.moved, config.frequencies);
+    for_face_fields<Less<E, PoseResidual>>([&](auto by) {
+        add_field<B>(by.deform(nets), Squash::tanh, reach, p.rest_code, by.influence(w),
+                     by.code(p.code), p.moved, by.deform(p));
+    });
     p.canonical = p.moved;
-    add_field<B>(nets.pose_deform, Squash::tanh, reach, p.moved_code, w.pose, p.code.pose,
-                 p.canonical, p.pose_deform);
-    const Mat3<T> scaled = p.head.scale * p.head.rotation;
-    p.world = (scaled * p.canonical).colwise() + p.head.translation;
+    if constexpr (has_effect<E, PoseResidual>) {
+        p.moved_code = positional_encoding(p.moved, config.frequencies);
+        add_field<B>(nets.pose_deform, Squash::tanh, reach, p.moved_code, w.pose, p.code.pose,
+                     p.canonical, p.pose_deform);
+    }
+    if constexpr (has_effect<E, HeadPose>) {
+        p.head = head_transform(drivers);
+        const Mat3<T> scaled = p.head.scale * p.head.rotation;
+        p.world = (scaled * p.canonical).colwise() + p.head.translation;
+    } else {
+        p.world = p.canonical;
+    }
 }
 
 /// Extra cotangents of the offset loss: those of the raw outputs of the deformation networks.
-template <class T>
+template <class T, EffectSet E = PaperEffects>
 struct DeformCotangents {
-    Columns<T> exp, pose;
-    std::array<Columns<T>, 2> gaze;
+    [[no_unique_address]] Slot<E, Expression, Columns<T>> exp;
+    [[no_unique_address]] Slot<E, PoseResidual, Columns<T>> pose;
+    [[no_unique_address]] SkinSlot<E, Columns<T>> gaze;
 };
 
 /// Accumulates gradients to networks, landmarks, and (through the neutral surface) the geometry.
-template <Backend B, class T>
-void pose_mesh_vjp(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
-                   const NeutralSurface<T>& neutral, const PosedMesh<T>& p,
+template <Backend B, class T, EffectSet E>
+void pose_mesh_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+                   const NeutralSurface<T>& neutral, const PosedMesh<T, E>& p,
                    const Columns<T>& g_world, const Columns<T>& g_color,
-                   const DeformCotangents<T>& g_raw, GuidanceMesh<T>& grad, Columns<T>& g_positions,
-                   Columns<T>& g_feature) {
-    const FaceNetworks<T>& nets = mesh.networks;
-    FaceNetworks<T>& gnets = grad.networks;
+                   const DeformCotangents<T, E>& g_raw, GuidanceMesh<T, E>& grad,
+                   Columns<T>& g_positions, Columns<T>& g_feature) {
+    const FaceNetworks<T, E>& nets = mesh.networks;
+    FaceNetworks<T, E>& gnets = grad.networks;
     const Columns<T>& x = neutral.surface.positions;
     const T one = T(1), reach = T(config.deform_scale);
-    const Weights<T>& w = p.weights;
-    Weights<T> g_w(x.cols());
-    const Mat3<T> back = p.head.scale * p.head.rotation.transpose();
-    const Columns<T> g_canonical = back * g_world;
-    Columns<T> g_moved = g_canonical;
-    Columns<T> g_code = Columns<T>::Zero(p.moved_code.rows(), x.cols());
-    field_vjp<B>(nets.pose_deform, Squash::tanh, reach, w.pose, p.code.pose, p.pose_deform,
-                 g_canonical, {&gnets.pose_deform, &g_code, &g_w.pose, nullptr, &g_raw.pose});
-    g_moved += positional_encoding_vjp(p.moved_code, g_code, config.frequencies);
-    g_code.setZero();
-    field_vjp<B>(nets.exp_deform, Squash::tanh, reach, w.exp, p.code.expression, p.exp_deform,
-                 g_moved, {&gnets.exp_deform, &g_code, &g_w.exp, nullptr, &g_raw.exp});
-    for (std::size_t eye = 0; eye < 2; ++eye) {
-        field_vjp<B>(nets.gaze_deform[eye], Squash::tanh, reach, w.gaze[eye], p.code.gaze[eye],
-                     p.gaze_deform[eye], g_moved,
-                     {&gnets.gaze_deform[eye], &g_code, &g_w.gaze[eye], nullptr, &g_raw.gaze[eye]});
-        field_vjp<B>(nets.gaze_color[eye], Squash::none, one, w.gaze[eye], p.code.gaze[eye],
-                     p.gaze_color[eye], g_color,
-                     {&gnets.gaze_color[eye], &g_feature, &g_w.gaze[eye]});
+    const Weights<T, E>& w = p.weights;
+    Weights<T, E> g_w(x.cols());
+    Columns<T> g_canonical = g_world;
+    if constexpr (has_effect<E, HeadPose>) {
+        const Mat3<T> back = p.head.scale * p.head.rotation.transpose();
+        g_canonical = back * g_world;
     }
-    field_vjp<B>(nets.exp_color, Squash::sigmoid, one, w.exp, p.code.expression, p.exp_color,
-                 g_color, {&gnets.exp_color, &g_feature, &g_w.exp});
-    field_vjp<B>(nets.pose_color, Squash::sigmoid, one, w.pose, p.code.pose, p.pose_color, g_color,
-                 {&gnets.pose_color, &g_feature, &g_w.pose});
+    Columns<T> g_moved = g_canonical;
+    Columns<T> g_code = Columns<T>::Zero(p.rest_code.rows(), x.cols());
+    if constexpr (has_effect<E, PoseResidual>) {
+        field_vjp<B>(nets.pose_deform, Squash::tanh, reach, w.pose, p.code.pose, p.pose_deform,
+                     g_canonical, {&gnets.pose_deform, &g_code, &g_w.pose, nullptr, &g_raw.pose});
+        g_moved += positional_encoding_vjp(p.moved_code, g_code, config.frequencies);
+        g_code.setZero();
+    }
+    // In the order that the gradients' sums have always had: each eye's two networks together.
+    const auto deform_vjp = [&](auto by, const Columns<T>& g_deform) {
+        field_vjp<B>(by.deform(nets), Squash::tanh, reach, by.influence(w), by.code(p.code),
+                     by.deform(p), g_moved,
+                     {&by.deform(gnets), &g_code, &by.influence(g_w), nullptr, &g_deform});
+    };
+    const auto color_vjp = [&](auto by) {
+        field_vjp<B>(by.color(nets), mesh_colour_squash(by), one, by.influence(w),
+                     by.code(p.code), by.color(p), g_color,
+                     {&by.color(gnets), &g_feature, &by.influence(g_w)});
+    };
+    if constexpr (has_effect<E, Expression>) deform_vjp(ExpressionField{}, g_raw.exp);
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (skin_follows<E, eye>) {
+            deform_vjp(GazeField<eye>{}, of_eye<eye>(g_raw.gaze));
+            color_vjp(GazeField<eye>{});
+        }
+    });
+    if constexpr (has_effect<E, Expression>) color_vjp(ExpressionField{});
+    if constexpr (has_effect<E, PoseResidual>) color_vjp(PoseField{});
     g_positions += g_moved + positional_encoding_vjp(p.rest_code, g_code, config.frequencies);
     face_weights_vjp<T>(config, x, mesh.landmarks, p.nearest, g_w, g_positions, &grad.landmarks);
 }

@@ -21,8 +21,13 @@ struct HeadTransform {
     T scale;
 };
 
-template <class T>
-HeadTransform<T> head_transform(const Drivers<T>& drivers) {
+/// The head's transform of an avatar that has one.
+template <class T, EffectSet E = PaperEffects>
+using HeadSlot = Slot<E, HeadPose, HeadTransform<T>>;
+
+template <class T, EffectSet E>
+    requires has_effect<E, HeadPose>
+HeadTransform<T> head_transform(const Drivers<T, E>& drivers) {
     const Mat3<T> rotation = so3_exp(Vec3<T>(drivers.pose.template head<3>()));
     return {rotation, matrix_quat(rotation), drivers.pose.template tail<3>(), drivers.scale};
 }
@@ -84,8 +89,9 @@ HeadTransformGradient<T> to_world_vjp(const HeadTransform<T>& head, const Gaussi
 }
 
 /// Cotangent of pose from that of the transform: the Jacobian of the exponential map by duals.
-template <class T>
-Vec<T, 6> head_pose_vjp(const Drivers<T>& drivers, const HeadTransformGradient<T>& g) {
+template <class T, EffectSet E>
+    requires has_effect<E, HeadPose>
+Vec<T, 6> head_pose_vjp(const Drivers<T, E>& drivers, const HeadTransformGradient<T>& g) {
     using D = Dual<T, 3>;
     Vec3<D> w;
     for (int i = 0; i < 3; ++i) w(i) = D::variable(drivers.pose(i), i);

@@ -6,39 +6,42 @@
 
 #include <rye/avatar/eye_stream.hpp>
 #include <rye/avatar/face_stream.hpp>
+#include <rye/avatar/own_effects.hpp>
 #include <rye/nn/upsampler.hpp>
 
 namespace rye {
 
-template <class T>
-struct TwoStream {
-    FaceStream<T> face;
-    EyeStream<T> eyes;
+template <class T, EffectSet E = PaperEffects>
+struct TwoStream : OwnParameters<T, E> {
+    FaceStream<T, E> face;
+    EyeStream<T, E> eyes;
     Upsampler<T> upsampler;
-    Columns<T> delta_pose;  ///< 6 x training frames, added to the tracked pose
+    /// 6 x training frames, added to the tracked pose.
+    [[no_unique_address]] Slot<E, ReadsHeadPose, Columns<T>> delta_pose;
 
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
-        nested_fields<FaceStream<T>>("face", f, p.face...);
-        nested_fields<EyeStream<T>>("eyes", f, p.eyes...);
+        if constexpr (has_own_effects<E>) OwnParameters<T, E>::fields(f, p...);
+        nested_fields<FaceStream<T, E>>("face", f, p.face...);
+        nested_fields<EyeStream<T, E>>("eyes", f, p.eyes...);
         nested_fields<Upsampler<T>>("upsampler", f, p.upsampler...);
-        f("delta_poses", p.delta_pose...);
+        if constexpr (has_effect<E, ReadsHeadPose>) f("delta_poses", p.delta_pose...);
     }
     template <class F, class... P>
     static void buffers(F&& f, P&&... p) {
-        FaceStream<T>::buffers([&](const std::string& n, auto&&... a) { f("face." + n, a...); },
-                               p.face...);
-        EyeStream<T>::buffers([&](const std::string& n, auto&&... a) { f("eyes." + n, a...); },
-                              p.eyes...);
+        FaceStream<T, E>::buffers([&](const std::string& n, auto&&... a) { f("face." + n, a...); },
+                                  p.face...);
+        EyeStream<T, E>::buffers([&](const std::string& n, auto&&... a) { f("eyes." + n, a...); },
+                                 p.eyes...);
     }
 };
 
-template <class T>
+template <class T, EffectSet E = PaperEffects>
 struct TwoStreamTrace {
-    FrameCode<T> code;
-    HeadTransform<T> head;
-    FaceTrace<T> face;
-    EyeTrace<T> eyes;
+    [[no_unique_address]] FrameCode<T, E> code;
+    [[no_unique_address]] HeadSlot<T, E> head;
+    [[no_unique_address]] FaceTrace<T, E> face;
+    [[no_unique_address]] EyeTrace<T, E> eyes;
     Gaussians<T> driven_face;  ///< head frame
     Gaussians<T> world_face;   ///< world
     Gaussians<T> world_eyes;   ///< world
@@ -65,34 +68,56 @@ Gaussians<T> part(const Gaussians<T>& all, Index begin, Index n) {
     return g;
 }
 
-/// The driven Gaussians of both streams, in trace.world_face and trace.world_eyes.
-template <Backend B, class T>
-void drive(const TwoStream<T>& avatar, const AvatarConfig& config, const LandmarkRoles& roles,
-           const Drivers<T>& drivers, TwoStreamTrace<T>& trace) {
-    trace.code = frame_code(config, drivers);
-    trace.head = head_transform(drivers);
+/// The driven Gaussians of both streams, in trace.world_face and trace.world_eyes. Without a head
+/// pose the head's frame is the world.
+template <Backend B, class T, EffectSet E>
+void drive(const TwoStream<T, E>& avatar, const AvatarConfig& config, const LandmarkRoles& roles,
+           const Drivers<T, E>& drivers, TwoStreamTrace<T, E>& trace) {
+    const Drivers<T, E>& optical = optical_drivers(avatar.eyes, drivers);
+    trace.code = frame_code(config, optical);
     trace.driven_face = face_gaussians<B, T>(avatar.face, config, roles, trace.code, trace.face);
     trace.world_face = trace.driven_face;
-    to_world<B>(trace.head, trace.world_face);
-    trace.world_eyes = eye_gaussians<B, T>(avatar.eyes, config, drivers, trace.head, trace.code,
-                                           trace.eyes);
+    if constexpr (has_own_effects<E>)
+        add_own_effects<B, T, E>(avatar, optical, trace.world_face);
+    if constexpr (has_effect<E, HeadPose>) {
+        trace.head = head_transform(optical);
+        to_world<B>(trace.head, trace.world_face);
+        trace.world_eyes = eye_gaussians<B, T>(avatar.eyes, config, optical, trace.code,
+                                               trace.eyes, trace.head);
+    } else {
+        trace.world_eyes =
+            eye_gaussians<B, T>(avatar.eyes, config, optical, trace.code, trace.eyes);
+    }
 }
 
 /// Accumulates parameter gradients (all but the upsampler's) from world cotangents, which are
-/// consumed. Returns the cotangent of the pose.
-template <Backend B, class T>
-Vec<T, 6> drive_vjp(const TwoStream<T>& avatar, const AvatarConfig& config,
-                    const Drivers<T>& drivers, const TwoStreamTrace<T>& trace, Gaussians<T>& g_face,
-                    Gaussians<T>& g_eyes, TwoStream<T>& grad) {
-    HeadTransformGradient<T> g_head = to_world_vjp<B>(trace.head, trace.world_face, g_face);
-    g_head += to_world_vjp<B>(trace.head, trace.world_eyes, g_eyes);
-    VecX<T> g_pose_code = VecX<T>::Zero(trace.code.pose.size());
-    face_vjp<B>(avatar.face, config, trace.code, trace.face, trace.driven_face, g_face, grad.face,
-                g_pose_code);
-    eye_vjp<B>(avatar.eyes, config, trace.head, trace.eyes, trace.world_eyes, g_eyes, grad.eyes,
-               g_pose_code);
-    Vec<T, 6> g_pose = head_pose_vjp(drivers, g_head);
-    g_pose += positional_encoding_vjp(trace.code.pose, g_pose_code, config.pose_frequencies);
+/// consumed. Returns the cotangent of the pose: 0 if nothing reads it.
+template <Backend B, class T, EffectSet E>
+Vec<T, 6> drive_vjp(const TwoStream<T, E>& avatar, const AvatarConfig& config,
+                    const Drivers<T, E>& drivers, const TwoStreamTrace<T, E>& trace,
+                    Gaussians<T>& g_face, Gaussians<T>& g_eyes, TwoStream<T, E>& grad) {
+    Vec<T, 6> g_pose = Vec<T, 6>::Zero();
+    FrameCotangent<T, E> g_frame(trace.code);
+    const auto streams_vjp = [&](const auto&... head) {
+        if constexpr (has_own_effects<E>)
+            own_effects_vjp<B, T, E>(avatar, optical_drivers(avatar.eyes, drivers),
+                                     trace.driven_face, g_face, grad);
+        face_vjp<B>(avatar.face, config, trace.code, trace.face, trace.driven_face, g_face,
+                    grad.face, g_frame);
+        eye_vjp<B>(avatar.eyes, config, drivers, trace.eyes, trace.world_eyes, g_eyes, grad.eyes,
+                   g_frame, head...);
+    };
+    if constexpr (has_effect<E, HeadPose>) {
+        HeadTransformGradient<T> g_head = to_world_vjp<B>(trace.head, trace.world_face, g_face);
+        g_head += to_world_vjp<B>(trace.head, trace.world_eyes, g_eyes);
+        g_pose = head_pose_vjp(drivers, g_head);
+        streams_vjp(trace.head);
+    } else {
+        streams_vjp();
+    }
+    if constexpr (has_effect<E, ReadsPoseCode>)
+        g_pose +=
+            positional_encoding_vjp(trace.code.pose, g_frame.pose, config.pose_frequencies);
     return g_pose;
 }
 

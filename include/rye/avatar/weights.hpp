@@ -9,6 +9,7 @@
 #include <vector>
 
 #include <rye/avatar/config.hpp>
+#include <rye/avatar/face_fields.hpp>
 #include <rye/rig/influence.hpp>
 #include <rye/rig/nearest.hpp>
 
@@ -20,73 +21,108 @@ struct LandmarkRoles {
     std::array<std::vector<Index>, 2> eye;  ///< P_eye, left and right
 };
 
-template <class T>
+template <class T, EffectSet E = PaperEffects>
 struct Weights {
-    Columns<T> exp, pose;             ///< 1 x N each, exp + pose = 1
-    std::array<Columns<T>, 2> gaze;   ///< 1 x N, left and right
+    [[no_unique_address]] Slot<E, ReadsFaceRamp, Columns<T>> exp;     ///< 1 x N
+    [[no_unique_address]] Slot<E, ReadsFaceRamp, Columns<T>, 1> pose; ///< 1 x N, exp + pose = 1
+    [[no_unique_address]] SkinSlot<E, Columns<T>, 2> gaze;            ///< 1 x N, left and right
 
     Weights() = default;
-    explicit Weights(Index n)
-        : exp(Columns<T>::Zero(1, n)), pose(exp), gaze{exp, exp} {}
+    explicit Weights(Index n) {
+        const Columns<T> zero = Columns<T>::Zero(1, n);
+        if constexpr (has_effect<E, ReadsFaceRamp>) exp = pose = zero;
+        for_eyes([&]<std::size_t eye>() {
+            if constexpr (skin_follows<E, eye>) of_eye<eye>(gaze) = zero;
+        });
+    }
 };
 
-/// The nearest landmark of each point, for the three landmark sets.
+/// The nearest landmark of each point.
 template <class T>
+struct NearestTrace {
+    Columns<T> squared;          ///< 1 x N squared distances
+    std::vector<Index> nearest;  ///< columns of the landmark array
+};
+
+/// ... for each of the landmark sets that are needed.
+template <class T, EffectSet E = PaperEffects>
 struct WeightsTrace {
-    std::array<Columns<T>, 3> squared;              ///< 1 x N squared distances
-    std::array<std::vector<Index>, 3> nearest;      ///< columns of the landmark array
+    [[no_unique_address]] Slot<E, ReadsFaceRamp, NearestTrace<T>, 2> exp;
+    [[no_unique_address]] SkinSlot<E, NearestTrace<T>, 3> gaze; ///< left, right
 };
 
 namespace detail {
 
-/// Thresholds of landmark set s: expression, left eye, right eye.
-template <class T>
-Ramp<T> face_ramp(const AvatarConfig& c, std::size_t s) {
-    return s == 0 ? Ramp<T>{T(c.exp_near), T(c.exp_far)} : Ramp<T>{T(c.gaze_near), T(c.gaze_far)};
+/// The influence of one set of landmarks.
+template <Backend B, class T>
+Columns<T> set_weights(const AvatarConfig& config, double near, double far,
+                       const Columns<T>& points, const Columns<T>& landmarks,
+                       const std::vector<Index>& set, NearestTrace<T>& trace) {
+    trace.squared =
+        nearest_squared_distance<B, T>(points, pick_columns(landmarks, set), &trace.nearest);
+    for (Index& k : trace.nearest)
+        if (k >= 0) k = set[static_cast<std::size_t>(k)];
+    return std::visit([&](const auto& metric) {
+        return influence(metric, Ramp<T>{T(near), T(far)}, trace.squared);
+    }, config.metric);
+}
+
+/// `g` is the cotangent of one set's influence at a point.
+template <class T, class G>
+void set_weights_vjp(const AvatarConfig& config, double near, double far, const Columns<T>& points,
+                     const Columns<T>& landmarks, const NearestTrace<T>& trace, const G& g,
+                     Columns<T>& g_points, Columns<T>* g_landmarks) {
+    const Ramp<T> ramp{T(near), T(far)};
+    std::visit([&](const auto& metric) {
+        for (Index i = 0; i < points.cols(); ++i) {
+            const T g_lambda = g(i);
+            const T slope = metric.slope(ramp, trace.squared(0, i));
+            if (slope == T(0)) continue;
+            const Index k = trace.nearest[static_cast<std::size_t>(i)];
+            const Vec3<T> d = (T(2) * g_lambda * slope) * (points.col(i) - landmarks.col(k));
+            g_points.col(i) += d;
+            if (g_landmarks != nullptr) g_landmarks->col(k) -= d;
+        }
+    }, config.metric);
 }
 
 } // namespace detail
 
-template <Backend B, class T>
-Weights<T> face_weights(const AvatarConfig& config, const Columns<T>& points,
-                        const Columns<T>& landmarks, const LandmarkRoles& roles,
-                        WeightsTrace<T>& trace) {
-    const std::array<const std::vector<Index>*, 3> sets{&roles.expression, &roles.eye[0],
-                                                        &roles.eye[1]};
-    Weights<T> w(points.cols());
-    for (std::size_t s = 0; s < 3; ++s) {
-        trace.squared[s] = nearest_squared_distance<B, T>(points, pick_columns(landmarks, *sets[s]),
-                                                          &trace.nearest[s]);
-        for (Index& k : trace.nearest[s])
-            if (k >= 0) k = (*sets[s])[static_cast<std::size_t>(k)];
-        Columns<T>& lambda = s == 0 ? w.exp : w.gaze[s - 1];
-        std::visit([&](const auto& metric) {
-            lambda = influence(metric, detail::face_ramp<T>(config, s), trace.squared[s]);
-        }, config.metric);
+template <Backend B, class T, EffectSet E>
+Weights<T, E> face_weights(const AvatarConfig& config, const Columns<T>& points,
+                           const Columns<T>& landmarks, const LandmarkRoles& roles,
+                           WeightsTrace<T, E>& trace) {
+    Weights<T, E> w;
+    if constexpr (has_effect<E, ReadsFaceRamp>) {
+        w.exp = detail::set_weights<B>(config, config.exp_near, config.exp_far, points, landmarks,
+                                       roles.expression, trace.exp);
+        w.pose = Columns<T>::Ones(1, points.cols()) - w.exp;
     }
-    w.pose = Columns<T>::Ones(1, points.cols()) - w.exp;
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (skin_follows<E, eye>)
+            of_eye<eye>(w.gaze) =
+                detail::set_weights<B>(config, config.gaze_near, config.gaze_far, points,
+                                       landmarks, roles.eye[eye], of_eye<eye>(trace.gaze));
+    });
     return w;
 }
 
 /// Accumulates the gradients to points and landmarks of a cotangent of the weights (pose included).
-template <class T>
+template <class T, EffectSet E>
 void face_weights_vjp(const AvatarConfig& config, const Columns<T>& points,
-                      const Columns<T>& landmarks, const WeightsTrace<T>& trace,
-                      const Weights<T>& g, Columns<T>& g_points, Columns<T>* g_landmarks) {
-    for (std::size_t s = 0; s < 3; ++s) {
-        const Ramp<T> ramp = detail::face_ramp<T>(config, s);
-        std::visit([&](const auto& metric) {
-            for (Index i = 0; i < points.cols(); ++i) {
-                const T g_lambda = s == 0 ? T(g.exp(0, i) - g.pose(0, i)) : g.gaze[s - 1](0, i);
-                const T slope = metric.slope(ramp, trace.squared[s](0, i));
-                if (slope == T(0)) continue;
-                const Index k = trace.nearest[s][static_cast<std::size_t>(i)];
-                const Vec3<T> d = (T(2) * g_lambda * slope) * (points.col(i) - landmarks.col(k));
-                g_points.col(i) += d;
-                if (g_landmarks != nullptr) g_landmarks->col(k) -= d;
-            }
-        }, config.metric);
-    }
+                      const Columns<T>& landmarks, const WeightsTrace<T, E>& trace,
+                      const Weights<T, E>& g, Columns<T>& g_points, Columns<T>* g_landmarks) {
+    if constexpr (has_effect<E, ReadsFaceRamp>)
+        detail::set_weights_vjp(config, config.exp_near, config.exp_far, points, landmarks,
+                                trace.exp, [&](Index i) { return T(g.exp(0, i) - g.pose(0, i)); },
+                                g_points, g_landmarks);
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (skin_follows<E, eye>)
+            detail::set_weights_vjp(config, config.gaze_near, config.gaze_far, points, landmarks,
+                                    of_eye<eye>(trace.gaze),
+                                    [&](Index i) { return T(of_eye<eye>(g.gaze)(0, i)); },
+                                    g_points, g_landmarks);
+    });
 }
 
 } // namespace rye

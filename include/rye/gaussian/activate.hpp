@@ -10,8 +10,8 @@
 
 namespace rye {
 
-/// A cloud as seen from `eye`, with three channels of colour.
-template <class T>
+/// A cloud as seen from `eye`, with three channels of colour, of its harmonics' bands up to `most`.
+template <int most = 4, class T>
 Gaussians<T> activate(const GaussianCloud<T>& cloud, const Vec3<T>& eye) {
     Gaussians<T> g;
     g.mean = cloud.mean;
@@ -21,12 +21,12 @@ Gaussians<T> activate(const GaussianCloud<T>& cloud, const Vec3<T>& eye) {
         return T(exp(x));
     });
     g.opacity = cloud.logit_opacity.unaryExpr([](const T& x) { return sigmoid(x); });
-    g.feature = sh_colors(cloud, eye);
+    g.feature = sh_colors<most>(cloud, eye);
     return g;
 }
 
 /// Gradient of the cloud for that of activate's result `drawn`.
-template <class T>
+template <int most = 4, class T>
 GaussianCloud<T> activate_vjp(const GaussianCloud<T>& cloud, const Vec3<T>& eye,
                               const Gaussians<T>& drawn, const Gaussians<T>& g) {
     GaussianCloud<T> r(cloud.count(), cloud.degree());
@@ -37,7 +37,7 @@ GaussianCloud<T> activate_vjp(const GaussianCloud<T>& cloud, const Vec3<T>& eye,
         const T& o = drawn.opacity(0, i);
         r.logit_opacity(0, i) = g.opacity(0, i) * o * sigmoid(T(-cloud.logit_opacity(0, i)));
     }
-    sh_colors_vjp(cloud, eye, g.feature, r);
+    sh_colors_vjp<most>(cloud, eye, g.feature, r);
     return r;
 }
 

@@ -7,7 +7,9 @@
 #pragma once
 
 #include <limits>
+#include <type_traits>
 
+#include <rye/gaussian/antialias.hpp>
 #include <rye/geometry/camera.hpp>
 #include <rye/math/rotation.hpp>
 
@@ -67,6 +69,23 @@ struct ScreenGaussian {
     PrecisionFactor<T> precision; ///< w = L (p - centre), density exp(-|w|^2 / 2)
     Mask drawable;               ///< beyond the near plane, its ellipse within range
 };
+/// ... that keeps a share of its opacity.
+template <Scalar T>
+struct MipGaussian : ScreenGaussian<T> {
+    T share;                     ///< in [0, 1]
+};
+template <Scalar T, Antialias how>
+using Projected = std::conditional_t<how == Antialias::mip, MipGaussian<T>, ScreenGaussian<T>>;
+
+/// The opacity that is drawn.
+template <Scalar T>
+RYE_HD T kept_opacity(const ScreenGaussian<T>&, const T& opacity) {
+    return opacity;
+}
+template <Scalar T>
+RYE_HD T kept_opacity(const MipGaussian<T>& s, const T& opacity) {
+    return opacity * s.share;
+}
 
 /// Cotangent of a screen Gaussian. The shape's is in whitened offsets w = L (p - centre): `moment`
 /// is the sum of g w w^T over pixels, g being the cotangent of -|w|^2 / 2. In these terms nothing
@@ -126,12 +145,13 @@ RYE_HD Vec3<T> scaled_by(const Vec3<T>& a, const Vec3<T>& s) {
 } // namespace detail
 
 /// Batches evaluate every lane; `drawable` says which lanes mean something.
-template <Scalar T>
-RYE_HD ScreenGaussian<T> project(const Shape<T>& g, const Lens<T>& lens) {
+template <Antialias how = Antialias::dilate, Scalar T>
+RYE_HD Projected<T, how> project(const Shape<T>& g, const Lens<T>& lens) {
     const detail::Linearised<T> l(g, lens);
     const Vec3<T> x = detail::scaled_by(l.along_x, g.scale);              // rows of M [px]
     const Vec3<T> y = detail::scaled_by(l.along_y, g.scale);
-    ScreenGaussian<T> s;
+    Projected<T, how> s;
+    if constexpr (how == Antialias::mip) s.share = dilation_share(x, y, lens.dilation);
     s.centre = Vec2<T>(lens.fx * l.slope_x, lens.fy * l.slope_y);         // [px]
     s.depth = l.point[2];
     s.covariance = gram(x, y, lens.dilation);
@@ -148,9 +168,11 @@ RYE_HD ScreenGaussian<T> project(const Shape<T>& g, const Lens<T>& lens) {
 }
 
 /// Cotangents of mean, rotation and scale. Sigma = M M^T + d I gives g_M = 2 g_Sigma M, which in
-/// whitened terms is L^T (moment) (L M).
-template <Scalar T>
-RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Lens<T>& lens, const ScreenCotangent<T>& c) {
+/// whitened terms is L^T (moment) (L M). `alpha` is the cotangent of log(opacity), which a
+/// MipGaussian's shape reaches through its share; others' does not.
+template <Antialias how = Antialias::dilate, Scalar T>
+RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Lens<T>& lens, const ScreenCotangent<T>& c,
+                            [[maybe_unused]] const T& alpha = T(0)) {
     const detail::Linearised<T> l(g, lens);
     const Vec3<T> x = detail::scaled_by(l.along_x, g.scale);
     const Vec3<T> y = detail::scaled_by(l.along_y, g.scale);
@@ -164,6 +186,8 @@ RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Lens<T>& lens, const Screen
         g_x[i] = f.k1 * mu - f.m * mv;
         g_y[i] = mv;
     }
+    if constexpr (how == Antialias::mip)
+        dilation_share_vjp(x, y, lens.dilation, alpha, g_x, g_y);
 
     Shape<T> r;
     const Vec3<T> h_x = detail::scaled_by(g_x, g.scale), h_y = detail::scaled_by(g_y, g.scale);

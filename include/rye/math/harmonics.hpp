@@ -126,6 +126,19 @@ auto with_sh_degree(int degree, F&& f) {
     throw Error("sh_basis: got degree " + std::to_string(degree) + ", expected 0 to 4");
 }
 
+/// f(std::integral_constant<int, min(degree, most)>): no code for more is made.
+template <int most, class F>
+auto with_sh_degree_up_to(int degree, F&& f) {
+    static_assert(most >= 0 && most <= 4, "harmonics have degrees 0 to 4");
+    if constexpr (most == 4) {
+        return with_sh_degree(degree, f);
+    } else {
+        if constexpr (most > 0)
+            if (degree < most) return with_sh_degree_up_to<most - 1>(degree, f);
+        return f(std::integral_constant<int, most>{});
+    }
+}
+
 } // namespace detail
 
 /// The basis, for a degree known at run time.

@@ -47,23 +47,45 @@ struct EyeTransform {
     }
 };
 
-/// Throws if the gaze is not finite or has no direction.
+/// The parts of an eye's transform, each applied to what is there: an avatar takes those that its
+/// effects ask for, in this order. An eye that looks ahead in the head's frame:
 template <Scalar T>
-EyeTransform<T> eye_transform(const EyeDrive<T>& drive, const HeadPlacement<T>& head) {
-    const Vec3<T> gaze = checked_gaze(drive.gaze);
-    const Quat<T> turn = shortest_arc(Vec3<T>(T(0), T(0), T(1)), gaze);
+EyeTransform<T> eye_at(const Vec3<T>& centre) {
+    const Mat3<T> none = Rigid<T>::identity_rotation();
+    return {none, Quat<T>(T(1), T(0), T(0), T(0)), centre, T(1), none, false};
+}
+
+/// ... turned to its gaze, the optical axis. Throws if that is not finite or has no direction.
+template <Scalar T>
+void turn_eye(EyeTransform<T>& e, const Vec3<T>& optical) {
+    const Vec3<T> gaze = checked_gaze(optical);
+    e.quaternion = shortest_arc(Vec3<T>(T(0), T(0), T(1)), gaze);
+    e.rotation = quat_matrix(e.quaternion);
+    e.beyond_range = beyond_gaze_range(gaze);
+}
+
+/// ... and carried along by the head.
+template <Scalar T>
+void carry_eye(EyeTransform<T>& e, const HeadPlacement<T>& head) {
     const Mat3<T>& r = head.world_from_head.rotation;
-    const Rigid<T> eye{quat_matrix(turn), Vec3<T>(T(0), T(0), T(0))};
-    EyeTransform<T> e;
-    e.rotation = compose(Rigid<T>{r, Vec3<T>(T(0), T(0), T(0))}, eye).rotation;
-    e.quaternion = quat_product(matrix_quat(r), turn);
-    const Vec3<T> centre((drive.centre[0] + drive.offset[0]) * head.scale,
-                         (drive.centre[1] + drive.offset[1]) * head.scale,
-                         (drive.centre[2] + drive.offset[2]) * head.scale);
-    e.translation = head.world_from_head.apply(centre);
+    const Vec3<T> zero(T(0), T(0), T(0));
+    e.rotation = compose(Rigid<T>{r, zero}, Rigid<T>{e.rotation, zero}).rotation;
+    e.quaternion = quat_product(matrix_quat(r), e.quaternion);
+    e.translation = head.world_from_head.apply(Vec3<T>(e.translation[0] * head.scale,
+                                                       e.translation[1] * head.scale,
+                                                       e.translation[2] * head.scale));
     e.scale = head.scale;
     e.head_rotation = r;
-    e.beyond_range = beyond_gaze_range(gaze);
+}
+
+/// All of them.
+template <Scalar T>
+EyeTransform<T> eye_transform(const EyeDrive<T>& drive, const HeadPlacement<T>& head) {
+    EyeTransform<T> e = eye_at(Vec3<T>(drive.centre[0] + drive.offset[0],
+                                       drive.centre[1] + drive.offset[1],
+                                       drive.centre[2] + drive.offset[2]));
+    turn_eye(e, drive.gaze);
+    carry_eye(e, head);
     return e;
 }
 

@@ -23,13 +23,22 @@
 #include <rye/core/error.hpp>
 #include <rye/geometry/mesh.hpp>
 #include <rye/math/linalg.hpp>
+#include <rye/rig/effect_slots.hpp>
 
 namespace rye {
 
-struct EyeballShape {
+/// An eyeball of these effects: without CornealBulge it is a sphere, and has no cornea to ask for.
+template <EffectSet E>
+struct BasicEyeballShape {
+    using CorneaSlot = Slot<E, CornealBulge, double>;
+    using CorneaSlot2 = Slot<E, CornealBulge, double, 1>;
+    static constexpr bool bulges = has_effect<E, CornealBulge>;
+
     double sclera_radius = 0.12;      ///< of the sphere [unit]
-    double cornea_radius = 0.078;     ///< of the corneal sphere [unit]
-    double cornea_offset = 0.056;     ///< from the eyeball's centre to the cornea's [unit]
+    /// Of the corneal sphere [unit].
+    [[no_unique_address]] CorneaSlot cornea_radius = initial_slot<CorneaSlot>(0.078);
+    /// From the eyeball's centre to the cornea's [unit].
+    [[no_unique_address]] CorneaSlot2 cornea_offset = initial_slot<CorneaSlot2>(0.056);
     double limbus_radius = 0.059;     ///< rim of the iris, from the axis [unit]
     double pupil_radius = 0.020;      ///< from the axis [unit]
     /// z of the middle of the iris, which curves from there to the limbus [unit]; none: the bulge.
@@ -40,25 +49,30 @@ struct EyeballShape {
     int back_rings = 10;              ///< behind the equator, without the pole
 
     /// The same eye with another radius: every length in proportion.
-    EyeballShape with_radius(double radius) const {
-        EyeballShape s = *this;
+    BasicEyeballShape with_radius(double radius) const {
+        BasicEyeballShape s = *this;
         const double k = radius / sclera_radius;
-        for (double* x : {&s.sclera_radius, &s.cornea_radius, &s.cornea_offset, &s.limbus_radius,
-                          &s.pupil_radius})
-            *x *= k;
+        for (double* x : {&s.sclera_radius, &s.limbus_radius, &s.pupil_radius}) *x *= k;
+        if constexpr (bulges) {
+            s.cornea_radius *= k;
+            s.cornea_offset *= k;
+        }
         if (s.iris_plane) *s.iris_plane *= k;
         return s;
     }
 
     /// The same eye with another limbus: pupil and cornea in proportion, the bulge rising from the
     /// sphere at the limbus.
-    EyeballShape with_limbus(double radius) const {
-        EyeballShape s = *this;
+    BasicEyeballShape with_limbus(double radius) const {
+        BasicEyeballShape s = *this;
         const double k = radius / limbus_radius;
-        for (double* x : {&s.limbus_radius, &s.pupil_radius, &s.cornea_radius}) *x *= k;
-        s.cornea_offset =
-            std::sqrt(std::max(0., sclera_radius * sclera_radius - radius * radius)) -
-            std::sqrt(std::max(0., s.cornea_radius * s.cornea_radius - radius * radius));
+        for (double* x : {&s.limbus_radius, &s.pupil_radius}) *x *= k;
+        if constexpr (bulges) {
+            s.cornea_radius *= k;
+            s.cornea_offset =
+                std::sqrt(std::max(0., sclera_radius * sclera_radius - radius * radius)) -
+                std::sqrt(std::max(0., s.cornea_radius * s.cornea_radius - radius * radius));
+        }
         return s;
     }
 
@@ -74,20 +88,37 @@ struct EyeballShape {
     /// whichever is further out.
     double front(double r) const {
         const double sphere = std::sqrt(std::max(0., sclera_radius * sclera_radius - r * r));
-        const double inside = cornea_radius * cornea_radius - r * r;
-        return inside < 0 ? sphere : std::max(sphere, cornea_offset + std::sqrt(inside));
+        if constexpr (bulges) {
+            const double inside = cornea_radius * cornea_radius - r * r;
+            return inside < 0 ? sphere : std::max(sphere, cornea_offset + std::sqrt(inside));
+        }
+        return sphere;
+    }
+
+    /// Distance of the front surface from the eyeball's centre at an angle from +z.
+    double outermost(double angle) const {
+        if constexpr (bulges) {
+            const double side = cornea_offset * std::sin(angle);
+            const double inside = cornea_radius * cornea_radius - side * side;
+            const double cornea =
+                inside < 0 ? 0 : cornea_offset * std::cos(angle) + std::sqrt(inside);
+            return std::max(sclera_radius, cornea);
+        }
+        return sclera_radius;
     }
 
     /// z where the iris meets the surface: the plane of a flat iris.
     double limbus_plane() const { return front(limbus_radius); }
 
     /// The same eye with its iris as a disc through the limbus.
-    EyeballShape with_flat_iris() const {
-        EyeballShape s = *this;
+    BasicEyeballShape with_flat_iris() const {
+        BasicEyeballShape s = *this;
         s.iris_plane = limbus_plane();
         return s;
     }
 };
+
+using EyeballShape = BasicEyeballShape<PaperEffects>;
 
 enum class EyeLabel : std::uint8_t { pupil, iris, sclera, back };
 
@@ -104,17 +135,21 @@ struct EyeballTemplate {
 
 namespace detail {
 
-inline void check_shape(const EyeballShape& s) {
+template <EffectSet E>
+void check_shape(const BasicEyeballShape<E>& s) {
     const double r = s.sclera_radius;
-    const bool sizes = r > 0 && r < 1e6 && s.cornea_radius > 0 && s.cornea_offset >= 0 &&
+    double cornea_radius = r, cornea_offset = 0;  // a sphere's own
+    copy_slot(s.cornea_radius, cornea_radius);
+    copy_slot(s.cornea_offset, cornea_offset);
+    const bool sizes = r > 0 && r < 1e6 && cornea_radius > 0 && cornea_offset >= 0 &&
                        s.pupil_radius > 0 && s.pupil_radius < s.limbus_radius &&
-                       s.limbus_radius < s.cornea_radius && s.limbus_radius < r &&
-                       s.cornea_offset < r;
+                       s.limbus_radius < cornea_radius && s.limbus_radius < r &&
+                       cornea_offset < r;
     require(sizes, "eyeball_template",
             "got radii (sclera, cornea, limbus, pupil) = (" + std::to_string(r) + ", " +
-                std::to_string(s.cornea_radius) + ", " + std::to_string(s.limbus_radius) + ", " +
+                std::to_string(cornea_radius) + ", " + std::to_string(s.limbus_radius) + ", " +
                 std::to_string(s.pupil_radius) + ") and cornea offset " +
-                std::to_string(s.cornea_offset) +
+                std::to_string(cornea_offset) +
                 ", expected 0 < pupil < limbus < cornea, limbus < sclera, 0 <= offset < sclera");
     require(s.iris_rings >= 2 && s.sclera_rings >= 1 && s.back_rings >= 1 &&
                 s.iris_rings + s.sclera_rings + s.back_rings <= 1000,
@@ -174,8 +209,8 @@ Columns<T> vertex_normals(const Columns<T>& points,
 
 /// The template of a shape: a point on the axis, rings from the front to the back, the back pole.
 /// A ring has as many points as keep them about as far apart as the rings, a multiple of 8.
-template <Real T>
-EyeballTemplate<T> eyeball_template(const EyeballShape& shape) {
+template <Real T, EffectSet E = PaperEffects>
+EyeballTemplate<T> eyeball_template(const BasicEyeballShape<E>& shape) {
     detail::check_shape(shape);
     using std::numbers::pi;
     struct Ring {
@@ -193,11 +228,7 @@ EyeballTemplate<T> eyeball_template(const EyeballShape& shape) {
     const double limbus = std::atan2(shape.limbus_radius, shape.limbus_plane());
     for (int k = 1; k <= shape.sclera_rings; ++k) {
         const double angle = limbus + (pi / 2 - limbus) * k / shape.sclera_rings;
-        const double side = shape.cornea_offset * std::sin(angle);
-        const double inside = shape.cornea_radius * shape.cornea_radius - side * side;
-        const double cornea =
-            inside < 0 ? 0 : shape.cornea_offset * std::cos(angle) + std::sqrt(inside);
-        const double out = std::max(shape.sclera_radius, cornea);
+        const double out = shape.outermost(angle);
         rings.push_back({out * std::sin(angle), k == shape.sclera_rings ? 0 : out * std::cos(angle),
                          shape.sclera_radius * (pi / 2 - limbus) / shape.sclera_rings,
                          EyeLabel::sclera});

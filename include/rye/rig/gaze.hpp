@@ -70,20 +70,31 @@ bool beyond_gaze_range(const Vec3<T>& gaze) {
 /// The angles between the line of sight and the optical axis of one eye, in the head's frame.
 /// A typical left eye (subject's) looks 5 degrees nasally of its optical axis: yaw = +0.087.
 template <Scalar T>
-struct Kappa {
+struct KappaAngles {
     T pitch = T(0), yaw = T(0);                                          ///< [rad]
 };
 
-/// The optical axis (which the eyeball turns to) of a visual axis: its angles plus kappa.
+/// The optical axis (which the eyeball turns to) of a visual axis: its angles plus kappa, its
+/// length kept. By turning, not by its angles: so a kappa of 0 changes no bit. At a pole, where the
+/// yaw is 0, kappa's is taken from there.
 template <Scalar T>
-RYE_HD Vec3<T> apply_kappa(const Vec3<T>& visual, const Kappa<T>& kappa) {
-    const Vec2<T> a = pitch_yaw(visual);
-    return gaze_vector(T(a[0] + kappa.pitch), T(a[1] + kappa.yaw));
+RYE_HD Vec3<T> apply_kappa(const Vec3<T>& visual, const KappaAngles<T>& kappa) {
+    using std::cos, std::sin, std::sqrt;
+    const T hh = visual[0] * visual[0] + visual[2] * visual[2];
+    const auto pole = hh == T(0);
+    const T h = sqrt(select(pole, T(1), hh));                            // out of the axis
+    const T cp = cos(kappa.pitch), sp = sin(kappa.pitch);
+    const T out = select(pole, T(T(0) - visual[1] * sp), T(h * cp - visual[1] * sp));
+    const T up = visual[1] * cp + select(pole, T(0), h) * sp;
+    const T share = out / h;
+    const T x = visual[0] * share, z = select(pole, out, T(visual[2] * share));
+    const T cy = cos(kappa.yaw), sy = sin(kappa.yaw);
+    return Vec3<T>(x * cy + z * sy, up, z * cy - x * sy);
 }
 
 /// The visual axis of an optical axis: its angles less kappa.
 template <Scalar T>
-RYE_HD Vec3<T> gaze_from_kappa(const Vec3<T>& optical, const Kappa<T>& kappa) {
+RYE_HD Vec3<T> gaze_from_kappa(const Vec3<T>& optical, const KappaAngles<T>& kappa) {
     const Vec2<T> a = pitch_yaw(optical);
     return gaze_vector(T(a[0] - kappa.pitch), T(a[1] - kappa.yaw));
 }

@@ -10,6 +10,7 @@
 #include <cstdint>
 
 #include <rye/core/config.hpp>
+#include <rye/gaussian/antialias.hpp>
 
 namespace rye {
 
@@ -20,14 +21,21 @@ enum class Stop { never, inclusive, exclusive };
 /// first implementation, in the 16 px tiles that a square of 3 standard deviations touches.
 enum class Support { ellipse, square };
 
-/// What a Gaussian with a NaN or an infinity does: it is left out and counted, or it throws.
-enum class NonFinite { cull, fail };
+/// The order in which a pixel blends: of the depths of centres, one for all pixels; or of the
+/// depths where the pixel's own ray is closest to each Gaussian, sorted at every pixel. The second
+/// is the better model where Gaussians cross; it has plain loops only, on every backend.
+enum class BlendOrder { by_centre, by_peak };
+
+/// What a Gaussian with a NaN or an infinity does: it is left out and counted; it throws; or the
+/// caller vouches that there is none, and nothing is looked at. If the caller errs, no memory is
+/// misused, but pixels and gradients may be NaN.
+enum class NonFinite { cull, fail, trust };
 
 struct Balanced {
     double alpha_min = 1.0 / 2550.0;   ///< contributions below are skipped
     double alpha_max = 0.999;          ///< alpha is clamped here; no gradient above
     double stop = 1e-5;                ///< transmittance at which a pixel is full
-    double dilation = 0.3;             ///< added to both variances on the screen [px^2]
+    double dilation = 0.3;             ///< of Antialias::dilate and mip [px^2]
     double frustum_margin = 0.3;       ///< Jacobian is clamped this many half-images outside
     double alpha_floor = 0;            ///< f in alpha = o (exp(-|w|^2/2) - f), if has_floor
     NonFinite non_finite = NonFinite::cull;
@@ -35,6 +43,11 @@ struct Balanced {
 
     static constexpr Stop stop_rule = Stop::inclusive;
     static constexpr Support support = Support::ellipse;
+    static constexpr Antialias antialias = Antialias::dilate;
+    static constexpr BlendOrder order = BlendOrder::by_centre;
+    /// Of depths that are compared: 32, or 64, which measures float Gaussians' depths in double.
+    /// Those of double Gaussians always have 64.
+    static constexpr int depth_bits = 32;
     static constexpr bool has_floor = false;
     static constexpr int exp2_degree = 5;   ///< polynomial in lanes; 0 is the library's exp2
 };
@@ -104,8 +117,17 @@ concept AccuracyPolicy = std::default_initializable<A> && requires(const A a) {
     { a.dilation } -> std::convertible_to<double>;
     { A::stop_rule } -> std::convertible_to<Stop>;
     { A::support } -> std::convertible_to<Support>;
+    { A::antialias } -> std::convertible_to<Antialias>;
+    { A::order } -> std::convertible_to<BlendOrder>;
+    { A::depth_bits } -> std::convertible_to<int>;
     { A::exp2_degree } -> std::convertible_to<int>;
 };
+/// What is added to both variances on the screen [px^2].
+template <AccuracyPolicy A>
+constexpr double screen_dilation(const A& accuracy) {
+    return A::antialias == Antialias::none ? 0.0 : accuracy.dilation;
+}
 static_assert(AccuracyPolicy<Balanced> && AccuracyPolicy<Compatible3dgsFloor>);
+static_assert(!AccuracyPolicy<BlendOrder>);
 
 } // namespace rye

@@ -3,6 +3,9 @@
 /// and, on duals, the forward derivative. Decisions are taken on values.
 #pragma once
 
+#include <algorithm>
+#include <vector>
+
 #include <rye/splat/raster.hpp>
 
 namespace rye {
@@ -27,8 +30,22 @@ T walk_pixel(const Scene<T>& scene, const A& accuracy, Index tile, int x, int y,
     const R stop = static_cast<R>(accuracy.stop);
     const T px = T(static_cast<R>(x) + R(0.5)) - scene.cx;
     const T py = T(static_cast<R>(y) + R(0.5)) - scene.cy;
+    const Index begin = scene.begin(tile), end = scene.end(tile);
+    [[maybe_unused]] std::vector<std::pair<R, Index>> by_peak;
+    if constexpr (A::order == BlendOrder::by_peak) {
+        for (Index k = begin; k < end; ++k)
+            by_peak.push_back({scene.trace.peaks[scene.member_of(k)].at(
+                                   static_cast<R>(value_of(px)), static_cast<R>(value_of(py))),
+                               k});
+        // Ties stay in the order of centres.
+        std::stable_sort(by_peak.begin(), by_peak.end(),
+                         [](const auto& a, const auto& b) { return a.first < b.first; });
+    }
     T transmittance = T(1);
-    for (Index k = scene.begin(tile), end = scene.end(tile); k < end; ++k) {
+    for (Index n = begin; n < end; ++n) {
+        Index k = n;
+        if constexpr (A::order == BlendOrder::by_peak)
+            k = by_peak[static_cast<std::size_t>(n - begin)].second;
         const Member<T>& m = scene.member(k);
         if (y < m.rows.begin || y >= m.rows.end) continue;
         const Splat<T>& s = m.splat;

@@ -2,8 +2,11 @@
 /// rye/splat/oracle.hpp: the truth that accuracy policies are measured against: every Gaussian at
 /// every pixel in double, with no cut-off, clamp or stop, written from the covariances themselves
 /// and sharing no formula with the rasterizer. The ellipses, whose entries cancel for needles, are
-/// in long double. Slow by intent.
-/// Source: Zwicker et al., "EWA Splatting", 2002, eq. 26-35.
+/// in long double. Slow by intent. There are two truths: of the same model as the rasterizer's,
+/// which leaves only numbers to differ; and the physical one, of rays through the Gaussians in
+/// space, in the order in which each ray meets them.
+/// Source: Zwicker et al., "EWA Splatting", 2002, eq. 26-35; Keselman and Hebert, "Approximate
+/// Differentiable Rendering with Algebraic Surfaces", 2022, for the peak along a ray.
 #pragma once
 
 #include <algorithm>
@@ -15,6 +18,7 @@
 #include <rye/gaussian/gaussians.hpp>
 #include <rye/geometry/camera.hpp>
 #include <rye/math/rotation.hpp>
+#include <rye/splat/accuracy.hpp>
 
 namespace rye {
 
@@ -22,7 +26,15 @@ namespace rye {
 struct OracleModel {
     double dilation = 0.3;         ///< [px^2]
     double frustum_margin = 0.3;   ///< [half-images]
+    BlendOrder order = BlendOrder::by_centre;
+    /// alpha from the whitened distance of the pixel's ray to the mean, before the camera, instead
+    /// of from the ellipse on the screen; without dilation or margin.
+    bool rays = false;
 };
+
+/// The physical truth.
+inline constexpr OracleModel physical_model{
+    .dilation = 0, .order = BlendOrder::by_peak, .rays = true};
 
 struct OracleImages {
     Image<double> feature, alpha, depth;
@@ -47,6 +59,58 @@ struct OracleEllipse {
     Index index;
     R u, v, z, a, b, c;        ///< centre [px], depth, inverse covariance [a b; b c]
     bool in_front;
+};
+
+/// A Gaussian as a ray from the camera sees it: whitened by S^-1 R', S no less than 1e-9.
+struct OracleSolid {
+    Mat3<double> whiten;       ///< of a ray's direction in the camera's frame
+    Vec3<double> mean;         ///< whitened
+
+    struct Meeting {
+        double depth, form;    ///< of the peak; the squared distance there
+    };
+    /// The ray through (d[0], d[1]) at depth 1.
+    Meeting meet(const Vec3<double>& d) const {
+        const Vec3<double> w(whiten * d), miss(cross(mean, w));
+        const double square = w.squaredNorm();
+        return {dot(mean, w) / square, miss.squaredNorm() / square};
+    }
+};
+
+inline OracleSolid oracle_solid(const Gaussians<double>& g, const Pinhole<double>& camera,
+                                Index i) {
+    const Vec4<double> q = g.rotation.col(i);
+    const double n = q.norm();
+    const Mat3<double> axes =
+        n > 0 ? quat_matrix(Vec4<double>(q / n)) : Mat3<double>(Mat3<double>::Identity());
+    const Mat3<double> r(camera.camera_from_world.rotation * axes);
+    const Vec3<double> inverse = g.scale.col(i).cwiseMax(1e-9).cwiseInverse();
+    const Mat3<double> whiten(inverse.asDiagonal() * r.transpose());
+    return {whiten, Vec3<double>(whiten * camera.camera_from_world.apply(g.mean.col(i)))};
+}
+
+/// The Gaussians before the camera, and, of models that ask for rays, what a ray sees of them.
+struct OracleScene {
+    const Gaussians<double>& g;
+    const Pinhole<double>& camera;
+    OracleModel model;
+    std::vector<OracleEllipse<long double>> ellipses;
+    std::vector<OracleSolid> solids;
+
+    OracleScene(const Gaussians<double>&, const Pinhole<double>&,
+                const std::vector<std::uint32_t>& order, const OracleModel&);
+
+    /// What adds to a pixel: ellipse k, off its centre by (dx, dy) [px].
+    template <Real T>
+    struct Hit {
+        std::size_t k;
+        long double dx, dy;
+        T bell, alpha, depth;
+        double peak;
+    };
+    /// The hits of a pixel, near to far.
+    template <Real T>
+    void pixel(int x, int y, std::vector<Hit<T>>& hits) const;
 };
 
 /// Of a mean, a quaternion of any norm and three scales.
@@ -100,29 +164,64 @@ inline std::vector<OracleEllipse<long double>> oracle_ellipses(
     return ellipses;
 }
 
+inline OracleScene::OracleScene(const Gaussians<double>& gaussians, const Pinhole<double>& lens,
+                                const std::vector<std::uint32_t>& order, const OracleModel& m)
+    : g(gaussians), camera(lens), model(m), ellipses(oracle_ellipses(g, camera, order, m)) {
+    if (model.rays || model.order == BlendOrder::by_peak)
+        for (const auto& e : ellipses) solids.push_back(oracle_solid(g, camera, e.index));
+}
+
+template <Real T>
+void OracleScene::pixel(int x, int y, std::vector<Hit<T>>& hits) const {
+    using R = long double;
+    hits.clear();
+    const Vec3<double> ray((x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy,
+                           1.0);
+    for (std::size_t k = 0; k < ellipses.size(); ++k) {
+        const OracleEllipse<R>& e = ellipses[k];
+        const R dx = x + R(0.5) - e.u, dy = y + R(0.5) - e.v;
+        R form = e.a * dx * dx + 2 * e.b * dx * dy + e.c * dy * dy;
+        T depth = static_cast<T>(e.z);
+        double peak = 0;
+        if (!model.rays && form > 1500) continue;      // exp of it is 0 in double
+        if (!solids.empty()) {
+            const OracleSolid::Meeting m = solids[k].meet(ray);
+            peak = m.depth;
+            if (model.rays) {
+                if (!(m.depth > 0) || m.form > 1500) continue;
+                form = m.form;
+                depth = static_cast<T>(m.depth);
+            }
+        }
+        const T bell = std::exp(T(-0.5) * static_cast<T>(form));
+        hits.push_back({k, dx, dy, bell, T(g.opacity(0, e.index)) * bell, depth, peak});
+    }
+    if (model.order == BlendOrder::by_peak)
+        std::stable_sort(hits.begin(), hits.end(),
+                         [](const auto& a, const auto& b) { return a.peak < b.peak; });
+}
+
 /// T is the scalar of the sums: double, or long double to check the sums themselves.
 template <Real T = double>
 OracleImages oracle(const Gaussians<double>& g, const Pinhole<double>& camera,
                     const VecX<double>& background, const std::vector<std::uint32_t>& order,
                     const OracleModel& model = {}) {
-    using R = long double;
-    const auto ellipses = oracle_ellipses(g, camera, order, model);
+    const OracleScene scene(g, camera, order, model);
     const int channels = static_cast<int>(g.channels());
     OracleImages out{{camera.width, camera.height, channels},
                      {camera.width, camera.height, 1},
                      {camera.width, camera.height, 1}};
+    std::vector<OracleScene::Hit<T>> hits;
     for (int y = 0; y < camera.height; ++y)
         for (int x = 0; x < camera.width; ++x) {
             T t = 1, depth = 0;
             VecX<T> feature = VecX<T>::Zero(channels);
-            for (const OracleEllipse<R>& e : ellipses) {
-                const R dx = x + R(0.5) - e.u, dy = y + R(0.5) - e.v;
-                const R form = e.a * dx * dx + 2 * e.b * dx * dy + e.c * dy * dy;
-                if (form > 1500) continue;             // exp of it is 0 in double
-                const T alpha = T(g.opacity(0, e.index)) * std::exp(T(-0.5) * static_cast<T>(form));
-                feature += t * alpha * g.feature.col(e.index).cast<T>();
-                depth += t * alpha * static_cast<T>(e.z);
-                t *= 1 - alpha;
+            scene.pixel(x, y, hits);
+            for (const auto& h : hits) {
+                const Index i = scene.ellipses[h.k].index;
+                feature += t * h.alpha * g.feature.col(i).template cast<T>();
+                depth += t * h.alpha * h.depth;
+                t *= 1 - h.alpha;
             }
             feature += t * background.cast<T>();
             out.feature.at(x, y) = feature.template cast<double>();

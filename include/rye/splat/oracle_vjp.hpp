@@ -8,6 +8,7 @@
 #include <array>
 
 #include <rye/autodiff/dual.hpp>
+#include <rye/core/error.hpp>
 #include <rye/splat/oracle.hpp>
 
 namespace rye {
@@ -27,49 +28,43 @@ struct EllipseCotangent {
 };
 
 /// One pixel: every alpha near to far, then the recursion far to near.
-inline void oracle_pixel_vjp(const Gaussians<double>& g,
-                             const std::vector<OracleEllipse<long double>>& ellipses,
-                             const VecX<double>& background, const OracleCotangent& w, double px,
-                             double py, Index p, std::vector<EllipseCotangent>& sums,
-                             Columns<double>& g_feature) {
-    struct Hit {
-        std::size_t k;
-        double dx, dy, bell, alpha, before;
-    };
-    std::vector<Hit> hits;
+inline void oracle_pixel_vjp(const OracleScene& scene, const VecX<double>& background,
+                             const OracleCotangent& w, int x, int y,
+                             std::vector<EllipseCotangent>& sums, Columns<double>& g_feature) {
+    std::vector<OracleScene::Hit<double>> hits;
+    scene.pixel(x, y, hits);
+    std::vector<double> before;                        // transmittance in front of each hit
     double t = 1;
-    for (std::size_t k = 0; k < ellipses.size(); ++k) {
-        const OracleEllipse<long double>& e = ellipses[k];
-        const long double dx = px - e.u, dy = py - e.v;
-        const long double form = e.a * dx * dx + 2 * e.b * dx * dy + e.c * dy * dy;
-        if (form > 1500) continue;                     // exp of it is 0 in double
-        const double bell = std::exp(-0.5 * static_cast<double>(form));
-        const double alpha = g.opacity(0, e.index) * bell;
-        hits.push_back({k, static_cast<double>(dx), static_cast<double>(dy), bell, alpha, t});
-        t *= 1 - alpha;
+    for (const auto& h : hits) {
+        before.push_back(t);
+        t *= 1 - h.alpha;
     }
+    const Index p = Index(y) * scene.camera.width + x;
     const VecX<double> wp = w.feature.col(p);
     double behind = wp.dot(background);
     const double extra = w.alpha.size() > 0 ? w.alpha(0, p) : 0.0;
     double behind_alpha = 0;                           // of alpha, composited likewise
     for (auto h = hits.rbegin(); h != hits.rend(); ++h) {
-        const OracleEllipse<long double>& e = ellipses[h->k];
-        const double mine = wp.dot(g.feature.col(e.index));
+        const OracleEllipse<long double>& e = scene.ellipses[h->k];
+        const double mine = wp.dot(scene.g.feature.col(e.index));
         const double more = mine - behind + extra * (1 - behind_alpha);
-        g_feature.col(e.index) += h->before * h->alpha * wp;
+        t = before.back();
+        before.pop_back();
+        g_feature.col(e.index) += t * h->alpha * wp;
         behind += h->alpha * (mine - behind);
         behind_alpha += h->alpha * (1 - behind_alpha);
-        const double g_alpha = h->before * more;
+        const double g_alpha = t * more;
         EllipseCotangent& s = sums[h->k];
         s.opacity += g_alpha * h->bell;
         const double g_form = -0.5 * g_alpha * h->alpha;
         const double a = static_cast<double>(e.a), b = static_cast<double>(e.b),
                      c = static_cast<double>(e.c);
-        s.part[0] -= g_form * 2 * (a * h->dx + b * h->dy);
-        s.part[1] -= g_form * 2 * (b * h->dx + c * h->dy);
-        s.part[2] += g_form * h->dx * h->dx;
-        s.part[3] += g_form * 2 * h->dx * h->dy;
-        s.part[4] += g_form * h->dy * h->dy;
+        const double dx = static_cast<double>(h->dx), dy = static_cast<double>(h->dy);
+        s.part[0] -= g_form * 2 * (a * dx + b * dy);
+        s.part[1] -= g_form * 2 * (b * dx + c * dy);
+        s.part[2] += g_form * dx * dx;
+        s.part[3] += g_form * 2 * dx * dy;
+        s.part[4] += g_form * dy * dy;
     }
 }
 
@@ -81,13 +76,14 @@ inline Gaussians<double> oracle_vjp(const Gaussians<double>& g, const Pinhole<do
                                     const std::vector<std::uint32_t>& order,
                                     const OracleCotangent& w, const OracleModel& model = {}) {
     using D = Dual<long double, 10>;
-    const auto ellipses = oracle_ellipses(g, camera, order, model);
+    require(!model.rays, "oracle_vjp", "got a model of rays, expected one of ellipses");
+    const OracleScene scene(g, camera, order, model);
+    const auto& ellipses = scene.ellipses;
     std::vector<detail::EllipseCotangent> sums(ellipses.size());
     Gaussians<double> out = zeros_like(g);
     for (int y = 0; y < camera.height; ++y)
         for (int x = 0; x < camera.width; ++x)
-            detail::oracle_pixel_vjp(g, ellipses, background, w, x + 0.5, y + 0.5,
-                                     Index(y) * camera.width + x, sums, out.feature);
+            detail::oracle_pixel_vjp(scene, background, w, x, y, sums, out.feature);
     const Pinhole<D> lens = camera.cast<long double>().cast<D>();
     for (std::size_t k = 0; k < ellipses.size(); ++k) {
         const Index i = ellipses[k].index;

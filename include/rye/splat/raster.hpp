@@ -8,6 +8,7 @@
 
 #include <rye/gaussian/gaussians.hpp>
 #include <rye/splat/falloff.hpp>
+#include <rye/splat/ray_peak.hpp>
 #include <rye/splat/tiles.hpp>
 #include <rye/splat/workspaces.hpp>
 
@@ -29,6 +30,7 @@ template <class T>
 struct RasterTrace {
     std::vector<Member<T>> members;      ///< visible Gaussians, as `lists` numbers them
     std::vector<std::uint32_t> member;   ///< of each index: its member, or no_member
+    std::vector<RayPeak<real_t<T>>> peaks; ///< by member, if they are the order; else empty
     TileLists lists;
     std::vector<Index> used;             ///< of each tile: entries read before all pixels were full
     Index non_finite = 0;                ///< Gaussians left out for a NaN, an infinity or a zero
@@ -105,6 +107,8 @@ struct RasterScratch {
     std::vector<std::uint32_t> order;    ///< members, near to far
     std::vector<std::uint32_t> homes;    ///< members by tile: counts, then cursors
     SortBuffer<Key> sort;
+    std::vector<std::uint64_t> fine_keys; ///< as keys, of policies that ask for more bits than T's
+    SortBuffer<std::uint64_t> fine_sort;
 
     /// Makes room for n Gaussians.
     void shape(Index n) {
@@ -128,9 +132,10 @@ struct Scene {
     T cx, cy;                            ///< principal point [px]
     int width, height;                   ///< [px]
 
-    const Member<T>& member(Index entry) const {
-        return trace.members[trace.lists.entry[static_cast<std::size_t>(entry)].member];
+    std::size_t member_of(Index entry) const {
+        return trace.lists.entry[static_cast<std::size_t>(entry)].member;
     }
+    const Member<T>& member(Index entry) const { return trace.members[member_of(entry)]; }
     const Splat<T>& splat(Index entry) const { return member(entry).splat; }
     const T* feature_of(Index entry) const {
         return feature.data() + static_cast<Index>(member(entry).source) * feature.rows();

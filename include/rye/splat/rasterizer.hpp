@@ -45,7 +45,7 @@ struct Rasterizer {
         RasterScratch<T>& s = scratch != nullptr ? *scratch : own;
         check(g, camera, background);
         project_into(g, camera, s);
-        arrange<B>(camera, accuracy, s, out.trace);
+        arrange<B>(g, camera, accuracy, s, out.trace);
         shape_image(out.feature, camera, g.channels());
         shape_image(out.alpha, camera, 1);
         shape_image(out.depth, camera, 1);

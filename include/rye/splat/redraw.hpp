@@ -27,6 +27,9 @@ struct RedrawWork {
 
 template <Backend B, AccuracyPolicy A, Real T>
 class Redraw {
+    static_assert(A::order == BlendOrder::by_centre && A::depth_bits <= 8 * int(sizeof(T)),
+                  "Redraw keeps lists by the centres' depths in the Gaussians' own numbers");
+
   public:
     explicit Redraw(const Rasterizer<B, A>& rasterizer = {}) : rasterizer_(rasterizer) {}
 
@@ -76,8 +79,7 @@ class Redraw {
         project(g, changed);
         for (std::size_t k = 0; k < changed.size(); ++k)
             if (part_scratch_.state[k] == Candidacy::visible)
-                each_tile(part_scratch_, static_cast<Index>(k),
-                          [&](std::size_t t) { ++tiles_[t].entered; });
+                each_tile(part_scratch_, k, [&](std::size_t t) { ++tiles_[t].entered; });
         if constexpr (LaneBackend<B, T>) find_strips(changed);
         for (std::size_t k = 0; k < changed.size(); ++k) enter(changed[k], k);
         sort_fresh(changed);
@@ -122,13 +124,13 @@ class Redraw {
                           "expected the same; draw the whole picture first");
     }
 
-    /// f(tile) of every tile that a visible Gaussian reaches.
+    /// f(tile) of every tile that visible candidate k reaches.
     template <class F>
-    void each_tile(const RasterScratch<T>& from, Index i, const F& f) const {
+    void each_tile(const RasterScratch<T>& scratch, std::size_t k, const F& f) const {
         const Index columns = raster_.trace.lists.columns;
         each_tile_row<A::support, T>(
-            camera_.width, camera_.height, from.candidates[at(i)].rows,
-            [&]() -> const Footprint<T>& { return from.footprints[at(i)]; },
+            camera_.width, camera_.height, scratch.candidates[k].rows,
+            [&]() -> const Footprint<T>& { return scratch.footprints[k]; },
             [&](const TileRowSpan& s) {
                 for (int x = s.begin; x < s.end; ++x) f(at(s.row * columns + x));
             });
@@ -138,7 +140,7 @@ class Redraw {
     void leave(Index i) {
         if (!visible(i)) return;
         moved_[member(i)] = 1;
-        each_tile(scratch_, i, [&](std::size_t t) { ++tiles_[t].left; });
+        each_tile(scratch_, at(i), [&](std::size_t t) { ++tiles_[t].left; });
     }
 
     /// Gathers what changed and projects it.
@@ -177,16 +179,15 @@ class Redraw {
         for (std::size_t e = 0; e < lists.entry.size(); ++e)
             lists.entry[e] = {static_cast<std::uint32_t>(e), 0};
         cursor_.assign(lists.begin.begin(), lists.begin.end() - 1);
-        const auto deal = [&](const RasterScratch<T>& from, Index i) {
-            each_tile(from, i, [&](std::size_t t) {
+        const auto deal = [&](const RasterScratch<T>& from, std::size_t k) {
+            each_tile(from, k, [&](std::size_t t) {
                 if (tiles_[t].mask != TileChange::whole_tile)
-                    few_.members[at(cursor_[t]++)] = from.candidates[at(i)];
+                    few_.members[at(cursor_[t]++)] = from.candidates[k];
             });
         };
         for (std::size_t k = 0; k < changed.size(); ++k) {
-            if (visible(changed[k])) deal(scratch_, changed[k]);
-            if (part_scratch_.state[k] == Candidacy::visible)
-                deal(part_scratch_, static_cast<Index>(k));
+            if (visible(changed[k])) deal(scratch_, at(changed[k]));
+            if (part_scratch_.state[k] == Candidacy::visible) deal(part_scratch_, k);
         }
         const Scene<T> scene = rasterizer_.scene_of(part_, camera_, background_, few_);
         const auto canvas = scratch_.workspaces.template lend<LaneCanvas<V>>();
@@ -218,20 +219,22 @@ class Redraw {
                         "none");
         scratch_.state[at(i)] = now;
         if (now != Candidacy::visible) return;
-        Member<T>& candidate = scratch_.candidates[at(i)];
-        candidate = part_scratch_.candidates[k];
-        candidate.source = static_cast<std::uint32_t>(i);
+        Member<T>& drawn = scratch_.candidates[at(i)];
+        drawn = part_scratch_.candidates[k];
+        drawn.source = static_cast<std::uint32_t>(i);
         scratch_.footprints[at(i)] = part_scratch_.footprints[k];
+        const Key key = depth_key(drawn.splat.depth);
         if (member(i) == no_member) {
             trace.member[at(i)] = static_cast<std::uint32_t>(trace.members.size());
-            trace.members.emplace_back();
-            key_.emplace_back();
-            moved_.emplace_back();
+            trace.members.push_back(drawn);
+            key_.push_back(key);
+            moved_.push_back(1);
+        } else {
+            const std::uint32_t m = member(i);
+            trace.members[m] = drawn;
+            key_[m] = key;
+            moved_[m] = 1;
         }
-        const std::uint32_t m = member(i);
-        trace.members[m] = candidate;
-        key_[m] = depth_key(candidate.splat.depth);
-        moved_[m] = 1;
     }
 
     /// Deals what entered out into its tiles, near to far, ties by index.
@@ -254,7 +257,7 @@ class Redraw {
         fresh_.resize(sum);
         for (const std::uint32_t k : order) {
             const std::uint32_t m = member(changed[k]);
-            each_tile(part_scratch_, static_cast<Index>(k),
+            each_tile(scratch_, at(changed[k]),
                       [&](std::size_t t) { fresh_[tiles_[t].fresh++] = {m, 0}; });
         }
         for (TileChange& t : tiles_) t.fresh -= t.entered;
@@ -292,21 +295,20 @@ class Redraw {
     void merge_list(std::size_t t) {
         TileChange& change = tiles_[t];
         const TileLists& old = raster_.trace.lists;
-        const TileLists::Entry* const from = old.entry.data() + old.begin[t];
-        const TileLists::Entry* const end = old.entry.data() + old.begin[t + 1];
-        TileLists::Entry* const to = next_.entry.data() + next_.begin[t];
+        using Entry = TileLists::Entry;
+        const Entry* const from = old.entry.data() + old.begin[t];
+        const Entry* const end = old.entry.data() + old.begin[t + 1];
+        Entry* const to = next_.entry.data() + next_.begin[t];
         if (!change.changes()) {
             std::copy(from, end, to);
             return;
         }
         const Index before = end - from;
-        const TileLists::Entry* const fresh = fresh_.data() + change.fresh;
+        const Entry* const fresh = fresh_.data() + change.fresh;
         const Index same = merge_entries(
             from, end, fresh, fresh + change.entered, to,
-            [&](const TileLists::Entry& e) { return moved_[e.member] != 0; },
-            [&](const TileLists::Entry& x, const TileLists::Entry& y) {
-                return nearer(x.member, y.member);
-            });
+            [&](const Entry& e) { return moved_[e.member] != 0; },
+            [&](const Entry& x, const Entry& y) { return nearer(x.member, y.member); });
         // Fewer were read than there are: all pixels were full, by entries that are the same.
         const Index used = raster_.trace.used[t];
         change.redraw = !(used < before && used <= same);
@@ -368,7 +370,7 @@ class Redraw {
     std::vector<Key> key_;             ///< depth of each member
     std::vector<std::uint8_t> moved_;  ///< of each member, during a redraw
     std::vector<TileChange> tiles_;
-    std::vector<TileLists::Entry> fresh_;  ///< what enters tiles, tile by tile
+    std::vector<TileLists::Entry> fresh_;  ///< that enter tiles, tile by tile
     TileLists next_;
     RasterTrace<T> few_;               ///< the changes of tiles with few of them
     std::vector<Index> cursor_;

@@ -81,7 +81,7 @@ struct TileSample {
         for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
             project_range(g, camera, accuracy, b, e, scratch);
         });
-        arrange<B>(camera, accuracy, scratch, trace);
+        arrange<B>(g, camera, accuracy, scratch, trace);
     }
     Scene<T> scene() const {
         return {trace, g.feature, background, camera.cx, camera.cy, camera.width, camera.height};

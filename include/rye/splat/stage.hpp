@@ -91,16 +91,17 @@ void settle(Index i, const Span& rows, const Pinhole<T>& camera, RasterScratch<T
 template <class A, class T>
 void project_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy, Index b,
                    Index e, RasterScratch<T>& scratch) {
-    const Lens<T> lens(camera, accuracy.frustum_margin, accuracy.dilation);
+    const Lens<T> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
+    const bool look = accuracy.non_finite != NonFinite::trust;
     for (Index i = b; i < e; ++i) {
         const auto at = static_cast<std::size_t>(i);
         scratch.state[at] = Candidacy::non_finite;
-        if (!usable(g, i)) continue;
-        const ScreenGaussian<T> s = project(load_shape(g, i), lens);
+        if (look && !usable(g, i)) continue;
+        const Projected<T, A::antialias> s = project<A::antialias>(load_shape(g, i), lens);
         scratch.state[at] = Candidacy::hidden;
         if (!s.drawable || !(g.opacity(0, i) > T(0))) continue;
         Member<T>& c = scratch.candidates[at];
-        c.splat = make_splat(s, g.opacity(0, i), accuracy);
+        c.splat = make_splat(s, kept_opacity(s, g.opacity(0, i)), accuracy);
         if (!(c.splat.log2_opacity > c.splat.cut)) continue;
         scratch.footprints[at] = footprint_of<A>(s, c.splat, camera.cx, camera.cy);
         const Cover<A::support, real_t<T>> cover{scratch.footprints[at], camera.width,
@@ -115,13 +116,33 @@ void project_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& acc
     }
 }
 
+template <bool fine, class T>
+auto& depth_keys(RasterScratch<T>& scratch) {
+    if constexpr (fine)
+        return scratch.fine_keys;
+    else
+        return scratch.keys;
+}
+
+/// The depth of Gaussian i in double, whatever it is given in.
+template <class T>
+double fine_depth(const Gaussians<T>& g, const Pinhole<T>& camera, Index i) {
+    const auto& pose = camera.camera_from_world;
+    double z = 0;
+    for (int k = 0; k < 3; ++k)
+        z += static_cast<double>(value_of(pose.rotation(2, k))) *
+             static_cast<double>(value_of(g.mean(k, i)));
+    return z + static_cast<double>(value_of(pose.translation[2]));
+}
+
 /// Visible candidates become members in the order of the tiles that they lie in, and entries of
 /// tiles in the order of depth, ties by index.
 template <Backend B, class A, class T>
-void arrange(const Pinhole<T>& camera, const A& accuracy, RasterScratch<T>& scratch,
-             RasterTrace<T>& trace) {
+void arrange(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy,
+             RasterScratch<T>& scratch, RasterTrace<T>& trace) {
     using R = real_t<T>;
     const Index tiles = Index(tiles_across(camera.width)) * tiles_across(camera.height);
+    constexpr bool fine = A::depth_bits > 8 * static_cast<int>(sizeof(R));
     trace.non_finite = 0;
     scratch.visible.clear();
     scratch.homes.assign(static_cast<std::size_t>(tiles) + 1, 0);
@@ -137,18 +158,28 @@ void arrange(const Pinhole<T>& camera, const A& accuracy, RasterScratch<T>& scra
 
     const std::size_t n = scratch.visible.size();
     for (std::size_t t = 1; t < scratch.homes.size(); ++t) scratch.homes[t] += scratch.homes[t - 1];
-    scratch.keys.resize(n);
+    auto& keys = depth_keys<fine>(scratch);
+    keys.resize(n);
     scratch.order.resize(n);
     trace.members.resize(n);
     trace.member.assign(scratch.candidates.size(), no_member);
+    trace.peaks.resize(A::order == BlendOrder::by_peak ? n : 0);
     for (std::size_t v = 0; v < n; ++v) {
         const std::uint32_t i = scratch.visible[v], m = scratch.homes[scratch.home[i]]++;
-        trace.members[m] = scratch.candidates[i];
-        trace.member[i] = m;
-        scratch.keys[v] = depth_key(static_cast<R>(value_of(scratch.candidates[i].splat.depth)));
+        const Member<T>& c = scratch.candidates[i];
+        if constexpr (fine)
+            keys[v] = depth_key(fine_depth(g, camera, i));
+        else
+            keys[v] = depth_key(static_cast<R>(value_of(c.splat.depth)));
+        if constexpr (A::order == BlendOrder::by_peak) trace.peaks[m] = ray_peak(g, camera, i);
         scratch.order[v] = m;
+        trace.members[m] = c;
+        trace.member[i] = m;
     }
-    sort_by_key(scratch.keys, scratch.order, scratch.sort);
+    if constexpr (fine)
+        sort_by_key(keys, scratch.order, scratch.fine_sort);
+    else
+        sort_by_key(keys, scratch.order, scratch.sort);
     trace.lists.template build<typename B::threads, A::support, R>(
         camera.width, camera.height,
         [&](Index m) -> const TileRows& { return trace.members[static_cast<std::size_t>(m)].rows; },
@@ -181,7 +212,7 @@ template <class A, class T>
 void pull_back_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy,
                      const RasterTrace<T>& trace, const Slots<T>& slots, Index b, Index e,
                      Gaussians<T>& out) {
-    const Lens<T> lens(camera, accuracy.frustum_margin, accuracy.dilation);
+    const Lens<T> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
     std::vector<T> sum(static_cast<std::size_t>(slots.stride));
     for (Index i = b; i < e; ++i) {
         const std::uint32_t m = trace.member[static_cast<std::size_t>(i)];
@@ -193,8 +224,9 @@ void pull_back_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& a
         for (Index k = 0; k < g.channels(); ++k)
             out.feature(k, i) = sum[static_cast<std::size_t>(Slots<T>::head + k)];
         const SplatCotangent<T> s{sum[0], sum[1], sum[2], sum[3], sum[4], sum[5], sum[6]};
-        const ScreenCotangent<T> screen = screen_cotangent(trace.members[m].splat, s);
-        store_shape(project_vjp(load_shape(g, i), lens, screen), out, i);
+        store_shape(project_vjp<A::antialias>(load_shape(g, i), lens,
+                                              screen_cotangent(trace.members[m].splat, s), s.alpha),
+                    out, i);
         out.opacity(0, i) = s.alpha / g.opacity(0, i);
     }
 }

@@ -256,6 +256,7 @@ struct TileLists {
     struct Entry {
         std::uint32_t member;
         std::uint32_t slot;               ///< its place among its member's
+        bool operator==(const Entry&) const = default;
     };
     int columns = 0, rows = 0;            ///< of tiles
     std::vector<Index> begin;             ///< tile t holds entries [begin[t], begin[t + 1])

@@ -11,9 +11,10 @@
 namespace rye {
 
 /// Adds the gradients of one tile's pixels to the slots of its entries, in the order of pixels.
-template <class A, class T>
+/// Slots may be of a wider type S than what is added to them.
+template <class A, class T, class S>
 void blend_tile_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotangent<T>& g,
-                    Index tile, RasterScratch<T>& scratch, std::vector<Hit<T>>& hits) {
+                    Index tile, RasterScratch<S>& scratch, std::vector<Hit<T>>& hits) {
     const Index channels = scene.feature.rows();
     for (int y = scene.top(tile); y < scene.bottom(tile); ++y)
         for (int x = scene.left(tile); x < scene.right(tile); ++x) {
@@ -33,11 +34,11 @@ void blend_tile_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotang
             for (auto h = hits.rbegin(); h != hits.rend(); ++h) {
                 const T* feature = scene.feature_of(h->entry);
                 const Index at = scene.slot(h->entry);
-                T* const slot = scratch.slots[at];
-                T* const g_feature = slot + Slots<T>::head;
+                S* const slot = scratch.slots[at];
+                S* const g_feature = slot + Slots<S>::head;
                 if (!scratch.slots.is_touched(at)) {
                     scratch.slots.touched[static_cast<std::size_t>(at)] = 1;
-                    std::fill_n(slot, scratch.slots.stride, T(0));
+                    std::fill_n(slot, scratch.slots.stride, S(0));
                 }
                 const T weight = h->transmittance * h->alpha;
                 for (Index c = 0; c < channels; ++c) g_feature[c] += weight * g_pixel[c];

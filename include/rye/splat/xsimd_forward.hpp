@@ -4,6 +4,7 @@
 /// each strip, the weights of its visits times their entries' features, with channels in the lanes.
 #pragma once
 
+#include <rye/splat/forward.hpp>
 #include <rye/splat/xsimd_group.hpp>
 
 namespace rye {
@@ -130,6 +131,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
                       LaneCanvas<V>& canvas) {
     using T = typename V::value_type;
     using Tile = Strips<V>;
+    if constexpr (A::order == BlendOrder::by_peak) return blend_tile(scene, accuracy, tile, out);
     constexpr int lanes = Tile::lanes, most = LaneGroup<V>::most;
     constexpr Index state_stride = (2 + C) * lanes;
     const Index channels = C > 0 ? C : scene.feature.rows();
@@ -171,7 +173,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
         const Index p = scene.pixel(scene.left(tile), scene.top(tile) + y);
         T* to = out.feature.pixels.data() + p * channels;
         for (int x = 0; x < strips.width; ++x) {
-            const Index strip = static_cast<Index>(Tile::strip(x, y)), lane = x % lanes;
+            const int strip = Tile::strip(x, y), lane = x % lanes;
             if (!drawn.has(strip)) {
                 to += channels;
                 continue;

@@ -70,13 +70,15 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
                          Index e, RasterScratch<typename V::value_type>& scratch) {
     using T = typename V::value_type;
     constexpr int lanes = static_cast<int>(V::size);
-    const Lens<V> lens(Lens<T>(camera, accuracy.frustum_margin, accuracy.dilation));
+    const Lens<V> lens(Lens<T>(camera, accuracy.frustum_margin, screen_dilation(accuracy)));
     const V cx(camera.cx), cy(camera.cy), zero(T(0));
+    const bool look = accuracy.non_finite != NonFinite::trust;
     for (Index start = b; start < e; start += lanes) {
         const LaneShapes<V> in(g, [&](int lane) { return std::min(start + lane, e - 1); });
-        const ScreenGaussian<V> s = project(in.shape(), lens);
+        const Projected<V, A::antialias> s = project<A::antialias>(in.shape(), lens);
         const V o = in.opacity();
-        const Splat<V> splat = make_splat(s, V(select(o > zero, o, V(T(1)))), accuracy);
+        const Splat<V> splat = make_splat(
+            s, V(select(o > zero, kept_opacity(s, o), V(T(1)))), accuracy);
         const Footprint<V> f = footprint_of<A>(s, splat, cx, cy);
         const V usable = in.usable();
         const auto seen = s.drawable && (o > zero) && (splat.log2_opacity > splat.cut);
@@ -108,7 +110,7 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
             const auto at = static_cast<std::size_t>(i);
             const auto value = [&](int k) { return out.row[k][lane]; };
             const T* feature = g.feature.data() + i * g.channels();
-            if (!(value(16) > T(0)) || !all_finite<V>(feature, g.channels())) {
+            if (look && (!(value(16) > T(0)) || !all_finite<V>(feature, g.channels()))) {
                 scratch.state[at] = Candidacy::non_finite;
                 continue;
             }
@@ -186,7 +188,7 @@ void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
                            Gaussians<typename V::value_type>& out, LaneSums<V>& memory) {
     using T = typename V::value_type;
     constexpr int lanes = static_cast<int>(V::size);
-    const Lens<V> lens(Lens<T>(camera, accuracy.frustum_margin, accuracy.dilation));
+    const Lens<V> lens(Lens<T>(camera, accuracy.frustum_margin, screen_dilation(accuracy)));
     const Index channels = g.channels();
     T* const sum = memory.sum.reserve(slots.stride);
     std::array<Index, static_cast<std::size_t>(lanes)> index{};
@@ -226,7 +228,8 @@ void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
         splat.vy = in_slots[9];
         const SplatCotangent<V> c{in_slots[0], in_slots[1], in_slots[2], in_slots[3],
                                   in_slots[4], in_slots[5], in_slots[6]};
-        const Shape<V> d = project_vjp(in.shape(), lens, screen_cotangent(splat, c));
+        const Shape<V> d = project_vjp<A::antialias>(in.shape(), lens, screen_cotangent(splat, c),
+                                                     c.alpha);
         LaneBlock<V, 11> r;
         for (int k = 0; k < 3; ++k) r.set(k, d.mean[k]);
         for (int k = 0; k < 4; ++k) r.set(3 + k, d.rotation[k]);

@@ -4,6 +4,7 @@
 /// splat/vjp.hpp, an entry at a time over its visits, so that its sums stay in registers.
 #pragma once
 
+#include <rye/splat/vjp.hpp>
 #include <rye/splat/xsimd_group.hpp>
 
 namespace rye {
@@ -272,6 +273,10 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
     using T = typename V::value_type;
     constexpr Index most = LaneGroup<V>::most;
     if (scene.used(tile) == 0) return;
+    if constexpr (A::order == BlendOrder::by_peak) {
+        std::vector<Hit<T>> hits;
+        return blend_tile_vjp(scene, accuracy, g, tile, scratch, hits);
+    }
     const Strips<V> strips(scene, tile);
     const Index channels = scene.feature.rows();
     const Index stride = C > 0 ? C : padded_channels<V>(channels);

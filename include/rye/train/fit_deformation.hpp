@@ -22,23 +22,23 @@ struct DeformationFit {
 
 /// `frames` need drivers and landmarks only. Returns the root mean square distance of a landmark's
 /// coordinate in the last steps (as many as there are frames), canonical units.
-template <Backend B, Real T>
-double fit_deformation(GuidanceMesh<T>& mesh, const AvatarConfig& config,
+template <Backend B, Real T, EffectSet E>
+double fit_deformation(GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                        const LandmarkRoles& roles, bool landmarks_follow_gaze,
-                       const std::vector<MeshSample<T>>& frames, const DeformationFit& fit,
+                       const std::vector<MeshSample<T, E>>& frames, const DeformationFit& fit,
                        const Random& random) {
     MeshLossConfig weights;
     weights.landmark = weights.eye_offset = 0;
     weights.deform = 1.0 / fit.batch;
-    Adam<GuidanceMesh<T>> adam(mesh);
-    GuidanceMesh<T> grad = zeros_like(mesh);
-    LandmarkTrace<T> trace;
+    Adam<GuidanceMesh<T, E>> adam(mesh);
+    GuidanceMesh<T, E> grad = zeros_like(mesh);
+    LandmarkTrace<T, E> trace;
     double squares = 0, count = 0;
     for (int step = 0; step < fit.steps; ++step) {
-        GuidanceMesh<T>::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
+        GuidanceMesh<T, E>::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
         for (int i = 0; i < fit.batch; ++i) {
             const auto draw = static_cast<std::uint64_t>(step * fit.batch + i);
-            const MeshSample<T>& frame = frames[static_cast<std::size_t>(
+            const MeshSample<T, E>& frame = frames[static_cast<std::size_t>(
                 random.below(draw, static_cast<Index>(frames.size())))];
             MeshLosses<T> l;
             landmark_losses<B>(mesh, config, roles, weights, landmarks_follow_gaze, frame, trace,

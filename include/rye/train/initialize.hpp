@@ -18,12 +18,12 @@ namespace rye {
 
 /// Fits the signed distance to a sphere of radius 1 at `centre`, over points of the cube of the
 /// given half side around it. Targets beyond 1 cannot be reached through tanh; they need not be.
-template <Backend B, Real T>
-void pretrain_sphere(GuidanceMesh<T>& mesh, const AvatarConfig& config, const Vec3<T>& centre,
+template <Backend B, Real T, EffectSet E>
+void pretrain_sphere(GuidanceMesh<T, E>& mesh, const AvatarConfig& config, const Vec3<T>& centre,
                      T half_side, int steps, double rate, const Random& random) {
     constexpr Index points = 8192;
-    Adam<GuidanceMesh<T>> adam(mesh);
-    GuidanceMesh<T> grad = zeros_like(mesh);
+    Adam<GuidanceMesh<T, E>> adam(mesh);
+    GuidanceMesh<T, E> grad = zeros_like(mesh);
     for (int step = 0; step < steps; ++step) {
         const Random r = random.fork(static_cast<std::uint64_t>(step));
         Columns<T> x(3, points), target(1, points);
@@ -35,7 +35,7 @@ void pretrain_sphere(GuidanceMesh<T>& mesh, const AvatarConfig& config, const Ve
         geometry_at<B>(mesh, config, x, trace);
         Columns<T> g = Columns<T>::Zero(trace.output.rows(), points);
         g.row(0) = T(2.0 / points) * (trace.output.row(0) - target.row(0));
-        GuidanceMesh<T>::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
+        GuidanceMesh<T, E>::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
         geometry_vjp<B>(mesh, config, trace, g, grad);
         adam_step<B>(mesh, grad, adam, [&](const std::string& name) {
             return name.starts_with("geo_mlp.") ? rate : 0.0;
@@ -104,9 +104,9 @@ void leave_eyeball(const Columns<T>& eyeball, const Vec3<T>& centre, Columns<T>&
 }
 
 /// Error if the guidance mesh has no surface.
-template <Backend B, Real T>
-TwoStream<T> initialize_avatar(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
-                               const AvatarInit<T>& init, const Random& random) {
+template <Backend B, Real T, EffectSet E>
+TwoStream<T, E> initialize_avatar(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+                                  const AvatarInit<T>& init, const Random& random) {
     const NeutralSurface<T> neutral = neutral_surface<B>(mesh, config, init.grid);
     require(!neutral.empty(), "initialize_avatar",
             "the guidance mesh of stage 1 has no surface (its signed distance has one sign "
@@ -126,15 +126,19 @@ TwoStream<T> initialize_avatar(const GuidanceMesh<T>& mesh, const AvatarConfig& 
     const Columns<T> mouth = mouth_points(lips, init.mouth_points, random.fork(21));
     const Index n = surface.cols() + mouth.cols();
 
-    TwoStream<T> a;
-    FaceStream<T>& f = a.face;
+    TwoStream<T, E> a;
+    FaceStream<T, E>& f = a.face;
     f.position.resize(3, n);
     f.position << surface, mouth;
-    f.feature = Columns<T>::Zero(config.feature, n);
-    f.feature.leftCols(surface.cols()) = feature.unaryExpr([](const T& v) {
-        const T limit = T(max_initial_feature);
-        return T(std::atanh(std::clamp(v, -limit, limit)));
-    });
+    if constexpr (has_effect<E, FaceDrivers>) {
+        f.feature = Columns<T>::Zero(config.feature, n);
+        f.feature.leftCols(surface.cols()) = feature.unaryExpr([](const T& v) {
+            const T limit = T(max_initial_feature);
+            return T(std::atanh(std::clamp(v, -limit, limit)));
+        });
+        f.landmarks = mesh.landmarks;
+    }
+    if constexpr (face_rests<E>) f.rest_color = Columns<T>::Zero(config.channels, n);
     const Columns<T> d2 = mean_squared_neighbour_distance<B>(f.position);
     f.log_scale = d2.unaryExpr([](const T& v) {
         return T(0.5) * std::log(std::max(v, T(1e-7)));
@@ -142,16 +146,18 @@ TwoStream<T> initialize_avatar(const GuidanceMesh<T>& mesh, const AvatarConfig& 
     f.rotation = Columns<T>::Zero(4, n);
     f.rotation.row(0).setOnes();
     f.opacity_logit = Columns<T>::Constant(1, n, logit(init.opacity));
-    f.landmarks = mesh.landmarks;
     f.networks = mesh.networks;
-    const auto attributes = [&](int frame_inputs, const std::vector<int>& hidden, int key) {
+    [[maybe_unused]] const auto attributes = [&](int frame_inputs,
+                                                 const std::vector<int>& hidden, int key) {
         return driven_mlp<T>(config, mlp_shape(config.feature, frame_inputs, hidden, 8),
                              random.fork(static_cast<std::uint64_t>(key)));
     };
-    f.exp_attributes = attributes(config.expression, config.networks.exp_attributes, 22);
-    f.pose_attributes = attributes(config.pose_code(), config.networks.pose_attributes, 23);
+    if constexpr (has_effect<E, Expression>)
+        f.exp_attributes = attributes(config.expression, config.networks.exp_attributes, 22);
+    if constexpr (has_effect<E, PoseResidual>)
+        f.pose_attributes = attributes(config.pose_code(), config.networks.pose_attributes, 23);
 
-    EyeStream<T>& e = a.eyes;
+    EyeStream<T, E>& e = a.eyes;
     const Index per_eye = init.eyeball[0].points.cols();
     e.position.resize(3, 2 * per_eye);
     e.position << init.eyeball[0].points, init.eyeball[1].points;
@@ -174,9 +180,11 @@ TwoStream<T> initialize_avatar(const GuidanceMesh<T>& mesh, const AvatarConfig& 
     }
     e.opacity_logit = Columns<T>::Constant(1, 2 * per_eye, logit(init.eye_opacity));
     e.offset = mesh.eye_offset;
+    if constexpr (has_effect<E, Kappa>) e.kappa = Columns<T>::Zero(2, 2);
 
     a.upsampler = Upsampler<T>::init(init.upsampler, random.fork(25));
-    a.delta_pose = Columns<T>::Zero(6, std::max<Index>(init.frames, 1));
+    if constexpr (has_effect<E, ReadsHeadPose>)
+        a.delta_pose = Columns<T>::Zero(6, std::max<Index>(init.frames, 1));
     return a;
 }
 

@@ -4,8 +4,6 @@
 /// Canonical units. Source: paper eq. (12), L_def, L_lmk and L_eye.
 #pragma once
 
-#include <array>
-
 #include <rye/avatar/eye_stream.hpp>
 #include <rye/avatar/guidance_mesh.hpp>
 #include <rye/loss/mesh_terms.hpp>
@@ -23,31 +21,32 @@ struct MeshLosses {
 };
 
 /// The deformation of the neutral landmarks by expression (and by gaze where asked), for L_def.
-template <class T>
+template <class T, EffectSet E = PaperEffects>
 struct LandmarkTrace {
     GeometryTrace<T> geometry;  ///< at the landmarks: signed distance and offset
     Columns<T> shifted;         ///< after the lattice offset
     Columns<T> code;
     Columns<T> ones;            ///< influence 1 everywhere
-    Weights<T> weights;
-    WeightsTrace<T> nearest;
-    FieldTrace<T> exp;
-    std::array<FieldTrace<T>, 2> gaze;
+    [[no_unique_address]] Weights<T, E> weights;
+    [[no_unique_address]] WeightsTrace<T, E> nearest;
+    [[no_unique_address]] Slot<E, Expression, FieldTrace<T>> exp;
+    [[no_unique_address]] SkinSlot<E, FieldTrace<T>> gaze;
     Columns<T> deformed;
-    EyeOffsetTrace<T> eye_offset;
-    Columns<T> g_deformed, g_sdf, g_eye_offset;  ///< weighted cotangents
+    [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetTrace<T>> eye_offset;
+    Columns<T> g_deformed, g_sdf;  ///< weighted cotangents
+    [[no_unique_address]] Slot<E, EyeOffset, Columns<T>, 1> g_eye_offset;
 };
 
 /// Sets l.deform, l.landmark and l.eye_offset. `landmarks_follow_gaze` deforms the landmarks of
 /// L_def by the gaze fields too, weighted by lambda_gaze; GHA, which has none, deforms them by
 /// expression alone.
-template <Backend B, class T>
-void landmark_losses(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
+template <Backend B, class T, EffectSet E>
+void landmark_losses(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                      const LandmarkRoles& roles, const MeshLossConfig& weights,
-                     bool landmarks_follow_gaze, const MeshSample<T>& sample, LandmarkTrace<T>& m,
-                     MeshLosses<T>& l) {
+                     bool landmarks_follow_gaze, const MeshSample<T, E>& sample,
+                     LandmarkTrace<T, E>& m, MeshLosses<T>& l) {
     using std::tanh;
-    const FrameCode<T> code = frame_code(config, sample.drivers);
+    const FrameCode<T, E> code = frame_code(config, sample.drivers);
     geometry_at<B>(mesh, config, mesh.landmarks, m.geometry);
     const T reach = T(config.vertex_offset), gain = T(config.deform_scale);
     m.shifted = mesh.landmarks + m.geometry.output.middleRows(1, 3).unaryExpr(
@@ -55,13 +54,17 @@ void landmark_losses(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
     m.code = positional_encoding(m.shifted, config.frequencies);
     m.ones = Columns<T>::Ones(1, m.shifted.cols());
     m.deformed = m.shifted;
-    add_field<B>(mesh.networks.exp_deform, Squash::tanh, gain, m.code, m.ones, code.expression,
-                 m.deformed, m.exp);
-    if (landmarks_follow_gaze) {
+    if constexpr (has_effect<E, Expression>)
+        add_field<B>(mesh.networks.exp_deform, Squash::tanh, gain, m.code, m.ones, code.expression,
+                     m.deformed, m.exp);
+    if (landmarks_follow_gaze && has_effect<E, Periocular>) {
         m.weights = face_weights<B, T>(config, m.shifted, mesh.landmarks, roles, m.nearest);
-        for (std::size_t eye = 0; eye < 2; ++eye)
-            add_field<B>(mesh.networks.gaze_deform[eye], Squash::tanh, gain, m.code,
-                         m.weights.gaze[eye], code.gaze[eye], m.deformed, m.gaze[eye]);
+        for_eyes([&]<std::size_t eye>() {
+            if constexpr (skin_follows<E, eye>)
+                add_field<B>(of_eye<eye>(mesh.networks.gaze_deform), Squash::tanh, gain, m.code,
+                             of_eye<eye>(m.weights.gaze), of_eye<eye>(code.gaze), m.deformed,
+                             of_eye<eye>(m.gaze));
+        });
     }
     const LossTerm<T> def = deformation_term<T>(m.deformed, sample.landmarks);
     l.deform = def.value;
@@ -71,30 +74,37 @@ void landmark_losses(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
     l.landmark = lmk.value;
     m.g_sdf = T(weights.landmark) * lmk.gradient;
 
-    const Columns<T> moved = eye_offset<B, T>(mesh.eye_offset, config, code, m.eye_offset);
-    const LossTerm<T> eye = eye_offset_term<T>(moved, sample.eye_displacement);
-    l.eye_offset = eye.value;
-    m.g_eye_offset = T(weights.eye_offset) * eye.gradient;
+    if constexpr (has_effect<E, EyeOffset>) {
+        const Columns<T> moved = eye_offset<B, T>(mesh.eye_offset, config, code, m.eye_offset);
+        const LossTerm<T> eye = eye_offset_term<T>(moved, sample.eye_displacement);
+        l.eye_offset = eye.value;
+        m.g_eye_offset = T(weights.eye_offset) * eye.gradient;
+    }
 }
 
 /// Adds the gradient to `grad`.
-template <Backend B, class T>
-void landmark_losses_vjp(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
-                         bool landmarks_follow_gaze, const MeshSample<T>& sample,
-                         const LandmarkTrace<T>& m, GuidanceMesh<T>& grad) {
+template <Backend B, class T, EffectSet E>
+void landmark_losses_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+                         bool landmarks_follow_gaze, const MeshSample<T, E>& sample,
+                         const LandmarkTrace<T, E>& m, GuidanceMesh<T, E>& grad) {
     using std::tanh;
-    const FrameCode<T> code = frame_code(config, sample.drivers);
+    const FrameCode<T, E> code = frame_code(config, sample.drivers);
     const T reach = T(config.vertex_offset), gain = T(config.deform_scale);
     Columns<T> g_code = Columns<T>::Zero(m.code.rows(), m.code.cols());
     Columns<T> g_shifted = m.g_deformed;
-    field_vjp<B>(mesh.networks.exp_deform, Squash::tanh, gain, m.ones, code.expression, m.exp,
-                 m.g_deformed, {&grad.networks.exp_deform, &g_code});
-    if (landmarks_follow_gaze) {
-        Weights<T> g_w(m.shifted.cols());
-        for (std::size_t eye = 0; eye < 2; ++eye)
-            field_vjp<B>(mesh.networks.gaze_deform[eye], Squash::tanh, gain, m.weights.gaze[eye],
-                         code.gaze[eye], m.gaze[eye], m.g_deformed,
-                         {&grad.networks.gaze_deform[eye], &g_code, &g_w.gaze[eye]});
+    if constexpr (has_effect<E, Expression>)
+        field_vjp<B>(mesh.networks.exp_deform, Squash::tanh, gain, m.ones, code.expression, m.exp,
+                     m.g_deformed, {&grad.networks.exp_deform, &g_code});
+    if (landmarks_follow_gaze && has_effect<E, Periocular>) {
+        Weights<T, E> g_w(m.shifted.cols());
+        for_eyes([&]<std::size_t eye>() {
+            if constexpr (skin_follows<E, eye>)
+                field_vjp<B>(of_eye<eye>(mesh.networks.gaze_deform), Squash::tanh, gain,
+                             of_eye<eye>(m.weights.gaze), of_eye<eye>(code.gaze),
+                             of_eye<eye>(m.gaze), m.g_deformed,
+                             {&of_eye<eye>(grad.networks.gaze_deform), &g_code,
+                              &of_eye<eye>(g_w.gaze)});
+        });
         face_weights_vjp<T>(config, m.shifted, mesh.landmarks, m.nearest, g_w, g_shifted,
                             &grad.landmarks);
     }
@@ -108,9 +118,11 @@ void landmark_losses_vjp(const GuidanceMesh<T>& mesh, const AvatarConfig& config
         }));
     grad.landmarks += g_shifted + geometry_vjp<B>(mesh, config, m.geometry, g_output, grad);
 
-    VecX<T> g_pose_code = VecX<T>::Zero(code.pose.size());
-    eye_offset_vjp<B, T>(mesh.eye_offset, config, m.eye_offset, m.g_eye_offset, grad.eye_offset,
-                         g_pose_code);
+    if constexpr (has_effect<E, EyeOffset>) {
+        VecX<T> g_pose_code = VecX<T>::Zero(code.pose.size());
+        eye_offset_vjp<B, T>(mesh.eye_offset, config, m.eye_offset, m.g_eye_offset,
+                             grad.eye_offset, g_pose_code);
+    }
 }
 
 } // namespace rye

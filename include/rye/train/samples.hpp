@@ -19,18 +19,18 @@ struct MeshView {
 };
 
 /// One frame and some of its views.
-template <class T>
+template <class T, EffectSet E = PaperEffects>
 struct MeshSample {
-    Drivers<T> drivers;
+    [[no_unique_address]] Drivers<T, E> drivers;
     Columns<T> landmarks;         ///< of this frame, canonical, 3 x L
     Columns<T> eye_displacement;  ///< of the eyeball centres since neutral, canonical, 3 x 2
     std::vector<MeshView<T>> views;
 };
 
 /// One frame seen by one camera. "Small" is the size of the feature render.
-template <class T>
+template <class T, EffectSet E = PaperEffects>
 struct AvatarSample {
-    Drivers<T> drivers;           ///< tracked; the frame's delta pose is added to it
+    [[no_unique_address]] Drivers<T, E> drivers; ///< tracked; the frame's delta pose is added to it
     Index frame = 0;              ///< column of delta_pose; -1: none
     Pinhole<T> camera;            ///< of the small image
     Image<T> truth, truth_small;  ///< RGB on the final background

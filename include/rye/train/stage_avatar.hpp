@@ -44,10 +44,11 @@ struct AvatarPictures {
     bool eyes_from_eye_terms = false; ///< of the weights
 };
 
-template <class T>
-Drivers<T> corrected_drivers(const TwoStream<T>& avatar, const AvatarSample<T>& sample) {
-    Drivers<T> drivers = sample.drivers;
-    if (sample.frame >= 0) drivers.pose += avatar.delta_pose.col(sample.frame);
+template <class T, EffectSet E>
+Drivers<T, E> corrected_drivers(const TwoStream<T, E>& avatar, const AvatarSample<T, E>& sample) {
+    Drivers<T, E> drivers = sample.drivers;
+    if constexpr (has_effect<E, ReadsHeadPose>)
+        if (sample.frame >= 0) drivers.pose += avatar.delta_pose.col(sample.frame);
     return drivers;
 }
 
@@ -102,16 +103,16 @@ double eye_gain(EyeAverage average, const Columns<T>& mask) {
 } // namespace detail
 
 /// What the face alone should show outside the eyes: the picture, over the blank's background.
-template <class T>
-Columns<T> face_alone_truth(const AvatarSample<T>& sample) {
+template <class T, EffectSet E>
+Columns<T> face_alone_truth(const AvatarSample<T, E>& sample) {
     const Vec3<T> change = sample.blank.template head<3>() - sample.background.template head<3>();
     return sample.truth_small.pixels +
            change * (Columns<T>::Ones(1, sample.mask_small.cols()) - sample.mask_small);
 }
 
 /// 1 where a visible pixel shows nothing of the eyes.
-template <class T>
-Columns<T> face_alone_mask(const AvatarSample<T>& sample) {
+template <class T, EffectSet E>
+Columns<T> face_alone_mask(const AvatarSample<T, E>& sample) {
     Columns<T> mask = sample.visible_small;
     for (Index i = 0; i < mask.cols(); ++i)
         if (sample.eyes_small(0, i) > T(0)) mask(0, i) = T(0);
@@ -119,8 +120,8 @@ Columns<T> face_alone_mask(const AvatarSample<T>& sample) {
 }
 
 /// 1 where a visible pixel shows an eye, or an eyeball would be seen if there were no face.
-template <class T>
-Columns<T> eyeball_mask(const AvatarSample<T>& sample, const Columns<T>& eyeball_alpha) {
+template <class T, EffectSet E>
+Columns<T> eyeball_mask(const AvatarSample<T, E>& sample, const Columns<T>& eyeball_alpha) {
     Columns<T> mask = sample.visible_small;
     for (Index i = 0; i < mask.cols(); ++i)
         if (!(sample.eyes_small(0, i) > T(0)) && !(eyeball_alpha(0, i) > T(0.5))) mask(0, i) = T(0);
@@ -128,12 +129,13 @@ Columns<T> eyeball_mask(const AvatarSample<T>& sample, const Columns<T>& eyeball
 }
 
 /// Renders and compares. Everything the vjp reads stays in `trace` and `pictures`.
-template <Backend B, class Accuracy, class Perceptual, class T, class Probe = NoProbe>
-AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& config,
+template <Backend B, class Accuracy, class Perceptual, class T, EffectSet E,
+          class Probe = NoProbe>
+AvatarLosses<T> avatar_losses(const TwoStream<T, E>& avatar, const AvatarConfig& config,
                               const LandmarkRoles& roles, const AvatarLossConfig& weights,
                               const Rasterizer<B, Accuracy>& rasterizer,
-                              const Perceptual& perceptual, const AvatarSample<T>& sample,
-                              TwoStreamTrace<T>& trace, AvatarPictures<T>& pictures,
+                              const Perceptual& perceptual, const AvatarSample<T, E>& sample,
+                              TwoStreamTrace<T, E>& trace, AvatarPictures<T>& pictures,
                               Probe&& probe = {}) {
     drive<B>(avatar, config, roles, corrected_drivers(avatar, sample), trace);
     probe("networks");
@@ -222,10 +224,11 @@ AvatarLosses<T> avatar_losses(const TwoStream<T>& avatar, const AvatarConfig& co
 }
 
 /// Adds dL/dparameters to `grad`.
-template <Backend B, class Accuracy, class T, class Probe = NoProbe>
-void avatar_losses_vjp(const TwoStream<T>& avatar, const AvatarConfig& config,
-                       const Rasterizer<B, Accuracy>& rasterizer, const AvatarSample<T>& sample,
-                       const TwoStreamTrace<T>& trace, AvatarPictures<T>& p, TwoStream<T>& grad,
+template <Backend B, class Accuracy, class T, EffectSet E, class Probe = NoProbe>
+void avatar_losses_vjp(const TwoStream<T, E>& avatar, const AvatarConfig& config,
+                       const Rasterizer<B, Accuracy>& rasterizer, const AvatarSample<T, E>& sample,
+                       const TwoStreamTrace<T, E>& trace, AvatarPictures<T>& p,
+                       TwoStream<T, E>& grad,
                        Probe&& probe = {}) {
     Columns<T> g_feature;
     upsampler_vjp<B>(avatar.upsampler, p.scaled, p.high_trace, p.g_high, grad.upsampler,
@@ -257,10 +260,11 @@ void avatar_losses_vjp(const TwoStream<T>& avatar, const AvatarConfig& config,
     detail::add_first(p.g_eye_cloud, p.g_cloud);
     probe("render vjp");
 
-    const Drivers<T> drivers = corrected_drivers(avatar, sample);
+    const Drivers<T, E> drivers = corrected_drivers(avatar, sample);
     const Vec<T, 6> g_pose = drive_vjp<B>(avatar, config, drivers, trace, p.g_face_cloud,
                                              p.g_eye_cloud, grad);
-    if (sample.frame >= 0) grad.delta_pose.col(sample.frame) += g_pose;
+    if constexpr (has_effect<E, ReadsHeadPose>)
+        if (sample.frame >= 0) grad.delta_pose.col(sample.frame) += g_pose;
     probe("networks vjp");
 }
 

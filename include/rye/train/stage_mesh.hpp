@@ -14,25 +14,25 @@
 
 namespace rye {
 
-template <class T>
+template <class T, EffectSet E = PaperEffects>
 struct MeshTrace {
     NeutralSurface<T> neutral;
-    PosedMesh<T> posed;
-    LandmarkTrace<T> landmarks;
+    PosedMesh<T, E> posed;
+    LandmarkTrace<T, E> landmarks;
     std::vector<MeshRaster<T>> rasters;
 
     // Weighted cotangents of what the losses read.
     std::vector<Columns<T>> g_image, g_silhouette;
     Columns<T> g_world;
-    DeformCotangents<T> g_raw;
+    [[no_unique_address]] DeformCotangents<T, E> g_raw;
 };
 
 /// Renders and compares; see landmark_losses.hpp for landmarks_follow_gaze.
-template <Backend B, class T, class Probe = NoProbe>
-MeshLosses<T> mesh_losses(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
+template <Backend B, class T, EffectSet E, class Probe = NoProbe>
+MeshLosses<T> mesh_losses(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                           const LandmarkRoles& roles, const TetGrid<T>& grid,
                           const MeshLossConfig& weights, bool landmarks_follow_gaze,
-                          const MeshSample<T>& sample, MeshTrace<T>& t,
+                          const MeshSample<T, E>& sample, MeshTrace<T, E>& t,
                           Probe&& probe = {}) {
     MeshLosses<T> l;
     t.neutral = neutral_surface<B>(mesh, config, grid);
@@ -69,10 +69,12 @@ MeshLosses<T> mesh_losses(const GuidanceMesh<T>& mesh, const AvatarConfig& confi
             l.offset += o.value;
             g = T(weights.offset) * o.gradient;
         };
-        offset(t.posed.exp_deform, t.g_raw.exp);
-        offset(t.posed.pose_deform, t.g_raw.pose);
-        for (std::size_t eye = 0; eye < 2; ++eye)
-            offset(t.posed.gaze_deform[eye], t.g_raw.gaze[eye]);
+        if constexpr (has_effect<E, Expression>) offset(t.posed.exp_deform, t.g_raw.exp);
+        if constexpr (has_effect<E, PoseResidual>) offset(t.posed.pose_deform, t.g_raw.pose);
+        for_eyes([&]<std::size_t eye>() {
+            if constexpr (skin_follows<E, eye>)
+                offset(of_eye<eye>(t.posed.gaze_deform), of_eye<eye>(t.g_raw.gaze));
+        });
     }
 
     landmark_losses<B>(mesh, config, roles, weights, landmarks_follow_gaze, sample, t.landmarks, l);
@@ -85,10 +87,10 @@ MeshLosses<T> mesh_losses(const GuidanceMesh<T>& mesh, const AvatarConfig& confi
 }
 
 /// Adds dL/dparameters to `grad`.
-template <Backend B, class T, class Probe = NoProbe>
-void mesh_losses_vjp(const GuidanceMesh<T>& mesh, const AvatarConfig& config,
-                     bool landmarks_follow_gaze, const MeshSample<T>& sample, const MeshTrace<T>& t,
-                     GuidanceMesh<T>& grad, Probe&& probe = {}) {
+template <Backend B, class T, EffectSet E, class Probe = NoProbe>
+void mesh_losses_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+                     bool landmarks_follow_gaze, const MeshSample<T, E>& sample,
+                     const MeshTrace<T, E>& t, GuidanceMesh<T, E>& grad, Probe&& probe = {}) {
     if (!t.neutral.empty()) {
         const std::vector<Face>& faces = t.neutral.surface.topology.faces;
         Columns<T> g_world = t.g_world;

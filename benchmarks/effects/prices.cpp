@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+// What each effect costs a frame: the time to drive the avatar, with the paper's networks, with
+// every effect, over the time without one of them; and of the bare avatar with that effect alone.
+// All of them in turn, several rounds, the least time of each.
+#include <benchmark/benchmark.h>
+
+#include <string>
+#include <vector>
+
+#include <rye/avatar/two_stream.hpp>
+#include <rye/backend/xsimd.hpp>
+
+#include "../roofline/machine.hpp"
+
+namespace {
+
+using namespace rye;
+using namespace rye::bench;
+
+using B = XsimdBackend<xsimd::default_arch, Serial>;
+using All = More<PaperEffects, Kappa>;
+constexpr Index face_points = 3000, eye_points_each = 500;
+constexpr int rounds = 25;
+
+Columns<float> noise(Index rows, Index cols, double size, double middle, std::uint64_t stream) {
+    Columns<float> a(rows, cols);
+    const Random random{9, stream};
+    for (Index i = 0; i < a.size(); ++i)
+        a(i) = float(middle + size * (2 * random.uniform(static_cast<std::uint64_t>(i)) - 1));
+    return a;
+}
+
+/// An avatar of one set of effects, and its frame.
+template <EffectSet E>
+struct Driven {
+    AvatarConfig config;
+    LandmarkRoles roles;
+    TwoStream<float, E> avatar, gradient;
+    Drivers<float, E> drivers;
+    TwoStreamTrace<float, E> trace;
+    Gaussians<float> g_face, g_eyes;
+
+    Driven() {
+        config.expression = 64;
+        FaceStream<float, E>& f = avatar.face;
+        f.networks = FaceNetworks<float, E>::init(config, Random{1, 0});
+        // A third of the face near the landmarks, a twentieth near each eye.
+        f.position = noise(3, face_points, 1, 0, 1);
+        f.log_scale = noise(3, face_points, 0.3, -4, 2);
+        f.rotation = noise(4, face_points, 1, 0, 3);
+        f.opacity_logit = noise(1, face_points, 1, 0, 4);
+        if constexpr (has_effect<E, FaceDrivers>) {
+            f.feature = noise(config.feature, face_points, 1, 0, 5);
+            f.landmarks = noise(3, 66, 0.5, 0, 6);
+            for (Index k = 0; k < 66; ++k)
+                (k < 54 ? roles.expression : roles.eye[k < 60 ? 0 : 1]).push_back(k);
+        }
+        if constexpr (face_rests<E>) f.rest_color = noise(config.channels, face_points, 1, 0, 7);
+        const auto attributes = [&](int frame, const std::vector<int>& hidden) {
+            return Mlp<float>::init(mlp_shape(config.feature, frame, hidden, 8), Random{2, 0});
+        };
+        if constexpr (has_effect<E, Expression>)
+            f.exp_attributes = attributes(config.expression, config.networks.exp_attributes);
+        if constexpr (has_effect<E, PoseResidual>)
+            f.pose_attributes = attributes(config.pose_code(), config.networks.pose_attributes);
+        EyeStream<float, E>& e = avatar.eyes;
+        constexpr Index n = 2 * eye_points_each;
+        e.feature = noise(config.channels, n, 1, 0, 8);
+        e.log_scale = noise(3, n, 0.3, -5, 9);
+        e.rotation = noise(4, n, 1, 0, 10);
+        e.opacity_logit = noise(1, n, 1, 0, 11);
+        e.position = noise(3, n, 0.1, 0, 12);
+        e.centre = noise(3, 2, 0.3, 0, 13);
+        e.spacing = noise(1, n, 0.001, 0.01, 14);
+        if constexpr (has_effect<E, EyeOffset>)
+            e.offset = EyeOffsetNetwork<float>::init(config, Random{3, 0});
+        if constexpr (has_effect<E, Kappa>) e.kappa = noise(2, 2, 0.1, 0, 15);
+        if constexpr (has_effect<E, ReadsExpression>)
+            drivers.expression = noise(config.expression, 1, 1, 0, 16).col(0);
+        if constexpr (has_effect<E, ReadsHeadPose>) {
+            drivers.pose = noise(6, 1, 0.2, 0, 17).col(0);
+            avatar.delta_pose = Columns<float>::Zero(6, 1);
+        }
+        for_eyes([&]<std::size_t eye>() {
+            if constexpr (eye_turns<E, eye>)
+                of_eye<eye>(drivers.gaze) = Vec3<float>(0.2f, 0.1f, 0.95f);
+        });
+        gradient = zeros_like(avatar);
+    }
+    void forward() { drive<B>(avatar, config, roles, drivers, trace); }
+    void backward() {
+        g_face = trace.world_face;  // any cotangents do; the vjp consumes them
+        g_eyes = trace.world_eyes;
+        drive_vjp<B>(avatar, config, drivers, trace, g_face, g_eyes, gradient);
+    }
+    /// Trained numbers, but for the Gaussians' own.
+    Index parameters() const {
+        Index n = 0;
+        TwoStream<float, E>::fields([&](const std::string& name, const auto& a) {
+            if (name.find("_mlp") != std::string::npos || name == "eyes.kappa") n += a.size();
+        }, avatar);
+        return n;
+    }
+};
+
+struct Seconds {
+    double forward = 1e30, backward = 1e30;
+};
+
+template <EffectSet E>
+void measure(Driven<E>& driven, Seconds& s) {
+    s.forward = std::min(s.forward, least_time(1, [&] { driven.forward(); }));
+    s.backward = std::min(s.backward, least_time(1, [&] { driven.backward(); }));
+}
+
+/// The price of effects X (one, or a few that go together) of `With`.
+template <EffectSet With, Effect... X>
+void price(benchmark::State& state) {
+    using Without = Less<With, X...>;
+    Driven<With> with;
+    Driven<Without> without;
+    Seconds a, b;
+    for (auto _ : state)
+        for (int r = 0; r < rounds; ++r) {
+            measure(with, a);
+            measure(without, b);
+        }
+    state.counters["forward_ratio"] = a.forward / b.forward;
+    state.counters["vjp_ratio"] = a.backward / b.backward;
+    state.counters["share_of_forward"] = (a.forward - b.forward) / a.forward;
+    state.counters["parameters"] = double(with.parameters() - without.parameters());
+}
+
+BENCHMARK(price<All, Expression>)->Name("price/expression")->Iterations(1);
+BENCHMARK(price<All, HeadPose>)->Name("price/head_pose")->Iterations(1);
+BENCHMARK(price<All, PoseResidual>)->Name("price/pose_residual")->Iterations(1);
+BENCHMARK(price<All, LeftGaze>)->Name("price/left_gaze")->Iterations(1);
+BENCHMARK(price<All, RightGaze>)->Name("price/right_gaze")->Iterations(1);
+BENCHMARK(price<All, EyeOffset>)->Name("price/eye_offset")->Iterations(1);
+BENCHMARK(price<All, Kappa>)->Name("price/kappa")->Iterations(1);
+BENCHMARK(price<All, Periocular>)->Name("price/periocular")->Iterations(1);
+BENCHMARK(price<All, CornealBulge>)->Name("price/corneal_bulge")->Iterations(1);
+BENCHMARK(price<All, Expression, PoseResidual, EyeOffset, Periocular>)
+    ->Name("price/all_networks")
+    ->Iterations(1);
+
+} // namespace

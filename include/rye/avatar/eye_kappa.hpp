@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/eye_kappa.hpp: the gradient of an avatar's kappa: of the eyeball's turn, and of the
+/// skin's network that reads the same optical axis. Head frame; angles (pitch, yaw) [rad].
+/// Source: rig/gaze.hpp for the angles; the Jacobian of two angles comes from duals.
+#pragma once
+
+#include <rye/autodiff/dual.hpp>
+#include <rye/avatar/drivers.hpp>
+#include <rye/math/rotation.hpp>
+
+namespace rye {
+
+template <class T>
+KappaAngles<T> kappa_of(const Columns<T>& kappa, std::size_t eye) {
+    const Index e = static_cast<Index>(eye);
+    return {kappa(0, e), kappa(1, e)};
+}
+
+/// Cotangents of an eye's turn, as a matrix and as a quaternion.
+template <class T>
+struct TurnCotangent {
+    Mat3<T> rotation = Mat3<T>::Zero();
+    Quat<T> quaternion = Quat<T>::Zero();
+};
+
+/// From those of its turned points and rotations.
+template <class T>
+TurnCotangent<T> turn_cotangent(const Columns<T>& points, const Columns<T>& rotations,
+                                const Columns<T>& g_points, const Columns<T>& g_rotations) {
+    TurnCotangent<T> sum;
+    for (Index i = 0; i < points.cols(); ++i) {
+        sum.rotation += g_points.col(i) * points.col(i).transpose();
+        sum.quaternion += quat_product_vjp_left<T>(rotations.col(i), g_rotations.col(i));
+    }
+    return sum;
+}
+
+/// The cotangent of (pitch, yaw) of kappa. `g_code` is that of the gaze's code, or null.
+template <class T>
+Vec2<T> kappa_vjp(const AvatarConfig& config, const Vec3<T>& visual, const KappaAngles<T>& kappa,
+                  const TurnCotangent<T>& g, const VecX<T>* g_code) {
+    using D = Dual<T, 2>;
+    const KappaAngles<D> k{D::variable(kappa.pitch, 0), D::variable(kappa.yaw, 1)};
+    const Vec3<D> optical = apply_kappa<D>(visual.template cast<D>(), k);
+    const Quat<D> turn = shortest_arc<D>(Vec3<D>(D(0), D(0), D(1)), normalized(optical));
+    const Mat3<D> r = quat_matrix(turn);
+    const Columns<D> code = positional_encoding(pitch_yaw(optical), config.gaze_frequencies);
+    Vec2<T> sum;
+    for (std::size_t a = 0; a < 2; ++a) {
+        T s = T(0);
+        for (Index i = 0; i < 9; ++i) s += g.rotation(i / 3, i % 3) * r(i / 3, i % 3).d[a];
+        for (Index i = 0; i < 4; ++i) s += g.quaternion(i) * turn(i).d[a];
+        if (g_code != nullptr)
+            for (Index i = 0; i < g_code->size(); ++i) s += (*g_code)(i) * code(i, 0).d[a];
+        sum[static_cast<Index>(a)] = s;
+    }
+    return sum;
+}
+
+} // namespace rye

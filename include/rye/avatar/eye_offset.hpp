@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/eye_offset.hpp: where expression and head pose move the eyeballs' centres, by one
+/// network a frame. Canonical units. Source: paper eq. (9).
+#pragma once
+
+#include <rye/avatar/drivers.hpp>
+#include <rye/avatar/field.hpp>
+#include <rye/core/fields.hpp>
+
+namespace rye {
+
+/// D_e: the displacement of both eyeball centres by expression and head pose, canonical units.
+template <class T>
+struct EyeOffsetNetwork {
+    Mlp<T> mlp;
+
+    template <class F, class... P>
+    static void fields(F&& f, P&&... p) {
+        nested_fields<Mlp<T>>("eye_offset_mlp", f, p.mlp...);
+    }
+    /// The last layer starts at 0, so that training starts at the measured neutral centres.
+    static EyeOffsetNetwork init(const AvatarConfig& c, const Random& random) {
+        EyeOffsetNetwork offset{Mlp<T>::init(mlp_shape(c.expression + c.pose_code(), 0,
+                                                c.networks.eye_offset, 6), random)};
+        offset.mlp.weight.back().setZero();
+        offset.mlp.bias.back().setZero();
+        return offset;
+    }
+};
+
+template <class T>
+struct EyeOffsetTrace {
+    Columns<T> input;    ///< [expression; pose code], one column
+    Columns<T> squashed; ///< tanh of the output, 6 x 1
+    MlpTrace<T> mlp;
+};
+
+/// 3 x 2: the displacement of the left and the right centre.
+template <Backend B, class T, EffectSet E>
+Columns<T> eye_offset(const EyeOffsetNetwork<T>& offset, const AvatarConfig& config,
+                      const FrameCode<T, E>& code, EyeOffsetTrace<T>& trace) {
+    trace.input.resize(code.expression.size() + code.pose.size(), 1);
+    trace.input << code.expression, code.pose;
+    trace.squashed = mlp_forward<B, T>(offset.mlp, trace.input, VecX<T>(), &trace.mlp);
+    squash_in_place(Squash::tanh, trace.squashed);
+    return T(config.deform_scale) * trace.squashed.reshaped(3, 2);
+}
+
+template <Backend B, class T>
+void eye_offset_vjp(const EyeOffsetNetwork<T>& offset, const AvatarConfig& config,
+                    const EyeOffsetTrace<T>& trace, const Columns<T>& g_offset,
+                    EyeOffsetNetwork<T>& grad, VecX<T>& g_pose_code) {
+    Columns<T> g = T(config.deform_scale) * g_offset.reshaped(6, 1);
+    squash_vjp(Squash::tanh, trace.squashed, g);
+    Columns<T> g_input;
+    mlp_vjp<B, T>(offset.mlp, trace.input, VecX<T>(), trace.mlp, g, grad.mlp, &g_input, nullptr);
+    g_pose_code += g_input.bottomRows(g_pose_code.size());
+}
+
+} // namespace rye

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/face_fields.hpp: the networks that move and colour the face, as one member for each,
+/// whatever is kept of them (parameters, gradients, traces), and the walk over those that are on.
+/// Source: paper sections 3.2 and 3.3.
+#pragma once
+
+#include <rye/rig/effect_slots.hpp>
+
+namespace rye {
+
+/// A V for each network that both stages share.
+template <class V, EffectSet E = PaperEffects>
+struct FaceFields {
+    [[no_unique_address]] Slot<E, Expression, V> exp_color;
+    [[no_unique_address]] Slot<E, PoseResidual, V> pose_color;
+    [[no_unique_address]] Slot<E, Expression, V, 1> exp_deform;
+    [[no_unique_address]] Slot<E, PoseResidual, V, 1> pose_deform;
+    [[no_unique_address]] SkinSlot<E, V> gaze_deform;   ///< left, right
+    [[no_unique_address]] SkinSlot<E, V, 1> gaze_color; ///< left, right
+};
+
+/// What each driver of the face has its things under: in FaceFields, in Weights, in FrameCode. The
+/// attributes (log-scale, quaternion, logit opacity) are stage 2's; the gaze has none.
+struct ExpressionField {
+    static constexpr bool attributes = true;
+    static auto& color(auto& fields) { return fields.exp_color; }
+    static auto& deform(auto& fields) { return fields.exp_deform; }
+    static auto& attribute(auto& fields) { return fields.exp_attributes; }
+    static auto& influence(auto& weights) { return weights.exp; }
+    static auto& code(auto& code) { return code.expression; }
+};
+struct PoseField {
+    static constexpr bool attributes = true;
+    static auto& color(auto& fields) { return fields.pose_color; }
+    static auto& deform(auto& fields) { return fields.pose_deform; }
+    static auto& attribute(auto& fields) { return fields.pose_attributes; }
+    static auto& influence(auto& weights) { return weights.pose; }
+    static auto& code(auto& code) { return code.pose; }
+};
+template <std::size_t eye>
+struct GazeField {
+    static constexpr bool attributes = false;
+    static auto& color(auto& fields) { return of_eye<eye>(fields.gaze_color); }
+    static auto& deform(auto& fields) { return of_eye<eye>(fields.gaze_deform); }
+    static auto& influence(auto& weights) { return of_eye<eye>(weights.gaze); }
+    static auto& code(auto& code) { return of_eye<eye>(code.gaze); }
+};
+
+/// Calls f(ExpressionField{}), ... for the drivers that are on, in the order of their sums.
+template <EffectSet E, class F>
+void for_face_fields(F&& f) {
+    if constexpr (has_effect<E, Expression>) f(ExpressionField{});
+    if constexpr (has_effect<E, PoseResidual>) f(PoseField{});
+    if constexpr (skin_follows<E, 0>) f(GazeField<0>{});
+    if constexpr (skin_follows<E, 1>) f(GazeField<1>{});
+}
+/// For those that have attributes.
+template <EffectSet E, class F>
+void for_attribute_fields(F&& f) {
+    for_face_fields<E>([&](auto field) {
+        if constexpr (field.attributes) f(field);
+    });
+}
+
+/// The weights of expression and head pose are one ramp and its rest: either needs it.
+using ReadsFaceRamp = AnyOf<Expression, PoseResidual>;
+/// What drives the face at all.
+using FaceDrivers = AnyOf<Expression, PoseResidual, Periocular>;
+
+/// Whether a driver of the face was left out: what it gave can be kept instead (avatar/hold.hpp).
+template <EffectSet E>
+inline constexpr bool face_rests = !has_effect<E, Expression> || !has_effect<E, PoseResidual> ||
+                                   !skin_follows<E, 0> || !skin_follows<E, 1>;
+struct NothingLeftOut {};
+template <EffectSet E, class V, int number = 0>
+using RestSlot = std::conditional_t<face_rests<E>, V, Without<NothingLeftOut, number>>;
+
+} // namespace rye

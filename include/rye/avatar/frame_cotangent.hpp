@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/frame_cotangent.hpp: cotangents of what networks read of a frame, as far as they lead
+/// to something that is trained: the pose code's to the frame's pose, the gaze codes' to kappa.
+#pragma once
+
+#include <rye/avatar/drivers.hpp>
+#include <rye/avatar/face_fields.hpp>
+
+namespace rye {
+
+template <class T, EffectSet E = PaperEffects>
+struct FrameCotangent {
+    [[no_unique_address]] Slot<E, ReadsPoseCode, VecX<T>> pose;
+    [[no_unique_address]] KappaSlot<E, VecX<T>> gaze;
+
+    explicit FrameCotangent(const FrameCode<T, E>& code) {
+        if constexpr (has_effect<E, ReadsPoseCode>) pose = VecX<T>::Zero(code.pose.size());
+        for_eyes([&]<std::size_t eye>() {
+            if constexpr (skin_follows<E, eye> && has_effect<E, Kappa>)
+                of_eye<eye>(gaze) = VecX<T>::Zero(of_eye<eye>(code.gaze).size());
+        });
+    }
+    VecX<T>* of(ExpressionField) { return nullptr; }
+    VecX<T>* of(PoseField) { return &pose; }
+    template <std::size_t eye>
+    VecX<T>* of(GazeField<eye>) {
+        if constexpr (has_effect<E, Kappa>)
+            return &of_eye<eye>(gaze);
+        else
+            return nullptr;
+    }
+};
+
+/// The gaze code's, or null where nothing is trained by it.
+template <std::size_t eye, class T, EffectSet E>
+const VecX<T>* gaze_code_cotangent(const FrameCotangent<T, E>& g) {
+    if constexpr (skin_follows<E, eye> && has_effect<E, Kappa>)
+        return &of_eye<eye>(g.gaze);
+    else
+        return nullptr;
+}
+
+} // namespace rye

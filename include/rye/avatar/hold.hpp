@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/hold.hpp: an avatar with fewer effects: what the effects that are left out give at
+/// one frame's drivers is kept in the canonical attributes, so that the avatar looks as it did
+/// there, whatever the effects that are left do.
+/// The head pose has nothing to keep: without it the avatar is in the head's frame, and the camera
+/// moves instead. Without Kappa the gazes that drive it are optical axes.
+#pragma once
+
+#include <rye/avatar/two_stream.hpp>
+
+namespace rye {
+
+/// Of the drivers what fewer effects read.
+template <EffectSet Fewer, class T, EffectSet E>
+Drivers<T, Fewer> restricted(const Drivers<T, E>& all) {
+    Drivers<T, Fewer> d;
+    copy_slot(all.expression, d.expression);
+    copy_slot(all.pose, d.pose);
+    copy_slot(all.scale, d.scale);
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (eye_turns<E, eye> && eye_turns<Fewer, eye>)
+            of_eye<eye>(d.gaze) = of_eye<eye>(all.gaze);
+    });
+    return d;
+}
+
+namespace detail {
+
+/// Whether a driver of the face is among these effects.
+template <EffectSet E>
+constexpr bool drives(ExpressionField) { return has_effect<E, Expression>; }
+template <EffectSet E>
+constexpr bool drives(PoseField) { return has_effect<E, PoseResidual>; }
+template <EffectSet E, std::size_t eye>
+constexpr bool drives(GazeField<eye>) { return skin_follows<E, eye>; }
+
+} // namespace detail
+
+/// The avatar without what the effects that are left out gave.
+template <EffectSet Fewer, class T, EffectSet E>
+TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
+    TwoStream<T, Fewer> a;
+    const FaceStream<T, E>& from = all.face;
+    FaceStream<T, Fewer>& to = a.face;
+    to.position = from.position;
+    to.log_scale = from.log_scale;
+    to.rotation = from.rotation;
+    to.opacity_logit = from.opacity_logit;
+    copy_slot(from.feature, to.feature);
+    copy_slot(from.landmarks, to.landmarks);
+    copy_slot(from.anchor, to.anchor);
+    for_face_fields<Fewer>([&](auto by) {
+        by.color(to.networks) = by.color(from.networks);
+        by.deform(to.networks) = by.deform(from.networks);
+        if constexpr (by.attributes) by.attribute(to) = by.attribute(from);
+    });
+    if constexpr (face_rests<E>)
+        to.rest_color = from.rest_color;
+    else if constexpr (face_rests<Fewer>)
+        for_face_fields<E>([&](auto by) { // as many channels as the networks give
+            to.rest_color.setZero(by.color(from.networks).shape.outputs(), to.position.cols());
+        });
+    const EyeStream<T, E>& eyes = all.eyes;
+    a.eyes.feature = eyes.feature;
+    a.eyes.log_scale = eyes.log_scale;
+    a.eyes.rotation = eyes.rotation;
+    a.eyes.opacity_logit = eyes.opacity_logit;
+    a.eyes.position = eyes.position;
+    a.eyes.centre = eyes.centre;
+    a.eyes.spacing = eyes.spacing;
+    copy_slot(eyes.offset, a.eyes.offset);
+    copy_slot(eyes.kappa, a.eyes.kappa);
+    a.upsampler = all.upsampler;
+    copy_slot(all.delta_pose, a.delta_pose);
+    return a;
+}
+
+/// The avatar with fewer effects that looks as it does at these drivers.
+template <EffectSet Fewer, Backend B, class T, EffectSet E>
+TwoStream<T, Fewer> held(const TwoStream<T, E>& all, const AvatarConfig& config,
+                         const LandmarkRoles& roles, const Drivers<T, E>& drivers) {
+    TwoStream<T, Fewer> a = restricted<Fewer>(all);
+    TwoStreamTrace<T, E> trace;
+    drive<B>(all, config, roles, drivers, trace);
+    [[maybe_unused]] const FaceTrace<T, E>& t = trace.face;
+    FaceStream<T, Fewer>& face = a.face;
+    if constexpr (face_rests<Fewer> && has_effect<Fewer, FaceDrivers>)
+        face.anchor = all.face.seen();
+    for_face_fields<E>([&](auto by) {
+        if constexpr (!detail::drives<Fewer>(by)) {
+            const auto add = [&](const FieldTrace<T>& field, double gain, auto&& to) {
+                for (std::size_t k = 0; k < field.set.size(); ++k) {
+                    const Index i = field.set[k];
+                    to(i, T(T(gain) * by.influence(t.weights)(0, i)),
+                       VecX<T>(field.output.col(static_cast<Index>(k))));
+                }
+            };
+            add(by.color(t), 1, [&](Index i, const T& w, const VecX<T>& y) {
+                face.rest_color.col(i) += w * y;
+            });
+            add(by.deform(t), config.deform_scale, [&](Index i, const T& w, const VecX<T>& y) {
+                face.position.col(i) += w * y;
+            });
+            if constexpr (by.attributes)
+                add(by.attribute(t), config.attribute_scale,
+                    [&](Index i, const T& w, const VecX<T>& y) {
+                        face.log_scale.col(i) += w * y.head(3);
+                        face.rotation.col(i) += w * y.segment(3, 4);
+                        face.opacity_logit(0, i) += w * y(7);
+                    });
+        }
+    });
+    const Index per_eye = all.eyes.per_eye();
+    const Drivers<T, E>& optical = optical_drivers(all.eyes, drivers);
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (eye_turns<E, eye> && !eye_turns<Fewer, eye>) {
+            EyeTransform<T> turn = eye_at<T>(Vec3<T>::Zero());
+            turn_eye<T>(turn, of_eye<eye>(optical.gaze));
+            const Index first = static_cast<Index>(eye) * per_eye;
+            const Columns<T> points = a.eyes.position.middleCols(first, per_eye);
+            const Columns<T> rotations = a.eyes.rotation.middleCols(first, per_eye);
+            a.eyes.position.middleCols(first, per_eye) = eye_points<T>(turn, points);
+            a.eyes.rotation.middleCols(first, per_eye) = eye_rotations<T>(turn, rotations);
+        }
+    });
+    if constexpr (has_effect<E, EyeOffset> && !has_effect<Fewer, EyeOffset>)
+        a.eyes.centre += T(config.deform_scale) * trace.eyes.offset.squashed.reshaped(3, 2);
+    return a;
+}
+
+} // namespace rye

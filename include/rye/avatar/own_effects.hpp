@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/own_effects.hpp: effects that a user writes: what they change of the driven face, in
+/// the head frame, after rye's own effects and before the head's motion. docs/effects.md has one.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <rye/avatar/drivers.hpp>
+#include <rye/core/fields.hpp>
+#include <rye/gaussian/gaussians.hpp>
+
+namespace rye {
+
+/// An effect with its own parameters, Parameters<T>, which have fields(), and
+///     add<B>(parameters, drivers, gaussians)                            changes the Gaussians
+///     vjp<B>(parameters, drivers, before, g_gaussians, g_parameters)    before: what add was given
+template <class X>
+concept OwnEffect =
+    Effect<X> && requires(const typename X::template Parameters<float>& p,
+                          typename X::template Parameters<float>& grad,
+                          const Drivers<float, Effects<X>>& drivers, Gaussians<float>& g) {
+        X::template add<struct AnyBackend>(p, drivers, g);
+        X::template vjp<struct AnyBackend>(p, drivers, std::as_const(g), g, grad);
+    };
+
+namespace detail {
+
+template <class X, class T>
+struct NoOwnParameters {};
+template <class X, class T, bool own>
+struct OwnParametersOf {
+    using type = NoOwnParameters<X, T>;
+};
+template <class X, class T>
+struct OwnParametersOf<X, T, true> {
+    using type = typename X::template Parameters<T>;
+};
+
+} // namespace detail
+
+/// The parameters of all own effects among these; empty if there is none.
+template <class T, EffectSet E>
+struct OwnParameters;
+template <class T, class... X>
+struct OwnParameters<T, Effects<X...>>
+    : detail::OwnParametersOf<X, T, OwnEffect<X>>::type... {
+    /// Calls f(effect, parameters...) for each, in the order of the list.
+    template <class F, class... P>
+    static void each(F&& f, P&&... p) {
+        const auto one = [&]<class Y>(Y effect) {
+            using Parameters = typename detail::OwnParametersOf<Y, T, OwnEffect<Y>>::type;
+            if constexpr (OwnEffect<Y>) f(effect, as<Parameters>(p)...);
+        };
+        (one(X{}), ...);
+    }
+    template <class F, class... P>
+    static void fields(F&& f, P&&... p) {
+        each([&]<class Y>(Y, auto&&... q) {
+            nested_fields<typename Y::template Parameters<T>>(std::string(Y::name), f, q...);
+        }, p...);
+    }
+
+  private:
+    template <class Parameters, class P>
+    static auto& as(P& p) {
+        return static_cast<std::conditional_t<std::is_const_v<P>, const Parameters, Parameters>&>(
+            p);
+    }
+};
+
+/// Changes the face in the head frame.
+template <class B, class T, EffectSet E>
+void add_own_effects(const OwnParameters<T, E>& own, const Drivers<T, E>& drivers,
+                     Gaussians<T>& face) {
+    OwnParameters<T, E>::each([&]<class Y>(Y, const auto& p) {
+        Y::template add<B>(p, drivers, face);
+    }, own);
+}
+
+/// Turns the cotangent of the changed face into that of `face`, which is as it was before.
+template <class B, class T, EffectSet E>
+void own_effects_vjp(const OwnParameters<T, E>& own, const Drivers<T, E>& drivers,
+                     const Gaussians<T>& face, Gaussians<T>& g_face, OwnParameters<T, E>& grad) {
+    std::vector<Gaussians<T>> before;  // of each effect
+    Gaussians<T> now = face;
+    OwnParameters<T, E>::each([&]<class Y>(Y, const auto& p) {
+        before.push_back(now);
+        Y::template add<B>(p, drivers, now);
+    }, own);
+    for (std::size_t last = before.size(); last-- > 0;) {
+        std::size_t k = 0;
+        OwnParameters<T, E>::each([&]<class Y>(Y, const auto& p, auto& g) {
+            if (k++ == last) Y::template vjp<B>(p, drivers, before[last], g_face, g);
+        }, own, grad);
+    }
+}
+
+/// Whether there are any.
+template <EffectSet E>
+inline constexpr bool has_own_effects = false;
+template <class... X>
+inline constexpr bool has_own_effects<Effects<X...>> = (OwnEffect<X> || ...);
+
+} // namespace rye

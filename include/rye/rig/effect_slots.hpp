@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/rig/effect_slots.hpp: members that exist where an effect is on. Declare them
+///     [[no_unique_address]] Slot<S, Expression, Mlp<T>> exp_color;
+/// Where it is off they hold nothing and take no room, and no use of them compiles: the error names
+/// Without<Expression>, on the user's line.
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+#include <rye/rig/effects.hpp>
+
+namespace rye {
+
+/// What a member of an effect that is off is. Two of them share an address, and so take no room,
+/// only if their types differ: number them.
+template <class X, int number = 0>
+struct Without {
+    Without() = default;
+    Without(const Without&) = default;
+    Without& operator=(const Without&) = default;
+    template <class U>
+    Without& operator=(U&&) = delete;
+    template <class U>
+    void operator[](U&&) const = delete;
+};
+
+template <class V>
+inline constexpr bool is_absent = false;
+template <class X, int number>
+inline constexpr bool is_absent<Without<X, number>> = true;
+
+/// V where the effect (or one of AnyOf, or a ReaderOf) is on.
+template <EffectSet S, class X, class V, int number = 0>
+using Slot = std::conditional_t<has_effect<S, X>, V, Without<X, number>>;
+
+/// Of the subject's left or right eye alone. It has no x[0] and x[1], which are for two eyes.
+template <class V>
+struct OnlyLeftEye {
+    V left{};
+    template <class U>
+    void operator[](U&&) const = delete;
+};
+template <class V>
+struct OnlyRightEye {
+    V right{};
+    template <class U>
+    void operator[](U&&) const = delete;
+};
+
+/// The part of an eye, 0 or 1, of both or of the only one.
+template <std::size_t eye, class A>
+constexpr auto& of_eye(A& all) {
+    if constexpr (requires { all.left; })
+        return all.left;
+    else if constexpr (requires { all.right; })
+        return all.right;
+    else
+        return all[eye];
+}
+
+/// V for each eye that has it: an array of both, one, or nothing.
+template <bool left, bool right, class X, class V, int number = 0>
+using EachEye = std::conditional_t<
+    left && right, std::array<V, 2>,
+    std::conditional_t<left, OnlyLeftEye<V>,
+                       std::conditional_t<right, OnlyRightEye<V>, Without<X, number>>>>;
+
+/// V for each eye that turns.
+template <EffectSet S, class V, int number = 0>
+using GazeSlot =
+    EachEye<eye_turns<S, 0>, eye_turns<S, 1>, AnyOf<LeftGaze, RightGaze>, V, number>;
+
+/// V for each eye whose skin follows it.
+template <EffectSet S, class V, int number = 0>
+using SkinSlot = EachEye<skin_follows<S, 0>, skin_follows<S, 1>, Periocular, V, number>;
+
+/// V for each eye whose skin follows it, if its kappa learns from that.
+template <EffectSet S, class V, int number = 0>
+using KappaSlot = EachEye<skin_follows<S, 0> && has_effect<S, Kappa>,
+                          skin_follows<S, 1> && has_effect<S, Kappa>, Kappa, V, number>;
+
+/// x, or nothing where V is absent.
+template <class V>
+constexpr V initial_slot([[maybe_unused]] double x) {
+    if constexpr (is_absent<V>)
+        return V{};
+    else
+        return V(x);
+}
+
+/// Calls f.operator()<eye>() for eye 0, the left, and 1.
+template <class F>
+constexpr void for_eyes(F&& f) {
+    f.template operator()<0>();
+    f.template operator()<1>();
+}
+
+/// b = a, or nothing where either is absent.
+template <class A, class B>
+void copy_slot(const A& a, B& b) {
+    if constexpr (!is_absent<A> && !is_absent<B>) b = a;
+}
+
+} // namespace rye

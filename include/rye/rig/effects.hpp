@@ -1,0 +1,266 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/rig/effects.hpp: what an avatar simulates, as a list of types. An effect that the list does
+/// not name has no storage, no argument, no work and no tensor in a checkpoint; asking for it does
+/// not compile (rig/effect_slots.hpp).
+/// Bounds: an effect may be left out where what it reads varies by less than `droppable`. They all
+/// follow from one move, least_move, below which no pixel changes.
+/// Source of the list: docs/effects.md, which also shows how to write one's own.
+#pragma once
+
+#include <concepts>
+#include <string_view>
+#include <type_traits>
+
+#include <rye/core/config.hpp>
+
+namespace rye {
+
+/// What of a frame an effect reads.
+enum class Reads : unsigned { nothing = 0, expression = 1, head_pose = 2, gaze = 4 };
+/// What of a Gaussian, or of the picture, it changes.
+enum class Touches : unsigned {
+    nothing = 0, position = 1, rotation = 2, scale = 4, opacity = 8, colour = 16, pixel = 32
+};
+
+template <class F>
+concept EffectFlags = std::same_as<F, Reads> || std::same_as<F, Touches>;
+
+template <EffectFlags F>
+constexpr F operator|(F a, F b) {
+    return static_cast<F>(static_cast<unsigned>(a) | static_cast<unsigned>(b));
+}
+/// Whether the flags have one in common.
+template <EffectFlags F>
+constexpr bool overlap(F a, F b) {
+    return (static_cast<unsigned>(a) & static_cast<unsigned>(b)) != 0;
+}
+
+/// A move of a Gaussian that no picture shows: 1/20 px of a head (2 units) that is 1000 px high.
+inline constexpr double least_move = 1e-4; ///< [unit]
+
+/// What must vary by less than `most` over a scene for the effect to be left out, and its unit.
+struct EffectBound {
+    double most;
+    std::string_view of;
+};
+
+/// A tag with a name for messages and checkpoints, what it reads and touches, the parameters at
+/// which it changes nothing, and the bound below which it may be left out.
+template <class X>
+concept Effect = std::is_empty_v<X> && std::default_initializable<X> && requires {
+    { X::name } -> std::convertible_to<std::string_view>;
+    { X::reads } -> std::convertible_to<Reads>;
+    { X::touches } -> std::convertible_to<Touches>;
+    { X::neutral } -> std::convertible_to<std::string_view>;
+    { X::droppable } -> std::convertible_to<EffectBound>;
+};
+
+/// Colour, displacement and attributes of the face by the expression code (paper eq. 2-6).
+struct Expression {
+    static constexpr std::string_view name = "expression";
+    static constexpr Reads reads = Reads::expression;
+    static constexpr Touches touches = Touches::position | Touches::rotation | Touches::scale |
+                                       Touches::opacity | Touches::colour;
+    static constexpr std::string_view neutral = "last layers 0";
+    static constexpr EffectBound droppable{1e-3, "an expression coefficient"};
+};
+
+/// The head's rigid motion and size: one transform a frame.
+struct HeadPose {
+    static constexpr std::string_view name = "head pose";
+    static constexpr Reads reads = Reads::head_pose;
+    static constexpr Touches touches = Touches::position | Touches::rotation | Touches::scale;
+    static constexpr std::string_view neutral = "pose 0, scale 1";
+    static constexpr EffectBound droppable{least_move, "a pose component [rad, unit]"};
+};
+
+/// The same as Expression by the head pose's code, where the expression does not reach.
+struct PoseResidual {
+    static constexpr std::string_view name = "pose residual";
+    static constexpr Reads reads = Reads::head_pose;
+    static constexpr Touches touches = Expression::touches;
+    static constexpr std::string_view neutral = "last layers 0";
+    static constexpr EffectBound droppable{1e-3, "a pose component [rad, unit]"};
+};
+
+/// The left eyeball turns to its gaze. (The subject's left.)
+struct LeftGaze {
+    static constexpr std::string_view name = "left gaze";
+    static constexpr Reads reads = Reads::gaze;
+    static constexpr Touches touches = Touches::position | Touches::rotation;
+    static constexpr std::string_view neutral = "gaze +z";
+    static constexpr EffectBound droppable{least_move / 0.12, "the left gaze [rad]"};
+};
+
+/// The right eyeball turns to its gaze.
+struct RightGaze {
+    static constexpr std::string_view name = "right gaze";
+    static constexpr Reads reads = Reads::gaze;
+    static constexpr Touches touches = LeftGaze::touches;
+    static constexpr std::string_view neutral = "gaze +z";
+    static constexpr EffectBound droppable{least_move / 0.12, "the right gaze [rad]"};
+};
+
+/// Both eyeballs' centres by expression and head pose: one network a frame (paper eq. 9).
+struct EyeOffset {
+    static constexpr std::string_view name = "eye offset";
+    static constexpr Reads reads = Reads::expression | Reads::head_pose;
+    static constexpr Touches touches = Touches::position;
+    static constexpr std::string_view neutral = "last layer 0";
+    static constexpr EffectBound droppable{least_move, "a displacement of an eye's centre [unit]"};
+};
+
+/// A constant angle of each eye between its visual axis, which then drives it, and its optical
+/// axis, to which it turns (rig/gaze.hpp). Not in the paper, whose gazes are optical axes.
+struct Kappa {
+    static constexpr std::string_view name = "kappa";
+    static constexpr Reads reads = Reads::gaze;
+    static constexpr Touches touches = LeftGaze::touches;
+    static constexpr std::string_view neutral = "both angles 0";
+    static constexpr EffectBound droppable{least_move / 0.12, "an angle of kappa [rad]"};
+};
+
+/// Lids and skin around an eye follow its gaze, in place and colour (paper eq. 10-11).
+struct Periocular {
+    static constexpr std::string_view name = "periocular";
+    static constexpr Reads reads = Reads::gaze;
+    static constexpr Touches touches = Touches::position | Touches::colour;
+    static constexpr std::string_view neutral = "last layers 0";
+    static constexpr EffectBound droppable{1e-3, "a gaze [rad]"};
+};
+
+/// The eyeball's front bulges: a cornea before the sphere. In the asset; costs a frame nothing.
+struct CornealBulge {
+    static constexpr std::string_view name = "corneal bulge";
+    static constexpr Reads reads = Reads::nothing;
+    static constexpr Touches touches = Touches::position;
+    static constexpr std::string_view neutral = "the cornea's sphere is the eyeball's";
+    static constexpr EffectBound droppable{least_move, "the cornea's height [unit]"};
+};
+
+static_assert(Effect<Expression> && Effect<HeadPose> && Effect<PoseResidual> && Effect<LeftGaze> &&
+              Effect<RightGaze> && Effect<EyeOffset> && Effect<Kappa> && Effect<Periocular> &&
+              Effect<CornealBulge> && !Effect<EffectBound>);
+
+/// One of several effects, for what more than one of them needs.
+template <Effect... X>
+struct AnyOf {};
+/// Any effect that reads this of a frame.
+template <Reads what>
+struct ReaderOf {};
+
+namespace detail {
+
+template <class X>
+struct NamedIn {
+    template <class... E>
+    static constexpr bool among = (std::same_as<X, E> || ...);
+};
+template <class... X>
+struct NamedIn<AnyOf<X...>> {
+    template <class... E>
+    static constexpr bool among = (NamedIn<X>::template among<E...> || ...);
+};
+template <Reads what>
+struct NamedIn<ReaderOf<what>> {
+    template <class... E>
+    static constexpr bool among = (overlap(E::reads, what) || ...);
+};
+
+template <class X, class... E>
+inline constexpr bool named_once = (int(std::same_as<X, E>) + ...) == 1;
+template <class X, class... E>
+inline constexpr bool has_its_gaze =
+    !NamedIn<X>::template among<E...> || NamedIn<AnyOf<LeftGaze, RightGaze>>::template among<E...>;
+
+} // namespace detail
+
+template <class... E>
+concept EachNamedOnce = (detail::named_once<E, E...> && ...);
+/// The skin follows a gaze, kappa turns one: name LeftGaze or RightGaze, too.
+template <class... E>
+concept PeriocularHasAGaze = detail::has_its_gaze<Periocular, E...>;
+template <class... E>
+concept KappaHasAGaze = detail::has_its_gaze<Kappa, E...>;
+
+/// What an avatar simulates.
+template <Effect... E>
+    requires EachNamedOnce<E...> && PeriocularHasAGaze<E...> && KappaHasAGaze<E...>
+struct Effects {
+    /// Of an effect, of AnyOf some, or of a ReaderOf.
+    template <class X>
+    static constexpr bool has = detail::NamedIn<X>::template among<E...>;
+
+    /// Calls f(effect) for each, in the order of the list.
+    template <class F>
+    static constexpr void for_each(F&& f) {
+        (f(E{}), ...);
+    }
+    static constexpr std::size_t count = sizeof...(E);
+};
+
+/// The paper's, and the default everywhere.
+using PaperEffects = Effects<Expression, HeadPose, PoseResidual, LeftGaze, RightGaze, EyeOffset,
+                             Periocular, CornealBulge>;
+
+template <class S>
+inline constexpr bool is_effect_set = false;
+template <class... E>
+inline constexpr bool is_effect_set<Effects<E...>> = true;
+template <class S>
+concept EffectSet = is_effect_set<S>;
+static_assert(EffectSet<PaperEffects> && EffectSet<Effects<>> && !EffectSet<Expression>);
+
+template <EffectSet S, class X>
+inline constexpr bool has_effect = S::template has<X>;
+
+/// Whether this eye (0: the subject's left) turns; and whether the skin around it follows.
+template <EffectSet S, std::size_t eye>
+inline constexpr bool eye_turns = has_effect<S, std::conditional_t<eye == 0, LeftGaze, RightGaze>>;
+template <EffectSet S, std::size_t eye>
+inline constexpr bool skin_follows = eye_turns<S, eye> && has_effect<S, Periocular>;
+
+namespace detail {
+
+template <class... E>
+struct List {};
+
+template <class S, class Done>
+struct LessOf;
+template <class... Done>
+struct LessOf<List<>, List<Done...>> {
+    template <class... X>
+    using type = Effects<Done...>;
+};
+template <class First, class... E, class... Done>
+struct LessOf<List<First, E...>, List<Done...>> {
+    template <class... X>
+    using type = typename LessOf<
+        List<E...>, std::conditional_t<(std::same_as<First, X> || ...), List<Done...>,
+                                       List<Done..., First>>>::template type<X...>;
+};
+template <class S>
+struct ListOf;
+template <class... E>
+struct ListOf<Effects<E...>> {
+    using type = List<E...>;
+};
+
+template <class S, class... X>
+struct MoreOf;
+template <class... E, class... X>
+struct MoreOf<Effects<E...>, X...> {
+    using type = Effects<E..., X...>;
+};
+
+} // namespace detail
+
+/// The same effects but these; the same effects and these.
+template <EffectSet S, Effect... X>
+using Less = typename detail::LessOf<typename detail::ListOf<S>::type,
+                                     detail::List<>>::template type<X...>;
+template <EffectSet S, Effect... X>
+using More = typename detail::MoreOf<S, X...>::type;
+static_assert(std::same_as<Less<Effects<Expression, HeadPose>, Expression>, Effects<HeadPose>>);
+
+} // namespace rye

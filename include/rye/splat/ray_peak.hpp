@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/ray_peak.hpp: how deep a Gaussian is densest along the ray of a pixel, for policies
+/// that blend by it. With m the mean in the camera's frame, d the ray (its z is 1) and axes r_i of
+/// standard deviations s_i, the whitened distance |S^-1 R' (t d - m)| is least at
+///     t = sum_i (b_i m) (b_i d) / sum_i (b_i d)^2,    b_i = (min s / s_i) r_i',
+/// which stays finite where s_i is 0: flat Gaussians peak where the ray meets their plane.
+/// Camera frame: z forward; t is a depth [world units]. It orders; no derivative goes through it.
+/// Source: Radl et al., "StopThePop", 2024.
+#pragma once
+
+#include <algorithm>
+
+#include <rye/gaussian/gaussians.hpp>
+#include <rye/geometry/camera.hpp>
+#include <rye/math/rotation.hpp>
+
+namespace rye {
+
+template <Real R>
+struct RayPeak {
+    Mat3<R> axes;            ///< rows b_i, of which columns 0 and 1 are per pixel
+    Vec3<R> along;           ///< b_i m [world units]
+    R depth;                 ///< of the centre, for rays that lie in the plane of a flat Gaussian
+
+    /// At a pixel, from the principal point [px].
+    R at(R px, R py) const {
+        R sum(0), square(0);
+        for (int i = 0; i < 3; ++i) {
+            const R step = axes(i, 0) * px + axes(i, 1) * py + axes(i, 2);
+            sum += along[i] * step;
+            square += step * step;
+        }
+        return square > R(0) ? sum / square : depth;
+    }
+};
+
+/// Of Gaussian i; of duals, their values.
+template <class T>
+RayPeak<real_t<T>> ray_peak(const Gaussians<T>& g, const Pinhole<T>& camera, Index i) {
+    using R = real_t<T>;
+    const auto value = [](const T& x) { return static_cast<R>(value_of(x)); };
+    Rigid<R> pose;
+    Vec3<R> mean, scale;
+    Quat<R> q;
+    for (int k = 0; k < 3; ++k) {
+        for (int j = 0; j < 3; ++j)
+            pose.rotation(k, j) = value(camera.camera_from_world.rotation(k, j));
+        pose.translation[k] = value(camera.camera_from_world.translation[k]);
+        mean[k] = value(g.mean(k, i));
+        scale[k] = value(g.scale(k, i));
+    }
+    for (int k = 0; k < 4; ++k) q[k] = value(g.rotation(k, i));
+    const Mat3<R> r = quat_matrix(quat_normalized(q));
+    const Vec3<R> m = pose.apply(mean);
+    const R least = std::min({scale[0], scale[1], scale[2]});
+    RayPeak<R> p;
+    for (int a = 0; a < 3; ++a) {
+        const R weight = scale[a] > least ? least / scale[a] : R(1);
+        const Vec3<R> axis = pose.turn(Vec3<R>(r(0, a), r(1, a), r(2, a)));
+        p.axes(a, 0) = weight * axis[0] / value(camera.fx);
+        p.axes(a, 1) = weight * axis[1] / value(camera.fy);
+        p.axes(a, 2) = weight * axis[2];
+        p.along[a] = weight * dot(axis, m);
+    }
+    p.depth = m[2];
+    return p;
+}
+
+} // namespace rye

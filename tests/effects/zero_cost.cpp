@@ -1,0 +1,456 @@
+// SPDX-License-Identifier: Apache-2.0
+// zero_cost.cpp: drives an avatar without one effect (-DWITHOUT_EXPRESSION=1, ...), once by its
+// effects as types and once by a kernel written for just those effects, of the same primitives.
+// zero_cost.sh counts the instructions of by_types and by_hand. The program compares their results.
+#include <cstdio>
+#include <cstring>
+
+#include <rye/avatar/two_stream.hpp>
+#include <rye/backend/xsimd.hpp>
+#include <rye/rig/eyeball.hpp>
+
+#ifndef WITHOUT_EXPRESSION
+#define WITHOUT_EXPRESSION 0
+#endif
+#ifndef WITHOUT_HEAD_POSE
+#define WITHOUT_HEAD_POSE 0
+#endif
+#ifndef WITHOUT_POSE_RESIDUAL
+#define WITHOUT_POSE_RESIDUAL 0
+#endif
+#ifndef WITHOUT_LEFT_GAZE
+#define WITHOUT_LEFT_GAZE 0
+#endif
+#ifndef WITHOUT_RIGHT_GAZE
+#define WITHOUT_RIGHT_GAZE 0
+#endif
+#ifndef WITHOUT_EYE_OFFSET
+#define WITHOUT_EYE_OFFSET 0
+#endif
+#ifndef WITHOUT_KAPPA
+#define WITHOUT_KAPPA 0
+#endif
+#ifndef WITHOUT_PERIOCULAR
+#define WITHOUT_PERIOCULAR 0
+#endif
+#ifndef WITHOUT_CORNEAL_BULGE
+#define WITHOUT_CORNEAL_BULGE 0
+#endif
+#define LEFT_SKIN (!WITHOUT_LEFT_GAZE && !WITHOUT_PERIOCULAR)
+#define RIGHT_SKIN (!WITHOUT_RIGHT_GAZE && !WITHOUT_PERIOCULAR)
+#define RESTS (WITHOUT_EXPRESSION || WITHOUT_POSE_RESIDUAL || !LEFT_SKIN || !RIGHT_SKIN)
+
+using namespace rye;
+
+namespace {
+
+using T = float;
+using B = XsimdBackend<xsimd::avx2, Serial>;
+
+template <class... L>
+struct Joined;
+template <class... X>
+struct Joined<detail::List<X...>> {
+    using type = Effects<X...>;
+};
+template <class... X, class... Y, class... L>
+struct Joined<detail::List<X...>, detail::List<Y...>, L...>
+    : Joined<detail::List<X..., Y...>, L...> {};
+
+// clang-format off
+using E = Joined<detail::List<>
+#if !WITHOUT_EXPRESSION
+    , detail::List<Expression>
+#endif
+#if !WITHOUT_HEAD_POSE
+    , detail::List<HeadPose>
+#endif
+#if !WITHOUT_POSE_RESIDUAL
+    , detail::List<PoseResidual>
+#endif
+#if !WITHOUT_LEFT_GAZE
+    , detail::List<LeftGaze>
+#endif
+#if !WITHOUT_RIGHT_GAZE
+    , detail::List<RightGaze>
+#endif
+#if !WITHOUT_EYE_OFFSET
+    , detail::List<EyeOffset>
+#endif
+#if !WITHOUT_KAPPA
+    , detail::List<Kappa>
+#endif
+#if !WITHOUT_PERIOCULAR
+    , detail::List<Periocular>
+#endif
+#if !WITHOUT_CORNEAL_BULGE
+    , detail::List<CornealBulge>
+#endif
+    >::type;
+// clang-format on
+
+// ---- by hand ------------------------------------------------------------------------------------
+
+struct HandFace {
+#if !WITHOUT_EXPRESSION
+    Mlp<T> exp_color, exp_deform, exp_attributes;
+#endif
+#if !WITHOUT_POSE_RESIDUAL
+    Mlp<T> pose_color, pose_deform, pose_attributes;
+#endif
+#if LEFT_SKIN
+    Mlp<T> left_color, left_deform;
+#endif
+#if RIGHT_SKIN
+    Mlp<T> right_color, right_deform;
+#endif
+    Columns<T> position, feature, log_scale, rotation, opacity_logit, landmarks;
+#if RESTS
+    Columns<T> rest_color, anchor;
+#endif
+};
+
+struct HandEyes {
+    Columns<T> feature, log_scale, rotation, opacity_logit, position, centre, spacing;
+#if !WITHOUT_EYE_OFFSET
+    Mlp<T> offset;
+#endif
+#if !WITHOUT_KAPPA
+    Columns<T> kappa;
+#endif
+};
+
+static_assert(sizeof(HandFace) == sizeof(FaceStream<T, E>));
+static_assert(sizeof(HandEyes) == sizeof(EyeStream<T, E>));
+
+struct HandDrivers {
+    VecX<T> expression;
+    Vec<T, 6> pose;
+#if !WITHOUT_HEAD_POSE
+    T scale;
+#endif
+#if !WITHOUT_LEFT_GAZE
+    Vec3<T> left;
+#endif
+#if !WITHOUT_RIGHT_GAZE
+    Vec3<T> right;
+#endif
+};
+
+struct HandTrace {
+    VecX<T> expression, pose;
+    Columns<T> code, feature, attributes;
+#if !WITHOUT_HEAD_POSE
+    HeadTransform<T> head;
+#endif
+    Columns<T> w_exp, w_pose, w_left, w_right;
+    NearestTrace<T> n_exp, n_left, n_right;
+    FieldTrace<T> exp_color, exp_deform, exp_attributes, pose_color, pose_deform, pose_attributes;
+    FieldTrace<T> left_color, left_deform, right_color, right_deform;
+    VecX<T> left_gaze, right_gaze;
+#if !WITHOUT_EYE_OFFSET
+    EyeOffsetTrace<T> offset;
+#endif
+    Quat<T> left_turn, right_turn;
+    Gaussians<T> driven_face, world_face, world_eyes;
+};
+
+// One frame, as someone would write it who has just these effects.
+__attribute__((noinline)) void hand_face(const HandFace& face, const AvatarConfig& c,
+                                         const LandmarkRoles& roles, HandTrace& t) {
+    const Index n = face.position.cols();
+    const T one = T(1), reach = T(c.deform_scale), step = T(c.attribute_scale);
+#if RESTS
+    const Columns<T>& seen = face.anchor.size() > 0 ? face.anchor : face.position;
+#else
+    const Columns<T>& seen = face.position;
+#endif
+    t.code = positional_encoding(seen, c.frequencies);
+    tanh_into<B>(face.feature, t.feature);
+#if !(WITHOUT_EXPRESSION && WITHOUT_POSE_RESIDUAL)
+    t.w_exp = detail::set_weights<B>(c, c.exp_near, c.exp_far, seen, face.landmarks,
+                                     roles.expression, t.n_exp);
+    t.w_pose = Columns<T>::Ones(1, n) - t.w_exp;
+#endif
+#if LEFT_SKIN
+    t.w_left = detail::set_weights<B>(c, c.gaze_near, c.gaze_far, seen, face.landmarks,
+                                      roles.eye[0], t.n_left);
+#endif
+#if RIGHT_SKIN
+    t.w_right = detail::set_weights<B>(c, c.gaze_near, c.gaze_far, seen, face.landmarks,
+                                       roles.eye[1], t.n_right);
+#endif
+    Gaussians<T> g;
+#if RESTS
+    g.feature = face.rest_color;
+#else
+    g.feature = Columns<T>::Zero(c.channels, n);
+#endif
+#if !WITHOUT_EXPRESSION
+    add_field<B>(face.exp_color, Squash::none, one, t.feature, t.w_exp, t.expression, g.feature,
+                 t.exp_color);
+#endif
+#if !WITHOUT_POSE_RESIDUAL
+    add_field<B>(face.pose_color, Squash::none, one, t.feature, t.w_pose, t.pose, g.feature,
+                 t.pose_color);
+#endif
+#if LEFT_SKIN
+    add_field<B>(face.left_color, Squash::none, one, t.feature, t.w_left, t.left_gaze, g.feature,
+                 t.left_color);
+#endif
+#if RIGHT_SKIN
+    add_field<B>(face.right_color, Squash::none, one, t.feature, t.w_right, t.right_gaze,
+                 g.feature, t.right_color);
+#endif
+    g.mean = face.position;
+#if !WITHOUT_EXPRESSION
+    add_field<B>(face.exp_deform, Squash::tanh, reach, t.code, t.w_exp, t.expression, g.mean,
+                 t.exp_deform);
+#endif
+#if !WITHOUT_POSE_RESIDUAL
+    add_field<B>(face.pose_deform, Squash::tanh, reach, t.code, t.w_pose, t.pose, g.mean,
+                 t.pose_deform);
+#endif
+#if LEFT_SKIN
+    add_field<B>(face.left_deform, Squash::tanh, reach, t.code, t.w_left, t.left_gaze, g.mean,
+                 t.left_deform);
+#endif
+#if RIGHT_SKIN
+    add_field<B>(face.right_deform, Squash::tanh, reach, t.code, t.w_right, t.right_gaze, g.mean,
+                 t.right_deform);
+#endif
+#if !(WITHOUT_EXPRESSION && WITHOUT_POSE_RESIDUAL)
+    t.attributes = Columns<T>::Zero(8, n);
+#endif
+#if !WITHOUT_EXPRESSION
+    add_field<B>(face.exp_attributes, Squash::none, step, t.feature, t.w_exp, t.expression,
+                 t.attributes, t.exp_attributes);
+#endif
+#if !WITHOUT_POSE_RESIDUAL
+    add_field<B>(face.pose_attributes, Squash::none, step, t.feature, t.w_pose, t.pose,
+                 t.attributes, t.pose_attributes);
+#endif
+#if !(WITHOUT_EXPRESSION && WITHOUT_POSE_RESIDUAL)
+    activate_into<B>(face.log_scale, face.rotation, face.opacity_logit, g, t.attributes);
+#else
+    activate_into<B>(face.log_scale, face.rotation, face.opacity_logit, g);
+#endif
+    t.driven_face = std::move(g);
+}
+
+__attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfig& c,
+                                         const HandDrivers& drivers, HandTrace& t) {
+    const Index n = eyes.position.cols() / 2;
+    Columns<T> centre = eyes.centre;
+#if !WITHOUT_EYE_OFFSET
+    t.offset.input.resize(t.expression.size() + t.pose.size(), 1);
+    t.offset.input << t.expression, t.pose;
+    t.offset.squashed = mlp_forward<B, T>(eyes.offset, t.offset.input, VecX<T>(), &t.offset.mlp);
+    squash_in_place(Squash::tanh, t.offset.squashed);
+    centre += T(c.deform_scale) * t.offset.squashed.reshaped(3, 2);
+#endif
+    Gaussians<T> g;
+    g.feature = eyes.feature;
+    g.mean.resize(3, 2 * n);
+    g.rotation.resize(4, 2 * n);
+    const auto exponential = [](const T& v) { return T(std::exp(v)); };
+#if !WITHOUT_HEAD_POSE
+    g.scale = t.head.scale * eyes.log_scale.unaryExpr(exponential);
+#else
+    g.scale = eyes.log_scale.unaryExpr(exponential);
+#endif
+    g.opacity = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
+    const auto place = [&](Index first, EyeTransform<T>& eye) {
+        const Columns<T> points = eyes.position.middleCols(first, n);
+        const Columns<T> rotations = eyes.rotation.middleCols(first, n);
+        g.mean.middleCols(first, n) = eye_points<T>(eye, points);
+        g.rotation.middleCols(first, n) = eye_rotations<T>(eye, rotations);
+    };
+    EyeTransform<T> left = eye_at<T>(centre.col(0)), right = eye_at<T>(centre.col(1));
+#if !WITHOUT_LEFT_GAZE
+    turn_eye<T>(left, drivers.left);
+#endif
+#if !WITHOUT_RIGHT_GAZE
+    turn_eye<T>(right, drivers.right);
+#endif
+#if !WITHOUT_HEAD_POSE
+    const HeadPlacement<T> head{{t.head.rotation, t.head.translation}, t.head.scale};
+    carry_eye<T>(left, head);
+    carry_eye<T>(right, head);
+#endif
+#if !WITHOUT_LEFT_GAZE
+    t.left_turn = left.quaternion;
+#if !WITHOUT_HEAD_POSE
+    t.left_turn = quat_product<T>(quat_conjugate<T>(t.head.quaternion), left.quaternion);
+#endif
+#endif
+#if !WITHOUT_RIGHT_GAZE
+    t.right_turn = right.quaternion;
+#if !WITHOUT_HEAD_POSE
+    t.right_turn = quat_product<T>(quat_conjugate<T>(t.head.quaternion), right.quaternion);
+#endif
+#endif
+    place(0, left);
+    place(n, right);
+    static_cast<void>(drivers);
+    t.world_eyes = std::move(g);
+}
+
+struct Case {
+    AvatarConfig config;
+    LandmarkRoles roles;
+    TwoStream<T, E> avatar;
+    Drivers<T, E> drivers;
+    TwoStreamTrace<T, E> trace;
+    HandFace face;
+    HandEyes eyes;
+    HandDrivers hand;
+    HandTrace hand_trace;
+};
+
+} // namespace
+
+extern "C" __attribute__((noinline)) void by_types(void* with) {
+    Case& c = *static_cast<Case*>(with);
+    drive<B>(c.avatar, c.config, c.roles, c.drivers, c.trace);
+}
+
+extern "C" __attribute__((noinline)) void by_hand(void* with) {
+    Case& c = *static_cast<Case*>(with);
+    HandTrace& t = c.hand_trace;
+#if WITHOUT_KAPPA
+    const HandDrivers& d = c.hand;
+#else
+    HandDrivers d = c.hand;
+#if !WITHOUT_LEFT_GAZE
+    d.left = apply_kappa<T>(c.hand.left, {c.eyes.kappa(0, 0), c.eyes.kappa(1, 0)});
+#endif
+#if !WITHOUT_RIGHT_GAZE
+    d.right = apply_kappa<T>(c.hand.right, {c.eyes.kappa(0, 1), c.eyes.kappa(1, 1)});
+#endif
+#endif
+    t.expression = d.expression;
+    t.pose = positional_encoding(d.pose, c.config.pose_frequencies);
+#if LEFT_SKIN
+    t.left_gaze = positional_encoding(pitch_yaw(d.left), c.config.gaze_frequencies);
+#endif
+#if RIGHT_SKIN
+    t.right_gaze = positional_encoding(pitch_yaw(d.right), c.config.gaze_frequencies);
+#endif
+    hand_face(c.face, c.config, c.roles, t);
+    t.world_face = t.driven_face;
+#if !WITHOUT_HEAD_POSE
+    const Mat3<T> r = so3_exp(Vec3<T>(d.pose.head<3>()));
+    t.head = {r, matrix_quat(r), d.pose.tail<3>(), d.scale};
+    to_world<B>(t.head, t.world_face);
+#endif
+    hand_eyes(c.eyes, c.config, d, t);
+}
+
+namespace {
+
+Columns<T> numbers(Index rows, Index cols, double size, double middle, std::uint64_t stream) {
+    Columns<T> a(rows, cols);
+    const Random random{3, stream};
+    for (Index i = 0; i < a.size(); ++i)
+        a(i) = T(middle + size * (2 * random.uniform(static_cast<std::uint64_t>(i)) - 1));
+    return a;
+}
+
+void fill(Case& c, Index n, Index per_eye) {
+    AvatarConfig& k = c.config;
+    k.expression = 4, k.feature = 6, k.channels = 8;
+    k.networks = {{8}, {8}, {8}, {8}, {8}, {8}, {8}, {8}, {8}, {8}};
+    FaceStream<T, E>& f = c.avatar.face;
+    f.networks = FaceNetworks<T, E>::init(k, Random{5, 0});
+    f.position = numbers(3, n, 0.7, 0, 1);
+    f.feature = numbers(k.feature, n, 1, 0, 2);
+    f.log_scale = numbers(3, n, 0.3, -3, 3);
+    f.rotation = numbers(4, n, 1, 0, 4);
+    f.opacity_logit = numbers(1, n, 1, 0, 5);
+    f.landmarks = numbers(3, 66, 0.7, 0, 6);
+    for (Index i = 0; i < 66; ++i)
+        (i < 54 ? c.roles.expression : c.roles.eye[i < 60 ? 0 : 1]).push_back(i);
+    const auto attributes = [&](int frame) {
+        return Mlp<T>::init(mlp_shape(k.feature, frame, {8}, 8), Random{6, 0});
+    };
+#if !WITHOUT_EXPRESSION
+    f.exp_attributes = attributes(k.expression);
+    c.face.exp_attributes = f.exp_attributes;
+    c.face.exp_color = f.networks.exp_color;
+    c.face.exp_deform = f.networks.exp_deform;
+#endif
+#if !WITHOUT_POSE_RESIDUAL
+    f.pose_attributes = attributes(k.pose_code());
+    c.face.pose_attributes = f.pose_attributes;
+    c.face.pose_color = f.networks.pose_color;
+    c.face.pose_deform = f.networks.pose_deform;
+#endif
+#if LEFT_SKIN
+    c.face.left_color = of_eye<0>(f.networks.gaze_color);
+    c.face.left_deform = of_eye<0>(f.networks.gaze_deform);
+#endif
+#if RIGHT_SKIN
+    c.face.right_color = of_eye<1>(f.networks.gaze_color);
+    c.face.right_deform = of_eye<1>(f.networks.gaze_deform);
+#endif
+#if RESTS
+    f.rest_color = c.face.rest_color = numbers(k.channels, n, 1, 0, 7);
+#endif
+    c.face.position = f.position, c.face.feature = f.feature, c.face.log_scale = f.log_scale;
+    c.face.rotation = f.rotation, c.face.opacity_logit = f.opacity_logit;
+    c.face.landmarks = f.landmarks;
+
+    EyeStream<T, E>& e = c.avatar.eyes;
+    e.feature = c.eyes.feature = numbers(k.channels, 2 * per_eye, 1, 0, 8);
+    e.log_scale = c.eyes.log_scale = numbers(3, 2 * per_eye, 0.3, -4, 9);
+    e.rotation = c.eyes.rotation = numbers(4, 2 * per_eye, 1, 0, 10);
+    e.opacity_logit = c.eyes.opacity_logit = numbers(1, 2 * per_eye, 1, 0, 11);
+    e.position = c.eyes.position = numbers(3, 2 * per_eye, 0.1, 0, 12);
+    e.centre = c.eyes.centre = numbers(3, 2, 0.3, 0, 13);
+    e.spacing = c.eyes.spacing = numbers(1, 2 * per_eye, 0.01, 0.02, 14);
+#if !WITHOUT_EYE_OFFSET
+    e.offset = EyeOffsetNetwork<T>::init(k, Random{7, 0});
+    e.offset.mlp.weight.back() = numbers(6, e.offset.mlp.weight.back().cols(), 0.3, 0, 15);
+    c.eyes.offset = e.offset.mlp;
+#endif
+#if !WITHOUT_KAPPA
+    e.kappa = c.eyes.kappa = numbers(2, 2, 0.1, 0, 16);
+#endif
+    c.drivers.expression = c.hand.expression = numbers(k.expression, 1, 1, 0, 17).col(0);
+    c.drivers.pose = c.hand.pose = numbers(6, 1, 0.2, 0, 18).col(0);
+#if !WITHOUT_HEAD_POSE
+    c.drivers.scale = c.hand.scale = 1.1f;
+#endif
+#if !WITHOUT_LEFT_GAZE
+    of_eye<0>(c.drivers.gaze) = c.hand.left = Vec3<T>(0.2f, 0.1f, 0.95f);
+#endif
+#if !WITHOUT_RIGHT_GAZE
+    of_eye<1>(c.drivers.gaze) = c.hand.right = Vec3<T>(-0.1f, 0.2f, 0.9f);
+#endif
+}
+
+bool equal(const Gaussians<T>& a, const Gaussians<T>& b) {
+    bool same = true;
+    Gaussians<T>::fields([&](const std::string&, const auto& x, const auto& y) {
+        same = same && x.size() > 0 && x == y;
+    }, a, b);
+    return same;
+}
+
+} // namespace
+
+int main(int argc, char** argv) {
+    static Case c;
+    fill(c, 4000, 1000);
+    // A first frame makes the memory of both, so that the counted ones are like any other frame.
+    by_types(&c);
+    by_hand(&c);
+    if (argc > 1 && std::strcmp(argv[1], "types") == 0) by_types(&c);
+    if (argc > 1 && std::strcmp(argv[1], "hand") == 0) by_hand(&c);
+    if (!equal(c.trace.world_face, c.hand_trace.world_face) ||
+        !equal(c.trace.world_eyes, c.hand_trace.world_eyes)) {
+        std::puts("by types and by hand differ");
+        return 1;
+    }
+}

@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is done about small Gaussians: none, dilate, mip; in renders and their gradients.
+#include <rye/splat/rasterizer.hpp>
+
+#include <doctest/doctest.h>
+
+#include <rye/autodiff/check.hpp>
+#include <rye/autodiff/dual.hpp>
+
+using namespace rye;
+
+namespace {
+
+struct Mip : Exact64 {
+    static constexpr Antialias antialias = Antialias::mip;
+};
+struct Plain : Exact64 {
+    static constexpr Antialias antialias = Antialias::none;
+};
+struct Balance : Balanced {
+    static constexpr Antialias antialias = Antialias::mip;
+};
+struct Undilated : Exact64 {
+    constexpr Undilated() { dilation = 0; }
+};
+struct UndilatedMip : Mip {
+    constexpr UndilatedMip() { dilation = 0; }
+};
+
+/// Gaussians from a twentieth of a pixel to several.
+Gaussians<double> specks(Index n) {
+    const Random random{5, 0};
+    Gaussians<double> g(n, 3);
+    std::uint64_t k = 0;
+    const auto draw = [&] { return 2 * random.uniform(k++) - 1; };
+    for (Index i = 0; i < n; ++i) {
+        for (Index a = 0; a < 3; ++a) g.mean(a, i) = 0.4 * draw();
+        for (Index a = 0; a < 4; ++a) g.rotation(a, i) = draw();
+        for (Index a = 0; a < 3; ++a) g.scale(a, i) = 0.02 * std::exp(1.5 * draw() - 1);
+        g.opacity(0, i) = 0.5 + 0.4 * draw();
+        for (Index a = 0; a < 3; ++a) g.feature(a, i) = 0.5 + 0.5 * draw();
+    }
+    return g;
+}
+
+Pinhole<double> camera() {
+    Pinhole<double> c;
+    c.fx = c.fy = 60, c.cx = 15.3, c.cy = 12.1;
+    c.width = 30, c.height = 25;
+    c.camera_from_world.translation = Vec3<double>(0, 0, 2);
+    return c;
+}
+
+template <class B, class A, class T>
+Raster<T> draw(const Gaussians<T>& g, const Pinhole<T>& c) {
+    return Rasterizer<B, A>{}.forward(g, c, VecX<T>(VecX<T>::Zero(3)));
+}
+
+double most(const Columns<double>& a, const Columns<double>& b) {
+    return (a - b).cwiseAbs().maxCoeff();
+}
+
+} // namespace
+
+TEST_CASE("mip draws dilated Gaussians of the opacity that they keep; none is no dilation") {
+    using B = ScalarBackend<>;
+    const Gaussians<double> g = specks(40);
+    const Pinhole<double> c = camera();
+    Gaussians<double> kept = g;
+    const Lens<double> lens(c, Exact64{}.frustum_margin, Exact64{}.dilation);
+    for (Index i = 0; i < g.count(); ++i)
+        kept.opacity(0, i) *= project<Antialias::mip>(load_shape(g, i), lens).share;
+    const Columns<double> mip = draw<B, Mip>(g, c).feature.pixels;
+    CHECK(most(mip, draw<B, Exact64>(kept, c).feature.pixels) < 1e-13);
+    CHECK(most(mip, draw<B, Exact64>(g, c).feature.pixels) > 0.05);
+    const Columns<double> none = draw<B, Plain>(g, c).feature.pixels;
+    CHECK(none == draw<B, Undilated>(g, c).feature.pixels);
+    CHECK(none == draw<B, UndilatedMip>(g, c).feature.pixels);  // neutral: nothing to make up for
+    CHECK(most(none, mip) > 0.01);
+}
+
+TEST_CASE("mip: a large Gaussian is drawn as it was") {
+    using B = ScalarBackend<>;
+    Gaussians<double> g = specks(6);
+    g.scale.setConstant(50.0);
+    const Pinhole<double> c = camera();
+    CHECK(most(draw<B, Mip>(g, c).feature.pixels, draw<B, Exact64>(g, c).feature.pixels) < 1e-6);
+}
+
+TEST_CASE("mip keeps the light of a speck when the picture grows; dilation does not") {
+    using B = ScalarBackend<>;
+    Gaussians<double> g = specks(1);
+    g.mean.setZero();
+    g.scale.setConstant(0.003);  // a tenth of a pixel
+    const auto light = [&](auto policy, double k) {  // in units of the world
+        Pinhole<double> c = camera();
+        c.fx *= k, c.fy *= k, c.cx *= k, c.cy *= k;
+        c.width = int(k * c.width), c.height = int(k * c.height);
+        return draw<B, decltype(policy)>(g, c).alpha.pixels.sum() / (k * k);
+    };
+    CHECK(light(Mip{}, 2) == doctest::Approx(light(Mip{}, 1)).epsilon(1e-3));
+    CHECK(light(Mip{}, 4) == doctest::Approx(light(Mip{}, 1)).epsilon(1e-3));
+    CHECK(light(Exact64{}, 2) < 0.5 * light(Exact64{}, 1));
+}
+
+TEST_CASE("mip: the render's vjp is the transpose of its duals; lanes agree with the plain walk") {
+    using B = ScalarBackend<>;
+    using D = Dual<double, 1>;
+    const Gaussians<double> g = specks(30);
+    const Pinhole<double> c = camera();
+    const Raster<double> raster = draw<B, Mip>(g, c);
+    const Columns<double> w = random_columns<double>(3, raster.feature.size(), Random{6, 0});
+    const Rasterizer<B, Mip> rasterizer;
+    Gaussians<double> grad;
+    RasterScratch<double> scratch;
+    rasterizer.vjp_into(g, c, VecX<double>(VecX<double>::Zero(3)), raster, RasterCotangent<double>{w}, grad,
+                        &scratch);
+    const Gaussians<double> direction = random_like(g, Random{7, 0});
+    Gaussians<double> step = direction;
+    step.scale = direction.scale.cwiseProduct(g.scale);
+    Gaussians<D> dual(g.count(), 3);
+    seed_fields(dual, g, step);
+    const Raster<D> moved = draw<B, Mip>(dual, c.cast<D>());
+    DotSum by_vjp, by_dual;
+    by_vjp.add_all(grad, step);
+    Columns<double> slope = moved.feature.pixels.unaryExpr([](const D& x) { return x.d[0]; });
+    by_dual.add(slope, w);
+    CHECK(by_vjp.magnitude > 0.1);
+    CHECK(disagreement(by_vjp, by_dual) < 1e-11);
+
+    Gaussians<float> f;
+    convert_fields(f, g, [](double x) { return float(x); });
+    const Pinhole<float> cf = c.cast<float>();
+    using X = XsimdBackend<>;
+    const Raster<float> lanes = draw<X, Balance>(f, cf), plain = draw<B, Balance>(f, cf);
+    CHECK((lanes.feature.pixels - plain.feature.pixels).cwiseAbs().maxCoeff() < 1e-4f);
+    const Columns<float> wf = w.cast<float>();
+    Gaussians<float> gx, gs;
+    RasterScratch<float> s;
+    const VecX<float> black = VecX<float>::Zero(3);
+    Rasterizer<X, Balance>{}.vjp_into(f, cf, black, lanes, RasterCotangent<float>{wf}, gx, &s);
+    Rasterizer<B, Balance>{}.vjp_into(f, cf, black, plain, RasterCotangent<float>{wf}, gs, &s);
+    CHECK((gx.scale - gs.scale).norm() < 1e-3f * gs.scale.norm());
+    CHECK((gx.mean - gs.mean).norm() < 1e-3f * gs.mean.norm());
+}
