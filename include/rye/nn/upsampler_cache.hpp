@@ -108,33 +108,50 @@ class UpsamplerCache {
         return out;
     }
 
-    /// The last layer goes over fixed chunks of pixels: those that hold a changed one are done.
+    /// The last layer's lanes and its products' columns come in eights, counted from the start of
+    /// a chunk: runs of pixels that begin and end there have the bits of the whole chunk.
     void last_layer(const Upsampler<T>& u, const Image<T>& in, const Region& changed) {
         const Index n = out_.size(), grain = detail::last_layer_grain;
-        std::vector<Index> chunks;
-        std::vector<bool> marked(static_cast<std::size_t>(chunk_count(n, grain)), false);
+        runs_.clear();
         for (const Window& w : changed.bands())
             for (int y = w.top; y < w.bottom; ++y) {
-                const Index row = Index(y) * out_.width;
-                for (Index k = (row + w.left) / grain; k <= (row + w.right - 1) / grain; ++k)
-                    marked[static_cast<std::size_t>(k)] = true;
+                const Index row = Index(y) * out_.width, end = row + w.right;
+                for (Index b = row + w.left; b < end;) {
+                    const Index chunk = b / grain * grain, stop = std::min(n, chunk + grain);
+                    Index from = b / shortest * shortest, to = std::min(end, stop);
+                    to = std::min(stop, (to + shortest - 1) / shortest * shortest);
+                    if (stop - to < shortest) to = stop;
+                    if (to - from < shortest) from = std::max(chunk, to - shortest);
+                    b = to;
+                    if (!runs_.empty() && runs_.back().end >= from && from > chunk)
+                        runs_.back().end = to;
+                    else
+                        runs_.push_back({from, to});
+                }
             }
-        for (std::size_t k = 0; k < marked.size(); ++k)
-            if (marked[k]) chunks.push_back(static_cast<Index>(k));
         for_chunks<typename B::threads>(
-            static_cast<Index>(chunks.size()), 1, [&](Index k, Index, Index) {
-                const Index b = chunks[static_cast<std::size_t>(k)] * grain;
-                const Index e = std::min(n, b + grain);
-                if (u.shape.skip)
-                    trace_.base.pixels.middleCols(b, e - b) =
-                        in.pixels.middleCols(b, e - b).topRows(3);
-                detail::last_layer<B>(u, trace_.normal.back(), trace_.base, b, e, out_);
+            static_cast<Index>(runs_.size()), 16, [&](Index first, Index last, Index) {
+                for (Index k = first; k < last; ++k) {
+                    const auto [b, e] = runs_[static_cast<std::size_t>(k)];
+                    if (u.shape.skip)
+                        trace_.base.pixels.middleCols(b, e - b) =
+                            in.pixels.middleCols(b, e - b).topRows(3);
+                    detail::last_layer<B>(u, trace_.normal.back(), trace_.base, b, e, out_);
+                }
             });
-        for (const Index k : chunks) pixels_ += std::min(n, (k + 1) * grain) - k * grain;
+        for (const Run& r : runs_) pixels_ += r.end - r.begin;
     }
+
+    /// Pixels [begin, end), within one chunk.
+    struct Run {
+        Index begin, end;
+    };
+    /// Shorter products are made by another path.
+    static constexpr Index shortest = 16;
 
     UpsamplerTrace<T> trace_;
     Image<T> out_;
+    std::vector<Run> runs_;
     Index pixels_ = 0;
 };
 

@@ -52,7 +52,7 @@ struct Raster {
 struct StripMask {
     std::array<std::uint32_t, 4> words;
 
-    bool has(int strip) const {
+    bool has(Index strip) const {
         return (words[static_cast<std::size_t>(strip / 32)] >> (strip % 32) & 1U) != 0;
     }
     bool none() const { return (words[0] | words[1] | words[2] | words[3]) == 0; }
