@@ -161,15 +161,19 @@ void eye_vjp(const EyeStream<T, E>& eyes, const AvatarConfig& config,
             else
                 grad.rotation.col(i) += g.rotation.col(i);
         }
-        if constexpr (eye_turns<E, eye> && has_effect<E, Kappa>)
-            grad.kappa.col(e) += kappa_vjp<T>(
-                config, of_eye<eye>(drivers.gaze), kappa_of(eyes.kappa, eye),
-                turn_cotangent<T>(eyes.position.middleCols(e * per_eye, per_eye),
-                                  eyes.rotation.middleCols(e * per_eye, per_eye),
-                                  g.mean.middleCols(e * per_eye, per_eye),
-                                  g.rotation.middleCols(e * per_eye, per_eye)),
-                gaze_code_cotangent<eye>(g_frame));
     });
+    if constexpr (has_effect<E, Kappa>)
+        for_eyes([&]<std::size_t eye>() {
+            constexpr Index e = static_cast<Index>(eye);
+            if constexpr (eye_turns<E, eye>)
+                grad.kappa.col(e) += kappa_vjp<T>(
+                    config, of_eye<eye>(drivers.gaze), kappa_of(eyes.kappa, eye),
+                    turn_cotangent<T>(eyes.position.middleCols(e * per_eye, per_eye),
+                                      eyes.rotation.middleCols(e * per_eye, per_eye),
+                                      g.mean.middleCols(e * per_eye, per_eye),
+                                      g.rotation.middleCols(e * per_eye, per_eye)),
+                    gaze_code_cotangent<eye>(g_frame));
+        });
     if constexpr (has_effect<E, EyeOffset>) {
         Columns<T> g_offset = Columns<T>::Zero(3, 2);
         for (Index e = 0; e < 2; ++e)

@@ -19,6 +19,13 @@ struct FaceFields {
     [[no_unique_address]] SkinSlot<E, V, 1> gaze_color; ///< left, right
 };
 
+/// A V for each network that stage 2 adds.
+template <class V, EffectSet E = PaperEffects>
+struct AttributeFields {
+    [[no_unique_address]] Slot<E, Expression, V, 2> exp_attributes;
+    [[no_unique_address]] Slot<E, PoseResidual, V, 2> pose_attributes;
+};
+
 /// What each driver of the face has its things under: in FaceFields, in Weights, in FrameCode. The
 /// attributes (log-scale, quaternion, logit opacity) are stage 2's; the gaze has none.
 struct ExpressionField {

@@ -13,13 +13,6 @@
 
 namespace rye {
 
-/// A V for each network that stage 2 adds.
-template <class V, EffectSet E = PaperEffects>
-struct AttributeFields {
-    [[no_unique_address]] Slot<E, Expression, V, 2> exp_attributes;
-    [[no_unique_address]] Slot<E, PoseResidual, V, 2> pose_attributes;
-};
-
 template <class T, EffectSet E = PaperEffects>
 struct FaceStream : AttributeFields<Mlp<T>, E> {
     Columns<T> position;       ///< X_0, 3 x N

@@ -86,30 +86,31 @@ TwoStream<T, Fewer> held(const TwoStream<T, E>& all, const AvatarConfig& config,
     FaceStream<T, Fewer>& face = a.face;
     if constexpr (face_rests<Fewer> && has_effect<Fewer, FaceDrivers>)
         face.anchor = all.face.seen();
-    for_face_fields<E>([&](auto by) {
-        if constexpr (!detail::drives<Fewer>(by)) {
-            const auto add = [&](const FieldTrace<T>& field, double gain, auto&& to) {
-                for (std::size_t k = 0; k < field.set.size(); ++k) {
-                    const Index i = field.set[k];
-                    to(i, T(T(gain) * by.influence(t.weights)(0, i)),
-                       VecX<T>(field.output.col(static_cast<Index>(k))));
-                }
-            };
-            add(by.color(t), 1, [&](Index i, const T& w, const VecX<T>& y) {
-                face.rest_color.col(i) += w * y;
-            });
-            add(by.deform(t), config.deform_scale, [&](Index i, const T& w, const VecX<T>& y) {
-                face.position.col(i) += w * y;
-            });
-            if constexpr (by.attributes)
-                add(by.attribute(t), config.attribute_scale,
-                    [&](Index i, const T& w, const VecX<T>& y) {
-                        face.log_scale.col(i) += w * y.head(3);
-                        face.rotation.col(i) += w * y.segment(3, 4);
-                        face.opacity_logit(0, i) += w * y(7);
-                    });
-        }
-    });
+    if constexpr (face_rests<Fewer>)
+        for_face_fields<E>([&](auto by) {
+            if constexpr (!detail::drives<Fewer>(by)) {
+                const auto add = [&](const FieldTrace<T>& field, double gain, auto&& to) {
+                    for (std::size_t k = 0; k < field.set.size(); ++k) {
+                        const Index i = field.set[k];
+                        to(i, T(T(gain) * by.influence(t.weights)(0, i)),
+                           VecX<T>(field.output.col(static_cast<Index>(k))));
+                    }
+                };
+                add(by.color(t), 1, [&](Index i, const T& w, const VecX<T>& y) {
+                    face.rest_color.col(i) += w * y;
+                });
+                add(by.deform(t), config.deform_scale, [&](Index i, const T& w, const VecX<T>& y) {
+                    face.position.col(i) += w * y;
+                });
+                if constexpr (by.attributes)
+                    add(by.attribute(t), config.attribute_scale,
+                        [&](Index i, const T& w, const VecX<T>& y) {
+                            face.log_scale.col(i) += w * y.head(3);
+                            face.rotation.col(i) += w * y.segment(3, 4);
+                            face.opacity_logit(0, i) += w * y(7);
+                        });
+            }
+        });
     const Index per_eye = all.eyes.per_eye();
     const Drivers<T, E>& optical = optical_drivers(all.eyes, drivers);
     for_eyes([&]<std::size_t eye>() {

@@ -48,9 +48,12 @@ void make_neutral(TwoStream<T, E>& avatar, Drivers<T, E>& drivers) {
             of_eye<eye>(drivers.gaze) = Vec3<T>(T(0), T(0), T(1));
         if constexpr (std::same_as<X, Gaze> || std::same_as<X, Periocular>)
             detail::silence_skin<eye>(avatar);
-        if constexpr (std::same_as<X, Kappa> || (std::same_as<X, Gaze> && has_effect<E, Kappa>))
-            avatar.eyes.kappa.col(static_cast<Index>(eye)).setZero();
     });
+    if constexpr (has_effect<E, Kappa>) {
+        Columns<T>& kappa = avatar.eyes.kappa;
+        if (std::same_as<X, Kappa> || std::same_as<X, LeftGaze>) kappa.col(0).setZero();
+        if (std::same_as<X, Kappa> || std::same_as<X, RightGaze>) kappa.col(1).setZero();
+    }
     if constexpr (std::same_as<X, EyeOffset>) detail::silence(avatar.eyes.offset.mlp);
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/effect_mask.hpp: a set of effects' types as the set of names that a program handles while
-/// it runs (rig/effect_names.hpp): what a scene calls for against what a variant has.
+/// rye/rig/effect_mask.hpp: a set of effects' types as the set of names that a program handles
+/// while it runs (rig/effect_names.hpp): what a scene calls for against what a variant has.
 #pragma once
 
 #include <rye/rig/effect_names.hpp>
