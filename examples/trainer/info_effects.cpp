@@ -78,7 +78,7 @@ struct SplatVariant {
         if (!Antialias) rasterizer.accuracy.dilation = 0;
         const GaussianCloud<float> used = Degree >= 3 ? cloud : truncated(cloud, Degree);
         const VecX<float> black = VecX<float>::Zero(3);
-        return rasterizer.forward(activate<float>(used, camera.centre()), camera, black).feature;
+        return rasterizer.forward(activate(used, Vec3<float>(camera.centre())), camera, black).feature;
     }
 };
 using AllOfSplats = SplatVariant<3, true>;
@@ -114,7 +114,7 @@ std::string explain_ply(const EffectsOptions& o, const ProfileBounds& bounds) {
     add_sh(cloud, facts);
     RenderFacts render;
     render.size = render.wanted = {double(camera.width), double(camera.height)};
-    add_splats(activate<float>(cloud, camera.centre()), camera, bounds.pixel, render);
+    add_splats(activate(cloud, Vec3<float>(camera.centre())), camera, bounds.pixel, render);
     facts.render = render;
     const SceneProfile p = profile(facts, bounds);
     std::string out = "scene          " + std::to_string(cloud.count()) +

@@ -88,7 +88,7 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
         return picture<ScalarBackend<>>(Exact64{}, activate(exact, camera.centre()), camera,
                                         VecX<double>(background));
     }
-    const Gaussians<float> g = activate<float>(cloud, camera.centre().cast<float>());
+    const Gaussians<float> g = activate(cloud, Vec3<float>(camera.centre().cast<float>()));
     if (!o.max_error.empty()) {
         const VecX<float> behind = background.cast<float>();
         const SelectedAccuracy chosen = select_accuracy<B, float>(
