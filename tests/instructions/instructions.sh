@@ -17,6 +17,7 @@ count() {  # KERNEL: its function is the name up to the dot
         "$program" "$1" 2>&1 | sed -n 's/.*Collected : \([0-9]*\).*/\1/p'
 }
 kernels="splat_forward.3 splat_backward.3 splat_forward.32 splat_backward.32"
+kernels="$kernels mlp_forward mlp_backward"
 if [ "${4:-}" = --record ]; then
     {
         echo "# Instructions of one call, by tests/instructions/instructions.sh --record."
