@@ -173,10 +173,11 @@ struct SlotSums {
             blend_tile_vjp(scene, accuracy, RasterCotangent<T>{w}, t, scratch, hits);
         sums = Columns<double>::Zero(scratch.slots.stride, g.count());
         std::vector<S> sum(static_cast<std::size_t>(scratch.slots.stride));
-        for (std::size_t m = 0; m < raster.trace.source.size(); ++m) {
+        for (std::size_t m = 0; m < raster.trace.members.size(); ++m) {
             merge_slots(lists, scratch.slots, static_cast<Index>(m), sum.data());
             for (std::size_t k = 0; k < sum.size(); ++k)
-                sums(static_cast<Index>(k), raster.trace.source[m]) = static_cast<double>(sum[k]);
+                sums(static_cast<Index>(k), raster.trace.members[m].source) =
+                    static_cast<double>(sum[k]);
         }
     }
 };
