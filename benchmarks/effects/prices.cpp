@@ -20,7 +20,7 @@ using namespace rye::bench;
 using B = XsimdBackend<xsimd::default_arch, Serial>;
 using All = More<PaperEffects, Kappa>;
 constexpr Index face_points = 3000, eye_points_each = 500;
-constexpr int rounds = 16;
+constexpr int rounds = 5;
 
 Columns<float> noise(Index rows, Index cols, double size, double middle, std::uint64_t stream) {
     Columns<float> a(rows, cols);
