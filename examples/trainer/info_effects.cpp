@@ -251,7 +251,10 @@ std::string check_avatar(const TrainState& state, const Capture& c, const SceneP
     return "check          pictures of " + std::to_string(frames.size()) +
            " frames without what is not called for differ from those of all effects by at most " +
            number(double(worst)) +
-           (worst <= p.bound ? ", within the bound\n" : ", NOT within the bound\n");
+           (worst <= p.bound ? ", within the bound\n" : ", NOT within the bound\n") +
+           (p.effects.has(EffectName::corneal_bulge)
+                ? ""
+                : "               (a cornea is part of the avatar's eyeballs and stays)\n");
 }
 
 std::string explain_capture(const EffectsOptions& o, const ProfileBounds& bounds) {
