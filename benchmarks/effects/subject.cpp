@@ -94,7 +94,7 @@ Subject synthetic() {
     e.log_scale = columns(3, 2 * eye_points, 0.2f, -5.3f);
     e.rotation = columns(4, 2 * eye_points, 1, 0);
     e.opacity_logit = columns(1, 2 * eye_points, 0.5f, 2);
-    e.offset = EyeOffset<float>::init(c, Random{4, 0});
+    e.offset = EyeOffsetNetwork<float>::init(c, Random{4, 0});
     e.position.resize(3, 2 * eye_points);
     for (Index i = 0; i < 2 * eye_points; ++i)
         e.position.col(i) = 0.12f * Vec3<float>(normal(), normal(), normal()).normalized();

@@ -38,7 +38,7 @@ struct Strips {
             y[i] = static_cast<T>(scene.top(tile) + i) + T(0.5) - scene.cy;
         }
     }
-    /// Transmittance 1 where a pixel is drawn, 0 outside the image; a vector every `stride` numbers.
+    /// Transmittance 1 where a pixel is drawn, else 0; a vector every `stride` numbers.
     void start(const StripMask& drawn, T* transmittance, Index stride) const {
         for (int s = 0; s < count; ++s)
             for (int lane = 0; lane < lanes; ++lane)
