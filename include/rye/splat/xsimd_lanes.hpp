@@ -5,16 +5,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cstddef>
 #include <functional>
-#include <bit>
-#include <cstdint>
-#include <limits>
 #include <memory>
 #include <type_traits>
 #include <utility>
 
 #include <rye/backend/xsimd.hpp>
-#include <rye/math/exponential.hpp>
 #include <rye/splat/raster.hpp>
 
 namespace rye {
