@@ -100,13 +100,13 @@ class Redraw {
         Gaussians<T>::fields([&](const std::string&, const Columns<T>& a) { numbers += a.size(); },
                              part_);
         std::size_t sum = static_cast<std::size_t>(numbers) * sizeof(T) +
-                          of(t.members, t.member, t.used, key_, moved_, tiles_, fresh_,
+                          of(t.members, t.member, t.used, key_, moved_, tiles_, order_,
+                             order_buffer_, fresh_,
                              few_.members, cursor_, found_, blended_, drawn_strips_);
         for (const TileLists* l : {&t.lists, &next_, &few_.lists})
             sum += of(l->begin, l->entry, l->first);
         for (const RasterScratch<T>* s : {&scratch_, &part_scratch_})
-            sum += of(s->candidates, s->footprints, s->state, s->home, s->visible, s->keys,
-                      s->order, s->homes);
+            sum += of(s->candidates, s->footprints, s->state, s->home);
         return sum;
     }
 
@@ -239,25 +239,22 @@ class Redraw {
 
     /// Deals what entered out into its tiles, near to far, ties by index.
     void sort_fresh(std::span<const Index> changed) {
-        auto& keys = part_scratch_.keys;
-        auto& order = part_scratch_.order;
-        keys.clear();
-        order.clear();
+        order_.clear();
         for (std::size_t k = 0; k < changed.size(); ++k)
-            if (visible(changed[k])) {
-                keys.push_back(key_[member(changed[k])]);
-                order.push_back(static_cast<std::uint32_t>(k));
-            }
-        sort_by_key(keys, order, part_scratch_.sort);
+            if (visible(changed[k]))
+                order_.push_back({key_[member(changed[k])], static_cast<std::uint32_t>(k)});
+        order_buffer_.resize(order_.size());
+        sort_by_key(order_.data(), order_buffer_.data(), static_cast<Index>(order_.size()));
         std::uint32_t sum = 0;
         for (TileChange& t : tiles_) {
             t.fresh = sum;
             sum += t.entered;
         }
         fresh_.resize(sum);
-        for (const std::uint32_t k : order) {
-            const std::uint32_t m = member(changed[k]);
-            each_tile(scratch_, at(changed[k]),
+        for (const Keyed<Key>& k : order_) {
+            const Index i = changed[k.value];
+            const std::uint32_t m = member(i);
+            each_tile(scratch_, at(i),
                       [&](std::size_t t) { fresh_[tiles_[t].fresh++] = {m, 0}; });
         }
         for (TileChange& t : tiles_) t.fresh -= t.entered;
@@ -370,6 +367,7 @@ class Redraw {
     std::vector<Key> key_;             ///< depth of each member
     std::vector<std::uint8_t> moved_;  ///< of each member, during a redraw
     std::vector<TileChange> tiles_;
+    std::vector<Keyed<Key>> order_, order_buffer_;  ///< of those that changed, by depth
     std::vector<TileLists::Entry> fresh_;  ///< that enter tiles, tile by tile
     TileLists next_;
     RasterTrace<T> few_;               ///< the changes of tiles with few of them
