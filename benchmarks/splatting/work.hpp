@@ -18,7 +18,7 @@ template <class B, AccuracyPolicy A>
 struct Work {
     HeadScene scene;
     Rasterizer<B, A> rasterizer = {};
-    Raster<float> raster = {};
+    Raster<float, A::outputs> raster = {};
     RasterScratch<float> scratch = {};
     Gaussians<float> gradient = {};
 

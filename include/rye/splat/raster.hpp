@@ -8,6 +8,7 @@
 
 #include <rye/gaussian/gaussians.hpp>
 #include <rye/splat/falloff.hpp>
+#include <rye/splat/outputs.hpp>
 #include <rye/splat/ray_peak.hpp>
 #include <rye/splat/tile_lists.hpp>
 #include <rye/splat/workspaces.hpp>
@@ -37,13 +38,11 @@ struct RasterTrace {
                                          ///< quaternion
 };
 
-/// feature = sum_i T_i a_i c_i + T_end background, alpha = 1 - T_end, depth = sum_i T_i a_i z_i:
-/// divide depth by alpha, where that is positive, for the expected depth.
-template <class T>
-struct Raster {
+/// feature = sum_i T_i a_i c_i + T_end background, alpha = 1 - T_end, and what else is asked for.
+template <class T, Outputs O = Outputs{}>
+struct Raster : OutputImages<T, O> {
     Image<T> feature;                    ///< C channels
     Image<T> alpha;                      ///< 1 channel, in 0..1
-    Image<T> depth;                      ///< 1 channel [world units]
     RasterTrace<T> trace;
 };
 

@@ -29,12 +29,13 @@ template <Backend B, AccuracyPolicy A, Real T>
 class Redraw {
     static_assert(A::order == BlendOrder::by_centre && A::depth_bits <= 8 * int(sizeof(T)),
                   "Redraw keeps lists by the centres' depths in the Gaussians' own numbers");
+    static_assert(!A::outputs.contributor, "Redraw draws no contributors");
 
   public:
     explicit Redraw(const Rasterizer<B, A>& rasterizer = {}) : rasterizer_(rasterizer) {}
 
     /// The images. Their trace is of no use to a vjp: lists hold no slots.
-    const Raster<T>& raster() const { return raster_; }
+    const Raster<T, A::outputs>& raster() const { return raster_; }
     /// Pixels outside this are those of the call before the last.
     const Region& region() const { return region_; }
     const RedrawWork& work() const { return work_; }
@@ -359,7 +360,7 @@ class Redraw {
     }
 
     Rasterizer<B, A> rasterizer_;
-    Raster<T> raster_;
+    Raster<T, A::outputs> raster_;
     RasterScratch<T> scratch_, part_scratch_;
     Gaussians<T> part_;                ///< what changed, gathered
     Pinhole<T> camera_;
