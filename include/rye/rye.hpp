@@ -23,6 +23,7 @@
 #include <rye/autodiff/dual.hpp>
 #include <rye/autodiff/widen.hpp>
 #include <rye/geometry/camera.hpp>
+#include <rye/geometry/distortion.hpp>
 #include <rye/geometry/marching_tets.hpp>
 #include <rye/geometry/mesh.hpp>
 #include <rye/geometry/mesh_raster.hpp>

@@ -2,6 +2,8 @@
 /// rye/splat/rasterizer.hpp: Gaussians to images of features, alpha and depth, and back.
 /// The derivative in a direction is `forward` on duals. Results do not depend on the number of
 /// threads: every (tile, Gaussian) pair owns its partial gradient, merged in the order of tiles.
+/// A camera may have a lens that bends (geometry/distortion.hpp). Its Gaussians are projected one
+/// at a time, in lanes' backends too; the pixels are walked as for any other camera.
 #pragma once
 
 #include <rye/backend/scalar.hpp>
@@ -29,8 +31,8 @@ template <Backend B, AccuracyPolicy A = Balanced>
 struct Rasterizer {
     A accuracy;
 
-    template <class T>
-    Raster<T> forward(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background,
+    template <class T, Distortion D>
+    Raster<T> forward(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
                       RasterScratch<T>* scratch = nullptr) const {
         Raster<T> out;
         forward_into(g, camera, background, out, scratch);
@@ -38,8 +40,8 @@ struct Rasterizer {
     }
 
     /// As forward, into the memory of an earlier result.
-    template <class T>
-    void forward_into(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background,
+    template <class T, Distortion D>
+    void forward_into(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
                       Raster<T>& out, RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
         RasterScratch<T>& s = scratch != nullptr ? *scratch : own;
@@ -55,11 +57,12 @@ struct Rasterizer {
     }
 
     /// The first step of forward_into: candidate and state of every Gaussian.
-    template <class T>
-    void project_into(const Gaussians<T>& g, const Pinhole<T>& camera, RasterScratch<T>& s) const {
+    template <class T, Distortion D>
+    void project_into(const Gaussians<T>& g, const Pinhole<T, D>& camera,
+                      RasterScratch<T>& s) const {
         s.shape(g.count());
         for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
-            if constexpr (LaneBackend<B, T>)
+            if constexpr (LaneBackend<B, T> && !D::bends)
                 project_range_lanes<typename B::template batch<T>>(g, camera, accuracy, b, e, s);
             else
                 project_range(g, camera, accuracy, b, e, s);
@@ -83,16 +86,16 @@ struct Rasterizer {
         });
     }
 
-    template <class T>
-    static Scene<T> scene_of(const Gaussians<T>& g, const Pinhole<T>& camera,
+    template <class T, Distortion D>
+    static Scene<T> scene_of(const Gaussians<T>& g, const Pinhole<T, D>& camera,
                              const VecX<T>& background, const RasterTrace<T>& trace) {
         return {trace, g.feature, background, camera.cx, camera.cy, camera.width, camera.height};
     }
 
     /// Gradients of everything in `g` for the cotangents of the three images; the background's is
     /// background_vjp. Arguments are those of the forward call that returned `raster`.
-    template <class T>
-    Gaussians<T> vjp(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background,
+    template <class T, Distortion D>
+    Gaussians<T> vjp(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
                      const Raster<T>& raster, const Columns<T>& g_feature,
                      const Columns<T>* g_alpha = nullptr, const Columns<T>* g_depth = nullptr,
                      RasterScratch<T>* scratch = nullptr) const {
@@ -103,8 +106,8 @@ struct Rasterizer {
     }
 
     /// As vjp, into the memory of an earlier result.
-    template <class T>
-    void vjp_into(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background,
+    template <class T, Distortion D>
+    void vjp_into(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
                   const Raster<T>& raster, const RasterCotangent<T>& cotangent, Gaussians<T>& out,
                   RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
@@ -138,7 +141,7 @@ struct Rasterizer {
                                 const Columns<T>& like) { a.resize(like.rows(), like.cols()); },
                              out, g);
         for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
-            if constexpr (LaneBackend<B, T>) {
+            if constexpr (LaneBackend<B, T> && !D::bends) {
                 using V = typename B::template batch<T>;
                 const auto sums = s.workspaces.template lend<LaneSums<V>>();
                 pull_back_range_lanes<V>(g, camera, accuracy, trace, s.slots, b, e, out, *sums);
@@ -154,9 +157,11 @@ struct Rasterizer {
         for_chunks<typename B::threads>(tiles, 8, [&](Index b, Index e, Index) { f(b, e); });
     }
 
-    template <class T>
-    static void check(const Gaussians<T>& g, const Pinhole<T>& camera,
+    template <class T, Distortion D>
+    static void check(const Gaussians<T>& g, const Pinhole<T, D>& camera,
                       const VecX<T>& background) {
+        static_assert(!D::bends || A::order == BlendOrder::by_centre,
+                      "rasterizer: blending by peak needs the straight rays of a pinhole");
         check_shapes("rasterizer", g);
         expect(background.size() == g.channels(), [&] {
             return "got a background of " + std::to_string(background.size()) +
@@ -180,8 +185,8 @@ struct Rasterizer {
         if (!condition) throw Error("rasterizer: " + sentence());
     }
 
-    template <class T>
-    static void check_cotangent(const Gaussians<T>& g, const Pinhole<T>& camera,
+    template <class T, Distortion D>
+    static void check_cotangent(const Gaussians<T>& g, const Pinhole<T, D>& camera,
                                 const RasterCotangent<T>& c) {
         const Index pixels = static_cast<Index>(camera.width) * camera.height;
         const auto fits = [&](const Columns<T>* a, Index rows) {
@@ -193,8 +198,8 @@ struct Rasterizer {
         });
     }
 
-    template <class T>
-    static void shape_image(Image<T>& image, const Pinhole<T>& camera, Index channels) {
+    template <class T, Distortion D>
+    static void shape_image(Image<T>& image, const Pinhole<T, D>& camera, Index channels) {
         image.width = camera.width;
         image.height = camera.height;
         image.pixels.resize(channels, image.size());

@@ -71,8 +71,8 @@ auto footprint_of(const ScreenGaussian<T>& s, const Splat<T>& splat, const T& cx
 }
 
 /// Completes candidate i, whose splat and footprint are known: it is visible unless it has no rows.
-template <class T>
-void settle(Index i, const Span& rows, const Pinhole<T>& camera, RasterScratch<T>& scratch) {
+template <class T, Distortion D>
+void settle(Index i, const Span& rows, const Pinhole<T, D>& camera, RasterScratch<T>& scratch) {
     using R = real_t<T>;
     const auto at = static_cast<std::size_t>(i);
     Member<T>& c = scratch.candidates[at];
@@ -88,10 +88,10 @@ void settle(Index i, const Span& rows, const Pinhole<T>& camera, RasterScratch<T
 }
 
 /// Fills candidate and state of Gaussians [b, e); one at a time, for any scalar.
-template <class A, class T>
-void project_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy, Index b,
+template <class A, class T, Distortion D>
+void project_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy, Index b,
                    Index e, RasterScratch<T>& scratch) {
-    const Lens<T> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
+    const Lens<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
     const bool look = accuracy.non_finite != NonFinite::trust;
     for (Index i = b; i < e; ++i) {
         const auto at = static_cast<std::size_t>(i);
@@ -125,8 +125,8 @@ auto& depth_keys(RasterScratch<T>& scratch) {
 }
 
 /// The depth of Gaussian i in double, whatever it is given in.
-template <class T>
-double fine_depth(const Gaussians<T>& g, const Pinhole<T>& camera, Index i) {
+template <class T, Distortion D>
+double fine_depth(const Gaussians<T>& g, const Pinhole<T, D>& camera, Index i) {
     const auto& pose = camera.camera_from_world;
     double z = 0;
     for (int k = 0; k < 3; ++k)
@@ -137,8 +137,8 @@ double fine_depth(const Gaussians<T>& g, const Pinhole<T>& camera, Index i) {
 
 /// Visible candidates become members in the order of the tiles that they lie in, and entries of
 /// tiles in the order of depth, ties by index.
-template <Backend B, class A, class T>
-void arrange(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy,
+template <Backend B, class A, class T, Distortion D>
+void arrange(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
              RasterScratch<T>& scratch, RasterTrace<T>& trace) {
     using R = real_t<T>;
     const Index tiles = Index(tiles_across(camera.width)) * tiles_across(camera.height);
@@ -171,7 +171,8 @@ void arrange(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy,
             keys[v] = depth_key(fine_depth(g, camera, i));
         else
             keys[v] = depth_key(static_cast<R>(value_of(c.splat.depth)));
-        if constexpr (A::order == BlendOrder::by_peak) trace.peaks[m] = ray_peak(g, camera, i);
+        if constexpr (A::order == BlendOrder::by_peak && !D::bends)
+            trace.peaks[m] = ray_peak(g, camera, i);
         scratch.order[v] = m;
         trace.members[m] = c;
         trace.member[i] = m;
@@ -208,11 +209,11 @@ void clear_gradient(Gaussians<T>& out, Index i) {
 }
 
 /// Gradients of Gaussians [b, e), from slots to world.
-template <class A, class T>
-void pull_back_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy,
+template <class A, class T, Distortion D>
+void pull_back_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
                      const RasterTrace<T>& trace, const Slots<T>& slots, Index b, Index e,
                      Gaussians<T>& out) {
-    const Lens<T> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
+    const Lens<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
     std::vector<T> sum(static_cast<std::size_t>(slots.stride));
     for (Index i = b; i < e; ++i) {
         const std::uint32_t m = trace.member[static_cast<std::size_t>(i)];
