@@ -26,8 +26,8 @@
 
 namespace rye {
 
-/// Effects whose Gaussians are the same as long as the drivers are that a cache compares: the
-/// paper's. One that reads the camera, as CornealRefraction and Glint do, moves them with each view.
+/// Effects whose Gaussians stay as long as the drivers do that a cache compares: the paper's. One
+/// that reads the camera, as CornealRefraction and Glint do, moves them with each view.
 template <class E>
 concept KeptFromFrameToFrame = std::same_as<E, PaperEffects>;
 
