@@ -23,6 +23,7 @@
 #include <rye/autodiff/dual.hpp>
 #include <rye/autodiff/widen.hpp>
 #include <rye/geometry/camera.hpp>
+#include <rye/geometry/distortion.hpp>
 #include <rye/geometry/marching_tets.hpp>
 #include <rye/geometry/mesh.hpp>
 #include <rye/geometry/mesh_raster.hpp>
@@ -30,6 +31,7 @@
 #include <rye/geometry/rigid.hpp>
 #include <rye/geometry/screen_mesh.hpp>
 #include <rye/geometry/silhouette.hpp>
+#include <rye/geometry/sphere_path.hpp>
 #include <rye/geometry/tet_grid.hpp>
 #include <rye/gaussian/activate.hpp>
 #include <rye/gaussian/antialias.hpp>
@@ -66,6 +68,7 @@
 #include <rye/nn/product.hpp>
 #include <rye/nn/register_tile.hpp>
 #include <rye/nn/upsampler.hpp>
+#include <rye/rig/cornea.hpp>
 #include <rye/rig/effect_mask.hpp>
 #include <rye/rig/effect_names.hpp>
 #include <rye/rig/effect_slots.hpp>

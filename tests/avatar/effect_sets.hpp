@@ -23,6 +23,32 @@ inline Drivers<double, AllEffects> drivers_of_all() {
     return restricted<AllEffects>(tiny_drivers<double>());
 }
 
+/// And with what a camera sees through and on the corneas: some of the points are behind them.
+using OpticsEffects = More<AllEffects, CornealRefraction, Glint>;
+
+inline TwoStream<double, OpticsEffects> avatar_of_optics(std::uint64_t seed = 7) {
+    TwoStream<double, OpticsEffects> a = restricted<OpticsEffects>(avatar_of_all(seed));
+    const Cornea<double> left{Vec3<double>(0, 0, 0.04), 0.11, Vec3<double>(0, 0, 1), 0.02};
+    Cornea<double> right = left;
+    right.centre = Vec3<double>(0.01, -0.005, 0.05);
+    right.axis = right.centre.normalized();
+    EyeOptics<double, OpticsEffects>& o = a.eyes.optics;
+    set_corneas(o, left, right, 1.35);
+    o.light_position.resize(3, 2);
+    o.light_position << 1, -2, 3, 1, 7, 5;
+    o.light_intensity.resize(3, 2);
+    o.light_intensity << 0.9, 0.3, 0.7, 0.5, 0.4, 0.8;
+    o.light_width.resize(1, 2);
+    o.light_width << 0.05, 0.08;
+    return a;
+}
+
+inline Drivers<double, OpticsEffects> drivers_of_optics() {
+    Drivers<double, OpticsEffects> d = restricted<OpticsEffects>(tiny_drivers<double>());
+    d.camera = tiny_camera(8, 8).centre();
+    return d;
+}
+
 template <class T, EffectSet E>
 TwoStreamTrace<T, E> driven(const TwoStream<T, E>& avatar, const Drivers<T, E>& drivers) {
     TwoStreamTrace<T, E> trace;

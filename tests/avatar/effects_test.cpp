@@ -11,6 +11,7 @@
 #include <rye/train/checkpoint.hpp>
 
 #include "effect_sets.hpp"
+#include "law.hpp"
 
 using namespace rye;
 using namespace rye::test;
@@ -36,47 +37,6 @@ bool names(const std::string& word) {
     return std::any_of(all.begin(), all.end(), [&](const std::string& n) {
         return n.find(word) != std::string::npos;
     });
-}
-
-/// How far <vjp, direction> is from what duals say, for one random direction of all parameters and
-/// of the head pose.
-template <EffectSet E>
-double law_error(std::uint64_t seed) {
-    using D = Dual<double, 1>;
-    const TwoStream<double, E> avatar = restricted<E>(avatar_of_all(seed));
-    const Drivers<double, E> drivers = restricted<E>(drivers_of_all());
-    const AvatarConfig config = tiny_config();
-    TwoStreamTrace<double, E> trace;
-    drive<B>(avatar, config, tiny_roles(), drivers, trace);
-    const Gaussians<double> w_face = random_like(trace.world_face, Random{seed, 1});
-    const Gaussians<double> w_eyes = random_like(trace.world_eyes, Random{seed, 2});
-    Gaussians<double> g_face = w_face, g_eyes = w_eyes;
-    TwoStream<double, E> grad = zeros_like(avatar);
-    const Vec<double, 6> g_pose = drive_vjp<B>(avatar, config, drivers, trace, g_face, g_eyes, grad);
-
-    const TwoStream<double, E> direction = random_like(avatar, Random{seed, 3});
-    const Columns<double> pose_direction = random_columns<double>(6, 1, Random{seed, 4});
-    TwoStream<D, E> dual = lifted<D>(avatar);
-    seed_fields(dual, avatar, direction);
-    Drivers<D, E> dual_drivers = drivers.template cast<D>();
-    if constexpr (has_effect<E, ReadsHeadPose>)
-        dual_drivers.pose = seeded(Columns<double>(drivers.pose), pose_direction);
-    TwoStreamTrace<D, E> dual_trace;
-    drive<B>(dual, config, tiny_roles(), dual_drivers, dual_trace);
-    DotSum by_vjp, by_dual;
-    by_vjp.add_all(grad, direction);
-    if constexpr (has_effect<E, ReadsHeadPose>) by_vjp.add(g_pose, pose_direction);
-    const auto add = [&](const Gaussians<D>& moved, const Gaussians<double>& w) {
-        Gaussians<double> d = w;
-        Gaussians<double>::fields([](const std::string&, auto& to, const auto& from) {
-            to = from.unaryExpr([](const D& x) { return x.d[0]; });
-        }, d, moved);
-        by_dual.add_all(d, w);
-    };
-    add(dual_trace.world_face, w_face);
-    add(dual_trace.world_eyes, w_eyes);
-    CHECK(by_vjp.magnitude > 0.01);
-    return disagreement(by_vjp, by_dual);
 }
 
 } // namespace

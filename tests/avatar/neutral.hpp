@@ -32,8 +32,8 @@ double ulps(const Gaussians<T>& a, const Gaussians<T>& b) {
 template <class T, EffectSet E, Effect... X>
 void check_neutral(double most) {
     using Rest = Less<E, X...>;
-    TwoStream<T, E> avatar = lifted<T>(restricted<E>(avatar_of_all()));
-    Drivers<T, E> drivers = restricted<E>(drivers_of_all()).template cast<T>();
+    TwoStream<T, E> avatar = lifted<T>(restricted<E>(avatar_of_optics()));
+    Drivers<T, E> drivers = restricted<E>(drivers_of_optics()).template cast<T>();
     const auto apart = [&] {
         const auto with = driven(avatar, drivers);
         const auto without = driven(restricted<Rest>(avatar), restricted<Rest>(drivers));
@@ -79,6 +79,20 @@ void check_all_pairs(double most) {
     check_pairs_of<T, EyeOffset, EyeOffset, Kappa, Periocular>(most);
     check_pairs_of<T, Kappa, Kappa, Periocular>(most);
     check_pairs_of<T, Periocular, Periocular>(most);
+}
+
+/// X by itself, and with each of Y, among all effects and those of the cornea.
+template <class T, Effect X, Effect... Y>
+void check_optics_pairs_of(double most) {
+    check_neutral<T, OpticsEffects, X>(most);
+    (check_neutral<T, OpticsEffects, X, Y>(most), ...);
+}
+template <class T>
+void check_optics_pairs(double most) {
+    check_optics_pairs_of<T, CornealRefraction, Glint, Expression, HeadPose, PoseResidual,
+                          LeftGaze, RightGaze, EyeOffset, Kappa, Periocular>(most);
+    check_optics_pairs_of<T, Glint, Expression, HeadPose, PoseResidual, LeftGaze, RightGaze,
+                          EyeOffset, Kappa, Periocular>(most);
 }
 
 } // namespace rye::test

@@ -60,7 +60,7 @@ const std::vector<Entry>& catalogue() {
         {"C13", "6D Gram-Schmidt", "absent: the 6D representation"},
         {"C14", "gradients of equal eigenvalues", ""},
         {"C15", "order of composition", ""},
-        {"C16", "ray and cornea, Snell's law", "absent: refraction"},
+        {"C16", "ray and cornea, Snell's law", ""},
         {"C17", "collapsed landmarks", "absent: eye widths from landmarks"},
         {"C18", "Euler angles", "absent: Euler angles"},
         {"D1", "ramp of no width", ""},

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gaze, the eye's motion, and how far a driver reaches (C6-C8, C15, D1-D8).
+// Gaze, the eye's motion, and how far a driver reaches (C6-C8, C15, C16, D1-D8).
 #include <limits>
 
 #include <rye/autodiff/dual.hpp>
 #include <rye/backend/scalar.hpp>
+#include <rye/rig/cornea.hpp>
 #include <rye/rig/eye_transform.hpp>
 #include <rye/rig/influence.hpp>
 
@@ -72,6 +73,62 @@ void c8(Report& report) {
                    worst);
     report.holds("C8", kind_of<T>(), "equal: exactly 0; symmetric", exact);
     report.textbook("C8", kind_of<T>(), "acos(a . b) [deg]", demanded, naive);
+}
+
+/// An eye on +x at a distance, a source inside the unit sphere in the plane z = 0.
+template <class T>
+void c16(Report& report) {
+    double off = 0, snell = 0, textbook = 0;
+    for (const double distance : {1.5, 10.0, 100.0, 1000.0, 10000.0})
+        for (const double index : {1.376, 1 / 1.376})
+            for (double angle = 0; angle < 1.2; angle += 0.05) {
+                const Vec3<T> eye(T(distance), T(0), T(0));
+                const Vec3<T> source(T(0.6 * std::cos(angle)), T(0.6 * std::sin(angle)), T(0));
+                const SpherePath<T> path = sphere_path(eye, source, T(1), T(index));
+                if (!path.seen) continue;
+                const Vec3<double> q = path.at.template cast<double>();
+                const Vec3<double> out = eye.template cast<double>() - q;
+                const Vec3<double> in = source.template cast<double>() - q;
+                worsen(off, std::abs(q.norm() - 1));
+                worsen(snell, std::abs(double(T(index)) * norm(cross(in, q)) / in.norm() -
+                                       norm(cross(out, q)) / out.norm()));
+                // The same ray meets the sphere by the roots of a quadratic.
+                const Vec3<T> d = normalized(Vec3<T>(path.at - eye));
+                const T b = dot(eye, d), c = dot(eye, eye) - T(1);
+                const Vec3<T> hit = eye + d * T(-b - std::sqrt(std::max(T(0), T(b * b - c))));
+                worsen(textbook, std::abs(hit.template cast<double>().norm() - 1));
+            }
+    const double u = sizeof(T) == 4 ? 6e-8 : 1.2e-16;
+    report.at_most("C16", kind_of<T>(), "eye at 1.5 to 10000 radii: off the sphere", 4 * u, off);
+    report.at_most("C16", kind_of<T>(), "index 1.376 both ways: n sin - sin", 32 * u, snell);
+    report.textbook("C16", kind_of<T>(), "-b - sqrt(b^2 - c)", 4 * u, textbook);
+
+    // Sources whose light comes out along the surface, +-1e-7, and beyond.
+    bool finite = true, sides = true;
+    double jump = 0;
+    const double distance = 20, rim = std::acos(1 / distance), bend = std::asin(1 / 1.376);
+    for (const double depth : {1e-3, 0.1, 0.3}) {
+        Vec3<double> before = Vec3<double>::Zero();
+        for (const double grazing : {-1e-7, 0.0, 1e-7, 1e-2}) {
+            // From the rim inwards, turned beyond the angle of total reflection.
+            const double a = rim + 3.14159265358979324 - (bend + grazing);
+            const Vec3<T> source(T(std::cos(rim) + depth * std::cos(a)),
+                                 T(std::sin(rim) + depth * std::sin(a)), T(0));
+            const SpherePath<T> path =
+                sphere_path(Vec3<T>(T(distance), T(0), T(0)), source, T(1), T(1.376));
+            finite = finite && path.at.allFinite();
+            if (grazing < 0 && sizeof(T) == 8) sides = sides && path.seen != (grazing > 0);
+            if (grazing == 1e-2) sides = sides && !path.seen;
+            const Vec3<double> now = path.at.template cast<double>();
+            if (grazing > -1e-7 && grazing < 1e-2) worsen(jump, (now - before).norm());
+            before = now;
+        }
+    }
+    report.holds("C16", kind_of<T>(), "total reflection +-1e-7: finite, told apart",
+                 finite && sides);
+    report.at_most("C16", kind_of<T>(), "... and no jump there", 1e-5, jump);
+    report.textbook_fails("C16", kind_of<T>(), "sqrt(1 - n^2 sin^2) beyond total reflection",
+                          std::isfinite(std::sqrt(T(1) - square(T(1.376) * T(0.8)))));
 }
 
 template <class T>
@@ -224,6 +281,7 @@ void rigs(Report& report) {
         c6_c7<T>(report);
         c8<T>(report);
         c15<T>(report);
+        c16<T>(report);
         d_metric<SquaredDistance, T>(report, "squared metric");
         d_metric<EuclideanDistance, T>(report, "plain metric");
         d_landmarks<ScalarBackend<>, T>(report, "scalar backend");

@@ -37,6 +37,26 @@ EffectMask called(const SceneFacts& s) { return profile(s, {}).effects; }
 
 } // namespace
 
+TEST_CASE("scene profile: refraction by a wide iris or from aside, glint by a light and an iris") {
+    SceneFacts s = still_head();
+    s.drivers->lights = 2;
+    s.drivers->eyes[1].iris = 25;
+    CHECK(called(s) == EffectMask{corneal_bulge});
+    s.drivers->eyes[1].iris = 31;
+    CHECK(called(s) == EffectMask{corneal_bulge, glint});
+    s.drivers->eyes[1].iris = 61;
+    CHECK(called(s) == EffectMask{corneal_bulge, corneal_refraction, glint});
+    s.drivers->lights = 0;
+    CHECK(called(s) == EffectMask{corneal_bulge, corneal_refraction});
+    s = still_head();
+    s.drivers->eyes[0].aside = 1.1;
+    CHECK(called(s) == EffectMask{corneal_refraction});
+    s.avatar = AvatarFacts{};  // which has no irises behind corneas
+    CHECK(called(s) == EffectMask{});
+    s.avatar->corneas = true;
+    CHECK(called(s) == EffectMask{corneal_refraction});
+}
+
 TEST_CASE("scene profile: every effect is judged once, with a reason") {
     for (const SceneFacts& s : {SceneFacts{}, still_head()}) {
         const SceneProfile p = profile(s, {});

@@ -16,6 +16,7 @@
 /// world.
 #pragma once
 
+#include <concepts>
 #include <optional>
 #include <string>
 
@@ -24,6 +25,11 @@
 #include <rye/core/bits.hpp>
 
 namespace rye {
+
+/// Effects whose Gaussians stay as long as the drivers do that a cache compares: the paper's. One
+/// that reads the camera, as CornealRefraction and Glint do, moves them with each view.
+template <class E>
+concept KeptFromFrameToFrame = std::same_as<E, PaperEffects>;
 
 /// What the last update did.
 struct DriveWork {
@@ -38,7 +44,10 @@ class DriveCache {
   public:
     /// The avatar, its configuration and roles must outlive the cache. Call reset() when the
     /// avatar's parameters have changed.
-    DriveCache(const TwoStream<T>& avatar, const AvatarConfig& config, const LandmarkRoles& roles)
+    template <EffectSet E>
+        requires KeptFromFrameToFrame<E>
+    DriveCache(const TwoStream<T, E>& avatar, const AvatarConfig& config,
+               const LandmarkRoles& roles)
         : avatar_(&avatar), config_(&config), roles_(&roles) {}
 
     /// Forgets everything, the rest pose too.

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <array>
+#include <limits>
 
 #include <rye/avatar/config.hpp>
 #include <rye/core/columns.hpp>
@@ -17,6 +18,16 @@ namespace rye {
 
 using ReadsExpression = ReaderOf<Reads::expression>;
 using ReadsHeadPose = ReaderOf<Reads::head_pose>;
+using ReadsCamera = ReaderOf<Reads::camera>;
+
+/// A point that nobody has set, where V is one.
+template <class V>
+V unset_point() {
+    if constexpr (is_absent<V>)
+        return V{};
+    else
+        return V::Constant(typename V::Scalar(std::numeric_limits<double>::quiet_NaN()));
+}
 
 template <class T, EffectSet E = PaperEffects>
 struct Drivers {
@@ -28,6 +39,9 @@ struct Drivers {
     [[no_unique_address]] Slot<E, HeadPose, T> scale = initial_slot<Slot<E, HeadPose, T>>(1);
     /// Optical axes, left and right, head frame; visual axes if Kappa is on.
     [[no_unique_address]] GazeSlot<E, Vec3<T>> gaze;
+    /// The camera's centre, world.
+    [[no_unique_address]] Slot<E, ReadsCamera, Vec3<T>> camera =
+        unset_point<Slot<E, ReadsCamera, Vec3<T>>>();
 
     template <class U>
     Drivers<U, E> cast() const {
@@ -36,6 +50,7 @@ struct Drivers {
             r.expression = expression.template cast<U>();
         if constexpr (has_effect<E, ReadsHeadPose>) r.pose = pose.template cast<U>();
         if constexpr (has_effect<E, HeadPose>) r.scale = U(scale);
+        if constexpr (has_effect<E, ReadsCamera>) r.camera = camera.template cast<U>();
         for_eyes([&]<std::size_t eye>() {
             if constexpr (eye_turns<E, eye>)
                 of_eye<eye>(r.gaze) = of_eye<eye>(gaze).template cast<U>();

@@ -8,6 +8,7 @@
 
 #include <rye/avatar/eye_kappa.hpp>
 #include <rye/avatar/eye_offset.hpp>
+#include <rye/avatar/eye_optics.hpp>
 #include <rye/avatar/frame_cotangent.hpp>
 #include <rye/avatar/head_pose.hpp>
 #include <rye/core/fields.hpp>
@@ -24,6 +25,7 @@ struct EyeStream {
     Columns<T> opacity_logit;  ///< 1 x 2P
     [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetNetwork<T>> offset;
     [[no_unique_address]] Slot<E, Kappa, Columns<T>> kappa;  ///< (pitch, yaw) [rad] an eye, 2 x 2
+    [[no_unique_address]] EyeOptics<T, E> optics;
 
     Columns<T> position;  ///< fixed: template points about their centre, 3 x 2P
     Columns<T> centre;    ///< fixed: neutral centres, canonical, 3 x 2
@@ -37,12 +39,14 @@ struct EyeStream {
         f("opacity", p.opacity_logit...);
         if constexpr (has_effect<E, EyeOffset>) EyeOffsetNetwork<T>::fields(f, p.offset...);
         if constexpr (has_effect<E, Kappa>) f("kappa", p.kappa...);
+        EyeOptics<T, E>::fields(f, p.optics...);
     }
     template <class F, class... P>
     static void buffers(F&& f, P&&... p) {
         f("xyz", p.position...);
         f("centre", p.centre...);
         f("spacing", p.spacing...);
+        EyeOptics<T, E>::buffers(f, p.optics...);
     }
     Index per_eye() const { return position.cols() / 2; }
 };
@@ -79,6 +83,7 @@ template <class T, EffectSet E = PaperEffects>
 struct EyeTrace {
     [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetTrace<T>> offset;
     [[no_unique_address]] GazeSlot<E, Quat<T>> turn;  ///< rest (+z) to gaze, no torsion
+    [[no_unique_address]] Slot<E, SeesCornea, OpticsTrace<T>> optics;
 };
 
 /// Scales of both eyeballs' Gaussians in the world, whose units the head's scale gives, if any.
@@ -130,14 +135,24 @@ Gaussians<T> eye_gaussians(const EyeStream<T, E>& eyes, const AvatarConfig& conf
                   quat_product<T>(quat_conjugate<T>(head.quaternion), placed.quaternion)),
              ...);
         }
-        place_eye(eyes, e, placed, e * per_eye, g);
+        if constexpr (has_effect<E, SeesCornea>) {
+            const Columns<T> points = eyes.position.middleCols(e * per_eye, per_eye);
+            look_into_eye<B>(eyes.optics, eye, drivers, placed, points, trace.optics, g.feature);
+            g.mean.middleCols(e * per_eye, per_eye) =
+                eye_points<T>(placed, trace.optics.seen[eye]);
+            const Columns<T> rotations = eyes.rotation.middleCols(e * per_eye, per_eye);
+            g.rotation.middleCols(e * per_eye, per_eye) = eye_rotations<T>(placed, rotations);
+        } else {
+            place_eye(eyes, e, placed, e * per_eye, g);
+        }
     });
     return g;
 }
 
 /// Accumulates parameter gradients from cotangents of the head-frame eyeballs, which to_world_vjp
 /// gives; `world` is what eye_gaussians returned, `drivers` those of the frame, gazes as they came.
-/// g_frame.gaze holds the cotangents of the gaze codes when it is called.
+/// g_frame.gaze holds the cotangents of the gaze codes when it is called, g_frame.optics what
+/// eye_optics_vjp gave.
 template <Backend B, class T, EffectSet E, class... Head>
     requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
 void eye_vjp(const EyeStream<T, E>& eyes, const AvatarConfig& config,
@@ -165,20 +180,31 @@ void eye_vjp(const EyeStream<T, E>& eyes, const AvatarConfig& config,
     if constexpr (has_effect<E, Kappa>)
         for_eyes([&]<std::size_t eye>() {
             constexpr Index e = static_cast<Index>(eye);
-            if constexpr (eye_turns<E, eye>)
-                grad.kappa.col(e) += kappa_vjp<T>(
-                    config, of_eye<eye>(drivers.gaze), kappa_of(eyes.kappa, eye),
-                    turn_cotangent<T>(eyes.position.middleCols(e * per_eye, per_eye),
-                                      eyes.rotation.middleCols(e * per_eye, per_eye),
-                                      g.mean.middleCols(e * per_eye, per_eye),
-                                      g.rotation.middleCols(e * per_eye, per_eye)),
-                    gaze_code_cotangent<eye>(g_frame));
+            if constexpr (eye_turns<E, eye>) {
+                const auto turned = [&](const Columns<T>& points) {
+                    return turn_cotangent<T>(points,
+                                             eyes.rotation.middleCols(e * per_eye, per_eye),
+                                             g.mean.middleCols(e * per_eye, per_eye),
+                                             g.rotation.middleCols(e * per_eye, per_eye));
+                };
+                TurnCotangent<T> g_turn;
+                if constexpr (has_effect<E, SeesCornea>) {
+                    g_turn = turned(trace.optics.seen[eye]);
+                    g_turn.rotation += g_frame.optics.turn[eye];
+                } else {
+                    g_turn = turned(eyes.position.middleCols(e * per_eye, per_eye));
+                }
+                grad.kappa.col(e) += kappa_vjp<T>(config, of_eye<eye>(drivers.gaze),
+                                                  kappa_of(eyes.kappa, eye), g_turn,
+                                                  gaze_code_cotangent<eye>(g_frame));
+            }
         });
     if constexpr (has_effect<E, EyeOffset>) {
         Columns<T> g_offset = Columns<T>::Zero(3, 2);
         for (Index e = 0; e < 2; ++e)
             for (Index i = e * per_eye; i < (e + 1) * per_eye; ++i)
                 g_offset.col(e) += g.mean.col(i);
+        if constexpr (has_effect<E, SeesCornea>) g_offset += g_frame.optics.centre;
         eye_offset_vjp<B, T>(eyes.offset, config, trace.offset, g_offset, grad.offset,
                              g_frame.pose);
     }

@@ -28,8 +28,10 @@ class FrameCache {
   public:
     /// Avatar, configuration and roles must outlive the cache. Call reset() when the avatar's
     /// parameters have changed.
-    FrameCache(const TwoStream<T>& avatar, const AvatarConfig& config, const LandmarkRoles& roles,
-               const Rasterizer<B, A>& rasterizer = {})
+    template <EffectSet E>
+        requires KeptFromFrameToFrame<E>
+    FrameCache(const TwoStream<T, E>& avatar, const AvatarConfig& config,
+               const LandmarkRoles& roles, const Rasterizer<B, A>& rasterizer = {})
         : avatar_(&avatar), drive_(avatar, config, roles), redraw_(rasterizer) {}
 
     void reset() {

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/avatar/frame_cotangent.hpp: cotangents of what networks read of a frame, as far as they lead
-/// to something that is trained: the pose code's to the frame's pose, the gaze codes' to kappa.
+/// to something that is trained: the pose code's to the frame's pose, the gaze codes' to kappa; and
+/// what the eyes' optics (avatar/eye_optics.hpp) add to those of the eyes' transforms.
 #pragma once
 
 #include <rye/avatar/drivers.hpp>
+#include <rye/avatar/eye_optics.hpp>
 #include <rye/avatar/face_fields.hpp>
 
 namespace rye {
@@ -12,6 +14,7 @@ template <class T, EffectSet E = PaperEffects>
 struct FrameCotangent {
     [[no_unique_address]] Slot<E, ReadsPoseCode, VecX<T>> pose;
     [[no_unique_address]] KappaSlot<E, VecX<T>> gaze;
+    [[no_unique_address]] Slot<E, SeesCornea, OpticsCotangent<T>> optics;
 
     explicit FrameCotangent(const FrameCode<T, E>& code) {
         if constexpr (has_effect<E, ReadsPoseCode>) pose = VecX<T>::Zero(code.pose.size());

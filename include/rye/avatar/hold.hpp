@@ -3,7 +3,7 @@
 /// one frame's drivers is kept in the canonical attributes, so that the avatar looks as it did
 /// there, whatever the effects that are left do.
 /// The head pose has nothing to keep: without it the avatar is in the head's frame, and the camera
-/// moves instead. Without Kappa the gazes that drive it are optical axes.
+/// (and lights) move instead. Without Kappa the gazes that drive it are optical axes.
 #pragma once
 
 #include <rye/avatar/two_stream.hpp>
@@ -17,6 +17,7 @@ Drivers<T, Fewer> restricted(const Drivers<T, E>& all) {
     copy_slot(all.expression, d.expression);
     copy_slot(all.pose, d.pose);
     copy_slot(all.scale, d.scale);
+    copy_slot(all.camera, d.camera);
     for_eyes([&]<std::size_t eye>() {
         if constexpr (eye_turns<E, eye> && eye_turns<Fewer, eye>)
             of_eye<eye>(d.gaze) = of_eye<eye>(all.gaze);
@@ -70,6 +71,11 @@ TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
     a.eyes.spacing = eyes.spacing;
     copy_slot(eyes.offset, a.eyes.offset);
     copy_slot(eyes.kappa, a.eyes.kappa);
+    copy_slot(eyes.optics.cornea, a.eyes.optics.cornea);
+    copy_slot(eyes.optics.index, a.eyes.optics.index);
+    copy_slot(eyes.optics.light_position, a.eyes.optics.light_position);
+    copy_slot(eyes.optics.light_intensity, a.eyes.optics.light_intensity);
+    copy_slot(eyes.optics.light_width, a.eyes.optics.light_width);
     a.upsampler = all.upsampler;
     copy_slot(all.delta_pose, a.delta_pose);
     return a;
@@ -112,6 +118,10 @@ TwoStream<T, Fewer> held(const TwoStream<T, E>& all, const AvatarConfig& config,
             }
         });
     const Index per_eye = all.eyes.per_eye();
+    if constexpr (has_effect<E, CornealRefraction> && !has_effect<Fewer, CornealRefraction>)
+        a.eyes.position << trace.eyes.optics.seen[0], trace.eyes.optics.seen[1];
+    if constexpr (has_effect<E, Glint> && !has_effect<Fewer, Glint>)
+        a.eyes.feature = trace.world_eyes.feature;
     const Drivers<T, E>& optical = optical_drivers(all.eyes, drivers);
     for_eyes([&]<std::size_t eye>() {
         if constexpr (eye_turns<E, eye> && !eye_turns<Fewer, eye>) {
@@ -122,6 +132,8 @@ TwoStream<T, Fewer> held(const TwoStream<T, E>& all, const AvatarConfig& config,
             const Columns<T> rotations = a.eyes.rotation.middleCols(first, per_eye);
             a.eyes.position.middleCols(first, per_eye) = eye_points<T>(turn, points);
             a.eyes.rotation.middleCols(first, per_eye) = eye_rotations<T>(turn, rotations);
+            if constexpr (has_effect<Fewer, SeesCornea>)
+                turn_cornea(a.eyes.optics, eye, turn.rotation);
         }
     });
     if constexpr (has_effect<E, EyeOffset> && !has_effect<Fewer, EyeOffset>)

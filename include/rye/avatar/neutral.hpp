@@ -55,6 +55,8 @@ void make_neutral(TwoStream<T, E>& avatar, Drivers<T, E>& drivers) {
         if (std::same_as<X, Kappa> || std::same_as<X, RightGaze>) kappa.col(1).setZero();
     }
     if constexpr (std::same_as<X, EyeOffset>) detail::silence(avatar.eyes.offset.mlp);
+    if constexpr (std::same_as<X, CornealRefraction>) avatar.eyes.optics.index.setOnes();
+    if constexpr (std::same_as<X, Glint>) avatar.eyes.optics.light_intensity.setZero();
 }
 
 /// The same eyeball without its bulge.

@@ -98,6 +98,12 @@ Vec<T, 6> drive_vjp(const TwoStream<T, E>& avatar, const AvatarConfig& config,
                     Gaussians<T>& g_face, Gaussians<T>& g_eyes, TwoStream<T, E>& grad) {
     Vec<T, 6> g_pose = Vec<T, 6>::Zero();
     FrameCotangent<T, E> g_frame(trace.code);
+    [[maybe_unused]] const auto optics_vjp = [&](const auto&... head) {
+        if constexpr (has_effect<E, SeesCornea>)
+            eye_optics_vjp<B>(avatar.eyes.optics, drivers, avatar.eyes.position,
+                              trace.eyes.optics, g_eyes, grad.eyes.optics, g_frame.optics,
+                              head...);
+    };
     const auto streams_vjp = [&](const auto&... head) {
         if constexpr (has_own_effects<E>)
             own_effects_vjp<B, T, E>(avatar, optical_drivers(avatar.eyes, drivers),
@@ -110,9 +116,12 @@ Vec<T, 6> drive_vjp(const TwoStream<T, E>& avatar, const AvatarConfig& config,
     if constexpr (has_effect<E, HeadPose>) {
         HeadTransformGradient<T> g_head = to_world_vjp<B>(trace.head, trace.world_face, g_face);
         g_head += to_world_vjp<B>(trace.head, trace.world_eyes, g_eyes);
+        optics_vjp(trace.head);
+        if constexpr (has_effect<E, SeesCornea>) g_head += g_frame.optics.head;
         g_pose = head_pose_vjp(drivers, g_head);
         streams_vjp(trace.head);
     } else {
+        optics_vjp();
         streams_vjp();
     }
     if constexpr (has_effect<E, ReadsPoseCode>)

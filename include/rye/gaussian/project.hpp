@@ -4,6 +4,9 @@
 /// [px], so that a crop of an image is the same numbers as the image.
 /// Source: Zwicker et al., "EWA Splatting", 2002, eq. 26-31. Neither covariance is ever formed from
 /// its entries: the factor M = J W R S (2 x 3) is kept, Sigma = M M^T + d I.
+/// A lens that bends slopes s to D(s) (geometry/distortion.hpp) bends the mean, and J becomes the
+/// bent projection's, diag(f) D'(s) ds/dx: first order, as everywhere here. So the error in the
+/// centre is D'' times the variance of the slopes; tests/gaussian/distortion_test.cpp measures it.
 #pragma once
 
 #include <limits>
@@ -15,8 +18,20 @@
 
 namespace rye {
 
-/// Where and how Gaussians are projected: a camera, and the two constants of the model.
+namespace detail {
+
+/// r^2 at the fold of a lens that has one; nothing of one that does not bend.
+template <Scalar T, class D>
+struct LensReach {
+    T fold;
+};
 template <Scalar T>
+struct LensReach<T, NoDistortion> {};
+
+} // namespace detail
+
+/// Where and how Gaussians are projected: a camera, and the two constants of the model.
+template <Scalar T, Distortion D = NoDistortion>
 struct Lens {
     Rigid<T> camera_from_world;
     T fx, fy;                    ///< focal lengths [px]
@@ -24,30 +39,74 @@ struct Lens {
     T y_low, y_high;             ///< limits of y/z
     T near_depth;                ///< [world units]
     T dilation;                  ///< d, added to both variances [px^2]
+    [[no_unique_address]] D distortion = {};
+    [[no_unique_address]] detail::LensReach<T, D> reach = {};
 
     /// The Jacobian is evaluated no further outside than `margin` half-images beyond the border,
     /// wherever the principal point is; without this, splats beside the image would grow huge.
-    Lens(const Pinhole<T>& c, double margin, double dilation_px2)
+    Lens(const Pinhole<T, D>& c, double margin, double dilation_px2)
         : camera_from_world(c.camera_from_world), fx(c.fx), fy(c.fy), near_depth(c.near_depth),
-          dilation(T(dilation_px2)) {
+          dilation(T(dilation_px2)), distortion(c.distortion) {
         const T half_x = T(0.5 * c.width * margin), half_y = T(0.5 * c.height * margin);
         x_low = (-c.cx - half_x) / fx;
         x_high = (T(c.width) - c.cx + half_x) / fx;
         y_low = (-c.cy - half_y) / fy;
         y_high = (T(c.height) - c.cy + half_y) / fy;
+        if constexpr (D::bends) {
+            reach.fold = T(distortion.fold());
+            unbend_limits();
+        }
     }
 
     /// The same lens in every lane of a batch.
-    template <Scalar U>
-    explicit Lens(const Lens<U>& o)
+    template <Scalar U, Distortion O>
+        requires(O::bends == D::bends)
+    explicit Lens(const Lens<U, O>& o)
         : fx(o.fx), fy(o.fy), x_low(o.x_low), x_high(o.x_high), y_low(o.y_low), y_high(o.y_high),
-          near_depth(o.near_depth), dilation(o.dilation) {
+          near_depth(o.near_depth), dilation(o.dilation),
+          distortion(o.distortion.template cast<T>()) {
+        if constexpr (D::bends) reach.fold = T(o.reach.fold);
         for (int i = 0; i < 9; ++i)
             camera_from_world.rotation.data()[i] = T(o.camera_from_world.rotation.data()[i]);
         for (int i = 0; i < 3; ++i)
             camera_from_world.translation[i] = T(o.camera_from_world.translation[i]);
     }
+
+  private:
+    /// From limits of bent slopes to those of slopes: the box of what the lens bends to the border,
+    /// or, where it bends nothing there, of its fold.
+    void unbend_limits() {
+        using std::max, std::min;
+        const T lows[2] = {x_low, y_low}, highs[2] = {x_high, y_high};
+        T box[4] = {T(0), T(0), T(0), T(0)};                              // low x, y, high x, y
+        bool first = true;
+        for (int i = 0; i < 9; ++i) {
+            if (i == 4) continue;
+            const auto at = [&](int k, int third) {
+                return third == 0   ? lows[k]
+                       : third == 2 ? highs[k]
+                                    : T(constant<T>(0.5) * (lows[k] + highs[k]));
+            };
+            Vec2<T> s(at(0, i % 3), at(1, i / 3));
+            const Unbent<T> u = unbend(distortion, s);
+            if (u.reached) {
+                s = u.slope;
+            } else {
+                using std::sqrt;
+                const T shrink = sqrt(reach.fold / dot(s, s));
+                if (shrink < T(1)) s = Vec2<T>(s[0] * shrink, s[1] * shrink);
+            }
+            for (int k = 0; k < 2; ++k) {
+                box[k] = first ? s[k] : T(min(box[k], s[k]));
+                box[2 + k] = first ? s[k] : T(max(box[2 + k], s[k]));
+            }
+            first = false;
+        }
+        x_low = box[0], y_low = box[1], x_high = box[2], y_high = box[3];
+    }
 };
+template <Scalar T, Distortion D>
+Lens(const Pinhole<T, D>&, double, double) -> Lens<T, D>;
 
 /// Position and shape in the world; also their cotangents.
 template <Scalar T>
@@ -99,8 +158,17 @@ struct ScreenCotangent {
 
 namespace detail {
 
-/// What projection and its vjp share: y = W x + t, and the rows of J W R (before scaling).
+/// D' where the Jacobian is taken, and D at the point; nothing of a lens that does not bend.
+template <Scalar T, class D>
+struct Bent {
+    Bend<T> here, limited;
+    Vec2<T> place;               ///< at which `limited` is
+};
 template <Scalar T>
+struct Bent<T, NoDistortion> {};
+
+/// What projection and its vjp share: y = W x + t, and the rows of J W R (before scaling).
+template <Scalar T, class D = NoDistortion>
 struct Linearised {
     using Mask = typename ScreenGaussian<T>::Mask;
     Vec3<T> point;               ///< in the camera [world units]
@@ -111,8 +179,9 @@ struct Linearised {
     Vec3<T> toward_x, toward_y;  ///< rows of J W [px / world unit]
     Mat3<T> axes;                ///< R
     Vec3<T> along_x, along_y;    ///< rows of J W R
+    [[no_unique_address]] Bent<T, D> bent;
 
-    Linearised(const Shape<T>& g, const Lens<T>& lens)
+    Linearised(const Shape<T>& g, const Lens<T, D>& lens)
         : point(lens.camera_from_world.apply(g.mean)), in_front(point[2] > lens.near_depth),
           inverse_depth(T(1) / select(in_front, point[2], T(1))),
           slope_x(point[0] * inverse_depth), slope_y(point[1] * inverse_depth),
@@ -128,6 +197,19 @@ struct Linearised {
         for (int i = 0; i < 3; ++i) {
             toward_x[i] = px * (w(0, i) - x * w(2, i));
             toward_y[i] = py * (w(1, i) - y * w(2, i));
+        }
+        if constexpr (D::bends) {
+            const Vec2<T> here(slope_x, slope_y);
+            bent.place = Vec2<T>(x, y);
+            bent.here = lens.distortion.bend(here);
+            bent.limited = lens.distortion.bend(bent.place);
+            in_front = in_front && within_lens(here, bent.here.slope, lens.reach.fold);
+            const Sym2<T>& j = bent.limited.slope;
+            for (int i = 0; i < 3; ++i) {
+                const T right = w(0, i) - x * w(2, i), down = w(1, i) - y * w(2, i);
+                toward_x[i] = px * (j.xx * right + j.xy * down);
+                toward_y[i] = py * (j.xy * right + j.yy * down);
+            }
         }
         for (int i = 0; i < 3; ++i) {
             const Vec3<T> axis = axes.col(i);
@@ -145,14 +227,16 @@ RYE_HD Vec3<T> scaled_by(const Vec3<T>& a, const Vec3<T>& s) {
 } // namespace detail
 
 /// Batches evaluate every lane; `drawable` says which lanes mean something.
-template <Antialias how = Antialias::dilate, Scalar T>
-RYE_HD Projected<T, how> project(const Shape<T>& g, const Lens<T>& lens) {
-    const detail::Linearised<T> l(g, lens);
+template <Antialias how = Antialias::dilate, Scalar T, Distortion D>
+RYE_HD Projected<T, how> project(const Shape<T>& g, const Lens<T, D>& lens) {
+    const detail::Linearised<T, D> l(g, lens);
     const Vec3<T> x = detail::scaled_by(l.along_x, g.scale);              // rows of M [px]
     const Vec3<T> y = detail::scaled_by(l.along_y, g.scale);
     Projected<T, how> s;
     if constexpr (how == Antialias::mip) s.share = dilation_share(x, y, lens.dilation);
     s.centre = Vec2<T>(lens.fx * l.slope_x, lens.fy * l.slope_y);         // [px]
+    if constexpr (D::bends)
+        s.centre = Vec2<T>(lens.fx * l.bent.here.at[0], lens.fy * l.bent.here.at[1]);
     s.depth = l.point[2];
     s.covariance = gram(x, y, lens.dilation);
     s.determinant = gram_determinant(x, y, lens.dilation);
@@ -167,13 +251,46 @@ RYE_HD Projected<T, how> project(const Shape<T>& g, const Lens<T>& lens) {
     return s;
 }
 
+namespace detail {
+
+/// Cotangent of (x/z, y/z) through D at the point, and through the rows of J W where their limits
+/// do not act: by x and y themselves and by D'.
+template <Scalar T, class D>
+RYE_HD Vec2<T> bent_slope_vjp(const Linearised<T, D>& l, const Lens<T, D>& lens,
+                              const Vec2<T>& g_centre, const Vec3<T>& g_toward_x,
+                              const Vec3<T>& g_toward_y) {
+    const Mat3<T>& w = lens.camera_from_world.rotation;
+    const Sym2<T>& here = l.bent.here.slope;
+    const Sym2<T>& j = l.bent.limited.slope;
+    const T px = lens.fx * l.inverse_depth, py = lens.fy * l.inverse_depth;
+    const T gx = lens.fx * g_centre[0], gy = lens.fy * g_centre[1];
+    Vec3<T> forward, right, down;
+    for (int i = 0; i < 3; ++i) {
+        forward[i] = w(2, i);
+        right[i] = w(0, i) - l.bent.place[0] * w(2, i);
+        down[i] = w(1, i) - l.bent.place[1] * w(2, i);
+    }
+    const T ahead_x = px * dot(forward, g_toward_x), ahead_y = py * dot(forward, g_toward_y);
+    const Sym2<T> g_j{px * dot(right, g_toward_x),
+                      px * dot(down, g_toward_x) + py * dot(right, g_toward_y),
+                      py * dot(down, g_toward_y)};
+    const Vec2<T> by_j = lens.distortion.slope_vjp(l.bent.place, g_j);
+    return Vec2<T>(
+        here.xx * gx + here.xy * gy -
+            select(l.free_x, T(j.xx * ahead_x + j.xy * ahead_y - by_j[0]), T(0)),
+        here.xy * gx + here.yy * gy -
+            select(l.free_y, T(j.xy * ahead_x + j.yy * ahead_y - by_j[1]), T(0)));
+}
+
+} // namespace detail
+
 /// Cotangents of mean, rotation and scale. Sigma = M M^T + d I gives g_M = 2 g_Sigma M, which in
 /// whitened terms is L^T (moment) (L M). `alpha` is the cotangent of log(opacity), which a
 /// MipGaussian's shape reaches through its share; others' does not.
-template <Antialias how = Antialias::dilate, Scalar T>
-RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Lens<T>& lens, const ScreenCotangent<T>& c,
+template <Antialias how = Antialias::dilate, Scalar T, Distortion D>
+RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Lens<T, D>& lens, const ScreenCotangent<T>& c,
                             [[maybe_unused]] const T& alpha = T(0)) {
-    const detail::Linearised<T> l(g, lens);
+    const detail::Linearised<T, D> l(g, lens);
     const Vec3<T> x = detail::scaled_by(l.along_x, g.scale);
     const Vec3<T> y = detail::scaled_by(l.along_y, g.scale);
     const PrecisionFactor<T> f = precision_factor(x, y, lens.dilation);
@@ -206,10 +323,18 @@ RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Lens<T>& lens, const Screen
 
     const Vec3<T> forward = lens.camera_from_world.rotation.row(2);
     const T px = lens.fx * l.inverse_depth, py = lens.fy * l.inverse_depth;
-    const T g_slope_x = lens.fx * c.centre[0] -
-                        select(l.free_x, T(px * dot(forward, g_toward_x)), T(0));
-    const T g_slope_y = lens.fy * c.centre[1] -
-                        select(l.free_y, T(py * dot(forward, g_toward_y)), T(0));
+    T g_slope_x, g_slope_y;
+    if constexpr (D::bends) {
+        const Vec2<T> bent =
+            detail::bent_slope_vjp(l, lens, c.centre, g_toward_x, g_toward_y);
+        g_slope_x = bent[0];
+        g_slope_y = bent[1];
+    } else {
+        g_slope_x = lens.fx * c.centre[0] -
+                    select(l.free_x, T(px * dot(forward, g_toward_x)), T(0));
+        g_slope_y = lens.fy * c.centre[1] -
+                    select(l.free_y, T(py * dot(forward, g_toward_y)), T(0));
+    }
     // d/dz of everything that is proportional to 1/z: J W, and both slopes.
     const T g_depth = c.depth - l.inverse_depth * (dot(l.toward_x, g_toward_x) +
                                                    dot(l.toward_y, g_toward_y) +

@@ -1,49 +1,74 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/camera.hpp: the pinhole camera.
+/// rye/geometry/camera.hpp: the pinhole camera, with or without a lens that bends the image.
 /// Frame (OpenCV): x right, y down, z forward; x_camera = R x_world + t. Image plane [px]:
-/// u = fx x / z + cx, v = fy y / z + cy, where the centre of the first pixel is (0.5, 0.5).
+/// u = fx x / z + cx, v = fy y / z + cy, where the centre of the first pixel is (0.5, 0.5). A lens
+/// (geometry/distortion.hpp) bends (x / z, y / z) before; the default is none, and costs nothing.
 /// Source: Hartley and Zisserman, "Multiple View Geometry", 6.1.
 #pragma once
 
 #include <cmath>
 #include <concepts>
+#include <limits>
 #include <string>
+#include <type_traits>
 
 #include <rye/core/error.hpp>
+#include <rye/geometry/distortion.hpp>
 #include <rye/geometry/rigid.hpp>
 
 namespace rye {
 
-template <Scalar T>
+template <Scalar T, Distortion D = NoDistortion>
 struct Pinhole {
     using scalar = T;
+    using lens = D;
 
     T fx = T(1), fy = T(1);                        ///< focal lengths [px]
     T cx = T(0), cy = T(0);                        ///< principal point, anywhere [px]
     int width = 0, height = 0;                     ///< [px]
     Rigid<T> camera_from_world = {};
     T near_depth = constant<T>(0.01);              ///< closest visible depth [world units]
+    [[no_unique_address]] D distortion = {};
 
     /// The camera's centre in the world.
     Vec3<T> centre() const { return camera_from_world.inverse().translation; }
 
     /// (u [px], v [px], depth [world units]) of a point of the world; the depth must not be 0.
+    /// u and v are NaN beyond what the lens shows.
     RYE_HD Vec3<T> project_point(const Vec3<T>& x_world) const {
         const Vec3<T> x = camera_from_world.apply(x_world);
-        return Vec3<T>(fx * x[0] / x[2] + cx, fy * x[1] / x[2] + cy, x[2]);
+        if constexpr (D::bends) {
+            const Vec2<T> s(x[0] / x[2], x[1] / x[2]);
+            const Bend<T> b = distortion.bend(s);
+            const T nan = T(std::numeric_limits<real_t<T>>::quiet_NaN());
+            const auto seen = within_lens(s, b.slope, T(distortion.fold()));
+            return Vec3<T>(select(seen, T(fx * b.at[0] + cx), nan),
+                           select(seen, T(fy * b.at[1] + cy), nan), x[2]);
+        } else {
+            return Vec3<T>(fx * x[0] / x[2] + cx, fy * x[1] / x[2] + cy, x[2]);
+        }
     }
 
-    /// Unit direction in the world of the ray through an image point.
+    /// Unit direction in the world of the ray through an image point; NaN where the lens shows
+    /// nothing.
     RYE_HD Vec3<T> ray(const Vec2<T>& pixel) const {
-        const Vec3<T> d((pixel[0] - cx) / fx, (pixel[1] - cy) / fy, T(1));
+        Vec3<T> d((pixel[0] - cx) / fx, (pixel[1] - cy) / fy, T(1));
+        if constexpr (D::bends) {
+            const Unbent<T> s = unbend(distortion, Vec2<T>(d[0], d[1]));
+            const T nan = T(std::numeric_limits<real_t<T>>::quiet_NaN());
+            d[0] = s.reached ? s.slope[0] : nan;
+            d[1] = s.reached ? s.slope[1] : nan;
+        }
         return camera_from_world.turn_back(normalized(d));
     }
 
     template <Scalar U>
-    Pinhole<U> cast() const {
+    auto cast() const {
         const auto to = [](const T& x) { return static_cast<U>(x); };
-        return {to(fx), to(fy), to(cx), to(cy), width, height,
-                camera_from_world.template cast<U>(), to(near_depth)};
+        const auto bent = distortion.template cast<U>();
+        return Pinhole<U, std::remove_const_t<decltype(bent)>>{
+            to(fx), to(fy), to(cx), to(cy), width, height,
+            camera_from_world.template cast<U>(), to(near_depth), bent};
     }
 };
 
@@ -56,7 +81,14 @@ concept Camera = requires(const C c, const Vec3<typename C::scalar> x, Vec2<type
     { c.ray(p) } -> std::convertible_to<Vec3<typename C::scalar>>;
     { c.centre() } -> std::convertible_to<Vec3<typename C::scalar>>;
 };
-static_assert(Camera<Pinhole<float>>);
+static_assert(Camera<Pinhole<float>> && Camera<Pinhole<float, BrownConrady<float>>>);
+
+/// The same camera behind a lens.
+template <Scalar T, Distortion D>
+    requires D::bends
+Pinhole<T, D> with_lens(const Pinhole<T>& c, const D& lens) {
+    return {c.fx, c.fy, c.cx, c.cy, c.width, c.height, c.camera_from_world, c.near_depth, lens};
+}
 
 /// A camera at `eye` that sees `target` in the middle of the image and `up` upwards.
 template <Real T>
@@ -85,8 +117,8 @@ Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up,
 }
 
 /// The same view in an image `factor` times as large: 0.5 halves the size and the intrinsics.
-template <Scalar T>
-Pinhole<T> scaled(Pinhole<T> camera, double factor) {
+template <Scalar T, Distortion D>
+Pinhole<T, D> scaled(Pinhole<T, D> camera, double factor) {
     const double w = std::round(camera.width * factor), h = std::round(camera.height * factor);
     require(w >= 1 && h >= 1 && w < 1e6 && h < 1e6, "scaled",
             "got the factor " + std::to_string(factor) + " for an image of " +

@@ -25,6 +25,8 @@ enum class EffectName : std::uint8_t {
     kappa,
     periocular,
     corneal_bulge,
+    corneal_refraction,
+    glint,
     sh1,               ///< band 1 of the spherical harmonics
     sh2,
     sh3,
@@ -36,11 +38,12 @@ enum class EffectName : std::uint8_t {
 };
 
 /// As the effects' types and the documents write them, in the order of EffectName.
-inline constexpr std::array<std::string_view, 17> effect_names{
-    "expression", "head pose",        "pose residual",   "left gaze",        "right gaze",
-    "eye offset", "kappa",            "periocular",      "corneal bulge",    "sh 1",
-    "sh 2",       "sh 3",             "feature channels", "antialias",       "lens distortion",
-    "super-resolution", "extra outputs"};
+inline constexpr std::array<std::string_view, 19> effect_names{
+    "expression",         "head pose", "pose residual",    "left gaze", "right gaze",
+    "eye offset",         "kappa",     "periocular",       "corneal bulge",
+    "corneal refraction", "glint",     "sh 1",             "sh 2",      "sh 3",
+    "feature channels",   "antialias", "lens distortion",  "super-resolution",
+    "extra outputs"};
 inline constexpr std::size_t effect_count = effect_names.size();
 
 constexpr std::string_view name_of(EffectName e) {

@@ -16,7 +16,7 @@
 namespace rye {
 
 /// What of a frame an effect reads.
-enum class Reads : unsigned { nothing = 0, expression = 1, head_pose = 2, gaze = 4 };
+enum class Reads : unsigned { nothing = 0, expression = 1, head_pose = 2, gaze = 4, camera = 8 };
 /// What of a Gaussian, or of the picture, it changes.
 enum class Touches : unsigned {
     nothing = 0, position = 1, rotation = 2, scale = 4, opacity = 8, colour = 16, pixel = 32
@@ -138,9 +138,30 @@ struct CornealBulge {
     static constexpr EffectBound droppable{least_move, "the cornea's height [unit]"};
 };
 
+/// What is behind the cornea is seen where the refracted ray says (rig/cornea.hpp). Not in the
+/// paper.
+struct CornealRefraction {
+    static constexpr std::string_view name = "corneal refraction";
+    static constexpr Reads reads = Reads::camera;
+    static constexpr Touches touches = Touches::position;
+    static constexpr std::string_view neutral = "index 1";
+    static constexpr EffectBound droppable{least_move / 0.1, "the refractive index over 1"};
+};
+
+/// Lights are mirrored by the cornea: their images are added to the eyeball's colours
+/// (rig/cornea.hpp). Not in the paper.
+struct Glint {
+    static constexpr std::string_view name = "glint";
+    static constexpr Reads reads = Reads::camera;
+    static constexpr Touches touches = Touches::colour;
+    static constexpr std::string_view neutral = "intensity 0";
+    static constexpr EffectBound droppable{1e-3, "a light's intensity"};
+};
+
 static_assert(Effect<Expression> && Effect<HeadPose> && Effect<PoseResidual> && Effect<LeftGaze> &&
               Effect<RightGaze> && Effect<EyeOffset> && Effect<Kappa> && Effect<Periocular> &&
-              Effect<CornealBulge> && !Effect<EffectBound>);
+              Effect<CornealBulge> && Effect<CornealRefraction> && Effect<Glint> &&
+              !Effect<EffectBound>);
 
 /// One of several effects, for what more than one of them needs.
 template <Effect... X>

@@ -65,6 +65,7 @@ struct EyeFacts {
     double turn = 0;             ///< greatest angle between a gaze and straight ahead [rad]
     double iris = 0;             ///< widest in any view that sees it [px]; 0: never seen
     Index views = 0;             ///< that see it
+    double aside = 0;            ///< greatest angle of such a view off the optical axis [rad]
 };
 
 /// What the drivers of a capture's frames say.
@@ -75,6 +76,7 @@ struct DriverFacts {
     std::array<EyeFacts, 2> eyes;
     std::array<Spread, 2> gaze;  ///< (pitch, yaw) [rad]
     double kappa = 0;            ///< greatest angle that is still to be added to a gaze [rad]
+    int lights = 0;              ///< whose places are known
 
     void add(const std::vector<double>& code, const Vec<double, 6>& p, double s) {
         ++frames;
@@ -98,6 +100,7 @@ struct AvatarFacts {
     double eye_offset = 0;       ///< greatest displacement of a centre in any frame [unit]
     int channels = 3;
     bool refines = false;        ///< its super-resolution network changes the picture
+    bool corneas = false;        ///< its eyes have irises behind corneas
 };
 
 /// What drawing says: splats on the screen, and the sizes of pictures.
@@ -165,6 +168,9 @@ struct ProfileBounds {
     double eye_radius = 0.12;            ///< a turn of an eye moves its surface by this times it
     double gaze = 1e-3;                  ///< for the skin around the eye [rad]
     double bulge = 20;                   ///< px of an iris above which the cornea's shape is seen
+    double glint = 30;                   ///< ... and a light's mirror image
+    double refraction = 60;              ///< ... and what the cornea refracts
+    double grazing = 1.0471975511965976; ///< a view from further aside sees that anyway [rad]
     double pixel = 1;                    ///< deviation of a splat below which it is too thin [px]
 };
 
@@ -201,8 +207,9 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
     const bool expression_varies = d.expression.width() > b.coefficient;
     const bool pose_varies = d.pose.width() > b.coefficient || d.scale.width() > b.move;
     if (!drivers)
-        for (const EffectName e : {expression, head_pose, pose_residual, left_gaze, right_gaze,
-                                   eye_offset, kappa, periocular, corneal_bulge})
+        for (const EffectName e :
+             {expression, head_pose, pose_residual, left_gaze, right_gaze, eye_offset, kappa,
+              periocular, corneal_bulge, corneal_refraction, glint})
             say(e, false, "nothing here is driven");
     else {
         if (expression_varies && avatar && a.moved_by_expression == 0)
@@ -241,8 +248,23 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
             say(periocular, false, "a gaze varies, but no skin of the avatar is near an eye");
         else
             compare(periocular, turns, b.gaze, "a gaze varies" + over + " [rad]");
-        compare(corneal_bulge, std::max(d.eyes[0].iris, d.eyes[1].iris), b.bulge,
-                "the widest iris has, in px,");
+        const double iris = std::max(d.eyes[0].iris, d.eyes[1].iris);
+        const double aside = std::max(d.eyes[0].aside, d.eyes[1].aside);
+        compare(corneal_bulge, iris, b.bulge, "the widest iris has, in px,");
+        if (avatar && !a.corneas) {
+            for (const EffectName e : {corneal_refraction, glint})
+                say(e, false, "the avatar has no irises behind corneas");
+        } else {
+            if (aside > b.grazing)
+                compare(corneal_refraction, aside, b.grazing, "an eye is seen from aside by [rad]");
+            else
+                compare(corneal_refraction, iris, b.refraction, "the widest iris has, in px,");
+            if (d.lights == 0)
+                say(glint, false, "no light's place is known");
+            else
+                compare(glint, iris, b.glint,
+                        std::to_string(d.lights) + " lights; the widest iris has, in px,");
+        }
     }
 
     if (!scene.sh) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/outputs.hpp: what a render draws besides features and alpha. An image that is not asked
-/// for has no memory and costs no instruction.
+/// rye/splat/outputs.hpp: what a render draws besides features and alpha. An image that is not
+/// asked for has no memory and costs no instruction.
 #pragma once
 
 #include <cstdint>

@@ -2,6 +2,8 @@
 /// rye/splat/rasterizer.hpp: Gaussians to images of features, alpha and depth, and back.
 /// The derivative in a direction is `forward` on duals. Results do not depend on the number of
 /// threads: every (tile, Gaussian) pair owns its partial gradient, merged in the order of tiles.
+/// A camera may have a lens that bends (geometry/distortion.hpp). Its Gaussians are projected one
+/// at a time, in lanes' backends too; the pixels are walked as for any other camera.
 #pragma once
 
 #include <type_traits>
@@ -35,8 +37,8 @@ struct Rasterizer {
     template <class T>
     using Drawn = Raster<T, A::outputs>;
 
-    template <class T>
-    Drawn<T> forward(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background,
+    template <class T, Distortion D>
+    Drawn<T> forward(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
                       RasterScratch<T>* scratch = nullptr) const {
         Drawn<T> out;
         forward_into(g, camera, background, out, scratch);
@@ -44,8 +46,8 @@ struct Rasterizer {
     }
 
     /// As forward, into the memory of an earlier result.
-    template <class T>
-    void forward_into(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background,
+    template <class T, Distortion D>
+    void forward_into(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
                       Drawn<T>& out, RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
         RasterScratch<T>& s = scratch != nullptr ? *scratch : own;
@@ -65,11 +67,12 @@ struct Rasterizer {
     }
 
     /// The first step of forward_into: candidate and state of every Gaussian.
-    template <class T>
-    void project_into(const Gaussians<T>& g, const Pinhole<T>& camera, RasterScratch<T>& s) const {
+    template <class T, Distortion D>
+    void project_into(const Gaussians<T>& g, const Pinhole<T, D>& camera,
+                      RasterScratch<T>& s) const {
         s.shape(g.count());
         for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
-            if constexpr (LaneBackend<B, T>)
+            if constexpr (LaneBackend<B, T> && !D::bends)
                 project_range_lanes<typename B::template batch<T>>(g, camera, accuracy, b, e, s);
             else
                 project_range(g, camera, accuracy, b, e, s);
@@ -93,16 +96,16 @@ struct Rasterizer {
         });
     }
 
-    template <class T>
-    static Scene<T> scene_of(const Gaussians<T>& g, const Pinhole<T>& camera,
+    template <class T, Distortion D>
+    static Scene<T> scene_of(const Gaussians<T>& g, const Pinhole<T, D>& camera,
                              const VecX<T>& background, const RasterTrace<T>& trace) {
         return {trace, g.feature, background, camera.cx, camera.cy, camera.width, camera.height};
     }
 
     /// Gradients of everything in `g` for the cotangents of the images; the background's is
     /// background_vjp. Arguments are those of the forward call that returned `raster`.
-    template <class T>
-    Gaussians<T> vjp(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background,
+    template <class T, Distortion D>
+    Gaussians<T> vjp(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
                      const Drawn<T>& raster, const Columns<T>& g_feature,
                      const std::type_identity_t<Columns<T>>* g_alpha = nullptr,
                      const std::type_identity_t<Columns<T>>* g_depth = nullptr,
@@ -114,8 +117,8 @@ struct Rasterizer {
     }
 
     /// As vjp, into the memory of an earlier result.
-    template <class T>
-    void vjp_into(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background,
+    template <class T, Distortion D>
+    void vjp_into(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
                   const Drawn<T>& raster, const RasterCotangent<T>& cotangent, Gaussians<T>& out,
                   RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
@@ -149,7 +152,7 @@ struct Rasterizer {
                                 const Columns<T>& like) { a.resize(like.rows(), like.cols()); },
                              out, g);
         for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
-            if constexpr (LaneBackend<B, T>) {
+            if constexpr (LaneBackend<B, T> && !D::bends) {
                 using V = typename B::template batch<T>;
                 const auto sums = s.workspaces.template lend<LaneSums<V>>();
                 pull_back_range_lanes<V>(g, camera, accuracy, trace, s.slots, b, e, out, *sums);
@@ -165,9 +168,11 @@ struct Rasterizer {
         for_chunks<typename B::threads>(tiles, 8, [&](Index b, Index e, Index) { f(b, e); });
     }
 
-    template <class T>
-    static void check(const Gaussians<T>& g, const Pinhole<T>& camera,
+    template <class T, Distortion D>
+    static void check(const Gaussians<T>& g, const Pinhole<T, D>& camera,
                       const VecX<T>& background) {
+        static_assert(!D::bends || A::order == BlendOrder::by_centre,
+                      "rasterizer: blending by peak needs the straight rays of a pinhole");
         check_shapes("rasterizer", g);
         expect(background.size() == g.channels(), [&] {
             return "got a background of " + std::to_string(background.size()) +
@@ -191,8 +196,8 @@ struct Rasterizer {
         if (!condition) throw Error("rasterizer: " + sentence());
     }
 
-    template <class T>
-    static void check_cotangent(const Gaussians<T>& g, const Pinhole<T>& camera,
+    template <class T, Distortion D>
+    static void check_cotangent(const Gaussians<T>& g, const Pinhole<T, D>& camera,
                                 const RasterCotangent<T>& c) {
         const Index pixels = static_cast<Index>(camera.width) * camera.height;
         const auto fits = [&](const Columns<T>* a, Index rows) {
@@ -219,8 +224,8 @@ struct Rasterizer {
                             " where contributors are drawn");
     }
 
-    template <class X, class T>
-    static void shape_image(Image<X>& image, const Pinhole<T>& camera, Index channels) {
+    template <class X, class T, Distortion D>
+    static void shape_image(Image<X>& image, const Pinhole<T, D>& camera, Index channels) {
         image.width = camera.width;
         image.height = camera.height;
         image.pixels.resize(channels, image.size());

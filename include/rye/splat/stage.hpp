@@ -72,8 +72,8 @@ auto footprint_of(const ScreenGaussian<T>& s, const Splat<T>& splat, const T& cx
 }
 
 /// Completes candidate i, whose splat and footprint are known: it is visible unless it has no rows.
-template <class T>
-void settle(Index i, const Span& rows, const Pinhole<T>& camera, RasterScratch<T>& scratch) {
+template <class T, Distortion D>
+void settle(Index i, const Span& rows, const Pinhole<T, D>& camera, RasterScratch<T>& scratch) {
     using R = real_t<T>;
     const auto at = static_cast<std::size_t>(i);
     Member<T>& c = scratch.candidates[at];
@@ -89,10 +89,10 @@ void settle(Index i, const Span& rows, const Pinhole<T>& camera, RasterScratch<T
 }
 
 /// Fills candidate and state of Gaussians [b, e); one at a time, for any scalar.
-template <class A, class T>
-void project_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy, Index b,
+template <class A, class T, Distortion D>
+void project_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy, Index b,
                    Index e, RasterScratch<T>& scratch) {
-    const Lens<T> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
+    const Lens<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
     const bool look = accuracy.non_finite != NonFinite::trust;
     for (Index i = b; i < e; ++i) {
         const auto at = static_cast<std::size_t>(i);
@@ -118,8 +118,8 @@ void project_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& acc
 }
 
 /// The depth of Gaussian i in double, whatever it is given in.
-template <class T>
-double fine_depth(const Gaussians<T>& g, const Pinhole<T>& camera, Index i) {
+template <class T, Distortion D>
+double fine_depth(const Gaussians<T>& g, const Pinhole<T, D>& camera, Index i) {
     const auto& pose = camera.camera_from_world;
     double z = 0;
     for (int k = 0; k < 3; ++k)
@@ -130,8 +130,8 @@ double fine_depth(const Gaussians<T>& g, const Pinhole<T>& camera, Index i) {
 
 /// Visible candidates become members, in the order of the tiles that they lie in, there by index.
 /// Candidates are cut into as many chunks as there are threads, as in TileLists.
-template <Threads P, class A, class T>
-void gather_members(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy,
+template <Threads P, class A, class T, Distortion D>
+void gather_members(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
                     RasterScratch<T>& scratch, RasterTrace<T>& trace) {
     const auto tiles = static_cast<std::size_t>(tiles_across(camera.width)) *
                        static_cast<std::size_t>(tiles_across(camera.height));
@@ -174,8 +174,8 @@ void gather_members(const Gaussians<T>& g, const Pinhole<T>& camera, const A& ac
 }
 
 /// Visible candidates become members and entries of tiles in the order of depth, ties by index.
-template <Backend B, class A, class T>
-void arrange(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy,
+template <Backend B, class A, class T, Distortion D>
+void arrange(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
              RasterScratch<T>& scratch, RasterTrace<T>& trace) {
     using R = real_t<T>;
     constexpr bool fine = A::depth_bits > 8 * static_cast<int>(sizeof(R));
@@ -223,11 +223,11 @@ void clear_gradient(Gaussians<T>& out, Index i) {
 }
 
 /// Gradients of Gaussians [b, e), from slots to world.
-template <class A, class T>
-void pull_back_range(const Gaussians<T>& g, const Pinhole<T>& camera, const A& accuracy,
+template <class A, class T, Distortion D>
+void pull_back_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
                      const RasterTrace<T>& trace, const Slots<T>& slots, Index b, Index e,
                      Gaussians<T>& out) {
-    const Lens<T> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
+    const Lens<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
     std::vector<T> sum(static_cast<std::size_t>(slots.stride));
     for (Index i = b; i < e; ++i) {
         const std::uint32_t m = trace.member[static_cast<std::size_t>(i)];

@@ -206,7 +206,7 @@ struct TileLists {
         });
     }
 
-    /// Appends the tiles of member m to those of its chunk, or, beyond what is allowed, counts them.
+    /// Appends the tiles of member m to its chunk's, or, beyond what is allowed, counts them.
     template <Support support, Real R, class Rows, class Footprint, class Chunk>
     void mention(int width, int height, Index m, const Rows& pixel_rows, Index max_entries,
                  const Footprint& footprint, Chunk& chunk) const {

@@ -49,6 +49,8 @@ Drivers<T, E> corrected_drivers(const TwoStream<T, E>& avatar, const AvatarSampl
     Drivers<T, E> drivers = sample.drivers;
     if constexpr (has_effect<E, ReadsHeadPose>)
         if (sample.frame >= 0) drivers.pose += avatar.delta_pose.col(sample.frame);
+    if constexpr (has_effect<E, ReadsCamera>)
+        drivers.camera = sample.camera.centre().template cast<T>();
     return drivers;
 }
 

@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/rig/cornea.hpp: what the cornea does to what is seen of one eye: refraction moves the iris
+/// behind it, and a light's mirror image, the glint, is added to the colours. The cornea is a
+/// sphere. Frame: the eyeball's, origin at its centre; lengths in canonical head units; the camera
+/// and the lights are points of that frame.
+/// Approximations: a Gaussian's centre is moved to where its refracted ray says, as far behind the
+/// cornea along that ray as it is; its shape stays. The sphere is taken to go on where sclera
+/// covers it. A point whose light is totally reflected on its way to the camera goes to the rim.
+/// Source: Fermat's principle (geometry/sphere_path.hpp); radii of Gullstrand's eye.
+#pragma once
+
+#include <cmath>
+
+#include <rye/autodiff/dual.hpp>
+#include <rye/geometry/sphere_path.hpp>
+#include <rye/math/scalar.hpp>
+
+namespace rye {
+
+/// Refractive index of the aqueous humour over air's (Gullstrand).
+inline constexpr double aqueous_index = 1.336;
+/// A glint fades where its light comes in within this cosine of grazing.
+inline constexpr double glint_grazing = 0.1;
+
+/// A cornea in its eyeball's frame.
+template <Scalar T>
+struct Cornea {
+    Vec3<T> centre;              ///< of its sphere [unit]
+    T radius;                    ///< [unit]
+    Vec3<T> axis;                ///< unit, out of the eye
+    T rim;                       ///< of the limbus along the axis, from the eyeball's centre [unit]
+};
+
+namespace detail {
+
+template <Scalar T>
+Vec3<T> beyond(const Vec3<T>& at, const Vec3<T>& eye, const Vec3<T>& source) {
+    const Vec3<T> ray = normalized(Vec3<T>(at - eye));
+    const T depth = norm(Vec3<T>(at - source));
+    return Vec3<T>(at[0] + depth * ray[0], at[1] + depth * ray[1], at[2] + depth * ray[2]);
+}
+
+template <Scalar T>
+bool behind_cornea(const Cornea<T>& c, const T& index, const Vec3<T>& eye,
+                   const Vec3<T>& point) {
+    const Vec3<T> p = point - c.centre, e = eye - c.centre;
+    const T rr = c.radius * c.radius;
+    return index != T(1) && dot(p, p) < rr && dot(e, e) > rr;
+}
+
+} // namespace detail
+
+/// Where a point is seen: itself, unless it is within the corneal sphere and the camera is not. An
+/// index of 1 changes no bit.
+template <Scalar T>
+Vec3<T> seen_through(const Cornea<T>& c, const T& index, const Vec3<T>& camera,
+                     const Vec3<T>& point) {
+    if (!detail::behind_cornea(c, index, camera, point)) return point;
+    const Vec3<T> eye = camera - c.centre, source = point - c.centre;
+    const SpherePath<T> path = sphere_path(eye, source, c.radius, index);
+    return c.centre + detail::beyond(path.at, eye, source);
+}
+
+/// Cotangents of the point and of the camera; the camera's is added to.
+template <Scalar T>
+Vec3<T> seen_through_vjp(const Cornea<T>& c, const T& index, const Vec3<T>& camera,
+                         const Vec3<T>& point, const Vec3<T>& g, Vec3<T>& g_camera) {
+    if (!detail::behind_cornea(c, index, camera, point)) return g;
+    const Vec3<T> eye = camera - c.centre, source = point - c.centre;
+    const SpherePath<T> path = sphere_path(eye, source, c.radius, index);
+    if (!path.seen) {  // on the rim: the derivatives of a closed formula
+        struct Rim {};
+        using D = Dual<T, 6, Rim>;
+        Vec3<D> e, s;
+        for (int i = 0; i < 3; ++i) {
+            e[i] = D::variable(eye[i], i);
+            s[i] = D::variable(source[i], 3 + i);
+        }
+        const detail::PathPlane<D> plane(e, s, D(c.radius), D(index));
+        const Vec3<D> a = detail::beyond(plane.at(plane.rim()).at, e, s);
+        Vec3<T> r(T(0), T(0), T(0));
+        for (int i = 0; i < 3; ++i)
+            for (int k = 0; k < 3; ++k) {
+                g_camera[k] += g[i] * a[i].d[static_cast<std::size_t>(k)];
+                r[k] += g[i] * a[i].d[static_cast<std::size_t>(3 + k)];
+            }
+        return r;
+    }
+    const Vec3<T> from_eye = path.at - eye, from_source = path.at - source;
+    const T far = norm(from_eye), depth = norm(from_source);
+    const Vec3<T> ray = from_eye / far, up = normalized(from_source);
+    const T along = dot(g, ray);
+    Vec3<T> turn, g_at;                                     // of the ray, over its length
+    for (int i = 0; i < 3; ++i) {
+        turn[i] = depth / far * (g[i] - ray[i] * along);
+        g_at[i] = g[i] + up[i] * along + turn[i];
+    }
+    const SpherePathCotangent<T> ends =
+        sphere_path_vjp(eye, source, c.radius, index, path.at, g_at);
+    Vec3<T> r;
+    for (int i = 0; i < 3; ++i) {
+        g_camera[i] += ends.eye[i] - turn[i];
+        r[i] = ends.source[i] - up[i] * along;
+    }
+    return r;
+}
+
+namespace detail {
+
+/// 0 below 0, 1 above 1, smooth between; and its slope.
+template <Scalar T>
+T smooth_step(const T& x) {
+    const T u = x > T(0) ? (x < T(1) ? x : T(1)) : T(0);
+    return u * u * (T(3) - T(2) * u);
+}
+template <Scalar T>
+T smooth_step_slope(const T& x) {
+    return x > T(0) && x < T(1) ? T(T(6) * x * (T(1) - x)) : T(0);
+}
+
+/// What a mirror image's strength is the product of, by smooth_step.
+template <Scalar T>
+struct GlintFades {
+    T rim, grazing;
+
+    GlintFades(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& at, const T& width)
+        : rim(constant<T>(0.5) + (dot(at, c.axis) - c.rim) / width),
+          grazing(dot(Vec3<T>(at - c.centre), normalized(Vec3<T>(camera - at))) /
+                  (c.radius * constant<T>(glint_grazing))) {}
+};
+
+} // namespace detail
+
+/// A light's mirror image: where on the cornea, and how much of it is there: none where the light
+/// or the camera cannot see the place, less within half a width of the limbus and near grazing.
+template <Scalar T>
+struct MirrorImage {
+    Vec3<T> at;
+    T strength;                  ///< in [0, 1]
+    bool seen;
+};
+
+template <Scalar T>
+MirrorImage<T> mirror_image(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& light,
+                            const T& width) {
+    const Vec3<T> eye = camera - c.centre, source = light - c.centre;
+    const T rr = c.radius * c.radius;
+    if (!(dot(eye, eye) > rr && dot(source, source) > rr)) return {c.centre, T(0), false};
+    const SpherePath<T> path = sphere_path(eye, source, c.radius, T(1));
+    const Vec3<T> at = c.centre + path.at;
+    if (!path.seen) return {at, T(0), false};
+    const detail::GlintFades<T> f(c, camera, at, width);
+    const T strength = detail::smooth_step(f.rim) * detail::smooth_step(f.grazing);
+    return {at, strength, strength > T(0)};
+}
+
+/// Adds the cotangents of camera and light.
+template <Scalar T>
+void mirror_image_vjp(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& light,
+                      const T& width, const MirrorImage<T>& m, const MirrorImage<T>& g,
+                      Vec3<T>& g_camera, Vec3<T>& g_light) {
+    if (!m.seen) return;
+    const detail::GlintFades<T> f(c, camera, m.at, width);
+    const T by_rim = g.strength * detail::smooth_step_slope(f.rim) *
+                     detail::smooth_step(f.grazing) / width;
+    const T by_grazing = g.strength * detail::smooth_step(f.rim) *
+                         detail::smooth_step_slope(f.grazing) /
+                         (c.radius * constant<T>(glint_grazing));
+    const Vec3<T> view = camera - m.at, toward = normalized(view);
+    const Vec3<T> g_view = normalized_vjp(view, Vec3<T>((m.at - c.centre) * by_grazing));
+    Vec3<T> g_at;
+    for (int i = 0; i < 3; ++i)
+        g_at[i] = g.at[i] + by_rim * c.axis[i] + by_grazing * toward[i] - g_view[i];
+    const SpherePathCotangent<T> ends =
+        sphere_path_vjp(Vec3<T>(camera - c.centre), Vec3<T>(light - c.centre), c.radius, T(1),
+                        Vec3<T>(m.at - c.centre), g_at);
+    g_camera += g_view + ends.eye;
+    g_light += ends.source;
+}
+
+/// How much of a mirror image is seen at a point: strength exp(-d^2 / 2 width^2), d the distance
+/// of the point from the camera's ray through the image.
+template <Scalar T>
+T glint_at(const MirrorImage<T>& m, const Vec3<T>& camera, const Vec3<T>& point,
+           const T& width) {
+    using std::exp;
+    const Vec3<T> d = normalized(Vec3<T>(m.at - camera)), r = point - m.at;
+    const Vec3<T> off = r - d * dot(d, r);
+    return m.strength * exp(constant<T>(-0.5) * dot(off, off) / (width * width));
+}
+
+/// Cotangent of the point; adds those of the image and of the camera. `value` is glint_at's.
+template <Scalar T>
+Vec3<T> glint_at_vjp(const MirrorImage<T>& m, const Vec3<T>& camera, const Vec3<T>& point,
+                     const T& width, const T& value, const T& g, MirrorImage<T>& g_image,
+                     Vec3<T>& g_camera) {
+    const Vec3<T> view = m.at - camera, d = normalized(view), r = point - m.at;
+    const T along = dot(d, r);
+    const T k = T(0) - g * value / (width * width);
+    g_image.strength += g * value / m.strength;
+    // |off|^2 = |r|^2 - (d r)^2.
+    const Vec3<T> g_r = (r - d * along) * k;
+    const Vec3<T> g_view = normalized_vjp(view, Vec3<T>(r * (T(0) - along * k)));
+    g_image.at += g_view - g_r;
+    g_camera -= g_view;
+    return g_r;
+}
+
+} // namespace rye

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+/// tests/avatar/law.hpp: an avatar's vjp against its duals, for any list of effects.
+#pragma once
+
+#include <doctest/doctest.h>
+
+#include <rye/backend/scalar.hpp>
+
+#include "effect_sets.hpp"
+
+namespace rye::test {
+
+/// How far <vjp, direction> is from what duals say, for one random direction of all parameters and
+/// of the head pose.
+template <EffectSet E>
+double law_error(std::uint64_t seed) {
+    using D = Dual<double, 1>;
+    const TwoStream<double, E> avatar = restricted<E>(avatar_of_optics(seed));
+    const Drivers<double, E> drivers = restricted<E>(drivers_of_optics());
+    const AvatarConfig config = tiny_config();
+    TwoStreamTrace<double, E> trace;
+    drive<ScalarBackend<>>(avatar, config, tiny_roles(), drivers, trace);
+    const Gaussians<double> w_face = random_like(trace.world_face, Random{seed, 1});
+    const Gaussians<double> w_eyes = random_like(trace.world_eyes, Random{seed, 2});
+    Gaussians<double> g_face = w_face, g_eyes = w_eyes;
+    TwoStream<double, E> grad = zeros_like(avatar);
+    const Vec<double, 6> g_pose =
+        drive_vjp<ScalarBackend<>>(avatar, config, drivers, trace, g_face, g_eyes, grad);
+
+    const TwoStream<double, E> direction = random_like(avatar, Random{seed, 3});
+    const Columns<double> pose_direction = random_columns<double>(6, 1, Random{seed, 4});
+    TwoStream<D, E> dual = lifted<D>(avatar);
+    seed_fields(dual, avatar, direction);
+    Drivers<D, E> dual_drivers = drivers.template cast<D>();
+    if constexpr (has_effect<E, ReadsHeadPose>)
+        dual_drivers.pose = seeded(Columns<double>(drivers.pose), pose_direction);
+    TwoStreamTrace<D, E> dual_trace;
+    drive<ScalarBackend<>>(dual, config, tiny_roles(), dual_drivers, dual_trace);
+    DotSum by_vjp, by_dual;
+    by_vjp.add_all(grad, direction);
+    if constexpr (has_effect<E, ReadsHeadPose>) by_vjp.add(g_pose, pose_direction);
+    const auto add = [&](const Gaussians<D>& moved, const Gaussians<double>& w) {
+        Gaussians<double> d = w;
+        Gaussians<double>::fields([](const std::string&, auto& to, const auto& from) {
+            to = from.unaryExpr([](const D& x) { return x.d[0]; });
+        }, d, moved);
+        by_dual.add_all(d, w);
+    };
+    add(dual_trace.world_face, w_face);
+    add(dual_trace.world_eyes, w_eyes);
+    CHECK(by_vjp.magnitude > 0.01);
+    return disagreement(by_vjp, by_dual);
+}
+
+} // namespace rye::test
