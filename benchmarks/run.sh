@@ -11,7 +11,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 parts=$(mktemp -d)
 trap 'rm -rf "$parts"' EXIT
 
-for question in roofline splatting mlp convolution primitives effects; do
+for question in roofline splatting mlp convolution step primitives effects; do
     echo "run.sh: $question" >&2
     "$build/benchmarks/bench_$question" --benchmark_out="$parts/$question.json" \
         --benchmark_out_format=json > /dev/null
