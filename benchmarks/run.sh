@@ -11,11 +11,12 @@ here=$(cd "$(dirname "$0")" && pwd)
 parts=$(mktemp -d)
 trap 'rm -rf "$parts"' EXIT
 
-for question in roofline splatting mlp convolution primitives effects; do
+for question in roofline splatting mlp convolution step primitives effects; do
     echo "run.sh: $question" >&2
     "$build/benchmarks/bench_$question" --benchmark_out="$parts/$question.json" \
         --benchmark_out_format=json > /dev/null
 done
 echo "run.sh: compile" >&2
 sh "$here/compile/compile.sh" "$here/../include" > "$parts/compile.md"
+sh "$here/compile/variants.sh" "$here/.." > "$parts/variants.md"
 python3 "$here/tables.py" "$out" "$baseline" "${PAGE:-}" "$parts"/*

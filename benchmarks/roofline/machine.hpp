@@ -11,7 +11,7 @@
 
 #include <rye/backend/xsimd.hpp>
 #include <rye/core/random.hpp>
-#include <rye/splat/tiles.hpp>
+#include <rye/splat/tile_lists.hpp>
 
 namespace rye::bench {
 
@@ -84,17 +84,16 @@ inline double memory_bytes() {
 
 inline double sorted_keys() {
     constexpr std::size_t n = 100000;
-    std::vector<std::uint32_t> keys(n), values(n), k, v;
+    std::vector<Keyed<std::uint32_t>> unsorted(n), x(n), buffer(n);
     const Random random{1, 1};
-    for (std::size_t i = 0; i < n; ++i) {
-        keys[i] = static_cast<std::uint32_t>(random.bits(i) >> 32U);
-        values[i] = static_cast<std::uint32_t>(i);
-    }
-    SortBuffer<std::uint32_t> buffer;
+    for (std::size_t i = 0; i < n; ++i)
+        unsorted[i] = {static_cast<std::uint32_t>(random.bits(i) >> 32U),
+                       static_cast<std::uint32_t>(i)};
     double least = 1e30;
     for (int i = 0; i < 15; ++i) {
-        k = keys, v = values;
-        least = std::min(least, least_time(1, [&] { sort_by_key(k, v, buffer); }));
+        x = unsorted;
+        least = std::min(least,
+                         least_time(1, [&] { sort_by_key(x.data(), buffer.data(), Index(n)); }));
     }
     return static_cast<double>(n) / least;
 }

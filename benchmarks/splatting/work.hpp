@@ -18,7 +18,7 @@ template <class B, AccuracyPolicy A>
 struct Work {
     HeadScene scene;
     Rasterizer<B, A> rasterizer = {};
-    Raster<float> raster = {};
+    Raster<float, A::outputs> raster = {};
     RasterScratch<float> scratch = {};
     Gaussians<float> gradient = {};
 
@@ -69,7 +69,7 @@ inline double kept_bytes(double gaussians, double visible, double entries, int c
                          double pixels) {
     const double record = sizeof(Member<float>), slot = 4 * (8 + (channels + 7) / 8 * 8);
     return gaussians * (record + sizeof(Footprint<float>) + 1 + 4 + 4 + 4 * (11 + channels)) +
-           visible * (record + 4 + 2 * (4 + 4) + 8) + entries * (8 + slot + 1) +
+           visible * (record + 8) + entries * (8 + 12 + 8 + slot + 1) +
            pixels * 4 * (channels + 2);
 }
 

@@ -48,6 +48,7 @@
 #include <rye/splat/raster.hpp>
 #include <rye/splat/rasterizer.hpp>
 #include <rye/splat/stage.hpp>
+#include <rye/splat/tile_lists.hpp>
 #include <rye/splat/tiles.hpp>
 #include <rye/splat/vjp.hpp>
 #include <rye/splat/xsimd_forward.hpp>

@@ -175,14 +175,16 @@ template <class T>
 void b12_b13(Report& report) {
     // Three that cover everything: more pairs than the budget is an error, told before memory.
     std::vector<Span> rows(3, Span{0, 1 << 20});
-    std::vector<std::uint32_t> order{0, 1, 2};
     Footprint<T> f{T(1 << 19), T(1 << 19), T(4), {T(1e12), T(0), T(1e12)}, T(1e24)};
     TileLists lists;
     const Index all = Index(3) * (64 / tile_edge) * ((1 << 20) / tile_edge);
     bool told = false;
     try {
-        lists.build<Serial, Support::ellipse, T>(64, 1 << 20, [&](Index m) { return rows[std::size_t(m)]; }, order, all - 1,
-                                                 [&](Index) -> const Footprint<T>& { return f; });
+        DealScratch<std::uint32_t> scratch;
+        lists.build<Serial, Support::ellipse, T>(
+            64, 1 << 20, 3, [&](Index m) { return rows[std::size_t(m)]; },
+            [](Index m) { return static_cast<std::uint32_t>(m); }, [](Index m) { return m; },
+            all - 1, [&](Index) -> const Footprint<T>& { return f; }, scratch);
     } catch (const Error&) {
         told = true;
     }
@@ -196,7 +198,6 @@ void b12_b13(Report& report) {
     for (std::uint64_t seed = 0; seed < 30; ++seed) {
         std::vector<Footprint<T>> feet;
         std::vector<Span> spans;
-        std::vector<std::uint32_t> sequence;
         for (std::uint64_t i = 0; i < 50; ++i) {
             const Random r{seed, i};
             const T s = static_cast<T>(std::exp(4 * r.normal(1)));
@@ -208,14 +209,18 @@ void b12_b13(Report& report) {
                                     s * s};
             const Span p = Cover<Support::ellipse, T>{foot, 100, 70}.rows();
             if (p.begin >= p.end) continue;
-            sequence.push_back(static_cast<std::uint32_t>(feet.size()));
             feet.push_back(foot);
             spans.push_back(p);
         }
         TileLists t;
+        DealScratch<std::uint32_t> scratch;
         t.build<Serial, Support::ellipse, T>(
-            100, 70, [&](Index m) { return spans[static_cast<std::size_t>(m)]; }, sequence, 1 << 30,
-            [&](Index i) -> const Footprint<T>& { return feet[static_cast<std::size_t>(i)]; });
+            100, 70, static_cast<Index>(feet.size()),
+            [&](Index m) { return spans[static_cast<std::size_t>(m)]; },
+            [](Index m) { return static_cast<std::uint32_t>(m); }, [](Index m) { return m; },
+            Index(1) << 30,
+            [&](Index i) -> const Footprint<T>& { return feet[static_cast<std::size_t>(i)]; },
+            scratch);
         Index counted = 0;
         for (std::size_t m = 0; m + 1 < t.first.size(); ++m) counted += t.first[m + 1] - t.first[m];
         equal = equal && counted == t.entries() && static_cast<Index>(t.entry.size()) == counted;

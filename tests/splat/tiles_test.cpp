@@ -1,34 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tile lists against brute force: no pixel that a Gaussian can reach is missed, for ellipses of
-// every size and needle, and the lists are in the order of depth.
+// Bounds against brute force: no pixel that a Gaussian can reach is missed, for ellipses of every
+// size and needle.
 #include <rye/splat/tiles.hpp>
 
 #include <doctest/doctest.h>
 
 #include <rye/core/random.hpp>
+#include <rye/splat/tile_lists.hpp>
 
 using namespace rye;
-
-TEST_CASE("tiles: the radix sort is stable and sorts") {
-    const Random random{1, 1};
-    for (const Index n : {0, 1, 2, 1000}) {
-        std::vector<std::uint32_t> keys, values;
-        for (Index i = 0; i < n; ++i) {
-            const double z = i % 3 == 0 ? 1.0 : 0.9 + 0.2 * random.uniform(std::uint64_t(i));
-            keys.push_back(depth_key(static_cast<float>(z)));
-            values.push_back(static_cast<std::uint32_t>(i));
-        }
-        const auto before = keys;
-        SortBuffer<std::uint32_t> buffer;
-        sort_by_key(keys, values, buffer);
-        bool sorted = true;
-        for (std::size_t i = 1; i < values.size(); ++i)
-            sorted &= keys[i - 1] < keys[i] ||
-                      (keys[i - 1] == keys[i] && values[i - 1] < values[i]);
-        for (std::size_t i = 0; i < values.size(); ++i) sorted &= keys[i] == before[values[i]];
-        CHECK(sorted);
-    }
-}
 
 TEST_CASE("tiles: depth keys order as depths do, in float and in double") {
     const Random random{2, 1};
@@ -68,11 +48,11 @@ TEST_CASE("tiles: no pixel that an ellipse reaches is missed") {
         const Cover<Support::ellipse, float> cover{f, width, height};
         const Span rows = cover.rows();
         TileLists lists;
-        std::vector<std::uint32_t> order;
-        std::vector<Span> pixel_rows;
-        if (rows.begin < rows.end) order = {0}, pixel_rows = {rows};
+        DealScratch<std::uint32_t> scratch;
         lists.build<Serial, Support::ellipse, float>(
-            width, height, [&](Index m) { return pixel_rows[std::size_t(m)]; }, order, 1000000, [&](Index) -> const auto& { return f; });
+            width, height, rows.begin < rows.end ? 1 : 0, [&](Index) { return rows; },
+            [](Index) { return 0U; }, [](Index m) { return m; }, 1000000,
+            [&](Index) -> const auto& { return f; }, scratch);
         listed += lists.entries();
         for (Index t = 0; t < lists.tiles(); ++t) {
             const bool in_list = lists.begin[std::size_t(t)] < lists.begin[std::size_t(t) + 1];
@@ -103,44 +83,4 @@ TEST_CASE("tiles: numbers that no int holds are clamped first") {
     }
     CHECK(pixels_between(-1e30F, 1e30F, 100).begin == 0);
     CHECK(pixels_between(-1e30F, 1e30F, 100).end == 100);
-}
-
-TEST_CASE("tiles: each list is near to far, and members find their entries") {
-    const Random random{4, 1};
-    const Index n = 500;
-    std::vector<Footprint<float>> f(static_cast<std::size_t>(n));
-    std::vector<Span> rows;
-    std::vector<std::uint32_t> order;
-    for (Index i = 0; i < n; ++i) {
-        const auto k = static_cast<std::uint64_t>(3 * i);
-        auto& e = f[static_cast<std::size_t>(i)];
-        e = {float(64 * random.uniform(k)), float(64 * random.uniform(k + 1)), 3, {4, 1, 2}, 7};
-        rows.push_back(Cover<Support::ellipse, float>{e, 64, 64}.rows());
-        order.push_back(static_cast<std::uint32_t>((i * 7) % n));
-    }
-    TileLists lists;
-    lists.build<DefaultThreads, Support::ellipse, float>(
-        64, 64, [&](Index m) { return rows[std::size_t(m)]; }, order, 1 << 30, [&](Index m) -> const auto& { return f[std::size_t(m)]; });
-    std::vector<Index> rank(static_cast<std::size_t>(n));
-    for (Index r = 0; r < n; ++r) rank[order[std::size_t(r)]] = r;
-    bool sorted = true, found = true;
-    for (std::size_t t = 0; t < std::size_t(lists.tiles()); ++t)
-        for (Index k = lists.begin[t] + 1; k < lists.begin[t + 1]; ++k)
-            sorted &= rank[lists.entry[std::size_t(k) - 1].member] <
-                      rank[lists.entry[std::size_t(k)].member];
-    // Each slot is one entry's, and one of those of the entry's member, tile after tile.
-    std::vector<Index> entry_of(std::size_t(lists.entries()), -1);
-    for (Index k = 0; k < lists.entries(); ++k) {
-        const std::size_t m = lists.entry[std::size_t(k)].member;
-        const std::size_t slot = lists.entry[std::size_t(k)].slot;
-        found &= Index(slot) >= lists.first[m] && Index(slot) < lists.first[m + 1];
-        found &= entry_of[slot] == -1;
-        entry_of[slot] = k;
-    }
-    for (std::size_t m = 0; m < std::size_t(n); ++m)
-        for (Index i = lists.first[m] + 1; i < lists.first[m + 1]; ++i)
-            found &= entry_of[std::size_t(i) - 1] < entry_of[std::size_t(i)];
-    CHECK(sorted);
-    CHECK(found);
-    CHECK(lists.first.back() == lists.entries());
 }

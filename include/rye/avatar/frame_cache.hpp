@@ -40,7 +40,7 @@ class FrameCache {
     }
 
     /// Brings the render up to date; `camera` is that of the render.
-    const Raster<T>& update(const Drivers<T>& drivers, const Pinhole<T>& camera,
+    const Raster<T, A::outputs>& update(const Drivers<T>& drivers, const Pinhole<T>& camera,
                             const VecX<T>& background) {
         const bool whole = !shown_ || !redraw_.drawn() || !same_bits(camera, shown_->camera);
         const bool repaint = whole || !same_bits(background, shown_->background);

@@ -5,43 +5,63 @@
 /// Source: Kerbl et al., "3D Gaussian Splatting", 2023, the D-SSIM term.
 #pragma once
 
-#include <string>
-#include <vector>
+#include <algorithm>
+#include <array>
+#include <type_traits>
 
 #include <rye/loss/photometric.hpp>
 #include <rye/loss/ssim.hpp>
+#include <rye/nn/elementwise.hpp>
 
 namespace rye {
 
 namespace detail {
 
-/// Gaussian means of every channel, of the image's size; its own adjoint.
-template <Backend B, class T>
-Columns<T> window_means(const Columns<T>& image, Index width) {
-    constexpr Index grain = 8, reach = ssim_window / 2;
-    const Index c = image.rows(), row = width * c, height = image.cols() / width;
-    const auto w = ssim_weights();
-    const auto weight = [&](Index k) {
-        return T(static_cast<real_t<T>>(w[static_cast<std::size_t>(k)]));
-    };
-    Columns<T> out(c, image.cols());
-    for_chunks<typename B::threads>(height, grain, [&](Index first, Index last, Index) {
-        VecX<T> padded = VecX<T>::Zero(row + 2 * reach * c);
-        for (Index y = first; y < last; ++y) {
-            auto sum = padded.segment(reach * c, row);
-            sum.setZero();
-            for (Index k = 0; k < ssim_window; ++k) {
-                const Index from = y + k - reach;
-                if (from < 0 || from >= height) continue;
-                sum += weight(k) * Eigen::Map<const VecX<T>>(image.data() + from * row, row);
-            }
-            Eigen::Map<VecX<T>> to(out.data() + y * row, row);
-            to = weight(0) * padded.segment(0, row);
-            for (Index k = 1; k < ssim_window; ++k) to += weight(k) * padded.segment(k * c, row);
-        }
-    });
-    return out;
-}
+/// Means over the window, separable: down a column first, then along a row, of what is 0 beyond
+/// the image's border. Pixels are `channels` adjacent numbers.
+template <class T>
+struct Window {
+    using R = real_t<T>;
+    static constexpr Index reach = ssim_window / 2;
+
+    Index channels, row, height; ///< numbers of a pixel, of a row; rows
+    std::array<R, ssim_window> weight;
+
+    explicit Window(const Image<T>& image)
+        : channels(image.channels()),
+          row(image.width * channels),
+          height(image.height) {
+        const auto w = ssim_weights();
+        std::transform(w.begin(), w.end(), weight.begin(),
+                       [](double x) { return static_cast<R>(x); });
+    }
+
+    /// Numbers of a row with what its ends see beyond the border.
+    Index padded() const { return row + 2 * reach * channels; }
+    /// Where the means of a row down the columns belong within such a row.
+    Index inside() const { return reach * channels; }
+
+    /// f(weight, where its row begins) for the rows under the window around row y.
+    template <class F>
+    void down(Index y, const F& f) const {
+        const Index last = std::min(height - 1, y + reach);
+        for (Index r = std::max<Index>(0, y - reach); r <= last; ++r)
+            f(weight[static_cast<std::size_t>(r - y + reach)], r * row);
+    }
+    /// The mean along a row; `from` is where the window begins.
+    template <class V>
+    V along(const T* from) const {
+        V sum = V(weight[reach]) * load_as<V>(from + reach * channels);
+        for (Index k = 0; k < reach; ++k)
+            sum += V(weight[static_cast<std::size_t>(k)]) *
+                   (load_as<V>(from + k * channels) +
+                    load_as<V>(from + (ssim_window - 1 - k) * channels));
+        return sum;
+    }
+};
+
+/// Rows of a chunk.
+inline constexpr Index dssim_rows = 8;
 
 } // namespace detail
 
@@ -50,36 +70,88 @@ template <Backend B, class T>
 LossGradient<T> dssim(const Image<T>& a, const Image<T>& b) {
     using W = widened_t<T>;
     detail::require_same_shape<T>("dssim", a.pixels, b.pixels, Columns<T>());
-    const Index size = a.pixels.size();
-    const auto means = [&](const Columns<T>& x) {
-        return detail::window_means<B, T>(x, a.width);
-    };
-    const Columns<T>&x = a.pixels, &y = b.pixels;
-    const Columns<T> mx = means(x), my = means(y), mxy = means(x.cwiseProduct(y));
-    const Columns<T> mxx = means(x.cwiseProduct(x)), myy = means(y.cwiseProduct(y));
-    Columns<T> gx(x.rows(), x.cols()), gxx = gx, gxy = gx;
-    const T c1(static_cast<real_t<T>>(ssim_c1)), c2(static_cast<real_t<T>>(ssim_c2)), two(2);
-    const T share(static_cast<real_t<T>>(-1.0 / static_cast<double>(std::max<Index>(size, 1))));
+    const detail::Window<T> window(a);
+    const Index size = a.pixels.size(), row = window.row, padded = window.padded();
+    const T *const x = a.pixels.data(), *const y = b.pixels.data();
+    // The slopes of the loss by the means of x, of x^2 and of x y.
+    Columns<T> by_x(a.pixels.rows(), a.pixels.cols()), by_xx = by_x, by_xy = by_x;
+    const auto share =
+        static_cast<real_t<T>>(-1.0 / static_cast<double>(std::max<Index>(size, 1)));
+
     const W sum = sum_chunks<typename B::threads>(
-        size, 4 * detail::loss_grain, W(0), [&](Index first, Index last) {
+        window.height, detail::dssim_rows, W(0), [&](Index first, Index last) {
+            VecX<T> lines = VecX<T>::Zero(4 * padded), ssim(row);
+            T *const line_x = lines.data(), *const line_y = line_x + padded,
+                     *const line_squares = line_y + padded, *const line_xy = line_squares + padded;
             W total(0);
-            for (Index i = first; i < last; ++i) {
-                const T u = mx(i), v = my(i);
-                const T a1 = two * u * v + c1, b1 = u * u + v * v + c1;
-                const T a2 = two * (mxy(i) - u * v) + c2;
-                const T b2 = (mxx(i) - u * u) + (myy(i) - v * v) + c2;
-                const T inverse = T(1) / (b1 * b2), s = a1 * a2 * inverse;
-                total += scalar_cast<W>(s);
-                const T d1 = a2 * inverse, d2 = a1 * inverse, e1 = s / b1, e2 = s / b2;
-                gx(i) = share * two * (v * (d1 - d2) - u * (e1 - e2));
-                gxx(i) = -share * e2;
-                gxy(i) = share * two * d2;
+            for (Index r = first; r < last; ++r) {
+                each_vector<B, T>(0, row, [&]<class V>(std::type_identity<V>, Index i) {
+                    V mx(0), my(0), squares(0), mxy(0);
+                    window.down(r, [&](const auto& w, Index at) {
+                        const V p = load_as<V>(x + at + i), q = load_as<V>(y + at + i), weight(w);
+                        mx += weight * p;
+                        my += weight * q;
+                        squares += weight * (p * p + q * q);
+                        mxy += weight * (p * q);
+                    });
+                    const Index to = window.inside() + i;
+                    store_as(mx, line_x + to);
+                    store_as(my, line_y + to);
+                    store_as(squares, line_squares + to);
+                    store_as(mxy, line_xy + to);
+                });
+                each_vector<B, T>(0, row, [&]<class V>(std::type_identity<V>, Index i) {
+                    const V c1 = constant<V>(ssim_c1), c2 = constant<V>(ssim_c2);
+                    const V two(2), scale(share);
+                    const V u = window.template along<V>(line_x + i);
+                    const V v = window.template along<V>(line_y + i);
+                    const V uu_vv = u * u + v * v;
+                    const V a1 = two * u * v + c1, b1 = uu_vv + c1;
+                    const V a2 = two * (window.template along<V>(line_xy + i) - u * v) + c2;
+                    const V b2 = (window.template along<V>(line_squares + i) - uu_vv) + c2;
+                    const V inverse = V(1) / (b1 * b2), s = a1 * a2 * inverse;
+                    const V d1 = a2 * inverse, d2 = a1 * inverse, e1 = s / b1, e2 = s / b2;
+                    store_as(s, ssim.data() + i);
+                    store_as(V(scale * two * (v * (d1 - d2) - u * (e1 - e2))),
+                             by_x.data() + r * row + i);
+                    store_as(V(-scale * e2), by_xx.data() + r * row + i);
+                    store_as(V(scale * two * d2), by_xy.data() + r * row + i);
+                });
+                total += sum_array<W>(ssim.data(), row);
             }
             return total;
         });
-    LossGradient<T> loss;
-    loss.value = T(1) + share * scalar_cast<T>(sum);
-    loss.gradient = means(gx) + two * x.cwiseProduct(means(gxx)) + y.cwiseProduct(means(gxy));
+
+    LossGradient<T> loss{T(1) + T(share) * scalar_cast<T>(sum), {}};
+    loss.gradient.resize(a.pixels.rows(), a.pixels.cols());
+    for_chunks<typename B::threads>(
+        window.height, detail::dssim_rows, [&](Index first, Index last, Index) {
+            VecX<T> lines = VecX<T>::Zero(3 * padded);
+            T *const line_x = lines.data(), *const line_xx = line_x + padded,
+                     *const line_xy = line_xx + padded;
+            for (Index r = first; r < last; ++r) {
+                each_vector<B, T>(0, row, [&]<class V>(std::type_identity<V>, Index i) {
+                    V gx(0), gxx(0), gxy(0);
+                    window.down(r, [&](const auto& w, Index at) {
+                        const V weight(w);
+                        gx += weight * load_as<V>(by_x.data() + at + i);
+                        gxx += weight * load_as<V>(by_xx.data() + at + i);
+                        gxy += weight * load_as<V>(by_xy.data() + at + i);
+                    });
+                    const Index to = window.inside() + i;
+                    store_as(gx, line_x + to);
+                    store_as(gxx, line_xx + to);
+                    store_as(gxy, line_xy + to);
+                });
+                each_vector<B, T>(0, row, [&]<class V>(std::type_identity<V>, Index i) {
+                    const Index at = r * row + i;
+                    const V g = window.template along<V>(line_x + i) +
+                                V(2) * load_as<V>(x + at) * window.template along<V>(line_xx + i) +
+                                load_as<V>(y + at) * window.template along<V>(line_xy + i);
+                    store_as(g, loss.gradient.data() + at);
+                });
+            }
+        });
     return loss;
 }
 

@@ -13,6 +13,7 @@
 #include <rye/backend/scalar.hpp>
 #include <rye/loss/photometric.hpp>
 #include <rye/math/scalar.hpp>
+#include <rye/nn/elementwise.hpp>
 
 namespace rye {
 
@@ -43,45 +44,75 @@ namespace detail {
 /// Rows per chunk of the pyramid's passes.
 inline constexpr Index pyramid_rows = 16;
 
+/// An image whose numbers are yet to be written.
+template <class T>
+Image<T> unwritten(int width, int height, Index channels) {
+    Image<T> image;
+    image.width = width;
+    image.height = height;
+    image.pixels.resize(channels, image.size());
+    return image;
+}
+
 template <Backend B, class T>
 Image<T> halved(const Image<T>& in) {
-    Image<T> out(in.width / 2, in.height / 2, in.channels());
+    Image<T> out = unwritten<T>(in.width / 2, in.height / 2, in.channels());
+    const Index c = in.channels(), below = in.width * c;
     for_chunks<typename B::threads>(out.height, pyramid_rows, [&](Index b, Index e, Index) {
-        for (int y = static_cast<int>(b); y < static_cast<int>(e); ++y)
-            for (int x = 0; x < out.width; ++x)
-                out.at(x, y) = T(0.25f) * (in.at(2 * x, 2 * y) + in.at(2 * x + 1, 2 * y) +
-                                           in.at(2 * x, 2 * y + 1) + in.at(2 * x + 1, 2 * y + 1));
+        for (Index y = b; y < e; ++y) {
+            const T* p = in.pixels.data() + 2 * y * below;
+            T* to = out.pixels.data() + y * out.width * c;
+            for (Index x = 0; x < out.width; ++x, p += 2 * c, to += c)
+                for (Index i = 0; i < c; ++i)
+                    to[i] = T(0.25f) * (p[i] + p[c + i] + p[below + i] + p[below + c + i]);
+        }
     });
     return out;
 }
 
-/// mean |d(i + 1) - d(i)| along both axes, times weight; adds its slope to g.
+/// mean |d(i + 1) - d(i)| along both axes, times weight; sets g to its slope.
 template <Backend B, class T>
 T difference_l1(const Image<T>& d, double weight, Image<T>& g) {
     using std::abs;
-    const Index w = d.width, h = d.height, c = d.channels();
+    const Index w = d.width, h = d.height, c = d.channels(), row = w * c;
     // Mean over the differences that exist; an axis of one pixel has none.
     const auto share = [&](Index n) {
-        return T(static_cast<real_t<T>>(n > 0 ? weight / static_cast<double>(n) : 0.0));
+        return static_cast<real_t<T>>(n > 0 ? weight / static_cast<double>(n) : 0.0);
     };
-    const T across = share((w - 1) * h * c), down = share(w * (h - 1) * c);
+    const real_t<T> across = share((w - 1) * h * c), down = share(w * (h - 1) * c);
     return sum_chunks<typename B::threads>(h, pyramid_rows, T(0), [&](Index first, Index last) {
         T total(0);
+        VecX<T> values(row);
         for (Index y = first; y < last; ++y) {
-            T row(0);
-            for (Index x = 0; x < w; ++x)
-                for (Index i = 0; i < c; ++i) {
-                    const T* p = d.pixels.data() + (y * w + x) * c + i;
-                    T slope(0);
-                    if (x + 1 < w) row += across * abs(p[c] - p[0]);
-                    if (x + 1 < w) slope += across * sign_of<T>(p[0] - p[c]);
-                    if (x > 0) slope += across * sign_of<T>(p[0] - p[-c]);
-                    if (y + 1 < h) row += down * abs(p[w * c] - p[0]);
-                    if (y + 1 < h) slope += down * sign_of<T>(p[0] - p[w * c]);
-                    if (y > 0) slope += down * sign_of<T>(p[0] - p[-w * c]);
-                    g.pixels(i, y * w + x) += slope;
-                }
-            total += row;
+            const T* const p = d.pixels.data() + y * row;
+            T* const to = g.pixels.data() + y * row;
+            // Numbers [begin, end) of the row, all with or without a neighbour on each side.
+            const auto run = [&](Index begin, Index end, bool left, bool right) {
+                each_vector<B, T>(begin, end, [&]<class V>(std::type_identity<V>, Index i) {
+                    const V here = load_as<V>(p + i), one(across), other(down);
+                    V value(0), slope(0);
+                    if (right) {
+                        const V next = load_as<V>(p + i + c);
+                        value += one * abs(next - here);
+                        slope += one * sign_of<V>(here - next);
+                    }
+                    if (left) slope += one * sign_of<V>(here - load_as<V>(p + i - c));
+                    if (y + 1 < h) {
+                        const V next = load_as<V>(p + i + row);
+                        value += other * abs(next - here);
+                        slope += other * sign_of<V>(here - next);
+                    }
+                    if (y > 0) slope += other * sign_of<V>(here - load_as<V>(p + i - row));
+                    store_as(value, values.data() + i);
+                    store_as(slope, to + i);
+                });
+            };
+            if (w > 0) run(0, c, false, w > 1);
+            if (w > 1) {
+                run(c, row - c, true, true);
+                run(row - c, row, true, false);
+            }
+            total += sum_array<T>(values.data(), row);
         }
         return total;
     });
@@ -92,14 +123,18 @@ T difference_l1(const Image<T>& d, double weight, Image<T>& g) {
 template <Backend B, class T>
 LossGradient<T> PyramidGradientLoss::run(const Image<T>& a, const Image<T>& b) const {
     detail::require_same_shape<T>("PyramidGradientLoss", a.pixels, b.pixels, Columns<T>());
-    std::vector<Image<T>> d(1), g;
-    d[0].width = a.width;
-    d[0].height = a.height;
-    d[0].pixels = a.pixels - b.pixels;
+    std::vector<Image<T>> d, g;
+    d.push_back(detail::unwritten<T>(a.width, a.height, a.channels()));
+    for_chunks<typename B::threads>(a.pixels.size(), 16384, [&](Index first, Index last, Index) {
+        transform_array<B>(
+            last - first, d[0].pixels.data() + first,
+            [](const auto& x, const auto& y) { return x - y; }, a.pixels.data() + first,
+            b.pixels.data() + first);
+    });
     LossGradient<T> loss;
     for (std::size_t level = 0; level < weight.size(); ++level) {
         if (level > 0) d.push_back(detail::halved<B>(d.back()));
-        g.emplace_back(d.back().width, d.back().height, a.channels());
+        g.push_back(detail::unwritten<T>(d.back().width, d.back().height, a.channels()));
         loss.value += detail::difference_l1<B>(d.back(), weight[level], g.back());
     }
     for (std::size_t level = weight.size() - 1; level > 0; --level) {
@@ -107,9 +142,14 @@ LossGradient<T> PyramidGradientLoss::run(const Image<T>& a, const Image<T>& b) c
         Image<T>& fine = g[level - 1];
         for_chunks<typename B::threads>(
             coarse.height, detail::pyramid_rows, [&](Index first, Index last, Index) {
-                for (int y = 2 * static_cast<int>(first); y < 2 * static_cast<int>(last); ++y)
-                    for (int x = 0; x < 2 * coarse.width; ++x)
-                        fine.at(x, y) += T(0.25f) * coarse.at(x / 2, y / 2);
+                const Index c = a.channels();
+                for (Index y = 2 * first; y < 2 * last; ++y) {
+                    const T* from = coarse.pixels.data() + y / 2 * coarse.width * c;
+                    T* to = fine.pixels.data() + y * fine.width * c;
+                    for (Index x = 0; x < coarse.width; ++x, from += c)
+                        for (Index i = 0; i < 2 * c; ++i, ++to)
+                            *to += T(0.25f) * from[i < c ? i : i - c];
+                }
             });
     }
     loss.gradient = std::move(g[0].pixels);

@@ -43,32 +43,48 @@ void require_same_shape(const char* who, const ColumnsView<T>& a, const ColumnsV
 
 } // namespace detail
 
-/// mean |mask (a - b)| over all pixels and channels, whatever the mask; its slope at 0 is 0.
-/// a, b: channels x pixels; mask: 1 x pixels or empty.
+/// mean |mask (a - b)| over all pixels and channels, whatever the mask; its slope at 0 is 0. Adds
+/// `weight` times its cotangent of a to g. a, b, g: channels x pixels; mask: 1 x pixels or empty.
 template <Backend B, class T>
-LossGradient<T> masked_l1(const std::type_identity_t<ColumnsView<T>>& a,
-                          const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask) {
+T add_masked_l1(const std::type_identity_t<ColumnsView<T>>& a,
+                const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask,
+                const std::type_identity_t<T>& weight, std::type_identity_t<ColumnsSpan<T>> g) {
     using std::abs;
     using W = widened_t<T>;  // a mean of millions of floats needs more digits than they have
     detail::require_same_shape<T>("masked_l1", a, b, mask);
-    LossGradient<T> loss{T(0), Columns<T>::Zero(a.rows(), a.cols())};
-    if (a.size() == 0) return loss;
+    if (a.size() == 0) return T(0);
     const T share(static_cast<real_t<T>>(1.0 / static_cast<double>(a.size())));
+    const Index channels = a.rows();
     const W sum = sum_chunks<typename B::threads>(
         a.cols(), detail::loss_grain, W(0), [&](Index first, Index last) {
             W total(0);
             for (Index j = first; j < last; ++j) {
                 const T m = mask.size() ? mask(j) : T(1);
                 if (m == T(0)) continue; // what is masked out may hold anything
-                for (Index i = 0; i < a.rows(); ++i) {
-                    const T d = m * (a(i, j) - b(i, j));
-                    total += scalar_cast<W>(T(abs(d)));
-                    loss.gradient(i, j) = d > T(0) ? T(m * share) : d < T(0) ? T(-m * share) : T(0);
+                const T *const p = a.data() + j * a.outerStride(),
+                        *const q = b.data() + j * b.outerStride();
+                T* const to = g.data() + j * g.outerStride();
+                const T slope = weight * T(m * share);
+                W pixel(0);
+                for (Index i = 0; i < channels; ++i) {
+                    const T d = m * (p[i] - q[i]);
+                    pixel += scalar_cast<W>(T(abs(d)));
+                    const int sign = int(d > T(0)) - int(d < T(0)); // no branch to be guessed
+                    to[i] += T(static_cast<real_t<T>>(sign)) * slope;
                 }
+                total += pixel;
             }
             return total;
         });
-    loss.value = scalar_cast<T>(W(sum * W(1.0 / static_cast<double>(a.size()))));
+    return scalar_cast<T>(W(sum * W(1.0 / static_cast<double>(a.size()))));
+}
+
+template <Backend B, class T>
+LossGradient<T> masked_l1(const std::type_identity_t<ColumnsView<T>>& a,
+                          const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask) {
+    detail::require_same_shape<T>("masked_l1", a, b, mask);
+    LossGradient<T> loss{T(0), Columns<T>::Zero(a.rows(), a.cols())};
+    loss.value = add_masked_l1<B, T>(a, b, mask, T(1), loss.gradient);
     return loss;
 }
 

@@ -7,6 +7,7 @@
 
 #include <Eigen/Core>
 
+#include <rye/autodiff/widen.hpp>
 #include <rye/backend/backend.hpp>
 #include <rye/core/concepts.hpp>
 #include <rye/math/scalar.hpp>
@@ -19,25 +20,58 @@ concept HasLanes = Backend<B> && Real<T> && requires {
     typename B::template batch<T>;
 };
 
-/// Numbers at `from` of the kind of `like`: one, or a vector.
+/// Numbers from memory as a V: one, or a vector; and back.
 template <class V, class T>
-V load_like(const V&, const T* from) {
+V load_as(const T* from) {
     if constexpr (std::is_same_v<V, T>)
         return *from;
     else
         return V::load_unaligned(from);
 }
+template <class V, class T>
+void store_as(const V& v, T* to) {
+    if constexpr (std::is_same_v<V, T>)
+        *to = v;
+    else
+        v.store_unaligned(to);
+}
+/// ... of the kind of `like`.
+template <class V, class T>
+V load_like(const V&, const T* from) {
+    return load_as<V>(from);
+}
+
+/// f(std::type_identity<V>(), i) for i from begin to below end: V is the backend's vector, and the
+/// next i is behind it, while a whole one is left; then the scalar.
+template <Backend B, class T, class F>
+void each_vector(Index begin, Index end, const F& f) {
+    Index i = begin;
+    if constexpr (HasLanes<B, T>) {
+        using V = typename B::template batch<T>;
+        constexpr Index lanes = static_cast<Index>(V::size);
+        for (; i + lanes <= end; i += lanes) f(std::type_identity<V>(), i);
+    }
+    for (; i < end; ++i) f(std::type_identity<T>(), i);
+}
 
 /// out[i] = f(in[i]...) for i in [0, n); out may be one of the inputs.
 template <Backend B, class T, class F, class... In>
 void transform_array(Index n, T* out, const F& f, const In*... in) {
+    each_vector<B, T>(0, n, [&]<class V>(std::type_identity<V>, Index i) {
+        store_as<V>(f(load_as<V>(in + i)...), out + i);
+    });
+}
+
+/// The sum of n numbers as a W, by eight that are added up in turn: none waits for the one before.
+template <class W, class T>
+W sum_array(const T* x, Index n) {
+    constexpr Index parts = 8;
+    W sum[parts] = {W(0), W(0), W(0), W(0), W(0), W(0), W(0), W(0)};
     Index i = 0;
-    if constexpr (HasLanes<B, T>) {
-        using V = typename B::template batch<T>;
-        constexpr Index lanes = static_cast<Index>(V::size);
-        for (; i + lanes <= n; i += lanes) f(V::load_unaligned(in + i)...).store_unaligned(out + i);
-    }
-    for (; i < n; ++i) out[i] = f(in[i]...);
+    for (; i + parts <= n; i += parts)
+        for (Index k = 0; k < parts; ++k) sum[k] += scalar_cast<W>(x[i + k]);
+    for (; i < n; ++i) sum[0] += scalar_cast<W>(x[i]);
+    return ((sum[0] + sum[1]) + (sum[2] + sum[3])) + ((sum[4] + sum[5]) + (sum[6] + sum[7]));
 }
 
 /// A negative input keeps this share of itself.

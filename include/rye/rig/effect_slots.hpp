@@ -8,31 +8,14 @@
 #include <array>
 #include <cstddef>
 
+#include <rye/core/absent.hpp>
 #include <rye/rig/effects.hpp>
 
 namespace rye {
 
-/// What a member of an effect that is off is. Two of them share an address, and so take no room,
-/// only if their types differ: number them.
-template <class X, int number = 0>
-struct Without {
-    Without() = default;
-    Without(const Without&) = default;
-    Without& operator=(const Without&) = default;
-    template <class U>
-    Without& operator=(U&&) = delete;
-    template <class U>
-    void operator[](U&&) const = delete;
-};
-
-template <class V>
-inline constexpr bool is_absent = false;
-template <class X, int number>
-inline constexpr bool is_absent<Without<X, number>> = true;
-
 /// V where the effect (or one of AnyOf, or a ReaderOf) is on.
 template <EffectSet S, class X, class V, int number = 0>
-using Slot = std::conditional_t<has_effect<S, X>, V, Without<X, number>>;
+using Slot = PresentIf<has_effect<S, X>, X, V, number>;
 
 /// Of the subject's left or right eye alone. It has no x[0] and x[1], which are for two eyes.
 template <class V>

@@ -11,6 +11,7 @@
 
 #include <rye/core/config.hpp>
 #include <rye/gaussian/antialias.hpp>
+#include <rye/splat/outputs.hpp>
 
 namespace rye {
 
@@ -49,6 +50,7 @@ struct Balanced {
     /// Those of double Gaussians always have 64.
     static constexpr int depth_bits = 32;
     static constexpr bool has_floor = false;
+    static constexpr Outputs outputs = {};
     static constexpr int exp2_degree = 5;   ///< polynomial in lanes; 0 is the library's exp2
 };
 
@@ -119,6 +121,7 @@ concept AccuracyPolicy = std::default_initializable<A> && requires(const A a) {
     { A::support } -> std::convertible_to<Support>;
     { A::antialias } -> std::convertible_to<Antialias>;
     { A::order } -> std::convertible_to<BlendOrder>;
+    { A::outputs } -> std::convertible_to<Outputs>;
     { A::depth_bits } -> std::convertible_to<int>;
     { A::exp2_degree } -> std::convertible_to<int>;
 };

@@ -66,25 +66,33 @@ T walk_pixel(const Scene<T>& scene, const A& accuracy, Index tile, int x, int y,
     return transmittance;
 }
 
-/// Draws one tile of the three images.
+/// Draws one tile.
 template <class A, class T>
-void blend_tile(const Scene<T>& scene, const A& accuracy, Index tile, Raster<T>& out) {
+void blend_tile(const Scene<T>& scene, const A& accuracy, Index tile, Raster<T, A::outputs>& out) {
     const Index channels = scene.feature.rows();
     for (int y = scene.top(tile); y < scene.bottom(tile); ++y)
         for (int x = scene.left(tile); x < scene.right(tile); ++x) {
             const Index p = scene.pixel(x, y);
             T* sum = out.feature.pixels.data() + p * channels;
             for (Index c = 0; c < channels; ++c) sum[c] = T(0);
-            T depth = T(0);
+            [[maybe_unused]] T depth = T(0);
+            [[maybe_unused]] real_t<T> most = 0;
+            [[maybe_unused]] std::uint32_t contributor = no_contributor;
             const T end = walk_pixel(scene, accuracy, tile, x, y, [&](const Hit<T>& h) {
                 const T weight = h.transmittance * h.alpha;
                 const T* feature = scene.feature_of(h.entry);
                 for (Index c = 0; c < channels; ++c) sum[c] += weight * feature[c];
-                depth += weight * scene.splat(h.entry).depth;
+                if constexpr (A::outputs.depth) depth += weight * scene.splat(h.entry).depth;
+                if constexpr (A::outputs.contributor)
+                    if (value_of(weight) > most) {
+                        most = static_cast<real_t<T>>(value_of(weight));
+                        contributor = scene.member(h.entry).source;
+                    }
             });
             for (Index c = 0; c < channels; ++c) sum[c] += end * scene.background[c];
             out.alpha.pixels(0, p) = T(1) - end;
-            out.depth.pixels(0, p) = depth;
+            if constexpr (A::outputs.depth) out.depth.pixels(0, p) = depth;
+            if constexpr (A::outputs.contributor) out.contributor.pixels(0, p) = contributor;
         }
     out.trace.used[static_cast<std::size_t>(tile)] = scene.end(tile) - scene.begin(tile);
 }

@@ -8,8 +8,9 @@
 
 #include <rye/gaussian/gaussians.hpp>
 #include <rye/splat/falloff.hpp>
+#include <rye/splat/outputs.hpp>
 #include <rye/splat/ray_peak.hpp>
-#include <rye/splat/tiles.hpp>
+#include <rye/splat/tile_lists.hpp>
 #include <rye/splat/workspaces.hpp>
 
 namespace rye {
@@ -37,13 +38,11 @@ struct RasterTrace {
                                          ///< quaternion
 };
 
-/// feature = sum_i T_i a_i c_i + T_end background, alpha = 1 - T_end, depth = sum_i T_i a_i z_i:
-/// divide depth by alpha, where that is positive, for the expected depth.
-template <class T>
-struct Raster {
+/// feature = sum_i T_i a_i c_i + T_end background, alpha = 1 - T_end, and what else is asked for.
+template <class T, Outputs O = Outputs{}>
+struct Raster : OutputImages<T, O> {
     Image<T> feature;                    ///< C channels
     Image<T> alpha;                      ///< 1 channel, in 0..1
-    Image<T> depth;                      ///< 1 channel [world units]
     RasterTrace<T> trace;
 };
 
@@ -102,13 +101,10 @@ struct RasterScratch {
     std::vector<Footprint<real_t<T>>> footprints;  ///< by index
     std::vector<Candidacy> state;        ///< by index
     std::vector<std::uint32_t> home;     ///< by index: the tile that a visible one is laid by
-    std::vector<std::uint32_t> visible;  ///< indices, ascending
-    std::vector<Key> keys;               ///< of each of these, then sorted
-    std::vector<std::uint32_t> order;    ///< members, near to far
-    std::vector<std::uint32_t> homes;    ///< members by tile: counts, then cursors
-    SortBuffer<Key> sort;
-    std::vector<std::uint64_t> fine_keys; ///< as keys, of policies that ask for more bits than T's
-    SortBuffer<std::uint64_t> fine_sort;
+    std::vector<std::vector<std::uint32_t>> homes; ///< of each chunk: members by tile, counted,
+                                         ///< then where it goes on
+    DealScratch<Key> deal;
+    DealScratch<std::uint64_t> fine_deal; ///< of policies that ask for more bits than T's
 
     /// Makes room for n Gaussians.
     void shape(Index n) {

@@ -6,6 +6,8 @@
 /// at a time, in lanes' backends too; the pixels are walked as for any other camera.
 #pragma once
 
+#include <type_traits>
+
 #include <rye/backend/scalar.hpp>
 #include <rye/splat/stage.hpp>
 #include <rye/splat/vjp.hpp>
@@ -31,10 +33,14 @@ template <Backend B, AccuracyPolicy A = Balanced>
 struct Rasterizer {
     A accuracy;
 
+    /// What it draws of scalars T.
+    template <class T>
+    using Drawn = Raster<T, A::outputs>;
+
     template <class T, Distortion D>
-    Raster<T> forward(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
+    Drawn<T> forward(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
                       RasterScratch<T>* scratch = nullptr) const {
-        Raster<T> out;
+        Drawn<T> out;
         forward_into(g, camera, background, out, scratch);
         return out;
     }
@@ -42,7 +48,7 @@ struct Rasterizer {
     /// As forward, into the memory of an earlier result.
     template <class T, Distortion D>
     void forward_into(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
-                      Raster<T>& out, RasterScratch<T>* scratch = nullptr) const {
+                      Drawn<T>& out, RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
         RasterScratch<T>& s = scratch != nullptr ? *scratch : own;
         check(g, camera, background);
@@ -50,7 +56,11 @@ struct Rasterizer {
         arrange<B>(g, camera, accuracy, s, out.trace);
         shape_image(out.feature, camera, g.channels());
         shape_image(out.alpha, camera, 1);
-        shape_image(out.depth, camera, 1);
+        if constexpr (A::outputs.depth) shape_image(out.depth, camera, 1);
+        if constexpr (A::outputs.contributor) {
+            check_countable<T>(out.trace.lists);
+            shape_image(out.contributor, camera, 1);
+        }
         out.trace.used.resize(static_cast<std::size_t>(out.trace.lists.tiles()));
         blend_into(scene_of(g, camera, background, out.trace), {},
                    out.trace.lists.tiles(), out, s);
@@ -69,9 +79,9 @@ struct Rasterizer {
         });
     }
 
-    /// The last step: draws `count` tiles of the three images. The other pixels stay.
+    /// The last step: draws `count` tiles. The other pixels stay.
     template <class T>
-    void blend_into(const Scene<T>& scene, const DrawnTiles& drawn, Index count, Raster<T>& out,
+    void blend_into(const Scene<T>& scene, const DrawnTiles& drawn, Index count, Drawn<T>& out,
                     RasterScratch<T>& s) const {
         for_tiles(count, [&](Index b, Index e) {
             if constexpr (LaneBackend<B, T>) {
@@ -92,12 +102,13 @@ struct Rasterizer {
         return {trace, g.feature, background, camera.cx, camera.cy, camera.width, camera.height};
     }
 
-    /// Gradients of everything in `g` for the cotangents of the three images; the background's is
+    /// Gradients of everything in `g` for the cotangents of the images; the background's is
     /// background_vjp. Arguments are those of the forward call that returned `raster`.
     template <class T, Distortion D>
     Gaussians<T> vjp(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
-                     const Raster<T>& raster, const Columns<T>& g_feature,
-                     const Columns<T>* g_alpha = nullptr, const Columns<T>* g_depth = nullptr,
+                     const Drawn<T>& raster, const Columns<T>& g_feature,
+                     const std::type_identity_t<Columns<T>>* g_alpha = nullptr,
+                     const std::type_identity_t<Columns<T>>* g_depth = nullptr,
                      RasterScratch<T>* scratch = nullptr) const {
         Gaussians<T> out(g.count(), g.channels());
         vjp_into(g, camera, background, raster, RasterCotangent<T>{g_feature, g_alpha, g_depth},
@@ -108,7 +119,7 @@ struct Rasterizer {
     /// As vjp, into the memory of an earlier result.
     template <class T, Distortion D>
     void vjp_into(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
-                  const Raster<T>& raster, const RasterCotangent<T>& cotangent, Gaussians<T>& out,
+                  const Drawn<T>& raster, const RasterCotangent<T>& cotangent, Gaussians<T>& out,
                   RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
         RasterScratch<T>& s = scratch != nullptr ? *scratch : own;
@@ -192,14 +203,29 @@ struct Rasterizer {
         const auto fits = [&](const Columns<T>* a, Index rows) {
             return a == nullptr || (a->rows() == rows && a->cols() == pixels);
         };
+        if (!A::outputs.depth && c.depth != nullptr)
+            throw Error("rasterizer: got a cotangent of depth, expected none: the policy's "
+                        "outputs have no depth");
         expect(fits(&c.feature, g.channels()) && fits(c.alpha, 1) && fits(c.depth, 1), [] {
             return std::string(
                 "got cotangents of another shape than the images, expected the same");
         });
     }
 
-    template <class T, Distortion D>
-    static void shape_image(Image<T>& image, const Pinhole<T, D>& camera, Index channels) {
+    /// A contributor is an entry of its tile, in a number of the pixels' kind until it is drawn.
+    template <class T>
+    static void check_countable(const TileLists& lists) {
+        constexpr Index most = Index(1) << std::numeric_limits<real_t<T>>::digits;
+        for (std::size_t t = 0; t + 1 < lists.begin.size(); ++t)
+            if (lists.begin[t + 1] - lists.begin[t] > most)
+                throw Error("rasterizer: got " +
+                            std::to_string(lists.begin[t + 1] - lists.begin[t]) +
+                            " Gaussians in one tile, expected at most " + std::to_string(most) +
+                            " where contributors are drawn");
+    }
+
+    template <class X, class T, Distortion D>
+    static void shape_image(Image<X>& image, const Pinhole<T, D>& camera, Index channels) {
         image.width = camera.width;
         image.height = camera.height;
         image.pixels.resize(channels, image.size());
@@ -207,8 +233,8 @@ struct Rasterizer {
 };
 
 /// Gradient of the background: what reaches it, weighted by the transmittance.
-template <class T>
-VecX<T> background_vjp(const Raster<T>& raster, const Columns<T>& g_feature) {
+template <class T, Outputs O>
+VecX<T> background_vjp(const Raster<T, O>& raster, const Columns<T>& g_feature) {
     VecX<T> g = VecX<T>::Zero(g_feature.rows());
     for (Index p = 0; p < g_feature.cols(); ++p)
         for (Index c = 0; c < g.size(); ++c)

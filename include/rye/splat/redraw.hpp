@@ -29,12 +29,13 @@ template <Backend B, AccuracyPolicy A, Real T>
 class Redraw {
     static_assert(A::order == BlendOrder::by_centre && A::depth_bits <= 8 * int(sizeof(T)),
                   "Redraw keeps lists by the centres' depths in the Gaussians' own numbers");
+    static_assert(!A::outputs.contributor, "Redraw draws no contributors");
 
   public:
     explicit Redraw(const Rasterizer<B, A>& rasterizer = {}) : rasterizer_(rasterizer) {}
 
     /// The images. Their trace is of no use to a vjp: lists hold no slots.
-    const Raster<T>& raster() const { return raster_; }
+    const Raster<T, A::outputs>& raster() const { return raster_; }
     /// Pixels outside this are those of the call before the last.
     const Region& region() const { return region_; }
     const RedrawWork& work() const { return work_; }
@@ -100,13 +101,13 @@ class Redraw {
         Gaussians<T>::fields([&](const std::string&, const Columns<T>& a) { numbers += a.size(); },
                              part_);
         std::size_t sum = static_cast<std::size_t>(numbers) * sizeof(T) +
-                          of(t.members, t.member, t.used, key_, moved_, tiles_, fresh_,
+                          of(t.members, t.member, t.used, key_, moved_, tiles_, order_,
+                             order_buffer_, fresh_,
                              few_.members, cursor_, found_, blended_, drawn_strips_);
         for (const TileLists* l : {&t.lists, &next_, &few_.lists})
             sum += of(l->begin, l->entry, l->first);
         for (const RasterScratch<T>* s : {&scratch_, &part_scratch_})
-            sum += of(s->candidates, s->footprints, s->state, s->home, s->visible, s->keys,
-                      s->order, s->homes);
+            sum += of(s->candidates, s->footprints, s->state, s->home);
         return sum;
     }
 
@@ -239,25 +240,22 @@ class Redraw {
 
     /// Deals what entered out into its tiles, near to far, ties by index.
     void sort_fresh(std::span<const Index> changed) {
-        auto& keys = part_scratch_.keys;
-        auto& order = part_scratch_.order;
-        keys.clear();
-        order.clear();
+        order_.clear();
         for (std::size_t k = 0; k < changed.size(); ++k)
-            if (visible(changed[k])) {
-                keys.push_back(key_[member(changed[k])]);
-                order.push_back(static_cast<std::uint32_t>(k));
-            }
-        sort_by_key(keys, order, part_scratch_.sort);
+            if (visible(changed[k]))
+                order_.push_back({key_[member(changed[k])], static_cast<std::uint32_t>(k)});
+        order_buffer_.resize(order_.size());
+        sort_by_key(order_.data(), order_buffer_.data(), static_cast<Index>(order_.size()));
         std::uint32_t sum = 0;
         for (TileChange& t : tiles_) {
             t.fresh = sum;
             sum += t.entered;
         }
         fresh_.resize(sum);
-        for (const std::uint32_t k : order) {
-            const std::uint32_t m = member(changed[k]);
-            each_tile(scratch_, at(changed[k]),
+        for (const Keyed<Key>& k : order_) {
+            const Index i = changed[k.value];
+            const std::uint32_t m = member(i);
+            each_tile(scratch_, at(i),
                       [&](std::size_t t) { fresh_[tiles_[t].fresh++] = {m, 0}; });
         }
         for (TileChange& t : tiles_) t.fresh -= t.entered;
@@ -362,7 +360,7 @@ class Redraw {
     }
 
     Rasterizer<B, A> rasterizer_;
-    Raster<T> raster_;
+    Raster<T, A::outputs> raster_;
     RasterScratch<T> scratch_, part_scratch_;
     Gaussians<T> part_;                ///< what changed, gathered
     Pinhole<T> camera_;
@@ -370,6 +368,7 @@ class Redraw {
     std::vector<Key> key_;             ///< depth of each member
     std::vector<std::uint8_t> moved_;  ///< of each member, during a redraw
     std::vector<TileChange> tiles_;
+    std::vector<Keyed<Key>> order_, order_buffer_;  ///< of those that changed, by depth
     std::vector<TileLists::Entry> fresh_;  ///< that enter tiles, tile by tile
     TileLists next_;
     RasterTrace<T> few_;               ///< the changes of tiles with few of them

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <string>
+#include <utility>
 
 #include <rye/backend/xsimd.hpp>
 #include <rye/splat/raster.hpp>
@@ -116,14 +117,6 @@ void project_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& 
     }
 }
 
-template <bool fine, class T>
-auto& depth_keys(RasterScratch<T>& scratch) {
-    if constexpr (fine)
-        return scratch.fine_keys;
-    else
-        return scratch.keys;
-}
-
 /// The depth of Gaussian i in double, whatever it is given in.
 template <class T, Distortion D>
 double fine_depth(const Gaussians<T>& g, const Pinhole<T, D>& camera, Index i) {
@@ -135,58 +128,79 @@ double fine_depth(const Gaussians<T>& g, const Pinhole<T, D>& camera, Index i) {
     return z + static_cast<double>(value_of(pose.translation[2]));
 }
 
-/// Visible candidates become members in the order of the tiles that they lie in, and entries of
-/// tiles in the order of depth, ties by index.
+/// Visible candidates become members, in the order of the tiles that they lie in, there by index.
+/// Candidates are cut into as many chunks as there are threads, as in TileLists.
+template <Threads P, class A, class T, Distortion D>
+void gather_members(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
+                    RasterScratch<T>& scratch, RasterTrace<T>& trace) {
+    const auto tiles = static_cast<std::size_t>(tiles_across(camera.width)) *
+                       static_cast<std::size_t>(tiles_across(camera.height));
+    const Index n = static_cast<Index>(scratch.candidates.size());
+    const Index grain = std::max<Index>(2048, (n + P::count() - 1) / P::count());
+    const auto chunks = static_cast<std::size_t>(chunk_count(n, grain));
+    if (scratch.homes.size() < chunks) scratch.homes.resize(chunks);
+    for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+        auto& homes = scratch.homes[static_cast<std::size_t>(c)];
+        homes.assign(tiles + 1, 0);      // the last counts those that are not finite
+        for (auto i = static_cast<std::size_t>(b); i < static_cast<std::size_t>(e); ++i) {
+            if (scratch.state[i] == Candidacy::visible) ++homes[scratch.home[i]];
+            homes[tiles] += scratch.state[i] == Candidacy::non_finite ? 1 : 0;
+        }
+    });
+    std::uint32_t members = 0;
+    for (std::size_t t = 0; t < tiles; ++t)
+        for (std::size_t c = 0; c < chunks; ++c)
+            members += std::exchange(scratch.homes[c][t], members);
+    trace.non_finite = 0;
+    for (std::size_t c = 0; c < chunks; ++c) trace.non_finite += scratch.homes[c][tiles];
+    if (accuracy.non_finite == NonFinite::fail && trace.non_finite > 0)
+        throw Error("rasterizer: got " + std::to_string(trace.non_finite) +
+                    " Gaussians with a number that is not finite, expected none");
+    trace.members.resize(members);
+    trace.member.resize(static_cast<std::size_t>(n));
+    trace.peaks.resize(A::order == BlendOrder::by_peak ? members : 0);
+    for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+        auto& homes = scratch.homes[static_cast<std::size_t>(c)];
+        for (auto i = static_cast<std::size_t>(b); i < static_cast<std::size_t>(e); ++i) {
+            trace.member[i] = no_member;
+            if (scratch.state[i] != Candidacy::visible) continue;
+            const std::uint32_t m = homes[scratch.home[i]]++;
+            if constexpr (A::order == BlendOrder::by_peak)
+                trace.peaks[m] = ray_peak(g, camera, static_cast<Index>(i));
+            trace.members[m] = scratch.candidates[i];
+            trace.member[i] = m;
+        }
+    });
+}
+
+/// Visible candidates become members and entries of tiles in the order of depth, ties by index.
 template <Backend B, class A, class T, Distortion D>
 void arrange(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
              RasterScratch<T>& scratch, RasterTrace<T>& trace) {
     using R = real_t<T>;
-    const Index tiles = Index(tiles_across(camera.width)) * tiles_across(camera.height);
     constexpr bool fine = A::depth_bits > 8 * static_cast<int>(sizeof(R));
-    trace.non_finite = 0;
-    scratch.visible.clear();
-    scratch.homes.assign(static_cast<std::size_t>(tiles) + 1, 0);
-    for (std::size_t i = 0; i < scratch.candidates.size(); ++i) {
-        if (scratch.state[i] == Candidacy::non_finite) ++trace.non_finite;
-        if (scratch.state[i] != Candidacy::visible) continue;
-        scratch.visible.push_back(static_cast<std::uint32_t>(i));
-        ++scratch.homes[scratch.home[i] + 1];
-    }
-    if (accuracy.non_finite == NonFinite::fail && trace.non_finite > 0)
-        throw Error("rasterizer: got " + std::to_string(trace.non_finite) +
-                    " Gaussians with a number that is not finite, expected none");
-
-    const std::size_t n = scratch.visible.size();
-    for (std::size_t t = 1; t < scratch.homes.size(); ++t) scratch.homes[t] += scratch.homes[t - 1];
-    auto& keys = depth_keys<fine>(scratch);
-    keys.resize(n);
-    scratch.order.resize(n);
-    trace.members.resize(n);
-    trace.member.assign(scratch.candidates.size(), no_member);
-    trace.peaks.resize(A::order == BlendOrder::by_peak ? n : 0);
-    for (std::size_t v = 0; v < n; ++v) {
-        const std::uint32_t i = scratch.visible[v], m = scratch.homes[scratch.home[i]]++;
-        const Member<T>& c = scratch.candidates[i];
+    gather_members<typename B::threads>(g, camera, accuracy, scratch, trace);
+    const auto member = [&](Index m) -> const Member<T>& {
+        return trace.members[static_cast<std::size_t>(m)];
+    };
+    const auto key = [&](Index m) {
         if constexpr (fine)
-            keys[v] = depth_key(fine_depth(g, camera, i));
+            return depth_key(fine_depth(g, camera, static_cast<Index>(member(m).source)));
         else
-            keys[v] = depth_key(static_cast<R>(value_of(c.splat.depth)));
-        if constexpr (A::order == BlendOrder::by_peak && !D::bends)
-            trace.peaks[m] = ray_peak(g, camera, i);
-        scratch.order[v] = m;
-        trace.members[m] = c;
-        trace.member[i] = m;
-    }
-    if constexpr (fine)
-        sort_by_key(keys, scratch.order, scratch.fine_sort);
-    else
-        sort_by_key(keys, scratch.order, scratch.sort);
+            return depth_key(static_cast<R>(value_of(member(m).splat.depth)));
+    };
+    auto& deal = [&]() -> auto& {
+        if constexpr (fine)
+            return scratch.fine_deal;
+        else
+            return scratch.deal;
+    }();
     trace.lists.template build<typename B::threads, A::support, R>(
-        camera.width, camera.height,
-        [&](Index m) -> const TileRows& { return trace.members[static_cast<std::size_t>(m)].rows; },
-        scratch.order, accuracy.max_entries, [&](Index m) -> const Footprint<R>& {
-            return scratch.footprints[trace.members[static_cast<std::size_t>(m)].source];
-        });
+        camera.width, camera.height, static_cast<Index>(trace.members.size()),
+        [&](Index m) -> const TileRows& { return member(m).rows; }, key,
+        [&](Index m) { return member(m).source; }, accuracy.max_entries,
+        [&](Index m) -> const Footprint<R>& { return scratch.footprints[member(m).source]; },
+        deal);
 }
 
 /// Adds a member's slots over its tiles, in the order of tiles, to sum[0 ... stride).

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/tiles.hpp: which Gaussians can be seen in which tile, in the order of depth.
-/// The visible Gaussians are sorted once (stable, ties by index), then dealt out in that order, so
-/// that every tile's list is sorted. Pixel units; counts are 64-bit.
+/// rye/splat/tiles.hpp: which pixels and which tiles a Gaussian can be seen in. Pixel units.
 /// Source: bounds as in Radl et al., "StopThePop", 2024, but per row of tiles and exact.
 #pragma once
 
@@ -12,13 +10,8 @@
 #include <concepts>
 #include <cstdint>
 #include <limits>
-#include <string>
 #include <type_traits>
-#include <utility>
-#include <vector>
 
-#include <rye/core/error.hpp>
-#include <rye/core/parallel.hpp>
 #include <rye/math/linalg.hpp>
 #include <rye/splat/accuracy.hpp>
 
@@ -196,7 +189,7 @@ void each_tile_row(int width, int height, const Rows& rows, const Footprint& foo
     }
 }
 
-/// Bits that compare as the non-negative number does.
+/// Bits that compare as the number does.
 template <Real R>
 auto depth_key(R depth) {
     using Bits = std::conditional_t<sizeof(R) == 4, std::uint32_t, std::uint64_t>;
@@ -204,174 +197,5 @@ auto depth_key(R depth) {
     constexpr Bits sign = Bits(1) << (8 * sizeof(Bits) - 1);
     return (b & sign) != 0 ? static_cast<Bits>(~b) : static_cast<Bits>(b | sign);
 }
-
-/// Scratch of sort_by_key.
-template <class Key>
-struct SortBuffer {
-    std::vector<Key> keys;
-    std::vector<std::uint32_t> values;
-    std::vector<std::uint32_t> histogram;
-};
-
-/// Sorts values by key, stable: radix with 11-bit digits; a digit that all keys share is skipped.
-template <class Key>
-void sort_by_key(std::vector<Key>& keys, std::vector<std::uint32_t>& values,
-                 SortBuffer<Key>& buffer) {
-    constexpr int digit = 11, buckets = 1 << digit;
-    constexpr int bits = 8 * static_cast<int>(sizeof(Key)), passes = (bits + digit - 1) / digit;
-    const std::size_t n = keys.size();
-    if (n < 2) return;
-    buffer.keys.resize(n);
-    buffer.values.resize(n);
-    std::vector<std::uint32_t>& histogram = buffer.histogram;
-    histogram.assign(static_cast<std::size_t>(passes * buckets), 0U);
-    const auto bucket = [](Key k, int pass) {
-        return static_cast<std::size_t>((k >> (pass * digit)) & static_cast<Key>(buckets - 1));
-    };
-    for (const Key k : keys)
-        for (int p = 0; p < passes; ++p)
-            ++histogram[static_cast<std::size_t>(p * buckets) + bucket(k, p)];
-    for (int p = 0; p < passes; ++p) {
-        std::uint32_t* h = histogram.data() + static_cast<std::ptrdiff_t>(p) * buckets;
-        if (h[bucket(keys[0], p)] == n) continue;
-        std::uint32_t sum = 0;
-        for (int b = 0; b < buckets; ++b) {
-            const std::uint32_t count = h[b];
-            h[b] = sum;
-            sum += count;
-        }
-        for (std::size_t i = 0; i < n; ++i) {
-            const std::size_t to = h[bucket(keys[i], p)]++;
-            buffer.keys[to] = keys[i];
-            buffer.values[to] = values[i];
-        }
-        keys.swap(buffer.keys);
-        values.swap(buffer.values);
-    }
-}
-
-/// For each tile its Gaussians, near to far. Visible Gaussians are members 0, 1, ... in the order
-/// of the tiles that they lie in, so that what a tile reads lies together.
-struct TileLists {
-    struct Entry {
-        std::uint32_t member;
-        std::uint32_t slot;               ///< its place among its member's
-        bool operator==(const Entry&) const = default;
-    };
-    int columns = 0, rows = 0;            ///< of tiles
-    std::vector<Index> begin;             ///< tile t holds entries [begin[t], begin[t + 1])
-    std::vector<Entry> entry;
-    std::vector<Index> first;             ///< member m owns slots [first[m], first[m + 1]), in the
-                                          ///< order of tiles
-
-    Index tiles() const { return static_cast<Index>(columns) * rows; }
-    Index entries() const { return begin.empty() ? 0 : begin.back(); }
-
-    /// Deals members out over an image, in the given order; footprint(m) is a Footprint, and
-    /// pixel_rows(m) its rows of pixels, not empty.
-    template <Threads P, Support support, Real R, class PixelRows, class Footprints>
-        requires std::derived_from<std::remove_cvref_t<std::invoke_result_t<PixelRows, Index>>,
-                                   Span>
-    void build(int width, int height, const PixelRows& pixel_rows,
-               const std::vector<std::uint32_t>& order, Index max_entries,
-               const Footprints& footprint) {
-        columns = tiles_across(width);
-        rows = tiles_across(height);
-        const auto each_row = [&](std::uint32_t m, const auto& f) {
-            each_tile_row<support, R>(width, height, pixel_rows(m), [&]() -> const Footprint<R>& {
-                return footprint(m);
-            }, f);
-        };
-        deal<P>(order, max_entries, each_row, [&](std::uint32_t m) { prefetch(pixel_rows(m)); });
-    }
-
-    /// Throws if there are more entries than allowed.
-    static void check_entries(Index total, Index max_entries) {
-        if (total > std::min(max_entries, Index(0xFFFFFFFF)))
-            throw Error("rasterizer: got " + std::to_string(total) +
-                        " pairs of a tile and a Gaussian, expected at most " +
-                        std::to_string(max_entries) +
-                        ": the Gaussians are too large for the image");
-    }
-
-  private:
-    static constexpr Index ahead = 16;
-
-    using RowSpan = TileRowSpan;
-    std::vector<std::vector<Index>> cursors_;  ///< of each chunk: where it goes on in each list
-
-    /// The order is cut into as many chunks as there are threads; where a chunk goes on in a tile's
-    /// list follows from what the chunks before it have there. Lists do not depend on the chunks.
-    template <Threads P, class EachRow, class Fetch>
-    void deal(const std::vector<std::uint32_t>& order, Index max_entries, const EachRow& each_row,
-              const Fetch& fetch) {
-        const auto at = [](auto& v, Index i) -> auto& { return v[static_cast<std::size_t>(i)]; };
-        const Index n = static_cast<Index>(order.size());
-        const Index grain = std::max<Index>(2048, (n + P::count() - 1) / P::count());
-        const Index chunks = chunk_count(n, grain);
-        if (static_cast<Index>(cursors_.size()) < chunks)
-            cursors_.resize(static_cast<std::size_t>(chunks));
-        first.resize(static_cast<std::size_t>(n) + 1);
-        at(first, 0) = 0;
-        const auto count = [this](std::vector<Index>& cursor, const RowSpan& s) {
-            Index* const in_row = cursor.data() + Index(s.row) * columns;
-            for (int x = s.begin; x < s.end; ++x) ++in_row[x];
-        };
-        // What each member has, in the order of memory; a single chunk needs no other order.
-        for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
-            at(cursors_, c).assign(static_cast<std::size_t>(tiles()), 0);
-            for (Index m = b; m < e; ++m) {
-                Index all = 0;
-                each_row(static_cast<std::uint32_t>(m), [&](const RowSpan& s) {
-                    all += s.end - s.begin;
-                    if (chunks == 1) count(at(cursors_, c), s);
-                });
-                at(first, m + 1) = all;
-            }
-        });
-        if (chunks > 1)
-            for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
-                for (Index i = b; i < e; ++i) {
-                    if (i + ahead < e) fetch(at(order, i + ahead));
-                    each_row(at(order, i),
-                             [&](const RowSpan& s) { count(at(cursors_, c), s); });
-                }
-            });
-        Index total = 0;
-        for (Index m = 0; m < n; ++m) total = at(first, m + 1) += total;
-        check_entries(total, max_entries);
-        begin.resize(static_cast<std::size_t>(tiles()) + 1);
-        Index next = 0;
-        for (Index t = 0; t < tiles(); ++t) {
-            at(begin, t) = next;
-            for (Index c = 0; c < chunks; ++c) {
-                Index& cursor = at(at(cursors_, c), t);
-                next += std::exchange(cursor, next);
-            }
-        }
-        at(begin, tiles()) = next;
-        entry.resize(static_cast<std::size_t>(total));
-        for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
-            for (Index i = b; i < e; ++i) {
-                if (i + ahead < e) {
-                    fetch(at(order, i + ahead));
-                    prefetch(at(first, at(order, i + ahead)));
-                }
-                const std::uint32_t m = at(order, i);
-                auto slot = static_cast<std::uint32_t>(at(first, m));
-                each_row(m, [&](const RowSpan& s) {
-                    Index* const in_row = at(cursors_, c).data() + Index(s.row) * columns;
-                    for (int x = s.begin; x < s.end; ++x) at(entry, in_row[x]++) = {m, slot++};
-                });
-            }
-        });
-    }
-
-    /// Always inlined: g++ takes a function that only prefetches for one without effect.
-    template <class X>
-    [[gnu::always_inline]] static void prefetch(const X& x) {
-        __builtin_prefetch(&x);
-    }
-};
 
 } // namespace rye

@@ -9,6 +9,16 @@
 
 namespace rye {
 
+/// The vectors of a strip: transmittance, what the outputs ask for, sums of C channels.
+template <Outputs O, int C>
+struct LaneState {
+    static constexpr int depth = 1;
+    static constexpr int most = depth + (O.depth ? 1 : 0);             ///< the largest weight
+    static constexpr int contributor = most + (O.contributor ? 1 : 0); ///< its entry of the tile
+    static constexpr int sums = contributor + (O.contributor ? 1 : 0);
+    static constexpr int vectors = sums + C;
+};
+
 /// Memory of one thread's tiles.
 template <class V>
 struct LaneCanvas : Workspaces::Space {
@@ -17,7 +27,7 @@ struct LaneCanvas : Workspaces::Space {
     static constexpr int most = LaneGroup<V>::most;
 
     LaneGroup<V> group;
-    Lines<T> state;          ///< of each strip: transmittance, depth, sums of a few channels
+    Lines<T> state;          ///< of each strip, the vectors that LaneState numbers
     // Of many channels:
     Lines<T> sums;           ///< a row a pixel
     Lines<T> feature;        ///< of the group
@@ -57,9 +67,11 @@ void blend_channels(const typename V::value_type (*weight)[V::size], const std::
 }
 
 /// Blends a group's visits. C few channels, or any number for C = 0, whose weights are laid down.
+/// `first` is the group's first entry, counted from the tile's.
 template <class V, int C, class A>
-void blend_group(LaneBlend<A, V> blend, LaneCanvas<V>& canvas) {
+void blend_group(LaneBlend<A, V> blend, [[maybe_unused]] Index first, LaneCanvas<V>& canvas) {
     using T = typename V::value_type;
+    using State = LaneState<A::outputs, C>;
     constexpr int lanes = static_cast<int>(V::size);
     LaneGroup<V>& group = canvas.group;
     blend.alphas(group);
@@ -68,14 +80,25 @@ void blend_group(LaneBlend<A, V> blend, LaneCanvas<V>& canvas) {
     for (int i = 0; i < visits; ++i) {
         const LaneEntry<T>& entry = group.entry[group.of[i]];
         const std::size_t strip = group.strip[i];
-        T* const at = state + strip * ((2 + C) * lanes);
+        T* const at = state + strip * (State::vectors * lanes);
         V t = V::load_aligned(at);
         const V w = blend(V::load_aligned(group.alpha[i]), t).weight;
         t.store_aligned(at);
-        (V::load_aligned(at + lanes) + w * V(entry.depth)).store_aligned(at + lanes);
+        if constexpr (A::outputs.depth) {
+            T* const depth = at + State::depth * lanes;
+            (V::load_aligned(depth) + w * V(entry.depth)).store_aligned(depth);
+        }
+        if constexpr (A::outputs.contributor) {
+            T* const most = at + State::most * lanes;
+            T* const which = at + State::contributor * lanes;
+            const V before = V::load_aligned(most);
+            const V self(static_cast<T>(first + group.of[i]));
+            select(w > before, self, V::load_aligned(which)).store_aligned(which);
+            max(w, before).store_aligned(most);
+        }
         if constexpr (C > 0) {
             unrolled<C>([&](auto c) __attribute__((always_inline)) {
-                T* const sum = at + (2 + c) * lanes;
+                T* const sum = at + (State::sums + c) * lanes;
                 (V::load_aligned(sum) + w * V(entry.colour[c])).store_aligned(sum);
             });
         } else {
@@ -106,8 +129,8 @@ void blend_features(Index stride, LaneCanvas<V>& canvas) {
 }
 
 /// Tiles [first, last) of one row of tiles, which hold no Gaussian, row of pixels by row.
-template <class T>
-void draw_background(const Scene<T>& scene, Index first, Index last, Raster<T>& out) {
+template <class T, Outputs O>
+void draw_background(const Scene<T>& scene, Index first, Index last, Raster<T, O>& out) {
     const Index channels = scene.feature.rows(), n = scene.right(last - 1) - scene.left(first);
     const auto pixels = [&](int y) {
         return out.feature.pixels.data() + scene.pixel(scene.left(first), y) * channels;
@@ -118,22 +141,24 @@ void draw_background(const Scene<T>& scene, Index first, Index last, Raster<T>& 
         if (y > top) std::copy_n(pixels(top), n * channels, pixels(y));
         const Index p = scene.pixel(scene.left(first), y);
         std::fill_n(out.alpha.pixels.data() + p, n, T(0));
-        std::fill_n(out.depth.pixels.data() + p, n, T(0));
+        if constexpr (O.depth) std::fill_n(out.depth.pixels.data() + p, n, T(0));
+        if constexpr (O.contributor)
+            std::fill_n(out.contributor.pixels.data() + p, n, no_contributor);
     }
     std::fill(out.trace.used.begin() + first, out.trace.used.begin() + last, 0);
 }
 
-/// Draws strips of one tile of the three images, which holds Gaussians. C few channels, or any
-/// number for C = 0.
+/// Draws strips of one tile, which holds Gaussians. C few channels, or any number for C = 0.
 template <class V, int C, class A>
 void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accuracy, Index tile,
-                      const StripMask& drawn, Raster<typename V::value_type>& out,
+                      const StripMask& drawn, Raster<typename V::value_type, A::outputs>& out,
                       LaneCanvas<V>& canvas) {
     using T = typename V::value_type;
     using Tile = Strips<V>;
     if constexpr (A::order == BlendOrder::by_peak) return blend_tile(scene, accuracy, tile, out);
     constexpr int lanes = Tile::lanes, most = LaneGroup<V>::most;
-    constexpr Index state_stride = (2 + C) * lanes;
+    using State = LaneState<A::outputs, C>;
+    constexpr Index state_stride = State::vectors * lanes;
     const Index channels = C > 0 ? C : scene.feature.rows();
     const Index stride = C > 0 ? C : padded_channels<V>(channels);
     const Index begin = scene.begin(tile), end = scene.end(tile);
@@ -163,7 +188,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
             copy_features<V>(scene, k, next, stride, canvas.feature.lines[0].x);
             std::fill_n(canvas.visits, Tile::count, std::uint8_t(0));
         }
-        blend_group<V, C>(blend, canvas);
+        blend_group<V, C>(blend, k - begin, canvas);
         if constexpr (C == 0) blend_features<V>(stride, canvas);
         k = next;
     }
@@ -181,10 +206,17 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
             const T* const from = state + strip * state_stride + lane;
             const T behind = std::abs(from[0]);
             out.alpha.pixels.data()[p + x] = T(1) - behind;
-            out.depth.pixels.data()[p + x] = from[lanes];
+            if constexpr (A::outputs.depth)
+                out.depth.pixels.data()[p + x] = from[State::depth * lanes];
+            if constexpr (A::outputs.contributor) {
+                const auto entry = static_cast<Index>(from[State::contributor * lanes]);
+                out.contributor.pixels.data()[p + x] =
+                    from[State::most * lanes] > T(0) ? scene.member(begin + entry).source
+                                                     : no_contributor;
+            }
             if constexpr (C > 0) {
                 for (int c = 0; c < C; ++c)
-                    *to++ = from[(2 + c) * lanes] + behind * scene.background[c];
+                    *to++ = from[(State::sums + c) * lanes] + behind * scene.background[c];
             } else {
                 const T* const sum = canvas.sums.lines[0].x + (strip * lanes + lane) * stride;
                 const T* const back = scene.background.data();
@@ -203,7 +235,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
 template <class V, int C, class A>
 void blend_tiles_lanes(const Scene<typename V::value_type>& scene, const A& accuracy,
                        const DrawnTiles& drawn, const std::array<Index, 2>& span,
-                       Raster<typename V::value_type>& out, LaneCanvas<V>& canvas) {
+                       Raster<typename V::value_type, A::outputs>& out, LaneCanvas<V>& canvas) {
     const auto empty = [&](Index t) { return scene.begin(t) == scene.end(t); };
     for (Index k = span[0]; k < span[1];) {
         const Index first = drawn.tile(k);

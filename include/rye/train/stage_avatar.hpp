@@ -33,7 +33,7 @@ struct AvatarPictures {
     Raster<T> final;              ///< feature render
     Raster<T> face;               ///< RGB of the face alone
     Raster<T> eyes;               ///< of the eyes alone: RGB, features if sample.eyes_high
-    Image<T> scaled;              ///< the final feature render after the sample's random scale
+    Image<T> scaled;              ///< ... after the sample's random scale, if it has one
     Image<T> high, eyes_high;     ///< after super-resolution
     UpsamplerTrace<T> high_trace, eyes_high_trace;
     Columns<T> g_high, g_eyes_high;                ///< weighted cotangents of the RGB images
@@ -67,14 +67,41 @@ Gaussians<T> painted(const Gaussians<T>& g, const VecX<T>& color) {
 
 namespace detail {
 
-/// weight * masked L1 of the first three rows; adds its cotangent to g (all rows).
+/// Masked L1 of the first three rows; adds `weight` times its cotangent to theirs of g.
 template <Backend B, class T>
 T rgb_term(const Columns<T>& prediction, const Columns<T>& truth, const Columns<T>& mask,
            double weight, Columns<T>& g) {
-    const Columns<T> rgb = prediction.topRows(3);
-    const LossGradient<T> l1 = masked_l1<B, T>(rgb, truth, mask);
-    g.topRows(3) += T(weight) * l1.gradient;
-    return l1.value;
+    return add_masked_l1<B, T>(prediction.topRows(3), truth, mask, T(weight), g.topRows(3));
+}
+
+/// f(begin, end) for chunks of the columns of an image.
+template <Backend B, class F>
+void over_pixels(Index pixels, const F& f) {
+    for_chunks<typename B::threads>(pixels, 4096, [&](Index b, Index e, Index) { f(b, e); });
+}
+
+/// sum += weight * g
+template <Backend B, class T>
+void add_weighted(Columns<T>& sum, const T& weight, const Columns<T>& g) {
+    over_pixels<B>(sum.cols(), [&](Index b, Index e) {
+        sum.middleCols(b, e - b) += weight * g.middleCols(b, e - b);
+    });
+}
+
+/// Zeros of the shape of an image.
+template <Backend B, class T>
+void zero_like(const Image<T>& image, Columns<T>& g) {
+    g.resize(image.channels(), image.size());
+    over_pixels<B>(g.cols(), [&](Index b, Index e) { g.middleCols(b, e - b).setZero(); });
+}
+
+/// On the backend's lanes and threads, if the loss can.
+template <Backend B, class Perceptual, class T>
+LossGradient<T> perceived(const Perceptual& loss, const Image<T>& a, const Image<T>& b) {
+    if constexpr (requires { loss.template run<B>(a, b); })
+        return loss.template run<B>(a, b);
+    else
+        return loss(a, b);
 }
 
 /// The same Gaussians with their first channels only.
@@ -94,40 +121,68 @@ void add_first(Gaussians<T>& sum, const Gaussians<T>& g) {
     }, sum, g);
 }
 
-template <class T>
+template <Backend B, class T>
 double eye_gain(EyeAverage average, const Columns<T>& mask) {
     if (average == EyeAverage::image) return 1.0;
-    double sum = 0;
-    for (Index i = 0; i < mask.size(); ++i) sum += static_cast<double>(value_of(mask(0, i)));
+    const auto part = [&](Index b, Index e) {
+        double sum = 0;
+        for (Index i = b; i < e; ++i) sum += static_cast<double>(value_of(mask(0, i)));
+        return sum;
+    };
+    const double sum = sum_chunks<typename B::threads>(mask.size(), 4096, 0.0, part);
     return sum > 0 ? static_cast<double>(mask.size()) / std::max(sum, 8.0) : 0.0;
 }
 
 } // namespace detail
 
-/// What the face alone should show outside the eyes: the picture, over the blank's background.
-template <class T, EffectSet E>
-Columns<T> face_alone_truth(const AvatarSample<T, E>& sample) {
+/// What the face alone should show and where, as three rows of colours and one of weights.
+template <class T>
+struct FaceTarget {
+    Columns<T> picture, mask;
+
+    explicit FaceTarget(Index pixels) : picture(3, pixels), mask(1, pixels) {}
+};
+
+/// The picture, over the blank's background: 1 where a visible pixel shows nothing of the eyes.
+template <Backend B, class T, EffectSet E>
+FaceTarget<T> face_alone_target(const AvatarSample<T, E>& sample) {
     const Vec3<T> change = sample.blank.template head<3>() - sample.background.template head<3>();
-    return sample.truth_small.pixels +
-           change * (Columns<T>::Ones(1, sample.mask_small.cols()) - sample.mask_small);
+    FaceTarget<T> t(sample.mask_small.cols());
+    detail::over_pixels<B>(t.mask.cols(), [&](Index b, Index e) {
+        for (Index i = b; i < e; ++i) {
+            const T beyond = T(1) - sample.mask_small(0, i);
+            for (Index c = 0; c < 3; ++c)
+                t.picture(c, i) = sample.truth_small.pixels(c, i) + change(c) * beyond;
+            t.mask(0, i) = sample.eyes_small(0, i) > T(0) ? T(0) : sample.visible_small(0, i);
+        }
+    });
+    return t;
 }
 
-/// 1 where a visible pixel shows nothing of the eyes.
-template <class T, EffectSet E>
-Columns<T> face_alone_mask(const AvatarSample<T, E>& sample) {
-    Columns<T> mask = sample.visible_small;
-    for (Index i = 0; i < mask.cols(); ++i)
-        if (sample.eyes_small(0, i) > T(0)) mask(0, i) = T(0);
-    return mask;
+/// The blank's background in the eyes, and the picture of `alone` beside them: 1 where a visible
+/// pixel shows an eye, or an eyeball would be seen if there were no face.
+template <Backend B, class T, EffectSet E>
+FaceTarget<T> blank_eyeball_target(const AvatarSample<T, E>& sample, const FaceTarget<T>& alone,
+                                   const Columns<T>& eyeball_alpha) {
+    FaceTarget<T> t(alone.mask.cols());
+    detail::over_pixels<B>(t.mask.cols(), [&](Index b, Index e) {
+        for (Index i = b; i < e; ++i) {
+            const T eye = sample.eyes_small(0, i);
+            for (Index c = 0; c < 3; ++c) {
+                const T shown = alone.picture(c, i);
+                t.picture(c, i) = shown + eye * (sample.blank(c) - shown);
+            }
+            const bool seen = eye > T(0) || eyeball_alpha(0, i) > T(0.5);
+            t.mask(0, i) = seen ? sample.visible_small(0, i) : T(0);
+        }
+    });
+    return t;
 }
 
-/// 1 where a visible pixel shows an eye, or an eyeball would be seen if there were no face.
+/// What super-resolution reads.
 template <class T, EffectSet E>
-Columns<T> eyeball_mask(const AvatarSample<T, E>& sample, const Columns<T>& eyeball_alpha) {
-    Columns<T> mask = sample.visible_small;
-    for (Index i = 0; i < mask.cols(); ++i)
-        if (!(sample.eyes_small(0, i) > T(0)) && !(eyeball_alpha(0, i) > T(0.5))) mask(0, i) = T(0);
-    return mask;
+const Image<T>& features_shown(const AvatarSample<T, E>& sample, const AvatarPictures<T>& p) {
+    return sample.scale.active() ? p.scaled : p.final.feature;
 }
 
 /// Renders and compares. Everything the vjp reads stays in `trace` and `pictures`.
@@ -156,44 +211,51 @@ AvatarLosses<T> avatar_losses(const TwoStream<T, E>& avatar, const AvatarConfig&
     const VecX<T> behind_eyes = sample.background.head(p.eye_cloud.channels());
     rasterizer.forward_into(p.eye_cloud, sample.camera, behind_eyes, p.eyes, &p.scratch);
     probe("render");
-    p.scaled = p.final.feature;
-    if (sample.scale.active())
+    if (sample.scale.active()) {
+        p.scaled.width = p.final.feature.width;
+        p.scaled.height = p.final.feature.height;
         p.scaled.pixels = gathered(p.final.feature.pixels, sample.scale.small);
-    p.high = upsampler_forward<B>(avatar.upsampler, p.scaled, &p.high_trace);
+    }
+    p.high = upsampler_forward<B>(avatar.upsampler, features_shown(sample, p), &p.high_trace);
     if (sample.eyes_high)
         p.eyes_high = upsampler_forward<B>(avatar.upsampler, p.eyes.feature, &p.eyes_high_trace);
     else
         p.eyes_high = {};
     probe("super-resolution");
 
-    const auto zero = [](const Image<T>& i) { return Columns<T>::Zero(i.channels(), i.size()); };
-    p.g_high = zero(p.high);
-    p.g_eyes_high = zero(p.eyes_high);
-    p.g_final = zero(p.final.feature);
-    p.g_face = zero(p.face.feature);
-    p.g_eyes = zero(p.eyes.feature);
+    detail::zero_like<B>(p.high, p.g_high);
+    detail::zero_like<B>(p.eyes_high, p.g_eyes_high);
+    detail::zero_like<B>(p.final.feature, p.g_final);
+    detail::zero_like<B>(p.face.feature, p.g_face);
+    detail::zero_like<B>(p.eyes.feature, p.g_eyes);
 
     AvatarLosses<T> l;
-    Image<T> truth = sample.truth;
-    truth.pixels = gathered(sample.truth.pixels, sample.scale.full);
-    l.high_resolution = detail::rgb_term<B>(p.high.pixels, truth.pixels,
-                                            gathered(sample.visible, sample.scale.full),
-                                            weights.high_resolution, p.g_high);
+    Image<T> moved;
+    Columns<T> moved_visible;
+    if (sample.scale.active()) {
+        moved = sample.truth;
+        moved.pixels = gathered(sample.truth.pixels, sample.scale.full);
+        moved_visible = gathered(sample.visible, sample.scale.full);
+    }
+    const Image<T>& truth = sample.scale.active() ? moved : sample.truth;
+    l.high_resolution = detail::rgb_term<B>(
+        p.high.pixels, truth.pixels, sample.scale.active() ? moved_visible : sample.visible,
+        weights.high_resolution, p.g_high);
     l.low_resolution =
         detail::rgb_term<B>(p.final.feature.pixels, sample.truth_small.pixels,
                             sample.visible_small, weights.low_resolution, p.g_final);
-    const LossGradient<T> seen = perceptual(p.high, truth);
+    const LossGradient<T> seen = detail::perceived<B>(perceptual, p.high, truth);
     l.perceptual = seen.value;
-    p.g_high += T(weights.perceptual) * seen.gradient;
+    detail::add_weighted<B>(p.g_high, T(weights.perceptual), seen.gradient);
 
     if (weights.dssim > 0) {
         const LossGradient<T> structure = dssim<B, T>(p.high, truth);
         l.dssim = structure.value;
-        p.g_high += T(weights.dssim) * structure.gradient;
+        detail::add_weighted<B>(p.g_high, T(weights.dssim), structure.gradient);
     }
 
-    const double small_gain = detail::eye_gain(weights.eye_average, sample.eyes_small);
-    const double gain = detail::eye_gain(weights.eye_average, sample.eyes);
+    const double small_gain = detail::eye_gain<B>(weights.eye_average, sample.eyes_small);
+    const double gain = detail::eye_gain<B>(weights.eye_average, sample.eyes);
     l.eye_low = T(small_gain) *
                 detail::rgb_term<B>(p.eyes.feature.pixels, sample.truth_small.pixels,
                                     sample.eyes_small, weights.eye_low * small_gain, p.g_eyes);
@@ -201,21 +263,24 @@ AvatarLosses<T> avatar_losses(const TwoStream<T, E>& avatar, const AvatarConfig&
     if (sample.eyes_high)
         l.eye_high = T(gain) * detail::rgb_term<B>(p.eyes_high.pixels, sample.truth.pixels,
                                                    sample.eyes, eye_high * gain, p.g_eyes_high);
-    Columns<T> blank = blank_color.replicate(1, p.face.feature.size());
-    Columns<T> blank_mask = sample.eyes_small;
+    FaceTarget<T> alone(0);
+    if (weights.blank_eyeballs || weights.face_alone > 0) alone = face_alone_target<B>(sample);
     if (weights.blank_eyeballs) {
-        const Columns<T> picture = face_alone_truth(sample);
-        for (Index i = 0; i < blank.cols(); ++i)
-            blank.col(i) =
-                picture.col(i) + sample.eyes_small(0, i) * (blank_color - picture.col(i));
-        blank_mask = eyeball_mask(sample, p.eyes.alpha.pixels);
+        const FaceTarget<T> blank =
+            blank_eyeball_target<B>(sample, alone, p.eyes.alpha.pixels);
+        const double blank_gain = detail::eye_gain<B>(weights.eye_average, blank.mask);
+        l.blank = T(blank_gain) * detail::rgb_term<B>(p.face.feature.pixels, blank.picture,
+                                                      blank.mask, weights.blank * blank_gain,
+                                                      p.g_face);
+    } else {
+        const Columns<T> blank = blank_color.replicate(1, p.face.feature.size());
+        l.blank = T(small_gain) * detail::rgb_term<B>(p.face.feature.pixels, blank,
+                                                      sample.eyes_small,
+                                                      weights.blank * small_gain, p.g_face);
     }
-    const double blank_gain = detail::eye_gain(weights.eye_average, blank_mask);
-    l.blank = T(blank_gain) * detail::rgb_term<B>(p.face.feature.pixels, blank, blank_mask,
-                                                  weights.blank * blank_gain, p.g_face);
     if (weights.face_alone > 0)
-        l.face_alone = detail::rgb_term<B>(p.face.feature.pixels, face_alone_truth(sample),
-                                           face_alone_mask(sample), weights.face_alone, p.g_face);
+        l.face_alone = detail::rgb_term<B>(p.face.feature.pixels, alone.picture, alone.mask,
+                                           weights.face_alone, p.g_face);
     l.total = T(weights.high_resolution) * l.high_resolution +
               T(weights.low_resolution) * l.low_resolution + T(weights.perceptual) * l.perceptual +
               T(weights.dssim) * l.dssim +
@@ -233,13 +298,16 @@ void avatar_losses_vjp(const TwoStream<T, E>& avatar, const AvatarConfig& config
                        TwoStream<T, E>& grad,
                        Probe&& probe = {}) {
     Columns<T> g_feature;
-    upsampler_vjp<B>(avatar.upsampler, p.scaled, p.high_trace, p.g_high, grad.upsampler,
-                     &g_feature);
-    gathered_vjp(g_feature, sample.scale.small, p.g_final);
+    upsampler_vjp<B>(avatar.upsampler, features_shown(sample, p), p.high_trace, p.g_high,
+                     grad.upsampler, &g_feature);
+    if (sample.scale.active())
+        gathered_vjp(g_feature, sample.scale.small, p.g_final);
+    else
+        detail::add_weighted<B>(p.g_final, T(1), g_feature);
     if (sample.eyes_high) {
         upsampler_vjp<B>(avatar.upsampler, p.eyes.feature, p.eyes_high_trace, p.g_eyes_high,
                          grad.upsampler, &g_feature);
-        p.g_eyes += g_feature;
+        detail::add_weighted<B>(p.g_eyes, T(1), g_feature);
     }
     probe("super-resolution vjp");
 

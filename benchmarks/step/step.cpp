@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: Apache-2.0
+// A whole training step of stage 2 at the sizes of `rye train --preset cpu`, without any file: what
+// each part takes of it, how far the step is from the time of its networks' products alone at the
+// peak that the same run measures, and what a second thread gives.
+#include <benchmark/benchmark.h>
+
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
+#include <algorithm>
+#include <map>
+#include <string>
+
+#include <rye/backend/xsimd.hpp>
+#include <rye/loss/smoothness.hpp>
+#include <rye/nn/adam.hpp>
+#include <rye/splat/rasterizer.hpp>
+#include <rye/train/stage_avatar.hpp>
+
+#include "../effects/subject.hpp"
+#include "../roofline/machine.hpp"
+#include "peak.hpp"
+
+namespace {
+
+using namespace rye;
+using namespace rye::bench;
+
+using B = XsimdBackend<>;
+using Avatar = TwoStream<float>;
+
+/// The least seconds of each part over the steps, and of whole steps.
+struct LeastTimes {
+    explicit LeastTimes(double (*c)()) : clock(c) {}
+    double (*clock)();
+    std::map<std::string, double> parts;
+    double step = 1e30, wall = 1e30; ///< on the clock, on the wall
+
+    void start() {
+        begin_ = last_ = clock();
+        wall_begin_ = wall_seconds();
+    }
+    void stop() {
+        step = std::min(step, last_ - begin_);
+        wall = std::min(wall, wall_seconds() - wall_begin_);
+    }
+    void operator()(const char* part) {
+        const double now = clock();
+        const auto [place, fresh] = parts.try_emplace(part, 1e30);
+        place->second = std::min(place->second, now - last_);
+        last_ = now;
+    }
+
+  private:
+    double begin_ = 0, last_ = 0, wall_begin_ = 0;
+};
+
+/// The weights of the preset (examples/trainer/config.cpp).
+AvatarLossConfig preset_weights() {
+    AvatarLossConfig w;
+    w.eye_average = EyeAverage::mask;
+    w.eye_low = w.eye_high = 0.2;
+    w.dssim = 0.2;
+    w.blank = 0.1;
+    w.blank_eyeballs = true;
+    w.face_alone = 1.0;
+    w.eye_high_every = 3;
+    w.eyes_from_eye_terms = true;
+    w.eye_smooth = 0.2;
+    return w;
+}
+
+/// What the step is shown: the subject under other drivers.
+AvatarSample<float> sample_of(const Subject& s, const Rasterizer<B, Balanced>& rasterizer) {
+    AvatarSample<float> sample;
+    sample.drivers = s.drivers;
+    sample.camera = s.camera;
+    sample.background = s.background;
+    sample.blank = VecX<float>::Constant(s.background.size(), 0.7F);
+    Drivers<float> other = s.drivers;
+    other.expression *= -1;
+    other.pose[0] += 0.1F;
+    TwoStreamTrace<float> trace;
+    drive<B>(s.avatar, s.config, s.roles, other, trace);
+    const Raster<float> shown =
+        rasterizer.forward(joined(trace.world_face, trace.world_eyes), s.camera, s.background);
+    const Raster<float> eyes = rasterizer.forward(trace.world_eyes, s.camera, s.background);
+    sample.truth = upsampler_forward<B>(s.avatar.upsampler, shown.feature, nullptr);
+    sample.truth_small = sample.truth;
+    sample.mask_small = shown.alpha.pixels;
+    sample.visible = sample.visible_small = Columns<float>::Ones(1, sample.truth.size());
+    sample.eyes = Columns<float>::Zero(1, sample.truth.size());
+    for (Index i = 0; i < sample.eyes.size(); ++i)
+        if (eyes.alpha.pixels(i) > 0.5F) sample.eyes(i) = 1;
+    sample.eyes_small = sample.eyes;
+    return sample;
+}
+
+/// Products of the face's networks in a step, both ways, each as two flops.
+double network_flops(const Avatar& avatar, const FaceTrace<float>& trace) {
+    double flops = 0;
+    const auto add = [&](const Mlp<float>& m, const FieldTrace<float>& field) {
+        const MlpShape& s = m.shape;
+        double weights = 0;
+        for (int l = 0; l < s.layers(); ++l)
+            weights += double(s.layer_out(l)) *
+                       (s.hidden_in(l) + (s.reads_input(l) ? s.point_inputs() : 0));
+        flops += 3 * 2 * weights * double(field.set.size());
+    };
+    for_face_fields<PaperEffects>([&](auto by) {
+        add(by.color(avatar.face.networks), by.color(trace));
+        add(by.deform(avatar.face.networks), by.deform(trace));
+    });
+    for_attribute_fields<PaperEffects>(
+        [&](auto by) { add(by.attribute(avatar.face), by.attribute(trace)); });
+    return flops;
+}
+
+/// With a correction of the head pose, which training has.
+Avatar with_delta_pose(Avatar avatar) {
+    avatar.delta_pose = Columns<float>::Zero(6, 1);
+    return avatar;
+}
+
+struct Trainer {
+    const Subject& s = subject();
+    Avatar avatar = with_delta_pose(s.avatar), grad = zeros_like(avatar);
+    Adam<Avatar> adam{avatar};
+    Rasterizer<B, Balanced> rasterizer;
+    AvatarSample<float> sample = sample_of(s, rasterizer);
+    AvatarLossConfig weights = preset_weights();
+    TwoStreamTrace<float> trace;
+    AvatarPictures<float> pictures;
+    NeighbourGraph neighbours = four_nearest(s.avatar.eyes.position);
+    Index steps = 0;
+
+    void step(LeastTimes& times) {
+        sample.eyes_high = steps++ % weights.eye_high_every == 0;
+        times.start();
+        avatar_losses<B>(avatar, s.config, s.roles, weights, rasterizer, PyramidGradientLoss{},
+                         sample, trace, pictures, times);
+        Avatar::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
+        avatar_losses_vjp<B>(avatar, s.config, rasterizer, sample, trace, pictures, grad, times);
+        const LossGradient<float> smooth = smoothness(avatar.eyes.feature, neighbours);
+        grad.eyes.feature += float(weights.eye_smooth) * smooth.gradient;
+        adam_step<B>(avatar, grad, adam, [](const std::string&) { return 1e-4; });
+        times("optimiser");
+        times.stop();
+    }
+};
+
+void use_threads([[maybe_unused]] int n) {
+#ifdef _OPENMP
+    omp_set_num_threads(n);
+#endif
+}
+
+/// Steps with one and with `threads` threads, in turns.
+void step(benchmark::State& state) {
+    const int threads = static_cast<int>(state.range(0));
+    Trainer trainer;
+    LeastTimes serial{thread_seconds}, times{wall_seconds};
+    const double peak = measured_peak();
+    double flops = 0;
+    for (auto _ : state) {
+        for (int round = 0; round < 12; ++round)  // every third takes the high-resolution eye term
+            for (const int n : {1, threads}) {
+                use_threads(n);
+                trainer.step(n == 1 ? serial : times);
+            }
+        flops = network_flops(trainer.avatar, trainer.trace.face);
+    }
+    use_threads(1);
+    if (threads == 1) times = serial;
+    state.counters["step_ms"] = 1e3 * times.step;
+    state.counters["gaussians"] = double(trainer.pictures.cloud.count());
+    state.counters["gflop"] = 1e-9 * flops;
+    state.counters["over_products"] = times.step * peak * threads / flops;
+    state.counters["faster"] = serial.wall / times.wall;
+    for (const auto& [part, seconds] : times.parts) {
+        std::string name = part;
+        std::replace_if(name.begin(), name.end(), [](char c) { return c == ' ' || c == '-'; }, '_');
+        state.counters[name] = seconds / times.step;
+    }
+}
+BENCHMARK(step)->ArgName("threads")->Arg(1)->Arg(2)->Iterations(1);
+
+} // namespace
+
+BENCHMARK_MAIN();

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/outputs.hpp: what a render draws besides features and alpha. An image that is not
+/// asked for has no memory and costs no instruction.
+#pragma once
+
+#include <cstdint>
+
+#include <rye/core/absent.hpp>
+#include <rye/core/columns.hpp>
+
+namespace rye {
+
+/// Named where an image is asked for that the outputs do not have.
+struct DepthImage;
+struct ContributorImage;
+
+struct Outputs {
+    bool depth = true;               ///< sum_i T_i a_i z_i
+    bool contributor = false;        ///< the Gaussian that adds most to each pixel
+
+    bool operator==(const Outputs&) const = default;
+};
+
+/// Where nothing contributes to a pixel.
+inline constexpr std::uint32_t no_contributor = 0xFFFFFFFF;
+
+/// The images that a render with these outputs has.
+template <class T, Outputs O>
+struct OutputImages {
+    /// Divide by alpha, where that is positive, for the expected depth [world units].
+    [[no_unique_address]] PresentIf<O.depth, DepthImage, Image<T>> depth;
+    /// Indices of Gaussians, or no_contributor; of equal weights the nearer one. No derivative.
+    [[no_unique_address]] PresentIf<O.contributor, ContributorImage, Image<std::uint32_t>>
+        contributor;
+};
+
+/// Policy A with other outputs.
+template <class A, Outputs O>
+struct Drawing : A {
+    constexpr Drawing(const A& a = {}) : A(a) {}
+    static constexpr Outputs outputs = O;
+};
+
+} // namespace rye

@@ -1,0 +1,273 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/tile_lists.hpp: for each tile its Gaussians in the order of depth, ties by index. They
+/// are dealt out in the order of memory, where neighbours share tiles, and each tile's list is
+/// sorted by itself, within the cache. Counts are 64-bit.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <concepts>
+#include <cstdint>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include <rye/core/error.hpp>
+#include <rye/core/parallel.hpp>
+#include <rye/splat/tiles.hpp>
+
+namespace rye {
+
+/// A value that is sorted by a key.
+template <class Key, class Value = std::uint32_t>
+struct Keyed {
+    Key key;
+    Value value;
+};
+
+/// Sorts n values by their keys, stable; the buffer has room for as many. Radix, from the lowest of
+/// the bits in which the keys differ. Two digits of the highest bits leave little out of order
+/// unless keys cluster: what is left is inserted, and when that moves too much, all digits sort.
+template <class Key, class Value>
+void sort_by_key(Keyed<Key, Value>* x, Keyed<Key, Value>* buffer, Index n) {
+    using Item = Keyed<Key, Value>;
+    constexpr int widest = 11;
+    constexpr Index few = 16, moves_each = 8;
+    /// False when it gave up; x holds the same values then.
+    const auto insert = [&](Index allowed) {
+        for (Index i = 1; i < n; ++i) {
+            const Item moved = x[i];
+            Index to = i;
+            for (; to > 0 && moved.key < x[to - 1].key; --to) x[to] = x[to - 1];
+            x[to] = moved;
+            if ((allowed -= i - to) < 0) return false;
+        }
+        return true;
+    };
+    if (n <= few) {
+        insert(n * n);
+        return;
+    }
+    Key low = x[0].key, high = low;
+    for (Index i = 1; i < n; ++i) {
+        low = std::min(low, x[i].key);
+        high = std::max(high, x[i].key);
+    }
+    const int bits = static_cast<int>(std::bit_width(static_cast<Key>(high - low)));
+    const int digit = std::min(
+        widest, static_cast<int>(std::bit_width(static_cast<std::uint64_t>(n))));
+    std::array<std::uint32_t, (1 << widest)> even, odd;
+    const std::size_t mask = (std::size_t(1) << digit) - 1;
+    /// By the two digits above `shift`, between x and the buffer and back.
+    const auto two_digits = [&](int shift) {
+        const auto bucket = [&](Key key, int up) {
+            return static_cast<std::size_t>((key - low) >> shift >> up) & mask;
+        };
+        std::fill_n(even.begin(), mask + 1, 0U);
+        std::fill_n(odd.begin(), mask + 1, 0U);
+        for (Index i = 0; i < n; ++i) {
+            ++even[bucket(x[i].key, 0)];
+            ++odd[bucket(x[i].key, digit)];
+        }
+        std::uint32_t sum = 0, same = 0;
+        for (std::size_t b = 0; b <= mask; ++b) {
+            sum += std::exchange(even[b], sum);
+            same += std::exchange(odd[b], same);
+        }
+        for (Index i = 0; i < n; ++i) buffer[even[bucket(x[i].key, 0)]++] = x[i];
+        for (Index i = 0; i < n; ++i) x[odd[bucket(buffer[i].key, digit)]++] = buffer[i];
+    };
+    two_digits(std::max(0, bits - 2 * digit));
+    if (insert(moves_each * n)) return;
+    for (int shift = 0; shift < bits; shift += 2 * digit) two_digits(shift);
+}
+
+/// A tile's mention of a member.
+struct TileEntry {
+    std::uint32_t member;
+    std::uint32_t slot;                   ///< its place among its member's
+    bool operator==(const TileEntry&) const = default;
+};
+
+/// Memory that lists are made in; it holds no state between calls.
+template <class Key>
+struct DealScratch {
+    using Dealt = Keyed<Key, TileEntry>;
+    struct Mention {
+        std::uint32_t tile, member;
+    };
+    struct Chunk {
+        std::vector<Mention> mentions;    ///< member by member, in the order of tiles
+        Index used;                       ///< of these
+        std::vector<std::uint32_t> cursor; ///< where it goes on in each list
+    };
+    std::vector<Chunk> chunks;
+    std::vector<Dealt> dealt;
+    std::vector<std::vector<Dealt>> buffers;  ///< of each run of tiles
+};
+
+/// For each tile its Gaussians, near to far. Visible Gaussians are members 0, 1, ... in the order
+/// of the tiles that they lie in, so that what a tile reads lies together.
+struct TileLists {
+    using Entry = TileEntry;
+    int columns = 0, rows = 0;            ///< of tiles
+    std::vector<Index> begin;             ///< tile t holds entries [begin[t], begin[t + 1])
+    std::vector<Entry> entry;
+    std::vector<Index> first;             ///< member m owns slots [first[m], first[m + 1]), in the
+                                          ///< order of tiles
+
+    Index tiles() const { return static_cast<Index>(columns) * rows; }
+    Index entries() const { return begin.empty() ? 0 : begin.back(); }
+
+    /// Deals n members out over an image: key(m) says how far m is, of equal ones that with the
+    /// lower index(m) comes first; footprint(m) is a Footprint, and pixel_rows(m) its rows of
+    /// pixels, not empty.
+    template <Threads P, Support support, Real R, class PixelRows, class KeyOf, class IndexOf,
+              class Footprints, class Key = std::invoke_result_t<KeyOf, Index>>
+        requires std::derived_from<std::remove_cvref_t<std::invoke_result_t<PixelRows, Index>>,
+                                   Span>
+    void build(int width, int height, Index n, const PixelRows& pixel_rows, const KeyOf& key,
+               const IndexOf& index, Index max_entries, const Footprints& footprint,
+               DealScratch<Key>& scratch) {
+        columns = tiles_across(width);
+        rows = tiles_across(height);
+        deal<P, support, R>(width, height, n, pixel_rows, key, max_entries, footprint, scratch);
+        sort<P>(index, scratch);
+    }
+
+    /// Throws if there are more entries than allowed.
+    static void check_entries(Index total, Index max_entries) {
+        if (total > std::min(max_entries, Index(0xFFFFFFFF)))
+            throw Error("rasterizer: got " + std::to_string(total) +
+                        " pairs of a tile and a Gaussian, expected at most " +
+                        std::to_string(max_entries) +
+                        ": the Gaussians are too large for the image");
+    }
+
+  private:
+    template <class X>
+    static auto& at(X& x, Index i) {
+        return x[static_cast<std::size_t>(i)];
+    }
+
+    /// Members are cut into as many chunks as there are threads; where a chunk goes on in a tile's
+    /// list follows from what the chunks before it have there. Lists do not depend on the chunks.
+    template <Threads P, Support support, Real R, class PixelRows, class KeyOf, class Footprints,
+              class Key>
+    void deal(int width, int height, Index n, const PixelRows& pixel_rows, const KeyOf& key,
+              Index max_entries, const Footprints& footprint, DealScratch<Key>& scratch) {
+        using Chunk = typename DealScratch<Key>::Chunk;
+        const Index grain = std::max<Index>(2048, (n + P::count() - 1) / P::count());
+        const Index chunks = chunk_count(n, grain);
+        if (static_cast<Index>(scratch.chunks.size()) < chunks)
+            scratch.chunks.resize(static_cast<std::size_t>(chunks));
+        first.resize(static_cast<std::size_t>(n) + 1);
+        for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+            Chunk& chunk = at(scratch.chunks, c);
+            chunk.used = 0;
+            for (Index m = b; m < e; ++m) {
+                at(first, m) = chunk.used;
+                mention<support, R>(width, height, m, pixel_rows(m), max_entries,
+                                    [&]() -> const Footprint<R>& { return footprint(m); }, chunk);
+            }
+            if (chunk.used > max_entries) return;
+            chunk.cursor.assign(static_cast<std::size_t>(tiles()), 0);
+            for (Index i = 0; i < chunk.used; ++i) ++chunk.cursor[at(chunk.mentions, i).tile];
+        });
+        Index total = 0;
+        for (Index c = 0; c < chunks; ++c) total += at(scratch.chunks, c).used;
+        check_entries(total, max_entries);
+        at(first, n) = total;
+        begin.resize(static_cast<std::size_t>(tiles()) + 1);
+        std::uint32_t next = 0;
+        for (Index t = 0; t < tiles(); ++t) {
+            at(begin, t) = static_cast<Index>(next);
+            for (Index c = 0; c < chunks; ++c)
+                next += std::exchange(at(at(scratch.chunks, c).cursor, t), next);
+        }
+        at(begin, tiles()) = total;
+        scratch.dealt.resize(static_cast<std::size_t>(total));
+        for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+            Index before = 0;
+            for (Index k = 0; k < c; ++k) before += at(scratch.chunks, k).used;
+            if (before > 0)
+                for (Index m = b; m < e; ++m) at(first, m) += before;
+            Chunk& chunk = at(scratch.chunks, c);
+            auto* const to = scratch.dealt.data();
+            std::uint32_t* const cursor = chunk.cursor.data();
+            const auto* const mentions = chunk.mentions.data();
+            for (Index i = 0; i < chunk.used; ++i) {
+                const auto& [tile, member] = mentions[i];
+                to[cursor[tile]++] = {key(static_cast<Index>(member)),
+                                      {member, static_cast<std::uint32_t>(before + i)}};
+            }
+        });
+    }
+
+    /// Appends the tiles of member m to its chunk's, or, beyond what is allowed, counts them.
+    template <Support support, Real R, class Rows, class Footprint, class Chunk>
+    void mention(int width, int height, Index m, const Rows& pixel_rows, Index max_entries,
+                 const Footprint& footprint, Chunk& chunk) const {
+        constexpr int at_once = 4;       // of a row of tiles, whether it has them or not
+        const auto member = static_cast<std::uint32_t>(m);
+        const auto append = [&](int row, int from, int count, int most) {
+            const Index used = chunk.used;
+            chunk.used += count;
+            if (chunk.used > max_entries) return;
+            const std::size_t need = static_cast<std::size_t>(used + std::max(count, most));
+            if (chunk.mentions.size() < need) chunk.mentions.resize(need + need / 2);
+            auto* const to = chunk.mentions.data() + used;
+            const auto tile = static_cast<std::uint32_t>(row * columns + from);
+            for (int x = 0; x < most; ++x) to[x] = {tile + static_cast<std::uint32_t>(x), member};
+            for (int x = most; x < count; ++x)
+                to[x] = {tile + static_cast<std::uint32_t>(x), member};
+        };
+        if constexpr (std::same_as<Rows, TileRows>)
+            if (pixel_rows.known(width)) {
+                // The few rows are taken without asking how many there are.
+                const int row = pixel_rows.first_row(), rows_here = pixel_rows.last_row() - row;
+                for (int y = 0; y < TileRows::most; ++y) {
+                    const auto& c = pixel_rows.columns[static_cast<std::size_t>(y)];
+                    append(row + y, c[0], y < rows_here ? c[1] - c[0] : 0, at_once);
+                }
+                return;
+            }
+        each_tile_row<support, R>(width, height, pixel_rows, footprint, [&](const TileRowSpan& s) {
+            append(s.row, s.begin, s.end - s.begin, 0);
+        });
+    }
+
+    /// Sorts each tile's list.
+    template <Threads P, class IndexOf, class Key>
+    void sort(const IndexOf& index, DealScratch<Key>& scratch) {
+        constexpr Index run = 32;        // tiles
+        entry.resize(scratch.dealt.size());
+        if (static_cast<Index>(scratch.buffers.size()) < chunk_count(tiles(), run))
+            scratch.buffers.resize(static_cast<std::size_t>(chunk_count(tiles(), run)));
+        for_chunks<P>(tiles(), run, [&](Index b, Index e, Index c) {
+            auto& buffer = at(scratch.buffers, c);
+            for (Index t = b; t < e; ++t) {
+                const Index n = at(begin, t + 1) - at(begin, t);
+                if (static_cast<Index>(buffer.size()) < n)
+                    buffer.resize(static_cast<std::size_t>(n + n / 2));
+                auto* const x = scratch.dealt.data() + at(begin, t);
+                sort_by_key(x, buffer.data(), n);
+                for (Index i = 0; i < n;) {      // of equal keys, the lower index first
+                    Index end = i + 1;
+                    while (end < n && x[end].key == x[i].key) ++end;
+                    if (end - i > 1)
+                        std::sort(x + i, x + end, [&](const auto& u, const auto& v) {
+                            return index(u.value.member) < index(v.value.member);
+                        });
+                    i = end;
+                }
+                Entry* const to = entry.data() + at(begin, t);
+                for (Index i = 0; i < n; ++i) to[i] = x[i].value;
+            }
+        });
+    }
+};
+
+} // namespace rye

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+// The sort against the library's, for keys that spread, cluster and repeat; and lists: each near to
+// far, ties by index, whatever the number of threads.
+#include <rye/splat/tile_lists.hpp>
+
+#include <doctest/doctest.h>
+
+#include <rye/core/random.hpp>
+
+using namespace rye;
+
+namespace {
+
+template <class Key>
+bool sorts_stably(std::vector<Key> keys) {
+    std::vector<Keyed<Key>> x, buffer(keys.size());
+    for (std::size_t i = 0; i < keys.size(); ++i)
+        x.push_back({keys[i], static_cast<std::uint32_t>(i)});
+    auto expected = x;
+    std::stable_sort(expected.begin(), expected.end(),
+                     [](const auto& a, const auto& b) { return a.key < b.key; });
+    sort_by_key(x.data(), buffer.data(), static_cast<Index>(x.size()));
+    bool same = true;
+    for (std::size_t i = 0; i < x.size(); ++i)
+        same &= x[i].key == expected[i].key && x[i].value == expected[i].value;
+    return same;
+}
+
+template <class Key>
+void check_sort() {
+    constexpr Key top = ~Key(0);
+    const Random random{1, 1};
+    const auto bits = [&](std::size_t i) { return static_cast<Key>(random.bits(i) >> 7U); };
+    for (const std::size_t n : {0, 1, 2, 16, 17, 300, 5000, 70000}) {
+        std::vector<Key> spread, few, cluster, ends, falling;
+        for (std::size_t i = 0; i < n; ++i) {
+            spread.push_back(static_cast<Key>(bits(i) * Key(0x9E3779B97F4A7C15U)));
+            few.push_back(bits(i) % 3);
+            // All but two within a narrow range: no part of the highest bits tells them apart.
+            cluster.push_back(i == 1 ? top : i == 2 ? 0 : top / 2 + bits(i) % 4096);
+            ends.push_back(bits(i) % 2 == 0 ? 0 : top);
+            falling.push_back(static_cast<Key>(top - i));
+        }
+        for (const auto& keys : {spread, few, cluster, ends, falling}) CHECK(sorts_stably(keys));
+    }
+}
+
+struct Members {
+    std::vector<Footprint<float>> footprint;
+    std::vector<TileRows> rows;
+    std::vector<std::uint32_t> key, index;
+
+    Index count() const { return static_cast<Index>(rows.size()); }
+    template <Threads P>
+    TileLists lists() const {
+        TileLists out;
+        DealScratch<std::uint32_t> scratch;
+        const auto of = [](const auto& v) {
+            return [&v](Index m) -> const auto& { return v[static_cast<std::size_t>(m)]; };
+        };
+        out.build<P, Support::ellipse, float>(
+            96, 96, count(), of(rows), [&](Index m) { return key[std::size_t(m)]; }, of(index),
+            Index(1) << 30, of(footprint), scratch);
+        return out;
+    }
+};
+
+/// As many as fill several chunks; some so high that their columns are not written down; few
+/// different depths.
+Members random_members() {
+    const Random random{4, 1};
+    Members m;
+    for (std::uint64_t i = 0; i < 6000; ++i) {
+        const auto u = [&](std::uint64_t k) { return random.uniform(8 * i + k); };
+        const float s = i % 50 == 0 ? 30.0F : 2.0F;
+        const Footprint<float> f{
+            float(96 * u(0)), float(96 * u(1)), 3, {s * s, 0.2F * s * s, s * s}, 0.96F * s * s * s * s};
+        const Cover<Support::ellipse, float> cover{f, 96, 96};
+        TileRows rows{};
+        rows.begin = cover.rows().begin, rows.end = cover.rows().end;
+        if (rows.begin >= rows.end) continue;
+        if (rows.known(96))
+            for (int y = rows.first_row(); y < rows.last_row(); ++y) {
+                const Span x = cover.columns(y, rows);
+                rows.columns[std::size_t(y - rows.first_row())] = {
+                    static_cast<std::uint16_t>(x.begin), static_cast<std::uint16_t>(x.end)};
+            }
+        m.footprint.push_back(f);
+        m.rows.push_back(rows);
+        m.key.push_back(static_cast<std::uint32_t>(random.bits(8 * i + 5) % 1000));
+    }
+    for (Index k = 0; k < m.count(); ++k)
+        m.index.push_back(static_cast<std::uint32_t>((k * 7) % m.count()));
+    return m;
+}
+
+} // namespace
+
+TEST_CASE("tile lists: the sort is stable and sorts, in 32 bits and in 64") {
+    check_sort<std::uint32_t>();
+    check_sort<std::uint64_t>();
+}
+
+TEST_CASE("tile lists: each is near to far, ties by index, and members find their entries") {
+    const Members members = random_members();
+    const TileLists lists = members.lists<Serial>();
+    bool sorted = true, found = true, mentioned = true;
+    for (std::size_t t = 0; t < std::size_t(lists.tiles()); ++t)
+        for (Index k = lists.begin[t]; k < lists.begin[t + 1]; ++k) {
+            const std::size_t m = lists.entry[std::size_t(k)].member;
+            const Cover<Support::ellipse, float> cover{members.footprint[m], 96, 96};
+            const int row = int(t) / lists.columns, column = int(t) % lists.columns;
+            const Span x = cover.columns(row, members.rows[m]);
+            mentioned &= column >= x.begin && column < x.end;
+            if (k == lists.begin[t]) continue;
+            const std::size_t before = lists.entry[std::size_t(k) - 1].member;
+            sorted &= std::pair(members.key[before], members.index[before]) <
+                      std::pair(members.key[m], members.index[m]);
+        }
+    // Each slot is one entry's, and one of those of the entry's member, tile after tile.
+    std::vector<Index> entry_of(std::size_t(lists.entries()), -1);
+    for (Index k = 0; k < lists.entries(); ++k) {
+        const std::size_t m = lists.entry[std::size_t(k)].member;
+        const std::size_t slot = lists.entry[std::size_t(k)].slot;
+        found &= Index(slot) >= lists.first[m] && Index(slot) < lists.first[m + 1];
+        found &= entry_of[slot] == -1;
+        entry_of[slot] = k;
+    }
+    Index expected = 0;
+    for (std::size_t m = 0; m < std::size_t(members.count()); ++m) {
+        for (Index i = lists.first[m] + 1; i < lists.first[m + 1]; ++i)
+            found &= entry_of[std::size_t(i) - 1] < entry_of[std::size_t(i)];
+        const Cover<Support::ellipse, float> cover{members.footprint[m], 96, 96};
+        for (int y = members.rows[m].first_row(); y < members.rows[m].last_row(); ++y) {
+            const Span x = cover.columns(y, members.rows[m]);
+            expected += x.end - x.begin;
+        }
+    }
+    CHECK(sorted);
+    CHECK(found);
+    CHECK(mentioned);
+    CHECK(lists.entries() == expected);
+    CHECK(lists.first.back() == expected);
+}
+
+TEST_CASE("tile lists: threads change nothing") {
+    const Members members = random_members();
+    REQUIRE(members.count() > 4096);
+    const TileLists one = members.lists<Serial>(), many = members.lists<DefaultThreads>();
+    CHECK(one.begin == many.begin);
+    CHECK(one.entry == many.entry);
+    CHECK(one.first == many.first);
+}
