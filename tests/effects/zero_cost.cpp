@@ -305,7 +305,7 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
                 const Vec3<T> x = points.col(i);
                 if (!(dot(x, cornea.axis) > T(0))) continue;
                 const T value = glint_at<T>(image, camera, t.seen[at].col(i), width);
-                for (Index c = 0; c < 3; ++c)
+                for (Index c = 0; c < eyes.light_intensity.rows(); ++c)
                     g.feature(c, first + i) += eyes.light_intensity(c, l) * value;
             }
         }
