@@ -19,6 +19,7 @@ using namespace rye::bench;
 
 using B = XsimdBackend<xsimd::default_arch, Serial>;
 using All = More<PaperEffects, Kappa>;
+using AllOptics = More<All, CornealRefraction, Glint>;
 constexpr Index face_points = 3000, eye_points_each = 500;
 constexpr int rounds = 5;
 
@@ -74,6 +75,24 @@ struct Driven {
         if constexpr (has_effect<E, EyeOffset>)
             e.offset = EyeOffsetNetwork<float>::init(config, Random{3, 0});
         if constexpr (has_effect<E, Kappa>) e.kappa = noise(2, 2, 0.1, 0, 15);
+        if constexpr (has_effect<E, SeesCornea>) {
+            // Two fifths of the points are an iris behind the cornea, as in eyeball_template.
+            const EyeballShape shape{.iris_plane = 0.1};
+            const Cornea<float> cornea = cornea_of<float>(shape);
+            set_corneas(e.optics, cornea, cornea);
+            for (Index i = 0; i < n; i += 5)
+                for (Index k = 0; k < 2; ++k) {
+                    const double r = 0.059 * double(i) / double(n), a = 2.4 * double(i + k);
+                    e.position.col(i + k) = Vec3<double>(r * std::cos(a), r * std::sin(a),
+                                                         shape.iris(r)).cast<float>();
+                }
+            drivers.camera = Vec3<float>(0.5f, 0.3f, 10);
+        }
+        if constexpr (has_effect<E, Glint>) {
+            e.optics.light_position = noise(3, 2, 2, 6, 18);
+            e.optics.light_intensity = noise(3, 2, 0.2, 0.5, 19);
+            e.optics.light_width = noise(1, 2, 0, 0.01, 20);
+        }
         if constexpr (has_effect<E, ReadsExpression>)
             drivers.expression = noise(config.expression, 1, 1, 0, 16).col(0);
         if constexpr (has_effect<E, ReadsHeadPose>) {
@@ -90,7 +109,9 @@ struct Driven {
     Index parameters() const {
         Index n = 0;
         TwoStream<float, E>::fields([&](const std::string& name, const auto& a) {
-            if (name.find("_mlp") != std::string::npos || name == "eyes.kappa") n += a.size();
+            if (name.find("_mlp") != std::string::npos || name == "eyes.kappa" ||
+                name.starts_with("eyes.light_"))
+                n += a.size();
         }, avatar);
         return n;
     }
@@ -130,6 +151,8 @@ BENCHMARK(price<All, EyeOffset>)->Name("price/eye_offset")->Iterations(1);
 BENCHMARK(price<All, Kappa>)->Name("price/kappa")->Iterations(1);
 BENCHMARK(price<All, Periocular>)->Name("price/periocular")->Iterations(1);
 BENCHMARK(price<All, CornealBulge>)->Name("price/corneal_bulge")->Iterations(1);
+BENCHMARK(price<AllOptics, CornealRefraction>)->Name("price/corneal_refraction")->Iterations(1);
+BENCHMARK(price<AllOptics, Glint>)->Name("price/glint")->Iterations(1);
 BENCHMARK(price<All, Expression, PoseResidual, EyeOffset, Periocular>)
     ->Name("price/all_networks")
     ->Iterations(1);

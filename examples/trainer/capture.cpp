@@ -188,6 +188,11 @@ Pinhole<double> read_camera(const fs::path& path) {
             "got skew " + std::to_string(k(0, 1)) + ", expected 0");
     require(k(1, 0) == 0 && k(2, 0) == 0 && k(2, 1) == 0 && std::abs(k(2, 2) - 1) < 1e-9, label,
             "its rows are not (fx 0 cx), (0 fy cy), (0 0 1)");
+    if (file.has("distortion"))
+        for (const double x : file.get("distortion", {}))
+            require(x == 0, file.label("distortion"),
+                    "got a coefficient of " + std::to_string(x) +
+                        ", expected 0: captures are drawn by pinholes, undistort the images");
     Pinhole<double> camera;
     camera.fx = k(0, 0);
     camera.fy = k(1, 1);
@@ -406,6 +411,9 @@ void read_everything(Capture& c, const CaptureOptions& options, Faults& faults) 
     const fs::path description = c.folder / "capture.json";
     const std::string who = description.string();
     require(fs::is_directory(c.folder), c.folder.string(), "no such folder");
+    require(fs::exists(c.folder / "cameras") || !fs::exists(c.folder / "transforms.json"),
+            (c.folder / "transforms.json").string(),
+            "got photographs of a still scene, expected a capture (folders images, cameras, params)");
     const Json json = read_description(description);
     read_description_into(c, json, options, who);
     const std::set<std::string> on_disk = list_frames(c.folder);

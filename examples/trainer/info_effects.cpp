@@ -13,8 +13,10 @@
 #include <rye/avatar/dispatch.hpp>
 #include <rye/gaussian/activate.hpp>
 #include <rye/gaussian/ply.hpp>
+#include <rye/math/rotation.hpp>
 
 #include "options.hpp"
+#include "photographs.hpp"
 #include "steps.hpp"
 #include "variants.hpp"
 
@@ -144,16 +146,18 @@ std::string explain_photographs(const std::filesystem::path& folder, const Profi
         const nlohmann::json json = nlohmann::json::parse(std::ifstream(path));
         const auto of = [&](const char* key) { return json.value(key, 0.0); };
         render.size = render.wanted = {of("w"), of("h")};
-        for (const char* key : {"k1", "k2", "k3", "k4", "p1", "p2"})
-            if (json.contains(key)) render.distortion.push_back(of(key));
         frames = json.at("frames").size();
     } catch (const nlohmann::json::exception& e) {
         throw Error(path.string() + ": " + e.what());
     }
+    render.distortion = lens_coefficients(path);
     facts.render = render;
+    const SceneProfile p = profile(facts, bounds);
     return "scene          " + std::to_string(frames) +
-           " photographs with cameras; no drivers: what is seen stands still\n" +
-           explain(profile(facts, bounds));
+           " photographs with cameras; no drivers: what is seen stands still\n" + explain(p) +
+           (p.effects.has(EffectName::lens_distortion)
+                ? "               rye render --cameras draws through this lens, if it is OPENCV's\n"
+                : "");
 }
 
 // ---- captures -----------------------------------------------------------------------------------
@@ -177,6 +181,11 @@ DriverFacts driver_facts(const Capture& c) {
                 const double depth = camera.project_point(*eye.centre).z();
                 d.eyes[e].iris =
                     std::max(d.eyes[e].iris, 2 * *eye.limbus_radius * camera.fx / depth);
+                const Vec3<double> axis =
+                    gaze_in_world(so3_exp(Vec3<double>(frame.pose.head<3>())), eye.optical);
+                d.eyes[e].aside =
+                    std::max(d.eyes[e].aside,
+                             angular_error(axis, Vec3<double>(camera.centre() - *eye.centre)));
             }
         }
     }

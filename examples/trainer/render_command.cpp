@@ -20,6 +20,7 @@
 #include "commands.hpp"
 #include "image_io.hpp"
 #include "options.hpp"
+#include "photographs.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -29,6 +30,8 @@ constexpr double viewer_near_depth = 0.2;
 
 struct RenderOptions {
     std::string ply, out, size = "512x512", accuracy = "3dgs", max_error;
+    std::string cameras;
+    int view = 0;
     std::vector<double> eye, target, up{0, -1, 0}, background{0, 0, 0};
     double fov_deg = 40;
     double alpha_floor = 0;
@@ -49,8 +52,8 @@ std::pair<int, int> parsed_size(const std::string& text) {
     return {width, height};
 }
 
-template <Backend B, Real T, AccuracyPolicy A>
-Image<float> picture(const A& accuracy, const Gaussians<T>& g, const Pinhole<T>& camera,
+template <Backend B, Real T, AccuracyPolicy A, Distortion D>
+Image<float> picture(const A& accuracy, const Gaussians<T>& g, const Pinhole<T, D>& camera,
                      const VecX<T>& background) {
     const Raster<T> raster = Rasterizer<B, A>{accuracy}.forward(g, camera, background);
     if (raster.trace.non_finite > 0)
@@ -62,10 +65,12 @@ Image<float> picture(const A& accuracy, const Gaussians<T>& g, const Pinhole<T>&
 }
 
 /// The picture, by the name of its accuracy. Only the exact one is in double.
+template <Distortion D>
 Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
-                     const Pinhole<double>& camera) {
+                     const Pinhole<double, D>& camera) {
+    const auto in_float = camera.template cast<float>();
     using Draw = Image<float> (*)(const RenderOptions&, const Gaussians<float>&,
-                                  const Pinhole<float>&, const VecX<float>&);
+                                  const decltype(in_float)&, const VecX<float>&);
     using B = XsimdBackend<>;
     static const std::map<std::string, Draw> by_name{
         {"3dgs",
@@ -88,43 +93,64 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
         return picture<ScalarBackend<>>(Exact64{}, activate(exact, camera.centre()), camera,
                                         VecX<double>(background));
     }
-    const Gaussians<float> g = activate(cloud, Vec3<float>(camera.centre().cast<float>()));
+    const Gaussians<float> g = activate(cloud, Vec3<float>(camera.centre().template cast<float>()));
     if (!o.max_error.empty()) {
-        const VecX<float> behind = background.cast<float>();
-        const SelectedAccuracy chosen = select_accuracy<B, float>(
-            g, camera.cast<float>(), behind, parsed_error(o.max_error, "rye render", "--max-error"));
-        if (chosen.met)
-            std::printf("accuracy %s: the coarsest of %zu whose error stays below %s; on %td tiles it "
-                        "is at most %.2g, and at most %.1f %% of all tiles are worse (95 %% sure)\n",
-                        chosen.name.c_str(), accuracy_ladder.size(), o.max_error.c_str(),
-                        chosen.tiles, chosen.sampled_error, 100 * chosen.failing_share);
-        else
-            std::printf("accuracy %s: the finest there is in float; its own rounding of up to %.2g may "
-                        "break %s (--accuracy exact is in double)\n",
-                        chosen.name.c_str(), chosen.rounding, o.max_error.c_str());
-        return picture<B>(chosen.accuracy, g, camera.cast<float>(), behind);
+        if constexpr (D::bends) {
+            throw Error("rye render: --max-error: got a camera whose lens bends, expected a pinhole's; "
+                        "take --accuracy");
+        } else {
+            const VecX<float> behind = background.cast<float>();
+            const SelectedAccuracy chosen = select_accuracy<B, float>(
+                g, in_float, behind, parsed_error(o.max_error, "rye render", "--max-error"));
+            if (chosen.met)
+                std::printf("accuracy %s: the coarsest of %zu whose error stays below %s; on %td tiles it "
+                            "is at most %.2g, and at most %.1f %% of all tiles are worse (95 %% sure)\n",
+                            chosen.name.c_str(), accuracy_ladder.size(), o.max_error.c_str(),
+                            chosen.tiles, chosen.sampled_error, 100 * chosen.failing_share);
+            else
+                std::printf("accuracy %s: the finest there is in float; its own rounding of up to %.2g may "
+                            "break %s (--accuracy exact is in double)\n",
+                            chosen.name.c_str(), chosen.rounding, o.max_error.c_str());
+            return picture<B>(chosen.accuracy, g, in_float, behind);
+        }
     }
-    return by_name.at(o.accuracy)(o, g, camera.cast<float>(), background.cast<float>());
+    return by_name.at(o.accuracy)(o, g, in_float, background.cast<float>());
+}
+
+/// A view of the options: of the file of cameras, or else from --eye.
+Photograph view_of(const RenderOptions& o) {
+    if (!o.cameras.empty()) {
+        const std::vector<Photograph> all = read_photographs(o.cameras);
+        require(o.view >= 0 && static_cast<std::size_t>(o.view) < all.size(), "rye render",
+                "--view: got " + std::to_string(o.view) + ", expected 0 to below " +
+                    std::to_string(all.size()) + ", the frames of " + o.cameras);
+        return all[static_cast<std::size_t>(o.view)];
+    }
+    require(!o.eye.empty() && !o.target.empty(), "rye render",
+            "got no view, expected --eye and --target, or --cameras");
+    const auto [width, height] = parsed_size(o.size);
+    const double fov = o.fov_deg * 3.14159265358979323846 / 180;
+    return {"", look_at<double>(vector_of(o.eye), vector_of(o.target), vector_of(o.up), fov, width,
+                                height), {}};
 }
 
 void render(const RenderOptions& o) {
     set_threads(o.threads);
     require(o.alpha_floor == 0 || o.accuracy == "3dgs", "rye render",
             "--alpha-floor: got it with --accuracy " + o.accuracy + ", expected --accuracy 3dgs");
-    const auto [width, height] = parsed_size(o.size);
-    const double fov = o.fov_deg * 3.14159265358979323846 / 180;
-    Pinhole<double> camera = look_at<double>(vector_of(o.eye), vector_of(o.target),
-                                             vector_of(o.up), fov, width, height);
-    camera.near_depth = o.near_depth;
+    Photograph view = view_of(o);
+    view.camera.near_depth = o.near_depth;
     const GaussianCloud<float> cloud = read_ply<float>(o.ply);
 
     const auto begin = std::chrono::steady_clock::now();
-    const Image<float> image = picture(o, cloud, camera);
+    const Image<float> image = view.bent()
+                                   ? picture(o, cloud, with_lens(view.camera, view.lens))
+                                   : picture(o, cloud, view.camera);
     const double seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     write_png(o.out, image);
-    std::printf("%s: %td Gaussians, %d x %d pixels, %.3f s\n", o.out.c_str(), cloud.count(), width,
-                height, seconds);
+    std::printf("%s: %td Gaussians, %d x %d pixels%s, %.3f s\n", o.out.c_str(), cloud.count(),
+                image.width, image.height, view.bent() ? " through a lens that bends" : "", seconds);
 }
 
 } // namespace
@@ -137,8 +163,12 @@ void add_render(CLI::App& app) {
         return c->add_option(name, v, help)->delimiter(',')->expected(3)->check(finite);
     };
     c->add_option("ply", o->ply, "PLY file, in the standard form")->required();
-    vector("--eye", o->eye, "Where the camera is: X,Y,Z")->required();
-    vector("--target", o->target, "What it looks at: X,Y,Z")->required();
+    vector("--eye", o->eye, "Where the camera is: X,Y,Z");
+    vector("--target", o->target, "What it looks at: X,Y,Z");
+    c->add_option("--cameras", o->cameras,
+                  "Instead of --eye: a transforms.json; its lens (k1, k2, k3, p1, p2) is drawn through")
+        ->excludes("--eye")->excludes("--target");
+    c->add_option("--view", o->view, "Which frame of --cameras, from 0")->needs("--cameras");
     vector("--up", o->up, "What is up in the picture: X,Y,Z")->capture_default_str();
     c->add_option("--fov", o->fov_deg, "Vertical field of view in degrees")
         ->check(CLI::Range(0.01, 179.0))->capture_default_str();

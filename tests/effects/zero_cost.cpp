@@ -36,6 +36,12 @@
 #ifndef WITHOUT_CORNEAL_BULGE
 #define WITHOUT_CORNEAL_BULGE 0
 #endif
+#ifndef WITHOUT_CORNEAL_REFRACTION
+#define WITHOUT_CORNEAL_REFRACTION 0
+#endif
+#ifndef WITHOUT_GLINT
+#define WITHOUT_GLINT 0
+#endif
 #define LEFT_SKIN (!WITHOUT_LEFT_GAZE && !WITHOUT_PERIOCULAR)
 #define RIGHT_SKIN (!WITHOUT_RIGHT_GAZE && !WITHOUT_PERIOCULAR)
 #define RESTS (WITHOUT_EXPRESSION || WITHOUT_POSE_RESIDUAL || !LEFT_SKIN || !RIGHT_SKIN)
@@ -86,6 +92,12 @@ using E = Joined<detail::List<>
 #if !WITHOUT_CORNEAL_BULGE
     , detail::List<CornealBulge>
 #endif
+#if !WITHOUT_CORNEAL_REFRACTION
+    , detail::List<CornealRefraction>
+#endif
+#if !WITHOUT_GLINT
+    , detail::List<Glint>
+#endif
     >::type;
 // clang-format on
 
@@ -118,6 +130,13 @@ struct HandEyes {
 #if !WITHOUT_KAPPA
     Columns<T> kappa;
 #endif
+    Columns<T> cornea;
+#if !WITHOUT_CORNEAL_REFRACTION
+    Columns<T> index;
+#endif
+#if !WITHOUT_GLINT
+    Columns<T> light_position, light_intensity, light_width;
+#endif
 };
 
 static_assert(sizeof(HandFace) == sizeof(FaceStream<T, E>));
@@ -135,6 +154,7 @@ struct HandDrivers {
 #if !WITHOUT_RIGHT_GAZE
     Vec3<T> right;
 #endif
+    Vec3<T> camera;
 };
 
 struct HandTrace {
@@ -152,6 +172,8 @@ struct HandTrace {
     EyeOffsetTrace<T> offset;
 #endif
     Quat<T> left_turn, right_turn;
+    std::array<Columns<T>, 2> seen;
+    std::array<EyeTransform<T>, 2> placed;
     Gaussians<T> driven_face, world_face, world_eyes;
 };
 
@@ -261,9 +283,34 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
 #endif
     g.opacity = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     const auto place = [&](Index first, EyeTransform<T>& eye) {
+        const std::size_t at = first == 0 ? 0 : 1;
         const Columns<T> points = eyes.position.middleCols(first, n);
         const Columns<T> rotations = eyes.rotation.middleCols(first, n);
-        g.mean.middleCols(first, n) = eye_points<T>(eye, points);
+        const Cornea<T> cornea = cornea_of(eyes.cornea, at);
+        const Vec3<T> camera = into_eye(eye, drivers.camera);
+        t.placed[at] = eye;
+        t.seen[at] = points;
+#if !WITHOUT_CORNEAL_REFRACTION
+        for (Index i = 0; i < n; ++i)
+            t.seen[at].col(i) = seen_through<T>(cornea, eyes.index(0, Index(at)), camera,
+                                                points.col(i));
+#endif
+#if !WITHOUT_GLINT
+        for (Index l = 0; l < eyes.light_width.cols(); ++l) {
+            const T width = eyes.light_width(0, l);
+            const Vec3<T> light = into_eye<T>(eye, eyes.light_position.col(l));
+            const MirrorImage<T> image = mirror_image(cornea, camera, light, width);
+            if (!image.seen) continue;
+            for (Index i = 0; i < n; ++i) {
+                const Vec3<T> x = points.col(i);
+                if (!(dot(x, cornea.axis) > T(0))) continue;
+                const T value = glint_at<T>(image, camera, t.seen[at].col(i), width);
+                for (Index c = 0; c < eyes.light_intensity.rows(); ++c)
+                    g.feature(c, first + i) += eyes.light_intensity(c, l) * value;
+            }
+        }
+#endif
+        g.mean.middleCols(first, n) = eye_points<T>(eye, t.seen[at]);
         g.rotation.middleCols(first, n) = eye_rotations<T>(eye, rotations);
     };
     EyeTransform<T> left = eye_at<T>(centre.col(0)), right = eye_at<T>(centre.col(1));
@@ -292,7 +339,6 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
 #endif
     place(0, left);
     place(n, right);
-    static_cast<void>(drivers);
     t.world_eyes = std::move(g);
 }
 
@@ -417,6 +463,18 @@ void fill(Case& c, Index n, Index per_eye) {
 #if !WITHOUT_KAPPA
     e.kappa = c.eyes.kappa = numbers(2, 2, 0.1, 0, 16);
 #endif
+    const Cornea<T> cornea{Vec3<T>(0, 0, 0.05f), 0.09f, Vec3<T>(0, 0, 1), 0.02f};
+    set_corneas(e.optics, cornea, cornea);
+    c.eyes.cornea = e.optics.cornea;
+#if !WITHOUT_CORNEAL_REFRACTION
+    c.eyes.index = e.optics.index;
+#endif
+#if !WITHOUT_GLINT
+    e.optics.light_position = c.eyes.light_position = numbers(3, 2, 3, 6, 19);
+    e.optics.light_intensity = c.eyes.light_intensity = numbers(3, 2, 0.2, 0.5, 20);
+    e.optics.light_width = c.eyes.light_width = Columns<T>::Constant(1, 2, 0.03f);
+#endif
+    c.drivers.camera = c.hand.camera = Vec3<T>(0.5f, 0.3f, 8.0f);
     c.drivers.expression = c.hand.expression = numbers(k.expression, 1, 1, 0, 17).col(0);
     c.drivers.pose = c.hand.pose = numbers(6, 1, 0.2, 0, 18).col(0);
 #if !WITHOUT_HEAD_POSE

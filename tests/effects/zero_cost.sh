@@ -50,5 +50,7 @@ check RIGHT_GAZE 'RightGaze|GazeField<1'
 check EYE_OFFSET 'EyeOffset|eye_offset'
 check KAPPA 'Kappa|kappa'
 check PERIOCULAR 'Periocular|GazeField'
-check CORNEAL_BULGE 'CornealBulge|cornea'
+check CORNEAL_BULGE 'CornealBulge|cornea_offset'
+check CORNEAL_REFRACTION 'CornealRefraction|seen_through'
+check GLINT 'Glint|glint_at|mirror_image'
 exit $bad

@@ -98,6 +98,7 @@ TEST_CASE("info --effects: photographs call for their lens alone") {
     CHECK(verdict(text, "lens distortion") == "yes");
     CHECK(verdict(text, "left gaze") == "no");
     CHECK(text.find("2 photographs") != std::string::npos);
+    CHECK(text.find("rye render --cameras") != std::string::npos);
     std::ofstream(folder.path / "transforms.json") << "{";
     CHECK_THROWS_AS(explained(folder.path), Error);
 }

@@ -74,6 +74,24 @@ grep -q "^variant .*still (" variant.txt || { cat variant.txt; fail "--effects=s
     --background 1,1,1 --out render.png
 "$rye" render head.ply --eye 0,0,-10 --target 0,0,0 --up 0,-1,0 --fov 18 --size 64x64 \
     --max-error 1/255 --out chosen.png | grep -q "^accuracy" || fail "no word of the chosen accuracy"
+# Through the camera of a photograph, whose lens bends or does not.
+lens() {
+    cat << EOF
+{"w": 64, "h": 64, "fl_x": 190, $1 "frames": [{"file_path": "a.png", "transform_matrix":
+  [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, -10], [0, 0, 0, 1]]}]}
+EOF
+}
+lens '"k1": 0,' > straight.json
+lens '"k1": -0.9, "k2": 0.1,' > bent.json
+lens '"camera_model": "OPENCV_FISHEYE",' > fisheye.json
+"$rye" render head.ply --cameras straight.json --out straight.png > straight.txt
+"$rye" render head.ply --cameras bent.json --view 0 --out bent.png > bent.txt
+grep -q "lens that bends" bent.txt || fail "rye render does not say that the lens bends"
+if cmp -s straight.png bent.png; then fail "a lens changes nothing"; fi
+refuses "OPENCV_FISHEYE" "$rye" render head.ply --cameras fisheye.json --out never.png
+refuses "view" "$rye" render head.ply --cameras bent.json --view 1 --out never.png
+refuses "max-error" "$rye" render head.ply --cameras bent.json --max-error 0.01 --out never.png
+refuses "eye" "$rye" render head.ply --out never.png
 refuses "max-error" "$rye" render head.ply --eye 0,0,-10 --target 0,0,0 --max-error nothing --out x.png
 
 # Bad input. The run stays as it is through all of it.

@@ -5,6 +5,7 @@
 
 #include <rye/autodiff/check.hpp>
 #include <rye/core/random.hpp>
+#include <rye/rig/eyeball.hpp>
 
 using namespace rye;
 
@@ -55,6 +56,24 @@ TEST_CASE("refraction: an iris looks nearer and larger, by the known amounts") {
     CHECK(at[0] / iris[0] == doctest::Approx(magnification).epsilon(1e-3));
     CHECK(magnification > 1.1);
     CHECK(at[2] == doctest::Approx(iris[2]).epsilon(1e-5));   // as far behind the apex as it is
+}
+
+TEST_CASE("refraction: below the index of `droppable` no iris is moved by as much as is seen") {
+    const EyeballShape shape{.iris_plane = 0.1};
+    const Cornea<double> c{V(0, 0, shape.cornea_offset), shape.cornea_radius, V(0, 0, 1),
+                           shape.limbus_plane()};
+    const double index = 1 + CornealRefraction::droppable.most;
+    double most = 0;
+    for (double aside = 0; aside < 1.2; aside += 0.1)
+        for (double r = 0; r < shape.limbus_radius; r += 0.002)
+            for (double a = 0; a < 6.28; a += 0.3) {
+                const V iris(r * std::cos(a), r * std::sin(a), shape.iris(r));
+                const V camera(9 * std::sin(aside), 0, 9 * std::cos(aside));
+                most = std::max(most, (seen_through(c, index, camera, iris) - iris).norm());
+            }
+    MESSAGE("moved by " << most << " at an index of " << index);
+    CHECK(most > 0.1 * least_move);
+    CHECK(most < least_move);
 }
 
 TEST_CASE("refraction: its vjp is the transpose of its duals, on the axis and at the rim too") {

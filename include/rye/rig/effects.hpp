@@ -145,7 +145,7 @@ struct CornealRefraction {
     static constexpr Reads reads = Reads::camera;
     static constexpr Touches touches = Touches::position;
     static constexpr std::string_view neutral = "index 1";
-    static constexpr EffectBound droppable{least_move / 0.1, "the refractive index over 1"};
+    static constexpr EffectBound droppable{least_move / 0.2, "the refractive index over 1"};
 };
 
 /// Lights are mirrored by the cornea: their images are added to the eyeball's colours

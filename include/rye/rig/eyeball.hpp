@@ -5,8 +5,9 @@
 /// eye; the idea of a dense iris from 3DGazeNet's template (Ververas et al., 2024).
 ///
 /// Which surface carries the iris' colour? Through the cornea one sees the iris plane; splatted
-/// Gaussians are opaque and do not refract. So there are two choices: the bulge itself (the paper's
-/// mesh, right in profile), or with `iris_plane` the iris behind it (right in parallax).
+/// Gaussians are opaque and do not refract by themselves. So there are two choices: the bulge
+/// itself (the paper's mesh, right in profile), or with `iris_plane` the iris behind it (right in
+/// parallax), which the effect CornealRefraction (rig/cornea.hpp) shows where it is seen.
 #pragma once
 
 #include <algorithm>

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "photographs.hpp"
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+
+#include <doctest/doctest.h>
+
+using namespace rye;
+using namespace rye::trainer;
+namespace fs = std::filesystem;
+
+namespace {
+
+struct File {
+    fs::path path = fs::temp_directory_path() / "rye_photographs_test.json";
+    ~File() { fs::remove(path); }
+    const fs::path& holds(const std::string& text) const {
+        std::ofstream(path) << text;
+        return path;
+    }
+};
+
+/// A camera 4 before the origin on +z of OpenGL's axes, looking back at it.
+const std::string frame = R"({"file_path": "a.png", "transform_matrix":
+    [[1, 0, 0, 0.5], [0, 1, 0, 0.25], [0, 0, 1, 4], [0, 0, 0, 1]])";
+
+std::string scene(const std::string& more, const std::string& frames = frame + "}") {
+    return R"({"w": 64, "h": 48, "fl_x": 100, "fl_y": 110, "cx": 30, "cy": 25, )" + more +
+           R"("frames": [)" + frames + "]}";
+}
+
+} // namespace
+
+TEST_CASE("photographs: OpenGL's camera becomes OpenCV's, with the file's lens or the frame's") {
+    const File file;
+    const auto all = read_photographs(file.holds(
+        scene(R"("k1": -0.1, "p2": 0.01, )", frame + "}, " + frame + R"(, "k1": 0, "p2": 0, "w": 32})")));
+    REQUIRE(all.size() == 2);
+    const Pinhole<double>& c = all[0].camera;
+    CHECK(c.width == 64);
+    CHECK(all[1].camera.width == 32);
+    CHECK((c.centre() - Vec3<double>(0.5, 0.25, 4)).norm() < 1e-14);
+    // A point to the right of it and above lies right and up in the picture.
+    const Vec3<double> p = c.project_point(Vec3<double>(1.5, 1.25, 0));
+    CHECK(p[0] == doctest::Approx(30 + 25));
+    CHECK(p[1] == doctest::Approx(25 - 27.5));
+    CHECK(p[2] == doctest::Approx(4));
+    CHECK(all[0].bent());
+    CHECK(all[0].lens.k1 == -0.1);
+    CHECK(all[0].lens.p2 == 0.01);
+    CHECK_FALSE(all[1].bent());
+    CHECK(lens_coefficients(file.path) == std::vector<double>{-0.1, 0.01, 0, 0});
+}
+
+TEST_CASE("photographs: what is no lens of OPENCV, or no camera, is refused by name") {
+    const File file;
+    const auto refused = [&](const std::string& text, const char* word) {
+        CHECK_THROWS_WITH_AS(read_photographs(file.holds(text)), doctest::Contains(word), Error);
+    };
+    refused(scene(R"("camera_model": "OPENCV_FISHEYE", )"), "OPENCV_FISHEYE");
+    refused(scene(R"("k4": 0.1, )"), "k4");
+    refused(scene("", R"({"transform_matrix": [[1, 0, 0, 0], [0, 2, 0, 0], [0, 0, 1, 0]]})"),
+            "rotation");
+    refused(scene("", "{}"), "transform_matrix");
+    refused(R"({"frames": [)" + frame + "}]}", "w and h");
+    refused("{", "json");
+    CHECK_THROWS_AS(read_photographs("no such file"), Error);
+}
+
+TEST_CASE("photographs: those of the data folder, where there is one") {
+    const char* const data = std::getenv("RYE_DATA");
+    const fs::path path = fs::path(data == nullptr ? "" : data) / "buddha/transforms.json";
+    if (data == nullptr || !fs::exists(path)) return;
+    for (const Photograph& p : read_photographs(path)) CHECK(p.camera.fx > 0);
+}
