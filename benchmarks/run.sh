@@ -18,4 +18,5 @@ for question in roofline splatting mlp convolution primitives effects; do
 done
 echo "run.sh: compile" >&2
 sh "$here/compile/compile.sh" "$here/../include" > "$parts/compile.md"
+sh "$here/compile/variants.sh" "$here/.." > "$parts/variants.md"
 python3 "$here/tables.py" "$out" "$baseline" "${PAGE:-}" "$parts"/*

@@ -149,7 +149,7 @@ std::string describe(const Capture& c) {
 void add_info(CLI::App& app) {
     struct Arguments {
         std::string folder;
-        bool all = false, effects = false;
+        bool all = false;
         EffectsOptions options;
     };
     CLI::App* command = app.add_subcommand("info", "Describe a capture and check it; or say which "
@@ -159,15 +159,17 @@ void add_info(CLI::App& app) {
                         "Folder of the capture; with --effects also a PLY file of Gaussians, or a "
                         "folder of photographs with a transforms.json");
     command->add_flag("--all-images", arguments->all, "Decode every image, not a sample");
-    auto* effects = command->add_flag("--effects", arguments->effects,
-                                      "Say which effects the scene calls for, and why");
+    auto* effects = command->add_flag("--effects{auto}", arguments->options.variant,
+                                      "Say which effects the scene calls for, and why; with "
+                                      "--run, --effects=NAMES draws the avatar by these effects, "
+                                      "or by a variant");
     command->add_option("--run", arguments->options.run, "Folder of a run: its avatar is judged, too")
         ->needs(effects);
     command->add_option("--bound", arguments->options.bound,
                         "With --effects: the least change of a colour that counts; 0.004 or 1/255")
         ->needs(effects)->capture_default_str();
-    command->callback([arguments] {
-        if (arguments->effects) {
+    command->callback([arguments, effects] {
+        if (effects->count() > 0) {
             arguments->options.scene = arguments->folder;
             std::cout << explain_effects(arguments->options);
             return;

@@ -11,12 +11,12 @@
 #include <nlohmann/json.hpp>
 
 #include <rye/avatar/dispatch.hpp>
-#include <rye/avatar/drive_cache.hpp>
 #include <rye/gaussian/activate.hpp>
 #include <rye/gaussian/ply.hpp>
 
 #include "options.hpp"
 #include "steps.hpp"
+#include "variants.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -191,70 +191,22 @@ std::vector<int> some_frames(const Capture& c, int most) {
     return frames;
 }
 
-AvatarFacts avatar_facts(const TrainState& state, const Capture& c) {
-    AvatarFacts a;
-    const AvatarConfig& config = state.config.avatar;
-    const RestPose<float> rest =
-        rest_pose<TrainBackend>(state.avatar.face, config, state.subject.roles);
-    const auto moved = [&](std::size_t d) { return static_cast<Index>(rest.moved[d].points.size()); };
-    a.moved_by_expression = moved(0);
-    a.moved_by_pose = moved(1);
-    a.moved_by_gaze = {moved(2), moved(3)};
-    for (int f = 0; f < c.frame_count(); ++f) {
-        EyeOffsetTrace<float> trace;
-        const Columns<float> offset = eye_offset<TrainBackend, float>(
-            state.avatar.eyes.offset, config, frame_code(config, frame_drivers(c, f)), trace);
-        a.eye_offset = std::max(a.eye_offset, double(offset.colwise().norm().maxCoeff()));
-    }
-    a.channels = config.channels;
-    const Upsampler<float>& u = state.avatar.upsampler;
-    a.refines = !u.shape.skip || (u.out_weight.array() != 0).any() || (u.out_bias.array() != 0).any();
-    return a;
-}
-
-/// The drivers and the avatar without what is not called for: numbers that hardly vary are held in
-/// the middle of their range.
-Drivers<float> held(Drivers<float> d, const EffectMask& called, const DriverFacts& facts) {
-    const auto middle = [](const Spread& s, Index k) {
-        return static_cast<float>(0.5 * (s.low[static_cast<std::size_t>(k)] +
-                                         s.high[static_cast<std::size_t>(k)]));
-    };
-    if (!called.has(EffectName::expression))
-        for (Index k = 0; k < d.expression.size(); ++k) d.expression[k] = middle(facts.expression, k);
-    if (!called.has(EffectName::head_pose)) {
-        d.pose.setZero();
-        d.scale = 1;
-    }
-    for (std::size_t e = 0; e < 2; ++e)
-        if (!called.has(e == 0 ? EffectName::left_gaze : EffectName::right_gaze))
-            d.gaze[e] = gaze_vector(middle(facts.gaze[e], 0), middle(facts.gaze[e], 1));
-    return d;
-}
-
-std::string check_avatar(const TrainState& state, const Capture& c, const SceneProfile& p,
-                         const DriverFacts& facts) {
-    TrainState less = state;
-    if (!p.effects.has(EffectName::eye_offset)) {
-        less.avatar.eyes.offset.mlp.weight.back().setZero();
-        less.avatar.eyes.offset.mlp.bias.back().setZero();
-    }
+/// Pictures of some frames by the variant that is chosen, against those of all effects.
+std::string check_avatar(const TrainState& state, const Capture& c, const EffectsOptions& o,
+                         double bound) {
+    std::vector<DrawnFrame> shown;
+    for (const int f : some_frames(c, 6))
+        shown.push_back({frame_drivers(c, f), c.camera(f, camera_index(c, "", f)).cast<float>()});
+    const FrameDrawer drawer(state, shown, o.variant, "--effects", bound);
     float worst = 0;
-    const std::vector<int> frames = some_frames(c, 6);
-    for (const int f : frames) {
-        const Pinhole<float> camera = c.camera(f, camera_index(c, "", f)).cast<float>();
-        const Drivers<float> drivers = frame_drivers(c, f);
-        worst = std::max(worst, (render_avatar(state, drivers, camera).high.pixels -
-                                 render_avatar(less, held(drivers, p.effects, facts), camera)
-                                     .high.pixels)
+    for (const DrawnFrame& f : shown)
+        worst = std::max(worst, (drawer.picture_by_all(f).pixels - drawer.picture(f).pixels)
                                     .cwiseAbs().maxCoeff());
-    }
-    return "check          pictures of " + std::to_string(frames.size()) +
-           " frames without what is not called for differ from those of all effects by at most " +
+    return "pictures of " + std::to_string(shown.size()) + " frames, each from its front:\n" +
+           drawer.explanation() +
+           "check          they differ from those of all effects by at most " +
            number(double(worst)) +
-           (worst <= p.bound ? ", within the bound\n" : ", NOT within the bound\n") +
-           (p.effects.has(EffectName::corneal_bulge)
-                ? ""
-                : "               (a cornea is part of the avatar's eyeballs and stays)\n");
+           (worst <= bound ? ", within the bound\n" : ", NOT within the bound\n");
 }
 
 std::string explain_capture(const EffectsOptions& o, const ProfileBounds& bounds) {
@@ -268,7 +220,9 @@ std::string explain_capture(const EffectsOptions& o, const ProfileBounds& bounds
     render.size = render.wanted = {double(c.width), double(c.height)};
     if (state) {
         require_same_subject(*state, c);
-        facts.avatar = avatar_facts(*state, c);
+        std::vector<Drivers<float>> all;
+        for (int f = 0; f < c.frame_count(); ++f) all.push_back(frame_drivers(c, f));
+        facts.avatar = avatar_facts(*state, all, false);
         const int factor = 1 << state->config.gaussians.upsampler.doublings;
         for (double& side : render.size) side /= factor;
         const int f = frame_index(c, "");
@@ -283,7 +237,7 @@ std::string explain_capture(const EffectsOptions& o, const ProfileBounds& bounds
                       (state ? ", and the avatar that was trained of it\n"
                              : "; no run was given, so only the capture is judged\n") +
                       explain(p);
-    if (state) out += check_avatar(*state, c, p, *facts.drivers);
+    if (state) out += check_avatar(*state, c, o, p.bound);
     return out;
 }
 

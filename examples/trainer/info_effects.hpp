@@ -15,6 +15,7 @@ struct EffectsOptions {
     std::string scene;          ///< folder or PLY file
     std::string run;            ///< of a training
     std::string bound = "1/255";
+    std::string variant;        ///< that a run is drawn by, or effects; empty: as its frames call for
 };
 
 /// The choice, a line an effect, and a picture by the choice against one by all effects.

@@ -205,6 +205,15 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
     return v;
 }
 
+Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
+                        const Pinhole<float>& camera) {
+    const TrainConfig& config = state.config;
+    const Pinhole<float> small = scaled(camera, 1.0 / (1 << config.gaussians.upsampler.doublings));
+    const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
+    return upsampler_forward<TrainBackend>(
+        state.avatar.upsampler, TrainRasterizer().forward(driven, small, white).feature, nullptr);
+}
+
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
     TwoStreamTrace<float> trace;
     drive<TrainBackend>(state.avatar, state.config.avatar, state.subject.roles, drivers, trace);

@@ -70,6 +70,10 @@ struct AvatarView {
 AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
                          const Pinhole<float>& camera, bool streams = false);
 
+/// The RGB image of driven Gaussians after super-resolution, on white; as render_avatar's.
+Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
+                        const Pinhole<float>& camera);
+
 /// The driven Gaussians of both streams in the world, the face's first.
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers);
 

@@ -60,7 +60,14 @@ same one/per_view.json cut/per_view.json
 "$rye" redirect --run one --gaze-left 5,10 --gaze-right -5,-10 --out look.png
 "$rye" redirect --run two --gaze-left 5,10 --gaze-right -5,-10 --out look2.png --threads 1
 same look.png look2.png
-"$rye" redirect --run one --sweep --out sweep.png
+"$rye" redirect --run one --sweep --out sweep.png > variant.txt
+grep -q "^variant .*gaze (" variant.txt || { cat variant.txt; fail "a sweep of gazes is not drawn by gaze"; }
+"$rye" redirect --run one --sweep --effects paper --out all.png > variant.txt
+grep -q "^variant .*paper (" variant.txt || { cat variant.txt; fail "--effects paper is not obeyed"; }
+"$rye" info cap --effects --run one > variant.txt
+grep -q "they differ .*, within the bound" variant.txt || { cat variant.txt; fail "another picture"; }
+"$rye" info cap --effects=still --run one > variant.txt
+grep -q "^variant .*still (" variant.txt || { cat variant.txt; fail "--effects=still is not obeyed"; }
 "$rye" export --run one --ply head.ply
 "$rye" export --run one --ply canonical.ply --canonical --sh 3
 "$rye" render head.ply --eye 0,0,-10 --target 0,0,0 --up 0,-1,0 --fov 18 --size 64x64 \
@@ -75,6 +82,7 @@ refuses "holds a run" "$rye" train --capture cap --out one --config small.json
 refuses "nowhere" "$rye" train --capture nowhere --out x1
 refuses "checkpoint" "$rye" redirect --run nowhere --out x.png
 refuses "at most 70" "$rye" redirect --run one --gaze-left 80,0 --gaze-right 0,0 --out x.png
+refuses "got 'smile'" "$rye" redirect --run one --sweep --effects smile --out x.png
 refuses "frame" "$rye" redirect --run one --frame 999 --out x.png
 echo '{"gaussians": {"rates": {"position": "fast"}}}' > bad.json
 refuses "gaussians.rates.position" "$rye" train --capture cap --out x2 --config bad.json

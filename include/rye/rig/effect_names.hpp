@@ -3,6 +3,7 @@
 /// runs: which effects a scene calls for, and which compiled variant has them.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstddef>
@@ -12,6 +13,7 @@
 #include <string_view>
 
 #include <rye/core/config.hpp>
+#include <rye/core/error.hpp>
 
 namespace rye {
 
@@ -81,6 +83,35 @@ inline std::string text_of(const EffectMask& m) {
         if (m.has(static_cast<EffectName>(k)))
             s += (s.empty() ? "" : ", ") + std::string(effect_names[k]);
     return s.empty() ? "none" : s;
+}
+
+/// The set that a list of names means, "head pose, left gaze"; a - or _ may stand for a space.
+/// Error that tells whom it was given to and which name is none.
+inline EffectMask effects_of(std::string_view list, const std::string& who) {
+    const auto same = [](char a, char b) {
+        const auto space = [](char c) { return c == '-' || c == '_' ? ' ' : c; };
+        return space(a) == space(b);
+    };
+    EffectMask m;
+    if (list == "none") return m;
+    while (true) {
+        const std::string_view item = list.substr(0, list.find(','));
+        const std::size_t first = std::min(item.find_first_not_of(' '), item.size());
+        const std::string_view name = item.substr(first, item.find_last_not_of(' ') + 1 - first);
+        std::size_t k = 0;
+        while (k < effect_count && !std::equal(name.begin(), name.end(), effect_names[k].begin(),
+                                               effect_names[k].end(), same))
+            ++k;
+        if (k == effect_count) {
+            EffectMask all;
+            all.bits = (1U << effect_count) - 1;
+            throw Error(who + ": got '" + std::string(name) + "', expected names of effects: " +
+                        text_of(all));
+        }
+        m.add(static_cast<EffectName>(k));
+        if (item.size() == list.size()) return m;
+        list.remove_prefix(item.size() + 1);
+    }
 }
 
 /// The set of some effects' types by their `name`s; one that is not in the list does not compile.

@@ -62,7 +62,7 @@ struct Spread {
 
 /// What the frames of a capture say of one eye.
 struct EyeFacts {
-    double turn = 0;             ///< greatest angle between a gaze and straight ahead [rad]
+    double turn = 0;             ///< greatest angle between a gaze and the eye at rest [rad]
     double iris = 0;             ///< widest in any view that sees it [px]; 0: never seen
     Index views = 0;             ///< that see it
 };
@@ -74,6 +74,8 @@ struct DriverFacts {
     double identity = 0;         ///< farthest a pose is from none: |pose|, |scale - 1|
     std::array<EyeFacts, 2> eyes;
     std::array<Spread, 2> gaze;  ///< (pitch, yaw) [rad]
+    /// Where eyes look that do not turn: straight ahead, or as an avatar is held.
+    std::array<Vec3<double>, 2> rest{Vec3<double>::UnitZ(), Vec3<double>::UnitZ()};
     double kappa = 0;            ///< greatest angle that is still to be added to a gaze [rad]
 
     void add(const std::vector<double>& code, const Vec<double, 6>& p, double s) {
@@ -86,8 +88,7 @@ struct DriverFacts {
     }
     void add_gaze(std::size_t eye, const Vec3<double>& g) {
         gaze[eye].add(pitch_yaw(g));
-        eyes[eye].turn =
-            std::max(eyes[eye].turn, angular_error(g, Vec3<double>(Vec3<double>::UnitZ())));
+        eyes[eye].turn = std::max(eyes[eye].turn, angular_error(g, rest[eye]));
     }
 };
 
@@ -95,7 +96,7 @@ struct DriverFacts {
 struct AvatarFacts {
     Index moved_by_expression = 0, moved_by_pose = 0;  ///< points of the face
     std::array<Index, 2> moved_by_gaze{};
-    double eye_offset = 0;       ///< greatest displacement of a centre in any frame [unit]
+    double eye_offset = 0;       ///< greatest move of a centre from its rest in any frame [unit]
     int channels = 3;
     bool refines = false;        ///< its super-resolution network changes the picture
 };
@@ -222,8 +223,10 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
                 say(turns, false, "no view sees this eye");
             else
                 compare(turns, eye.turn, b.move / b.eye_radius,
-                        "seen in " + std::to_string(eye.views) +
-                            " views; turned from straight ahead by [rad]");
+                        "seen in " + std::to_string(eye.views) + " views; turned from " +
+                            (d.rest[e] == Vec3<double>::UnitZ() ? "straight ahead"
+                                                                : "where it is held") +
+                            " by [rad]");
         }
         if (avatar)
             compare(eye_offset, a.eye_offset, b.move, "the avatar moves an eye's centre by [unit]");
