@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What each effect costs a frame: the time to drive the avatar, with the paper's networks, with
-// every effect, over the time without one of them; and the same of its vjp. The two in turn,
-// several rounds, the least time of each. Both are made anew in each round, in turns first: where an
-// avatar's arrays lie in memory changes the time of a vjp by more than most effects do.
+// every effect, over the time without one of them; and the same of its vjp. The two in turn, each as
+// often first as second, and made anew in each round, so that neither keeps the better place in
+// memory. Few points and many rounds: a short piece of work is rarely disturbed.
 #include <benchmark/benchmark.h>
 
 #include <optional>
@@ -11,7 +11,7 @@
 #include <rye/avatar/two_stream.hpp>
 #include <rye/backend/xsimd.hpp>
 
-#include "../roofline/machine.hpp"
+#include "turns.hpp"
 
 namespace {
 
@@ -21,8 +21,8 @@ using namespace rye::bench;
 using B = XsimdBackend<xsimd::default_arch, Serial>;
 using All = More<PaperEffects, Kappa>;
 using AllOptics = More<All, CornealRefraction, Glint>;
-constexpr Index face_points = 3000, eye_points_each = 500;
-constexpr int rounds = 5;
+constexpr Index face_points = 600, eye_points_each = 100;
+constexpr int rounds = 12, turns_a_round = 4;
 
 Columns<float> noise(Index rows, Index cols, double size, double middle, std::uint64_t stream) {
     Columns<float> a(rows, cols);
@@ -126,21 +126,11 @@ struct Driven {
     }
 };
 
-struct Seconds {
-    double forward = 1e30, backward = 1e30;
-};
-
-template <EffectSet E>
-void measure(Driven<E>& driven, Seconds& s) {
-    s.forward = std::min(s.forward, least_time(1, [&] { driven.forward(); }));
-    s.backward = std::min(s.backward, least_time(1, [&] { driven.backward(); }));
-}
-
 /// The price of effects X (one, or a few that go together) of `With`.
 template <EffectSet With, Effect... X>
 void price(benchmark::State& state) {
     using Without = Less<With, X...>;
-    Seconds a, b;
+    Turns forward, backward;
     double parameters = 0;
     for (auto _ : state)
         for (int r = 0; r < rounds; ++r) {
@@ -149,16 +139,20 @@ void price(benchmark::State& state) {
             if (r % 2 == 0) with.emplace();
             without.emplace();
             if (r % 2 == 1) with.emplace();
-            for (int k = 0; k < 4; ++k) {
-                if ((r + k) % 2 == 0) measure(*with, a);
-                measure(*without, b);
-                if ((r + k) % 2 == 1) measure(*with, a);
-            }
             parameters = double(with->parameters() - without->parameters());
+            for (int k = -1; k < turns_a_round; ++k) {
+                if (k < 0) { // touches the memory
+                    with->forward(), with->backward();
+                    without->forward(), without->backward();
+                    continue;
+                }
+                forward.time([&] { with->forward(); }, [&] { without->forward(); });
+                backward.time([&] { with->backward(); }, [&] { without->backward(); });
+            }
         }
-    state.counters["forward_ratio"] = a.forward / b.forward;
-    state.counters["vjp_ratio"] = a.backward / b.backward;
-    state.counters["share_of_forward"] = (a.forward - b.forward) / a.forward;
+    state.counters["forward_ratio"] = forward.ratio();
+    state.counters["vjp_ratio"] = backward.ratio();
+    state.counters["share_of_forward"] = 1 - 1 / forward.ratio();
     state.counters["parameters"] = parameters;
 }
 
