@@ -5,6 +5,7 @@
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
+#include <vector>
 
 #include <rye/avatar/frame_cache.hpp>
 
@@ -73,6 +74,45 @@ Vec3<float> looking(float step) {
     return Vec3<float>(0.25f * std::sin(step), 0.12f * std::cos(1.7f * step), 1).normalized();
 }
 
+/// Of an update's picture: what blending it from the front cannot do without.
+struct LeastPairs {
+    double changed = 0;  ///< share of pixel-Gaussian pairs that lie in pixels whose bits changed
+    double in_front = 0; ///< of these: share in front of the pixel's first Gaussian that moved
+};
+
+/// By the plain walk. `before` is the render before the update.
+LeastPairs least_pairs(const Raster<float>& before, const Cache& cache, const Shot& shot) {
+    const Raster<float>& after = cache.render().raster();
+    const Gaussians<float>& g = cache.drive().gaussians();
+    std::vector<bool> moved(static_cast<std::size_t>(g.count()), false);
+    for (const Index i : cache.drive().changed()) moved[static_cast<std::size_t>(i)] = true;
+    const Scene<float> s = Rasterizer<OneThread>::scene_of(g, shot.camera, shot.background,
+                                                           after.trace);
+    double all = 0, changed = 0, in_front = 0;
+    for (Index t = 0; t < after.trace.lists.tiles(); ++t)
+        for (int y = s.top(t); y < s.bottom(t); ++y)
+            for (int x = s.left(t); x < s.right(t); ++x) {
+                double pairs = 0, front = 0;
+                bool met = false;
+                walk_pixel(s, Balanced(), t, x, y, [&](const Hit<float>& h) {
+                    met = met || moved[s.member(h.entry).source];
+                    front += met ? 0 : 1;
+                    ++pairs;
+                });
+                all += pairs;
+                const Index p = s.pixel(x, y);
+                const auto same = [&](const Image<float>& a, const Image<float>& b) {
+                    return (a.pixels.col(p).array() == b.pixels.col(p).array()).all();
+                };
+                if (same(before.feature, after.feature) && same(before.alpha, after.alpha) &&
+                    same(before.depth, after.depth))
+                    continue;
+                changed += pairs;
+                in_front += front;
+            }
+    return {all > 0 ? changed / all : 0, changed > 0 ? in_front / changed : 0};
+}
+
 /// Rounds of: a whole frame, the same by a cache that has kept nothing but the rest pose, and by
 /// one that has kept the frame before. `next` makes the next frame of the one before.
 template <class Next>
@@ -115,6 +155,10 @@ void frames(benchmark::State& state, const Next& next) {
                 all.picture();
             });
         }
+    const Raster<float> before = kept.render().raster();
+    next(shot, 13);
+    kept.update(shot.drivers, shot.camera, shot.background);
+    const LeastPairs least = least_pairs(before, kept, shot);
     const double mine = update.seconds + upsample.seconds;
     const double gaussians = static_cast<double>(s.avatar.face.position.cols() +
                                                  s.avatar.eyes.position.cols());
@@ -130,6 +174,8 @@ void frames(benchmark::State& state, const Next& next) {
     c["tiles"] = static_cast<double>(render_work.blended) /
                  static_cast<double>(kept.render().raster().trace.lists.tiles());
     c["pixels"] = static_cast<double>(pixels) / static_cast<double>(kept.picture().size());
+    c["pairs_changed"] = least.changed;
+    c["pairs_in_front"] = least.in_front;
     c["same_bits"] = same ? 1 : 0;
     c["MB"] = static_cast<double>(kept.bytes()) * 1e-6;
 }

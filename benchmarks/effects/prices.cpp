@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // What each effect costs a frame: the time to drive the avatar, with the paper's networks, with
-// every effect, over the time without one of them; and of the bare avatar with that effect alone.
-// The two in turn, several rounds, the least time of each.
+// every effect, over the time without one of them; and the same of its vjp. The two in turn,
+// several rounds, the least time of each. Both are made anew in each round, in turns first: where an
+// avatar's arrays lie in memory changes the time of a vjp by more than most effects do.
 #include <benchmark/benchmark.h>
 
+#include <optional>
 #include <string>
-#include <vector>
 
 #include <rye/avatar/two_stream.hpp>
 #include <rye/backend/xsimd.hpp>
@@ -41,6 +42,8 @@ struct Driven {
     TwoStream<float, E> avatar;
     Drivers<float, E> drivers;
     TwoStreamTrace<float, E> trace;
+    TwoStream<float, E> gradient;
+    Gaussians<float> g_face, g_eyes;
 
     Driven() {
         config.expression = 64;
@@ -105,8 +108,14 @@ struct Driven {
             if constexpr (eye_turns<E, eye>)
                 of_eye<eye>(drivers.gaze) = Vec3<float>(0.2f, 0.1f, 0.95f);
         });
+        gradient = zeros_like(avatar);
     }
     void forward() { drive<B>(avatar, config, roles, drivers, trace); }
+    void backward() {
+        g_face = trace.world_face;  // any cotangents do; the vjp consumes them
+        g_eyes = trace.world_eyes;
+        drive_vjp<B>(avatar, config, drivers, trace, g_face, g_eyes, gradient);
+    }
     /// Trained numbers, but for the Gaussians' own.
     Index parameters() const {
         Index n = 0;
@@ -119,27 +128,40 @@ struct Driven {
     }
 };
 
+struct Seconds {
+    double forward = 1e30, backward = 1e30;
+};
+
 template <EffectSet E>
-void measure(Driven<E>& driven, double& seconds) {
-    seconds = std::min(seconds, least_time(1, [&] { driven.forward(); }));
+void measure(Driven<E>& driven, Seconds& s) {
+    s.forward = std::min(s.forward, least_time(1, [&] { driven.forward(); }));
+    s.backward = std::min(s.backward, least_time(1, [&] { driven.backward(); }));
 }
 
 /// The price of effects X (one, or a few that go together) of `With`.
 template <EffectSet With, Effect... X>
 void price(benchmark::State& state) {
     using Without = Less<With, X...>;
-    Driven<With> with;
-    Driven<Without> without;
-    double a = 1e30, b = 1e30;  // [s]
+    Seconds a, b;
+    double parameters = 0;
     for (auto _ : state)
         for (int r = 0; r < rounds; ++r) {
-            if (r % 2 == 0) measure(with, a);
-            measure(without, b);
-            if (r % 2 == 1) measure(with, a);
+            std::optional<Driven<With>> with;
+            std::optional<Driven<Without>> without;
+            if (r % 2 == 0) with.emplace();
+            without.emplace();
+            if (r % 2 == 1) with.emplace();
+            for (int k = 0; k < 4; ++k) {
+                if ((r + k) % 2 == 0) measure(*with, a);
+                measure(*without, b);
+                if ((r + k) % 2 == 1) measure(*with, a);
+            }
+            parameters = double(with->parameters() - without->parameters());
         }
-    state.counters["forward_ratio"] = a / b;
-    state.counters["share_of_forward"] = (a - b) / a;
-    state.counters["parameters"] = double(with.parameters() - without.parameters());
+    state.counters["forward_ratio"] = a.forward / b.forward;
+    state.counters["vjp_ratio"] = a.backward / b.backward;
+    state.counters["share_of_forward"] = (a.forward - b.forward) / a.forward;
+    state.counters["parameters"] = parameters;
 }
 
 // Two of the same: how far from 1 a ratio is by chance.

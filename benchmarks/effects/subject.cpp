@@ -32,7 +32,8 @@ std::optional<Subject> trained(const SubjectOptions& o) {
                    state.avatar,
                    state.config.avatar,
                    state.subject.roles,
-                   trainer::frame_drivers(capture, frame),
+                   trainer::optical_drivers(
+                       state, trainer::frame_drivers(capture, frame, state.config.gaze_axis)),
                    scaled(capture.camera(frame, camera).cast<float>(), 1.0 / (1 << doublings)),
                    VecX<float>::Ones(state.config.avatar.channels)};
 }

@@ -30,30 +30,37 @@ using namespace rye::bench;
 using B = XsimdBackend<>;
 using Avatar = TwoStream<float>;
 
-/// The least seconds of each part over the steps, and of whole steps.
+/// The least seconds of a step and of each of its parts; a round is several steps.
 struct LeastTimes {
     explicit LeastTimes(double (*c)()) : clock(c) {}
     double (*clock)();
     std::map<std::string, double> parts;
     double step = 1e30, wall = 1e30; ///< on the clock, on the wall
 
-    void start() {
-        begin_ = last_ = clock();
+    void begin_round() {
+        now_.clear();
         wall_begin_ = wall_seconds();
     }
-    void stop() {
-        step = std::min(step, last_ - begin_);
-        wall = std::min(wall, wall_seconds() - wall_begin_);
+    void begin_step() { last_ = clock(); }
+    void end_round(int steps) {
+        double sum = 0;
+        for (const auto& [part, seconds] : now_) {
+            const auto [place, fresh] = parts.try_emplace(part, 1e30);
+            place->second = std::min(place->second, seconds / steps);
+            sum += seconds;
+        }
+        step = std::min(step, sum / steps);
+        wall = std::min(wall, (wall_seconds() - wall_begin_) / steps);
     }
     void operator()(const char* part) {
         const double now = clock();
-        const auto [place, fresh] = parts.try_emplace(part, 1e30);
-        place->second = std::min(place->second, now - last_);
+        now_[part] += now - last_;
         last_ = now;
     }
 
   private:
-    double begin_ = 0, last_ = 0, wall_begin_ = 0;
+    std::map<std::string, double> now_;
+    double last_ = 0, wall_begin_ = 0;
 };
 
 /// The weights of the preset (examples/trainer/config.cpp).
@@ -133,11 +140,21 @@ struct Trainer {
     TwoStreamTrace<float> trace;
     AvatarPictures<float> pictures;
     NeighbourGraph neighbours = four_nearest(s.avatar.eyes.position);
-    Index steps = 0;
 
+    /// One step with the high-resolution eye term and those that go without.
+    void round(LeastTimes& times) {
+        const int steps = weights.eye_high_every;
+        times.begin_round();
+        for (int i = 0; i < steps; ++i) {
+            sample.eyes_high = i == 0;
+            step(times);
+        }
+        times.end_round(steps);
+    }
+
+  private:
     void step(LeastTimes& times) {
-        sample.eyes_high = steps++ % weights.eye_high_every == 0;
-        times.start();
+        times.begin_step();
         avatar_losses<B>(avatar, s.config, s.roles, weights, rasterizer, PyramidGradientLoss{},
                          sample, trace, pictures, times);
         Avatar::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
@@ -146,7 +163,6 @@ struct Trainer {
         grad.eyes.feature += float(weights.eye_smooth) * smooth.gradient;
         adam_step<B>(avatar, grad, adam, [](const std::string&) { return 1e-4; });
         times("optimiser");
-        times.stop();
     }
 };
 
@@ -164,10 +180,10 @@ void step(benchmark::State& state) {
     const double peak = measured_peak();
     double flops = 0;
     for (auto _ : state) {
-        for (int round = 0; round < 12; ++round)  // every third takes the high-resolution eye term
+        for (int round = 0; round < 8; ++round)
             for (const int n : {1, threads}) {
                 use_threads(n);
-                trainer.step(n == 1 ? serial : times);
+                trainer.round(n == 1 ? serial : times);
             }
         flops = network_flops(trainer.avatar, trainer.trace.face);
     }

@@ -16,6 +16,7 @@ template <class F>
 void walk(F& f, TrainConfig& c) {
     f("preset", c.preset);
     f("seed", c.seed);
+    f("gaze_axis", c.gaze_axis);
     f("measured_eyes", c.measured_eyes);
     f("avatar", [&] {
         AvatarConfig& a = c.avatar;
@@ -121,6 +122,7 @@ void walk(F& f, TrainConfig& c) {
             f("delta_pose", g.rates.delta_pose);
             f("eye_feature", g.rates.eye_feature);
             f("eye_offset", g.rates.eye_offset);
+            f("kappa", g.rates.kappa);
         });
         f("upsampler", [&] {
             f("capacity", g.upsampler.capacity);
@@ -142,6 +144,11 @@ const std::vector<std::string>& words<EyeAverage>() {
 template <>
 const std::vector<std::string>& words<Normalization>() {
     static const std::vector<std::string> w{"instance", "none"};
+    return w;
+}
+template <>
+const std::vector<std::string>& words<GazeAxis>() {
+    static const std::vector<std::string> w{"optical", "visual"};
     return w;
 }
 const std::vector<std::string>& metric_words() {
@@ -374,6 +381,7 @@ TrainConfig preset(const std::string& name) {
     g.rates.rotation = 2e-3;
     g.rates.delta_pose = 1e-5;
     g.rates.eye_feature = 1e-2;
+    g.rates.kappa = 1e-3;
     g.rates.eye_offset = 0;
     g.upsampler.capacity = 8;
     g.upsampler.doublings = tiny ? 1 : 0;

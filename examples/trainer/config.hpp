@@ -60,9 +60,15 @@ struct AvatarTrainConfig {
     UpsamplerShape upsampler;   ///< in_channels follows from the avatar
 };
 
+/// Of which axis of an eye the gazes of a run are: the eyeball's own, or the line of sight, which
+/// differs by a constant of the person. By visual axes stage 2 trains an avatar with the effect
+/// Kappa, which learns that constant from 0.
+enum class GazeAxis { optical, visual };
+
 struct TrainConfig {
     std::string preset;
     std::uint64_t seed = 1;
+    GazeAxis gaze_axis = GazeAxis::optical;
     bool measured_eyes = true;  ///< eyeball centres and radii from gaze.npz where it has them, else
                                 ///< from the landmarks around the eyes, as the paper has it
     AvatarConfig avatar;

@@ -83,14 +83,28 @@ Subject describe_subject(const Capture& capture, const TrainConfig& config) {
     return s;
 }
 
-Drivers<float> frame_drivers(const Capture& capture, int frame) {
+Vec3<double> gaze_of(const CaptureEye& eye, GazeAxis axis) {
+    return axis == GazeAxis::visual ? eye.visual.value() : eye.optical;
+}
+
+void require_gazes(const Capture& capture, GazeAxis axis) {
+    if (axis == GazeAxis::optical) return;
+    for (const CaptureFrame& f : capture.frames)
+        for (std::size_t e = 0; e < 2; ++e)
+            require(f.has_gaze && f.eyes[e].visual, capture.folder.string(),
+                    "frame '" + f.id + "': gaze.npz has no visual_" + (e == 0 ? "left" : "right") +
+                        ", expected it in every frame, since the run's gaze_axis is 'visual'");
+}
+
+Drivers<float> frame_drivers(const Capture& capture, int frame, GazeAxis axis) {
     const CaptureFrame& f = capture.frames[static_cast<std::size_t>(frame)];
     Drivers<float> d;
     d.expression = Eigen::Map<const VecX<float>>(f.expression.data(),
                                                  static_cast<Index>(f.expression.size()));
     d.pose = f.pose.cast<float>();
     d.scale = static_cast<float>(f.scale);
-    for (std::size_t eye = 0; eye < 2; ++eye) d.gaze[eye] = f.eyes[eye].optical.cast<float>();
+    for (std::size_t eye = 0; eye < 2; ++eye)
+        d.gaze[eye] = gaze_of(f.eyes[eye], axis).cast<float>();
     return d;
 }
 
@@ -132,7 +146,7 @@ AvatarSample<float> avatar_sample(const Capture& capture, const TrainConfig& con
                                   int camera) {
     const int factor = 1 << config.gaussians.upsampler.doublings;
     AvatarSample<float> s;
-    s.drivers = frame_drivers(capture, frame);
+    s.drivers = frame_drivers(capture, frame, config.gaze_axis);
     const auto place = std::find(capture.train.begin(), capture.train.end(), frame);
     s.frame = place == capture.train.end() ? -1 : place - capture.train.begin();
     s.camera = scaled(capture.camera(frame, camera).cast<float>(), 1.0 / factor);
@@ -158,7 +172,7 @@ MeshSample<float> mesh_sample(const Capture& capture, const Subject& subject,
                               const std::vector<int>& cameras) {
     const CaptureFrame& f = capture.frames[static_cast<std::size_t>(frame)];
     MeshSample<float> s;
-    s.drivers = frame_drivers(capture, frame);
+    s.drivers = frame_drivers(capture, frame, config.gaze_axis);
     s.landmarks = to_canonical(f, frame_landmarks(capture, frame)).cast<float>();
     s.eye_displacement = eye_displacement(capture, subject, frame).cast<float>();
     for (const int camera : cameras) {

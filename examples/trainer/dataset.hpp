@@ -29,7 +29,13 @@ struct Subject {
 /// Error if the capture lacks what training needs (gaze of every frame, training frames).
 Subject describe_subject(const Capture& capture, const TrainConfig& config);
 
-Drivers<float> frame_drivers(const Capture& capture, int frame);
+/// An eye's gaze as a run takes it: unit, head frame.
+Vec3<double> gaze_of(const CaptureEye& eye, GazeAxis axis);
+
+/// Error that names the first frame without such gazes.
+void require_gazes(const Capture& capture, GazeAxis axis);
+
+Drivers<float> frame_drivers(const Capture& capture, int frame, GazeAxis axis);
 
 /// Landmarks of a frame in the world, in the order of Subject::neutral.
 Columns<double> frame_landmarks(const Capture& capture, int frame);

@@ -174,7 +174,7 @@ class Evaluation {
     ViewResult view(int frame, int camera, Image<float>& picture) const {
         const Image<float> truth =
             on_background(capture_.image(frame, camera), capture_.mask(frame, camera), 1.0f);
-        const Drivers<float> drivers = frame_drivers(capture_, frame);
+        const Drivers<float> drivers = frame_drivers(capture_, frame, axis());
         const Image<float> shown = render(drivers, frame, camera);
         const Areas areas = areas_of(capture_, frame, camera);
         ViewResult r;
@@ -196,7 +196,9 @@ class Evaluation {
             const EyeballGeometry ball = eyeball(frame, e);
             const auto on_truth = estimate_gaze(truth, eye, cam, ball);
             if (!on_truth) continue;  // the photograph itself does not tell
-            const Vec3<double> label = drivers.gaze[e].cast<double>();
+            // The iris is seen where the optical axis is.
+            const Vec3<double> label =
+                capture_.frames[static_cast<std::size_t>(frame)].eyes[e].optical;
             r.estimator.add(degrees * angular_error(on_truth->gaze, label));
             const auto measure = [&](const Image<float>& image, GazeErrors& errors) {
                 const auto found = estimate_gaze(image, eye, cam, ball);
@@ -213,6 +215,7 @@ class Evaluation {
     }
 
   private:
+    GazeAxis axis() const { return state_.config.gaze_axis; }
     Image<float> render(const Drivers<float>& drivers, int frame, int camera) const {
         return render_avatar(state_, drivers, capture_.camera(frame, camera).cast<float>()).high;
     }
@@ -222,7 +225,8 @@ class Evaluation {
         float least = 10;
         for (const int f : capture_.train) {
             const Vec3<float> g =
-                capture_.frames[static_cast<std::size_t>(f)].eyes[eye].optical.cast<float>();
+                gaze_of(capture_.frames[static_cast<std::size_t>(f)].eyes[eye], axis())
+                    .cast<float>();
             const float angle = angular_error(g, gaze);
             if (angle < least) least = angle, best = g;
         }

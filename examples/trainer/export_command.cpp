@@ -68,7 +68,8 @@ void export_ply(const ExportOptions& o) {
         const Capture capture =
             read_valid_capture(o.capture.empty() ? std::filesystem::path(state.capture) : o.capture);
         require_same_subject(state, capture);
-        drivers = frame_drivers(capture, frame_index(capture, o.frame));
+        drivers = frame_drivers(capture, frame_index(capture, o.frame),
+                                state.config.gaze_axis);
     }
     if (!o.left.empty()) drivers.gaze[0] = gaze_option(o.left, "--gaze-left");
     if (!o.right.empty()) drivers.gaze[1] = gaze_option(o.right, "--gaze-right");

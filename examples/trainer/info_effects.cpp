@@ -162,7 +162,7 @@ std::string explain_photographs(const std::filesystem::path& folder, const Profi
 
 // ---- captures -----------------------------------------------------------------------------------
 
-DriverFacts driver_facts(const Capture& c) {
+DriverFacts driver_facts(const Capture& c, GazeAxis axis) {
     DriverFacts d;
     for (int f = 0; f < c.frame_count(); ++f) {
         const CaptureFrame& frame = c.frames[static_cast<std::size_t>(f)];
@@ -170,7 +170,7 @@ DriverFacts driver_facts(const Capture& c) {
         if (!frame.has_gaze) continue;
         for (std::size_t e = 0; e < 2; ++e) {
             const CaptureEye& eye = frame.eyes[e];
-            d.add_gaze(e, eye.optical);
+            d.add_gaze(e, gaze_of(eye, axis));
             if (!c.has_eye_masks) continue;
             for (int k = 0; k < c.camera_count(); ++k) {
                 if (!c.view(f, k).present) continue;
@@ -205,7 +205,8 @@ std::string check_avatar(const TrainState& state, const Capture& c, const Effect
                          double bound) {
     std::vector<DrawnFrame> shown;
     for (const int f : some_frames(c, 6))
-        shown.push_back({frame_drivers(c, f), c.camera(f, camera_index(c, "", f)).cast<float>()});
+        shown.push_back({frame_drivers(c, f, state.config.gaze_axis),
+                         c.camera(f, camera_index(c, "", f)).cast<float>()});
     const FrameDrawer drawer(state, shown, o.variant, "--effects", bound);
     float worst = 0;
     for (const DrawnFrame& f : shown)
@@ -224,18 +225,20 @@ std::string explain_capture(const EffectsOptions& o, const ProfileBounds& bounds
     const Capture c = read_capture(o.scene.empty() ? state->capture : o.scene);
     require(c.frame_count() > 0, "rye info", "got a capture without frames, expected some");
     SceneFacts facts;
-    facts.drivers = driver_facts(c);
+    if (state) require_same_subject(*state, c);
+    facts.drivers = driver_facts(c, state ? state->config.gaze_axis : GazeAxis::optical);
+    if (state && state->kappa.size() > 0)
+        facts.drivers->kappa = static_cast<double>(state->kappa.colwise().norm().maxCoeff());
     RenderFacts render;
     render.size = render.wanted = {double(c.width), double(c.height)};
     if (state) {
-        require_same_subject(*state, c);
         std::vector<Drivers<float>> all;
-        for (int f = 0; f < c.frame_count(); ++f) all.push_back(frame_drivers(c, f));
+        for (int f = 0; f < c.frame_count(); ++f) all.push_back(frame_drivers(c, f, state->config.gaze_axis));
         facts.avatar = avatar_facts(*state, all, false);
         const int factor = 1 << state->config.gaussians.upsampler.doublings;
         for (double& side : render.size) side /= factor;
         const int f = frame_index(c, "");
-        add_splats(driven_gaussians(*state, frame_drivers(c, f)),
+        add_splats(driven_gaussians(*state, frame_drivers(c, f, state->config.gaze_axis)),
                    scaled(c.camera(f, camera_index(c, "", f)).cast<float>(), 1.0 / factor),
                    bounds.pixel, render);
     }

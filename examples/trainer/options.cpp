@@ -62,6 +62,7 @@ void require_same_subject(const TrainState& state, const Capture& capture) {
     require(width == state.config.avatar.expression, capture.folder.string(),
             "exp_coeff has " + std::to_string(width) + " values, expected " +
                 std::to_string(state.config.avatar.expression) + ", as this run was trained with");
+    require_gazes(capture, state.config.gaze_axis);
     const int factor = 1 << state.config.gaussians.upsampler.doublings;
     require(capture.width % factor == 0 && capture.height % factor == 0, capture.folder.string(),
             "images of " + std::to_string(capture.width) + " x " + std::to_string(capture.height) +

@@ -114,7 +114,8 @@ void redirect(const RedirectOptions& o) {
     require_same_subject(state, capture);
     const int frame = frame_index(capture, o.frame);
     const int cam = camera_index(capture, o.camera, frame);
-    DrawnFrame shown{frame_drivers(capture, frame), capture.camera(frame, cam).cast<float>()};
+    DrawnFrame shown{frame_drivers(capture, frame, state.config.gaze_axis),
+                     capture.camera(frame, cam).cast<float>()};
     if (o.sweep) {
         write_png(o.out, contact_sheet(state, shown, o.effects));
     } else {

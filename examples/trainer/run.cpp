@@ -2,7 +2,9 @@
 #include "run.hpp"
 
 #include <cmath>
+#include <type_traits>
 
+#include <rye/avatar/hold.hpp>
 #include <rye/train/checkpoint.hpp>
 
 namespace rye::trainer {
@@ -75,6 +77,9 @@ void save_checkpoint(const std::filesystem::path& run, const TrainState& state) 
     append_fields("mesh", state.mesh, entries);
     if (state.stage == Stage::mesh) {
         append_adam("mesh_adam", state.mesh_adam, entries);
+    } else if (state.visual) {
+        append_fields("avatar", state.visual->avatar, entries);
+        append_adam("avatar_adam", state.visual->adam, entries);
     } else {
         append_fields("avatar", state.avatar, entries);
         append_adam("avatar_adam", state.avatar_adam, entries);
@@ -156,40 +161,83 @@ TrainState load_checkpoint(const std::filesystem::path& run) {
     s.avatar.face.pose_attributes =
         Mlp<float>(mlp_shape(c.feature, c.pose_code(), c.networks.pose_attributes, 8));
     s.avatar.eyes.offset = s.mesh.eye_offset;
-    load_fields(file, "avatar", s.avatar);
+    const bool visual = s.config.gaze_axis == GazeAxis::visual;
+    require(visual == file.has("avatar.eyes.kappa"), who,
+            visual ? "there is no tensor 'avatar.eyes.kappa', expected one: the run's gaze_axis is "
+                     "'visual'"
+                   : "got a tensor 'avatar.eyes.kappa', expected none: the run's gaze_axis is "
+                     "'optical'");
     const auto agree = [&](const char* name, const auto& a, Index rows, Index cols) {
         require(a.rows() == rows && a.cols() == cols, who,
                 std::string("tensor 'avatar.") + name + "': got shape (" + std::to_string(a.cols()) +
                     ", " + std::to_string(a.rows()) + "), expected (" + std::to_string(cols) + ", " +
                     std::to_string(rows) + ")");
     };
-    const FaceStream<float>& f = s.avatar.face;
-    const EyeStream<float>& e = s.avatar.eyes;
-    const Index n = f.position.cols(), m = e.position.cols();
-    agree("face.xyz", f.position, 3, n);
-    agree("face.feature", f.feature, c.feature, n);
-    agree("face.scales", f.log_scale, 3, n);
-    agree("face.rotation", f.rotation, 4, n);
-    agree("face.opacity", f.opacity_logit, 1, n);
-    agree("eyes.xyz", e.position, 3, m / 2 * 2);
-    agree("eyes.feature", e.feature, c.channels, m);
-    agree("eyes.scales", e.log_scale, 3, m);
-    agree("eyes.rotation", e.rotation, 4, m);
-    agree("eyes.opacity", e.opacity_logit, 1, m);
-    agree("eyes.centre", e.centre, 3, 2);
-    agree("eyes.spacing", e.spacing, 1, m);
-    agree("face.landmarks_3d_neutral", f.landmarks, 3, s.subject.neutral.cols());
-    s.avatar_adam = Adam<Avatar>(s.avatar);
-    load_adam(file, "avatar_adam", s.avatar_adam);
+    const auto load = [&](auto& avatar, auto& adam) {
+        load_fields(file, "avatar", avatar);
+        const auto& f = avatar.face;
+        const auto& e = avatar.eyes;
+        const Index n = f.position.cols(), m = e.position.cols();
+        agree("face.xyz", f.position, 3, n);
+        agree("face.feature", f.feature, c.feature, n);
+        agree("face.scales", f.log_scale, 3, n);
+        agree("face.rotation", f.rotation, 4, n);
+        agree("face.opacity", f.opacity_logit, 1, n);
+        agree("eyes.xyz", e.position, 3, m / 2 * 2);
+        agree("eyes.feature", e.feature, c.channels, m);
+        agree("eyes.scales", e.log_scale, 3, m);
+        agree("eyes.rotation", e.rotation, 4, m);
+        agree("eyes.opacity", e.opacity_logit, 1, m);
+        agree("eyes.centre", e.centre, 3, 2);
+        agree("eyes.spacing", e.spacing, 1, m);
+        agree("face.landmarks_3d_neutral", f.landmarks, 3, s.subject.neutral.cols());
+        adam = Adam<std::remove_reference_t<decltype(avatar)>>(avatar);
+        load_adam(file, "avatar_adam", adam);
+    };
+    if (visual) {
+        VisualTraining& t = s.visual.emplace();
+        t.avatar = restricted<VisualEffects>(s.avatar);
+        t.avatar.eyes.kappa = Columns<float>::Zero(2, 2);
+        s.avatar = {};
+        load(t.avatar, t.adam);
+    } else {
+        load(s.avatar, s.avatar_adam);
+    }
     return s;
 }
 
 TrainState load_trained(const std::filesystem::path& run) {
-    TrainState s = load_checkpoint(run);
+    const TrainState s = load_checkpoint(run);
     require(s.stage == Stage::avatar, run.string(),
             "this run is still in stage 1 (step " + std::to_string(s.step) +
                 "), expected one with Gaussians; continue it with `rye train --resume`");
+    return drawn_state(s);
+}
+
+TrainState drawn_state(const TrainState& state) {
+    TrainState s;
+    s.stage = state.stage;
+    s.step = state.step;
+    s.config = state.config;
+    s.capture = state.capture;
+    s.subject = state.subject;
+    s.train_frames = state.train_frames;
+    if (state.visual) {
+        s.avatar = restricted<TrainEffects>(state.visual->avatar);
+        s.kappa = state.visual->avatar.eyes.kappa;
+    } else {
+        s.avatar = state.avatar;
+        s.kappa = state.kappa;
+    }
     return s;
+}
+
+Drivers<float> optical_drivers(const TrainState& drawn, const Drivers<float>& drivers) {
+    Drivers<float> d = drivers;
+    if (drawn.kappa.size() > 0)
+        for (std::size_t eye = 0; eye < 2; ++eye)
+            d.gaze[eye] = apply_kappa<float>(drivers.gaze[eye], kappa_of(drawn.kappa, eye));
+    return d;
 }
 
 } // namespace rye::trainer

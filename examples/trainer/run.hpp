@@ -18,6 +18,12 @@ namespace rye::trainer {
 
 enum class Stage { mesh, avatar };
 
+/// What stage 2 of a run by visual axes trains.
+struct VisualTraining {
+    VisualAvatar avatar;
+    Adam<VisualAvatar> adam;
+};
+
 /// Everything that the next step depends on.
 struct TrainState {
     Stage stage = Stage::mesh;
@@ -30,6 +36,8 @@ struct TrainState {
     Adam<Mesh> mesh_adam;
     Avatar avatar;           ///< empty in stage 1
     Adam<Avatar> avatar_adam;
+    std::optional<VisualTraining> visual;  ///< of a run by visual axes instead of these two
+    Columns<float> kappa;    ///< of a run by visual axes that is only drawn; else empty
 };
 
 inline std::filesystem::path checkpoint_path(const std::filesystem::path& run) {
@@ -41,7 +49,14 @@ void save_checkpoint(const std::filesystem::path& run, const TrainState& state);
 /// Error naming file and field for anything missing, of another shape, or of another version.
 TrainState load_checkpoint(const std::filesystem::path& run);
 
-/// A run whose second stage has begun; Error otherwise.
+/// A run whose second stage has begun, to be drawn; Error otherwise.
 TrainState load_trained(const std::filesystem::path& run);
+
+/// What draws as the state does, but is not trained: for all runs an avatar that optical axes drive,
+/// with the kappa that leads to them. Without the mesh and what the optimisers keep.
+TrainState drawn_state(const TrainState& state);
+
+/// The drivers, whose gazes are of the run's gaze_axis, with optical axes in their place.
+Drivers<float> optical_drivers(const TrainState& drawn, const Drivers<float>& drivers);
 
 } // namespace rye::trainer

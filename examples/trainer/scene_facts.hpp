@@ -11,14 +11,14 @@
 
 namespace rye::trainer {
 
-/// A picture to be drawn: its drivers, and the camera of the full-size image.
+/// A picture to be drawn: its drivers, whose gazes are of the run's gaze_axis, and the camera of the full-size image.
 struct DrawnFrame {
     Drivers<float> drivers;
     Pinhole<float> camera;
 };
 
 /// What is drawn with an avatar that is held at the first frame: eyes that look the same in all of
-/// them need not turn. An eye counts as seen where its centre lies in the picture.
+/// them need not turn. Gazes are optical axes. An eye counts as seen where its centre lies in the picture.
 DriverFacts driver_facts(const TrainState& state, const std::vector<DrawnFrame>& frames);
 
 /// What the avatar says of frames; centres of eyes move from where they are without its network, or,

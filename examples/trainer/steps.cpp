@@ -2,17 +2,15 @@
 #include "steps.hpp"
 
 #include <cmath>
-#include <variant>
 
-#include <rye/capture/lpips_weights.hpp>
-#include <rye/loss/perceptual.hpp>
+#include <rye/avatar/hold.hpp>
 #include <rye/loss/ssim.hpp>
-#include <rye/loss/smoothness.hpp>
 #include <rye/train/checkpoint.hpp>
 #include <rye/train/fit_deformation.hpp>
 #include <rye/train/initialize.hpp>
-#include <rye/train/stage_avatar.hpp>
 #include <rye/train/stage_mesh.hpp>
+
+#include "avatar_steps.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -67,7 +65,7 @@ double fit_landmarks(TrainState& state, const std::vector<MeshSample<float>>& fr
                                          seed_of(state).fork(9));
 }
 
-void begin_avatar(TrainState& state, const TetGrid<float>& grid) {
+AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     const TrainConfig& config = state.config;
     AvatarInit<float> init;
     init.grid = config.grid.subdivide ? subdivide(grid) : grid;
@@ -87,9 +85,19 @@ void begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     init.frames = static_cast<Index>(state.train_frames.size());
     state.avatar = initialize_avatar<TrainBackend>(state.mesh, config.avatar, init,
                                                    seed_of(state).fork(4));
-    state.avatar_adam = Adam<Avatar>(state.avatar);
+    const AvatarSize size{state.avatar.face.position.cols(), state.avatar.eyes.position.cols()};
+    if (config.gaze_axis == GazeAxis::visual) {
+        VisualTraining& t = state.visual.emplace();
+        t.avatar = restricted<VisualEffects>(state.avatar);
+        t.avatar.eyes.kappa = Columns<float>::Zero(2, 2);
+        t.adam = Adam<VisualAvatar>(t.avatar);
+        state.avatar = {};
+    } else {
+        state.avatar_adam = Adam<Avatar>(state.avatar);
+    }
     state.stage = Stage::avatar;
     state.step = 0;
+    return size;
 }
 
 struct MeshStepper::Memory {
@@ -121,66 +129,31 @@ StepReport MeshStepper::step(TrainState& state, const TetGrid<float>& grid,
             l.vertices, report.first_bad_field};
 }
 
-struct AvatarStepper::Memory {
-    Avatar grad;
-    TwoStreamTrace<float> trace;
-    AvatarPictures<float> pictures;
-    TrainRasterizer rasterizer;
-    NeighbourGraph eye_neighbours; ///< of both eyeballs' points, if their colours are smoothed
-    std::variant<PyramidGradientLoss, LpipsVgg<TrainBackend, float>> perceptual;
+namespace {
+
+class PaperSteps : public AvatarSteps {
+  public:
+    PaperSteps(const TrainState& state, const std::filesystem::path& perceptual_weights)
+        : memory_(state.avatar, state.config, perceptual_weights) {}
+
+    StepReport step(TrainState& state, const AvatarSample<float>& sample, double rate,
+                    const Probe& probe) override {
+        const StepReport report =
+            memory_.step(state.avatar, state.avatar_adam, state, sample, rate, probe);
+        ++state.step;
+        return report;
+    }
+
+  private:
+    StepMemory<TrainEffects> memory_;
 };
 
-AvatarStepper::AvatarStepper(const TrainState& state, const std::filesystem::path& weights)
-    : memory_(std::make_unique<Memory>()) {
-    memory_->grad = zeros_like(state.avatar);
-    if (state.config.gaussians.weights.eye_smooth > 0) {
-        const EyeStream<float>& eyes = state.avatar.eyes;
-        for (Index e = 0; e < 2; ++e) {
-            const Index n = eyes.per_eye();
-            const Columns<float> points = eyes.position.middleCols(e * n, n);
-            const NeighbourGraph of_eye = four_nearest(points, e * n);
-            memory_->eye_neighbours.insert(memory_->eye_neighbours.end(), of_eye.begin(),
-                                           of_eye.end());
-        }
-    }
-    if (weights.empty()) return;
-    memory_->perceptual = LpipsVgg<TrainBackend, float>{read_lpips_weights<float>(weights)};
-}
-AvatarStepper::~AvatarStepper() = default;
+} // namespace
 
-StepReport AvatarStepper::step(TrainState& state, const AvatarSample<float>& sample, double rate,
-                               const Probe& probe) {
-    const TrainConfig& c = state.config;
-    Memory& m = *memory_;
-    AvatarLosses<float> l = std::visit([&](const auto& perceptual) {
-        return avatar_losses<TrainBackend>(state.avatar, c.avatar, state.subject.roles,
-                                           c.gaussians.weights, m.rasterizer, perceptual, sample,
-                                           m.trace, m.pictures, probe);
-    }, m.perceptual);
-    set_zero(m.grad);
-    avatar_losses_vjp<TrainBackend>(state.avatar, c.avatar, m.rasterizer, sample, m.trace,
-                                    m.pictures, m.grad, probe);
-    float eye_smooth = 0;
-    if (c.gaussians.weights.eye_smooth > 0) {
-        const auto weight = static_cast<float>(c.gaussians.weights.eye_smooth);
-        const LossGradient<float> term = smoothness(state.avatar.eyes.feature, m.eye_neighbours);
-        m.grad.eyes.feature += weight * term.gradient;
-        eye_smooth = term.value;
-        l.total += weight * term.value;
-    }
-    const AdamReport report = adam_step<TrainBackend>(
-        state.avatar, m.grad, state.avatar_adam,
-        [&](const std::string& name) { return rate * c.gaussians.rates(name); });
-    if (c.gaussians.eyeball.max_growth > 0)
-        bound_scales(state.avatar.eyes, static_cast<float>(c.gaussians.eyeball.max_growth),
-                     static_cast<float>(c.gaussians.eyeball.thickness));
-    probe("optimiser");
-    ++state.step;
-    return {{{"loss", l.total}, {"high_resolution", l.high_resolution},
-             {"low_resolution", l.low_resolution}, {"perceptual", l.perceptual}, {"dssim", l.dssim},
-             {"eye_low", l.eye_low}, {"eye_high", l.eye_high}, {"blank", l.blank},
-             {"face_alone", l.face_alone}, {"eye_smooth", eye_smooth}},
-            0, report.first_bad_field};
+std::unique_ptr<AvatarSteps> avatar_steps(const TrainState& state,
+                                          const std::filesystem::path& perceptual_weights) {
+    if (state.visual) return visual_steps(state, perceptual_weights);
+    return std::make_unique<PaperSteps>(state, perceptual_weights);
 }
 
 AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
@@ -189,7 +162,8 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
     const int factor = 1 << config.gaussians.upsampler.doublings;
     const Pinhole<float> small = scaled(camera, 1.0 / factor);
     TwoStreamTrace<float> trace;
-    drive<TrainBackend>(state.avatar, config.avatar, state.subject.roles, drivers, trace);
+    drive<TrainBackend>(state.avatar, config.avatar, state.subject.roles,
+                        optical_drivers(state, drivers), trace);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
     const TrainRasterizer rasterizer;
     AvatarView v;
@@ -216,7 +190,8 @@ Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
 
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
     TwoStreamTrace<float> trace;
-    drive<TrainBackend>(state.avatar, state.config.avatar, state.subject.roles, drivers, trace);
+    drive<TrainBackend>(state.avatar, state.config.avatar, state.subject.roles,
+                        optical_drivers(state, drivers), trace);
     return joined(trace.world_face, trace.world_eyes);
 }
 

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <functional>
+#include <memory>
 #include <string>
 
 #include "run.hpp"
@@ -30,8 +31,13 @@ void pretrain_mesh(TrainState& state);
 /// root mean square error that is left, canonical units.
 double fit_landmarks(TrainState& state, const std::vector<MeshSample<float>>& frames);
 
+/// How many Gaussians an avatar has.
+struct AvatarSize {
+    Index face, eyes;
+};
+
 /// Turns the guidance mesh into an avatar and the state into one of stage 2, step 0.
-void begin_avatar(TrainState& state, const TetGrid<float>& grid);
+AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid);
 
 /// Memory that steps of one stage share.
 class MeshStepper {
@@ -47,18 +53,16 @@ class MeshStepper {
     std::unique_ptr<Memory> memory_;
 };
 
-class AvatarStepper {
+/// As MeshStepper, for stage 2; which avatar is trained is its affair.
+class AvatarSteps {
   public:
-    /// `perceptual_weights`: a safetensors file for LPIPS, or empty for the weight-free loss.
-    AvatarStepper(const TrainState& state, const std::filesystem::path& perceptual_weights);
-    ~AvatarStepper();
-    StepReport step(TrainState& state, const AvatarSample<float>& sample, double rate,
-                    const Probe& probe);
-
-  private:
-    struct Memory;
-    std::unique_ptr<Memory> memory_;
+    virtual ~AvatarSteps() = default;
+    virtual StepReport step(TrainState& state, const AvatarSample<float>& sample, double rate,
+                            const Probe& probe) = 0;
 };
+/// `perceptual_weights`: a safetensors file for LPIPS, or empty for the weight-free loss.
+std::unique_ptr<AvatarSteps> avatar_steps(const TrainState& state,
+                                          const std::filesystem::path& perceptual_weights);
 
 /// What an avatar shows: the feature renders, and the image after super-resolution on white.
 struct AvatarView {
@@ -66,7 +70,7 @@ struct AvatarView {
     Image<float> high;               ///< RGB
 };
 
-/// `camera` is of the full-size image.
+/// `camera` is of the full-size image. Here and below the state is one that is drawn (run.hpp).
 AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
                          const Pinhole<float>& camera, bool streams = false);
 

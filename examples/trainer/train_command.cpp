@@ -155,11 +155,10 @@ class Trainer {
         if (state_.stage == Stage::mesh) {
             if (!train_mesh()) return false;
             fit_to_landmarks();
-            begin_avatar(state_, grid_);
+            const AvatarSize size = begin_avatar(state_, grid_);
             save_checkpoint(options_.out, state_);
             if (!options_.quiet)
-                std::cout << "stage 2 begins with " << state_.avatar.face.position.cols()
-                          << " face and " << state_.avatar.eyes.position.cols()
+                std::cout << "stage 2 begins with " << size.face << " face and " << size.eyes
                           << " eye Gaussians\n";
         }
         return train_avatar();
@@ -273,7 +272,7 @@ class Trainer {
         const AvatarTrainConfig& g = state_.config.gaussians;
         const Index total = total_steps(g.steps, g.epochs, capture_);
         const Random order = random_.fork(5), views = random_.fork(6), colors = random_.fork(7);
-        AvatarStepper stepper(state_, options_.perceptual_weights);
+        const std::unique_ptr<AvatarSteps> steps = avatar_steps(state_, options_.perceptual_weights);
         Progress progress("stage 2", total, options_.quiet);
         while (state_.step < total) {
             probe_.start();
@@ -281,7 +280,7 @@ class Trainer {
             const AvatarSample<float> sample = sample_of(step, order, views, colors);
             probe_("data");
             const StepReport report =
-                stepper.step(state_, sample, decayed(g.rate_decay, step, total), std::ref(probe_));
+                steps->step(state_, sample, decayed(g.rate_decay, step, total), std::ref(probe_));
             check_applied(report, "avatar");
             const bool last = state_.step == total;
             tell("avatar", report, progress, last);
@@ -295,7 +294,9 @@ class Trainer {
     void write_panel(const AvatarSample<float>& sample) {
         const int factor = 1 << state_.config.gaussians.upsampler.doublings;
         const Pinhole<float> full = scaled(sample.camera, factor);
-        const AvatarView v = render_avatar(state_, sample.drivers, full, true);
+        const AvatarView v =
+            state_.visual ? render_avatar(drawn_state(state_), sample.drivers, full, true)
+                          : render_avatar(state_, sample.drivers, full, true);
         const int width = sample.truth.width;
         const std::string number = std::to_string(state_.step);
         const std::string name = "step_" + std::string(7 - std::min<std::size_t>(7, number.size()), '0') +
@@ -360,6 +361,10 @@ int train(const TrainOptions& o) {
         if (folder.empty()) folder = state.capture;
         if (o.steps) state.config.gaussians.steps = *o.steps;
     }
+    if (o.resume && !o.config.empty())
+        require(config_of(o).gaze_axis == state.config.gaze_axis, o.config.string(),
+                "field 'gaze_axis': got another than that of the run in " + o.out.string() +
+                    ", expected the same: a checkpoint has a kappa or has none");
     require(!folder.empty(), "rye train", "--capture is missing, expected the folder of a capture");
     Capture capture = read_valid_capture(folder);
     if (o.resume) {
@@ -367,6 +372,7 @@ int train(const TrainOptions& o) {
                 "its training frames are not those that this run began with");
     } else {
         state.config = config_of(o);
+        require_gazes(capture, state.config.gaze_axis);
         state.config.avatar.expression = capture.expression_width();
         const int factor = 1 << state.config.gaussians.upsampler.doublings;
         require(capture.width % factor == 0 && capture.height % factor == 0, folder.string(),

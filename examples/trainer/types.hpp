@@ -16,5 +16,8 @@ using TrainEffects = PaperEffects;
 using Mesh = GuidanceMesh<float, TrainEffects>;
 using Avatar = TwoStream<float, TrainEffects>;
 using TrainEyeball = BasicEyeballShape<TrainEffects>;
+/// The avatar that is trained by lines of sight.
+using VisualEffects = More<TrainEffects, Kappa>;
+using VisualAvatar = TwoStream<float, VisualEffects>;
 
 } // namespace rye::trainer

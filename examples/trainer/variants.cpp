@@ -26,10 +26,14 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
                          const std::string& wanted, const std::string& option, double bound)
     : state_(&state) {
     require(!frames.empty(), "FrameDrawer", "got no frames, expected at least one");
-    SceneFacts facts;
-    facts.drivers = driver_facts(state, frames);
+    std::vector<DrawnFrame> optical = frames;
     std::vector<Drivers<float>> drivers;
-    for (const DrawnFrame& f : frames) drivers.push_back(f.drivers);
+    for (DrawnFrame& f : optical) {
+        f.drivers = optical_drivers(state, f.drivers);
+        drivers.push_back(f.drivers);
+    }
+    SceneFacts facts;
+    facts.drivers = driver_facts(state, optical);
     facts.avatar = avatar_facts(state, drivers, true);
     ProfileBounds bounds;
     bounds.color = bound;
@@ -43,7 +47,7 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
     dispatch(AvatarVariants(), taken, [&]<class V>(V) {
         variant_ = V::name;
         driver_ = driver_of<typename V::List>(state.avatar, state.config.avatar,
-                                              state.subject.roles, frames.front().drivers);
+                                              state.subject.roles, drivers.front());
         explanation_ = "variant        " + variant_ + " (" + text_of(V::effects) + "): ";
         if (single)
             explanation_ += "one picture, and leaving effects out takes a frame with all of them\n";
@@ -63,7 +67,7 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
 }
 
 Image<float> FrameDrawer::picture(const DrawnFrame& frame) const {
-    return picture_of(*state_, driver_(frame.drivers), frame.camera);
+    return picture_of(*state_, driver_(optical_drivers(*state_, frame.drivers)), frame.camera);
 }
 
 Image<float> FrameDrawer::picture_by_all(const DrawnFrame& frame) const {

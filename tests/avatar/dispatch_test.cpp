@@ -50,3 +50,18 @@ TEST_CASE("dispatch: what the variant returns, also a reference") {
     int& y = dispatch(Variants<Some<>>{}, {}, [&](auto) -> int& { return x; });
     CHECK(&x == &y);
 }
+
+TEST_CASE("effects_of: names as the documents write them, and what is none is named") {
+    CHECK(effects_of("head pose, left gaze", "who") == EffectMask{head_pose, left_gaze});
+    CHECK(effects_of("super-resolution,left_gaze", "who") == EffectMask{super_resolution, left_gaze});
+    CHECK(effects_of("super resolution", "who") == EffectMask{super_resolution});
+    CHECK(effects_of("none", "who") == EffectMask{});
+    for (std::size_t k = 0; k < effect_count; ++k)
+        CHECK(effects_of(effect_names[k], "who") == EffectMask{static_cast<EffectName>(k)});
+    for (const char* bad : {"", ",", "left", "left gaze,", "left gaze smile"})
+        CHECK_THROWS_AS(effects_of(bad, "who"), Error);
+    CHECK_THROWS_WITH_AS(effects_of("left gaze, smile", "--effects"),
+                         doctest::Contains("--effects: got 'smile', expected names of effects: "
+                                           "expression, head pose, "),
+                         Error);
+}

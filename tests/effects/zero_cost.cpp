@@ -187,7 +187,7 @@ __attribute__((noinline)) void hand_face(const HandFace& face, const AvatarConfi
 #else
     const Columns<T>& seen = face.position;
 #endif
-    t.code = positional_encoding(seen, c.frequencies);
+    encode_points<B>(seen, c.frequencies, t.code);
     tanh_into<B>(face.feature, t.feature);
 #if !(WITHOUT_EXPRESSION && WITHOUT_POSE_RESIDUAL)
     t.w_exp = detail::set_weights<B>(c, c.exp_near, c.exp_far, seen, face.landmarks,

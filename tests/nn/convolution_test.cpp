@@ -69,7 +69,7 @@ TEST_CASE_TEMPLATE("convolution: the vjps are adjoints", B, ScalarBackend<>, Xsi
         const Image<T> din = random_image<T>(s.width, s.height, s.in, 4);
         const Image<T> g = random_image<T>(s.width, s.height, s.out, 5);
         Columns<T> gw = Columns<T>::Zero(s.out, 9 * s.in);
-        convolve3x3_vjp_weight<B>(padded<B>(in), g, gw);
+        convolve3x3_vjp_weight<B>(padded<B>(in), padded<B>(g), gw);
         DotProducts dots; // bilinear, so the derivative is two products
         dots.add_forward(plain_convolution(dw, in).pixels, g.pixels);
         dots.add_forward(plain_convolution(w, din).pixels, g.pixels);
@@ -96,7 +96,7 @@ TEST_CASE("convolution: the same bits with any kind of threads") {
     const Columns<float> w = random_columns<float>(16, 72, 3);
     const auto run = [&]<class B>(B) {
         Columns<float> gw = Columns<float>::Zero(16, 72);
-        convolve3x3_vjp_weight<B>(padded<B>(in), g, gw);
+        convolve3x3_vjp_weight<B>(padded<B>(in), padded<B>(g), gw);
         return std::pair{gw, convolve3x3<B>(w, padded<B>(in)).pixels};
     };
     CHECK(run(XsimdBackend<xsimd::default_arch, Serial>{}) ==

@@ -27,7 +27,7 @@ struct Folder {
 };
 
 std::string explained(const fs::path& scene, const std::string& bound = "1/255") {
-    return explain_effects({scene.string(), "", bound});
+    return explain_effects({scene.string(), "", bound, ""});
 }
 
 /// "yes" or "no": what is said of an effect.

@@ -68,6 +68,22 @@ grep -q "^variant .*paper (" variant.txt || { cat variant.txt; fail "--effects p
 grep -q "they differ .*, within the bound" variant.txt || { cat variant.txt; fail "another picture"; }
 "$rye" info cap --effects=still --run one > variant.txt
 grep -q "^variant .*still (" variant.txt || { cat variant.txt; fail "--effects=still is not obeyed"; }
+
+# By lines of sight the avatar learns a kappa, which its checkpoint and configuration tell.
+sed 's/^{"avatar"/{"gaze_axis": "visual", "avatar"/' small.json > sight.json
+for threads in 1 2; do
+    "$rye" train --capture cap --preset tiny --config sight.json --quiet --out sight$threads \
+        --threads $threads > log.txt
+done
+same sight1/checkpoint.safetensors sight2/checkpoint.safetensors
+grep -q '"gaze_axis": "visual"' sight1/config.json || fail "config.json does not tell the gaze axis"
+grep -q "avatar.eyes.kappa" sight1/checkpoint.safetensors || fail "no kappa in the checkpoint"
+grep -q "avatar.eyes.kappa" one/checkpoint.safetensors && fail "a kappa that nobody asked for"
+"$rye" redirect --run sight1 --gaze-left 5,10 --out sight.png
+"$rye" evaluate --run sight1 --split test > table_sight.txt
+"$rye" info cap --effects --run sight1 > variant.txt
+grep -q "yes  kappa" variant.txt || { cat variant.txt; fail "its kappa is not called for"; }
+
 "$rye" export --run one --ply head.ply
 "$rye" export --run one --ply canonical.ply --canonical --sh 3
 "$rye" render head.ply --eye 0,0,-10 --target 0,0,0 --up 0,-1,0 --fov 18 --size 64x64 \
@@ -98,6 +114,7 @@ refuses "max-error" "$rye" render head.ply --eye 0,0,-10 --target 0,0,0 --max-er
 cat one/checkpoint.safetensors one/config.json one/log.jsonl one/results.json > before.bin
 refuses "holds a run" "$rye" train --capture cap --out one --config small.json
 refuses "nowhere" "$rye" train --capture nowhere --out x1
+refuses "gaze_axis" "$rye" train --out one --resume --config sight.json
 refuses "checkpoint" "$rye" redirect --run nowhere --out x.png
 refuses "at most 70" "$rye" redirect --run one --gaze-left 80,0 --gaze-right 0,0 --out x.png
 refuses "got 'smile'" "$rye" redirect --run one --sweep --effects smile --out x.png

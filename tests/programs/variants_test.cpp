@@ -3,30 +3,12 @@
 
 #include <doctest/doctest.h>
 
-#include "../train/tiny_avatar.hpp"
+#include "tiny_run.hpp"
 
 using namespace rye;
 using namespace rye::trainer;
 
 namespace {
-
-/// A run of random numbers, of which every network changes the picture.
-TrainState tiny_state() {
-    test::Draw draw;
-    TrainState s;
-    s.stage = Stage::avatar;
-    s.config = preset("tiny");
-    s.config.avatar = test::tiny_config();
-    s.subject.roles = test::tiny_roles();
-    const TwoStream<double> avatar = test::tiny_avatar(s.config.avatar, draw);
-    s.config.gaussians.upsampler = avatar.upsampler.shape;
-    s.avatar = test::lifted<float>(avatar);
-    for (std::size_t e = 0; e < 2; ++e) {
-        s.subject.eye_centre[e] = avatar.eyes.centre.col(static_cast<Index>(e));
-        s.subject.limbus_radius[e] = 0.06;
-    }
-    return s;
-}
 
 std::vector<DrawnFrame> frames(int count) {
     return std::vector<DrawnFrame>(static_cast<std::size_t>(count),

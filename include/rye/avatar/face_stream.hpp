@@ -88,7 +88,7 @@ Gaussians<T> face_gaussians(const FaceStream<T, E>& face, const AvatarConfig& co
     const FaceNetworks<T, E>& nets = face.networks;
     const Weights<T, E>& w = trace.weights;
     if constexpr (has_effect<E, FaceDrivers>) {
-        trace.code = positional_encoding(face.seen(), config.frequencies);
+        encode_points<B>(face.seen(), config.frequencies, trace.code);
         tanh_into<B>(face.feature, trace.feature);
         trace.weights =
             face_weights<B, T>(config, face.seen(), face.landmarks, roles, trace.nearest);
@@ -138,8 +138,11 @@ void face_vjp(const FaceStream<T, E>& face, const AvatarConfig& config,
     if constexpr (has_effect<E, FaceDrivers>) {
         const FaceNetworks<T, E>& nets = face.networks;
         FaceNetworks<T, E>& gnets = grad.networks;
-        Columns<T> g_feature = Columns<T>::Zero(face.feature.rows(), n);
-        Columns<T> g_code = Columns<T>::Zero(trace.code.rows(), n);
+        Columns<T> g_feature(face.feature.rows(), n), g_code(trace.code.rows(), n);
+        for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
+            g_feature.middleCols(b, e - b).setZero();
+            g_code.middleCols(b, e - b).setZero();
+        });
         Weights<T, E> g_w(n);
         const Weights<T, E>& w = trace.weights;
         const T one = T(1), reach = T(config.deform_scale), step = T(config.attribute_scale);
@@ -159,13 +162,20 @@ void face_vjp(const FaceStream<T, E>& face, const AvatarConfig& config,
                          {&by.attribute(grad), &g_feature, &by.influence(g_w), g_frame.of(by)});
         });
         if (&face.seen() == &face.position) {  // an anchor is fixed
-            grad.position += positional_encoding_vjp(trace.code, g_code, config.frequencies);
-            face_weights_vjp<T>(config, face.position, face.landmarks, trace.nearest, g_w,
+            encode_points_vjp<B>(trace.code, g_code, config.frequencies, grad.position);
+            face_weights_vjp<B, T>(config, face.position, face.landmarks, trace.nearest, g_w,
                                 grad.position, nullptr);
         }
-        grad.feature += g_feature.cwiseProduct(trace.feature.unaryExpr([](const T& v) {
-            return T((T(1) - v) * (T(1) + v));
-        }));
+        for_chunks<typename B::threads>(g_feature.size(), 16384, [&](Index b, Index e, Index) {
+            T* const to = grad.feature.data() + b;
+            transform_array<B>(
+                e - b, to,
+                [](const auto& sum, const auto& gv, const auto& v) {
+                    using V = std::remove_cvref_t<decltype(v)>;
+                    return sum + gv * ((V(1) - v) * (V(1) + v));
+                },
+                to, g_feature.data() + b, trace.feature.data() + b);
+        });
     }
 }
 

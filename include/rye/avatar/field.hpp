@@ -4,6 +4,7 @@
 /// Source: paper eq. (3), (5), (6) and the same for the gaze; the terms of Phi_f.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <type_traits>
 #include <vector>
@@ -42,10 +43,26 @@ void squash_vjp(Squash squash, const Columns<T>& y, Columns<T>& g) {
 /// Points with an influence, ascending.
 template <class T>
 std::vector<Index> influenced(const Columns<T>& lambda) {
-    std::vector<Index> set;
-    for (Index i = 0; i < lambda.cols(); ++i)
-        if (lambda(0, i) > T(0)) set.push_back(i);
+    std::vector<Index> set(static_cast<std::size_t>(lambda.cols()));
+    std::size_t count = 0;
+    for (Index i = 0; i < lambda.cols(); ++i) {
+        set[count] = i; // kept if the next does not overwrite it
+        if (lambda(0, i) > T(0)) ++count;
+    }
+    set.resize(count);
     return set;
+}
+
+/// Those columns, in that order, on the backend's threads.
+template <Backend B, class T>
+void pick_into(const Columns<T>& all, const std::vector<Index>& which, Columns<T>& picked) {
+    const Index rows = all.rows();
+    picked.resize(rows, static_cast<Index>(which.size()));
+    for_chunks<typename B::threads>(picked.cols(), 1024, [&](Index b, Index e, Index) {
+        for (Index k = b; k < e; ++k)
+            std::copy_n(all.data() + which[static_cast<std::size_t>(k)] * rows, rows,
+                        picked.data() + k * rows);
+    });
 }
 
 /// Squashed outputs of the network for the points of `input`.
@@ -54,6 +71,7 @@ void evaluate_field(const Mlp<T>& mlp, Squash squash, const Columns<T>& input,
                     const VecX<T>& frame, Columns<T>& output,
                     std::type_identity_t<MlpTrace<T>>* trace) {
     output = mlp_forward<B, T>(mlp, input, frame, trace);
+    if (squash == Squash::none) return;
     for_chunks<typename B::threads>(input.cols(), 1024, [&](Index b, Index e, Index) {
         Columns<T> y = output.middleCols(b, e - b);
         squash_in_place(squash, y);
@@ -67,12 +85,16 @@ template <Backend B, class T>
 void accumulate_field(const T& gain, const Columns<T>& lambda, const std::vector<Index>& set,
                       const Columns<T>& output, const std::vector<Index>* listed, Columns<T>& out) {
     const Index n = static_cast<Index>(listed != nullptr ? listed->size() : set.size());
+    const Index rows = out.rows();
     for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
         for (Index j = b; j < e; ++j) {
             const Index k = listed != nullptr ? (*listed)[static_cast<std::size_t>(j)] : j;
             const Index i = set[static_cast<std::size_t>(k)];
             const T w = gain * lambda(0, i);
-            out.col(i) += w * output.col(k);
+            transform_array<B>(
+                rows, out.data() + i * rows,
+                [&]<class V>(const V& sum, const V& y) { return sum + V(w) * y; },
+                out.data() + i * rows, output.data() + k * rows);
         }
     });
 }
@@ -83,7 +105,7 @@ void add_field(const Mlp<T>& mlp, Squash squash, const T& gain, const Columns<T>
                const Columns<T>& lambda, const VecX<T>& frame, Columns<T>& out,
                FieldTrace<T>& trace) {
     trace.set = influenced(lambda);
-    trace.input = pick_columns(inputs, trace.set);
+    pick_into<B>(inputs, trace.set, trace.input);
     evaluate_field<B>(mlp, squash, trace.input, frame, trace.output, &trace.mlp);
     accumulate_field<B>(gain, lambda, trace.set, trace.output, nullptr, out);
 }
@@ -105,16 +127,24 @@ void field_vjp(const Mlp<T>& mlp, Squash squash, const T& gain, const Columns<T>
                const FieldGradients<T>& g) {
     const Index n = static_cast<Index>(trace.set.size());
     if (n == 0) return;
-    Columns<T> g_y(trace.output.rows(), n);
+    const Index rows = trace.output.rows();
+    Columns<T> g_y(rows, n);
     for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
         for (Index k = b; k < e; ++k) {
             const Index i = trace.set[static_cast<std::size_t>(k)];
             const T w = gain * lambda(0, i);
-            g_y.col(k) = w * g_out.col(i);
-            if (g.output != nullptr) g_y.col(k) += g.output->col(k);
-            if (g.lambda != nullptr)
-                (*g.lambda)(0, i) += gain * trace.output.col(k).dot(g_out.col(i));
+            const T *const y = trace.output.data() + k * rows, *const gy = g_out.data() + i * rows;
+            T* const to = g_y.data() + k * rows;
+            for (Index r = 0; r < rows; ++r) to[r] = w * gy[r];
+            if (g.output != nullptr)
+                for (Index r = 0; r < rows; ++r) to[r] += (*g.output)(r, k);
+            if (g.lambda != nullptr) {
+                T along(0);
+                for (Index r = 0; r < rows; ++r) along += y[r] * gy[r];
+                (*g.lambda)(0, i) += gain * along;
+            }
         }
+        if (squash == Squash::none) return;
         Columns<T> block = g_y.middleCols(b, e - b);
         squash_vjp<T>(squash, trace.output.middleCols(b, e - b), block);
         g_y.middleCols(b, e - b) = block;
@@ -124,9 +154,17 @@ void field_vjp(const Mlp<T>& mlp, Squash squash, const T& gain, const Columns<T>
     mlp_vjp<B, T>(mlp, trace.input, frame, trace.mlp, g_y, *g.mlp,
                   g.inputs != nullptr ? &g_input : nullptr,
                   g.frame != nullptr ? &g_frame : nullptr);
-    if (g.inputs != nullptr)
-        for (Index k = 0; k < n; ++k)
-            g.inputs->col(trace.set[static_cast<std::size_t>(k)]) += g_input.col(k);
+    if (g.inputs != nullptr) {
+        const Index inputs = g_input.rows();
+        for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
+            for (Index k = b; k < e; ++k) {
+                T* const to = g.inputs->data() + trace.set[static_cast<std::size_t>(k)] * inputs;
+                transform_array<B>(
+                    inputs, to, [](const auto& x, const auto& y) { return x + y; }, to,
+                    g_input.data() + k * inputs);
+            }
+        });
+    }
     if (g.frame != nullptr) *g.frame += g_frame;
 }
 

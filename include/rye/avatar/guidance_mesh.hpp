@@ -248,7 +248,7 @@ void pose_mesh_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
     if constexpr (has_effect<E, Expression>) color_vjp(ExpressionField{});
     if constexpr (has_effect<E, PoseResidual>) color_vjp(PoseField{});
     g_positions += g_moved + positional_encoding_vjp(p.rest_code, g_code, config.frequencies);
-    face_weights_vjp<T>(config, x, mesh.landmarks, p.nearest, g_w, g_positions, &grad.landmarks);
+    face_weights_vjp<B, T>(config, x, mesh.landmarks, p.nearest, g_w, g_positions, &grad.landmarks);
 }
 
 } // namespace rye

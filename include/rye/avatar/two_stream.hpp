@@ -4,6 +4,8 @@
 /// Source: paper fig. 2 and section 3.2.
 #pragma once
 
+#include <algorithm>
+
 #include <rye/avatar/eye_stream.hpp>
 #include <rye/avatar/face_stream.hpp>
 #include <rye/avatar/own_effects.hpp>
@@ -53,7 +55,7 @@ Gaussians<T> joined(const Gaussians<T>& a, const Gaussians<T>& b) {
     Gaussians<T> g;
     Gaussians<T>::fields([](const std::string&, auto& out, const auto& x, const auto& y) {
         out.resize(x.rows(), x.cols() + y.cols());
-        out << x, y;
+        std::copy_n(y.data(), y.size(), std::copy_n(x.data(), x.size(), out.data()));
     }, g, a, b);
     return g;
 }
@@ -63,7 +65,8 @@ template <class T>
 Gaussians<T> part(const Gaussians<T>& all, Index begin, Index n) {
     Gaussians<T> g;
     Gaussians<T>::fields([&](const std::string&, auto& out, const auto& x) {
-        out = x.middleCols(begin, n);
+        out.resize(x.rows(), n);
+        std::copy_n(x.data() + begin * x.rows(), out.size(), out.data());
     }, g, all);
     return g;
 }

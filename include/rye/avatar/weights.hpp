@@ -68,21 +68,27 @@ Columns<T> set_weights(const AvatarConfig& config, double near, double far,
 }
 
 /// `g` is the cotangent of one set's influence at a point.
-template <class T, class G>
+template <Backend B, class T, class G>
 void set_weights_vjp(const AvatarConfig& config, double near, double far, const Columns<T>& points,
                      const Columns<T>& landmarks, const NearestTrace<T>& trace, const G& g,
                      Columns<T>& g_points, Columns<T>* g_landmarks) {
     const Ramp<T> ramp{T(near), T(far)};
     std::visit([&](const auto& metric) {
-        for (Index i = 0; i < points.cols(); ++i) {
-            const T g_lambda = g(i);
-            const T slope = metric.slope(ramp, trace.squared(0, i));
-            if (slope == T(0)) continue;
-            const Index k = trace.nearest[static_cast<std::size_t>(i)];
-            const Vec3<T> d = (T(2) * g_lambda * slope) * (points.col(i) - landmarks.col(k));
-            g_points.col(i) += d;
-            if (g_landmarks != nullptr) g_landmarks->col(k) -= d;
-        }
+        const auto range = [&](Index begin, Index end, Index) {
+            for (Index i = begin; i < end; ++i) {
+                const T g_lambda = g(i);
+                const T slope = metric.slope(ramp, trace.squared(0, i));
+                if (slope == T(0)) continue;
+                const Index k = trace.nearest[static_cast<std::size_t>(i)];
+                const Vec3<T> d = (T(2) * g_lambda * slope) * (points.col(i) - landmarks.col(k));
+                g_points.col(i) += d;
+                if (g_landmarks != nullptr) g_landmarks->col(k) -= d;
+            }
+        };
+        if (g_landmarks != nullptr) // many points share one
+            range(0, points.cols(), 0);
+        else
+            for_chunks<typename B::threads>(points.cols(), 2048, range);
     }, config.metric);
 }
 
@@ -108,17 +114,17 @@ Weights<T, E> face_weights(const AvatarConfig& config, const Columns<T>& points,
 }
 
 /// Accumulates the gradients to points and landmarks of a cotangent of the weights (pose included).
-template <class T, EffectSet E>
+template <Backend B, class T, EffectSet E>
 void face_weights_vjp(const AvatarConfig& config, const Columns<T>& points,
                       const Columns<T>& landmarks, const WeightsTrace<T, E>& trace,
                       const Weights<T, E>& g, Columns<T>& g_points, Columns<T>* g_landmarks) {
     if constexpr (has_effect<E, ReadsFaceRamp>)
-        detail::set_weights_vjp(config, config.exp_near, config.exp_far, points, landmarks,
+        detail::set_weights_vjp<B>(config, config.exp_near, config.exp_far, points, landmarks,
                                 trace.exp, [&](Index i) { return T(g.exp(0, i) - g.pose(0, i)); },
                                 g_points, g_landmarks);
     for_eyes([&]<std::size_t eye>() {
         if constexpr (skin_follows<E, eye>)
-            detail::set_weights_vjp(config, config.gaze_near, config.gaze_far, points, landmarks,
+            detail::set_weights_vjp<B>(config, config.gaze_near, config.gaze_far, points, landmarks,
                                     of_eye<eye>(trace.gaze),
                                     [&](Index i) { return T(of_eye<eye>(g.gaze)(0, i)); },
                                     g_points, g_landmarks);

@@ -48,13 +48,23 @@ LossGradient<T> smoothness(const Columns<T>& values, const NeighbourGraph& graph
     LossGradient<T> l;
     l.value = T(0);
     l.gradient = Columns<T>::Zero(values.rows(), values.cols());
-    for (Index i = 0; i < values.cols(); ++i)
+    const Index channels = values.rows();
+    for (Index i = 0; i < values.cols(); ++i) {
+        const T* const here = values.data() + i * channels;
+        T* const g_here = l.gradient.data() + i * channels;
         for (const Index k : graph[static_cast<std::size_t>(i)]) {
-            const VecX<T> d = values.col(i) - values.col(k);
-            l.value += share * d.squaredNorm();
-            l.gradient.col(i) += T(2) * share * d;
-            l.gradient.col(k) -= T(2) * share * d;
+            const T* const there = values.data() + k * channels;
+            T* const g_there = l.gradient.data() + k * channels;
+            T squares(0);
+            for (Index c = 0; c < channels; ++c) {
+                const T d = here[c] - there[c], slope = T(2) * share * d;
+                squares += d * d;
+                g_here[c] += slope;
+                g_there[c] -= slope;
+            }
+            l.value += share * squares;
         }
+    }
     return l;
 }
 

@@ -27,6 +27,12 @@ struct Padded {
     using Neighbours = Eigen::Map<const Columns<T>, 0, Eigen::OuterStride<>>;
 
     int channels() const { return static_cast<int>(pixels.rows()); }
+    /// The pixels of row y: channels x width, adjacent.
+    Neighbours row(Index y) const {
+        const Index c = pixels.rows();
+        return {pixels.data() + ((y + 1) * (width + 2) + 1) * c, c, width,
+                Eigen::OuterStride<>(c)};
+    }
     /// For each pixel of row y the three pixels under kernel row ky: 3 channels x width.
     Neighbours under(Index y, int ky) const {
         const Index c = pixels.rows();
@@ -37,9 +43,9 @@ struct Padded {
 /// Rows of an image that one chunk handles: about 2048 pixels.
 inline Index rows_per_chunk(int width) { return std::max<Index>(1, 2048 / std::max(width, 1)); }
 
-/// f of every pixel inside the border.
-template <Backend B, class T, class F>
-Padded<T> padded(const Image<T>& in, const F& f) {
+/// f of every pixel inside the border, of one image or of several of the same shape.
+template <Backend B, class T, class F, class... More>
+Padded<T> padded(const Image<T>& in, const F& f, const More&... more) {
     const Index w = in.width, c = in.channels(), pitch = w + 2;
     Padded<T> out{in.width, in.height, Columns<T>(c, pitch * (in.height + 2))};
     out.pixels.leftCols(pitch).setZero();
@@ -51,7 +57,8 @@ Padded<T> padded(const Image<T>& in, const F& f) {
                 out.pixels.col(row).setZero();
                 out.pixels.col(row + w + 1).setZero();
                 transform_array<B>(w * c, out.pixels.col(row + 1).data(), f,
-                                   in.pixels.data() + y * w * c);
+                                   in.pixels.data() + y * w * c,
+                                   more.pixels.data() + y * w * c...);
             }
         });
     return out;
@@ -118,13 +125,17 @@ Columns<T> adjoint_weight3x3(const Columns<T>& weight) {
 
 /// The cotangent of the input from that of the output.
 template <Backend B, class T>
+Image<T> convolve3x3_vjp_input(const Columns<T>& weight, const Padded<T>& g) {
+    return convolve3x3<B>(adjoint_weight3x3(weight), g);
+}
+template <Backend B, class T>
 Image<T> convolve3x3_vjp_input(const Columns<T>& weight, const Image<T>& g) {
-    return convolve3x3<B>(adjoint_weight3x3(weight), padded<B>(g));
+    return convolve3x3_vjp_input<B>(weight, padded<B>(g));
 }
 
 /// Adds the cotangent of the weights: partial sums over at most 16 bands of rows, merged in order.
 template <Backend B, class T>
-void convolve3x3_vjp_weight(const Padded<T>& in, const Image<T>& g, Columns<T>& g_weight) {
+void convolve3x3_vjp_weight(const Padded<T>& in, const Padded<T>& g, Columns<T>& g_weight) {
     const Index k = 3 * in.channels();
     const Index rows = std::max(rows_per_chunk(in.width), chunk_count(in.height, 16));
     const bool lanes = detail::runs_in_lanes<B, T>(g.channels(), in.channels(), in.width);
@@ -133,7 +144,7 @@ void convolve3x3_vjp_weight(const Padded<T>& in, const Image<T>& g, Columns<T>& 
         Columns<T>& part = parts[static_cast<std::size_t>(c)];
         part.setZero(g_weight.rows(), g_weight.cols());
         for (Index y = b; y < e; ++y) {
-            const ColumnsView<T> row = g.pixels.middleCols(y * in.width, in.width);
+            const typename Padded<T>::Neighbours row = g.row(y);
             for (int ky = 0; ky < 3; ++ky) {
                 if constexpr (HasLanes<B, T>)
                     if (lanes) {
@@ -148,5 +159,4 @@ void convolve3x3_vjp_weight(const Padded<T>& in, const Image<T>& g, Columns<T>& 
     });
     for (const Columns<T>& part : parts) g_weight += part;
 }
-
 } // namespace rye

@@ -7,6 +7,7 @@
 
 #include <cmath>
 
+#include <rye/backend/backend.hpp>
 #include <rye/core/columns.hpp>
 #include <rye/core/error.hpp>
 
@@ -56,6 +57,25 @@ Columns<typename Y::Scalar> positional_encoding_vjp(const Eigen::MatrixBase<Y>& 
                                        g.middleRows(c, d).cwiseProduct(y.middleRows(s, d)));
     }
     return gx;
+}
+
+/// The same for many points, on the backend's threads. A chunk of 1024 columns is whole vectors.
+template <Backend B, class T>
+void encode_points(const Columns<T>& x, int frequencies, Columns<T>& y) {
+    y.resize(encoded_size(x.rows(), frequencies), x.cols());
+    for_chunks<typename B::threads>(x.cols(), 1024, [&](Index b, Index e, Index) {
+        y.middleCols(b, e - b) = positional_encoding(x.middleCols(b, e - b), frequencies);
+    });
+}
+
+/// Adds the cotangents of many points to g_x.
+template <Backend B, class T>
+void encode_points_vjp(const Columns<T>& y, const Columns<T>& g, int frequencies,
+                       Columns<T>& g_x) {
+    for_chunks<typename B::threads>(y.cols(), 1024, [&](Index b, Index e, Index) {
+        g_x.middleCols(b, e - b) += positional_encoding_vjp(
+            y.middleCols(b, e - b), g.middleCols(b, e - b), frequencies);
+    });
 }
 
 } // namespace rye

@@ -97,10 +97,10 @@ struct MlpTrace {
 
 namespace detail {
 
-/// Points that go through all layers together: about 128 KiB of the widest layer.
+/// Points that go through all layers together: about 128 KiB of the widest layer, whole tiles.
 inline Index mlp_block(const MlpShape& s) {
     const int widest = *std::max_element(s.dims.begin(), s.dims.end());
-    return std::clamp<Index>(32768 / std::max(widest, 1) / 16 * 16, 64, 512);
+    return std::clamp<Index>(32768 / std::max(widest, 1) / 12 * 12, 60, 504);
 }
 
 /// Points per partial sum of weight gradients: whole blocks, at most 16 chunks in all.
@@ -233,34 +233,39 @@ void mlp_vjp(const Mlp<T>& m, const std::type_identity_t<ColumnsView<T>>& points
             to_input[i].set_transposed(m.weight[i].middleCols(h, p));
     }
     const auto added = [](Index, const auto& sum, const auto& before) { return before + sum; };
+    const auto alone = [](Index, const auto& sum, const auto&) { return sum; };
+    const int reads_last = s.skip() < layers ? s.skip() : 0; // whose input the vjp meets first
 
     for_chunks<typename B::threads>(n, chunk, [&](Index first, Index last, Index c) {
         Mlp<T>& part = parts[static_cast<std::size_t>(c)] = Mlp<T>(s);
-        Columns<T> g, g_below;
+        Columns<T> buffers[2];
         LeftFactor<B, T> g_rows;
         for (Index b = first; b < last; b += block) {
             const Index k = std::min(block, last - b);
             const ColumnsView<T> x = points.middleCols(b, k);
-            g = g_out.middleCols(b, k);
-            if (g_points) g_points->middleCols(b, k).setZero();
-            for (int l = layers - 1; l >= 0; --l) {
+            const auto layer = [&](int l, const ColumnsView<T>& g, Columns<T>& g_below) {
                 const std::size_t i = static_cast<std::size_t>(l);
                 const int h = s.hidden_in(l);
-                for (Index j = 0; j < k; ++j) part.bias[i] += g.col(j);
-                g_rows.set(g);
+                g_rows.set_and_sum(g, part.bias[i]);
                 if (s.reads_input(l) && p > 0) {
                     g_rows.times_transposed(x, part.weight[i].middleCols(h, p), added);
-                    if (g_points) to_input[i].times(g, g_points->middleCols(b, k), added);
+                    if (g_points && l == reads_last)
+                        to_input[i].times(g, g_points->middleCols(b, k), alone);
+                    else if (g_points)
+                        to_input[i].times(g, g_points->middleCols(b, k), added);
                 }
-                if (h == 0) continue;
+                if (h == 0) return;
                 const ColumnsView<T> below = trace.hidden[i - 1].middleCols(b, k);
                 g_rows.times_transposed(below, part.weight[i].leftCols(h), added);
-                g_below = below;
-                to_hidden[i].times(g, g_below, [](Index, const auto& sum, const auto& y) {
-                    return leaky_relu_vjp(y, sum);
-                });
-                g.swap(g_below);
-            }
+                g_below.resize(h, k);
+                to_hidden[i].times(
+                    g, g_below,
+                    [](Index, const auto& sum, const auto& y) { return leaky_relu_vjp(y, sum); },
+                    below);
+            };
+            layer(layers - 1, g_out.middleCols(b, k), buffers[0]);
+            for (int l = layers - 2, at = 0; l >= 0; --l, at = 1 - at)
+                layer(l, buffers[at], buffers[1 - at]);
         }
     });
 

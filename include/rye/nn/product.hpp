@@ -30,17 +30,34 @@ struct PackedMatrix {
     Index height(Index row) const { return rows - row > lanes ? 2 * lanes : lanes; }
     const T* panel(Index row) const { return data.data() + row * depth; }
 
-    /// A column-major matrix, or its transpose, whose rows are `step` apart.
-    void pack(const ColumnsView<T>& a) {
+    /// A column-major matrix; its columns are added to `sum`, if there is one.
+    void pack(const ColumnsView<T>& a, T* sum = nullptr) {
         shape(a.rows(), a.cols());
         each_panel([&](T* to, Index row, Index h) {
-            const Index n = std::min(h, rows - row);
-            for (Index j = 0; j < depth; ++j, to += h) {
-                std::copy_n(a.data() + j * a.outerStride() + row, n, to);
-                std::fill_n(to + n, h - n, T(0));
+            const T* from = a.data() + row;
+            T* const sums = sum == nullptr ? nullptr : sum + row;
+            const Index n = std::min(h, rows - row), step = a.outerStride();
+            if (n < h) {
+                for (Index j = 0; j < depth; ++j, from += step, to += h) {
+                    std::copy_n(from, n, to);
+                    std::fill_n(to + n, h - n, T(0));
+                    for (Index i = 0; sums != nullptr && i < n; ++i) sums[i] += from[i];
+                }
+                return;
+            }
+            for (Index i = 0; i < h; i += lanes) {
+                Batch column_sum(0);
+                for (Index j = 0; j < depth; ++j) {
+                    const Batch v = Batch::load_unaligned(from + i + j * step);
+                    v.store_unaligned(to + i + j * h);
+                    column_sum += v;
+                }
+                if (sums != nullptr)
+                    (Batch::load_unaligned(sums + i) + column_sum).store_unaligned(sums + i);
             }
         });
     }
+    /// The transpose of a column-major matrix.
     void pack_transposed(const ColumnsView<T>& a) {
         shape(a.cols(), a.rows());
         each_panel([&](T* to, Index row, Index h) {
@@ -93,7 +110,8 @@ void product_tile(const T* a, Index depth, const RightFactor<T>& x, Index c, T* 
     tile.each(y, ld, put);
 }
 
-/// A panel times columns [begin, end) of X; y is where column `begin` goes.
+/// A panel times columns [begin, end) of X; y is where column `begin` goes. What is left of two
+/// vectors is one tile: two narrower ones would each wait for their sums.
 template <class Batch, std::size_t V, std::size_t N, class T, class Put>
 void product_panel(const T* a, Index depth, const RightFactor<T>& x, Index begin, Index end, T* y,
                    Index ld, const Put& put) {
@@ -102,24 +120,30 @@ void product_panel(const T* a, Index depth, const RightFactor<T>& x, Index begin
     for (; c + n <= end; c += n, y += n * ld)
         product_tile<Batch, V, N>(a, depth, x, c, y, ld, put);
     if constexpr (N > 1)
-        if (c < end) product_panel<Batch, V, N / 2>(a, depth, x, c, end, y, ld, put);
+        if (c < end)
+            product_panel<Batch, V, V == 2 ? N - 1 : N / 2>(a, depth, x, c, end, y, ld, put);
 }
 
 } // namespace detail
 
-/// y = put(row, A x, y) with vectors of rows that begin at `row`.
+/// y = put(row, A x, before) with vectors of rows that begin at `row`; `before` is y itself or a
+/// matrix of its shape and stride.
 template <class Batch, class Put>
 void packed_product(const PackedMatrix<Batch>& a, const RightFactor<typename Batch::value_type>& x,
                     std::type_identity_t<ColumnsSpan<typename Batch::value_type>> y,
-                    const Put& put) {
+                    const Put& put,
+                    const std::type_identity_t<ColumnsView<typename Batch::value_type>>& before) {
     using T = typename Batch::value_type;
     constexpr Index lanes = static_cast<Index>(Batch::size), block = 12;
     const Index ld = y.outerStride();
-    const auto panel = [&]<std::size_t V>(Index row, Index begin, Index end, T* to, Index step) {
+    RYE_ASSERT(before.outerStride() == ld || y.cols() < 2, "packed_product: strides differ");
+    // `from` is to `before` what `to` is to y.
+    const auto panel = [&]<std::size_t V>(Index row, Index begin, Index end, T* to, const T* from,
+                                          Index step) {
         detail::product_panel<Batch, V, 12 / V>(
             a.panel(row), a.depth, x, begin, end, to, step,
             [&](T* at, const Batch& sum, Index below) {
-                put(row + below, sum, Batch::load_unaligned(at)).store_unaligned(at);
+                put(row + below, sum, Batch::load_unaligned(from + (at - to))).store_unaligned(at);
             });
     };
     const auto any_height = [&](Index row, auto... rest) {
@@ -131,45 +155,58 @@ void packed_product(const PackedMatrix<Batch>& a, const RightFactor<typename Bat
     for (Index row = 0; row < a.rows; row += 2 * lanes) {
         const Index height = a.height(row), here = std::min(height, a.rows - row);
         if (here == height) {
-            any_height(row, Index(0), x.columns, y.data() + row, ld);
+            any_height(row, Index(0), x.columns, y.data() + row, before.data() + row, ld);
             continue;
         }
         // The last rows end within a vector: through memory of our own.
         alignas(64) T own[block * 2 * lanes] = {};
         for (Index c = 0; c < x.columns; c += block) {
             const Index n = std::min(block, x.columns - c);
-            for (Index k = 0; k < n; ++k) std::copy_n(&y(row, c + k), here, own + k * height);
-            any_height(row, c, c + n, own, height);
+            for (Index k = 0; k < n; ++k)
+                std::copy_n(before.data() + (c + k) * ld + row, here, own + k * height);
+            any_height(row, c, c + n, own, static_cast<const T*>(own), height);
             for (Index k = 0; k < n; ++k) std::copy_n(own + k * height, here, &y(row, c + k));
         }
     }
 }
 
 /// A left factor A, kept as the backend's products read it. put(row, sum, before) says how sums
-/// become results, where `before` is what stood there: numbers of row `row`, or vectors of rows
-/// from `row` on, which may reach beyond the last row.
+/// become results, where `before` is what stood there, or in a matrix of the same shape and stride:
+/// numbers of row `row`, or vectors of rows from `row` on, which may reach beyond the last row.
 template <Backend B, class T>
 struct LeftFactor {
     Columns<T> a;
 
     void set(const ColumnsView<T>& x) { a = x; }
+    /// ... and adds its columns to `sum`, of as many rows.
+    void set_and_sum(const ColumnsView<T>& x, Columns<T>& sum) {
+        a = x;
+        for (Index j = 0; j < x.cols(); ++j) sum += x.col(j);
+    }
     void set_transposed(const ColumnsView<T>& x) { a = x.transpose(); }
+    /// y = put(row, A x, before)
+    template <class Put>
+    void times(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put,
+               const ColumnsView<T>& before) const {
+        store(a * x, y, put, before);
+    }
     /// y = put(row, A x, y)
     template <class Put>
     void times(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put) const {
-        store(a * x, y, put);
+        store(a * x, y, put, y);
     }
     /// y = put(row, A x^T, y)
     template <class Put>
     void times_transposed(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put) const {
-        store(a * x.transpose(), y, put);
+        store(a * x.transpose(), y, put, y);
     }
 
   private:
     template <class Put>
-    static void store(const Columns<T>& sum, ColumnsSpan<T>& y, const Put& put) {
+    static void store(const Columns<T>& sum, ColumnsSpan<T>& y, const Put& put,
+                      const ColumnsView<T>& before) {
         for (Index j = 0; j < y.cols(); ++j)
-            for (Index i = 0; i < y.rows(); ++i) y(i, j) = put(i, sum(i, j), y(i, j));
+            for (Index i = 0; i < y.rows(); ++i) y(i, j) = put(i, sum(i, j), before(i, j));
     }
 };
 
@@ -179,14 +216,20 @@ struct LeftFactor<B, T> {
     PackedMatrix<typename B::template batch<T>> a;
 
     void set(const ColumnsView<T>& x) { a.pack(x); }
+    void set_and_sum(const ColumnsView<T>& x, Columns<T>& sum) { a.pack(x, sum.data()); }
     void set_transposed(const ColumnsView<T>& x) { a.pack_transposed(x); }
     template <class Put>
+    void times(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put,
+               const ColumnsView<T>& before) const {
+        packed_product(a, RightFactor<T>::of(x), y, put, before);
+    }
+    template <class Put>
     void times(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put) const {
-        packed_product(a, RightFactor<T>::of(x), y, put);
+        packed_product(a, RightFactor<T>::of(x), y, put, y);
     }
     template <class Put>
     void times_transposed(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put) const {
-        packed_product(a, RightFactor<T>::transposed(x), y, put);
+        packed_product(a, RightFactor<T>::transposed(x), y, put, y);
     }
 };
 

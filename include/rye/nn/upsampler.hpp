@@ -188,7 +188,12 @@ Image<T> upsampler_forward(const Upsampler<T>& u, const Image<T>& in,
         t.base = {};
         t.base.width = in.width;
         t.base.height = in.height;
-        t.base.pixels = in.pixels.topRows(3);
+        t.base.pixels.resize(3, in.size());
+        for_chunks<typename B::threads>(
+            in.size(), detail::last_layer_grain, [&](Index b, Index e, Index) {
+                for (Index j = b; j < e; ++j)
+                    for (Index i = 0; i < 3; ++i) t.base.pixels(i, j) = in.pixels(i, j);
+            });
         for (int d = 0; d < s.doublings; ++d) t.base = doubled<B>(t.base);
     }
     const Image<T>& last = t.normal.back();
@@ -211,10 +216,19 @@ void upsampler_vjp(const Upsampler<T>& u, const Image<T>& in, const UpsamplerTra
     const Index pixels = last.size();
     RYE_ASSERT(g_out.rows() == 3 && g_out.cols() == pixels, "upsampler_vjp: shape of g_out");
     // Both outputs have d out / d z = out (1 - out); the base's slope is that over b (1 - b).
-    const Columns<T> g_z =
-        g_out.cwiseProduct(t.out.pixels.unaryExpr([](const T& o) { return T(o * (T(1) - o)); }));
+    Columns<T> g_z(3, pixels);
+    for_chunks<typename B::threads>(
+        pixels, detail::last_layer_grain, [&](Index b, Index e, Index) {
+            const ColumnsView<T> from = g_out.middleCols(b, e - b);
+            for (Index j = b; j < e; ++j)
+                for (Index i = 0; i < 3; ++i) {
+                    const T o = t.out.pixels(i, j);
+                    g_z(i, j) = from(i, j - b) * (o * (T(1) - o));
+                }
+        });
 
-    Image<T> g(last.width, last.height, s.capacity);
+    Image<T> g{last.width, last.height, 0};
+    g.pixels.resize(s.capacity, pixels);
     const Columns<T> zero = Columns<T>::Zero(3, s.capacity + 1);
     const Columns<T> g_outc = sum_chunks<typename B::threads>(
         pixels, detail::outc_grain(pixels), zero, [&](Index b, Index e) {
@@ -229,34 +243,48 @@ void upsampler_vjp(const Upsampler<T>& u, const Image<T>& in, const UpsamplerTra
     g_params.out_weight += g_outc.leftCols(s.capacity);
     g_params.out_bias += g_outc.rightCols(1);
 
+    const auto through_relu = [](const auto& gv, const auto& v) { return relu_vjp(v, gv); };
     for (int l = s.layers() - 1; l >= 0; --l) {
         const std::size_t i = static_cast<std::size_t>(l);
-        const Columns<T>& y = t.normal[i].pixels;
-        for_chunks<typename B::threads>(y.size(), 16384, [&](Index b, Index e, Index) {
-            T* to = g.pixels.data() + b;
-            transform_array<B>(
-                e - b, to, [](const auto& v, const auto& gv) { return relu_vjp(v, gv); },
-                y.data() + b, to);
-        });
-        if (s.norm == Normalization::instance) instance_norm_vjp<B>(y, t.gain[i], g.pixels);
-        convolve3x3_vjp_weight<B>(detail::upsampler_layer_input<B>(in, t.normal, l), g,
+        const Image<T>& y = t.normal[i];
+        Padded<T> g_layer;
+        if (s.norm == Normalization::instance) {
+            for_chunks<typename B::threads>(g.pixels.size(), 16384, [&](Index b, Index e, Index) {
+                T* to = g.pixels.data() + b;
+                transform_array<B>(e - b, to, through_relu, to, y.pixels.data() + b);
+            });
+            instance_norm_vjp<B>(y.pixels, t.gain[i], g.pixels);
+            g_layer = padded<B>(g);
+        } else {
+            g_layer = padded<B>(g, through_relu, y);
+        }
+        convolve3x3_vjp_weight<B>(detail::upsampler_layer_input<B>(in, t.normal, l), g_layer,
                                   g_params.conv[i]);
         if (l == 0 && !g_in) return;
-        g = convolve3x3_vjp_input<B>(u.conv[i], g);
+        g = convolve3x3_vjp_input<B>(u.conv[i], g_layer);
         if (l > 0 && l % 2 == 0) g = doubled_vjp<B>(g);
     }
     *g_in = std::move(g.pixels);
     if (!s.skip) return;
-    Image<T> g_base(last.width, last.height, 3);
-    const auto low = static_cast<real_t<T>>(detail::base_margin), high = 1 - low;
-    g_base.pixels = g_z.binaryExpr(t.base.pixels, [&](const T& gz, const T& b) {
-        const real_t<T> v = value_of(b);
-        const real_t<T> slope = v > low && v < high ? real_t<T>(1) : v < low || v > high ? 0 : 0.5f;
-        const T c = detail::clamped_base(b);
-        return T(T(slope) * gz / (c * (T(1) - c)));
-    });
+    Image<T> g_base{last.width, last.height, 0};
+    g_base.pixels.resize(3, pixels);
+    for_chunks<typename B::threads>(
+        3 * pixels, 3 * detail::last_layer_grain, [&](Index b, Index e, Index) {
+            const auto low = static_cast<real_t<T>>(detail::base_margin), high = 1 - low;
+            for (Index i = b; i < e; ++i) {
+                const T base = t.base.pixels(i), c = detail::clamped_base(base);
+                const real_t<T> v = value_of(base);
+                const real_t<T> slope =
+                    v > low && v < high ? real_t<T>(1) : v < low || v > high ? 0 : 0.5f;
+                g_base.pixels(i) = T(slope) * g_z(i) / (c * (T(1) - c));
+            }
+        });
     for (int d = 0; d < s.doublings; ++d) g_base = doubled_vjp<B>(g_base);
-    g_in->topRows(3) += g_base.pixels;
+    for_chunks<typename B::threads>(
+        g_base.size(), detail::last_layer_grain, [&](Index b, Index e, Index) {
+            for (Index j = b; j < e; ++j)
+                for (Index i = 0; i < 3; ++i) (*g_in)(i, j) += g_base.pixels(i, j);
+        });
 }
 
 } // namespace rye

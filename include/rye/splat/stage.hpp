@@ -71,7 +71,8 @@ auto footprint_of(const ScreenGaussian<T>& s, const Splat<T>& splat, const T& cx
     return f;
 }
 
-/// Completes candidate i, whose splat and footprint are known: it is visible unless it has no rows.
+/// Completes candidate i, whose splat and footprint are known: it is visible if it has rows, of an
+/// image that has columns.
 template <class T, Distortion D>
 void settle(Index i, const Span& rows, const Pinhole<T, D>& camera, RasterScratch<T>& scratch) {
     using R = real_t<T>;
@@ -80,7 +81,7 @@ void settle(Index i, const Span& rows, const Pinhole<T, D>& camera, RasterScratc
     c.rows.begin = rows.begin;
     c.rows.end = rows.end;
     c.source = static_cast<std::uint32_t>(i);
-    const bool visible = rows.begin < rows.end;
+    const bool visible = rows.begin < rows.end && camera.width > 0;
     scratch.state[at] = visible ? Candidacy::visible : Candidacy::hidden;
     if (!visible) return;
     const R x = std::clamp(scratch.footprints[at].x, R(0), static_cast<R>(camera.width - 1));

@@ -226,8 +226,11 @@ struct LaneBlend {
         const int visits = group.visits;
         for (int i = 0; i < visits; i += side_by_side) {
             Several e;
+            // Kept from here on: after a store the compiler would read the numbers again.
+            std::array<const LaneEntry<T>*, side_by_side> of;
             unrolled<side_by_side>([&](auto k) __attribute__((always_inline)) {
-                e.x[k] = LaneGroup<V>::exponent(group.entry[group.of[i + k]], group.strip[i + k]);
+                of[k] = group.entry + group.of[i + k];
+                e.x[k] = LaneGroup<V>::exponent(*of[k], group.strip[i + k]);
             });
             // Exponents below the cut, and so those that the polynomial does not know, go unused.
             Several alpha;
@@ -235,11 +238,12 @@ struct LaneBlend {
                 alpha = e.each(e, [](const V& x, const V&) { return V(Exp2Library()(x)); });
             else
                 alpha = Exp2::within(e);
+            T* const to = group.alpha[i];
             unrolled<side_by_side>([&](auto k) __attribute__((always_inline)) {
-                const LaneEntry<T>& entry = group.entry[group.of[i + k]];
                 V a = alpha.x[k];
-                if constexpr (A::has_floor) a = a - V(entry.floor);
-                where(e.x[k] >= V(entry.cut), V(min(most, a))).store_aligned(group.alpha[i + k]);
+                if constexpr (A::has_floor) a = a - V(of[k]->floor);
+                where(e.x[k] >= V(of[k]->cut), V(min(most, a)))
+                    .store_aligned(to + k * LaneGroup<V>::lanes);
             });
         }
     }

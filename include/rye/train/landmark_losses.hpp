@@ -105,7 +105,7 @@ void landmark_losses_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& con
                              {&of_eye<eye>(grad.networks.gaze_deform), &g_code,
                               &of_eye<eye>(g_w.gaze)});
         });
-        face_weights_vjp<T>(config, m.shifted, mesh.landmarks, m.nearest, g_w, g_shifted,
+        face_weights_vjp<B, T>(config, m.shifted, mesh.landmarks, m.nearest, g_w, g_shifted,
                             &grad.landmarks);
     }
     g_shifted += positional_encoding_vjp(m.code, g_code, config.frequencies);

@@ -107,18 +107,25 @@ LossGradient<T> perceived(const Perceptual& loss, const Image<T>& a, const Image
 /// The same Gaussians with their first channels only.
 template <class T>
 Gaussians<T> with_channels(const Gaussians<T>& g, Index channels) {
-    Gaussians<T> r = g;
+    Gaussians<T> r;
+    Gaussians<T>::fields([&](const std::string&, auto& out, const auto& in) {
+        if (&in != &g.feature) out = in;
+    }, r, g);
     r.feature = g.feature.topRows(channels);
     return r;
 }
 
 /// Adds the gradient of the first Gaussians and channels.
-template <class T>
+template <Backend B, class T>
 void add_first(Gaussians<T>& sum, const Gaussians<T>& g) {
-    Gaussians<T>::fields([](const std::string&, auto& out, const auto& in) {
-        const Index n = std::min(out.cols(), in.cols()), rows = std::min(out.rows(), in.rows());
-        out.topLeftCorner(rows, n) += in.topLeftCorner(rows, n);
-    }, sum, g);
+    const Index n = std::min(sum.count(), g.count());
+    for_chunks<typename B::threads>(n, 4096, [&](Index b, Index e, Index) {
+        Gaussians<T>::fields([&](const std::string&, auto& out, const auto& in) {
+            const Index rows = std::min(out.rows(), in.rows());
+            for (Index i = b; i < e; ++i)
+                for (Index r = 0; r < rows; ++r) out(r, i) += in(r, i);
+        }, sum, g);
+    });
 }
 
 template <Backend B, class T>
@@ -325,9 +332,9 @@ void avatar_losses_vjp(const TwoStream<T, E>& avatar, const AvatarConfig& config
                               &p.g_eye_cloud.opacity, &p.g_eye_cloud.feature})
             g->setZero();
     pull(p.face_cloud, VecX<T>(sample.blank.head(3)), p.face, p.g_face);
-    detail::add_first(p.g_face_cloud, p.g_cloud);
+    detail::add_first<B>(p.g_face_cloud, p.g_cloud);
     pull(p.eye_cloud, VecX<T>(sample.background.head(p.eye_cloud.channels())), p.eyes, p.g_eyes);
-    detail::add_first(p.g_eye_cloud, p.g_cloud);
+    detail::add_first<B>(p.g_eye_cloud, p.g_cloud);
     probe("render vjp");
 
     const Drivers<T, E> drivers = corrected_drivers(avatar, sample);

@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: Apache-2.0
+// What each effect of the picture costs: the time of a frame's render with it over that without it,
+// and, where there is one, of the render's vjp. The two in turn, in turns first, several rounds, the
+// least time of each; one thread; 20000 Gaussians in 256 x 256 pixels.
+#include <benchmark/benchmark.h>
+
+#include <rye/gaussian/activate.hpp>
+#include <rye/nn/upsampler.hpp>
+#include <rye/splat/rasterizer.hpp>
+
+#include "../roofline/machine.hpp"
+#include "../scenes/head_scene.hpp"
+
+namespace {
+
+using namespace rye;
+using namespace rye::bench;
+
+using B = XsimdBackend<xsimd::default_arch, Serial>;
+constexpr Index points = 20000;
+constexpr int size = 256, rounds = 12;
+
+template <Antialias choice>
+struct Smoothed : Balanced {
+    static constexpr Antialias antialias = choice;
+};
+
+/// A picture of a number of channels, and its vjp.
+template <AccuracyPolicy A = Balanced>
+struct Picture {
+    HeadScene scene;
+    Rasterizer<B, A> rasterizer = {};
+    Raster<float> raster = {};
+    RasterScratch<float> scratch = {};
+    Gaussians<float> gradient = {};
+
+    explicit Picture(int channels = 3) : scene(head_scene(points, channels, size)) {}
+    void forward() {
+        rasterizer.forward_into(scene.gaussians, scene.camera, scene.background, raster, &scratch);
+    }
+    void backward() {
+        rasterizer.vjp_into(scene.gaussians, scene.camera, scene.background, raster,
+                            RasterCotangent<float>{scene.cotangent}, gradient, &scratch);
+    }
+};
+
+/// The least times of two frames that are drawn in turns. [s]
+struct Pair {
+    double with = 1e30, without = 1e30;
+    double ratio() const { return with / without; }
+
+    template <class F, class G>
+    void time(int round, const F& frame_with, const G& frame_without) {
+        if (round % 2 == 0) with = std::min(with, least_time(1, frame_with));
+        without = std::min(without, least_time(1, frame_without));
+        if (round % 2 == 1) with = std::min(with, least_time(1, frame_with));
+    }
+};
+
+template <class With, class Without>
+void compare(benchmark::State& state, With&& with, Without&& without) {
+    Pair forward, backward;
+    for (auto _ : state)
+        for (int r = 0; r < rounds; ++r) {
+            forward.time(r, [&] { with.forward(); }, [&] { without.forward(); });
+            backward.time(r, [&] { with.backward(); }, [&] { without.backward(); });
+        }
+    state.counters["forward_ratio"] = forward.ratio();
+    state.counters["vjp_ratio"] = backward.ratio();
+}
+
+template <Antialias with, Antialias without>
+void antialias(benchmark::State& state) {
+    compare(state, Picture<Smoothed<with>>(), Picture<Smoothed<without>>());
+}
+// Two of the same: how far from 1 a ratio is by chance.
+BENCHMARK(antialias<Antialias::dilate, Antialias::dilate>)->Name("picture/nothing")->Iterations(1);
+BENCHMARK(antialias<Antialias::dilate, Antialias::none>)
+    ->Name("picture/antialias_dilate")
+    ->Iterations(1);
+BENCHMARK(antialias<Antialias::mip, Antialias::none>)
+    ->Name("picture/antialias_mip")
+    ->Iterations(1);
+
+/// N channels, over 3.
+void channels(benchmark::State& state) {
+    compare(state, Picture<>(static_cast<int>(state.range(0))), Picture<>(3));
+}
+BENCHMARK(channels)->Name("picture/channels")->Arg(4)->Arg(8)->Arg(16)->Arg(32)->Iterations(1);
+
+/// A coloured background, over black: there is always one.
+void background(benchmark::State& state) {
+    Picture<> coloured, black;
+    coloured.scene.background << 0.9F, 0.3F, 0.1F;
+    compare(state, coloured, black);
+}
+BENCHMARK(background)->Name("picture/background")->Iterations(1);
+
+/// Bands up to `most` of a cloud that has all four, over the constant alone. `activation_ratio` is
+/// of the colours' own stage, `forward_ratio` of that and the render.
+template <int most>
+void harmonics(benchmark::State& state) {
+    Picture<> some, none;
+    GaussianCloud<float> cloud(points, 4);
+    const Gaussians<float>& g = some.scene.gaussians;
+    cloud.mean = g.mean;
+    cloud.rotation = g.rotation;
+    cloud.log_scale = g.scale.array().log();
+    cloud.logit_opacity = (g.opacity.array() / (1 - g.opacity.array())).log();
+    cloud.sh_constant = g.feature;
+    Stream noise{0x5AFEULL};
+    for (Index i = 0; i < cloud.sh_rest.size(); ++i)
+        cloud.sh_rest(i) = static_cast<float>(0.1 * noise.normal());
+    const Vec3<float> eye = some.scene.camera.centre();
+    Pair activation, forward;
+    for (auto _ : state)
+        for (int r = 0; r < rounds; ++r) {
+            const auto activate_with = [&] { some.scene.gaussians = activate<most>(cloud, eye); };
+            const auto activate_without = [&] { none.scene.gaussians = activate<0>(cloud, eye); };
+            activation.time(r, activate_with, activate_without);
+            forward.time(
+                r, [&] { activate_with(), some.forward(); },
+                [&] { activate_without(), none.forward(); });
+        }
+    state.counters["activation_ratio"] = activation.ratio();
+    state.counters["forward_ratio"] = forward.ratio();
+}
+BENCHMARK(harmonics<0>)->Name("picture/sh_bands/0")->Iterations(1);
+BENCHMARK(harmonics<1>)->Name("picture/sh_bands/1")->Iterations(1);
+BENCHMARK(harmonics<2>)->Name("picture/sh_bands/2")->Iterations(1);
+BENCHMARK(harmonics<3>)->Name("picture/sh_bands/3")->Iterations(1);
+BENCHMARK(harmonics<4>)->Name("picture/sh_bands/4")->Iterations(1);
+
+/// A network after the render, over the render alone, of as many channels.
+void super_resolution(benchmark::State& state, const UpsamplerShape& shape) {
+    const Upsampler<float> network = Upsampler<float>::init(shape, Random{3, 0});
+    Picture<> with(shape.in_channels), without(shape.in_channels);
+    Image<float> high;
+    Pair forward;
+    for (auto _ : state)
+        for (int r = 0; r < 5; ++r)
+            forward.time(
+                r,
+                [&] {
+                    with.forward();
+                    high = upsampler_forward<B>(network, with.raster.feature, nullptr);
+                },
+                [&] { without.forward(); });
+    state.counters["forward_ratio"] = forward.ratio();
+}
+/// That of `rye train --preset cpu` keeps the size; the published one makes a side 4 times as long.
+const UpsamplerShape of_cpu{8, 8, 0, Normalization::none, true};
+BENCHMARK_CAPTURE(super_resolution, cpu, of_cpu)
+    ->Name("picture/super_resolution/preset_cpu")
+    ->Iterations(1);
+BENCHMARK_CAPTURE(super_resolution, published, UpsamplerShape())
+    ->Name("picture/super_resolution/published")
+    ->Iterations(1);
+
+} // namespace
