@@ -177,6 +177,7 @@ BENCHMARK(price<All, Periocular>)->Name("price/periocular")->Iterations(1);
 BENCHMARK(price<All, CornealBulge>)->Name("price/corneal_bulge")->Iterations(1);
 BENCHMARK(price<AllOptics, CornealRefraction>)->Name("price/corneal_refraction")->Iterations(1);
 BENCHMARK(price<AllOptics, Glint>)->Name("price/glint")->Iterations(1);
+BENCHMARK(price<Turning>)->Name("price/nothing_of_no_networks")->Iterations(1);
 BENCHMARK(price<Turning, CornealRefraction>)
     ->Name("price/corneal_refraction_of_no_networks")
     ->Iterations(1);
