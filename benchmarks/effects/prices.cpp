@@ -21,6 +21,8 @@ using namespace rye::bench;
 using B = XsimdBackend<xsimd::default_arch, Serial>;
 using All = More<PaperEffects, Kappa>;
 using AllOptics = More<All, CornealRefraction, Glint>;
+/// An avatar without networks, which only turns its eyes and head, with the cornea's optics.
+using Turning = Effects<HeadPose, LeftGaze, RightGaze, CornealRefraction, Glint>;
 constexpr Index face_points = 600, eye_points_each = 100;
 constexpr int rounds = 12, turns_a_round = 4;
 
@@ -169,6 +171,11 @@ BENCHMARK(price<All, Periocular>)->Name("price/periocular")->Iterations(1);
 BENCHMARK(price<All, CornealBulge>)->Name("price/corneal_bulge")->Iterations(1);
 BENCHMARK(price<AllOptics, CornealRefraction>)->Name("price/corneal_refraction")->Iterations(1);
 BENCHMARK(price<AllOptics, Glint>)->Name("price/glint")->Iterations(1);
+BENCHMARK(price<Turning>)->Name("price/nothing_of_no_networks")->Iterations(1);
+BENCHMARK(price<Turning, CornealRefraction>)
+    ->Name("price/corneal_refraction_of_no_networks")
+    ->Iterations(1);
+BENCHMARK(price<Turning, Glint>)->Name("price/glint_of_no_networks")->Iterations(1);
 BENCHMARK(price<All, Expression, PoseResidual, EyeOffset, Periocular>)
     ->Name("price/all_networks")
     ->Iterations(1);

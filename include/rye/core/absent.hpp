@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/core/absent.hpp: members that are not there. Declared [[no_unique_address]], they hold nothing
-/// and take no room, and no use of them compiles: the error names Without<X>, on the user's line.
+/// rye/core/absent.hpp: members that are not there. Declared [[no_unique_address]], they hold
+/// nothing and take no room, and no use of them compiles: the error names Without<X>, on the user's
+/// line.
 #pragma once
 
 #include <type_traits>
