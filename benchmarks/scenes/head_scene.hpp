@@ -40,7 +40,7 @@ struct HeadRules : Balanced {
         stop = 1e-4;
     }
     static constexpr Stop stop_rule = Stop::exclusive;
-    static constexpr Outputs outputs = {.depth = false, .contributor = false};
+    static constexpr Outputs outputs = features_only;
 };
 
 struct HeadScene {

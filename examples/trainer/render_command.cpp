@@ -55,7 +55,7 @@ std::pair<int, int> parsed_size(const std::string& text) {
 template <Backend B, Real T, AccuracyPolicy A, Distortion D>
 Image<float> picture(const A& accuracy, const Gaussians<T>& g, const Pinhole<T, D>& camera,
                      const VecX<T>& background) {
-    const Raster<T> raster = Rasterizer<B, A>{accuracy}.forward(g, camera, background);
+    const auto raster = Rasterizer<B, A>{accuracy}.forward(g, camera, background);
     if (raster.trace.non_finite > 0)
         std::cerr << "rye render: left out " << raster.trace.non_finite
                   << " Gaussians whose numbers are not finite\n";

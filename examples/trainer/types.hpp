@@ -11,7 +11,7 @@
 namespace rye::trainer {
 
 using TrainBackend = XsimdBackend<>;
-using TrainRasterizer = Rasterizer<TrainBackend, Balanced>;
+using TrainRasterizer = Rasterizer<TrainBackend, FeaturesOnly<Balanced>>;
 using TrainEffects = PaperEffects;
 using Mesh = GuidanceMesh<float, TrainEffects>;
 using Avatar = TwoStream<float, TrainEffects>;

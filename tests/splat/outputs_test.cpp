@@ -12,7 +12,8 @@ using namespace rye;
 
 namespace {
 
-using Lean = Drawing<Balanced, Outputs{.depth = false, .contributor = false}>;
+using Lean = FeaturesOnly<Balanced>;
+static_assert(std::same_as<FeaturesOnly<Lean>, Lean>);
 using Picking = Drawing<Balanced, Outputs{.depth = true, .contributor = true}>;
 using PickingExactly = Drawing<Exact32, Outputs{.depth = false, .contributor = true}>;
 

@@ -8,8 +8,8 @@
 
 namespace rye {
 
-/// What a member is that belongs to X, where X is off. Two of them share an address, and so take no room,
-/// only if their types differ: number them.
+/// What a member is that belongs to X, where X is off. Two of them share an address, and so take no
+/// room, only if their types differ: number them.
 template <class X, int number = 0>
 struct Without {
     Without() = default;

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <type_traits>
 
 #include <rye/core/absent.hpp>
 #include <rye/core/columns.hpp>
@@ -20,6 +21,9 @@ struct Outputs {
 
     bool operator==(const Outputs&) const = default;
 };
+
+/// Features and alpha alone.
+inline constexpr Outputs features_only{.depth = false, .contributor = false};
 
 /// Where nothing contributes to a pixel.
 inline constexpr std::uint32_t no_contributor = 0xFFFFFFFF;
@@ -40,5 +44,8 @@ struct Drawing : A {
     constexpr Drawing(const A& a = {}) : A(a) {}
     static constexpr Outputs outputs = O;
 };
+/// Policy A, for features and alpha alone.
+template <class A>
+using FeaturesOnly = std::conditional_t<A::outputs == features_only, A, Drawing<A, features_only>>;
 
 } // namespace rye

@@ -30,9 +30,9 @@ struct AvatarLosses {
 /// The pictures of a step and the cotangents of its losses.
 template <class T>
 struct AvatarPictures {
-    Raster<T> final;              ///< feature render
-    Raster<T> face;               ///< RGB of the face alone
-    Raster<T> eyes;               ///< of the eyes alone: RGB, features if sample.eyes_high
+    Raster<T, features_only> final;  ///< feature render
+    Raster<T, features_only> face;   ///< RGB of the face alone
+    Raster<T, features_only> eyes;   ///< of the eyes alone: RGB, features if sample.eyes_high
     Image<T> scaled;              ///< ... after the sample's random scale, if it has one
     Image<T> high, eyes_high;     ///< after super-resolution
     UpsamplerTrace<T> high_trace, eyes_high_trace;
@@ -205,18 +205,19 @@ AvatarLosses<T> avatar_losses(const TwoStream<T, E>& avatar, const AvatarConfig&
     probe("networks");
     AvatarPictures<T>& p = pictures;
     p.cloud = joined(trace.world_face, trace.world_eyes);
-    rasterizer.forward_into(p.cloud, sample.camera, sample.background, p.final, &p.scratch);
+    const Rasterizer<B, FeaturesOnly<Accuracy>> draw{rasterizer.accuracy};
+    draw.forward_into(p.cloud, sample.camera, sample.background, p.final, &p.scratch);
     const VecX<T> blank_color = sample.blank.head(3);
     p.face_cloud = detail::with_channels(trace.world_face, 3);
     p.eyes_from_eye_terms = weights.eyes_from_eye_terms;
     if (weights.blank_eyeballs)
         p.face_cloud = joined(p.face_cloud, painted(trace.world_eyes, blank_color));
-    rasterizer.forward_into(p.face_cloud, sample.camera, blank_color, p.face, &p.scratch);
+    draw.forward_into(p.face_cloud, sample.camera, blank_color, p.face, &p.scratch);
     // Only super-resolution reads more than RGB.
     p.eye_cloud = detail::with_channels(
         trace.world_eyes, sample.eyes_high ? trace.world_eyes.channels() : Index(3));
     const VecX<T> behind_eyes = sample.background.head(p.eye_cloud.channels());
-    rasterizer.forward_into(p.eye_cloud, sample.camera, behind_eyes, p.eyes, &p.scratch);
+    draw.forward_into(p.eye_cloud, sample.camera, behind_eyes, p.eyes, &p.scratch);
     probe("render");
     if (sample.scale.active()) {
         p.scaled.width = p.final.feature.width;
@@ -319,9 +320,10 @@ void avatar_losses_vjp(const TwoStream<T, E>& avatar, const AvatarConfig& config
     probe("super-resolution vjp");
 
     const Index n = trace.world_face.mean.cols();
+    const Rasterizer<B, FeaturesOnly<Accuracy>> draw{rasterizer.accuracy};
     const auto pull = [&](const Gaussians<T>& cloud, const VecX<T>& background,
-                          const Raster<T>& raster, const Columns<T>& g) {
-        rasterizer.vjp_into(cloud, sample.camera, background, raster, RasterCotangent<T>{g},
+                          const Raster<T, features_only>& raster, const Columns<T>& g) {
+        draw.vjp_into(cloud, sample.camera, background, raster, RasterCotangent<T>{g},
                             p.g_cloud, &p.scratch);
     };
     pull(p.cloud, sample.background, p.final, p.g_final);
