@@ -181,11 +181,11 @@ DriverFacts driver_facts(const Capture& c, GazeAxis axis) {
                 const double depth = camera.project_point(*eye.centre).z();
                 d.eyes[e].iris =
                     std::max(d.eyes[e].iris, 2 * *eye.limbus_radius * camera.fx / depth);
-                const Vec3<double> axis =
+                const Vec3<double> forward =
                     gaze_in_world(so3_exp(Vec3<double>(frame.pose.head<3>())), eye.optical);
                 d.eyes[e].aside =
                     std::max(d.eyes[e].aside,
-                             angular_error(axis, Vec3<double>(camera.centre() - *eye.centre)));
+                             angular_error(forward, Vec3<double>(camera.centre() - *eye.centre)));
             }
         }
     }

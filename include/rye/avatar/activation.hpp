@@ -9,17 +9,22 @@
 #include <rye/backend/backend.hpp>
 #include <rye/gaussian/gaussians.hpp>
 #include <rye/math/scalar.hpp>
+#include <rye/nn/elementwise.hpp>
 
 namespace rye {
 
 /// tanh, element by element.
 template <Backend B, class T>
 void tanh_into(const Columns<T>& x, Columns<T>& y) {
-    using std::tanh;
     y.resize(x.rows(), x.cols());
-    for_chunks<typename B::threads>(x.cols(), 1024, [&](Index b, Index e, Index) {
-        y.middleCols(b, e - b) =
-            x.middleCols(b, e - b).unaryExpr([](const T& v) { return T(tanh(v)); });
+    for_chunks<typename B::threads>(x.size(), 8192, [&](Index b, Index e, Index) {
+        transform_array<B>(
+            e - b, y.data() + b,
+            [](const auto& v) {
+                using std::tanh;
+                return tanh(v);
+            },
+            x.data() + b);
     });
 }
 
