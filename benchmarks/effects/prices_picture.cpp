@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // What each effect of the picture costs: the time of a frame's render with it over that without it,
-// and, where there is one, of the render's vjp. The two in turn, in turns first, several rounds, the
-// least time of each; one thread; 20000 Gaussians in 256 x 256 pixels.
+// and, where there is one, of the render's vjp. The two in turn, each as often first as second; the
+// median of the ratios of neighbours; one thread; 20000 Gaussians in 256 x 256 pixels.
 #include <benchmark/benchmark.h>
 
 #include <rye/gaussian/activate.hpp>
 #include <rye/nn/upsampler.hpp>
 #include <rye/splat/rasterizer.hpp>
 
-#include "../roofline/machine.hpp"
 #include "../scenes/head_scene.hpp"
+#include "turns.hpp"
 
 namespace {
 
@@ -18,7 +18,7 @@ using namespace rye::bench;
 
 using B = XsimdBackend<xsimd::default_arch, Serial>;
 constexpr Index points = 20000;
-constexpr int size = 256, rounds = 12;
+constexpr int size = 256, rounds = 20;
 
 template <Antialias choice>
 struct Smoothed : Balanced {
@@ -30,7 +30,7 @@ template <AccuracyPolicy A = Balanced>
 struct Picture {
     HeadScene scene;
     Rasterizer<B, A> rasterizer = {};
-    Raster<float> raster = {};
+    Raster<float, A::outputs> raster = {};
     RasterScratch<float> scratch = {};
     Gaussians<float> gradient = {};
 
@@ -44,26 +44,13 @@ struct Picture {
     }
 };
 
-/// The least times of two frames that are drawn in turns. [s]
-struct Pair {
-    double with = 1e30, without = 1e30;
-    double ratio() const { return with / without; }
-
-    template <class F, class G>
-    void time(int round, const F& frame_with, const G& frame_without) {
-        if (round % 2 == 0) with = std::min(with, least_time(1, frame_with));
-        without = std::min(without, least_time(1, frame_without));
-        if (round % 2 == 1) with = std::min(with, least_time(1, frame_with));
-    }
-};
-
 template <class With, class Without>
 void compare(benchmark::State& state, With&& with, Without&& without) {
-    Pair forward, backward;
+    Turns forward, backward;
     for (auto _ : state)
         for (int r = 0; r < rounds; ++r) {
-            forward.time(r, [&] { with.forward(); }, [&] { without.forward(); });
-            backward.time(r, [&] { with.backward(); }, [&] { without.backward(); });
+            forward.time([&] { with.forward(); }, [&] { without.forward(); });
+            backward.time([&] { with.backward(); }, [&] { without.backward(); });
         }
     state.counters["forward_ratio"] = forward.ratio();
     state.counters["vjp_ratio"] = backward.ratio();
@@ -80,6 +67,18 @@ BENCHMARK(antialias<Antialias::dilate, Antialias::none>)
     ->Iterations(1);
 BENCHMARK(antialias<Antialias::mip, Antialias::none>)
     ->Name("picture/antialias_mip")
+    ->Iterations(1);
+
+/// Features, alpha and another image, over features and alpha.
+template <Outputs more>
+void outputs(benchmark::State& state) {
+    compare(state, Picture<Drawing<Balanced, more>>(), Picture<FeaturesOnly<Balanced>>());
+}
+BENCHMARK(outputs<Outputs{.depth = true, .contributor = false}>)
+    ->Name("picture/depth")
+    ->Iterations(1);
+BENCHMARK(outputs<Outputs{.depth = false, .contributor = true}>)
+    ->Name("picture/contributor")
     ->Iterations(1);
 
 /// N channels, over 3.
@@ -112,14 +111,14 @@ void harmonics(benchmark::State& state) {
     for (Index i = 0; i < cloud.sh_rest.size(); ++i)
         cloud.sh_rest(i) = static_cast<float>(0.1 * noise.normal());
     const Vec3<float> eye = some.scene.camera.centre();
-    Pair activation, forward;
+    Turns activation, forward;
     for (auto _ : state)
         for (int r = 0; r < rounds; ++r) {
             const auto activate_with = [&] { some.scene.gaussians = activate<most>(cloud, eye); };
             const auto activate_without = [&] { none.scene.gaussians = activate<0>(cloud, eye); };
-            activation.time(r, activate_with, activate_without);
+            activation.time(activate_with, activate_without);
             forward.time(
-                r, [&] { activate_with(), some.forward(); },
+                [&] { activate_with(), some.forward(); },
                 [&] { activate_without(), none.forward(); });
         }
     state.counters["activation_ratio"] = activation.ratio();
@@ -136,11 +135,10 @@ void super_resolution(benchmark::State& state, const UpsamplerShape& shape) {
     const Upsampler<float> network = Upsampler<float>::init(shape, Random{3, 0});
     Picture<> with(shape.in_channels), without(shape.in_channels);
     Image<float> high;
-    Pair forward;
+    Turns forward;
     for (auto _ : state)
         for (int r = 0; r < 5; ++r)
             forward.time(
-                r,
                 [&] {
                     with.forward();
                     high = upsampler_forward<B>(network, with.raster.feature, nullptr);
