@@ -51,17 +51,7 @@ void f(const TwoStream<float>& a, const AvatarConfig& c, const LandmarkRoles& r,
     esac
 }
 
-seconds() { # FILE: of the fastest of three
-    python3 - "$work/$1.o" $cxx $flags -c "$work/$1.cpp" <<'PY'
-import resource, subprocess, sys
-best = 1e9
-for _ in range(3):
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-    subprocess.run(sys.argv[2:] + ["-o", sys.argv[1]], check=True)
-    best = min(best, resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before)
-print(best)
-PY
-}
+. "$(dirname "$0")/seconds.sh"
 
 echo '| instantiation | seconds / base | lines / base | KiB of code |'
 echo '|---|---|---|---|'

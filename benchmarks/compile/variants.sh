@@ -14,17 +14,8 @@ trap 'rm -rf "$work"' EXIT
 flags="-std=c++20 -O2 -march=native -DNDEBUG -DEIGEN_DONT_PARALLELIZE -fopenmp -ffunction-sections
     -I$project/include -I$project/examples/trainer $(pkg-config --cflags eigen3) $*"
 
-seconds() { # NAME: user time of the fastest of three
-    python3 - "$work/$1.o" $cxx $flags -c "$work/$1.cpp" <<'PY'
-import resource, subprocess, sys
-best = 1e9
-for _ in range(3):
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-    subprocess.run(sys.argv[2:] + ["-o", sys.argv[1]], check=True)
-    best = min(best, resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before)
-print(best)
-PY
-}
+. "$(dirname "$0")/seconds.sh"
+
 sections() { # NAME: name and bytes of every function, sorted
     LC_ALL=C nm -S --defined-only "$work/$1.o" | LC_ALL=C awk 'NF == 4 && $3 ~ /[tTwWuV]/ {
         print $4, $2 }' | LC_ALL=C sort

@@ -8,7 +8,7 @@
 #include <rye/nn/upsampler.hpp>
 #include <rye/splat/rasterizer.hpp>
 
-#include "../scenes/head_scene.hpp"
+#include "../splatting/work.hpp"
 #include "turns.hpp"
 
 namespace {
@@ -16,7 +16,7 @@ namespace {
 using namespace rye;
 using namespace rye::bench;
 
-using B = XsimdBackend<xsimd::default_arch, Serial>;
+using B = OneThread;
 constexpr Index points = 20000;
 constexpr int size = 256, rounds = 20;
 
@@ -27,22 +27,9 @@ struct Smoothed : Balanced {
 
 /// A picture of a number of channels, and its vjp.
 template <AccuracyPolicy A = Balanced>
-struct Picture {
-    HeadScene scene;
-    Rasterizer<B, A> rasterizer = {};
-    Raster<float, A::outputs> raster = {};
-    RasterScratch<float> scratch = {};
-    Gaussians<float> gradient = {};
-
-    explicit Picture(int channels = 3) : scene(head_scene(points, channels, size)) {}
-    void forward() {
-        rasterizer.forward_into(scene.gaussians, scene.camera, scene.background, raster, &scratch);
-    }
-    void backward() {
-        rasterizer.vjp_into(scene.gaussians, scene.camera, scene.background, raster,
-                            RasterCotangent<float>{scene.cotangent}, gradient, &scratch);
-    }
-};
+Work<B, A> picture(int channels = 3) {
+    return {head_scene(points, channels, size)};
+}
 
 template <class With, class Without>
 void compare(benchmark::State& state, With&& with, Without&& without) {
@@ -58,7 +45,7 @@ void compare(benchmark::State& state, With&& with, Without&& without) {
 
 template <Antialias with, Antialias without>
 void antialias(benchmark::State& state) {
-    compare(state, Picture<Smoothed<with>>(), Picture<Smoothed<without>>());
+    compare(state, picture<Smoothed<with>>(), picture<Smoothed<without>>());
 }
 // Two of the same: how far from 1 a ratio is by chance.
 BENCHMARK(antialias<Antialias::dilate, Antialias::dilate>)->Name("picture/nothing")->Iterations(1);
@@ -72,7 +59,7 @@ BENCHMARK(antialias<Antialias::mip, Antialias::none>)
 /// Features, alpha and another image, over features and alpha.
 template <Outputs more>
 void outputs(benchmark::State& state) {
-    compare(state, Picture<Drawing<Balanced, more>>(), Picture<FeaturesOnly<Balanced>>());
+    compare(state, picture<Drawing<Balanced, more>>(), picture<FeaturesOnly<Balanced>>());
 }
 BENCHMARK(outputs<Outputs{.depth = true, .contributor = false}>)
     ->Name("picture/depth")
@@ -83,13 +70,13 @@ BENCHMARK(outputs<Outputs{.depth = false, .contributor = true}>)
 
 /// N channels, over 3.
 void channels(benchmark::State& state) {
-    compare(state, Picture<>(static_cast<int>(state.range(0))), Picture<>(3));
+    compare(state, picture(static_cast<int>(state.range(0))), picture(3));
 }
 BENCHMARK(channels)->Name("picture/channels")->Arg(4)->Arg(8)->Arg(16)->Arg(32)->Iterations(1);
 
 /// A coloured background, over black: there is always one.
 void background(benchmark::State& state) {
-    Picture<> coloured, black;
+    auto coloured = picture(), black = picture();
     coloured.scene.background << 0.9F, 0.3F, 0.1F;
     compare(state, coloured, black);
 }
@@ -99,7 +86,7 @@ BENCHMARK(background)->Name("picture/background")->Iterations(1);
 /// of the colours' own stage, `forward_ratio` of that and the render.
 template <int most>
 void harmonics(benchmark::State& state) {
-    Picture<> some, none;
+    auto some = picture(), none = picture();
     GaussianCloud<float> cloud(points, 4);
     const Gaussians<float>& g = some.scene.gaussians;
     cloud.mean = g.mean;
@@ -133,7 +120,7 @@ BENCHMARK(harmonics<4>)->Name("picture/sh_bands/4")->Iterations(1);
 /// A network after the render, over the render alone, of as many channels.
 void super_resolution(benchmark::State& state, const UpsamplerShape& shape) {
     const Upsampler<float> network = Upsampler<float>::init(shape, Random{3, 0});
-    Picture<> with(shape.in_channels), without(shape.in_channels);
+    auto with = picture(shape.in_channels), without = picture(shape.in_channels);
     Image<float> high;
     Turns forward;
     for (auto _ : state)

@@ -5,11 +5,13 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/autodiff/dual.hpp>
 #include <rye/backend/xsimd.hpp>
 #include <rye/core/random.hpp>
 
+#include "projection_law.hpp"
+
 using namespace rye;
+using namespace rye::test;
 
 namespace {
 
@@ -17,77 +19,12 @@ using Lens64 = BrownConrady<double>;
 constexpr Lens64 barrel{-0.28, 0.07, -0.008, 1.2e-3, -7e-4};
 constexpr Lens64 pincushion{0.2, 0.05, 0.0, -2e-3, 1e-3};
 
-struct Draws {
-    Random random;
-    std::uint64_t k = 0;
-    double normal() { return random.normal(k++); }
-};
-
 Pinhole<double> tilted() {
     Pinhole<double> c;
     c.fx = 300, c.fy = 320, c.cx = 90, c.cy = 20, c.width = 128, c.height = 100;
     c.camera_from_world.rotation = so3_exp(Vec3<double>(0.3, -0.2, 0.5));
     c.camera_from_world.translation = Vec3<double>(0.1, 0.2, 4);
     return c;
-}
-
-Shape<double> random_shape(Draws& d) {
-    Shape<double> s;
-    for (int i = 0; i < 3; ++i) s.mean[i] = 0.6 * d.normal();
-    for (int i = 0; i < 4; ++i) s.rotation[i] = d.normal() * 3;
-    for (int i = 0; i < 3; ++i) s.scale[i] = std::exp(d.normal() - 2);
-    return s;
-}
-
-/// As project_test.cpp's: relative gap of the dot-product test.
-template <Antialias how>
-double gap(const Shape<double>& s, const Pinhole<double, Lens64>& camera, double margin,
-           Draws& d) {
-    using D = Dual<double, 1>;
-    const Lens lens(camera, margin, 0.3);
-    Shape<D> moved;
-    Shape<double> v = random_shape(d);
-    v.scale = v.scale.cwiseProduct(s.scale).eval();
-    const auto lift = [](auto& to, const auto& x, const auto& t) {
-        for (int i = 0; i < x.size(); ++i) {
-            to[i] = D(x[i]);
-            to[i].d[0] = t[i];
-        }
-    };
-    lift(moved.mean, s.mean, v.mean);
-    lift(moved.rotation, s.rotation, v.rotation);
-    lift(moved.scale, s.scale, v.scale);
-    const auto p = project<how>(s, lens);
-    if (!p.drawable) return 0;
-    const auto q = project<how>(moved, Lens(camera.cast<D>(), margin, 0.3));
-    ScreenCotangent<double> c{Vec2<double>(d.normal(), d.normal()), {0, 0, 0}, d.normal()};
-    double forward = c.centre[0] * q.centre[0].d[0] + c.centre[1] * q.centre[1].d[0] +
-                     c.depth * q.depth.d[0];
-    for (int k = 0; k < 5; ++k) {
-        const double a = d.normal(), b = d.normal(), g = d.normal();
-        const double dx = a / p.precision.k1, dy = b / p.precision.k2 + p.precision.m * dx;
-        c.moment.xx += g * a * a;
-        c.moment.xy += g * a * b;
-        c.moment.yy += g * b * b;
-        forward += g * -0.5 * q.precision.quadratic(D(dx), D(dy)).d[0];
-    }
-    double alpha = 0;
-    if constexpr (how == Antialias::mip) {
-        alpha = d.normal();
-        forward += alpha * q.share.d[0] / q.share.value;
-    }
-    const Shape<double> r = project_vjp<how>(s, lens, c, alpha);
-    double reverse = 0, scale = 0;
-    const auto pair = [&](const auto& x, const auto& y) {
-        for (int i = 0; i < x.size(); ++i) {
-            reverse += x[i] * y[i];
-            scale += std::abs(x[i] * y[i]);
-        }
-    };
-    pair(r.mean, v.mean);
-    pair(r.rotation, v.rotation);
-    pair(r.scale, v.scale);
-    return std::abs(forward - reverse) / scale;
 }
 
 /// Mean and covariance on the screen of a Gaussian's density, by quadrature: its points are
@@ -150,7 +87,7 @@ TEST_CASE("a bent projection's vjp is the transpose of its duals, beyond the lim
     for (int i = 0; i < 3000; ++i) {
         const auto camera = with_lens(tilted(), i % 2 == 0 ? barrel : pincushion);
         const double margin = i % 3 == 0 ? -0.5 : 0.3;  // half of the image is beyond the limits
-        const Shape<double> s = random_shape(d);
+        const Shape<double> s = random_shape(d, 0.6);
         drawn += project(s, Lens(camera, margin, 0.3)).drawable ? 1 : 0;
         worst = std::max(worst, gap<Antialias::dilate>(s, camera, margin, d));
         worst = std::max(worst, gap<Antialias::mip>(s, camera, margin, d));
@@ -176,7 +113,7 @@ TEST_CASE_TEMPLATE("without coefficients a lens is the pinhole: 0 ulps in double
     };
     double worst = 0;
     for (int i = 0; i < 2000; ++i) {
-        const Shape<double> exact = random_shape(d);
+        const Shape<double> exact = random_shape(d, 0.6);
         const Shape<T> s{exact.mean.cast<T>(), exact.rotation.cast<T>(), exact.scale.cast<T>()};
         const auto p = project(s, a), q = project(s, b);
         CHECK(p.drawable == q.drawable);
@@ -203,7 +140,7 @@ TEST_CASE("a bent Gaussian against one whose points are bent: the error falls wi
             Vec2<double> most = Vec2<double>::Zero(), straight = most;
             Draws e = d;
             for (int i = 0; i < 200; ++i) {
-                Shape<double> s = random_shape(e);
+                Shape<double> s = random_shape(e, 0.6);
                 s.scale = size * s.scale / s.scale.maxCoeff();
                 if (!project(s, Lens(bent, 0.3, 0.3)).drawable) continue;
                 most = most.cwiseMax(error(s, bent));
@@ -268,7 +205,7 @@ TEST_CASE("a bent projection in lanes is that of one scalar at a time") {
     const Lens lens(bent, 0.3, 0.3);
     const Lens<V, BrownConrady<V>> wide(lens);
     for (int trial = 0; trial < 200; ++trial) {
-        const Shape<double> e = random_shape(d);
+        const Shape<double> e = random_shape(d, 0.6);
         const Shape<float> s{e.mean.cast<float>(), e.rotation.cast<float>(), e.scale.cast<float>()};
         Shape<V> all;
         for (int i = 0; i < 3; ++i) all.mean[i] = V(s.mean[i]), all.scale[i] = V(s.scale[i]);
