@@ -35,7 +35,7 @@ std::string explain(const SceneProfile& p) {
     for (const Finding& f : p.findings) {
         const std::string name(name_of(f.effect));
         out += std::string(f.called ? "  yes  " : "  no   ") + name +
-               std::string(18 - std::min<std::size_t>(17, name.size()), ' ') + f.reason + "\n";
+               std::string(20 - std::min<std::size_t>(19, name.size()), ' ') + f.reason + "\n";
     }
     return out;
 }
