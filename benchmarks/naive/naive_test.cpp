@@ -50,7 +50,7 @@ TEST_CASE("naive: image and gradients are the reference's") {
         CHECK((drawn.cast<double>() - truth.feature.pixels).cwiseAbs().maxCoeff() < 0.02);
 
         const Rasterizer<ScalarBackend<>, HeadRules> reference;
-        const Raster<double> raster = reference.forward(exact, lens, black);
+        const auto raster = reference.forward(exact, lens, black);
         const Gaussians<double> d = reference.vjp(exact, lens, black, raster,
                                                   Columns<double>(s.cotangent.cast<double>()));
         CHECK(relative(image, raster.feature.pixels) < 1e-5);

@@ -61,7 +61,7 @@ void error(benchmark::State& state) {
     const Pinhole<double> camera = work.scene.camera.cast<double>();
     const VecX<double> black = VecX<double>::Zero(g.channels());
     const Rasterizer<ScalarBackend<>, HeadRules> reference;
-    const Raster<double> r = reference.forward(g, camera, black);
+    const auto r = reference.forward(g, camera, black);
     const Gaussians<double> d = reference.vjp(
         g, camera, black, r, Columns<double>(work.scene.cotangent.cast<double>()));
     const auto relative = [](const Columns<float>& a, const Columns<double>& b) {

@@ -119,7 +119,7 @@ BENCHMARK(backend<OneThread>)->Iterations(1);
 
 /// On the wall, one thread and `t` in the same rounds.
 void threads(benchmark::State& state) {
-    const int n = static_cast<int>(state.range(1));
+    [[maybe_unused]] const int n = static_cast<int>(state.range(1));
     Work<XsimdBackend<>, HeadRules> work{head_scene(state.range(0), 3)};
     Work<OneThread, HeadRules> alone{work.scene};
 #ifdef _OPENMP

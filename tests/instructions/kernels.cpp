@@ -18,7 +18,7 @@ using Lanes = XsimdBackend<xsimd::default_arch, Serial>;
 struct Job {
     HeadScene scene;
     Rasterizer<Lanes, HeadRules> rasterizer = {};
-    Raster<float> raster = {};
+    Raster<float, HeadRules::outputs> raster = {};
     RasterScratch<float> scratch = {};
     Gaussians<float> gradient = {};
 };

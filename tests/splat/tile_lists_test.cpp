@@ -31,7 +31,7 @@ void check_sort() {
     constexpr Key top = ~Key(0);
     const Random random{1, 1};
     const auto bits = [&](std::size_t i) { return static_cast<Key>(random.bits(i) >> 7U); };
-    for (const std::size_t n : {0, 1, 2, 16, 17, 300, 5000, 70000}) {
+    for (const std::size_t n : {0U, 1U, 2U, 16U, 17U, 300U, 5000U, 70000U}) {
         std::vector<Key> spread, few, cluster, ends, falling;
         for (std::size_t i = 0; i < n; ++i) {
             spread.push_back(static_cast<Key>(bits(i) * Key(0x9E3779B97F4A7C15U)));

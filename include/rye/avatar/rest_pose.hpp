@@ -36,18 +36,19 @@ struct RestPose {
 template <Backend B, class T>
 RestPose<T> rest_pose(const FaceStream<T>& face, const AvatarConfig& config,
                       const LandmarkRoles& roles) {
-    using std::tanh;
     RestPose<T> rest;
     rest.count = face.position.cols();
     WeightsTrace<T> nearest;
     rest.weights = face_weights<B, T>(config, face.position, face.landmarks, roles, nearest);
-    const Columns<T> code = positional_encoding(face.position, config.frequencies);
+    // Of all points, as in face_gaussians: a number's bits may depend on its place in a vector.
+    Columns<T> code, feature;
+    encode_points<B>(face.position, config.frequencies, code);
+    tanh_into<B>(face.feature, feature);
     for (std::size_t d = 0; d < face_drivers; ++d) {
         auto& moved = rest.moved[d];
         moved.points = influenced(rest.lambda(d));
-        moved.code = pick_columns(code, moved.points);
-        moved.feature = pick_columns(face.feature, moved.points)
-                            .unaryExpr([](const T& v) { return T(tanh(v)); });
+        pick_into<B>(code, moved.points, moved.code);
+        pick_into<B>(feature, moved.points, moved.feature);
     }
     return rest;
 }
