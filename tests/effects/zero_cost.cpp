@@ -289,11 +289,11 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
         const Cornea<T> cornea = cornea_of(eyes.cornea, at);
         const Vec3<T> camera = into_eye(eye, drivers.camera);
         t.placed[at] = eye;
-        t.seen[at] = points;
+        Columns<T>& seen = t.seen[at] = points;
 #if !WITHOUT_CORNEAL_REFRACTION
+        const T index = eyes.index(0, Index(at));
         for (Index i = 0; i < n; ++i)
-            t.seen[at].col(i) = seen_through<T>(cornea, eyes.index(0, Index(at)), camera,
-                                                points.col(i));
+            seen.col(i) = seen_through<T>(cornea, index, camera, points.col(i));
 #endif
 #if !WITHOUT_GLINT
         for (Index l = 0; l < eyes.light_width.cols(); ++l) {
@@ -304,13 +304,13 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
             for (Index i = 0; i < n; ++i) {
                 const Vec3<T> x = points.col(i);
                 if (!(dot(x, cornea.axis) > T(0))) continue;
-                const T value = glint_at<T>(image, camera, t.seen[at].col(i), width);
+                const T value = glint_at<T>(image, camera, seen.col(i), width);
                 for (Index c = 0; c < eyes.light_intensity.rows(); ++c)
                     g.feature(c, first + i) += eyes.light_intensity(c, l) * value;
             }
         }
 #endif
-        g.mean.middleCols(first, n) = eye_points<T>(eye, t.seen[at]);
+        g.mean.middleCols(first, n) = eye_points<T>(eye, seen);
         g.rotation.middleCols(first, n) = eye_rotations<T>(eye, rotations);
     };
     EyeTransform<T> left = eye_at<T>(centre.col(0)), right = eye_at<T>(centre.col(1));
