@@ -120,7 +120,11 @@ double raster_dot_error(const TriangleMesh<T>& m, const Pinhole<T>& camera, Inde
     const MeshRaster<T> still = draw<T>(m, camera, a, settings);
     CHECK(still.face == moved.face);
     const std::vector<Index> ties = undecided(still, moved);
+#ifdef __clang__ // fuses a product and a sum where they stand: a dual's may round differently
     CHECK(static_cast<Index>(ties.size()) * 8 < pixels);
+#else
+    CHECK(ties.empty());
+#endif
     for (const Index p : ties) ws(0, p) = T(0);
     DotProducts d;
     d.add_forward(tangents<T>(moved.attributes.pixels), wa);
