@@ -49,14 +49,27 @@ struct Raster : OutputImages<T, O> {
 /// Strips of a tile that are drawn, a bit each (splat/xsimd_group.hpp); their pixels alone are
 /// written. The plain walk draws them all.
 struct StripMask {
-    std::array<std::uint32_t, 4> words;
+    static constexpr int most = 128;
+    std::array<std::uint64_t, 2> words;
 
-    bool has(Index strip) const {
-        return (words[static_cast<std::size_t>(strip / 32)] >> (strip % 32) & 1U) != 0;
+    bool has(int strip) const { return (word(strip) & bit(strip)) != 0; }
+    bool none() const { return (words[0] | words[1]) == 0; }
+    void set(int strip) { words[static_cast<std::size_t>(strip / 64)] |= bit(strip); }
+    /// Of the first n strips.
+    void keep(int n) {
+        const auto low = [](int k) {
+            return k <= 0 ? 0 : k >= 64 ? ~std::uint64_t(0) : (std::uint64_t(1) << k) - 1;
+        };
+        words[0] &= low(n);
+        words[1] &= low(n - 64);
     }
-    bool none() const { return (words[0] | words[1] | words[2] | words[3]) == 0; }
+    void clear(int strip) { words[static_cast<std::size_t>(strip / 64)] &= ~bit(strip); }
+
+  private:
+    std::uint64_t word(int strip) const { return words[static_cast<std::size_t>(strip / 64)]; }
+    static std::uint64_t bit(int strip) { return std::uint64_t(1) << (strip % 64); }
 };
-inline constexpr StripMask all_strips{{~0U, ~0U, ~0U, ~0U}};
+inline constexpr StripMask all_strips{{~std::uint64_t(0), ~std::uint64_t(0)}};
 
 /// What of an image is drawn; null: tiles 0, 1, ..., and all strips of each.
 struct DrawnTiles {

@@ -193,18 +193,16 @@ class Redraw {
         const Scene<T> scene = rasterizer_.scene_of(part_, camera_, background_, few_);
         const auto canvas = scratch_.workspaces.template lend<LaneCanvas<V>>();
         LaneGroup<V>& group = (*canvas).group;
-        typename LaneGroup<V>::Open every;
-        every.fill(~0U);
         for (std::size_t t = 0; t < tiles_.size(); ++t) {
             if (tiles_[t].mask == TileChange::whole_tile) continue;
             const Index tile = static_cast<Index>(t), end = scene.end(tile);
             const Strips<V> strips(scene, tile);
             StripMask& mask = found_[tiles_[t].mask];
             for (Index k = scene.begin(tile); k < end; k += LaneGroup<V>::most) {
-                group.fill(scene, strips, scene.top(tile), k,
-                           std::min<Index>(end, k + LaneGroup<V>::most), every);
-                for (int v = 0; v < group.visits; ++v)
-                    mask.words[group.strip[v] / 32U] |= 1U << (group.strip[v] % 32U);
+                group.template fill<0>(scene, strips, scene.top(tile), k,
+                           std::min<Index>(end, k + LaneGroup<V>::most));
+                for (int s = 0; s < Strips<V>::count; ++s)
+                    if (group.reaching[s] != 0) mask.set(s);
             }
         }
     }
@@ -352,8 +350,8 @@ class Redraw {
             if constexpr (LaneBackend<B, T>) {
                 using S = Strips<typename B::template batch<T>>;
                 for (int s = 0; s < S::count; ++s) {
-                    const int left = x + s / tile_edge * S::lanes, top = y + s % tile_edge;
-                    if (strips.has(s)) region_.add({left, top, left + S::lanes, top + 1});
+                    const int left = x + S::side(s) * S::wide, top = y + S::row(s);
+                    if (strips.has(s)) region_.add({left, top, left + S::wide, top + S::high});
                 }
             }
         }

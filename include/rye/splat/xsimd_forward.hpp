@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/xsimd_forward.hpp: blending a tile, visit by visit, with a pixel in each lane. The
-/// sums of a few channels lie beside the transmittance. Many channels are a product of matrices for
-/// each strip, the weights of its visits times their entries' features, with channels in the lanes.
+/// rye/splat/xsimd_forward.hpp: blending a tile, strip by strip, with a pixel in each lane. Sums of
+/// a few channels stay in registers along a strip's entries. Many channels are a product of
+/// matrices, the weights of a strip's visits times their entries' features, with channels in the
+/// lanes.
 #pragma once
 
 #include <rye/splat/forward.hpp>
@@ -23,7 +24,6 @@ struct LaneState {
 template <class V>
 struct LaneCanvas : Workspaces::Space {
     using T = typename V::value_type;
-    using Tile = Strips<V>;
     static constexpr int most = LaneGroup<V>::most;
 
     LaneGroup<V> group;
@@ -31,9 +31,8 @@ struct LaneCanvas : Workspaces::Space {
     // Of many channels:
     Lines<T> sums;           ///< a row a pixel
     Lines<T> feature;        ///< of the group
-    alignas(64) T weight[Tile::count][most][V::size];  ///< of each strip's visits
-    std::uint8_t of[Tile::count][most];                ///< of each strip's visits: their entries
-    std::uint8_t visits[Tile::count];
+    alignas(64) T weight[most][V::size];         ///< of a strip's visits
+    std::uint8_t of[most];                       ///< their entries
 };
 
 /// sums(pixel, channels) += sum_j weight[j][pixel] feature(of[j], channels) for the pixels of a
@@ -66,66 +65,58 @@ void blend_channels(const typename V::value_type (*weight)[V::size], const std::
     }
 }
 
-/// Blends a group's visits. C few channels, or any number for C = 0, whose weights are laid down.
-/// `first` is the group's first entry, counted from the tile's.
+/// The product of matrices of a strip's visits.
+template <class V>
+void blend_features(int strip, int visits, Index stride, LaneCanvas<V>& canvas) {
+    constexpr int lanes = static_cast<int>(V::size);
+    auto* const sums = canvas.sums.lines[0].x + strip * lanes * stride;
+    Index c = 0;
+    const auto blocks = [&]<int P>(std::integral_constant<int, P>) {
+        for (; c + P * lanes <= stride; c += P * lanes)
+            blend_channels<P, V>(canvas.weight, canvas.of, visits, canvas.feature.lines[0].x + c,
+                                 stride, sums + c);
+    };
+    blocks(std::integral_constant<int, 4>());
+    blocks(std::integral_constant<int, 2>());
+    blocks(std::integral_constant<int, 1>());
+}
+
+/// Blends a group's visits of a strip. C few channels, or any number for C = 0. `first` is the
+/// group's first entry, counted from the tile's. Returns whether the strip can still take a
+/// contribution.
 template <class V, int C, class A>
-void blend_group(LaneBlend<A, V> blend, [[maybe_unused]] Index first, LaneCanvas<V>& canvas) {
+bool blend_strip(const LaneBlend<A, V>& blend, int strip, [[maybe_unused]] Index first,
+                 [[maybe_unused]] Index stride, LaneCanvas<V>& canvas) {
     using T = typename V::value_type;
     using State = LaneState<A::outputs, C>;
     constexpr int lanes = static_cast<int>(V::size);
-    LaneGroup<V>& group = canvas.group;
-    blend.alphas(group);
-    T* const state = canvas.state.lines[0].x;
-    const int visits = group.visits;
-    for (int i = 0; i < visits; ++i) {
-        const LaneEntry<T>& entry = group.entry[group.of[i]];
-        const std::size_t strip = group.strip[i];
-        T* const at = state + strip * (State::vectors * lanes);
-        V t = V::load_aligned(at);
-        const V w = blend(V::load_aligned(group.alpha[i]), t).weight;
-        t.store_aligned(at);
-        if constexpr (A::outputs.depth) {
-            T* const depth = at + State::depth * lanes;
-            (V::load_aligned(depth) + w * V(entry.depth)).store_aligned(depth);
-        }
+    T* const at = canvas.state.lines[0].x + strip * (State::vectors * lanes);
+    std::array<V, std::size_t(State::vectors)> state;
+    unrolled<State::vectors>([&](auto i) { state[i] = V::load_aligned(at + i * lanes); });
+    [[maybe_unused]] int visits = 0;
+    blend.along(canvas.group, strip, state[0],
+                [&](int k, const LaneEntry<V>& entry, const LaneShare<V>& share)
+                    __attribute__((always_inline)) {
+        const V& w = share.weight;
+        if constexpr (A::outputs.depth)
+            state[State::depth] = state[State::depth] + w * V(entry.depth);
         if constexpr (A::outputs.contributor) {
-            T* const most = at + State::most * lanes;
-            T* const which = at + State::contributor * lanes;
-            const V before = V::load_aligned(most);
-            const V self(static_cast<T>(first + group.of[i]));
-            select(w > before, self, V::load_aligned(which)).store_aligned(which);
-            max(w, before).store_aligned(most);
+            const V before = state[State::most], self(static_cast<T>(first + k));
+            state[State::contributor] = select(w > before, self, state[State::contributor]);
+            state[State::most] = max(w, before);
         }
-        if constexpr (C > 0) {
-            unrolled<C>([&](auto c) __attribute__((always_inline)) {
-                T* const sum = at + (State::sums + c) * lanes;
-                (V::load_aligned(sum) + w * V(entry.colour[c])).store_aligned(sum);
-            });
-        } else {
-            const int j = canvas.visits[strip]++;
-            w.store_aligned(canvas.weight[strip][j]);
-            canvas.of[strip][j] = group.of[i];
+        unrolled<C>([&](auto c) __attribute__((always_inline)) {
+            state[State::sums + c] = state[State::sums + c] + w * V(entry.colour[c]);
+        });
+        if constexpr (C == 0) {
+            w.store_aligned(canvas.weight[visits]);
+            canvas.of[visits] = static_cast<std::uint8_t>(k);
+            visits += any(w > V(T(0))) ? 1 : 0;
         }
-    }
-}
-
-/// The product of matrices of a group of many channels.
-template <class V>
-void blend_features(Index stride, LaneCanvas<V>& canvas) {
-    constexpr int lanes = static_cast<int>(V::size);
-    for (int s = 0; s < Strips<V>::count; ++s) {
-        auto* const sums = canvas.sums.lines[0].x + s * lanes * stride;
-        Index c = 0;
-        const auto blocks = [&]<int P>(std::integral_constant<int, P>) {
-            for (; c + P * lanes <= stride; c += P * lanes)
-                blend_channels<P, V>(canvas.weight[s], canvas.of[s], canvas.visits[s],
-                                     canvas.feature.lines[0].x + c, stride, sums + c);
-        };
-        if (canvas.visits[s] == 0) continue;
-        blocks(std::integral_constant<int, 4>());
-        blocks(std::integral_constant<int, 2>());
-        blocks(std::integral_constant<int, 1>());
-    }
+    });
+    unrolled<State::vectors>([&](auto i) { state[i].store_aligned(at + i * lanes); });
+    if constexpr (C == 0) blend_features(strip, visits, stride, canvas);
+    return blend.open(state[0]);
 }
 
 /// Tiles [first, last) of one row of tiles, which hold no Gaussian, row of pixels by row.
@@ -136,7 +127,9 @@ void draw_background(const Scene<T>& scene, Index first, Index last, Raster<T, O
         return out.feature.pixels.data() + scene.pixel(scene.left(first), y) * channels;
     };
     const int top = scene.top(first);
-    for (Index i = 0; i < n * channels; ++i) pixels(top)[i] = scene.background[i % channels];
+    T* to = pixels(top);
+    for (Index x = 0; x < n; ++x)
+        for (Index c = 0; c < channels; ++c) *to++ = scene.background[c];
     for (int y = top; y < scene.bottom(first); ++y) {
         if (y > top) std::copy_n(pixels(top), n * channels, pixels(y));
         const Index p = scene.pixel(scene.left(first), y);
@@ -146,6 +139,57 @@ void draw_background(const Scene<T>& scene, Index first, Index last, Raster<T, O
             std::fill_n(out.contributor.pixels.data() + p, n, no_contributor);
     }
     std::fill(out.trace.used.begin() + first, out.trace.used.begin() + last, 0);
+}
+
+/// Completes a strip's pixels over the background, and puts them where they belong.
+template <class V, int C, class A>
+void write_strip(const Scene<typename V::value_type>& scene, const Strips<V>& strips, Index tile,
+                 int strip, LaneCanvas<V>& canvas,
+                 Raster<typename V::value_type, A::outputs>& out) {
+    using T = typename V::value_type;
+    using Tile = Strips<V>;
+    using State = LaneState<A::outputs, C>;
+    constexpr int lanes = Tile::lanes;
+    const Index channels = C > 0 ? C : scene.feature.rows();
+    T* const state = canvas.state.lines[0].x + strip * (State::vectors * lanes);
+    const V behind = abs(V::load_aligned(state));
+    alignas(64) T alpha[lanes], pixel[std::max(C, 1)][lanes];
+    (V(T(1)) - behind).store_aligned(alpha);
+    unrolled<C>([&](auto c) __attribute__((always_inline)) {
+        (V::load_aligned(state + (State::sums + c) * lanes) + behind * V(scene.background[c]))
+            .store_aligned(pixel[c]);
+    });
+    const int left = Tile::side(strip) * Tile::wide, top = Tile::row(strip);
+    const int wide = std::min(Tile::wide, strips.width - left);
+    const int high = std::min(Tile::high, strips.height - top);
+    for (int y = 0; y < high; ++y) {
+        Index p = scene.pixel(scene.left(tile) + left, scene.top(tile) + top + y);
+        T* to = out.feature.pixels.data() + p * channels;
+        for (int lane = y; lane < wide * Tile::high; lane += Tile::high, ++p, to += channels) {
+            out.alpha.pixels.data()[p] = alpha[lane];
+            if constexpr (A::outputs.depth)
+                out.depth.pixels.data()[p] = state[State::depth * lanes + lane];
+            if constexpr (A::outputs.contributor) {
+                const auto entry = static_cast<Index>(state[State::contributor * lanes + lane]);
+                out.contributor.pixels.data()[p] =
+                    state[State::most * lanes + lane] > T(0)
+                        ? scene.member(scene.begin(tile) + entry).source
+                        : no_contributor;
+            }
+            unrolled<C>([&](auto c) { to[c] = pixel[c][lane]; });
+            if constexpr (C == 0) {
+                const Index stride = padded_channels<V>(channels);
+                const T* const sum = canvas.sums.lines[0].x + (strip * lanes + lane) * stride;
+                const T* const back = scene.background.data();
+                const T share = std::abs(state[lane]);
+                Index c = 0;
+                for (; c + lanes <= channels; c += lanes)
+                    (V::load_aligned(sum + c) + V(share) * V::load_unaligned(back + c))
+                        .store_unaligned(to + c);
+                for (; c < channels; ++c) to[c] = sum[c] + share * back[c];
+            }
+        }
+    }
 }
 
 /// Draws strips of one tile, which holds Gaussians. C few channels, or any number for C = 0.
@@ -172,63 +216,27 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
         canvas.feature.reserve(most * stride);
     }
 
-    typename LaneGroup<V>::Open open;
+    const StripMask inside = strips.inside(drawn);
+    StripMask open = inside;
     fetch_ahead(scene, begin, std::min<Index>(end, begin + 2 * most));
     Index k = begin;
-    while (k < end && blend.open_strips(state, state_stride, open)) {
+    while (k < end && !open.none()) {
         const Index next = std::min<Index>(end, k + most);
         const Index after = std::min<Index>(end, next + most);
         fetch_ahead(scene, after, std::min<Index>(end, after + most));
         fetch_features(scene, next, after);
-        canvas.group.fill(scene, strips, scene.top(tile), k, next, open);
-        if constexpr (C > 0) {
-            for (Index i = k; i < next; ++i)
-                std::copy_n(scene.feature_of(i), C, canvas.group.entry[i - k].colour);
-        } else {
-            copy_features<V>(scene, k, next, stride, canvas.feature.lines[0].x);
-            std::fill_n(canvas.visits, Tile::count, std::uint8_t(0));
-        }
-        blend_group<V, C>(blend, k - begin, canvas);
-        if constexpr (C == 0) blend_features<V>(stride, canvas);
+        canvas.group.template fill<C>(scene, strips, scene.top(tile), k, next);
+        if constexpr (C == 0) copy_features<V>(scene, k, next, stride, canvas.feature.lines[0].x);
+        for (int s = 0; s < Tile::count; ++s)
+            if (canvas.group.reaching[s] != 0 && open.has(s) &&
+                !blend_strip<V, C>(blend, s, k - begin, stride, canvas))
+                open.clear(s);
         k = next;
     }
     out.trace.used[static_cast<std::size_t>(tile)] = k - begin;
 
-    for (int y = 0; y < strips.height; ++y) {
-        const Index p = scene.pixel(scene.left(tile), scene.top(tile) + y);
-        T* to = out.feature.pixels.data() + p * channels;
-        for (int x = 0; x < strips.width; ++x) {
-            const int strip = Tile::strip(x, y), lane = x % lanes;
-            if (!drawn.has(strip)) {
-                to += channels;
-                continue;
-            }
-            const T* const from = state + strip * state_stride + lane;
-            const T behind = std::abs(from[0]);
-            out.alpha.pixels.data()[p + x] = T(1) - behind;
-            if constexpr (A::outputs.depth)
-                out.depth.pixels.data()[p + x] = from[State::depth * lanes];
-            if constexpr (A::outputs.contributor) {
-                const auto entry = static_cast<Index>(from[State::contributor * lanes]);
-                out.contributor.pixels.data()[p + x] =
-                    from[State::most * lanes] > T(0) ? scene.member(begin + entry).source
-                                                     : no_contributor;
-            }
-            if constexpr (C > 0) {
-                for (int c = 0; c < C; ++c)
-                    *to++ = from[(State::sums + c) * lanes] + behind * scene.background[c];
-            } else {
-                const T* const sum = canvas.sums.lines[0].x + (strip * lanes + lane) * stride;
-                const T* const back = scene.background.data();
-                Index c = 0;
-                for (; c + lanes <= channels; c += lanes)
-                    (V::load_aligned(sum + c) + V(behind) * V::load_unaligned(back + c))
-                        .store_unaligned(to + c);
-                for (; c < channels; ++c) to[c] = sum[c] + behind * back[c];
-                to += channels;
-            }
-        }
-    }
+    for (int strip = 0; strip < Tile::count; ++strip)
+        if (inside.has(strip)) write_strip<V, C, A>(scene, strips, tile, strip, canvas, out);
 }
 
 /// Draws tiles drawn.tile(k) for the ks of a span.

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <cstdint>
+#include <cstring>
 #include <functional>
 #include <memory>
 #include <type_traits>
@@ -76,6 +78,57 @@ template <class V>
         return V(mask.data) & x;
     else
         return select(mask, x, V(typename V::value_type(0)));
+}
+
+namespace detail {
+
+#if defined(__SSE2__)
+inline int sign_bits(__m128 x) { return _mm_movemask_ps(x); }
+inline int sign_bits(__m128d x) { return _mm_movemask_pd(x); }
+#endif
+#if defined(__AVX__)
+inline int sign_bits(__m256 x) { return _mm256_movemask_ps(x); }
+inline int sign_bits(__m256d x) { return _mm256_movemask_pd(x); }
+#endif
+
+} // namespace detail
+
+/// A mask as bits, that of the first lane lowest. Versions of the library that do not say get the
+/// instruction.
+template <class M>
+[[gnu::always_inline]] inline std::uint64_t lane_bits(const M& mask) {
+    if constexpr (requires { mask.mask(); }) {
+        return mask.mask();
+    } else if constexpr (requires { mask.data % 2; }) {  // bits
+        return mask.data;
+    } else if constexpr (requires { detail::sign_bits(mask.data); }) {
+        return static_cast<unsigned>(detail::sign_bits(mask.data));
+    } else {
+        alignas(64) bool lane[M::size];
+        mask.store_aligned(lane);
+        std::uint64_t bits = 0;
+        for (std::size_t i = 0; i < M::size; ++i)
+            bits |= static_cast<std::uint64_t>(lane[i]) << i;
+        return bits;
+    }
+}
+
+/// Whether lanes can be filled with a pair of numbers, over and over, by one instruction.
+template <class V>
+concept LoadsPairs = std::is_same_v<typename V::value_type, float> && requires {
+    xsimd::batch<double, typename V::arch_type>();
+};
+
+/// n numbers over and over; n is 1, or 2 where pairs can be loaded.
+template <int n, class V>
+[[gnu::always_inline]] inline V repeat(const typename V::value_type* numbers) {
+    if constexpr (n == 1) {
+        return V(*numbers);
+    } else {
+        double pair;
+        std::memcpy(&pair, numbers, sizeof pair);
+        return bitwise_cast<V>(xsimd::batch<double, typename V::arch_type>(pair));
+    }
 }
 
 /// i, as a number the compiler knows nothing about: loads at it stay loads. A compiler that turns

@@ -1,13 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/xsimd_vjp.hpp: the reverse walk of a tile in vectors. The forward walk is repeated
-/// without colours, laying down alpha and transmittance of each visit; then, far to near, as in
-/// splat/vjp.hpp, an entry at a time over its visits, so that its sums stay in registers.
+/// without colours, strip by strip, laying down alpha and transmittance of each visit; then, far to
+/// near, as in splat/vjp.hpp, an entry at a time over its visits, so that its sums stay in
+/// registers.
 #pragma once
+
+#include <bit>
+#include <cstdint>
+#include <cstring>
 
 #include <rye/splat/vjp.hpp>
 #include <rye/splat/xsimd_group.hpp>
 
 namespace rye {
+
+/// What a group of entries leaves on the tape.
+template <class V>
+struct TapeGroup {
+    using Tile = Strips<V>;
+    static constexpr int words = (Tile::count + 63) / 64;
+    std::uint64_t strips[LaneGroup<V>::most][words];  ///< of each entry: of its visits, a bit each
+    Index end[Tile::count];                           ///< of each strip: where its visits end
+};
 
 /// Memory of one thread's tiles.
 template <class V>
@@ -18,53 +32,93 @@ struct LaneTape : Workspaces::Space {
     LaneGroup<V> group;
     alignas(64) T transmittance[tile_pixels];
     alignas(64) T behind[tile_pixels], g_alpha[tile_pixels], g_depth[tile_pixels];
-    Lines<T> steps;                     ///< of each visit: alpha and transmittance, two vectors
-    std::vector<std::uint8_t> strip;    ///< of each visit
-    std::vector<Index> end;             ///< of each entry: where its visits end
+    std::vector<TapeGroup<V>> groups;
+    Lines<T> steps;                     ///< of each visit: alpha and transmittance, two vectors;
+                                        ///< group by group, strip by strip, from near to far
     Lines<T> cotangent;                 ///< of each strip: a vector a channel, zeros behind them
     Lines<T> background;                ///< padded
     // Of many channels:
     Lines<T> feature;                   ///< of a group, padded
-    alignas(64) T along[Tile::count][V::size];   ///< of an entry's visits
-    alignas(64) T weight[Tile::count][V::size];  ///< of the same
+    // Of an entry's visits:
+    std::uint8_t strip[Tile::count + 8];
+    alignas(64) T along[Tile::count][V::size];
+    alignas(64) T weight[Tile::count][V::size];
 };
 
-/// Repeats the forward walk of a tile onto the tape.
+/// Repeats the forward walk of a tile onto the tape; returns how many entries that took.
 template <class V, class A>
-void record_tile(const Scene<typename V::value_type>& scene, const A& accuracy, Index tile,
-                 const Strips<V>& strips, LaneTape<V>& tape) {
+Index record_tile(const Scene<typename V::value_type>& scene, const A& accuracy, Index tile,
+                  const Strips<V>& strips, LaneTape<V>& tape) {
     using T = typename V::value_type;
     using Group = LaneGroup<V>;
-    constexpr int lanes = Strips<V>::lanes;
+    constexpr int lanes = Strips<V>::lanes, count = Strips<V>::count;
     const LaneBlend<A, V> blend(accuracy);
     Group& group = tape.group;
+    StripMask open = strips.inside(all_strips);
     strips.start(all_strips, tape.transmittance, lanes);
-    tape.strip.clear();
-    tape.end.clear();
-    typename Group::Open open;
-    const Index begin = scene.begin(tile), end = begin + scene.used(tile);
-    fetch_ahead(scene, begin, std::min<Index>(end, begin + Group::most));
-    for (Index k = begin; k < end && blend.open_strips(tape.transmittance, lanes, open);) {
+    tape.groups.clear();
+    Index used = 0, k = scene.begin(tile);
+    const Index end = k + scene.used(tile);
+    fetch_ahead(scene, k, std::min<Index>(end, k + Group::most));
+    while (k < end && !open.none()) {
         const Index next = std::min<Index>(end, k + Group::most);
         fetch_ahead(scene, next, std::min<Index>(end, next + Group::most));
-        group.fill(scene, strips, scene.top(tile), k, next, open);
-        const auto used = static_cast<Index>(tape.strip.size());
-        tape.strip.insert(tape.strip.end(), group.strip, group.strip + group.visits);
-        for (Index i = 0; i < next - k; ++i) tape.end.push_back(used + group.end[i]);
-        T* const steps = tape.steps.grow((used + group.visits) * 2 * lanes, used * 2 * lanes);
-        T* to = steps + used * 2 * lanes;
-        blend.alphas(group);
-        const int visits = group.visits;
-        for (int i = 0; i < visits; ++i, to += 2 * lanes) {
-            T* const at = tape.transmittance + group.strip[i] * lanes;
-            V t = V::load_aligned(at);
-            const LaneShare<V> share = blend(V::load_aligned(group.alpha[i]), t);
-            t.store_aligned(at);
-            share.alpha.store_aligned(to);
-            share.before.store_aligned(to + lanes);
+        group.template fill<0>(scene, strips, scene.top(tile), k, next);
+        TapeGroup<V>& laid = tape.groups.emplace_back();
+        T* const steps = tape.steps.grow((used + (next - k) * count) * 2 * lanes,
+                                         used * 2 * lanes);
+        for (int s = 0; s < count; ++s) {
+            if (group.reaching[s] != 0 && open.has(s)) {
+                V t = V::load_aligned(tape.transmittance + s * lanes);
+                blend.along(group, s, t,
+                            [&](int entry, const LaneEntry<V>&, const LaneShare<V>& share)
+                                __attribute__((always_inline)) {
+                    T* const to = steps + used * 2 * lanes;
+                    share.alpha.store_aligned(to);
+                    share.before.store_aligned(to + lanes);
+                    laid.strips[entry][s / 64] |= std::uint64_t(1) << (s % 64);
+                    ++used;
+                });
+                t.store_aligned(tape.transmittance + s * lanes);
+                if (!blend.open(t)) open.clear(s);
+            }
+            laid.end[s] = used;
         }
         k = next;
     }
+    return k - scene.begin(tile);
+}
+
+namespace detail {
+
+/// The places of the bits that are set in a byte, a byte each, from the first in memory on.
+inline constexpr auto bit_places = [] {
+    std::array<std::uint64_t, 256> table{};
+    for (std::size_t byte = 0; byte < 256; ++byte) {
+        std::array<std::uint8_t, 8> places{};
+        std::size_t n = 0;
+        for (std::uint8_t bit = 0; bit < 8; ++bit)
+            if ((byte >> bit & 1U) != 0) places[n++] = bit;
+        table[byte] = std::bit_cast<std::uint64_t>(places);
+    }
+    return table;
+}();
+
+} // namespace detail
+
+/// The strips of an entry's visits, in order; up to seven numbers behind them are written too.
+template <class V>
+int list_strips(const std::uint64_t* words, std::uint8_t* strip) {
+    constexpr std::uint64_t every_byte = 0x0101010101010101U;
+    int n = 0;
+    for (int b = 0; b < Strips<V>::count / 8; ++b) {
+        const std::size_t byte = words[b / 8] >> (8 * (b % 8)) & 0xFFU;
+        const std::uint64_t places =
+            detail::bit_places[byte] + every_byte * static_cast<std::uint64_t>(8 * b);
+        std::memcpy(strip + n, &places, 8);
+        n += std::popcount(byte);
+    }
+    return n;
 }
 
 /// <cotangent, colour> of a strip's pixels, for a few channels. One expression for entries and
@@ -122,7 +176,7 @@ void load_cotangents(const Scene<typename V::value_type>& scene,
         const Index from = scene.pixel(scene.left(tile), scene.top(tile) + y);
         const T* gp = g.feature.data() + from * channels;
         for (int x = 0; x < strips.width; ++x) {
-            const int strip = Tile::strip(x, y), lane = x % lanes;
+            const int strip = Tile::strip(x, y), lane = Tile::lane(x, y);
             T* const to = cotangent + strip * lanes * stride + lane;
             for (Index c = 0; c < channels; ++c) to[c * lanes] = *gp++;
             if (g.alpha != nullptr)
@@ -161,12 +215,18 @@ struct LaneReverse {
     Index stride;
     V alpha_max;
     const T* cotangent;
+    const T* visits_end[Tile::count];    ///< of each strip: where its visits on the tape end
 
-    /// Visits [begin, end) of the tape.
-    void operator()(const Splat<T>& s, Index begin, Index end, const T* feature, T* slot) {
+    /// Before the last entry of a group.
+    void start(const TapeGroup<V>& group) {
+        for (int s = 0; s < Tile::count; ++s)
+            visits_end[s] = tape.steps.lines[0].x + group.end[s] * (2 * lanes);
+    }
+
+    /// An entry of `visits`, whose strips are on the tape.
+    void operator()(const Splat<T>& s, int visits, const T* feature, T* slot) {
         const V zero(T(0));
-        const std::uint8_t* const strip = tape.strip.data() + begin;
-        const Index visits = end - begin;
+        const std::uint8_t* const strip = tape.strip;
         std::array<V, 8> sum;                // as in SplatCotangent
         sum.fill(zero);
         std::array<V, std::size_t(std::max(C, 1))> colour, colour_sum;
@@ -177,23 +237,29 @@ struct LaneReverse {
             along_strips<V>(cotangent, strip, visits, feature, stride, tape.along);
         const V z(s.depth), floor(s.floor);
         V opacity = zero;
-        alignas(64) T us[tile_edge], across[tile_edge], down[tile_edge];
+        alignas(64) T us[Tile::sides * lanes], across[Tile::sides * lanes], down[tile_edge];
         unrolled<Tile::sides>([&](auto i) __attribute__((always_inline)) {
             const V dx = V::load_aligned(strips.x + i * lanes) - V(s.x);
             (V(s.ux) * dx).store_aligned(us + i * lanes);
             (V(s.vx) * dx).store_aligned(across + i * lanes);
+        });
+        unrolled<tile_edge / lanes>([&](auto i) __attribute__((always_inline)) {
             (V(s.vy) * (V::load_aligned(strips.y + i * lanes) - V(s.y)))
                 .store_aligned(down + i * lanes);
         });
-        const T* step = tape.steps.lines[0].x + begin * 2 * lanes;
-        for (Index i = 0; i < visits; ++i, step += 2 * lanes) {
-            const std::size_t at = strip[i] * std::size_t(lanes);
-            const std::size_t side = Tile::side(strip[i]) * lanes;
+        // Copies of its own: stores of vectors could be to anything.
+        T* const behinds = tape.behind;
+        const T* const g_tile = cotangent;
+        const V most = alpha_max;
+        for (int i = 0; i < visits; ++i) {
+            const std::size_t here = strip[i], at = here * lanes;
+            const int side = Tile::side(strip[i]), row = Tile::row(strip[i]);
+            const T* const step = visits_end[here] -= 2 * lanes;
             const V alpha = V::load_aligned(step), before = V::load_aligned(step + lanes);
-            const V weight = alpha * before, behind = V::load_aligned(tape.behind + at);
+            const V weight = alpha * before, behind = V::load_aligned(behinds + at);
             V more;
             if constexpr (C > 0) {
-                const T* const g_strip = cotangent + at * C;
+                const T* const g_strip = g_tile + at * C;
                 unrolled<C>([&](auto c) __attribute__((always_inline)) {
                     colour_sum[c] = colour_sum[c] + V::load_aligned(g_strip + c * lanes) * weight;
                 });
@@ -207,16 +273,16 @@ struct LaneReverse {
                 more = more + (V::load_aligned(tape.g_alpha + at) + gz * z);
                 sum[6] = sum[6] + weight * gz;
             }
-            more = select(weight > zero, more, zero);
-            (behind + alpha * more).store_aligned(tape.behind + at);
-            const V g_raw = select(alpha < alpha_max, before * more, zero);
+            more = where(weight > zero, more);
+            (behind + alpha * more).store_aligned(behinds + at);
+            const V g_raw = where(alpha < most, V(before * more));
             V g = g_raw * alpha;
             if constexpr (A::has_floor) {
                 opacity = opacity + g;
                 g = g + g_raw * floor;
             }
-            const V u = V::load_aligned(us + side);
-            const V v = V::load_aligned(across + side) + V(down[Tile::row(strip[i])]);
+            const V u = V::load_aligned(us + side * lanes);
+            const V v = V::load_aligned(across + side * lanes) + repeat<Tile::high, V>(down + row);
             const V gu = g * u, gv = g * v;
             sum[0] = sum[0] + gu;
             sum[1] = sum[1] + gv;
@@ -280,19 +346,17 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
     const Strips<V> strips(scene, tile);
     const Index channels = scene.feature.rows();
     const Index stride = C > 0 ? C : padded_channels<V>(channels);
-    record_tile<V>(scene, accuracy, tile, strips, tape);
+    const Index entries = record_tile<V>(scene, accuracy, tile, strips, tape);
     load_cotangents<V, C>(scene, g, tile, strips, stride, tape);
 
-    LaneReverse<V, C, Extra, A> reverse{strips, tape, stride,
-                                        V(static_cast<T>(accuracy.alpha_max)),
-                                        tape.cotangent.lines[0].x};
+    LaneReverse<V, C, Extra, A> reverse{
+        strips, tape, stride, V(static_cast<T>(accuracy.alpha_max)), tape.cotangent.lines[0].x, {}};
     T* const feature = tape.feature.reserve(C > 0 ? 1 : most * stride);
-    const Index begin = scene.begin(tile), entries = static_cast<Index>(tape.end.size());
-    const auto visits_end = [&](Index k) {
-        return k < 0 ? Index(0) : tape.end[static_cast<std::size_t>(k)];
-    };
+    const Index begin = scene.begin(tile);
     for (Index group = (entries - 1) / most * most; group >= 0; group -= most) {
         const Index end = std::min(entries, group + most);
+        const TapeGroup<V>& laid = tape.groups[static_cast<std::size_t>(group / most)];
+        reverse.start(laid);
         if constexpr (C == 0)
             copy_features<V>(scene, begin + group, begin + end, stride, feature);
         if (group > 0) {
@@ -301,13 +365,13 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
             fetch_slots(scene, scratch.slots, begin + group - most, begin + group);
         }
         for (Index k = end; k-- > group;) {
-            const Index from = visits_end(k - 1), to = visits_end(k);
-            if (from == to) continue;
+            const int visits = list_strips<V>(laid.strips[k - group], tape.strip);
+            if (visits == 0) continue;
             const Index slot = scene.slot(begin + k);
             scratch.slots.touched[static_cast<std::size_t>(slot)] = 1;
             const T* const f =
                 C > 0 ? scene.feature_of(begin + k) : feature + (k - group) * stride;
-            reverse(scene.splat(begin + k), from, to, f, scratch.slots[slot]);
+            reverse(scene.splat(begin + k), visits, f, scratch.slots[slot]);
         }
     }
 }
