@@ -200,7 +200,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
     using T = typename V::value_type;
     using Tile = Strips<V>;
     if constexpr (A::order == BlendOrder::by_peak) return blend_tile(scene, accuracy, tile, out);
-    constexpr int lanes = Tile::lanes, most = LaneGroup<V>::most;
+    constexpr int lanes = Tile::lanes, most = C > 0 ? LaneGroup<V>::usual : LaneGroup<V>::most;
     using State = LaneState<A::outputs, C>;
     constexpr Index state_stride = State::vectors * lanes;
     const Index channels = C > 0 ? C : scene.feature.rows();

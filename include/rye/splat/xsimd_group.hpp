@@ -85,7 +85,10 @@ struct LaneGroup {
     using T = typename V::value_type;
     using Tile = Strips<V>;
     static constexpr int lanes = Tile::lanes;
-    static constexpr int most = 32;      ///< entries
+    static constexpr int most = 64;      ///< entries
+    /// Entries that are best taken at once, unless sums of many channels go to memory and back with
+    /// each group.
+    static constexpr int usual = 32;
 
     LaneEntry<V> entry[most];
     std::uint64_t reaching[Tile::count]; ///< of each strip: entries that reach it, a bit each

@@ -19,7 +19,7 @@ template <class V>
 struct TapeGroup {
     using Tile = Strips<V>;
     static constexpr int words = (Tile::count + 63) / 64;
-    std::uint64_t strips[LaneGroup<V>::most][words];  ///< of each entry: of its visits, a bit each
+    std::uint64_t strips[LaneGroup<V>::usual][words];  ///< of each entry: of its visits, a bit each
     Index end[Tile::count];                           ///< of each strip: where its visits end
 };
 
@@ -59,10 +59,10 @@ Index record_tile(const Scene<typename V::value_type>& scene, const A& accuracy,
     tape.groups.clear();
     Index used = 0, k = scene.begin(tile);
     const Index end = k + scene.used(tile);
-    fetch_ahead(scene, k, std::min<Index>(end, k + Group::most));
+    fetch_ahead(scene, k, std::min<Index>(end, k + Group::usual));
     while (k < end && !open.none()) {
-        const Index next = std::min<Index>(end, k + Group::most);
-        fetch_ahead(scene, next, std::min<Index>(end, next + Group::most));
+        const Index next = std::min<Index>(end, k + Group::usual);
+        fetch_ahead(scene, next, std::min<Index>(end, next + Group::usual));
         group.template fill<0>(scene, strips, scene.top(tile), k, next);
         TapeGroup<V>& laid = tape.groups.emplace_back();
         T* const steps = tape.steps.grow((used + (next - k) * count) * 2 * lanes,
@@ -337,7 +337,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
                           const RasterCotangent<typename V::value_type>& g, Index tile,
                           RasterScratch<typename V::value_type>& scratch, LaneTape<V>& tape) {
     using T = typename V::value_type;
-    constexpr Index most = LaneGroup<V>::most;
+    constexpr Index most = LaneGroup<V>::usual;
     if (scene.used(tile) == 0) return;
     if constexpr (A::order == BlendOrder::by_peak) {
         std::vector<Hit<T>> hits;
@@ -351,14 +351,14 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
 
     LaneReverse<V, C, Extra, A> reverse{
         strips, tape, stride, V(static_cast<T>(accuracy.alpha_max)), tape.cotangent.lines[0].x, {}};
-    T* const feature = tape.feature.reserve(C > 0 ? 1 : most * stride);
+    const bool copied = C == 0 && stride != channels;    // where channels do not fill vectors
+    T* const feature = tape.feature.reserve(copied ? most * stride : 1);
     const Index begin = scene.begin(tile);
     for (Index group = (entries - 1) / most * most; group >= 0; group -= most) {
         const Index end = std::min(entries, group + most);
         const TapeGroup<V>& laid = tape.groups[static_cast<std::size_t>(group / most)];
         reverse.start(laid);
-        if constexpr (C == 0)
-            copy_features<V>(scene, begin + group, begin + end, stride, feature);
+        if (copied) copy_features<V>(scene, begin + group, begin + end, stride, feature);
         if (group > 0) {
             fetch_ahead(scene, begin + group - most, begin + group);
             fetch_features(scene, begin + group - most, begin + group);
@@ -370,7 +370,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
             const Index slot = scene.slot(begin + k);
             scratch.slots.touched[static_cast<std::size_t>(slot)] = 1;
             const T* const f =
-                C > 0 ? scene.feature_of(begin + k) : feature + (k - group) * stride;
+                copied ? feature + (k - group) * stride : scene.feature_of(begin + k);
             reverse(scene.splat(begin + k), visits, f, scratch.slots[slot]);
         }
     }
