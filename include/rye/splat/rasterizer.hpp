@@ -17,16 +17,12 @@
 
 namespace rye {
 
-/// f(std::integral_constant) of the number of channels where a walk is compiled for it, else of 0.
-template <class F>
-decltype(auto) with_channels(Index channels, F&& f) {
-    using std::integral_constant;
-    switch (channels) {
-    case 1: return f(integral_constant<int, 1>());
-    case 3: return f(integral_constant<int, 3>());
-    case 4: return f(integral_constant<int, 4>());
-    default: return f(integral_constant<int, 0>());
-    }
+/// f with the number of channels as a constant where it is one of the few, else with 0.
+template <int... Few, class F>
+void with_channels(Index channels, F&& f) {
+    const bool few =
+        ((channels == Few && (f(std::integral_constant<int, Few>()), true)) || ... || false);
+    if (!few) f(std::integral_constant<int, 0>());
 }
 
 template <Backend B, AccuracyPolicy A = Balanced>
@@ -87,7 +83,7 @@ struct Rasterizer {
             if constexpr (LaneBackend<B, T>) {
                 using V = typename B::template batch<T>;
                 const auto canvas = s.workspaces.template lend<LaneCanvas<V>>();
-                with_channels(scene.feature.rows(), [&](auto c) {
+                with_channels<1, 3, 4, 8>(scene.feature.rows(), [&](auto c) {
                     blend_tiles_lanes<V, c>(scene, accuracy, drawn, {b, e}, out, *canvas);
                 });
             } else {
@@ -133,7 +129,7 @@ struct Rasterizer {
                 using V = typename B::template batch<T>;
                 const auto tape = s.workspaces.template lend<LaneTape<V>>();
                 const bool extra = cotangent.alpha != nullptr || cotangent.depth != nullptr;
-                with_channels(g.channels(), [&](auto c) {
+                with_channels<1, 3, 4>(g.channels(), [&](auto c) {
                     for (Index t = b; t < e; ++t)
                         if (extra)
                             blend_tile_vjp_lanes<V, c, true>(scene, accuracy, cotangent, t, s,

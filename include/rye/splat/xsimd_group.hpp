@@ -76,7 +76,7 @@ struct alignas(64) LaneEntry {
     T exponent[Tile::sides][Tile::lanes];  ///< exponent = this - v^2
     T down[tile_edge];                     ///< of each row
     T cut, floor, depth;
-    T colour[4];                           ///< of a few channels
+    T colour[8];                           ///< of a few channels
 };
 
 /// A group of a tile's entries, and which of them reach each strip.
