@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+// How a tile is cut for lanes, and which entries its strips are said to meet.
+#include <rye/splat/rasterizer.hpp>
+
+#include <memory>
+#include <vector>
+
+#include <doctest/doctest.h>
+
+#include "scenes.hpp"
+
+using namespace rye;
+using namespace rye::test;
+
+namespace {
+
+template <class T>
+using Batch = xsimd::batch<T, xsimd::default_arch>;
+
+struct Met {
+    int needed = 0, said = 0;            ///< pairs of a strip and an entry
+};
+
+/// Every pixel that an entry can reach must lie in a strip that is said to meet it.
+template <class T>
+Met check_reach(const Scenery<T>& s) {
+    using V = Batch<T>;
+    using Tile = Strips<V>;
+    using Group = LaneGroup<V>;
+    const Rasterizer<XsimdBackend<>> rasterizer;
+    const auto raster = rasterizer.forward(s.gaussians, s.camera, s.background);
+    const auto scene = rasterizer.scene_of(s.gaussians, s.camera, s.background, raster.trace);
+    const auto group = std::make_unique<Group>();
+    Met met;
+    int missed = 0;
+    for (Index t = 0; t < raster.trace.lists.tiles(); ++t)
+        for (Index first = scene.begin(t); first < scene.end(t); first += Group::most) {
+            const Tile strips(scene, t);
+            const Index last = std::min<Index>(scene.end(t), first + Group::most);
+            group->template fill<0>(scene, strips, scene.top(t), first, last);
+            for (Index k = first; k < last; ++k) {
+                const Member<T>& m = scene.member(k);
+                std::vector<bool> reached(Tile::count);
+                for (int y = 0; y < strips.height; ++y)
+                    for (int x = 0; x < strips.width; ++x) {
+                        const T px = T(scene.left(t) + x) + T(0.5) - scene.cx;
+                        const T py = T(scene.top(t) + y) + T(0.5) - scene.cy;
+                        const int row = scene.top(t) + y;
+                        if (row < m.rows.begin || row >= m.rows.end) continue;
+                        const T e = respond(m.splat, T(px - m.splat.x), T(py - m.splat.y)).exponent;
+                        if (e >= m.splat.cut) reached[std::size_t(Tile::strip(x, y))] = true;
+                    }
+                for (int strip = 0; strip < Tile::count; ++strip) {
+                    const bool says = (group->reaching[strip] >> (k - first) & 1U) != 0;
+                    missed += reached[std::size_t(strip)] && !says ? 1 : 0;
+                    met.needed += reached[std::size_t(strip)] ? 1 : 0;
+                    met.said += says ? 1 : 0;
+                }
+            }
+        }
+    CHECK_MESSAGE(missed == 0, s.name);
+    return met;
+}
+
+} // namespace
+
+TEST_CASE_TEMPLATE("a tile's pixels are each a lane of one strip", T, float, double) {
+    using Tile = Strips<Batch<T>>;
+    const auto s = random_scene<T>(40, 3, 1);
+    const Rasterizer<XsimdBackend<>> rasterizer;
+    const auto raster = rasterizer.forward(s.gaussians, s.camera, s.background);
+    const auto scene = rasterizer.scene_of(s.gaussians, s.camera, s.background, raster.trace);
+    for (const Index tile : {Index(0), raster.trace.lists.tiles() - 1}) {  // a whole one, a corner
+        const Tile strips(scene, tile);
+        const StripMask inside = strips.inside(all_strips);
+        std::vector<T> start(tile_pixels);
+        strips.start(all_strips, start.data(), Tile::lanes);
+        std::vector<int> times(tile_pixels);
+        for (int y = 0; y < tile_edge; ++y)
+            for (int x = 0; x < tile_edge; ++x) {
+                const int strip = Tile::strip(x, y), lane = Tile::lane(x, y);
+                const auto at = std::size_t(strip * Tile::lanes + lane);
+                ++times[at];
+                const bool drawn = x < strips.width && y < strips.height;
+                CHECK(start[at] == (drawn ? T(1) : T(0)));
+                if (drawn) CHECK(inside.has(strip));
+                CHECK(strips.x[Tile::side(strip) * Tile::lanes + lane] ==
+                      T(scene.left(tile) + x) + T(0.5) - s.camera.cx);
+                CHECK(strips.y[Tile::row(strip) + lane % Tile::high] ==
+                      T(scene.top(tile) + y) + T(0.5) - s.camera.cy);
+            }
+        for (const int n : times) CHECK(n == 1);
+        for (int strip = 0; strip < StripMask::most; ++strip)
+            if (inside.has(strip)) {
+                REQUIRE(strip < Tile::count);
+                CHECK(start[std::size_t(strip * Tile::lanes)] == T(1));
+            }
+    }
+}
+
+TEST_CASE_TEMPLATE("a mask's lanes are its bits", T, float, double) {
+    using V = Batch<T>;
+    constexpr int lanes = int(V::size);
+    alignas(64) T x[lanes];
+    for (int shown = 0; shown < (1 << lanes); shown += 1 + shown / 7) {
+        for (int i = 0; i < lanes; ++i) x[i] = (shown >> i & 1) != 0 ? T(2) : T(-2);
+        CHECK(lane_bits(V::load_aligned(x) > V(T(0))) == std::uint64_t(shown));
+    }
+}
+
+TEST_CASE_TEMPLATE("strips meet every entry that reaches a pixel, and few others", T, float,
+                   double) {
+    Met all;
+    for (std::uint64_t seed = 0; seed < 4; ++seed)
+        for (const double size : {0.01, 0.08, 0.4}) {
+            const Met met = check_reach(random_scene<T>(200, 1, seed, size));
+            all.needed += met.needed;
+            all.said += met.said;
+        }
+    // An entry may pass between the pixels of a strip.
+    MESSAGE("strips named over strips reached: " << double(all.said) / all.needed);
+    CHECK(all.said < 1.2 * all.needed);
+    for (const auto& s : hard_scenes<T>(1)) check_reach(s);
+}
