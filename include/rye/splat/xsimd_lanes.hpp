@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
-#include <cstdint>
 #include <cstring>
 #include <functional>
 #include <memory>
@@ -78,39 +77,6 @@ template <class V>
         return V(mask.data) & x;
     else
         return select(mask, x, V(typename V::value_type(0)));
-}
-
-namespace detail {
-
-#if defined(__SSE2__)
-inline int sign_bits(__m128 x) { return _mm_movemask_ps(x); }
-inline int sign_bits(__m128d x) { return _mm_movemask_pd(x); }
-#endif
-#if defined(__AVX__)
-inline int sign_bits(__m256 x) { return _mm256_movemask_ps(x); }
-inline int sign_bits(__m256d x) { return _mm256_movemask_pd(x); }
-#endif
-
-} // namespace detail
-
-/// A mask as bits, that of the first lane lowest. Versions of the library that do not say get the
-/// instruction.
-template <class M>
-[[gnu::always_inline]] inline std::uint64_t lane_bits(const M& mask) {
-    if constexpr (requires { mask.mask(); }) {
-        return mask.mask();
-    } else if constexpr (requires { mask.data % 2; }) {  // bits
-        return mask.data;
-    } else if constexpr (requires { detail::sign_bits(mask.data); }) {
-        return static_cast<unsigned>(detail::sign_bits(mask.data));
-    } else {
-        alignas(64) bool lane[M::size];
-        mask.store_aligned(lane);
-        std::uint64_t bits = 0;
-        for (std::size_t i = 0; i < M::size; ++i)
-            bits |= static_cast<std::uint64_t>(lane[i]) << i;
-        return bits;
-    }
 }
 
 /// Whether lanes can be filled with a pair of numbers, over and over, by one instruction.
