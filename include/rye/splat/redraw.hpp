@@ -199,8 +199,8 @@ class Redraw {
             const Strips<V> strips(scene, tile);
             StripMask& mask = found_[tiles_[t].mask];
             for (Index k = scene.begin(tile); k < end; k += LaneGroup<V>::most) {
-                group.template fill<0>(scene, strips, scene.top(tile), k,
-                           std::min<Index>(end, k + LaneGroup<V>::most));
+                const Index next = std::min<Index>(end, k + LaneGroup<V>::most);
+                group.template fill<0>(scene, strips, scene.top(tile), k, next);
                 for (int s = 0; s < Strips<V>::count; ++s)
                     if (group.reaching[s] != 0) mask.set(s);
             }

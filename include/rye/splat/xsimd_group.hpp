@@ -27,7 +27,7 @@ struct Strips {
     static constexpr int sides = tile_edge / wide;
     static constexpr int rows = tile_edge / high;        ///< strips of a side
     static constexpr int count = sides * rows;
-    static_assert(tile_edge % wide == 0 && tile_edge % high == 0 && count <= 128);
+    static_assert(tile_edge % wide == 0 && tile_edge % high == 0 && count <= StripMask::most);
 
     alignas(64) T x[sides * lanes];      ///< pixel centres from the principal point [px], by lane
     alignas(64) T y[tile_edge];          ///< the same, by row
@@ -75,8 +75,9 @@ struct alignas(64) LaneEntry {
     T v[Tile::sides][Tile::lanes];         ///< v = this + down
     T exponent[Tile::sides][Tile::lanes];  ///< exponent = this - v^2
     T down[tile_edge];                     ///< of each row
+    static constexpr int few = 8;          ///< channels at most
     T cut, floor, depth;
-    T colour[8];                           ///< of a few channels
+    T colour[few];                         ///< of a few channels
 };
 
 /// A group of a tile's entries, and which of them reach each strip.
@@ -96,6 +97,7 @@ struct LaneGroup {
     /// Takes entries [first, last), with the features of C few channels.
     template <int C>
     void fill(const Scene<T>& scene, const Tile& tile, int top, Index first, Index last) {
+        static_assert(C <= LaneEntry<V>::few);
         const int n = static_cast<int>(last - first);
         for (int k = 0; k < n; ++k) {
             share(scene.member(first + k), tile, top, k);
