@@ -1,59 +1,118 @@
 // SPDX-License-Identifier: Apache-2.0
-// The network of the face's colours, 128 numbers a point and 64 a frame, over 100000 points: its
-// products as a share of the peak that the same run measures.
+// The network of the face's colours, 128 numbers a point and 64 a frame, over 100000 points, by each
+// policy of products: its share of the peak that the same run measures, and its error.
 #include <benchmark/benchmark.h>
 
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
+#include <rye/backend/scalar.hpp>
 #include <rye/backend/xsimd.hpp>
 #include <rye/nn/mlp.hpp>
+#include <rye/nn/product_bf16.hpp>
 
 #include "../roofline/machine.hpp"
+#include "libraries.hpp"
 
 namespace {
 
 using namespace rye;
 using namespace rye::bench;
 
+template <class T>
+Columns<T> noise(Index rows, Index cols) {
+    Columns<T> a(rows, cols);
+    const Random random{2, 1};
+    for (Index i = 0; i < a.size(); ++i)
+        a(i) = T(random.uniform(std::uint64_t(i)) - 0.5);
+    return a;
+}
+
+template <class T>
+struct Case {
+    MlpShape shape{{192, 256, 256, 32}, 64};
+    Mlp<T> m = Mlp<T>::init(shape, Random{1, 1}), g_params{shape};
+    Columns<T> points, g_out, out, g_points;
+    VecX<T> frame = VecX<T>::Constant(64, T(0.1)), g_frame;
+    MlpTrace<T> trace;
+
+    explicit Case(Index n) : points(noise<T>(128, n)), g_out(noise<T>(32, n)) {}
+    template <Backend B>
+    void forward() {
+        out = mlp_forward<B>(m, points, frame, &trace);
+    }
+    template <Backend B>
+    void vjp() {
+        mlp_vjp<B>(m, points, frame, trace, g_out, g_params, &g_points, &g_frame);
+    }
+    /// Per point, forward: the frame's part is folded away; one layer reads the points again.
+    double flops() const {
+        double weights = 0;
+        for (int l = 0; l < shape.layers(); ++l)
+            weights += double(shape.layer_out(l)) *
+                       (shape.hidden_in(l) + (shape.reads_input(l) ? shape.point_inputs() : 0));
+        return 2 * weights;
+    }
+};
+
+/// Of a norm, relative to double's.
+template <class T>
+double difference(const Columns<T>& a, const Columns<double>& b) {
+    return (a.template cast<double>() - b).norm() / b.norm();
+}
+
+template <class Products>
+struct Multiplied : XsimdBackend<xsimd::default_arch, Serial> {
+    using products = Products;
+};
+
+template <class Products>
 void mlp(benchmark::State& state) {
-    using B = XsimdBackend<xsimd::default_arch, Serial>;
-    const MlpShape shape{{192, 256, 256, 32}, 64};
+    using B = Multiplied<Products>;
     const Index n = state.range(0);
-    const Mlp<float> m = Mlp<float>::init(shape, Random{1, 1});
-    Mlp<float> g_params(shape);
-    const auto noise = [](Index rows, Index cols) {
-        Columns<float> a(rows, cols);
-        const Random random{2, 1};
-        for (Index i = 0; i < a.size(); ++i)
-            a(i) = static_cast<float>(random.uniform(std::uint64_t(i))) - 0.5F;
-        return a;
-    };
-    const Columns<float> points = noise(128, n), g_out = noise(32, n);
-    const VecX<float> frame = VecX<float>::Constant(64, 0.1F);
-    MlpTrace<float> trace;
-    Columns<float> out, g_points;
-    VecX<float> g_frame;
+#ifdef _OPENMP
+    omp_set_num_threads(1);  // oneDNN's
+#endif
+    Case<float> c(n);
     double forward = 1e30, both = 1e30;
     for (auto _ : state)
         for (int round = 0; round < 12; ++round) {
             const double start = thread_seconds();
-            out = mlp_forward<B>(m, points, frame, &trace);
+            c.template forward<B>();
             forward = std::min(forward, thread_seconds() - start);
-            mlp_vjp<B>(m, points, frame, trace, g_out, g_params, &g_points, &g_frame);
+            c.template vjp<B>();
             both = std::min(both, thread_seconds() - start);
         }
-    // Per point: the frame's part is folded away; one layer reads the points again.
-    double weights = 0;
-    for (int l = 0; l < shape.layers(); ++l)
-        weights += double(shape.layer_out(l)) *
-                   (shape.hidden_in(l) + (shape.reads_input(l) ? shape.point_inputs() : 0));
-    const double flops = 2 * weights * double(n);
+    Case<float> few(1000);
+    Case<double> exact(1000);
+    few.template forward<B>();
+    few.template vjp<B>();
+    exact.forward<ScalarBackend<Serial>>();
+    exact.vjp<ScalarBackend<Serial>>();
+    const double flops = c.flops() * double(n);
     state.counters["fwd_ms"] = 1e3 * forward;
     state.counters["both_ms"] = 1e3 * both;
     state.counters["fwd_gflop"] = 1e-9 * flops;
     state.counters["both_gflop"] = 3e-9 * flops;
     state.counters["fwd_share"] = flops / forward / machine().flops;
     state.counters["both_share"] = 3 * flops / both / machine().flops;
+    state.counters["error"] = difference(few.out, exact.out);
+    state.counters["g_error"] = std::max(difference(few.g_points, exact.g_points),
+                                         difference(few.g_params.weight[0],
+                                                    exact.g_params.weight[0]));
 }
-BENCHMARK(mlp)->ArgName("points")->Arg(100000)->Iterations(1);
+
+#define MLP(...) BENCHMARK(mlp<__VA_ARGS__>)->ArgName("points")->Arg(100000)->Iterations(1)
+MLP(TileProducts);
+MLP(EigenProducts);
+#ifdef RYE_BENCH_CBLAS
+MLP(GemmProducts<Cblas>);
+#endif
+#ifdef RYE_BENCH_ONEDNN
+MLP(GemmProducts<OneDnn>);
+#endif
+MLP(Bf16Products);
 
 } // namespace
 

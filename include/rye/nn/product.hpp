@@ -1,236 +1,132 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/product.hpp: products of dense matrices: in register tiles where the backend has lanes,
-/// else Eigen's. The left factor is prepared once for many columns of the right one. In lanes each
-/// number of the result is one sum in the order of the depth: its bits depend on nothing but its
-/// row and its column. Matrices are column-major.
+/// rye/nn/product.hpp: products of dense matrices, by a policy that the backend may name:
+///
+///     struct Mine : rye::XsimdBackend<> { using products = rye::GemmProducts<OpenBlas>; };
+///
+/// Without one: our own register tiles where the backend has lanes, else Eigen's. Matrices are
+/// column-major. A policy's left factor A is prepared once for many right factors:
+///
+///     set(x), set_transposed(x)           A = x, A = x^T
+///     set_and_sum(x, sum)                 A = x, and its columns are added to `sum`
+///     times(x, y, put, before)            y = put(row, A x, before)
+///     times(x, y, put)                    y = put(row, A x, y)
+///     times_transposed(x, y, put)         y = put(row, A x^T, y)
+///
+/// put(row, sum, before) says how sums become results, where `before` is what stood there, or in a
+/// matrix of the same shape and stride: numbers of row `row`, or vectors of rows from `row` on,
+/// which may reach beyond the last row.
 #pragma once
 
-#include <algorithm>
-#include <cstddef>
 #include <type_traits>
-#include <utility>
-#include <vector>
 
 #include <rye/core/columns.hpp>
 #include <rye/nn/elementwise.hpp>
-#include <rye/nn/register_tile.hpp>
+#include <rye/nn/product_tiles.hpp>
 
 namespace rye {
 
-/// A matrix as the left factor is read: panels of two vectors of rows, the last of one if that is
-/// enough, zeros below the last row; within a panel, column after column. Where they lie, columns
-/// of a power of two of numbers would share a few sets of the cache.
-template <class Batch>
-struct PackedMatrix {
-    using T = typename Batch::value_type;
-    static constexpr Index lanes = static_cast<Index>(Batch::size);
-    Index rows = 0, depth = 0;
-    std::vector<T> data;
-
-    Index height(Index row) const { return rows - row > lanes ? 2 * lanes : lanes; }
-    const T* panel(Index row) const { return data.data() + row * depth; }
-
-    /// A column-major matrix; its columns are added to `sum`, if there is one.
-    void pack(const ColumnsView<T>& a, T* sum = nullptr) {
-        shape(a.rows(), a.cols());
-        each_panel([&](T* to, Index row, Index h) {
-            const T* from = a.data() + row;
-            T* const sums = sum == nullptr ? nullptr : sum + row;
-            const Index n = std::min(h, rows - row), step = a.outerStride();
-            if (n < h) {
-                for (Index j = 0; j < depth; ++j, from += step, to += h) {
-                    std::copy_n(from, n, to);
-                    std::fill_n(to + n, h - n, T(0));
-                    for (Index i = 0; sums != nullptr && i < n; ++i) sums[i] += from[i];
-                }
-                return;
-            }
-            for (Index i = 0; i < h; i += lanes) {
-                Batch column_sum(0);
-                for (Index j = 0; j < depth; ++j) {
-                    const Batch v = Batch::load_unaligned(from + i + j * step);
-                    v.store_unaligned(to + i + j * h);
-                    column_sum += v;
-                }
-                if (sums != nullptr)
-                    (Batch::load_unaligned(sums + i) + column_sum).store_unaligned(sums + i);
-            }
-        });
-    }
-    /// The transpose of a column-major matrix.
-    void pack_transposed(const ColumnsView<T>& a) {
-        shape(a.cols(), a.rows());
-        each_panel([&](T* to, Index row, Index h) {
-            const Index n = std::min(h, rows - row);
-            for (Index i = 0; i < n; ++i)
-                for (Index j = 0; j < depth; ++j) to[j * h + i] = a(j, row + i);
-            for (Index i = n; i < h; ++i)
-                for (Index j = 0; j < depth; ++j) to[j * h + i] = T(0);
-        });
-    }
-
-  private:
-    void shape(Index new_rows, Index new_depth) {
-        rows = new_rows;
-        depth = new_depth;
-        data.resize(static_cast<std::size_t>((rows + lanes - 1) / lanes * lanes * depth));
-    }
-    template <class F>
-    void each_panel(const F& f) {
-        for (Index row = 0; row < rows; row += 2 * lanes)
-            f(data.data() + row * depth, row, height(row));
-    }
-};
-
-/// The right factor: a column-major matrix or its transpose, where it lies.
-template <class T>
-struct RightFactor {
-    const T* data;
-    Index depth_step, column_step, columns;
-
-    static RightFactor of(const ColumnsView<T>& x) {
-        return {x.data(), 1, x.outerStride(), x.cols()};
-    }
-    static RightFactor transposed(const ColumnsView<T>& x) {
-        return {x.data(), x.outerStride(), 1, x.rows()};
-    }
-};
-
-namespace detail {
-
-/// V vectors of rows by N columns of the product, from column c on.
-template <class Batch, std::size_t V, std::size_t N, class T, class Put>
-void product_tile(const T* a, Index depth, const RightFactor<T>& x, Index c, T* y, Index ld,
-                  const Put& put) {
-    RegisterTile<Batch, V, std::make_index_sequence<N>> tile;
-    const T* b = x.data + c * x.column_step;
-    constexpr Index height = static_cast<Index>(V * Batch::size);
-    for (Index j = 0; j < depth; ++j, a += height, b += x.depth_step)
-        tile.add_product(a, b, x.column_step);
-    tile.each(y, ld, put);
-}
-
-/// A panel times columns [begin, end) of X; y is where column `begin` goes. What is left of two
-/// vectors is one tile: two narrower ones would each wait for their sums.
-template <class Batch, std::size_t V, std::size_t N, class T, class Put>
-void product_panel(const T* a, Index depth, const RightFactor<T>& x, Index begin, Index end, T* y,
-                   Index ld, const Put& put) {
-    constexpr Index n = static_cast<Index>(N);
-    Index c = begin;
-    for (; c + n <= end; c += n, y += n * ld)
-        product_tile<Batch, V, N>(a, depth, x, c, y, ld, put);
-    if constexpr (N > 1)
-        if (c < end)
-            product_panel<Batch, V, V == 2 ? N - 1 : N / 2>(a, depth, x, c, end, y, ld, put);
-}
-
-} // namespace detail
-
-/// y = put(row, A x, before) with vectors of rows that begin at `row`; `before` is y itself or a
-/// matrix of its shape and stride.
-template <class Batch, class Put>
-void packed_product(const PackedMatrix<Batch>& a, const RightFactor<typename Batch::value_type>& x,
-                    std::type_identity_t<ColumnsSpan<typename Batch::value_type>> y,
-                    const Put& put,
-                    const std::type_identity_t<ColumnsView<typename Batch::value_type>>& before) {
-    using T = typename Batch::value_type;
-    constexpr Index lanes = static_cast<Index>(Batch::size), block = 12;
-    const Index ld = y.outerStride();
-    RYE_ASSERT(before.outerStride() == ld || y.cols() < 2, "packed_product: strides differ");
-    // `from` is to `before` what `to` is to y.
-    const auto panel = [&]<std::size_t V>(Index row, Index begin, Index end, T* to, const T* from,
-                                          Index step) {
-        detail::product_panel<Batch, V, 12 / V>(
-            a.panel(row), a.depth, x, begin, end, to, step,
-            [&](T* at, const Batch& sum, Index below) {
-                put(row + below, sum, Batch::load_unaligned(from + (at - to))).store_unaligned(at);
-            });
-    };
-    const auto any_height = [&](Index row, auto... rest) {
-        if (a.height(row) > lanes)
-            panel.template operator()<2>(row, rest...);
-        else
-            panel.template operator()<1>(row, rest...);
-    };
-    for (Index row = 0; row < a.rows; row += 2 * lanes) {
-        const Index height = a.height(row), here = std::min(height, a.rows - row);
-        if (here == height) {
-            any_height(row, Index(0), x.columns, y.data() + row, before.data() + row, ld);
-            continue;
-        }
-        // The last rows end within a vector: through memory of our own.
-        alignas(64) T own[block * 2 * lanes] = {};
-        for (Index c = 0; c < x.columns; c += block) {
-            const Index n = std::min(block, x.columns - c);
-            for (Index k = 0; k < n; ++k)
-                std::copy_n(before.data() + (c + k) * ld + row, here, own + k * height);
-            any_height(row, c, c + n, own, static_cast<const T*>(own), height);
-            for (Index k = 0; k < n; ++k) std::copy_n(own + k * height, here, &y(row, c + k));
-        }
-    }
-}
-
-/// A left factor A, kept as the backend's products read it. put(row, sum, before) says how sums
-/// become results, where `before` is what stood there, or in a matrix of the same shape and stride:
-/// numbers of row `row`, or vectors of rows from `row` on, which may reach beyond the last row.
-template <Backend B, class T>
-struct LeftFactor {
+/// A left factor whose products are sums in memory first: sums(a, turned, x, out) is what `times`
+/// needs, out = a x, or a x^T.
+template <Backend B, class T, class Sums>
+struct StoredFactor {
     Columns<T> a;
 
     void set(const ColumnsView<T>& x) { a = x; }
-    /// ... and adds its columns to `sum`, of as many rows.
     void set_and_sum(const ColumnsView<T>& x, Columns<T>& sum) {
         a = x;
         for (Index j = 0; j < x.cols(); ++j) sum += x.col(j);
     }
     void set_transposed(const ColumnsView<T>& x) { a = x.transpose(); }
-    /// y = put(row, A x, before)
     template <class Put>
     void times(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put,
                const ColumnsView<T>& before) const {
-        store(a * x, y, put, before);
+        store(x, false, y, put, before);
     }
-    /// y = put(row, A x, y)
     template <class Put>
     void times(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put) const {
-        store(a * x, y, put, y);
+        store(x, false, y, put, y);
     }
-    /// y = put(row, A x^T, y)
     template <class Put>
     void times_transposed(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put) const {
-        store(a * x.transpose(), y, put, y);
+        store(x, true, y, put, y);
     }
 
   private:
     template <class Put>
-    static void store(const Columns<T>& sum, ColumnsSpan<T>& y, const Put& put,
-                      const ColumnsView<T>& before) {
-        for (Index j = 0; j < y.cols(); ++j)
-            for (Index i = 0; i < y.rows(); ++i) y(i, j) = put(i, sum(i, j), before(i, j));
-    }
-};
-
-template <Backend B, class T>
-    requires HasLanes<B, T>
-struct LeftFactor<B, T> {
-    PackedMatrix<typename B::template batch<T>> a;
-
-    void set(const ColumnsView<T>& x) { a.pack(x); }
-    void set_and_sum(const ColumnsView<T>& x, Columns<T>& sum) { a.pack(x, sum.data()); }
-    void set_transposed(const ColumnsView<T>& x) { a.pack_transposed(x); }
-    template <class Put>
-    void times(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put,
+    void store(const ColumnsView<T>& x, bool turned, ColumnsSpan<T>& y, const Put& put,
                const ColumnsView<T>& before) const {
-        packed_product(a, RightFactor<T>::of(x), y, put, before);
-    }
-    template <class Put>
-    void times(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put) const {
-        packed_product(a, RightFactor<T>::of(x), y, put, y);
-    }
-    template <class Put>
-    void times_transposed(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put) const {
-        packed_product(a, RightFactor<T>::transposed(x), y, put, y);
+        Columns<T> sum(y.rows(), y.cols());
+        Sums()(a, turned, x, sum);
+        for (Index j = 0; j < y.cols(); ++j) {
+            const T* const was = before.data() + j * before.outerStride();
+            T* const to = y.data() + j * y.outerStride();
+            each_vector<B, T>(0, y.rows(), [&]<class V>(std::type_identity<V>, Index i) {
+                store_as<V>(put(i, load_as<V>(&sum(i, j)), load_as<V>(was + i)), to + i);
+            });
+        }
     }
 };
+
+/// Our own register tiles; for backends with lanes.
+struct TileProducts {
+    template <Backend B, class T>
+    using left_factor = TileFactor<typename B::template batch<T>>;
+};
+
+/// Eigen's products.
+struct EigenProducts {
+    struct Sums {
+        template <class T>
+        void operator()(const Columns<T>& a, bool turned, const ColumnsView<T>& x,
+                        Columns<T>& out) const {
+            if (turned)
+                out.noalias() = a * x.transpose();
+            else
+                out.noalias() = a * x;
+        }
+    };
+    template <Backend B, class T>
+    using left_factor = StoredFactor<B, T, Sums>;
+};
+
+/// Products of a library that the program links, a BLAS or oneDNN: with matrices column-major and
+/// T float or double as the library has them,
+///
+///     static void Gemm::multiply(bool x_transposed, Index m, Index n, Index k, const T* a,
+///                                Index lda, const T* x, Index ldx, T* y, Index ldy);
+///
+/// sets y (m x n) to a (m x k) times x (k x n), or times the transpose of x (n x k). It is called
+/// by many threads at once and must not start its own; the bits are the library's affair.
+template <class Gemm>
+struct GemmProducts {
+    struct Sums {
+        template <class T>
+        void operator()(const Columns<T>& a, bool turned, const ColumnsView<T>& x,
+                        Columns<T>& out) const {
+            Gemm::multiply(turned, a.rows(), out.cols(), a.cols(), a.data(), a.outerStride(),
+                           x.data(), x.outerStride(), out.data(), out.outerStride());
+        }
+    };
+    template <Backend B, class T>
+    using left_factor = StoredFactor<B, T, Sums>;
+};
+
+namespace detail {
+
+template <class B, class T>
+auto products_of() {
+    if constexpr (requires { typename B::products; })
+        return std::type_identity<typename B::products>();
+    else if constexpr (HasLanes<B, T>)
+        return std::type_identity<TileProducts>();
+    else
+        return std::type_identity<EigenProducts>();
+}
+
+} // namespace detail
+
+/// A left factor as the backend's products keep it.
+template <Backend B, class T>
+using LeftFactor = typename decltype(detail::products_of<B, T>())::type::template left_factor<B, T>;
 
 } // namespace rye

@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/nn/product_tiles.hpp: products of dense matrices in register tiles. The left factor is
+/// packed once for many columns of the right one. Each number of the result is one sum in the order
+/// of the depth: its bits depend on nothing but its row and its column.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include <rye/core/columns.hpp>
+#include <rye/nn/register_tile.hpp>
+
+namespace rye {
+
+/// A matrix as the left factor is read: panels of two vectors of rows, the last of one if that is
+/// enough, zeros below the last row; within a panel, column after column. Where they lie, columns
+/// of a power of two of numbers would share a few sets of the cache.
+template <class A>
+struct Panels {
+    using Factor = typename A::value_type;
+    static constexpr Index lanes = static_cast<Index>(A::size);
+    Index rows = 0, depth = 0;
+    std::vector<Factor> data;
+
+    Index height(Index row) const { return rows - row > lanes ? 2 * lanes : lanes; }
+    const Factor* panel(Index row) const { return data.data() + row * depth; }
+
+    void shape(Index new_rows, Index new_depth) {
+        rows = new_rows;
+        depth = new_depth;
+        data.resize(static_cast<std::size_t>((rows + lanes - 1) / lanes * lanes * depth));
+    }
+    /// f(panel, its first row, its height)
+    template <class F>
+    void each_panel(const F& f) {
+        for (Index row = 0; row < rows; row += 2 * lanes)
+            f(data.data() + row * depth, row, height(row));
+    }
+};
+
+template <class Batch>
+struct PackedMatrix : Panels<Batch> {
+    using T = typename Batch::value_type;
+    using Panels<Batch>::lanes, Panels<Batch>::rows, Panels<Batch>::depth;
+
+    /// A column-major matrix; its columns are added to `sum`, if there is one.
+    void pack(const ColumnsView<T>& a, T* sum = nullptr) {
+        this->shape(a.rows(), a.cols());
+        this->each_panel([&](T* to, Index row, Index h) {
+            const T* from = a.data() + row;
+            T* const sums = sum == nullptr ? nullptr : sum + row;
+            const Index n = std::min(h, rows - row), step = a.outerStride();
+            if (n < h) {
+                for (Index j = 0; j < depth; ++j, from += step, to += h) {
+                    std::copy_n(from, n, to);
+                    std::fill_n(to + n, h - n, T(0));
+                    for (Index i = 0; sums != nullptr && i < n; ++i) sums[i] += from[i];
+                }
+                return;
+            }
+            for (Index i = 0; i < h; i += lanes) {
+                Batch column_sum(0);
+                for (Index j = 0; j < depth; ++j) {
+                    const Batch v = Batch::load_unaligned(from + i + j * step);
+                    v.store_unaligned(to + i + j * h);
+                    column_sum += v;
+                }
+                if (sums != nullptr)
+                    (Batch::load_unaligned(sums + i) + column_sum).store_unaligned(sums + i);
+            }
+        });
+    }
+    /// The transpose of a column-major matrix.
+    void pack_transposed(const ColumnsView<T>& a) {
+        this->shape(a.cols(), a.rows());
+        this->each_panel([&](T* to, Index row, Index h) {
+            const Index n = std::min(h, rows - row);
+            for (Index i = 0; i < n; ++i)
+                for (Index j = 0; j < depth; ++j) to[j * h + i] = a(j, row + i);
+            for (Index i = n; i < h; ++i)
+                for (Index j = 0; j < depth; ++j) to[j * h + i] = T(0);
+        });
+    }
+};
+
+/// The right factor: a column-major matrix or its transpose, where it lies.
+template <class T, bool Transposed>
+struct RightFactor {
+    const T* data;
+    Index stride, columns;
+
+    RightFactor(const T* numbers, Index outer_stride, Index n)
+        : data(numbers), stride(outer_stride), columns(n) {}
+    explicit RightFactor(const ColumnsView<T>& x)
+        : RightFactor(x.data(), x.outerStride(), Transposed ? x.rows() : x.cols()) {}
+    // The one of them that is 1 is known to the compiler, which else runs out of registers.
+    Index depth_step() const { return Transposed ? stride : 1; }
+    Index column_step() const { return Transposed ? 1 : stride; }
+};
+
+namespace detail {
+
+/// V vectors of rows by N columns of the product, from column c on. Not inlined: what stands around
+/// it would take the registers that hold its addresses.
+template <class A, std::size_t V, std::size_t N, bool Transposed, class T, class Put>
+[[gnu::noinline]] void product_tile(const typename A::value_type* a, Index depth,
+                                    const RightFactor<typename A::value_type, Transposed>& x,
+                                    Index c, T* y, Index ld, const Put& put) {
+    RegisterTile<A, V, std::make_index_sequence<N>> tile;
+    const typename A::value_type* b = x.data + c * x.column_step();
+    constexpr Index height = static_cast<Index>(V * A::size);
+    for (Index j = 0; j < depth; ++j, a += height, b += x.depth_step())
+        tile.add_product(a, b, x.column_step());
+    tile.each(y, ld, put);
+}
+
+/// A panel times columns [begin, end) of X; y is where column `begin` goes. What is left of two
+/// vectors is one tile: two narrower ones would each wait for their sums.
+template <class A, std::size_t V, std::size_t N, bool Transposed, class T, class Put>
+void product_panel(const typename A::value_type* a, Index depth,
+                   const RightFactor<typename A::value_type, Transposed>& x, Index begin, Index end,
+                   T* y, Index ld, const Put& put) {
+    constexpr Index n = static_cast<Index>(N);
+    Index c = begin;
+    for (; c + n <= end; c += n, y += n * ld)
+        product_tile<A, V, N, Transposed>(a, depth, x, c, y, ld, put);
+    if constexpr (N > 1)
+        if (c < end)
+            product_panel<A, V, V == 2 ? N - 1 : N / 2, Transposed>(a, depth, x, c, end, y, ld,
+                                                                    put);
+}
+
+} // namespace detail
+
+/// y = put(row, A x, before) with vectors of rows that begin at `row`; `before` is y itself or a
+/// matrix of its shape and stride.
+template <class A, bool Transposed, class T, class Put>
+void packed_product(const Panels<A>& a, const RightFactor<typename A::value_type, Transposed>& x,
+                    ColumnsSpan<T> y, const Put& put,
+                    const std::type_identity_t<ColumnsView<T>>& before) {
+    using Batch = detail::SumOf<A>;
+    constexpr Index lanes = static_cast<Index>(Batch::size), block = 12;
+    const Index ld = y.outerStride();
+    RYE_ASSERT(before.outerStride() == ld || y.cols() < 2, "packed_product: strides differ");
+    // `from` is to `before` what `to` is to y.
+    const auto panel = [&]<std::size_t V>(Index row, Index begin, Index end, T* to, const T* from,
+                                          Index step) {
+        detail::product_panel<A, V, 12 / V, Transposed>(
+            a.panel(row), a.depth, x, begin, end, to, step,
+            [&](T* at, const Batch& sum, Index below) {
+                put(row + below, sum, Batch::load_unaligned(from + (at - to))).store_unaligned(at);
+            });
+    };
+    const auto any_height = [&](Index row, auto... rest) {
+        if (a.height(row) > lanes)
+            panel.template operator()<2>(row, rest...);
+        else
+            panel.template operator()<1>(row, rest...);
+    };
+    for (Index row = 0; row < a.rows; row += 2 * lanes) {
+        const Index height = a.height(row), here = std::min(height, a.rows - row);
+        if (here == height) {
+            any_height(row, Index(0), x.columns, y.data() + row, before.data() + row, ld);
+            continue;
+        }
+        // The last rows end within a vector: through memory of our own.
+        alignas(64) T own[block * 2 * lanes] = {};
+        for (Index c = 0; c < x.columns; c += block) {
+            const Index n = std::min(block, x.columns - c);
+            for (Index k = 0; k < n; ++k)
+                std::copy_n(before.data() + (c + k) * ld + row, here, own + k * height);
+            any_height(row, c, c + n, own, static_cast<const T*>(own), height);
+            for (Index k = 0; k < n; ++k) std::copy_n(own + k * height, here, &y(row, c + k));
+        }
+    }
+}
+
+/// A left factor in panels.
+template <class Batch>
+struct TileFactor {
+    using T = typename Batch::value_type;
+    PackedMatrix<Batch> a;
+
+    void set(const ColumnsView<T>& x) { a.pack(x); }
+    void set_and_sum(const ColumnsView<T>& x, Columns<T>& sum) { a.pack(x, sum.data()); }
+    void set_transposed(const ColumnsView<T>& x) { a.pack_transposed(x); }
+    template <class Put>
+    void times(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put,
+               const ColumnsView<T>& before) const {
+        packed_product(a, RightFactor<T, false>(x), y, put, before);
+    }
+    template <class Put>
+    void times(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put) const {
+        packed_product(a, RightFactor<T, false>(x), y, put, y);
+    }
+    template <class Put>
+    void times_transposed(const ColumnsView<T>& x, ColumnsSpan<T> y, const Put& put) const {
+        packed_product(a, RightFactor<T, true>(x), y, put, y);
+    }
+};
+
+} // namespace rye
