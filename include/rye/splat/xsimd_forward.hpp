@@ -218,12 +218,14 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
 
     const StripMask inside = strips.inside(drawn);
     StripMask open = inside;
+    // The next tile's entries lie behind this one's: they are asked for as well.
+    const Index all = scene.trace.lists.entries();
     fetch_ahead(scene, begin, std::min<Index>(end, begin + 2 * most));
     Index k = begin;
     while (k < end && !open.none()) {
         const Index next = std::min<Index>(end, k + most);
-        const Index after = std::min<Index>(end, next + most);
-        fetch_ahead(scene, after, std::min<Index>(end, after + most));
+        const Index after = std::min<Index>(all, next + most);
+        fetch_ahead(scene, after, std::min<Index>(all, after + most));
         fetch_features(scene, next, after);
         canvas.group.template fill<C>(scene, strips, scene.top(tile), k, next);
         if constexpr (C == 0) copy_features<V>(scene, k, next, stride, canvas.feature.lines[0].x);

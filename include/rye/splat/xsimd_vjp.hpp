@@ -346,15 +346,18 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
     const Strips<V> strips(scene, tile);
     const Index channels = scene.feature.rows();
     const Index stride = C > 0 ? C : padded_channels<V>(channels);
+    const Index begin = scene.begin(tile), all = scene.trace.lists.entries();
     const Index entries = record_tile<V>(scene, accuracy, tile, strips, tape);
+    const Index last = (entries - 1) / most * most;
+    fetch_features(scene, begin + last, begin + entries);
+    fetch_slots(scene, scratch.slots, begin + last, begin + entries);
     load_cotangents<V, C>(scene, g, tile, strips, stride, tape);
 
     LaneReverse<V, C, Extra, A> reverse{
         strips, tape, stride, V(static_cast<T>(accuracy.alpha_max)), tape.cotangent.lines[0].x, {}};
     const bool copied = C == 0 && stride != channels;    // where channels do not fill vectors
     T* const feature = tape.feature.reserve(copied ? most * stride : 1);
-    const Index begin = scene.begin(tile);
-    for (Index group = (entries - 1) / most * most; group >= 0; group -= most) {
+    for (Index group = last; group >= 0; group -= most) {
         const Index end = std::min(entries, group + most);
         const TapeGroup<V>& laid = tape.groups[static_cast<std::size_t>(group / most)];
         reverse.start(laid);
@@ -363,6 +366,8 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
             fetch_ahead(scene, begin + group - most, begin + group);
             fetch_features(scene, begin + group - most, begin + group);
             fetch_slots(scene, scratch.slots, begin + group - most, begin + group);
+        } else {  // the next tile's
+            fetch_ahead(scene, scene.end(tile), std::min<Index>(all, scene.end(tile) + most));
         }
         for (Index k = end; k-- > group;) {
             const int visits = list_strips<V>(laid.strips[k - group], tape.strip);
