@@ -7,6 +7,7 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
 
 #include <rye/backend/xsimd.hpp>
 
@@ -30,8 +31,9 @@ struct Bf16Pair {
     }
 };
 
-/// A vector of pairs: what a register tile multiplies (see rye/nn/register_tile.hpp).
-template <class Batch>
+/// A vector of pairs: what a register tile multiplies (see rye/nn/register_tile.hpp). Whether by
+/// the processor's instruction is in the type, as the instruction set is.
+template <class Batch, bool Instruction>
 struct Bf16Pairs {
     using value_type = Bf16Pair;
     using sum_type = Batch;
@@ -53,11 +55,14 @@ struct Bf16Pairs {
     Bf16Pairs(const Batch& low, const Batch& high) : first(low), second(high) {}
 };
 
+/// Whether this unit is compiled for processors with the instruction.
 #if defined(__AVX512BF16__)
+using Bf16Instruction = std::true_type;
+
 /// The instruction takes denormals for zero.
 template <class Arch>
     requires(xsimd::batch<float, Arch>::size == 16)
-struct Bf16Pairs<xsimd::batch<float, Arch>> {
+struct Bf16Pairs<xsimd::batch<float, Arch>, true> {
     using value_type = Bf16Pair;
     using sum_type = xsimd::batch<float, Arch>;
     static constexpr std::size_t size = 16;
@@ -73,6 +78,8 @@ struct Bf16Pairs<xsimd::batch<float, Arch>> {
   private:
     explicit Bf16Pairs(__m512i x) : pairs(x) {}
 };
+#else
+using Bf16Instruction = std::false_type;
 #endif
 
 } // namespace rye

@@ -31,9 +31,9 @@ struct Strided {
 
 } // namespace detail
 
-template <class Batch>
+template <class Batch, bool Instruction>
 struct Bf16Factor {
-    Panels<Bf16Pairs<Batch>> a;
+    Panels<Bf16Pairs<Batch, Instruction>> a;
 
     void set(const ColumnsView<float>& x) { pack(detail::Strided::of(x), x.rows(), x.cols()); }
     void set_and_sum(const ColumnsView<float>& x, Columns<float>& sum) {
@@ -80,10 +80,12 @@ struct Bf16Factor {
 };
 
 /// For backends with lanes and networks of float.
-struct Bf16Products {
+template <bool Instruction>
+struct Bf16ProductsBy {
     template <Backend B, class T>
         requires std::is_same_v<T, float>
-    using left_factor = Bf16Factor<typename B::template batch<T>>;
+    using left_factor = Bf16Factor<typename B::template batch<T>, Instruction>;
 };
+using Bf16Products = Bf16ProductsBy<Bf16Instruction::value>;
 
 } // namespace rye
