@@ -5,6 +5,9 @@
 begin=$(date +%s)
 jobs=${JOBS:-$(nproc 2> /dev/null || echo 2)}
 
+# Threads of a program that waits leave the processors to the others.
+export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
+
 seconds_since() { echo $(($(date +%s) - $1)); }
 
 # step TITLE COMMAND...: says what is done, does it, says how long it took. A failure ends the script.
