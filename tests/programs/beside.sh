@@ -26,8 +26,8 @@ EOF
 # training: milliseconds that a training takes on the two processors, at most a minute's.
 training() {
     begin=$(date +%s%N)
-    timeout 60 taskset -c "$processors" "$rye" train --capture cap --preset tiny --config small.json \
-        --quiet --threads 2 --overwrite --out run > log.txt || [ $? -eq 124 ] || exit 1
+    timeout -s KILL 60 taskset -c "$processors" "$rye" train --capture cap --preset tiny --config small.json \
+        --quiet --threads 2 --overwrite --out run > log.txt || [ $? -eq 137 ] || exit 1
     echo $((($(date +%s%N) - begin) / 1000000))
 }
 
