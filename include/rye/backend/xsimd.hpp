@@ -5,6 +5,8 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
+#include <utility>
 
 #include <xsimd/xsimd.hpp>
 
@@ -32,8 +34,33 @@ const xsimd::batch<T, A>& value_of(const xsimd::batch<T, A>& x) {
     return x;
 }
 
+/// The vector of U in registers as large as those of V: doubles beside floats.
+template <class V, class U>
+struct LanesLike;
+template <class T, class A, class U>
+struct LanesLike<xsimd::batch<T, A>, U> {
+    using type = xsimd::batch<U, A>;
+};
+
 namespace detail {
 
+/// Whether a mask is a register of numbers, all bits of a lane set where it holds: x86 before
+/// AVX-512, and wasm. By its type: other masks may be as large (NEON's are of integers).
+template <class M>
+inline constexpr bool wide_mask = false;
+template <class T, class A>
+inline constexpr bool wide_mask<xsimd::batch_bool<T, A>> =
+    std::is_base_of_v<xsimd::types::simd_register<T, A>, xsimd::batch_bool<T, A>>;
+
+/// Whether a mask is a whole number, a bit a lane: AVX-512. Only of those that are not wide.
+template <class M>
+struct BitMask : std::false_type {};
+template <class T, class A>
+struct BitMask<xsimd::batch_bool<T, A>>
+    : std::is_unsigned<typename xsimd::batch_bool<T, A>::register_type> {};
+
+/// The sign of each lane as a bit, where an instruction gives it; elsewhere void, never called.
+void sign_bits(...);
 #if defined(__SSE2__)
 inline int sign_bits(__m128 x) { return _mm_movemask_ps(x); }
 inline int sign_bits(__m128d x) { return _mm_movemask_pd(x); }
@@ -43,18 +70,27 @@ inline int sign_bits(__m256 x) { return _mm256_movemask_ps(x); }
 inline int sign_bits(__m256d x) { return _mm256_movemask_pd(x); }
 #endif
 
+/// Whether there is one.
+template <class M>
+constexpr bool has_sign_bits() {
+    if constexpr (wide_mask<M>)
+        return std::is_same_v<decltype(sign_bits(std::declval<const M&>().data)), int>;
+    else
+        return false;
+}
+
 } // namespace detail
 
 /// A mask as bits, that of the first lane lowest. Versions of the library that do not say get the
-/// instruction.
+/// instruction, or lane after lane where there is none.
 template <class M>
 [[gnu::always_inline]] inline std::uint64_t lane_bits(const M& mask) {
     if constexpr (requires { mask.mask(); }) {
         return mask.mask();
-    } else if constexpr (requires { mask.data % 2; }) {  // bits
-        return mask.data;
-    } else if constexpr (requires { detail::sign_bits(mask.data); }) {
+    } else if constexpr (detail::has_sign_bits<M>()) {
         return static_cast<unsigned>(detail::sign_bits(mask.data));
+    } else if constexpr (!detail::wide_mask<M> && detail::BitMask<M>::value) {
+        return mask.data;
     } else {
         alignas(64) bool lane[M::size];
         mask.store_aligned(lane);
@@ -63,6 +99,15 @@ template <class M>
             bits |= static_cast<std::uint64_t>(lane[i]) << i;
         return bits;
     }
+}
+
+/// x where the mask holds, else 0: one instruction where a mask is a register of numbers.
+template <class V>
+[[gnu::always_inline]] inline V where(const typename V::batch_bool_type& mask, const V& x) {
+    if constexpr (detail::wide_mask<typename V::batch_bool_type>)
+        return V(mask.data) & x;
+    else
+        return select(mask, x, V(typename V::value_type(0)));
 }
 
 } // namespace rye

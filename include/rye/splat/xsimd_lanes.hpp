@@ -17,10 +17,6 @@
 
 namespace rye {
 
-/// A backend with vectors of T: for these the tuned walks run.
-template <class B, class T>
-concept LaneBackend = Backend<B> && Real<T> && requires { typename B::template batch<T>; };
-
 /// f(0) ... f(N - 1) with constant arguments, so that arrays indexed by them stay in registers.
 template <int N, class F>
 [[gnu::always_inline]] inline void unrolled(F&& f) {
@@ -70,20 +66,10 @@ struct RealOf<Bundle<V, N>> {
     using type = typename V::value_type;
 };
 
-/// x where the mask holds, else 0: one instruction where masks are as wide as numbers.
-template <class V>
-[[gnu::always_inline]] inline V where(const typename V::batch_bool_type& mask, const V& x) {
-    if constexpr (sizeof(mask.data) == sizeof(x.data) && requires { V(mask.data) & x; })
-        return V(mask.data) & x;
-    else
-        return select(mask, x, V(typename V::value_type(0)));
-}
-
 /// Whether lanes can be filled with a pair of numbers, over and over, by one instruction.
 template <class V>
-concept LoadsPairs = std::is_same_v<typename V::value_type, float> && requires {
-    xsimd::batch<double, typename V::arch_type>();
-};
+concept LoadsPairs = std::is_same_v<typename V::value_type, float> &&
+                     2 * LanesLike<V, double>::type::size == V::size;
 
 /// n numbers over and over; n is 1, or 2 where pairs can be loaded.
 template <int n, class V>
@@ -93,7 +79,7 @@ template <int n, class V>
     } else {
         double pair;
         std::memcpy(&pair, numbers, sizeof pair);
-        return bitwise_cast<V>(xsimd::batch<double, typename V::arch_type>(pair));
+        return bitwise_cast<V>(typename LanesLike<V, double>::type(pair));
     }
 }
 
@@ -175,14 +161,15 @@ template <class T>
     }
 }
 
-/// Channels in whole vectors, and at least in eights.
+/// Channels in whole vectors.
 template <class V>
 constexpr Index padded_channels(Index channels) {
-    constexpr Index unit = std::max<Index>(8, static_cast<Index>(V::size));
-    return (channels + unit - 1) / unit * unit;
+    constexpr Index lanes = static_cast<Index>(V::size);
+    return (channels + lanes - 1) / lanes * lanes;
 }
 
-/// The features of entries [begin, end), a row of `stride` each, with zeros behind the channels.
+/// The features of entries [begin, end), a row of `stride` each, of whole vectors or not, with
+/// zeros behind the channels.
 template <class V>
 void copy_features(const Scene<typename V::value_type>& scene, Index begin, Index end,
                    Index stride, typename V::value_type* to) {
@@ -193,7 +180,7 @@ void copy_features(const Scene<typename V::value_type>& scene, Index begin, Inde
         const T* from = scene.feature_of(k);
         Index c = 0;
         for (; c + lanes <= channels; c += lanes)
-            V::load_unaligned(from + c).store_aligned(to + c);
+            V::load_unaligned(from + c).store_unaligned(to + c);
         for (; c < channels; ++c) to[c] = from[c];
         for (; c < stride; ++c) to[c] = T(0);
     }
