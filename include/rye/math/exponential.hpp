@@ -42,7 +42,7 @@ RYE_HD T scale_by_power(const T& p, const T& t) {
     } else {                                // a batch: its own functions, found by argument
         using Bits = decltype(to_int(p));
         constexpr int mantissa = sizeof(real_t<T>) == 4 ? 23 : 52;
-        return bitwise_cast<T>(bitwise_cast<Bits>(p) + (bitwise_cast<Bits>(t) << mantissa));
+        return cast_bits<T>(cast_bits<Bits>(p) + (cast_bits<Bits>(t) << mantissa));
     }
 }
 
@@ -100,7 +100,7 @@ struct Exp2Poly {
         const T round = constant<T>(detail::rounder<real_t<T>>);
         const T t = x + round;
         const T f = x - (t - round);                                     // in [-1/2, 1/2]
-        return detail::scale_by_power(polynomial(f, std::make_index_sequence<Degree>()), t);
+        return detail::scale_by_power(polynomial(f, std::make_index_sequence<std::size_t(Degree)>()), t);
     }
 
   private:

@@ -145,7 +145,7 @@ void gather_members(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A&
         homes.assign(tiles + 1, 0);      // the last counts those that are not finite
         for (auto i = static_cast<std::size_t>(b); i < static_cast<std::size_t>(e); ++i) {
             if (scratch.state[i] == Candidacy::visible) ++homes[scratch.home[i]];
-            homes[tiles] += scratch.state[i] == Candidacy::non_finite ? 1 : 0;
+            homes[tiles] += scratch.state[i] == Candidacy::non_finite ? 1U : 0U;
         }
     });
     std::uint32_t members = 0;

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include <rye/backend/xsimd.hpp>
+#include <rye/math/scalar.hpp>
 #include <rye/splat/raster.hpp>
 
 namespace rye {
@@ -93,7 +94,7 @@ template <int n, class V>
     } else {
         double pair;
         std::memcpy(&pair, numbers, sizeof pair);
-        return bitwise_cast<V>(xsimd::batch<double, typename V::arch_type>(pair));
+        return cast_bits<V>(xsimd::batch<double, typename V::arch_type>(pair));
     }
 }
 
@@ -138,7 +139,7 @@ struct Lines {
         const std::size_t n = static_cast<std::size_t>(numbers) / (64 / sizeof(T)) + 1;
         if (!lines || n > capacity) {
             capacity = n + n / 2;
-            lines = std::make_unique_for_overwrite<Line[]>(capacity);
+            lines.reset(new Line[capacity]);  // no zeros; make_unique_for_overwrite is not in libc++ 14
         }
         return lines[0].x;
     }

@@ -13,7 +13,7 @@ template <class V, int Rows>
 struct LaneBlock {
     using T = typename V::value_type;
     static constexpr int lanes = static_cast<int>(V::size);
-    alignas(64) T row[Rows][lanes];
+    alignas(64) T row[std::size_t(Rows)][V::size];
 
     V operator[](int k) const { return V::load_aligned(row[k]); }
     void set(int k, const V& x) { x.store_aligned(row[k]); }

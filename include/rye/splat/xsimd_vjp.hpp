@@ -19,8 +19,9 @@ template <class V>
 struct TapeGroup {
     using Tile = Strips<V>;
     static constexpr int words = (Tile::count + 63) / 64;
-    std::uint64_t strips[LaneGroup<V>::usual][words];  ///< of each entry: of its visits, a bit each
-    Index end[Tile::count];                           ///< of each strip: where its visits end
+    std::uint64_t strips[std::size_t(LaneGroup<V>::usual)][std::size_t(words)];  ///< of each entry:
+                                                     ///< of its visits, a bit each
+    Index end[std::size_t(Tile::count)];                                     ///< of each strip: where its visits end
 };
 
 /// Memory of one thread's tiles.
