@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
 
 #include <xsimd/xsimd.hpp>
 
@@ -34,6 +35,14 @@ const xsimd::batch<T, A>& value_of(const xsimd::batch<T, A>& x) {
 
 namespace detail {
 
+/// Whether a mask is a register of numbers, all bits of a lane set where it holds; x86 before
+/// AVX-512, and wasm. By its type: other masks may be as large (NEON's are of integers).
+template <class T, class A>
+inline constexpr bool wide_mask =
+    std::is_base_of_v<xsimd::types::simd_register<T, A>, xsimd::batch_bool<T, A>>;
+
+/// The sign of each lane as a bit, where an instruction gives it; elsewhere void, never called.
+void sign_bits(...);
 #if defined(__SSE2__)
 inline int sign_bits(__m128 x) { return _mm_movemask_ps(x); }
 inline int sign_bits(__m128d x) { return _mm_movemask_pd(x); }
@@ -46,15 +55,17 @@ inline int sign_bits(__m256d x) { return _mm256_movemask_pd(x); }
 } // namespace detail
 
 /// A mask as bits, that of the first lane lowest. Versions of the library that do not say get the
-/// instruction.
-template <class M>
-[[gnu::always_inline]] inline std::uint64_t lane_bits(const M& mask) {
+/// instruction, or lane after lane where there is none.
+template <class T, class A>
+[[gnu::always_inline]] inline std::uint64_t lane_bits(const xsimd::batch_bool<T, A>& mask) {
+    using M = xsimd::batch_bool<T, A>;
     if constexpr (requires { mask.mask(); }) {
         return mask.mask();
-    } else if constexpr (requires { mask.data % 2; }) {  // bits
-        return mask.data;
-    } else if constexpr (requires { detail::sign_bits(mask.data); }) {
+    } else if constexpr (detail::wide_mask<T, A> &&
+                         std::is_same_v<decltype(detail::sign_bits(mask.data)), int>) {
         return static_cast<unsigned>(detail::sign_bits(mask.data));
+    } else if constexpr (std::is_unsigned_v<typename M::register_type>) {  // AVX-512: a bit a lane
+        return mask.data;
     } else {
         alignas(64) bool lane[M::size];
         mask.store_aligned(lane);
@@ -63,6 +74,17 @@ template <class M>
             bits |= static_cast<std::uint64_t>(lane[i]) << i;
         return bits;
     }
+}
+
+/// x where the mask holds, else 0: one instruction where a mask is a register of numbers.
+template <class T, class A>
+[[gnu::always_inline]] inline xsimd::batch<T, A> where(const xsimd::batch_bool<T, A>& mask,
+                                                       const xsimd::batch<T, A>& x) {
+    using V = xsimd::batch<T, A>;
+    if constexpr (detail::wide_mask<T, A>)
+        return V(mask.data) & x;
+    else
+        return select(mask, x, V(T(0)));
 }
 
 } // namespace rye

@@ -71,15 +71,6 @@ struct RealOf<Bundle<V, N>> {
     using type = typename V::value_type;
 };
 
-/// x where the mask holds, else 0: one instruction where masks are as wide as numbers.
-template <class V>
-[[gnu::always_inline]] inline V where(const typename V::batch_bool_type& mask, const V& x) {
-    if constexpr (sizeof(mask.data) == sizeof(x.data) && requires { V(mask.data) & x; })
-        return V(mask.data) & x;
-    else
-        return select(mask, x, V(typename V::value_type(0)));
-}
-
 /// Whether lanes can be filled with a pair of numbers, over and over, by one instruction.
 template <class V>
 concept LoadsPairs = std::is_same_v<typename V::value_type, float> && requires {
