@@ -5,13 +5,13 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <concepts>
 #include <cstdint>
 #include <limits>
 #include <type_traits>
 
+#include <rye/core/bit_cast.hpp>
 #include <rye/math/linalg.hpp>
 #include <rye/splat/accuracy.hpp>
 
@@ -193,7 +193,7 @@ void each_tile_row(int width, int height, const Rows& rows, const Footprint& foo
 template <Real R>
 auto depth_key(R depth) {
     using Bits = std::conditional_t<sizeof(R) == 4, std::uint32_t, std::uint64_t>;
-    const Bits b = std::bit_cast<Bits>(depth);
+    const Bits b = bit_cast<Bits>(depth);
     constexpr Bits sign = Bits(1) << (8 * sizeof(Bits) - 1);
     return (b & sign) != 0 ? static_cast<Bits>(~b) : static_cast<Bits>(b | sign);
 }

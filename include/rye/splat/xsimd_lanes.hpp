@@ -130,7 +130,7 @@ struct Lines {
         const std::size_t n = static_cast<std::size_t>(numbers) / (64 / sizeof(T)) + 1;
         if (!lines || n > capacity) {
             capacity = n + n / 2;
-            lines.reset(new Line[capacity]);  // no zeros; make_unique_for_overwrite is not in libc++ 14
+            lines.reset(new Line[capacity]);  // make_unique would set them to zero
         }
         return lines[0].x;
     }

@@ -206,7 +206,7 @@ void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
                 clear_gradient(out, i);
                 continue;
             }
-            merge_slots_lanes<V>(trace.lists, slots, m, sum);
+            merge_slots_lanes<V>(trace.lists, slots, static_cast<Index>(m), sum);
             const Splat<T>& s = trace.members[m].splat;
             for (int k = 0; k < 7; ++k) in_slots.row[k][filled] = sum[k];
             in_slots.row[7][filled] = s.ux;
