@@ -9,6 +9,7 @@
 #include <rye/core/error.hpp>
 #include <rye/core/fields.hpp>
 #include <rye/core/parallel.hpp>
+#include <rye/core/parse.hpp>
 #include <rye/core/random.hpp>
 #include <rye/backend/backend.hpp>
 #include <rye/backend/bf16.hpp>

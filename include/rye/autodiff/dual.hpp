@@ -22,7 +22,7 @@ struct DefaultTag {};
 template <Scalar T, int N, class Tag = DefaultTag>
 struct Dual {
     T value = T(0);
-    std::array<T, N> d;  ///< directional derivatives
+    std::array<T, std::size_t(N)> d;  ///< directional derivatives
 
     constexpr Dual() {
         for (T& x : d) x = T(0);

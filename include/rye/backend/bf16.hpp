@@ -4,12 +4,12 @@
 /// that is missing the same numbers are multiplied as floats: the error is there, not the speed.
 #pragma once
 
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <type_traits>
 
 #include <rye/backend/xsimd.hpp>
+#include <rye/core/bit_cast.hpp>
 
 namespace rye {
 
@@ -21,12 +21,12 @@ struct Bf16Pair {
     static Bf16Pair of(float first, float second) {
         return {rounded(first) >> 16U | (rounded(second) & 0xffff0000U)};
     }
-    float first() const { return std::bit_cast<float>(bits << 16U); }
-    float second() const { return std::bit_cast<float>(bits & 0xffff0000U); }
+    float first() const { return bit_cast<float>(bits << 16U); }
+    float second() const { return bit_cast<float>(bits & 0xffff0000U); }
 
   private:
     static std::uint32_t rounded(float x) {
-        const auto u = std::bit_cast<std::uint32_t>(x);
+        const auto u = bit_cast<std::uint32_t>(x);
         return x == x ? u + 0x7fffU + (u >> 16U & 1U) : u | 0x400000U;
     }
 };

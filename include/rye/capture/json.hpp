@@ -10,12 +10,14 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <variant>
 #include <vector>
 
 #include <rye/core/error.hpp>
+#include <rye/core/parse.hpp>
 
 namespace rye {
 
@@ -159,10 +161,9 @@ private:
         const char* last = text_.data() + at_;
         std::int64_t i = 0;
         if (whole && std::from_chars(first, last, i).ec == std::errc()) return {i};
-        double d = 0;
-        if (std::from_chars(first, last, d).ec != std::errc() || !std::isfinite(d))
-            fail("a number out of range");
-        return {d};
+        const std::optional<double> d = parse_double(text_.substr(start, at_ - start));
+        if (!d || !std::isfinite(*d)) fail("a number out of range");
+        return {*d};
     }
     std::string string() {
         if (peek() != '"') fail("expected a string");

@@ -12,7 +12,10 @@
 #include <cstring>
 #include <fstream>
 #include <ostream>
+#include <string_view>
 
+#include <rye/core/bit_cast.hpp>
+#include <rye/core/parse.hpp>
 #include <rye/gaussian/cloud.hpp>
 #include <rye/gaussian/ply_header.hpp>
 
@@ -62,7 +65,7 @@ U little_endian(const char* at) {
     std::array<char, sizeof(U)> bytes;
     std::memcpy(bytes.data(), at, sizeof(U));
     if constexpr (std::endian::native == std::endian::big) std::reverse(bytes.begin(), bytes.end());
-    return std::bit_cast<U>(bytes);
+    return rye::bit_cast<U>(bytes);
 }
 
 template <class T>
@@ -130,14 +133,12 @@ GaussianCloud<T> read_ply(std::istream& in, const std::string& name) {
         for (Index i = 0; i < h.count; ++i)
             for (std::size_t p = 0; p < targets.size(); ++p) {
                 if (!(in >> word)) throw missing(i);
-                double x = 0;
-                const char* begin = word.data() + (word[0] == '+' ? 1 : 0);
-                const auto [end, fault] = std::from_chars(begin, word.data() + word.size(), x);
-                require(fault == std::errc() && end == word.data() + word.size(), who,
+                const auto x = parse_double(std::string_view(word).substr(word[0] == '+' ? 1 : 0));
+                require(x.has_value(), who,
                         "got \"" + word + "\" for property " + h.properties[p].name +
                             " of vertex " + std::to_string(i) + ", expected a number");
                 if (targets[p].array != nullptr)
-                    (*targets[p].array)(targets[p].row, i) = static_cast<T>(x);
+                    (*targets[p].array)(targets[p].row, i) = static_cast<T>(*x);
             }
         return cloud;
     }
@@ -203,7 +204,7 @@ void write_ply(std::ostream& out, const GaussianCloud<T>& cloud, const PlyOption
         put(cloud.log_scale);
         put(cloud.rotation);
         for (const float x : record) {
-            std::array<char, 4> bytes = std::bit_cast<std::array<char, 4>>(x);
+            std::array<char, 4> bytes = rye::bit_cast<std::array<char, 4>>(x);
             if constexpr (std::endian::native == std::endian::big)
                 std::reverse(bytes.begin(), bytes.end());
             out.write(bytes.data(), 4);

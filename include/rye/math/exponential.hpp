@@ -6,13 +6,13 @@
 #pragma once
 
 #include <array>
-#include <bit>
 #include <cmath>
 #include <concepts>
 #include <cstdint>
 #include <type_traits>
 #include <utility>
 
+#include <rye/core/bit_cast.hpp>
 #include <rye/math/scalar.hpp>
 
 namespace rye {
@@ -32,17 +32,17 @@ inline constexpr double rounder = sizeof(R) == 4 ? 0x1.8p23 : 0x1.8p52;
 template <Scalar T>
 RYE_HD T scale_by_power(const T& p, const T& t) {
     if constexpr (std::same_as<T, float>) {
-        const auto k = std::bit_cast<std::uint32_t>(t) << 23U;
-        return std::bit_cast<float>(std::bit_cast<std::uint32_t>(p) + k);
+        const auto k = bit_cast<std::uint32_t>(t) << 23U;
+        return bit_cast<float>(bit_cast<std::uint32_t>(p) + k);
     } else if constexpr (std::same_as<T, double>) {
-        const auto k = std::bit_cast<std::uint64_t>(t) << 52U;
-        return std::bit_cast<double>(std::bit_cast<std::uint64_t>(p) + k);
+        const auto k = bit_cast<std::uint64_t>(t) << 52U;
+        return bit_cast<double>(bit_cast<std::uint64_t>(p) + k);
     } else if constexpr (requires { p.each(t, nullptr); }) {  // several batches
         return p.each(t, [](const auto& a, const auto& b) { return scale_by_power(a, b); });
     } else {                                // a batch: its own functions, found by argument
         using Bits = decltype(to_int(p));
         constexpr int mantissa = sizeof(real_t<T>) == 4 ? 23 : 52;
-        return bitwise_cast<T>(bitwise_cast<Bits>(p) + (bitwise_cast<Bits>(t) << mantissa));
+        return cast_bits<T>(cast_bits<Bits>(p) + (cast_bits<Bits>(t) << mantissa));
     }
 }
 
@@ -100,7 +100,8 @@ struct Exp2Poly {
         const T round = constant<T>(detail::rounder<real_t<T>>);
         const T t = x + round;
         const T f = x - (t - round);                                     // in [-1/2, 1/2]
-        return detail::scale_by_power(polynomial(f, std::make_index_sequence<Degree>()), t);
+        using Powers = std::make_index_sequence<std::size_t(Degree)>;
+        return detail::scale_by_power(polynomial(f, Powers()), t);
     }
 
   private:

@@ -30,6 +30,17 @@ RYE_HD constexpr T square(const T& x) {
     return x * x;
 }
 
+/// The bits of a batch as another of the same size. Before xsimd 11, bitwise_cast took the kind of
+/// batch that it returns; since, it takes the kind of number.
+template <class To, class From>
+[[gnu::always_inline]] inline To cast_bits(const From& x) {
+    using Number = typename To::value_type;
+    if constexpr (requires { { bitwise_cast<Number>(x) } -> std::same_as<To>; })
+        return bitwise_cast<Number>(x);
+    else
+        return bitwise_cast<To>(x);
+}
+
 /// The slope of |x|: -1, 0 or 1, by value; 0 at 0.
 template <Scalar T>
 RYE_HD T sign_of(const T& x) {

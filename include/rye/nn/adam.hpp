@@ -7,6 +7,7 @@
 #pragma once
 
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <string>
 #include <vector>
@@ -28,8 +29,8 @@ template <class P>
 struct Adam {
     P m;                            ///< mean of gradients
     P v;                            ///< mean of squared gradients
-    Index step = 0;                 ///< steps applied so far
-    std::vector<Index> field_steps; ///< steps applied to each field, in the order of the walk
+    std::int64_t step = 0;          ///< steps applied so far
+    std::vector<std::int64_t> field_steps; ///< steps applied to each field, in the order of the walk
 
     Adam() = default;
     explicit Adam(const P& p) : m(zeros_like(p)), v(zeros_like(p)) {}

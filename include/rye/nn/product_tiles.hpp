@@ -167,7 +167,7 @@ void packed_product(const Panels<A>& a, const RightFactor<typename A::value_type
             continue;
         }
         // The last rows end within a vector: through memory of our own.
-        alignas(64) T own[block * 2 * lanes] = {};
+        alignas(64) T own[std::size_t(block * 2 * lanes)] = {};
         for (Index c = 0; c < x.columns; c += block) {
             const Index n = std::min(block, x.columns - c);
             for (Index k = 0; k < n; ++k)

@@ -40,7 +40,7 @@ struct Balanced {
     double frustum_margin = 0.3;       ///< Jacobian is clamped this many half-images outside
     double alpha_floor = 0;            ///< f in alpha = o (exp(-|w|^2/2) - f), if has_floor
     NonFinite non_finite = NonFinite::cull;
-    Index max_entries = Index(1) << 31; ///< (tile, Gaussian) pairs of a frame, else Error
+    std::int64_t max_entries = std::int64_t(1) << 31; ///< (tile, Gaussian) pairs, else Error
 
     static constexpr Stop stop_rule = Stop::inclusive;
     static constexpr Support support = Support::ellipse;

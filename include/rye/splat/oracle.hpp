@@ -156,9 +156,10 @@ inline std::vector<OracleEllipse<long double>> oracle_ellipses(
     std::vector<OracleEllipse<R>> ellipses;
     const Pinhole<R> lens = camera.cast<R>();
     for (const std::uint32_t i : order) {
-        const Vec3<R> mean = g.mean.col(i).cast<R>(), s = g.scale.col(i).cast<R>();
-        const Vec4<R> q = g.rotation.col(i).cast<R>();
-        const auto e = oracle_ellipse<R>(i, mean, q, s, lens, model);
+        const auto at = static_cast<Index>(i);
+        const Vec3<R> mean = g.mean.col(at).cast<R>(), s = g.scale.col(at).cast<R>();
+        const Vec4<R> q = g.rotation.col(at).cast<R>();
+        const auto e = oracle_ellipse<R>(at, mean, q, s, lens, model);
         if (e.in_front) ellipses.push_back(e);
     }
     return ellipses;

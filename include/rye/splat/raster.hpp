@@ -153,7 +153,7 @@ struct Scene {
         return feature.data() + static_cast<Index>(member(entry).source) * feature.rows();
     }
     Index slot(Index entry) const {
-        return trace.lists.entry[static_cast<std::size_t>(entry)].slot;
+        return static_cast<Index>(trace.lists.entry[static_cast<std::size_t>(entry)].slot);
     }
     Index begin(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile)]; }
     Index end(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile) + 1]; }

@@ -6,6 +6,9 @@
 /// at a time, in lanes' backends too; the pixels are walked as for any other camera.
 #pragma once
 
+#include <cstdint>
+#include <limits>
+#include <string>
 #include <type_traits>
 
 #include <rye/backend/scalar.hpp>
@@ -178,11 +181,17 @@ struct Rasterizer {
             return "got an image of " + std::to_string(camera.width) + " x " +
                    std::to_string(camera.height) + " pixels, expected no negative size";
         });
+        const std::int64_t pixels = static_cast<std::int64_t>(camera.width) * camera.height;
+        expect(pixels <= std::numeric_limits<Index>::max(), [&] {
+            return "got an image of " + std::to_string(pixels) + " pixels, expected at most " +
+                   std::to_string(std::numeric_limits<Index>::max());
+        });
         expect(camera.near_depth > T(0), [] {
             return std::string("got a near depth that is not positive, expected a positive one");
         });
-        expect(g.count() <= Index(0xFFFFFFFF), [&] {
-            return "got " + std::to_string(g.count()) + " Gaussians, expected fewer than 2^32";
+        const std::int64_t count = g.count();  // Index may have 32 bits
+        expect(count < std::int64_t(no_member), [&] {
+            return "got " + std::to_string(count) + " Gaussians, expected fewer than 2^32 - 1";
         });
     }
 
@@ -211,7 +220,7 @@ struct Rasterizer {
     /// A contributor is an entry of its tile, in a number of the pixels' kind until it is drawn.
     template <class T>
     static void check_countable(const TileLists& lists) {
-        constexpr Index most = Index(1) << std::numeric_limits<real_t<T>>::digits;
+        constexpr std::int64_t most = std::int64_t(1) << std::numeric_limits<real_t<T>>::digits;
         for (std::size_t t = 0; t + 1 < lists.begin.size(); ++t)
             if (lists.begin[t + 1] - lists.begin[t] > most)
                 throw Error("rasterizer: got " +

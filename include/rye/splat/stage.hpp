@@ -145,7 +145,7 @@ void gather_members(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A&
         homes.assign(tiles + 1, 0);      // the last counts those that are not finite
         for (auto i = static_cast<std::size_t>(b); i < static_cast<std::size_t>(e); ++i) {
             if (scratch.state[i] == Candidacy::visible) ++homes[scratch.home[i]];
-            homes[tiles] += scratch.state[i] == Candidacy::non_finite ? 1 : 0;
+            homes[tiles] += scratch.state[i] == Candidacy::non_finite ? 1U : 0U;
         }
     });
     std::uint32_t members = 0;
@@ -153,7 +153,8 @@ void gather_members(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A&
         for (std::size_t c = 0; c < chunks; ++c)
             members += std::exchange(scratch.homes[c][t], members);
     trace.non_finite = 0;
-    for (std::size_t c = 0; c < chunks; ++c) trace.non_finite += scratch.homes[c][tiles];
+    for (std::size_t c = 0; c < chunks; ++c)
+        trace.non_finite += static_cast<Index>(scratch.homes[c][tiles]);
     if (accuracy.non_finite == NonFinite::fail && trace.non_finite > 0)
         throw Error("rasterizer: got " + std::to_string(trace.non_finite) +
                     " Gaussians with a number that is not finite, expected none");
@@ -236,7 +237,7 @@ void pull_back_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A
             clear_gradient(out, i);
             continue;
         }
-        merge_slots(trace.lists, slots, m, sum.data());
+        merge_slots(trace.lists, slots, static_cast<Index>(m), sum.data());
         for (Index k = 0; k < g.channels(); ++k)
             out.feature(k, i) = sum[static_cast<std::size_t>(Slots<T>::head + k)];
         const SplatCotangent<T> s{sum[0], sum[1], sum[2], sum[3], sum[4], sum[5], sum[6]};

@@ -100,7 +100,7 @@ struct DealScratch {
     };
     struct Chunk {
         std::vector<Mention> mentions;    ///< member by member, in the order of tiles
-        Index used;                       ///< of these
+        std::int64_t used;                ///< of these, or how many there would be
         std::vector<std::uint32_t> cursor; ///< where it goes on in each list
     };
     std::vector<Chunk> chunks;
@@ -129,7 +129,7 @@ struct TileLists {
         requires std::derived_from<std::remove_cvref_t<std::invoke_result_t<PixelRows, Index>>,
                                    Span>
     void build(int width, int height, Index n, const PixelRows& pixel_rows, const KeyOf& key,
-               const IndexOf& index, Index max_entries, const Footprints& footprint,
+               const IndexOf& index, std::int64_t max_entries, const Footprints& footprint,
                DealScratch<Key>& scratch) {
         columns = tiles_across(width);
         rows = tiles_across(height);
@@ -138,8 +138,8 @@ struct TileLists {
     }
 
     /// Throws if there are more entries than allowed.
-    static void check_entries(Index total, Index max_entries) {
-        if (total > std::min(max_entries, Index(0xFFFFFFFF)))
+    static void check_entries(std::int64_t total, std::int64_t max_entries) {
+        if (total > std::min(max_entries, std::int64_t(0xFFFFFFFF)))
             throw Error("rasterizer: got " + std::to_string(total) +
                         " pairs of a tile and a Gaussian, expected at most " +
                         std::to_string(max_entries) +
@@ -157,7 +157,8 @@ struct TileLists {
     template <Threads P, Support support, Real R, class PixelRows, class KeyOf, class Footprints,
               class Key>
     void deal(int width, int height, Index n, const PixelRows& pixel_rows, const KeyOf& key,
-              Index max_entries, const Footprints& footprint, DealScratch<Key>& scratch) {
+              std::int64_t max_entries, const Footprints& footprint,
+              DealScratch<Key>& scratch) {
         using Chunk = typename DealScratch<Key>::Chunk;
         const Index grain = std::max<Index>(2048, (n + P::count() - 1) / P::count());
         const Index chunks = chunk_count(n, grain);
@@ -168,7 +169,7 @@ struct TileLists {
             Chunk& chunk = at(scratch.chunks, c);
             chunk.used = 0;
             for (Index m = b; m < e; ++m) {
-                at(first, m) = chunk.used;
+                at(first, m) = static_cast<Index>(chunk.used);
                 mention<support, R>(width, height, m, pixel_rows(m), max_entries,
                                     [&]() -> const Footprint<R>& { return footprint(m); }, chunk);
             }
@@ -176,10 +177,10 @@ struct TileLists {
             chunk.cursor.assign(static_cast<std::size_t>(tiles()), 0);
             for (Index i = 0; i < chunk.used; ++i) ++chunk.cursor[at(chunk.mentions, i).tile];
         });
-        Index total = 0;
+        std::int64_t total = 0;
         for (Index c = 0; c < chunks; ++c) total += at(scratch.chunks, c).used;
         check_entries(total, max_entries);
-        at(first, n) = total;
+        at(first, n) = static_cast<Index>(total);
         begin.resize(static_cast<std::size_t>(tiles()) + 1);
         std::uint32_t next = 0;
         for (Index t = 0; t < tiles(); ++t) {
@@ -187,11 +188,11 @@ struct TileLists {
             for (Index c = 0; c < chunks; ++c)
                 next += std::exchange(at(at(scratch.chunks, c).cursor, t), next);
         }
-        at(begin, tiles()) = total;
+        at(begin, tiles()) = static_cast<Index>(total);
         scratch.dealt.resize(static_cast<std::size_t>(total));
         for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
             Index before = 0;
-            for (Index k = 0; k < c; ++k) before += at(scratch.chunks, k).used;
+            for (Index k = 0; k < c; ++k) before += static_cast<Index>(at(scratch.chunks, k).used);
             if (before > 0)
                 for (Index m = b; m < e; ++m) at(first, m) += before;
             Chunk& chunk = at(scratch.chunks, c);
@@ -208,12 +209,12 @@ struct TileLists {
 
     /// Appends the tiles of member m to its chunk's, or, beyond what is allowed, counts them.
     template <Support support, Real R, class Rows, class Footprint, class Chunk>
-    void mention(int width, int height, Index m, const Rows& pixel_rows, Index max_entries,
+    void mention(int width, int height, Index m, const Rows& pixel_rows, std::int64_t max_entries,
                  const Footprint& footprint, Chunk& chunk) const {
         constexpr int at_once = 4;       // of a row of tiles, whether it has them or not
         const auto member = static_cast<std::uint32_t>(m);
         const auto append = [&](int row, int from, int count, int most) {
-            const Index used = chunk.used;
+            const std::int64_t used = chunk.used;
             chunk.used += count;
             if (chunk.used > max_entries) return;
             const std::size_t need = static_cast<std::size_t>(used + std::max(count, most));
@@ -259,7 +260,8 @@ struct TileLists {
                     while (end < n && x[end].key == x[i].key) ++end;
                     if (end - i > 1)
                         std::sort(x + i, x + end, [&](const auto& u, const auto& v) {
-                            return index(u.value.member) < index(v.value.member);
+                            return index(static_cast<Index>(u.value.member)) <
+                                   index(static_cast<Index>(v.value.member));
                         });
                     i = end;
                 }

@@ -5,13 +5,13 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <concepts>
 #include <cstdint>
 #include <limits>
 #include <type_traits>
 
+#include <rye/core/bit_cast.hpp>
 #include <rye/math/linalg.hpp>
 #include <rye/splat/accuracy.hpp>
 
@@ -43,7 +43,7 @@ struct PixelInterval {
 
 /// Whole pixels whose centres lie in [low, high], cut to [0, size).
 template <class R>
-PixelInterval<R> pixel_range(const R& low, const R& high, int size) {
+PixelInterval<R> pixel_interval(const R& low, const R& high, int size) {
     using std::ceil, std::floor, std::max, std::min;
     using S = real_t<R>;
     const R top(static_cast<S>(size));
@@ -57,7 +57,7 @@ Span whole(const PixelInterval<R>& r) {
 }
 template <Real R>
 Span pixels_between(R low, R high, int size) {
-    return whole(pixel_range(low, high, size));
+    return whole(pixel_interval(low, high, size));
 }
 /// Tiles along a side of an image.
 inline int tiles_across(int pixels) { return (pixels + tile_edge - 1) / tile_edge; }
@@ -82,7 +82,7 @@ struct Cover {
             return square(f.y, height);
         } else {
             const R reach = f.radius * sqrt(f.covariance.yy) + slack();
-            return pixel_range(R(f.y - reach), R(f.y + reach), height);
+            return pixel_interval(R(f.y - reach), R(f.y + reach), height);
         }
     }
 
@@ -114,8 +114,8 @@ struct Cover {
                 return c.square(c.f.x, c.width);
             } else {
                 const R low = top + R(S(0.5)) - c.f.y, high = bottom - R(S(0.5)) - c.f.y;
-                return pixel_range(R(c.f.x + end(-widest, low, high, S(-1)) - slack),
-                                   R(c.f.x + end(widest, low, high, S(1)) + slack), c.width);
+                return pixel_interval(R(c.f.x + end(-widest, low, high, S(-1)) - slack),
+                                      R(c.f.x + end(widest, low, high, S(1)) + slack), c.width);
             }
         }
 
@@ -193,7 +193,7 @@ void each_tile_row(int width, int height, const Rows& rows, const Footprint& foo
 template <Real R>
 auto depth_key(R depth) {
     using Bits = std::conditional_t<sizeof(R) == 4, std::uint32_t, std::uint64_t>;
-    const Bits b = std::bit_cast<Bits>(depth);
+    const Bits b = bit_cast<Bits>(depth);
     constexpr Bits sign = Bits(1) << (8 * sizeof(Bits) - 1);
     return (b & sign) != 0 ? static_cast<Bits>(~b) : static_cast<Bits>(b | sign);
 }

@@ -31,8 +31,8 @@ struct LaneCanvas : Workspaces::Space {
     // Of many channels:
     Lines<T> sums;           ///< a row a pixel
     Lines<T> feature;        ///< of the group
-    alignas(64) T weight[most][V::size];         ///< of a strip's visits
-    std::uint8_t of[most];                       ///< their entries
+    alignas(64) T weight[std::size_t(most)][V::size];         ///< of a strip's visits
+    std::uint8_t of[std::size_t(most)];                       ///< their entries
 };
 
 /// sums(pixel, channels) += sum_j weight[j][pixel] feature(of[j], channels) for the pixels of a
@@ -153,7 +153,7 @@ void write_strip(const Scene<typename V::value_type>& scene, const Strips<V>& st
     const Index channels = C > 0 ? C : scene.feature.rows();
     T* const state = canvas.state.lines[0].x + strip * (State::vectors * lanes);
     const V behind = abs(V::load_aligned(state));
-    alignas(64) T alpha[lanes], pixel[std::max(C, 1)][lanes];
+    alignas(64) T alpha[V::size], pixel[std::size_t(std::max(C, 1))][V::size];
     (V(T(1)) - behind).store_aligned(alpha);
     unrolled<C>([&](auto c) __attribute__((always_inline)) {
         (V::load_aligned(state + (State::sums + c) * lanes) + behind * V(scene.background[c]))

@@ -29,7 +29,8 @@ struct Strips {
     static constexpr int count = sides * rows;
     static_assert(tile_edge % wide == 0 && tile_edge % high == 0 && count <= StripMask::most);
 
-    alignas(64) T x[sides * lanes];      ///< pixel centres from the principal point [px], by lane
+    alignas(64) T x[std::size_t(sides * lanes)];  ///< pixel centres from the principal point [px],
+                                              ///< by lane
     alignas(64) T y[tile_edge];          ///< the same, by row
     int width, height;                   ///< of the part inside the image [px]
 

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include <rye/backend/xsimd.hpp>
+#include <rye/math/scalar.hpp>
 #include <rye/splat/raster.hpp>
 
 namespace rye {
@@ -79,7 +80,7 @@ template <int n, class V>
     } else {
         double pair;
         std::memcpy(&pair, numbers, sizeof pair);
-        return bitwise_cast<V>(typename LanesLike<V, double>::type(pair));
+        return cast_bits<V>(typename LanesLike<V, double>::type(pair));
     }
 }
 
@@ -124,7 +125,7 @@ struct Lines {
         const std::size_t n = static_cast<std::size_t>(numbers) / (64 / sizeof(T)) + 1;
         if (!lines || n > capacity) {
             capacity = n + n / 2;
-            lines = std::make_unique_for_overwrite<Line[]>(capacity);
+            lines.reset(new Line[capacity]);  // make_unique would set them to zero
         }
         return lines[0].x;
     }

@@ -13,7 +13,7 @@ template <class V, int Rows>
 struct LaneBlock {
     using T = typename V::value_type;
     static constexpr int lanes = static_cast<int>(V::size);
-    alignas(64) T row[Rows][lanes];
+    alignas(64) T row[std::size_t(Rows)][V::size];
 
     V operator[](int k) const { return V::load_aligned(row[k]); }
     void set(int k, const V& x) { x.store_aligned(row[k]); }
@@ -206,7 +206,7 @@ void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
                 clear_gradient(out, i);
                 continue;
             }
-            merge_slots_lanes<V>(trace.lists, slots, m, sum);
+            merge_slots_lanes<V>(trace.lists, slots, static_cast<Index>(m), sum);
             const Splat<T>& s = trace.members[m].splat;
             for (int k = 0; k < 7; ++k) in_slots.row[k][filled] = sum[k];
             in_slots.row[7][filled] = s.ux;

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <cstring>
 
+#include <rye/core/bit_cast.hpp>
 #include <rye/splat/vjp.hpp>
 #include <rye/splat/xsimd_group.hpp>
 
@@ -19,8 +20,9 @@ template <class V>
 struct TapeGroup {
     using Tile = Strips<V>;
     static constexpr int words = (Tile::count + 63) / 64;
-    std::uint64_t strips[LaneGroup<V>::usual][words];  ///< of each entry: of its visits, a bit each
-    Index end[Tile::count];                           ///< of each strip: where its visits end
+    /// Of each entry its visits: a bit for each strip.
+    std::uint64_t strips[std::size_t(LaneGroup<V>::usual)][std::size_t(words)];
+    Index end[std::size_t(Tile::count)];  ///< of each strip: where its visits end
 };
 
 /// Memory of one thread's tiles.
@@ -99,7 +101,7 @@ inline constexpr auto bit_places = [] {
         std::size_t n = 0;
         for (std::uint8_t bit = 0; bit < 8; ++bit)
             if ((byte >> bit & 1U) != 0) places[n++] = bit;
-        table[byte] = std::bit_cast<std::uint64_t>(places);
+        table[byte] = rye::bit_cast<std::uint64_t>(places);
     }
     return table;
 }();

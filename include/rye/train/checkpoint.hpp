@@ -37,7 +37,6 @@ void append_adam(const std::string& prefix, const Adam<P>& adam,
     };
     moments("m", adam.m);
     moments("v", adam.v);
-    static_assert(sizeof(Index) == sizeof(std::int64_t));
     const auto counts = std::as_bytes(std::span(adam.field_steps));
     entries.push_back({prefix + ".field_steps", TensorType::i64,
                        {static_cast<Index>(adam.field_steps.size())}, counts});

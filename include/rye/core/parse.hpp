@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/core/parse.hpp: a number written as text: rounded to the nearest, and the same in any locale.
+#pragma once
+
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <cstdlib>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <system_error>
+#include <utility>
+
+#if !defined(_WIN32)
+#include <locale.h>
+#if defined(__APPLE__)
+#include <xlocale.h>
+#endif
+#endif
+
+namespace rye {
+
+namespace detail {
+
+#if !defined(_WIN32)
+/// By strtod_l of POSIX, less what it takes beyond std::from_chars: spaces, a plus, hexadecimals.
+inline std::optional<double> parse_by_strtod(std::string_view text) {
+    static const locale_t plain = newlocale(LC_ALL_MASK, "C", locale_t());
+    const std::string copy(text);        // ends with a zero
+    const char first = copy[copy.starts_with('-') ? 1 : 0];
+    if (first == '\0' || std::string_view(".0123456789iInN").find(first) == std::string_view::npos ||
+        copy.find_first_of("xX") != std::string::npos)
+        return {};
+    const int before = std::exchange(errno, 0);
+    char* end = nullptr;
+    const double x = strtod_l(copy.c_str(), &end, plain);
+    const bool beyond = std::exchange(errno, before) == ERANGE && (x == 0 || std::isinf(x));
+    if (beyond || end != copy.c_str() + copy.size()) return {};
+    return x;
+}
+#endif
+
+/// T is double; a template, so that what the standard library lacks is not looked for.
+template <class T>
+std::optional<T> parse(std::string_view text) {
+    if constexpr (requires(const char* p, T& x) { std::from_chars(p, p, x); }) {
+        T x{};
+        const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), x);
+        if (fault != std::errc() || end != text.data() + text.size()) return {};
+        return x;
+    } else {                             // libc++ before 20
+        return parse_by_strtod(text);
+    }
+}
+
+} // namespace detail
+
+/// The number that the whole of a text is, "inf" and "nan" too. None if it is no number, or one
+/// that rounds to infinity, or to 0 without being 0.
+inline std::optional<double> parse_double(std::string_view text) {
+    return detail::parse<double>(text);
+}
+
+} // namespace rye
