@@ -10,7 +10,7 @@ cxx=${CXX:-c++}
 has_command() { command -v "$1" > /dev/null 2>&1; }
 has_header() {
     printf '#include <%s>\n' "$1" |
-        $cxx -std=c++20 -I/usr/include/eigen3 -I/usr/include/stb -E -x c++ - > /dev/null 2>&1
+        $cxx -std=c++20 -I/usr/include/eigen3 -E -x c++ - > /dev/null 2>&1
 }
 missing() {
     has_command "$cxx" || echo g++
@@ -20,7 +20,8 @@ missing() {
     has_header xsimd/xsimd.hpp || echo libxsimd-dev
     has_header CLI/CLI.hpp || echo libcli11-dev
     has_header nlohmann/json.hpp || echo nlohmann-json3-dev
-    has_header stb_image.h || echo libstb-dev
+    has_header jpeglib.h || echo libjpeg-dev
+    has_header png.h || echo libpng-dev
     has_header doctest/doctest.h || echo doctest-dev
     has_header benchmark/benchmark.h || echo libbenchmark-dev
 }

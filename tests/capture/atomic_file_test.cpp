@@ -1,11 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <rye/capture/atomic_file.hpp>
 
+#include <array>
+#include <atomic>
 #include <csignal>
 #include <filesystem>
+#include <fstream>
+#include <cstring>
 #include <string>
+#include <thread>
+#include <vector>
 
 #include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/sysmacros.h>
+#include <sys/un.h>
 #include <sys/wait.h>
 
 #include <doctest/doctest.h>
@@ -120,4 +130,115 @@ TEST_CASE("atomic file: killed at any moment, the file is the old one or the new
         const std::string now = text_of(path);
         CHECK((now == old || now == fresh));
     }
+    // What the killed ones left is gone with the next write.
+    write_atomic(path, as_bytes(fresh));
+    CHECK(files_in(folder.path) == 1);
+}
+
+TEST_CASE("atomic file: what dead writers left goes, what living writers hold stays") {
+    const TemporaryFolder folder;
+    const fs::path path = folder.path / "a";
+    // Three writers at once, of which two are killed.
+    int ready[2], go[2];
+    REQUIRE(::pipe(ready) == 0);
+    REQUIRE(::pipe(go) == 0);
+    std::array<::pid_t, 3> child{};
+    char byte = 0;
+    for (::pid_t& c : child) {
+        c = ::fork();
+        if (c == 0) {
+            AtomicFile file(path);
+            file.write(as_bytes("living"));
+            bool done = ::write(ready[1], "x", 1) == 1 && ::read(go[0], &byte, 1) == 1;
+            file.commit();
+            ::_exit(done ? 0 : 1);
+        }
+        REQUIRE(::read(ready[0], &byte, 1) == 1);
+    }
+    CHECK(files_in(folder.path) == 3);
+    int status = -1;
+    for (const std::size_t i : {0U, 2U}) {
+        ::kill(child[i], SIGKILL);
+        ::waitpid(child[i], &status, 0);
+    }
+    CHECK(files_in(folder.path) == 3);
+    write_atomic(path, as_bytes("mine"));
+    CHECK(text_of(path) == "mine");
+    CHECK(files_in(folder.path) == 2); // the target and the living one's
+    REQUIRE(::write(go[1], "x", 1) == 1);
+    ::waitpid(child[1], &status, 0);
+    CHECK(status == 0);
+    CHECK(text_of(path) == "living");
+    CHECK(files_in(folder.path) == 1);
+    for (const int d : {ready[0], ready[1], go[0], go[1]}) ::close(d);
+}
+
+TEST_CASE("atomic file: many writers at once lose no temporary file to each other") {
+    const TemporaryFolder folder;
+    const fs::path path = folder.path / "a";
+    std::atomic<int> failed = 0;
+    std::vector<std::thread> writers;
+    for (int t = 0; t < 4; ++t)
+        writers.emplace_back([&] {
+            for (int i = 0; i < 200; ++i) try {
+                    write_atomic(path, as_bytes("whole"), Durability::atomic_only);
+                } catch (const Error&) {
+                    ++failed;
+                }
+        });
+    for (std::thread& w : writers) w.join();
+    CHECK(failed == 0);
+    CHECK(text_of(path) == "whole");
+    CHECK(files_in(folder.path) == 1);
+}
+
+TEST_CASE("atomic file: a pipe is written in place and stays a pipe, so does a device") {
+    const TemporaryFolder folder;
+    const fs::path pipe = folder.path / "pipe";
+    REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);
+    std::string got;
+    std::thread reader([&] {
+        std::ifstream in(pipe);
+        got.assign(std::istreambuf_iterator<char>(in), {});
+    });
+    write_atomic(pipe, as_bytes("through a pipe"));
+    reader.join();
+    CHECK(got == "through a pipe");
+    CHECK(fs::is_fifo(pipe));
+    // By a link, as /dev/stdout is one; as root a device of one's own could be replaced.
+    const fs::path link = folder.path / "link";
+    fs::create_symlink("/dev/null", link);
+    write_atomic(link, as_bytes("nothing"));
+    CHECK(fs::is_symlink(link));
+    CHECK(fs::is_character_file("/dev/null"));
+    const fs::path device = folder.path / "null";
+    if (::mknod(device.c_str(), S_IFCHR | 0600, ::makedev(1, 3)) == 0) {
+        try {
+            write_atomic(device, as_bytes("nothing"));
+        } catch (const Error&) { // a file system without devices
+        }
+        CHECK(fs::is_character_file(device));
+    }
+}
+
+TEST_CASE("atomic file: a socket is refused") {
+    const TemporaryFolder folder;
+    const fs::path path = folder.path / "s";
+    const int s = ::socket(AF_UNIX, SOCK_STREAM, 0);
+    ::sockaddr_un address{};
+    address.sun_family = AF_UNIX;
+    std::strncpy(address.sun_path, path.c_str(), sizeof address.sun_path - 1);
+    REQUIRE(::bind(s, reinterpret_cast<const ::sockaddr*>(&address), sizeof address) == 0);
+    CHECK_FAULT(write_atomic(path, as_bytes("x")), "is neither a file nor a pipe");
+    CHECK(fs::is_socket(path));
+    ::close(s);
+}
+
+TEST_CASE("read_file: a pipe that nobody writes is refused, not waited for") {
+    const TemporaryFolder folder;
+    const fs::path pipe = folder.path / "pipe";
+    REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);
+    CHECK_FAULT(read_file(pipe), "pipe: not a file");
+    CHECK_FAULT(read_beginning(pipe, 8), "pipe: not a file");
+    CHECK_FAULT(read_file(folder.path), "not a file");
 }

@@ -92,6 +92,8 @@ TEST_CASE("npy: conversions that lose the number are refused") {
         const std::vector<double> one{bad};
         CHECK_THROWS_AS(npy_array<double>({1}, one).values<std::uint8_t>("bad"), Error);
     }
+    const std::vector<double> wide{1e300};
+    CHECK_FAULT(npy_array<double>({1}, wide).values<float>("wide"), "wide: number 0 does not fit");
     const std::vector<std::int64_t> big{std::int64_t(1) << 40U};
     CHECK_THROWS_AS(npy_array<std::int64_t>({1}, big).values<std::int32_t>("big"), Error);
 }
@@ -110,6 +112,11 @@ TEST_CASE("npy: hostile headers are one sentence that names the file") {
     CHECK_FAULT(parse(dict("<f8", "False", "(1e9,)")), "expected ')'");
     CHECK_FAULT(parse(dict("<f8", "False", "(4294967296, 4294967296, 2)")), "overflows");
     CHECK_FAULT(parse(dict("<f8", "False", "(9223372036854775807,)")), "overflows");
+    // An extent of 0 leaves no bytes, but not before the others have been multiplied.
+    for (const char* shape : {"(4611686018427387904, 2, 0)", "(0, 4611686018427387904, 2)"})
+        CHECK_FAULT(parse_npy(file_with<char>(dict("|u1", "False", shape), {}), "x.npy"),
+                    "overflows");
+    CHECK(parse_npy(file_with<char>(dict("<f8", "False", "(3, 0)"), {}), "x.npy").size() == 0);
     CHECK_FAULT(parse(dict("<f8", "False", "(99999999999999999999,)")), "extent is not a count");
     CHECK_FAULT(parse(dict("<f8", "False", "(1,1,1,1,1,1,1,1,1)")), "more than 8 extents");
     CHECK_FAULT(parse(dict("|O", "False", "(1,)")), "got dtype '|O'");

@@ -160,3 +160,19 @@ TEST_CASE("npz: files") {
     write_atomic(path, {});
     CHECK_FAULT(read_npz(path), "a.npz: truncated: got 0 bytes");
 }
+
+TEST_CASE("npz: members that share bytes are refused before any is unpacked") {
+    // A directory that names one member forty times, each time under another name.
+    const Bytes one = npz_bytes({{"a0", two_arrays().at("points")}});
+    const std::size_t entry = 46 + 6, directory = one.size() - 22 - entry;
+    Bytes zip(one.begin(), one.begin() + static_cast<std::ptrdiff_t>(directory));
+    for (int i = 0; i < 40; ++i) {
+        append(zip, ByteSpan(one).subspan(directory, entry));
+        zip[zip.size() - 6] = static_cast<std::byte>('A' + i);
+    }
+    append(zip, ByteSpan(one).last(22));
+    const std::uint16_t count = 40;
+    for (const std::size_t at : {12U, 14U}) std::memcpy(zip.data() + zip.size() - at, &count, 2);
+    CHECK(parse_npz(one, "one.npz").size() == 1);
+    CHECK_FAULT(parse_npz(zip, "forty.npz"), "forty.npz: two of its 40 members overlap");
+}

@@ -4,8 +4,16 @@
 // RYE_DATA may name a folder with splats/biker.ply; without it the last case passes unseen.
 #include <rye/gaussian/ply.hpp>
 
+#include <chrono>
+#include <csignal>
 #include <cstdlib>
+#include <filesystem>
+#include <limits>
 #include <sstream>
+#include <thread>
+#include <utility>
+
+#include <sys/stat.h>
 
 #include <doctest/doctest.h>
 
@@ -152,6 +160,75 @@ TEST_CASE("ply: files that lie are refused, with the file and the fault in the m
                          "end_header\n1 2 3 4 5 6 7 8 9 1 0 0 0 0000000000000000000000000000\n"),
                    "whole vertices"));
     CHECK(mentions(fault(std::string(5000, 'a')), "header line"));
+}
+
+TEST_CASE("ply: elements before the vertices that the file does not hold are refused at once") {
+    for (const char* format : {"ascii", "binary_little_endian"}) {
+        const std::string begin = std::string("ply\nformat ") + format + " 1.0\n";
+        const std::string end = "element vertex 0\n" + numbers + "end_header\n";
+        CHECK(mentions(fault(begin + "element foo 549755813888\nproperty int i\n" + end),
+                       "too few"));
+        std::string many;
+        for (int i = 0; i < 20; ++i)
+            many += "element foo" + std::to_string(i) +
+                    " 1099511627775\nproperty double d\nproperty double e\n";
+        CHECK(mentions(fault(begin + many + end), "too few"));
+        for (int i = 0; i < 3; ++i)
+            many += "element bar 9223372036854775807\nproperty double d\n";
+        CHECK(mentions(fault(begin + many + end), "too large to skip"));
+    }
+}
+
+TEST_CASE("ply: a header of 65,000 properties is read in a moment") {
+    std::string text = "ply\nformat binary_little_endian 1.0\nelement vertex 0\n" + numbers;
+    for (int i = 0; i < 65000; ++i) text += "property char p" + std::to_string(i) + "\n";
+    const auto begin = std::chrono::steady_clock::now();
+    CHECK(parsed(text + "end_header\n").count() == 0);
+    CHECK(std::chrono::steady_clock::now() - begin < std::chrono::seconds(2));
+}
+
+TEST_CASE("ply: a number that is not finite is refused with its property and its vertex") {
+    const std::string begin = "ply\nformat ascii 1.0\nelement vertex 2\n" + numbers +
+                              "end_header\n0 0 0 0 0 0 0 0 0 1 0 0 0\n0 0 0 0 0 0 ";
+    for (const char* bad : {"nan", "inf", "-inf", "1e300"})
+        CHECK(mentions(fault(begin + bad + " 0 0 1 0 0 0\n"), "opacity of vertex 1"));
+    auto c = cloud_of(2, 0);
+    c.mean(1, 1) = std::numeric_limits<float>::quiet_NaN();
+    CHECK(mentions(fault(written(c)), "property y of vertex 1"));
+}
+
+TEST_CASE("ply: read through a pipe, which cannot tell its length") {
+    std::string ascii = "ply\nformat ascii 1.0\nelement vertex 1\n" + numbers +
+                        "end_header\n1 2 3 4 5 6 7 8 9 1 0 0 0\n";
+    const auto c = cloud_of(5000, 1);
+    const auto through = [](const std::string& text) {
+        std::string name = (std::filesystem::temp_directory_path() / "rye-ply-XXXXXX").string();
+        REQUIRE(::mkdtemp(name.data()) != nullptr);
+        const std::string pipe = name + "/some.ply";
+        REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);
+        std::thread writer([&] {
+            std::signal(SIGPIPE, SIG_IGN);
+            std::ofstream(pipe, std::ios::binary) << text;
+        });
+        GaussianCloud<float> read;
+        std::string told;
+        try {
+            read = read_ply<float>(pipe);
+        } catch (const Error& e) {
+            told = e.what();
+        }
+        writer.join();
+        std::filesystem::remove_all(name);
+        return std::pair{read, told};
+    };
+    CHECK(same(through(written(c)).first, c));
+    CHECK(through(ascii).first.mean(2, 0) == 3.0F);
+    CHECK(through(written(c).substr(0, 100000)).second.find("too few") != std::string::npos);
+    // A count that asks for all memory, in a pipe that ends.
+    CHECK(through("ply\nformat binary_little_endian 1.0\nelement vertex 1152921504606846976\n" +
+                  numbers + "end_header\nabcd")
+              .second.find("too few") != std::string::npos);
+    CHECK_THROWS_AS(read_ply<float>("/"), Error);
 }
 
 TEST_CASE("ply: a real trained scene and a file of degree 3") {

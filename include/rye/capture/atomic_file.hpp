@@ -1,9 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/capture/atomic_file.hpp: a file is replaced by a complete one or not at all.
-/// The new bytes go to a temporary file in the same folder; commit() makes them durable (fsync),
-/// renames over the target, and makes the rename durable (fsync of the folder). Without commit()
-/// the target is untouched and the temporary file is removed. A durable file survives a power cut
-/// and costs milliseconds; one that can be made again need only be atomic. POSIX.
+/// The new bytes go to a temporary file in the same folder, NAME.tmp-0; commit() makes them durable
+/// (fsync), renames over the target, and makes the rename durable (fsync of the folder). Without
+/// commit() the target is untouched and the temporary file is removed. A durable file survives a
+/// power cut and costs milliseconds; one that can be made again need only be atomic. POSIX.
+///
+/// A killed process leaves its temporary file. A writer holds a lock (flock) on its own, which ends
+/// with the process; the next writer of the same target removes those that nobody holds. Where the
+/// file system has no locks they stay.
+///
+/// A pipe or a character device (/dev/null, /dev/stdout) cannot be replaced: it is written in place
+/// as the bytes come. Folders, block devices and sockets are refused.
 #pragma once
 
 #include <cerrno>
@@ -14,6 +21,7 @@
 #include <utility>
 
 #include <fcntl.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -26,22 +34,21 @@ enum class Durability { durable, atomic_only };
 
 class AtomicFile {
 public:
-    explicit AtomicFile(const std::filesystem::path& path) : target_(resolved(path)) {
-        std::error_code ignored;
-        if (std::filesystem::is_directory(target_, ignored)) fail("is a folder, not a file");
-        // Names are tried in turn so that two writers never share one.
-        for (int i = 0; descriptor_ < 0; ++i) {
-            temporary_ = target_;
-            temporary_ += ".tmp-" + std::to_string(::getpid()) + "-" + std::to_string(i);
-            descriptor_ = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-            if (descriptor_ < 0 && errno != EEXIST) {
-                temporary_.clear();
-                fail_errno("cannot be written");
-            }
-        }
-        // A replaced file keeps its permissions.
+    explicit AtomicFile(const std::filesystem::path& path) : target_(path) {
         struct stat old {};
-        if (::stat(target_.c_str(), &old) == 0 && ::fchmod(descriptor_, old.st_mode & 07777U) != 0)
+        const bool there = ::stat(path.c_str(), &old) == 0;
+        if (there && S_ISDIR(old.st_mode)) fail("is a folder, not a file");
+        if (there && (S_ISFIFO(old.st_mode) || S_ISCHR(old.st_mode))) {
+            descriptor_ = ::open(path.c_str(), O_WRONLY | O_NOCTTY | O_CLOEXEC);
+            if (descriptor_ < 0) fail_errno("cannot be written");
+            return;
+        }
+        if (there && !S_ISREG(old.st_mode))
+            fail("is neither a file nor a pipe nor a character device, expected one of these");
+        target_ = resolved(path);
+        open_temporary();
+        // A replaced file keeps its permissions.
+        if (there && ::fchmod(descriptor_, old.st_mode & 07777U) != 0)
             discard_and_fail("its permissions cannot be kept");
     }
     AtomicFile(const AtomicFile&) = delete;
@@ -58,17 +65,76 @@ public:
     }
 
     void commit(Durability durability = Durability::durable) {
-        const bool durable = durability == Durability::durable;
+        const bool durable = durability == Durability::durable && !in_place();
         if (durable && ::fsync(descriptor_) != 0) discard_and_fail("cannot be made durable");
-        const int closed = ::close(std::exchange(descriptor_, -1));
-        if (closed != 0) discard_and_fail("cannot be closed");
+        if (in_place()) {
+            if (::close(std::exchange(descriptor_, -1)) != 0) fail_errno("cannot be closed");
+            return;
+        }
+        // Some file systems report a failed write at close; the lock must outlive the rename, so it
+        // is a second descriptor that is closed first.
+        const int second = ::fcntl(descriptor_, F_DUPFD_CLOEXEC, 0);
+        if (second < 0 || ::close(second) != 0) discard_and_fail("cannot be closed");
         if (::rename(temporary_.c_str(), target_.c_str()) != 0)
             discard_and_fail("cannot be replaced");
         temporary_.clear();
+        discard();
         if (durable) sync_folder();
     }
 
 private:
+    static constexpr int most_names = 1000;  // of temporary files of one target
+
+    bool in_place() const { return temporary_.empty(); }
+    static std::filesystem::path numbered(const std::filesystem::path& target, int i) {
+        std::filesystem::path name = target;
+        name += ".tmp-" + std::to_string(i);
+        return name;
+    }
+    /// Whether the name is that of the open file: another process may have moved or removed it.
+    static bool names(const std::filesystem::path& name, int descriptor) {
+        struct stat a {}, b {};
+        return ::fstat(descriptor, &a) == 0 && ::lstat(name.c_str(), &b) == 0 &&
+               a.st_dev == b.st_dev && a.st_ino == b.st_ino;
+    }
+    /// Creates and locks the first temporary file whose name no living writer has, and removes those
+    /// of dead ones.
+    void open_temporary() {
+        for (int i = 0; i < most_names; ++i) {
+            const std::filesystem::path name = numbered(target_, i);
+            const bool was_there = remove_abandoned(name);
+            if (descriptor_ >= 0) {
+                if (!was_there) return;
+                continue;
+            }
+            descriptor_ = ::open(name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+            if (descriptor_ < 0 && errno == EEXIST) continue;
+            if (descriptor_ < 0) fail_errno("cannot be written");
+            // Between the two calls another writer may have taken it for an abandoned one.
+            const bool taken = ::flock(descriptor_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+            if (taken || !names(name, descriptor_)) {
+                ::close(std::exchange(descriptor_, -1));
+                continue;
+            }
+            temporary_ = name;
+        }
+        if (descriptor_ < 0)
+            fail("cannot be written: " + numbered(target_, 0).string() + " to " +
+                 std::to_string(most_names - 1) + " are there already");
+    }
+    /// Removes a temporary file that no living process holds; false where there is none. Its owner
+    /// renames it only while it holds the lock, so under the lock the name cannot change hands.
+    static bool remove_abandoned(const std::filesystem::path& name) {
+        const int descriptor =
+            ::open(name.c_str(), O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+        if (descriptor < 0) return errno != ENOENT;
+        struct stat s {};
+        if (::fstat(descriptor, &s) == 0 && S_ISREG(s.st_mode) &&
+            ::flock(descriptor, LOCK_EX | LOCK_NB) == 0 && names(name, descriptor))
+            ::unlink(name.c_str());
+        ::close(descriptor);
+        return true;
+    }
     /// A link stays a link: what it points to is replaced.
     static std::filesystem::path resolved(const std::filesystem::path& path) {
         std::error_code status;
@@ -91,9 +157,9 @@ private:
         }
     }
     void discard() {
-        if (descriptor_ >= 0) ::close(std::exchange(descriptor_, -1));
-        if (!temporary_.empty()) ::unlink(temporary_.c_str());
+        if (!temporary_.empty()) ::unlink(temporary_.c_str());  // under the lock
         temporary_.clear();
+        if (descriptor_ >= 0) ::close(std::exchange(descriptor_, -1));
     }
     [[noreturn]] void fail(const std::string& sentence) const {
         throw Error(target_.string() + ": " + sentence);
@@ -103,13 +169,14 @@ private:
     }
     [[noreturn]] void discard_and_fail(const std::string& sentence) {
         const int reason = errno;
+        const bool kept = !in_place();
         discard();
         errno = reason;
-        fail_errno(sentence + " (the old file is untouched)");
+        fail_errno(sentence + (kept ? " (the old file is untouched)" : ""));
     }
 
     std::filesystem::path target_;
-    std::filesystem::path temporary_;  // empty when there is none to remove
+    std::filesystem::path temporary_;  // empty: there is none to remove
     int descriptor_ = -1;
 };
 

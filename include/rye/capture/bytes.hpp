@@ -3,12 +3,14 @@
 /// Every count is compared with what is left before anything is allocated or touched.
 #pragma once
 
+#include <algorithm>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <span>
 #include <string>
 #include <string_view>
@@ -16,6 +18,7 @@
 #include <type_traits>
 #include <vector>
 
+#include <rye/core/config.hpp>
 #include <rye/core/error.hpp>
 
 namespace rye {
@@ -25,14 +28,38 @@ static_assert(std::endian::native == std::endian::little, "rye's readers assume 
 using Bytes = std::vector<std::byte>;
 using ByteSpan = std::span<const std::byte>;
 
-/// The whole file; Error names it. Files above `max_bytes` are refused unread.
-inline Bytes read_file(const std::filesystem::path& path, std::uint64_t max_bytes = 1ULL << 34U) {
+namespace detail {
+
+/// The size of a regular file [bytes]. Pipes, devices and folders are Errors: to open a pipe that
+/// nobody writes would wait for ever.
+inline std::uint64_t regular_file_size(const std::filesystem::path& path) {
     const std::string who = path.string();
     std::error_code status;
     if (!std::filesystem::exists(path, status)) throw Error(who + ": no such file");
-    if (!std::filesystem::is_regular_file(path, status)) throw Error(who + ": not a file");
+    if (!std::filesystem::is_regular_file(path, status))
+        throw Error(who + ": not a file (a folder, pipe or device), expected a file");
     const std::uintmax_t size = std::filesystem::file_size(path, status);
     if (status) throw Error(who + ": cannot read its size: " + status.message());
+    return size;
+}
+
+} // namespace detail
+
+/// The first bytes of a file, at most `most`; Error names it.
+inline Bytes read_beginning(const std::filesystem::path& path, std::size_t most) {
+    const std::uint64_t size = detail::regular_file_size(path);
+    Bytes bytes(static_cast<std::size_t>(std::min<std::uint64_t>(size, most)));
+    std::ifstream in(path, std::ios::binary);
+    if (!in) throw Error(path.string() + ": cannot be opened for reading");
+    in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+    bytes.resize(static_cast<std::size_t>(in.gcount()));
+    return bytes;
+}
+
+/// The whole file; Error names it. Files above `max_bytes` are refused unread.
+inline Bytes read_file(const std::filesystem::path& path, std::uint64_t max_bytes = 1ULL << 34U) {
+    const std::string who = path.string();
+    const std::uint64_t size = detail::regular_file_size(path);
     require(size <= max_bytes, who,
             "got " + std::to_string(size) + " bytes, expected at most " +
                 std::to_string(max_bytes));
@@ -40,7 +67,7 @@ inline Bytes read_file(const std::filesystem::path& path, std::uint64_t max_byte
     if (!in) throw Error(who + ": cannot be opened for reading");
     Bytes bytes(static_cast<std::size_t>(size));
     in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
-    require(static_cast<std::uintmax_t>(in.gcount()) == size, who,
+    require(static_cast<std::uint64_t>(in.gcount()) == size, who,
             "got " + std::to_string(in.gcount()) + " bytes, expected " + std::to_string(size));
     return bytes;
 }
@@ -88,6 +115,22 @@ inline std::uint64_t checked_product(std::uint64_t a, std::uint64_t b, const std
     if (__builtin_mul_overflow(a, b, &product))
         throw Error(who + ": " + std::to_string(a) + " * " + std::to_string(b) + " overflows");
     return product;
+}
+
+/// Bytes of an array with these extents. No product of extents other than 0 may exceed an Index, so
+/// that the extents can be multiplied in any order, one of 0 included.
+template <class Extents>
+std::uint64_t checked_size(const Extents& extents, std::uint64_t item, const std::string& who) {
+    std::uint64_t size = item;
+    bool empty = false;
+    for (const auto extent : extents) {
+        empty = empty || extent == 0;
+        if (extent != 0) size = checked_product(size, static_cast<std::uint64_t>(extent), who);
+    }
+    require(size <= static_cast<std::uint64_t>(std::numeric_limits<Index>::max()), who,
+            "the product of its extents overflows: an array of " + std::to_string(size) +
+                " bytes, expected at most " + std::to_string(std::numeric_limits<Index>::max()));
+    return empty ? 0 : size;
 }
 
 } // namespace rye

@@ -13,6 +13,7 @@
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
+#include <limits>
 #include <span>
 #include <string>
 #include <string_view>
@@ -203,9 +204,7 @@ inline NpyArray parse_npy(ByteSpan bytes, const std::string& who) {
             .parse();
     NpyArray& array = header.array;
     const auto item = static_cast<std::size_t>(array.item_size);
-    std::uint64_t size = item;
-    for (const Index d : array.shape)
-        size = checked_product(size, static_cast<std::uint64_t>(d), who);
+    const std::uint64_t size = checked_size(array.shape, item, who);
     const ByteSpan data = bytes.subspan(static_cast<std::size_t>(start + length));
     require(data.size() == size, who,
             "shape " + shape_text(array.shape) + " of " + array.type() + " needs " +
@@ -240,6 +239,9 @@ std::vector<T> NpyArray::values(const std::string& who) const {
                 if (!fits)
                     throw Error(who + ": number " + std::to_string(i) + " does not fit the type");
             }
+            if constexpr (std::floating_point<T> && std::floating_point<S>)
+                if (std::isfinite(value) && std::abs(value) > std::numeric_limits<T>::max())
+                    throw Error(who + ": number " + std::to_string(i) + " does not fit the type");
             out[i] = static_cast<T>(value);
         }
     };

@@ -5,6 +5,7 @@
 /// Source: PKWARE APPNOTE 6.3.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <limits>
@@ -111,13 +112,34 @@ inline std::vector<ZipMember> read_zip_directory(ByteSpan zip, const std::string
     return members;
 }
 
-inline NpyArray unpack_npy(ByteSpan zip, const ZipMember& m, const std::string& who) {
+/// Where a member's bytes lie, from its local header.
+struct ZipExtent {
+    std::uint64_t begin = 0, data = 0, end = 0;
+};
+
+inline ZipExtent zip_extent(ByteSpan zip, const ZipMember& m, const std::string& who) {
     const char* what = "a zip local header";
     require(read_at<std::uint32_t>(zip, m.header, who, what) == 0x04034b50U, who,
             "its zip local header is damaged");
     const auto name = read_at<std::uint16_t>(zip, m.header + 26, who, what);
     const auto extra = read_at<std::uint16_t>(zip, m.header + 28, who, what);
-    const ByteSpan packed = slice(zip, m.header + 30 + name + extra, m.packed, who, "its data");
+    const std::uint64_t data = m.header + 30 + name + extra;
+    slice(zip, data, m.packed, who, "its data");
+    return {m.header, data, data + m.packed};
+}
+
+/// Two members may not share bytes: else a small file unpacks to any size.
+inline void require_apart(const std::vector<ZipMember>& members, std::vector<ZipExtent> extents,
+                          const std::string& who) {
+    std::sort(extents.begin(), extents.end(),
+              [](const ZipExtent& a, const ZipExtent& b) { return a.begin < b.begin; });
+    for (std::size_t i = 1; i < extents.size(); ++i)
+        require(extents[i - 1].end <= extents[i].begin, who,
+                "two of its " + std::to_string(members.size()) + " members overlap at byte " +
+                    std::to_string(extents[i].begin) + ", expected each to have its own bytes");
+}
+
+inline NpyArray unpack_npy(ByteSpan packed, const ZipMember& m, const std::string& who) {
     require(m.method == 0 || m.method == 8, who,
             "got zip method " + std::to_string(m.method) + ", expected 0 (stored) or 8 (deflate)");
     require(m.method == 8 || m.packed == m.unpacked, who, "its two sizes differ though stored");
@@ -134,14 +156,22 @@ inline NpyArray unpack_npy(ByteSpan zip, const ZipMember& m, const std::string& 
 inline NpzArrays parse_npz(ByteSpan zip, const std::string& who) {
     NpzArrays arrays;
     std::uint64_t total = 0;
-    for (const detail::ZipMember& m : detail::read_zip_directory(zip, who)) {
+    const std::vector<detail::ZipMember> members = detail::read_zip_directory(zip, who);
+    std::vector<detail::ZipExtent> extents;
+    for (const detail::ZipMember& m : members)
+        extents.push_back(detail::zip_extent(zip, m, who + ": '" + m.name + "'"));
+    detail::require_apart(members, extents, who);
+    for (std::size_t i = 0; i < members.size(); ++i) {
+        const detail::ZipMember& m = members[i];
         const std::string label = who + ": '" + m.name + "'";
+        const ByteSpan packed = zip.subspan(static_cast<std::size_t>(extents[i].data),
+                                            static_cast<std::size_t>(m.packed));
         require(m.name.size() > 4 && m.name.ends_with(".npy"), label, "expected a name in .npy");
         require(m.unpacked <= max_npz_bytes - total, label,
                 "got " + std::to_string(m.unpacked) + " bytes, more than an npz may hold");
         total += m.unpacked;
         const bool first = arrays.emplace(m.name.substr(0, m.name.size() - 4),
-                                          detail::unpack_npy(zip, m, label)).second;
+                                          detail::unpack_npy(packed, m, label)).second;
         require(first, label, "appears twice");
     }
     return arrays;

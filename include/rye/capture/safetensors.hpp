@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <span>
 #include <string>
@@ -152,7 +153,7 @@ namespace detail {
 
 inline std::uint64_t tensor_count(const JsonValue& v, const std::string& who) {
     const auto* i = v.get<std::int64_t>();
-    require(i && *i >= 0, who, "expected a count");
+    require(i && *i >= 0 && *i <= std::numeric_limits<Index>::max(), who, "expected a count");
     return static_cast<std::uint64_t>(*i);
 }
 
@@ -175,12 +176,9 @@ inline TensorEntry parse_tensor(const std::string& name, const JsonValue& v, Byt
         }
     require(known, who,
             "got type " + *dtype->get<std::string>() + ", expected F64, F32, I64 or U8");
-    std::uint64_t size = info_of(t.type).size;
-    for (const JsonValue& extent : *shape->get<JsonArray>()) {
-        const std::uint64_t d = tensor_count(extent, who);
-        size = checked_product(size, d, who);
-        t.shape.push_back(static_cast<Index>(d));
-    }
+    for (const JsonValue& extent : *shape->get<JsonArray>())
+        t.shape.push_back(static_cast<Index>(tensor_count(extent, who)));
+    const std::uint64_t size = checked_size(t.shape, info_of(t.type).size, who);
     const std::uint64_t begin = tensor_count(offsets->get<JsonArray>()->at(0), who);
     const std::uint64_t end = tensor_count(offsets->get<JsonArray>()->at(1), who);
     require(begin <= end && end - begin == size, who,
@@ -272,12 +270,9 @@ inline void write_safetensors(const std::filesystem::path& path, std::vector<Ten
         const std::string label = path.string() + ": " + t.name;
         require(t.name != "__metadata__" && seen[t.name]++ == 0, label,
                 "is the name of two tensors, or reserved");
-        std::uint64_t size = info_of(t.type).size;
+        const std::uint64_t size = checked_size(t.shape, info_of(t.type).size, label);
         std::string shape;
-        for (const Index d : t.shape) {
-            size = checked_product(size, static_cast<std::uint64_t>(d), label);
-            shape += (shape.empty() ? "" : ",") + std::to_string(d);
-        }
+        for (const Index d : t.shape) shape += (shape.empty() ? "" : ",") + std::to_string(d);
         require(size == t.bytes.size(), label,
                 "shape " + shape_text(t.shape) + " of " + info_of(t.type).name + " needs " +
                     std::to_string(size) + " bytes, got " + std::to_string(t.bytes.size()));

@@ -9,7 +9,9 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cmath>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <ostream>
 #include <string_view>
@@ -83,53 +85,76 @@ T ply_number(const char* at, PlyType type) {
     return T(0);
 }
 
-/// Bytes left in a stream, or the largest number where it cannot tell.
-inline Index bytes_left(std::istream& in) {
+/// Bytes left in a stream, or -1 where it cannot tell, as of a pipe.
+inline std::int64_t bytes_left(std::istream& in) {
     const auto here = in.tellg();
     if (here == std::istream::pos_type(-1)) {
         in.clear();
-        return std::numeric_limits<Index>::max();
+        return -1;
     }
     in.seekg(0, std::ios::end);
     const auto end = in.tellg();
     in.seekg(here);
-    return static_cast<Index>(end - here);
+    return static_cast<std::int64_t>(end - here);
 }
 
-} // namespace detail
+/// What follows the header in a stream of unknown length, but no more than a binary file needs.
+inline std::string drained(std::istream& in, const PlyHeader& h) {
+    const std::uint64_t endless = std::numeric_limits<std::uint64_t>::max();
+    std::uint64_t want = endless;
+    if (!h.ascii &&
+        (__builtin_mul_overflow(static_cast<std::uint64_t>(h.count),
+                                static_cast<std::uint64_t>(h.stride), &want) ||
+         __builtin_add_overflow(want, static_cast<std::uint64_t>(h.skip), &want)))
+        want = endless;
+    std::string all;
+    std::vector<char> part(std::size_t(1) << 16);
+    while (in && all.size() < want) {
+        in.read(part.data(), static_cast<std::streamsize>(
+                                 std::min<std::uint64_t>(part.size(), want - all.size())));
+        all.append(part.data(), static_cast<std::size_t>(in.gcount()));
+    }
+    return all;
+}
 
-/// Reads a cloud; `name` is the file's, for messages.
+/// Reads what follows the header from a stream of which `left` bytes are left.
 template <Real T>
-GaussianCloud<T> read_ply(std::istream& in, const std::string& name) {
-    const std::string who = "read_ply: " + name;
-    const PlyHeader h = read_ply_header(in, who);
+GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_t left,
+                               const std::string& who) {
     int rest = 0;
     while (h.find("f_rest_" + std::to_string(rest)) >= 0) ++rest;
     require(rest == 0 || rest == 9 || rest == 24 || rest == 45 || rest == 72, who,
             "got " + std::to_string(rest) + " properties f_rest, expected 0, 9, 24, 45 or 72");
 
     // The header may lie: nothing is allocated before the file is known to hold that much. An ascii
-    // number takes two bytes or more.
-    const Index stride = h.ascii ? 2 * static_cast<Index>(h.properties.size()) : h.stride;
-    const Index left = detail::bytes_left(in);
-    require(stride > 0 && h.count <= (left + 1) / stride, who,
+    // number takes two bytes or more, the last one a byte, and a skipped line one.
+    const std::int64_t stride =
+        h.ascii ? 2 * static_cast<std::int64_t>(h.properties.size()) : h.stride;
+    const std::int64_t skip = h.ascii ? h.skip_lines : h.skip;
+    require(stride > 0 && skip <= left && h.count <= (left - skip + 1) / stride, who,
             "got " + std::to_string(h.count) + " vertices in the header, but " +
                 std::to_string(left) + " bytes of data, too few for them");
-    const bool known = left != std::numeric_limits<Index>::max();
-    require(known || h.count <= (Index(1) << 28), who,
-            "got over 2^28 vertices in a stream of unknown length, expected fewer");
 
     const bool flat = h.find("scale_2") < 0;
-    GaussianCloud<T> cloud(h.count, sh_degree(rest / 3 + 1));
+    const int degree = sh_degree(rest / 3 + 1);
+    GaussianCloud<T> cloud(0, degree);   // no memory before all properties are known to be there
+    const auto targets = ply_targets(h, cloud, flat, who);
+    cloud = GaussianCloud<T>(h.count, degree);
     if (flat) cloud.log_scale.row(2).setConstant(static_cast<T>(flat_log_scale));
-    const auto targets = detail::ply_targets(h, cloud, flat, who);
+    const auto finite = [&](T x, std::size_t property, Index vertex) {
+        if (!std::isfinite(x))
+            throw Error(who + ": got " + std::to_string(x) + " for property " +
+                        h.properties[property].name + " of vertex " + std::to_string(vertex) +
+                        ", expected a finite number");
+        return x;
+    };
     const auto missing = [&](Index i) {
         return Error(who + ": got " + std::to_string(i) + " whole vertices, expected " +
                      std::to_string(h.count));
     };
     if (h.ascii) {
         std::string word;
-        for (Index i = 0; i < h.skip_lines; ++i) std::getline(in, word);
+        for (Index i = 0; i < h.skip_lines && in; ++i) std::getline(in, word);
         for (Index i = 0; i < h.count; ++i)
             for (std::size_t p = 0; p < targets.size(); ++p) {
                 if (!(in >> word)) throw missing(i);
@@ -138,7 +163,7 @@ GaussianCloud<T> read_ply(std::istream& in, const std::string& name) {
                         "got \"" + word + "\" for property " + h.properties[p].name +
                             " of vertex " + std::to_string(i) + ", expected a number");
                 if (targets[p].array != nullptr)
-                    (*targets[p].array)(targets[p].row, i) = static_cast<T>(*x);
+                    (*targets[p].array)(targets[p].row, i) = finite(static_cast<T>(*x), p, i);
             }
         return cloud;
     }
@@ -149,17 +174,33 @@ GaussianCloud<T> read_ply(std::istream& in, const std::string& name) {
         for (std::size_t p = 0; p < targets.size(); ++p)
             if (targets[p].array != nullptr)
                 (*targets[p].array)(targets[p].row, i) =
-                    detail::ply_number<T>(record.data() + h.properties[p].offset,
-                                          h.properties[p].type);
+                    finite(ply_number<T>(record.data() + h.properties[p].offset,
+                                         h.properties[p].type),
+                           p, i);
     }
     return cloud;
+}
+
+} // namespace detail
+
+/// Reads a cloud; `name` is the file's, for messages. A stream that cannot seek, such as a pipe, is
+/// held in memory. Error where the header lies, a number is missing or one is not finite.
+template <Real T>
+GaussianCloud<T> read_ply(std::istream& in, const std::string& name) {
+    const std::string who = "read_ply: " + name;
+    const PlyHeader h = read_ply_header(in, who);
+    const std::int64_t left = detail::bytes_left(in);
+    if (left >= 0) return detail::read_ply_body<T>(in, h, left, who);
+    std::istringstream held(detail::drained(in, h));
+    return detail::read_ply_body<T>(held, h, detail::bytes_left(held), who);
 }
 
 /// Reads a cloud from a file.
 template <Real T>
 GaussianCloud<T> read_ply(const std::string& path) {
     std::ifstream in(path, std::ios::binary);
-    require(in.good(), "read_ply", "got " + path + ", expected a file that can be opened");
+    require(in.good() && !std::filesystem::is_directory(path), "read_ply",
+            "got " + path + ", expected a file that can be opened");
     return read_ply<T>(in, path);
 }
 

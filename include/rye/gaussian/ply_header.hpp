@@ -6,8 +6,10 @@
 #include <array>
 #include <charconv>
 #include <cstdint>
+#include <functional>
 #include <istream>
 #include <limits>
+#include <map>
 #include <sstream>
 #include <string>
 #include <string_view>
@@ -33,12 +35,12 @@ struct PlyHeader {
     Index skip = 0;                      ///< binary data before the first vertex [bytes]
     Index skip_lines = 0;                ///< ascii lines before the first vertex
     std::vector<PlyProperty> properties; ///< of the vertex
+    std::map<std::string, Index, std::less<>> place;  ///< of each name among these
 
     /// Index of a property, or -1.
     Index find(std::string_view name) const {
-        for (std::size_t i = 0; i < properties.size(); ++i)
-            if (properties[i].name == name) return static_cast<Index>(i);
-        return -1;
+        const auto found = place.find(name);
+        return found == place.end() ? -1 : found->second;
     }
 };
 
@@ -79,7 +81,8 @@ inline Index ply_count(const std::string& text, const std::string& who) {
     Index n = -1;
     const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), n);
     require(fault == std::errc() && end == text.data() + text.size() && n >= 0, who,
-            "got an element count of \"" + text + "\", expected a whole number that fits 63 bits");
+            "got an element count of \"" + text + "\", expected a whole number of at most " +
+                std::to_string(std::numeric_limits<Index>::max()));
     return n;
 }
 
@@ -94,8 +97,10 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
     Index element_count = 0, element_stride = 0;
     const auto close = [&] {             // an element that precedes the vertices is skipped
         if (vertex_seen || element_count == 0) return;
-        require(element_stride < (Index(1) << 20) && element_count < (Index(1) << 40), who,
-                "got an element before the vertices that is too large to skip");
+        constexpr Index most = std::numeric_limits<Index>::max();
+        require(element_count <= most - h.skip_lines &&
+                    (element_stride == 0 || element_count <= (most - h.skip) / element_stride),
+                who, "got an element before the vertices that is too large to skip");
         h.skip += element_count * element_stride;
         h.skip_lines += element_count;
     };
@@ -132,7 +137,9 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
             const PlyType type = detail::ply_type(a, who);
             if (in_vertex) {
                 require(!b.empty(), who, "got a property without a name, expected one");
-                require(h.find(b) < 0, who, "got property " + b + " twice, expected it once");
+                const bool first =
+                    h.place.emplace(b, static_cast<Index>(h.properties.size())).second;
+                require(first, who, "got property " + b + " twice, expected it once");
                 h.properties.push_back({b, type, h.stride});
                 h.stride += ply_size(type);
             }

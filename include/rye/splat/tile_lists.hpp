@@ -146,7 +146,12 @@ struct TileLists {
                         ": the Gaussians are too large for the image");
     }
 
+    /// Mentions that all chunks write before their total has been compared with what is allowed.
+    static constexpr Index most_unchecked = Index(1) << 25;
+
   private:
+    static constexpr int mention_slack = 4;  // written beyond those that count
+
     template <class X>
     static auto& at(X& x, Index i) {
         return x[static_cast<std::size_t>(i)];
@@ -165,21 +170,38 @@ struct TileLists {
         if (static_cast<Index>(scratch.chunks.size()) < chunks)
             scratch.chunks.resize(static_cast<std::size_t>(chunks));
         first.resize(static_cast<std::size_t>(n) + 1);
-        for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
-            Chunk& chunk = at(scratch.chunks, c);
+        // Chunks of more mentions are only counted at first, and written once the total is allowed:
+        // what is refused has cost little memory.
+        const std::int64_t unchecked =
+            std::min<std::int64_t>(max_entries, most_unchecked / std::max<Index>(chunks, 1));
+        const auto write = [&](Index b, Index e, Chunk& chunk, std::int64_t allowed) {
             chunk.used = 0;
             for (Index m = b; m < e; ++m) {
                 at(first, m) = static_cast<Index>(chunk.used);
-                mention<support, R>(width, height, m, pixel_rows(m), max_entries,
+                mention<support, R>(width, height, m, pixel_rows(m), allowed,
                                     [&]() -> const Footprint<R>& { return footprint(m); }, chunk);
             }
-            if (chunk.used > max_entries) return;
+            if (chunk.used > allowed) return;
             chunk.cursor.assign(static_cast<std::size_t>(tiles()), 0);
             for (Index i = 0; i < chunk.used; ++i) ++chunk.cursor[at(chunk.mentions, i).tile];
+        };
+        for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+            write(b, e, at(scratch.chunks, c), unchecked);
         });
-        std::int64_t total = 0;
-        for (Index c = 0; c < chunks; ++c) total += at(scratch.chunks, c).used;
+        std::int64_t total = 0, most = 0;
+        for (Index c = 0; c < chunks; ++c) {
+            total += at(scratch.chunks, c).used;
+            most = std::max(most, at(scratch.chunks, c).used);
+        }
         check_entries(total, max_entries);
+        if (most > unchecked)
+            for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+                Chunk& chunk = at(scratch.chunks, c);
+                if (chunk.used <= unchecked) return;
+                const auto need = static_cast<std::size_t>(chunk.used + mention_slack);
+                if (chunk.mentions.size() < need) chunk.mentions.resize(need);
+                write(b, e, chunk, max_entries);
+            });
         at(first, n) = static_cast<Index>(total);
         begin.resize(static_cast<std::size_t>(tiles()) + 1);
         std::uint32_t next = 0;
@@ -211,7 +233,7 @@ struct TileLists {
     template <Support support, Real R, class Rows, class Footprint, class Chunk>
     void mention(int width, int height, Index m, const Rows& pixel_rows, std::int64_t max_entries,
                  const Footprint& footprint, Chunk& chunk) const {
-        constexpr int at_once = 4;       // of a row of tiles, whether it has them or not
+        constexpr int at_once = mention_slack;  // of a row of tiles, whether it has them or not
         const auto member = static_cast<std::uint32_t>(m);
         const auto append = [&](int row, int from, int count, int most) {
             const std::int64_t used = chunk.used;
