@@ -26,9 +26,9 @@ class StepMemory {
         if (config.gaussians.weights.eye_smooth > 0) {
             const EyeStream<float, E>& eyes = avatar.eyes;
             for (Index e = 0; e < 2; ++e) {
-                const Index n = eyes.per_eye();
-                const Columns<float> points = eyes.position.middleCols(e * n, n);
-                const NeighbourGraph of_eye = four_nearest(points, e * n);
+                const Index first = eyes.first_point(e);
+                const Columns<float> points = eyes.position.middleCols(first, eyes.points_of(e));
+                const NeighbourGraph of_eye = four_nearest(points, first);
                 eye_neighbours_.insert(eye_neighbours_.end(), of_eye.begin(), of_eye.end());
             }
         }

@@ -12,6 +12,7 @@
 
 #include "capture_scene.hpp"
 #include "commands.hpp"
+#include "options.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -103,8 +104,7 @@ void add_capture(CLI::App& app) {
     c->add_option("--seed", s.seed, "Seed of the subject and of all frames")->capture_default_str();
     c->add_option("--model", o->model,
                   "The ICT face model (light) as an npz, instead of rye's own head");
-    c->add_option("--threads", o->threads, "Threads; the files do not depend on it (0: all)")
-        ->capture_default_str();
+    add_threads(*c, o->threads, "Threads; the files do not depend on it (0: all)");
     c->add_flag("--overwrite", o->overwrite, "Replace a capture that is in --out");
     c->add_flag("--quiet", o->quiet, "No progress lines");
     c->callback([o] { run(*o); });

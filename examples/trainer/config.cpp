@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "config.hpp"
 
+#include <cmath>
 #include <functional>
 #include <map>
 
@@ -11,28 +12,41 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// Names each field of the configuration once; Reader and Writer below walk over it.
+/// The numbers that a field may have, ends included, and, if `zero`, 0 beside them.
+struct Range {
+    double low, high;
+    bool zero = false;
+};
+constexpr Range any{0, 1e6};            // weights and lengths, which may be 0
+constexpr Range above_zero{1e-9, 1e6};
+constexpr Range rate{0, 10};            // of learning
+constexpr Range steps{0, 1e9};
+constexpr Range part{1e-6, 1 - 1e-6};   // of 1, neither all nor nothing
+constexpr Range seeds{0, 18446744073709551616.};  // 2^64: every one
+
+/// Names each field of the configuration once, with the numbers that it may have; Reader and Writer
+/// below walk over it.
 template <class F>
 void walk(F& f, TrainConfig& c) {
     f("preset", c.preset);
-    f("seed", c.seed);
+    f("seed", c.seed, seeds);
     f("gaze_axis", c.gaze_axis);
     f("measured_eyes", c.measured_eyes);
     f("avatar", [&] {
         AvatarConfig& a = c.avatar;
-        f("feature", a.feature);
-        f("channels", a.channels);
-        f("frequencies", a.frequencies);
-        f("pose_frequencies", a.pose_frequencies);
-        f("gaze_frequencies", a.gaze_frequencies);
-        f("exp_near", a.exp_near);
-        f("exp_far", a.exp_far);
-        f("gaze_near", a.gaze_near);
-        f("gaze_far", a.gaze_far);
+        f("feature", a.feature, Range{1, 4096});
+        f("channels", a.channels, Range{3, 1024});
+        f("frequencies", a.frequencies, Range{0, 20});
+        f("pose_frequencies", a.pose_frequencies, Range{0, 20});
+        f("gaze_frequencies", a.gaze_frequencies, Range{0, 20});
+        f("exp_near", a.exp_near, any);
+        f("exp_far", a.exp_far, any);
+        f("gaze_near", a.gaze_near, any);
+        f("gaze_far", a.gaze_far, any);
         f("metric", a.metric);
-        f("deform_scale", a.deform_scale);
-        f("attribute_scale", a.attribute_scale);
-        f("vertex_offset", a.vertex_offset);
+        f("deform_scale", a.deform_scale, Range{0, 100});
+        f("attribute_scale", a.attribute_scale, Range{0, 100});
+        f("vertex_offset", a.vertex_offset, Range{0, 100});
         f("drivers_from_zero", a.drivers_from_zero);
         f("networks", [&] {
             NetworkConfig& n = a.networks;
@@ -49,84 +63,84 @@ void walk(F& f, TrainConfig& c) {
         });
     });
     f("grid", [&] {
-        f("half_side", c.grid.half_side);
-        f("cell", c.grid.cell);
+        f("half_side", c.grid.half_side, Range{0.01, 1000});
+        f("cell", c.grid.cell, Range{1e-4, 1000});
         f("subdivide", c.grid.subdivide);
     });
     f("mesh", [&] {
         MeshTrainConfig& m = c.mesh;
-        f("steps", m.steps);
-        f("epochs", m.epochs);
-        f("views", m.views);
-        f("image_size", m.image_size);
-        f("pretrain_steps", m.pretrain_steps);
-        f("rate_decay", m.rate_decay);
+        f("steps", m.steps, steps);
+        f("epochs", m.epochs, Range{0, 1e6});
+        f("views", m.views, Range{1, 1000});
+        f("image_size", m.image_size, Range{8, 16384});
+        f("pretrain_steps", m.pretrain_steps, Range{0, 1e6});
+        f("rate_decay", m.rate_decay, above_zero);
         f("landmarks_follow_gaze", m.landmarks_follow_gaze);
-        f("fit_steps", m.fit_steps);
+        f("fit_steps", m.fit_steps, Range{0, 1e7});
         f("weights", [&] {
-            f("rgb", m.weights.rgb);
-            f("silhouette", m.weights.silhouette);
-            f("deform", m.weights.deform);
-            f("offset", m.weights.offset);
-            f("landmark", m.weights.landmark);
-            f("laplacian", m.weights.laplacian);
-            f("eye_offset", m.weights.eye_offset);
+            f("rgb", m.weights.rgb, any);
+            f("silhouette", m.weights.silhouette, any);
+            f("deform", m.weights.deform, any);
+            f("offset", m.weights.offset, any);
+            f("landmark", m.weights.landmark, any);
+            f("laplacian", m.weights.laplacian, any);
+            f("eye_offset", m.weights.eye_offset, any);
         });
         f("rates", [&] {
-            f("networks", m.rates.networks);
-            f("landmarks", m.rates.landmarks);
+            f("networks", m.rates.networks, rate);
+            f("landmarks", m.rates.landmarks, rate);
         });
     });
     f("gaussians", [&] {
         AvatarTrainConfig& g = c.gaussians;
-        f("steps", g.steps);
-        f("epochs", g.epochs);
-        f("mouth_points", g.mouth_points);
-        f("spacing", g.spacing);
-        f("spacing_slope", g.spacing_slope);
-        f("opacity", g.opacity);
-        f("rate_decay", g.rate_decay);
+        f("steps", g.steps, steps);
+        f("epochs", g.epochs, Range{0, 1e6});
+        f("mouth_points", g.mouth_points, Range{0, 1e7});
+        f("spacing", g.spacing, Range{1e-4, 1000, true});
+        f("spacing_slope", g.spacing_slope, Range{0, 1000});
+        f("opacity", g.opacity, part);
+        f("rate_decay", g.rate_decay, above_zero);
         f("augment", g.augment);
-        f("checkpoint_every", g.checkpoint_every);
-        f("panel_every", g.panel_every);
+        f("checkpoint_every", g.checkpoint_every, Range{1, 1e9});
+        f("panel_every", g.panel_every, steps);
         f("eyeball", [&] {
-            f("points", g.eyeball.points);
-            f("radius", g.eyeball.radius);
-            f("opacity", g.eyeball.opacity);
-            f("thickness", g.eyeball.thickness);
-            f("max_growth", g.eyeball.max_growth);
+            f("points", g.eyeball.points, Range{1, 50000});  // its neighbours take P^2 distances
+            f("radius", g.eyeball.radius, Range{1e-3, 1000});
+            f("opacity", g.eyeball.opacity, part);
+            f("thickness", g.eyeball.thickness, Range{1e-6, 1});
+            f("max_growth", g.eyeball.max_growth, Range{1e-3, 1e6, true});
         });
         f("weights", [&] {
-            f("high_resolution", g.weights.high_resolution);
-            f("low_resolution", g.weights.low_resolution);
-            f("perceptual", g.weights.perceptual);
-            f("dssim", g.weights.dssim);
-            f("eye_low", g.weights.eye_low);
-            f("eye_high", g.weights.eye_high);
-            f("blank", g.weights.blank);
+            f("high_resolution", g.weights.high_resolution, any);
+            f("low_resolution", g.weights.low_resolution, any);
+            f("perceptual", g.weights.perceptual, any);
+            f("dssim", g.weights.dssim, any);
+            f("eye_low", g.weights.eye_low, any);
+            f("eye_high", g.weights.eye_high, any);
+            f("blank", g.weights.blank, any);
             f("blank_eyeballs", g.weights.blank_eyeballs);
             f("eyes_from_eye_terms", g.weights.eyes_from_eye_terms);
-            f("eye_smooth", g.weights.eye_smooth);
+            f("eye_smooth", g.weights.eye_smooth, any);
             f("eye_average", g.weights.eye_average);
-            f("face_alone", g.weights.face_alone);
-            f("eye_high_every", g.weights.eye_high_every);
+            f("face_alone", g.weights.face_alone, any);
+            f("eye_high_every", g.weights.eye_high_every, Range{1, 1e6});
         });
         f("rates", [&] {
-            f("upsampler", g.rates.upsampler);
-            f("networks", g.rates.networks);
-            f("opacity", g.rates.opacity);
-            f("scale", g.rates.scale);
-            f("position", g.rates.position);
-            f("feature", g.rates.feature);
-            f("rotation", g.rates.rotation);
-            f("delta_pose", g.rates.delta_pose);
-            f("eye_feature", g.rates.eye_feature);
-            f("eye_offset", g.rates.eye_offset);
-            f("kappa", g.rates.kappa);
+            f("upsampler", g.rates.upsampler, rate);
+            f("networks", g.rates.networks, rate);
+            f("opacity", g.rates.opacity, rate);
+            f("scale", g.rates.scale, rate);
+            f("position", g.rates.position, rate);
+            f("feature", g.rates.feature, rate);
+            f("rotation", g.rates.rotation, rate);
+            f("delta_pose", g.rates.delta_pose, rate);
+            f("eye_feature", g.rates.eye_feature, rate);
+            f("eye_offset", g.rates.eye_offset, rate);
+            f("kappa", g.rates.kappa, rate);
         });
         f("upsampler", [&] {
-            f("capacity", g.upsampler.capacity);
-            f("doublings", g.upsampler.doublings);
+            f("capacity", g.upsampler.capacity, Range{1, 1024});
+            f("doublings", g.upsampler.doublings, Range{0, 4});
             f("norm", g.upsampler.norm);
             f("skip", g.upsampler.skip);
         });
@@ -159,7 +173,7 @@ const std::vector<std::string>& metric_words() {
 struct Writer {
     Json json = Json::object();
     template <class V>
-    void operator()(const char* name, V&& value) {
+    void operator()(const char* name, V&& value, Range = {}) {
         using X = std::remove_cvref_t<V>;
         if constexpr (std::is_invocable_v<X>) {
             Json outer = std::move(json);
@@ -177,6 +191,24 @@ struct Writer {
     }
 };
 
+bool within(double x, const Range& r) { return (r.zero && x == 0) || (x >= r.low && x <= r.high); }
+
+/// "from 1 to 1000".
+std::string text(const Range& r) {
+    const auto number = [](double x) {
+        const bool whole = x == std::floor(x) && x < 1e18;
+        return whole ? std::to_string(static_cast<std::uint64_t>(x)) : Json(x).dump();
+    };
+    return (r.zero ? "that is 0, or from " : "from ") + number(r.low) + " to " + number(r.high);
+}
+
+/// A value in a message: never a long one, whatever the file holds.
+std::string shown(const Json& json) {
+    if (json.is_structured()) return json.is_array() ? "a list" : "an object";
+    const std::string text = json.dump(-1, ' ', true, Json::error_handler_t::replace);
+    return text.size() <= 60 ? text : text.substr(0, 57) + "...";
+}
+
 struct Reader {
     std::string source;
     std::string path;       // of the object being read
@@ -184,14 +216,14 @@ struct Reader {
     std::size_t used = 0;   // fields of that object that are known
 
     template <class V>
-    void operator()(const char* name, V&& value) {
+    void operator()(const char* name, V&& value, Range range = {}) {
         using X = std::remove_cvref_t<V>;
         const auto found = json->find(name);
         if (found == json->end()) return;
         ++used;
         const std::string where = path.empty() ? name : path + "." + name;
         const auto fail = [&](const std::string& expected) {
-            throw Error(source + ": field '" + where + "': got " + found->dump() + ", expected " +
+            throw Error(source + ": field '" + where + "': got " + shown(*found) + ", expected " +
                         expected);
         };
         const auto word = [&](const std::vector<std::string>& all) -> std::size_t {
@@ -219,12 +251,12 @@ struct Reader {
             if (!found->is_boolean()) fail("true or false");
             value = found->template get<bool>();
         } else if constexpr (std::is_same_v<X, double>) {
-            if (!found->is_number() || found->template get<double>() < 0)
-                fail("a number, 0 or more");
+            if (!found->is_number() || !within(found->template get<double>(), range))
+                fail("a number " + text(range));
             value = found->template get<double>();
         } else if constexpr (std::is_integral_v<X>) {
-            if (!found->is_number_unsigned() || found->template get<std::uint64_t>() > 1'000'000'000)
-                fail("a whole number from 0 to 1000000000");
+            if (!found->is_number_unsigned() || !within(found->template get<double>(), range))
+                fail("a whole number " + text(range));
             value = found->template get<X>();
         } else if constexpr (std::is_same_v<X, std::string>) {
             if (!found->is_string()) fail("a string");
@@ -261,41 +293,16 @@ struct Reader {
     }
 };
 
+/// What one field alone does not tell.
 void check(const TrainConfig& c, const std::string& source) {
-    const auto fail = [&](const std::string& field, const std::string& got,
-                          const std::string& expected) {
-        throw Error(source + ": field '" + field + "': got " + got + ", expected " + expected);
+    const auto ordered = [&](const char* field, double v, const char* bound, double least) {
+        require(v >= least, source, std::string("field '") + field + "': got " + std::to_string(v) +
+                                        ", expected " + bound + " (" + std::to_string(least) +
+                                        ") or more");
     };
-    const auto positive = [&](const std::string& field, double v) {
-        if (!(v > 0)) fail(field, std::to_string(v), "a number above 0");
-    };
-    if (c.avatar.channels < 3) fail("avatar.channels", std::to_string(c.avatar.channels), "3 or more");
-    if (c.avatar.feature < 1) fail("avatar.feature", std::to_string(c.avatar.feature), "1 or more");
-    if (c.avatar.exp_far < c.avatar.exp_near)
-        fail("avatar.exp_far", std::to_string(c.avatar.exp_far), "exp_near or more");
-    if (c.avatar.gaze_far < c.avatar.gaze_near)
-        fail("avatar.gaze_far", std::to_string(c.avatar.gaze_far), "gaze_near or more");
-    positive("grid.half_side", c.grid.half_side);
-    positive("grid.cell", c.grid.cell);
-    if (c.grid.cell > c.grid.half_side)
-        fail("grid.cell", std::to_string(c.grid.cell), "half_side or less");
-    positive("mesh.image_size", c.mesh.image_size);
-    positive("mesh.views", c.mesh.views);
-    positive("mesh.rate_decay", c.mesh.rate_decay);
-    positive("gaussians.rate_decay", c.gaussians.rate_decay);
-    if (c.gaussians.opacity <= 0 || c.gaussians.opacity >= 1)
-        fail("gaussians.opacity", std::to_string(c.gaussians.opacity), "between 0 and 1");
-    if (!(c.gaussians.eyeball.thickness > 0 && c.gaussians.eyeball.thickness <= 1))
-        fail("gaussians.eyeball.thickness", std::to_string(c.gaussians.eyeball.thickness),
-             "above 0, at most 1");
-    if (c.gaussians.eyeball.opacity <= 0 || c.gaussians.eyeball.opacity >= 1)
-        fail("gaussians.eyeball.opacity", std::to_string(c.gaussians.eyeball.opacity),
-             "between 0 and 1");
-    positive("gaussians.weights.eye_high_every", c.gaussians.weights.eye_high_every);
-    positive("gaussians.eyeball.radius", c.gaussians.eyeball.radius);
-    if (c.gaussians.upsampler.doublings > 4)
-        fail("gaussians.upsampler.doublings", std::to_string(c.gaussians.upsampler.doublings),
-             "0 to 4");
+    ordered("avatar.exp_far", c.avatar.exp_far, "avatar.exp_near", c.avatar.exp_near);
+    ordered("avatar.gaze_far", c.avatar.gaze_far, "avatar.gaze_near", c.avatar.gaze_near);
+    ordered("grid.half_side", c.grid.half_side, "grid.cell", c.grid.cell);
 }
 
 /// Networks of few enough operations for a processor: the same shapes as the paper's, narrower.

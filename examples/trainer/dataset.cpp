@@ -20,6 +20,11 @@ Vec3<double> eye_landmark_centre(const Columns<double>& landmarks, int eye) {
     return sum / 6.0;
 }
 
+int rounded_up(int size, int factor) {
+    require(factor > 0, "rounded_up", "got the factor " + std::to_string(factor) + ", expected > 0");
+    return (size + factor - 1) / factor * factor;
+}
+
 } // namespace
 
 Columns<double> frame_landmarks(const Capture& capture, int frame) {
@@ -64,14 +69,13 @@ Subject describe_subject(const Capture& capture, const TrainConfig& config) {
     for (int eye = 0; eye < 2; ++eye) {
         const std::size_t e = static_cast<std::size_t>(eye);
         const CaptureEye& from = first.eyes[e];
-        const double default_radius = config.gaussians.eyeball.radius;
-        const bool measured = s.measured_eyes && from.radius.has_value();
-        s.eye_radius[e] = measured ? *from.radius / first.scale : default_radius;
-        // Textbook proportions where the capture is silent.
-        s.limbus_radius[e] = s.measured_eyes && from.limbus_radius ? *from.limbus_radius / first.scale
-                                                                   : 0.49 * s.eye_radius[e];
-        s.iris_plane[e] = s.measured_eyes && from.iris_plane ? *from.iris_plane / first.scale
-                                                             : 0.87 * s.eye_radius[e];
+        const EyeSizes sizes = eye_sizes(s.measured_eyes ? from : CaptureEye{}, first.scale,
+                                         config.gaussians.eyeball.radius);
+        require_eyeball(sizes, who + ": frame '" + first.id + "': the " +
+                                   (eye == 0 ? "left" : "right") + " eyeball");
+        s.eye_radius[e] = sizes.radius;
+        s.limbus_radius[e] = sizes.limbus_radius;
+        s.iris_plane[e] = sizes.iris_plane;
         if (s.measured_eyes) {
             s.eye_centre[e] = to_canonical(first, *from.centre);
         } else {
@@ -130,16 +134,32 @@ Image<float> on_background(const Image<float>& image, const Image<float>& mask, 
     return out;
 }
 
-Image<float> shrunk(const Image<float>& image, int factor) {
+Image<float> extended(const Image<float>& image, int factor, Border border) {
+    const int width = rounded_up(image.width, factor), height = rounded_up(image.height, factor);
+    if (width == image.width && height == image.height) return image;
+    Image<float> out(width, height, image.channels());
+    for (int y = 0; y < height; ++y)
+        for (int x = 0; x < width; ++x)
+            if (border == Border::repeated || (x < image.width && y < image.height))
+                out.at(x, y) = image.at(std::min(x, image.width - 1), std::min(y, image.height - 1));
+    return out;
+}
+
+Image<float> shrunk(const Image<float>& image, int factor, Border border) {
     if (factor == 1) return image;
-    require(factor > 0 && image.width % factor == 0 && image.height % factor == 0, "shrunk",
-            "got an image of " + std::to_string(image.width) + " x " + std::to_string(image.height) +
-                " pixels, expected sides divisible by " + std::to_string(factor));
-    Image<float> out(image.width / factor, image.height / factor, image.channels());
-    for (int y = 0; y < image.height; ++y)
-        for (int x = 0; x < image.width; ++x) out.at(x / factor, y / factor) += image.at(x, y);
+    const Image<float> whole = extended(image, factor, border);
+    Image<float> out(whole.width / factor, whole.height / factor, whole.channels());
+    for (int y = 0; y < whole.height; ++y)
+        for (int x = 0; x < whole.width; ++x) out.at(x / factor, y / factor) += whole.at(x, y);
     out.pixels /= static_cast<float>(factor * factor);
     return out;
+}
+
+Pinhole<float> reduced(const Pinhole<float>& camera, int factor) {
+    Pinhole<float> whole = camera;
+    whole.width = rounded_up(camera.width, factor);
+    whole.height = rounded_up(camera.height, factor);
+    return scaled(whole, 1.0 / factor);
 }
 
 AvatarSample<float> avatar_sample(const Capture& capture, const TrainConfig& config, int frame,
@@ -149,15 +169,17 @@ AvatarSample<float> avatar_sample(const Capture& capture, const TrainConfig& con
     s.drivers = frame_drivers(capture, frame, config.gaze_axis);
     const auto place = std::find(capture.train.begin(), capture.train.end(), frame);
     s.frame = place == capture.train.end() ? -1 : place - capture.train.begin();
-    s.camera = scaled(capture.camera(frame, camera).cast<float>(), 1.0 / factor);
-    const Image<float> mask = capture.mask(frame, camera);
-    s.truth = on_background(capture.image(frame, camera), mask, 1.0f);
+    s.camera = reduced(capture.camera(frame, camera).cast<float>(), factor);
+    // Sides that the factor does not divide: the picture goes on at its edge, where nothing that
+    // has a mask of its own is compared.
+    const Image<float> mask = extended(capture.mask(frame, camera), factor);
+    s.truth = on_background(extended(capture.image(frame, camera), factor), mask, 1.0f);
     s.mask_small = shrunk(mask, factor).pixels;
     s.truth_small = shrunk(s.truth, factor);
-    const Image<float> visible = capture.visible(frame, camera);
+    const Image<float> visible = extended(capture.visible(frame, camera), factor, Border::zero);
     s.visible = visible.pixels;
     s.visible_small = shrunk(visible, factor).pixels;
-    Image<float> eyes = capture.eye_mask(frame, camera);
+    const Image<float> eyes = extended(capture.eye_mask(frame, camera), factor, Border::zero);
     Image<float> both(eyes.width, eyes.height, 1);
     both.pixels = eyes.pixels.colwise().maxCoeff();
     s.eyes = both.pixels;
@@ -178,10 +200,10 @@ MeshSample<float> mesh_sample(const Capture& capture, const Subject& subject,
     for (const int camera : cameras) {
         const int factor = std::max(1, capture.width / std::max(1, config.mesh.image_size));
         MeshView<float> v;
-        v.camera = scaled(capture.camera(frame, camera).cast<float>(), 1.0 / factor);
+        v.camera = reduced(capture.camera(frame, camera).cast<float>(), factor);
         v.truth = shrunk(capture.image(frame, camera), factor);
         v.mask = shrunk(capture.mask(frame, camera), factor).pixels;
-        v.visible = shrunk(capture.visible(frame, camera), factor).pixels;
+        v.visible = shrunk(capture.visible(frame, camera), factor, Border::zero).pixels;
         s.views.push_back(std::move(v));
     }
     return s;

@@ -10,6 +10,7 @@
 
 #include "capture.hpp"
 #include "config.hpp"
+#include "eye_shapes.hpp"
 
 namespace rye::trainer {
 
@@ -50,8 +51,18 @@ Columns<double> to_canonical(const CaptureFrame& frame, const Columns<double>& w
 /// image + (1 - mask) * background; both at full size.
 Image<float> on_background(const Image<float>& image, const Image<float>& mask, float background);
 
-/// Averages factor x factor blocks.
-Image<float> shrunk(const Image<float>& image, int factor);
+/// What is put right of and below a picture whose sides no factor divides.
+enum class Border { repeated, zero };
+
+/// The picture with columns on the right and rows below, until `factor` divides both sides: its own
+/// last ones again, or zeros. Where it stands in the picture no pixel changes.
+Image<float> extended(const Image<float>& image, int factor, Border border = Border::repeated);
+
+/// Averages factor x factor blocks of the extended picture.
+Image<float> shrunk(const Image<float>& image, int factor, Border border = Border::repeated);
+
+/// The camera of the extended picture, `factor` times smaller: the same view, of whole blocks.
+Pinhole<float> reduced(const Pinhole<float>& camera, int factor);
 
 /// Images and drivers of one view for stage 2, on white.
 AvatarSample<float> avatar_sample(const Capture& capture, const TrainConfig& config, int frame,

@@ -349,7 +349,7 @@ void add_evaluate(CLI::App& app) {
         ->check(CLI::IsMember({"test", "train", "novel", "independent"}))
         ->capture_default_str();
     c->add_option("--out", o->out, "Folder for results.json and per_view.json (default: the run's)");
-    c->add_option("--threads", o->threads, "Threads (0: all)");
+    add_threads(*c, o->threads);
     c->callback([o] { evaluate(*o); });
 }
 

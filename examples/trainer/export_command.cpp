@@ -108,7 +108,7 @@ void add_export(CLI::App& app) {
         ->check(CLI::Range(0, 3))
         ->capture_default_str();
     c->add_option("--ply", o->ply, "File to write")->required();
-    c->add_option("--threads", o->threads, "Threads (0: all)");
+    add_threads(*c, o->threads);
     c->callback([o] { export_ply(*o); });
 }
 

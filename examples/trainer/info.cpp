@@ -188,8 +188,12 @@ void add_info(CLI::App& app) {
             errors += error ? 1 : 0;
             std::cout << (error ? "error:   " : "warning: ") << p.message << "\n";
         }
+        const std::vector<std::string> faults = training_faults(capture);
         std::cout << line("verdict",
-                          errors > 0 ? std::to_string(errors) + " errors: not usable" : "usable");
+                          errors > 0       ? std::to_string(errors) + " errors: not usable"
+                          : faults.empty() ? "usable"
+                                           : "usable to draw and measure, not to train: " +
+                                                 faults.front());
         if (errors > 0) throw CLI::RuntimeError(1);
     });
 }

@@ -239,7 +239,7 @@ std::string explain_capture(const EffectsOptions& o, const ProfileBounds& bounds
         for (double& side : render.size) side /= factor;
         const int f = frame_index(c, "");
         add_splats(driven_gaussians(*state, frame_drivers(c, f, state->config.gaze_axis)),
-                   scaled(c.camera(f, camera_index(c, "", f)).cast<float>(), 1.0 / factor),
+                   reduced(c.camera(f, camera_index(c, "", f)).cast<float>(), factor),
                    bounds.pixel, render);
     }
     facts.render = render;

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstdio>
 
+#include <CLI/CLI.hpp>
+
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
@@ -63,10 +65,12 @@ void require_same_subject(const TrainState& state, const Capture& capture) {
             "exp_coeff has " + std::to_string(width) + " values, expected " +
                 std::to_string(state.config.avatar.expression) + ", as this run was trained with");
     require_gazes(capture, state.config.gaze_axis);
-    const int factor = 1 << state.config.gaussians.upsampler.doublings;
-    require(capture.width % factor == 0 && capture.height % factor == 0, capture.folder.string(),
-            "images of " + std::to_string(capture.width) + " x " + std::to_string(capture.height) +
-                " pixels, expected sides divisible by " + std::to_string(factor));
+}
+
+void add_threads(CLI::App& command, int& threads, const std::string& help) {
+    command.add_option("--threads", threads, help)
+        ->check(CLI::Range(0, most_threads))
+        ->capture_default_str();
 }
 
 double parsed_error(const std::string& text, const std::string& who, const std::string& option) {

@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-/// examples/trainer/options.hpp: frames and cameras by name, for the commands that render.
+/// examples/trainer/options.hpp: options that commands share: threads, frames and cameras by name.
 #pragma once
 
 #include <string>
 #include <vector>
 
 #include "run.hpp"
+
+namespace CLI {
+class App;
+}
 
 namespace rye::trainer {
 
@@ -20,6 +24,12 @@ Vec3<float> gaze_option(const std::vector<double>& pitch_yaw_deg, const std::str
 
 /// "0.004" or "1/255", between 0 and 1; Error naming the command and the option for anything else.
 double parsed_error(const std::string& text, const std::string& who, const std::string& option);
+
+/// More threads than this are a mistake: every one costs memory, and systems refuse them late.
+inline constexpr int most_threads = 1024;
+
+/// --threads, 0 (all) to most_threads.
+void add_threads(CLI::App& command, int& threads, const std::string& help = "Threads (0: all)");
 
 /// Error unless the capture's drivers fit the trained avatar.
 void require_same_subject(const TrainState& state, const Capture& capture);

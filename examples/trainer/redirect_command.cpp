@@ -150,7 +150,7 @@ void add_redirect(CLI::App& app) {
     c->add_option("--effects", o->effects, "Draw by these effects, or by a variant: paper, talk, gaze "
                                            "or still (default: the fewest that the pictures call for)");
     c->add_option("--out", o->out, "PNG file to write")->required();
-    c->add_option("--threads", o->threads, "Threads (0: all)");
+    add_threads(*c, o->threads);
     c->callback([o] { redirect(*o); });
 }
 

@@ -188,7 +188,7 @@ void add_render(CLI::App& app) {
     c->add_option("--near", o->near_depth, "Closest depth that is drawn, in the file's units")
         ->check(CLI::Range(1e-9, 1e9))->capture_default_str();
     c->add_option("--out", o->out, "PNG file to write")->required();
-    c->add_option("--threads", o->threads, "Threads (0: all)")->check(CLI::Range(0, 1024));
+    add_threads(*c, o->threads);
     c->callback([o] { render(*o); });
 }
 

@@ -44,12 +44,16 @@ inline std::filesystem::path checkpoint_path(const std::filesystem::path& run) {
     return run / "checkpoint.safetensors";
 }
 
+/// Error, before anything is written, if a number of the state is not finite: such a checkpoint
+/// could not be read again.
 void save_checkpoint(const std::filesystem::path& run, const TrainState& state);
 
-/// Error naming file and field for anything missing, of another shape, or of another version.
+/// Error naming file and field for anything missing, of another version or shape, out of range or
+/// not finite. No more memory is taken than a few times what the file holds.
 TrainState load_checkpoint(const std::filesystem::path& run);
 
-/// A run whose second stage has begun, to be drawn; Error otherwise.
+/// A run whose second stage has taken a step, to be drawn; Error naming the command that goes on
+/// with it otherwise.
 TrainState load_trained(const std::filesystem::path& run);
 
 /// What draws as the state does, but is not trained: for all runs an avatar that optical axes drive,

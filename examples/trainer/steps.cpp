@@ -11,6 +11,7 @@
 #include <rye/train/stage_mesh.hpp>
 
 #include "avatar_steps.hpp"
+#include "panel.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -18,9 +19,7 @@ namespace {
 Random seed_of(const TrainState& state) { return {state.config.seed, 0}; }
 
 EyeballTemplate<float> eyeball_of(const Subject& s, const TrainConfig& config, std::size_t eye) {
-    TrainEyeball shape =
-        TrainEyeball{}.with_radius(s.eye_radius[eye]).with_limbus(s.limbus_radius[eye]);
-    shape.iris_plane = s.iris_plane[eye];
+    TrainEyeball shape = eyeball_shape({s.eye_radius[eye], s.limbus_radius[eye], s.iris_plane[eye]});
     // Rings whose points lie half as far apart on the iris as on the sclera: where a coarse sclera
     // met a fine iris, its large Gaussians would reach over the iris of an eye that looks aside.
     // They make about 2500 points.
@@ -148,6 +147,21 @@ class PaperSteps : public AvatarSteps {
     StepMemory<TrainEffects> memory_;
 };
 
+/// Without the columns and rows that the blocks of the upsampler have beyond the camera's picture.
+Image<float> of_camera(Image<float> picture, const Pinhole<float>& camera) {
+    if (picture.width == camera.width && picture.height == camera.height) return picture;
+    return cropped(picture, 0, 0, camera.width, camera.height);
+}
+
+/// Numbers that are not finite draw nothing, or anything: neither is a picture of the avatar.
+void require_drawable(const Gaussians<float>& g) {
+    Gaussians<float>::fields([](const std::string& name, const auto& a) {
+        require(a.allFinite(), "the driven Gaussians",
+                "their '" + name + "' is not finite everywhere; the run is damaged, or its drivers "
+                "are far from those of its training");
+    }, g);
+}
+
 } // namespace
 
 std::unique_ptr<AvatarSteps> avatar_steps(const TrainState& state,
@@ -156,14 +170,20 @@ std::unique_ptr<AvatarSteps> avatar_steps(const TrainState& state,
     return std::make_unique<PaperSteps>(state, perceptual_weights);
 }
 
+void check_perceptual_weights(const std::filesystem::path& perceptual_weights) {
+    if (!perceptual_weights.empty()) read_lpips_weights<float>(perceptual_weights);
+}
+
 AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
                          const Pinhole<float>& camera, bool streams) {
     const TrainConfig& config = state.config;
     const int factor = 1 << config.gaussians.upsampler.doublings;
-    const Pinhole<float> small = scaled(camera, 1.0 / factor);
+    const Pinhole<float> small = reduced(camera, factor);
     TwoStreamTrace<float> trace;
     drive<TrainBackend>(state.avatar, config.avatar, state.subject.roles,
                         optical_drivers(state, drivers), trace);
+    require_drawable(trace.world_face);
+    require_drawable(trace.world_eyes);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
     const TrainRasterizer rasterizer;
     AvatarView v;
@@ -175,23 +195,29 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
         v.face = rasterizer.forward(face, small, white).feature;
         v.eyes = rasterizer.forward(trace.world_eyes, small, white).feature;
     }
-    v.high = upsampler_forward<TrainBackend>(state.avatar.upsampler, v.final, nullptr);
+    v.high = of_camera(upsampler_forward<TrainBackend>(state.avatar.upsampler, v.final, nullptr),
+                       camera);
     return v;
 }
 
 Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
                         const Pinhole<float>& camera) {
     const TrainConfig& config = state.config;
-    const Pinhole<float> small = scaled(camera, 1.0 / (1 << config.gaussians.upsampler.doublings));
+    const Pinhole<float> small = reduced(camera, 1 << config.gaussians.upsampler.doublings);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
-    return upsampler_forward<TrainBackend>(
-        state.avatar.upsampler, TrainRasterizer().forward(driven, small, white).feature, nullptr);
+    require_drawable(driven);
+    return of_camera(upsampler_forward<TrainBackend>(
+                         state.avatar.upsampler,
+                         TrainRasterizer().forward(driven, small, white).feature, nullptr),
+                     camera);
 }
 
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
     TwoStreamTrace<float> trace;
     drive<TrainBackend>(state.avatar, state.config.avatar, state.subject.roles,
                         optical_drivers(state, drivers), trace);
+    require_drawable(trace.world_face);
+    require_drawable(trace.world_eyes);
     return joined(trace.world_face, trace.world_eyes);
 }
 

@@ -64,6 +64,9 @@ class AvatarSteps {
 std::unique_ptr<AvatarSteps> avatar_steps(const TrainState& state,
                                           const std::filesystem::path& perceptual_weights);
 
+/// Error if the file of weights, if any, cannot be read.
+void check_perceptual_weights(const std::filesystem::path& perceptual_weights);
+
 /// What an avatar shows: the feature renders, and the image after super-resolution on white.
 struct AvatarView {
     Image<float> final, face, eyes;  ///< feature renders; the last two if the streams were asked for

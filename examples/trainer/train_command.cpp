@@ -16,7 +16,10 @@
 #include <rye/train/probe.hpp>
 
 #include "commands.hpp"
+#include "options.hpp"
 #include "panel.hpp"
+#include "run_folder.hpp"
+#include "run_size.hpp"
 #include "steps.hpp"
 #include "validate.hpp"
 
@@ -38,7 +41,7 @@ struct TrainOptions {
     bool resume = false, overwrite = false, profile = false, quiet = false, print_config = false;
     int threads = 0;
     std::optional<std::uint64_t> seed;
-    std::optional<int> steps;
+    std::optional<std::int64_t> steps;
 };
 
 /// A line that rewrites itself on a terminal, and a plain line now and then elsewhere.
@@ -71,33 +74,6 @@ class Progress {
     bool quiet_, tty_;
     std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
     double shown_ = -1e9;
-};
-
-/// log.jsonl: one object a logged step. Resuming drops what a killed run wrote after its checkpoint.
-class Log {
-  public:
-    Log(const std::filesystem::path& path, const TrainState& state, bool resume) {
-        std::string kept;
-        if (resume) {
-            std::ifstream old(path);
-            for (std::string line; std::getline(old, line);) {
-                const auto json = nlohmann::json::parse(line, nullptr, false);
-                if (json.is_discarded()) continue;
-                const bool mesh = json.value("stage", "") == "mesh";
-                const bool before = (mesh && state.stage == Stage::avatar) ||
-                                    (mesh == (state.stage == Stage::mesh) &&
-                                     json.value("step", Index(0)) <= state.step);
-                if (before) kept += line + "\n";
-            }
-        }
-        file_.open(path, std::ios::trunc);
-        require(file_.good(), path.string(), "cannot be written");
-        file_ << kept << std::flush;
-    }
-    void write(const Json& line) { file_ << line.dump() << "\n" << std::flush; }
-
-  private:
-    std::ofstream file_;
 };
 
 /// A loss for the progress line: the first letters of its words.
@@ -143,12 +119,10 @@ constexpr int max_skipped_steps = 20;
 /// The trainer of one run.
 class Trainer {
   public:
-    Trainer(const TrainOptions& options, Capture capture, TrainState state)
+    Trainer(const TrainOptions& options, Capture capture, TrainState state, Beginning beginning)
         : options_(options), capture_(std::move(capture)), state_(std::move(state)),
-          log_(options.out / "log.jsonl", state_, options.resume),
-          random_{state_.config.seed, 0} {
-        grid_ = make_lattice(state_);
-    }
+          random_{state_.config.seed, 0}, grid_(make_lattice(state_)),
+          folder_(options.out, state_, beginning) {}
 
     /// True if it ran to the end.
     bool run() {
@@ -156,7 +130,7 @@ class Trainer {
             if (!train_mesh()) return false;
             fit_to_landmarks();
             const AvatarSize size = begin_avatar(state_, grid_);
-            save_checkpoint(options_.out, state_);
+            folder_.save(state_);
             if (!options_.quiet)
                 std::cout << "stage 2 begins with " << size.face << " face and " << size.eyes
                           << " eye Gaussians\n";
@@ -169,7 +143,7 @@ class Trainer {
     void check_applied(const StepReport& report, const char* stage) {
         skipped_ = report.bad_field.empty() ? 0 : skipped_ + 1;
         if (skipped_ == 0) return;
-        log_.write({{"stage", stage}, {"step", state_.step}, {"skipped", report.bad_field}});
+        folder_.log({{"stage", stage}, {"step", state_.step}, {"skipped", report.bad_field}});
         require(skipped_ < max_skipped_steps, options_.out.string(),
                 "the gradient of '" + report.bad_field + "' was not finite " +
                     std::to_string(skipped_) + " times in a row at step " +
@@ -178,7 +152,7 @@ class Trainer {
 
     bool stopped() {
         if (stop_requested == 0) return false;
-        save_checkpoint(options_.out, state_);
+        folder_.save(state_);
         std::cout << "\nstopped; the checkpoint is saved. Go on with\n  rye train --capture "
                   << options_.capture.string() << " --out " << options_.out.string()
                   << " --resume\n";
@@ -220,7 +194,7 @@ class Trainer {
             tell("mesh", report, progress, state_.step == total);
             if (stopped()) return false;
             if (state_.step % state_.config.gaussians.checkpoint_every == 0)
-                save_checkpoint(options_.out, state_);
+                folder_.save(state_);
         }
         return true;
     }
@@ -231,7 +205,7 @@ class Trainer {
         for (const int frame : capture_.train)
             frames.push_back(mesh_sample(capture_, state_.subject, state_.config, frame, {}));
         const double left = fit_landmarks(state_, frames);
-        log_.write({{"stage", "mesh"}, {"step", state_.step}, {"landmark_rms", left}});
+        folder_.log({{"stage", "mesh"}, {"step", state_.step}, {"landmark_rms", left}});
         if (!options_.quiet)
             std::cout << "landmarks of all frames fitted to " << brief("", left) << "\n";
     }
@@ -242,7 +216,7 @@ class Trainer {
             Json line = {{"stage", stage}, {"step", state_.step}};
             for (const auto& [name, value] : report.losses) line[name] = value;
             if (report.vertices > 0) line["vertices"] = report.vertices;
-            log_.write(line);
+            folder_.log(line);
         }
         std::string text;
         for (const auto& [name, value] : report.losses) text += brief(name, value);
@@ -286,33 +260,34 @@ class Trainer {
             tell("avatar", report, progress, last);
             if (g.panel_every > 0 && (state_.step % g.panel_every == 0 || last)) write_panel(sample);
             if (stopped()) return false;
-            if (state_.step % g.checkpoint_every == 0 || last) save_checkpoint(options_.out, state_);
+            if (state_.step % g.checkpoint_every == 0 || last) folder_.save(state_);
         }
         return true;
     }
 
     void write_panel(const AvatarSample<float>& sample) {
-        const int factor = 1 << state_.config.gaussians.upsampler.doublings;
-        const Pinhole<float> full = scaled(sample.camera, factor);
-        const AvatarView v =
-            state_.visual ? render_avatar(drawn_state(state_), sample.drivers, full, true)
-                          : render_avatar(state_, sample.drivers, full, true);
-        const int width = sample.truth.width;
         const std::string number = std::to_string(state_.step);
         const std::string name = "step_" + std::string(7 - std::min<std::size_t>(7, number.size()), '0') +
                                  number + ".png";
-        write_png(options_.out / "panels" / name,
-                  side_by_side({sample.truth, v.high, enlarged(rgb_of(v.final), width),
-                                enlarged(rgb_of(v.face), width),
-                                enlarged(rgb_of(v.eyes), width)}));
+        folder_.panel(name, [&] {
+            const int factor = 1 << state_.config.gaussians.upsampler.doublings;
+            const Pinhole<float> full = scaled(sample.camera, factor);
+            const AvatarView v =
+                state_.visual ? render_avatar(drawn_state(state_), sample.drivers, full, true)
+                              : render_avatar(state_, sample.drivers, full, true);
+            const int width = sample.truth.width;
+            return side_by_side({sample.truth, v.high, enlarged(rgb_of(v.final), width),
+                                 enlarged(rgb_of(v.face), width),
+                                 enlarged(rgb_of(v.eyes), width)});
+        });
     }
 
     const TrainOptions& options_;
     Capture capture_;
     TrainState state_;
-    Log log_;
     Random random_;
     TetGrid<float> grid_;
+    RunFolder folder_;
     TimeProbe probe_;
     int skipped_ = 0;
 
@@ -327,6 +302,11 @@ class Trainer {
     }
 };
 
+/// --steps, within the bounds that a configuration file has.
+void take_steps(const TrainOptions& o, TrainConfig& config) {
+    if (o.steps) from_json({{"gaussians", {{"steps", *o.steps}}}}, "--steps", config);
+}
+
 TrainConfig config_of(const TrainOptions& o) {
     TrainConfig config = preset(o.preset);
     if (!o.config.empty()) {
@@ -339,9 +319,38 @@ TrainConfig config_of(const TrainOptions& o) {
             throw Error(o.config.string() + ": " + e.what());
         }
     }
-    if (o.seed) config.seed = *o.seed;
-    if (o.steps) config.gaussians.steps = *o.steps;
+    if (o.seed) from_json({{"seed", *o.seed}}, "--seed", config);
+    take_steps(o, config);
     return config;
+}
+
+/// A run of the checkpoint in the folder, which fits the capture.
+void check_resumed(const TrainOptions& o, const TrainState& state, const Capture& capture) {
+    const std::string who = capture.folder.string();
+    if (!o.config.empty())
+        require(config_of(o).gaze_axis == state.config.gaze_axis, o.config.string(),
+                "field 'gaze_axis': got another than that of the run in " + o.out.string() +
+                    ", expected the same: a checkpoint has a kappa or has none");
+    require(state.train_frames == capture.train, who,
+            "its training frames are not those that this run began with");
+    require_same_subject(state, capture);
+    const Index landmarks = frame_landmarks(capture, capture.train.front()).cols();
+    require(landmarks == state.subject.neutral.cols(), who,
+            "got " + std::to_string(landmarks) + " landmarks and vertices, expected " +
+                std::to_string(state.subject.neutral.cols()) + ", as this run began with");
+}
+
+/// The first state of a run.
+TrainState first_state(const TrainConfig& config, const Capture& capture,
+                       const std::filesystem::path& folder) {
+    TrainState state;
+    state.config = config;
+    state.config.avatar.expression = capture.expression_width();
+    require_gazes(capture, config.gaze_axis);
+    state.capture = folder.string();
+    state.subject = describe_subject(capture, state.config);
+    state.train_frames = capture.train;
+    return state;
 }
 
 int train(const TrainOptions& o) {
@@ -351,52 +360,45 @@ int train(const TrainOptions& o) {
     }
     require(!o.out.empty(), "rye train", "--out is missing, expected a folder for the run");
     set_threads(o.threads);
-    TrainState state;
     const bool there = std::filesystem::exists(checkpoint_path(o.out));
     require(!there || o.resume || o.overwrite, o.out.string(),
             "holds a run already; expected --resume to go on with it, or --overwrite to lose it");
+    require(!o.resume || !o.overwrite, "rye train",
+            "got --resume and --overwrite, expected one of them");
+    // All that can be wrong is found here, before anything is written.
+    TrainState state;
     std::filesystem::path folder = o.capture;
     if (o.resume) {
         state = load_checkpoint(o.out);
         if (folder.empty()) folder = state.capture;
-        if (o.steps) state.config.gaussians.steps = *o.steps;
+        take_steps(o, state.config);
     }
-    if (o.resume && !o.config.empty())
-        require(config_of(o).gaze_axis == state.config.gaze_axis, o.config.string(),
-                "field 'gaze_axis': got another than that of the run in " + o.out.string() +
-                    ", expected the same: a checkpoint has a kappa or has none");
     require(!folder.empty(), "rye train", "--capture is missing, expected the folder of a capture");
+    const TrainConfig config = o.resume ? state.config : config_of(o);
     Capture capture = read_valid_capture(folder);
-    if (o.resume) {
-        require(state.train_frames == capture.train, folder.string(),
-                "its training frames are not those that this run began with");
-    } else {
-        state.config = config_of(o);
-        require_gazes(capture, state.config.gaze_axis);
-        state.config.avatar.expression = capture.expression_width();
-        const int factor = 1 << state.config.gaussians.upsampler.doublings;
-        require(capture.width % factor == 0 && capture.height % factor == 0, folder.string(),
-                "images of " + std::to_string(capture.width) + " x " + std::to_string(capture.height) +
-                    " pixels, expected sides divisible by " + std::to_string(factor) +
-                    " (gaussians.upsampler.doublings)");
-        require(capture.has_eye_masks, folder.string(),
-                "some images have no eye_mask_<camera>.png, expected one for every view");
-        state.capture = folder.string();
-        state.subject = describe_subject(capture, state.config);
-        state.train_frames = capture.train;
+    require_trainable(capture);
+    if (o.resume) check_resumed(o, state, capture);
+    else state = first_state(config, capture, folder);
+    const RunSize size = run_size(state.config, state.subject, capture.width, capture.height);
+    require_room(size, most_memory(), o.config.empty() ? "--preset " + config.preset
+                                                       : o.config.string());
+    check_perceptual_weights(o.perceptual_weights);
+    if (!o.resume) {
         state.mesh = Mesh::init(state.config.avatar, state.subject.neutral.cast<float>(),
                                 Random{state.config.seed, 0});
         state.mesh_adam = Adam<Mesh>(state.mesh);
     }
-    std::filesystem::create_directories(o.out / "panels");
-    {
-        std::ofstream file(o.out / "config.json");
-        require(file.good(), (o.out / "config.json").string(), "cannot be written");
-        file << to_json(state.config).dump(2) << "\n";
-    }
+    if (config.preset == "paper" && o.perceptual_weights.empty())
+        std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
+                     "VGG16 term is replaced by one of gradient pyramids\n";
+    if (!o.quiet) std::cout << text_of(size) << "\n";
+    std::signal(SIGXFSZ, SIG_IGN);  // a file that grew too large is an error like a full disk
+    Trainer trainer(o, std::move(capture), std::move(state),
+                    o.resume ? Beginning::resumed
+                    : there  ? Beginning::replacing
+                             : Beginning::fresh);
     std::signal(SIGINT, request_stop);
     std::signal(SIGTERM, request_stop);
-    Trainer trainer(o, std::move(capture), std::move(state));
     const bool done = trainer.run();
     if (o.profile) trainer.print_profile();
     if (done && !o.quiet)
@@ -423,8 +425,7 @@ void add_train(CLI::App& app) {
                 "Print the effective configuration, every field of it, and stop");
     c->add_option("--steps", options->steps, "Steps of stage 2, instead of the configuration's");
     c->add_option("--seed", options->seed, "Seed of all randomness");
-    c->add_option("--threads", options->threads, "Threads; results do not depend on it (0: all)")
-        ->capture_default_str();
+    add_threads(*c, options->threads, "Threads; results do not depend on it (0: all)");
     c->add_option("--perceptual-weights", options->perceptual_weights,
                   "VGG16 + LPIPS weights, a safetensors file that cmake/convert_lpips_weights.py writes; "
                   "without it the weight-free gradient-pyramid loss is used");

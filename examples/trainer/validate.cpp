@@ -14,6 +14,9 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "config.hpp"
+#include "eye_shapes.hpp"
+
 namespace rye::trainer {
 namespace {
 
@@ -23,6 +26,8 @@ constexpr double degrees = 57.29577951308232;
 constexpr double head_span = 2.2;      ///< of 66 landmarks of an adult [dm]
 constexpr double usual_distance = 4.5; ///< of a camera, in spans of the head
 constexpr int max_sampled_views = 64;
+constexpr double max_expression = 1000; ///< beyond this networks only overflow
+constexpr int min_side = 16;            ///< of an image [px]; SSIM has a window of 11
 
 /// Printed with three significant digits.
 std::string text(double x) {
@@ -287,6 +292,33 @@ void check_cameras(const Capture& c, double span, Findings& found) {
                                  " cameras; views far from them will not be learned");
 }
 
+// ---- numbers that leave no room for a head ----
+
+/// Points and scales that arithmetic in single precision could not use.
+void check_extent(const Capture& c, double span, Findings& found) {
+    if (c.width < min_side || c.height < min_side)
+        found.error("size", c.folder.string() + ": images of " + std::to_string(c.width) + " x " +
+                                std::to_string(c.height) + " pixels, expected at least " +
+                                std::to_string(min_side) + " x " + std::to_string(min_side));
+    for (const CaptureFrame& f : c.frames) {
+        const double head = span / f.scale;
+        if (!(head > 0.05 && head < 100))
+            found.error("scale", file_of(c, f, "params.npz") + ": scale: got " + text(f.scale) +
+                                     ", by which the landmarks span " + text(head) +
+                                     " units of the head's frame, expected about 2");
+        if (f.vertices.cols() == 0) continue;
+        const Vec3<double> middle = f.landmarks.rowwise().mean();
+        Index farthest = 0;
+        const double away =
+            std::sqrt((f.vertices.colwise() - middle).colwise().squaredNorm().maxCoeff(&farthest));
+        if (!(away < 10 * span))
+            found.error("vertices", file_of(c, f, "vertices.npy") + ": vertex " +
+                                        std::to_string(farthest) + " is " + text(away) +
+                                        " units from landmarks that span " + text(span) +
+                                        ", expected less than 10 times that");
+    }
+}
+
 // ---- pose and landmarks ------------------------------------------------------------------------
 
 Vec3<double> mean_of(const Columns<double>& points, Index first, Index count) {
@@ -352,7 +384,11 @@ void check_expressions(const Capture& c, Findings& found) {
     else if (!varies && c.frame_count() > 1)
         found.warning("expression",
                       where + "the same in all frames: expressions will not be learned");
-    if (lowest < -20 || highest > 20)
+    if (!(lowest >= -max_expression && highest <= max_expression))
+        found.error("weights", where + "values from " + text(lowest) + " to " + text(highest) +
+                                   ", expected a few units at most, and none beyond " +
+                                   text(max_expression));
+    else if (lowest < -20 || highest > 20)
         found.warning("weights", where + "values from " + text(lowest) + " to " + text(highest) +
                                      ", expected a few units at most");
 }
@@ -428,6 +464,12 @@ void check_eye(const CaptureFrame& f, std::size_t e, double span, const std::str
         if (eye.iris_plane && *eye.iris_plane > 1.5 * *eye.radius)
             found.error("iris", where + ": iris_plane: got " + text(*eye.iris_plane) +
                                     ", expected about eye_radius " + text(*eye.radius));
+    }
+    // The eyeball that training would make of it.
+    try {
+        require_eyeball(eye_sizes(eye, f.scale, EyeballConfig{}.radius), where + ": " + side);
+    } catch (const Error& e) {
+        found.error("eyeball", e.what());
     }
 }
 
@@ -538,11 +580,42 @@ std::vector<Problem> validate(const Capture& c, ImagesToDecode images) {
     check_units(c, span, found);
     check_projection(c, found); // before single cameras: it may know why all of them are wrong
     check_cameras(c, span, found);
+    check_extent(c, span, found);
     check_head_frame(c, span, found);
     check_expressions(c, found);
     check_gaze(c, span, found);
     check_pixels(c, images, found);
     return found.list();
+}
+
+std::vector<std::string> training_faults(const Capture& c) {
+    std::vector<std::string> faults;
+    const std::string where = c.folder.string() + ": ";
+    if (c.train.empty()) faults.push_back(where + "no training frames, expected at least one");
+    for (const CaptureFrame& f : c.frames)
+        if (!f.has_gaze) {
+            faults.push_back(file_of(c, f, "gaze.npz") +
+                             ": no such file, expected the gaze of every frame");
+            break;
+        }
+    if (!c.has_eye_masks)
+        faults.push_back(where + "some images have no eye_mask_<camera>.png, expected one for every "
+                                 "view");
+    for (const int f : c.train) {
+        bool seen = false;
+        for (int k = 0; k < c.camera_count(); ++k) seen = seen || c.view(f, k).present;
+        if (seen) continue;
+        faults.push_back(where + "frame " + c.frames[static_cast<std::size_t>(f)].id +
+                         ": no camera has an image of it, expected one at least of each training "
+                         "frame");
+        break;
+    }
+    return faults;
+}
+
+void require_trainable(const Capture& c) {
+    const std::vector<std::string> faults = training_faults(c);
+    if (!faults.empty()) throw Error(faults.front());
 }
 
 Capture read_valid_capture(const fs::path& folder, const CaptureOptions& options,

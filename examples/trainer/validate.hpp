@@ -35,4 +35,11 @@ std::vector<Problem> validate(const Capture& capture,
 Capture read_valid_capture(const std::filesystem::path& folder, const CaptureOptions& options = {},
                            std::vector<Problem>* warnings = nullptr);
 
+/// What a sound capture still lacks to be trained on, in whole sentences; drawing and measuring do
+/// without it. Empty if training can begin.
+std::vector<std::string> training_faults(const Capture& capture);
+
+/// Error with the first of them.
+void require_trainable(const Capture& capture);
+
 } // namespace rye::trainer

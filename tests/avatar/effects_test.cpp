@@ -84,6 +84,7 @@ struct BareFace {
 };
 struct BareEyes {
     Columns<float> feature, log_scale, rotation, opacity_logit, position, centre, spacing;
+    Index left_points;
 };
 /// And of the paper's.
 struct WholeFace {

@@ -78,8 +78,8 @@ TEST_CASE("an iris in the world is where the refracted ray of the camera meets i
     const EyeballShape shape = EyeballShape{.iris_plane = 0.1};
     const Cornea<double> cornea = cornea_of<double>(shape);
     set_corneas(avatar.eyes.optics, cornea, cornea);
-    const Index n = avatar.eyes.per_eye();
-    for (Index i = 0; i < 2 * n; ++i) {
+    const Index n = avatar.eyes.points_of(0), all = avatar.eyes.position.cols();
+    for (Index i = 0; i < all; ++i) {
         const double r = 0.05 * double(i % n) / double(n), a = 1.3 * double(i);
         avatar.eyes.position.col(i) << r * std::cos(a), r * std::sin(a), shape.iris(r);
     }
@@ -88,7 +88,7 @@ TEST_CASE("an iris in the world is where the refracted ray of the camera meets i
     using Rest = Less<E, CornealRefraction>;
     const auto without = driven(restricted<Rest>(avatar), restricted<Rest>(drivers));
     double worst = 0, moved = 0;
-    for (Index i = 0; i < 2 * n; ++i) {
+    for (Index i = 0; i < all; ++i) {
         const EyeTransform<double>& eye = with.eyes.optics.placed[i < n ? 0 : 1];
         const Vec3<double> centre = eye.apply(cornea.centre);
         const double radius = eye.scale * cornea.radius;

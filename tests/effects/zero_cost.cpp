@@ -137,6 +137,7 @@ struct HandEyes {
 #if !WITHOUT_GLINT
     Columns<T> light_position, light_intensity, light_width;
 #endif
+    Index left_points = -1;
 };
 
 static_assert(sizeof(HandFace) == sizeof(FaceStream<T, E>));
@@ -262,7 +263,8 @@ __attribute__((noinline)) void hand_face(const HandFace& face, const AvatarConfi
 
 __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfig& c,
                                          const HandDrivers& drivers, HandTrace& t) {
-    const Index n = eyes.position.cols() / 2;
+    const Index all = eyes.position.cols();
+    const Index left_count = eyes.left_points < 0 ? all / 2 : eyes.left_points;
     Columns<T> centre = eyes.centre;
 #if !WITHOUT_EYE_OFFSET
     t.offset.input.resize(t.expression.size() + t.pose.size(), 1);
@@ -273,8 +275,8 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
 #endif
     Gaussians<T> g;
     g.feature = eyes.feature;
-    g.mean.resize(3, 2 * n);
-    g.rotation.resize(4, 2 * n);
+    g.mean.resize(3, all);
+    g.rotation.resize(4, all);
     const auto exponential = [](const T& v) { return T(std::exp(v)); };
 #if !WITHOUT_HEAD_POSE
     g.scale = t.head.scale * eyes.log_scale.unaryExpr(exponential);
@@ -284,6 +286,7 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
     g.opacity = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     const auto place = [&](Index first, EyeTransform<T>& eye) {
         const std::size_t at = first == 0 ? 0 : 1;
+        const Index n = at == 0 ? left_count : all - left_count;
         const Columns<T> points = eyes.position.middleCols(first, n);
         const Columns<T> rotations = eyes.rotation.middleCols(first, n);
         const Cornea<T> cornea = cornea_of(eyes.cornea, at);
@@ -338,7 +341,7 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
 #endif
 #endif
     place(0, left);
-    place(n, right);
+    place(left_count, right);
     t.world_eyes = std::move(g);
 }
 

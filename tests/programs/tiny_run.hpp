@@ -27,6 +27,7 @@ inline TrainState tiny_state() {
         s.subject.limbus_radius[e] = 0.06;
         s.subject.iris_plane[e] = 0.1;
     }
+    s.train_frames = {0, 1};
     s.mesh = Mesh::init(s.config.avatar, s.subject.neutral.cast<float>(), Random{1, 0});
     return s;
 }

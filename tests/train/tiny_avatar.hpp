@@ -73,7 +73,7 @@ inline Pinhole<double> tiny_camera(int width, int height) {
 }
 
 inline TwoStream<double> tiny_avatar(const AvatarConfig& c, Draw& draw) {
-    constexpr Index n = 60, eye = 9;
+    constexpr Index n = 60, eye = 9;  // on average: the left one has 8 points, the right one 10
     TwoStream<double> a;
     FaceStream<double>& f = a.face;
     f.position = draw.columns(3, n, 0.7);
@@ -96,6 +96,7 @@ inline TwoStream<double> tiny_avatar(const AvatarConfig& c, Draw& draw) {
     e.offset = EyeOffsetNetwork<double>::init(c, Random{4, 0});
     e.offset.mlp.weight.back() = draw.columns(6, e.offset.mlp.weight.back().cols(), 0.3);
     e.position = draw.columns(3, 2 * eye, 0.12);
+    e.left_points = eye - 1;
     e.spacing = Columns<double>::Constant(1, 2 * eye, 0.05);
     e.centre.resize(3, 2);
     e.centre << 0.3, -0.3, 0.3, 0.3, 0.95, 0.95;
@@ -137,6 +138,7 @@ TwoStream<U, E> lifted(const TwoStream<T, E>& a) {
     TwoStream<U, E>::buffers([&](const std::string&, auto& to, const auto& from) {
         to = from.unaryExpr(convert);
     }, b, a);
+    b.eyes.left_points = a.eyes.left_points;
     return b;
 }
 

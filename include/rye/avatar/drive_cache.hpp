@@ -219,7 +219,7 @@ class DriveCache {
 
     void place_eyes(const Changes& c, bool moved_head, const Drivers<T>& drivers) {
         const EyeStream<T>& eyes = avatar_->eyes;
-        const Index n = rest_->count, per_eye = eyes.per_eye();
+        const Index n = rest_->count;
         std::array<bool, 2> moved{c.driver[2] || moved_head, c.driver[3] || moved_head};
         if (c.driver[0] || c.driver[1]) {
             EyeOffsetTrace<T> trace;
@@ -230,16 +230,16 @@ class DriveCache {
             offset_ = offset;
         }
         if (c.scale)
-            world_.scale.rightCols(2 * per_eye) = eye_scales(eyes, head_.scale);
+            world_.scale.rightCols(eyes.position.cols()) = eye_scales(eyes, head_.scale);
         for (Index eye = 0; eye < 2; ++eye) {
             const std::size_t e = static_cast<std::size_t>(eye);
             if (!moved[e]) continue;
-            const Index begin = n + eye * per_eye;
+            const Index begin = n + eyes.first_point(eye);
             const EyeTransform<T> placed = eye_transform<T>(
                 {eyes.centre.col(eye), offset_.col(eye), drivers.gaze[e]},
                 {{head_.rotation, head_.translation}, head_.scale});
             place_eye(eyes, eye, placed, begin, world_);
-            for (Index i = begin; i < begin + per_eye; ++i) changed_.push_back(i);
+            for (Index i = begin; i < begin + eyes.points_of(eye); ++i) changed_.push_back(i);
             ++work_.eyes;
         }
     }

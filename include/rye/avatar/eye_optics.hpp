@@ -121,18 +121,19 @@ struct OpticsCotangent {
     HeadTransformGradient<T> head;
 };
 
-/// Of one eye the points as they are seen, and, added to its columns of `feature`, the glints.
+/// Of one eye the points as they are seen, and, added to its columns of `feature`, which begin at
+/// `first`, the glints.
 template <Backend B, class T, EffectSet E>
 void look_into_eye(const EyeOptics<T, E>& optics, std::size_t eye, const Drivers<T, E>& drivers,
-                   const EyeTransform<T>& placed, const Columns<T>& points, OpticsTrace<T>& trace,
-                   Columns<T>& feature) {
+                   const EyeTransform<T>& placed, const Columns<T>& points,
+                   [[maybe_unused]] Index first, OpticsTrace<T>& trace, Columns<T>& feature) {
     using std::isfinite;
     require(isfinite(drivers.camera[0]) && isfinite(drivers.camera[1]) &&
                 isfinite(drivers.camera[2]),
             "eye_optics", "got drivers without a camera, expected its centre in the world");
     const Cornea<T> cornea = cornea_of(optics.cornea, eye);
     const Vec3<T> camera = into_eye(placed, drivers.camera);
-    const Index n = points.cols(), first = static_cast<Index>(eye) * n;
+    const Index n = points.cols();
     trace.placed[eye] = placed;
     Columns<T>& seen = trace.seen[eye] = points;
     if constexpr (has_effect<E, CornealRefraction>) {
@@ -231,9 +232,9 @@ void eye_optics_vjp(const EyeOptics<T, E>& optics, const Drivers<T, E>& drivers,
                     const Columns<T>& position, const OpticsTrace<T>& trace,
                     const Gaussians<T>& g, EyeOptics<T, E>& grad, OpticsCotangent<T>& out,
                     const Head&... head) {
-    const Index n = position.cols() / 2;
-    for (std::size_t eye = 0; eye < 2; ++eye) {
-        const Index first = static_cast<Index>(eye) * n;
+    Index first = 0, n = 0;
+    for (std::size_t eye = 0; eye < 2; ++eye, first += n) {
+        n = trace.seen[eye].cols();
         const EyeTransform<T>& placed = trace.placed[eye];
         Mat3<T> turn = placed.rotation;                      // eye to head
         ((turn = head.rotation.transpose() * placed.rotation), ...);

@@ -19,17 +19,18 @@ namespace rye {
 
 template <class T, EffectSet E = PaperEffects>
 struct EyeStream {
-    Columns<T> feature;        ///< colour channels, free, C x 2P: left eye, then right
-    Columns<T> log_scale;      ///< 3 x 2P
-    Columns<T> rotation;       ///< 4 x 2P, w x y z, in the frame of the eyeball
-    Columns<T> opacity_logit;  ///< 1 x 2P
+    Columns<T> feature;        ///< colour channels, free, C x P: left eye, then right
+    Columns<T> log_scale;      ///< 3 x P
+    Columns<T> rotation;       ///< 4 x P, w x y z, in the frame of the eyeball
+    Columns<T> opacity_logit;  ///< 1 x P
     [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetNetwork<T>> offset;
     [[no_unique_address]] Slot<E, Kappa, Columns<T>> kappa;  ///< (pitch, yaw) [rad] an eye, 2 x 2
     [[no_unique_address]] EyeOptics<T, E> optics;
 
-    Columns<T> position;  ///< fixed: template points about their centre, 3 x 2P
+    Columns<T> position;  ///< fixed: template points about their centre, 3 x P
     Columns<T> centre;    ///< fixed: neutral centres, canonical, 3 x 2
-    Columns<T> spacing;   ///< fixed: distance between neighbours of the template, 1 x 2P
+    Columns<T> spacing;   ///< fixed: distance between neighbours of the template, 1 x P
+    Index left_points = -1;  ///< how many of P are the left eye's; negative: half of them
 
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
@@ -48,7 +49,12 @@ struct EyeStream {
         f("spacing", p.spacing...);
         EyeOptics<T, E>::buffers(f, p.optics...);
     }
-    Index per_eye() const { return position.cols() / 2; }
+    /// Columns of an eye: its first one, and how many.
+    Index first_point(Index eye) const { return eye == 0 ? 0 : points_of(0); }
+    Index points_of(Index eye) const {
+        const Index left = left_points < 0 ? position.cols() / 2 : left_points;
+        return eye == 0 ? left : position.cols() - left;
+    }
 };
 
 /// Takes scales back to at most `factor` times the template's spacing, and `thickness` of that
@@ -100,9 +106,9 @@ Columns<T> eye_scales(const EyeStream<T, E>& eyes, const Scale&... head_scale) {
 template <class T, EffectSet E>
 void place_eye(const EyeStream<T, E>& eyes, Index eye, const EyeTransform<T>& placed, Index begin,
                Gaussians<T>& g) {
-    const Index n = eyes.per_eye();
-    const Columns<T> points = eyes.position.middleCols(eye * n, n);
-    const Columns<T> rotations = eyes.rotation.middleCols(eye * n, n);
+    const Index first = eyes.first_point(eye), n = eyes.points_of(eye);
+    const Columns<T> points = eyes.position.middleCols(first, n);
+    const Columns<T> rotations = eyes.rotation.middleCols(first, n);
     g.mean.middleCols(begin, n) = eye_points<T>(placed, points);
     g.rotation.middleCols(begin, n) = eye_rotations<T>(placed, rotations);
 }
@@ -114,14 +120,13 @@ template <Backend B, class T, EffectSet E, class... Head>
 Gaussians<T> eye_gaussians(const EyeStream<T, E>& eyes, const AvatarConfig& config,
                            const Drivers<T, E>& drivers, const FrameCode<T, E>& code,
                            EyeTrace<T, E>& trace, const Head&... head) {
-    const Index per_eye = eyes.per_eye();
     Columns<T> centre = eyes.centre;
     if constexpr (has_effect<E, EyeOffset>)
         centre += eye_offset<B, T>(eyes.offset, config, code, trace.offset);
     Gaussians<T> g;
     g.feature = eyes.feature;
-    g.mean.resize(3, 2 * per_eye);
-    g.rotation.resize(4, 2 * per_eye);
+    g.mean.resize(3, eyes.position.cols());
+    g.rotation.resize(4, eyes.position.cols());
     g.scale = eye_scales(eyes, head.scale...);
     g.opacity = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     for_eyes([&]<std::size_t eye>() {
@@ -135,15 +140,17 @@ Gaussians<T> eye_gaussians(const EyeStream<T, E>& eyes, const AvatarConfig& conf
                   quat_product<T>(quat_conjugate<T>(head.quaternion), placed.quaternion)),
              ...);
         }
+        const Index first = eyes.first_point(e);
         if constexpr (has_effect<E, SeesCornea>) {
-            const Columns<T> points = eyes.position.middleCols(e * per_eye, per_eye);
-            look_into_eye<B>(eyes.optics, eye, drivers, placed, points, trace.optics, g.feature);
-            g.mean.middleCols(e * per_eye, per_eye) =
-                eye_points<T>(placed, trace.optics.seen[eye]);
-            const Columns<T> rotations = eyes.rotation.middleCols(e * per_eye, per_eye);
-            g.rotation.middleCols(e * per_eye, per_eye) = eye_rotations<T>(placed, rotations);
+            const Index n = eyes.points_of(e);
+            const Columns<T> points = eyes.position.middleCols(first, n);
+            look_into_eye<B>(eyes.optics, eye, drivers, placed, points, first, trace.optics,
+                             g.feature);
+            g.mean.middleCols(first, n) = eye_points<T>(placed, trace.optics.seen[eye]);
+            const Columns<T> rotations = eyes.rotation.middleCols(first, n);
+            g.rotation.middleCols(first, n) = eye_rotations<T>(placed, rotations);
         } else {
-            place_eye(eyes, e, placed, e * per_eye, g);
+            place_eye(eyes, e, placed, first, g);
         }
     });
     return g;
@@ -159,7 +166,6 @@ void eye_vjp(const EyeStream<T, E>& eyes, const AvatarConfig& config,
              [[maybe_unused]] const Drivers<T, E>& drivers, const EyeTrace<T, E>& trace,
              const Gaussians<T>& world, const Gaussians<T>& g, EyeStream<T, E>& grad,
              FrameCotangent<T, E>& g_frame, const Head&... head) {
-    const Index per_eye = eyes.per_eye();
     grad.feature += g.feature;
     if constexpr (has_effect<E, HeadPose>)
         grad.log_scale += g.scale.cwiseProduct(world.scale) / (head.scale, ...);
@@ -169,7 +175,8 @@ void eye_vjp(const EyeStream<T, E>& eyes, const AvatarConfig& config,
         world.opacity.unaryExpr([](const T& a) { return T(a * (T(1) - a)); }));
     for_eyes([&]<std::size_t eye>() {
         constexpr Index e = static_cast<Index>(eye);
-        for (Index i = e * per_eye; i < (e + 1) * per_eye; ++i) {
+        const Index first = eyes.first_point(e), end = first + eyes.points_of(e);
+        for (Index i = first; i < end; ++i) {
             if constexpr (eye_turns<E, eye>)
                 grad.rotation.col(i) +=
                     quat_product_vjp_right<T>(of_eye<eye>(trace.turn), g.rotation.col(i));
@@ -181,18 +188,18 @@ void eye_vjp(const EyeStream<T, E>& eyes, const AvatarConfig& config,
         for_eyes([&]<std::size_t eye>() {
             constexpr Index e = static_cast<Index>(eye);
             if constexpr (eye_turns<E, eye>) {
+                const Index first = eyes.first_point(e), n = eyes.points_of(e);
                 const auto turned = [&](const Columns<T>& points) {
-                    return turn_cotangent<T>(points,
-                                             eyes.rotation.middleCols(e * per_eye, per_eye),
-                                             g.mean.middleCols(e * per_eye, per_eye),
-                                             g.rotation.middleCols(e * per_eye, per_eye));
+                    return turn_cotangent<T>(points, eyes.rotation.middleCols(first, n),
+                                             g.mean.middleCols(first, n),
+                                             g.rotation.middleCols(first, n));
                 };
                 TurnCotangent<T> g_turn;
                 if constexpr (has_effect<E, SeesCornea>) {
                     g_turn = turned(trace.optics.seen[eye]);
                     g_turn.rotation += g_frame.optics.turn[eye];
                 } else {
-                    g_turn = turned(eyes.position.middleCols(e * per_eye, per_eye));
+                    g_turn = turned(eyes.position.middleCols(first, n));
                 }
                 grad.kappa.col(e) += kappa_vjp<T>(config, of_eye<eye>(drivers.gaze),
                                                   kappa_of(eyes.kappa, eye), g_turn,
@@ -201,9 +208,10 @@ void eye_vjp(const EyeStream<T, E>& eyes, const AvatarConfig& config,
         });
     if constexpr (has_effect<E, EyeOffset>) {
         Columns<T> g_offset = Columns<T>::Zero(3, 2);
-        for (Index e = 0; e < 2; ++e)
-            for (Index i = e * per_eye; i < (e + 1) * per_eye; ++i)
-                g_offset.col(e) += g.mean.col(i);
+        for (Index e = 0; e < 2; ++e) {
+            const Index first = eyes.first_point(e), end = first + eyes.points_of(e);
+            for (Index i = first; i < end; ++i) g_offset.col(e) += g.mean.col(i);
+        }
         if constexpr (has_effect<E, SeesCornea>) g_offset += g_frame.optics.centre;
         eye_offset_vjp<B, T>(eyes.offset, config, trace.offset, g_offset, grad.offset,
                              g_frame.pose);

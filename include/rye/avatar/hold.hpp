@@ -69,6 +69,7 @@ TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
     a.eyes.position = eyes.position;
     a.eyes.centre = eyes.centre;
     a.eyes.spacing = eyes.spacing;
+    a.eyes.left_points = eyes.left_points;
     copy_slot(eyes.offset, a.eyes.offset);
     copy_slot(eyes.kappa, a.eyes.kappa);
     copy_slot(eyes.optics.cornea, a.eyes.optics.cornea);
@@ -117,7 +118,6 @@ TwoStream<T, Fewer> held(const TwoStream<T, E>& all, const AvatarConfig& config,
                         });
             }
         });
-    const Index per_eye = all.eyes.per_eye();
     if constexpr (has_effect<E, CornealRefraction> && !has_effect<Fewer, CornealRefraction>)
         a.eyes.position << trace.eyes.optics.seen[0], trace.eyes.optics.seen[1];
     if constexpr (has_effect<E, Glint> && !has_effect<Fewer, Glint>)
@@ -127,11 +127,12 @@ TwoStream<T, Fewer> held(const TwoStream<T, E>& all, const AvatarConfig& config,
         if constexpr (eye_turns<E, eye> && !eye_turns<Fewer, eye>) {
             EyeTransform<T> turn = eye_at<T>(Vec3<T>::Zero());
             turn_eye<T>(turn, of_eye<eye>(optical.gaze));
-            const Index first = static_cast<Index>(eye) * per_eye;
-            const Columns<T> points = a.eyes.position.middleCols(first, per_eye);
-            const Columns<T> rotations = a.eyes.rotation.middleCols(first, per_eye);
-            a.eyes.position.middleCols(first, per_eye) = eye_points<T>(turn, points);
-            a.eyes.rotation.middleCols(first, per_eye) = eye_rotations<T>(turn, rotations);
+            const Index first = a.eyes.first_point(static_cast<Index>(eye));
+            const Index n = a.eyes.points_of(static_cast<Index>(eye));
+            const Columns<T> points = a.eyes.position.middleCols(first, n);
+            const Columns<T> rotations = a.eyes.rotation.middleCols(first, n);
+            a.eyes.position.middleCols(first, n) = eye_points<T>(turn, points);
+            a.eyes.rotation.middleCols(first, n) = eye_rotations<T>(turn, rotations);
             if constexpr (has_effect<Fewer, SeesCornea>)
                 turn_cornea(a.eyes.optics, eye, turn.rotation);
         }

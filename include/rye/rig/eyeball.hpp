@@ -158,7 +158,10 @@ void check_shape(const BasicEyeballShape<E>& s) {
             "got " + std::to_string(s.iris_rings) + ", " + std::to_string(s.sclera_rings) + ", " +
                 std::to_string(s.back_rings) + " rings, expected at least 2, 1, 1, at most 1000");
     require(!s.iris_plane || (*s.iris_plane > 0 && *s.iris_plane <= s.front(0)),
-            "eyeball_template", "got an iris plane outside the eyeball's front half");
+            "eyeball_template",
+            "got an iris plane at z = " + std::to_string(s.iris_plane.value_or(0)) +
+                ", expected above 0 and at most " + std::to_string(s.front(0)) +
+                ", the cornea's front");
 }
 
 /// Closes the band between two rings of first points a, b and sizes n, m (a in front of b): always

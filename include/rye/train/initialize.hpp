@@ -158,27 +158,30 @@ TwoStream<T, E> initialize_avatar(const GuidanceMesh<T, E>& mesh, const AvatarCo
         f.pose_attributes = attributes(config.pose_code(), config.networks.pose_attributes, 23);
 
     EyeStream<T, E>& e = a.eyes;
-    const Index per_eye = init.eyeball[0].points.cols();
-    e.position.resize(3, 2 * per_eye);
+    // Two eyes of different shapes may have different numbers of points.
+    const Index left = init.eyeball[0].points.cols();
+    const Index points = left + init.eyeball[1].points.cols();
+    e.left_points = left;
+    e.position.resize(3, points);
     e.position << init.eyeball[0].points, init.eyeball[1].points;
     e.centre = init.eye_centre;
-    e.feature = Columns<T>::Constant(config.channels, 2 * per_eye, T(0.5));
+    e.feature = Columns<T>::Constant(config.channels, points, T(0.5));
     for (Index i = config.channels > 3 ? 3 : 0; i < config.channels; ++i)
-        for (Index k = 0; k < 2 * per_eye; ++k)  // beyond RGB: small numbers that differ
+        for (Index k = 0; k < points; ++k)  // beyond RGB: small numbers that differ
             e.feature(i, k) = T(0.1 * (2 * random.fork(24).uniform(static_cast<std::uint64_t>(
                                                k * config.channels + i)) - 1));
-    e.spacing.resize(1, 2 * per_eye);
+    e.spacing.resize(1, points);
     e.spacing << init.eyeball[0].spacing, init.eyeball[1].spacing;
     e.spacing = e.spacing.cwiseMax(T(1e-4));
     e.log_scale = e.spacing.array().log().replicate(3, 1);
     e.log_scale.row(2).array() += std::log(init.eye_thickness);
-    e.rotation.resize(4, 2 * per_eye);
-    for (Index i = 0; i < 2 * per_eye; ++i) {
-        const EyeballTemplate<T>& ball = init.eyeball[i < per_eye ? 0 : 1];
-        e.rotation.col(i) =
-            shortest_arc(Vec3<T>(0, 0, 1), Vec3<T>(ball.normals.col(i % per_eye)));
+    e.rotation.resize(4, points);
+    for (Index i = 0; i < points; ++i) {
+        const Vec3<T> normal = i < left ? init.eyeball[0].normals.col(i)
+                                        : init.eyeball[1].normals.col(i - left);
+        e.rotation.col(i) = shortest_arc(Vec3<T>(0, 0, 1), normal);
     }
-    e.opacity_logit = Columns<T>::Constant(1, 2 * per_eye, logit(init.eye_opacity));
+    e.opacity_logit = Columns<T>::Constant(1, points, logit(init.eye_opacity));
     e.offset = mesh.eye_offset;
     if constexpr (has_effect<E, Kappa>) e.kappa = Columns<T>::Zero(2, 2);
 
