@@ -147,7 +147,7 @@ struct TileLists {
     }
 
     /// Mentions that all chunks write before their total has been compared with what is allowed.
-    static constexpr Index most_unchecked = Index(1) << 25;
+    static constexpr Index most_unchecked = Index(1) << 24;
 
   private:
     static constexpr int mention_slack = 4;  // written beyond those that count
