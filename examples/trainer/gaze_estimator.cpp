@@ -15,29 +15,37 @@ struct Seen {
     double brightness;
 };
 
-/// Where the ray of each visible pixel meets the sphere.
+/// f(x, y, pixel) for each usable pixel of an eye.
+template <class F>
+void for_usable(const Columns<float>& eye, int width, const F& f) {
+    const int height = static_cast<int>(eye.cols()) / width;
+    for (int y = 1; y < height; ++y)
+        for (int x = 1; x + 1 < width; ++x) {
+            const Index p = static_cast<Index>(y) * width + x;
+            const auto inside = [&](Index q) { return eye(0, q) >= 0.5f; };
+            if (inside(p) && inside(p - 1) && inside(p + 1) && inside(p - width)) f(x, y, p);
+        }
+}
+
+/// Where the ray of each usable pixel meets the sphere.
 std::vector<Seen> seen_directions(const Image<float>& image, const Columns<float>& eye,
                                   const Pinhole<double>& camera, const EyeballGeometry& ball) {
     std::vector<Seen> all;
     const Vec3<double> from = camera.centre();
-    for (int y = 1; y < image.height; ++y)
-        for (int x = 1; x + 1 < image.width; ++x) {
-            const Index p = static_cast<Index>(y) * image.width + x;
-            const auto inside = [&](Index q) { return eye(0, q) >= 0.5f; };
-            if (!inside(p) || !inside(p - 1) || !inside(p + 1) || !inside(p - image.width)) continue;
-            const Vec3<double> ray = camera.ray(Vec2<double>(x + 0.5, y + 0.5));
-            // Closest approach, then half a chord back (no cancelling discriminant); a ray that
-            // passes just outside, at the rim, takes the closest point itself.
-            const Vec3<double> to = ball.centre - from;
-            const double along = to.dot(ray);
-            const Vec3<double> miss = from + along * ray - ball.centre;
-            const double half2 = ball.radius * ball.radius - miss.squaredNorm();
-            const Vec3<double> hit = miss - std::sqrt(std::max(half2, 0.0)) * ray;
-            // The iris reflects its own colour, the sclera all; red tells them apart best.
-            const Vec3<double> rgb = image.pixels.col(p).head(3).cast<double>();
-            all.push_back({ball.head_rotation.transpose() * hit.normalized(),
-                           0.5 * rgb.x() + 0.35 * rgb.y() + 0.15 * rgb.z()});
-        }
+    for_usable(eye, image.width, [&](int x, int y, Index p) {
+        const Vec3<double> ray = camera.ray(Vec2<double>(x + 0.5, y + 0.5));
+        // Closest approach, then half a chord back (no cancelling discriminant); a ray that
+        // passes just outside, at the rim, takes the closest point itself.
+        const Vec3<double> to = ball.centre - from;
+        const double along = to.dot(ray);
+        const Vec3<double> miss = from + along * ray - ball.centre;
+        const double half2 = ball.radius * ball.radius - miss.squaredNorm();
+        const Vec3<double> hit = miss - std::sqrt(std::max(half2, 0.0)) * ray;
+        // The iris reflects its own colour, the sclera all; red tells them apart best.
+        const Vec3<double> rgb = image.pixels.col(p).head(3).cast<double>();
+        all.push_back({ball.head_rotation.transpose() * hit.normalized(),
+                       0.5 * rgb.x() + 0.35 * rgb.y() + 0.15 * rgb.z()});
+    });
     return all;
 }
 
@@ -70,6 +78,12 @@ double explained(const std::vector<Seen>& seen, const Vec3<double>& g, double li
 }
 
 } // namespace
+
+int usable_eye_pixels(const Columns<float>& eye, int width) {
+    int count = 0;
+    for_usable(eye, width, [&](int, int, Index) { ++count; });
+    return count;
+}
 
 std::optional<GazeEstimate> estimate_gaze(const Image<float>& image, const Columns<float>& eye,
                                           const Pinhole<double>& camera,

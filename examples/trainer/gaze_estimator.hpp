@@ -31,13 +31,17 @@ struct EyeballGeometry {
 struct GazeEstimate {
     Vec3<double> gaze;  ///< unit, head frame
     double contrast;    ///< share of the brightness' variance that the disc explains, 0 to 1
-    int pixels;         ///< of the eye that were seen
+    int pixels;         ///< usable ones of the eye
 };
 
-/// Fewer pixels than this do not determine a direction.
+/// Fewer usable pixels than this do not determine a direction.
 inline constexpr int min_eye_pixels = 40;
 /// Below this contrast no iris was found.
 inline constexpr double min_contrast = 0.45;
+
+/// How many pixels of the visible eye the estimate rests on: those of which no neighbour on the left,
+/// on the right or above is outside. `eye`: 1 x pixels of an image of this width.
+int usable_eye_pixels(const Columns<float>& eye, int width);
 
 /// `image`: RGB in [0, 1]; `eye`: 1 x pixels, 1 where this eyeball is visible. Nothing where too
 /// little of the eye is seen or no dark disc is found.

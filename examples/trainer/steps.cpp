@@ -212,6 +212,30 @@ Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
                      camera);
 }
 
+PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
+                     const Pinhole<float>& camera) {
+    const Avatar& avatar = state.avatar;
+    const Drivers<float> optical = optical_drivers(state, drivers);
+    TwoStreamTrace<float> trace;
+    drive<TrainBackend>(avatar, state.config.avatar, state.subject.roles, optical, trace);
+    const Columns<float> centre =
+        avatar.eyes.centre + eye_offset<TrainBackend, float>(avatar.eyes.offset, state.config.avatar,
+                                                             trace.code, trace.eyes.offset);
+    Gaussians<float> both = joined(trace.world_face, trace.world_eyes);
+    const Index face = trace.world_face.count(), per_eye = avatar.eyes.per_eye();
+    both.feature = Columns<float>::Zero(2, both.count());
+    PosedEyes eyes;
+    for (Index e = 0; e < 2; ++e) {
+        both.feature.row(e).segment(face + e * per_eye, per_eye).setOnes();
+        const Vec3<float> c = trace.head.scale * (trace.head.rotation * centre.col(e));
+        eyes.centre[static_cast<std::size_t>(e)] =
+            (c + trace.head.translation).cast<double>();
+    }
+    const VecX<float> nothing = VecX<float>::Zero(2);
+    eyes.area = TrainRasterizer().forward(both, camera, nothing).feature;
+    return eyes;
+}
+
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
     TwoStreamTrace<float> trace;
     drive<TrainBackend>(state.avatar, state.config.avatar, state.subject.roles,

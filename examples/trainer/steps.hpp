@@ -3,6 +3,7 @@
 /// templates of rye for the policies of types.hpp, once, so that no other source has to.
 #pragma once
 
+#include <array>
 #include <functional>
 #include <memory>
 #include <string>
@@ -80,6 +81,16 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
 /// The RGB image of driven Gaussians after super-resolution, on white; as render_avatar's.
 Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
                         const Pinhole<float>& camera);
+
+/// The eyeballs as an avatar's own rig places and shows them.
+struct PosedEyes {
+    std::array<Vec3<double>, 2> centre; ///< world
+    /// At the camera's size; channel e: the share of the pixel's colour that eyeball e's Gaussians
+    /// have when the face's are before and beside them.
+    Image<float> area;
+};
+PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
+                     const Pinhole<float>& camera);
 
 /// The driven Gaussians of both streams in the world, the face's first.
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers);

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+/// tests/evaluate/drawn_eye.hpp: pictures of one eye whose gaze is known, drawn pixel by pixel: a
+/// sphere with an iris and a pupil on it, seen through an opening between lids.
+/// World units about 1 dm, as in a capture; angles in degrees.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+
+#include <rye/core/random.hpp>
+#include <rye/geometry/camera.hpp>
+#include <rye/math/rotation.hpp>
+#include <rye/rig/gaze.hpp>
+
+#include "gaze_estimator.hpp"
+
+namespace rye::test {
+
+inline constexpr double degree = 3.14159265358979323846 / 180;
+
+struct DrawnEye {
+    double pitch = 0, yaw = 0;                ///< gaze in the head's frame [deg]
+    double camera_pitch = 0, camera_yaw = 0;  ///< where the camera stands, from the eye [deg]
+    double head_yaw = 0;                      ///< of the head in the world [deg]
+    double upper = 1, lower = 1;  ///< reach of the opening above and below the eyeball's centre, in radii
+    double sclera = 0.8, iris = 0.3, pupil = 0.05;  ///< brightness; skin is 0.55
+    double shade = 0;             ///< brightness lost from the lower to the upper rim of the eyeball
+    double noise = 0;             ///< standard deviation, of each pixel and channel
+    bool has_iris = true;
+    int size = 64;                ///< edge of the picture [px], which is five radii wide
+};
+
+struct EyePicture {
+    Image<float> image;
+    Columns<float> eye;  ///< 1 x pixels, 1 where the eyeball is visible
+    Pinhole<double> camera;
+    trainer::EyeballGeometry ball;
+    Vec3<double> gaze;   ///< unit, head frame
+};
+
+/// 4 x 4 rays a pixel; the mask is that of the ray through the pixel's centre.
+inline EyePicture draw(const DrawnEye& e) {
+    const double radius = 0.12, limbus_radius = 0.06, distance = 10;
+    EyePicture p{Image<float>(e.size, e.size, 3), Columns<float>::Zero(1, e.size * e.size), {}, {},
+                 gaze_vector(e.pitch * degree, e.yaw * degree)};
+    p.ball = {Vec3<double>(0.3, 0.2, 0.7), radius, limbus_radius,
+              so3_exp(Vec3<double>(0, e.head_yaw * degree, 0))};
+    const Vec3<double> from =
+        p.ball.centre + distance * gaze_vector(e.camera_pitch * degree, e.camera_yaw * degree);
+    p.camera = look_at<double>(from, p.ball.centre, Vec3<double>(0, 1, 0),
+                               2 * std::atan(2.5 * radius / distance), e.size, e.size);
+    const double limbus = std::asin(limbus_radius / radius);
+    // Head frame: between the lids, whose rims are horizontal.
+    const auto seen = [&](const Vec2<double>& pixel, Vec3<double>& direction) {
+        const Vec3<double> ray = p.camera.ray(pixel), to = p.ball.centre - from;
+        const Vec3<double> miss = to.dot(ray) * ray - to;
+        const double half2 = radius * radius - miss.squaredNorm();
+        if (half2 < 0) return false;
+        direction = p.ball.head_rotation.transpose() * (miss - std::sqrt(half2) * ray) / radius;
+        return direction.y() < e.upper && direction.y() > -e.lower && direction.z() > 0;
+    };
+    const auto brightness = [&](const Vec3<double>& d) {
+        const double angle = std::acos(std::min(1.0, d.dot(p.gaze)));
+        double value = e.sclera;
+        if (e.has_iris && angle < limbus) value = angle < 0.35 * limbus ? e.pupil : e.iris;
+        return value - e.shade * 0.5 * (d.y() + 1);
+    };
+    const Random random{3, 0};
+    std::uint64_t draws = 0;
+    for (int y = 0; y < e.size; ++y)
+        for (int x = 0; x < e.size; ++x) {
+            Vec3<double> direction;
+            double sum = 0;
+            for (int k = 0; k < 16; ++k) {
+                const Vec2<double> at(x + (k % 4 + 0.5) / 4, y + (k / 4 + 0.5) / 4);
+                sum += (seen(at, direction) ? brightness(direction) : 0.55) / 16;
+            }
+            const bool centre = seen(Vec2<double>(x + 0.5, y + 0.5), direction);
+            p.eye(0, y * e.size + x) = centre ? 1.0f : 0.0f;
+            for (Index c = 0; c < 3; ++c)
+                p.image.at(x, y)(c) = static_cast<float>(sum + e.noise * random.normal(draws++));
+        }
+    return p;
+}
+
+} // namespace rye::test

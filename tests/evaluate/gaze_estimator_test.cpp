@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "gaze_estimator.hpp"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+
+#include "drawn_eye.hpp"
+
+using namespace rye;
+using namespace rye::test;
+using trainer::estimate_gaze;
+
+namespace {
+
+/// Degrees between the estimate and the gaze that was drawn; 180 where nothing was found.
+double error_of(const DrawnEye& eye) {
+    const EyePicture p = draw(eye);
+    const auto found = estimate_gaze(p.image, p.eye, p.camera, p.ball);
+    return found ? angular_error(found->gaze, p.gaze) / degree : 180;
+}
+
+bool found_in(const DrawnEye& eye) {
+    const EyePicture p = draw(eye);
+    return estimate_gaze(p.image, p.eye, p.camera, p.ball).has_value();
+}
+
+struct Errors {
+    double mean = 0, largest = 0;
+};
+
+/// Over 7 x 5 gazes, each seen from three cameras; lids, brightness and noise as in `eye`.
+Errors errors_over_gazes(DrawnEye eye) {
+    Errors all;
+    int count = 0;
+    for (const auto& [pitch, yaw] : {std::pair(0, 0), {8, 25}, {-20, -15}})
+        for (eye.pitch = -20; eye.pitch <= 20; eye.pitch += 10)
+            for (eye.yaw = -30; eye.yaw <= 30; eye.yaw += 10) {
+                eye.camera_pitch = pitch, eye.camera_yaw = yaw;
+                const double error = error_of(eye);
+                all.mean += error, all.largest = std::max(all.largest, error), ++count;
+            }
+    all.mean /= count;
+    MESSAGE("mean " << all.mean << ", largest " << all.largest << " degrees");
+    return all;
+}
+
+} // namespace
+
+TEST_CASE("gaze estimator: an eye wide open, 105 gazes and views") {
+    const Errors e = errors_over_gazes({});
+    CHECK(e.mean <= 0.3);
+    CHECK(e.largest <= 1);
+}
+
+TEST_CASE("gaze estimator: lids that cover the iris above and below") {
+    DrawnEye eye;
+    eye.upper = 0.4, eye.lower = 0.35;
+    const Errors e = errors_over_gazes(eye);
+    CHECK(e.mean <= 1);
+    CHECK(e.largest <= 4);
+}
+
+TEST_CASE("gaze estimator: little contrast, with noise") {
+    DrawnEye eye;
+    eye.upper = 0.5, eye.lower = 0.45;
+    eye.sclera = 0.6, eye.iris = 0.45, eye.pupil = 0.35, eye.noise = 0.03;
+    const Errors e = errors_over_gazes(eye);
+    CHECK(e.mean <= 2);
+    CHECK(e.largest <= 5);
+}
+
+TEST_CASE("gaze estimator: the upper lid's shadow on the eyeball") {
+    DrawnEye eye;
+    eye.upper = 0.5, eye.lower = 0.45, eye.shade = 0.25;
+    const Errors e = errors_over_gazes(eye);
+    CHECK(e.mean <= 1);
+    CHECK(e.largest <= 4);
+}
+
+TEST_CASE("gaze estimator: the answer is in the head's frame") {
+    DrawnEye eye;
+    eye.pitch = -7, eye.yaw = 12;
+    for (eye.head_yaw = -30; eye.head_yaw <= 30; eye.head_yaw += 15) CHECK(error_of(eye) <= 0.5);
+}
+
+TEST_CASE("gaze estimator: without an iris nothing is found") {
+    DrawnEye eye;
+    eye.upper = 0.5, eye.lower = 0.45, eye.has_iris = false;
+    CHECK_FALSE(found_in(eye));
+    eye.noise = 0.05;
+    CHECK_FALSE(found_in(eye));
+    eye.noise = 0;
+    for (eye.shade = 0.05; eye.shade < 0.5; eye.shade += 0.1) CHECK_FALSE(found_in(eye));
+    DrawnEye bright;  // no iris is brighter than the sclera
+    bright.sclera = 0.4, bright.iris = bright.pupil = 0.8;
+    CHECK_FALSE(found_in(bright));
+}
+
+TEST_CASE("gaze estimator: too few pixels of an eye, or none, say nothing") {
+    DrawnEye eye;
+    eye.upper = 0.06, eye.lower = 0.02;
+    CHECK_FALSE(found_in(eye));
+    EyePicture p = draw({});
+    p.eye.setZero();
+    CHECK_FALSE(estimate_gaze(p.image, p.eye, p.camera, p.ball).has_value());
+}
