@@ -82,9 +82,9 @@ TEST_CASE("run size: presets fit where they are meant to, and what cannot fit is
         from_json(json, "settings.json", c);
         return run_size(c, s.subject, 512, 512);
     };
-    CHECK_NOTHROW(require_room(size({}), 1e9, "x"));
-    CHECK_NOTHROW(require_room(size({}, "cpu"), 2e9, "x"));
-    CHECK_NOTHROW(require_room(size({}, "paper"), 16e9, "x"));
+    CHECK_NOTHROW(require_room(size(Json::object()), 1e9, "x"));
+    CHECK_NOTHROW(require_room(size(Json::object(), "cpu"), 2e9, "x"));
+    CHECK_NOTHROW(require_room(size(Json::object(), "paper"), 16e9, "x"));
     for (const Json& json :
          {Json{{"gaussians", {{"spacing", 1e-4}, {"spacing_slope", 0}}}, {"grid", {{"cell", 0.02}}}},
           one_field("grid.cell", 0.002), one_field("gaussians.mouth_points", 10'000'000),

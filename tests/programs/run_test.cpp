@@ -341,7 +341,7 @@ TEST_CASE("run: shapes, ranges and finiteness of a checkpoint are checked, and n
         e.shape["avatar.delta_poses"] = {1, 6};
         e.floats["avatar.delta_poses"].resize(6);
     });
-    check_refused(state, "'train_frames': got shape (0)", [](E& e) {
+    check_refused(state, "'train_frames': got shape (0,)", [](E& e) {
         e.shape["train_frames"] = {0};
         e.counts["train_frames"].clear();
     });
