@@ -255,7 +255,7 @@ struct Reader {
                 fail("a number " + text(range));
             value = found->template get<double>();
         } else if constexpr (std::is_integral_v<X>) {
-            if (!found->is_number_unsigned() || !within(found->template get<double>(), range))
+            if (!found->is_number_integer() || !within(found->template get<double>(), range))
                 fail("a whole number " + text(range));
             value = found->template get<X>();
         } else if constexpr (std::is_same_v<X, std::string>) {
@@ -265,8 +265,7 @@ struct Reader {
             if (!found->is_array() || found->size() > 64) fail("a list of layer widths");
             X list;
             for (const Json& e : *found) {
-                if (!e.is_number_unsigned() || e.template get<std::uint64_t>() < 1 ||
-                    e.template get<std::uint64_t>() > 65536)
+                if (!e.is_number_integer() || !within(e.template get<double>(), {1, 65536}))
                     fail("a list of layer widths from 1 to 65536");
                 list.push_back(e.template get<int>());
             }

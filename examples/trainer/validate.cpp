@@ -468,8 +468,8 @@ void check_eye(const CaptureFrame& f, std::size_t e, double span, const std::str
     // The eyeball that training would make of it.
     try {
         require_eyeball(eye_sizes(eye, f.scale, EyeballConfig{}.radius), where + ": " + side);
-    } catch (const Error& e) {
-        found.error("eyeball", e.what());
+    } catch (const Error& fault) {
+        found.error("eyeball", fault.what());
     }
 }
 

@@ -350,6 +350,58 @@ TEST_CASE("validate: gaze and eyes") {
     });
 }
 
+TEST_CASE("validate: what training would refuse or overflow on is an error of the capture") {
+    using T = const TinyCapture&;
+    check_error("exp_coeff: values from 0 to inf, expected a few units at most", [](T t) {
+        t.edit_all("params.npz", "exp_coeff", [](Values& v) { v[0] = 1e300; });
+    });
+    check_error("exp_coeff: values from -1e+04 to", [](T t) {
+        t.edit_one(t.params(2, "params.npz"), "exp_coeff", [](Values& v) { v[1] = -1e4; });
+    });
+    check_error("vertices.npy: vertex 3 is 1e+30 units from landmarks", [](T t) {
+        t.edit_one(t.params(1, "vertices.npy"), "", [](Values& v) { v[9] = 1e30; });
+    });
+    check_error("by which the landmarks span", [](T t) {
+        t.edit_all("params.npz", "scale", [](Values& v) { v[0] = 1e-30; });
+    });
+    check_error("iris_plane 0.220000 make no eyeball (in canonical units): eyeball_template: got an "
+                "iris plane at z = 0.220000, expected above 0 and at most",
+                [](T t) {
+                    t.edit_one(t.params(3, "gaze.npz"), "iris_plane", [](Values& v) { v[1] = 0.22; });
+                });
+}
+
+TEST_CASE("validate: two eyes that differ are usable") {
+    const TemporaryFolder folder;
+    const TinyCapture tiny(folder.path);
+    tiny.edit_all("gaze.npz", "limbus_radius", [](Values& v) { v = {0.0585, 0.06}; });
+    tiny.edit_all("gaze.npz", "eye_radius", [](Values& v) { v = {0.15, 0.14}; });
+    const Outcome outcome = info(folder.path);
+    CHECK(outcome.code == 0);
+    CHECK(outcome.printed.find("verdict       usable\n") != std::string::npos);
+    CHECK_NOTHROW(require_trainable(read_valid_capture(folder.path)));
+}
+
+TEST_CASE("validate: a capture that can be drawn but not trained on is not called usable") {
+    const auto check = [](const std::string& words, auto&& damage) {
+        const TemporaryFolder folder;
+        const TinyCapture tiny(folder.path);
+        damage(tiny);
+        const Capture capture = read_valid_capture(folder.path);
+        CHECK_FAULT(require_trainable(capture), words);
+        const Outcome outcome = info(folder.path);
+        INFO(outcome.printed);
+        CHECK(outcome.code == 0);
+        CHECK(outcome.printed.find("verdict       usable to draw and measure, not to train: ") !=
+              std::string::npos);
+        CHECK(outcome.printed.find(words) != std::string::npos);
+    };
+    check("gaze.npz: no such file, expected the gaze of every frame",
+          [](const TinyCapture& t) { fs::remove(t.params(1, "gaze.npz")); });
+    check("some images have no eye_mask_<camera>.png",
+          [](const TinyCapture& t) { fs::remove(t.image(0, 0, "eye_mask")); });
+}
+
 TEST_CASE("validate: many faults are told together, repeated ones once with their number") {
     const TemporaryFolder folder;
     const TinyCapture tiny(folder.path);
