@@ -83,7 +83,8 @@ struct DrawnTiles {
 enum class Candidacy : std::uint8_t { hidden, visible, non_finite };
 
 /// Partial gradients, one slot an entry, so that no two threads write to one: a SplatCotangent's
-/// numbers, an idle one, and the features, in whole eights. A slot that is not touched holds none.
+/// numbers, an idle one, and the features, in whole eights, as sums of lanes are written. A slot
+/// that is not touched holds none.
 template <class T>
 struct Slots {
     static constexpr Index head = 8;     ///< features begin here
@@ -100,6 +101,8 @@ struct Slots {
         if (lines.size() < need) lines.resize(need);
         touched.assign(static_cast<std::size_t>(count), 0);
     }
+    /// Features of a slot, the idle ones behind the last channel too: what a walk must write.
+    Index features() const { return stride - head; }
     T* operator[](Index slot) { return lines.data()->x + slot * stride; }
     const T* operator[](Index slot) const { return lines.data()->x + slot * stride; }
     bool is_touched(Index slot) const { return touched[static_cast<std::size_t>(slot)] != 0; }

@@ -167,14 +167,15 @@ template <class T>
     }
 }
 
-/// Channels in whole vectors, and at least in eights.
+/// Channels in whole vectors.
 template <class V>
 constexpr Index padded_channels(Index channels) {
-    constexpr Index unit = std::max<Index>(8, static_cast<Index>(V::size));
-    return (channels + unit - 1) / unit * unit;
+    constexpr Index lanes = static_cast<Index>(V::size);
+    return (channels + lanes - 1) / lanes * lanes;
 }
 
-/// The features of entries [begin, end), a row of `stride` each, with zeros behind the channels.
+/// The features of entries [begin, end), a row of `stride` each, of whole vectors or not, with
+/// zeros behind the channels.
 template <class V>
 void copy_features(const Scene<typename V::value_type>& scene, Index begin, Index end,
                    Index stride, typename V::value_type* to) {
@@ -185,7 +186,7 @@ void copy_features(const Scene<typename V::value_type>& scene, Index begin, Inde
         const T* from = scene.feature_of(k);
         Index c = 0;
         for (; c + lanes <= channels; c += lanes)
-            V::load_unaligned(from + c).store_aligned(to + c);
+            V::load_unaligned(from + c).store_unaligned(to + c);
         for (; c < channels; ++c) to[c] = from[c];
         for (; c < stride; ++c) to[c] = T(0);
     }

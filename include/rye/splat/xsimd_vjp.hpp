@@ -38,9 +38,9 @@ struct LaneTape : Workspaces::Space {
     Lines<T> steps;                     ///< of each visit: alpha and transmittance, two vectors;
                                         ///< group by group, strip by strip, from near to far
     Lines<T> cotangent;                 ///< of each strip: a vector a channel, zeros behind them
-    Lines<T> background;                ///< padded
-    // Of many channels:
-    Lines<T> feature;                   ///< of a group, padded
+    // Of many channels, as many as a slot has features:
+    Lines<T> background;
+    Lines<T> feature;                   ///< of a group
     // Of an entry's visits:
     std::uint8_t strip[Tile::count + 8];
     alignas(64) T along[Tile::count][V::size];
@@ -347,7 +347,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
     }
     const Strips<V> strips(scene, tile);
     const Index channels = scene.feature.rows();
-    const Index stride = C > 0 ? C : padded_channels<V>(channels);
+    const Index stride = C > 0 ? C : scratch.slots.features();
     const Index begin = scene.begin(tile), all = scene.trace.lists.entries();
     const Index entries = record_tile<V>(scene, accuracy, tile, strips, tape);
     const Index last = (entries - 1) / most * most;
