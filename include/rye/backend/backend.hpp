@@ -3,6 +3,7 @@
 /// of every function whose code depends on it, never a macro inside a body.
 #pragma once
 
+#include <rye/core/concepts.hpp>
 #include <rye/core/parallel.hpp>
 
 namespace rye {
@@ -11,5 +12,9 @@ namespace rye {
 /// on the backend type; everything else runs the plain template.
 template <class B>
 concept Backend = Threads<typename B::threads>;
+
+/// A backend with vectors of T: for these the tuned loops run.
+template <class B, class T>
+concept LaneBackend = Backend<B> && Real<T> && requires { typename B::template batch<T>; };
 
 } // namespace rye

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <type_traits>
+#include <utility>
 
 // Without optimisation, g++ 12 has these as macros with casts that xsimd 8.1's batches do not take.
 #if defined(__AVX512BW__) && !defined(__OPTIMIZE__) && !defined(__clang__)
@@ -52,13 +53,30 @@ const xsimd::batch<T, A>& value_of(const xsimd::batch<T, A>& x) {
     return x;
 }
 
+/// The vector of U in registers as large as those of V: doubles beside floats.
+template <class V, class U>
+struct LanesLike;
+template <class T, class A, class U>
+struct LanesLike<xsimd::batch<T, A>, U> {
+    using type = xsimd::batch<U, A>;
+};
+
 namespace detail {
 
-/// Whether a mask is a register of numbers, all bits of a lane set where it holds; x86 before
+/// Whether a mask is a register of numbers, all bits of a lane set where it holds: x86 before
 /// AVX-512, and wasm. By its type: other masks may be as large (NEON's are of integers).
+template <class M>
+inline constexpr bool wide_mask = false;
 template <class T, class A>
-inline constexpr bool wide_mask =
+inline constexpr bool wide_mask<xsimd::batch_bool<T, A>> =
     std::is_base_of_v<xsimd::types::simd_register<T, A>, xsimd::batch_bool<T, A>>;
+
+/// Whether a mask is a whole number, a bit a lane: AVX-512. Only of those that are not wide.
+template <class M>
+struct BitMask : std::false_type {};
+template <class T, class A>
+struct BitMask<xsimd::batch_bool<T, A>>
+    : std::is_unsigned<typename xsimd::batch_bool<T, A>::register_type> {};
 
 /// The sign of each lane as a bit, where an instruction gives it; elsewhere void, never called.
 void sign_bits(...);
@@ -71,19 +89,26 @@ inline int sign_bits(__m256 x) { return _mm256_movemask_ps(x); }
 inline int sign_bits(__m256d x) { return _mm256_movemask_pd(x); }
 #endif
 
+/// Whether there is one.
+template <class M>
+constexpr bool has_sign_bits() {
+    if constexpr (wide_mask<M>)
+        return std::is_same_v<decltype(sign_bits(std::declval<const M&>().data)), int>;
+    else
+        return false;
+}
+
 } // namespace detail
 
 /// A mask as bits, that of the first lane lowest. Versions of the library that do not say get the
 /// instruction, or lane after lane where there is none.
-template <class T, class A>
-[[gnu::always_inline]] inline std::uint64_t lane_bits(const xsimd::batch_bool<T, A>& mask) {
-    using M = xsimd::batch_bool<T, A>;
+template <class M>
+[[gnu::always_inline]] inline std::uint64_t lane_bits(const M& mask) {
     if constexpr (requires { mask.mask(); }) {
         return mask.mask();
-    } else if constexpr (detail::wide_mask<T, A> &&
-                         std::is_same_v<decltype(detail::sign_bits(mask.data)), int>) {
+    } else if constexpr (detail::has_sign_bits<M>()) {
         return static_cast<unsigned>(detail::sign_bits(mask.data));
-    } else if constexpr (std::is_unsigned_v<typename M::register_type>) {  // AVX-512: a bit a lane
+    } else if constexpr (!detail::wide_mask<M> && detail::BitMask<M>::value) {
         return mask.data;
     } else {
         alignas(64) bool lane[M::size];
@@ -96,14 +121,12 @@ template <class T, class A>
 }
 
 /// x where the mask holds, else 0: one instruction where a mask is a register of numbers.
-template <class T, class A>
-[[gnu::always_inline]] inline xsimd::batch<T, A> where(const xsimd::batch_bool<T, A>& mask,
-                                                       const xsimd::batch<T, A>& x) {
-    using V = xsimd::batch<T, A>;
-    if constexpr (detail::wide_mask<T, A>)
+template <class V>
+[[gnu::always_inline]] inline V where(const typename V::batch_bool_type& mask, const V& x) {
+    if constexpr (detail::wide_mask<typename V::batch_bool_type>)
         return V(mask.data) & x;
     else
-        return select(mask, x, V(T(0)));
+        return select(mask, x, V(typename V::value_type(0)));
 }
 
 } // namespace rye

@@ -73,7 +73,7 @@ namespace detail {
 /// The tiles in registers win while the outputs fill lanes and the weights stay in the cache.
 template <class B, class T>
 bool runs_in_lanes(Index outputs, Index inputs, Index width) {
-    if constexpr (HasLanes<B, T>)
+    if constexpr (LaneBackend<B, T>)
         return outputs % static_cast<Index>(B::template batch<T>::size) == 0 && width >= 8 &&
                outputs * inputs <= 64 * 128;
     else
@@ -95,7 +95,7 @@ Image<T> convolve3x3(const Columns<T>& weight, const Padded<T>& in) {
     for_chunks<typename B::threads>(
         in.height, rows_per_chunk(in.width), [&](Index b, Index e, Index) {
             for (Index y = b; y < e; ++y) {
-                if constexpr (HasLanes<B, T>)
+                if constexpr (LaneBackend<B, T>)
                     if (lanes) {
                         detail::convolve_row<typename B::template batch<T>, T>(
                             weight.data(),
@@ -146,7 +146,7 @@ void convolve3x3_vjp_weight(const Padded<T>& in, const Padded<T>& g, Columns<T>&
         for (Index y = b; y < e; ++y) {
             const typename Padded<T>::Neighbours row = g.row(y);
             for (int ky = 0; ky < 3; ++ky) {
-                if constexpr (HasLanes<B, T>)
+                if constexpr (LaneBackend<B, T>)
                     if (lanes) {
                         detail::correlate_row<typename B::template batch<T>, T>(
                             row.data(), in.under(y, ky).data(), in.width, part.col(ky * k).data(),

@@ -14,12 +14,6 @@
 
 namespace rye {
 
-/// The backend brings vectors of this scalar.
-template <class B, class T>
-concept HasLanes = Backend<B> && Real<T> && requires {
-    typename B::template batch<T>;
-};
-
 /// Numbers from memory as a V: one, or a vector; and back.
 template <class V, class T>
 V load_as(const T* from) {
@@ -46,7 +40,7 @@ V load_like(const V&, const T* from) {
 template <Backend B, class T, class F>
 void each_vector(Index begin, Index end, const F& f) {
     Index i = begin;
-    if constexpr (HasLanes<B, T>) {
+    if constexpr (LaneBackend<B, T>) {
         using V = typename B::template batch<T>;
         constexpr Index lanes = static_cast<Index>(V::size);
         for (; i + lanes <= end; i += lanes) f(std::type_identity<V>(), i);

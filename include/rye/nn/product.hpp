@@ -117,7 +117,7 @@ template <class B, class T>
 auto products_of() {
     if constexpr (requires { typename B::products; })
         return std::type_identity<typename B::products>();
-    else if constexpr (HasLanes<B, T>)
+    else if constexpr (LaneBackend<B, T>)
         return std::type_identity<TileProducts>();
     else
         return std::type_identity<EigenProducts>();

@@ -77,7 +77,7 @@ Columns<T> nearest_squared_distance(const ColumnsView<T>& points, const ColumnsV
     if (nearest) nearest->assign(static_cast<std::size_t>(n), -1);
     Index* const indices = nearest ? nearest->data() : nullptr;
     for_chunks<typename B::threads>(n, 2048, [&](Index begin, Index end, Index) {
-        if constexpr (Real<T> && requires { typename B::arch; }) {
+        if constexpr (LaneBackend<B, T>) {
             using Batch = typename B::template batch<T>;
             detail::nearest_in_lanes<Batch, T>(points, landmarks, begin, end, squared, indices);
         } else {

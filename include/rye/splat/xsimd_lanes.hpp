@@ -18,10 +18,6 @@
 
 namespace rye {
 
-/// A backend with vectors of T: for these the tuned walks run.
-template <class B, class T>
-concept LaneBackend = Backend<B> && Real<T> && requires { typename B::template batch<T>; };
-
 /// f(0) ... f(N - 1) with constant arguments, so that arrays indexed by them stay in registers.
 template <int N, class F>
 [[gnu::always_inline]] inline void unrolled(F&& f) {
@@ -73,9 +69,8 @@ struct RealOf<Bundle<V, N>> {
 
 /// Whether lanes can be filled with a pair of numbers, over and over, by one instruction.
 template <class V>
-concept LoadsPairs = std::is_same_v<typename V::value_type, float> && requires {
-    xsimd::batch<double, typename V::arch_type>();
-};
+concept LoadsPairs = std::is_same_v<typename V::value_type, float> &&
+                     2 * LanesLike<V, double>::type::size == V::size;
 
 /// n numbers over and over; n is 1, or 2 where pairs can be loaded.
 template <int n, class V>
@@ -85,7 +80,7 @@ template <int n, class V>
     } else {
         double pair;
         std::memcpy(&pair, numbers, sizeof pair);
-        return cast_bits<V>(xsimd::batch<double, typename V::arch_type>(pair));
+        return cast_bits<V>(typename LanesLike<V, double>::type(pair));
     }
 }
 
