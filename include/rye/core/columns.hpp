@@ -11,6 +11,10 @@
 
 #include <rye/core/config.hpp>
 
+#if !EIGEN_VERSION_AT_LEAST(3, 4, 0)
+#error "rye: got an older Eigen, expected 3.4 or newer"
+#endif
+
 namespace rye {
 
 template <class T>
