@@ -7,6 +7,8 @@
 #include <rye/avatar/hold.hpp>
 #include <rye/train/checkpoint.hpp>
 
+#include "json_io.hpp"
+
 namespace rye::trainer {
 namespace {
 
@@ -126,7 +128,8 @@ TrainState load_checkpoint(const std::filesystem::path& run) {
     };
     try {
         s.config = preset("paper");
-        from_json(nlohmann::ordered_json::parse(word("config")), who, s.config);
+        from_json(parse_json_text<nlohmann::ordered_json>(word("config"), who + ": metadata 'config'"),
+                  who, s.config);
     } catch (const nlohmann::json::exception& e) {
         throw Error(who + ": metadata 'config': " + e.what());
     }
