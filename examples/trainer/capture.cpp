@@ -6,12 +6,12 @@
 #include <set>
 #include <span>
 
-#include <nlohmann/json.hpp>
-
 #include <rye/capture/npy.hpp>
 #include <rye/capture/npz.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/linalg.hpp>
+
+#include "json_io.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -303,14 +303,9 @@ std::set<std::string> list_cameras(const fs::path& folder, const std::set<std::s
 /// capture.json, or null where there is none.
 Json read_description(const fs::path& path) {
     if (!fs::exists(path)) return nullptr;
-    const Bytes bytes = read_file(path, 1ULL << 26U);
-    try {
-        Json json = Json::parse(as_text(bytes));
-        require(json.is_object(), path.string(), "expected an object");
-        return json;
-    } catch (const Json::exception& e) {
-        throw Error(path.string() + ": not JSON: " + e.what());
-    }
+    Json json = read_json(path);
+    require(json.is_object(), path.string(), "expected an object");
+    return json;
 }
 
 /// A list of strings; empty where the key is absent.

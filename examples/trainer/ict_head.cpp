@@ -8,11 +8,10 @@
 #include <map>
 #include <memory>
 
-#include <nlohmann/json.hpp>
-
 #include <rye/capture/npz.hpp>
 #include <rye/core/random.hpp>
 
+#include "json_io.hpp"
 #include "skin_paint.hpp"
 
 namespace rye::trainer {
@@ -111,9 +110,8 @@ struct Names {
 };
 
 Names read_names(const fs::path& path) {
-    const Bytes bytes = read_file(path);
+    const nlohmann::json json = read_json(path);
     try {
-        const auto json = nlohmann::json::parse(as_text(bytes));
         return {json.at("expressions").get<std::vector<std::string>>(),
                 json.at("identity").get<std::vector<std::string>>()};
     } catch (const nlohmann::json::exception& e) {

@@ -5,16 +5,14 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 #include <iterator>
-
-#include <nlohmann/json.hpp>
 
 #include <rye/avatar/dispatch.hpp>
 #include <rye/gaussian/activate.hpp>
 #include <rye/gaussian/ply.hpp>
 #include <rye/math/rotation.hpp>
 
+#include "json_io.hpp"
 #include "options.hpp"
 #include "photographs.hpp"
 #include "steps.hpp"
@@ -143,7 +141,7 @@ std::string explain_photographs(const std::filesystem::path& folder, const Profi
     RenderFacts render;
     std::size_t frames = 0;
     try {
-        const nlohmann::json json = nlohmann::json::parse(std::ifstream(path));
+        const nlohmann::json json = read_json(path);
         const auto of = [&](const char* key) { return json.value(key, 0.0); };
         render.size = render.wanted = {of("w"), of("h")};
         frames = json.at("frames").size();

@@ -3,27 +3,15 @@
 
 #include <array>
 #include <cmath>
-#include <fstream>
-
-#include <nlohmann/json.hpp>
 
 #include "image_io.hpp"
+#include "json_io.hpp"
 
 namespace rye::trainer {
 namespace {
 
 using Json = nlohmann::json;
 namespace fs = std::filesystem;
-
-Json parsed(const fs::path& path) {
-    std::ifstream in(path);
-    require(in.good(), path.string(), "no such file");
-    try {
-        return Json::parse(in);
-    } catch (const Json::exception& e) {
-        throw Error(path.string() + ": " + e.what());
-    }
-}
 
 /// A number of the frame, or else of the file.
 double number(const Json& file, const Json& frame, const char* key, double otherwise) {
@@ -89,13 +77,13 @@ bool Photograph::bent() const {
     return lens.k1 != 0 || lens.k2 != 0 || lens.k3 != 0 || lens.p1 != 0 || lens.p2 != 0;
 }
 
-std::vector<Photograph> read_photographs(const fs::path& path) {
-    const Json json = parsed(path);
+std::vector<Photograph> parse_photographs(std::string_view text, const std::string& name) {
+    const Json json = parse_json_text(text, name);
     std::vector<Photograph> all;
-    std::string who = path.string();
+    std::string who = name;
     try {
         for (const Json& frame : json.at("frames")) {
-            who = path.string() + ": frame " + std::to_string(all.size());
+            who = name + ": frame " + std::to_string(all.size());
             all.push_back(photograph(json, frame));
         }
     } catch (const Json::exception& e) {
@@ -106,8 +94,12 @@ std::vector<Photograph> read_photographs(const fs::path& path) {
     return all;
 }
 
+std::vector<Photograph> read_photographs(const fs::path& path) {
+    return parse_photographs(as_text(read_file(path, max_json_bytes)), path.string());
+}
+
 std::vector<double> lens_coefficients(const fs::path& path) {
-    const Json json = parsed(path);
+    const Json json = read_json(path);
     std::vector<double> all;
     try {
         const auto add = [&](const Json& from) {

@@ -6,6 +6,7 @@
 
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <rye/geometry/camera.hpp>
@@ -22,6 +23,8 @@ struct Photograph {
 };
 
 /// All of them; Error for a lens of another model, naming the file and the frame.
+/// The first from the text of the file; `name` names it in errors.
+std::vector<Photograph> parse_photographs(std::string_view text, const std::string& name);
 std::vector<Photograph> read_photographs(const std::filesystem::path& transforms_json);
 
 /// Coefficients of the lenses of the file and of its frames, whatever their model; {} for none.

@@ -8,6 +8,8 @@
 #include <rye/avatar/hold.hpp>
 #include <rye/train/checkpoint.hpp>
 
+#include "json_io.hpp"
+
 namespace rye::trainer {
 namespace {
 
@@ -346,7 +348,8 @@ TrainState load_checkpoint(const std::filesystem::path& run) {
     TrainState s;
     try {
         s.config = preset("paper");
-        from_json(Json::parse(word("config")), who + ": metadata 'config'", s.config);
+        const std::string field = who + ": metadata 'config'";
+        from_json(parse_json_text<Json>(word("config"), field), field, s.config);
     } catch (const nlohmann::json::exception& e) {
         throw Error(who + ": metadata 'config': " + e.what());
     }

@@ -16,6 +16,7 @@
 #include <rye/train/probe.hpp>
 
 #include "commands.hpp"
+#include "json_io.hpp"
 #include "options.hpp"
 #include "panel.hpp"
 #include "run_folder.hpp"
@@ -310,11 +311,9 @@ void take_steps(const TrainOptions& o, TrainConfig& config) {
 TrainConfig config_of(const TrainOptions& o) {
     TrainConfig config = preset(o.preset);
     if (!o.config.empty()) {
-        std::ifstream file(o.config);
-        require(file.good(), o.config.string(), "cannot be read");
         try {
-            from_json(nlohmann::ordered_json::parse(file, nullptr, true, true), o.config.string(),
-                      config);
+            from_json(read_json<nlohmann::ordered_json>(o.config, JsonComments::skipped),
+                      o.config.string(), config);
         } catch (const nlohmann::json::exception& e) {
             throw Error(o.config.string() + ": " + e.what());
         }

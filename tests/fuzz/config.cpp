@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+/// tests/fuzz/config.cpp: any text as a run's configuration; one that is read comes back when it is
+/// written.
+#include "fuzz.hpp"
+
+#include "config.hpp"
+#include "json_io.hpp"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+    using namespace rye;
+    using Json = nlohmann::ordered_json;
+    const std::string text(reinterpret_cast<const char*>(data), size);
+    fuzz::attempt([&] {
+        trainer::TrainConfig config = trainer::preset("tiny"), again = trainer::preset("paper");
+        trainer::from_json(trainer::parse_json_text<Json>(text, fuzz::name,
+                                                          trainer::JsonComments::skipped),
+                           fuzz::name, config);
+        const std::string written = trainer::to_json(config).dump();
+        trainer::from_json(trainer::parse_json_text<Json>(written, fuzz::name), fuzz::name, again);
+        fuzz::demand(trainer::to_json(again).dump() == written, "it comes back");
+    });
+    return 0;
+}

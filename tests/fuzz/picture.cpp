@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+/// tests/fuzz/picture.cpp: any bytes as a PNG or JPEG. The checksums of a PNG's chunks are put right
+/// first, so that changed chunks are read and not only refused.
+#include "fuzz.hpp"
+
+#include <rye/capture/inflate.hpp>
+
+#include "image_io.hpp"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+    using namespace rye;
+    Bytes bytes(fuzz::bytes_of(data, size).begin(), fuzz::bytes_of(data, size).end());
+    const auto big_endian = [&](std::size_t at) {
+        return std::uint32_t(data[at]) << 24U | std::uint32_t(data[at + 1]) << 16U |
+               std::uint32_t(data[at + 2]) << 8U | data[at + 3];
+    };
+    for (std::size_t at = 8; size > 8 && data[0] == 0x89 && at + 12 <= size;) {
+        const std::size_t length = big_endian(at);
+        if (length > size - at - 12) break;
+        const std::uint32_t crc = crc32(ByteSpan(bytes).subspan(at + 4, length + 4));
+        for (std::size_t i = 0; i < 4; ++i)
+            bytes[at + 8 + length + i] = static_cast<std::byte>(crc >> (24 - 8 * i));
+        at += 12 + length;
+    }
+    fuzz::attempt([&] { trainer::decode_image(bytes, fuzz::name, 3); });
+    return 0;
+}

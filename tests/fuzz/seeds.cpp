@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: Apache-2.0
+/// seeds FOLDER: writes what the fuzz targets begin with, by the project's own writers, to
+/// FOLDER/<target>/, and dictionaries to FOLDER/<target>.dict.
+#include <fstream>
+#include <iostream>
+#include <sstream>
+
+#include <rye/capture/npz.hpp>
+#include <rye/capture/safetensors.hpp>
+#include <rye/gaussian/ply.hpp>
+
+#include "config.hpp"
+#include "image_codecs.hpp"
+
+namespace {
+
+namespace fs = std::filesystem;
+using namespace rye;
+
+fs::path out;
+
+void seed(const std::string& target, const std::string& name, ByteSpan bytes) {
+    fs::create_directories(out / target);
+    write_atomic(out / target / name, bytes, Durability::atomic_only);
+}
+void seed(const std::string& target, const std::string& name, const std::string& text) {
+    seed(target, name, as_bytes(text));
+}
+
+void dictionary(const std::string& target, const std::vector<std::string>& words) {
+    std::ofstream file(out / (target + ".dict"));
+    for (const std::string& word : words) file << json_string(word) << "\n";
+}
+
+void ply() {
+    for (const int degree : {0, 1, 3}) {
+        GaussianCloud<float> cloud(3, degree);
+        GaussianCloud<float>::fields(
+            [](const std::string&, Columns<float>& a) { a.setConstant(0.5F); }, cloud);
+        std::ostringstream text;
+        write_ply(text, cloud);
+        seed("ply", "degree" + std::to_string(degree), text.str());
+    }
+    std::string ascii = "ply\nformat ascii 1.0\nelement camera 1\nproperty int a\nelement vertex 1\n";
+    std::vector<std::string> words{"ply\n", "format ascii 1.0\n", "format binary_little_endian 1.0\n",
+                                   "element vertex ", "element foo ", "property list uchar int v\n",
+                                   "end_header\n", "comment ", "549755813888", "1e300", "nan"};
+    for (const char* name : {"x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0",
+                             "scale_1", "rot_0", "rot_1", "rot_2", "rot_3"}) {
+        words.push_back("property float " + std::string(name) + "\n");
+        ascii += words.back();
+    }
+    for (const char* type : {"char", "uint8", "short", "ushort", "int", "uint", "double"})
+        words.push_back(type);
+    seed("ply", "ascii", ascii + "end_header\n7\n1 2 3 .1 .2 .3 -1 -2 -3 1 0 0 0\n");
+    dictionary("ply", words);
+}
+
+void arrays() {
+    NpzArrays all;
+    const auto add = [&](const std::string& name, const NpyArray& array) {
+        all[name] = array;
+        seed("npy", name, npy_bytes(array));
+    };
+    add("points", npy_array(Columns<float>(Columns<float>::Constant(3, 5, 0.25F))));
+    add("pose", npy_array(Columns<double>(Columns<double>::Constant(6, 1, -1.5))));
+    const std::vector<std::int64_t> counts{1, -2, 3};
+    add("counts", npy_array<std::int64_t>({3, 1, 1}, counts));
+    add("none", npy_array<std::int64_t>({0, 3}, {}));
+    std::string fortran(as_text(npy_bytes(all["points"])));
+    fortran.replace(fortran.find("False, "), 7, "True,  ");
+    fortran.replace(fortran.find('<'), 1, ">");
+    seed("npy", "fortran", fortran);
+    dictionary("npy", {"'descr': ", "'fortran_order': ", "'shape': ", "True", "False", "'>f8'",
+                       "'|b1'", "'<u2'", "4611686018427387904, ", "(0, ", "{", "}"});
+    seed("npz", "stored", npz_bytes(all));
+    // Raw deflate from a PNG of our own: behind the head of zlib's stream, without its checksum.
+    for (const int side : {4, 64}) {
+        trainer::Image8 image{side, side, 1, {}};
+        for (int i = 0; i < side * side; ++i)
+            image.values.push_back(static_cast<std::uint8_t>(i * i / 7));
+        const Bytes png = trainer::encode_png(image, "seed");
+        const std::size_t data = as_text(png).find("IDAT") + 6, end = as_text(png).find("IEND") - 12;
+        Bytes deflated;
+        append(deflated, static_cast<std::uint32_t>((side + 1) * side));
+        append(deflated, ByteSpan(png).subspan(data, end - data));
+        seed("npz", "deflate" + std::to_string(side), deflated);
+    }
+    dictionary("npz", {"PK\x03\x04", "PK\x01\x02", "PK\x05\x06", "PK\x06\x06", "PK\x06\x07", ".npy"});
+    const Columns<float> weight = Columns<float>::Constant(3, 2, 1);
+    const Columns<double> moment = Columns<double>::Constant(2, 1, 2);
+    const std::vector<std::uint8_t> flags{1, 0, 255};
+    write_safetensors(out / "tensors",
+                      {tensor_entry("w", weight), tensor_entry("m", moment),
+                       tensor_entry<std::int64_t>("step", {3}, counts),
+                       tensor_entry<std::uint8_t>("flags", {3}, flags)},
+                      {{"format", "rye"}, {"words", "\"quoted\""}});
+    seed("safetensors", "four", read_file(out / "tensors"));
+    fs::remove(out / "tensors");
+    dictionary("safetensors", {"__metadata__", "dtype", "shape", "data_offsets", "F32", "F64", "I64",
+                               "U8", "[0,0]", "4294967296", "\\u00e9", "\\ud83d\\ude00"});
+}
+
+void pictures() {
+    std::vector<std::string> words{"IHDR", "PLTE", "tRNS", "IDAT", "IEND", "gAMA", "iCCP", "zTXt"};
+    for (const int marker : {0xC0, 0xC1, 0xC2, 0xC4, 0xD8, 0xD9, 0xDA, 0xDB, 0xDD, 0xE0, 0xEE})
+        words.push_back({'\xFF', static_cast<char>(marker)});
+    std::ofstream file(out / "picture.dict");
+    for (const std::string& word : words) {
+        file << '"';
+        for (const char c : word) {
+            constexpr std::string_view hex = "0123456789abcdef";
+            const auto u = static_cast<unsigned char>(c);
+            file << "\\x" << hex[u >> 4U] << hex[u & 15U];
+        }
+        file << "\"\n";
+    }
+    for (const int channels : {1, 2, 3, 4}) {
+        trainer::Image8 image{19, 11, channels, {}};
+        for (int i = 0; i < 19 * 11 * channels; ++i)
+            image.values.push_back(static_cast<std::uint8_t>(i * 37 + i / 11));
+        const std::string name = std::to_string(channels);
+        seed("picture", "png" + name, trainer::encode_png(image, name));
+        if (channels % 2 == 0) continue;
+        for (const int quality : {30, 95})
+            seed("picture", "jpeg" + name + "-" + std::to_string(quality),
+                 trainer::encode_jpeg(image, quality, name));
+    }
+}
+
+void texts() {
+    std::vector<std::string> words;
+    for (const char* name : {"tiny", "cpu", "paper"}) {
+        const auto json = trainer::to_json(trainer::preset(name));
+        seed("config", name, json.dump());
+        const auto each = [&](auto&& self, const nlohmann::ordered_json& object) -> void {
+            for (const auto& [key, value] : object.items()) {
+                words.push_back("\"" + key + "\":");
+                if (value.is_object()) self(self, value);
+            }
+        };
+        if (words.empty()) each(each, json);
+    }
+    dictionary("config", words);
+    seed("capture", "small",
+         std::string(R"({"subject":"a","image_size":[48,48],"camera_ids":["c0","c1","c2"],)") +
+             R"("train_frames":["0000"],"test_frames":["0001"],"exp_names":["jaw","smile"],)" +
+             R"("conventions":{"image":"over black"}})");
+    seed("capture", "empty", "{}");
+    dictionary("capture", {"\"subject\":", "\"camera_ids\":", "\"train_frames\":", "\"0000\"",
+                           "\"test_frames\":", "\"novel_gaze_test_frames\":", "\"exp_names\":",
+                           "\"independent_gaze_test_frames\":", "\"conventions\":", "\"image\":",
+                           "\"image_size\":", "[48,48]", "1e999", "[[[["});
+    const std::string matrix = R"("transform_matrix":[[1,0,0,0],[0,1,0,0],[0,0,1,2],[0,0,0,1]])";
+    seed("transforms", "file", R"({"w":64,"h":48,"fl_x":50,"k1":0.1,"frames":[{)" + matrix + "}]}");
+    seed("transforms", "frame", R"({"camera_angle_x":0.7,"frames":[{"w":64,"h":48,"cx":30,"fl_y":9,)" +
+                                    std::string(R"("camera_model":"PINHOLE","file_path":"a",)") +
+                                    matrix + "}]}");
+    dictionary("transforms", {"\"frames\":", "\"transform_matrix\":", "\"camera_model\":", "\"w\":",
+                              "\"OPENCV\"", "\"camera_angle_x\":", "\"fl_x\":", "\"k4\":", "1e308"});
+}
+
+} // namespace
+
+int main(int count, char** words) try {
+    if (count != 2) {
+        std::cerr << "usage: seeds FOLDER\n";
+        return 2;
+    }
+    out = words[1];
+    fs::create_directories(out);
+    ply();
+    arrays();
+    pictures();
+    texts();
+    return 0;
+} catch (const std::exception& e) {
+    std::cerr << "seeds: " << e.what() << "\n";
+    return 1;
+}
