@@ -7,6 +7,7 @@
 
 #include <doctest/doctest.h>
 
+#include "../support/array_lanes.hpp"
 #include "scenes.hpp"
 
 using namespace rye;
@@ -17,14 +18,19 @@ namespace {
 template <class T>
 using Batch = xsimd::batch<T, xsimd::default_arch>;
 
+/// Vectors of this machine, and of every width by arrays.
+#define EVERY_VECTOR                                                                             \
+    Batch<float>, Batch<double>, ArrayLanes<float, 4>, ArrayLanes<float, 8>,                     \
+        ArrayLanes<float, 16>, ArrayLanes<double, 2>, ArrayLanes<double, 4>, ArrayLanes<double, 8>
+
 struct Met {
     int needed = 0, said = 0;            ///< pairs of a strip and an entry
 };
 
 /// Every pixel that an entry can reach must lie in a strip that is said to meet it.
-template <class T>
-Met check_reach(const Scenery<T>& s) {
-    using V = Batch<T>;
+template <class V>
+Met check_reach(const Scenery<typename V::value_type>& s) {
+    using T = typename V::value_type;
     using Tile = Strips<V>;
     using Group = LaneGroup<V>;
     const Rasterizer<XsimdBackend<>> rasterizer;
@@ -64,8 +70,9 @@ Met check_reach(const Scenery<T>& s) {
 
 } // namespace
 
-TEST_CASE_TEMPLATE("a tile's pixels are each a lane of one strip", T, float, double) {
-    using Tile = Strips<Batch<T>>;
+TEST_CASE_TEMPLATE("a tile's pixels are each a lane of one strip", V, EVERY_VECTOR) {
+    using T = typename V::value_type;
+    using Tile = Strips<V>;
     const auto s = random_scene<T>(40, 3, 1);
     const Rasterizer<XsimdBackend<>> rasterizer;
     const auto raster = rasterizer.forward(s.gaussians, s.camera, s.background);
@@ -98,8 +105,8 @@ TEST_CASE_TEMPLATE("a tile's pixels are each a lane of one strip", T, float, dou
     }
 }
 
-TEST_CASE_TEMPLATE("a mask's lanes are its bits", T, float, double) {
-    using V = Batch<T>;
+TEST_CASE_TEMPLATE("a mask's lanes are its bits", V, EVERY_VECTOR) {
+    using T = typename V::value_type;
     constexpr int lanes = int(V::size);
     alignas(64) T x[lanes];
     for (int shown = 0; shown < (1 << lanes); shown += 1 + shown / 7) {
@@ -108,17 +115,18 @@ TEST_CASE_TEMPLATE("a mask's lanes are its bits", T, float, double) {
     }
 }
 
-TEST_CASE_TEMPLATE("strips meet every entry that reaches a pixel, and few others", T, float,
-                   double) {
+TEST_CASE_TEMPLATE("strips meet every entry that reaches a pixel, and few others", V,
+                   EVERY_VECTOR) {
+    using T = typename V::value_type;
     Met all;
     for (std::uint64_t seed = 0; seed < 4; ++seed)
         for (const double size : {0.01, 0.08, 0.4}) {
-            const Met met = check_reach(random_scene<T>(200, 1, seed, size));
+            const Met met = check_reach<V>(random_scene<T>(200, 1, seed, size));
             all.needed += met.needed;
             all.said += met.said;
         }
     // An entry may pass between the pixels of a strip.
     MESSAGE("strips named over strips reached: " << double(all.said) / all.needed);
     CHECK(all.said < 1.2 * all.needed);
-    for (const auto& s : hard_scenes<T>(1)) check_reach(s);
+    for (const auto& s : hard_scenes<T>(1)) check_reach<V>(s);
 }

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+/// tests/widths/layers_reference.hpp: derivatives of networks by duals through plain loops, which
+/// those in lanes are held against. Compiled once, for all widths.
+#pragma once
+
+#include <rye/nn/mlp.hpp>
+#include <rye/nn/upsampler.hpp>
+
+namespace rye::test {
+
+/// Where a network is looked at, in which direction, and the weights of its outputs.
+template <class P>
+struct Probe {
+    P network, d_network;
+    Columns<double> in, d_in, weights;
+    VecX<double> frame, d_frame;         ///< of an Mlp
+    int width = 0, height = 0;           ///< of an upsampler's input
+};
+
+/// What a network gives, and <weights, J d>.
+struct Answer {
+    Columns<double> out;
+    double slope;
+};
+Answer answer(const Probe<Mlp<double>>& p);
+Answer answer(const Probe<Upsampler<double>>& p);
+
+} // namespace rye::test
