@@ -35,7 +35,13 @@ configured() {
         -DEigen3_DIR="$work/Eigen3-$2" -Dxsimd_DIR="$work/xsimd-$3" > "$work/out.txt" 2>&1
 }
 fail() { cat "$work/out.txt"; echo "FAILED: $*"; exit 1; }
-accepts() { configured "$@" || fail "refuses Eigen $2 and xsimd $3 by $1"; }
+accepts() { # a package that CMake passes over for the system's is not taken either
+    configured "$@" || fail "refuses Eigen $2 and xsimd $3 by $1"
+    for taken in "Eigen3-$2" "xsimd-$3"; do
+        grep -q "_DIR:.*=$work/$taken\$" "$work/build_$1/CMakeCache.txt" ||
+            fail "does not take $taken by $1"
+    done
+}
 refuses() { # WAY EIGEN XSIMD WORDS
     if configured "$1" "$2" "$3"; then fail "accepts Eigen $2 and xsimd $3 by $1"; fi
     tr -s '\n ' '  ' < "$work/out.txt" | grep -q "$4" || fail "no word of '$4'"
