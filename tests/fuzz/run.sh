@@ -10,6 +10,8 @@
 #   SECONDS_EACH  instead of MINUTES
 #   OUT           folder of corpora, logs and crashes, kept between runs (BUILD/out)
 #   TIMEOUT       seconds that one input may take (1)
+#   LOADER        what the programs are started by, such as a dynamic loader brought to a machine
+#                 whose own C library is older
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 minutes=${1:-0}
@@ -39,7 +41,8 @@ BIN=$(cd "$BIN" && pwd)
 out=${OUT:-$BIN/out}
 mkdir -p "$out"
 out=$(cd "$out" && pwd)
-"$BIN/seeds" "$out/seeds"
+# shellcheck disable=SC2086 # a program and its options
+${LOADER:-} "$BIN/seeds" "$out/seeds"
 
 # An input may ask for no more memory than it can hold: packed a thousandfold, and in a picture each
 # bit a pixel of 3 or 4 bytes.
@@ -58,8 +61,8 @@ one() {
     [ ! -d "$here/crashes/$1" ] || set -- "$@" "$here/crashes/$1"
     target=$1 process=$2 search=$3
     shift 3
-    # shellcheck disable=SC2046 # a list of options
-    "$BIN/fuzz_$target" $(limits "$target") -max_total_time="$search" -timeout="${TIMEOUT:-1}" \
+    # shellcheck disable=SC2046,SC2086 # lists of options
+    ${LOADER:-} "$BIN/fuzz_$target" $(limits "$target") -max_total_time="$search" -timeout="${TIMEOUT:-1}" \
         -rss_limit_mb=2048 -dict="$out/seeds/$target.dict" -print_final_stats=1 -verbosity=1 \
         -artifact_prefix="$out/crashes/$target/" "$@" > "$out/$target-$process.log" 2>&1 ||
         echo "$target: crash, see $out/$target-$process.log" >&2

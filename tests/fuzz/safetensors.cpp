@@ -9,7 +9,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     fuzz::attempt([&] {
         const Safetensors file = parse_safetensors(fuzz::bytes_of(data, size), fuzz::name);
         std::size_t held = 0;
-        for (const auto& [key, tensor] : file.tensors()) {
+        for (const auto& item : file.tensors()) {
+            const std::string& key = item.first;
+            const TensorEntry& tensor = item.second;
             held += tensor.bytes.size();
             fuzz::attempt([&] { file.columns<float>(key); });
             fuzz::attempt([&] { file.columns<double>(key); });

@@ -7,6 +7,8 @@
 
 #include <doctest/doctest.h>
 
+#include "json_io.hpp"
+
 using namespace rye;
 using namespace rye::trainer;
 namespace fs = std::filesystem;
@@ -67,6 +69,25 @@ TEST_CASE("photographs: what is no lens of OPENCV, or no camera, is refused by n
     refused(R"({"frames": [)" + frame + "}]}", "w and h");
     refused("{", "json");
     CHECK_THROWS_AS(read_photographs("no such file"), Error);
+}
+
+TEST_CASE("json: text nested too deep is refused, wherever it is read") {
+    const std::string deep(100000, '['), closed = deep + std::string(100000, ']');
+    for (const std::string& text : {deep, closed, "{\"frames\": " + closed + "}"}) {
+        CHECK_THROWS_WITH_AS(parse_json_text(text, "x.json"),
+                             doctest::Contains("x.json: not JSON that is read here"), Error);
+        CHECK_THROWS_WITH_AS(parse_photographs(text, "x.json"), doctest::Contains("deeper"), Error);
+        CHECK_THROWS_WITH_AS(
+            parse_json_text<nlohmann::ordered_json>(text, "x.json", JsonComments::skipped),
+            doctest::Contains("deeper than 64"), Error);
+    }
+    const auto nested = [](std::size_t n) { return std::string(n, '[') + std::string(n, ']'); };
+    CHECK(parse_json_text(nested(64), "x.json").is_array());
+    CHECK_THROWS_AS(parse_json_text(nested(66), "x.json"), Error);
+    CHECK_THROWS_WITH_AS(parse_json_text("{", "x.json"), doctest::Contains("x.json: not JSON"),
+                         Error);
+    CHECK(parse_json_text("[1, 2] // a comment", "x.json", JsonComments::skipped).size() == 2);
+    CHECK_THROWS_AS(parse_json_text("[1, 2] // a comment", "x.json"), Error);
 }
 
 TEST_CASE("photographs: those of the data folder, where there is one") {
