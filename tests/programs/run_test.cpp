@@ -3,11 +3,16 @@
 
 #include <chrono>
 #include <cmath>
+#include <csignal>
 #include <fstream>
+#include <iostream>
 #include <iterator>
 #include <map>
+#include <sstream>
 #include <string>
 #include <vector>
+
+#include <sys/resource.h>
 
 #include <doctest/doctest.h>
 
@@ -49,6 +54,24 @@ TrainState sight_state() {
     t.adam.step = 7;
     s.avatar = {};
     s.avatar_adam = {};
+    return s;
+}
+
+/// A grey picture, all of it eyes.
+AvatarSample<float> small_sample(const TrainState& state) {
+    AvatarSample<float> s;
+    s.drivers = test::tiny_drivers<float>();
+    s.frame = 1;
+    s.camera = test::tiny_camera(32, 24).cast<float>();
+    const Index pixels = 32 * 24;
+    s.truth_small = Image<float>(32, 24, 3);
+    s.truth_small.pixels.setConstant(0.5f);
+    s.truth = Image<float>(64, 48, 3);
+    s.truth.pixels.setConstant(0.5f);
+    for (Columns<float>* a : {&s.visible_small, &s.eyes_small, &s.mask_small})
+        *a = Columns<float>::Ones(1, pixels);
+    for (Columns<float>* a : {&s.visible, &s.eyes}) *a = Columns<float>::Ones(1, 4 * pixels);
+    s.background = s.blank = VecX<float>::Ones(state.config.avatar.channels);
     return s;
 }
 
@@ -127,20 +150,8 @@ TEST_CASE("run: a step by lines of sight moves kappa, and the rate 0 keeps it") 
         state.config.gaussians.rates.kappa = rate;
         state.config.gaussians.weights.eye_smooth = 0;
         const Columns<float> before = state.visual->avatar.eyes.kappa;
-        AvatarSample<float> s;
-        s.drivers = test::tiny_drivers<float>();
-        s.camera = test::tiny_camera(32, 24).cast<float>();
-        const Index pixels = 32 * 24;
-        s.truth_small = Image<float>(32, 24, 3);
-        s.truth_small.pixels.setConstant(0.5f);
-        s.truth = Image<float>(64, 48, 3);
-        s.truth.pixels.setConstant(0.5f);
-        for (Columns<float>* a : {&s.visible_small, &s.eyes_small, &s.mask_small})
-            *a = Columns<float>::Ones(1, pixels);
-        for (Columns<float>* a : {&s.visible, &s.eyes}) *a = Columns<float>::Ones(1, 4 * pixels);
-        s.background = s.blank = VecX<float>::Ones(state.config.avatar.channels);
-        const StepReport report =
-            avatar_steps(state, {})->step(state, s, 1, [](const char*) {});
+        const StepReport report = avatar_steps(state, {})->step(state, small_sample(state), 1,
+                                                                [](const char*) {});
         CHECK(report.bad_field.empty());
         CHECK(state.step == 1);
         const Columns<float>& after = state.visual->avatar.eyes.kappa;
@@ -234,23 +245,6 @@ TrainState state_of_different_eyes() {
     s.subject.limbus_radius = {0.045, 0.07};
     s.subject.iris_plane = {0.1, 0.1};
     pretrain_mesh(s);
-    return s;
-}
-
-AvatarSample<float> small_sample(const TrainState& state) {
-    AvatarSample<float> s;
-    s.drivers = test::tiny_drivers<float>();
-    s.frame = 1;
-    s.camera = test::tiny_camera(32, 24).cast<float>();
-    const Index pixels = 32 * 24;
-    s.truth_small = Image<float>(32, 24, 3);
-    s.truth_small.pixels.setConstant(0.5f);
-    s.truth = Image<float>(64, 48, 3);
-    s.truth.pixels.setConstant(0.5f);
-    for (Columns<float>* a : {&s.visible_small, &s.eyes_small, &s.mask_small})
-        *a = Columns<float>::Ones(1, pixels);
-    for (Columns<float>* a : {&s.visible, &s.eyes}) *a = Columns<float>::Ones(1, 4 * pixels);
-    s.background = s.blank = VecX<float>::Ones(state.config.avatar.channels);
     return s;
 }
 
@@ -496,6 +490,48 @@ TEST_CASE("run folder: a run is replaced when the new one has a checkpoint, not 
     CHECK(load_checkpoint(folder.path).config.seed == 77);
     CHECK(!fs::exists(folder.path / "panels" / "step_0000500.png"));
     CHECK(files_in(folder.path) == 4); // and nothing beside them
+}
+
+TEST_CASE("run folder: a log that has no room has whole lines only, a checkpoint stays, and both say") {
+    const Folder folder;
+    TrainState state = tiny_state();
+    RunFolder run(folder.path, state, Beginning::fresh);
+    run.save(state);
+    const std::string before = text_in(folder.path / "checkpoint.safetensors");
+    std::ostringstream told;
+    std::streambuf* const usual = std::cerr.rdbuf(told.rdbuf());
+    std::string fault;
+    rlimit limit{};
+    REQUIRE(::getrlimit(RLIMIT_FSIZE, &limit) == 0);
+    const rlimit little{1000, limit.rlim_max};
+    const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+    REQUIRE(::setrlimit(RLIMIT_FSIZE, &little) == 0);
+    for (int step = 20; step <= 1000; step += 20) run.log({{"stage", "avatar"}, {"step", step}});
+    state.step = 1;
+    try {
+        run.save(state);
+    } catch (const Error& e) {
+        fault = e.what();
+    }
+    ::setrlimit(RLIMIT_FSIZE, &limit);
+    std::signal(SIGXFSZ, handler);
+    std::cerr.rdbuf(usual);
+    const std::string log = text_in(folder.path / "log.jsonl");
+    CHECK(log.size() > 900);
+    CHECK(log.size() <= 1000);
+    CHECK(log.back() == '\n');
+    int damaged = 0;
+    state.step = 1000;
+    CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == log);
+    CHECK(damaged == 0);
+    CHECK(told.str().find("log.jsonl: cannot be written: File too large; lines of it are left out\n") !=
+          std::string::npos);
+    CHECK(fault.find("checkpoint.safetensors: cannot be written: File too large") !=
+          std::string::npos);
+    CHECK(fault.find("go on from the checkpoint before it with `rye train --out ") !=
+          std::string::npos);
+    CHECK(text_in(folder.path / "checkpoint.safetensors") == before);
+    CHECK(files_in(folder.path) == 4);
 }
 
 TEST_CASE("run folder: a path that is a file, and a panel that cannot be drawn") {
