@@ -222,11 +222,13 @@ PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
         avatar.eyes.centre + eye_offset<TrainBackend, float>(avatar.eyes.offset, state.config.avatar,
                                                              trace.code, trace.eyes.offset);
     Gaussians<float> both = joined(trace.world_face, trace.world_eyes);
-    const Index face = trace.world_face.count(), per_eye = avatar.eyes.per_eye();
+    const Index face = trace.world_face.count();
     both.feature = Columns<float>::Zero(2, both.count());
     PosedEyes eyes;
     for (Index e = 0; e < 2; ++e) {
-        both.feature.row(e).segment(face + e * per_eye, per_eye).setOnes();
+        both.feature.row(e)
+            .segment(face + avatar.eyes.first_point(e), avatar.eyes.points_of(e))
+            .setOnes();
         const Vec3<float> c = trace.head.scale * (trace.head.rotation * centre.col(e));
         eyes.centre[static_cast<std::size_t>(e)] =
             (c + trace.head.translation).cast<double>();
