@@ -4,8 +4,11 @@
 /// that is zero, or of the wrong sign, fails here whatever the laws of single kernels say.
 #include <unistd.h>
 
-#include <chrono>
+#include <array>
+#include <cmath>
 #include <filesystem>
+#include <string>
+#include <utility>
 
 #include <doctest/doctest.h>
 
@@ -39,14 +42,14 @@ Capture small_capture(const fs::path& folder) {
     CaptureSettings settings;
     settings.size = 96;
     settings.cameras = 3;
-    settings.train_frames = 8;
+    settings.train_frames = 6;
     settings.novel_frames = 2;
-    settings.independent_frames = 1;
+    settings.independent_frames = 0;
     settings.samples = 2;
     CaptureScene scene = capture_scene(model, settings);
     for (SceneCamera& c : scene.cameras) {
-        c.camera.fx *= 2;
-        c.camera.fy *= 2;
+        c.camera.fx *= 2.2;
+        c.camera.fy *= 2.2;
     }
     write_capture(model, scene, folder / "capture", [](int, int) {});
     return read_capture(folder / "capture");
@@ -62,7 +65,7 @@ TrainConfig small_config() {
     c.mesh.image_size = 48;
     c.mesh.pretrain_steps = 100;
     c.mesh.fit_steps = 200;
-    c.gaussians.steps = 300;
+    c.gaussians.steps = 400;
     c.gaussians.spacing = 0.03;
     c.gaussians.mouth_points = 50;
     c.gaussians.eyeball.points = 400;
@@ -120,13 +123,8 @@ TrainState mesh_stage(const Capture& capture, Names kept) {
     return s;
 }
 
-struct Figures {
-    double psnr, gaze;
-    int visible;
-};
-
-/// The second stage, all but what `kept` names, and what came of it on the frames kept aside.
-Figures avatar_stage(const Capture& capture, TrainState s, Names kept) {
+/// The second stage, all but what `kept` names; ready to be drawn.
+TrainState avatar_stage(const Capture& capture, TrainState s, Names kept) {
     const Avatar begin = s.avatar;
     const std::unique_ptr<AvatarSteps> steps = avatar_steps(s, {});
     const Random pick{3, 0}, color{4, 0};
@@ -144,7 +142,16 @@ Figures avatar_stage(const Capture& capture, TrainState s, Names kept) {
         steps->step(s, sample, rate, [](const char*) {});
         keep(s.avatar, begin, kept);
     }
-    const TrainState drawn = drawn_state(s);
+    return drawn_state(s);
+}
+
+struct Figures {
+    double psnr, gaze;
+    int visible;
+};
+
+/// On the frames kept aside.
+Figures figures_of(const Capture& capture, const TrainState& drawn) {
     const Evaluation evaluation(drawn, capture);
     ViewResult all;
     Image<float> picture;
@@ -153,35 +160,69 @@ Figures avatar_stage(const Capture& capture, TrainState s, Names kept) {
     return {all.head.psnr.value(), all.measured.render.to_photograph.value(), all.eyes_visible};
 }
 
-constexpr double psnr_bound = 20, gaze_bound = 12;
+/// Where both eyes count: the row without labels has the same bits when the labels of the eyeballs
+/// are moved and the eye masks are anything else, and the other row has not.
+void check_reads_no_label(Capture& capture, const TrainState& drawn) {
+    const Evaluation evaluation(drawn, capture);
+    Image8 halves{capture.width, capture.height, 1, {}};
+    for (int y = 0; y < halves.height; ++y)
+        for (int x = 0; x < halves.width; ++x)
+            halves.values.push_back(2 * x < halves.width ? 170 : 85);
+    const fs::path other = capture.folder / "another_eye_mask.png";
+    write_png(other, halves);
+    int compared = 0, found = 0;
+    Image<float> picture;
+    for (const int f : capture.test)
+        for (int c = 0; c < capture.camera_count(); ++c) {
+            const ViewResult before = evaluation.view(f, c, picture);
+            if (before.eyes_visible < 2) continue;
+            CaptureFrame& frame = capture.frames[static_cast<std::size_t>(f)];
+            const std::array<CaptureEye, 2> labels = frame.eyes;
+            for (CaptureEye& eye : frame.eyes) {
+                eye.centre = *eye.centre + Vec3<double>(0.03, -0.02, 0.01);
+                eye.radius = 1.2 * *eye.radius;
+                eye.limbus_radius = 1.3 * *eye.limbus_radius;
+            }
+            CaptureView& view =
+                capture.views[static_cast<std::size_t>(f * capture.camera_count() + c)];
+            const fs::path mask = std::exchange(view.eye_mask, other);
+            const ViewResult after = evaluation.view(f, c, picture);
+            frame.eyes = labels;
+            view.eye_mask = mask;
+            CHECK(after.eyes_visible == 2);
+            CHECK(after.own.json() == before.own.json());
+            CHECK(after.measured.json() != before.measured.json());
+            ++compared;
+            found += before.own.photograph.found + before.own.render.found;
+        }
+    CHECK(compared >= 2);
+    CHECK(found >= 4); // it is not for want of irises that nothing changed
+}
+
+constexpr double psnr_bound = 18.5, gaze_bound = 15;
 
 } // namespace
 
 TEST_CASE("training learns a head and its gaze, and not without any one of its streams") {
     const Folder folder;
-    const auto begin = std::chrono::steady_clock::now();
-    const auto seconds = [&] {
-        return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    };
-    const Capture capture = small_capture(folder.path);
-    MESSAGE("capture " << seconds());
+    Capture capture = small_capture(folder.path);
     const TrainState state = mesh_stage(capture, none);
-    MESSAGE("mesh " << seconds());
-    const Figures whole = avatar_stage(capture, state, none);
+    const TrainState trained = avatar_stage(capture, state, none);
+    const Figures whole = figures_of(capture, trained);
     MESSAGE("PSNR " << whole.psnr << " dB, gaze error " << whole.gaze << " degrees over "
-                    << whole.visible << " eyes " << seconds());
-    CHECK(whole.visible >= 10);
+                    << whole.visible << " eyes");
+    CHECK(whole.visible >= 8);
     CHECK(whole.psnr >= psnr_bound);
     CHECK(whole.gaze <= gaze_bound);
-    const std::array<std::pair<const char*, Names>, 4> streams{
+    check_reads_no_label(capture, trained);
+    const std::array<std::pair<std::string, Names>, 4> streams{
         {{"face", face}, {"eyes", eyes}, {"networks", networks}, {"upsampler", upsampler}}};
     for (const auto& [name, kept] : streams) {
-        const Figures part = kept == networks
-                                 ? avatar_stage(capture, mesh_stage(capture, kept), kept)
-                                 : avatar_stage(capture, state, kept);
+        // The first stage trains networks, and little else.
+        const TrainState begin = kept == networks ? mesh_stage(capture, kept) : state;
+        const Figures part = figures_of(capture, avatar_stage(capture, begin, kept));
         MESSAGE("without " << name << ": PSNR " << part.psnr << " dB, gaze error " << part.gaze
-                           << " degrees " << seconds());
-        INFO(name);
+                           << " degrees");
         CHECK((part.psnr < psnr_bound || part.gaze > gaze_bound));
     }
 }
