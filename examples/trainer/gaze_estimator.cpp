@@ -49,7 +49,8 @@ std::vector<Seen> seen_directions(const Image<float>& image, const Columns<float
     return all;
 }
 
-/// Share of the variance of brightness that the rings around g explain; 0 if the iris is not darker.
+/// Share of the variance of brightness that the rings around g explain; 0 if the iris is not darker
+/// by min_darkening.
 /// Memberships are soft over the width of a pixel so that the score is smooth in g.
 double explained(const std::vector<Seen>& seen, const Vec3<double>& g, double limbus, double soft) {
     std::array<double, 3> n{}, sum{};
@@ -70,7 +71,7 @@ double explained(const std::vector<Seen>& seen, const Vec3<double>& g, double li
     const double mean = all / count, variance = all2 / count - mean * mean;
     if (variance < 1e-8 || n[2] < 1 || n[1] + n[0] < 1) return 0;
     const double sclera = sum[2] / n[2], dark = (sum[1] + sum[0]) / (n[1] + n[0]);
-    if (dark >= sclera) return 0;
+    if (dark > (1 - min_darkening) * sclera) return 0;
     double between = 0;
     for (std::size_t k = 0; k < 3; ++k)
         if (n[k] > 0.5) between += n[k] * (sum[k] / n[k] - mean) * (sum[k] / n[k] - mean);

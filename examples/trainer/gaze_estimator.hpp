@@ -36,8 +36,12 @@ struct GazeEstimate {
 
 /// Fewer usable pixels than this do not determine a direction.
 inline constexpr int min_eye_pixels = 40;
-/// Below this contrast no iris was found.
-inline constexpr double min_contrast = 0.45;
+/// Below this contrast no iris was found: a part of the lids may lie in the area that is searched,
+/// but the iris must be what varies most in it.
+inline constexpr double min_contrast = 0.3;
+/// By how much of the sclera's brightness iris and pupil must be darker: what noise, shadow or an
+/// edge of skin leave below that is no iris.
+inline constexpr double min_darkening = 0.2;
 
 /// How many pixels of the visible eye the estimate rests on: those of which no neighbour on the left,
 /// on the right or above is outside. `eye`: 1 x pixels of an image of this width.

@@ -4,6 +4,7 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <array>
 
 #include "drawn_eye.hpp"
 
@@ -13,6 +14,9 @@ using trainer::estimate_gaze;
 
 namespace {
 
+/// Where cameras stand, pitch and yaw [deg].
+constexpr std::array<std::array<double, 2>, 3> views{{{0, 0}, {8, 25}, {-20, -15}}};
+
 /// Degrees between the estimate and the gaze that was drawn; 180 where nothing was found.
 double error_of(const DrawnEye& eye) {
     const EyePicture p = draw(eye);
@@ -20,22 +24,27 @@ double error_of(const DrawnEye& eye) {
     return found ? angular_error(found->gaze, p.gaze) / degree : 180;
 }
 
-bool found_in(const DrawnEye& eye) {
-    const EyePicture p = draw(eye);
-    return estimate_gaze(p.image, p.eye, p.camera, p.ball).has_value();
+/// Seen by any of three cameras.
+bool found_in(DrawnEye eye) {
+    bool found = false;
+    for (const auto& [pitch, yaw] : views) {
+        eye.camera_pitch = pitch, eye.camera_yaw = yaw;
+        found = found || error_of(eye) < 180;
+    }
+    return found;
 }
 
 struct Errors {
     double mean = 0, largest = 0;
 };
 
-/// Over 7 x 5 gazes, each seen from three cameras; lids, brightness and noise as in `eye`.
+/// Over 5 x 5 gazes, each seen from three cameras; lids, brightness and noise as in `eye`.
 Errors errors_over_gazes(DrawnEye eye) {
     Errors all;
     int count = 0;
-    for (const auto& [pitch, yaw] : {std::pair(0, 0), {8, 25}, {-20, -15}})
+    for (const auto& [pitch, yaw] : views)
         for (eye.pitch = -20; eye.pitch <= 20; eye.pitch += 10)
-            for (eye.yaw = -30; eye.yaw <= 30; eye.yaw += 10) {
+            for (eye.yaw = -30; eye.yaw <= 30; eye.yaw += 15) {
                 eye.camera_pitch = pitch, eye.camera_yaw = yaw;
                 const double error = error_of(eye);
                 all.mean += error, all.largest = std::max(all.largest, error), ++count;
@@ -47,18 +56,18 @@ Errors errors_over_gazes(DrawnEye eye) {
 
 } // namespace
 
-TEST_CASE("gaze estimator: an eye wide open, 105 gazes and views") {
+TEST_CASE("gaze estimator: an eye wide open, 75 gazes and views") {
     const Errors e = errors_over_gazes({});
-    CHECK(e.mean <= 0.3);
-    CHECK(e.largest <= 1);
+    CHECK(e.mean <= 0.4);
+    CHECK(e.largest <= 1.2);
 }
 
 TEST_CASE("gaze estimator: lids that cover the iris above and below") {
     DrawnEye eye;
     eye.upper = 0.4, eye.lower = 0.35;
     const Errors e = errors_over_gazes(eye);
-    CHECK(e.mean <= 1);
-    CHECK(e.largest <= 4);
+    CHECK(e.mean <= 0.6);
+    CHECK(e.largest <= 1.3);
 }
 
 TEST_CASE("gaze estimator: little contrast, with noise") {
@@ -66,16 +75,16 @@ TEST_CASE("gaze estimator: little contrast, with noise") {
     eye.upper = 0.5, eye.lower = 0.45;
     eye.sclera = 0.6, eye.iris = 0.45, eye.pupil = 0.35, eye.noise = 0.03;
     const Errors e = errors_over_gazes(eye);
-    CHECK(e.mean <= 2);
-    CHECK(e.largest <= 5);
+    CHECK(e.mean <= 0.6);
+    CHECK(e.largest <= 1.7);
 }
 
 TEST_CASE("gaze estimator: the upper lid's shadow on the eyeball") {
     DrawnEye eye;
     eye.upper = 0.5, eye.lower = 0.45, eye.shade = 0.25;
     const Errors e = errors_over_gazes(eye);
-    CHECK(e.mean <= 1);
-    CHECK(e.largest <= 4);
+    CHECK(e.mean <= 0.7);
+    CHECK(e.largest <= 2);
 }
 
 TEST_CASE("gaze estimator: the answer is in the head's frame") {
@@ -88,10 +97,9 @@ TEST_CASE("gaze estimator: without an iris nothing is found") {
     DrawnEye eye;
     eye.upper = 0.5, eye.lower = 0.45, eye.has_iris = false;
     CHECK_FALSE(found_in(eye));
-    eye.noise = 0.05;
-    CHECK_FALSE(found_in(eye));
+    for (eye.noise = 0.01; eye.noise < 0.2; eye.noise *= 2) CHECK_FALSE(found_in(eye));
     eye.noise = 0;
-    for (eye.shade = 0.05; eye.shade < 0.5; eye.shade += 0.1) CHECK_FALSE(found_in(eye));
+    for (eye.shade = 0.05; eye.shade <= 0.5; eye.shade += 0.05) CHECK_FALSE(found_in(eye));
     DrawnEye bright;  // no iris is brighter than the sclera
     bright.sclera = 0.4, bright.iris = bright.pupil = 0.8;
     CHECK_FALSE(found_in(bright));

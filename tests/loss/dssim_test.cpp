@@ -68,3 +68,19 @@ TEST_CASE("D-SSIM of flat pictures has a finite gradient") {
     b.pixels.setZero();
     CHECK(dssim<B, float>(a, b).gradient.isZero(1e-6F));
 }
+
+TEST_CASE("D-SSIM: by hand, a picture of one pixel") {
+    // The window's middle weight is 1 / (1 + 2 sum exp(-i^2 / 4.5), i = 1..5) = 0.266012, in two
+    // dimensions w = 0.0707623; all around is 0. For a = 0.5 and b = 0.25 the means are w / 2 and
+    // w / 4, the mean squares w / 4 and w / 16, the mean product w / 8:
+    //   (2 w^2 / 8 + 1e-4) / (w^2 / 4 + w^2 / 16 + 1e-4) = 0.812014
+    //   (2 (w / 8 - w^2 / 8) + 9e-4) / (w / 4 + w / 16 - w^2 / 4 - w^2 / 16 + 9e-4) = 0.808392
+    Image<double> a(1, 1, 3, 0.5), b(1, 1, 3, 0.25);
+    CHECK(dssim<B, double>(a, b).value == doctest::Approx(1 - 0.812014 * 0.808392).epsilon(1e-5));
+    // Nothing against white: the means are 0 and w, the variances 0 and w - w^2.
+    a.pixels.setZero();
+    b.pixels.setOnes();
+    const double w = 0.0707623;
+    CHECK(dssim<B, double>(a, b).value ==
+          doctest::Approx(1 - 1e-4 / (w * w + 1e-4) * 9e-4 / (w - w * w + 9e-4)).epsilon(1e-6));
+}

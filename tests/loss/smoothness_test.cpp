@@ -42,3 +42,21 @@ TEST_CASE("four nearest: on a line the two on each side, counted from `first`; t
     CHECK(of_middle == std::array<Index, 4>{102, 103, 105, 106});
     CHECK_THROWS_AS(four_nearest(Columns<float>(line.leftCols(4))), Error);
 }
+
+TEST_CASE("smoothness: by hand, one point of five that differs from its neighbours") {
+    // Points 0, 0, 0, 0 and 1, each with the four others as neighbours: the last differs by 1 from
+    // four, each of the others by 1 from one. 8 squares, over 5 numbers.
+    Columns<double> values(1, 5);
+    values << 0, 0, 0, 0, 1;
+    NeighbourGraph graph(5);
+    for (Index i = 0; i < 5; ++i)
+        for (Index k = 0, n = 0; k < 5; ++k)
+            if (k != i) graph[static_cast<std::size_t>(i)][static_cast<std::size_t>(n++)] = k;
+    const LossGradient<double> l = smoothness(values, graph);
+    CHECK(l.value == doctest::Approx(8.0 / 5).epsilon(1e-14));
+    // Each of the 8 squares has the slope 2 / 5 by the last point, and -2 / 5 by the other.
+    CHECK(l.gradient(0, 4) == doctest::Approx(16.0 / 5).epsilon(1e-14));
+    CHECK(l.gradient(0, 0) == doctest::Approx(-4.0 / 5).epsilon(1e-14));
+    CHECK(smoothness(Columns<double>(values.replicate(2, 1)), graph).value ==
+          doctest::Approx(8.0 / 5).epsilon(1e-14));  // a mean over channels
+}

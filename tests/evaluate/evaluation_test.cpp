@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "evaluation.hpp"
+
+#include <unistd.h>
+
+#include <doctest/doctest.h>
+
+#include "../programs/tiny_capture.hpp"
+#include "../programs/tiny_run.hpp"
+
+using namespace rye;
+using namespace rye::trainer;
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr double degree = 3.14159265358979323846 / 180;
+
+std::optional<GazeEstimate> looking(double yaw_deg) {
+    return GazeEstimate{gaze_vector(0.0, yaw_deg * degree), 1, 100};
+}
+
+struct Folder {
+    fs::path path = fs::temp_directory_path() / ("rye_evaluate_" + std::to_string(::getpid()));
+    Folder() { fs::remove_all(path); }
+    ~Folder() { fs::remove_all(path); }
+};
+
+/// The eye mask of one view with discs of this radius [px] around both eyeballs.
+void draw_eyes(const TinyCapture& files, int frame, int camera, double radius) {
+    constexpr int size = TinyCapture::size;
+    Image8 mask{size, size, 1, std::vector<std::uint8_t>(size * size, 0)};
+    for (int e = 0; e < 2; ++e) {
+        const Vec3<double> centre(e == 0 ? 0.32 : -0.32, 0.33, 0.8);
+        const Vec2<double> at =
+            TinyCapture::pinhole(camera).project_point(TinyCapture::to_world(frame, centre)).head<2>();
+        for (int y = 0; y < size; ++y)
+            for (int x = 0; x < size; ++x)
+                if ((Vec2<double>(x + 0.5, y + 0.5) - at).norm() < radius)
+                    mask.values[static_cast<std::size_t>(y * size + x)] = e == 0 ? 85 : 170;
+    }
+    write_png(files.image(frame, camera, "eye_mask"), mask);
+}
+
+} // namespace
+
+TEST_CASE("gaze errors: by hand, an eye without an iris on either picture counts 90 degrees") {
+    GazeErrors errors;
+    const Vec3<double> label = gaze_vector(0.0, 4 * degree);
+    errors.add(looking(10), looking(0), label);       // 10 off the photograph, 6 off the label
+    errors.add(std::nullopt, looking(0), label);      // not found on the render
+    errors.add(looking(-10), std::nullopt, label);    // not found on the photograph: 14 off the label
+    errors.add(std::nullopt, std::nullopt, label);
+    CHECK(errors.to_photograph.count == 4);
+    CHECK(errors.to_photograph.value() == doctest::Approx((10 + 90 + 90 + 90) / 4.0));
+    CHECK(errors.to_label.value() == doctest::Approx((6 + 90 + 14 + 90) / 4.0));
+    CHECK(errors.where_found.count == 1);
+    CHECK(errors.where_found.value() == doctest::Approx(10));
+    CHECK(errors.found == 2);
+    GazeErrors twice = errors;
+    twice.add(errors);
+    CHECK(twice.to_photograph.count == 8);
+    CHECK(twice.found == 4);
+    CHECK(twice.to_photograph.value() == doctest::Approx(errors.to_photograph.value()));
+    CHECK(GazeErrors{}.json()["degrees"].is_null());
+}
+
+TEST_CASE("evaluation: each visible eye counts, and no other, whatever the run shows") {
+    const Folder folder;
+    const TinyCapture files(folder.path);
+    // Photographs of a grey disc: there is no iris on any. Of the eyes some have enough pixels.
+    draw_eyes(files, 0, 0, 5);
+    draw_eyes(files, 0, 1, 1.5);
+    for (int f = 0; f < TinyCapture::frames; ++f)
+        TinyCapture::set(files.params(f, "params.npz"), "exp_coeff", {1, 3},
+                         std::vector<float>{0.1f, 0.2f, 0.3f});
+    const Capture capture = read_capture(folder.path);
+    const TrainState run = drawn_state(tiny_state());
+    const Evaluation evaluation(run, capture);
+    Image<float> picture;
+    const ViewResult large = evaluation.view(0, 0, picture);
+    CHECK(large.eyes_in_view == 2);
+    CHECK(large.eyes_visible == 2);
+    for (const GazeTable* t : {&large.measured, &large.own})
+        for (const GazeErrors* e : {&t->render, &t->rest, &t->nearest}) {
+            CHECK(e->to_photograph.count == 2);
+            CHECK(e->to_photograph.value() == missed_degrees);
+            CHECK(e->where_found.count == 0);
+        }
+    CHECK(large.measured.photograph.found == 0);
+    CHECK(large.measured.photograph.to_label.value() == missed_degrees);
+    const ViewResult small = evaluation.view(0, 1, picture);
+    CHECK(small.eyes_in_view == 2);
+    CHECK(small.eyes_visible == 0);
+    CHECK(small.measured.render.to_photograph.count == 0);
+}
+
+TEST_CASE("evaluation: the geometry is the capture's in one row, the rig's in the other") {
+    const Folder folder;
+    const TinyCapture files(folder.path);
+    const Capture capture = read_capture(folder.path);
+    TrainState run = drawn_state(tiny_state());
+    run.avatar.eyes.offset.mlp.weight.back().setZero();
+    run.avatar.eyes.offset.mlp.bias.back().setZero();
+    const Evaluation evaluation(run, capture);
+    const EyesOfView measured = evaluation.measured_eyes(1, 0);
+    CHECK((measured.ball[0].centre - *capture.frames[1].eyes[0].centre).norm() == 0);
+    CHECK(measured.ball[0].radius == *capture.frames[1].eyes[0].radius);
+    CHECK(measured.ball[1].limbus_radius == *capture.frames[1].eyes[1].limbus_radius);
+
+    Drivers<float> drivers = test::tiny_drivers<float>();
+    const EyesOfView own = evaluation.own_eyes(drivers, capture.camera(1, 0));
+    const auto scale = static_cast<double>(drivers.scale);
+    CHECK(own.ball[0].radius == run.subject.eye_radius[0] * scale);
+    CHECK(own.ball[1].limbus_radius == run.subject.limbus_radius[1] * scale);
+    const Mat3<double> turn = so3_exp(Vec3<double>(drivers.pose.head<3>().cast<double>()));
+    for (std::size_t e = 0; e < 2; ++e) {
+        const Vec3<double> centre = run.avatar.eyes.centre.col(static_cast<Index>(e)).cast<double>();
+        const Vec3<double> posed =
+            scale * (turn * centre) + drivers.pose.tail<3>().cast<double>();
+        CHECK((own.ball[e].centre - posed).norm() <= 1e-6);
+        CHECK((own.ball[e].head_rotation - turn).norm() <= 1e-12);
+    }
+}
