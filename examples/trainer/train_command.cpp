@@ -57,10 +57,11 @@ class Progress {
         if (!last && now - shown_ < (tty_ ? 0.2 : 10.0)) return;
         shown_ = now;
         const double done = static_cast<double>(step - first_step_);
-        const double left = now / done * static_cast<double>(total_ - step);
+        const auto left =
+            static_cast<std::int64_t>(now / done * static_cast<double>(total_ - step));
         char text[64];
-        std::snprintf(text, sizeof text, "%4.0f ms/step, %d:%02d left", 1e3 * now / done,
-                      static_cast<int>(left) / 60, static_cast<int>(left) % 60);
+        std::snprintf(text, sizeof text, "%4.0f ms/step, %lld:%02d left", 1e3 * now / done,
+                      static_cast<long long>(left / 60), static_cast<int>(left % 60));
         std::cout << (tty_ ? "\r\033[K" : "") << stage_ << " " << step << "/" << total_ << "  "
                   << losses << "  " << text << (tty_ && !last ? "" : "\n") << std::flush;
     }
