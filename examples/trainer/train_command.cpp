@@ -40,7 +40,7 @@ struct TrainOptions {
     std::string preset = "cpu";
     bool resume = false, overwrite = false, profile = false, quiet = false, print_config = false;
     int threads = 0;
-    std::optional<std::uint64_t> seed;
+    std::optional<std::string> seed;  // as text: the parser of options takes -3 and 1e23 for others
     std::optional<std::int64_t> steps;
 };
 
@@ -320,7 +320,7 @@ TrainConfig config_of(const TrainOptions& o) {
             throw Error(o.config.string() + ": " + e.what());
         }
     }
-    if (o.seed) from_json({{"seed", *o.seed}}, "--seed", config);
+    if (o.seed) config.seed = parsed_seed(*o.seed, "--seed");
     take_steps(o, config);
     return config;
 }
@@ -425,8 +425,7 @@ void add_train(CLI::App& app) {
     c->add_flag("--print-config", options->print_config,
                 "Print the effective configuration, every field of it, and stop");
     c->add_option("--steps", options->steps, "Steps of stage 2, instead of the configuration's");
-    c->add_option("--seed", options->seed, "Seed of all randomness: any whole number below 2^64")
-        ->check(CLI::NonNegativeNumber);
+    c->add_option("--seed", options->seed, "Seed of all randomness: any whole number below 2^64");
     add_threads(*c, options->threads, "Threads; results do not depend on it (0: all)");
     c->add_option("--perceptual-weights", options->perceptual_weights,
                   "VGG16 + LPIPS weights, a safetensors file that cmake/convert_lpips_weights.py writes; "
