@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "options.hpp"
 
+#include <charconv>
 #include <cmath>
 #include <cstdio>
 
@@ -71,6 +72,15 @@ void add_threads(CLI::App& command, int& threads, const std::string& help) {
     command.add_option("--threads", threads, help)
         ->check(CLI::Range(0, most_threads))
         ->capture_default_str();
+}
+
+std::uint64_t parsed_seed(const std::string& text, const std::string& option) {
+    std::uint64_t seed = 0;
+    const char* const end = text.data() + text.size();
+    const auto [stop, fault] = std::from_chars(text.data(), end, seed);
+    require(fault == std::errc() && stop == end, option,
+            "got '" + text + "', expected a whole number from 0 to 18446744073709551615");
+    return seed;
 }
 
 double parsed_error(const std::string& text, const std::string& who, const std::string& option) {

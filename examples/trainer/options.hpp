@@ -2,6 +2,7 @@
 /// examples/trainer/options.hpp: options that commands share: threads, frames and cameras by name.
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -21,6 +22,9 @@ int camera_index(const Capture& capture, const std::string& id, int frame);
 
 /// PITCH,YAW in degrees as a unit vector of the head frame; Error beyond 70 degrees either way.
 Vec3<float> gaze_option(const std::vector<double>& pitch_yaw_deg, const std::string& option);
+
+/// A whole number below 2^64; Error naming the option for anything else.
+std::uint64_t parsed_seed(const std::string& text, const std::string& option);
 
 /// "0.004" or "1/255", between 0 and 1; Error naming the command and the option for anything else.
 double parsed_error(const std::string& text, const std::string& who, const std::string& option);

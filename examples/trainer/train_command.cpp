@@ -41,7 +41,7 @@ struct TrainOptions {
     std::string preset = "cpu";
     bool resume = false, overwrite = false, profile = false, quiet = false, print_config = false;
     int threads = 0;
-    std::optional<std::uint64_t> seed;
+    std::optional<std::string> seed;  // as text: the parser of options takes -3 and 1e23 for others
     std::optional<std::int64_t> steps;
 };
 
@@ -58,10 +58,11 @@ class Progress {
         if (!last && now - shown_ < (tty_ ? 0.2 : 10.0)) return;
         shown_ = now;
         const double done = static_cast<double>(step - first_step_);
-        const double left = now / done * static_cast<double>(total_ - step);
+        const auto left =
+            static_cast<std::int64_t>(now / done * static_cast<double>(total_ - step));
         char text[64];
-        std::snprintf(text, sizeof text, "%4.0f ms/step, %d:%02d left", 1e3 * now / done,
-                      static_cast<int>(left) / 60, static_cast<int>(left) % 60);
+        std::snprintf(text, sizeof text, "%4.0f ms/step, %lld:%02d left", 1e3 * now / done,
+                      static_cast<long long>(left / 60), static_cast<int>(left % 60));
         std::cout << (tty_ ? "\r\033[K" : "") << stage_ << " " << step << "/" << total_ << "  "
                   << losses << "  " << text << (tty_ && !last ? "" : "\n") << std::flush;
     }
@@ -318,7 +319,7 @@ TrainConfig config_of(const TrainOptions& o) {
             throw Error(o.config.string() + ": " + e.what());
         }
     }
-    if (o.seed) from_json({{"seed", *o.seed}}, "--seed", config);
+    if (o.seed) config.seed = parsed_seed(*o.seed, "--seed");
     take_steps(o, config);
     return config;
 }
@@ -423,8 +424,7 @@ void add_train(CLI::App& app) {
     c->add_flag("--print-config", options->print_config,
                 "Print the effective configuration, every field of it, and stop");
     c->add_option("--steps", options->steps, "Steps of stage 2, instead of the configuration's");
-    c->add_option("--seed", options->seed, "Seed of all randomness: any whole number below 2^64")
-        ->check(CLI::NonNegativeNumber);
+    c->add_option("--seed", options->seed, "Seed of all randomness: any whole number below 2^64");
     add_threads(*c, options->threads, "Threads; results do not depend on it (0: all)");
     c->add_option("--perceptual-weights", options->perceptual_weights,
                   "VGG16 + LPIPS weights, a safetensors file that cmake/convert_lpips_weights.py writes; "

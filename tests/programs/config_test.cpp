@@ -4,6 +4,7 @@
 #include <doctest/doctest.h>
 
 #include "../capture/hostile.hpp"
+#include "options.hpp"
 #include "run_size.hpp"
 #include "tiny_run.hpp"
 
@@ -73,6 +74,14 @@ TEST_CASE("config: every seed is taken, and read again from what is written") {
         CHECK(c.seed == seed);
         CHECK(with(Json::parse(to_json(c).dump())).seed == seed);
     }
+}
+
+TEST_CASE("config: --seed takes what a seed can be, and nothing that would be taken for another") {
+    CHECK(parsed_seed("0", "--seed") == 0);
+    CHECK(parsed_seed("5000000000", "--seed") == 5'000'000'000);
+    CHECK(parsed_seed("18446744073709551615", "--seed") == ~std::uint64_t(0));
+    for (const char* text : {"-3", "18446744073709551616", "99999999999999999999999", "1e3", "", "7x"})
+        CHECK_FAULT(parsed_seed(text, "--seed"), std::string("--seed: got '") + text + "', expected");
 }
 
 TEST_CASE("run size: presets fit where they are meant to, and what cannot fit is refused at once") {

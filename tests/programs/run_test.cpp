@@ -450,6 +450,14 @@ TEST_CASE("run folder: the log of a resumed run keeps its own lines, whatever el
     CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == good);
     CHECK(damaged == 7);
     CHECK(kept_log(folder.path / "none", state, damaged).empty());
+    // What was fitted after stage 1 belongs to stage 2: a run that is still in stage 1 fits again.
+    const std::string step = R"({"stage":"mesh","step":15})" "\n";
+    const std::string fit = R"({"stage":"mesh","step":15,"landmark_rms":0.1})" "\n";
+    write_text(folder.path / "log.jsonl", step + fit);
+    CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == step + fit);
+    state.stage = Stage::mesh;
+    state.step = 15;
+    CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == step);
 }
 
 TEST_CASE("run folder: a run is replaced when the new one has a checkpoint, not before") {
@@ -526,7 +534,7 @@ TEST_CASE("run folder: a log that has no room has whole lines only, a checkpoint
     CHECK(damaged == 0);
     CHECK(told.str().find("log.jsonl: cannot be written: File too large; lines of it are left out\n") !=
           std::string::npos);
-    CHECK(fault.find("checkpoint.safetensors: cannot be written: File too large") !=
+    CHECK(fault.find("checkpoint.safetensors: cannot be written (the old file is untouched): File too large") !=
           std::string::npos);
     CHECK(fault.find("go on from the checkpoint before it with `rye train --out ") !=
           std::string::npos);
