@@ -108,7 +108,7 @@ awk -v targets="$targets" -v out="$out" '
             corpus = 0
             while ((("ls " out "/corpus/" t) | getline f) > 0) ++corpus
             printf "%-12s %9d %14d %10d %8d %8d %8d\n", t, processes, runs,
-                each > 0 ? runs / each : 0, crashes, each, corpus
+                (each > 0 ? runs / each : 0), crashes, each, corpus
             all += runs; bad += crashes
             if (runs == 0 || each == 0) ++bad
         }
