@@ -128,8 +128,9 @@ TrainState load_checkpoint(const std::filesystem::path& run) {
     };
     try {
         s.config = preset("paper");
-        from_json(parse_json_text<nlohmann::ordered_json>(word("config"), who + ": metadata 'config'"),
-                  who, s.config);
+        const std::string config_who = who + ": metadata 'config'";
+        from_json(parse_json_text<nlohmann::ordered_json>(word("config"), config_who), who,
+                  s.config);
     } catch (const nlohmann::json::exception& e) {
         throw Error(who + ": metadata 'config': " + e.what());
     }
