@@ -19,8 +19,8 @@ ImageHeader png_header(ByteSpan bytes, const std::string& who);
 /// 1 to 4 channels.
 Bytes encode_png(const Image8& image, const std::string& who);
 
-/// Grey or colour of 8 bits, baseline or progressive. CMYK, arithmetic coding, 12 bits and data that
-/// are damaged or end early are Errors.
+/// Grey or colour of 8 bits, baseline or progressive. CMYK, arithmetic coding, 12 bits and data
+/// that are damaged or end early are Errors.
 Image8 decode_jpeg(ByteSpan bytes, const std::string& who);
 ImageHeader jpeg_header(ByteSpan bytes, const std::string& who);
 /// 1 or 3 channels; above a quality of 90 colour has full resolution.

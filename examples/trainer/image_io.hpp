@@ -29,7 +29,7 @@ struct ImageHeader {
 /// The widest or highest image that is read; a header that says more is refused unread.
 inline constexpr int max_image_edge = 16384;
 
-/// Reads the header of a PNG or JPEG; Error names the file. Only a file is read: a pipe is an Error.
+/// Reads the header of a PNG or JPEG; Error names the file. A pipe or device is an Error.
 ImageHeader read_image_header(const std::filesystem::path& path);
 
 /// Reads a PNG or JPEG, converted to `channels` (1 or 3; 0 keeps the file's own). A file that is

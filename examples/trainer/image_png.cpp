@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// PNG by libpng. The library reports a fault by a jump (longjmp) out of its functions; so each call
-/// is made in a step that holds no object with a destructor, and becomes an exception behind it.
+/// PNG by libpng. The library reports a fault by a jump (longjmp) out of its functions; so each
+/// call is made in a step that holds no object with a destructor, and becomes an exception behind it.
 #include "image_codecs.hpp"
 
 #include <csetjmp>

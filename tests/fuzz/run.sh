@@ -26,12 +26,13 @@ if [ -z "${BIN:-}" ]; then
         echo "run.sh: no clang++, which has libFuzzer; or name a folder of programs in BIN" >&2
         exit 77
     }
-    generator=
-    ! command -v ninja > /dev/null || generator=-GNinja
+    options=
+    ! command -v ninja > /dev/null || options=-GNinja
+    ! command -v ccache > /dev/null || options="$options -DCMAKE_CXX_COMPILER_LAUNCHER=ccache"
     mkdir -p "$build"
-    # shellcheck disable=SC2086 # an option or none
-    cmake -S "$here" -B "$build" $generator -DCMAKE_CXX_COMPILER="$CXX" \
-        -DCMAKE_CXX_COMPILER_LAUNCHER="${LAUNCHER:-}" > "$build/configure.log" 2>&1 ||
+    # shellcheck disable=SC2086 # a list of options
+    cmake -S "$here" -B "$build" $options -DCMAKE_CXX_COMPILER="$CXX" \
+        > "$build/configure.log" 2>&1 ||
         { cat "$build/configure.log"; exit 1; }
     cmake --build "$build" --parallel "$jobs" > "$build/build.log" 2>&1 ||
         { cat "$build/build.log"; exit 1; }
@@ -108,7 +109,7 @@ awk -v targets="$targets" -v out="$out" '
             corpus = 0
             while ((("ls " out "/corpus/" t) | getline f) > 0) ++corpus
             printf "%-12s %9d %14d %10d %8d %8d %8d\n", t, processes, runs,
-                each > 0 ? runs / each : 0, crashes, each, corpus
+                (each > 0 ? runs / each : 0), crashes, each, corpus
             all += runs; bad += crashes
             if (runs == 0 || each == 0) ++bad
         }

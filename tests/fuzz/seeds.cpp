@@ -27,9 +27,18 @@ void seed(const std::string& target, const std::string& name, const std::string&
     seed(target, name, as_bytes(text));
 }
 
+/// libFuzzer's own quotes: bytes in hexadecimal.
 void dictionary(const std::string& target, const std::vector<std::string>& words) {
+    constexpr std::string_view hex = "0123456789abcdef";
     std::ofstream file(out / (target + ".dict"));
-    for (const std::string& word : words) file << json_string(word) << "\n";
+    for (const std::string& word : words) {
+        file << '"';
+        for (const char c : word) {
+            const auto u = static_cast<unsigned char>(c);
+            file << "\\x" << hex[u >> 4U] << hex[u & 15U];
+        }
+        file << "\"\n";
+    }
 }
 
 void ply() {
@@ -105,16 +114,7 @@ void pictures() {
     std::vector<std::string> words{"IHDR", "PLTE", "tRNS", "IDAT", "IEND", "gAMA", "iCCP", "zTXt"};
     for (const int marker : {0xC0, 0xC1, 0xC2, 0xC4, 0xD8, 0xD9, 0xDA, 0xDB, 0xDD, 0xE0, 0xEE})
         words.push_back({'\xFF', static_cast<char>(marker)});
-    std::ofstream file(out / "picture.dict");
-    for (const std::string& word : words) {
-        file << '"';
-        for (const char c : word) {
-            constexpr std::string_view hex = "0123456789abcdef";
-            const auto u = static_cast<unsigned char>(c);
-            file << "\\x" << hex[u >> 4U] << hex[u & 15U];
-        }
-        file << "\"\n";
-    }
+    dictionary("picture", words);
     for (const int channels : {1, 2, 3, 4}) {
         trainer::Image8 image{19, 11, channels, {}};
         for (int i = 0; i < 19 * 11 * channels; ++i)

@@ -56,8 +56,16 @@ void j1(Report& report) {
     all = all && read("ply\nformat ascii 1.0\nelement vertex 1\n" + numbers + numbers +
                       "end_header\n"); // duplicates
     all = all && read("ply\nformat ascii 1.0\nelement vertex 1\n" + numbers + "end_header\n1 x\n");
-    report.holds("J1", "ply", "counts 2^60, -1, 1e99, 2^32-1, 20 of none; big-endian; cut; twice",
-                 all);
+    all = all && read("ply\nformat ascii 1.0\nelement vertex 1\n" + numbers +
+                      "end_header\n1 2 3 4 5 6 7 8 9 nan 0 0 0 0\n");
+    report.holds("J1", "ply",
+                 "counts 2^60, -1, 1e99, 2^32-1, 20 of none; big-endian; cut; twice; NaN", all);
+    all = true;
+    for (const char* format : {"ascii", "binary_little_endian"})
+        for (const char* n : {"549755813888", "9223372036854775807"})
+            all = all && read(std::string("ply\nformat ") + format + " 1.0\nelement foo " + n +
+                              "\nproperty int i\nelement vertex 0\n" + numbers + "end_header\n");
+    report.holds("J1", "ply", "2^39 and 2^63 - 1 of another element before the vertices", all);
     const std::uint64_t count = 1152921504606846976ULL;
     report.textbook_fails("J1", "ply", "count * 16 in 64 bits is larger than count",
                           count * 16 > count);
@@ -69,19 +77,34 @@ void j2(Report& report) {
     };
     bool all = npy(std::string_view("\x93NUMPY\x02\x00\xF0\xFF\xFF\xFF", 12)) && npy("") &&
                npy("\x93NUMPY");
-    std::string header =
-        "{'descr': '<f8', 'fortran_order': False, 'shape': (4294967296, "
-        "4294967296), }";
-    std::string file("\x93NUMPY\x01\x00", 8);
-    file += static_cast<char>(header.size());
-    file += '\0';
-    all = all && npy(file + header);
+    for (const char* shape : {"(4294967296, 4294967296)", "(4611686018427387904, 2, 0)"}) {
+        const std::string header =
+            std::string("{'descr': '|u1', 'fortran_order': False, 'shape': ") + shape + ", }";
+        std::string file("\x93NUMPY\x01\x00", 8);
+        file += static_cast<char>(header.size());
+        file += '\0';
+        all = all && npy(file + header);
+    }
     Bytes zip(22, std::byte{0xFF});
     all = all && refused([&] { parse_npz(zip, "a.npz"); });
     // A stream that claims to inflate a thousandfold more than deflate can.
     const Bytes small(16, std::byte{0});
     all = all && refused([&] { inflate(small, 1ULL << 40U, "bomb"); });
-    report.holds("J2", "npy, npz", "header of 2^32 - 16; shape (2^32, 2^32); bomb; empty", all);
+    report.holds("J2", "npy, npz",
+                 "header of 2^32 - 16; shapes (2^32, 2^32), (2^62, 2, 0); bomb; empty", all);
+    // Two names of a zip's directory for one member.
+    const std::vector<float> number{1};
+    Bytes twice = npz_bytes({{"a", npy_array<float>({1}, number)}});
+    const std::size_t entry = 46 + 5, directory = twice.size() - 22 - entry;
+    const Bytes again(twice.begin() + static_cast<std::ptrdiff_t>(directory),
+                      twice.begin() + static_cast<std::ptrdiff_t>(directory + entry));
+    twice.insert(twice.begin() + static_cast<std::ptrdiff_t>(directory), again.begin(), again.end());
+    twice[directory + 46] = std::byte('b');
+    const std::size_t end = twice.size() - 22;
+    twice[end + 8] = twice[end + 10] = std::byte(2);
+    report.holds("J2", "npz", "two members of one file on the same bytes", refused([&] {
+                     parse_npz(twice, "a.npz");
+                 }));
     const std::uint64_t extent = 4294967296ULL;
     report.textbook_fails("J2", "npy", "2^32 * 2^32 in 64 bits is not 0", extent * extent != 0);
 }

@@ -175,7 +175,7 @@ TEST_CASE("image: a JPEG comes back nearly, grey as grey and colour as colour") 
         for (int y = 0; y < 24; ++y)
             for (int x = 0; x < 40; ++x)
                 for (int c = 0; c < channels; ++c)
-                    image.values.push_back(static_cast<std::uint8_t>(40 + 4 * x + 2 * y * c));
+                    image.values.push_back(static_cast<std::uint8_t>(40 + 3 * x + y * c));
         write_jpeg(path, image, 95);
         const Image8 back = read_image8(path);
         REQUIRE(back.channels == channels);
@@ -205,11 +205,13 @@ TEST_CASE("image: a JPEG cut anywhere is refused, one damaged anywhere never cra
         for (const int flip : {1, 16, 255}) {
             Bytes damaged = whole;
             damaged[i] ^= static_cast<std::byte>(flip);
+            std::string told = "damaged.jpg";
             try { // there is no checksum: what is decoded is decoded
-                CHECK(decode_image(damaged, "damaged.jpg").channels >= 1);
+                decode_image(damaged, "damaged.jpg");
             } catch (const Error& e) {
-                CHECK(std::string(e.what()).find("damaged.jpg") != std::string::npos);
+                told = e.what();
             }
+            CHECK(told.find("damaged.jpg") != std::string::npos);
         }
 }
 

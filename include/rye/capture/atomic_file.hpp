@@ -97,8 +97,8 @@ private:
         return ::fstat(descriptor, &a) == 0 && ::lstat(name.c_str(), &b) == 0 &&
                a.st_dev == b.st_dev && a.st_ino == b.st_ino;
     }
-    /// Creates and locks the first temporary file whose name no living writer has, and removes those
-    /// of dead ones.
+    /// Creates and locks the first temporary file whose name no living writer has, and removes
+    /// those of dead ones.
     void open_temporary() {
         for (int i = 0; i < most_names; ++i) {
             const std::filesystem::path name = numbered(target_, i);

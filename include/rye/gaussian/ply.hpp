@@ -108,7 +108,7 @@ inline std::string drained(std::istream& in, const PlyHeader& h) {
          __builtin_add_overflow(want, static_cast<std::uint64_t>(h.skip), &want)))
         want = endless;
     std::string all;
-    std::vector<char> part(std::size_t(1) << 16);
+    std::array<char, 4096> part;
     while (in && all.size() < want) {
         in.read(part.data(), static_cast<std::streamsize>(
                                  std::min<std::uint64_t>(part.size(), want - all.size())));
