@@ -41,7 +41,7 @@ double least_seconds(const F& f) {
 }
 
 void mlp_precision() {
-    using B = XsimdBackend<xsimd::default_arch, Serial>;
+    using B = XsimdBackend<DefaultArch, Serial>;
     const MlpShape shape{{27, 64, 64, 64, 32}, 0};
     const Index points = 4096;
     const Mlp<float> net = Mlp<float>::init(shape, Random{1, 0});

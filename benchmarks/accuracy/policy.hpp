@@ -77,7 +77,7 @@ Policy policy(const std::string& name, const std::string& group, const A& accura
         }};
 }
 
-using Lanes = XsimdBackend<xsimd::default_arch, Serial>;
+using Lanes = XsimdBackend<DefaultArch, Serial>;
 using Plain = ScalarBackend<Serial>;
 
 /// Exact32's numbers under another degree of the exponential.

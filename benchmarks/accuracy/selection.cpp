@@ -15,7 +15,7 @@
 namespace rye::bench {
 namespace {
 
-using B = XsimdBackend<xsimd::default_arch, Serial>;
+using B = XsimdBackend<DefaultArch, Serial>;
 
 /// Of this thread alone.
 double seconds() {

@@ -21,7 +21,7 @@ source_of() { # NAME: headers, then what is instantiated
 using namespace rye;'
         real=float
         backend='ScalarBackend<Serial>'
-        case $1 in lanes*) backend='XsimdBackend<xsimd::default_arch, Serial>' ;; esac
+        case $1 in lanes*) backend='XsimdBackend<DefaultArch, Serial>' ;; esac
         case $1 in *double) real=double ;; esac
         vjp=''
         case $1 in *forward) ;; *) vjp='return r.vjp(g, c, b, y, y.feature.pixels);' ;; esac
@@ -33,7 +33,7 @@ using namespace rye;'
     mlp) echo '#include <rye/backend/xsimd.hpp>
 #include <rye/nn/mlp.hpp>
 using namespace rye;
-using B = XsimdBackend<xsimd::default_arch, Serial>;
+using B = XsimdBackend<DefaultArch, Serial>;
 void f(const Mlp<float>& m, const Columns<float>& x, const VecX<float>& v, Mlp<float>& g,
        Columns<float>& gx) {
     MlpTrace<float> t;
@@ -43,7 +43,7 @@ void f(const Mlp<float>& m, const Columns<float>& x, const VecX<float>& v, Mlp<f
     avatar) echo '#include <rye/avatar/two_stream.hpp>
 #include <rye/backend/xsimd.hpp>
 using namespace rye;
-using B = XsimdBackend<xsimd::default_arch, Serial>;
+using B = XsimdBackend<DefaultArch, Serial>;
 void f(const TwoStream<float>& a, const AvatarConfig& c, const LandmarkRoles& r,
        const Drivers<float>& d, TwoStreamTrace<float>& t) {
     drive<B>(a, c, r, d, t);

@@ -13,7 +13,7 @@ using namespace rye;
 using namespace rye::bench;
 
 void convolution(benchmark::State& state) {
-    using B = XsimdBackend<xsimd::default_arch, Serial>;
+    using B = XsimdBackend<DefaultArch, Serial>;
     const int size = static_cast<int>(state.range(0)), channels = static_cast<int>(state.range(1));
     const Image<float> in(size, size, channels, 0.5F), g(size, size, channels, 0.1F);
     const Columns<float> weight = Columns<float>::Constant(channels, 9 * channels, 0.01F);

@@ -16,7 +16,7 @@ namespace {
 
 using namespace rye;
 using namespace rye::bench;
-using OneThread = XsimdBackend<xsimd::default_arch, Serial>;
+using OneThread = XsimdBackend<DefaultArch, Serial>;
 using Cache = FrameCache<OneThread, Balanced, float>;
 
 /// The least of the times of f, and of what else is timed between its calls.

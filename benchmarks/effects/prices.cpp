@@ -18,7 +18,7 @@ namespace {
 using namespace rye;
 using namespace rye::bench;
 
-using B = XsimdBackend<xsimd::default_arch, Serial>;
+using B = XsimdBackend<DefaultArch, Serial>;
 using All = More<PaperEffects, Kappa>;
 using AllOptics = More<All, CornealRefraction, Glint>;
 /// An avatar without networks, which only turns its eyes and head, with the cornea's optics.

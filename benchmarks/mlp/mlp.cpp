@@ -63,7 +63,7 @@ double difference(const Columns<T>& a, const Columns<double>& b) {
 }
 
 template <class Products>
-struct Multiplied : XsimdBackend<xsimd::default_arch, Serial> {
+struct Multiplied : XsimdBackend<DefaultArch, Serial> {
     using products = Products;
 };
 

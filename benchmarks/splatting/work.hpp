@@ -12,7 +12,7 @@
 
 namespace rye::bench {
 
-using OneThread = XsimdBackend<xsimd::default_arch, Serial>;
+using OneThread = XsimdBackend<DefaultArch, Serial>;
 
 template <class B, AccuracyPolicy A>
 struct Work {

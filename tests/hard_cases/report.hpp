@@ -73,7 +73,7 @@ void machines(Report&);
 void files(Report&);
 
 template <class T>
-using Lanes = xsimd::batch<T>;
+using Lanes = xsimd::batch<T, DefaultArch>;
 
 template <class S>
 std::string kind_of() {

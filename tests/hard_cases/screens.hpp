@@ -10,7 +10,7 @@
 namespace rye::hard {
 
 using Plain = ScalarBackend<Serial>;
-using Wide = XsimdBackend<xsimd::default_arch, Serial>;
+using Wide = XsimdBackend<DefaultArch, Serial>;
 using Narrow = XsimdBackend<xsimd::sse4_2, Serial>;
 
 template <class B>

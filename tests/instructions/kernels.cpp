@@ -13,7 +13,7 @@ using namespace rye::bench;
 
 namespace {
 
-using Lanes = XsimdBackend<xsimd::default_arch, Serial>;
+using Lanes = XsimdBackend<DefaultArch, Serial>;
 
 struct Job {
     HeadScene scene;

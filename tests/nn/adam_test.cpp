@@ -115,8 +115,8 @@ TEST_CASE("adam: the same bits with any kind of threads") {
             adam_step<B>(p, some<float>(t, 20000), state, everything);
         return p;
     };
-    const Two<float> a = run(XsimdBackend<xsimd::default_arch, Serial>{});
-    const Two<float> b = run(XsimdBackend<xsimd::default_arch, DefaultThreads>{});
+    const Two<float> a = run(XsimdBackend<DefaultArch, Serial>{});
+    const Two<float> b = run(XsimdBackend<DefaultArch, DefaultThreads>{});
     CHECK(a.a == b.a);
     CHECK(a.b == b.b);
 }

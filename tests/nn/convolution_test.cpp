@@ -99,6 +99,6 @@ TEST_CASE("convolution: the same bits with any kind of threads") {
         convolve3x3_vjp_weight<B>(padded<B>(in), padded<B>(g), gw);
         return std::pair{gw, convolve3x3<B>(w, padded<B>(in)).pixels};
     };
-    CHECK(run(XsimdBackend<xsimd::default_arch, Serial>{}) ==
-          run(XsimdBackend<xsimd::default_arch, DefaultThreads>{}));
+    CHECK(run(XsimdBackend<DefaultArch, Serial>{}) ==
+          run(XsimdBackend<DefaultArch, DefaultThreads>{}));
 }

@@ -153,8 +153,8 @@ TEST_CASE("mlp: the same bits with any kind of threads, and none points") {
         CHECK(gx.cols() == n);
         return g;
     };
-    const Mlp<float> a = run(XsimdBackend<xsimd::default_arch, Serial>{}, 9000);
-    const Mlp<float> b = run(XsimdBackend<xsimd::default_arch, DefaultThreads>{}, 9000);
+    const Mlp<float> a = run(XsimdBackend<DefaultArch, Serial>{}, 9000);
+    const Mlp<float> b = run(XsimdBackend<DefaultArch, DefaultThreads>{}, 9000);
     for (std::size_t l = 0; l < 4; ++l) CHECK(a.weight[l] == b.weight[l]);
     const Mlp<float> z = run(XsimdBackend<>{}, 0);
     for (std::size_t l = 0; l < 4; ++l) CHECK(z.weight[l].isZero(0));

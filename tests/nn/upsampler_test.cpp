@@ -135,8 +135,8 @@ TEST_CASE("upsampler: the same bits with any kind of threads") {
         upsampler_vjp<B>(u, in, trace, g, r.first, &r.second);
         return r;
     };
-    const auto a = run(XsimdBackend<xsimd::default_arch, Serial>{});
-    const auto b = run(XsimdBackend<xsimd::default_arch, DefaultThreads>{});
+    const auto a = run(XsimdBackend<DefaultArch, Serial>{});
+    const auto b = run(XsimdBackend<DefaultArch, DefaultThreads>{});
     CHECK(a.second == b.second);
     for (std::size_t l = 0; l < 4; ++l) CHECK(a.first.conv[l] == b.first.conv[l]);
 }

@@ -12,7 +12,7 @@ using namespace rye;
 namespace {
 
 using Plain = ScalarBackend<Serial>;
-using Lanes = XsimdBackend<xsimd::default_arch, Serial>;
+using Lanes = XsimdBackend<DefaultArch, Serial>;
 using LanesThreads = XsimdBackend<>;
 
 /// A grid of small whole numbers: every distance is exact, ties abound.

@@ -50,7 +50,7 @@ using namespace rye::test;
 TEST_CASE("rasterizer: a step whose memory is there allocates nothing") {
     for (const Index channels : {3, 16}) {
         const Scenery<float> s = random_scene<float>(300, channels, 5);
-        const Rasterizer<XsimdBackend<xsimd::default_arch, Serial>> rasterizer;
+        const Rasterizer<XsimdBackend<DefaultArch, Serial>> rasterizer;
         Raster<float> raster;
         RasterScratch<float> scratch;
         Gaussians<float> gradient;

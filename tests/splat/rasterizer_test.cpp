@@ -13,7 +13,7 @@ using namespace rye::test;
 namespace {
 
 using Plain = ScalarBackend<Serial>;
-using Lanes = XsimdBackend<xsimd::default_arch, Serial>;
+using Lanes = XsimdBackend<DefaultArch, Serial>;
 using LanesThreaded = XsimdBackend<>;
 
 template <class T>

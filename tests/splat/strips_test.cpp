@@ -16,7 +16,7 @@ using namespace rye::test;
 namespace {
 
 template <class T>
-using Batch = xsimd::batch<T, xsimd::default_arch>;
+using Batch = xsimd::batch<T, DefaultArch>;
 
 /// Vectors of this machine, and of every width by arrays.
 #define EVERY_VECTOR                                                                             \

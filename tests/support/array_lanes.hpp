@@ -17,16 +17,12 @@
 
 namespace rye::test {
 
-/// N numbers in memory; what a register of an instruction set is to its vectors.
+/// N numbers in memory; what a register of an instruction set is to its vectors. It converts to a
+/// number, the first, so that whatever takes a register for a number compiles and is wrong.
 template <class T, std::size_t N>
 struct ArrayRegister {
     T x[N];
 
-    /// Registers of NEON have such operators; nothing may take them for single numbers.
-    friend ArrayRegister operator%(ArrayRegister a, T b) {
-        for (T& x : a.x) x = static_cast<T>(x % b);
-        return a;
-    }
     operator T() const { return x[0]; }
 };
 

@@ -9,7 +9,7 @@
 
 namespace rye::test {
 
-using Native = XsimdBackend<xsimd::default_arch, Serial>;
+using Native = XsimdBackend<DefaultArch, Serial>;
 #if defined(__AVX512F__) && defined(__AVX2__) && defined(__FMA__)
 using Backends = std::tuple<Native, XsimdBackend<xsimd::fma3<xsimd::avx2>, Serial>,
                             XsimdBackend<xsimd::sse2, Serial>>;

@@ -34,8 +34,16 @@ static inline __m512i _mm512_mask_blend_epi16(__mmask32 mask, __m512i zero, __m5
 
 namespace rye {
 
+/// The best instruction set that this unit is compiled for. Without optimisation g++'s blends of
+/// AVX512BW are macros that cast no vector of xsimd; one set below has the same registers.
+#if defined(__AVX512BW__) && defined(__GNUC__) && !defined(__clang__) && !defined(__OPTIMIZE__)
+using DefaultArch = xsimd::avx512dq;
+#else
+using DefaultArch = xsimd::default_arch;
+#endif
+
 /// The instruction set is a type, so units built for different ones do not collide.
-template <class Arch = xsimd::default_arch, Threads P = DefaultThreads>
+template <class Arch = DefaultArch, Threads P = DefaultThreads>
 struct XsimdBackend {
     using threads = P;
     using arch = Arch;
