@@ -35,13 +35,15 @@ emulator="qemu-aarch64 -L /usr/$cross"
 ccache=
 if command -v ccache > /dev/null 2>&1; then ccache=ccache; fi
 
-# ---- what is missing ------------------------------------------------------------------------------
+# ---- what is missing ----------------------------------------------------------------------------
 has() { command -v "$1" > /dev/null 2>&1; }
 compiles() { # COMPILER...: a program that includes the standard library
     printf '#include <string>\nint main() { return 0; }\n' > "$work/probe.cpp"
     "$@" "$work/probe.cpp" -o "$work/probe" > /dev/null 2>&1
 }
-clang() { for name in ${CLANG:-clang++ clang++-14}; do has "$name" && echo "$name" && return; done; }
+clang() {
+    for name in ${CLANG:-clang++ clang++-14}; do has "$name" && echo "$name" && return; done
+}
 missing() { # TARGET: the Debian packages it needs that are not there
     case $1 in
     libcxx)
@@ -107,10 +109,15 @@ EOF
     touch "$folder/unpacked"
 }
 
-# ---- what is run ------------------------------------------------------------------------------------
+# ---- what is run --------------------------------------------------------------------------------
 # note TARGET NAME RESULT SECONDS WORDS: a line of the table.
 note() { printf '%s|%s|%s|%s|%s\n' "$1" "$2" "$3" "$4" "$5" >> "$work/$1/results"; }
 skip() { note "$1" "$2" "not run" "" "$3"; }
+# facts: what a log says of the libraries, the lanes and the number of test cases.
+facts() {
+    sed -n 's/^indices of/&/p; s/lanes of/&/p; s/.*cases: *\([0-9]*\).*/\1 test cases/p' |
+        tr '\n' ';' | sed 's/;$//; s/;/; /g'
+}
 # run TARGET NAME COMMAND...: a line of the table, "passed" or "FAILED".
 run() {
     run_target=$1 run_name=$2
@@ -123,8 +130,7 @@ run() {
     set -e
     if [ "$run_status" = 0 ]; then
         note "$run_target" "$run_name" passed "$(seconds_since "$run_begin")" \
-            "$(sed -n 's/^\(indices of .*\)/\1/p; s/^\(.*lanes of .*\)/\1/p; s/.*cases: *\([0-9]*\).*/\1 test cases/p' \
-                "$run_log" | tr '\n' ';' | sed 's/;$//; s/;/; /g')"
+            "$(facts < "$run_log")"
     else
         note "$run_target" "$run_name" FAILED "$(seconds_since "$run_begin")" "see $run_log"
         tail -n 15 "$run_log" | sed "s/^/$run_target: /"
@@ -292,8 +298,8 @@ target_aarch64() {
 }
 cross_configure() { # SYSROOT
     configure "$here/build" "-DCMAKE_TOOLCHAIN_FILE=$root/tests/portability/aarch64.cmake" \
-        "-DRYE_SYSROOT=$1" "-DRYE_CROSS_COMPILER=$cross-g++-$gxx_major" -DRYE_WARNINGS=ON \
-        -DCMAKE_BUILD_TYPE=Release "-DCMAKE_CXX_FLAGS_RELEASE=-O1 -DNDEBUG" -DRYE_NATIVE=OFF \
+        "-DRYE_SYSROOT=$1" "-DRYE_CROSS_COMPILER=$cross-g++-$gxx_major" \
+        -DCMAKE_BUILD_TYPE=None "-DCMAKE_CXX_FLAGS=-O1 -DNDEBUG" -DRYE_NATIVE=OFF \
         -DRYE_BUILD_EXAMPLES=OFF -DRYE_BUILD_BENCHMARKS=OFF -DRYE_INSTALL=OFF
 }
 cross_test() { # FOLDER
@@ -328,7 +334,7 @@ EOF
     grep -aq '^element vertex [1-9]' head.ply
 }
 
-# ---- all of them ------------------------------------------------------------------------------------
+# ---- all of them --------------------------------------------------------------------------------
 if [ "${1:-}" = --one ]; then
     here=$work/$2 suffix='' lanes=any
     not_there=$(missing "$2" | tr '\n' ' ')

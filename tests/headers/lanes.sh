@@ -5,9 +5,10 @@
 # without it the compiler's AVX-512 headers are macros, which xsimd 8.1 does not go with.
 set -eu
 flags=$(tr '\n' ' ' < "$2")
+warnings="-Wall -Wextra -Wconversion -Wsign-conversion -Wshadow -Werror"
 compile() {  # COMPILER ARCH SOURCE
     # shellcheck disable=SC2086 # the flags are several words
-    $1 $flags "-march=$2" -O1 -fsyntax-only -Wall -Wextra -Wconversion -Wshadow -Werror "$3" ||
+    $1 $flags "-march=$2" -O1 -fsyntax-only $warnings "$3" ||
         { echo "$3 does not compile for $2"; exit 1; }
 }
 compile "$1" x86-64 "$3/instructions/kernels.cpp"
