@@ -31,6 +31,8 @@ gxx_major=${gxx_major:-12}
 eigen=/usr/include/eigen3
 warnings="-Wall -Wextra -Wconversion -Wsign-conversion -Wshadow -Werror"
 cross=aarch64-linux-gnu
+# g++-multilib, which would put the kernel's headers in view, does not go with cross compilers.
+m32="g++ -m32 -msse2 -mfpmath=sse -idirafter /usr/include/$(g++ -print-multiarch 2> /dev/null)"
 emulator="qemu-aarch64 -L /usr/$cross"
 ccache=
 if command -v ccache > /dev/null 2>&1; then ccache=ccache; fi
@@ -49,7 +51,7 @@ missing() { # TARGET: the Debian packages it needs that are not there
     libcxx)
         [ -n "$(clang)" ] && compiles "$(clang)" -stdlib=libc++ ||
             echo clang libc++-dev libc++abi-dev ;;
-    bits32) compiles g++ -m32 || echo "g++-$gxx_major-multilib" ;;
+    bits32) compiles $m32 || echo "g++-$gxx_major-multilib" ;;
     wasm32)
         has em++ || echo emscripten
         has node || echo nodejs ;;
@@ -247,12 +249,12 @@ other_versions() { # TARGET SUITE
 target_debian13() { other_versions debian13 trixie; }
 target_newest() { other_versions newest sid; }
 target_bits32() {
-    compiler="$ccache g++ -m32 -msse2 -mfpmath=sse -std=c++20 -I$root/include -isystem $eigen"
+    compiler="$ccache $m32 -std=c++20 -I$root/include -isystem $eigen"
     # shellcheck disable=SC2086 # several words
     {
         run bits32 "README" readme "" $compiler -O2
         run bits32 "numbers" numbers "" $compiler -O1
-        run bits32 "every header" every_header "g++ -m32 -msse2" -std=c++20
+        run bits32 "every header" every_header "$m32" -std=c++20
         run bits32 "test_core" unit_tests "" core $compiler -O0
     }
 }
