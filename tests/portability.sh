@@ -32,7 +32,7 @@ eigen=/usr/include/eigen3
 warnings="-Wall -Wextra -Wconversion -Wsign-conversion -Wshadow -Werror"
 cross=aarch64-linux-gnu
 # g++-multilib, which would put the kernel's headers in view, does not go with cross compilers.
-m32="g++ -m32 -msse2 -mfpmath=sse -idirafter /usr/include/$(g++ -print-multiarch 2> /dev/null)"
+m32="g++ -m32 -msse2 -mfpmath=sse -idirafter /usr/include/x86_64-linux-gnu"
 emulator="qemu-aarch64 -L /usr/$cross"
 ccache=
 if command -v ccache > /dev/null 2>&1; then ccache=ccache; fi
