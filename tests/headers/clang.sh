@@ -5,6 +5,6 @@
 set -eu
 flags=$(grep -v openmp "$2" | tr '\n' ' ')
 # shellcheck disable=SC2086 # the flags are several words
-$1 $flags -fsyntax-only -Wall -Wextra -Wconversion -Wshadow -Werror -x c++ "$3" \
+$1 $flags -fsyntax-only -Wall -Wextra -Wconversion -Wsign-conversion -Wshadow -Werror -x c++ "$3" \
     -Wno-pragma-once-outside-header
 echo "$("$1" --version | head -n 1) reads every header"

@@ -5,9 +5,10 @@
 # also without optimisation, where the compiler's AVX-512 headers are macros.
 set -eu
 flags=$(tr '\n' ' ' < "$2")
+warnings="-Wall -Wextra -Wconversion -Wsign-conversion -Wshadow -Werror"
 compile() {  # COMPILER ARCH SOURCE OPTIONS
     # shellcheck disable=SC2086 # the flags and options are several words
-    $1 $flags "-march=$2" $4 -Wall -Wextra -Wconversion -Wshadow -Werror "$3" ||
+    $1 $flags "-march=$2" $4 $warnings "$3" ||
         { echo "$3 does not compile for $2 with $4"; exit 1; }
 }
 compile "$1" x86-64 "$3/instructions/kernels.cpp" "-O1 -fsyntax-only"

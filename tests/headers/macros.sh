@@ -11,7 +11,8 @@ trap 'rm -rf "$work"' EXIT
 
 find "$include/rye" -name '*.hpp' | sort > "$work/files"
 xargs sed -n 's/^ *# *include *\(<[^>]*>\).*/\1/p' < "$work/files" | sort -u > "$work/included"
-grep -v '^<rye/' "$work/included" | sed 's/^/#include /' > "$work/foreign.cpp"
+grep -v '^<rye/' "$work/included" |     # some are of other systems
+    sed 's/.*/#if __has_include(&)\n#include &\n#endif/' > "$work/foreign.cpp"
 sed "s|^$include/\(.*\)|#include <\1>|" "$work/files" > "$work/rye.cpp"
 
 for unit in foreign rye; do

@@ -109,8 +109,10 @@ TEST_CASE("influence: over columns, with its adjoint, and in lanes") {
     const Ramp<Batch> ramp(Batch(0.15f), Batch(0.25f));
     const Ramp<float> one(0.15f, 0.25f);
     for (float s = 0; s < 0.3f; s += 0.013f) {
-        CHECK(influence(SquaredDistance{}, ramp, Batch(s)).get(1) ==
-              influence(SquaredDistance{}, one, s));
+        // A compiler fuses products of the one and not of the other, as on Arm.
+        const float difference = influence(SquaredDistance{}, ramp, Batch(s)).get(1) -
+                                 influence(SquaredDistance{}, one, s);
+        CHECK(std::abs(difference) <= 4 * std::numeric_limits<float>::epsilon());
         CHECK(influence_slope(EuclideanDistance{}, ramp, Batch(s)).get(1) ==
               doctest::Approx(influence_slope(EuclideanDistance{}, one, s)));
     }

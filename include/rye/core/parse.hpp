@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/core/parse.hpp: a number written as text: rounded to the nearest, and the same in any locale.
+/// rye/core/parse.hpp: a number written as text, rounded to the nearest, the same in any locale.
 #pragma once
 
 #include <cerrno>
@@ -29,9 +29,8 @@ inline std::optional<double> parse_by_strtod(std::string_view text) {
     static const locale_t plain = newlocale(LC_ALL_MASK, "C", locale_t());
     const std::string copy(text);        // ends with a zero
     const char first = copy[copy.starts_with('-') ? 1 : 0];
-    if (first == '\0' || std::string_view(".0123456789iInN").find(first) == std::string_view::npos ||
-        copy.find_first_of("xX") != std::string::npos)
-        return {};
+    constexpr std::string_view begins = ".0123456789iInN";
+    if (begins.find(first) == begins.npos || copy.find_first_of("xX") != copy.npos) return {};
     const int before = std::exchange(errno, 0);
     char* end = nullptr;
     const double x = strtod_l(copy.c_str(), &end, plain);

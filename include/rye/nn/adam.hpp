@@ -30,7 +30,7 @@ struct Adam {
     P m;                            ///< mean of gradients
     P v;                            ///< mean of squared gradients
     std::int64_t step = 0;          ///< steps applied so far
-    std::vector<std::int64_t> field_steps; ///< steps applied to each field, in the order of the walk
+    std::vector<std::int64_t> field_steps; ///< the same of each field, in the order of the walk
 
     Adam() = default;
     explicit Adam(const P& p) : m(zeros_like(p)), v(zeros_like(p)) {}
