@@ -8,21 +8,6 @@
 #include <type_traits>
 #include <utility>
 
-// Without optimisation, g++ 12 has these as macros with casts that xsimd 8.1's batches do not take.
-#if defined(__AVX512BW__) && !defined(__OPTIMIZE__) && !defined(__clang__)
-#include <immintrin.h>
-#if defined(_mm512_mask_blend_epi8) && defined(_mm512_mask_blend_epi16)
-#undef _mm512_mask_blend_epi8
-#undef _mm512_mask_blend_epi16
-static inline __m512i _mm512_mask_blend_epi8(__mmask64 mask, __m512i zero, __m512i one) {
-    return _mm512_mask_mov_epi8(zero, mask, one);
-}
-static inline __m512i _mm512_mask_blend_epi16(__mmask32 mask, __m512i zero, __m512i one) {
-    return _mm512_mask_mov_epi16(zero, mask, one);
-}
-#endif
-#endif
-
 #include <xsimd/xsimd.hpp>
 
 #include <rye/backend/backend.hpp>
