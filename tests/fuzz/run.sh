@@ -42,8 +42,9 @@ BIN=$(cd "$BIN" && pwd)
 out=${OUT:-$BIN/out}
 mkdir -p "$out"
 out=$(cd "$out" && pwd)
+# Written once, not by each of the processes that this script starts.
 # shellcheck disable=SC2086 # a program and its options
-${LOADER:-} "$BIN/seeds" "$out/seeds"
+[ "${RYE_FUZZ_ONE:-}" ] || ${LOADER:-} "$BIN/seeds" "$out/seeds"
 
 # An input may ask for no more memory than it can hold: packed a thousandfold, and in a picture each
 # bit a pixel of 3 or 4 bytes.

@@ -162,6 +162,12 @@ TEST_CASE("ply: files that lie are refused, with the file and the fault in the m
     CHECK(mentions(fault(std::string(5000, 'a')), "header line"));
 }
 
+TEST_CASE("ply: discs without a vertex are a cloud without Gaussians") {
+    const std::string text = "ply\nformat ascii 1.0\nelement vertex 0\n" + numbers + "end_header\n";
+    REQUIRE(text.find("scale_2") == std::string::npos);
+    CHECK(parsed(text).count() == 0);
+}
+
 TEST_CASE("ply: elements before the vertices that the file does not hold are refused at once") {
     for (const char* format : {"ascii", "binary_little_endian"}) {
         const std::string begin = std::string("ply\nformat ") + format + " 1.0\n";

@@ -140,7 +140,7 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
     GaussianCloud<T> cloud(0, degree);   // no memory before all properties are known to be there
     const auto targets = ply_targets(h, cloud, flat, who);
     cloud = GaussianCloud<T>(h.count, degree);
-    if (flat) cloud.log_scale.row(2).setConstant(static_cast<T>(flat_log_scale));
+    if (flat && h.count > 0) cloud.log_scale.row(2).setConstant(static_cast<T>(flat_log_scale));
     const auto finite = [&](T x, std::size_t property, Index vertex) {
         if (!std::isfinite(x))
             throw Error(who + ": got " + std::to_string(x) + " for property " +
