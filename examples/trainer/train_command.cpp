@@ -156,7 +156,7 @@ class Trainer {
         if (stop_requested == 0) return false;
         folder_.save(state_);
         std::cout << "\nstopped; the checkpoint is saved. Go on with\n  rye train --capture "
-                  << options_.capture.string() << " --out " << options_.out.string()
+                  << capture_.folder.string() << " --out " << options_.out.string()
                   << " --resume\n";
         return true;
     }
