@@ -161,7 +161,7 @@ int main() {
     report("network, plain loops", network_error(network, multiply<ScalarBackend<>, double>()),
            1e-5);
 #if !defined(PLAIN_LOOPS_ONLY)
-    compare_lanes<xsimd::default_arch>();
+    compare_lanes<DefaultArch>();
 #endif
 
     add_to_digest(plain.feature);
