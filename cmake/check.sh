@@ -1,6 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# check.sh: builds everything with rye's warnings as errors, and runs every test.
+# check.sh: builds everything with rye's warnings as errors, and runs every test. Ends with a list of
+# what this machine could not run, and why. Other processors: sh tests/portability.sh.
 set -eu
 cd "$(dirname "$0")/.."
 . cmake/steps.sh
@@ -12,4 +13,11 @@ step "Configure" configure "$build" -DRYE_WARNINGS=ON
 step "Build everything" cmake --build "$build" --parallel "$jobs"
 step "Test" ctest --test-dir "$build" --parallel "$jobs" --output-on-failure
 
+# Tests say so in lines that begin with "not run", "skipped" or "NAME: skipped".
+log=$build/Testing/Temporary/LastTest.log
+if left_out=$(grep -ihE '^(not run|skipped|[a-z_]+: skipped)[,:]? ' "$log" | sort -u); then
+    printf '\nNot run on this machine:\n%s\n' "$left_out"
+else
+    printf '\nNothing was left out.\n'
+fi
 printf '\nAll of it took %s s.\n' "$(seconds_since "$begin")"

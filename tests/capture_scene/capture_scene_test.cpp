@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The made capture is what its labels say. The ICT head is tested where RYE_DATA names a folder
 /// with ict/ict_light.npz in it; the test passes where it is unset.
+#include "../support/real_data.hpp"
 #include "capture_scene.hpp"
 
 #include <unistd.h>
 
 #include <cmath>
-#include <cstdlib>
 #include <set>
 
 #include <doctest/doctest.h>
@@ -396,13 +396,9 @@ TEST_CASE("command: writes once, overwrites captures only, and leaves nothing ha
 }
 
 TEST_CASE("ICT head: its landmarks, eyes and expressions, and lids that follow the gaze") {
-    const char* data = std::getenv("RYE_DATA");
-    const fs::path pack = data ? fs::path(data) / "ict" / "ict_light.npz" : fs::path();
-    if (!data || !fs::exists(pack)) {
-        MESSAGE("RYE_DATA names no folder with ict/ict_light.npz: passed over");
-        return;
-    }
-    const HeadModel m = ict_head(pack, 5);
+    const auto pack = test::real_data("ict/ict_light.npz");
+    if (!pack) return;
+    const HeadModel m = ict_head(*pack, 5);
     CHECK(m.expression_names.size() == 45);
     CHECK(m.identity.size() == 10);
     for (std::size_t e = 0; e < 2; ++e) {

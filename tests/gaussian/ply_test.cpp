@@ -6,7 +6,6 @@
 
 #include <chrono>
 #include <csignal>
-#include <cstdlib>
 #include <filesystem>
 #include <limits>
 #include <sstream>
@@ -18,6 +17,8 @@
 #include <doctest/doctest.h>
 
 #include <rye/core/random.hpp>
+
+#include "../support/real_data.hpp"
 
 using namespace rye;
 
@@ -238,14 +239,14 @@ TEST_CASE("ply: read through a pipe, which cannot tell its length") {
 }
 
 TEST_CASE("ply: a real trained scene and a file of degree 3") {
-    const char* data = std::getenv("RYE_DATA");
-    if (data == nullptr) return;
-    const auto biker = read_ply<float>(std::string(data) + "/splats/biker.ply");
+    const auto scene = test::real_data("splats/biker.ply");
+    const auto points = test::real_data("splats/test-splat.3-points-from-train.ply");
+    if (!scene || !points) return;
+    const auto biker = read_ply<float>(scene->string());
     CHECK(biker.count() == 152746);
     CHECK(biker.degree() == 0);
     CHECK(biker.mean.allFinite());
-    const auto three =
-        read_ply<float>(std::string(data) + "/splats/test-splat.3-points-from-train.ply");
+    const auto three = read_ply<float>(points->string());
     CHECK(three.count() == 3);
     CHECK(three.degree() == 3);
     CHECK(same(parsed(written(three)), three));

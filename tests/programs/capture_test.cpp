@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // With RYE_DATA set to a folder that holds capture_a, that capture is read as well.
+#include "../support/real_data.hpp"
 #include "capture.hpp"
 
-#include <cstdlib>
 #include <filesystem>
 #include <string>
 #include <utility>
@@ -189,9 +189,9 @@ TEST_CASE("capture: a camera may miss a frame") {
 }
 
 TEST_CASE("capture: the real capture") {
-    const char* data = std::getenv("RYE_DATA");
-    if (!data) return;
-    const Capture c = read_capture(fs::path(data) / "capture_a");
+    const auto folder = test::real_data("capture_a");
+    if (!folder) return;
+    const Capture c = read_capture(*folder);
     CHECK(c.frame_count() == 40);
     CHECK(c.camera_count() == 18);
     CHECK(c.train.size() == 32);

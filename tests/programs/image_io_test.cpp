@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // With RYE_DATA set to a folder that holds capture_a, a real JPEG is decoded and damaged too.
+#include "../support/real_data.hpp"
 #include "image_io.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <filesystem>
 #include <initializer_list>
 #include <string>
@@ -281,15 +281,14 @@ TEST_CASE("image: a JPEG of four inks is refused by name, a pipe is not waited f
 }
 
 TEST_CASE("image: a real JPEG, whole and cut") {
-    const char* data = std::getenv("RYE_DATA");
-    if (!data) return;
-    const fs::path source = fs::path(data) / "capture_a/images/0000/image_08.jpg";
-    const Image8 image = read_image8(source, 3);
+    const auto source = test::real_data("capture_a/images/0000/image_08.jpg");
+    if (!source) return;
+    const Image8 image = read_image8(*source, 3);
     CHECK(image.width == 256);
     CHECK(image.values.size() == 3 * 256 * 256);
     const TemporaryFolder folder;
     const fs::path path = folder.path / "cut.jpg";
-    const Bytes whole = read_file(source);
+    const Bytes whole = read_file(*source);
     for (const double share : {0.01, 0.3, 0.7, 0.999}) {
         const auto n = static_cast<std::size_t>(share * static_cast<double>(whole.size()));
         write_atomic(path, ByteSpan(whole).first(n));

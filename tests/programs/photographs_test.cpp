@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "../support/real_data.hpp"
 #include "photographs.hpp"
 
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 
@@ -91,8 +91,7 @@ TEST_CASE("json: text nested too deep is refused, wherever it is read") {
 }
 
 TEST_CASE("photographs: those of the data folder, where there is one") {
-    const char* const data = std::getenv("RYE_DATA");
-    const fs::path path = fs::path(data == nullptr ? "" : data) / "buddha/transforms.json";
-    if (data == nullptr || !fs::exists(path)) return;
-    for (const Photograph& p : read_photographs(path)) CHECK(p.camera.fx > 0);
+    const auto path = test::real_data("buddha/transforms.json");
+    if (!path) return;
+    for (const Photograph& p : read_photographs(*path)) CHECK(p.camera.fx > 0);
 }

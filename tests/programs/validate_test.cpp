@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // With RYE_DATA set to a folder that holds capture_a, that capture must be found sound.
+#include "../support/real_data.hpp"
 #include "validate.hpp"
 
-#include <cstdlib>
 #include <filesystem>
 #include <iostream>
 #include <sstream>
@@ -427,9 +427,9 @@ TEST_CASE("validate: a folder that is not there") {
 }
 
 TEST_CASE("validate: the real capture is sound") {
-    const char* data = std::getenv("RYE_DATA");
-    if (!data) return;
-    const Capture c = read_capture(fs::path(data) / "capture_a");
+    const auto folder = test::real_data("capture_a");
+    if (!folder) return;
+    const Capture c = read_capture(*folder);
     const std::vector<Problem> problems = validate(c, ImagesToDecode::all);
     INFO("told: ", text_of(problems));
     CHECK(problems.empty());
