@@ -14,3 +14,5 @@ set(CMAKE_FIND_ROOT_PATH_MODE_INCLUDE ONLY)
 set(CMAKE_FIND_ROOT_PATH_MODE_PACKAGE ONLY)
 set(CMAKE_CROSSCOMPILING_EMULATOR qemu-aarch64;-L;/usr/aarch64-linux-gnu;-E
     LD_LIBRARY_PATH=${RYE_SYSROOT}/usr/lib/aarch64-linux-gnu)
+# Headers of one processor, such as libjpeg's jconfig.h.
+set(CMAKE_CXX_STANDARD_INCLUDE_DIRECTORIES ${RYE_SYSROOT}/usr/include/${CMAKE_LIBRARY_ARCHITECTURE})
