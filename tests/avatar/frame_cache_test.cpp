@@ -155,7 +155,7 @@ TEST_CASE("frame cache: what is done is what changed") {
     CHECK(w.points == 2 * around(1));
     CHECK(w.summed == around(1));
     CHECK(w.eyes == 1);
-    CHECK(cache.render().work().projected == around(1) + eyes / 2);
+    CHECK(cache.render().work().projected == around(1) + s.avatar.eyes.points_of(1));
     CHECK(cache.render().work().blended < cache.render().raster().trace.lists.tiles());
     cache.picture();
     CHECK(cache.upsampler().pixels() > 0);
