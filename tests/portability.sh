@@ -311,7 +311,7 @@ cross_test() { # FOLDER
 # The program makes a capture and trains on it, both stages: with one thread and with two the same.
 cross_train() {
     cmake --build "$here/build" --parallel "$jobs" --target rye_program
-    rye="$emulator -E LD_LIBRARY_PATH=$here/sysroot/usr/lib/$cross $here/build/rye"
+    rye="$emulator -E LD_LIBRARY_PATH=$here/sysroot/usr/lib/$cross:$here/sysroot/lib/$cross $here/build/rye"
     rm -rf "$here/train"
     mkdir -p "$here/train"
     cd "$here/train"

@@ -13,6 +13,8 @@ set(CMAKE_FIND_ROOT_PATH_MODE_LIBRARY ONLY)
 set(CMAKE_FIND_ROOT_PATH_MODE_INCLUDE ONLY)
 set(CMAKE_FIND_ROOT_PATH_MODE_PACKAGE ONLY)
 set(CMAKE_CROSSCOMPILING_EMULATOR qemu-aarch64;-L;/usr/aarch64-linux-gnu;-E
-    LD_LIBRARY_PATH=${RYE_SYSROOT}/usr/lib/aarch64-linux-gnu)
+    LD_LIBRARY_PATH=${RYE_SYSROOT}/usr/lib/aarch64-linux-gnu:${RYE_SYSROOT}/lib/aarch64-linux-gnu)
+# zlib, which libpng needs, lies in the other folder of libraries.
+set(CMAKE_EXE_LINKER_FLAGS_INIT -Wl,-rpath-link,${RYE_SYSROOT}/lib/aarch64-linux-gnu)
 # Headers of one processor, such as libjpeg's jconfig.h.
 set(CMAKE_CXX_STANDARD_INCLUDE_DIRECTORIES ${RYE_SYSROOT}/usr/include/${CMAKE_LIBRARY_ARCHITECTURE})

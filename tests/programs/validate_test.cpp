@@ -159,7 +159,7 @@ TEST_CASE("validate: files that are missing, empty, cut or of the wrong shape") 
         for (int f = 0; f < 4; ++f) fs::remove_all(t.folder / "images" / t.frame(f));
     });
     check_error("image_c0.png: got 0 bytes", [](T t) { write_atomic(t.image(1, 0), {}); });
-    check_error("mask_c0.png: truncated", [](T t) {
+    check_error("mask_c0.png: PNG: truncated", [](T t) {
         const Bytes whole = read_file(t.image(0, 0, "mask"));
         write_atomic(t.image(0, 0, "mask"), ByteSpan(whole).first(whole.size() - 20));
     });
