@@ -265,6 +265,7 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
                                          const HandDrivers& drivers, HandTrace& t) {
     const Index all = eyes.position.cols();
     const Index left_count = eyes.left_points < 0 ? all / 2 : eyes.left_points;
+    const Index counts[2] = {left_count, all - left_count};
     Columns<T> centre = eyes.centre;
 #if !WITHOUT_EYE_OFFSET
     t.offset.input.resize(t.expression.size() + t.pose.size(), 1);
@@ -286,7 +287,7 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
     g.opacity = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     const auto place = [&](Index first, EyeTransform<T>& eye) {
         const std::size_t at = first == 0 ? 0 : 1;
-        const Index n = at == 0 ? left_count : all - left_count;
+        const Index& n = counts[at];
         const Columns<T> points = eyes.position.middleCols(first, n);
         const Columns<T> rotations = eyes.rotation.middleCols(first, n);
         const Cornea<T> cornea = cornea_of(eyes.cornea, at);
