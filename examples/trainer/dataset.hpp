@@ -51,7 +51,7 @@ Columns<double> to_canonical(const CaptureFrame& frame, const Columns<double>& w
 /// image + (1 - mask) * background; both at full size.
 Image<float> on_background(const Image<float>& image, const Image<float>& mask, float background);
 
-/// What is put right of and below a picture whose sides no factor divides.
+/// Values of the columns and rows that extend a picture.
 enum class Border { repeated, zero };
 
 /// The picture with columns on the right and rows below, until `factor` divides both sides: its own

@@ -108,11 +108,15 @@ TEST_CASE("influence: over columns, with its adjoint, and in lanes") {
     using Batch = XsimdBackend<>::batch<float>;
     const Ramp<Batch> ramp(Batch(0.15f), Batch(0.25f));
     const Ramp<float> one(0.15f, 0.25f);
+#if defined(__aarch64__)  // there the compiler fuses products of numbers and not of vectors
+    constexpr float apart = 4 * std::numeric_limits<float>::epsilon();
+#else
+    constexpr float apart = 0;
+#endif
     for (float s = 0; s < 0.3f; s += 0.013f) {
-        // A compiler fuses products of the one and not of the other, as on Arm.
         const float difference = influence(SquaredDistance{}, ramp, Batch(s)).get(1) -
                                  influence(SquaredDistance{}, one, s);
-        CHECK(std::abs(difference) <= 4 * std::numeric_limits<float>::epsilon());
+        CHECK(std::abs(difference) <= apart);
         CHECK(influence_slope(EuclideanDistance{}, ramp, Batch(s)).get(1) ==
               doctest::Approx(influence_slope(EuclideanDistance{}, one, s)));
     }
