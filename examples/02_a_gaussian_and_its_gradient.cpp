@@ -20,8 +20,8 @@ int main() {
 
     const Pinhole<double> camera = look_at<double>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5, 32, 32);
     const VecX<double> black = VecX<double>::Zero(3);
-    const Rasterizer<ScalarBackend<>> rasterizer;
-    const Raster<double> raster = rasterizer.forward(g, camera, black);
+    const Rasterizer<> rasterizer;
+    const Raster<double> raster = rasterizer.forward(ScalarBackend<>{}, g, camera, black);
 
     for (int y = 0; y < 32; y += 2) {                               // the picture, as text
         for (int x = 0; x < 32; ++x) {
@@ -33,10 +33,10 @@ int main() {
 
     // The loss is half the sum of squares, so its gradient by the picture is the picture.
     const auto loss = [&](const Gaussians<double>& x) {
-        return 0.5 * rasterizer.forward(x, camera, black).feature.pixels.squaredNorm();
+        return 0.5 * rasterizer.forward(ScalarBackend<>{}, x, camera, black).feature.pixels.squaredNorm();
     };
     const Gaussians<double> gradient =
-        rasterizer.vjp(g, camera, black, raster, raster.feature.pixels);
+        rasterizer.vjp(ScalarBackend<>{}, g, camera, black, raster, raster.feature.pixels);
 
     // Walk over all 14 numbers and compare each derivative with a central difference.
     double worst = 0;

@@ -28,7 +28,7 @@ int main() {
 
     const Pinhole<float> camera = look_at<float>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.4f, 48, 48);
     const VecX<float> nothing = VecX<float>::Zero(n + 3);
-    const Raster<float> raster = Rasterizer<ScalarBackend<>>{}.forward(g, camera, nothing);
+    const Raster<float> raster = Rasterizer<>{}.forward(ScalarBackend<>{}, g, camera, nothing);
 
     for (int y = 0; y < 48; y += 2) {                               // who is seen where
         for (int x = 0; x < 48; ++x) {

@@ -40,16 +40,16 @@ int main() {
     MlpTrace<float> trace;
     double first = 0, loss = 0;
     for (int step = 0; step <= 400; ++step) {
-        const Columns<float> y = mlp_forward<B>(network, encoded, frame, &trace);
+        const Columns<float> y = mlp_forward(B{}, network, encoded, frame, &trace);
         const Columns<float> error = y - target;                    // d(loss)/dy = 2 error / n
         loss = static_cast<double>(error.squaredNorm()) / static_cast<double>(n);
         if (step == 0) first = loss;
         if (step % 100 == 0) std::printf("step %3d: mean squared error %.6f\n", step, loss);
 
         Mlp<float> gradient = zeros_like(network);
-        mlp_vjp<B>(network, encoded, frame, trace, Columns<float>(error * (2.0f / float(n))),
+        mlp_vjp(B{}, network, encoded, frame, trace, Columns<float>(error * (2.0f / float(n))),
                    gradient, nullptr, nullptr);
-        adam_step<B>(network, gradient, adam, [](const std::string&) { return 1e-2; });
+        adam_step(B{}, network, gradient, adam, [](const std::string&) { return 1e-2; });
     }
     return loss < 0.01 * first ? 0 : 1;
 }

@@ -48,20 +48,20 @@ int main() {
 
     const Pinhole<float> camera = look_at<float>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5f, edge, edge);
     const VecX<float> grey = VecX<float>::Constant(3, 0.5f);
-    const Rasterizer<B> rasterizer;
+    const Rasterizer<> rasterizer;
     Adam<Gaussians<float>> adam(raw);
     double psnr = 0;
     for (int step = 0; step <= 300; ++step) {
         const Gaussians<float> g = activated(raw);
-        const Raster<float> raster = rasterizer.forward(g, camera, grey);
+        const Raster<float> raster = rasterizer.forward(B{}, g, camera, grey);
         const Columns<float> error = raster.feature.pixels - picture.pixels;
         psnr = -10 * std::log10(static_cast<double>(error.squaredNorm()) / double(error.size()));
         if (step % 100 == 0) std::printf("step %3d: %.2f dB\n", step, psnr);
 
-        Gaussians<float> gradient = rasterizer.vjp(g, camera, grey, raster, error);
+        Gaussians<float> gradient = rasterizer.vjp(B{}, g, camera, grey, raster, error);
         gradient.scale.array() *= g.scale.array();                  // d exp(x) = exp(x) dx
         gradient.opacity.array() *= g.opacity.array() * (1 - g.opacity.array());
-        adam_step<B>(raw, gradient, adam, [](const std::string&) { return 0.02; });
+        adam_step(B{}, raw, gradient, adam, [](const std::string&) { return 0.02; });
     }
     return psnr > 22 ? 0 : 1;
 }

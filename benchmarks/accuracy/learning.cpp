@@ -55,9 +55,9 @@ void mlp_precision() {
     const auto run = [&](const auto& m, const auto& in, const auto& g, auto& value, auto& grad) {
         using T = typename std::decay_t<decltype(in)>::Scalar;
         MlpTrace<T> trace;
-        value = mlp_forward<B>(m, in, VecX<T>(), &trace);
+        value = mlp_forward(B{}, m, in, VecX<T>(), &trace);
         grad = zeros_like(m);
-        mlp_vjp<B>(m, in, VecX<T>(), trace, g, grad, nullptr, nullptr);
+        mlp_vjp(B{}, m, in, VecX<T>(), trace, g, grad, nullptr, nullptr);
     };
     Columns<double> y64;
     Mlp<double> g64(shape);
@@ -159,7 +159,7 @@ struct SlotSums {
     SlotSums(const Scenery& s, const A& accuracy, const Columns<float>& weights)
         : camera(s.camera.cast<T>()), background(s.background.cast<T>()), w(weights.cast<T>()) {
         convert_fields(g, s.gaussians, [](float x) { return static_cast<T>(x); });
-        raster = Rasterizer<ScalarBackend<Serial>, A>{accuracy}.forward(g, camera, background);
+        raster = Rasterizer<A>{accuracy}.forward(ScalarBackend<Serial>{}, g, camera, background);
         walk(accuracy);
     }
     template <class A>

@@ -40,7 +40,7 @@ Policy policy(const std::string& name, const std::string& group, const A& accura
         name, group, truth,
         [accuracy](const Scenery& s, const Columns<float>& weights, const Columns<float>& w_alpha) {
             struct State {
-                Rasterizer<B, A> rasterizer;
+                Rasterizer<A> rasterizer;
                 Gaussians<T> g, gradient;
                 Pinhole<T> camera;
                 VecX<T> background;
@@ -57,11 +57,11 @@ Policy policy(const std::string& name, const std::string& group, const A& accura
             st->w_alpha = w_alpha.cast<T>();
             return Runner{
                 [st] {
-                    st->rasterizer.forward_into(st->g, st->camera, st->background, st->raster,
+                    st->rasterizer.forward_into(B{}, st->g, st->camera, st->background, st->raster,
                                                 &st->scratch);
                 },
                 [st] {
-                    st->rasterizer.vjp_into(st->g, st->camera, st->background, st->raster,
+                    st->rasterizer.vjp_into(B{}, st->g, st->camera, st->background, st->raster,
                                             {st->w, &st->w_alpha}, st->gradient, &st->scratch);
                 },
                 [st] { return Columns<double>(st->raster.feature.pixels.template cast<double>()); },

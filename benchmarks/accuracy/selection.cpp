@@ -48,7 +48,7 @@ int selection(int scenes) {
         const Scenery s = held_out(seed);
         const double bound = 5e-4 * std::exp(std::log(100.0) * Random{seed, 78}.uniform(3));
         const SelectedAccuracy chosen =
-            select_accuracy<B>(s.gaussians, s.camera, s.background, bound);
+            select_accuracy(B{}, s.gaussians, s.camera, s.background, bound);
         Gaussians<double> g;
         convert_fields(g, s.gaussians, [](float x) { return static_cast<double>(x); });
         const auto truth = oracle(g, s.camera.cast<double>(), s.background.cast<double>(),
@@ -61,15 +61,15 @@ int selection(int scenes) {
         times.fill(INFINITY);
         for (int i = 0; i < 9; ++i) // interleaved
             for (std::size_t r = 0; r < times.size(); ++r) {
-                const Rasterizer<B> rasterizer{accuracy_ladder[r].accuracy()};
+                const Rasterizer<> rasterizer{accuracy_ladder[r].accuracy()};
                 const double a = seconds();
-                rasterizer.forward_into(s.gaussians, s.camera, s.background, raster, &scratch);
+                rasterizer.forward_into(B{}, s.gaussians, s.camera, s.background, raster, &scratch);
                 times[r] = std::min(times[r], seconds() - a);
             }
         for (std::size_t r = 0; r < times.size(); ++r) {
             const AccuracyRung& rung = accuracy_ladder[r];
-            const Rasterizer<B> rasterizer{rung.accuracy()};
-            rasterizer.forward_into(s.gaussians, s.camera, s.background, raster, &scratch);
+            const Rasterizer<> rasterizer{rung.accuracy()};
+            rasterizer.forward_into(B{}, s.gaussians, s.camera, s.background, raster, &scratch);
             const Columns<double> d = raster.feature.pixels.cast<double>() - truth.feature.pixels;
             const double error = d.cwiseAbs().maxCoeff();
             if (error <= bound && times[r] < least) least = times[r], best = rung.name;

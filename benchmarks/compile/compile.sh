@@ -37,8 +37,8 @@ using B = XsimdBackend<DefaultArch, Serial>;
 void f(const Mlp<float>& m, const Columns<float>& x, const VecX<float>& v, Mlp<float>& g,
        Columns<float>& gx) {
     MlpTrace<float> t;
-    const Columns<float> y = mlp_forward<B>(m, x, v, &t);
-    mlp_vjp<B>(m, x, v, t, y, g, &gx, nullptr);
+    const Columns<float> y = mlp_forward(B{}, m, x, v, &t);
+    mlp_vjp(B{}, m, x, v, t, y, g, &gx, nullptr);
 }' ;;
     avatar) echo '#include <rye/avatar/two_stream.hpp>
 #include <rye/backend/xsimd.hpp>
@@ -46,7 +46,7 @@ using namespace rye;
 using B = XsimdBackend<DefaultArch, Serial>;
 void f(const TwoStream<float>& a, const AvatarConfig& c, const LandmarkRoles& r,
        const Drivers<float>& d, TwoStreamTrace<float>& t) {
-    drive<B>(a, c, r, d, t);
+    drive(B{}, a, c, r, d, t);
 }' ;;
     esac
 }

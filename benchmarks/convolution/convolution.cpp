@@ -18,18 +18,18 @@ void convolution(benchmark::State& state) {
     const Image<float> in(size, size, channels, 0.5F), g(size, size, channels, 0.1F);
     const Columns<float> weight = Columns<float>::Constant(channels, 9 * channels, 0.01F);
     Columns<float> g_weight = Columns<float>::Zero(channels, 9 * channels);
-    const Padded<float> wide = padded<B>(in), wide_g = padded<B>(g);
+    const Padded<float> wide = padded(B{}, in), wide_g = padded(B{}, g);
     double forward = 1e30, input = 1e30, weights = 1e30;
     for (auto _ : state)
         for (int round = 0; round < 5; ++round) {
             forward = std::min(forward, least_time(1, [&] {
-                benchmark::DoNotOptimize(convolve3x3<B>(weight, wide).pixels.data());
+                benchmark::DoNotOptimize(convolve3x3(B{}, weight, wide).pixels.data());
             }));
             input = std::min(input, least_time(1, [&] {
-                benchmark::DoNotOptimize(convolve3x3_vjp_input<B>(weight, wide_g).pixels.data());
+                benchmark::DoNotOptimize(convolve3x3_vjp_input(B{}, weight, wide_g).pixels.data());
             }));
             weights = std::min(weights, least_time(1, [&] {
-                convolve3x3_vjp_weight<B>(wide, wide_g, g_weight);
+                convolve3x3_vjp_weight(B{}, wide, wide_g, g_weight);
             }));
         }
     const double flops = 2.0 * 9 * channels * channels * size * size;

@@ -42,14 +42,14 @@ struct WholeFrame {
              const VecX<float>& background) {
         Gaussians<float> g;
         deform.time([&] {
-            drive<OneThread>(s.avatar, s.config, s.roles, drivers, trace);
+            drive(OneThread{}, s.avatar, s.config, s.roles, drivers, trace);
             g = joined(trace.world_face, trace.world_eyes);
         });
         render.time([&] {
-            Rasterizer<OneThread>().forward_into(g, camera, background, raster, &scratch);
+            Rasterizer<>().forward_into(OneThread{}, g, camera, background, raster, &scratch);
         });
         upsample.time([&] {
-            picture = upsampler_forward<OneThread>(s.avatar.upsampler, raster.feature, nullptr);
+            picture = upsampler_forward(OneThread{}, s.avatar.upsampler, raster.feature, nullptr);
         });
     }
     double seconds() const { return deform.seconds + render.seconds + upsample.seconds; }
@@ -86,7 +86,7 @@ LeastPairs least_pairs(const Raster<float>& before, const Cache& cache, const Sh
     const Gaussians<float>& g = cache.drive().gaussians();
     std::vector<bool> moved(static_cast<std::size_t>(g.count()), false);
     for (const Index i : cache.drive().changed()) moved[static_cast<std::size_t>(i)] = true;
-    const Scene<float> s = Rasterizer<OneThread>::scene_of(g, shot.camera, shot.background,
+    const Scene<float> s = Rasterizer<>::scene_of(g, shot.camera, shot.background,
                                                            after.trace);
     double all = 0, changed = 0, in_front = 0;
     for (Index t = 0; t < after.trace.lists.tiles(); ++t)
@@ -118,9 +118,9 @@ LeastPairs least_pairs(const Raster<float>& before, const Cache& cache, const Sh
 template <class Next>
 void frames(benchmark::State& state, const Next& next) {
     const Subject& s = subject();
-    const auto fresh = [&] { return Cache(s.avatar, s.config, s.roles); };
+    const auto fresh = [&] { return Cache({}, s.avatar, s.config, s.roles); };
     Cache kept = fresh(), all = fresh();
-    DriveCache<OneThread, float> driven(s.avatar, s.config, s.roles);
+    DriveCache<OneThread, float> driven({}, s.avatar, s.config, s.roles);
     Shot shot{s.drivers, s.camera, s.background};
     WholeFrame whole;
     Least deform, update, upsample, everything;
@@ -218,7 +218,7 @@ BENCHMARK(nothing)->Iterations(1);
 /// The far threshold of the expression below which `percent` of the points lie.
 double threshold(const Subject& s, Index percent) {
     const Columns<float>& x = s.avatar.face.position;
-    const Columns<float> d = nearest_squared_distance<OneThread, float>(
+    const Columns<float> d = nearest_squared_distance<float>(OneThread{}, 
         x, pick_columns(s.avatar.face.landmarks, s.roles.expression), nullptr);
     std::vector<float> sorted(d.data(), d.data() + d.size());
     std::sort(sorted.begin(), sorted.end());
@@ -235,8 +235,8 @@ void influence(benchmark::State& state) {
     s.config.exp_far = threshold(s, state.range(0));
     most.config.exp_near = 0;
     most.config.exp_far = threshold(s, 100);
-    DriveCache<OneThread, float> some(s.avatar, s.config, s.roles),
-        all(most.avatar, most.config, most.roles);
+    DriveCache<OneThread, float> some({}, s.avatar, s.config, s.roles),
+        all({}, most.avatar, most.config, most.roles);
     some.update(s.drivers);
     all.update(s.drivers);
     Least part, whole;

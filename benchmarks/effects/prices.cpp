@@ -110,11 +110,11 @@ struct Driven {
         });
         gradient = zeros_like(avatar);
     }
-    void forward() { drive<B>(avatar, config, roles, drivers, trace); }
+    void forward() { drive(B{}, avatar, config, roles, drivers, trace); }
     void backward() {
         g_face = trace.world_face;  // any cotangents do; the vjp consumes them
         g_eyes = trace.world_eyes;
-        drive_vjp<B>(avatar, config, drivers, trace, g_face, g_eyes, gradient);
+        drive_vjp(B{}, avatar, config, drivers, trace, g_face, g_eyes, gradient);
     }
     /// Trained numbers, but for the Gaussians' own.
     Index parameters() const {

@@ -128,7 +128,7 @@ void super_resolution(benchmark::State& state, const UpsamplerShape& shape) {
             forward.time(
                 [&] {
                     with.forward();
-                    high = upsampler_forward<B>(network, with.raster.feature, nullptr);
+                    high = upsampler_forward(B{}, network, with.raster.feature, nullptr);
                 },
                 [&] { without.forward(); });
     state.counters["forward_ratio"] = forward.ratio();

@@ -40,11 +40,11 @@ struct Case {
     explicit Case(Index n) : points(noise<T>(128, n)), g_out(noise<T>(32, n)) {}
     template <Backend B>
     void forward() {
-        out = mlp_forward<B>(m, points, frame, &trace);
+        out = mlp_forward(B{}, m, points, frame, &trace);
     }
     template <Backend B>
     void vjp() {
-        mlp_vjp<B>(m, points, frame, trace, g_out, g_params, &g_points, &g_frame);
+        mlp_vjp(B{}, m, points, frame, trace, g_out, g_params, &g_points, &g_frame);
     }
     /// Per point, forward: the frame's part is folded away; one layer reads the points again.
     double flops() const {

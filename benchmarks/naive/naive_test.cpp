@@ -49,9 +49,9 @@ TEST_CASE("naive: image and gradients are the reference's") {
             Eigen::Map<const Columns<float>>(image.data(), channels, s.cotangent.cols());
         CHECK((drawn.cast<double>() - truth.feature.pixels).cwiseAbs().maxCoeff() < 0.02);
 
-        const Rasterizer<ScalarBackend<>, HeadRules> reference;
-        const auto raster = reference.forward(exact, lens, black);
-        const Gaussians<double> d = reference.vjp(exact, lens, black, raster,
+        const Rasterizer<HeadRules> reference;
+        const auto raster = reference.forward(ScalarBackend<>{}, exact, lens, black);
+        const Gaussians<double> d = reference.vjp(ScalarBackend<>{}, exact, lens, black, raster,
                                                   Columns<double>(s.cotangent.cast<double>()));
         CHECK(relative(image, raster.feature.pixels) < 1e-5);
         CHECK(relative(g.mean, d.mean) < 1e-3);

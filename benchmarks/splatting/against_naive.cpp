@@ -60,9 +60,9 @@ void error(benchmark::State& state) {
     convert_fields(g, work.scene.gaussians, widen);
     const Pinhole<double> camera = work.scene.camera.cast<double>();
     const VecX<double> black = VecX<double>::Zero(g.channels());
-    const Rasterizer<ScalarBackend<>, HeadRules> reference;
-    const auto r = reference.forward(g, camera, black);
-    const Gaussians<double> d = reference.vjp(
+    const Rasterizer<HeadRules> reference;
+    const auto r = reference.forward(ScalarBackend<>{}, g, camera, black);
+    const Gaussians<double> d = reference.vjp(ScalarBackend<>{}, 
         g, camera, black, r, Columns<double>(work.scene.cotangent.cast<double>()));
     const auto relative = [](const Columns<float>& a, const Columns<double>& b) {
         return (a.cast<double>() - b).norm() / b.norm();

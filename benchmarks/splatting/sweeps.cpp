@@ -36,7 +36,7 @@ void stages(benchmark::State& state) {
                 project_range_lanes<V>(w.scene.gaussians, w.scene.camera, rules, 0, n, w.scratch);
             }));
             lists = std::min(lists, least_time(1, [&] {
-                arrange<OneThread>(w.scene.gaussians, w.scene.camera, rules, w.scratch,
+                arrange(OneThread{}, w.scene.gaussians, w.scene.camera, rules, w.scratch,
                                    w.raster.trace);
             }));
         }
@@ -119,12 +119,11 @@ BENCHMARK(backend<OneThread>)->Iterations(1);
 
 /// On the wall, one thread and `t` in the same rounds.
 void threads(benchmark::State& state) {
-    [[maybe_unused]] const int n = static_cast<int>(state.range(1));
-    Work<XsimdBackend<>, HeadRules> work{head_scene(state.range(0), 3)};
+    ThreadPool pool(static_cast<int>(state.range(1)));
+    const XsimdBackend backend{pool.threads()};
+    Work<std::remove_const_t<decltype(backend)>, HeadRules> work{head_scene(state.range(0), 3),
+                                                                  backend};
     Work<OneThread, HeadRules> alone{work.scene};
-#ifdef _OPENMP
-    omp_set_num_threads(n);
-#endif
     Times one, many;
     for (auto _ : state)
         for (int round = 0; round < 15; ++round) {
@@ -136,7 +135,7 @@ void threads(benchmark::State& state) {
 }
 BENCHMARK(threads)->ArgNames({"n", "t"})->Apply([](auto* b) {
     for (const int n : {20000, 100000})
-        for (int t = 1; t <= DefaultThreads::count(); t *= 2) b->Args({n, t});
+        for (int t = 1; t <= ThreadPool().size(); t *= 2) b->Args({n, t});
 })->Iterations(1);
 
 } // namespace

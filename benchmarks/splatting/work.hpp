@@ -5,6 +5,7 @@
 
 #include <benchmark/benchmark.h>
 
+#include <rye/core/thread_pool.hpp>
 #include <rye/splat/rasterizer.hpp>
 
 #include "../roofline/machine.hpp"
@@ -17,16 +18,18 @@ using OneThread = XsimdBackend<DefaultArch, Serial>;
 template <class B, AccuracyPolicy A>
 struct Work {
     HeadScene scene;
-    Rasterizer<B, A> rasterizer = {};
+    B backend = {};
+    Rasterizer<A> rasterizer = {};
     Raster<float, A::outputs> raster = {};
     RasterScratch<float> scratch = {};
     Gaussians<float> gradient = {};
 
     void forward() {
-        rasterizer.forward_into(scene.gaussians, scene.camera, scene.background, raster, &scratch);
+        rasterizer.forward_into(backend, scene.gaussians, scene.camera, scene.background, raster,
+                                &scratch);
     }
     void backward() {
-        rasterizer.vjp_into(scene.gaussians, scene.camera, scene.background, raster,
+        rasterizer.vjp_into(backend, scene.gaussians, scene.camera, scene.background, raster,
                             RasterCotangent<float>{scene.cotangent}, gradient, &scratch);
     }
     /// Pixel-Gaussian pairs that the last render blended, by the plain walk.

@@ -4,15 +4,12 @@
 // peak that the same run measures, and what a second thread gives.
 #include <benchmark/benchmark.h>
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 #include <algorithm>
 #include <map>
 #include <string>
 
 #include <rye/backend/xsimd.hpp>
+#include <rye/core/thread_pool.hpp>
 #include <rye/loss/smoothness.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/splat/rasterizer.hpp>
@@ -27,7 +24,13 @@ namespace {
 using namespace rye;
 using namespace rye::bench;
 
-using B = XsimdBackend<>;
+using B = XsimdBackend<DefaultArch, ThreadPool::Handle>;
+
+/// The pool of n threads.
+B on_threads(int n) {
+    static std::map<int, ThreadPool> pools;
+    return {pools.try_emplace(n, n).first->second.threads()};
+}
 using Avatar = TwoStream<float>;
 
 /// The least seconds of a step and of each of its parts; a round is several steps.
@@ -79,7 +82,7 @@ AvatarLossConfig preset_weights() {
 }
 
 /// What the step is shown: the subject under other drivers.
-AvatarSample<float> sample_of(const Subject& s, const Rasterizer<B, Balanced>& rasterizer) {
+AvatarSample<float> sample_of(const Subject& s, const Rasterizer<Balanced>& rasterizer) {
     AvatarSample<float> sample;
     sample.drivers = s.drivers;
     sample.camera = s.camera;
@@ -89,11 +92,11 @@ AvatarSample<float> sample_of(const Subject& s, const Rasterizer<B, Balanced>& r
     other.expression *= -1;
     other.pose[0] += 0.1F;
     TwoStreamTrace<float> trace;
-    drive<B>(s.avatar, s.config, s.roles, other, trace);
+    drive(backend, s.avatar, s.config, s.roles, other, trace);
     const Raster<float> shown =
-        rasterizer.forward(joined(trace.world_face, trace.world_eyes), s.camera, s.background);
-    const Raster<float> eyes = rasterizer.forward(trace.world_eyes, s.camera, s.background);
-    sample.truth = upsampler_forward<B>(s.avatar.upsampler, shown.feature, nullptr);
+        rasterizer.forward(backend, joined(trace.world_face, trace.world_eyes), s.camera, s.background);
+    const Raster<float> eyes = rasterizer.forward(backend, trace.world_eyes, s.camera, s.background);
+    sample.truth = upsampler_forward(backend, s.avatar.upsampler, shown.feature, nullptr);
     sample.truth_small = sample.truth;
     sample.mask_small = shown.alpha.pixels;
     sample.visible = sample.visible_small = Columns<float>::Ones(1, sample.truth.size());
@@ -131,10 +134,11 @@ Avatar with_delta_pose(Avatar avatar) {
 }
 
 struct Trainer {
+    B backend = on_threads(1);
     const Subject& s = subject();
     Avatar avatar = with_delta_pose(s.avatar), grad = zeros_like(avatar);
     Adam<Avatar> adam{avatar};
-    Rasterizer<B, Balanced> rasterizer;
+    Rasterizer<Balanced> rasterizer;
     AvatarSample<float> sample = sample_of(s, rasterizer);
     AvatarLossConfig weights = preset_weights();
     TwoStreamTrace<float> trace;
@@ -155,22 +159,16 @@ struct Trainer {
   private:
     void step(LeastTimes& times) {
         times.begin_step();
-        avatar_losses<B>(avatar, s.config, s.roles, weights, rasterizer, PyramidGradientLoss{},
+        avatar_losses(backend, avatar, s.config, s.roles, weights, rasterizer, PyramidGradientLoss{},
                          sample, trace, pictures, times);
         Avatar::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
-        avatar_losses_vjp<B>(avatar, s.config, rasterizer, sample, trace, pictures, grad, times);
+        avatar_losses_vjp(backend, avatar, s.config, rasterizer, sample, trace, pictures, grad, times);
         const LossGradient<float> smooth = smoothness(avatar.eyes.feature, neighbours);
         grad.eyes.feature += float(weights.eye_smooth) * smooth.gradient;
-        adam_step<B>(avatar, grad, adam, [](const std::string&) { return 1e-4; });
+        adam_step(backend, avatar, grad, adam, [](const std::string&) { return 1e-4; });
         times("optimiser");
     }
 };
-
-void use_threads([[maybe_unused]] int n) {
-#ifdef _OPENMP
-    omp_set_num_threads(n);
-#endif
-}
 
 /// Steps with one and with `threads` threads, in turns.
 void step(benchmark::State& state) {
@@ -182,12 +180,11 @@ void step(benchmark::State& state) {
     for (auto _ : state) {
         for (int round = 0; round < 8; ++round)
             for (const int n : {1, threads}) {
-                use_threads(n);
+                trainer.backend = on_threads(n);
                 trainer.round(n == 1 ? serial : times);
             }
         flops = network_flops(trainer.avatar, trainer.trace.face);
     }
-    use_threads(1);
     if (threads == 1) times = serial;
     state.counters["step_ms"] = 1e3 * times.step;
     state.counters["gaussians"] = double(trainer.pictures.cloud.count());

@@ -34,7 +34,7 @@ class StepMemory {
         }
         if (!perceptual_weights.empty())
             perceptual_ =
-                LpipsVgg<TrainBackend, float>{read_lpips_weights<float>(perceptual_weights)};
+                LpipsVgg<float>{read_lpips_weights<float>(perceptual_weights)};
     }
 
     StepReport step(TwoStream<float, E>& avatar, Adam<TwoStream<float, E>>& adam,
@@ -42,12 +42,12 @@ class StepMemory {
                     const Probe& probe) {
         const TrainConfig& c = state.config;
         AvatarLosses<float> l = std::visit([&](const auto& perceptual) {
-            return avatar_losses<TrainBackend>(avatar, c.avatar, state.subject.roles,
+            return avatar_losses(train_backend(), avatar, c.avatar, state.subject.roles,
                                                c.gaussians.weights, rasterizer_, perceptual, sample,
                                                trace_, pictures_, probe);
         }, perceptual_);
         TwoStream<float, E>::fields([](const std::string&, auto& a) { a.setZero(); }, grad_);
-        avatar_losses_vjp<TrainBackend>(avatar, c.avatar, rasterizer_, sample, trace_, pictures_,
+        avatar_losses_vjp(train_backend(), avatar, c.avatar, rasterizer_, sample, trace_, pictures_,
                                         grad_, probe);
         float eye_smooth = 0;
         if (c.gaussians.weights.eye_smooth > 0) {
@@ -57,7 +57,7 @@ class StepMemory {
             eye_smooth = term.value;
             l.total += weight * term.value;
         }
-        const AdamReport report = adam_step<TrainBackend>(
+        const AdamReport report = adam_step(train_backend(), 
             avatar, grad_, adam,
             [&](const std::string& name) { return rate * c.gaussians.rates(name); });
         if (c.gaussians.eyeball.max_growth > 0)
@@ -77,7 +77,7 @@ class StepMemory {
     AvatarPictures<float> pictures_;
     TrainRasterizer rasterizer_;
     NeighbourGraph eye_neighbours_; ///< of both eyeballs' points, if their colours are smoothed
-    std::variant<PyramidGradientLoss, LpipsVgg<TrainBackend, float>> perceptual_;
+    std::variant<PyramidGradientLoss, LpipsVgg<float>> perceptual_;
 };
 
 /// The steps of a run by lines of sight.

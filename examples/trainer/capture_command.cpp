@@ -13,6 +13,7 @@
 #include "capture_scene.hpp"
 #include "commands.hpp"
 #include "options.hpp"
+#include "threads.hpp"
 
 namespace rye::trainer {
 namespace {

@@ -11,6 +11,7 @@
 
 #include "capture_scene.hpp"
 #include "image_io.hpp"
+#include "threads.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -256,7 +257,7 @@ void write_capture(const HeadModel& model, const CaptureScene& scene, const fs::
             pixels[static_cast<std::size_t>(i)] =
                 write_view(images, c.id, head.picture(c.camera, scene.settings.samples));
         };
-        DefaultThreads::run(static_cast<Index>(scene.cameras.size()), render);
+        program_threads().run(static_cast<Index>(scene.cameras.size()), render);
         write_params(params, model, scene, f, head);
         std::array<int, 2> most{};
         for (const auto& p : pixels)

@@ -16,7 +16,4 @@ void add_evaluate(CLI::App& app);
 void add_export(CLI::App& app);
 void add_render(CLI::App& app);
 
-/// Threads of all parallel code; 0: as many as the machine has.
-void set_threads(int threads);
-
 } // namespace rye::trainer

@@ -15,6 +15,7 @@
 #include "evaluation.hpp"
 #include "options.hpp"
 #include "validate.hpp"
+#include "threads.hpp"
 
 namespace rye::trainer {
 namespace {

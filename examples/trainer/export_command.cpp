@@ -18,6 +18,7 @@
 #include "options.hpp"
 #include "steps.hpp"
 #include "validate.hpp"
+#include "threads.hpp"
 
 namespace rye::trainer {
 namespace {

@@ -8,6 +8,7 @@
 #include <rye/core/parallel.hpp>
 
 #include "noise.hpp"
+#include "threads.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -170,7 +171,7 @@ HeadGrid head_grid(const HeadShape& shape, const Eyeball& eye) {
     grid.vertices.resize(3, regular);
     grid.vertices.col(0) = head_surface(middle, Vec3<double>(0, 1, 0), shape);
     grid.row_of.assign(static_cast<std::size_t>(regular), 0);
-    for_chunks<DefaultThreads>(grid.rows, 4, [&](Index begin, Index end, Index) {
+    for_chunks(program_threads(), grid.rows, 4, [&](Index begin, Index end, Index) {
         for (Index r = begin; r < end; ++r)
             for (int k = 0; k < grid.columns; ++k) {
                 const double latitude = l.latitude_deg[static_cast<std::size_t>(r)];

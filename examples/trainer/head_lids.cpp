@@ -8,6 +8,7 @@
 #include <rye/core/parallel.hpp>
 
 #include "noise.hpp"
+#include "threads.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -57,7 +58,7 @@ EyeLids::EyeLids(const HeadGrid& grid, int eye, const Eyeball& left_eye, const H
       eye_(left_eye),
       corners_(grid.corners) {
     table_.resize(azimuths, elevations);
-    for_chunks<DefaultThreads>(elevations, 4, [&](Index begin, Index end, Index) {
+    for_chunks(program_threads(), elevations, 4, [&](Index begin, Index end, Index) {
         for (Index e = begin; e < end; ++e)
             for (Index a = 0; a < azimuths; ++a) {
                 const Vec3<double> d =

@@ -10,6 +10,7 @@
 
 #include "noise.hpp"
 #include "skin_paint.hpp"
+#include "threads.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -146,7 +147,7 @@ void PosedHead::find_normals() {
 void PosedHead::gather_light() {
     const std::vector<Beam> all = beams();
     light_ = Columns<double>::Zero(5, vertices_.cols());
-    for_chunks<DefaultThreads>(vertices_.cols(), 256, [&](Index begin, Index end, Index) {
+    for_chunks(program_threads(), vertices_.cols(), 256, [&](Index begin, Index end, Index) {
         for (Index i = begin; i < end; ++i) {
             const V3 n = normals_.col(i), from = V3(vertices_.col(i)) + lift * n;
             if (n.isZero(0)) continue; // no face uses it

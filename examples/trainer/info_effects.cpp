@@ -43,7 +43,7 @@ void add_splats(const Gaussians<float>& g, const Pinhole<float>& camera, double 
                 RenderFacts& facts) {
     const TrainRasterizer rasterizer;
     RasterScratch<float> scratch;
-    rasterizer.project_into(g, camera, scratch);
+    rasterizer.project_into(train_backend(), g, camera, scratch);
     facts.dilation = rasterizer.accuracy.dilation;
     for (std::size_t i = 0; i < scratch.state.size(); ++i) {
         if (scratch.state[i] != Candidacy::visible) continue;
@@ -78,7 +78,7 @@ struct SplatVariant {
         if (!Antialias) rasterizer.accuracy.dilation = 0;
         const GaussianCloud<float> used = Degree >= 3 ? cloud : truncated(cloud, Degree);
         const VecX<float> black = VecX<float>::Zero(3);
-        return rasterizer.forward(activate(used, Vec3<float>(camera.centre())), camera, black).feature;
+        return rasterizer.forward(train_backend(), activate(used, Vec3<float>(camera.centre())), camera, black).feature;
     }
 };
 using AllOfSplats = SplatVariant<3, true>;

@@ -13,6 +13,7 @@
 #include "panel.hpp"
 #include "validate.hpp"
 #include "variants.hpp"
+#include "threads.hpp"
 
 namespace rye::trainer {
 namespace {

@@ -21,6 +21,8 @@
 #include "image_io.hpp"
 #include "options.hpp"
 #include "photographs.hpp"
+#include "types.hpp"
+#include "threads.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -53,9 +55,9 @@ std::pair<int, int> parsed_size(const std::string& text) {
 }
 
 template <Backend B, Real T, AccuracyPolicy A, Distortion D>
-Image<float> picture(const A& accuracy, const Gaussians<T>& g, const Pinhole<T, D>& camera,
+Image<float> picture(const B& backend, const A& accuracy, const Gaussians<T>& g, const Pinhole<T, D>& camera,
                      const VecX<T>& background) {
-    const auto raster = Rasterizer<B, A>{accuracy}.forward(g, camera, background);
+    const auto raster = Rasterizer<A>{accuracy}.forward(backend, g, camera, background);
     if (raster.trace.non_finite > 0)
         std::cerr << "rye render: left out " << raster.trace.non_finite
                   << " Gaussians whose numbers are not finite\n";
@@ -71,26 +73,25 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
     const auto in_float = camera.template cast<float>();
     using Draw = Image<float> (*)(const RenderOptions&, const Gaussians<float>&,
                                   const decltype(in_float)&, const VecX<float>&);
-    using B = XsimdBackend<>;
     static const std::map<std::string, Draw> by_name{
         {"3dgs",
          [](const RenderOptions& options, const auto& g, const auto& c, const auto& b) {
-             if (options.alpha_floor == 0) return picture<B>(Compatible3dgs{}, g, c, b);
+             if (options.alpha_floor == 0) return picture(train_backend(), Compatible3dgs{}, g, c, b);
              Compatible3dgsFloor accuracy;
              accuracy.alpha_floor = options.alpha_floor;
-             return picture<B>(accuracy, g, c, b);
+             return picture(train_backend(), accuracy, g, c, b);
          }},
         {"fast", [](const RenderOptions&, const auto& g, const auto& c,
-                    const auto& b) { return picture<B>(Fast{}, g, c, b); }},
+                    const auto& b) { return picture(train_backend(), Fast{}, g, c, b); }},
         {"balanced", [](const RenderOptions&, const auto& g, const auto& c,
-                        const auto& b) { return picture<B>(Balanced{}, g, c, b); }},
+                        const auto& b) { return picture(train_backend(), Balanced{}, g, c, b); }},
         {"tight", [](const RenderOptions&, const auto& g, const auto& c,
-                     const auto& b) { return picture<B>(Tight{}, g, c, b); }}};
+                     const auto& b) { return picture(train_backend(), Tight{}, g, c, b); }}};
     const Vec3<double> background = vector_of(o.background);
     if (o.accuracy == "exact") {
         GaussianCloud<double> exact;
         convert_fields(exact, cloud, [](float x) { return static_cast<double>(x); });
-        return picture<ScalarBackend<>>(Exact64{}, activate(exact, camera.centre()), camera,
+        return picture(ScalarBackend{program_threads()}, Exact64{}, activate(exact, camera.centre()), camera,
                                         VecX<double>(background));
     }
     const Gaussians<float> g = activate(cloud, Vec3<float>(camera.centre().template cast<float>()));
@@ -100,7 +101,7 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
                         "take --accuracy");
         } else {
             const VecX<float> behind = background.cast<float>();
-            const SelectedAccuracy chosen = select_accuracy<B, float>(
+            const SelectedAccuracy chosen = select_accuracy<float>(train_backend(), 
                 g, in_float, behind, parsed_error(o.max_error, "rye render", "--max-error"));
             if (chosen.met)
                 std::printf("accuracy %s: the coarsest of %zu whose error stays below %s; on %td tiles it "
@@ -111,7 +112,7 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
                 std::printf("accuracy %s: the finest there is in float; its own rounding of up to %.2g may "
                             "break %s (--accuracy exact is in double)\n",
                             chosen.name.c_str(), chosen.rounding, o.max_error.c_str());
-            return picture<B>(chosen.accuracy, g, in_float, behind);
+            return picture(train_backend(), chosen.accuracy, g, in_float, behind);
         }
     }
     return by_name.at(o.accuracy)(o, g, in_float, background.cast<float>());

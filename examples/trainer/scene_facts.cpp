@@ -43,7 +43,7 @@ AvatarFacts avatar_facts(const TrainState& state, const std::vector<Drivers<floa
     AvatarFacts a;
     const AvatarConfig& config = state.config.avatar;
     const RestPose<float> rest =
-        rest_pose<TrainBackend>(state.avatar.face, config, state.subject.roles);
+        rest_pose(train_backend(), state.avatar.face, config, state.subject.roles);
     const auto moved = [&](std::size_t d) { return static_cast<Index>(rest.moved[d].points.size()); };
     a.moved_by_expression = moved(0);
     a.moved_by_pose = moved(1);
@@ -51,7 +51,7 @@ AvatarFacts avatar_facts(const TrainState& state, const std::vector<Drivers<floa
     Columns<float> from = Columns<float>::Zero(3, 2);
     const auto moves = [&](const Drivers<float>& d) {
         EyeOffsetTrace<float> trace;
-        return eye_offset<TrainBackend, float>(state.avatar.eyes.offset, config,
+        return eye_offset<float>(train_backend(), state.avatar.eyes.offset, config,
                                                frame_code(config, d), trace);
     };
     if (held_at_first) from = moves(frames.front());

@@ -8,6 +8,7 @@
 #include <rye/core/parallel.hpp>
 
 #include "noise.hpp"
+#include "threads.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -259,7 +260,7 @@ Image<float> painted(const HeadModel& model, const Points& neutral, const SkinPa
             }
     }
     Image<float> image(width, height, 4);
-    for_chunks<DefaultThreads>(n, 4096, [&](Index begin, Index end, Index) {
+    for_chunks(program_threads(), n, 4096, [&](Index begin, Index end, Index) {
         for (Index i = begin; i < end; ++i)
             if (known[static_cast<std::size_t>(i)]) {
                 const Vec4<float> texel = paint(rest.col(i)).cast<float>();

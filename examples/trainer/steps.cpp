@@ -50,7 +50,7 @@ TetGrid<float> make_lattice(const TrainState& state) {
 
 void pretrain_mesh(TrainState& state) {
     const TrainConfig& c = state.config;
-    pretrain_sphere<TrainBackend>(state.mesh, c.avatar,
+    pretrain_sphere(train_backend(), state.mesh, c.avatar,
                                   Vec3<float>(state.subject.head_centre.cast<float>()),
                                   static_cast<float>(c.grid.half_side), c.mesh.pretrain_steps, 1e-3,
                                   seed_of(state).fork(3));
@@ -59,7 +59,7 @@ void pretrain_mesh(TrainState& state) {
 double fit_landmarks(TrainState& state, const std::vector<MeshSample<float>>& frames) {
     DeformationFit fit;
     fit.steps = state.config.mesh.fit_steps;
-    return fit_deformation<TrainBackend>(state.mesh, state.config.avatar, state.subject.roles,
+    return fit_deformation(train_backend(), state.mesh, state.config.avatar, state.subject.roles,
                                          state.config.mesh.landmarks_follow_gaze, frames, fit,
                                          seed_of(state).fork(9));
 }
@@ -82,7 +82,7 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     init.upsampler = config.gaussians.upsampler;
     init.upsampler.in_channels = config.avatar.channels;
     init.frames = static_cast<Index>(state.train_frames.size());
-    state.avatar = initialize_avatar<TrainBackend>(state.mesh, config.avatar, init,
+    state.avatar = initialize_avatar(train_backend(), state.mesh, config.avatar, init,
                                                    seed_of(state).fork(4));
     const AvatarSize size{state.avatar.face.position.cols(), state.avatar.eyes.position.cols()};
     if (config.gaze_axis == GazeAxis::visual) {
@@ -111,14 +111,14 @@ MeshStepper::~MeshStepper() = default;
 StepReport MeshStepper::step(TrainState& state, const TetGrid<float>& grid,
                              const MeshSample<float>& sample, double rate, const Probe& probe) {
     const TrainConfig& c = state.config;
-    const MeshLosses<float> l = mesh_losses<TrainBackend>(
+    const MeshLosses<float> l = mesh_losses(train_backend(), 
         state.mesh, c.avatar, state.subject.roles, grid, c.mesh.weights,
         c.mesh.landmarks_follow_gaze, sample, memory_->trace, probe);
     set_zero(memory_->grad);
-    mesh_losses_vjp<TrainBackend>(state.mesh, c.avatar, c.mesh.landmarks_follow_gaze, sample,
+    mesh_losses_vjp(train_backend(), state.mesh, c.avatar, c.mesh.landmarks_follow_gaze, sample,
                                   memory_->trace, memory_->grad, probe);
     const AdamReport report =
-        adam_step<TrainBackend>(state.mesh, memory_->grad, state.mesh_adam,
+        adam_step(train_backend(), state.mesh, memory_->grad, state.mesh_adam,
                                 [&](const std::string& name) { return rate * c.mesh.rates(name); });
     probe("optimiser");
     ++state.step;
@@ -180,22 +180,22 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
     const int factor = 1 << config.gaussians.upsampler.doublings;
     const Pinhole<float> small = reduced(camera, factor);
     TwoStreamTrace<float> trace;
-    drive<TrainBackend>(state.avatar, config.avatar, state.subject.roles,
+    drive(train_backend(), state.avatar, config.avatar, state.subject.roles,
                         optical_drivers(state, drivers), trace);
     require_drawable(trace.world_face);
     require_drawable(trace.world_eyes);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
     const TrainRasterizer rasterizer;
     AvatarView v;
-    v.final = rasterizer.forward(joined(trace.world_face, trace.world_eyes), small, white).feature;
+    v.final = rasterizer.forward(train_backend(), joined(trace.world_face, trace.world_eyes), small, white).feature;
     if (streams) {
         Gaussians<float> face = trace.world_face;  // as the blank loss sees it
         if (config.gaussians.weights.blank_eyeballs)
             face = joined(face, painted(trace.world_eyes, white));
-        v.face = rasterizer.forward(face, small, white).feature;
-        v.eyes = rasterizer.forward(trace.world_eyes, small, white).feature;
+        v.face = rasterizer.forward(train_backend(), face, small, white).feature;
+        v.eyes = rasterizer.forward(train_backend(), trace.world_eyes, small, white).feature;
     }
-    v.high = of_camera(upsampler_forward<TrainBackend>(state.avatar.upsampler, v.final, nullptr),
+    v.high = of_camera(upsampler_forward(train_backend(), state.avatar.upsampler, v.final, nullptr),
                        camera);
     return v;
 }
@@ -206,9 +206,9 @@ Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
     const Pinhole<float> small = reduced(camera, 1 << config.gaussians.upsampler.doublings);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
     require_drawable(driven);
-    return of_camera(upsampler_forward<TrainBackend>(
+    return of_camera(upsampler_forward(train_backend(), 
                          state.avatar.upsampler,
-                         TrainRasterizer().forward(driven, small, white).feature, nullptr),
+                         TrainRasterizer().forward(train_backend(), driven, small, white).feature, nullptr),
                      camera);
 }
 
@@ -217,9 +217,9 @@ PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
     const Avatar& avatar = state.avatar;
     const Drivers<float> optical = optical_drivers(state, drivers);
     TwoStreamTrace<float> trace;
-    drive<TrainBackend>(avatar, state.config.avatar, state.subject.roles, optical, trace);
+    drive(train_backend(), avatar, state.config.avatar, state.subject.roles, optical, trace);
     const Columns<float> centre =
-        avatar.eyes.centre + eye_offset<TrainBackend, float>(avatar.eyes.offset, state.config.avatar,
+        avatar.eyes.centre + eye_offset<float>(train_backend(), avatar.eyes.offset, state.config.avatar,
                                                              trace.code, trace.eyes.offset);
     Gaussians<float> both = joined(trace.world_face, trace.world_eyes);
     const Index face = trace.world_face.count();
@@ -234,13 +234,13 @@ PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
             (c + trace.head.translation).cast<double>();
     }
     const VecX<float> nothing = VecX<float>::Zero(2);
-    eyes.area = TrainRasterizer().forward(both, camera, nothing).feature;
+    eyes.area = TrainRasterizer().forward(train_backend(), both, camera, nothing).feature;
     return eyes;
 }
 
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
     TwoStreamTrace<float> trace;
-    drive<TrainBackend>(state.avatar, state.config.avatar, state.subject.roles,
+    drive(train_backend(), state.avatar, state.config.avatar, state.subject.roles,
                         optical_drivers(state, drivers), trace);
     require_drawable(trace.world_face);
     require_drawable(trace.world_eyes);
@@ -256,7 +256,7 @@ Image<float> rgb_of(const Image<float>& feature) {
 }
 
 double masked_ssim(const Image<float>& a, const Image<float>& b, const Columns<float>& area) {
-    return ssim<TrainBackend>(a, b, area);
+    return ssim(train_backend(), a, b, area);
 }
 
 } // namespace rye::trainer

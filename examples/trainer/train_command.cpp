@@ -23,6 +23,7 @@
 #include "run_size.hpp"
 #include "steps.hpp"
 #include "validate.hpp"
+#include "threads.hpp"
 
 namespace rye::trainer {
 namespace {

@@ -8,10 +8,12 @@
 #include <rye/rig/eyeball.hpp>
 #include <rye/splat/rasterizer.hpp>
 
+#include "threads.hpp"
+
 namespace rye::trainer {
 
-using TrainBackend = XsimdBackend<>;
-using TrainRasterizer = Rasterizer<TrainBackend, FeaturesOnly<Balanced>>;
+using TrainBackend = XsimdBackend<DefaultArch, ProgramThreads>;
+using TrainRasterizer = Rasterizer<FeaturesOnly<Balanced>>;
 using TrainEffects = PaperEffects;
 using Mesh = GuidanceMesh<float, TrainEffects>;
 using Avatar = TwoStream<float, TrainEffects>;
@@ -19,5 +21,8 @@ using TrainEyeball = BasicEyeballShape<TrainEffects>;
 /// The avatar that is trained by lines of sight.
 using VisualEffects = More<TrainEffects, Kappa>;
 using VisualAvatar = TwoStream<float, VisualEffects>;
+
+/// The backend on the program's threads.
+inline TrainBackend train_backend() { return {program_threads()}; }
 
 } // namespace rye::trainer

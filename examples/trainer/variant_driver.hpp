@@ -25,10 +25,10 @@ FrameDriver driver_of(const Avatar& avatar, const AvatarConfig& config, const La
         own = {std::shared_ptr<void>(), &avatar};  // nothing is held
     else
         own = std::make_shared<TwoStream<float, E>>(
-            held<E, TrainBackend>(avatar, config, roles, at));
+            held<E>(train_backend(), avatar, config, roles, at));
     return [own, &config, &roles](const Drivers<float>& drivers) {
         TwoStreamTrace<float, E> trace;
-        drive<TrainBackend>(*own, config, roles, restricted<E>(drivers), trace);
+        drive(train_backend(), *own, config, roles, restricted<E>(drivers), trace);
         return joined(trace.world_face, trace.world_eyes);
     };
 }

@@ -121,7 +121,7 @@ static_assert(std::is_empty_v<FaceTrace<float, Effects<LeftGaze, HeadPose>>>);
 
 TEST_CASE("an avatar with fewer effects is saved and read; one with more is not read from it") {
     using Fewer = Less<AllEffects, Expression, LeftGaze>;
-    const auto a = held<Fewer, B>(avatar_of_all(), tiny_config(), tiny_roles(), drivers_of_all());
+    const auto a = held<Fewer>(B{}, avatar_of_all(), tiny_config(), tiny_roles(), drivers_of_all());
     const auto path = std::filesystem::temp_directory_path() / "rye_effects_test.safetensors";
     const auto save = [&](const auto& avatar) {
         std::vector<TensorEntry> entries;
@@ -154,7 +154,7 @@ TEST_CASE("held: with fewer effects it looks the same at those drivers, and goes
     const TwoStream<double, AllEffects> all = avatar_of_all();
     const Drivers<double, AllEffects> drivers = drivers_of_all();
     const auto same = [&]<EffectSet Fewer>(const Drivers<double, AllEffects>& at, Fewer) {
-        const auto a = held<Fewer, B>(all, tiny_config(), tiny_roles(), drivers);
+        const auto a = held<Fewer>(B{}, all, tiny_config(), tiny_roles(), drivers);
         Drivers<double, Fewer> d = restricted<Fewer>(at);
         if constexpr (!has_effect<Fewer, Kappa>)
             for_eyes([&]<std::size_t eye>() {

@@ -113,7 +113,7 @@ TEST_CASE("held without refraction and glint it looks the same at that camera") 
     const auto all = avatar_of_optics();
     const auto drivers = drivers_of_optics();
     const auto same = [&]<EffectSet Fewer>(Fewer) {
-        const auto a = held<Fewer, ScalarBackend<>>(all, tiny_config(), tiny_roles(), drivers);
+        const auto a = held<Fewer>(ScalarBackend<>{}, all, tiny_config(), tiny_roles(), drivers);
         Drivers<double, Fewer> d = restricted<Fewer>(drivers);
         const auto x = driven(a, d), y = driven(all, drivers);
         double most = 0;

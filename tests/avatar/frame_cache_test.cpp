@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <rye/avatar/frame_cache.hpp>
+#include <rye/core/thread_pool.hpp>
 
 #include <limits>
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 #include <doctest/doctest.h>
 
 #include "../train/tiny_avatar.hpp"
@@ -45,11 +42,11 @@ inline UpsamplerShape local_shape(int capacity, bool skip) {
 
 /// The whole frame by the ordinary functions.
 template <class B, class A, class T>
-void check_frame(FrameCache<B, A, T>& cache, const Stage<T>& s) {
+void check_frame(const B& backend, FrameCache<B, A, T>& cache, const Stage<T>& s) {
     TwoStreamTrace<T> trace;
-    drive<B>(s.avatar, s.config, s.roles, s.drivers, trace);
+    drive(backend, s.avatar, s.config, s.roles, s.drivers, trace);
     const Gaussians<T> g = joined(trace.world_face, trace.world_eyes);
-    const Raster<T> whole = Rasterizer<B, A>().forward(g, s.camera, s.background);
+    const Raster<T> whole = Rasterizer<A>().forward(backend, g, s.camera, s.background);
     const Raster<T>& kept = cache.update(s.drivers, s.camera, s.background);
     Gaussians<T>::fields([](const std::string& name, const auto& a, const auto& b) {
         INFO(name);
@@ -59,7 +56,7 @@ void check_frame(FrameCache<B, A, T>& cache, const Stage<T>& s) {
     CHECK(same_bits(kept.alpha.pixels, whole.alpha.pixels));
     CHECK(same_bits(kept.depth.pixels, whole.depth.pixels));
     CHECK(same_bits(cache.picture().pixels,
-                    upsampler_forward<B>(s.avatar.upsampler, whole.feature, nullptr).pixels));
+                    upsampler_forward(backend, s.avatar.upsampler, whole.feature, nullptr).pixels));
 }
 
 /// Any of the drivers, the camera and the background, alone or together, or nothing.
@@ -83,15 +80,15 @@ void change(Stage<T>& s, int step) {
     if (all || chance(0.1)) s.camera.cx += any();
 }
 
-template <class B, class T>
-void follow(const UpsamplerShape& shape, int steps) {
+template <class T, class B>
+void follow(const B& backend, const UpsamplerShape& shape, int steps) {
     Stage<T> s(shape);
-    FrameCache<B, Balanced, T> cache(s.avatar, s.config, s.roles);
-    check_frame(cache, s);
+    FrameCache<B, Balanced, T> cache(backend, s.avatar, s.config, s.roles);
+    check_frame(backend, cache, s);
     for (int step = 0; step < steps; ++step) {
         INFO(step);
         change(s, step);
-        check_frame(cache, s);
+        check_frame(backend, cache, s);
     }
 }
 
@@ -99,29 +96,25 @@ void follow(const UpsamplerShape& shape, int steps) {
 
 TEST_CASE_TEMPLATE("frame cache: the bits of the whole frame over random drivers", T, float,
                    double) {
-    using Lanes = XsimdBackend<>;
-    follow<Lanes, T>(local_shape(8, true), 25);
-    follow<Lanes, T>(local_shape(16, false), 8);
-    follow<Lanes, T>(local_shape(3, true), 8);                      // not in lanes
-    follow<Lanes, T>({.capacity = 4, .doublings = 1}, 6);           // InstanceNorm
-    follow<Lanes, T>({.capacity = 8, .doublings = 1, .norm = Normalization::none}, 6);
-    follow<ScalarBackend<>, T>(local_shape(8, true), 5);
+    const XsimdBackend lanes;
+    follow<T>(lanes, local_shape(8, true), 25);
+    follow<T>(lanes, local_shape(16, false), 8);
+    follow<T>(lanes, local_shape(3, true), 8);                      // not in lanes
+    follow<T>(lanes, {.capacity = 4, .doublings = 1}, 6);           // InstanceNorm
+    follow<T>(lanes, {.capacity = 8, .doublings = 1, .norm = Normalization::none}, 6);
+    follow<T>(ScalarBackend{}, local_shape(8, true), 5);
 }
 
 TEST_CASE("frame cache: the bits do not depend on the number of threads") {
-#ifdef _OPENMP
-    const int before = omp_get_max_threads();
     for (const int threads : {1, 2}) {
-        omp_set_num_threads(threads);
-        follow<XsimdBackend<>, float>(local_shape(8, true), 12);
+        ThreadPool pool(threads);
+        follow<float>(XsimdBackend{pool.threads()}, local_shape(8, true), 12);
     }
-    omp_set_num_threads(before);
-#endif
 }
 
 TEST_CASE("frame cache: what is done is what changed") {
     Stage<float> s(local_shape(8, true));
-    FrameCache<XsimdBackend<>, Balanced, float> cache(s.avatar, s.config, s.roles);
+    FrameCache<XsimdBackend<>, Balanced, float> cache({}, s.avatar, s.config, s.roles);
     const auto update = [&] {
         cache.update(s.drivers, s.camera, s.background);
         return cache.drive().work();
@@ -192,22 +185,22 @@ TEST_CASE("frame cache: what is done is what changed") {
 
 TEST_CASE("frame cache: after a step of training, reset") {
     Stage<float> s(local_shape(8, true));
-    FrameCache<XsimdBackend<>, Balanced, float> cache(s.avatar, s.config, s.roles);
-    check_frame(cache, s);
+    FrameCache<XsimdBackend<>, Balanced, float> cache({}, s.avatar, s.config, s.roles);
+    check_frame(backend, cache, s);
     s.avatar.face.position.array() += 0.01f;
     s.avatar.eyes.opacity_logit.array() -= 0.5f;
     s.avatar.eyes.feature.array() *= 0.9f;
     cache.reset();
-    check_frame(cache, s);
+    check_frame(backend, cache, s);
 }
 
 TEST_CASE("frame cache: a gaze that is none is refused, and the next frame is right") {
     Stage<float> s(local_shape(8, true));
-    FrameCache<XsimdBackend<>, Balanced, float> cache(s.avatar, s.config, s.roles);
-    check_frame(cache, s);
+    FrameCache<XsimdBackend<>, Balanced, float> cache({}, s.avatar, s.config, s.roles);
+    check_frame(backend, cache, s);
     const Vec3<float> before = s.drivers.gaze[0];
     s.drivers.gaze[0].setZero();
     CHECK_THROWS_AS(cache.update(s.drivers, s.camera, s.background), Error);
     s.drivers.gaze[0] = before;
-    check_frame(cache, s);
+    check_frame(backend, cache, s);
 }

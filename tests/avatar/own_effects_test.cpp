@@ -32,11 +32,11 @@ struct Blush {
         }
     };
     template <class B, class T, class D>
-    static void add(const Parameters<T>& p, const D& drivers, Gaussians<T>& g) {
+    static void add(const B&, const Parameters<T>& p, const D& drivers, Gaussians<T>& g) {
         g.feature.row(0) += drivers.expression[0] * p.red;
     }
     template <class B, class T, class D>
-    static void vjp(const Parameters<T>&, const D& drivers, const Gaussians<T>&,
+    static void vjp(const B&, const Parameters<T>&, const D& drivers, const Gaussians<T>&,
                     Gaussians<T>& g_gaussians, Parameters<T>& grad) {
         grad.red += drivers.expression[0] * g_gaussians.feature.row(0);
     }
@@ -62,11 +62,11 @@ struct Swell {
         }
     };
     template <class B, class T, class D>
-    static void add(const Parameters<T>& p, const D&, Gaussians<T>& g) {
+    static void add(const B&, const Parameters<T>& p, const D&, Gaussians<T>& g) {
         g.scale += p.share(0, 0) * g.scale.cwiseProduct(g.scale).eval();
     }
     template <class B, class T, class D>
-    static void vjp(const Parameters<T>& p, const D&, const Gaussians<T>& before,
+    static void vjp(const B&, const Parameters<T>& p, const D&, const Gaussians<T>& before,
                     Gaussians<T>& g_gaussians, Parameters<T>& grad) {
         grad.share(0, 0) +=
             g_gaussians.scale.cwiseProduct(before.scale.cwiseProduct(before.scale)).sum();
@@ -93,18 +93,18 @@ TEST_CASE("a user's effects: parameters, tensors, value, vjp, and nothing at neu
     const Drivers<double, Mine> drivers = restricted<Mine>(drivers_of_all());
 
     TwoStreamTrace<double, Mine> trace;
-    drive<B>(avatar, tiny_config(), tiny_roles(), drivers, trace);
+    drive(B{}, avatar, tiny_config(), tiny_roles(), drivers, trace);
     const Gaussians<double> w = random_like(trace.world_face, Random{4, 0});
     Gaussians<double> g_face = w, g_eyes = zeros_like(trace.world_eyes);
     TwoStream<double, Mine> grad = zeros_like(avatar);
-    drive_vjp<B>(avatar, tiny_config(), drivers, trace, g_face, g_eyes, grad);
+    drive_vjp(B{}, avatar, tiny_config(), drivers, trace, g_face, g_eyes, grad);
     const TwoStream<double, Mine> direction = random_like(avatar, Random{5, 0});
     const auto moved = [&](double h) {
         TwoStream<double, Mine> a = avatar;
         TwoStream<double, Mine>::fields(
             [&](const std::string&, auto& x, const auto& d) { x += h * d; }, a, direction);
         TwoStreamTrace<double, Mine> t;
-        drive<B>(a, tiny_config(), tiny_roles(), drivers, t);
+        drive(B{}, a, tiny_config(), tiny_roles(), drivers, t);
         DotSum sum;
         sum.add_all(t.world_face, w);
         return sum.sum;

@@ -12,10 +12,6 @@
 #include <doctest/doctest.h>
 #include <CLI/CLI.hpp>
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
@@ -23,6 +19,7 @@
 #include "capture.hpp"
 #include "commands.hpp"
 #include "validate.hpp"
+#include "threads.hpp"
 
 namespace rye::trainer {
 void set_threads(int) {} // the program's own sets OpenMP's
@@ -58,14 +55,6 @@ HeadState looking(const HeadModel& model, const Vec2<double>& left, const Vec2<d
     s.optical = {gaze_vector(left.y() * degree, left.x() * degree),
                  gaze_vector(right.y() * degree, right.x() * degree)};
     return s;
-}
-
-void use_threads(int n) {
-#ifdef _OPENMP
-    omp_set_num_threads(n);
-#else
-    static_cast<void>(n);
-#endif
 }
 
 /// Middle of a lid's edge above the line between the corners, of eye 0 or 1.
@@ -288,13 +277,13 @@ TEST_CASE("pictures: eye masks lie on the eyeballs, and the pupils where the gaz
 }
 
 TEST_CASE("pictures: the same bits on one thread and on two, from the seed on") {
-    use_threads(1);
+    set_threads(1);
     const HeadModel one = procedural_head(7);
     const HeadState state = looking(one, {10, -5}, {6, -5});
     const Pinhole<double> camera =
         look_at<double>(V3(3, 1, 9.5), head_centre, V3(0, 1, 0), 0.28, 48, 48);
     const HeadPicture a = PosedHead(one, state).picture(camera, 4);
-    use_threads(2);
+    set_threads(2);
     const HeadModel two = procedural_head(7);
     const HeadPicture b = PosedHead(two, state).picture(camera, 4);
     CHECK(one.albedo.pixels == two.albedo.pixels);

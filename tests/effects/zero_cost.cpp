@@ -188,19 +188,19 @@ __attribute__((noinline)) void hand_face(const HandFace& face, const AvatarConfi
 #else
     const Columns<T>& seen = face.position;
 #endif
-    encode_points<B>(seen, c.frequencies, t.code);
-    tanh_into<B>(face.feature, t.feature);
+    encode_points(B{}, seen, c.frequencies, t.code);
+    tanh_into(B{}, face.feature, t.feature);
 #if !(WITHOUT_EXPRESSION && WITHOUT_POSE_RESIDUAL)
-    t.w_exp = detail::set_weights<B>(c, c.exp_near, c.exp_far, seen, face.landmarks,
+    t.w_exp = detail::set_weights(B{}, c, c.exp_near, c.exp_far, seen, face.landmarks,
                                      roles.expression, t.n_exp);
     t.w_pose = Columns<T>::Ones(1, n) - t.w_exp;
 #endif
 #if LEFT_SKIN
-    t.w_left = detail::set_weights<B>(c, c.gaze_near, c.gaze_far, seen, face.landmarks,
+    t.w_left = detail::set_weights(B{}, c, c.gaze_near, c.gaze_far, seen, face.landmarks,
                                       roles.eye[0], t.n_left);
 #endif
 #if RIGHT_SKIN
-    t.w_right = detail::set_weights<B>(c, c.gaze_near, c.gaze_far, seen, face.landmarks,
+    t.w_right = detail::set_weights(B{}, c, c.gaze_near, c.gaze_far, seen, face.landmarks,
                                        roles.eye[1], t.n_right);
 #endif
     Gaussians<T> g;
@@ -210,53 +210,53 @@ __attribute__((noinline)) void hand_face(const HandFace& face, const AvatarConfi
     g.feature = Columns<T>::Zero(c.channels, n);
 #endif
 #if !WITHOUT_EXPRESSION
-    add_field<B>(face.exp_color, Squash::none, one, t.feature, t.w_exp, t.expression, g.feature,
+    add_field(B{}, face.exp_color, Squash::none, one, t.feature, t.w_exp, t.expression, g.feature,
                  t.exp_color);
 #endif
 #if !WITHOUT_POSE_RESIDUAL
-    add_field<B>(face.pose_color, Squash::none, one, t.feature, t.w_pose, t.pose, g.feature,
+    add_field(B{}, face.pose_color, Squash::none, one, t.feature, t.w_pose, t.pose, g.feature,
                  t.pose_color);
 #endif
 #if LEFT_SKIN
-    add_field<B>(face.left_color, Squash::none, one, t.feature, t.w_left, t.left_gaze, g.feature,
+    add_field(B{}, face.left_color, Squash::none, one, t.feature, t.w_left, t.left_gaze, g.feature,
                  t.left_color);
 #endif
 #if RIGHT_SKIN
-    add_field<B>(face.right_color, Squash::none, one, t.feature, t.w_right, t.right_gaze,
+    add_field(B{}, face.right_color, Squash::none, one, t.feature, t.w_right, t.right_gaze,
                  g.feature, t.right_color);
 #endif
     g.mean = face.position;
 #if !WITHOUT_EXPRESSION
-    add_field<B>(face.exp_deform, Squash::tanh, reach, t.code, t.w_exp, t.expression, g.mean,
+    add_field(B{}, face.exp_deform, Squash::tanh, reach, t.code, t.w_exp, t.expression, g.mean,
                  t.exp_deform);
 #endif
 #if !WITHOUT_POSE_RESIDUAL
-    add_field<B>(face.pose_deform, Squash::tanh, reach, t.code, t.w_pose, t.pose, g.mean,
+    add_field(B{}, face.pose_deform, Squash::tanh, reach, t.code, t.w_pose, t.pose, g.mean,
                  t.pose_deform);
 #endif
 #if LEFT_SKIN
-    add_field<B>(face.left_deform, Squash::tanh, reach, t.code, t.w_left, t.left_gaze, g.mean,
+    add_field(B{}, face.left_deform, Squash::tanh, reach, t.code, t.w_left, t.left_gaze, g.mean,
                  t.left_deform);
 #endif
 #if RIGHT_SKIN
-    add_field<B>(face.right_deform, Squash::tanh, reach, t.code, t.w_right, t.right_gaze, g.mean,
+    add_field(B{}, face.right_deform, Squash::tanh, reach, t.code, t.w_right, t.right_gaze, g.mean,
                  t.right_deform);
 #endif
 #if !(WITHOUT_EXPRESSION && WITHOUT_POSE_RESIDUAL)
     t.attributes = Columns<T>::Zero(8, n);
 #endif
 #if !WITHOUT_EXPRESSION
-    add_field<B>(face.exp_attributes, Squash::none, step, t.feature, t.w_exp, t.expression,
+    add_field(B{}, face.exp_attributes, Squash::none, step, t.feature, t.w_exp, t.expression,
                  t.attributes, t.exp_attributes);
 #endif
 #if !WITHOUT_POSE_RESIDUAL
-    add_field<B>(face.pose_attributes, Squash::none, step, t.feature, t.w_pose, t.pose,
+    add_field(B{}, face.pose_attributes, Squash::none, step, t.feature, t.w_pose, t.pose,
                  t.attributes, t.pose_attributes);
 #endif
 #if !(WITHOUT_EXPRESSION && WITHOUT_POSE_RESIDUAL)
-    activate_into<B>(face.log_scale, face.rotation, face.opacity_logit, g, t.attributes);
+    activate_into(B{}, face.log_scale, face.rotation, face.opacity_logit, g, t.attributes);
 #else
-    activate_into<B>(face.log_scale, face.rotation, face.opacity_logit, g);
+    activate_into(B{}, face.log_scale, face.rotation, face.opacity_logit, g);
 #endif
     t.driven_face = std::move(g);
 }
@@ -270,7 +270,7 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
 #if !WITHOUT_EYE_OFFSET
     t.offset.input.resize(t.expression.size() + t.pose.size(), 1);
     t.offset.input << t.expression, t.pose;
-    t.offset.squashed = mlp_forward<B, T>(eyes.offset, t.offset.input, VecX<T>(), &t.offset.mlp);
+    t.offset.squashed = mlp_forward<T>(B{}, eyes.offset, t.offset.input, VecX<T>(), &t.offset.mlp);
     squash_in_place(Squash::tanh, t.offset.squashed);
     centre += T(c.deform_scale) * t.offset.squashed.reshaped(3, 2);
 #endif
@@ -362,7 +362,7 @@ struct Case {
 
 extern "C" __attribute__((noinline)) void by_types(void* with) {
     Case& c = *static_cast<Case*>(with);
-    drive<B>(c.avatar, c.config, c.roles, c.drivers, c.trace);
+    drive(B{}, c.avatar, c.config, c.roles, c.drivers, c.trace);
 }
 
 extern "C" __attribute__((noinline)) void by_hand(void* with) {
@@ -392,7 +392,7 @@ extern "C" __attribute__((noinline)) void by_hand(void* with) {
 #if !WITHOUT_HEAD_POSE
     const Mat3<T> r = so3_exp(Vec3<T>(d.pose.head<3>()));
     t.head = {r, matrix_quat(r), d.pose.tail<3>(), d.scale};
-    to_world<B>(t.head, t.world_face);
+    to_world(B{}, t.head, t.world_face);
 #endif
     hand_eyes(c.eyes, c.config, d, t);
 }

@@ -236,9 +236,9 @@ void a17(Report& report) {
     Columns<T> same = Columns<T>::Constant(3, 5, T(0.25)), one = same.leftCols(1);
     Columns<T> two = same.leftCols(2);
     two(0, 1) = T(1.25);
-    const auto d5 = mean_squared_neighbour_distance<ScalarBackend<>>(same);
-    const auto d1 = mean_squared_neighbour_distance<ScalarBackend<>>(one);
-    const auto d2 = mean_squared_neighbour_distance<ScalarBackend<>>(two);
+    const auto d5 = mean_squared_neighbour_distance(ScalarBackend<>{}, same);
+    const auto d1 = mean_squared_neighbour_distance(ScalarBackend<>{}, one);
+    const auto d2 = mean_squared_neighbour_distance(ScalarBackend<>{}, two);
     finite = d5.isZero(0) && d1(0, 0) == T(0) && d2(0, 0) == T(1);
     report.holds("A17", kind_of<T>(), "5 equal points, 1, 2: squared distances 0, 0, 1", finite);
     report.textbook_fails("A17", kind_of<T>(), "log of the distance, unclamped",

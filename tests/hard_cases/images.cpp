@@ -52,10 +52,10 @@ void b10(Report& report) {
     } else {
         // In float depths 3 + 1e-6 u take a handful of values.
         report.textbook_fails("B10", kind<B, T>(), "float keys tell depths 1e-6 apart", distinct);
-        const Rasterizer<B, FineKeys> fine;
+        const Rasterizer<FineKeys> fine;
         report.holds("B10", kind<B, T>(), "the same with keys of 64 bits: permuted, same bits",
-                     same(fine.forward(s.gaussians, s.camera, s.background),
-                          fine.forward(p.gaussians, p.camera, p.background)));
+                     same(fine.forward(B{}, s.gaussians, s.camera, s.background),
+                          fine.forward(B{}, p.gaussians, p.camera, p.background)));
         const auto again = draw<B>(s);
         report.holds("B10", kind<B, T>(), "the same order given twice: the same bits",
                      same(again, draw<B>(s)));

@@ -66,7 +66,7 @@ void f6_f7(Report& report) {
     for (int i = 0; i < 4; ++i)
         for (int j = 0; j < 4; ++j) {
             const Image<T> a = picture<T>(i), b = picture<T>(j);
-            const double s = ssim<ScalarBackend<>>(a, b, {});
+            const double s = ssim(ScalarBackend<>{}, a, b, {});
             worsen(worst, std::abs(s - reference_ssim(a, b, naive)));
             bounded = bounded && s <= 1;
             if (i == j) own = own && s == 1;
@@ -110,7 +110,7 @@ void f8_f9(Report& report) {
     report.textbook_fails("F8", kind_of<T>(), "intersection / union of empty masks",
                           std::isfinite(zero / zero));
     const LossTerm<T> nothing = landmark_term<T>(Columns<T>(1, 0));
-    const auto blink = masked_l1<ScalarBackend<>, T>(picture<T>(3).pixels, picture<T>(2).pixels,
+    const auto blink = masked_l1<T>(ScalarBackend<>{}, picture<T>(3).pixels, picture<T>(2).pixels,
                                                      Columns<T>(Columns<T>::Zero(1, 480)));
     report.holds("F9", kind_of<T>(), "mean over nothing: value 0, count 0; blink: gradient 0",
                  nothing.value == T(0) && nothing.count == 0 && blink.value == T(0) &&
@@ -153,8 +153,8 @@ void f12(Report& report) {
         naive += a.data()[i];
     }
     const Columns<T> all;
-    const auto one = masked_l1<ScalarBackend<Serial>, T>(a, b, all);
-    const auto many = masked_l1<ScalarBackend<>, T>(a, b, all);
+    const auto one = masked_l1<T>(ScalarBackend<Serial>{}, a, b, all);
+    const auto many = masked_l1<T>(ScalarBackend<>{}, a, b, all);
     const double mean = static_cast<double>(truth) / double(a.size());
     report.at_most("F12", kind_of<T>(), "mean of 6.3e6 numbers, relative",
                    sizeof(T) == 4 ? 4 * unit<T> : 1e-13, std::abs(double(one.value) / mean - 1));

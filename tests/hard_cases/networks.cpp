@@ -98,7 +98,7 @@ void f4_f5_f13(Report& report) {
     One<T> p, g;
     g.w.setZero();
     Adam<One<T>> state(p);
-    for (int i = 0; i < 10; ++i) adam_step<ScalarBackend<>>(p, g, state, rate);
+    for (int i = 0; i < 10; ++i) adam_step(ScalarBackend<>{}, p, g, state, rate);
     report.holds("F4", kind_of<T>(), "gradient 0 for 10 steps: parameters keep their bits",
                  p.w(0, 0) == T(1));
     // fp16 holds nothing below 6e-8: eps = 1e-8 becomes 0, and 0 / (sqrt(0) + 0) is NaN.
@@ -120,7 +120,7 @@ void f4_f5_f13(Report& report) {
         One<T> q, h;
         h.w(0, 0) = static_cast<T>(size);
         Adam<One<T>> fresh(q);
-        adam_step<ScalarBackend<>>(q, h, fresh, rate, AdamConfig{.eps = 1e-15});
+        adam_step(ScalarBackend<>{}, q, h, fresh, rate, AdamConfig{.eps = 1e-15});
         worsen(first_step, std::abs(double(T(1) - q.w(0, 0)) / 1e-3 - 1));
     }
     report.at_most("F5", kind_of<T>(), "first step, gradient 1e-6 to 1e6: rate, relative", 1e-4,
@@ -131,7 +131,7 @@ void f4_f5_f13(Report& report) {
         One<T> q, h;
         h.w(0, 0) = static_cast<T>(bad);
         Adam<One<T>> fresh(q);
-        const AdamReport r = adam_step<ScalarBackend<>>(q, h, fresh, rate);
+        const AdamReport r = adam_step(ScalarBackend<>{}, q, h, fresh, rate);
         skipped = skipped && !r.applied && r.first_bad_field == "w" && q.w(0, 0) == T(1) &&
                   fresh.step == 0 && fresh.m.w(0, 0) == T(0);
     }

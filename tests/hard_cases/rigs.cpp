@@ -229,11 +229,11 @@ void d_landmarks(Report& report, const char* backend) {
     points.setZero();
     marks << T(-1), T(1), T(0), T(0), T(0), T(0);
     std::vector<Index> nearest;
-    const auto d = nearest_squared_distance<B, T>(points, marks, &nearest);
+    const auto d = nearest_squared_distance<T>(B{}, points, marks, &nearest);
     bool lowest = d.isOnes(0);
     for (const Index i : nearest) lowest = lowest && i == 0;
     report.holds("D4", kind, "9 points midway between two landmarks: the lowest index", lowest);
-    const auto none = nearest_squared_distance<B, T>(points, Columns<T>(3, 0), &nearest);
+    const auto none = nearest_squared_distance<T>(B{}, points, Columns<T>(3, 0), &nearest);
     const Ramp<T> r(T(0.15), T(0.25));
     bool empty = true;
     for (Index i = 0; i < 9; ++i)
@@ -243,12 +243,12 @@ void d_landmarks(Report& report, const char* backend) {
     bad(1, 1) = T(NAN);
     bool told = false;
     try {
-        nearest_squared_distance<B, T>(points, bad);
+        nearest_squared_distance<T>(B{}, points, bad);
     } catch (const Error&) {
         told = true;
     }
     Columns<T> far = Columns<T>::Constant(3, 2, T(1e30));
-    const auto apart = nearest_squared_distance<B, T>(points, far);
+    const auto apart = nearest_squared_distance<T>(B{}, points, far);
     empty = empty && influence(EuclideanDistance(), r, T(apart(0, 0))) == T(0);
     report.holds("D7", kind, "no landmark: 0; a NaN one: Error; at 1e30: 0", empty && told);
     const T inf = std::numeric_limits<T>::infinity();

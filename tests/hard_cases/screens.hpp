@@ -76,13 +76,13 @@ Screen<T> cloud(Index n, Index channels, std::uint64_t seed, double size = 0.08)
 
 template <class B, class T>
 Raster<T> draw(const Screen<T>& s, const Balanced& accuracy = {}) {
-    return Rasterizer<B>{accuracy}.forward(s.gaussians, s.camera, s.background);
+    return Rasterizer<>{accuracy}.forward(B{}, s.gaussians, s.camera, s.background);
 }
 /// Gradients for cotangents of 1 at every channel of every pixel.
 template <class B, class T>
 Gaussians<T> pull(const Screen<T>& s, const Raster<T>& r, const Balanced& accuracy = {}) {
     const Columns<T> ones = Columns<T>::Ones(s.gaussians.channels(), r.feature.size());
-    return Rasterizer<B>{accuracy}.vjp(s.gaussians, s.camera, s.background, r, ones);
+    return Rasterizer<>{accuracy}.vjp(B{}, s.gaussians, s.camera, s.background, r, ones);
 }
 
 /// f.template operator()<B, T>() for every backend and both widths.

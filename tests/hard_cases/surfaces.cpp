@@ -107,7 +107,7 @@ void g4(Report& report) {
     camera.fx = camera.fy = T(8), camera.cx = camera.cy = T(8);
     camera.width = camera.height = 16;
     Columns<T> values = Columns<T>::Ones(1, 3);
-    const auto r = rasterize_mesh<ScalarBackend<>, T>(x, {{0, 1, 2}}, camera, values);
+    const auto r = rasterize_mesh<T>(ScalarBackend<>{}, x, {{0, 1, 2}}, camera, values);
     report.holds("G4", kind_of<T>(), "h = 0: not drawn, all finite",
                  r.attributes.pixels.allFinite() && r.mask.pixels.isZero(0));
 }
@@ -161,10 +161,10 @@ void g7(Report& report) {
     far << T(1e6), T(1e6), T(2e6), T(0), T(1e6), T(0), T(2), T(2), T(2);
     for (const Columns<T>& x : {edge, behind, far}) {
         const Columns<T> values = Columns<T>::Ones(1, 3);
-        const auto r = rasterize_mesh<ScalarBackend<>, T>(x, {{0, 1, 2}}, camera, values);
+        const auto r = rasterize_mesh<T>(ScalarBackend<>{}, x, {{0, 1, 2}}, camera, values);
         finite = finite && r.attributes.pixels.allFinite() && r.silhouette.pixels.allFinite();
         const Columns<T> ones = Columns<T>::Ones(1, 256);
-        const auto g = rasterize_mesh_vjp<ScalarBackend<>, T>(r, {{0, 1, 2}}, camera, values,
+        const auto g = rasterize_mesh_vjp<T>(ScalarBackend<>{}, r, {{0, 1, 2}}, camera, values,
                                                               {&ones, &ones, &ones});
         finite = finite && g.vertices.allFinite();
     }

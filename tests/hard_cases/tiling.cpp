@@ -181,8 +181,8 @@ void b12_b13(Report& report) {
     bool told = false;
     try {
         DealScratch<std::uint32_t> scratch;
-        lists.build<Serial, Support::ellipse, T>(
-            64, 1 << 20, 3, [&](Index m) { return rows[std::size_t(m)]; },
+        lists.build<Support::ellipse, T>(
+            Serial{}, 64, 1 << 20, 3, [&](Index m) { return rows[std::size_t(m)]; },
             [](Index m) { return static_cast<std::uint32_t>(m); }, [](Index m) { return m; },
             all - 1, [&](Index) -> const Footprint<T>& { return f; }, scratch);
     } catch (const Error&) {
@@ -214,8 +214,8 @@ void b12_b13(Report& report) {
         }
         TileLists t;
         DealScratch<std::uint32_t> scratch;
-        t.build<Serial, Support::ellipse, T>(
-            100, 70, static_cast<Index>(feet.size()),
+        t.build<Support::ellipse, T>(
+            Serial{}, 100, 70, static_cast<Index>(feet.size()),
             [&](Index m) { return spans[static_cast<std::size_t>(m)]; },
             [](Index m) { return static_cast<std::uint32_t>(m); }, [](Index m) { return m; },
             Index(1) << 30,

@@ -17,7 +17,7 @@ using Lanes = XsimdBackend<DefaultArch, Serial>;
 
 struct Job {
     HeadScene scene;
-    Rasterizer<Lanes, HeadRules> rasterizer = {};
+    Rasterizer<HeadRules> rasterizer = {};
     Raster<float, HeadRules::outputs> raster = {};
     RasterScratch<float> scratch = {};
     Gaussians<float> gradient = {};
@@ -40,21 +40,21 @@ Network* network = nullptr;
 extern "C" {
 
 [[gnu::noinline]] void splat_forward() {
-    job->rasterizer.forward_into(job->scene.gaussians, job->scene.camera, job->scene.background,
+    job->rasterizer.forward_into(Lanes{}, job->scene.gaussians, job->scene.camera, job->scene.background,
                                  job->raster, &job->scratch);
 }
 [[gnu::noinline]] void splat_backward() {
-    job->rasterizer.vjp_into(job->scene.gaussians, job->scene.camera, job->scene.background,
+    job->rasterizer.vjp_into(Lanes{}, job->scene.gaussians, job->scene.camera, job->scene.background,
                              job->raster, RasterCotangent<float>{job->scene.cotangent},
                              job->gradient, &job->scratch);
 }
 
 [[gnu::noinline]] void mlp_forward() {
     network->out =
-        rye::mlp_forward<Lanes>(network->mlp, network->points, network->frame, &network->trace);
+        rye::mlp_forward(Lanes{}, network->mlp, network->points, network->frame, &network->trace);
 }
 [[gnu::noinline]] void mlp_backward() {
-    mlp_vjp<Lanes>(network->mlp, network->points, network->frame, network->trace, network->out,
+    mlp_vjp(Lanes{}, network->mlp, network->points, network->frame, network->trace, network->out,
                    network->gradient, &network->g_points, nullptr);
 }
 

@@ -29,9 +29,9 @@ double law_error(int width, int height) {
     y.pixels = lifted(b.pixels, Columns<T>(Columns<T>::Zero(3, b.size())));
     DotProducts d;
     const Columns<T> slope =
-        Columns<T>::Constant(1, 1, dssim<B, Dual<T, 1>>(x, y).value.d[0]);
+        Columns<T>::Constant(1, 1, dssim<Dual<T, 1>>(B{}, x, y).value.d[0]);
     d.add_forward(slope, Columns<T>(Columns<T>::Ones(1, 1)));
-    d.add_reverse(dssim<B, T>(a, b).gradient, da);
+    d.add_reverse(dssim<T>(B{}, a, b).gradient, da);
     return d.error();
 }
 
@@ -49,9 +49,9 @@ Image<double> framed(const Image<double>& image) {
 
 TEST_CASE("D-SSIM is 1 - SSIM, with black around the images") {
     const Image<double> a = image_of<double>(23, 17, 4), b = image_of<double>(23, 17, 5);
-    const double measured = ssim<B>(framed(a), framed(b), Columns<double>());
-    CHECK(dssim<B, double>(a, b).value == doctest::Approx(1 - measured).epsilon(1e-12));
-    CHECK(dssim<B, double>(a, a).value == doctest::Approx(0).epsilon(1e-12));
+    const double measured = ssim(B{}, framed(a), framed(b), Columns<double>());
+    CHECK(dssim<double>(B{}, a, b).value == doctest::Approx(1 - measured).epsilon(1e-12));
+    CHECK(dssim<double>(B{}, a, a).value == doctest::Approx(0).epsilon(1e-12));
 }
 
 TEST_CASE("D-SSIM: its gradient is what duals give") {
@@ -64,9 +64,9 @@ TEST_CASE("D-SSIM of flat pictures has a finite gradient") {
     Image<float> a(12, 12, 3), b(12, 12, 3);
     a.pixels.setZero();
     b.pixels.setOnes();
-    CHECK(dssim<B, float>(a, b).gradient.allFinite());
+    CHECK(dssim<float>(B{}, a, b).gradient.allFinite());
     b.pixels.setZero();
-    CHECK(dssim<B, float>(a, b).gradient.isZero(1e-6F));
+    CHECK(dssim<float>(B{}, a, b).gradient.isZero(1e-6F));
 }
 
 TEST_CASE("D-SSIM: by hand, a picture of one pixel") {
@@ -76,11 +76,11 @@ TEST_CASE("D-SSIM: by hand, a picture of one pixel") {
     //   (2 w^2 / 8 + 1e-4) / (w^2 / 4 + w^2 / 16 + 1e-4) = 0.812014
     //   (2 (w / 8 - w^2 / 8) + 9e-4) / (w / 4 + w / 16 - w^2 / 4 - w^2 / 16 + 9e-4) = 0.808392
     Image<double> a(1, 1, 3, 0.5), b(1, 1, 3, 0.25);
-    CHECK(dssim<B, double>(a, b).value == doctest::Approx(1 - 0.812014 * 0.808392).epsilon(1e-5));
+    CHECK(dssim<double>(B{}, a, b).value == doctest::Approx(1 - 0.812014 * 0.808392).epsilon(1e-5));
     // Nothing against white: the means are 0 and w, the variances 0 and w - w^2.
     a.pixels.setZero();
     b.pixels.setOnes();
     const double w = 0.0707623;
-    CHECK(dssim<B, double>(a, b).value ==
+    CHECK(dssim<double>(B{}, a, b).value ==
           doctest::Approx(1 - 1e-4 / (w * w + 1e-4) * 9e-4 / (w - w * w + 9e-4)).epsilon(1e-6));
 }

@@ -9,7 +9,7 @@
 
 using namespace rye;
 
-static_assert(PerceptualLoss<LpipsVgg<XsimdBackend<>, float>>);
+static_assert(PerceptualLoss<LpipsVgg<float>>);
 
 namespace {
 
@@ -107,7 +107,7 @@ TEST_CASE("vgg: the published number of parameters, under torchvision's names") 
 }
 
 TEST_CASE("lpips: equals the definition, also for odd sizes; 0 for equal images") {
-    const LpipsVgg<XsimdBackend<>, double> loss{random_weights<double>(1)};
+    const LpipsVgg<double> loss{random_weights<double>(1)};
     for (const auto& [w, h] : {std::pair(32, 32), {37, 21}}) {
         const Image<double> a = random_image<double>(w, h, 1), b = random_image<double>(w, h, 2);
         CHECK(loss(a, b).value == doctest::Approx(plain_lpips(loss.weights, a, b)).epsilon(1e-12));
@@ -118,8 +118,8 @@ TEST_CASE("lpips: equals the definition, also for odd sizes; 0 for equal images"
 
 TEST_CASE("lpips: the gradient is that of duals") {
     const auto check = []<class T>(T, double tolerance) {
-        const LpipsVgg<XsimdBackend<>, T> loss{random_weights<T>(1)};
-        LpipsVgg<ScalarBackend<>, Dual<T, 1>> dual{LpipsWeights<Dual<T, 1>>(tiny)};
+        const LpipsVgg<T> loss{random_weights<T>(1)};
+        LpipsVgg<Dual<T, 1>> dual{LpipsWeights<Dual<T, 1>>(tiny)};
         convert_fields(dual.weights, loss.weights, [](T x) { return Dual<T, 1>(x); });
         const Image<T> a = random_image<T>(35, 18, 1), b = random_image<T>(35, 18, 2);
         const Columns<T> da = random_columns<T>(3, a.size(), 3);
@@ -138,7 +138,7 @@ TEST_CASE("lpips: the gradient is that of duals") {
 }
 
 TEST_CASE("lpips: features that are all zero give no NaN") {
-    LpipsVgg<XsimdBackend<>, float> loss{random_weights<float>(1)};
+    LpipsVgg<float> loss{random_weights<float>(1)};
     loss.weights.net.bias.back().setConstant(-100.0f);
     const auto got = loss(random_image<float>(32, 32, 1), random_image<float>(32, 32, 2));
     CHECK(std::isfinite(got.value));
@@ -146,7 +146,7 @@ TEST_CASE("lpips: features that are all zero give no NaN") {
 }
 
 TEST_CASE("lpips: images too small or of other channels are refused") {
-    const LpipsVgg<XsimdBackend<>, float> loss{random_weights<float>(1)};
+    const LpipsVgg<float> loss{random_weights<float>(1)};
     CHECK_THROWS_AS(loss(random_image<float>(15, 32, 1), random_image<float>(15, 32, 1)), Error);
     CHECK_THROWS_AS(loss(Image<float>(32, 32, 4), Image<float>(32, 32, 4)), Error);
 }

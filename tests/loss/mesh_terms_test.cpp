@@ -43,7 +43,7 @@ TEST_CASE("mesh terms: values by hand") {
     color << 0.5, 0.2, 0.25, 0.2, 1, 0.2;
     target << 0.25, 9, 0.5, 9, 1, 9;
     visible << 1, 0;
-    const LossTerm<double> rgb = color_term<Plain, double>(color, target, visible);
+    const LossTerm<double> rgb = color_term<double>(Plain{}, color, target, visible);
     CHECK(rgb.value == doctest::Approx(0.5 / 6));
     CHECK(rgb.count == 6);
     CHECK(rgb.gradient(0, 0) == doctest::Approx(1.0 / 6));
@@ -103,7 +103,7 @@ TEST_CASE_TEMPLATE("mesh terms: gradients agree with duals", T, float, double) {
                      landmarks = random_columns<T>(3, 424, 2);
     CHECK(slope_error<T>(random_columns<T>(3, 400, 3), [&](const auto& x) {
               using S = typename std::decay_t<decltype(x)>::Scalar;
-              return color_term<Plain, S>(x, constant(target, S()), constant(visible, S()));
+              return color_term<S>(Plain{}, x, constant(target, S()), constant(visible, S()));
           }) < bound);
     CHECK(slope_error<T>(random_columns<T>(1, 400, 4).cwiseAbs(), [&](const auto& x) {
               using S = typename std::decay_t<decltype(x)>::Scalar;
@@ -134,7 +134,7 @@ TEST_CASE_TEMPLATE("mesh terms: gradients agree with duals", T, float, double) {
 TEST_CASE("mesh terms: nothing to average is 0, counted as 0") {
     const Columns<double> points(3, 0), row(1, 0);
     for (const LossTerm<double>& t :
-         {color_term<Plain, double>(points, points, row), deformation_term<double>(points, points),
+         {color_term<double>(Plain{}, points, points, row), deformation_term<double>(points, points),
           offset_term<double>(points), landmark_term<double>(row), laplacian_term<double>(points, {}),
           eye_offset_term<double>(points, points)}) {
         CHECK(t.value == 0);

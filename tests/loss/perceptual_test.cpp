@@ -63,8 +63,8 @@ TEST_CASE("pyramid gradient: the gradient is that of duals, also for odd and thi
 
 TEST_CASE("pyramid gradient: the same bits with any kind of threads") {
     const Image<double> a = random_image(90, 70, 1), b = random_image(90, 70, 2);
-    const auto serial = PyramidGradientLoss().run<ScalarBackend<Serial>>(a, b);
-    const auto parallel = PyramidGradientLoss().run<ScalarBackend<DefaultThreads>>(a, b);
+    const auto serial = PyramidGradientLoss().run(ScalarBackend<Serial>{}, a, b);
+    const auto parallel = PyramidGradientLoss().run(ScalarBackend<DefaultThreads>{}, a, b);
     CHECK(serial.value == parallel.value);
     CHECK(serial.gradient == parallel.gradient);
 }

@@ -28,12 +28,12 @@ TEST_CASE("l1: divides by all pixels and channels, whatever the mask") {
     a << 1, 2, 3, 4;
     b << 0, 2, 5, 0;
     mask << 1, 0.5;
-    const LossGradient<double> loss = masked_l1<B>(a, b, mask);
+    const LossGradient<double> loss = masked_l1(B{}, a, b, mask);
     CHECK(loss.value == doctest::Approx((1 + 0 + 2 + 2) / 4.0));
     Columns<double> expected(2, 2);
     expected << 0.25, 0, -0.25, 0.125;
     CHECK(loss.gradient == expected);
-    CHECK(masked_l1<B>(a, b, no_mask).value == doctest::Approx((1 + 0 + 2 + 4) / 4.0));
+    CHECK(masked_l1(B{}, a, b, no_mask).value == doctest::Approx((1 + 0 + 2 + 4) / 4.0));
 }
 
 TEST_CASE("l1: the gradient is that of duals") {
@@ -47,18 +47,18 @@ TEST_CASE("l1: the gradient is that of duals") {
     });
     const auto constant = [](double x) { return D(x); };
     const Columns<D> md = mask.unaryExpr(constant);
-    const D value = masked_l1<B>(ad, b.unaryExpr(constant), md).value;
-    const LossGradient<double> loss = masked_l1<B>(a, b, mask);
+    const D value = masked_l1(B{}, ad, b.unaryExpr(constant), md).value;
+    const LossGradient<double> loss = masked_l1(B{}, a, b, mask);
     CHECK(value.value == doctest::Approx(loss.value).epsilon(1e-14));
     CHECK(value.d[0] == doctest::Approx(loss.gradient.cwiseProduct(da).sum()).epsilon(1e-13));
 }
 
 TEST_CASE("l1: float stays near double over many pixels, and an empty image is 0") {
     const Columns<double> a = random_pixels(3, 200000, 1), b = random_pixels(3, 200000, 2);
-    const double exact = masked_l1<B>(a, b, no_mask).value;
-    const float value = masked_l1<B>(a.cast<float>(), b.cast<float>(), Columns<float>()).value;
+    const double exact = masked_l1(B{}, a, b, no_mask).value;
+    const float value = masked_l1(B{}, a.cast<float>(), b.cast<float>(), Columns<float>()).value;
     CHECK(value == doctest::Approx(exact).epsilon(1e-5));
-    CHECK(masked_l1<B>(Columns<double>(3, 0), Columns<double>(3, 0), no_mask).value == 0);
+    CHECK(masked_l1(B{}, Columns<double>(3, 0), Columns<double>(3, 0), no_mask).value == 0);
 }
 
 TEST_CASE("psnr: a known error, equal images, and pixels out of the mask") {
@@ -76,6 +76,6 @@ TEST_CASE("psnr: a known error, equal images, and pixels out of the mask") {
 
 TEST_CASE("photometric: images of different shapes are refused") {
     const Columns<double> a(3, 4), b(3, 5);
-    CHECK_THROWS_AS(masked_l1<B>(a, b, no_mask), Error);
+    CHECK_THROWS_AS(masked_l1(B{}, a, b, no_mask), Error);
     CHECK_THROWS_AS(psnr(a, a, b), Error);
 }

@@ -48,39 +48,39 @@ TEST_CASE("ssim: equals the published formula over all windows inside") {
     for (int y = 0; y < 7; ++y)
         for (int x = 0; x < 10; ++x)
             for (int c = 0; c < 3; ++c) sum += plain_ssim(a, b, x, y, c);
-    CHECK(ssim<B>(a, b, no_mask) == doctest::Approx(sum / 210).epsilon(1e-12));
+    CHECK(ssim(B{}, a, b, no_mask) == doctest::Approx(sum / 210).epsilon(1e-12));
     Columns<double> mask = Columns<double>::Zero(1, a.size());
     mask((3 + 5) * 20 + 4 + 5) = 0.5;
     const double one =
         (plain_ssim(a, b, 4, 3, 0) + plain_ssim(a, b, 4, 3, 1) + plain_ssim(a, b, 4, 3, 2)) / 3;
-    CHECK(ssim<B>(a, b, mask) == doctest::Approx(one).epsilon(1e-12));
+    CHECK(ssim(B{}, a, b, mask) == doctest::Approx(one).epsilon(1e-12));
 }
 
 TEST_CASE("ssim: equal images give exactly 1, nothing gives more") {
     for (const double offset : {0.0, 0.5, 100.0}) {
         Image<double> a = random_image(40, 30, 3, 1);
         a.pixels = (1e-3 * a.pixels.array() + offset).matrix();
-        CHECK(ssim<B>(a, a, no_mask) == 1.0);
+        CHECK(ssim(B{}, a, a, no_mask) == 1.0);
         Image<double> b = a;
         b.pixels.array() += 1e-9;
-        CHECK(ssim<B>(a, b, no_mask) <= 1.0);
+        CHECK(ssim(B{}, a, b, no_mask) <= 1.0);
     }
-    CHECK(ssim<B>(Image<float>(11, 11, 1, 0.3f), Image<float>(11, 11, 1, 0.3f), {}) == 1.0);
-    CHECK(ssim<B>(Image<float>(11, 11, 1, 1.0f), Image<float>(11, 11, 1, 0.0f), {}) ==
+    CHECK(ssim(B{}, Image<float>(11, 11, 1, 0.3f), Image<float>(11, 11, 1, 0.3f), {}) == 1.0);
+    CHECK(ssim(B{}, Image<float>(11, 11, 1, 1.0f), Image<float>(11, 11, 1, 0.0f), {}) ==
           doctest::Approx(1e-4 / (1 + 1e-4)));
-    CHECK(ssim<B>(random_image(12, 12, 1, 1), random_image(12, 12, 1, 2),
+    CHECK(ssim(B{}, random_image(12, 12, 1, 1), random_image(12, 12, 1, 2),
                   Columns<double>::Zero(1, 144)) == 1.0);
 }
 
 TEST_CASE("ssim: symmetric, and the same bits with any kind of threads") {
     const Image<double> a = random_image(60, 50, 3, 1), b = random_image(60, 50, 3, 2);
-    CHECK(ssim<B>(a, b, no_mask) == ssim<B>(b, a, no_mask));
-    CHECK(ssim<B>(a, b, no_mask) == ssim<ScalarBackend<Serial>>(a, b, no_mask));
+    CHECK(ssim(B{}, a, b, no_mask) == ssim(B{}, b, a, no_mask));
+    CHECK(ssim(B{}, a, b, no_mask) == ssim(ScalarBackend<Serial>{}, a, b, no_mask));
 }
 
 TEST_CASE("ssim: images too small or of different shapes are refused") {
-    CHECK_THROWS_AS(ssim<B>(Image<float>(10, 20, 3), Image<float>(10, 20, 3), {}), Error);
-    CHECK_THROWS_AS(ssim<B>(Image<float>(20, 20, 3), Image<float>(20, 21, 3), {}), Error);
-    CHECK_THROWS_AS(ssim<B>(Image<float>(20, 20, 3), Image<float>(20, 20, 3), Columns<float>(1, 9)),
+    CHECK_THROWS_AS(ssim(B{}, Image<float>(10, 20, 3), Image<float>(10, 20, 3), {}), Error);
+    CHECK_THROWS_AS(ssim(B{}, Image<float>(20, 20, 3), Image<float>(20, 21, 3), {}), Error);
+    CHECK_THROWS_AS(ssim(B{}, Image<float>(20, 20, 3), Image<float>(20, 20, 3), Columns<float>(1, 9)),
                     Error);
 }

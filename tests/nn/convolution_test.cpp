@@ -51,12 +51,12 @@ TEST_CASE_TEMPLATE("convolution: equals its definition", B, ScalarBackend<>, Xsi
         const Columns<double> w = random_columns<double>(s.out, 9 * s.in, 1);
         const Image<double> in = random_image<double>(s.width, s.height, s.in, 2);
         const Image<double> expected = plain_convolution(w, in);
-        CHECK((convolve3x3<B>(w, padded<B>(in)).pixels - expected.pixels).cwiseAbs().maxCoeff() <
+        CHECK((convolve3x3(B{}, w, padded(B{}, in)).pixels - expected.pixels).cwiseAbs().maxCoeff() <
               1e-12);
         const Columns<float> wf = w.cast<float>();
         Image<float> inf(s.width, s.height, s.in);
         inf.pixels = in.pixels.cast<float>();
-        const Image<float> got = convolve3x3<B>(wf, padded<B>(inf));
+        const Image<float> got = convolve3x3(B{}, wf, padded(B{}, inf));
         CHECK((got.pixels.cast<double>() - expected.pixels).cwiseAbs().maxCoeff() < 2e-5);
     }
 }
@@ -69,12 +69,12 @@ TEST_CASE_TEMPLATE("convolution: the vjps are adjoints", B, ScalarBackend<>, Xsi
         const Image<T> din = random_image<T>(s.width, s.height, s.in, 4);
         const Image<T> g = random_image<T>(s.width, s.height, s.out, 5);
         Columns<T> gw = Columns<T>::Zero(s.out, 9 * s.in);
-        convolve3x3_vjp_weight<B>(padded<B>(in), padded<B>(g), gw);
+        convolve3x3_vjp_weight(B{}, padded(B{}, in), padded(B{}, g), gw);
         DotProducts dots; // bilinear, so the derivative is two products
         dots.add_forward(plain_convolution(dw, in).pixels, g.pixels);
         dots.add_forward(plain_convolution(w, din).pixels, g.pixels);
         dots.add_reverse(gw, dw);
-        dots.add_reverse(convolve3x3_vjp_input<B>(w, g).pixels, din.pixels);
+        dots.add_reverse(convolve3x3_vjp_input(B{}, w, g).pixels, din.pixels);
         CHECK(dots.error() < tolerance);
     };
     for (const Size& s : sizes) {
@@ -96,8 +96,8 @@ TEST_CASE("convolution: the same bits with any kind of threads") {
     const Columns<float> w = random_columns<float>(16, 72, 3);
     const auto run = [&]<class B>(B) {
         Columns<float> gw = Columns<float>::Zero(16, 72);
-        convolve3x3_vjp_weight<B>(padded<B>(in), padded<B>(g), gw);
-        return std::pair{gw, convolve3x3<B>(w, padded<B>(in)).pixels};
+        convolve3x3_vjp_weight(B{}, padded(B{}, in), padded(B{}, g), gw);
+        return std::pair{gw, convolve3x3(B{}, w, padded(B{}, in)).pixels};
     };
     CHECK(run(XsimdBackend<DefaultArch, Serial>{}) ==
           run(XsimdBackend<DefaultArch, DefaultThreads>{}));

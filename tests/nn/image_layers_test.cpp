@@ -17,7 +17,7 @@ TEST_CASE("bilinear: doubling a ramp gives a ramp between the same corners") {
     Image<double> in(5, 3, 2);
     for (int y = 0; y < 3; ++y)
         for (int x = 0; x < 5; ++x) in.at(x, y) << x, 10 * y;
-    const Image<double> out = doubled<B>(in);
+    const Image<double> out = doubled(B{}, in);
     REQUIRE(out.width == 10);
     REQUIRE(out.height == 6);
     for (int y = 0; y < 6; ++y)
@@ -28,8 +28,8 @@ TEST_CASE("bilinear: doubling a ramp gives a ramp between the same corners") {
 }
 
 TEST_CASE("bilinear: one pixel becomes four of the same, and no pixels none") {
-    CHECK(doubled<B>(Image<float>(1, 1, 3, 0.7f)).pixels == Columns<float>::Constant(3, 4, 0.7f));
-    CHECK(doubled<B>(Image<float>(0, 0, 3)).pixels.size() == 0);
+    CHECK(doubled(B{}, Image<float>(1, 1, 3, 0.7f)).pixels == Columns<float>::Constant(3, 4, 0.7f));
+    CHECK(doubled(B{}, Image<float>(0, 0, 3)).pixels.size() == 0);
 }
 
 TEST_CASE("bilinear: the vjp is the adjoint") {
@@ -38,8 +38,8 @@ TEST_CASE("bilinear: the vjp is the adjoint") {
         in.pixels = random_columns<double>(3, in.size(), 1);
         g.pixels = random_columns<double>(3, g.size(), 2);
         DotProducts dots;
-        dots.add_forward(doubled<B>(in).pixels, g.pixels);
-        dots.add_reverse(doubled_vjp<B>(g).pixels, in.pixels);
+        dots.add_forward(doubled(B{}, in).pixels, g.pixels);
+        dots.add_reverse(doubled_vjp(B{}, g).pixels, in.pixels);
         CHECK(dots.error() < 1e-15);
     }
 }
@@ -48,7 +48,7 @@ TEST_CASE("instance norm: mean 0 and variance 1, whatever the offset; constants 
     Columns<float> x = random_columns<float>(3, 5000, 1);
     x.row(1).array() += 100.0f;
     x.row(2).setConstant(5.0f);
-    const VecX<float> gain = instance_norm<B>(x);
+    const VecX<float> gain = instance_norm(B{}, x);
     const Columns<double> y = x.cast<double>();
     CHECK(y.rowwise().mean().cwiseAbs().maxCoeff() < 1e-4);
     CHECK(y.row(0).cwiseAbs2().mean() == doctest::Approx(1).epsilon(1e-4));
@@ -64,10 +64,10 @@ TEST_CASE_TEMPLATE("instance norm: the vjp is the adjoint of the forward derivat
                          dx = random_columns<T>(4, 600, 2);
         const Columns<T> g = random_columns<T>(4, 600, 3);
         Columns<Dual<T, 1>> xd = lifted(x, dx);
-        instance_norm<ScalarBackend<>>(xd);
+        instance_norm(ScalarBackend<>{}, xd);
         Columns<T> y = x, gx = g;
-        const VecX<T> gain = instance_norm<B>(y);
-        instance_norm_vjp<B>(y, gain, gx);
+        const VecX<T> gain = instance_norm(B{}, y);
+        instance_norm_vjp(B{}, y, gain, gx);
         DotProducts dots;
         dots.add_forward(tangents(xd), g);
         dots.add_reverse(gx, dx);

@@ -47,14 +47,14 @@ double mlp_dot_error(const MlpShape& s, Index n, std::uint64_t seed) {
     Mlp<Dual<T, 1>> md(s);
     lift_fields(md, m, dm);
     const Columns<Dual<T, 1>> yd =
-        mlp_forward<ScalarBackend<>>(md, lifted(x, dx), VecX<Dual<T, 1>>(lifted(f, df)), nullptr);
+        mlp_forward(ScalarBackend<>{}, md, lifted(x, dx), VecX<Dual<T, 1>>(lifted(f, df)), nullptr);
 
     MlpTrace<T> trace;
-    const Columns<T> y = mlp_forward<B>(m, x, VecX<T>(f), &trace);
+    const Columns<T> y = mlp_forward(B{}, m, x, VecX<T>(f), &trace);
     Mlp<T> gm(s);
     Columns<T> gx;
     VecX<T> gf;
-    mlp_vjp<B>(m, x, VecX<T>(f), trace, w, gm, &gx, &gf);
+    mlp_vjp(B{}, m, x, VecX<T>(f), trace, w, gm, &gx, &gf);
 
     DotProducts dots;
     dots.add_forward(tangents(yd), w);
@@ -102,11 +102,11 @@ TEST_CASE("mlp: equals the network written out, with and without frame inputs") 
         const VecX<double> f = random_columns<double>(s.frame_inputs, 1, 2);
         const Columns<double> expected = plain_mlp(m, x, f);
         MlpTrace<double> trace;
-        CHECK((mlp_forward<ScalarBackend<>>(m, x, f, nullptr) - expected).cwiseAbs().maxCoeff() <
+        CHECK((mlp_forward(ScalarBackend<>{}, m, x, f, nullptr) - expected).cwiseAbs().maxCoeff() <
               1e-13);
-        CHECK((mlp_forward<ScalarBackend<>>(m, x, f, &trace) - expected).cwiseAbs().maxCoeff() <
+        CHECK((mlp_forward(ScalarBackend<>{}, m, x, f, &trace) - expected).cwiseAbs().maxCoeff() <
               1e-13);
-        CHECK((mlp_forward<XsimdBackend<>>(m, x, f, &trace) - expected).cwiseAbs().maxCoeff() <
+        CHECK((mlp_forward(XsimdBackend<>{}, m, x, f, &trace) - expected).cwiseAbs().maxCoeff() <
               1e-13);
     }
 }
@@ -127,11 +127,11 @@ TEST_CASE("mlp: gradients add up, and null outputs are allowed") {
                           w = random_columns<double>(5, 90, 2);
     const VecX<double> f = random_columns<double>(7, 1, 3);
     MlpTrace<double> trace;
-    mlp_forward<ScalarBackend<>>(m, x, f, &trace);
+    mlp_forward(ScalarBackend<>{}, m, x, f, &trace);
     Mlp<double> once(small), twice(small);
-    mlp_vjp<ScalarBackend<>>(m, x, f, trace, w, once, nullptr, nullptr);
+    mlp_vjp(ScalarBackend<>{}, m, x, f, trace, w, once, nullptr, nullptr);
     for (int i = 0; i < 2; ++i)
-        mlp_vjp<ScalarBackend<>>(m, x, f, trace, w, twice, nullptr, nullptr);
+        mlp_vjp(ScalarBackend<>{}, m, x, f, trace, w, twice, nullptr, nullptr);
     CHECK(once.weight[1].norm() > 0);
     for (std::size_t l = 0; l < 4; ++l) {
         CHECK(twice.weight[l].isApprox(2 * once.weight[l], 1e-14));
@@ -148,8 +148,8 @@ TEST_CASE("mlp: the same bits with any kind of threads, and none points") {
         MlpTrace<float> trace;
         Mlp<float> g(small);
         Columns<float> gx;
-        mlp_forward<B>(m, x.leftCols(n), f, &trace);
-        mlp_vjp<B>(m, x.leftCols(n), f, trace, w.leftCols(n), g, &gx, nullptr);
+        mlp_forward(B{}, m, x.leftCols(n), f, &trace);
+        mlp_vjp(B{}, m, x.leftCols(n), f, trace, w.leftCols(n), g, &gx, nullptr);
         CHECK(gx.cols() == n);
         return g;
     };

@@ -32,15 +32,15 @@ double upsampler_dot_error(const UpsamplerShape& s, std::uint64_t seed) {
     lift_fields(ud, u, du);
     Image<Dual<T, 1>> ind(w, h, s.in_channels);
     ind.pixels = lifted(in.pixels, din);
-    const Image<Dual<T, 1>> yd = upsampler_forward<ScalarBackend<>>(ud, ind, nullptr);
+    const Image<Dual<T, 1>> yd = upsampler_forward(ScalarBackend<>{}, ud, ind, nullptr);
 
     UpsamplerTrace<T> trace;
-    const Image<T> y = upsampler_forward<B>(u, in, &trace);
+    const Image<T> y = upsampler_forward(B{}, u, in, &trace);
     CHECK((y.pixels - values(yd.pixels)).cwiseAbs().maxCoeff() < T(1e-5));
     const Columns<T> g = random_columns<T>(3, y.size(), seed + 4);
     Upsampler<T> gu(s);
     Columns<T> gin;
-    upsampler_vjp<B>(u, in, trace, g, gu, &gin);
+    upsampler_vjp(B{}, u, in, trace, g, gu, &gin);
     DotProducts dots;
     dots.add_forward(tangents(yd.pixels), g);
     dots.add_reverse(gin, din);
@@ -93,14 +93,14 @@ TEST_CASE("upsampler: sizes, range, and a constant input") {
     const UpsamplerShape s{8, 4, 2};
     const Upsampler<float> u = Upsampler<float>::init(s, Random{1, 0});
     const Image<float> y =
-        upsampler_forward<XsimdBackend<>>(u, random_image<float>(6, 9, 8, 1), nullptr);
+        upsampler_forward(XsimdBackend<>{}, u, random_image<float>(6, 9, 8, 1), nullptr);
     CHECK(y.width == 24);
     CHECK(y.height == 36);
     CHECK(y.pixels.minCoeff() > 0);
     CHECK(y.pixels.maxCoeff() < 1);
-    CHECK(upsampler_forward<XsimdBackend<>>(u, Image<float>(6, 9, 8, 1.0f), nullptr)
+    CHECK(upsampler_forward(XsimdBackend<>{}, u, Image<float>(6, 9, 8, 1.0f), nullptr)
               .pixels.allFinite());
-    CHECK(upsampler_forward<XsimdBackend<>>(u, Image<float>(1, 1, 8, 1.0f), nullptr)
+    CHECK(upsampler_forward(XsimdBackend<>{}, u, Image<float>(1, 1, 8, 1.0f), nullptr)
               .pixels.allFinite());
 }
 
@@ -112,8 +112,8 @@ TEST_CASE("upsampler: with the skip, training starts at the doubled image") {
     Image<float> rgb(6, 9, 3);
     rgb.pixels = in.pixels.topRows(3);
     const Upsampler<float> u = Upsampler<float>::init(s, Random{1, 0});
-    const Image<float> y = upsampler_forward<XsimdBackend<>>(u, in, nullptr);
-    CHECK((y.pixels - doubled<XsimdBackend<>>(rgb).pixels).cwiseAbs().maxCoeff() < 1e-6f);
+    const Image<float> y = upsampler_forward(XsimdBackend<>{}, u, in, nullptr);
+    CHECK((y.pixels - doubled(XsimdBackend<>{}, rgb).pixels).cwiseAbs().maxCoeff() < 1e-6f);
 }
 
 TEST_CASE("upsampler: odds times the base are the sigmoid of the sum of logits") {
@@ -130,9 +130,9 @@ TEST_CASE("upsampler: the same bits with any kind of threads") {
     const Columns<float> g = random_columns<float>(3, 4 * in.size(), 2);
     const auto run = [&]<class B>(B) {
         UpsamplerTrace<float> trace;
-        upsampler_forward<B>(u, in, &trace);
+        upsampler_forward(B{}, u, in, &trace);
         std::pair<Upsampler<float>, Columns<float>> r{Upsampler<float>(s), {}};
-        upsampler_vjp<B>(u, in, trace, g, r.first, &r.second);
+        upsampler_vjp(B{}, u, in, trace, g, r.first, &r.second);
         return r;
     };
     const auto a = run(XsimdBackend<DefaultArch, Serial>{});

@@ -19,7 +19,7 @@ int main(int argc, char** argv) {
             i.pixels = images.columns<double>(name, 3, i.size());
             return i;
         };
-        const LpipsVgg<ScalarBackend<>, double> lpips{read_lpips_weights<double>(argv[1])};
+        const LpipsVgg<double> lpips{read_lpips_weights<double>(argv[1])};
         const LossGradient<double> loss = lpips(image("a"), image("b"));
         const Columns<double> value = Columns<double>::Constant(1, 1, loss.value);
         write_safetensors(argv[5],

@@ -48,17 +48,17 @@ void record_mlp(Record& r) {
     const Columns<double> code = positional_encoding(x);
     const VecX<double> frame = r.random("frame", 7, 1);
     MlpTrace<double> trace;
-    r.add("y", mlp_forward<Cpu>(m, code, frame, &trace));
+    r.add("y", mlp_forward(Cpu{}, m, code, frame, &trace));
     const Columns<double>& w = r.random("g_y", 5, 50);
     Columns<double> g_code;
     VecX<double> g_frame;
-    mlp_vjp<Cpu>(m, code, frame, trace, w, g, &g_code, &g_frame);
+    mlp_vjp(Cpu{}, m, code, frame, trace, w, g, &g_code, &g_frame);
     r.add("g_x", positional_encoding_vjp(code, g_code));
     r.add("g_frame", g_frame);
     r.add_fields("g_mlp", g);
     Adam<Mlp<double>> adam(m);
     for (int step = 0; step < 3; ++step)
-        adam_step<Cpu>(m, g, adam, [](const std::string&) { return 1e-3; });
+        adam_step(Cpu{}, m, g, adam, [](const std::string&) { return 1e-3; });
     r.add_fields("adam_mlp", m);
 }
 
@@ -70,9 +70,9 @@ void record_upsampler(Record& r, Normalization norm, bool skip, const std::strin
     Image<double> in(7, 6, 5);
     in.pixels = r.random(name + ".in", 5, in.size());
     UpsamplerTrace<double> trace;
-    r.add(name + ".y", upsampler_forward<Cpu>(u, in, &trace).pixels);
+    r.add(name + ".y", upsampler_forward(Cpu{}, u, in, &trace).pixels);
     Columns<double> g_in;
-    upsampler_vjp<Cpu>(u, in, trace, r.random(name + ".g_y", 3, 16 * in.size()), g, &g_in);
+    upsampler_vjp(Cpu{}, u, in, trace, r.random(name + ".g_y", 3, 16 * in.size()), g, &g_in);
     r.add(name + ".g_in", g_in);
     r.add_fields(name + ".g", g);
 }

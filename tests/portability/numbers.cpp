@@ -75,10 +75,10 @@ Picture<T> draw(int channels) {
     const VecX<T> background = noise<T>(channels, 1, 6, 0, 1);
     const Columns<T> cotangent = noise<T>(channels, 45 * 37, 7, -1, 1);
     const Columns<T> of_alpha = noise<T>(1, 45 * 37, 8, -1, 1);
-    const Rasterizer<B, A> rasterizer;
-    const auto raster = rasterizer.forward(g, camera, background);
+    const Rasterizer<A> rasterizer;
+    const auto raster = rasterizer.forward(B{}, g, camera, background);
     return {raster.feature.pixels, raster.alpha.pixels, raster.depth.pixels,
-            rasterizer.vjp(g, camera, background, raster, cotangent, &of_alpha)};
+            rasterizer.vjp(B{}, g, camera, background, raster, cotangent, &of_alpha)};
 }
 
 /// The worst error of the arrays of two pictures' gradients.
@@ -111,8 +111,8 @@ std::array<Columns<T>, 3> multiply() {
     const VecX<T> frame = noise<T>(4, 1, 42, -1, 1);
     MlpTrace<T> trace;
     std::array<Columns<T>, 3> out;
-    out[0] = mlp_forward<B>(mlp, points, frame, &trace);
-    mlp_vjp<B>(mlp, points, frame, trace, cotangent, gradient, &out[1], nullptr);
+    out[0] = mlp_forward(B{}, mlp, points, frame, &trace);
+    mlp_vjp(B{}, mlp, points, frame, trace, cotangent, gradient, &out[1], nullptr);
     out[2] = gradient.weight[0];
     return out;
 }

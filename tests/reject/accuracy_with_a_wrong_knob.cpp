@@ -13,5 +13,5 @@ struct Preview : rye::Balanced {
 
 rye::Raster<float> draw(const rye::Gaussians<float>& g, const rye::Pinhole<float>& camera,
                         const rye::VecX<float>& background) {
-    return rye::Rasterizer<rye::ScalarBackend<>, Preview>{}.forward(g, camera, background);
+    return rye::Rasterizer<Preview>{}.forward(rye::ScalarBackend<>{}, g, camera, background);
 }

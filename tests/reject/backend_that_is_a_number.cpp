@@ -6,8 +6,8 @@
 
 rye::Columns<float> evaluate(const rye::Mlp<float>& m, const rye::Columns<float>& points) {
 #if REJECT
-    return rye::mlp_forward<float>(m, points, rye::VecX<float>(), nullptr);
+    return rye::mlp_forward(float{}, m, points, rye::VecX<float>(), nullptr);
 #else
-    return rye::mlp_forward<rye::ScalarBackend<>>(m, points, rye::VecX<float>(), nullptr);
+    return rye::mlp_forward(rye::ScalarBackend<>{}, m, points, rye::VecX<float>(), nullptr);
 #endif
 }

@@ -9,6 +9,6 @@ using Policy = rye::Balanced;
 using Policy = rye::Drawing<rye::Balanced, rye::Outputs{.depth = true, .contributor = true}>;
 #endif
 
-unsigned picked(const rye::Rasterizer<rye::ScalarBackend<>, Policy>::Drawn<float>& picture) {
+unsigned picked(const rye::Rasterizer<Policy>::Drawn<float>& picture) {
     return picture.contributor.pixels(0, 0);
 }

@@ -9,6 +9,6 @@ struct Lean : rye::Balanced {
 #endif
 };
 
-float farthest(const rye::Rasterizer<rye::ScalarBackend<>, Lean>::Drawn<float>& picture) {
+float farthest(const rye::Rasterizer<Lean>::Drawn<float>& picture) {
     return picture.depth.pixels.maxCoeff();
 }

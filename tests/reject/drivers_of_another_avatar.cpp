@@ -14,5 +14,5 @@ using Driven = Mine;
 void show(const rye::TwoStream<float, Mine>& avatar, const rye::AvatarConfig& config,
           const rye::LandmarkRoles& roles, const rye::Drivers<float, Driven>& drivers,
           rye::TwoStreamTrace<float, Mine>& trace) {
-    rye::drive<rye::ScalarBackend<>>(avatar, config, roles, drivers, trace);
+    rye::drive(rye::ScalarBackend<>{}, avatar, config, roles, drivers, trace);
 }

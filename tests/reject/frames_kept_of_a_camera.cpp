@@ -12,5 +12,5 @@ using Mine = rye::PaperEffects;
 
 void keep(const rye::TwoStream<float, Mine>& avatar, const rye::AvatarConfig& config,
           const rye::LandmarkRoles& roles) {
-    const rye::DriveCache<rye::ScalarBackend<>, float> cache(avatar, config, roles);
+    const rye::DriveCache<rye::ScalarBackend<>, float> cache({}, avatar, config, roles);
 }

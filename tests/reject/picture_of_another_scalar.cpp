@@ -5,10 +5,10 @@
 
 rye::Raster<double> draw(const rye::Gaussians<double>& g, const rye::Pinhole<float>& camera,
                          const rye::VecX<double>& background) {
-    const rye::Rasterizer<rye::ScalarBackend<>> rasterizer;
+    const rye::Rasterizer<> rasterizer;
 #if REJECT
-    return rasterizer.forward(g, camera, background);
+    return rasterizer.forward(rye::ScalarBackend<>{}, g, camera, background);
 #else
-    return rasterizer.forward(g, camera.cast<double>(), background);
+    return rasterizer.forward(rye::ScalarBackend<>{}, g, camera.cast<double>(), background);
 #endif
 }

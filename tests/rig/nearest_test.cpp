@@ -30,7 +30,7 @@ TEST_CASE_TEMPLATE("nearest: every backend finds the lowest index among equals (
     for (const Index n : {0, 1, 7, 16, 17, 5000}) {
         const Columns<float> x = lattice(n, 1), p = lattice(40, 2);
         std::vector<Index> nearest;
-        const Columns<float> d = nearest_squared_distance<B, float>(x, p, &nearest);
+        const Columns<float> d = nearest_squared_distance<float>(B{}, x, p, &nearest);
         REQUIRE(d.cols() == n);
         for (Index i = 0; i < n; ++i) {
             Index best = 0;
@@ -48,31 +48,31 @@ TEST_CASE("nearest: the order of landmarks does not change distances; threads ch
     const Columns<float> x = random_columns<float>(3, 9000, {1});
     const Columns<float> p = random_columns<float>(3, 50, {2});
     const Columns<float> reversed = p.rowwise().reverse();
-    const Columns<float> d = nearest_squared_distance<Lanes, float>(x, p);
-    CHECK(d == nearest_squared_distance<Lanes, float>(x, reversed));
-    CHECK(d == nearest_squared_distance<LanesThreads, float>(x, p));
-    CHECK((d - nearest_squared_distance<Plain, float>(x, p)).cwiseAbs().maxCoeff() <= 4e-6f);
+    const Columns<float> d = nearest_squared_distance<float>(Lanes{}, x, p);
+    CHECK(d == nearest_squared_distance<float>(Lanes{}, x, reversed));
+    CHECK(d == nearest_squared_distance<float>(LanesThreads{}, x, p));
+    CHECK((d - nearest_squared_distance<float>(Plain{}, x, p)).cwiseAbs().maxCoeff() <= 4e-6f);
 }
 
 TEST_CASE_TEMPLATE("nearest: a point on its landmark, no landmarks, numbers that are none (D3, D7)",
                    B, Plain, Lanes) {
     Columns<float> x = random_columns<float>(3, 20, {1}), p = x.middleCols(3, 5);
     std::vector<Index> nearest;
-    CHECK(nearest_squared_distance<B, float>(x, p, &nearest)(0, 4) == 0);
+    CHECK(nearest_squared_distance<float>(B{}, x, p, &nearest)(0, 4) == 0);
     CHECK(nearest[4] == 1);
     const Columns<float> empty(3, 0);
-    const Columns<float> none = nearest_squared_distance<B, float>(x, empty, &nearest);
+    const Columns<float> none = nearest_squared_distance<float>(B{}, x, empty, &nearest);
     CHECK(std::isinf(none(0, 0)));
     CHECK(nearest[0] == -1);
     x(1, 2) = std::nanf("");
-    CHECK(std::isinf(nearest_squared_distance<B, float>(x, p, &nearest)(0, 2)));
+    CHECK(std::isinf(nearest_squared_distance<float>(B{}, x, p, &nearest)(0, 2)));
     CHECK(nearest[2] == -1);
-    const NearestGradient<float> g = nearest_squared_distance_vjp<B, float>(
+    const NearestGradient<float> g = nearest_squared_distance_vjp<float>(B{}, 
         x, p, nearest, Columns<float>(Columns<float>::Ones(1, 20)));
     CHECK(g.points.col(2).isZero());
     CHECK(g.landmarks.allFinite());
     p(0, 1) = std::nanf("");
-    CHECK_THROWS_AS((nearest_squared_distance<B, float>(x, p)), Error);
+    CHECK_THROWS_AS((nearest_squared_distance<float>(B{}, x, p)), Error);
 }
 
 TEST_CASE_TEMPLATE("nearest: adjoint to points and landmarks", T, float, double) {
@@ -81,12 +81,12 @@ TEST_CASE_TEMPLATE("nearest: adjoint to points and landmarks", T, float, double)
     const auto f = [&](const auto& all) {
         using S = typename std::decay_t<decltype(all)>::Scalar;
         const Columns<S> points = all.leftCols(n), landmarks = all.rightCols(k);
-        return nearest_squared_distance<Plain, S>(points, landmarks);
+        return nearest_squared_distance<S>(Plain{}, points, landmarks);
     };
     const auto vjp = [&](const Columns<T>& w) {
         std::vector<Index> nearest;
-        nearest_squared_distance<LanesThreads, T>(x.leftCols(n), x.rightCols(k), &nearest);
-        const NearestGradient<T> g = nearest_squared_distance_vjp<LanesThreads, T>(
+        nearest_squared_distance<T>(LanesThreads{}, x.leftCols(n), x.rightCols(k), &nearest);
+        const NearestGradient<T> g = nearest_squared_distance_vjp<T>(LanesThreads{}, 
             x.leftCols(n), x.rightCols(k), nearest, w);
         Columns<T> all(3, n + k);
         all << g.points, g.landmarks;

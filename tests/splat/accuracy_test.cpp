@@ -39,7 +39,7 @@ Scenery<float> near_tie() {
 
 template <class B, class A>
 double gap(const Scenery<float>& s) {
-    const auto r = Rasterizer<B, A>{}.forward(s.gaussians, s.camera, s.background);
+    const auto r = Rasterizer<A>{}.forward(B{}, s.gaussians, s.camera, s.background);
     Gaussians<double> g;
     convert_fields(g, s.gaussians, [](float x) { return static_cast<double>(x); });
     const auto camera = s.camera.cast<double>();
@@ -52,7 +52,7 @@ template <class B>
 Raster<float> draw(const Scenery<float>& s, NonFinite rule) {
     Balanced a;
     a.non_finite = rule;
-    return Rasterizer<B>{a}.forward(s.gaussians, s.camera, s.background);
+    return Rasterizer<>{a}.forward(B{}, s.gaussians, s.camera, s.background);
 }
 
 } // namespace
@@ -70,8 +70,8 @@ TEST_CASE_TEMPLATE("depth keys of 64 bits: float Gaussians in the order of doubl
 
 TEST_CASE_TEMPLATE("depth keys of 64 bits: nothing else changes", B, Plain, Lanes) {
     const auto s = random_scene<float>(80, 3, 6);
-    const auto a = Rasterizer<B, FineKeys>{}.forward(s.gaussians, s.camera, s.background);
-    const auto b = Rasterizer<B, Exact32>{}.forward(s.gaussians, s.camera, s.background);
+    const auto a = Rasterizer<FineKeys>{}.forward(B{}, s.gaussians, s.camera, s.background);
+    const auto b = Rasterizer<Exact32>{}.forward(B{}, s.gaussians, s.camera, s.background);
     CHECK(a.trace.lists.entry == b.trace.lists.entry);
     CHECK(a.feature.pixels == b.feature.pixels);
 }
@@ -110,7 +110,7 @@ TEST_CASE_TEMPLATE("trust: nothing is looked at, and a bad number still reaches 
                     Balanced rules;
                     rules.non_finite = NonFinite::trust;
                     const auto g =
-                        Rasterizer<B>{rules}.vjp(s.gaussians, s.camera, s.background, r, w);
+                        Rasterizer<>{rules}.vjp(B{}, s.gaussians, s.camera, s.background, r, w);
                     CHECK(g.count() == 41);
                 }
         },

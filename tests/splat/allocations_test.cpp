@@ -50,7 +50,7 @@ using namespace rye::test;
 TEST_CASE("rasterizer: a step whose memory is there allocates nothing") {
     for (const Index channels : {3, 16}) {
         const Scenery<float> s = random_scene<float>(300, channels, 5);
-        const Rasterizer<XsimdBackend<DefaultArch, Serial>> rasterizer;
+        const Rasterizer<> rasterizer;
         Raster<float> raster;
         RasterScratch<float> scratch;
         Gaussians<float> gradient;
@@ -58,8 +58,8 @@ TEST_CASE("rasterizer: a step whose memory is there allocates nothing") {
         std::size_t last = 0;
         for (int step = 0; step < 3; ++step) {
             const std::size_t before = allocations;
-            rasterizer.forward_into(s.gaussians, s.camera, s.background, raster, &scratch);
-            rasterizer.vjp_into(s.gaussians, s.camera, s.background, raster,
+            rasterizer.forward_into(XsimdBackend<DefaultArch, Serial>{}, s.gaussians, s.camera, s.background, raster, &scratch);
+            rasterizer.vjp_into(XsimdBackend<DefaultArch, Serial>{}, s.gaussians, s.camera, s.background, raster,
                                 RasterCotangent<float>{cotangent}, gradient, &scratch);
             last = allocations - before;
             if (step == 0) CHECK(last > 0);

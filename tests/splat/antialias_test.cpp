@@ -53,7 +53,7 @@ Pinhole<double> camera() {
 
 template <class B, class A, class T>
 Raster<T> draw(const Gaussians<T>& g, const Pinhole<T>& c) {
-    return Rasterizer<B, A>{}.forward(g, c, VecX<T>(VecX<T>::Zero(3)));
+    return Rasterizer<A>{}.forward(B{}, g, c, VecX<T>(VecX<T>::Zero(3)));
 }
 
 double most(const Columns<double>& a, const Columns<double>& b) {
@@ -110,10 +110,10 @@ TEST_CASE("mip: the render's vjp is the transpose of its duals; lanes agree with
     const Pinhole<double> c = camera();
     const Raster<double> raster = draw<B, Mip>(g, c);
     const Columns<double> w = random_columns<double>(3, raster.feature.size(), Random{6, 0});
-    const Rasterizer<B, Mip> rasterizer;
+    const Rasterizer<Mip> rasterizer;
     Gaussians<double> grad;
     RasterScratch<double> scratch;
-    rasterizer.vjp_into(g, c, VecX<double>(VecX<double>::Zero(3)), raster, RasterCotangent<double>{w}, grad,
+    rasterizer.vjp_into(B{}, g, c, VecX<double>(VecX<double>::Zero(3)), raster, RasterCotangent<double>{w}, grad,
                         &scratch);
     const Gaussians<double> direction = random_like(g, Random{7, 0});
     Gaussians<double> step = direction;
@@ -139,7 +139,7 @@ TEST_CASE("mip: the render's vjp is the transpose of its duals; lanes agree with
     RasterScratch<float> s;
     const VecX<float> black = VecX<float>::Zero(3);
     Rasterizer<X, Balance>{}.vjp_into(f, cf, black, lanes, RasterCotangent<float>{wf}, gx, &s);
-    Rasterizer<B, Balance>{}.vjp_into(f, cf, black, plain, RasterCotangent<float>{wf}, gs, &s);
+    Rasterizer<Balance>{}.vjp_into(B{}, f, cf, black, plain, RasterCotangent<float>{wf}, gs, &s);
     CHECK((gx.scale - gs.scale).norm() < 1e-3f * gs.scale.norm());
     CHECK((gx.mean - gs.mean).norm() < 1e-3f * gs.mean.norm());
 }

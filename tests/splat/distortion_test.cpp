@@ -22,7 +22,7 @@ constexpr Lens64 barrel{-0.3, 0.08, -0.01, 2e-3, -1e-3};
 
 template <class B, class A, class T, class D>
 Raster<T> draw(const Scenery<T>& s, const Pinhole<T, D>& c) {
-    return Rasterizer<B, A>{}.forward(s.gaussians, c, s.background);
+    return Rasterizer<A>{}.forward(B{}, s.gaussians, c, s.background);
 }
 
 template <class T>
@@ -54,9 +54,9 @@ TEST_CASE("a bent render: lanes agree with the plain walk, forward and vjp, on h
         CHECK(most(a.feature.pixels, b.feature.pixels) < 2e-4);
         const Columns<float> w = noise<float>(4, a.feature.size(), 5);
         const Gaussians<float> g =
-            Rasterizer<Plain, Balanced>{}.vjp(s.gaussians, c, s.background, a, w);
+            Rasterizer<Balanced>{}.vjp(Plain{}, s.gaussians, c, s.background, a, w);
         const Gaussians<float> h =
-            Rasterizer<Lanes, Balanced>{}.vjp(s.gaussians, c, s.background, b, w);
+            Rasterizer<Balanced>{}.vjp(Lanes{}, s.gaussians, c, s.background, b, w);
         Gaussians<float>::fields([](const std::string& name, const auto& x, const auto& y) {
             INFO(name);
             CHECK(x.allFinite());
@@ -72,13 +72,13 @@ TEST_CASE("a bent render's vjp is the transpose of its duals") {
     const Raster<double> raster = draw<Plain, Exact64>(s, c);
     const Columns<double> w = random_columns<double>(3, raster.feature.size(), Random{6, 0});
     const Gaussians<double> grad =
-        Rasterizer<Plain, Exact64>{}.vjp(s.gaussians, c, s.background, raster, w);
+        Rasterizer<Exact64>{}.vjp(Plain{}, s.gaussians, c, s.background, raster, w);
     Gaussians<double> step = random_like(s.gaussians, Random{7, 0});
     step.scale = step.scale.cwiseProduct(s.gaussians.scale).eval();
     step.opacity *= 0.1;
     Gaussians<D> dual(s.gaussians.count(), 3);
     seed_fields(dual, s.gaussians, step);
-    const Raster<D> moved = Rasterizer<Plain, Exact64>{}.forward(
+    const Raster<D> moved = Rasterizer<Exact64>{}.forward(Plain{}, 
         dual, c.cast<D>(), VecX<D>(s.background.cast<D>()));
     DotSum by_vjp, by_dual;
     by_vjp.add_all(grad, step);

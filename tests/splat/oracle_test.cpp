@@ -22,7 +22,7 @@ struct Gap {
 /// that share their rules are passed as numbers for one type, which is compiled once.
 template <class B, class T>
 Gap gap(const Scenery<T>& s, const Balanced& accuracy) {
-    const Raster<T> r = Rasterizer<B>{accuracy}.forward(s.gaussians, s.camera, s.background);
+    const Raster<T> r = Rasterizer<>{accuracy}.forward(B{}, s.gaussians, s.camera, s.background);
     Gaussians<double> g;
     convert_fields(g, s.gaussians, [](T x) { return static_cast<double>(x); });
     const OracleImages truth =

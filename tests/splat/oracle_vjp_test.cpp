@@ -28,12 +28,12 @@ TEST_CASE("oracle: the gradient by duals and by the adjoint agree to 1e-11, most
         if (s.gaussians.count() == 0) continue;
         CAPTURE(s.name);
         const auto order = depth_order(s.gaussians, s.camera);
-        const Rasterizer<ScalarBackend<>> exact{Exact64()};
-        const auto r = exact.forward(s.gaussians, s.camera, s.background);
+        const Rasterizer<> exact{Exact64()};
+        const auto r = exact.forward(ScalarBackend<>{}, s.gaussians, s.camera, s.background);
         const Columns<double> w = noise<double>(3, r.feature.size(), 1);
         const Columns<double> wa = noise<double>(1, r.feature.size(), 2);
         const auto truth = oracle_vjp(s.gaussians, s.camera, s.background, order, {w, wa});
-        const auto g = exact.vjp(s.gaussians, s.camera, s.background, r, w, &wa);
+        const auto g = exact.vjp(ScalarBackend<>{}, s.gaussians, s.camera, s.background, r, w, &wa);
         // Behind an opaque wall the rasterizer stops at 1e-14, the oracle never.
         const double bound = s.name == "opaque wall" ? 2e-11 : 1e-12;
         Gaussians<double>::fields(

@@ -74,7 +74,7 @@ std::pair<std::vector<std::uint32_t>, std::vector<T>> by_hand(const Blobs<T>& s,
 template <class B, class A, class T>
 void check_contributors(Index channels) {
     const Blobs<T> s(channels);
-    const auto r = Rasterizer<B, A>{}.forward(s.gaussians, s.camera, s.background);
+    const auto r = Rasterizer<A>{}.forward(B{}, s.gaussians, s.camera, s.background);
     const auto [which, lead] = by_hand<A>(s, r.trace);
     Index wrong = 0, some = 0, none = 0;
     for (std::size_t p = 0; p < which.size(); ++p) {
@@ -90,20 +90,20 @@ void check_contributors(Index channels) {
 template <class B, class T>
 void check_lean(Index channels) {
     const Blobs<T> s(channels);
-    const Rasterizer<B, Balanced> whole;
-    const Rasterizer<B, Lean> lean;
-    const auto a = whole.forward(s.gaussians, s.camera, s.background);
-    const auto b = lean.forward(s.gaussians, s.camera, s.background);
+    const Rasterizer<Balanced> whole;
+    const Rasterizer<Lean> lean;
+    const auto a = whole.forward(B{}, s.gaussians, s.camera, s.background);
+    const auto b = lean.forward(B{}, s.gaussians, s.camera, s.background);
     CHECK(a.feature.pixels == b.feature.pixels);
     CHECK(a.alpha.pixels == b.alpha.pixels);
     const Columns<T> g = a.feature.pixels.array().sin();
-    const Gaussians<T> da = whole.vjp(s.gaussians, s.camera, s.background, a, g);
-    const Gaussians<T> db = lean.vjp(s.gaussians, s.camera, s.background, b, g);
+    const Gaussians<T> da = whole.vjp(B{}, s.gaussians, s.camera, s.background, a, g);
+    const Gaussians<T> db = lean.vjp(B{}, s.gaussians, s.camera, s.background, b, g);
     CHECK(da.mean == db.mean);
     CHECK(da.feature == db.feature);
     const Columns<T> g_depth = Columns<T>::Ones(1, a.depth.size());
-    CHECK_NOTHROW(whole.vjp(s.gaussians, s.camera, s.background, a, g, nullptr, &g_depth));
-    CHECK_THROWS_WITH_AS(lean.vjp(s.gaussians, s.camera, s.background, b, g, nullptr, &g_depth),
+    CHECK_NOTHROW(whole.vjp(B{}, s.gaussians, s.camera, s.background, a, g, nullptr, &g_depth));
+    CHECK_THROWS_WITH_AS(lean.vjp(B{}, s.gaussians, s.camera, s.background, b, g, nullptr, &g_depth),
                          doctest::Contains("the policy's outputs have no depth"), Error);
 }
 

@@ -25,12 +25,12 @@ template <class B, class A = Balanced, class T>
 Gaussians<T> gradients(const Scenery<T>& s, const Raster<T>& r, const A& accuracy = {}) {
     const Columns<T> wf = noise<T>(s.gaussians.channels(), r.feature.size(), 21);
     const Columns<T> wa = noise<T>(1, r.feature.size(), 22), wd = noise<T>(1, r.feature.size(), 23);
-    return Rasterizer<B, A>{accuracy}.vjp(s.gaussians, s.camera, s.background, r, wf, &wa, &wd);
+    return Rasterizer<A>{accuracy}.vjp(B{}, s.gaussians, s.camera, s.background, r, wf, &wa, &wd);
 }
 
 template <class B, class A = Balanced, class T>
 Raster<T> render(const Scenery<T>& s, const A& accuracy = {}) {
-    return Rasterizer<B, A>{accuracy}.forward(s.gaussians, s.camera, s.background);
+    return Rasterizer<A>{accuracy}.forward(B{}, s.gaussians, s.camera, s.background);
 }
 
 template <class T>
@@ -102,19 +102,19 @@ TEST_CASE("rasterizer: the number of threads changes no bit") {
 
 TEST_CASE("rasterizer: shared memory changes no bit, whatever was there before") {
     const auto s = random_scene<float>(200, 8, 9), other = random_scene<float>(500, 8, 10);
-    const Rasterizer<Lanes> rasterizer;
+    const Rasterizer<> rasterizer;
     RasterScratch<float> scratch;
     Raster<float> r;
     Gaussians<float> g;
     for (const auto* scene : {&other, &s}) {
-        rasterizer.forward_into(scene->gaussians, scene->camera, scene->background, r, &scratch);
+        rasterizer.forward_into(Lanes{}, scene->gaussians, scene->camera, scene->background, r, &scratch);
         const Columns<float> w = noise<float>(8, r.feature.size(), 21);
-        rasterizer.vjp_into(scene->gaussians, scene->camera, scene->background, r, {w}, g,
+        rasterizer.vjp_into(Lanes{}, scene->gaussians, scene->camera, scene->background, r, {w}, g,
                             &scratch);
     }
     const auto fresh = render<Lanes>(s);
     CHECK(same(r, fresh));
-    CHECK(same(g, rasterizer.vjp(s.gaussians, s.camera, s.background, fresh,
+    CHECK(same(g, rasterizer.vjp(Lanes{}, s.gaussians, s.camera, s.background, fresh,
                                  noise<float>(8, fresh.feature.size(), 21))));
 }
 
@@ -154,9 +154,9 @@ TEST_CASE("rasterizer: a crop of the image is the image of a crop, bit for bit")
         for (int x = 0; x < crop.camera.width; ++x)
             wide.col(Index(y + y0) * s.camera.width + x + x0) =
                 w.col(Index(y) * crop.camera.width + x);
-    const Rasterizer<Lanes> r{accuracy};
-    const auto a = r.vjp(crop.gaussians, crop.camera, crop.background, part, w);
-    const auto b = r.vjp(s.gaussians, s.camera, s.background, whole, wide);
+    const Rasterizer<> r{accuracy};
+    const auto a = r.vjp(Lanes{}, crop.gaussians, crop.camera, crop.background, part, w);
+    const auto b = r.vjp(Lanes{}, s.gaussians, s.camera, s.background, whole, wide);
     CHECK(relative(a.mean, b.mean) < 1e-6);
     CHECK(relative(a.rotation, b.rotation) < 1e-6);
 }
@@ -226,7 +226,7 @@ TEST_CASE("rasterizer: arguments of another shape are refused") {
     auto s = random_scene<float>(5, 3, 17);
     const auto r = render<Plain>(s);
     const Columns<float> narrow = noise<float>(2, r.feature.size(), 1);
-    CHECK_THROWS_AS(Rasterizer<Plain>().vjp(s.gaussians, s.camera, s.background, r, narrow), Error);
+    CHECK_THROWS_AS(Rasterizer<>().vjp(Plain{}, s.gaussians, s.camera, s.background, r, narrow), Error);
     s.background.resize(2);
     CHECK_THROWS_AS(render<Plain>(s), Error);
     s = random_scene<float>(5, 3, 17);

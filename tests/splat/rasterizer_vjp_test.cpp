@@ -18,16 +18,16 @@ namespace {
 template <class B, class A, class T>
 double gap(const Scenery<T>& s, const A& accuracy, std::uint64_t seed) {
     using D = Dual<T, 1>;
-    const Rasterizer<B, A> rasterizer{accuracy};
+    const Rasterizer<A> rasterizer{accuracy};
     const Index pixels = Index(s.camera.width) * s.camera.height;
     const Columns<T> wf = noise<T>(s.gaussians.channels(), pixels, seed + 1);
     const Columns<T> wa = noise<T>(1, pixels, seed + 2), wd = noise<T>(1, pixels, seed + 3);
     Gaussians<T> v = noise_like(s.gaussians, seed + 4);
     v.scale = v.scale.cwiseProduct(s.gaussians.scale);
 
-    const Raster<T> raster = rasterizer.forward(s.gaussians, s.camera, s.background);
+    const Raster<T> raster = rasterizer.forward(B{}, s.gaussians, s.camera, s.background);
     const Gaussians<T> g =
-        rasterizer.vjp(s.gaussians, s.camera, s.background, raster, wf, &wa, &wd);
+        rasterizer.vjp(B{}, s.gaussians, s.camera, s.background, raster, wf, &wa, &wd);
 
     Gaussians<D> dual;
     convert_fields(dual, s.gaussians, [](T x) { return D(x); });
@@ -38,7 +38,7 @@ double gap(const Scenery<T>& s, const A& accuracy, std::uint64_t seed) {
         dual, v);
     const VecX<D> background = s.background.template cast<D>();
     const Raster<D> moved =
-        Rasterizer<ScalarBackend<>, A>{accuracy}.forward(dual, s.camera.template cast<D>(),
+        Rasterizer<A>{accuracy}.forward(ScalarBackend<>{}, dual, s.camera.template cast<D>(),
                                                          background);
     double forward = 0, reverse = 0, scale = 0;
     const auto pair = [&](const Columns<D>& a, const Columns<T>& w) {
@@ -96,11 +96,11 @@ TEST_CASE("rasterizer vjp: dot-product test in float") {
 
 TEST_CASE("rasterizer vjp: the background's gradient is the transmittance") {
     const auto s = random_scene<double>(40, 2, 3);
-    const Rasterizer<ScalarBackend<>> rasterizer;
+    const Rasterizer<> rasterizer;
     const auto at = [&](double step) {
         VecX<double> b = s.background;
         b[1] += step;
-        return rasterizer.forward(s.gaussians, s.camera, b);
+        return rasterizer.forward(ScalarBackend<>{}, s.gaussians, s.camera, b);
     };
     const auto raster = at(0);
     const Columns<double> w = noise<double>(2, raster.feature.size(), 1);
@@ -111,10 +111,10 @@ TEST_CASE("rasterizer vjp: the background's gradient is the transmittance") {
 TEST_CASE("rasterizer vjp: a Gaussian of the colour behind it has exactly no gradient of opacity") {
     auto s = random_scene<double>(30, 3, 4);
     s.gaussians.feature.colwise() = s.background;
-    const Rasterizer<ScalarBackend<>> rasterizer;
-    const auto raster = rasterizer.forward(s.gaussians, s.camera, s.background);
+    const Rasterizer<> rasterizer;
+    const auto raster = rasterizer.forward(ScalarBackend<>{}, s.gaussians, s.camera, s.background);
     // Sums of equal products are equal, so every difference s - b is 0, not merely small.
-    const auto g = rasterizer.vjp(s.gaussians, s.camera, s.background, raster,
+    const auto g = rasterizer.vjp(ScalarBackend<>{}, s.gaussians, s.camera, s.background, raster,
                                   noise<double>(3, raster.feature.size(), 2));
     CHECK(g.opacity.cwiseAbs().maxCoeff() == 0);
     CHECK(g.mean.cwiseAbs().maxCoeff() == 0);

@@ -105,14 +105,14 @@ TEST_CASE_TEMPLATE("order by peak: crossing sheets change places within the imag
     const auto order = depth_order(s.gaussians, s.camera);
     const auto truth = oracle(s.gaussians, s.camera, s.background, order,
                               {.order = BlendOrder::by_peak});
-    const auto r = Rasterizer<B, ByPeak>{}.forward(s.gaussians, s.camera, s.background);
+    const auto r = Rasterizer<ByPeak>{}.forward(B{}, s.gaussians, s.camera, s.background);
     CHECK(gap(r, truth) < 1e-11);
     const auto red_over_blue = [&](int x) {
         return r.feature.at(x, 16)[0] / r.feature.at(x, 16)[2];
     };
     CHECK(red_over_blue(21) > 1.5);
     CHECK(red_over_blue(10) < 1 / 1.5);
-    const auto one = Rasterizer<B, Exact64>{}.forward(s.gaussians, s.camera, s.background);
+    const auto one = Rasterizer<Exact64>{}.forward(B{}, s.gaussians, s.camera, s.background);
     CHECK(gap(one, truth) > 0.3);                          // one order for all pixels cannot
     CHECK(one.trace.peaks.empty());
 }
@@ -121,14 +121,14 @@ TEST_CASE_TEMPLATE("order by peak: values and gradients are the oracle's", B, Sc
                    XsimdBackend<>) {
     for (auto s : hard_scenes<double>(3)) {
         CAPTURE(s.name);
-        const Rasterizer<B, ByPeak> rasterizer;
+        const Rasterizer<ByPeak> rasterizer;
         const OracleModel model{.order = BlendOrder::by_peak};
         const auto order = depth_order(s.gaussians, s.camera);
-        const auto r = rasterizer.forward(s.gaussians, s.camera, s.background);
+        const auto r = rasterizer.forward(B{}, s.gaussians, s.camera, s.background);
         CHECK(gap(r, oracle(s.gaussians, s.camera, s.background, order, model)) < 1e-10);
         if (s.gaussians.count() == 0 || s.name == "opaque wall") continue; // 0 / 0 behind alpha 1
         const Columns<double> w = noise<double>(3, r.feature.pixels.cols(), 5);
-        const auto g = rasterizer.vjp(s.gaussians, s.camera, s.background, r, w);
+        const auto g = rasterizer.vjp(B{}, s.gaussians, s.camera, s.background, r, w);
         const auto t =
             oracle_vjp(s.gaussians, s.camera, s.background, order, {w}, model);
         Gaussians<double>::fields(
@@ -149,7 +149,7 @@ TEST_CASE_TEMPLATE("order by peak: float keeps Exact32's promise", B, ScalarBack
                                   depth_order(s.gaussians, s.camera),
                                   {.order = BlendOrder::by_peak});
         const auto r =
-            Rasterizer<B, ByPeakInFloat>{}.forward(s.gaussians, s.camera, s.background);
+            Rasterizer<ByPeakInFloat>{}.forward(B{}, s.gaussians, s.camera, s.background);
         CHECK(gap(r, truth) < 5e-5);
     }
 }

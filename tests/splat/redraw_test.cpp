@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <rye/core/thread_pool.hpp>
 #include <rye/splat/redraw.hpp>
 
 #include <limits>
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 #include <doctest/doctest.h>
 
 #include <rye/core/bits.hpp>
@@ -50,14 +47,14 @@ std::vector<Index> shake(Gaussians<T>& g, const Gaussians<T>& home, int step) {
     return changed;
 }
 
-template <class B, class A, class T>
-void follow(const Scenery<T>& s, int steps) {
-    const Rasterizer<B, A> rasterizer;
-    Redraw<B, A, T> live(rasterizer);
+template <class A, class B, class T>
+void follow(const B& backend, const Scenery<T>& s, int steps) {
+    const Rasterizer<A> rasterizer;
+    Redraw<B, A, T> live(backend, rasterizer);
     Gaussians<T> g = s.gaussians;
     VecX<T> background = s.background;
     live.draw(g, s.camera, background);
-    check_same(live.raster(), rasterizer.forward(g, s.camera, background));
+    check_same(live.raster(), rasterizer.forward(backend, g, s.camera, background));
     for (int step = 0; step < steps; ++step) {
         const std::vector<Index> changed = shake(g, s.gaussians, step);
         live.redraw(g, changed);
@@ -66,7 +63,7 @@ void follow(const Scenery<T>& s, int steps) {
             background *= T(0.5);
             live.redraw_background(g, background);
         }
-        check_same(live.raster(), rasterizer.forward(g, s.camera, background));
+        check_same(live.raster(), rasterizer.forward(backend, g, s.camera, background));
     }
 }
 
@@ -77,32 +74,28 @@ TEST_CASE_TEMPLATE("redraw: the bits of a whole render, over every backend and s
                    double) {
     for (const Index channels : {3, 8}) {
         const Scenery<T> s = random_scene<T>(700, channels, 11);
-        follow<XsimdBackend<>, Balanced>(s, 12);
-        follow<ScalarBackend<>, Balanced>(s, 4);
-        follow<XsimdBackend<>, Compatible3dgs>(s, 6);
-        follow<XsimdBackend<>, Fast>(s, 6);
+        follow<Balanced>(XsimdBackend{}, s, 12);
+        follow<Balanced>(ScalarBackend{}, s, 4);
+        follow<Compatible3dgs>(XsimdBackend{}, s, 6);
+        follow<Fast>(XsimdBackend{}, s, 6);
     }
 }
 
 TEST_CASE("redraw: the bits of a whole render, on hard scenes") {
     for (const Scenery<float>& s : hard_scenes<float>(3)) {
         INFO(s.name);
-        follow<XsimdBackend<>, Balanced>(s, 5);
+        follow<Balanced>(XsimdBackend{}, s, 5);
     }
 }
 
 TEST_CASE("redraw: the bits do not depend on the number of threads") {
-#ifdef _OPENMP
-    const int before = omp_get_max_threads();
     Scenery<float> s = random_scene<float>(2000, 8, 4, 0.03);
     s.camera.width = 150;
     s.camera.height = 120;
     for (const int threads : {1, 2, 3}) {
-        omp_set_num_threads(threads);
-        follow<XsimdBackend<>, Balanced>(s, 5);
+        ThreadPool pool(threads);
+        follow<Balanced>(XsimdBackend{pool.threads()}, s, 5);
     }
-    omp_set_num_threads(before);
-#endif
 }
 
 TEST_CASE("redraw: only what changed is projected, only its tiles are blended") {
@@ -125,7 +118,7 @@ TEST_CASE("redraw: only what changed is projected, only its tiles are blended") 
     CHECK(live.work().projected == 1);
     CHECK(live.work().blended >= 1);
     CHECK(live.work().blended <= 9);
-    check_same(live.raster(), Rasterizer<XsimdBackend<>>().forward(s.gaussians, s.camera, s.background));
+    check_same(live.raster(), Rasterizer<>().forward(XsimdBackend<>{}, s.gaussians, s.camera, s.background));
 }
 
 TEST_CASE("redraw: a tile that is full before the first change is not blended again") {
@@ -139,7 +132,7 @@ TEST_CASE("redraw: a tile that is full before the first change is not blended ag
     live.redraw(s.gaussians, std::vector<Index>{17});
     CHECK(live.work().projected == 1);
     CHECK(live.work().blended == 0);
-    check_same(live.raster(), Rasterizer<XsimdBackend<>>().forward(s.gaussians, s.camera, s.background));
+    check_same(live.raster(), Rasterizer<>().forward(XsimdBackend<>{}, s.gaussians, s.camera, s.background));
 }
 
 TEST_CASE("redraw: what does not fit is refused, and the next whole picture is right") {
@@ -151,14 +144,14 @@ TEST_CASE("redraw: what does not fit is refused, and the next whole picture is r
     CHECK_THROWS_AS(live.redraw(other.gaussians, std::vector<Index>{0}), Error);
     CHECK(live.bytes() > 0);
 
-    Rasterizer<XsimdBackend<>> strict;
+    Rasterizer<> strict;
     strict.accuracy.non_finite = NonFinite::fail;
-    Redraw<XsimdBackend<>, Balanced, float> fails(strict);
+    Redraw<XsimdBackend<>, Balanced, float> fails({}, strict);
     fails.draw(s.gaussians, s.camera, s.background);
     const Gaussians<float> good = s.gaussians;
     s.gaussians.mean(0, 4) = std::numeric_limits<float>::quiet_NaN();
     CHECK_THROWS_AS(fails.redraw(s.gaussians, std::vector<Index>{4}), Error);
     CHECK(!fails.drawn());
     fails.draw(good, s.camera, s.background);
-    check_same(fails.raster(), strict.forward(good, s.camera, s.background));
+    check_same(fails.raster(), strict.forward(XsimdBackend<>{}, good, s.camera, s.background));
 }

@@ -33,8 +33,8 @@ Met check_reach(const Scenery<typename V::value_type>& s) {
     using T = typename V::value_type;
     using Tile = Strips<V>;
     using Group = LaneGroup<V>;
-    const Rasterizer<XsimdBackend<>> rasterizer;
-    const auto raster = rasterizer.forward(s.gaussians, s.camera, s.background);
+    const Rasterizer<> rasterizer;
+    const auto raster = rasterizer.forward(XsimdBackend<>{}, s.gaussians, s.camera, s.background);
     const auto scene = rasterizer.scene_of(s.gaussians, s.camera, s.background, raster.trace);
     const auto group = std::make_unique<Group>();
     Met met;
@@ -74,8 +74,8 @@ TEST_CASE_TEMPLATE("a tile's pixels are each a lane of one strip", V, EVERY_VECT
     using T = typename V::value_type;
     using Tile = Strips<V>;
     const auto s = random_scene<T>(40, 3, 1);
-    const Rasterizer<XsimdBackend<>> rasterizer;
-    const auto raster = rasterizer.forward(s.gaussians, s.camera, s.background);
+    const Rasterizer<> rasterizer;
+    const auto raster = rasterizer.forward(XsimdBackend<>{}, s.gaussians, s.camera, s.background);
     const auto scene = rasterizer.scene_of(s.gaussians, s.camera, s.background, raster.trace);
     for (const Index tile : {Index(0), raster.trace.lists.tiles() - 1}) {  // a whole one, a corner
         const Tile strips(scene, tile);

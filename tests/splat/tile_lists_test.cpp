@@ -58,8 +58,8 @@ struct Members {
         const auto of = [](const auto& v) {
             return [&v](Index m) -> const auto& { return v[static_cast<std::size_t>(m)]; };
         };
-        out.build<P, Support::ellipse, float>(
-            96, 96, count(), of(rows), [&](Index m) { return key[std::size_t(m)]; }, of(index),
+        out.build<Support::ellipse, float>(
+            P{}, 96, 96, count(), of(rows), [&](Index m) { return key[std::size_t(m)]; }, of(index),
             Index(1) << 30, of(footprint), scratch);
         return out;
     }
@@ -103,7 +103,7 @@ TEST_CASE("tile lists: the sort is stable and sorts, in 32 bits and in 64") {
 
 TEST_CASE("tile lists: each is near to far, ties by index, and members find their entries") {
     const Members members = random_members();
-    const TileLists lists = members.lists<Serial>();
+    const TileLists lists = members.lists(Serial{});
     bool sorted = true, found = true, mentioned = true;
     for (std::size_t t = 0; t < std::size_t(lists.tiles()); ++t)
         for (Index k = lists.begin[t]; k < lists.begin[t + 1]; ++k) {
@@ -146,7 +146,7 @@ TEST_CASE("tile lists: each is near to far, ties by index, and members find thei
 TEST_CASE("tile lists: threads change nothing") {
     const Members members = random_members();
     REQUIRE(members.count() > 4096);
-    const TileLists one = members.lists<Serial>(), many = members.lists<DefaultThreads>();
+    const TileLists one = members.lists(Serial{}), many = members.lists(DefaultThreads{});
     CHECK(one.begin == many.begin);
     CHECK(one.entry == many.entry);
     CHECK(one.first == many.first);
@@ -163,8 +163,8 @@ TileLists lists_of_covering(int side, Index n, Index max_entries,
     const Cover<Support::ellipse, float> cover{f, side, side};
     rows.begin = cover.rows().begin, rows.end = cover.rows().end;
     TileLists out;
-    out.build<Serial, Support::ellipse, float>(
-        side, side, n, [&](Index) -> const TileRows& { return rows; },
+    out.build<Support::ellipse, float>(
+            Serial{}, side, side, n, [&](Index) -> const TileRows& { return rows; },
         [](Index m) { return static_cast<std::uint32_t>(m); },
         [](Index m) { return static_cast<std::uint32_t>(m); }, max_entries,
         [&](Index) -> const Footprint<float>& { return f; }, scratch);

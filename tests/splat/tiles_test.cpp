@@ -49,8 +49,8 @@ TEST_CASE("tiles: no pixel that an ellipse reaches is missed") {
         const Span rows = cover.rows();
         TileLists lists;
         DealScratch<std::uint32_t> scratch;
-        lists.build<Serial, Support::ellipse, float>(
-            width, height, rows.begin < rows.end ? 1 : 0, [&](Index) { return rows; },
+        lists.build<Support::ellipse, float>(
+            Serial{}, width, height, rows.begin < rows.end ? 1 : 0, [&](Index) { return rows; },
             [](Index) { return 0U; }, [](Index m) { return m; }, 1000000,
             [&](Index) -> const auto& { return f; }, scratch);
         listed += lists.entries();

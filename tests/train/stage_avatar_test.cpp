@@ -47,8 +47,8 @@ AvatarLosses<U> losses_at(const TwoStream<U>& avatar, const AvatarConfig& config
     weights.blank_eyeballs = blank_eyeballs;
     weights.face_alone = 0.7;
     weights.dssim = 0.3;
-    return avatar_losses<ScalarBackend<>>(avatar, config, tiny_roles(), weights,
-                                          Rasterizer<ScalarBackend<>, Balanced>{},
+    return avatar_losses(ScalarBackend<>{}, avatar, config, tiny_roles(), weights,
+                                          Rasterizer<Balanced>{},
                                           PyramidGradientLoss{}, tiny_sample<U>(Draw{{9, 0}}), trace,
                                           pictures);
 }
@@ -66,7 +66,7 @@ double law_error(EyeAverage average, ChosenMetric metric, std::uint64_t seed,
     AvatarPictures<T> pictures;
     const AvatarLosses<T> l = losses_at<T>(avatar, config, average, blank_eyeballs, trace, pictures);
     TwoStream<T> grad = zeros_like(avatar);
-    avatar_losses_vjp<ScalarBackend<>>(avatar, config, Rasterizer<ScalarBackend<>, Balanced>{},
+    avatar_losses_vjp(ScalarBackend<>{}, avatar, config, Rasterizer<Balanced>{},
                                        tiny_sample<T>(Draw{{9, 0}}), trace, pictures, grad);
     const TwoStream<T> direction = random_like(avatar, Random{seed, 5});
     TwoStream<D> dual = lifted<D>(avatar);
@@ -110,8 +110,8 @@ TEST_CASE("a blink: without eye pixels the eye terms and their gradients are zer
     weights.eye_average = EyeAverage::mask;
     TwoStreamTrace<double> trace;
     AvatarPictures<double> pictures;
-    const AvatarLosses<double> l = avatar_losses<ScalarBackend<>>(
-        avatar, config, tiny_roles(), weights, Rasterizer<ScalarBackend<>, Balanced>{},
+    const AvatarLosses<double> l = avatar_losses(ScalarBackend<>{}, 
+        avatar, config, tiny_roles(), weights, Rasterizer<Balanced>{},
         PyramidGradientLoss{}, sample, trace, pictures);
     CHECK(l.eye_low == 0);
     CHECK(l.eye_high == 0);
@@ -132,11 +132,11 @@ TEST_CASE("eyes from eye terms: their colours do not learn from the joint pictur
         weights.perceptual = 0;
         TwoStreamTrace<double> trace;
         AvatarPictures<double> pictures;
-        const Rasterizer<ScalarBackend<>, Balanced> rasterizer;
-        avatar_losses<ScalarBackend<>>(avatar, config, tiny_roles(), weights, rasterizer,
+        const Rasterizer<Balanced> rasterizer;
+        avatar_losses(ScalarBackend<>{}, avatar, config, tiny_roles(), weights, rasterizer,
                                        PyramidGradientLoss{}, sample, trace, pictures);
         TwoStream<double> grad = zeros_like(avatar);
-        avatar_losses_vjp<ScalarBackend<>>(avatar, config, rasterizer, sample, trace, pictures,
+        avatar_losses_vjp(ScalarBackend<>{}, avatar, config, rasterizer, sample, trace, pictures,
                                            grad);
         return grad;
     };
@@ -226,8 +226,8 @@ struct ByHand {
     }
     AvatarLosses<double> losses() {
         TwoStreamTrace<double> trace;
-        return avatar_losses<ScalarBackend<>>(avatar, config, tiny_roles(), weights,
-                                              Rasterizer<ScalarBackend<>, Balanced>{},
+        return avatar_losses(ScalarBackend<>{}, avatar, config, tiny_roles(), weights,
+                                              Rasterizer<Balanced>{},
                                               PyramidGradientLoss{}, sample, trace, pictures);
     }
 };
@@ -292,12 +292,12 @@ TEST_CASE("by hand: the face alone beside the eyes, and blank before the eyeball
 
 TEST_CASE("by hand: blank before the eyeballs counts where an eyeball would be seen") {
     const ByHand b;
-    FaceTarget<double> alone = face_alone_target<ScalarBackend<>>(b.sample);
+    FaceTarget<double> alone = face_alone_target(ScalarBackend<>{}, b.sample);
     Columns<double> alpha = Columns<double>::Zero(1, 32);
     alpha(0, 1) = 0.9;  // padded
     alpha(0, 5) = 0.51;
     alpha(0, 6) = 0.49;
-    const FaceTarget<double> t = blank_eyeball_target<ScalarBackend<>>(b.sample, alone, alpha);
+    const FaceTarget<double> t = blank_eyeball_target(ScalarBackend<>{}, b.sample, alone, alpha);
     CHECK(t.mask(0, 1) == 0);
     CHECK(t.mask(0, 5) == 1);
     CHECK(t.mask(0, 6) == 0);

@@ -147,12 +147,12 @@ double convolution_gap(int width, int height, int inputs, int outputs) {
                     }
             }
     Columns<T> part = Columns<T>::Zero(outputs, 9 * inputs);
-    convolve3x3_vjp_weight<B>(padded<B>(in), padded<B>(g), part);
+    convolve3x3_vjp_weight(B{}, padded(B{}, in), padded(B{}, g), part);
     const auto most = [](const Columns<T>& a, const Columns<double>& b) {
         return (a.template cast<double>() - b).cwiseAbs().maxCoeff();
     };
-    return std::max({most(convolve3x3<B>(w, padded<B>(in)).pixels, y),
-                     most(convolve3x3_vjp_input<B>(w, g).pixels, g_in), most(part, g_w)});
+    return std::max({most(convolve3x3(B{}, w, padded(B{}, in)).pixels, y),
+                     most(convolve3x3_vjp_input(B{}, w, g).pixels, g_in), most(part, g_w)});
 }
 
 TEST_CASE_TEMPLATE_DEFINE("widths: convolutions of every size and number of channels", B,
@@ -192,10 +192,10 @@ double mlp_gap(const MlpShape& shape, Index n) {
     const Columns<T> x = as<T>(p.in), w = as<T>(p.weights);
     const VecX<T> frame = p.frame.template cast<T>();
     MlpTrace<T> trace;
-    const Columns<T> y = mlp_forward<B>(m, x, frame, &trace);
+    const Columns<T> y = mlp_forward(B{}, m, x, frame, &trace);
     Columns<T> gx;
     VecX<T> g_frame;
-    mlp_vjp<B>(m, x, frame, trace, w, g, &gx, &g_frame);
+    mlp_vjp(B{}, m, x, frame, trace, w, g, &gx, &g_frame);
     CHECK((y.template cast<double>() - expected.out).cwiseAbs().maxCoeff() < 1e-5);
     DotProducts dots;
     dots.forward = expected.slope;
@@ -233,10 +233,10 @@ double upsampler_gap(int capacity, bool skip) {
     Image<double> in(p.width, p.height, 5);
     in.pixels = p.in;
     UpsamplerTrace<double> trace;
-    const Image<double> y = upsampler_forward<B>(p.network, in, &trace);
+    const Image<double> y = upsampler_forward(B{}, p.network, in, &trace);
     Upsampler<double> g(shape);
     Columns<double> g_in;
-    upsampler_vjp<B>(p.network, in, trace, p.weights, g, &g_in);
+    upsampler_vjp(B{}, p.network, in, trace, p.weights, g, &g_in);
     CHECK((y.pixels - expected.out).cwiseAbs().maxCoeff() < 1e-12);
     DotProducts dots;
     dots.forward = expected.slope;
@@ -266,13 +266,13 @@ TEST_CASE_TEMPLATE_DEFINE("widths: Adam moves every number of an array alike", B
         OneField<float> p{random_columns<float>(1, n, 1)};
         const OneField<float> before = p, g{random_columns<float>(1, n, 2)};
         Adam<OneField<float>> state(p);
-        CHECK(adam_step<B>(p, g, state, [](const std::string&) { return 1e-2; }).applied);
+        CHECK(adam_step(B{}, p, g, state, [](const std::string&) { return 1e-2; }).applied);
         for (Index i = 0; i < n; ++i)
             CHECK(p.a(i) - before.a(i) ==
                   doctest::Approx(g.a(i) > 0 ? -1e-2 : 1e-2).epsilon(1e-4));
         OneField<float> bad = g;
         bad.a(n - 1) = std::nanf("");
-        CHECK(!adam_step<B>(p, bad, state, [](const std::string&) { return 1e-2; }).applied);
+        CHECK(!adam_step(B{}, p, bad, state, [](const std::string&) { return 1e-2; }).applied);
     }
 }
 
@@ -281,7 +281,7 @@ TEST_CASE_TEMPLATE_DEFINE("widths: DSSIM of every size is that of plain loops", 
         Image<double> a(width, 9, 3), b(width, 9, 3);
         a.pixels = random_columns<double>(3, a.size(), 1).cwiseAbs();
         b.pixels = random_columns<double>(3, b.size(), 2).cwiseAbs();
-        const auto lanes = dssim<B>(a, b), plain = dssim<ScalarBackend<Serial>>(a, b);
+        const auto lanes = dssim(B{}, a, b), plain = dssim(ScalarBackend<Serial>{}, a, b);
         CHECK(lanes.value == doctest::Approx(plain.value).epsilon(1e-13));
         CHECK((lanes.gradient - plain.gradient).cwiseAbs().maxCoeff() < 1e-13);
     }
@@ -298,7 +298,7 @@ TEST_CASE_TEMPLATE_DEFINE("widths: the nearest landmark, the lowest index of equ
     for (const Index n : {0, 1, 3, 4, 5, 7, 8, 9, 15, 16, 17, 31, 32, 33, 65}) {
         const Columns<float> x = lattice(n, 1), p = lattice(40, 2);
         std::vector<Index> nearest;
-        const Columns<float> d = nearest_squared_distance<B, float>(x, p, &nearest);
+        const Columns<float> d = nearest_squared_distance<float>(B{}, x, p, &nearest);
         for (Index i = 0; i < n; ++i) {
             Index best = 0;
             for (Index k = 1; k < p.cols(); ++k)

@@ -27,7 +27,7 @@ OracleImages true_images(const Scenery<T>& s) {
 template <class A, class T>
 PlainImages<T> plain_images(const Scenery<T>& s, const A& accuracy) {
     using Both = Drawing<A, Outputs{.depth = true, .contributor = true}>;
-    const auto r = Rasterizer<Plain, Both>{accuracy}.forward(s.gaussians, s.camera, s.background);
+    const auto r = Rasterizer<Both>{accuracy}.forward(Plain{}, s.gaussians, s.camera, s.background);
     return {r.feature.pixels, r.alpha.pixels, r.depth.pixels, r.contributor.pixels};
 }
 
@@ -44,7 +44,7 @@ double slope_by_duals(const Scenery<double>& s, const A& accuracy, const Gaussia
         moved, v);
     const VecX<D> background = s.background.cast<D>();
     const Raster<D> r =
-        Rasterizer<Plain, A>{accuracy}.forward(moved, s.camera.cast<D>(), background);
+        Rasterizer<A>{accuracy}.forward(Plain{}, moved, s.camera.cast<D>(), background);
     double sum = 0;
     const auto add = [&](const Columns<D>& a, const Columns<double>& b) {
         for (Index i = 0; i < a.size(); ++i) sum += a.data()[i].d[0] * b.data()[i];
@@ -87,11 +87,11 @@ double slope(const Scenery<double>& s, const Compatible3dgsFloor& a, const Gauss
 Gaussians<double> plain_gradient(const Scenery<float>& s, const Balanced& a,
                                  const Weights<float>& w, bool extra) {
     const Scenery<double> d = in_double(s);
-    const Rasterizer<Plain> rasterizer{a};
-    const auto raster = rasterizer.forward(d.gaussians, d.camera, d.background);
+    const Rasterizer<> rasterizer{a};
+    const auto raster = rasterizer.forward(Plain{}, d.gaussians, d.camera, d.background);
     const Columns<double> feature = w.feature.cast<double>();
     const Columns<double> alpha = w.alpha.cast<double>(), depth = w.depth.cast<double>();
-    return rasterizer.vjp(d.gaussians, d.camera, d.background, raster, feature,
+    return rasterizer.vjp(Plain{}, d.gaussians, d.camera, d.background, raster, feature,
                           extra ? &alpha : nullptr, extra ? &depth : nullptr);
 }
 

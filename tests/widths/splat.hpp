@@ -36,7 +36,7 @@ struct Walks {
         const Index n = s.gaussians.count();
         scratch.shape(n);
         project_range_lanes<V>(s.gaussians, s.camera, stage(), 0, n, scratch);
-        arrange<ScalarBackend<Serial>>(s.gaussians, s.camera, stage(), scratch, r.trace);
+        arrange(ScalarBackend<Serial>{}, s.gaussians, s.camera, stage(), scratch, r.trace);
         shape(r.feature, s.gaussians.channels());
         shape(r.alpha, 1);
         if constexpr (A::outputs.depth) shape(r.depth, 1);

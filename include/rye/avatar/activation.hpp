@@ -14,10 +14,10 @@
 namespace rye {
 
 /// tanh, element by element.
-template <Backend B, class T>
-void tanh_into(const Columns<T>& x, Columns<T>& y) {
+template <class T, Backend B>
+void tanh_into(const B& backend, const Columns<T>& x, Columns<T>& y) {
     y.resize(x.rows(), x.cols());
-    for_chunks<typename B::threads>(x.size(), 8192, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, x.size(), 8192, [&](Index b, Index e, Index) {
         transform_array<B>(
             e - b, y.data() + b,
             [](const auto& v) {
@@ -41,15 +41,15 @@ void activate_point(const Columns<T>& log_scale, const Columns<T>& rotation,
 }
 
 /// ... of all of them.
-template <Backend B, class T, class... Steps>
+template <class T, Backend B, class... Steps>
     requires (sizeof...(Steps) <= 1)
-void activate_into(const Columns<T>& log_scale, const Columns<T>& rotation,
+void activate_into(const B& backend, const Columns<T>& log_scale, const Columns<T>& rotation,
                    const Columns<T>& opacity_logit, Gaussians<T>& g, const Steps&... steps) {
     const Index n = log_scale.cols();
     g.scale.resize(3, n);
     g.rotation.resize(4, n);
     g.opacity.resize(1, n);
-    for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
         for (Index i = b; i < e; ++i)
             activate_point(log_scale, rotation, opacity_logit, i, g, steps...);
     });
@@ -57,11 +57,11 @@ void activate_into(const Columns<T>& log_scale, const Columns<T>& rotation,
 
 /// The cotangents of raw attributes and steps alike, 8 x N, from those of the Gaussians. `driven`
 /// is what activate_into gave.
-template <Backend B, class T>
-Columns<T> activate_vjp(const Gaussians<T>& driven, const Gaussians<T>& g) {
+template <class T, Backend B>
+Columns<T> activate_vjp(const B& backend, const Gaussians<T>& driven, const Gaussians<T>& g) {
     const Index n = driven.scale.cols();
     Columns<T> r(8, n);
-    for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
         for (Index i = b; i < e; ++i) {
             for (Index k = 0; k < 3; ++k) r(k, i) = g.scale(k, i) * driven.scale(k, i);
             for (Index k = 0; k < 4; ++k) r(3 + k, i) = g.rotation(k, i);

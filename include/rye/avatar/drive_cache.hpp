@@ -46,9 +46,9 @@ class DriveCache {
     /// avatar's parameters have changed.
     template <EffectSet E>
         requires KeptFromFrameToFrame<E>
-    DriveCache(const TwoStream<T, E>& avatar, const AvatarConfig& config,
+    DriveCache(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
                const LandmarkRoles& roles)
-        : avatar_(&avatar), config_(&config), roles_(&roles) {}
+        : backend_(backend), avatar_(&avatar), config_(&config), roles_(&roles) {}
 
     /// Forgets everything, the rest pose too.
     void reset() {
@@ -127,7 +127,7 @@ class DriveCache {
     void begin() {
         const FaceStream<T>& face = avatar_->face;
         const EyeStream<T>& eyes = avatar_->eyes;
-        rest_ = rest_pose<B>(face, *config_, *roles_);
+        rest_ = rest_pose(backend_, face, *config_, *roles_);
         reached_ = {};
         const Index n = face.position.cols(), all = n + eyes.position.cols();
         face_ = Gaussians<T>(n, config_->channels);
@@ -150,7 +150,7 @@ class DriveCache {
                                                              &code_.gaze[0], &code_.gaze[1]};
         const auto run = [&](const Mlp<T>& net, Squash squash, const Columns<T>& input,
                              std::size_t d, Columns<T>& output) {
-            evaluate_field<B>(net, squash, input, *codes[d], output, nullptr);
+            evaluate_field(backend_, net, squash, input, *codes[d], output, nullptr);
             ++work_.networks;
             work_.points += input.cols();
         };
@@ -170,7 +170,7 @@ class DriveCache {
         const bool attributes = c.driver[0] || c.driver[1];
         const Reached& r = reached_by(c);
         const Columns<T>& x = face.position;
-        for_chunks<typename B::threads>(
+        for_chunks(backend_.threads, 
             static_cast<Index>(r.points.size()), 1024, [&](Index b, Index e, Index) {
                 for (Index k = b; k < e; ++k) {
                     const Index i = r.points[static_cast<std::size_t>(k)];
@@ -181,7 +181,7 @@ class DriveCache {
             });
         for (std::size_t d = 0; d < face_drivers; ++d) {
             const auto add = [&](double gain, const Columns<T>& output, Columns<T>& out) {
-                accumulate_field<B>(T(gain), rest_->lambda(d), rest_->moved[d].points, output,
+                accumulate_field(backend_, T(gain), rest_->lambda(d), rest_->moved[d].points, output,
                                     &r.listed[d], out);
             };
             add(1, fields_[d].color, face_.feature);
@@ -190,7 +190,7 @@ class DriveCache {
                 add(config_->attribute_scale, fields_[d].attributes, attributes_);
         }
         if (attributes)
-            for_chunks<typename B::threads>(
+            for_chunks(backend_.threads, 
                 static_cast<Index>(r.points.size()), 1024, [&](Index b, Index e, Index) {
                     for (Index k = b; k < e; ++k)
                         shape_point(face, attributes_, r.points[static_cast<std::size_t>(k)],
@@ -210,7 +210,7 @@ class DriveCache {
         Gaussians<T>::fields([&](const std::string&, Columns<T>& to, const Columns<T>& from) {
             to = pick_columns(from, changed_);
         }, part_, face_);
-        to_world<B>(head_, part_);
+        to_world(backend_, head_, part_);
         Gaussians<T>::fields([&](const std::string&, Columns<T>& to, const Columns<T>& from) {
             for (std::size_t k = 0; k < changed_.size(); ++k)
                 to.col(changed_[k]) = from.col(static_cast<Index>(k));
@@ -223,7 +223,7 @@ class DriveCache {
         std::array<bool, 2> moved{c.driver[2] || moved_head, c.driver[3] || moved_head};
         if (c.driver[0] || c.driver[1]) {
             EyeOffsetTrace<T> trace;
-            const Columns<T> offset = eye_offset<B, T>(eyes.offset, *config_, code_, trace);
+            const Columns<T> offset = eye_offset<T>(backend_, eyes.offset, *config_, code_, trace);
             ++work_.networks;
             ++work_.points;
             if (!same_bits(offset, offset_)) moved = {true, true};
@@ -253,6 +253,7 @@ class DriveCache {
         return *r;
     }
 
+    B backend_;
     const TwoStream<T>* avatar_;
     const AvatarConfig* config_;
     const LandmarkRoles* roles_;

@@ -36,24 +36,24 @@ struct EyeOffsetTrace {
 };
 
 /// 3 x 2: the displacement of the left and the right centre.
-template <Backend B, class T, EffectSet E>
-Columns<T> eye_offset(const EyeOffsetNetwork<T>& offset, const AvatarConfig& config,
+template <class T, EffectSet E, Backend B>
+Columns<T> eye_offset(const B& backend, const EyeOffsetNetwork<T>& offset, const AvatarConfig& config,
                       const FrameCode<T, E>& code, EyeOffsetTrace<T>& trace) {
     trace.input.resize(code.expression.size() + code.pose.size(), 1);
     trace.input << code.expression, code.pose;
-    trace.squashed = mlp_forward<B, T>(offset.mlp, trace.input, VecX<T>(), &trace.mlp);
+    trace.squashed = mlp_forward<T>(backend, offset.mlp, trace.input, VecX<T>(), &trace.mlp);
     squash_in_place(Squash::tanh, trace.squashed);
     return T(config.deform_scale) * trace.squashed.reshaped(3, 2);
 }
 
-template <Backend B, class T>
-void eye_offset_vjp(const EyeOffsetNetwork<T>& offset, const AvatarConfig& config,
+template <class T, Backend B>
+void eye_offset_vjp(const B& backend, const EyeOffsetNetwork<T>& offset, const AvatarConfig& config,
                     const EyeOffsetTrace<T>& trace, const Columns<T>& g_offset,
                     EyeOffsetNetwork<T>& grad, VecX<T>& g_pose_code) {
     Columns<T> g = T(config.deform_scale) * g_offset.reshaped(6, 1);
     squash_vjp(Squash::tanh, trace.squashed, g);
     Columns<T> g_input;
-    mlp_vjp<B, T>(offset.mlp, trace.input, VecX<T>(), trace.mlp, g, grad.mlp, &g_input, nullptr);
+    mlp_vjp<T>(backend, offset.mlp, trace.input, VecX<T>(), trace.mlp, g, grad.mlp, &g_input, nullptr);
     g_pose_code += g_input.bottomRows(g_pose_code.size());
 }
 

@@ -123,8 +123,8 @@ struct OpticsCotangent {
 
 /// Of one eye the points as they are seen, and, added to its columns of `feature`, which begin at
 /// `first`, the glints.
-template <Backend B, class T, EffectSet E>
-void look_into_eye(const EyeOptics<T, E>& optics, std::size_t eye, const Drivers<T, E>& drivers,
+template <class T, EffectSet E, Backend B>
+void look_into_eye(const B& backend, const EyeOptics<T, E>& optics, std::size_t eye, const Drivers<T, E>& drivers,
                    const EyeTransform<T>& placed, const Columns<T>& points,
                    [[maybe_unused]] Index first, OpticsTrace<T>& trace, Columns<T>& feature) {
     using std::isfinite;
@@ -138,7 +138,7 @@ void look_into_eye(const EyeOptics<T, E>& optics, std::size_t eye, const Drivers
     Columns<T>& seen = trace.seen[eye] = points;
     if constexpr (has_effect<E, CornealRefraction>) {
         const T index = optics.index(0, static_cast<Index>(eye));
-        for_chunks<typename B::threads>(n, 256, [&](Index b, Index e, Index) {
+        for_chunks(backend.threads, n, 256, [&](Index b, Index e, Index) {
             for (Index i = b; i < e; ++i)
                 seen.col(i) = seen_through<T>(cornea, index, camera, points.col(i));
         });

@@ -115,14 +115,14 @@ void place_eye(const EyeStream<T, E>& eyes, Index eye, const EyeTransform<T>& pl
 
 /// The eyeballs in the world. The drivers' gazes are optical axes; `head` is the HeadTransform of
 /// an avatar that has one.
-template <Backend B, class T, EffectSet E, class... Head>
+template <class T, EffectSet E, Backend B, class... Head>
     requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
-Gaussians<T> eye_gaussians(const EyeStream<T, E>& eyes, const AvatarConfig& config,
+Gaussians<T> eye_gaussians(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& config,
                            const Drivers<T, E>& drivers, const FrameCode<T, E>& code,
                            EyeTrace<T, E>& trace, const Head&... head) {
     Columns<T> centre = eyes.centre;
     if constexpr (has_effect<E, EyeOffset>)
-        centre += eye_offset<B, T>(eyes.offset, config, code, trace.offset);
+        centre += eye_offset<T>(backend, eyes.offset, config, code, trace.offset);
     Gaussians<T> g;
     g.feature = eyes.feature;
     g.mean.resize(3, eyes.position.cols());
@@ -144,7 +144,7 @@ Gaussians<T> eye_gaussians(const EyeStream<T, E>& eyes, const AvatarConfig& conf
         if constexpr (has_effect<E, SeesCornea>) {
             const Index n = eyes.points_of(e);
             const Columns<T> points = eyes.position.middleCols(first, n);
-            look_into_eye<B>(eyes.optics, eye, drivers, placed, points, first, trace.optics,
+            look_into_eye(backend, eyes.optics, eye, drivers, placed, points, first, trace.optics,
                              g.feature);
             g.mean.middleCols(first, n) = eye_points<T>(placed, trace.optics.seen[eye]);
             const Columns<T> rotations = eyes.rotation.middleCols(first, n);
@@ -160,9 +160,9 @@ Gaussians<T> eye_gaussians(const EyeStream<T, E>& eyes, const AvatarConfig& conf
 /// gives; `world` is what eye_gaussians returned, `drivers` those of the frame, gazes as they came.
 /// g_frame.gaze holds the cotangents of the gaze codes when it is called, g_frame.optics what
 /// eye_optics_vjp gave.
-template <Backend B, class T, EffectSet E, class... Head>
+template <class T, EffectSet E, Backend B, class... Head>
     requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
-void eye_vjp(const EyeStream<T, E>& eyes, const AvatarConfig& config,
+void eye_vjp(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& config,
              [[maybe_unused]] const Drivers<T, E>& drivers, const EyeTrace<T, E>& trace,
              const Gaussians<T>& world, const Gaussians<T>& g, EyeStream<T, E>& grad,
              FrameCotangent<T, E>& g_frame, const Head&... head) {
@@ -213,7 +213,7 @@ void eye_vjp(const EyeStream<T, E>& eyes, const AvatarConfig& config,
             for (Index i = first; i < end; ++i) g_offset.col(e) += g.mean.col(i);
         }
         if constexpr (has_effect<E, SeesCornea>) g_offset += g_frame.optics.centre;
-        eye_offset_vjp<B, T>(eyes.offset, config, trace.offset, g_offset, grad.offset,
+        eye_offset_vjp<T>(backend, eyes.offset, config, trace.offset, g_offset, grad.offset,
                              g_frame.pose);
     }
 }

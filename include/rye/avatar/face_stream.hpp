@@ -78,8 +78,8 @@ void shape_point(const FaceStream<T, E>& face, const Columns<T>& attributes, Ind
 }
 
 /// The driven face in the head frame (before head pose and scale).
-template <Backend B, class T, EffectSet E>
-Gaussians<T> face_gaussians(const FaceStream<T, E>& face, const AvatarConfig& config,
+template <class T, EffectSet E, Backend B>
+Gaussians<T> face_gaussians(const B& backend, const FaceStream<T, E>& face, const AvatarConfig& config,
                             const LandmarkRoles& roles, const FrameCode<T, E>& code,
                             FaceTrace<T, E>& trace) {
     const Index n = face.position.cols();
@@ -88,10 +88,10 @@ Gaussians<T> face_gaussians(const FaceStream<T, E>& face, const AvatarConfig& co
     const FaceNetworks<T, E>& nets = face.networks;
     const Weights<T, E>& w = trace.weights;
     if constexpr (has_effect<E, FaceDrivers>) {
-        encode_points<B>(face.seen(), config.frequencies, trace.code);
-        tanh_into<B>(face.feature, trace.feature);
+        encode_points(backend, face.seen(), config.frequencies, trace.code);
+        tanh_into(backend, face.feature, trace.feature);
         trace.weights =
-            face_weights<B, T>(config, face.seen(), face.landmarks, roles, trace.nearest);
+            face_weights<T>(backend, config, face.seen(), face.landmarks, roles, trace.nearest);
     }
 
     Gaussians<T> g;
@@ -100,36 +100,36 @@ Gaussians<T> face_gaussians(const FaceStream<T, E>& face, const AvatarConfig& co
     else
         g.feature = Columns<T>::Zero(config.channels, n);
     for_face_fields<E>([&](auto by) {
-        add_field<B>(by.color(nets), Squash::none, one, trace.feature, by.influence(w),
+        add_field(backend, by.color(nets), Squash::none, one, trace.feature, by.influence(w),
                      by.code(code), g.feature, by.color(trace));
     });
     g.mean = face.position;
     for_face_fields<E>([&](auto by) {
-        add_field<B>(by.deform(nets), Squash::tanh, reach, trace.code, by.influence(w),
+        add_field(backend, by.deform(nets), Squash::tanh, reach, trace.code, by.influence(w),
                      by.code(code), g.mean, by.deform(trace));
     });
     if constexpr (has_effect<E, ReadsFaceRamp>) trace.attributes = Columns<T>::Zero(8, n);
     for_attribute_fields<E>([&](auto by) {
-        add_field<B>(by.attribute(face), Squash::none, step, trace.feature, by.influence(w),
+        add_field(backend, by.attribute(face), Squash::none, step, trace.feature, by.influence(w),
                      by.code(code), trace.attributes, by.attribute(trace));
     });
 
     if constexpr (has_effect<E, ReadsFaceRamp>)
-        activate_into<B>(face.log_scale, face.rotation, face.opacity_logit, g, trace.attributes);
+        activate_into(backend, face.log_scale, face.rotation, face.opacity_logit, g, trace.attributes);
     else
-        activate_into<B>(face.log_scale, face.rotation, face.opacity_logit, g);
+        activate_into(backend, face.log_scale, face.rotation, face.opacity_logit, g);
     return g;
 }
 
 /// Accumulates parameter gradients from head-frame cotangents `g`; `driven` is what
 /// face_gaussians returned. The cotangents of the codes are added to g_frame.
-template <Backend B, class T, EffectSet E>
-void face_vjp(const FaceStream<T, E>& face, const AvatarConfig& config,
+template <class T, EffectSet E, Backend B>
+void face_vjp(const B& backend, const FaceStream<T, E>& face, const AvatarConfig& config,
               const FrameCode<T, E>& code, const FaceTrace<T, E>& trace,
               const Gaussians<T>& driven, const Gaussians<T>& g, FaceStream<T, E>& grad,
               FrameCotangent<T, E>& g_frame) {
     const Index n = face.position.cols();
-    const Columns<T> g_attributes = activate_vjp<B>(driven, g);
+    const Columns<T> g_attributes = activate_vjp(backend, driven, g);
     grad.log_scale += g_attributes.topRows(3);
     grad.rotation += g_attributes.middleRows(3, 4);
     grad.opacity_logit += g_attributes.bottomRows(1);
@@ -139,7 +139,7 @@ void face_vjp(const FaceStream<T, E>& face, const AvatarConfig& config,
         const FaceNetworks<T, E>& nets = face.networks;
         FaceNetworks<T, E>& gnets = grad.networks;
         Columns<T> g_feature(face.feature.rows(), n), g_code(trace.code.rows(), n);
-        for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
+        for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
             g_feature.middleCols(b, e - b).setZero();
             g_code.middleCols(b, e - b).setZero();
         });
@@ -147,26 +147,26 @@ void face_vjp(const FaceStream<T, E>& face, const AvatarConfig& config,
         const Weights<T, E>& w = trace.weights;
         const T one = T(1), reach = T(config.deform_scale), step = T(config.attribute_scale);
         for_face_fields<E>([&](auto by) {
-            field_vjp<B>(by.color(nets), Squash::none, one, by.influence(w), by.code(code),
+            field_vjp(backend, by.color(nets), Squash::none, one, by.influence(w), by.code(code),
                          by.color(trace), g.feature,
                          {&by.color(gnets), &g_feature, &by.influence(g_w), g_frame.of(by)});
         });
         for_face_fields<E>([&](auto by) {
-            field_vjp<B>(by.deform(nets), Squash::tanh, reach, by.influence(w), by.code(code),
+            field_vjp(backend, by.deform(nets), Squash::tanh, reach, by.influence(w), by.code(code),
                          by.deform(trace), g.mean,
                          {&by.deform(gnets), &g_code, &by.influence(g_w), g_frame.of(by)});
         });
         for_attribute_fields<E>([&](auto by) {
-            field_vjp<B>(by.attribute(face), Squash::none, step, by.influence(w), by.code(code),
+            field_vjp(backend, by.attribute(face), Squash::none, step, by.influence(w), by.code(code),
                          by.attribute(trace), g_attributes,
                          {&by.attribute(grad), &g_feature, &by.influence(g_w), g_frame.of(by)});
         });
         if (&face.seen() == &face.position) {  // an anchor is fixed
-            encode_points_vjp<B>(trace.code, g_code, config.frequencies, grad.position);
-            face_weights_vjp<B, T>(config, face.position, face.landmarks, trace.nearest, g_w,
+            encode_points_vjp(backend, trace.code, g_code, config.frequencies, grad.position);
+            face_weights_vjp<T>(backend, config, face.position, face.landmarks, trace.nearest, g_w,
                                 grad.position, nullptr);
         }
-        for_chunks<typename B::threads>(g_feature.size(), 16384, [&](Index b, Index e, Index) {
+        for_chunks(backend.threads, g_feature.size(), 16384, [&](Index b, Index e, Index) {
             T* const to = grad.feature.data() + b;
             transform_array<B>(
                 e - b, to,

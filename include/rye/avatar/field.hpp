@@ -54,11 +54,11 @@ std::vector<Index> influenced(const Columns<T>& lambda) {
 }
 
 /// Those columns, in that order, on the backend's threads.
-template <Backend B, class T>
-void pick_into(const Columns<T>& all, const std::vector<Index>& which, Columns<T>& picked) {
+template <class T, Backend B>
+void pick_into(const B& backend, const Columns<T>& all, const std::vector<Index>& which, Columns<T>& picked) {
     const Index rows = all.rows();
     picked.resize(rows, static_cast<Index>(which.size()));
-    for_chunks<typename B::threads>(picked.cols(), 1024, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, picked.cols(), 1024, [&](Index b, Index e, Index) {
         for (Index k = b; k < e; ++k)
             std::copy_n(all.data() + which[static_cast<std::size_t>(k)] * rows, rows,
                         picked.data() + k * rows);
@@ -66,13 +66,13 @@ void pick_into(const Columns<T>& all, const std::vector<Index>& which, Columns<T
 }
 
 /// Squashed outputs of the network for the points of `input`.
-template <Backend B, class T>
-void evaluate_field(const Mlp<T>& mlp, Squash squash, const Columns<T>& input,
+template <class T, Backend B>
+void evaluate_field(const B& backend, const Mlp<T>& mlp, Squash squash, const Columns<T>& input,
                     const VecX<T>& frame, Columns<T>& output,
                     std::type_identity_t<MlpTrace<T>>* trace) {
-    output = mlp_forward<B, T>(mlp, input, frame, trace);
+    output = mlp_forward<T>(backend, mlp, input, frame, trace);
     if (squash == Squash::none) return;
-    for_chunks<typename B::threads>(input.cols(), 1024, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, input.cols(), 1024, [&](Index b, Index e, Index) {
         Columns<T> y = output.middleCols(b, e - b);
         squash_in_place(squash, y);
         output.middleCols(b, e - b) = y;
@@ -81,12 +81,12 @@ void evaluate_field(const Mlp<T>& mlp, Squash squash, const Columns<T>& input,
 
 /// out += gain lambda output, where column k of `output` belongs to point set[k]; of these ks all,
 /// or those listed.
-template <Backend B, class T>
-void accumulate_field(const T& gain, const Columns<T>& lambda, const std::vector<Index>& set,
+template <class T, Backend B>
+void accumulate_field(const B& backend, const T& gain, const Columns<T>& lambda, const std::vector<Index>& set,
                       const Columns<T>& output, const std::vector<Index>* listed, Columns<T>& out) {
     const Index n = static_cast<Index>(listed != nullptr ? listed->size() : set.size());
     const Index rows = out.rows();
-    for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
         for (Index j = b; j < e; ++j) {
             const Index k = listed != nullptr ? (*listed)[static_cast<std::size_t>(j)] : j;
             const Index i = set[static_cast<std::size_t>(k)];
@@ -100,14 +100,14 @@ void accumulate_field(const T& gain, const Columns<T>& lambda, const std::vector
 }
 
 /// Adds the field to `out` (rows x N). `inputs` are per-point inputs (D x N), `lambda` is 1 x N.
-template <Backend B, class T>
-void add_field(const Mlp<T>& mlp, Squash squash, const T& gain, const Columns<T>& inputs,
+template <class T, Backend B>
+void add_field(const B& backend, const Mlp<T>& mlp, Squash squash, const T& gain, const Columns<T>& inputs,
                const Columns<T>& lambda, const VecX<T>& frame, Columns<T>& out,
                FieldTrace<T>& trace) {
     trace.set = influenced(lambda);
-    pick_into<B>(inputs, trace.set, trace.input);
-    evaluate_field<B>(mlp, squash, trace.input, frame, trace.output, &trace.mlp);
-    accumulate_field<B>(gain, lambda, trace.set, trace.output, nullptr, out);
+    pick_into(backend, inputs, trace.set, trace.input);
+    evaluate_field(backend, mlp, squash, trace.input, frame, trace.output, &trace.mlp);
+    accumulate_field(backend, gain, lambda, trace.set, trace.output, nullptr, out);
 }
 
 /// Gradients of a field; each pointer may be null.
@@ -121,15 +121,15 @@ struct FieldGradients {
 };
 
 /// Pulls g_out (rows x N) back through add_field.
-template <Backend B, class T>
-void field_vjp(const Mlp<T>& mlp, Squash squash, const T& gain, const Columns<T>& lambda,
+template <class T, Backend B>
+void field_vjp(const B& backend, const Mlp<T>& mlp, Squash squash, const T& gain, const Columns<T>& lambda,
                const VecX<T>& frame, const FieldTrace<T>& trace, const Columns<T>& g_out,
                const FieldGradients<T>& g) {
     const Index n = static_cast<Index>(trace.set.size());
     if (n == 0) return;
     const Index rows = trace.output.rows();
     Columns<T> g_y(rows, n);
-    for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
         for (Index k = b; k < e; ++k) {
             const Index i = trace.set[static_cast<std::size_t>(k)];
             const T w = gain * lambda(0, i);
@@ -151,12 +151,12 @@ void field_vjp(const Mlp<T>& mlp, Squash squash, const T& gain, const Columns<T>
     });
     Columns<T> g_input;
     VecX<T> g_frame;
-    mlp_vjp<B, T>(mlp, trace.input, frame, trace.mlp, g_y, *g.mlp,
+    mlp_vjp<T>(backend, mlp, trace.input, frame, trace.mlp, g_y, *g.mlp,
                   g.inputs != nullptr ? &g_input : nullptr,
                   g.frame != nullptr ? &g_frame : nullptr);
     if (g.inputs != nullptr) {
         const Index inputs = g_input.rows();
-        for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
+        for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
             for (Index k = b; k < e; ++k) {
                 T* const to = g.inputs->data() + trace.set[static_cast<std::size_t>(k)] * inputs;
                 transform_array<B>(

@@ -30,9 +30,10 @@ class FrameCache {
     /// parameters have changed.
     template <EffectSet E>
         requires KeptFromFrameToFrame<E>
-    FrameCache(const TwoStream<T, E>& avatar, const AvatarConfig& config,
-               const LandmarkRoles& roles, const Rasterizer<B, A>& rasterizer = {})
-        : avatar_(&avatar), drive_(avatar, config, roles), redraw_(rasterizer) {}
+    FrameCache(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
+               const LandmarkRoles& roles, const Rasterizer<A>& rasterizer = {})
+        : avatar_(&avatar), drive_(backend, avatar, config, roles),
+          redraw_(backend, rasterizer), upsampler_(backend) {}
 
     void reset() {
         drive_.reset();

@@ -48,22 +48,22 @@ struct GeometryTrace {
     MlpTrace<T> mlp;
 };
 
-template <Backend B, class T, EffectSet E>
-void geometry_at(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+template <class T, EffectSet E, Backend B>
+void geometry_at(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                  const Columns<T>& points, GeometryTrace<T>& trace) {
     trace.code = positional_encoding(points, config.frequencies);
-    trace.output = mlp_forward<B, T>(mesh.geometry, trace.code, VecX<T>(), &trace.mlp);
+    trace.output = mlp_forward<T>(backend, mesh.geometry, trace.code, VecX<T>(), &trace.mlp);
     squash_in_place(Squash::tanh, trace.output);
 }
 
 /// Accumulates network gradients; returns the cotangent of the points.
-template <Backend B, class T, EffectSet E>
-Columns<T> geometry_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+template <class T, EffectSet E, Backend B>
+Columns<T> geometry_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                         const GeometryTrace<T>& trace, Columns<T> g_output,
                         GuidanceMesh<T, E>& grad) {
     squash_vjp(Squash::tanh, trace.output, g_output);
     Columns<T> g_code;
-    mlp_vjp<B, T>(mesh.geometry, trace.code, VecX<T>(), trace.mlp, g_output, grad.geometry, &g_code,
+    mlp_vjp<T>(backend, mesh.geometry, trace.code, VecX<T>(), trace.mlp, g_output, grad.geometry, &g_code,
                   nullptr);
     return positional_encoding_vjp(trace.code, g_code, config.frequencies);
 }
@@ -85,8 +85,8 @@ struct NeutralSurface {
 /// Lattice vertices whose code is held at once, to bound the memory of a fine lattice.
 inline constexpr Index signed_distance_block = 32768;
 
-template <Backend B, class T, EffectSet E>
-NeutralSurface<T> neutral_surface(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+template <class T, EffectSet E, Backend B>
+NeutralSurface<T> neutral_surface(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                                   const TetGrid<T>& grid) {
     using std::tanh;
     NeutralSurface<T> n;
@@ -97,13 +97,13 @@ NeutralSurface<T> neutral_surface(const GuidanceMesh<T, E>& mesh, const AvatarCo
         const Columns<T> code =
             positional_encoding(grid.vertices.middleCols(b, count), config.frequencies);
         sdf.middleCols(b, count) =
-            mlp_forward<B, T>(mesh.geometry, code, VecX<T>(), nullptr).topRows(1);
+            mlp_forward<T>(backend, mesh.geometry, code, VecX<T>(), nullptr).topRows(1);
     }
     const SurfaceTopology topology = surface_topology<T>(grid.topology, sdf); // sign of tanh(s) = s
     if (topology.faces.empty()) return n;
     const std::vector<Index> touched = touched_vertices(topology);
     const Columns<T> rest = pick_columns(grid.vertices, touched);
-    geometry_at<B>(mesh, config, rest, n.geometry);
+    geometry_at(backend, mesh, config, rest, n.geometry);
     n.sdf = n.geometry.output.topRows(1);
     const T reach = T(config.vertex_offset);
     n.lattice = rest + n.geometry.output.middleRows(1, 3).unaryExpr([&](const T& o) {
@@ -117,8 +117,8 @@ NeutralSurface<T> neutral_surface(const GuidanceMesh<T, E>& mesh, const AvatarCo
     return n;
 }
 
-template <Backend B, class T, EffectSet E>
-void neutral_surface_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+template <class T, EffectSet E, Backend B>
+void neutral_surface_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                          const NeutralSurface<T>& n, const Columns<T>& g_positions,
                          const Columns<T>& g_feature, GuidanceMesh<T, E>& grad) {
     using std::tanh;
@@ -133,7 +133,7 @@ void neutral_surface_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& con
             return T(reach * (T(1) - t) * (T(1) + t));
         }));
     g_output.bottomRows(config.feature) = g.features;
-    geometry_vjp<B>(mesh, config, n.geometry, g_output, grad);
+    geometry_vjp(backend, mesh, config, n.geometry, g_output, grad);
 }
 
 /// One frame of the guidance mesh.
@@ -157,31 +157,31 @@ template <std::size_t eye>
 constexpr Squash mesh_colour_squash(GazeField<eye>) { return Squash::none; }
 
 /// Colours, then deforms one after the other (expression and gaze, then head pose), then poses.
-template <Backend B, class T, EffectSet E>
-void pose_mesh(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+template <class T, EffectSet E, Backend B>
+void pose_mesh(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                const LandmarkRoles& roles, const Drivers<T, E>& drivers,
                const NeutralSurface<T>& neutral, PosedMesh<T, E>& p) {
     const FaceNetworks<T, E>& nets = mesh.networks;
     const Columns<T>& x = neutral.surface.positions;
     const T one = T(1), reach = T(config.deform_scale);
     p.code = frame_code(config, drivers);
-    p.weights = face_weights<B, T>(config, x, mesh.landmarks, roles, p.nearest);
+    p.weights = face_weights<T>(backend, config, x, mesh.landmarks, roles, p.nearest);
     const Weights<T, E>& w = p.weights;
     p.color = Columns<T>::Zero(config.channels, x.cols());
     for_face_fields<E>([&](auto by) {
-        add_field<B>(by.color(nets), mesh_colour_squash(by), one, neutral.feature,
+        add_field(backend, by.color(nets), mesh_colour_squash(by), one, neutral.feature,
                      by.influence(w), by.code(p.code), p.color, by.color(p));
     });
     p.rest_code = positional_encoding(x, config.frequencies);
     p.moved = x;
     for_face_fields<Less<E, PoseResidual>>([&](auto by) {
-        add_field<B>(by.deform(nets), Squash::tanh, reach, p.rest_code, by.influence(w),
+        add_field(backend, by.deform(nets), Squash::tanh, reach, p.rest_code, by.influence(w),
                      by.code(p.code), p.moved, by.deform(p));
     });
     p.canonical = p.moved;
     if constexpr (has_effect<E, PoseResidual>) {
         p.moved_code = positional_encoding(p.moved, config.frequencies);
-        add_field<B>(nets.pose_deform, Squash::tanh, reach, p.moved_code, w.pose, p.code.pose,
+        add_field(backend, nets.pose_deform, Squash::tanh, reach, p.moved_code, w.pose, p.code.pose,
                      p.canonical, p.pose_deform);
     }
     if constexpr (has_effect<E, HeadPose>) {
@@ -202,8 +202,8 @@ struct DeformCotangents {
 };
 
 /// Accumulates gradients to networks, landmarks, and (through the neutral surface) the geometry.
-template <Backend B, class T, EffectSet E>
-void pose_mesh_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+template <class T, EffectSet E, Backend B>
+void pose_mesh_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                    const NeutralSurface<T>& neutral, const PosedMesh<T, E>& p,
                    const Columns<T>& g_world, const Columns<T>& g_color,
                    const DeformCotangents<T, E>& g_raw, GuidanceMesh<T, E>& grad,
@@ -222,19 +222,19 @@ void pose_mesh_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
     Columns<T> g_moved = g_canonical;
     Columns<T> g_code = Columns<T>::Zero(p.rest_code.rows(), x.cols());
     if constexpr (has_effect<E, PoseResidual>) {
-        field_vjp<B>(nets.pose_deform, Squash::tanh, reach, w.pose, p.code.pose, p.pose_deform,
+        field_vjp(backend, nets.pose_deform, Squash::tanh, reach, w.pose, p.code.pose, p.pose_deform,
                      g_canonical, {&gnets.pose_deform, &g_code, &g_w.pose, nullptr, &g_raw.pose});
         g_moved += positional_encoding_vjp(p.moved_code, g_code, config.frequencies);
         g_code.setZero();
     }
     // In the order that the gradients' sums have always had: each eye's two networks together.
     const auto deform_vjp = [&](auto by, const Columns<T>& g_deform) {
-        field_vjp<B>(by.deform(nets), Squash::tanh, reach, by.influence(w), by.code(p.code),
+        field_vjp(backend, by.deform(nets), Squash::tanh, reach, by.influence(w), by.code(p.code),
                      by.deform(p), g_moved,
                      {&by.deform(gnets), &g_code, &by.influence(g_w), nullptr, &g_deform});
     };
     const auto color_vjp = [&](auto by) {
-        field_vjp<B>(by.color(nets), mesh_colour_squash(by), one, by.influence(w),
+        field_vjp(backend, by.color(nets), mesh_colour_squash(by), one, by.influence(w),
                      by.code(p.code), by.color(p), g_color,
                      {&by.color(gnets), &g_feature, &by.influence(g_w)});
     };
@@ -248,7 +248,7 @@ void pose_mesh_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
     if constexpr (has_effect<E, Expression>) color_vjp(ExpressionField{});
     if constexpr (has_effect<E, PoseResidual>) color_vjp(PoseField{});
     g_positions += g_moved + positional_encoding_vjp(p.rest_code, g_code, config.frequencies);
-    face_weights_vjp<B, T>(config, x, mesh.landmarks, p.nearest, g_w, g_positions, &grad.landmarks);
+    face_weights_vjp<T>(backend, config, x, mesh.landmarks, p.nearest, g_w, g_positions, &grad.landmarks);
 }
 
 } // namespace rye

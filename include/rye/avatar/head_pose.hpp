@@ -33,9 +33,9 @@ HeadTransform<T> head_transform(const Drivers<T, E>& drivers) {
 }
 
 /// Moves means, rotations and scales to the world, in place.
-template <Backend B, class T>
-void to_world(const HeadTransform<T>& head, Gaussians<T>& g) {
-    for_chunks<typename B::threads>(g.mean.cols(), 4096, [&](Index b, Index e, Index) {
+template <class T, Backend B>
+void to_world(const B& backend, const HeadTransform<T>& head, Gaussians<T>& g) {
+    for_chunks(backend.threads, g.mean.cols(), 4096, [&](Index b, Index e, Index) {
         const Mat3<T> sr = head.scale * head.rotation;
         for (Index i = b; i < e; ++i) {
             const Vec3<T> x = g.mean.col(i);
@@ -64,12 +64,11 @@ struct HeadTransformGradient {
 
 /// Turns world cotangents in `g` into head-frame ones, in place. `world` is what to_world produced.
 /// Returns the cotangent of the transform.
-template <Backend B, class T>
-HeadTransformGradient<T> to_world_vjp(const HeadTransform<T>& head, const Gaussians<T>& world,
+template <class T, Backend B>
+HeadTransformGradient<T> to_world_vjp(const B& backend, const HeadTransform<T>& head, const Gaussians<T>& world,
                                       Gaussians<T>& g) {
     const Vec4<T> conjugate = quat_conjugate<T>(head.quaternion);
-    return sum_chunks<typename B::threads>(
-        g.mean.cols(), 4096, HeadTransformGradient<T>{}, [&](Index b, Index e) {
+    return sum_chunks(backend.threads, g.mean.cols(), 4096, HeadTransformGradient<T>{}, [&](Index b, Index e) {
             HeadTransformGradient<T> sum;
             for (Index i = b; i < e; ++i) {
                 const Vec3<T> gx = g.mean.col(i);

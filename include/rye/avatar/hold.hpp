@@ -83,12 +83,12 @@ TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
 }
 
 /// The avatar with fewer effects that looks as it does at these drivers.
-template <EffectSet Fewer, Backend B, class T, EffectSet E>
-TwoStream<T, Fewer> held(const TwoStream<T, E>& all, const AvatarConfig& config,
+template <EffectSet Fewer, class T, EffectSet E, Backend B>
+TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const AvatarConfig& config,
                          const LandmarkRoles& roles, const Drivers<T, E>& drivers) {
     TwoStream<T, Fewer> a = restricted<Fewer>(all);
     TwoStreamTrace<T, E> trace;
-    drive<B>(all, config, roles, drivers, trace);
+    drive(backend, all, config, roles, drivers, trace);
     [[maybe_unused]] const FaceTrace<T, E>& t = trace.face;
     FaceStream<T, Fewer>& face = a.face;
     if constexpr (face_rests<Fewer> && has_effect<Fewer, FaceDrivers>)

@@ -7,21 +7,23 @@
 #include <vector>
 
 #include <rye/avatar/drivers.hpp>
+#include <rye/backend/scalar.hpp>
 #include <rye/core/fields.hpp>
 #include <rye/gaussian/gaussians.hpp>
 
 namespace rye {
 
 /// An effect with its own parameters, Parameters<T>, which have fields(), and
-///     add<B>(parameters, drivers, gaussians)                            changes the Gaussians
-///     vjp<B>(parameters, drivers, before, g_gaussians, g_parameters)    before: what add was given
+///     add(backend, parameters, drivers, gaussians)                          changes the Gaussians
+///     vjp(backend, parameters, drivers, before, g_gaussians, g_parameters)  before: add's input
 template <class X>
 concept OwnEffect =
     Effect<X> && requires(const typename X::template Parameters<float>& p,
                           typename X::template Parameters<float>& grad,
+                          const ScalarBackend<>& backend,
                           const Drivers<float, Effects<X>>& drivers, Gaussians<float>& g) {
-        X::template add<struct AnyBackend>(p, drivers, g);
-        X::template vjp<struct AnyBackend>(p, drivers, std::as_const(g), g, grad);
+        X::add(backend, p, drivers, g);
+        X::vjp(backend, p, drivers, std::as_const(g), g, grad);
     };
 
 namespace detail {
@@ -70,28 +72,28 @@ struct OwnParameters<T, Effects<X...>>
 };
 
 /// Changes the face in the head frame.
-template <class B, class T, EffectSet E>
-void add_own_effects(const OwnParameters<T, E>& own, const Drivers<T, E>& drivers,
+template <class T, EffectSet E, Backend B>
+void add_own_effects(const B& backend, const OwnParameters<T, E>& own, const Drivers<T, E>& drivers,
                      Gaussians<T>& face) {
     OwnParameters<T, E>::each([&]<class Y>(Y, const auto& p) {
-        Y::template add<B>(p, drivers, face);
+        Y::add(backend, p, drivers, face);
     }, own);
 }
 
 /// Turns the cotangent of the changed face into that of `face`, which is as it was before.
-template <class B, class T, EffectSet E>
-void own_effects_vjp(const OwnParameters<T, E>& own, const Drivers<T, E>& drivers,
+template <class T, EffectSet E, Backend B>
+void own_effects_vjp(const B& backend, const OwnParameters<T, E>& own, const Drivers<T, E>& drivers,
                      const Gaussians<T>& face, Gaussians<T>& g_face, OwnParameters<T, E>& grad) {
     std::vector<Gaussians<T>> before;  // of each effect
     Gaussians<T> now = face;
     OwnParameters<T, E>::each([&]<class Y>(Y, const auto& p) {
         before.push_back(now);
-        Y::template add<B>(p, drivers, now);
+        Y::add(backend, p, drivers, now);
     }, own);
     for (std::size_t last = before.size(); last-- > 0;) {
         std::size_t k = 0;
         OwnParameters<T, E>::each([&]<class Y>(Y, const auto& p, auto& g) {
-            if (k++ == last) Y::template vjp<B>(p, drivers, before[last], g_face, g);
+            if (k++ == last) Y::vjp(backend, p, drivers, before[last], g_face, g);
         }, own, grad);
     }
 }

@@ -33,22 +33,22 @@ struct RestPose {
     }
 };
 
-template <Backend B, class T>
-RestPose<T> rest_pose(const FaceStream<T>& face, const AvatarConfig& config,
+template <class T, Backend B>
+RestPose<T> rest_pose(const B& backend, const FaceStream<T>& face, const AvatarConfig& config,
                       const LandmarkRoles& roles) {
     RestPose<T> rest;
     rest.count = face.position.cols();
     WeightsTrace<T> nearest;
-    rest.weights = face_weights<B, T>(config, face.position, face.landmarks, roles, nearest);
+    rest.weights = face_weights<T>(backend, config, face.position, face.landmarks, roles, nearest);
     // Of all points, as in face_gaussians: a number's bits may depend on its place in a vector.
     Columns<T> code, feature;
-    encode_points<B>(face.position, config.frequencies, code);
-    tanh_into<B>(face.feature, feature);
+    encode_points(backend, face.position, config.frequencies, code);
+    tanh_into(backend, face.feature, feature);
     for (std::size_t d = 0; d < face_drivers; ++d) {
         auto& moved = rest.moved[d];
         moved.points = influenced(rest.lambda(d));
-        pick_into<B>(code, moved.points, moved.code);
-        pick_into<B>(feature, moved.points, moved.feature);
+        pick_into(backend, code, moved.points, moved.code);
+        pick_into(backend, feature, moved.points, moved.feature);
     }
     return rest;
 }

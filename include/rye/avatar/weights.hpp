@@ -54,12 +54,12 @@ struct WeightsTrace {
 namespace detail {
 
 /// The influence of one set of landmarks.
-template <Backend B, class T>
-Columns<T> set_weights(const AvatarConfig& config, double near, double far,
+template <class T, Backend B>
+Columns<T> set_weights(const B& backend, const AvatarConfig& config, double near, double far,
                        const Columns<T>& points, const Columns<T>& landmarks,
                        const std::vector<Index>& set, NearestTrace<T>& trace) {
     trace.squared =
-        nearest_squared_distance<B, T>(points, pick_columns(landmarks, set), &trace.nearest);
+        nearest_squared_distance<T>(backend, points, pick_columns(landmarks, set), &trace.nearest);
     for (Index& k : trace.nearest)
         if (k >= 0) k = set[static_cast<std::size_t>(k)];
     return std::visit([&](const auto& metric) {
@@ -68,8 +68,8 @@ Columns<T> set_weights(const AvatarConfig& config, double near, double far,
 }
 
 /// `g` is the cotangent of one set's influence at a point.
-template <Backend B, class T, class G>
-void set_weights_vjp(const AvatarConfig& config, double near, double far, const Columns<T>& points,
+template <class T, class G, Backend B>
+void set_weights_vjp(const B& backend, const AvatarConfig& config, double near, double far, const Columns<T>& points,
                      const Columns<T>& landmarks, const NearestTrace<T>& trace, const G& g,
                      Columns<T>& g_points, Columns<T>* g_landmarks) {
     const Ramp<T> ramp{T(near), T(far)};
@@ -88,43 +88,43 @@ void set_weights_vjp(const AvatarConfig& config, double near, double far, const 
         if (g_landmarks != nullptr) // many points share one
             range(0, points.cols(), 0);
         else
-            for_chunks<typename B::threads>(points.cols(), 2048, range);
+            for_chunks(backend.threads, points.cols(), 2048, range);
     }, config.metric);
 }
 
 } // namespace detail
 
-template <Backend B, class T, EffectSet E>
-Weights<T, E> face_weights(const AvatarConfig& config, const Columns<T>& points,
+template <class T, EffectSet E, Backend B>
+Weights<T, E> face_weights(const B& backend, const AvatarConfig& config, const Columns<T>& points,
                            const Columns<T>& landmarks, const LandmarkRoles& roles,
                            WeightsTrace<T, E>& trace) {
     Weights<T, E> w;
     if constexpr (has_effect<E, ReadsFaceRamp>) {
-        w.exp = detail::set_weights<B>(config, config.exp_near, config.exp_far, points, landmarks,
+        w.exp = detail::set_weights(backend, config, config.exp_near, config.exp_far, points, landmarks,
                                        roles.expression, trace.exp);
         w.pose = Columns<T>::Ones(1, points.cols()) - w.exp;
     }
     for_eyes([&]<std::size_t eye>() {
         if constexpr (skin_follows<E, eye>)
             of_eye<eye>(w.gaze) =
-                detail::set_weights<B>(config, config.gaze_near, config.gaze_far, points,
+                detail::set_weights(backend, config, config.gaze_near, config.gaze_far, points,
                                        landmarks, roles.eye[eye], of_eye<eye>(trace.gaze));
     });
     return w;
 }
 
 /// Accumulates the gradients to points and landmarks of a cotangent of the weights (pose included).
-template <Backend B, class T, EffectSet E>
-void face_weights_vjp(const AvatarConfig& config, const Columns<T>& points,
+template <class T, EffectSet E, Backend B>
+void face_weights_vjp(const B& backend, const AvatarConfig& config, const Columns<T>& points,
                       const Columns<T>& landmarks, const WeightsTrace<T, E>& trace,
                       const Weights<T, E>& g, Columns<T>& g_points, Columns<T>* g_landmarks) {
     if constexpr (has_effect<E, ReadsFaceRamp>)
-        detail::set_weights_vjp<B>(config, config.exp_near, config.exp_far, points, landmarks,
+        detail::set_weights_vjp(backend, config, config.exp_near, config.exp_far, points, landmarks,
                                 trace.exp, [&](Index i) { return T(g.exp(0, i) - g.pose(0, i)); },
                                 g_points, g_landmarks);
     for_eyes([&]<std::size_t eye>() {
         if constexpr (skin_follows<E, eye>)
-            detail::set_weights_vjp<B>(config, config.gaze_near, config.gaze_far, points, landmarks,
+            detail::set_weights_vjp(backend, config, config.gaze_near, config.gaze_far, points, landmarks,
                                     of_eye<eye>(trace.gaze),
                                     [&](Index i) { return T(of_eye<eye>(g.gaze)(0, i)); },
                                     g_points, g_landmarks);

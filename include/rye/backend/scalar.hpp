@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/backend/scalar.hpp: the reference backend: plain loops over the templated formulas, for any
 /// scalar, and so also for double and for duals.
+///     ScalarBackend{}, ScalarBackend{Serial{}}, ScalarBackend{OpenMp{4}}
 #pragma once
 
 #include <rye/backend/backend.hpp>
@@ -9,8 +10,10 @@ namespace rye {
 
 template <Threads P = DefaultThreads>
 struct ScalarBackend {
-    using threads = P;
+    [[no_unique_address]] P threads{};
 };
+template <Threads P>
+ScalarBackend(P) -> ScalarBackend<P>;
 static_assert(Backend<ScalarBackend<>>);
 
 } // namespace rye

@@ -28,13 +28,16 @@ using DefaultArch = xsimd::default_arch;
 #endif
 
 /// The instruction set is a type, so units built for different ones do not collide.
+///     XsimdBackend{}, XsimdBackend{Serial{}}, XsimdBackend{OpenMp{4}}
 template <class Arch = DefaultArch, Threads P = DefaultThreads>
 struct XsimdBackend {
-    using threads = P;
+    [[no_unique_address]] P threads{};
     using arch = Arch;
     template <Real T>
     using batch = xsimd::batch<T, Arch>;
 };
+template <Threads P>
+XsimdBackend(P) -> XsimdBackend<DefaultArch, P>;
 static_assert(Backend<XsimdBackend<>>);
 
 template <class T, class A>

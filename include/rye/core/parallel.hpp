@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/core/parallel.hpp: threads with fixed chunks, so that results do not depend on their number.
-/// The kind of threading is a type and so part of every symbol that uses it: translation units
+/// rye/core/parallel.hpp: threads as values, and fixed chunks, so that results do not depend on the
+/// number of threads. A value says which threads run the work: none but the caller's (`Serial`),
+/// OpenMP's (`OpenMp`), a pool (core/thread_pool.hpp), or the host program's own, by any type that
+/// models `Threads`. The kind is a type and so part of every symbol that uses it: translation units
 /// built with and without OpenMP can be linked together.
 #pragma once
 
 #include <algorithm>
 #include <concepts>
 #include <exception>
+#include <type_traits>
 #include <vector>
 
 #include <rye/core/config.hpp>
@@ -17,44 +20,67 @@
 
 namespace rye {
 
-/// run(n, f) calls f(0) ... f(n - 1), each once, in any order, and returns when all are done.
-/// The first exception by index is rethrown.
+/// run(n, f) calls f(0) ... f(n - 1), each once, in any order and on any threads, and returns when
+/// all are done; size() is how many run at once. An exception of f must reach the caller of run; of
+/// several, the one of the lowest index.
 template <class P>
-concept Threads = requires(void (*f)(Index)) { P::run(Index(1), f); };
+concept Threads = std::copy_constructible<P> && requires(const P& p, void (*f)(Index)) {
+    p.run(Index(1), f);
+    { p.size() } -> std::convertible_to<int>;
+};
 
-/// One thread, in order.
+/// The calling thread, in order.
 struct Serial {
     template <std::invocable<Index> F>
-    static void run(Index n, F&& f) {
+    void run(Index n, F&& f) const {
         for (Index i = 0; i < n; ++i) f(i);
     }
-    static int count() { return 1; }
+    int size() const { return 1; }
 };
 static_assert(Threads<Serial>);
 
-#ifdef _OPENMP
-/// OpenMP's threads; omp_set_num_threads or OMP_NUM_THREADS says how many.
-struct OpenMp {
-    template <std::invocable<Index> F>
-    static void run(Index n, F&& f) {
-        if (n == 1) return f(0);
-        std::vector<std::exception_ptr> failed(static_cast<std::size_t>(n));
-        bool any = false;
-#pragma omp parallel for schedule(dynamic, 1)
-        for (Index i = 0; i < n; ++i) {
-            try {
-                f(i);
-            } catch (...) {
-                failed[static_cast<std::size_t>(i)] = std::current_exception();
-#pragma omp atomic write
-                any = true;
-            }
+namespace detail {
+
+/// The exceptions of n tasks; each task writes its own place.
+class TaskErrors {
+  public:
+    explicit TaskErrors(Index n) : errors_(static_cast<std::size_t>(n)) {}
+    /// Runs f(i) and keeps what it throws.
+    template <class F>
+    void guard(Index i, F&& f) {
+        try {
+            f(i);
+        } catch (...) {
+            errors_[static_cast<std::size_t>(i)] = std::current_exception();
         }
-        if (any)
-            for (const auto& e : failed)
-                if (e) std::rethrow_exception(e);
     }
-    static int count() { return omp_get_max_threads(); }
+    void rethrow_first() const {
+        for (const auto& e : errors_)
+            if (e) std::rethrow_exception(e);
+    }
+
+  private:
+    std::vector<std::exception_ptr> errors_;
+};
+
+} // namespace detail
+
+#ifdef _OPENMP
+/// OpenMP's threads. They wait as the OpenMP runtime is set to: GNU's spins by default, which takes
+/// the processor from other programs; OMP_WAIT_POLICY=passive or a `ThreadPool` sleeps.
+struct OpenMp {
+    int count = 0;  ///< number of threads; 0: as many as the runtime gives
+
+    template <std::invocable<Index> F>
+    void run(Index n, F&& f) const {
+        if (n == 1) return f(0);
+        detail::TaskErrors errors(n);
+        const int threads = size();
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
+        for (Index i = 0; i < n; ++i) errors.guard(i, f);
+        errors.rethrow_first();
+    }
+    int size() const { return count > 0 ? count : omp_get_max_threads(); }
 };
 static_assert(Threads<OpenMp>);
 using DefaultThreads = OpenMp;
@@ -68,17 +94,17 @@ constexpr Index chunk_count(Index n, Index grain) { return (n + grain - 1) / gra
 /// Calls f(begin, end, chunk) for the fixed chunks of [0, n).
 template <Threads P, class F>
     requires std::invocable<F, Index, Index, Index>
-void for_chunks(Index n, Index grain, F&& f) {
-    P::run(chunk_count(n, grain),
-           [&](Index c) { f(c * grain, std::min(n, (c + 1) * grain), c); });
+void for_chunks(const P& threads, Index n, Index grain, F&& f) {
+    threads.run(chunk_count(n, grain),
+                [&](Index c) { f(c * grain, std::min(n, (c + 1) * grain), c); });
 }
 
 /// Sums what f(begin, end) returns over fixed chunks, in the order of the chunks.
 template <Threads P, class R, class F>
     requires std::invocable<F, Index, Index>
-R sum_chunks(Index n, Index grain, const R& zero, F&& f) {
+R sum_chunks(const P& threads, Index n, Index grain, const R& zero, F&& f) {
     std::vector<R> parts(static_cast<std::size_t>(chunk_count(n, grain)), zero);
-    for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+    for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {
         parts[static_cast<std::size_t>(c)] = f(b, e);
     });
     R total = zero;

@@ -146,8 +146,8 @@ void nearest_faces(const Columns<W>& camera, const std::vector<Face>& faces,
 } // namespace detail
 
 /// Draws vertices (3 x M, world) and faces with attributes (C x M). No faces: an empty image.
-template <Backend B, class T>
-MeshRaster<T> rasterize_mesh(const ColumnsView<T>& vertices, const std::vector<Face>& faces,
+template <class T, Backend B>
+MeshRaster<T> rasterize_mesh(const B& backend, const ColumnsView<T>& vertices, const std::vector<Face>& faces,
                              const Pinhole<real_t<T>>& camera, const ColumnsView<T>& attributes,
                              const MeshRasterSettings& settings = {}) {
     using W = widened_t<T>;
@@ -170,7 +170,7 @@ MeshRaster<T> rasterize_mesh(const ColumnsView<T>& vertices, const std::vector<F
     const FaceBands bands = face_bands(boxes, width, height, settings.silhouette.pixels(width));
     out.silhouettes.resize(static_cast<std::size_t>(bands.count()));
 
-    for_chunks<typename B::threads>(height, FaceBands::rows, [&](Index y0, Index y1, Index band) {
+    for_chunks(backend.threads, height, FaceBands::rows, [&](Index y0, Index y1, Index band) {
         const Index* first = bands.faces.data() + bands.begin[static_cast<std::size_t>(band)];
         const Index* last = bands.faces.data() + bands.begin[static_cast<std::size_t>(band) + 1];
         const int row = static_cast<int>(y0), rows = static_cast<int>(y1 - y0);
@@ -209,8 +209,8 @@ MeshRaster<T> rasterize_mesh(const ColumnsView<T>& vertices, const std::vector<F
 }
 
 /// Gradients to vertices and attributes from those to the images.
-template <Backend B, class T>
-MeshRasterGradient<T> rasterize_mesh_vjp(const MeshRaster<T>& raster,
+template <class T, Backend B>
+MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& raster,
                                          const std::vector<Face>& faces,
                                          const Pinhole<real_t<T>>& camera,
                                          const ColumnsView<T>& attributes,
@@ -237,8 +237,7 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const MeshRaster<T>& raster,
     Columns<W> corner(9,
                       static_cast<Index>(drawn.size())); // gradients to the corners, camera frame
     std::vector<std::vector<ImageShare>> outline(raster.silhouettes.size());
-    for_chunks<
-        typename B::threads>(static_cast<Index>(outline.size()), 1, [&](Index b, Index, Index) {
+    for_chunks(backend.threads, static_cast<Index>(outline.size()), 1, [&](Index b, Index, Index) {
         const std::size_t band = static_cast<std::size_t>(b);
         for (Index i = band_begin[band]; i < band_begin[band + 1]; ++i) {
             const Index p = drawn[static_cast<std::size_t>(i)];
@@ -287,7 +286,7 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const MeshRaster<T>& raster,
     MeshRasterGradient<T> out{{}, Columns<T>::Zero(attributes.rows(), attributes.cols())};
     constexpr int block = 16;  // channels a task: one cache line of floats
     const Index blocks = g.attributes ? chunk_count(attributes.rows(), block) : 0;
-    for_chunks<typename B::threads>(1 + blocks, 1, [&](Index task, Index, Index) {
+    for_chunks(backend.threads, 1 + blocks, 1, [&](Index task, Index, Index) {
         if (task > 0) {
             const Index c = (task - 1) * block;
             const auto add = [&](auto size) {

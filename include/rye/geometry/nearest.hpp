@@ -18,8 +18,8 @@ namespace rye {
 
 /// Mean squared distance of each point (3 x N) to its `k` nearest others, 1 x N. Fewer than k
 /// others: the mean over those; a point alone: 0.
-template <Backend B, Real T>
-Columns<T> mean_squared_neighbour_distance(const Columns<T>& points, int k = 3) {
+template <Real T, Backend B>
+Columns<T> mean_squared_neighbour_distance(const B& backend, const Columns<T>& points, int k = 3) {
     const Index n = points.cols();
     Columns<T> result = Columns<T>::Zero(1, n);
     if (n < 2) return result;
@@ -46,7 +46,7 @@ Columns<T> mean_squared_neighbour_distance(const Columns<T>& points, int k = 3) 
         order[static_cast<std::size_t>(next[flat(cell_of(i))]++)] = i;
 
     const std::size_t wanted = static_cast<std::size_t>(std::min<Index>(k, n - 1));
-    for_chunks<typename B::threads>(n, 1024, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
         std::vector<T> best;
         for (Index i = b; i < e; ++i) {
             const std::array<Index, 3> home = cell_of(i);

@@ -66,8 +66,8 @@ inline constexpr Index dssim_rows = 8;
 } // namespace detail
 
 /// 1 - mean SSIM over all pixels and channels, and its cotangent of a. Images in 0..1.
-template <Backend B, class T>
-LossGradient<T> dssim(const Image<T>& a, const Image<T>& b) {
+template <class T, Backend B>
+LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
     using W = widened_t<T>;
     detail::require_same_shape<T>("dssim", a.pixels, b.pixels, Columns<T>());
     const detail::Window<T> window(a);
@@ -78,8 +78,7 @@ LossGradient<T> dssim(const Image<T>& a, const Image<T>& b) {
     const auto share =
         static_cast<real_t<T>>(-1.0 / static_cast<double>(std::max<Index>(size, 1)));
 
-    const W sum = sum_chunks<typename B::threads>(
-        window.height, detail::dssim_rows, W(0), [&](Index first, Index last) {
+    const W sum = sum_chunks(backend.threads, window.height, detail::dssim_rows, W(0), [&](Index first, Index last) {
             VecX<T> lines = VecX<T>::Zero(4 * padded), ssim(row);
             T *const line_x = lines.data(), *const line_y = line_x + padded,
                      *const line_squares = line_y + padded, *const line_xy = line_squares + padded;
@@ -124,7 +123,7 @@ LossGradient<T> dssim(const Image<T>& a, const Image<T>& b) {
 
     LossGradient<T> loss{T(1) + T(share) * scalar_cast<T>(sum), {}};
     loss.gradient.resize(a.pixels.rows(), a.pixels.cols());
-    for_chunks<typename B::threads>(
+    for_chunks(backend.threads, 
         window.height, detail::dssim_rows, [&](Index first, Index last, Index) {
             VecX<T> lines = VecX<T>::Zero(3 * padded);
             T *const line_x = lines.data(), *const line_xx = line_x + padded,

@@ -43,14 +43,14 @@ struct LpipsWeights {
 namespace detail {
 
 /// One slice: the value, and the cotangent of the first features.
-template <Backend B, class T>
-LossGradient<T> lpips_slice(const Columns<T>& fa, const Columns<T>& fb, const Columns<T>& weight) {
+template <class T, Backend B>
+LossGradient<T> lpips_slice(const B& backend, const Columns<T>& fa, const Columns<T>& fb, const Columns<T>& weight) {
     using std::sqrt;
     LossGradient<T> loss{T(0), Columns<T>(fa.rows(), fa.cols())};
     const T eps(static_cast<real_t<T>>(lpips_eps));
     const T share(static_cast<real_t<T>>(1.0 / static_cast<double>(fa.cols())));
     const T sum =
-        sum_chunks<typename B::threads>(fa.cols(), 256, T(0), [&](Index first, Index last) {
+        sum_chunks(backend.threads, fa.cols(), 256, T(0), [&](Index first, Index last) {
             T total(0);
             for (Index j = first; j < last; ++j) {
                 const T ra = sqrt(fa.col(j).squaredNorm()), rb = sqrt(fb.col(j).squaredNorm());
@@ -88,26 +88,27 @@ Image<T> lpips_input(const Image<T>& image) {
 } // namespace detail
 
 /// A PerceptualLoss with the gradient of the first image.
-template <Backend B, class T>
+template <class T>
 struct LpipsVgg {
     LpipsWeights<T> weights;
 
-    LossGradient<T> operator()(const Image<T>& a, const Image<T>& b) const {
+    template <Backend B>
+    LossGradient<T> operator()(const B& backend, const Image<T>& a, const Image<T>& b) const {
         detail::require_same_shape<T>("LpipsVgg", a.pixels, b.pixels, Columns<T>());
         require(a.channels() == 3, "LpipsVgg",
                 "got " + std::to_string(a.channels()) + " channels, expected 3");
-        const VggTrace<T> ta = vgg_forward<B>(weights.net, detail::lpips_input(a));
-        const VggTrace<T> tb = vgg_forward<B>(weights.net, detail::lpips_input(b));
+        const VggTrace<T> ta = vgg_forward(backend, weights.net, detail::lpips_input(a));
+        const VggTrace<T> tb = vgg_forward(backend, weights.net, detail::lpips_input(b));
         LossGradient<T> loss;
         std::array<Columns<T>, vgg_slices> g;
         for (std::size_t s = 0; s < vgg_slices; ++s) {
             const int slice = static_cast<int>(s);
-            LossGradient<T> part = detail::lpips_slice<B, T>(
+            LossGradient<T> part = detail::lpips_slice<T>(backend, 
                 ta.feature(slice).pixels, tb.feature(slice).pixels, weights.linear[s]);
             loss.value += part.value;
             g[s] = std::move(part.gradient);
         }
-        loss.gradient = vgg_vjp_input<B>(weights.net, ta, g);
+        loss.gradient = vgg_vjp_input(backend, weights.net, ta, g);
         for (std::size_t c = 0; c < 3; ++c)
             loss.gradient.row(static_cast<Index>(c)) *=
                 T(static_cast<real_t<T>>(2.0 / lpips_scale[c]));

@@ -65,11 +65,11 @@ LossTerm<T> mean_absolute(const ColumnsView<T>& x) {
 
 /// L_RGB: mean over pixels and channels of |(color - target) visible|. color, target: 3 x P,
 /// visible: 1 x P. Invisible pixels count in the mean, as zeros.
-template <Backend B, class T>
-LossTerm<T> color_term(const std::type_identity_t<ColumnsView<T>>& color,
+template <class T, Backend B>
+LossTerm<T> color_term(const B& backend, const std::type_identity_t<ColumnsView<T>>& color,
                        const std::type_identity_t<ColumnsView<T>>& target,
                        const Columns<T>& visible) {
-    return {masked_l1<B, T>(color, target, visible), color.size()};
+    return {masked_l1<T>(backend, color, target, visible), color.size()};
 }
 
 /// L_sil: 1 - sum ab / (sum (a + b - ab) + 1e-10) with a = soft visible, b = mask visible, all

@@ -17,10 +17,11 @@
 
 namespace rye {
 
-/// loss(a, b): value, and cotangent of a.
+/// loss(backend, a, b): value, and cotangent of a.
 template <class L>
-concept PerceptualLoss = requires(const L& loss, const Image<float>& a) {
-    { loss(a, a) } -> std::same_as<LossGradient<float>>;
+concept PerceptualLoss = requires(const L& loss, const ScalarBackend<>& backend,
+                                  const Image<float>& a) {
+    { loss(backend, a, a) } -> std::same_as<LossGradient<float>>;
 };
 
 /// sum over levels of weight (mean |horizontal difference| + mean |vertical difference|), of a - b.
@@ -30,12 +31,8 @@ struct PyramidGradientLoss {
     /// edge, and a blur moves the fine ones, so neither needs to be raised.
     std::array<double, 3> weight{1.0, 1.0, 1.0};
 
-    template <class T>
-    LossGradient<T> operator()(const Image<T>& a, const Image<T>& b) const {
-        return run<ScalarBackend<>>(a, b);
-    }
-    template <Backend B, class T>
-    LossGradient<T> run(const Image<T>& a, const Image<T>& b) const;
+    template <class T, Backend B>
+    LossGradient<T> operator()(const B& backend, const Image<T>& a, const Image<T>& b) const;
 };
 static_assert(PerceptualLoss<PyramidGradientLoss>);
 
@@ -54,11 +51,11 @@ Image<T> unwritten(int width, int height, Index channels) {
     return image;
 }
 
-template <Backend B, class T>
-Image<T> halved(const Image<T>& in) {
+template <class T, Backend B>
+Image<T> halved(const B& backend, const Image<T>& in) {
     Image<T> out = unwritten<T>(in.width / 2, in.height / 2, in.channels());
     const Index c = in.channels(), below = in.width * c;
-    for_chunks<typename B::threads>(out.height, pyramid_rows, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, out.height, pyramid_rows, [&](Index b, Index e, Index) {
         for (Index y = b; y < e; ++y) {
             const T* p = in.pixels.data() + 2 * y * below;
             T* to = out.pixels.data() + y * out.width * c;
@@ -71,8 +68,8 @@ Image<T> halved(const Image<T>& in) {
 }
 
 /// mean |d(i + 1) - d(i)| along both axes, times weight; sets g to its slope.
-template <Backend B, class T>
-T difference_l1(const Image<T>& d, double weight, Image<T>& g) {
+template <class T, Backend B>
+T difference_l1(const B& backend, const Image<T>& d, double weight, Image<T>& g) {
     using std::abs;
     const Index w = d.width, h = d.height, c = d.channels(), row = w * c;
     // Mean over the differences that exist; an axis of one pixel has none.
@@ -80,7 +77,7 @@ T difference_l1(const Image<T>& d, double weight, Image<T>& g) {
         return static_cast<real_t<T>>(n > 0 ? weight / static_cast<double>(n) : 0.0);
     };
     const real_t<T> across = share((w - 1) * h * c), down = share(w * (h - 1) * c);
-    return sum_chunks<typename B::threads>(h, pyramid_rows, T(0), [&](Index first, Index last) {
+    return sum_chunks(backend.threads, h, pyramid_rows, T(0), [&](Index first, Index last) {
         T total(0);
         VecX<T> values(row);
         for (Index y = first; y < last; ++y) {
@@ -120,12 +117,12 @@ T difference_l1(const Image<T>& d, double weight, Image<T>& g) {
 
 } // namespace detail
 
-template <Backend B, class T>
-LossGradient<T> PyramidGradientLoss::run(const Image<T>& a, const Image<T>& b) const {
+template <class T, Backend B>
+LossGradient<T> PyramidGradientLoss::operator()(const B& backend, const Image<T>& a, const Image<T>& b) const {
     detail::require_same_shape<T>("PyramidGradientLoss", a.pixels, b.pixels, Columns<T>());
     std::vector<Image<T>> d, g;
     d.push_back(detail::unwritten<T>(a.width, a.height, a.channels()));
-    for_chunks<typename B::threads>(a.pixels.size(), 16384, [&](Index first, Index last, Index) {
+    for_chunks(backend.threads, a.pixels.size(), 16384, [&](Index first, Index last, Index) {
         transform_array<B>(
             last - first, d[0].pixels.data() + first,
             [](const auto& x, const auto& y) { return x - y; }, a.pixels.data() + first,
@@ -133,14 +130,14 @@ LossGradient<T> PyramidGradientLoss::run(const Image<T>& a, const Image<T>& b) c
     });
     LossGradient<T> loss;
     for (std::size_t level = 0; level < weight.size(); ++level) {
-        if (level > 0) d.push_back(detail::halved<B>(d.back()));
+        if (level > 0) d.push_back(detail::halved(backend, d.back()));
         g.push_back(detail::unwritten<T>(d.back().width, d.back().height, a.channels()));
-        loss.value += detail::difference_l1<B>(d.back(), weight[level], g.back());
+        loss.value += detail::difference_l1(backend, d.back(), weight[level], g.back());
     }
     for (std::size_t level = weight.size() - 1; level > 0; --level) {
         const Image<T>& coarse = g[level];
         Image<T>& fine = g[level - 1];
-        for_chunks<typename B::threads>(
+        for_chunks(backend.threads, 
             coarse.height, detail::pyramid_rows, [&](Index first, Index last, Index) {
                 const Index c = a.channels();
                 for (Index y = 2 * first; y < 2 * last; ++y) {

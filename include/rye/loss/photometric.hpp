@@ -45,8 +45,8 @@ void require_same_shape(const char* who, const ColumnsView<T>& a, const ColumnsV
 
 /// mean |mask (a - b)| over all pixels and channels, whatever the mask; its slope at 0 is 0. Adds
 /// `weight` times its cotangent of a to g. a, b, g: channels x pixels; mask: 1 x pixels or empty.
-template <Backend B, class T>
-T add_masked_l1(const std::type_identity_t<ColumnsView<T>>& a,
+template <class T, Backend B>
+T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
                 const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask,
                 const std::type_identity_t<T>& weight, std::type_identity_t<ColumnsSpan<T>> g) {
     using std::abs;
@@ -55,8 +55,7 @@ T add_masked_l1(const std::type_identity_t<ColumnsView<T>>& a,
     if (a.size() == 0) return T(0);
     const T share(static_cast<real_t<T>>(1.0 / static_cast<double>(a.size())));
     const Index channels = a.rows();
-    const W sum = sum_chunks<typename B::threads>(
-        a.cols(), detail::loss_grain, W(0), [&](Index first, Index last) {
+    const W sum = sum_chunks(backend.threads, a.cols(), detail::loss_grain, W(0), [&](Index first, Index last) {
             W total(0);
             for (Index j = first; j < last; ++j) {
                 const T m = mask.size() ? mask(j) : T(1);
@@ -79,12 +78,12 @@ T add_masked_l1(const std::type_identity_t<ColumnsView<T>>& a,
     return scalar_cast<T>(W(sum * W(1.0 / static_cast<double>(a.size()))));
 }
 
-template <Backend B, class T>
-LossGradient<T> masked_l1(const std::type_identity_t<ColumnsView<T>>& a,
+template <class T, Backend B>
+LossGradient<T> masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
                           const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask) {
     detail::require_same_shape<T>("masked_l1", a, b, mask);
     LossGradient<T> loss{T(0), Columns<T>::Zero(a.rows(), a.cols())};
-    loss.value = add_masked_l1<B, T>(a, b, mask, T(1), loss.gradient);
+    loss.value = add_masked_l1<T>(backend, a, b, mask, T(1), loss.gradient);
     return loss;
 }
 

@@ -39,11 +39,11 @@ struct Doubling {
 };
 
 /// Writes the doubled f(in); `row(y)` is where row y of the output (2 width pixels) begins.
-template <Backend B, class T, class F, class Row>
-void double_into(const Image<T>& in, const F& f, const Row& row) {
+template <class T, class F, class Row, Backend B>
+void double_into(const B& backend, const Image<T>& in, const F& f, const Row& row) {
     const Index w = in.width, c = in.channels();
     const Doubling across(w), down(in.height);
-    for_chunks<typename B::threads>(2 * in.height, 16, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, 2 * in.height, 16, [&](Index b, Index e, Index) {
         Columns<T> line(c, w);
         for (Index y = b; y < e; ++y) {
             const auto [top, bottom] = down.from[static_cast<std::size_t>(y)];
@@ -63,22 +63,22 @@ void double_into(const Image<T>& in, const F& f, const Row& row) {
     });
 }
 
-template <Backend B, class T>
-Image<T> doubled(const Image<T>& in) {
+template <class T, Backend B>
+Image<T> doubled(const B& backend, const Image<T>& in) {
     Image<T> out(2 * in.width, 2 * in.height, in.channels());
-    double_into<B>(
+    double_into(backend, 
         in, [](const auto& x) { return x; },
         [&](Index y) { return out.pixels.data() + y * out.width * out.pixels.rows(); });
     return out;
 }
 
 /// The cotangent of the input: every input row gathers from the output rows that read it.
-template <Backend B, class T>
-Image<T> doubled_vjp(const Image<T>& g) {
+template <class T, Backend B>
+Image<T> doubled_vjp(const B& backend, const Image<T>& g) {
     Image<T> out(g.width / 2, g.height / 2, g.channels());
     const Index w = out.width, c = g.channels();
     const Doubling across(w), down(out.height);
-    for_chunks<typename B::threads>(out.height, 8, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, out.height, 8, [&](Index b, Index e, Index) {
         Columns<T> line(c, 2 * w);
         for (Index y = b; y < e; ++y) {
             line.setZero();

@@ -44,13 +44,13 @@ struct Padded {
 inline Index rows_per_chunk(int width) { return std::max<Index>(1, 2048 / std::max(width, 1)); }
 
 /// f of every pixel inside the border, of one image or of several of the same shape.
-template <Backend B, class T, class F, class... More>
-Padded<T> padded(const Image<T>& in, const F& f, const More&... more) {
+template <class T, class F, Backend B, class... More>
+Padded<T> padded(const B& backend, const Image<T>& in, const F& f, const More&... more) {
     const Index w = in.width, c = in.channels(), pitch = w + 2;
     Padded<T> out{in.width, in.height, Columns<T>(c, pitch * (in.height + 2))};
     out.pixels.leftCols(pitch).setZero();
     out.pixels.rightCols(pitch).setZero();
-    for_chunks<typename B::threads>(
+    for_chunks(backend.threads, 
         in.height, rows_per_chunk(in.width), [&](Index b, Index e, Index) {
             for (Index y = b; y < e; ++y) {
                 const Index row = (y + 1) * pitch;
@@ -63,9 +63,9 @@ Padded<T> padded(const Image<T>& in, const F& f, const More&... more) {
         });
     return out;
 }
-template <Backend B, class T>
-Padded<T> padded(const Image<T>& in) {
-    return padded<B>(in, [](const auto& x) { return x; });
+template <class T, Backend B>
+Padded<T> padded(const B& backend, const Image<T>& in) {
+    return padded(backend, in, [](const auto& x) { return x; });
 }
 
 namespace detail {
@@ -83,8 +83,8 @@ bool runs_in_lanes(Index outputs, Index inputs, Index width) {
 } // namespace detail
 
 /// weight: out x 9 in. Returns an image of `out` channels.
-template <Backend B, class T>
-Image<T> convolve3x3(const Columns<T>& weight, const Padded<T>& in) {
+template <class T, Backend B>
+Image<T> convolve3x3(const B& backend, const Columns<T>& weight, const Padded<T>& in) {
     const Index k = 3 * in.channels();
     RYE_ASSERT(weight.cols() == 3 * k, "convolve3x3: channels of weight and image differ");
     Image<T> out;
@@ -92,7 +92,7 @@ Image<T> convolve3x3(const Columns<T>& weight, const Padded<T>& in) {
     out.height = in.height;
     out.pixels.resize(weight.rows(), out.size());
     const bool lanes = detail::runs_in_lanes<B, T>(weight.rows(), in.channels(), in.width);
-    for_chunks<typename B::threads>(
+    for_chunks(backend.threads, 
         in.height, rows_per_chunk(in.width), [&](Index b, Index e, Index) {
             for (Index y = b; y < e; ++y) {
                 if constexpr (LaneBackend<B, T>)
@@ -124,23 +124,23 @@ Columns<T> adjoint_weight3x3(const Columns<T>& weight) {
 }
 
 /// The cotangent of the input from that of the output.
-template <Backend B, class T>
-Image<T> convolve3x3_vjp_input(const Columns<T>& weight, const Padded<T>& g) {
-    return convolve3x3<B>(adjoint_weight3x3(weight), g);
+template <class T, Backend B>
+Image<T> convolve3x3_vjp_input(const B& backend, const Columns<T>& weight, const Padded<T>& g) {
+    return convolve3x3(backend, adjoint_weight3x3(weight), g);
 }
-template <Backend B, class T>
-Image<T> convolve3x3_vjp_input(const Columns<T>& weight, const Image<T>& g) {
-    return convolve3x3_vjp_input<B>(weight, padded<B>(g));
+template <class T, Backend B>
+Image<T> convolve3x3_vjp_input(const B& backend, const Columns<T>& weight, const Image<T>& g) {
+    return convolve3x3_vjp_input(backend, weight, padded(backend, g));
 }
 
 /// Adds the cotangent of the weights: partial sums over at most 16 bands of rows, merged in order.
-template <Backend B, class T>
-void convolve3x3_vjp_weight(const Padded<T>& in, const Padded<T>& g, Columns<T>& g_weight) {
+template <class T, Backend B>
+void convolve3x3_vjp_weight(const B& backend, const Padded<T>& in, const Padded<T>& g, Columns<T>& g_weight) {
     const Index k = 3 * in.channels();
     const Index rows = std::max(rows_per_chunk(in.width), chunk_count(in.height, 16));
     const bool lanes = detail::runs_in_lanes<B, T>(g.channels(), in.channels(), in.width);
     std::vector<Columns<T>> parts(static_cast<std::size_t>(chunk_count(in.height, rows)));
-    for_chunks<typename B::threads>(in.height, rows, [&](Index b, Index e, Index c) {
+    for_chunks(backend.threads, in.height, rows, [&](Index b, Index e, Index c) {
         Columns<T>& part = parts[static_cast<std::size_t>(c)];
         part.setZero(g_weight.rows(), g_weight.cols());
         for (Index y = b; y < e; ++y) {

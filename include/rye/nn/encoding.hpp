@@ -60,19 +60,19 @@ Columns<typename Y::Scalar> positional_encoding_vjp(const Eigen::MatrixBase<Y>& 
 }
 
 /// The same for many points, on the backend's threads. A chunk of 1024 columns is whole vectors.
-template <Backend B, class T>
-void encode_points(const Columns<T>& x, int frequencies, Columns<T>& y) {
+template <class T, Backend B>
+void encode_points(const B& backend, const Columns<T>& x, int frequencies, Columns<T>& y) {
     y.resize(encoded_size(x.rows(), frequencies), x.cols());
-    for_chunks<typename B::threads>(x.cols(), 1024, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, x.cols(), 1024, [&](Index b, Index e, Index) {
         y.middleCols(b, e - b) = positional_encoding(x.middleCols(b, e - b), frequencies);
     });
 }
 
 /// Adds the cotangents of many points to g_x.
-template <Backend B, class T>
-void encode_points_vjp(const Columns<T>& y, const Columns<T>& g, int frequencies,
+template <class T, Backend B>
+void encode_points_vjp(const B& backend, const Columns<T>& y, const Columns<T>& g, int frequencies,
                        Columns<T>& g_x) {
-    for_chunks<typename B::threads>(y.cols(), 1024, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, y.cols(), 1024, [&](Index b, Index e, Index) {
         g_x.middleCols(b, e - b) += positional_encoding_vjp(
             y.middleCols(b, e - b), g.middleCols(b, e - b), frequencies);
     });

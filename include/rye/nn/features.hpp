@@ -83,10 +83,10 @@ Index largest_of_four(const Image<T>& in, Index x, Index y, Index channel) {
 }
 
 /// The maximum over 2 x 2 pixels; an odd last row or column is left out.
-template <Backend B, class T>
-Image<T> max_pool(const Image<T>& in) {
+template <class T, Backend B>
+Image<T> max_pool(const B& backend, const Image<T>& in) {
     Image<T> out(in.width / 2, in.height / 2, in.channels());
-    for_chunks<typename B::threads>(out.height, 8, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, out.height, 8, [&](Index b, Index e, Index) {
         for (Index y = b; y < e; ++y)
             for (Index x = 0; x < out.width; ++x)
                 for (Index c = 0; c < in.channels(); ++c)
@@ -95,10 +95,10 @@ Image<T> max_pool(const Image<T>& in) {
     return out;
 }
 
-template <Backend B, class T>
-Image<T> max_pool_vjp(const Image<T>& in, const Image<T>& g) {
+template <class T, Backend B>
+Image<T> max_pool_vjp(const B& backend, const Image<T>& in, const Image<T>& g) {
     Image<T> out(in.width, in.height, in.channels());
-    for_chunks<typename B::threads>(g.height, 8, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, g.height, 8, [&](Index b, Index e, Index) {
         for (Index y = b; y < e; ++y)
             for (Index x = 0; x < g.width; ++x)
                 for (Index c = 0; c < in.channels(); ++c)
@@ -107,10 +107,10 @@ Image<T> max_pool_vjp(const Image<T>& in, const Image<T>& g) {
     return out;
 }
 
-template <Backend B, class T>
-void add_bias_relu(Image<T>& image, const Columns<T>& bias) {
+template <class T, Backend B>
+void add_bias_relu(const B& backend, Image<T>& image, const Columns<T>& bias) {
     const Index c = image.channels();
-    for_chunks<typename B::threads>(image.size(), 1024, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, image.size(), 1024, [&](Index b, Index e, Index) {
         for (Index j = b; j < e; ++j) {
             T* p = image.pixels.col(j).data();
             transform_array<B>(
@@ -121,8 +121,8 @@ void add_bias_relu(Image<T>& image, const Columns<T>& bias) {
 
 } // namespace detail
 
-template <Backend B, class T>
-VggTrace<T> vgg_forward(const Vgg<T>& net, const Image<T>& in) {
+template <class T, Backend B>
+VggTrace<T> vgg_forward(const B& backend, const Vgg<T>& net, const Image<T>& in) {
     require(in.channels() == net.shape.in_channels && in.width >= 16 && in.height >= 16,
             "vgg_forward",
             "got " + std::to_string(in.channels()) + " channels of " + std::to_string(in.width) +
@@ -132,19 +132,19 @@ VggTrace<T> vgg_forward(const Vgg<T>& net, const Image<T>& in) {
     for (std::size_t slice = 0; slice < vgg_slices; ++slice)
         for (int k = 0; k < net.shape.convolutions[slice]; ++k) {
             const std::size_t l = t.layer.size();
-            const Padded<T> x = l == 0   ? padded<B>(in)
-                                : k == 0 ? padded<B>(detail::max_pool<B>(t.layer[l - 1]))
-                                         : padded<B>(t.layer[l - 1]);
-            t.layer.push_back(convolve3x3<B>(net.weight[l], x));
-            detail::add_bias_relu<B>(t.layer.back(), net.bias[l]);
+            const Padded<T> x = l == 0   ? padded(backend, in)
+                                : k == 0 ? padded(backend, detail::max_pool(backend, t.layer[l - 1]))
+                                         : padded(backend, t.layer[l - 1]);
+            t.layer.push_back(convolve3x3(backend, net.weight[l], x));
+            detail::add_bias_relu(backend, t.layer.back(), net.bias[l]);
             t.slice_end[slice] = l;
         }
     return t;
 }
 
 /// The cotangent of the input from those of the five features (channels x pixels each).
-template <Backend B, class T>
-Columns<T> vgg_vjp_input(const Vgg<T>& net, const VggTrace<T>& t,
+template <class T, Backend B>
+Columns<T> vgg_vjp_input(const B& backend, const Vgg<T>& net, const VggTrace<T>& t,
                          const std::array<Columns<T>, vgg_slices>& g_features) {
     Image<T> g;
     std::size_t l = t.layer.size();
@@ -155,19 +155,19 @@ Columns<T> vgg_vjp_input(const Vgg<T>& net, const VggTrace<T>& t,
             g.height = feature.height;
             g.pixels = g_features[slice];
         } else {
-            g = detail::max_pool_vjp<B>(feature, g);
+            g = detail::max_pool_vjp(backend, feature, g);
             g.pixels += g_features[slice];
         }
         for (int k = 0; k < net.shape.convolutions[slice]; ++k) {
             --l;
             const Columns<T>& y = t.layer[l].pixels;
-            for_chunks<typename B::threads>(y.size(), 16384, [&](Index b, Index e, Index) {
+            for_chunks(backend.threads, y.size(), 16384, [&](Index b, Index e, Index) {
                 T* to = g.pixels.data() + b;
                 transform_array<B>(
                     e - b, to, [](const auto& v, const auto& gv) { return relu_vjp(v, gv); },
                     y.data() + b, to);
             });
-            g = convolve3x3_vjp_input<B>(net.weight[l], g);
+            g = convolve3x3_vjp_input(backend, net.weight[l], g);
         }
     }
     return std::move(g.pixels);

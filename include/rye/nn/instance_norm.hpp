@@ -22,11 +22,10 @@ namespace detail {
 inline constexpr Index norm_block = 256;
 
 /// Mean over pixels of f(begin, count), a channels x 1 sum over a block of pixels.
-template <Backend B, class T, class F>
-VecX<T> pixel_mean(Index channels, Index pixels, const F& f) {
+template <class T, class F, Backend B>
+VecX<T> pixel_mean(const B& backend, Index channels, Index pixels, const F& f) {
     const VecX<T> zero = VecX<T>::Zero(channels);
-    const VecX<T> sum = sum_chunks<typename B::threads>(
-        chunk_count(pixels, norm_block), 16, zero, [&](Index first, Index last) {
+    const VecX<T> sum = sum_chunks(backend.threads, chunk_count(pixels, norm_block), 16, zero, [&](Index first, Index last) {
             VecX<T> s = zero;
             for (Index c = first; c < last; ++c) {
                 const Index b = c * norm_block;
@@ -40,39 +39,39 @@ VecX<T> pixel_mean(Index channels, Index pixels, const F& f) {
 } // namespace detail
 
 /// Normalises in place; returns 1 / sqrt(variance + eps) of each channel.
-template <Backend B, class T>
-VecX<T> instance_norm(Columns<T>& x) {
+template <class T, Backend B>
+VecX<T> instance_norm(const B& backend, Columns<T>& x) {
     using std::sqrt;
-    const VecX<T> mean = detail::pixel_mean<B, T>(
+    const VecX<T> mean = detail::pixel_mean<T>(backend, 
         x.rows(), x.cols(),
         [&](Index b, Index n) -> VecX<T> { return x.middleCols(b, n).rowwise().sum(); });
     const VecX<T> variance =
-        detail::pixel_mean<B, T>(x.rows(), x.cols(), [&](Index b, Index n) -> VecX<T> {
+        detail::pixel_mean<T>(backend, x.rows(), x.cols(), [&](Index b, Index n) -> VecX<T> {
             VecX<T> s = VecX<T>::Zero(x.rows());
             for (Index j = b; j < b + n; ++j) s += (x.col(j) - mean).cwiseAbs2();
             return s;
         });
     const VecX<T> gain =
         variance.unaryExpr([](const T& v) { return T(T(1) / sqrt(v + T(real_t<T>(norm_eps)))); });
-    for_chunks<typename B::threads>(x.cols(), 4096, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, x.cols(), 4096, [&](Index b, Index e, Index) {
         for (Index j = b; j < e; ++j) x.col(j) = (x.col(j) - mean).cwiseProduct(gain);
     });
     return gain;
 }
 
 /// Turns the cotangent of the output y into that of the input, in place.
-template <Backend B, class T>
-void instance_norm_vjp(const Columns<T>& y, const VecX<T>& gain, Columns<T>& g) {
-    const VecX<T> mean_g = detail::pixel_mean<B, T>(
+template <class T, Backend B>
+void instance_norm_vjp(const B& backend, const Columns<T>& y, const VecX<T>& gain, Columns<T>& g) {
+    const VecX<T> mean_g = detail::pixel_mean<T>(backend, 
         y.rows(), y.cols(),
         [&](Index b, Index n) -> VecX<T> { return g.middleCols(b, n).rowwise().sum(); });
     const VecX<T> mean_gy =
-        detail::pixel_mean<B, T>(y.rows(), y.cols(), [&](Index b, Index n) -> VecX<T> {
+        detail::pixel_mean<T>(backend, y.rows(), y.cols(), [&](Index b, Index n) -> VecX<T> {
             VecX<T> s = VecX<T>::Zero(y.rows());
             for (Index j = b; j < b + n; ++j) s += g.col(j).cwiseProduct(y.col(j));
             return s;
         });
-    for_chunks<typename B::threads>(y.cols(), 4096, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, y.cols(), 4096, [&](Index b, Index e, Index) {
         for (Index j = b; j < e; ++j)
             g.col(j) = (g.col(j) - mean_g - y.col(j).cwiseProduct(mean_gy)).cwiseProduct(gain);
     });

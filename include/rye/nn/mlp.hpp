@@ -177,8 +177,8 @@ void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const MlpShape& s, 
 
 /// points: point_inputs x N, frame: frame_inputs. Returns outputs x N, without a last activation.
 /// The trace may be null.
-template <Backend B, class T>
-Columns<T> mlp_forward(const Mlp<T>& m, const std::type_identity_t<ColumnsView<T>>& points,
+template <class T, Backend B>
+Columns<T> mlp_forward(const B& backend, const Mlp<T>& m, const std::type_identity_t<ColumnsView<T>>& points,
                        const std::type_identity_t<VecX<T>>& frame,
                        std::type_identity_t<MlpTrace<T>>* trace) {
     const MlpShape& s = m.shape;
@@ -193,7 +193,7 @@ Columns<T> mlp_forward(const Mlp<T>& m, const std::type_identity_t<ColumnsView<T
             trace->hidden[static_cast<std::size_t>(l)].resize(s.layer_out(l), n);
     }
     Columns<T> y(s.outputs(), n);
-    for_chunks<typename B::threads>(n, detail::mlp_block(s), [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, n, detail::mlp_block(s), [&](Index b, Index e, Index) {
         std::vector<Columns<T>> local(trace ? 0 : 2);
         const ColumnsView<T> x = points.middleCols(b, e - b);
         Columns<T> none;
@@ -213,8 +213,8 @@ Columns<T> mlp_forward(const Mlp<T>& m, const std::type_identity_t<ColumnsView<T
 }
 
 /// Adds to g_params; overwrites g_points (point_inputs x N) and g_frame, each of which may be null.
-template <Backend B, class T>
-void mlp_vjp(const Mlp<T>& m, const std::type_identity_t<ColumnsView<T>>& points,
+template <class T, Backend B>
+void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<ColumnsView<T>>& points,
              const std::type_identity_t<VecX<T>>& frame, const MlpTrace<T>& trace,
              const std::type_identity_t<ColumnsView<T>>& g_out, Mlp<T>& g_params,
              std::type_identity_t<Columns<T>>* g_points, std::type_identity_t<VecX<T>>* g_frame) {
@@ -236,7 +236,7 @@ void mlp_vjp(const Mlp<T>& m, const std::type_identity_t<ColumnsView<T>>& points
     const auto alone = [](Index, const auto& sum, const auto&) { return sum; };
     const int reads_last = s.skip() < layers ? s.skip() : 0; // whose input the vjp meets first
 
-    for_chunks<typename B::threads>(n, chunk, [&](Index first, Index last, Index c) {
+    for_chunks(backend.threads, n, chunk, [&](Index first, Index last, Index c) {
         Mlp<T>& part = parts[static_cast<std::size_t>(c)] = Mlp<T>(s);
         Columns<T> buffers[2];
         LeftFactor<B, T> g_rows;
@@ -272,7 +272,7 @@ void mlp_vjp(const Mlp<T>& m, const std::type_identity_t<ColumnsView<T>>& points
     if (g_frame) g_frame->setZero(s.frame_inputs);
     for (int l = 0; l < layers; ++l) {
         const std::size_t i = static_cast<std::size_t>(l);
-        for_chunks<typename B::threads>(m.weight[i].cols(), 16, [&](Index b, Index e, Index) {
+        for_chunks(backend.threads, m.weight[i].cols(), 16, [&](Index b, Index e, Index) {
             for (const Mlp<T>& part : parts)
                 g_params.weight[i].middleCols(b, e - b) += part.weight[i].middleCols(b, e - b);
         });

@@ -128,15 +128,15 @@ T odds_sigmoid(const T& b, const T& z) {
 
 /// The input of layer l inside its border: the features, or what the layer below left, doubled at
 /// the start of a block. Rebuilt in the vjp, which is cheaper than keeping it.
-template <Backend B, class T>
-Padded<T> upsampler_layer_input(const Image<T>& in, const std::vector<Image<T>>& normal, int l) {
-    if (l == 0) return padded<B>(in);
+template <class T, Backend B>
+Padded<T> upsampler_layer_input(const B& backend, const Image<T>& in, const std::vector<Image<T>>& normal, int l) {
+    if (l == 0) return padded(backend, in);
     const Image<T>& below = normal[static_cast<std::size_t>(l - 1)];
     const auto f = [](const auto& x) { return relu(x); };
-    if (l % 2 == 1) return padded<B>(below, f);
+    if (l % 2 == 1) return padded(backend, below, f);
     const Index w = 2 * below.width, h = 2 * below.height, c = below.channels();
     Padded<T> out{static_cast<int>(w), static_cast<int>(h), Columns<T>::Zero(c, (w + 2) * (h + 2))};
-    double_into<B>(below, f, [&](Index y) { return out.pixels.col((y + 1) * (w + 2) + 1).data(); });
+    double_into(backend, below, f, [&](Index y) { return out.pixels.col((y + 1) * (w + 2) + 1).data(); });
     return out;
 }
 
@@ -169,8 +169,8 @@ void last_layer(const Upsampler<T>& u, const Image<T>& below, const Image<T>& ba
 
 /// in: in_channels. Returns 3 channels in 0..1, 2^doublings times as wide and high. The trace may
 /// be null.
-template <Backend B, class T>
-Image<T> upsampler_forward(const Upsampler<T>& u, const Image<T>& in,
+template <class T, Backend B>
+Image<T> upsampler_forward(const B& backend, const Upsampler<T>& u, const Image<T>& in,
                            std::type_identity_t<UpsamplerTrace<T>>* trace) {
     const UpsamplerShape& s = u.shape;
     RYE_ASSERT(in.channels() == s.in_channels, "upsampler_forward: channels of the input");
@@ -180,8 +180,8 @@ Image<T> upsampler_forward(const Upsampler<T>& u, const Image<T>& in,
     t.gain.resize(static_cast<std::size_t>(s.layers()));
     for (int l = 0; l < s.layers(); ++l) {
         const std::size_t i = static_cast<std::size_t>(l);
-        t.normal[i] = convolve3x3<B>(u.conv[i], detail::upsampler_layer_input<B>(in, t.normal, l));
-        if (s.norm == Normalization::instance) t.gain[i] = instance_norm<B>(t.normal[i].pixels);
+        t.normal[i] = convolve3x3(backend, u.conv[i], detail::upsampler_layer_input(backend, in, t.normal, l));
+        if (s.norm == Normalization::instance) t.gain[i] = instance_norm(backend, t.normal[i].pixels);
         if (!trace && l > 0) t.normal[i - 1] = {};
     }
     if (s.skip) {
@@ -189,16 +189,16 @@ Image<T> upsampler_forward(const Upsampler<T>& u, const Image<T>& in,
         t.base.width = in.width;
         t.base.height = in.height;
         t.base.pixels.resize(3, in.size());
-        for_chunks<typename B::threads>(
+        for_chunks(backend.threads, 
             in.size(), detail::last_layer_grain, [&](Index b, Index e, Index) {
                 for (Index j = b; j < e; ++j)
                     for (Index i = 0; i < 3; ++i) t.base.pixels(i, j) = in.pixels(i, j);
             });
-        for (int d = 0; d < s.doublings; ++d) t.base = doubled<B>(t.base);
+        for (int d = 0; d < s.doublings; ++d) t.base = doubled(backend, t.base);
     }
     const Image<T>& last = t.normal.back();
     Image<T> out(last.width, last.height, 3);
-    for_chunks<typename B::threads>(
+    for_chunks(backend.threads, 
         out.size(), detail::last_layer_grain,
         [&](Index b, Index e, Index) { detail::last_layer<B>(u, last, t.base, b, e, out); });
     if (trace) t.out = out;
@@ -207,8 +207,8 @@ Image<T> upsampler_forward(const Upsampler<T>& u, const Image<T>& in,
 
 /// g_out: 3 x pixels of the output. Adds to g_params; overwrites g_in (in_channels x pixels of the
 /// input), which may be null.
-template <Backend B, class T>
-void upsampler_vjp(const Upsampler<T>& u, const Image<T>& in, const UpsamplerTrace<T>& t,
+template <class T, Backend B>
+void upsampler_vjp(const B& backend, const Upsampler<T>& u, const Image<T>& in, const UpsamplerTrace<T>& t,
                    const std::type_identity_t<ColumnsView<T>>& g_out, Upsampler<T>& g_params,
                    std::type_identity_t<Columns<T>>* g_in) {
     const UpsamplerShape& s = u.shape;
@@ -217,7 +217,7 @@ void upsampler_vjp(const Upsampler<T>& u, const Image<T>& in, const UpsamplerTra
     RYE_ASSERT(g_out.rows() == 3 && g_out.cols() == pixels, "upsampler_vjp: shape of g_out");
     // Both outputs have d out / d z = out (1 - out); the base's slope is that over b (1 - b).
     Columns<T> g_z(3, pixels);
-    for_chunks<typename B::threads>(
+    for_chunks(backend.threads, 
         pixels, detail::last_layer_grain, [&](Index b, Index e, Index) {
             const ColumnsView<T> from = g_out.middleCols(b, e - b);
             for (Index j = b; j < e; ++j)
@@ -230,8 +230,7 @@ void upsampler_vjp(const Upsampler<T>& u, const Image<T>& in, const UpsamplerTra
     Image<T> g{last.width, last.height, 0};
     g.pixels.resize(s.capacity, pixels);
     const Columns<T> zero = Columns<T>::Zero(3, s.capacity + 1);
-    const Columns<T> g_outc = sum_chunks<typename B::threads>(
-        pixels, detail::outc_grain(pixels), zero, [&](Index b, Index e) {
+    const Columns<T> g_outc = sum_chunks(backend.threads, pixels, detail::outc_grain(pixels), zero, [&](Index b, Index e) {
             const Columns<T> h =
                 last.pixels.middleCols(b, e - b).unaryExpr([](const T& x) { return relu(x); });
             const ColumnsView<T> gz = g_z.middleCols(b, e - b);
@@ -249,26 +248,26 @@ void upsampler_vjp(const Upsampler<T>& u, const Image<T>& in, const UpsamplerTra
         const Image<T>& y = t.normal[i];
         Padded<T> g_layer;
         if (s.norm == Normalization::instance) {
-            for_chunks<typename B::threads>(g.pixels.size(), 16384, [&](Index b, Index e, Index) {
+            for_chunks(backend.threads, g.pixels.size(), 16384, [&](Index b, Index e, Index) {
                 T* to = g.pixels.data() + b;
                 transform_array<B>(e - b, to, through_relu, to, y.pixels.data() + b);
             });
-            instance_norm_vjp<B>(y.pixels, t.gain[i], g.pixels);
-            g_layer = padded<B>(g);
+            instance_norm_vjp(backend, y.pixels, t.gain[i], g.pixels);
+            g_layer = padded(backend, g);
         } else {
-            g_layer = padded<B>(g, through_relu, y);
+            g_layer = padded(backend, g, through_relu, y);
         }
-        convolve3x3_vjp_weight<B>(detail::upsampler_layer_input<B>(in, t.normal, l), g_layer,
+        convolve3x3_vjp_weight(backend, detail::upsampler_layer_input(backend, in, t.normal, l), g_layer,
                                   g_params.conv[i]);
         if (l == 0 && !g_in) return;
-        g = convolve3x3_vjp_input<B>(u.conv[i], g_layer);
-        if (l > 0 && l % 2 == 0) g = doubled_vjp<B>(g);
+        g = convolve3x3_vjp_input(backend, u.conv[i], g_layer);
+        if (l > 0 && l % 2 == 0) g = doubled_vjp(backend, g);
     }
     *g_in = std::move(g.pixels);
     if (!s.skip) return;
     Image<T> g_base{last.width, last.height, 0};
     g_base.pixels.resize(3, pixels);
-    for_chunks<typename B::threads>(
+    for_chunks(backend.threads, 
         3 * pixels, 3 * detail::last_layer_grain, [&](Index b, Index e, Index) {
             const auto low = static_cast<real_t<T>>(detail::base_margin), high = 1 - low;
             for (Index i = b; i < e; ++i) {
@@ -279,8 +278,8 @@ void upsampler_vjp(const Upsampler<T>& u, const Image<T>& in, const UpsamplerTra
                 g_base.pixels(i) = T(slope) * g_z(i) / (c * (T(1) - c));
             }
         });
-    for (int d = 0; d < s.doublings; ++d) g_base = doubled_vjp<B>(g_base);
-    for_chunks<typename B::threads>(
+    for (int d = 0; d < s.doublings; ++d) g_base = doubled_vjp(backend, g_base);
+    for_chunks(backend.threads, 
         g_base.size(), detail::last_layer_grain, [&](Index b, Index e, Index) {
             for (Index j = b; j < e; ++j)
                 for (Index i = 0; i < 3; ++i) (*g_in)(i, j) += g_base.pixels(i, j);

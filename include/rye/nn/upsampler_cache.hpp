@@ -23,13 +23,15 @@ inline bool is_local(const UpsamplerShape& s) {
 template <Backend B, Real T>
 class UpsamplerCache {
   public:
+    explicit UpsamplerCache(const B& backend = {}) : backend_(backend) {}
+
     /// The whole picture.
     const Image<T>& draw(const Upsampler<T>& u, const Image<T>& in) {
         if (is_local(u.shape)) {
-            out_ = upsampler_forward<B>(u, in, &trace_);
+            out_ = upsampler_forward(backend_, u, in, &trace_);
             trace_.out = {};
         } else {
-            out_ = upsampler_forward<B>(u, in, nullptr);
+            out_ = upsampler_forward(backend_, u, in, nullptr);
         }
         pixels_ = out_.size();
         return out_;
@@ -76,7 +78,7 @@ class UpsamplerCache {
             const Padded<T> input =
                 l == 0 ? cut(from, w, [](const auto& x) { return x; })
                        : cut(from, w, [](const auto& x) { return relu(x); });
-            const Image<T> part = convolve3x3<B>(weight, input);
+            const Image<T> part = convolve3x3(backend_, weight, input);
             const Index c = to.pixels.rows();
             for (int y = 0; y < part.height; ++y)
                 std::copy_n(part.pixels.data() + Index(y) * part.width * c, part.width * c,
@@ -129,7 +131,7 @@ class UpsamplerCache {
                         runs_.push_back({from, to});
                 }
             }
-        for_chunks<typename B::threads>(
+        for_chunks(backend_.threads, 
             static_cast<Index>(runs_.size()), 16, [&](Index first, Index last, Index) {
                 for (Index k = first; k < last; ++k) {
                     const auto [b, e] = runs_[static_cast<std::size_t>(k)];
@@ -150,6 +152,7 @@ class UpsamplerCache {
     static constexpr Index shortest = 16;
 
     UpsamplerTrace<T> trace_;
+    B backend_;
     Image<T> out_;
     std::vector<Run> runs_;
     Index pixels_ = 0;

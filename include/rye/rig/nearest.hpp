@@ -63,8 +63,8 @@ void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landma
 /// 1 x N squared distances of 3 x N points to the nearest of 3 x K landmarks, +inf if there is none
 /// (or the point is NaN). `nearest`, if given, receives the landmark's index, -1 for none; the
 /// lowest index wins a tie. Throws if a landmark is not finite.
-template <Backend B, class T>
-Columns<T> nearest_squared_distance(const ColumnsView<T>& points, const ColumnsView<T>& landmarks,
+template <class T, Backend B>
+Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& points, const ColumnsView<T>& landmarks,
                                     std::vector<Index>* nearest = nullptr) {
     using std::isfinite;
     RYE_ASSERT(points.rows() == 3 && landmarks.rows() == 3, "nearest: expected three rows");
@@ -76,7 +76,7 @@ Columns<T> nearest_squared_distance(const ColumnsView<T>& points, const ColumnsV
     Columns<T> squared(1, n);
     if (nearest) nearest->assign(static_cast<std::size_t>(n), -1);
     Index* const indices = nearest ? nearest->data() : nullptr;
-    for_chunks<typename B::threads>(n, 2048, [&](Index begin, Index end, Index) {
+    for_chunks(backend.threads, n, 2048, [&](Index begin, Index end, Index) {
         if constexpr (LaneBackend<B, T>) {
             using Batch = typename B::template batch<T>;
             detail::nearest_in_lanes<Batch, T>(points, landmarks, begin, end, squared, indices);
@@ -107,8 +107,8 @@ struct NearestGradient {
 };
 
 /// Cotangents of the points and the landmarks; the choice of the nearest is held fixed.
-template <Backend B, class T>
-NearestGradient<T> nearest_squared_distance_vjp(const ColumnsView<T>& points,
+template <class T, Backend B>
+NearestGradient<T> nearest_squared_distance_vjp(const B& backend, const ColumnsView<T>& points,
                                                 const ColumnsView<T>& landmarks,
                                                 const std::vector<Index>& nearest,
                                                 const ColumnsView<T>& g) {
@@ -116,8 +116,7 @@ NearestGradient<T> nearest_squared_distance_vjp(const ColumnsView<T>& points,
                "nearest: expected an index and a cotangent per point");
     NearestGradient<T> r;
     r.points = Columns<T>::Zero(3, points.cols());
-    r.landmarks = sum_chunks<typename B::threads>(
-        points.cols(), 8192, Columns<T>(Columns<T>::Zero(3, landmarks.cols())),
+    r.landmarks = sum_chunks(backend.threads, points.cols(), 8192, Columns<T>(Columns<T>::Zero(3, landmarks.cols())),
         [&](Index begin, Index end) {
             Columns<T> part = Columns<T>::Zero(3, landmarks.cols());
             for (Index i = begin; i < end; ++i) {

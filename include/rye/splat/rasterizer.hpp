@@ -28,7 +28,7 @@ void with_channels(Index channels, F&& f) {
     if (!few) f(std::integral_constant<int, 0>());
 }
 
-template <Backend B, AccuracyPolicy A = Balanced>
+template <AccuracyPolicy A = Balanced>
 struct Rasterizer {
     A accuracy;
 
@@ -36,23 +36,23 @@ struct Rasterizer {
     template <class T>
     using Drawn = Raster<T, A::outputs>;
 
-    template <class T, Distortion D>
-    Drawn<T> forward(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
+    template <Backend B, class T, Distortion D>
+    Drawn<T> forward(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
                       RasterScratch<T>* scratch = nullptr) const {
         Drawn<T> out;
-        forward_into(g, camera, background, out, scratch);
+        forward_into(backend, g, camera, background, out, scratch);
         return out;
     }
 
     /// As forward, into the memory of an earlier result.
-    template <class T, Distortion D>
-    void forward_into(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
+    template <Backend B, class T, Distortion D>
+    void forward_into(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
                       Drawn<T>& out, RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
         RasterScratch<T>& s = scratch != nullptr ? *scratch : own;
         check(g, camera, background);
-        project_into(g, camera, s);
-        arrange<B>(g, camera, accuracy, s, out.trace);
+        project_into(backend, g, camera, s);
+        arrange(backend, g, camera, accuracy, s, out.trace);
         shape_image(out.feature, camera, g.channels());
         shape_image(out.alpha, camera, 1);
         if constexpr (A::outputs.depth) shape_image(out.depth, camera, 1);
@@ -61,16 +61,16 @@ struct Rasterizer {
             shape_image(out.contributor, camera, 1);
         }
         out.trace.used.resize(static_cast<std::size_t>(out.trace.lists.tiles()));
-        blend_into(scene_of(g, camera, background, out.trace), {},
+        blend_into(backend, scene_of(g, camera, background, out.trace), {},
                    out.trace.lists.tiles(), out, s);
     }
 
     /// The first step of forward_into: candidate and state of every Gaussian.
-    template <class T, Distortion D>
-    void project_into(const Gaussians<T>& g, const Pinhole<T, D>& camera,
+    template <Backend B, class T, Distortion D>
+    void project_into(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera,
                       RasterScratch<T>& s) const {
         s.shape(g.count());
-        for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
+        for_chunks(backend.threads, g.count(), 1024, [&](Index b, Index e, Index) {
             if constexpr (LaneBackend<B, T> && !D::bends)
                 project_range_lanes<typename B::template batch<T>>(g, camera, accuracy, b, e, s);
             else
@@ -79,10 +79,10 @@ struct Rasterizer {
     }
 
     /// The last step: draws `count` tiles. The other pixels stay.
-    template <class T>
-    void blend_into(const Scene<T>& scene, const DrawnTiles& drawn, Index count, Drawn<T>& out,
+    template <Backend B, class T>
+    void blend_into(const B& backend, const Scene<T>& scene, const DrawnTiles& drawn, Index count, Drawn<T>& out,
                     RasterScratch<T>& s) const {
-        for_tiles(count, [&](Index b, Index e) {
+        for_tiles(backend, count, [&](Index b, Index e) {
             if constexpr (LaneBackend<B, T>) {
                 using V = typename B::template batch<T>;
                 const auto canvas = s.workspaces.template lend<LaneCanvas<V>>();
@@ -103,21 +103,21 @@ struct Rasterizer {
 
     /// Gradients of everything in `g` for the cotangents of the images; the background's is
     /// background_vjp. Arguments are those of the forward call that returned `raster`.
-    template <class T, Distortion D>
-    Gaussians<T> vjp(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
+    template <Backend B, class T, Distortion D>
+    Gaussians<T> vjp(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
                      const Drawn<T>& raster, const Columns<T>& g_feature,
                      const std::type_identity_t<Columns<T>>* g_alpha = nullptr,
                      const std::type_identity_t<Columns<T>>* g_depth = nullptr,
                      RasterScratch<T>* scratch = nullptr) const {
         Gaussians<T> out(g.count(), g.channels());
-        vjp_into(g, camera, background, raster, RasterCotangent<T>{g_feature, g_alpha, g_depth},
+        vjp_into(backend, g, camera, background, raster, RasterCotangent<T>{g_feature, g_alpha, g_depth},
                  out, scratch);
         return out;
     }
 
     /// As vjp, into the memory of an earlier result.
-    template <class T, Distortion D>
-    void vjp_into(const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
+    template <Backend B, class T, Distortion D>
+    void vjp_into(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
                   const Drawn<T>& raster, const RasterCotangent<T>& cotangent, Gaussians<T>& out,
                   RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
@@ -127,7 +127,7 @@ struct Rasterizer {
         const RasterTrace<T>& trace = raster.trace;
         s.slots.shape(trace.lists.entries(), g.channels());
         const Scene<T> scene = scene_of(g, camera, background, trace);
-        for_tiles(trace.lists.tiles(), [&](Index b, Index e) {
+        for_tiles(backend, trace.lists.tiles(), [&](Index b, Index e) {
             if constexpr (LaneBackend<B, T>) {
                 using V = typename B::template batch<T>;
                 const auto tape = s.workspaces.template lend<LaneTape<V>>();
@@ -150,7 +150,7 @@ struct Rasterizer {
         Gaussians<T>::fields([](const std::string&, Columns<T>& a,
                                 const Columns<T>& like) { a.resize(like.rows(), like.cols()); },
                              out, g);
-        for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
+        for_chunks(backend.threads, g.count(), 1024, [&](Index b, Index e, Index) {
             if constexpr (LaneBackend<B, T> && !D::bends) {
                 using V = typename B::template batch<T>;
                 const auto sums = s.workspaces.template lend<LaneSums<V>>();
@@ -162,9 +162,9 @@ struct Rasterizer {
 
   private:
     /// f(begin, end) for runs of tiles.
-    template <class F>
-    static void for_tiles(Index tiles, F&& f) {
-        for_chunks<typename B::threads>(tiles, 8, [&](Index b, Index e, Index) { f(b, e); });
+    template <Backend B, class F>
+    static void for_tiles(const B& backend, Index tiles, F&& f) {
+        for_chunks(backend.threads, tiles, 8, [&](Index b, Index e, Index) { f(b, e); });
     }
 
     template <class T, Distortion D>

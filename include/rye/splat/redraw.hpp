@@ -32,7 +32,8 @@ class Redraw {
     static_assert(!A::outputs.contributor, "Redraw draws no contributors");
 
   public:
-    explicit Redraw(const Rasterizer<B, A>& rasterizer = {}) : rasterizer_(rasterizer) {}
+    explicit Redraw(const B& backend = {}, const Rasterizer<A>& rasterizer = {})
+        : backend_(backend), rasterizer_(rasterizer) {}
 
     /// The images. Their trace is of no use to a vjp: lists hold no slots.
     const Raster<T, A::outputs>& raster() const { return raster_; }
@@ -45,7 +46,7 @@ class Redraw {
     /// The whole picture.
     void draw(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background) {
         drawn_ = false;
-        rasterizer_.forward_into(g, camera, background, raster_, &scratch_);
+        rasterizer_.forward_into(backend_, g, camera, background, raster_, &scratch_);
         camera_ = camera;
         background_ = background;
         const RasterTrace<T>& trace = raster_.trace;
@@ -153,7 +154,7 @@ class Redraw {
             for (Index k = 0; k < n; ++k)
                 std::copy_n(from.data() + changed[at(k)] * rows, rows, to.data() + k * rows);
         }, part_, g);
-        rasterizer_.project_into(part_, camera_, part_scratch_);
+        rasterizer_.project_into(backend_, part_, camera_, part_scratch_);
     }
 
     /// Of tiles that a few changes reach, the strips that their old and new splats reach, found as
@@ -274,7 +275,7 @@ class Redraw {
         next_.begin[tiles_.size()] = entries;
         TileLists::check_entries(entries, rasterizer_.accuracy.max_entries);
         next_.entry.resize(at(entries));
-        for_chunks<typename B::threads>(old.tiles(), 8, [&](Index b, Index e, Index) {
+        for_chunks(backend_.threads, old.tiles(), 8, [&](Index b, Index e, Index) {
             for (Index t = b; t < e; ++t) merge_list(at(t));
         });
         std::swap(old.begin, next_.begin);
@@ -324,7 +325,7 @@ class Redraw {
     }
 
     void blend(const Gaussians<T>& g, Index projected) {
-        rasterizer_.blend_into(rasterizer_.scene_of(g, camera_, background_, raster_.trace),
+        rasterizer_.blend_into(backend_, rasterizer_.scene_of(g, camera_, background_, raster_.trace),
                                {blended_.data(), drawn_strips_.data()},
                                static_cast<Index>(blended_.size()), raster_, scratch_);
         count(projected);
@@ -357,7 +358,8 @@ class Redraw {
         }
     }
 
-    Rasterizer<B, A> rasterizer_;
+    B backend_;
+    Rasterizer<A> rasterizer_;
     Raster<T, A::outputs> raster_;
     RasterScratch<T> scratch_, part_scratch_;
     Gaussians<T> part_;                ///< what changed, gathered

@@ -69,6 +69,7 @@ namespace detail {
 /// A scene made ready for the walks of single pixels and tiles, by plain loops.
 template <Backend B, Real T>
 struct TileSample {
+    const B& backend;
     const Gaussians<T>& g;
     const Pinhole<T>& camera;
     const VecX<T>& background;
@@ -78,10 +79,10 @@ struct TileSample {
 
     void prepare() {
         scratch.shape(g.count());
-        for_chunks<typename B::threads>(g.count(), 1024, [&](Index b, Index e, Index) {
+        for_chunks(backend.threads, g.count(), 1024, [&](Index b, Index e, Index) {
             project_range(g, camera, accuracy, b, e, scratch);
         });
-        arrange<B>(g, camera, accuracy, scratch, trace);
+        arrange(backend, g, camera, accuracy, scratch, trace);
     }
     Scene<T> scene() const {
         return {trace, g.feature, background, camera.cx, camera.cy, camera.width, camera.height};
@@ -114,9 +115,9 @@ double tile_gap(const Sample& a, const Sample& b, Index tile, int first, int str
 } // namespace detail
 
 /// `bound`: the largest absolute error of any channel of any pixel against every Gaussian at every
-/// pixel. The answer is used as Rasterizer<Backend>{chosen.accuracy}.
-template <Backend B, Real T>
-SelectedAccuracy select_accuracy(const Gaussians<T>& g, const Pinhole<T>& camera,
+/// pixel. The answer is used as Rasterizer{chosen.accuracy}.
+template <Real T, Backend B>
+SelectedAccuracy select_accuracy(const B& backend, const Gaussians<T>& g, const Pinhole<T>& camera,
                                  const VecX<T>& background, double bound,
                                  const SelectSettings& settings = {}) {
     using Sample = detail::TileSample<B, T>;
@@ -130,7 +131,7 @@ SelectedAccuracy select_accuracy(const Gaussians<T>& g, const Pinhole<T>& camera
                                           : 0.0);
     const bool single = sizeof(T) == 4;
     chosen.rounding = single ? 5e-5 * size : 1e-7 * size;
-    Sample exact{g, camera, background, last.accuracy()};
+    Sample exact{backend, g, camera, background, last.accuracy()};
     exact.prepare();
     const Index all = exact.trace.lists.tiles(), n = std::min(all, settings.random_tiles);
     std::vector<double> probe(static_cast<std::size_t>(all));
@@ -138,9 +139,9 @@ SelectedAccuracy select_accuracy(const Gaussians<T>& g, const Pinhole<T>& camera
     const auto at = [](auto& v, Index i) -> auto& { return v[static_cast<std::size_t>(i)]; };
 
     for (std::size_t rung = 0; rung + 1 < accuracy_ladder.size(); ++rung) {
-        Sample coarse{g, camera, background, accuracy_ladder[rung].accuracy()};
+        Sample coarse{backend, g, camera, background, accuracy_ladder[rung].accuracy()};
         coarse.prepare();
-        for_chunks<typename B::threads>(all, 16, [&](Index b, Index e, Index) {
+        for_chunks(backend.threads, all, 16, [&](Index b, Index e, Index) {
             for (Index t = b; t < e; ++t)
                 at(probe, t) = detail::tile_gap(exact, coarse, t, tile_edge / 2, tile_edge);
         });
@@ -158,7 +159,7 @@ SelectedAccuracy select_accuracy(const Gaussians<T>& g, const Pinhole<T>& camera
                       at(shuffled, i + random.below(static_cast<std::uint64_t>(i), all - i)));
         tiles.insert(tiles.end(), shuffled.begin(), shuffled.begin() + n);
         std::vector<double> gaps(tiles.size());
-        for_chunks<typename B::threads>(
+        for_chunks(backend.threads, 
             static_cast<Index>(tiles.size()), 1, [&](Index b, Index e, Index) {
                 for (Index i = b; i < e; ++i)
                     at(gaps, i) = detail::tile_gap(exact, coarse, at(tiles, i), 0, 1);

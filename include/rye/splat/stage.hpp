@@ -132,15 +132,15 @@ double fine_depth(const Gaussians<T>& g, const Pinhole<T, D>& camera, Index i) {
 /// Visible candidates become members, in the order of the tiles that they lie in, there by index.
 /// Candidates are cut into as many chunks as there are threads, as in TileLists.
 template <Threads P, class A, class T, Distortion D>
-void gather_members(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
+void gather_members(const P& threads, const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
                     RasterScratch<T>& scratch, RasterTrace<T>& trace) {
     const auto tiles = static_cast<std::size_t>(tiles_across(camera.width)) *
                        static_cast<std::size_t>(tiles_across(camera.height));
     const Index n = static_cast<Index>(scratch.candidates.size());
-    const Index grain = std::max<Index>(2048, (n + P::count() - 1) / P::count());
+    const Index grain = std::max<Index>(2048, (n + threads.size() - 1) / threads.size());
     const auto chunks = static_cast<std::size_t>(chunk_count(n, grain));
     if (scratch.homes.size() < chunks) scratch.homes.resize(chunks);
-    for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+    for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {
         auto& homes = scratch.homes[static_cast<std::size_t>(c)];
         homes.assign(tiles + 1, 0);      // the last counts those that are not finite
         for (auto i = static_cast<std::size_t>(b); i < static_cast<std::size_t>(e); ++i) {
@@ -161,7 +161,7 @@ void gather_members(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A&
     trace.members.resize(members);
     trace.member.resize(static_cast<std::size_t>(n));
     trace.peaks.resize(A::order == BlendOrder::by_peak ? members : 0);
-    for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+    for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {
         auto& homes = scratch.homes[static_cast<std::size_t>(c)];
         for (auto i = static_cast<std::size_t>(b); i < static_cast<std::size_t>(e); ++i) {
             trace.member[i] = no_member;
@@ -176,12 +176,12 @@ void gather_members(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A&
 }
 
 /// Visible candidates become members and entries of tiles in the order of depth, ties by index.
-template <Backend B, class A, class T, Distortion D>
-void arrange(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
+template <class A, class T, Distortion D, Backend B>
+void arrange(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
              RasterScratch<T>& scratch, RasterTrace<T>& trace) {
     using R = real_t<T>;
     constexpr bool fine = A::depth_bits > 8 * static_cast<int>(sizeof(R));
-    gather_members<typename B::threads>(g, camera, accuracy, scratch, trace);
+    gather_members(backend.threads, g, camera, accuracy, scratch, trace);
     const auto member = [&](Index m) -> const Member<T>& {
         return trace.members[static_cast<std::size_t>(m)];
     };
@@ -197,8 +197,8 @@ void arrange(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accura
         else
             return scratch.deal;
     }();
-    trace.lists.template build<typename B::threads, A::support, R>(
-        camera.width, camera.height, static_cast<Index>(trace.members.size()),
+    trace.lists.template build<A::support, R>(
+        backend.threads, camera.width, camera.height, static_cast<Index>(trace.members.size()),
         [&](Index m) -> const TileRows& { return member(m).rows; }, key,
         [&](Index m) { return member(m).source; }, accuracy.max_entries,
         [&](Index m) -> const Footprint<R>& { return scratch.footprints[member(m).source]; },

@@ -124,17 +124,18 @@ struct TileLists {
     /// Deals n members out over an image: key(m) says how far m is, of equal ones that with the
     /// lower index(m) comes first; footprint(m) is a Footprint, and pixel_rows(m) its rows of
     /// pixels, not empty.
-    template <Threads P, Support support, Real R, class PixelRows, class KeyOf, class IndexOf,
+    template <Support support, Real R, Threads P, class PixelRows, class KeyOf, class IndexOf,
               class Footprints, class Key = std::invoke_result_t<KeyOf, Index>>
         requires std::derived_from<std::remove_cvref_t<std::invoke_result_t<PixelRows, Index>>,
                                    Span>
-    void build(int width, int height, Index n, const PixelRows& pixel_rows, const KeyOf& key,
-               const IndexOf& index, std::int64_t max_entries, const Footprints& footprint,
-               DealScratch<Key>& scratch) {
+    void build(const P& threads, int width, int height, Index n, const PixelRows& pixel_rows,
+               const KeyOf& key, const IndexOf& index, std::int64_t max_entries,
+               const Footprints& footprint, DealScratch<Key>& scratch) {
         columns = tiles_across(width);
         rows = tiles_across(height);
-        deal<P, support, R>(width, height, n, pixel_rows, key, max_entries, footprint, scratch);
-        sort<P>(index, scratch);
+        deal<support, R>(threads, width, height, n, pixel_rows, key, max_entries, footprint,
+                         scratch);
+        sort(threads, index, scratch);
     }
 
     /// Throws if there are more entries than allowed.
@@ -159,13 +160,13 @@ struct TileLists {
 
     /// Members are cut into as many chunks as there are threads; where a chunk goes on in a tile's
     /// list follows from what the chunks before it have there. Lists do not depend on the chunks.
-    template <Threads P, Support support, Real R, class PixelRows, class KeyOf, class Footprints,
+    template <Support support, Real R, Threads P, class PixelRows, class KeyOf, class Footprints,
               class Key>
-    void deal(int width, int height, Index n, const PixelRows& pixel_rows, const KeyOf& key,
-              std::int64_t max_entries, const Footprints& footprint,
+    void deal(const P& threads, int width, int height, Index n, const PixelRows& pixel_rows,
+              const KeyOf& key, std::int64_t max_entries, const Footprints& footprint,
               DealScratch<Key>& scratch) {
         using Chunk = typename DealScratch<Key>::Chunk;
-        const Index grain = std::max<Index>(2048, (n + P::count() - 1) / P::count());
+        const Index grain = std::max<Index>(2048, (n + threads.size() - 1) / threads.size());
         const Index chunks = chunk_count(n, grain);
         if (static_cast<Index>(scratch.chunks.size()) < chunks)
             scratch.chunks.resize(static_cast<std::size_t>(chunks));
@@ -185,7 +186,7 @@ struct TileLists {
             chunk.cursor.assign(static_cast<std::size_t>(tiles()), 0);
             for (Index i = 0; i < chunk.used; ++i) ++chunk.cursor[at(chunk.mentions, i).tile];
         };
-        for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+        for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {
             write(b, e, at(scratch.chunks, c), unchecked);
         });
         std::int64_t total = 0, most = 0;
@@ -195,7 +196,7 @@ struct TileLists {
         }
         check_entries(total, max_entries);
         if (most > unchecked)
-            for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+            for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {
                 Chunk& chunk = at(scratch.chunks, c);
                 if (chunk.used <= unchecked) return;
                 const auto need = static_cast<std::size_t>(chunk.used + mention_slack);
@@ -212,7 +213,7 @@ struct TileLists {
         }
         at(begin, tiles()) = static_cast<Index>(total);
         scratch.dealt.resize(static_cast<std::size_t>(total));
-        for_chunks<P>(n, grain, [&](Index b, Index e, Index c) {
+        for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {
             Index before = 0;
             for (Index k = 0; k < c; ++k) before += static_cast<Index>(at(scratch.chunks, k).used);
             if (before > 0)
@@ -264,12 +265,12 @@ struct TileLists {
 
     /// Sorts each tile's list.
     template <Threads P, class IndexOf, class Key>
-    void sort(const IndexOf& index, DealScratch<Key>& scratch) {
+    void sort(const P& threads, const IndexOf& index, DealScratch<Key>& scratch) {
         constexpr Index run = 32;        // tiles
         entry.resize(scratch.dealt.size());
         if (static_cast<Index>(scratch.buffers.size()) < chunk_count(tiles(), run))
             scratch.buffers.resize(static_cast<std::size_t>(chunk_count(tiles(), run)));
-        for_chunks<P>(tiles(), run, [&](Index b, Index e, Index c) {
+        for_chunks(threads, tiles(), run, [&](Index b, Index e, Index c) {
             auto& buffer = at(scratch.buffers, c);
             for (Index t = b; t < e; ++t) {
                 const Index n = at(begin, t + 1) - at(begin, t);

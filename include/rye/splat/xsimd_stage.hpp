@@ -52,7 +52,7 @@ struct LaneShapes {
 
 /// Whether n numbers are finite.
 template <class V>
-bool all_finite(const typename V::value_type* x, Index n) {
+bool finite_numbers(const typename V::value_type* x, Index n) {
     using T = typename V::value_type;
     constexpr Index lanes = static_cast<Index>(V::size);
     V sum(T(0));
@@ -110,7 +110,7 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
             const auto at = static_cast<std::size_t>(i);
             const auto value = [&](int k) { return out.row[k][lane]; };
             const T* feature = g.feature.data() + i * g.channels();
-            if (look && (!(value(16) > T(0)) || !all_finite<V>(feature, g.channels()))) {
+            if (look && (!(value(16) > T(0)) || !finite_numbers<V>(feature, g.channels()))) {
                 scratch.state[at] = Candidacy::non_finite;
                 continue;
             }

@@ -22,8 +22,8 @@ struct DeformationFit {
 
 /// `frames` need drivers and landmarks only. Returns the root mean square distance of a landmark's
 /// coordinate in the last steps (as many as there are frames), canonical units.
-template <Backend B, Real T, EffectSet E>
-double fit_deformation(GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+template <Real T, EffectSet E, Backend B>
+double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                        const LandmarkRoles& roles, bool landmarks_follow_gaze,
                        const std::vector<MeshSample<T, E>>& frames, const DeformationFit& fit,
                        const Random& random) {
@@ -41,15 +41,15 @@ double fit_deformation(GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
             const MeshSample<T, E>& frame = frames[static_cast<std::size_t>(
                 random.below(draw, static_cast<Index>(frames.size())))];
             MeshLosses<T> l;
-            landmark_losses<B>(mesh, config, roles, weights, landmarks_follow_gaze, frame, trace,
+            landmark_losses(backend, mesh, config, roles, weights, landmarks_follow_gaze, frame, trace,
                                l);
-            landmark_losses_vjp<B>(mesh, config, landmarks_follow_gaze, frame, trace, grad);
+            landmark_losses_vjp(backend, mesh, config, landmarks_follow_gaze, frame, trace, grad);
             if (step < fit.steps - static_cast<int>(frames.size())) continue;
             squares += static_cast<double>(l.deform);
             ++count;
         }
         const double rate = fit.rate * std::pow(0.05, static_cast<double>(step) / fit.steps);
-        adam_step<B>(mesh, grad, adam, [&](const std::string& name) {
+        adam_step(backend, mesh, grad, adam, [&](const std::string& name) {
             return name.find("exp_deform") == 0 || name.find("gaze_deform") != std::string::npos
                        ? rate : 0.0;
         });

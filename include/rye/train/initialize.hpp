@@ -18,8 +18,8 @@ namespace rye {
 
 /// Fits the signed distance to a sphere of radius 1 at `centre`, over points of the cube of the
 /// given half side around it. Targets beyond 1 cannot be reached through tanh; they need not be.
-template <Backend B, Real T, EffectSet E>
-void pretrain_sphere(GuidanceMesh<T, E>& mesh, const AvatarConfig& config, const Vec3<T>& centre,
+template <Real T, EffectSet E, Backend B>
+void pretrain_sphere(const B& backend, GuidanceMesh<T, E>& mesh, const AvatarConfig& config, const Vec3<T>& centre,
                      T half_side, int steps, double rate, const Random& random) {
     constexpr Index points = 8192;
     Adam<GuidanceMesh<T, E>> adam(mesh);
@@ -32,12 +32,12 @@ void pretrain_sphere(GuidanceMesh<T, E>& mesh, const AvatarConfig& config, const
         target.row(0) = x.colwise().norm().array() - T(1);
         x.colwise() += centre;
         GeometryTrace<T> trace;
-        geometry_at<B>(mesh, config, x, trace);
+        geometry_at(backend, mesh, config, x, trace);
         Columns<T> g = Columns<T>::Zero(trace.output.rows(), points);
         g.row(0) = T(2.0 / points) * (trace.output.row(0) - target.row(0));
         GuidanceMesh<T, E>::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
-        geometry_vjp<B>(mesh, config, trace, g, grad);
-        adam_step<B>(mesh, grad, adam, [&](const std::string& name) {
+        geometry_vjp(backend, mesh, config, trace, g, grad);
+        adam_step(backend, mesh, grad, adam, [&](const std::string& name) {
             return name.starts_with("geo_mlp.") ? rate : 0.0;
         });
     }
@@ -81,12 +81,12 @@ Columns<T> mouth_points(const Columns<T>& lips, int count, const Random& random)
 
 /// The neutral surface, with vertices close together around eyes and lips, where a coarse one could
 /// neither open nor close.
-template <Backend B, Real T>
-void refine_at_landmarks(const Columns<T>& landmarks, T spacing, T slope, TriangleMesh<T>& mesh,
+template <Real T, Backend B>
+void refine_at_landmarks(const B& backend, const Columns<T>& landmarks, T spacing, T slope, TriangleMesh<T>& mesh,
                          Columns<T>& feature) {
     constexpr int passes = 6;  // 1/64 of the longest edge
     refine(mesh, feature, [&](const Vec3<T>& x) -> T {
-        const Columns<T> d2 = nearest_squared_distance<B, T>(Columns<T>(x), landmarks, nullptr);
+        const Columns<T> d2 = nearest_squared_distance<T>(backend, Columns<T>(x), landmarks, nullptr);
         return spacing + slope * std::sqrt(d2(0, 0));
     }, passes);
 }
@@ -104,10 +104,10 @@ void leave_eyeball(const Columns<T>& eyeball, const Vec3<T>& centre, Columns<T>&
 }
 
 /// Error if the guidance mesh has no surface.
-template <Backend B, Real T, EffectSet E>
-TwoStream<T, E> initialize_avatar(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+template <Real T, EffectSet E, Backend B>
+TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                                   const AvatarInit<T>& init, const Random& random) {
-    const NeutralSurface<T> neutral = neutral_surface<B>(mesh, config, init.grid);
+    const NeutralSurface<T> neutral = neutral_surface(backend, mesh, config, init.grid);
     require(!neutral.empty(), "initialize_avatar",
             "the guidance mesh of stage 1 has no surface (its signed distance has one sign "
             "everywhere), expected a head; check units and head pose with `rye info`, or train "
@@ -117,7 +117,7 @@ TwoStream<T, E> initialize_avatar(const GuidanceMesh<T, E>& mesh, const AvatarCo
     TriangleMesh<T> mesh_of{neutral.surface.positions, neutral.surface.topology.faces};
     Columns<T> feature = neutral.feature;
     if (init.spacing > T(0))
-        refine_at_landmarks<B, T>(mesh.landmarks.middleCols(36, 30), init.spacing,
+        refine_at_landmarks<T>(backend, mesh.landmarks.middleCols(36, 30), init.spacing,
                                   init.spacing_slope, mesh_of, feature);
     for (Index eye = 0; eye < 2; ++eye)
         leave_eyeball<T>(init.eyeball[static_cast<std::size_t>(eye)].points,
@@ -139,7 +139,7 @@ TwoStream<T, E> initialize_avatar(const GuidanceMesh<T, E>& mesh, const AvatarCo
         f.landmarks = mesh.landmarks;
     }
     if constexpr (face_rests<E>) f.rest_color = Columns<T>::Zero(config.channels, n);
-    const Columns<T> d2 = mean_squared_neighbour_distance<B>(f.position);
+    const Columns<T> d2 = mean_squared_neighbour_distance(backend, f.position);
     f.log_scale = d2.unaryExpr([](const T& v) {
         return T(0.5) * std::log(std::max(v, T(1e-7)));
     }).replicate(3, 1);

@@ -40,14 +40,14 @@ struct LandmarkTrace {
 /// Sets l.deform, l.landmark and l.eye_offset. `landmarks_follow_gaze` deforms the landmarks of
 /// L_def by the gaze fields too, weighted by lambda_gaze; GHA, which has none, deforms them by
 /// expression alone.
-template <Backend B, class T, EffectSet E>
-void landmark_losses(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+template <class T, EffectSet E, Backend B>
+void landmark_losses(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                      const LandmarkRoles& roles, const MeshLossConfig& weights,
                      bool landmarks_follow_gaze, const MeshSample<T, E>& sample,
                      LandmarkTrace<T, E>& m, MeshLosses<T>& l) {
     using std::tanh;
     const FrameCode<T, E> code = frame_code(config, sample.drivers);
-    geometry_at<B>(mesh, config, mesh.landmarks, m.geometry);
+    geometry_at(backend, mesh, config, mesh.landmarks, m.geometry);
     const T reach = T(config.vertex_offset), gain = T(config.deform_scale);
     m.shifted = mesh.landmarks + m.geometry.output.middleRows(1, 3).unaryExpr(
                                      [&](const T& o) { return T(reach * tanh(o)); });
@@ -55,13 +55,13 @@ void landmark_losses(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
     m.ones = Columns<T>::Ones(1, m.shifted.cols());
     m.deformed = m.shifted;
     if constexpr (has_effect<E, Expression>)
-        add_field<B>(mesh.networks.exp_deform, Squash::tanh, gain, m.code, m.ones, code.expression,
+        add_field(backend, mesh.networks.exp_deform, Squash::tanh, gain, m.code, m.ones, code.expression,
                      m.deformed, m.exp);
     if (landmarks_follow_gaze && has_effect<E, Periocular>) {
-        m.weights = face_weights<B, T>(config, m.shifted, mesh.landmarks, roles, m.nearest);
+        m.weights = face_weights<T>(backend, config, m.shifted, mesh.landmarks, roles, m.nearest);
         for_eyes([&]<std::size_t eye>() {
             if constexpr (skin_follows<E, eye>)
-                add_field<B>(of_eye<eye>(mesh.networks.gaze_deform), Squash::tanh, gain, m.code,
+                add_field(backend, of_eye<eye>(mesh.networks.gaze_deform), Squash::tanh, gain, m.code,
                              of_eye<eye>(m.weights.gaze), of_eye<eye>(code.gaze), m.deformed,
                              of_eye<eye>(m.gaze));
         });
@@ -75,7 +75,7 @@ void landmark_losses(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
     m.g_sdf = T(weights.landmark) * lmk.gradient;
 
     if constexpr (has_effect<E, EyeOffset>) {
-        const Columns<T> moved = eye_offset<B, T>(mesh.eye_offset, config, code, m.eye_offset);
+        const Columns<T> moved = eye_offset<T>(backend, mesh.eye_offset, config, code, m.eye_offset);
         const LossTerm<T> eye = eye_offset_term<T>(moved, sample.eye_displacement);
         l.eye_offset = eye.value;
         m.g_eye_offset = T(weights.eye_offset) * eye.gradient;
@@ -83,8 +83,8 @@ void landmark_losses(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
 }
 
 /// Adds the gradient to `grad`.
-template <Backend B, class T, EffectSet E>
-void landmark_losses_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+template <class T, EffectSet E, Backend B>
+void landmark_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                          bool landmarks_follow_gaze, const MeshSample<T, E>& sample,
                          const LandmarkTrace<T, E>& m, GuidanceMesh<T, E>& grad) {
     using std::tanh;
@@ -93,19 +93,19 @@ void landmark_losses_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& con
     Columns<T> g_code = Columns<T>::Zero(m.code.rows(), m.code.cols());
     Columns<T> g_shifted = m.g_deformed;
     if constexpr (has_effect<E, Expression>)
-        field_vjp<B>(mesh.networks.exp_deform, Squash::tanh, gain, m.ones, code.expression, m.exp,
+        field_vjp(backend, mesh.networks.exp_deform, Squash::tanh, gain, m.ones, code.expression, m.exp,
                      m.g_deformed, {&grad.networks.exp_deform, &g_code});
     if (landmarks_follow_gaze && has_effect<E, Periocular>) {
         Weights<T, E> g_w(m.shifted.cols());
         for_eyes([&]<std::size_t eye>() {
             if constexpr (skin_follows<E, eye>)
-                field_vjp<B>(of_eye<eye>(mesh.networks.gaze_deform), Squash::tanh, gain,
+                field_vjp(backend, of_eye<eye>(mesh.networks.gaze_deform), Squash::tanh, gain,
                              of_eye<eye>(m.weights.gaze), of_eye<eye>(code.gaze),
                              of_eye<eye>(m.gaze), m.g_deformed,
                              {&of_eye<eye>(grad.networks.gaze_deform), &g_code,
                               &of_eye<eye>(g_w.gaze)});
         });
-        face_weights_vjp<B, T>(config, m.shifted, mesh.landmarks, m.nearest, g_w, g_shifted,
+        face_weights_vjp<T>(backend, config, m.shifted, mesh.landmarks, m.nearest, g_w, g_shifted,
                             &grad.landmarks);
     }
     g_shifted += positional_encoding_vjp(m.code, g_code, config.frequencies);
@@ -116,11 +116,11 @@ void landmark_losses_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& con
             const T h = tanh(o);
             return T(reach * (T(1) - h) * (T(1) + h));
         }));
-    grad.landmarks += g_shifted + geometry_vjp<B>(mesh, config, m.geometry, g_output, grad);
+    grad.landmarks += g_shifted + geometry_vjp(backend, mesh, config, m.geometry, g_output, grad);
 
     if constexpr (has_effect<E, EyeOffset>) {
         VecX<T> g_pose_code = VecX<T>::Zero(code.pose.size());
-        eye_offset_vjp<B, T>(mesh.eye_offset, config, m.eye_offset, m.g_eye_offset,
+        eye_offset_vjp<T>(backend, mesh.eye_offset, config, m.eye_offset, m.g_eye_offset,
                              grad.eye_offset, g_pose_code);
     }
 }

@@ -68,40 +68,31 @@ Gaussians<T> painted(const Gaussians<T>& g, const VecX<T>& color) {
 namespace detail {
 
 /// Masked L1 of the first three rows; adds `weight` times its cotangent to theirs of g.
-template <Backend B, class T>
-T rgb_term(const Columns<T>& prediction, const Columns<T>& truth, const Columns<T>& mask,
+template <class T, Backend B>
+T rgb_term(const B& backend, const Columns<T>& prediction, const Columns<T>& truth, const Columns<T>& mask,
            double weight, Columns<T>& g) {
-    return add_masked_l1<B, T>(prediction.topRows(3), truth, mask, T(weight), g.topRows(3));
+    return add_masked_l1<T>(backend, prediction.topRows(3), truth, mask, T(weight), g.topRows(3));
 }
 
 /// f(begin, end) for chunks of the columns of an image.
-template <Backend B, class F>
-void over_pixels(Index pixels, const F& f) {
-    for_chunks<typename B::threads>(pixels, 4096, [&](Index b, Index e, Index) { f(b, e); });
+template <class F, Backend B>
+void over_pixels(const B& backend, Index pixels, const F& f) {
+    for_chunks(backend.threads, pixels, 4096, [&](Index b, Index e, Index) { f(b, e); });
 }
 
 /// sum += weight * g
-template <Backend B, class T>
-void add_weighted(Columns<T>& sum, const T& weight, const Columns<T>& g) {
-    over_pixels<B>(sum.cols(), [&](Index b, Index e) {
+template <class T, Backend B>
+void add_weighted(const B& backend, Columns<T>& sum, const T& weight, const Columns<T>& g) {
+    over_pixels(backend, sum.cols(), [&](Index b, Index e) {
         sum.middleCols(b, e - b) += weight * g.middleCols(b, e - b);
     });
 }
 
 /// Zeros of the shape of an image.
-template <Backend B, class T>
-void zero_like(const Image<T>& image, Columns<T>& g) {
+template <class T, Backend B>
+void zero_like(const B& backend, const Image<T>& image, Columns<T>& g) {
     g.resize(image.channels(), image.size());
-    over_pixels<B>(g.cols(), [&](Index b, Index e) { g.middleCols(b, e - b).setZero(); });
-}
-
-/// On the backend's lanes and threads, if the loss can.
-template <Backend B, class Perceptual, class T>
-LossGradient<T> perceived(const Perceptual& loss, const Image<T>& a, const Image<T>& b) {
-    if constexpr (requires { loss.template run<B>(a, b); })
-        return loss.template run<B>(a, b);
-    else
-        return loss(a, b);
+    over_pixels(backend, g.cols(), [&](Index b, Index e) { g.middleCols(b, e - b).setZero(); });
 }
 
 /// The same Gaussians with their first channels only.
@@ -116,10 +107,10 @@ Gaussians<T> with_channels(const Gaussians<T>& g, Index channels) {
 }
 
 /// Adds the gradient of the first Gaussians and channels.
-template <Backend B, class T>
-void add_first(Gaussians<T>& sum, const Gaussians<T>& g) {
+template <class T, Backend B>
+void add_first(const B& backend, Gaussians<T>& sum, const Gaussians<T>& g) {
     const Index n = std::min(sum.count(), g.count());
-    for_chunks<typename B::threads>(n, 4096, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, n, 4096, [&](Index b, Index e, Index) {
         Gaussians<T>::fields([&](const std::string&, auto& out, const auto& in) {
             const Index rows = std::min(out.rows(), in.rows());
             for (Index i = b; i < e; ++i)
@@ -128,15 +119,15 @@ void add_first(Gaussians<T>& sum, const Gaussians<T>& g) {
     });
 }
 
-template <Backend B, class T>
-double eye_gain(EyeAverage average, const Columns<T>& mask) {
+template <class T, Backend B>
+double eye_gain(const B& backend, EyeAverage average, const Columns<T>& mask) {
     if (average == EyeAverage::image) return 1.0;
     const auto part = [&](Index b, Index e) {
         double sum = 0;
         for (Index i = b; i < e; ++i) sum += static_cast<double>(value_of(mask(0, i)));
         return sum;
     };
-    const double sum = sum_chunks<typename B::threads>(mask.size(), 4096, 0.0, part);
+    const double sum = sum_chunks(backend.threads, mask.size(), 4096, 0.0, part);
     return sum > 0 ? static_cast<double>(mask.size()) / std::max(sum, 8.0) : 0.0;
 }
 
@@ -151,11 +142,11 @@ struct FaceTarget {
 };
 
 /// The picture, over the blank's background: 1 where a visible pixel shows nothing of the eyes.
-template <Backend B, class T, EffectSet E>
-FaceTarget<T> face_alone_target(const AvatarSample<T, E>& sample) {
+template <class T, EffectSet E, Backend B>
+FaceTarget<T> face_alone_target(const B& backend, const AvatarSample<T, E>& sample) {
     const Vec3<T> change = sample.blank.template head<3>() - sample.background.template head<3>();
     FaceTarget<T> t(sample.mask_small.cols());
-    detail::over_pixels<B>(t.mask.cols(), [&](Index b, Index e) {
+    detail::over_pixels(backend, t.mask.cols(), [&](Index b, Index e) {
         for (Index i = b; i < e; ++i) {
             const T beyond = T(1) - sample.mask_small(0, i);
             for (Index c = 0; c < 3; ++c)
@@ -168,11 +159,11 @@ FaceTarget<T> face_alone_target(const AvatarSample<T, E>& sample) {
 
 /// The blank's background in the eyes, and the picture of `alone` beside them: 1 where a visible
 /// pixel shows an eye, or an eyeball would be seen if there were no face.
-template <Backend B, class T, EffectSet E>
-FaceTarget<T> blank_eyeball_target(const AvatarSample<T, E>& sample, const FaceTarget<T>& alone,
+template <class T, EffectSet E, Backend B>
+FaceTarget<T> blank_eyeball_target(const B& backend, const AvatarSample<T, E>& sample, const FaceTarget<T>& alone,
                                    const Columns<T>& eyeball_alpha) {
     FaceTarget<T> t(alone.mask.cols());
-    detail::over_pixels<B>(t.mask.cols(), [&](Index b, Index e) {
+    detail::over_pixels(backend, t.mask.cols(), [&](Index b, Index e) {
         for (Index i = b; i < e; ++i) {
             const T eye = sample.eyes_small(0, i);
             for (Index c = 0; c < 3; ++c) {
@@ -193,49 +184,48 @@ const Image<T>& features_shown(const AvatarSample<T, E>& sample, const AvatarPic
 }
 
 /// Renders and compares. Everything the vjp reads stays in `trace` and `pictures`.
-template <Backend B, class Accuracy, class Perceptual, class T, EffectSet E,
-          class Probe = NoProbe>
-AvatarLosses<T> avatar_losses(const TwoStream<T, E>& avatar, const AvatarConfig& config,
+template <class Accuracy, class Perceptual, class T, EffectSet E, class Probe = NoProbe, Backend B>
+AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
                               const LandmarkRoles& roles, const AvatarLossConfig& weights,
-                              const Rasterizer<B, Accuracy>& rasterizer,
+                              const Rasterizer<Accuracy>& rasterizer,
                               const Perceptual& perceptual, const AvatarSample<T, E>& sample,
                               TwoStreamTrace<T, E>& trace, AvatarPictures<T>& pictures,
                               Probe&& probe = {}) {
-    drive<B>(avatar, config, roles, corrected_drivers(avatar, sample), trace);
+    drive(backend, avatar, config, roles, corrected_drivers(avatar, sample), trace);
     probe("networks");
     AvatarPictures<T>& p = pictures;
     p.cloud = joined(trace.world_face, trace.world_eyes);
-    const Rasterizer<B, FeaturesOnly<Accuracy>> draw{rasterizer.accuracy};
-    draw.forward_into(p.cloud, sample.camera, sample.background, p.final, &p.scratch);
+    const Rasterizer<FeaturesOnly<Accuracy>> draw{rasterizer.accuracy};
+    draw.forward_into(backend, p.cloud, sample.camera, sample.background, p.final, &p.scratch);
     const VecX<T> blank_color = sample.blank.head(3);
     p.face_cloud = detail::with_channels(trace.world_face, 3);
     p.eyes_from_eye_terms = weights.eyes_from_eye_terms;
     if (weights.blank_eyeballs)
         p.face_cloud = joined(p.face_cloud, painted(trace.world_eyes, blank_color));
-    draw.forward_into(p.face_cloud, sample.camera, blank_color, p.face, &p.scratch);
+    draw.forward_into(backend, p.face_cloud, sample.camera, blank_color, p.face, &p.scratch);
     // Only super-resolution reads more than RGB.
     p.eye_cloud = detail::with_channels(
         trace.world_eyes, sample.eyes_high ? trace.world_eyes.channels() : Index(3));
     const VecX<T> behind_eyes = sample.background.head(p.eye_cloud.channels());
-    draw.forward_into(p.eye_cloud, sample.camera, behind_eyes, p.eyes, &p.scratch);
+    draw.forward_into(backend, p.eye_cloud, sample.camera, behind_eyes, p.eyes, &p.scratch);
     probe("render");
     if (sample.scale.active()) {
         p.scaled.width = p.final.feature.width;
         p.scaled.height = p.final.feature.height;
         p.scaled.pixels = gathered(p.final.feature.pixels, sample.scale.small);
     }
-    p.high = upsampler_forward<B>(avatar.upsampler, features_shown(sample, p), &p.high_trace);
+    p.high = upsampler_forward(backend, avatar.upsampler, features_shown(sample, p), &p.high_trace);
     if (sample.eyes_high)
-        p.eyes_high = upsampler_forward<B>(avatar.upsampler, p.eyes.feature, &p.eyes_high_trace);
+        p.eyes_high = upsampler_forward(backend, avatar.upsampler, p.eyes.feature, &p.eyes_high_trace);
     else
         p.eyes_high = {};
     probe("super-resolution");
 
-    detail::zero_like<B>(p.high, p.g_high);
-    detail::zero_like<B>(p.eyes_high, p.g_eyes_high);
-    detail::zero_like<B>(p.final.feature, p.g_final);
-    detail::zero_like<B>(p.face.feature, p.g_face);
-    detail::zero_like<B>(p.eyes.feature, p.g_eyes);
+    detail::zero_like(backend, p.high, p.g_high);
+    detail::zero_like(backend, p.eyes_high, p.g_eyes_high);
+    detail::zero_like(backend, p.final.feature, p.g_final);
+    detail::zero_like(backend, p.face.feature, p.g_face);
+    detail::zero_like(backend, p.eyes.feature, p.g_eyes);
 
     AvatarLosses<T> l;
     Image<T> moved;
@@ -246,48 +236,48 @@ AvatarLosses<T> avatar_losses(const TwoStream<T, E>& avatar, const AvatarConfig&
         moved_visible = gathered(sample.visible, sample.scale.full);
     }
     const Image<T>& truth = sample.scale.active() ? moved : sample.truth;
-    l.high_resolution = detail::rgb_term<B>(
+    l.high_resolution = detail::rgb_term(backend, 
         p.high.pixels, truth.pixels, sample.scale.active() ? moved_visible : sample.visible,
         weights.high_resolution, p.g_high);
     l.low_resolution =
-        detail::rgb_term<B>(p.final.feature.pixels, sample.truth_small.pixels,
+        detail::rgb_term(backend, p.final.feature.pixels, sample.truth_small.pixels,
                             sample.visible_small, weights.low_resolution, p.g_final);
-    const LossGradient<T> seen = detail::perceived<B>(perceptual, p.high, truth);
+    const LossGradient<T> seen = perceptual(backend, p.high, truth);
     l.perceptual = seen.value;
-    detail::add_weighted<B>(p.g_high, T(weights.perceptual), seen.gradient);
+    detail::add_weighted(backend, p.g_high, T(weights.perceptual), seen.gradient);
 
     if (weights.dssim > 0) {
-        const LossGradient<T> structure = dssim<B, T>(p.high, truth);
+        const LossGradient<T> structure = dssim<T>(backend, p.high, truth);
         l.dssim = structure.value;
-        detail::add_weighted<B>(p.g_high, T(weights.dssim), structure.gradient);
+        detail::add_weighted(backend, p.g_high, T(weights.dssim), structure.gradient);
     }
 
-    const double small_gain = detail::eye_gain<B>(weights.eye_average, sample.eyes_small);
-    const double gain = detail::eye_gain<B>(weights.eye_average, sample.eyes);
+    const double small_gain = detail::eye_gain(backend, weights.eye_average, sample.eyes_small);
+    const double gain = detail::eye_gain(backend, weights.eye_average, sample.eyes);
     l.eye_low = T(small_gain) *
-                detail::rgb_term<B>(p.eyes.feature.pixels, sample.truth_small.pixels,
+                detail::rgb_term(backend, p.eyes.feature.pixels, sample.truth_small.pixels,
                                     sample.eyes_small, weights.eye_low * small_gain, p.g_eyes);
     const double eye_high = sample.eyes_high ? weights.eye_high * weights.eye_high_every : 0.0;
     if (sample.eyes_high)
-        l.eye_high = T(gain) * detail::rgb_term<B>(p.eyes_high.pixels, sample.truth.pixels,
+        l.eye_high = T(gain) * detail::rgb_term(backend, p.eyes_high.pixels, sample.truth.pixels,
                                                    sample.eyes, eye_high * gain, p.g_eyes_high);
     FaceTarget<T> alone(0);
-    if (weights.blank_eyeballs || weights.face_alone > 0) alone = face_alone_target<B>(sample);
+    if (weights.blank_eyeballs || weights.face_alone > 0) alone = face_alone_target(backend, sample);
     if (weights.blank_eyeballs) {
         const FaceTarget<T> blank =
-            blank_eyeball_target<B>(sample, alone, p.eyes.alpha.pixels);
-        const double blank_gain = detail::eye_gain<B>(weights.eye_average, blank.mask);
-        l.blank = T(blank_gain) * detail::rgb_term<B>(p.face.feature.pixels, blank.picture,
+            blank_eyeball_target(backend, sample, alone, p.eyes.alpha.pixels);
+        const double blank_gain = detail::eye_gain(backend, weights.eye_average, blank.mask);
+        l.blank = T(blank_gain) * detail::rgb_term(backend, p.face.feature.pixels, blank.picture,
                                                       blank.mask, weights.blank * blank_gain,
                                                       p.g_face);
     } else {
         const Columns<T> blank = blank_color.replicate(1, p.face.feature.size());
-        l.blank = T(small_gain) * detail::rgb_term<B>(p.face.feature.pixels, blank,
+        l.blank = T(small_gain) * detail::rgb_term(backend, p.face.feature.pixels, blank,
                                                       sample.eyes_small,
                                                       weights.blank * small_gain, p.g_face);
     }
     if (weights.face_alone > 0)
-        l.face_alone = detail::rgb_term<B>(p.face.feature.pixels, alone.picture, alone.mask,
+        l.face_alone = detail::rgb_term(backend, p.face.feature.pixels, alone.picture, alone.mask,
                                            weights.face_alone, p.g_face);
     l.total = T(weights.high_resolution) * l.high_resolution +
               T(weights.low_resolution) * l.low_resolution + T(weights.perceptual) * l.perceptual +
@@ -299,31 +289,31 @@ AvatarLosses<T> avatar_losses(const TwoStream<T, E>& avatar, const AvatarConfig&
 }
 
 /// Adds dL/dparameters to `grad`.
-template <Backend B, class Accuracy, class T, EffectSet E, class Probe = NoProbe>
-void avatar_losses_vjp(const TwoStream<T, E>& avatar, const AvatarConfig& config,
-                       const Rasterizer<B, Accuracy>& rasterizer, const AvatarSample<T, E>& sample,
+template <class Accuracy, class T, EffectSet E, class Probe = NoProbe, Backend B>
+void avatar_losses_vjp(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
+                       const Rasterizer<Accuracy>& rasterizer, const AvatarSample<T, E>& sample,
                        const TwoStreamTrace<T, E>& trace, AvatarPictures<T>& p,
                        TwoStream<T, E>& grad,
                        Probe&& probe = {}) {
     Columns<T> g_feature;
-    upsampler_vjp<B>(avatar.upsampler, features_shown(sample, p), p.high_trace, p.g_high,
+    upsampler_vjp(backend, avatar.upsampler, features_shown(sample, p), p.high_trace, p.g_high,
                      grad.upsampler, &g_feature);
     if (sample.scale.active())
         gathered_vjp(g_feature, sample.scale.small, p.g_final);
     else
-        detail::add_weighted<B>(p.g_final, T(1), g_feature);
+        detail::add_weighted(backend, p.g_final, T(1), g_feature);
     if (sample.eyes_high) {
-        upsampler_vjp<B>(avatar.upsampler, p.eyes.feature, p.eyes_high_trace, p.g_eyes_high,
+        upsampler_vjp(backend, avatar.upsampler, p.eyes.feature, p.eyes_high_trace, p.g_eyes_high,
                          grad.upsampler, &g_feature);
-        detail::add_weighted<B>(p.g_eyes, T(1), g_feature);
+        detail::add_weighted(backend, p.g_eyes, T(1), g_feature);
     }
     probe("super-resolution vjp");
 
     const Index n = trace.world_face.mean.cols();
-    const Rasterizer<B, FeaturesOnly<Accuracy>> draw{rasterizer.accuracy};
+    const Rasterizer<FeaturesOnly<Accuracy>> draw{rasterizer.accuracy};
     const auto pull = [&](const Gaussians<T>& cloud, const VecX<T>& background,
                           const Raster<T, features_only>& raster, const Columns<T>& g) {
-        draw.vjp_into(cloud, sample.camera, background, raster, RasterCotangent<T>{g},
+        draw.vjp_into(backend, cloud, sample.camera, background, raster, RasterCotangent<T>{g},
                             p.g_cloud, &p.scratch);
     };
     pull(p.cloud, sample.background, p.final, p.g_final);
@@ -334,13 +324,13 @@ void avatar_losses_vjp(const TwoStream<T, E>& avatar, const AvatarConfig& config
                               &p.g_eye_cloud.opacity, &p.g_eye_cloud.feature})
             g->setZero();
     pull(p.face_cloud, VecX<T>(sample.blank.head(3)), p.face, p.g_face);
-    detail::add_first<B>(p.g_face_cloud, p.g_cloud);
+    detail::add_first(backend, p.g_face_cloud, p.g_cloud);
     pull(p.eye_cloud, VecX<T>(sample.background.head(p.eye_cloud.channels())), p.eyes, p.g_eyes);
-    detail::add_first<B>(p.g_eye_cloud, p.g_cloud);
+    detail::add_first(backend, p.g_eye_cloud, p.g_cloud);
     probe("render vjp");
 
     const Drivers<T, E> drivers = corrected_drivers(avatar, sample);
-    const Vec<T, 6> g_pose = drive_vjp<B>(avatar, config, drivers, trace, p.g_face_cloud,
+    const Vec<T, 6> g_pose = drive_vjp(backend, avatar, config, drivers, trace, p.g_face_cloud,
                                              p.g_eye_cloud, grad);
     if constexpr (has_effect<E, ReadsHeadPose>)
         if (sample.frame >= 0) grad.delta_pose.col(sample.frame) += g_pose;

@@ -28,30 +28,30 @@ struct MeshTrace {
 };
 
 /// Renders and compares; see landmark_losses.hpp for landmarks_follow_gaze.
-template <Backend B, class T, EffectSet E, class Probe = NoProbe>
-MeshLosses<T> mesh_losses(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+template <class T, EffectSet E, class Probe = NoProbe, Backend B>
+MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                           const LandmarkRoles& roles, const TetGrid<T>& grid,
                           const MeshLossConfig& weights, bool landmarks_follow_gaze,
                           const MeshSample<T, E>& sample, MeshTrace<T, E>& t,
                           Probe&& probe = {}) {
     MeshLosses<T> l;
-    t.neutral = neutral_surface<B>(mesh, config, grid);
+    t.neutral = neutral_surface(backend, mesh, config, grid);
     probe("surface");
     t.rasters.clear();
     t.g_image.clear();
     t.g_silhouette.clear();
     if (!t.neutral.empty()) {
         l.vertices = t.neutral.surface.positions.cols();
-        pose_mesh<B>(mesh, config, roles, sample.drivers, t.neutral, t.posed);
+        pose_mesh(backend, mesh, config, roles, sample.drivers, t.neutral, t.posed);
         probe("networks");
         const Columns<T> shown = t.posed.color.topRows(3);  // the other channels have no loss here
         const T share = T(1.0 / static_cast<double>(sample.views.size()));
         for (const MeshView<T>& view : sample.views) {
-            t.rasters.push_back(rasterize_mesh<B, T>(
+            t.rasters.push_back(rasterize_mesh<T>(backend, 
                 t.posed.world, t.neutral.surface.topology.faces, view.camera, shown));
             const MeshRaster<T>& raster = t.rasters.back();
             const LossTerm<T> color =
-                color_term<B, T>(raster.attributes.pixels, view.truth.pixels, view.visible);
+                color_term<T>(backend, raster.attributes.pixels, view.truth.pixels, view.visible);
             l.rgb += share * color.value;
             t.g_image.push_back((T(weights.rgb) * share) * color.gradient);
             const LossTerm<T> sil =
@@ -77,7 +77,7 @@ MeshLosses<T> mesh_losses(const GuidanceMesh<T, E>& mesh, const AvatarConfig& co
         });
     }
 
-    landmark_losses<B>(mesh, config, roles, weights, landmarks_follow_gaze, sample, t.landmarks, l);
+    landmark_losses(backend, mesh, config, roles, weights, landmarks_follow_gaze, sample, t.landmarks, l);
     l.total = T(weights.rgb) * l.rgb + T(weights.silhouette) * l.silhouette +
               T(weights.deform) * l.deform + T(weights.offset) * l.offset +
               T(weights.landmark) * l.landmark + T(weights.laplacian) * l.laplacian +
@@ -87,8 +87,8 @@ MeshLosses<T> mesh_losses(const GuidanceMesh<T, E>& mesh, const AvatarConfig& co
 }
 
 /// Adds dL/dparameters to `grad`.
-template <Backend B, class T, EffectSet E, class Probe = NoProbe>
-void mesh_losses_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+template <class T, EffectSet E, class Probe = NoProbe, Backend B>
+void mesh_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                      bool landmarks_follow_gaze, const MeshSample<T, E>& sample,
                      const MeshTrace<T, E>& t, GuidanceMesh<T, E>& grad, Probe&& probe = {}) {
     if (!t.neutral.empty()) {
@@ -97,7 +97,7 @@ void mesh_losses_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
         Columns<T> g_color = Columns<T>::Zero(t.posed.color.rows(), t.posed.color.cols());
         const Columns<T> shown = t.posed.color.topRows(3);
         for (std::size_t v = 0; v < t.rasters.size(); ++v) {
-            const MeshRasterGradient<T> g = rasterize_mesh_vjp<B, T>(
+            const MeshRasterGradient<T> g = rasterize_mesh_vjp<T>(backend, 
                 t.rasters[v], faces, sample.views[v].camera, shown,
                 {&t.g_image[v], &t.g_silhouette[v], nullptr});
             g_world += g.vertices;
@@ -106,14 +106,14 @@ void mesh_losses_vjp(const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
         probe("mesh render vjp");
         Columns<T> g_positions = Columns<T>::Zero(3, g_world.cols());
         Columns<T> g_feature = Columns<T>::Zero(t.neutral.feature.rows(), g_world.cols());
-        pose_mesh_vjp<B>(mesh, config, t.neutral, t.posed, g_world, g_color, t.g_raw, grad,
+        pose_mesh_vjp(backend, mesh, config, t.neutral, t.posed, g_world, g_color, t.g_raw, grad,
                          g_positions, g_feature);
         probe("networks vjp");
-        neutral_surface_vjp<B>(mesh, config, t.neutral, g_positions, g_feature, grad);
+        neutral_surface_vjp(backend, mesh, config, t.neutral, g_positions, g_feature, grad);
         probe("surface vjp");
     }
 
-    landmark_losses_vjp<B>(mesh, config, landmarks_follow_gaze, sample, t.landmarks, grad);
+    landmark_losses_vjp(backend, mesh, config, landmarks_follow_gaze, sample, t.landmarks, grad);
     probe("landmarks vjp");
 }
 
