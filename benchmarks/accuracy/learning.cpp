@@ -129,7 +129,7 @@ void accumulation() {
     report(
         "fixed chunks of 256 floats (rye's)",
         [&] {
-            return sum_chunks<Serial>(n, 256, 0.0F, [&](Index b, Index e) {
+            return sum_chunks(Serial{}, n, 256, 0.0F, [&](Index b, Index e) {
                 return Eigen::Map<const VecX<float>>(p + b, e - b).sum();
             });
         },

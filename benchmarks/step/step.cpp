@@ -92,6 +92,7 @@ AvatarSample<float> sample_of(const Subject& s, const Rasterizer<Balanced>& rast
     other.expression *= -1;
     other.pose[0] += 0.1F;
     TwoStreamTrace<float> trace;
+    const B backend = on_threads(1);
     drive(backend, s.avatar, s.config, s.roles, other, trace);
     const Raster<float> shown =
         rasterizer.forward(backend, joined(trace.world_face, trace.world_eyes), s.camera, s.background);

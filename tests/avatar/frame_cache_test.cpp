@@ -186,21 +186,21 @@ TEST_CASE("frame cache: what is done is what changed") {
 TEST_CASE("frame cache: after a step of training, reset") {
     Stage<float> s(local_shape(8, true));
     FrameCache<XsimdBackend<>, Balanced, float> cache({}, s.avatar, s.config, s.roles);
-    check_frame(backend, cache, s);
+    check_frame(XsimdBackend{}, cache, s);
     s.avatar.face.position.array() += 0.01f;
     s.avatar.eyes.opacity_logit.array() -= 0.5f;
     s.avatar.eyes.feature.array() *= 0.9f;
     cache.reset();
-    check_frame(backend, cache, s);
+    check_frame(XsimdBackend{}, cache, s);
 }
 
 TEST_CASE("frame cache: a gaze that is none is refused, and the next frame is right") {
     Stage<float> s(local_shape(8, true));
     FrameCache<XsimdBackend<>, Balanced, float> cache({}, s.avatar, s.config, s.roles);
-    check_frame(backend, cache, s);
+    check_frame(XsimdBackend{}, cache, s);
     const Vec3<float> before = s.drivers.gaze[0];
     s.drivers.gaze[0].setZero();
     CHECK_THROWS_AS(cache.update(s.drivers, s.camera, s.background), Error);
     s.drivers.gaze[0] = before;
-    check_frame(backend, cache, s);
+    check_frame(XsimdBackend{}, cache, s);
 }

@@ -80,7 +80,7 @@ TEST_CASE("activate: bands above the most are as if they were 0, and bands of 0 
     CHECK(activate<4>(low, eye).feature == activate(low, eye).feature);
     Gaussians<double> w(20, 3);
     fill(w, 7);
-    const auto g = activate_vjp(1{}, cloud, eye, drawn, w);
+    const auto g = activate_vjp<1>(cloud, eye, drawn, w);
     const auto g_low = activate_vjp(low, eye, drawn, w);
     CHECK(g.mean == g_low.mean);
     CHECK(g.sh_constant == g_low.sh_constant);

@@ -130,7 +130,7 @@ void f10_f11_f16(Report& report) {
                  l.gradient(0, 0) == T(0) && l.gradient(0, 1) > T(0) && l.gradient(0, 2) < T(0));
     report.textbook_fails("F10", kind_of<T>(), "x / |x| at 0", std::isfinite(d(0, 0) / d(0, 0)));
     const Image<T> flat = picture<T>(0);
-    const auto p = PyramidGradientLoss()(flat, flat);
+    const auto p = PyramidGradientLoss()(ScalarBackend{}, flat, flat);
     report.holds("F11", kind_of<T>(), "equal features: loss 0, gradient 0",
                  p.value == T(0) && p.gradient.isZero(0));
     report.holds("F16", kind_of<T>(), "constant image: gradient of differences 0",

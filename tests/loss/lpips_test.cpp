@@ -11,6 +11,8 @@ using namespace rye;
 
 static_assert(PerceptualLoss<LpipsVgg<float>>);
 
+const XsimdBackend lanes;
+
 namespace {
 
 const VggShape tiny{3, {4, 5, 6, 7, 8}, {2, 2, 3, 3, 3}};
@@ -110,9 +112,9 @@ TEST_CASE("lpips: equals the definition, also for odd sizes; 0 for equal images"
     const LpipsVgg<double> loss{random_weights<double>(1)};
     for (const auto& [w, h] : {std::pair(32, 32), {37, 21}}) {
         const Image<double> a = random_image<double>(w, h, 1), b = random_image<double>(w, h, 2);
-        CHECK(loss(a, b).value == doctest::Approx(plain_lpips(loss.weights, a, b)).epsilon(1e-12));
-        CHECK(loss(a, a).value == 0);
-        CHECK(loss(a, a).gradient.isZero(0));
+        CHECK(loss(lanes, a, b).value == doctest::Approx(plain_lpips(loss.weights, a, b)).epsilon(1e-12));
+        CHECK(loss(lanes, a, a).value == 0);
+        CHECK(loss(lanes, a, a).gradient.isZero(0));
     }
 }
 
@@ -126,8 +128,8 @@ TEST_CASE("lpips: the gradient is that of duals") {
         Image<Dual<T, 1>> ad(35, 18, 3), bd(35, 18, 3);
         ad.pixels = lifted(a.pixels, da);
         bd.pixels = b.pixels.template cast<Dual<T, 1>>();
-        const Dual<T, 1> value = dual(ad, bd).value;
-        const LossGradient<T> got = loss(a, b);
+        const Dual<T, 1> value = dual(ScalarBackend{}, ad, bd).value;
+        const LossGradient<T> got = loss(lanes, a, b);
         CHECK(value.value == doctest::Approx(got.value).epsilon(1e-5));
         const Columns<T> terms = got.gradient.cwiseProduct(da);
         CHECK(double(terms.cwiseAbs().sum()) > 1e-4);
@@ -140,13 +142,13 @@ TEST_CASE("lpips: the gradient is that of duals") {
 TEST_CASE("lpips: features that are all zero give no NaN") {
     LpipsVgg<float> loss{random_weights<float>(1)};
     loss.weights.net.bias.back().setConstant(-100.0f);
-    const auto got = loss(random_image<float>(32, 32, 1), random_image<float>(32, 32, 2));
+    const auto got = loss(lanes, random_image<float>(32, 32, 1), random_image<float>(32, 32, 2));
     CHECK(std::isfinite(got.value));
     CHECK(got.gradient.allFinite());
 }
 
 TEST_CASE("lpips: images too small or of other channels are refused") {
     const LpipsVgg<float> loss{random_weights<float>(1)};
-    CHECK_THROWS_AS(loss(random_image<float>(15, 32, 1), random_image<float>(15, 32, 1)), Error);
-    CHECK_THROWS_AS(loss(Image<float>(32, 32, 4), Image<float>(32, 32, 4)), Error);
+    CHECK_THROWS_AS(loss(lanes, random_image<float>(15, 32, 1), random_image<float>(15, 32, 1)), Error);
+    CHECK_THROWS_AS(loss(lanes, Image<float>(32, 32, 4), Image<float>(32, 32, 4)), Error);
 }

@@ -31,14 +31,14 @@ TEST_CASE("pyramid gradient: constants do not count, and an edge counts on every
     const PyramidGradientLoss loss;
     Image<double> a(16, 16, 1, 0.7);
     const Image<double> b(16, 16, 1, 0.2);
-    CHECK(loss(a, b).value == 0);
-    CHECK(loss(a, b).gradient.isZero(0));
+    CHECK(loss(ScalarBackend{}, a, b).value == 0);
+    CHECK(loss(ScalarBackend{}, a, b).gradient.isZero(0));
     for (int y = 0; y < 16; ++y)
         for (int x = 8; x < 16; ++x) a.at(x, y).array() += 0.3;
     // One of w - 1 differences of each row, on widths 16, 8 and 4.
-    CHECK(loss(a, b).value == doctest::Approx(0.3 * (1.0 / 15 + 1.0 / 7 + 1.0 / 3)));
+    CHECK(loss(ScalarBackend{}, a, b).value == doctest::Approx(0.3 * (1.0 / 15 + 1.0 / 7 + 1.0 / 3)));
     const PyramidGradientLoss coarse{{0, 0, 2}};
-    CHECK(coarse(a, b).value == doctest::Approx(2 * 0.3 / 3));
+    CHECK(coarse(ScalarBackend{}, a, b).value == doctest::Approx(2 * 0.3 / 3));
 }
 
 TEST_CASE("pyramid gradient: the gradient is that of duals, also for odd and thin images") {
@@ -53,8 +53,8 @@ TEST_CASE("pyramid gradient: the gradient is that of duals, also for odd and thi
             return d;
         });
         bd.pixels = b.pixels.unaryExpr([](double x) { return D(x); });
-        const D value = PyramidGradientLoss()(ad, bd).value;
-        const LossGradient<double> loss = PyramidGradientLoss()(a, b);
+        const D value = PyramidGradientLoss()(ScalarBackend{}, ad, bd).value;
+        const LossGradient<double> loss = PyramidGradientLoss()(ScalarBackend{}, a, b);
         const double reverse = loss.gradient.cwiseProduct(da.pixels).sum();
         CHECK(value.value == doctest::Approx(loss.value).epsilon(1e-13));
         CHECK(std::abs(value.d[0] - reverse) <= 1e-13 * (1 + std::abs(reverse)));
@@ -63,12 +63,12 @@ TEST_CASE("pyramid gradient: the gradient is that of duals, also for odd and thi
 
 TEST_CASE("pyramid gradient: the same bits with any kind of threads") {
     const Image<double> a = random_image(90, 70, 1), b = random_image(90, 70, 2);
-    const auto serial = PyramidGradientLoss().run(ScalarBackend<Serial>{}, a, b);
-    const auto parallel = PyramidGradientLoss().run(ScalarBackend<DefaultThreads>{}, a, b);
+    const auto serial = PyramidGradientLoss()(ScalarBackend<Serial>{}, a, b);
+    const auto parallel = PyramidGradientLoss()(ScalarBackend<DefaultThreads>{}, a, b);
     CHECK(serial.value == parallel.value);
     CHECK(serial.gradient == parallel.gradient);
 }
 
 TEST_CASE("pyramid gradient: images of different shapes are refused") {
-    CHECK_THROWS_AS(PyramidGradientLoss()(random_image(4, 4, 1), random_image(4, 5, 1)), Error);
+    CHECK_THROWS_AS(PyramidGradientLoss()(ScalarBackend{}, random_image(4, 4, 1), random_image(4, 5, 1)), Error);
 }

@@ -13,8 +13,8 @@ double sum(Index n);
 namespace {
 
 template <rye::Backend B>
-double sum(rye::Index n) {
-    return rye::sum_chunks<typename B::threads>(n, 7, 0.0, [](rye::Index b, rye::Index e) {
+double sum(const B& backend, rye::Index n) {
+    return rye::sum_chunks(backend.threads, n, 7, 0.0, [](rye::Index b, rye::Index e) {
         double s = 0;
         for (rye::Index i = b; i < e; ++i) s += 1.0 / static_cast<double>(i + 1);
         return s;
@@ -24,9 +24,9 @@ double sum(rye::Index n) {
 } // namespace
 
 int main() {
-    const double here = sum<rye::ScalarBackend<>>(1000);
+    const double here = sum(rye::ScalarBackend{}, 1000);
     const double there = rye::second_unit::sum(1000);
-    const int threads = rye::DefaultThreads::count();
+    const int threads = rye::DefaultThreads().size();
     const int threads_there = rye::second_unit::threads();
     std::printf("here %d threads, sum %.17g; there %d threads, sum %.17g\n", threads, here,
                 threads_there, there);

@@ -8,11 +8,10 @@
 
 namespace rye::second_unit {
 
-int threads() { return DefaultThreads::count(); }
+int threads() { return DefaultThreads().size(); }
 
 double sum(Index n) {
-    using B = ScalarBackend<>;
-    return sum_chunks<B::threads>(n, 7, 0.0, [](Index b, Index e) {
+    return sum_chunks(ScalarBackend{}.threads, n, 7, 0.0, [](Index b, Index e) {
         double s = 0;
         for (Index i = b; i < e; ++i) s += 1.0 / static_cast<double>(i + 1);
         return s;

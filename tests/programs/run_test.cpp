@@ -131,7 +131,7 @@ TEST_CASE("run: what is drawn of one by lines of sight is what is trained, bit f
     const TrainState state = sight_state(), drawn = drawn_state(state);
     const Drivers<float> drivers = test::tiny_drivers<float>();
     TwoStreamTrace<float, VisualEffects> trace;
-    drive(TrainBackend{}, state.visual->avatar, state.config.avatar, state.subject.roles,
+    drive(train_backend(), state.visual->avatar, state.config.avatar, state.subject.roles,
                         restricted<VisualEffects>(drivers), trace);
     const Gaussians<float> trained = joined(trace.world_face, trace.world_eyes);
     Gaussians<float>::fields([](const std::string& name, const auto& a, const auto& b) {

@@ -5,9 +5,9 @@
 
 void fill(double* x, rye::Index n) {
 #if REJECT
-    rye::for_chunks<rye::Serial>(n, 64, [&](rye::Index i) { x[i] = 1.0; });
+    rye::for_chunks(rye::Serial{}, n, 64, [&](rye::Index i) { x[i] = 1.0; });
 #else
-    rye::for_chunks<rye::Serial>(n, 64, [&](rye::Index begin, rye::Index end, rye::Index) {
+    rye::for_chunks(rye::Serial{}, n, 64, [&](rye::Index begin, rye::Index end, rye::Index) {
         for (rye::Index i = begin; i < end; ++i) x[i] = 1.0;
     });
 #endif

@@ -138,7 +138,7 @@ TEST_CASE("mip: the render's vjp is the transpose of its duals; lanes agree with
     Gaussians<float> gx, gs;
     RasterScratch<float> s;
     const VecX<float> black = VecX<float>::Zero(3);
-    Rasterizer<X, Balance>{}.vjp_into(f, cf, black, lanes, RasterCotangent<float>{wf}, gx, &s);
+    Rasterizer<Balance>{}.vjp_into(X{}, f, cf, black, lanes, RasterCotangent<float>{wf}, gx, &s);
     Rasterizer<Balance>{}.vjp_into(B{}, f, cf, black, plain, RasterCotangent<float>{wf}, gs, &s);
     CHECK((gx.scale - gs.scale).norm() < 1e-3f * gs.scale.norm());
     CHECK((gx.mean - gs.mean).norm() < 1e-3f * gs.mean.norm());

@@ -52,14 +52,14 @@ struct Members {
 
     Index count() const { return static_cast<Index>(rows.size()); }
     template <Threads P>
-    TileLists lists() const {
+    TileLists lists(const P& threads) const {
         TileLists out;
         DealScratch<std::uint32_t> scratch;
         const auto of = [](const auto& v) {
             return [&v](Index m) -> const auto& { return v[static_cast<std::size_t>(m)]; };
         };
         out.build<Support::ellipse, float>(
-            P{}, 96, 96, count(), of(rows), [&](Index m) { return key[std::size_t(m)]; }, of(index),
+            threads, 96, 96, count(), of(rows), [&](Index m) { return key[std::size_t(m)]; }, of(index),
             Index(1) << 30, of(footprint), scratch);
         return out;
     }

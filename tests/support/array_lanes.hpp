@@ -258,7 +258,7 @@ const ArrayLanes<T, N>& value_of(const ArrayLanes<T, N>& x) {
 /// A backend of vectors as large as `Floats` floats.
 template <std::size_t Floats, Threads P = Serial>
 struct ArrayBackend {
-    using threads = P;
+    [[no_unique_address]] P threads{};
     template <Real T>
     using batch = ArrayLanes<T, Floats * sizeof(float) / sizeof(T)>;
 };
