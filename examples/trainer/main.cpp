@@ -18,7 +18,7 @@
 #include <rye/core/config.hpp>
 #include <rye/core/error.hpp>
 
-#include "commands.hpp"
+#include "commands/commands.hpp"
 
 namespace rye::trainer {
 

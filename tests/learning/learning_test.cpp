@@ -14,8 +14,8 @@
 
 #include <rye/core/random.hpp>
 
-#include "capture_scene.hpp"
-#include "evaluation.hpp"
+#include "synthetic_capture/scene.hpp"
+#include "training/evaluation.hpp"
 
 namespace rye::trainer {
 void set_threads(int) {} // the program's own sets OpenMP's
