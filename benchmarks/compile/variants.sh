@@ -1,14 +1,14 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# variants.sh PROJECT [FLAGS...]: what each avatar of examples/trainer/variant_list.hpp costs to
-# compile, as a table: seconds as a multiple of including Eigen/Core and xsimd alone, measured in
+# variants.sh PROJECT [FLAGS...]: what each avatar of variant_list.hpp (examples/trainer/training)
+# costs to compile, as a table: seconds as a multiple of including Eigen/Core and xsimd alone, in
 # the same run; machine code in KiB of an object file that holds this variant and nothing else, and
 # what it adds to a program that has the paper's avatar already. CXX names the compiler.
 set -eu
 project=$1
 shift
 cxx=${CXX:-c++}
-list=$project/examples/trainer/variant_list.hpp
+list=$project/examples/trainer/training/variant_list.hpp
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 flags="-std=c++20 -O2 -march=native -DNDEBUG -DEIGEN_DONT_PARALLELIZE -fopenmp -ffunction-sections
@@ -27,7 +27,7 @@ sum() { # of the bytes in a list of sections, in KiB
 printf '#include <Eigen/Core>\n#include <xsimd/xsimd.hpp>\n' > "$work/base.cpp"
 base=$(seconds base)
 # The headers with nothing compiled of them, and each variant, in the order of the list's names.
-printf '#include "variant_driver.hpp"\n#include "variant_list.hpp"\n' > "$work/headers.cpp"
+printf '#include "training/variant_driver.hpp"\n#include "training/variant_list.hpp"\n' > "$work/headers.cpp"
 echo '| variant | seconds / base | KiB of code | KiB beside the first |'
 echo '|---|---|---|---|'
 row() { printf '| %s | %.2f | %.0f | %.0f |\n' "$1" "$2" "$3" "$4"; }
@@ -36,13 +36,13 @@ row 'headers alone' "$(ratio "$(seconds headers)")" 0 0
 : > "$work/shared"
 for name in $(sed -n 's/.* name = "\(.*\)";/\1/p' "$list"); do
     cat > "$work/$name.cpp" << CPP
-#include "variant_driver.hpp"
-#include "variant_list.hpp"
+#include "training/variant_driver.hpp"
+#include "training/variant_list.hpp"
 using namespace rye::trainer;
 template <class L>
 struct Named;
 template <class... V>
-struct Named<rye::Variants<V...>> {
+struct Named<Variants<V...>> {
     static FrameDriver of(const Avatar& a, const rye::AvatarConfig& c,
                           const rye::LandmarkRoles& r, const rye::Drivers<float>& d) {
         FrameDriver f;

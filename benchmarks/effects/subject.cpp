@@ -4,10 +4,10 @@
 #include <cstdlib>
 #include <optional>
 
-#if __has_include("options.hpp")  // the trainer is built, too
+#if __has_include("commands/options.hpp")  // the trainer is built, too
 #define RYE_BENCH_TRAINED
-#include "options.hpp"
-#include "run.hpp"
+#include "commands/options.hpp"
+#include "training/run.hpp"
 #endif
 
 namespace rye::bench {

@@ -10,7 +10,6 @@
 #include <rye/backend/scalar.hpp>
 #include <rye/backend/xsimd.hpp>
 #include <rye/nn/mlp.hpp>
-#include <rye/nn/product_bf16.hpp>
 
 #include "../roofline/machine.hpp"
 #include "libraries.hpp"
@@ -112,7 +111,6 @@ MLP(GemmProducts<Cblas>);
 #ifdef RYE_BENCH_ONEDNN
 MLP(GemmProducts<OneDnn>);
 #endif
-MLP(Bf16Products);
 
 } // namespace
 

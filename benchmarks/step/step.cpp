@@ -66,7 +66,7 @@ struct LeastTimes {
     double last_ = 0, wall_begin_ = 0;
 };
 
-/// The weights of the preset (examples/trainer/config.cpp).
+/// The weights of the preset (examples/trainer/data/config.cpp).
 AvatarLossConfig preset_weights() {
     AvatarLossConfig w;
     w.eye_average = EyeAverage::mask;

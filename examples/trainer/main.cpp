@@ -11,7 +11,7 @@
 #include <rye/core/config.hpp>
 #include <rye/core/error.hpp>
 
-#include "commands.hpp"
+#include "commands/commands.hpp"
 
 int main(int argc, char** argv) {
     using namespace rye::trainer;

@@ -12,7 +12,6 @@
 #include <rye/core/parse.hpp>
 #include <rye/core/random.hpp>
 #include <rye/backend/backend.hpp>
-#include <rye/backend/bf16.hpp>
 #include <rye/backend/scalar.hpp>
 #include <rye/backend/xsimd.hpp>
 #include <rye/math/exponential.hpp>
@@ -68,7 +67,6 @@
 #include <rye/nn/instance_norm.hpp>
 #include <rye/nn/mlp.hpp>
 #include <rye/nn/product.hpp>
-#include <rye/nn/product_bf16.hpp>
 #include <rye/nn/product_tiles.hpp>
 #include <rye/nn/register_tile.hpp>
 #include <rye/nn/upsampler.hpp>

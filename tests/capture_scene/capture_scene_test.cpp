@@ -2,7 +2,7 @@
 /// The made capture is what its labels say. The ICT head is tested where RYE_DATA names a folder
 /// with ict/ict_light.npz in it; the test passes where it is unset.
 #include "../support/real_data.hpp"
-#include "capture_scene.hpp"
+#include "synthetic_capture/scene.hpp"
 
 #include <unistd.h>
 
@@ -16,14 +16,10 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
-#include "capture.hpp"
-#include "commands.hpp"
-#include "validate.hpp"
-#include "threads.hpp"
-
-namespace rye::trainer {
-void set_threads(int) {} // the program's own sets OpenMP's
-} // namespace rye::trainer
+#include "commands/commands.hpp"
+#include "data/capture.hpp"
+#include "data/threads.hpp"
+#include "data/validate.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

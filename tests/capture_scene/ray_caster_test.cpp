@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "ray_caster.hpp"
+#include "synthetic_capture/ray_caster.hpp"
 
 #include <cmath>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "evaluation.hpp"
+#include "training/evaluation.hpp"
 
 #include <unistd.h>
 

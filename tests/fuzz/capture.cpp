@@ -3,7 +3,7 @@
 #include "fuzz.hpp"
 
 #include "../programs/tiny_capture.hpp"
-#include "capture.hpp"
+#include "data/capture.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace rye;

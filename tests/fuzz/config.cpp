@@ -3,8 +3,8 @@
 /// written.
 #include "fuzz.hpp"
 
-#include "config.hpp"
-#include "json_io.hpp"
+#include "data/config.hpp"
+#include "data/json.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace rye;

@@ -5,7 +5,7 @@
 
 #include <rye/capture/inflate.hpp>
 
-#include "image_io.hpp"
+#include "data/picture.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace rye;

@@ -9,8 +9,8 @@
 #include <rye/capture/safetensors.hpp>
 #include <rye/gaussian/ply.hpp>
 
-#include "config.hpp"
-#include "image_codecs.hpp"
+#include "data/config.hpp"
+#include "data/picture_codecs.hpp"
 
 namespace {
 

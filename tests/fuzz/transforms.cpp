@@ -2,7 +2,7 @@
 /// tests/fuzz/transforms.cpp: any text as the transforms.json of a folder of photographs.
 #include "fuzz.hpp"
 
-#include "photographs.hpp"
+#include "data/photographs.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace rye;

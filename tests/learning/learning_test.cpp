@@ -14,12 +14,8 @@
 
 #include <rye/core/random.hpp>
 
-#include "capture_scene.hpp"
-#include "evaluation.hpp"
-
-namespace rye::trainer {
-void set_threads(int) {} // the program's own sets OpenMP's
-} // namespace rye::trainer
+#include "synthetic_capture/scene.hpp"
+#include "training/evaluation.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

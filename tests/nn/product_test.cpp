@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <rye/nn/product_bf16.hpp>
+#include <rye/nn/product.hpp>
 
-#include <bit>
 #include <cmath>
-#include <limits>
 
 #include <doctest/doctest.h>
 
@@ -94,9 +92,6 @@ struct LibraryInLanes : XsimdBackend<> {
 struct LibraryAlone : ScalarBackend<> {
     using products = GemmProducts<Loops>;
 };
-struct Rounded : XsimdBackend<> {
-    using products = Bf16Products;
-};
 
 } // namespace
 
@@ -106,47 +101,6 @@ TEST_CASE("product: policies that a backend names give the same numbers") {
     CHECK(worst_product<LibraryInLanes, float>(6) <= 1e-6);
     CHECK(worst_product<LibraryInLanes, double>(7) <= 1e-15);
     CHECK(worst_product<LibraryAlone, float>(8) <= 1e-6);
-}
-
-TEST_CASE("product: factors rounded to bfloat16 are nearest, and NaN and infinity stay") {
-    CHECK(Bf16Pair::of(1.00390625F, -1.01171875F).first() == 1.F);   // half way: to even
-    CHECK(Bf16Pair::of(1.00390625F, -1.01171875F).second() == -1.015625F);
-    CHECK(Bf16Pair::of(1.004F, 0.F).first() == 1.0078125F);
-    CHECK(Bf16Pair::of(3.4e38F, 0.F).first() == std::numeric_limits<float>::infinity());
-    CHECK(Bf16Pair::of(-0.F, 0.F).bits == 0x8000U);
-    const float inf = std::numeric_limits<float>::infinity();
-    CHECK(Bf16Pair::of(inf, -inf).first() == inf);
-    CHECK(Bf16Pair::of(inf, -inf).second() == -inf);
-    for (const std::uint32_t nan : {0x7f800001U, 0x7fc00000U, 0x7fffffffU, 0xffffffffU}) {
-        CHECK(std::isnan(Bf16Pair::of(std::bit_cast<float>(nan), 0.F).first()));
-        CHECK(std::isnan(Bf16Pair::of(0.F, std::bit_cast<float>(nan)).second()));
-    }
-}
-
-TEST_CASE("product: rounded factors are multiplied exactly and summed in float") {
-    const auto rounded = [](Columns<float> x) {
-        for (Index i = 0; i < x.size(); ++i) x(i) = Bf16Pair::of(x(i), 0.F).first();
-        return x;
-    };
-    double worst = 0, unrounded = 0;
-    for (const Index rows : {1, 8, 19, 33})
-        for (const Index depth : {1, 2, 7, 64}) {
-            const Columns<float> a = random_columns<float>(rows, depth, 1);
-            const Columns<float> x = random_columns<float>(depth, 13, 2);
-            const Columns<double> expected =
-                rounded(a).cast<double>() * rounded(x).cast<double>();
-            LeftFactor<Rounded, float> left;
-            left.set(a);
-            Columns<float> y = Columns<float>::Zero(rows, 13);
-            left.times(x, y, [](Index, const auto& sum, const auto&) { return sum; });
-            worst = std::max(worst, (y.cast<double>() - expected).cwiseAbs().maxCoeff() /
-                                        double(depth));
-            unrounded = std::max(
-                unrounded, (y - a * x).cwiseAbs().maxCoeff() / double(depth));
-        }
-    CHECK(worst <= 1e-6);
-    CHECK(unrounded >= 1e-4); // it does round
-    CHECK(worst_product<Rounded, float>(9) <= 8e-3);
 }
 
 TEST_CASE("product: a column's bits do not depend on its neighbours") {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // With RYE_DATA set to a folder that holds capture_a, that capture is read as well.
 #include "../support/real_data.hpp"
-#include "capture.hpp"
+#include "data/capture.hpp"
 
 #include <filesystem>
 #include <string>

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "config.hpp"
+#include "data/config.hpp"
 
 #include <doctest/doctest.h>
 
 #include "../capture/hostile.hpp"
-#include "options.hpp"
-#include "run_size.hpp"
+#include "commands/options.hpp"
 #include "tiny_run.hpp"
+#include "training/run_size.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

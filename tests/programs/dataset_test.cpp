@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Pictures whose sides no factor of a stage divides: whole, with cameras that agree with them.
-#include "dataset.hpp"
+#include "data/samples.hpp"
 
 #include <doctest/doctest.h>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // With RYE_DATA set to a folder that holds capture_a, a real JPEG is decoded and damaged too.
 #include "../support/real_data.hpp"
-#include "image_io.hpp"
+#include "data/picture.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "info_effects.hpp"
+#include "commands/info_effects.hpp"
 
 #include <filesystem>
 #include <fstream>

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "../support/real_data.hpp"
-#include "photographs.hpp"
+#include "data/photographs.hpp"
 
 #include <filesystem>
 #include <fstream>
 
 #include <doctest/doctest.h>
 
-#include "json_io.hpp"
+#include "data/json.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

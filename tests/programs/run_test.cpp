@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "run.hpp"
+#include "training/run.hpp"
 
 #include <chrono>
 #include <cmath>
@@ -20,11 +20,11 @@
 #include <rye/capture/safetensors.hpp>
 
 #include "../capture/hostile.hpp"
-#include "run_folder.hpp"
-#include "steps.hpp"
+#include "data/validate.hpp"
 #include "tiny_capture.hpp"
 #include "tiny_run.hpp"
-#include "validate.hpp"
+#include "training/run_folder.hpp"
+#include "training/steps.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

@@ -16,7 +16,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
-#include "image_io.hpp"
+#include "data/picture.hpp"
 
 namespace rye::trainer {
 

@@ -4,7 +4,7 @@
 #pragma once
 
 #include "../train/tiny_avatar.hpp"
-#include "run.hpp"
+#include "training/run.hpp"
 
 namespace rye::trainer {
 

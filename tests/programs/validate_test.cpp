@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // With RYE_DATA set to a folder that holds capture_a, that capture must be found sound.
 #include "../support/real_data.hpp"
-#include "validate.hpp"
+#include "data/validate.hpp"
 
 #include <filesystem>
 #include <iostream>
@@ -12,7 +12,7 @@
 #include <CLI/CLI.hpp>
 
 #include "../capture/hostile.hpp"
-#include "commands.hpp"
+#include "commands/commands.hpp"
 #include "tiny_capture.hpp"
 
 using namespace rye;

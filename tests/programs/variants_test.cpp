@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "variants.hpp"
+#include "training/variants.hpp"
 
 #include <doctest/doctest.h>
 

@@ -18,15 +18,15 @@ namespace rye {
 /// A matrix as the left factor is read: panels of two vectors of rows, the last of one if that is
 /// enough, zeros below the last row; within a panel, column after column. Where they lie, columns
 /// of a power of two of numbers would share a few sets of the cache.
-template <class A>
+template <class Batch>
 struct Panels {
-    using Factor = typename A::value_type;
-    static constexpr Index lanes = static_cast<Index>(A::size);
+    using T = typename Batch::value_type;
+    static constexpr Index lanes = static_cast<Index>(Batch::size);
     Index rows = 0, depth = 0;
-    std::vector<Factor> data;
+    std::vector<T> data;
 
     Index height(Index row) const { return rows - row > lanes ? 2 * lanes : lanes; }
-    const Factor* panel(Index row) const { return data.data() + row * depth; }
+    const T* panel(Index row) const { return data.data() + row * depth; }
 
     void shape(Index new_rows, Index new_depth) {
         rows = new_rows;
@@ -105,13 +105,12 @@ namespace detail {
 
 /// V vectors of rows by N columns of the product, from column c on. Not inlined: what stands around
 /// it would take the registers that hold its addresses.
-template <class A, std::size_t V, std::size_t N, bool Transposed, class T, class Put>
-[[gnu::noinline]] void product_tile(const typename A::value_type* a, Index depth,
-                                    const RightFactor<typename A::value_type, Transposed>& x,
+template <class Batch, std::size_t V, std::size_t N, bool Transposed, class T, class Put>
+[[gnu::noinline]] void product_tile(const T* a, Index depth, const RightFactor<T, Transposed>& x,
                                     Index c, T* y, Index ld, const Put& put) {
-    RegisterTile<A, V, std::make_index_sequence<N>> tile;
-    const typename A::value_type* b = x.data + c * x.column_step();
-    constexpr Index height = static_cast<Index>(V * A::size);
+    RegisterTile<Batch, V, std::make_index_sequence<N>> tile;
+    const T* b = x.data + c * x.column_step();
+    constexpr Index height = static_cast<Index>(V * Batch::size);
     for (Index j = 0; j < depth; ++j, a += height, b += x.depth_step())
         tile.add_product(a, b, x.column_step());
     tile.each(y, ld, put);
@@ -119,36 +118,33 @@ template <class A, std::size_t V, std::size_t N, bool Transposed, class T, class
 
 /// A panel times columns [begin, end) of X; y is where column `begin` goes. What is left of two
 /// vectors is one tile: two narrower ones would each wait for their sums.
-template <class A, std::size_t V, std::size_t N, bool Transposed, class T, class Put>
-void product_panel(const typename A::value_type* a, Index depth,
-                   const RightFactor<typename A::value_type, Transposed>& x, Index begin, Index end,
-                   T* y, Index ld, const Put& put) {
+template <class Batch, std::size_t V, std::size_t N, bool Transposed, class T, class Put>
+void product_panel(const T* a, Index depth, const RightFactor<T, Transposed>& x, Index begin,
+                   Index end, T* y, Index ld, const Put& put) {
     constexpr Index n = static_cast<Index>(N);
     Index c = begin;
     for (; c + n <= end; c += n, y += n * ld)
-        product_tile<A, V, N, Transposed>(a, depth, x, c, y, ld, put);
+        product_tile<Batch, V, N, Transposed>(a, depth, x, c, y, ld, put);
     if constexpr (N > 1)
         if (c < end)
-            product_panel<A, V, V == 2 ? N - 1 : N / 2, Transposed>(a, depth, x, c, end, y, ld,
-                                                                    put);
+            product_panel<Batch, V, V == 2 ? N - 1 : N / 2, Transposed>(a, depth, x, c, end, y,
+                                                                        ld, put);
 }
 
 } // namespace detail
 
 /// y = put(row, A x, before) with vectors of rows that begin at `row`; `before` is y itself or a
 /// matrix of its shape and stride.
-template <class A, bool Transposed, class T, class Put>
-void packed_product(const Panels<A>& a, const RightFactor<typename A::value_type, Transposed>& x,
-                    ColumnsSpan<T> y, const Put& put,
-                    const std::type_identity_t<ColumnsView<T>>& before) {
-    using Batch = detail::SumOf<A>;
+template <class Batch, bool Transposed, class T, class Put>
+void packed_product(const Panels<Batch>& a, const RightFactor<T, Transposed>& x, ColumnsSpan<T> y,
+                    const Put& put, const std::type_identity_t<ColumnsView<T>>& before) {
     constexpr Index lanes = static_cast<Index>(Batch::size), block = 12;
     const Index ld = y.outerStride();
     RYE_ASSERT(before.outerStride() == ld || y.cols() < 2, "packed_product: strides differ");
     // `from` is to `before` what `to` is to y.
     const auto panel = [&]<std::size_t V>(Index row, Index begin, Index end, T* to, const T* from,
                                           Index step) {
-        detail::product_panel<A, V, 12 / V, Transposed>(
+        detail::product_panel<Batch, V, 12 / V, Transposed>(
             a.panel(row), a.depth, x, begin, end, to, step,
             [&](T* at, const Batch& sum, Index below) {
                 put(row + below, sum, Batch::load_unaligned(from + (at - to))).store_unaligned(at);

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+/// synthetic_capture/head_render.hpp: pictures of a posed head, by ray casting.
+/// The light that falls on each vertex (a sky and two softboxes, with their shadows) is gathered
+/// once a pose, since it looks the same from everywhere; each picture then casts primary rays only.
+/// Nothing is random: the same pose and camera give the same picture on any number of threads.
+/// World and camera conventions of rye; colours leave as sRGB in [0, 1].
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include <rye/geometry/camera.hpp>
+
+#include "synthetic_capture/head_model.hpp"
+#include "synthetic_capture/ray_caster.hpp"
+
+namespace rye::trainer {
+
+/// What a head does in one frame.
+struct HeadState {
+    VecX<double> expression;             ///< weights in [0, 1]
+    VecX<double> lids;                   ///< lid_coefficients of the gaze
+    std::array<Vec3<double>, 2> optical; ///< unit optical axes, head frame
+    Rigid<double> world_from_head = {};
+};
+
+/// A picture premultiplied over black: composite with image + (1 - mask) * background, in sRGB.
+struct HeadPicture {
+    Image<float> image;            ///< 3 channels, sRGB
+    Image<float> mask;             ///< share of each pixel that the head covers
+    std::vector<std::uint8_t> eye; ///< 0 none, 1 left, 2 right eyeball at the pixel's centre
+};
+
+class PosedHead {
+  public:
+    PosedHead(const HeadModel& model, const HeadState& state);
+
+    /// `samples` rays a pixel.
+    HeadPicture picture(const Pinhole<double>& camera, int samples) const;
+
+    const Points& vertices() const { return vertices_; } ///< world; the model's, then the eyeballs'
+    std::array<Vec3<double>, 2> eye_centres() const { return eye_centres_; } ///< world
+
+  private:
+    void add_eyeball(const Eyeball& eye, const HeadState& state, int index);
+    void find_normals();
+    void gather_light();
+    Vec3<double> shade(const Ray& ray, const Hit& hit) const;
+    Vec3<double> eye_colour(const Ray& ray, const Vec3<double>& at, int eye, double& cover) const;
+
+    const HeadModel& model_;
+    Points vertices_, normals_;
+    std::vector<Face> faces_;
+    std::vector<Part> parts_;
+    RayCaster caster_;
+    Columns<double> light_; // 5 x V: irradiance RGB, then how much of each softbox is seen
+    std::array<Vec3<double>, 2> eye_centres_;
+    std::array<Mat3<double>, 2> world_from_eye_;
+};
+
+} // namespace rye::trainer

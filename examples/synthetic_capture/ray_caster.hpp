@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+/// synthetic_capture/ray_caster.hpp: nearest and any intersection of rays with a triangle soup.
+/// Double precision throughout; the answer depends on nothing but mesh and ray.
+/// Source: Wald, "On fast construction of SAH-based bounding volume hierarchies", 2007;
+/// Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
+#pragma once
+
+#include <array>
+#include <limits>
+#include <vector>
+
+#include <rye/geometry/mesh.hpp>
+
+namespace rye::trainer {
+
+struct Ray {
+    Vec3<double> origin;
+    Vec3<double> direction; ///< any length; t counts in it
+    double t_min = 0;       ///< intersections closer than this are not seen
+    double t_max = std::numeric_limits<double>::infinity();
+};
+
+/// Where a ray meets a face: origin + t direction = (1 - u - v) a + u b + v c.
+struct Hit {
+    Index face = -1; ///< -1: nothing met
+    double t = std::numeric_limits<double>::infinity();
+    double u = 0, v = 0;
+    explicit operator bool() const { return face >= 0; }
+};
+
+/// Rays from one point that lie close together, as those through one pixel do.
+struct RayBundle {
+    Vec3<double> origin;
+    std::array<Vec3<double>, 4> directions;
+};
+
+/// A bounding volume hierarchy over the faces of a mesh. Both sides of a face are met.
+class RayCaster {
+  public:
+    RayCaster(const ColumnsView<double>& vertices, const std::vector<Face>& faces);
+
+    /// The closest intersection.
+    Hit nearest(const Ray& ray) const;
+    /// The closest intersection of each ray, found together: several times as fast.
+    std::array<Hit, 4> nearest(const RayBundle& rays) const;
+    /// Whether there is any.
+    bool meets(const Ray& ray) const;
+
+  private:
+    struct Node {
+        Vec3<double> lower, upper;
+        Index first = 0; // of a leaf: its first triangle; of a branch: its left child
+        Index count = 0; // of a leaf: its triangles; 0: a branch, whose right child is first + 1
+    };
+    struct Triangle {
+        Vec3<double> a, ab, ac;
+        Index face = 0;
+    };
+    struct Split {
+        int axis = -1; // -1: no split pays
+        double at = 0;
+        double cost = 0;
+    };
+    struct Builder;
+
+    template <bool any>
+    Hit walk(const Ray& ray) const;
+
+    std::vector<Node> nodes_;
+    std::vector<Triangle> triangles_;
+};
+
+} // namespace rye::trainer

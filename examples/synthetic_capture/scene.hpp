@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+/// synthetic_capture/scene.hpp: what a made capture shows: cameras around a head, and where
+/// the head is turned, looks and moves its face in each frame.
+/// World, head and camera conventions of rye; angles of gaze are (yaw, pitch), yaw + towards the
+/// subject's left, pitch + up.
+/// Source: the camera rig imitates that of ETH-XGaze (Zhang et al., 2020).
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <rye/geometry/camera.hpp>
+
+#include "synthetic_capture/head_render.hpp"
+
+namespace rye::trainer {
+
+struct CaptureSettings {
+    int size = 256;             ///< edge of the images [px], even
+    int cameras = 18;           ///< 1 to 18
+    int train_frames = 24;      ///< the first is neutral and looks straight ahead
+    int novel_frames = 6;       ///< tests that look where no training frame does
+    int independent_frames = 2; ///< tests whose eyes look apart
+    int samples = 4;            ///< rays a pixel
+    std::uint64_t seed = 1;     ///< of the subject and of all frames
+};
+
+/// A camera of the rig.
+struct SceneCamera {
+    std::string id;
+    double yaw_deg = 0, pitch_deg = 0, distance = 0; ///< of its place, from the head's middle
+    Pinhole<double> camera;
+};
+
+/// A rectangle of directions.
+struct GazeCell {
+    Vec2<double> yaw_deg, pitch_deg; ///< from, to
+    bool contains(const Vec2<double>& deg) const {
+        return deg.x() >= yaw_deg[0] && deg.x() <= yaw_deg[1] && deg.y() >= pitch_deg[0] &&
+               deg.y() <= pitch_deg[1];
+    }
+};
+
+enum class FrameKind { train, novel, independent };
+
+struct SceneFrame {
+    std::string id;
+    FrameKind kind = FrameKind::train;
+    Vec<double, 6> pose = Vec<double, 6>::Zero(); ///< axis-angle [rad], translation
+    HeadState state;
+    std::optional<Vec2<double>> fixation_deg; ///< of the target, from between the eyes
+    std::optional<Vec3<double>> target;       ///< world
+    std::array<Vec3<double>, 2> visual;       ///< unit, head frame
+    std::array<Vec2<double>, 2> optical_deg;
+};
+
+struct CaptureScene {
+    CaptureSettings settings;
+    std::vector<SceneCamera> cameras;
+    std::vector<SceneFrame> frames;
+    std::array<Vec2<double>, 2> kappa_deg; ///< optical - visual, of left and right eye
+    std::vector<GazeCell> held_out;        ///< fixations that no training frame has
+};
+
+/// The middle of the rig.
+inline const Vec3<double> head_centre(0, 0.32, 0.25);
+
+CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& settings);
+
+/// Renders every view and writes the capture to a new folder `out`; nothing is there before all is.
+/// progress(done, of) is told after each frame.
+void write_capture(const HeadModel& model, const CaptureScene& scene,
+                   const std::filesystem::path& out, const std::function<void(int, int)>& progress);
+
+} // namespace rye::trainer

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+/// `rye capture`: renders a calibrated multi-view capture of a head that exists nowhere.
+#include <unistd.h>
+
+#include <chrono>
+#include <cstdio>
+#include <memory>
+
+#include <CLI/CLI.hpp>
+
+#include <rye/core/error.hpp>
+
+#include "commands/commands.hpp"
+#include "commands/options.hpp"
+#include "data/threads.hpp"
+#include "synthetic_capture/scene.hpp"
+
+namespace rye::trainer {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Options {
+    CaptureSettings settings;
+    fs::path out, model;
+    int threads = 0;
+    bool overwrite = false, quiet = false;
+};
+
+fs::path beside(const fs::path& out, const char* suffix) {
+    fs::path path = out.has_filename() ? out : out.parent_path();
+    path += suffix;
+    return path;
+}
+
+/// A folder that is there may only be replaced on demand, and only if it is a capture.
+void check_out(const Options& o) {
+    const std::string who = o.out.string();
+    require(!o.out.empty() && (o.out.has_filename() || o.out.has_parent_path()), "capture",
+            "got no folder for --out, expected one to write");
+    if (!fs::exists(o.out) || (fs::is_directory(o.out) && fs::is_empty(o.out))) return;
+    require(o.overwrite, who, "is there already; give --overwrite to replace it");
+    require(fs::exists(o.out / "capture.json"), who,
+            "is no capture (it has no capture.json), so --overwrite does not replace it");
+}
+
+/// Puts the finished folder in place.
+void publish(const fs::path& finished, const fs::path& out) {
+    const fs::path old = beside(out, ".old");
+    fs::remove_all(old);
+    if (fs::exists(out)) fs::rename(out, old);
+    fs::rename(finished, out);
+    fs::remove_all(old);
+}
+
+void run(const Options& o) {
+    check_out(o);
+    set_threads(o.threads);
+    const auto start = std::chrono::steady_clock::now();
+    const auto seconds = [&] {
+        return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    };
+    const HeadModel model =
+        o.model.empty() ? procedural_head(o.settings.seed) : ict_head(o.model, o.settings.seed);
+    const CaptureScene scene = capture_scene(model, o.settings);
+    // Whatever interrupts the work, no half-written capture carries the name of a whole one.
+    const fs::path unfinished = beside(o.out, ".tmp");
+    fs::remove_all(unfinished);
+    const bool terminal = isatty(1) != 0;
+    try {
+        write_capture(model, scene, unfinished, [&](int done, int of) {
+            if (o.quiet || (!terminal && done != of && done % 8 != 0)) return;
+            std::printf("%sframe %d of %d, %.0f s%s", terminal ? "\r" : "", done, of, seconds(),
+                        terminal && done != of ? "" : "\n");
+            std::fflush(stdout);
+        });
+        publish(unfinished, o.out);
+    } catch (...) {
+        std::error_code ignored;
+        fs::remove_all(unfinished, ignored);
+        throw;
+    }
+    if (!o.quiet)
+        std::printf("%s: %zu frames x %zu cameras, %d x %d pixels\n", o.out.string().c_str(),
+                    scene.frames.size(), scene.cameras.size(), o.settings.size, o.settings.size);
+}
+
+} // namespace
+
+void add_capture(CLI::App& app) {
+    const auto o = std::make_shared<Options>();
+    CLI::App* c = app.add_subcommand(
+        "capture", "Render a calibrated multi-view capture of a made-up head, with gaze labels");
+    CaptureSettings& s = o->settings;
+    c->add_option("--out", o->out, "Folder to write; it must not be there")->required();
+    c->add_option("--frames", s.train_frames, "Training frames")->capture_default_str();
+    c->add_option("--test-frames", s.novel_frames, "Test frames with gazes kept out of training")
+        ->capture_default_str();
+    c->add_option("--apart-frames", s.independent_frames,
+                  "Test frames whose eyes look in directions of their own")
+        ->capture_default_str();
+    c->add_option("--size", s.size, "Edge of the images [px]")->capture_default_str();
+    c->add_option("--cameras", s.cameras, "Cameras, 1 to 18")->capture_default_str();
+    c->add_option("--samples", s.samples, "Rays a pixel")->capture_default_str();
+    c->add_option("--seed", s.seed, "Seed of the subject and of all frames")->capture_default_str();
+    c->add_option("--model", o->model,
+                  "The ICT face model (light) as an npz, instead of rye's own head");
+    add_threads(*c, o->threads, "Threads; the files do not depend on it (0: all)");
+    c->add_flag("--overwrite", o->overwrite, "Replace a capture that is in --out");
+    c->add_flag("--quiet", o->quiet, "No progress lines");
+    c->callback([o] { run(*o); });
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+/// commands/commands.hpp: the subcommands of `rye`; each adds itself to the program.
+#pragma once
+
+namespace CLI {
+class App;
+}
+
+namespace rye::trainer {
+
+void add_capture(CLI::App& app);
+void add_info(CLI::App& app);
+void add_train(CLI::App& app);
+void add_redirect(CLI::App& app);
+void add_evaluate(CLI::App& app);
+void add_export(CLI::App& app);
+void add_render(CLI::App& app);
+
+} // namespace rye::trainer

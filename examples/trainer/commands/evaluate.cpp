@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: Apache-2.0
+/// `rye evaluate`: image quality over head, face and eyes, and the gaze error by the paper's
+/// protocol, with two controls that say what the error is worth; results.json and per_view.json.
+#include <algorithm>
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <span>
+
+#include <CLI/CLI.hpp>
+
+#include <rye/capture/atomic_file.hpp>
+
+#include "commands/commands.hpp"
+#include "commands/options.hpp"
+#include "data/threads.hpp"
+#include "data/validate.hpp"
+#include "training/evaluation.hpp"
+
+namespace rye::trainer {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct EvaluateOptions {
+    std::filesystem::path run, capture, out;
+    std::string split = "test";
+    int threads = 0;
+};
+
+std::string cell(const Mean& m, const char* format) {
+    if (m.count == 0) return "-";
+    char text[32];
+    std::snprintf(text, sizeof text, format, m.value());
+    return text;
+}
+
+/// A row's name and its results.
+using Row = std::pair<std::string, ViewResult>;
+
+void print_quality(const std::vector<Row>& rows) {
+    std::printf("%-20s %7s %7s %7s %7s\n%-20s %7s %7s %7s %7s\n", "", "head", "head", "face",
+                "eyes", "", "PSNR", "SSIM", "PSNR", "PSNR");
+    for (const auto& [name, r] : rows)
+        std::printf("%-20s %7s %7s %7s %7s\n", name.c_str(), cell(r.head.psnr, "%.2f").c_str(),
+                    cell(r.head.ssim, "%.3f").c_str(), cell(r.face.psnr, "%.2f").c_str(),
+                    cell(r.eyes.psnr, "%.2f").c_str());
+    std::printf("PSNR [dB] over the pixels of the area, SSIM over the area.\n");
+}
+
+void print_gaze(const std::vector<Row>& rows, GazeTable ViewResult::*table) {
+    std::printf("%-20s %7s %7s %7s %7s %7s %7s   %s\n%-20s %7s %7s %7s %7s %7s %7s   %s\n", "",
+                "gaze", "at", "nearest", "where", "to", "estim.", "iris found of those visible on",
+                "", "error", "rest", "train", "found", "label", "label",
+                "photograph, render, rest, nearest");
+    for (const auto& [name, r] : rows) {
+        const GazeTable& t = r.*table;
+        std::printf("%-20s %7s %7s %7s %7s %7s %7s   %d, %d, %d, %d of %d (%d in view)\n",
+                    name.c_str(), cell(t.render.to_photograph, "%.2f").c_str(),
+                    cell(t.rest.to_photograph, "%.2f").c_str(),
+                    cell(t.nearest.to_photograph, "%.2f").c_str(),
+                    cell(t.render.where_found, "%.2f").c_str(),
+                    cell(t.render.to_label, "%.2f").c_str(),
+                    cell(t.photograph.to_label, "%.2f").c_str(), t.photograph.found,
+                    t.render.found, t.rest.found, t.nearest.found, r.eyes_visible,
+                    r.eyes_in_view);
+    }
+}
+
+void print_tables(const std::vector<Row>& rows) {
+    print_quality(rows);
+    std::printf("\nGaze [deg]; the estimator is given the capture's eyeballs and eye masks:\n");
+    print_gaze(rows, &ViewResult::measured);
+    std::printf("\nGaze [deg]; the estimator is given no label, but the run's own eyeballs:\n");
+    print_gaze(rows, &ViewResult::own);
+    std::printf(
+        "gaze error: estimator on the render against estimator on the photograph. at rest, nearest\n"
+        "train: controls, the same head with the gaze at rest and with each eye at its nearest\n"
+        "training gaze. to label: render against label. estim. label: photograph against label, what\n"
+        "the estimator itself is off by. An eye is visible if the capture's eye mask leaves the\n"
+        "estimator %d pixels or more on the photograph. Each visible eye counts in every mean but\n"
+        "'where found'; without an iris on one of the two pictures its error is %.0f degrees.\n",
+        min_eye_pixels, missed_degrees);
+}
+
+void write_json(const std::filesystem::path& path, const Json& json) {
+    const std::string text = json.dump(2) + "\n";
+    write_atomic(path, std::as_bytes(std::span(text)));
+}
+
+void evaluate(const EvaluateOptions& o) {
+    set_threads(o.threads);
+    const TrainState state = load_trained(o.run);
+    const Capture capture = read_valid_capture(o.capture.empty() ? std::filesystem::path(state.capture) : o.capture);
+    require_same_subject(state, capture);
+    std::vector<int> frames = o.split == "train" ? capture.train : capture.test;
+    if (o.split == "novel") frames = capture.novel_gaze;
+    if (o.split == "independent") frames = capture.independent_gaze;
+    require(!frames.empty(), capture.folder.string(),
+            "split '" + o.split + "' is empty, expected at least one frame");
+    const std::filesystem::path out = o.out.empty() ? o.run : o.out;
+    const std::filesystem::path pictures = out / ("evaluate_" + o.split);
+    std::filesystem::create_directories(pictures);
+
+    const Evaluation evaluation(state, capture);
+    std::map<std::string, ViewResult> groups;
+    ViewResult all;
+    Json per_view = Json::array();
+    const auto in = [](const std::vector<int>& list, int f) {
+        return std::find(list.begin(), list.end(), f) != list.end();
+    };
+    for (const int f : frames) {
+        ViewResult frame;
+        const int frontal = camera_index(capture, "", f);
+        for (int c = 0; c < capture.camera_count(); ++c) {
+            if (!capture.view(f, c).present) continue;
+            Image<float> picture;
+            const ViewResult r = evaluation.view(f, c, picture);
+            frame.add(r);
+            Json line = {{"frame", capture.frames[static_cast<std::size_t>(f)].id},
+                         {"camera", capture.camera_ids[static_cast<std::size_t>(c)]}};
+            line.update(r.json());
+            per_view.push_back(line);
+            if (c == frontal)
+                write_png(pictures / ("frame_" + capture.frames[static_cast<std::size_t>(f)].id + ".png"),
+                          picture);
+        }
+        all.add(frame);
+        if (in(capture.novel_gaze, f)) groups["novel gaze"].add(frame);
+        if (in(capture.independent_gaze, f)) groups["independent eyes"].add(frame);
+    }
+    Json results = {{"split", o.split}, {"frames", frames.size()}, {"views", per_view.size()},
+                    {"step", state.step}, {"missed_degrees", missed_degrees},
+                    {"all", all.json()}};
+    for (const auto& [name, r] : groups) results[name] = r.json();
+    write_json(out / "results.json", results);
+    write_json(out / "per_view.json", per_view);
+
+    std::vector<Row> rows{{"all " + o.split + " frames", all}};
+    rows.insert(rows.end(), groups.begin(), groups.end());
+    print_tables(rows);
+    std::printf("%s\n%s\n%s\n", (out / "results.json").string().c_str(),
+                (out / "per_view.json").string().c_str(),
+                (pictures.string() + " (photograph, render, render with the gaze at rest)").c_str());
+}
+
+} // namespace
+
+void add_evaluate(CLI::App& app) {
+    auto o = std::make_shared<EvaluateOptions>();
+    CLI::App* c = app.add_subcommand("evaluate", "Measure image quality and gaze error");
+    c->add_option("--run", o->run, "Folder of the run")->required();
+    c->add_option("--capture", o->capture, "Folder of the capture (default: the one trained on)");
+    c->add_option("--split", o->split, "Frames to measure")
+        ->check(CLI::IsMember({"test", "train", "novel", "independent"}))
+        ->capture_default_str();
+    c->add_option("--out", o->out, "Folder for results.json and per_view.json (default: the run's)");
+    add_threads(*c, o->threads);
+    c->callback([o] { evaluate(*o); });
+}
+
+} // namespace rye::trainer

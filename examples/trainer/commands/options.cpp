@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "commands/options.hpp"
+
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+
+#include <CLI/CLI.hpp>
+
+#include <rye/core/error.hpp>
+#include <rye/math/rotation.hpp>
+#include <rye/rig/gaze.hpp>
+
+namespace rye::trainer {
+
+int frame_index(const Capture& capture, const std::string& id) {
+    if (id.empty()) return capture.test.empty() ? 0 : capture.test.front();
+    for (int f = 0; f < capture.frame_count(); ++f)
+        if (capture.frames[static_cast<std::size_t>(f)].id == id) return f;
+    throw Error("--frame: got '" + id + "', expected one from '" + capture.frames.front().id +
+                "' to '" + capture.frames.back().id + "' in " + capture.folder.string());
+}
+
+int camera_index(const Capture& capture, const std::string& id, int frame) {
+    if (!id.empty()) {
+        std::string all;
+        for (int c = 0; c < capture.camera_count(); ++c) {
+            const std::string& name = capture.camera_ids[static_cast<std::size_t>(c)];
+            all += " " + name;
+            if (name != id) continue;
+            require(capture.view(frame, c).present, "--camera",
+                    "camera '" + id + "' has no image of frame '" +
+                        capture.frames[static_cast<std::size_t>(frame)].id + "'");
+            return c;
+        }
+        throw Error("--camera: got '" + id + "', expected one of:" + all);
+    }
+    const CaptureFrame& f = capture.frames[static_cast<std::size_t>(frame)];
+    const Mat3<double> head = so3_exp(Vec3<double>(f.pose.head<3>()));
+    const Vec3<double> forward = head.col(2), at = f.landmarks.rowwise().mean();
+    int best = -1;
+    double most = -2;
+    for (int c = 0; c < capture.camera_count(); ++c) {
+        if (!capture.view(frame, c).present) continue;
+        const Vec3<double> to = capture.camera(frame, c).centre() - at;
+        const double facing = to.normalized().dot(forward);
+        if (facing > most) most = facing, best = c;
+    }
+    require(best >= 0, capture.folder.string(), "frame '" + f.id + "' has no image");
+    return best;
+}
+
+Vec3<float> gaze_option(const std::vector<double>& pitch_yaw_deg, const std::string& option) {
+    require(pitch_yaw_deg.size() == 2, option,
+            "got " + std::to_string(pitch_yaw_deg.size()) + " numbers, expected PITCH,YAW");
+    for (const double a : pitch_yaw_deg)
+        require(std::isfinite(a) && std::abs(a) <= 70, option,
+                "got " + std::to_string(a) + " degrees, expected at most 70 either way");
+    constexpr double degree = 3.14159265358979323846 / 180;
+    return gaze_vector(pitch_yaw_deg[0] * degree, pitch_yaw_deg[1] * degree).cast<float>();
+}
+
+void require_same_subject(const TrainState& state, const Capture& capture) {
+    const int width = capture.expression_width();
+    require(width == state.config.avatar.expression, capture.folder.string(),
+            "exp_coeff has " + std::to_string(width) + " values, expected " +
+                std::to_string(state.config.avatar.expression) + ", as this run was trained with");
+    require_gazes(capture, state.config.gaze_axis);
+}
+
+void add_threads(CLI::App& command, int& threads, const std::string& help) {
+    command.add_option("--threads", threads, help)
+        ->check(CLI::Range(0, most_threads))
+        ->capture_default_str();
+}
+
+std::uint64_t parsed_seed(const std::string& text, const std::string& option) {
+    std::uint64_t seed = 0;
+    const char* const end = text.data() + text.size();
+    const auto [stop, fault] = std::from_chars(text.data(), end, seed);
+    require(fault == std::errc() && stop == end, option,
+            "got '" + text + "', expected a whole number from 0 to 18446744073709551615");
+    return seed;
+}
+
+double parsed_error(const std::string& text, const std::string& who, const std::string& option) {
+    double above = 0, below = 1;
+    int read = 0, all = 0;
+    if (std::sscanf(text.c_str(), "%lf%n/%lf%n", &above, &read, &below, &all) == 2) read = all;
+    const double error = above / below;
+    require(static_cast<std::size_t>(read) == text.size() && error > 0 && error < 1, who,
+            option + ": got " + text + ", expected a number between 0 and 1 such as 0.004 or 1/255");
+    return error;
+}
+
+} // namespace rye::trainer

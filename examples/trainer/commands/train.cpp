@@ -1,0 +1,443 @@
+// SPDX-License-Identifier: Apache-2.0
+/// `rye train`: both stages, with progress, log, panels, checkpoints and resume.
+#include <csignal>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <iostream>
+#include <numeric>
+
+#include <CLI/CLI.hpp>
+
+#include <rye/train/probe.hpp>
+
+#include "commands/commands.hpp"
+#include "commands/options.hpp"
+#include "data/json.hpp"
+#include "data/panel.hpp"
+#include "data/threads.hpp"
+#include "data/validate.hpp"
+#include "training/run_folder.hpp"
+#include "training/run_size.hpp"
+#include "training/steps.hpp"
+
+namespace rye::trainer {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+volatile std::sig_atomic_t stop_requested = 0;  // set by a signal, read between steps
+
+void request_stop(int signal) {
+    stop_requested = signal;
+    std::signal(signal, SIG_DFL);  // a second one ends the program at once
+}
+
+struct TrainOptions {
+    std::filesystem::path capture, out, config, perceptual_weights;
+    std::string preset = "cpu";
+    bool resume = false, overwrite = false, profile = false, quiet = false, print_config = false;
+    int threads = 0;
+    std::optional<std::string> seed;  // as text: the parser of options takes -3 and 1e23 for others
+    std::optional<std::int64_t> steps;
+};
+
+/// A line that rewrites itself on a terminal, and a plain line now and then elsewhere.
+class Progress {
+  public:
+    Progress(std::string stage, Index total, bool quiet)
+        : stage_(std::move(stage)), total_(total), quiet_(quiet), tty_(isatty(1) != 0) {}
+
+    void show(Index step, const std::string& losses, bool last) {
+        if (quiet_) return;
+        const double now = seconds();
+        if (first_step_ < 0) first_step_ = step - 1;
+        if (!last && now - shown_ < (tty_ ? 0.2 : 10.0)) return;
+        shown_ = now;
+        const double done = static_cast<double>(step - first_step_);
+        const auto left =
+            static_cast<std::int64_t>(now / done * static_cast<double>(total_ - step));
+        char text[64];
+        std::snprintf(text, sizeof text, "%4.0f ms/step, %lld:%02d left", 1e3 * now / done,
+                      static_cast<long long>(left / 60), static_cast<int>(left % 60));
+        std::cout << (tty_ ? "\r\033[K" : "") << stage_ << " " << step << "/" << total_ << "  "
+                  << losses << "  " << text << (tty_ && !last ? "" : "\n") << std::flush;
+    }
+
+  private:
+    double seconds() const {
+        return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    }
+    std::string stage_;
+    Index total_, first_step_ = -1;
+    bool quiet_, tty_;
+    std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+    double shown_ = -1e9;
+};
+
+/// A loss for the progress line: the first letters of its words.
+std::string brief(const std::string& name, double value) {
+    char text[64];
+    std::snprintf(text, sizeof text, " %s %.4f", name.substr(0, name.find('_') + 2).c_str(), value);
+    return text;
+}
+
+constexpr Index log_every = 20;  ///< steps between lines of log.jsonl
+
+/// The frames of an epoch in an order that depends on seed and epoch alone.
+int frame_of_step(const std::vector<int>& frames, Index step, const Random& random) {
+    const Index n = static_cast<Index>(frames.size());
+    const Random epoch = random.fork(static_cast<std::uint64_t>(step / n));
+    std::vector<int> order = frames;
+    for (Index i = n - 1; i > 0; --i)
+        std::swap(order[static_cast<std::size_t>(i)],
+                  order[static_cast<std::size_t>(epoch.below(static_cast<std::uint64_t>(i), i + 1))]);
+    return order[static_cast<std::size_t>(step % n)];
+}
+
+std::vector<int> present_cameras(const Capture& capture, int frame) {
+    std::vector<int> all;
+    for (int c = 0; c < capture.camera_count(); ++c)
+        if (capture.view(frame, c).present) all.push_back(c);
+    require(!all.empty(), capture.folder.string() + ": frame " +
+            capture.frames[static_cast<std::size_t>(frame)].id, "no camera has an image of it");
+    return all;
+}
+
+double decayed(double decay, Index step, Index total) {
+    return std::pow(decay, static_cast<double>(step) / static_cast<double>(std::max<Index>(total, 1)));
+}
+
+Index total_steps(int steps, int epochs, const Capture& capture) {
+    return steps > 0 ? steps : static_cast<Index>(epochs) * static_cast<Index>(capture.train.size());
+}
+
+/// Non-finite gradients skip their step; this many in a row end the run.
+constexpr int max_skipped_steps = 20;
+
+/// The trainer of one run.
+class Trainer {
+  public:
+    Trainer(const TrainOptions& options, Capture capture, TrainState state, Beginning beginning)
+        : options_(options), capture_(std::move(capture)), state_(std::move(state)),
+          random_{state_.config.seed, 0}, grid_(make_lattice(state_)),
+          folder_(options.out, state_, beginning) {}
+
+    /// True if it ran to the end.
+    bool run() {
+        if (state_.stage == Stage::mesh) {
+            if (!train_mesh()) return false;
+            fit_to_landmarks();
+            const AvatarSize size = begin_avatar(state_, grid_);
+            folder_.save(state_);
+            if (!options_.quiet)
+                std::cout << "stage 2 begins with " << size.face << " face and " << size.eyes
+                          << " eye Gaussians\n";
+        }
+        return train_avatar();
+    }
+    const TrainState& state() const { return state_; }
+
+  private:
+    void check_applied(const StepReport& report, const char* stage) {
+        skipped_ = report.bad_field.empty() ? 0 : skipped_ + 1;
+        if (skipped_ == 0) return;
+        folder_.log({{"stage", stage}, {"step", state_.step}, {"skipped", report.bad_field}});
+        require(skipped_ < max_skipped_steps, options_.out.string(),
+                "the gradient of '" + report.bad_field + "' was not finite " +
+                    std::to_string(skipped_) + " times in a row at step " +
+                    std::to_string(state_.step) + "; the last checkpoint is sound");
+    }
+
+    bool stopped() {
+        if (stop_requested == 0) return false;
+        folder_.save(state_);
+        std::cout << "\nstopped; the checkpoint is saved. Go on with\n  rye train --capture "
+                  << capture_.folder.string() << " --out " << options_.out.string()
+                  << " --resume\n";
+        return true;
+    }
+
+    bool train_mesh() {
+        const TrainConfig& config = state_.config;
+        const MeshTrainConfig& m = config.mesh;
+        const Index total = total_steps(m.steps, m.epochs, capture_);
+        const Random order = random_.fork(1), views = random_.fork(2);
+        if (state_.step == 0) pretrain_mesh(state_);
+        MeshStepper stepper(state_);
+        Progress progress("stage 1", total, options_.quiet);
+        int empty = 0;
+        while (state_.step < total) {
+            probe_.start();
+            const Index step = state_.step;
+            const int frame = frame_of_step(capture_.train, step, order);
+            std::vector<int> cameras = present_cameras(capture_, frame);
+            const Random pick = views.fork(static_cast<std::uint64_t>(step));
+            const int wanted = std::min<int>(m.views, static_cast<int>(cameras.size()));
+            for (int v = 0; v < wanted; ++v)
+                std::swap(cameras[static_cast<std::size_t>(v)],
+                          cameras[static_cast<std::size_t>(
+                              v + pick.below(static_cast<std::uint64_t>(v),
+                                             static_cast<Index>(cameras.size()) - v))]);
+            cameras.resize(static_cast<std::size_t>(wanted));
+            const MeshSample<float> sample =
+                mesh_sample(capture_, state_.subject, config, frame, cameras);
+            probe_("data");
+            const StepReport report = stepper.step(
+                state_, grid_, sample, decayed(m.rate_decay, step, total), std::ref(probe_));
+            empty = report.vertices == 0 ? empty + 1 : 0;
+            require(empty < 100, options_.out.string(),
+                    "the signed distance of stage 1 has had no surface for 100 steps (step " +
+                        std::to_string(step) + "); check units and head pose with `rye info`");
+            check_applied(report, "mesh");
+            tell("mesh", report, progress, state_.step == total);
+            if (stopped()) return false;
+            if (state_.step % state_.config.gaussians.checkpoint_every == 0)
+                folder_.save(state_);
+        }
+        return true;
+    }
+
+    void fit_to_landmarks() {
+        if (state_.config.mesh.fit_steps == 0) return;
+        std::vector<MeshSample<float>> frames;
+        for (const int frame : capture_.train)
+            frames.push_back(mesh_sample(capture_, state_.subject, state_.config, frame, {}));
+        const double left = fit_landmarks(state_, frames);
+        folder_.log({{"stage", "mesh"}, {"step", state_.step}, {"landmark_rms", left}});
+        if (!options_.quiet)
+            std::cout << "landmarks of all frames fitted to " << brief("", left) << "\n";
+    }
+
+    /// Logs and shows a step.
+    void tell(const char* stage, const StepReport& report, Progress& progress, bool last) {
+        if (state_.step % log_every == 0 || last) {
+            Json line = {{"stage", stage}, {"step", state_.step}};
+            for (const auto& [name, value] : report.losses) line[name] = value;
+            if (report.vertices > 0) line["vertices"] = report.vertices;
+            folder_.log(line);
+        }
+        std::string text;
+        for (const auto& [name, value] : report.losses) text += brief(name, value);
+        progress.show(state_.step, text, last);
+    }
+
+    AvatarSample<float> sample_of(Index step, const Random& order, const Random& views,
+                                  const Random& colors) {
+        const int frame = frame_of_step(capture_.train, step, order);
+        const std::vector<int> cameras = present_cameras(capture_, frame);
+        const std::uint64_t key = static_cast<std::uint64_t>(step);
+        const int camera = cameras[static_cast<std::size_t>(
+            views.below(key, static_cast<Index>(cameras.size())))];
+        AvatarSample<float> s = avatar_sample(capture_, state_.config, frame, camera);
+        s.eyes_high = step % state_.config.gaussians.weights.eye_high_every == 0;
+        if (state_.config.gaussians.augment)
+            s.scale = random_scale(s.camera.width, s.camera.height,
+                                   1 << state_.config.gaussians.upsampler.doublings,
+                                   random_.fork(8).fork(key));
+        const Random color = colors.fork(key);
+        for (Index c = 0; c < s.blank.size(); ++c)
+            s.blank(c) = static_cast<float>(color.uniform(static_cast<std::uint64_t>(c)));
+        return s;
+    }
+
+    bool train_avatar() {
+        const AvatarTrainConfig& g = state_.config.gaussians;
+        const Index total = total_steps(g.steps, g.epochs, capture_);
+        const Random order = random_.fork(5), views = random_.fork(6), colors = random_.fork(7);
+        const std::unique_ptr<AvatarSteps> steps = avatar_steps(state_, options_.perceptual_weights);
+        Progress progress("stage 2", total, options_.quiet);
+        while (state_.step < total) {
+            probe_.start();
+            const Index step = state_.step;
+            const AvatarSample<float> sample = sample_of(step, order, views, colors);
+            probe_("data");
+            const StepReport report =
+                steps->step(state_, sample, decayed(g.rate_decay, step, total), std::ref(probe_));
+            check_applied(report, "avatar");
+            const bool last = state_.step == total;
+            tell("avatar", report, progress, last);
+            if (g.panel_every > 0 && (state_.step % g.panel_every == 0 || last)) write_panel(sample);
+            if (stopped()) return false;
+            if (state_.step % g.checkpoint_every == 0 || last) folder_.save(state_);
+        }
+        return true;
+    }
+
+    void write_panel(const AvatarSample<float>& sample) {
+        const std::string number = std::to_string(state_.step);
+        const std::string name = "step_" + std::string(7 - std::min<std::size_t>(7, number.size()), '0') +
+                                 number + ".png";
+        folder_.panel(name, [&] {
+            const int factor = 1 << state_.config.gaussians.upsampler.doublings;
+            const Pinhole<float> full = scaled(sample.camera, factor);
+            const AvatarView v =
+                state_.visual ? render_avatar(drawn_state(state_), sample.drivers, full, true)
+                              : render_avatar(state_, sample.drivers, full, true);
+            const int width = sample.truth.width;
+            return side_by_side({sample.truth, v.high, enlarged(rgb_of(v.final), width),
+                                 enlarged(rgb_of(v.face), width),
+                                 enlarged(rgb_of(v.eyes), width)});
+        });
+    }
+
+    const TrainOptions& options_;
+    Capture capture_;
+    TrainState state_;
+    Random random_;
+    TetGrid<float> grid_;
+    RunFolder folder_;
+    TimeProbe probe_;
+    int skipped_ = 0;
+
+  public:
+    void print_profile() const {
+        double all = 0;
+        for (const auto& [name, part] : probe_.parts()) all += part.seconds;
+        std::printf("%-22s %10s %10s %7s\n", "part of a step", "calls", "ms a call", "share");
+        for (const auto& [name, part] : probe_.parts())
+            std::printf("%-22s %10td %10.3f %6.1f%%\n", name.c_str(), part.calls,
+                        1e3 * part.seconds / static_cast<double>(part.calls), 100 * part.seconds / all);
+    }
+};
+
+/// --steps, within the bounds that a configuration file has.
+void take_steps(const TrainOptions& o, TrainConfig& config) {
+    if (o.steps) from_json({{"gaussians", {{"steps", *o.steps}}}}, "--steps", config);
+}
+
+TrainConfig config_of(const TrainOptions& o) {
+    TrainConfig config = preset(o.preset);
+    if (!o.config.empty()) {
+        try {
+            from_json(read_json<nlohmann::ordered_json>(o.config, JsonComments::skipped),
+                      o.config.string(), config);
+        } catch (const nlohmann::json::exception& e) {
+            throw Error(o.config.string() + ": " + e.what());
+        }
+    }
+    if (o.seed) config.seed = parsed_seed(*o.seed, "--seed");
+    take_steps(o, config);
+    return config;
+}
+
+/// A run of the checkpoint in the folder, which fits the capture.
+void check_resumed(const TrainOptions& o, const TrainState& state, const Capture& capture) {
+    const std::string who = capture.folder.string();
+    if (!o.config.empty())
+        require(config_of(o).gaze_axis == state.config.gaze_axis, o.config.string(),
+                "field 'gaze_axis': got another than that of the run in " + o.out.string() +
+                    ", expected the same: a checkpoint has a kappa or has none");
+    require(state.train_frames == capture.train, who,
+            "its training frames are not those that this run began with");
+    require_same_subject(state, capture);
+    const Index landmarks = frame_landmarks(capture, capture.train.front()).cols();
+    require(landmarks == state.subject.neutral.cols(), who,
+            "got " + std::to_string(landmarks) + " landmarks and vertices, expected " +
+                std::to_string(state.subject.neutral.cols()) + ", as this run began with");
+}
+
+/// The first state of a run.
+TrainState first_state(const TrainConfig& config, const Capture& capture,
+                       const std::filesystem::path& folder) {
+    TrainState state;
+    state.config = config;
+    state.config.avatar.expression = capture.expression_width();
+    require_gazes(capture, config.gaze_axis);
+    state.capture = folder.string();
+    state.subject = describe_subject(capture, state.config);
+    state.train_frames = capture.train;
+    return state;
+}
+
+int train(const TrainOptions& o) {
+    if (o.print_config) {
+        std::cout << to_json(config_of(o)).dump(2) << "\n";
+        return 0;
+    }
+    require(!o.out.empty(), "rye train", "--out is missing, expected a folder for the run");
+    set_threads(o.threads);
+    const bool there = std::filesystem::exists(checkpoint_path(o.out));
+    require(!there || o.resume || o.overwrite, o.out.string(),
+            "holds a run already; expected --resume to go on with it, or --overwrite to lose it");
+    require(!o.resume || !o.overwrite, "rye train",
+            "got --resume and --overwrite, expected one of them");
+    // All that can be wrong is found here, before anything is written.
+    TrainState state;
+    std::filesystem::path folder = o.capture;
+    if (o.resume) {
+        state = load_checkpoint(o.out);
+        if (folder.empty()) folder = state.capture;
+        take_steps(o, state.config);
+    }
+    require(!folder.empty(), "rye train", "--capture is missing, expected the folder of a capture");
+    const TrainConfig config = o.resume ? state.config : config_of(o);
+    Capture capture = read_valid_capture(folder);
+    require_trainable(capture);
+    if (o.resume) check_resumed(o, state, capture);
+    else state = first_state(config, capture, folder);
+    const RunSize size = run_size(state.config, state.subject, capture.width, capture.height);
+    require_room(size, most_memory(), o.config.empty() ? "--preset " + config.preset
+                                                       : o.config.string());
+    check_perceptual_weights(o.perceptual_weights);
+    if (!o.resume) {
+        state.mesh = Mesh::init(state.config.avatar, state.subject.neutral.cast<float>(),
+                                Random{state.config.seed, 0});
+        state.mesh_adam = Adam<Mesh>(state.mesh);
+    }
+    if (config.preset == "paper" && o.perceptual_weights.empty())
+        std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
+                     "VGG16 term is replaced by one of gradient pyramids\n";
+    if (!o.quiet) std::cout << text_of(size) << "\n";
+    std::signal(SIGXFSZ, SIG_IGN);  // a file that grew too large is an error like a full disk
+    Trainer trainer(o, std::move(capture), std::move(state),
+                    o.resume ? Beginning::resumed
+                    : there  ? Beginning::replacing
+                             : Beginning::fresh);
+    std::signal(SIGINT, request_stop);
+    std::signal(SIGTERM, request_stop);
+    const bool done = trainer.run();
+    if (o.profile) trainer.print_profile();
+    if (done && !o.quiet)
+        std::cout << "done: " << checkpoint_path(o.out).string() << "\npanels: "
+                  << (o.out / "panels").string()
+                  << " (truth, final, low resolution, face over white eyeballs, eyes alone)\n";
+    return done ? 0 : 128 + static_cast<int>(stop_requested);
+}
+
+} // namespace
+
+void add_train(CLI::App& app) {
+    auto options = std::make_shared<TrainOptions>();
+    CLI::App* c = app.add_subcommand("train", "Train a gaze-redirectable head avatar from a capture");
+    c->add_option("--capture", options->capture, "Folder of the capture (see `rye info`)");
+    c->add_option("--out", options->out, "Folder of the run: checkpoint, log.jsonl, panels");
+    c->add_option("--preset", options->preset,
+                  "tiny: minutes on two cores; cpu: below an hour; paper: the paper's numbers")
+        ->check(CLI::IsMember({"tiny", "cpu", "paper"}))
+        ->capture_default_str();
+    c->add_option("--config", options->config,
+                  "JSON file whose fields replace the preset's (see --print-config)");
+    c->add_flag("--print-config", options->print_config,
+                "Print the effective configuration, every field of it, and stop");
+    c->add_option("--steps", options->steps, "Steps of stage 2, instead of the configuration's");
+    c->add_option("--seed", options->seed, "Seed of all randomness: any whole number below 2^64");
+    add_threads(*c, options->threads, "Threads; results do not depend on it (0: all)");
+    c->add_option("--perceptual-weights", options->perceptual_weights,
+                  "VGG16 + LPIPS weights, a safetensors file that cmake/convert_lpips_weights.py writes; "
+                  "without it the weight-free gradient-pyramid loss is used");
+    c->add_flag("--resume", options->resume, "Go on from the run's checkpoint, bit for bit");
+    c->add_flag("--overwrite", options->overwrite, "Replace a run that is in --out");
+    c->add_flag("--profile", options->profile, "Print where a step's time went");
+    c->add_flag("--quiet", options->quiet, "No progress line");
+    c->callback([options] {
+        const int code = train(*options);
+        if (code != 0) throw CLI::RuntimeError(code);
+    });
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: Apache-2.0
+/// data/capture.hpp: a calibrated multi-view capture of a head, read from a folder.
+/// Lengths in the files' own world units (about 1 dm). Cameras are OpenCV, pixel centres +0.5.
+/// Head frame: x subject's left, y up, z out of the face;
+/// x_world = scale R(pose[:3]) x_head + pose[3:].
+/// Eye 0 is the subject's left (x > 0), eye 1 the right.
+/// Source: the folder of Gaussian Head Avatar (Xu et al., 2024), and rye's gaze.npz and eye masks.
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <list>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <rye/core/columns.hpp>
+#include <rye/geometry/camera.hpp>
+
+#include "data/picture.hpp"
+
+namespace rye::trainer {
+
+/// One thing that is wrong with a capture, in one sentence that names file, field and value.
+struct Problem {
+    enum class Severity { warning, error };
+    Severity severity = Severity::error;
+    std::string message;
+};
+
+/// What gaze.npz says of one eye in one frame.
+struct CaptureEye {
+    Vec3<double> optical = Vec3<double>::UnitZ();  ///< unit optical axis, head frame
+    std::optional<Vec3<double>> optical_world;     ///< the same in the world, where the file has it
+    std::optional<Vec3<double>> visual;            ///< unit visual axis, head frame
+    std::optional<Vec3<double>> centre;            ///< centre of rotation, world
+    std::optional<Vec2<double>> kappa;             ///< optical - visual (yaw, pitch) [deg]
+    std::optional<double> radius;                  ///< of the sclera, world units
+    std::optional<double> limbus_radius;           ///< rim of the iris, world units
+    std::optional<double> iris_plane;              ///< iris lies near centre + iris_plane * optical
+};
+
+/// One moment: the same for all cameras.
+struct CaptureFrame {
+    std::string id;                 ///< name of its folders
+    std::vector<float> expression;  ///< exp_coeff, any width, the same in all frames
+    Vec<double, 6> pose = Vec<double, 6>::Zero();  ///< axis-angle [rad], translation
+    double scale = 1;                              ///< head to world
+    Columns<double> landmarks;                     ///< 3 x 66, world: iBUG without 48 and 54
+    Columns<double> vertices;                      ///< 3 x V, world; V may be 0
+    std::array<CaptureEye, 2> eyes;                ///< valid where has_gaze
+    bool has_gaze = false;                         ///< gaze.npz is there
+    bool has_centres = false;                      ///< ... with both eye centres
+};
+
+/// One frame as one camera sees it. Paths of optional files that are not there are empty.
+struct CaptureView {
+    Pinhole<double> camera;  ///< of the full-size image
+    std::filesystem::path image, mask, eye_mask, visible;
+    bool present = false;    ///< false: this camera missed this frame
+};
+
+/// What an image file holds outside the mask.
+enum class ImageContent {
+    automatic,   ///< over_black if capture.json says so, else photograph
+    over_black,  ///< premultiplied: black where the mask is 0
+    photograph,  ///< a room; multiplied by the mask while it is read
+};
+
+struct CaptureOptions {
+    double test_fraction = 0.2;               ///< last frames kept for tests, without capture.json
+    std::size_t cache_bytes = std::size_t(1) << 30U;  ///< of decoded 8-bit images
+    ImageContent content = ImageContent::automatic;
+};
+
+/// Decoded 8-bit images, the least recently used forgotten first.
+class ImageCache {
+public:
+    explicit ImageCache(std::size_t budget = std::size_t(1) << 30U) : budget_(budget) {}
+    ImageCache(ImageCache&&) = default;
+    ImageCache& operator=(ImageCache&&) = default;
+
+    /// The image of `path` in `channels`, read if it is not held. Valid until the next call.
+    const Image8& get(const std::filesystem::path& path, int channels);
+    std::size_t bytes() const { return bytes_; }
+
+private:
+    struct Entry {
+        std::string key;
+        Image8 image;
+    };
+    std::size_t budget_;
+    std::size_t bytes_ = 0;
+    std::list<Entry> entries_;  // most recently used first
+    std::map<std::string, std::list<Entry>::iterator> by_key_;
+};
+
+/// A capture. Images are decoded when asked for and cached: not for use by several threads at once.
+struct Capture {
+    std::filesystem::path folder;
+    std::string subject;                      ///< from capture.json, may be empty
+    std::vector<std::string> camera_ids;
+    std::vector<std::string> expression_names;  ///< empty where capture.json does not name them
+    std::vector<CaptureFrame> frames;
+    std::vector<CaptureView> views;           ///< frames x cameras, a frame's views adjacent
+    std::vector<int> train, test, novel_gaze, independent_gaze;  ///< indices of frames
+    int width = 0;                            ///< of the full-size images [px]
+    int height = 0;
+    bool images_over_black = true;            ///< the files; image() is over black always
+    bool has_eye_masks = false;               ///< for every view that is present
+
+    int frame_count() const { return static_cast<int>(frames.size()); }
+    int camera_count() const { return static_cast<int>(camera_ids.size()); }
+    int expression_width() const {
+        return frames.empty() ? 0 : static_cast<int>(frames.front().expression.size());
+    }
+    bool has_gaze() const;       ///< of every frame
+    bool has_centres() const;    ///< of every frame
+    const CaptureView& view(int frame, int camera) const;
+    const Pinhole<double>& camera(int f, int c) const { return view(f, c).camera; }
+
+    /// 3 channels in [0, 1], sRGB as stored, premultiplied over black: add (1 - mask) * background.
+    Image<float> image(int frame, int camera) const;
+    /// 1 channel in [0, 1]: how much of the pixel is the subject.
+    Image<float> mask(int frame, int camera) const;
+    /// 2 channels, 0 or 1: pixels of the visible left and right eyeball; zeros without an eye mask.
+    Image<float> eye_mask(int frame, int camera) const;
+    /// 1 channel in [0, 1]: 0 where the picture was padded; ones without a visible file.
+    Image<float> visible(int frame, int camera) const;
+
+    mutable ImageCache cache;
+};
+
+/// The six landmarks around an eye, as columns of CaptureFrame::landmarks. In the order of iBUG
+/// the lids on the image's left, 36 to 41, are the subject's right eye.
+constexpr std::array<int, 6> eye_landmarks(int eye) {
+    return eye == 0 ? std::array<int, 6>{42, 43, 44, 45, 46, 47}
+                    : std::array<int, 6>{36, 37, 38, 39, 40, 41};
+}
+
+/// Reads everything but the pixels. Without `problems` the first fault is thrown as an Error; with
+/// it every fault is added to the list, and what could be read is returned.
+Capture read_capture(const std::filesystem::path& folder, const CaptureOptions& options = {},
+                     std::vector<Problem>* problems = nullptr);
+
+} // namespace rye::trainer

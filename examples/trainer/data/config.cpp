@@ -1,0 +1,399 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "data/config.hpp"
+
+#include <cmath>
+#include <functional>
+#include <map>
+
+#include <rye/core/error.hpp>
+
+namespace rye::trainer {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// The numbers that a field may have, ends included, and, if `zero`, 0 beside them.
+struct Range {
+    double low, high;
+    bool zero = false;
+};
+constexpr Range any{0, 1e6};            // weights and lengths, which may be 0
+constexpr Range above_zero{1e-9, 1e6};
+constexpr Range rate{0, 10};            // of learning
+constexpr Range steps{0, 1e9};
+constexpr Range part{1e-6, 1 - 1e-6};   // of 1, neither all nor nothing
+constexpr Range seeds{0, 18446744073709551616.};  // 2^64: every one
+
+/// Names each field of the configuration once, with the numbers that it may have; Reader and Writer
+/// below walk over it.
+template <class F>
+void walk(F& f, TrainConfig& c) {
+    f("preset", c.preset);
+    f("seed", c.seed, seeds);
+    f("gaze_axis", c.gaze_axis);
+    f("measured_eyes", c.measured_eyes);
+    f("avatar", [&] {
+        AvatarConfig& a = c.avatar;
+        f("feature", a.feature, Range{1, 4096});
+        f("channels", a.channels, Range{3, 1024});
+        f("frequencies", a.frequencies, Range{0, 20});
+        f("pose_frequencies", a.pose_frequencies, Range{0, 20});
+        f("gaze_frequencies", a.gaze_frequencies, Range{0, 20});
+        f("exp_near", a.exp_near, any);
+        f("exp_far", a.exp_far, any);
+        f("gaze_near", a.gaze_near, any);
+        f("gaze_far", a.gaze_far, any);
+        f("metric", a.metric);
+        f("deform_scale", a.deform_scale, Range{0, 100});
+        f("attribute_scale", a.attribute_scale, Range{0, 100});
+        f("vertex_offset", a.vertex_offset, Range{0, 100});
+        f("drivers_from_zero", a.drivers_from_zero);
+        f("networks", [&] {
+            NetworkConfig& n = a.networks;
+            f("geometry", n.geometry);
+            f("exp_color", n.exp_color);
+            f("pose_color", n.pose_color);
+            f("exp_deform", n.exp_deform);
+            f("pose_deform", n.pose_deform);
+            f("exp_attributes", n.exp_attributes);
+            f("pose_attributes", n.pose_attributes);
+            f("gaze_deform", n.gaze_deform);
+            f("gaze_color", n.gaze_color);
+            f("eye_offset", n.eye_offset);
+        });
+    });
+    f("grid", [&] {
+        f("half_side", c.grid.half_side, Range{0.01, 1000});
+        f("cell", c.grid.cell, Range{1e-4, 1000});
+        f("subdivide", c.grid.subdivide);
+    });
+    f("mesh", [&] {
+        MeshTrainConfig& m = c.mesh;
+        f("steps", m.steps, steps);
+        f("epochs", m.epochs, Range{0, 1e6});
+        f("views", m.views, Range{1, 1000});
+        f("image_size", m.image_size, Range{8, 16384});
+        f("pretrain_steps", m.pretrain_steps, Range{0, 1e6});
+        f("rate_decay", m.rate_decay, above_zero);
+        f("landmarks_follow_gaze", m.landmarks_follow_gaze);
+        f("fit_steps", m.fit_steps, Range{0, 1e7});
+        f("weights", [&] {
+            f("rgb", m.weights.rgb, any);
+            f("silhouette", m.weights.silhouette, any);
+            f("deform", m.weights.deform, any);
+            f("offset", m.weights.offset, any);
+            f("landmark", m.weights.landmark, any);
+            f("laplacian", m.weights.laplacian, any);
+            f("eye_offset", m.weights.eye_offset, any);
+        });
+        f("rates", [&] {
+            f("networks", m.rates.networks, rate);
+            f("landmarks", m.rates.landmarks, rate);
+        });
+    });
+    f("gaussians", [&] {
+        AvatarTrainConfig& g = c.gaussians;
+        f("steps", g.steps, steps);
+        f("epochs", g.epochs, Range{0, 1e6});
+        f("mouth_points", g.mouth_points, Range{0, 1e7});
+        f("spacing", g.spacing, Range{1e-4, 1000, true});
+        f("spacing_slope", g.spacing_slope, Range{0, 1000});
+        f("opacity", g.opacity, part);
+        f("rate_decay", g.rate_decay, above_zero);
+        f("augment", g.augment);
+        f("checkpoint_every", g.checkpoint_every, Range{1, 1e9});
+        f("panel_every", g.panel_every, steps);
+        f("eyeball", [&] {
+            f("points", g.eyeball.points, Range{1, 50000});  // its neighbours take P^2 distances
+            f("radius", g.eyeball.radius, Range{1e-3, 1000});
+            f("opacity", g.eyeball.opacity, part);
+            f("thickness", g.eyeball.thickness, Range{1e-6, 1});
+            f("max_growth", g.eyeball.max_growth, Range{1e-3, 1e6, true});
+        });
+        f("weights", [&] {
+            f("high_resolution", g.weights.high_resolution, any);
+            f("low_resolution", g.weights.low_resolution, any);
+            f("perceptual", g.weights.perceptual, any);
+            f("dssim", g.weights.dssim, any);
+            f("eye_low", g.weights.eye_low, any);
+            f("eye_high", g.weights.eye_high, any);
+            f("blank", g.weights.blank, any);
+            f("blank_eyeballs", g.weights.blank_eyeballs);
+            f("eyes_from_eye_terms", g.weights.eyes_from_eye_terms);
+            f("eye_smooth", g.weights.eye_smooth, any);
+            f("eye_average", g.weights.eye_average);
+            f("face_alone", g.weights.face_alone, any);
+            f("eye_high_every", g.weights.eye_high_every, Range{1, 1e6});
+        });
+        f("rates", [&] {
+            f("upsampler", g.rates.upsampler, rate);
+            f("networks", g.rates.networks, rate);
+            f("opacity", g.rates.opacity, rate);
+            f("scale", g.rates.scale, rate);
+            f("position", g.rates.position, rate);
+            f("feature", g.rates.feature, rate);
+            f("rotation", g.rates.rotation, rate);
+            f("delta_pose", g.rates.delta_pose, rate);
+            f("eye_feature", g.rates.eye_feature, rate);
+            f("eye_offset", g.rates.eye_offset, rate);
+            f("kappa", g.rates.kappa, rate);
+        });
+        f("upsampler", [&] {
+            f("capacity", g.upsampler.capacity, Range{1, 1024});
+            f("doublings", g.upsampler.doublings, Range{0, 4});
+            f("norm", g.upsampler.norm);
+            f("skip", g.upsampler.skip);
+        });
+    });
+}
+
+/// The words of an enumeration, in the order of its values.
+template <class E>
+const std::vector<std::string>& words();
+template <>
+const std::vector<std::string>& words<EyeAverage>() {
+    static const std::vector<std::string> w{"image", "mask"};
+    return w;
+}
+template <>
+const std::vector<std::string>& words<Normalization>() {
+    static const std::vector<std::string> w{"instance", "none"};
+    return w;
+}
+template <>
+const std::vector<std::string>& words<GazeAxis>() {
+    static const std::vector<std::string> w{"optical", "visual"};
+    return w;
+}
+const std::vector<std::string>& metric_words() {
+    static const std::vector<std::string> w{"squared", "euclidean"};
+    return w;
+}
+
+struct Writer {
+    Json json = Json::object();
+    template <class V>
+    void operator()(const char* name, V&& value, Range = {}) {
+        using X = std::remove_cvref_t<V>;
+        if constexpr (std::is_invocable_v<X>) {
+            Json outer = std::move(json);
+            json = Json::object();
+            value();
+            outer[name] = std::move(json);
+            json = std::move(outer);
+        } else if constexpr (std::is_enum_v<X>) {
+            json[name] = words<X>()[static_cast<std::size_t>(value)];
+        } else if constexpr (std::is_same_v<X, ChosenMetric>) {
+            json[name] = metric_words()[value.index()];
+        } else {
+            json[name] = value;
+        }
+    }
+};
+
+bool within(double x, const Range& r) { return (r.zero && x == 0) || (x >= r.low && x <= r.high); }
+
+/// "from 1 to 1000".
+std::string text(const Range& r) {
+    const auto number = [](double x) {
+        const bool whole = x == std::floor(x) && x < 1e18;
+        return whole ? std::to_string(static_cast<std::uint64_t>(x)) : Json(x).dump();
+    };
+    return (r.zero ? "that is 0, or from " : "from ") + number(r.low) + " to " + number(r.high);
+}
+
+/// A value in a message: never a long one, whatever the file holds.
+std::string shown(const Json& json) {
+    if (json.is_structured()) return json.is_array() ? "a list" : "an object";
+    const std::string text = json.dump(-1, ' ', true, Json::error_handler_t::replace);
+    return text.size() <= 60 ? text : text.substr(0, 57) + "...";
+}
+
+struct Reader {
+    std::string source;
+    std::string path;       // of the object being read
+    const Json* json;
+    std::size_t used = 0;   // fields of that object that are known
+
+    template <class V>
+    void operator()(const char* name, V&& value, Range range = {}) {
+        using X = std::remove_cvref_t<V>;
+        const auto found = json->find(name);
+        if (found == json->end()) return;
+        ++used;
+        const std::string where = path.empty() ? name : path + "." + name;
+        const auto fail = [&](const std::string& expected) {
+            throw Error(source + ": field '" + where + "': got " + shown(*found) + ", expected " +
+                        expected);
+        };
+        const auto word = [&](const std::vector<std::string>& all) -> std::size_t {
+            std::string list;
+            for (std::size_t i = 0; i < all.size(); ++i) {
+                if (found->is_string() && *found == all[i]) return i;
+                list += (i == 0 ? "\"" : " or \"") + all[i] + "\"";
+            }
+            fail(list);
+            return 0;
+        };
+        if constexpr (std::is_invocable_v<X>) {
+            if (!found->is_object()) fail("an object");
+            Reader inner{source, where, &*found};
+            std::swap(inner, *this);  // the walk's inner calls come to this object
+            value();
+            check_all_used();
+            std::swap(inner, *this);
+        } else if constexpr (std::is_enum_v<X>) {
+            value = static_cast<X>(word(words<X>()));
+        } else if constexpr (std::is_same_v<X, ChosenMetric>) {
+            if (word(metric_words()) == 0) value = SquaredDistance{};
+            else value = EuclideanDistance{};
+        } else if constexpr (std::is_same_v<X, bool>) {
+            if (!found->is_boolean()) fail("true or false");
+            value = found->template get<bool>();
+        } else if constexpr (std::is_same_v<X, double>) {
+            if (!found->is_number() || !within(found->template get<double>(), range))
+                fail("a number " + text(range));
+            value = found->template get<double>();
+        } else if constexpr (std::is_integral_v<X>) {
+            if (!found->is_number_integer() || !within(found->template get<double>(), range))
+                fail("a whole number " + text(range));
+            value = found->template get<X>();
+        } else if constexpr (std::is_same_v<X, std::string>) {
+            if (!found->is_string()) fail("a string");
+            value = found->template get<std::string>();
+        } else {
+            if (!found->is_array() || found->size() > 64) fail("a list of layer widths");
+            X list;
+            for (const Json& e : *found) {
+                if (!e.is_number_integer() || !within(e.template get<double>(), {1, 65536}))
+                    fail("a list of layer widths from 1 to 65536");
+                list.push_back(e.template get<int>());
+            }
+            value = list;
+        }
+    }
+
+    void check_all_used() const {
+        if (used == json->size()) return;
+        // Which ones: those that a full configuration does not have at this place.
+        TrainConfig reference;
+        const Json full = to_json(reference);
+        const Json* at = &full;
+        std::size_t begin = 0;
+        while (begin < path.size()) {
+            const std::size_t end = std::min(path.find('.', begin), path.size());
+            at = &(*at)[path.substr(begin, end - begin)];
+            begin = end + 1;
+        }
+        for (const auto& [key, value] : json->items())
+            if (!at->contains(key))
+                throw Error(source + ": field '" + (path.empty() ? key : path + "." + key) +
+                            "' is not known; `rye train --help` says how to print all fields");
+    }
+};
+
+/// What one field alone does not tell.
+void check(const TrainConfig& c, const std::string& source) {
+    const auto ordered = [&](const char* field, double v, const char* bound, double least) {
+        require(v >= least, source, std::string("field '") + field + "': got " + std::to_string(v) +
+                                        ", expected " + bound + " (" + std::to_string(least) +
+                                        ") or more");
+    };
+    ordered("avatar.exp_far", c.avatar.exp_far, "avatar.exp_near", c.avatar.exp_near);
+    ordered("avatar.gaze_far", c.avatar.gaze_far, "avatar.gaze_near", c.avatar.gaze_near);
+    ordered("grid.half_side", c.grid.half_side, "grid.cell", c.grid.cell);
+}
+
+/// Networks of few enough operations for a processor: the same shapes as the paper's, narrower.
+NetworkConfig narrow_networks(int wide, int narrow) {
+    NetworkConfig n;
+    n.geometry.assign(4, wide);
+    n.exp_color.assign(2, wide);
+    n.pose_color.assign(1, narrow);
+    n.exp_deform.assign(4, wide);
+    n.pose_deform.assign(2, wide);
+    n.exp_attributes.assign(2, wide);
+    n.pose_attributes.assign(1, narrow);
+    n.gaze_deform.assign(3, wide);
+    n.gaze_color.assign(1, wide);
+    n.eye_offset.assign(2, narrow);
+    return n;
+}
+
+} // namespace
+
+nlohmann::ordered_json to_json(const TrainConfig& config) {
+    TrainConfig copy = config;
+    Writer writer;
+    walk(writer, copy);
+    return writer.json;
+}
+
+void from_json(const nlohmann::ordered_json& json, const std::string& source, TrainConfig& config) {
+    require(json.is_object(), source, "got " + std::string(json.type_name()) + ", expected an object");
+    Reader reader{source, "", &json};
+    walk(reader, config);
+    reader.check_all_used();
+    check(config, source);
+}
+
+TrainConfig preset(const std::string& name) {
+    TrainConfig c;
+    c.preset = name;
+    if (name == "paper") return c;
+    require(name == "cpu" || name == "tiny", "preset",
+            "got '" + name + "', expected tiny, cpu or paper");
+    const bool tiny = name == "tiny";
+    // What the paper leaves to a graphics card and days, shortened: narrower networks, fewer
+    // Gaussians, one doubling of the image, larger rates that decay.
+    c.avatar.feature = 32;
+    c.avatar.channels = tiny ? 16 : 8;
+    c.avatar.drivers_from_zero = true;
+    c.avatar.networks = tiny ? narrow_networks(48, 32) : narrow_networks(64, 64);
+    c.grid.cell = tiny ? 3.5 / 16 : 3.5 / 24;
+    c.mesh.steps = tiny ? 400 : 900;
+    c.mesh.views = 2;
+    c.mesh.image_size = tiny ? 96 : 128;
+    c.mesh.rate_decay = 0.1;
+    c.mesh.landmarks_follow_gaze = true;
+    c.mesh.fit_steps = tiny ? 1500 : 3000;
+    AvatarTrainConfig& g = c.gaussians;
+    g.steps = tiny ? 1200 : 6000;
+    g.mouth_points = tiny ? 300 : 600;
+    g.spacing = tiny ? 0.02 : 0.012;
+    g.spacing_slope = 0.2;
+    g.rate_decay = 0.05;
+    g.augment = false;
+    g.checkpoint_every = tiny ? 400 : 1000;
+    g.panel_every = tiny ? 400 : 500;
+    g.eyeball.points = tiny ? 700 : 2500;
+    g.weights.eye_average = EyeAverage::mask;
+    g.weights.eye_low = g.weights.eye_high = 0.2;
+    g.weights.dssim = 0.2;
+    g.weights.blank = 0.1;
+    g.weights.blank_eyeballs = true;
+    g.weights.face_alone = 1.0;
+    g.weights.eye_high_every = 3;
+    g.eyeball.max_growth = 0.7;
+    g.eyeball.thickness = 0.1;
+    g.weights.eyes_from_eye_terms = true;
+    g.weights.eye_smooth = 0.2;
+    g.rates.upsampler = 1e-3;
+    g.rates.networks = 1e-3;
+    g.rates.opacity = 1e-2;
+    g.rates.scale = 3e-3;
+    g.rates.position = 3e-4;
+    g.rates.feature = 2e-3;
+    g.rates.rotation = 2e-3;
+    g.rates.delta_pose = 1e-5;
+    g.rates.eye_feature = 1e-2;
+    g.rates.kappa = 1e-3;
+    g.rates.eye_offset = 0;
+    g.upsampler.capacity = 8;
+    g.upsampler.doublings = tiny ? 1 : 0;
+    g.upsampler.norm = Normalization::none;
+    g.upsampler.skip = true;
+    return c;
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+/// data/config.hpp: everything that decides a training run, its presets, and its JSON.
+/// A run's effective configuration is printed, stored with every checkpoint, and read back from it.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+#include <rye/avatar/config.hpp>
+#include <rye/nn/upsampler.hpp>
+#include <rye/train/settings.hpp>
+
+namespace rye::trainer {
+
+struct GridConfig {
+    double half_side = 1.75;  ///< of the cube around the head, canonical units
+    double cell = 3.5 / 52;   ///< edge of a lattice cell, canonical units
+    bool subdivide = true;    ///< once more for stage 2, as GHA does
+};
+
+struct MeshTrainConfig {
+    int steps = 0;            ///< 0: `epochs` times the training frames
+    int epochs = 50;
+    int views = 4;            ///< cameras a step
+    int image_size = 256;     ///< width of the rasterised image [px]
+    int pretrain_steps = 300; ///< of the sphere
+    double rate_decay = 1;    ///< the rates at the last step, as a part of the first's
+    bool landmarks_follow_gaze = false;  ///< L_def deforms by the gaze fields too, not expression alone
+    int fit_steps = 0;  ///< of fit_deformation, after the last step
+    MeshLossConfig weights;
+    MeshRates rates;
+};
+
+struct EyeballConfig {
+    int points = 1500;          ///< wanted Gaussians an eyeball
+    double radius = 0.12;       ///< of the sclera where the capture does not say, canonical units
+    double opacity = 0.9;       ///< first
+    double thickness = 1;       ///< along the normal, times the width
+    double max_growth = 0;      ///< of scales, times the template's spacing; 0: no bound
+};
+
+struct AvatarTrainConfig {
+    int steps = 0;              ///< 0: `epochs` times the training frames
+    int epochs = 500;
+    int mouth_points = 3000;
+    /// Edges of the neutral surface longer than spacing + spacing_slope * (distance to the nearest
+    /// eye or lip landmark) are halved, canonical units; spacing 0: none.
+    double spacing = 0, spacing_slope = 0.1;
+    double opacity = 0.3;       ///< first
+    double rate_decay = 1;
+    bool augment = true;        ///< random scale before super-resolution
+    int checkpoint_every = 1000;
+    int panel_every = 1000;
+    EyeballConfig eyeball;
+    AvatarLossConfig weights;
+    AvatarRates rates;
+    UpsamplerShape upsampler;   ///< in_channels follows from the avatar
+};
+
+/// Of which axis of an eye the gazes of a run are: the eyeball's own, or the line of sight, which
+/// differs by a constant of the person. By visual axes stage 2 trains an avatar with the effect
+/// Kappa, which learns that constant from 0.
+enum class GazeAxis { optical, visual };
+
+struct TrainConfig {
+    std::string preset;
+    std::uint64_t seed = 1;
+    GazeAxis gaze_axis = GazeAxis::optical;
+    bool measured_eyes = true;  ///< eyeball centres and radii from gaze.npz where it has them, else
+                                ///< from the landmarks around the eyes, as the paper has it
+    AvatarConfig avatar;
+    GridConfig grid;
+    MeshTrainConfig mesh;
+    AvatarTrainConfig gaussians;
+};
+
+/// "tiny", "cpu" or "paper"; Error for another name.
+TrainConfig preset(const std::string& name);
+
+nlohmann::ordered_json to_json(const TrainConfig& config);
+
+/// Overwrites the fields that `json` names; Error (naming source and field) for unknown fields,
+/// wrong types and values out of range.
+void from_json(const nlohmann::ordered_json& json, const std::string& source, TrainConfig& config);
+
+} // namespace rye::trainer

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "data/eye_shapes.hpp"
+
+#include <cmath>
+
+namespace rye::trainer {
+
+EyeSizes eye_sizes(const CaptureEye& eye, double scale, double default_radius) {
+    EyeSizes s;
+    s.radius = eye.radius ? *eye.radius / scale : default_radius;
+    s.limbus_radius = eye.limbus_radius ? *eye.limbus_radius / scale : 0.49 * s.radius;
+    s.iris_plane = eye.iris_plane ? *eye.iris_plane / scale : 0.87 * s.radius;
+    return s;
+}
+
+EyeballShape eyeball_shape(const EyeSizes& sizes) {
+    EyeballShape shape =
+        EyeballShape{}.with_radius(sizes.radius).with_limbus(sizes.limbus_radius);
+    shape.iris_plane = sizes.iris_plane;
+    return shape;
+}
+
+void require_eyeball(const EyeSizes& sizes, const std::string& who) {
+    try {
+        for (const double x : {sizes.radius, sizes.limbus_radius, sizes.iris_plane})
+            require(std::isfinite(x) && x > 1e-6 && x < 1e6, "sizes",
+                    "got " + std::to_string(x) + ", expected lengths above 0");
+        EyeballShape shape = eyeball_shape(sizes);
+        shape.iris_rings = 2;
+        shape.sclera_rings = shape.back_rings = 1;
+        eyeball_template<double>(shape);
+    } catch (const Error& e) {
+        throw Error(who + ": eye_radius " + std::to_string(sizes.radius) + ", limbus_radius " +
+                    std::to_string(sizes.limbus_radius) + " and iris_plane " +
+                    std::to_string(sizes.iris_plane) + " make no eyeball (in canonical units): " +
+                    e.what());
+    }
+}
+
+} // namespace rye::trainer

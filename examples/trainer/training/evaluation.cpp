@@ -1,0 +1,259 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/evaluation.hpp"
+
+#include <algorithm>
+
+#include <rye/loss/photometric.hpp>
+#include <rye/math/rotation.hpp>
+#include <rye/rig/gaze.hpp>
+
+#include "data/panel.hpp"
+
+namespace rye::trainer {
+namespace {
+
+using Json = nlohmann::ordered_json;
+constexpr double degrees = 180 / 3.14159265358979323846;
+
+/// The three areas that image quality is measured over, as 1 x pixels masks of 0 and 1.
+struct Areas {
+    Columns<float> head;  ///< the subject's mask
+    Columns<float> face;  ///< the head inside the convex hull of the projected landmarks
+    Columns<float> eyes;  ///< rectangles around the visible eyeballs, half as wide again
+};
+
+/// Convex hull of points [px], counter-clockwise (Andrew's monotone chain).
+std::vector<Vec2<double>> convex_hull(std::vector<Vec2<double>> p) {
+    std::sort(p.begin(), p.end(), [](const auto& a, const auto& b) {
+        return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
+    });
+    std::vector<Vec2<double>> hull;
+    const auto cross = [](const Vec2<double>& o, const Vec2<double>& a, const Vec2<double>& b) {
+        return (a.x() - o.x()) * (b.y() - o.y()) - (a.y() - o.y()) * (b.x() - o.x());
+    };
+    for (int pass = 0; pass < 2; ++pass) {
+        const std::size_t base = hull.size();
+        for (const Vec2<double>& q : p) {
+            while (hull.size() >= base + 2 && cross(hull[hull.size() - 2], hull.back(), q) <= 0)
+                hull.pop_back();
+            hull.push_back(q);
+        }
+        hull.pop_back();
+        std::reverse(p.begin(), p.end());
+    }
+    return hull;
+}
+
+Areas areas_of(const Capture& capture, int frame, int camera) {
+    const Image<float> mask = capture.mask(frame, camera), eyes = capture.eye_mask(frame, camera);
+    const CaptureFrame& f = capture.frames[static_cast<std::size_t>(frame)];
+    const Pinhole<double>& view = capture.camera(frame, camera);
+    Areas a;
+    a.head = (mask.pixels.array() >= 0.5f).cast<float>();
+    std::vector<Vec2<double>> points;
+    for (Index k = 0; k < f.landmarks.cols(); ++k)
+        points.push_back(view.project_point(f.landmarks.col(k)).head<2>());
+    const std::vector<Vec2<double>> hull = convex_hull(points);
+    a.face = a.head;
+    for (int y = 0; y < mask.height; ++y)
+        for (int x = 0; x < mask.width; ++x)
+            for (std::size_t k = 0; k < hull.size(); ++k) {
+                const Vec2<double>&p = hull[k], &q = hull[(k + 1) % hull.size()];
+                if ((q.x() - p.x()) * (y + 0.5 - p.y()) - (q.y() - p.y()) * (x + 0.5 - p.x()) < 0)
+                    a.face(0, static_cast<Index>(y) * mask.width + x) = 0;
+            }
+    a.eyes = Columns<float>::Zero(1, mask.size());
+    for (int eye = 0; eye < 2; ++eye) {
+        int x0 = mask.width, x1 = -1, y0 = mask.height, y1 = -1;
+        for (int y = 0; y < mask.height; ++y)
+            for (int x = 0; x < mask.width; ++x)
+                if (eyes.at(x, y)(eye) > 0.5f) {
+                    x0 = std::min(x0, x), x1 = std::max(x1, x);
+                    y0 = std::min(y0, y), y1 = std::max(y1, y);
+                }
+        if (x1 < 0) continue;
+        const int dx = (x1 - x0 + 1) / 4 + 1, dy = (y1 - y0 + 1) / 4 + 1;
+        for (int y = std::max(0, y0 - dy); y <= std::min(mask.height - 1, y1 + dy); ++y)
+            for (int x = std::max(0, x0 - dx); x <= std::min(mask.width - 1, x1 + dx); ++x)
+                a.eyes(0, static_cast<Index>(y) * mask.width + x) =
+                    a.head(0, static_cast<Index>(y) * mask.width + x);
+    }
+    return a;
+}
+
+Image<float> white_outside(const Image<float>& image, const Columns<float>& area) {
+    Image<float> out = image;
+    for (Index p = 0; p < out.size(); ++p)
+        if (area(0, p) < 0.5f) out.pixels.col(p).setOnes();
+    return out;
+}
+
+/// PSNR over the area's own pixels; SSIM and a second PSNR over the whole image with both pictures
+/// white outside the area, as the papers of this field compute them.
+Quality quality(const Image<float>& shown, const Image<float>& truth, const Columns<float>& area) {
+    Quality q;
+    if (area.sum() < 1) return q;
+    const Image<float> a = white_outside(shown, area), b = white_outside(truth, area);
+    const auto finite = [](double db) { return std::min(db, 99.0); };  // equal pictures: infinity
+    q.psnr.add(finite(psnr<float>(shown.pixels, truth.pixels, area)));
+    q.psnr_full.add(finite(psnr<float>(a.pixels, b.pixels, Columns<float>())));
+    q.ssim.add(masked_ssim(a, b, area));
+    return q;
+}
+
+Columns<float> area_of(const EyesOfView& eyes, std::size_t eye) {
+    return eyes.area.pixels.row(static_cast<Index>(eye));
+}
+
+} // namespace
+
+Json Mean::json() const { return count > 0 ? Json(value()) : Json(nullptr); }
+
+void Quality::add(const Quality& q) {
+    psnr.add(q.psnr), psnr_full.add(q.psnr_full), ssim.add(q.ssim);
+}
+Json Quality::json() const {
+    return {{"psnr", psnr.json()}, {"ssim", ssim.json()}, {"psnr_full_image", psnr_full.json()}};
+}
+
+void GazeErrors::add(const std::optional<GazeEstimate>& here,
+                     const std::optional<GazeEstimate>& photograph, const Vec3<double>& label) {
+    found += here ? 1 : 0;
+    to_label.add(here ? degrees * angular_error(here->gaze, label) : missed_degrees);
+    if (here && photograph) {
+        const double error = degrees * angular_error(here->gaze, photograph->gaze);
+        to_photograph.add(error);
+        where_found.add(error);
+    } else {
+        to_photograph.add(missed_degrees);
+    }
+}
+void GazeErrors::add(const GazeErrors& g) {
+    to_photograph.add(g.to_photograph), where_found.add(g.where_found), to_label.add(g.to_label);
+    found += g.found;
+}
+Json GazeErrors::json() const {
+    return {{"degrees", to_photograph.json()}, {"degrees_where_found", where_found.json()},
+            {"degrees_to_label", to_label.json()}, {"found", found}};
+}
+
+void GazeTable::add(const GazeTable& t) {
+    photograph.add(t.photograph), render.add(t.render), rest.add(t.rest), nearest.add(t.nearest);
+}
+Json GazeTable::json() const {
+    return {{"photograph",
+             {{"degrees_to_label", photograph.to_label.json()}, {"found", photograph.found}}},
+            {"render", render.json()}, {"at_rest", rest.json()},
+            {"nearest_training", nearest.json()}};
+}
+
+void ViewResult::add(const ViewResult& v) {
+    head.add(v.head), face.add(v.face), eyes.add(v.eyes);
+    eyes_in_view += v.eyes_in_view, eyes_visible += v.eyes_visible;
+    measured.add(v.measured), own.add(v.own);
+}
+Json ViewResult::json() const {
+    return {{"head", head.json()}, {"face", face.json()}, {"eyes", eyes.json()},
+            {"eyes_in_view", eyes_in_view}, {"eyes_visible", eyes_visible},
+            {"gaze", measured.json()}, {"gaze_without_labels", own.json()}};
+}
+
+EyesOfView Evaluation::measured_eyes(int frame, int camera) const {
+    const CaptureFrame& f = capture_.frames[static_cast<std::size_t>(frame)];
+    const Subject& s = state_.subject;
+    EyesOfView eyes;
+    eyes.area = capture_.eye_mask(frame, camera);
+    for (std::size_t e = 0; e < 2; ++e) {
+        const CaptureEye& label = f.eyes[e];
+        EyeballGeometry& ball = eyes.ball[e];
+        ball.head_rotation = so3_exp(Vec3<double>(f.pose.head<3>()));
+        ball.radius = label.radius.value_or(s.eye_radius[e] * f.scale);
+        ball.limbus_radius = label.limbus_radius.value_or(s.limbus_radius[e] * f.scale);
+        const Vec3<double> in_head = f.scale * s.eye_centre[e];
+        ball.centre = label.centre.value_or(
+            Vec3<double>(ball.head_rotation * in_head + f.pose.tail<3>()));
+    }
+    return eyes;
+}
+
+EyesOfView Evaluation::own_eyes(const Drivers<float>& drivers,
+                                const Pinhole<double>& camera) const {
+    PosedEyes posed = posed_eyes(state_, drivers, camera.cast<float>());
+    EyesOfView eyes;
+    eyes.area = std::move(posed.area);
+    for (std::size_t e = 0; e < 2; ++e) {
+        const auto scale = static_cast<double>(drivers.scale);
+        const Vec3<double> turn = drivers.pose.head<3>().cast<double>();
+        eyes.ball[e] = {posed.centre[e], state_.subject.eye_radius[e] * scale,
+                        state_.subject.limbus_radius[e] * scale, so3_exp(turn)};
+    }
+    return eyes;
+}
+
+ViewResult Evaluation::view(int frame, int camera, Image<float>& picture) const {
+    const GazeAxis axis = state_.config.gaze_axis;
+    const Pinhole<double>& view = capture_.camera(frame, camera);
+    const Image<float> truth =
+        on_background(capture_.image(frame, camera), capture_.mask(frame, camera), 1.0f);
+    const Drivers<float> drivers = frame_drivers(capture_, frame, axis);
+    Drivers<float> at_rest = drivers, at_nearest = drivers;
+    for (std::size_t e = 0; e < 2; ++e) {
+        at_rest.gaze[e] = Vec3<float>(0, 0, 1);
+        at_nearest.gaze[e] = nearest_training_gaze(drivers.gaze[e], e);
+    }
+    /// A picture, and the two ways to say where its eyes are.
+    struct Shown {
+        Image<float> image;
+        EyesOfView measured, own;
+    };
+    const EyesOfView measured = measured_eyes(frame, camera);
+    const auto render = [&](const Drivers<float>& d) {
+        return Shown{render_avatar(state_, d, view.cast<float>()).high, measured,
+                     own_eyes(d, view)};
+    };
+    const Shown shown = render(drivers), rest = render(at_rest), nearest = render(at_nearest);
+    // The photograph is looked at where the avatar says that its eyes are.
+    const Shown photograph{truth, measured, shown.own};
+
+    const Areas areas = areas_of(capture_, frame, camera);
+    ViewResult r;
+    r.head = quality(shown.image, truth, areas.head);
+    r.face = quality(shown.image, truth, areas.face);
+    r.eyes = quality(shown.image, truth, areas.eyes);
+    for (std::size_t e = 0; e < 2; ++e) {
+        ++r.eyes_in_view;
+        if (usable_eye_pixels(area_of(measured, e), truth.width) < min_eye_pixels) continue;
+        ++r.eyes_visible;
+        // The iris is seen where the optical axis is.
+        const Vec3<double> label = capture_.frames[static_cast<std::size_t>(frame)].eyes[e].optical;
+        const auto fill = [&](EyesOfView Shown::*given, GazeTable& table) {
+            const auto estimate = [&](const Shown& s) {
+                return estimate_gaze(s.image, area_of(s.*given, e), view, (s.*given).ball[e]);
+            };
+            const std::optional<GazeEstimate> reference = estimate(photograph);
+            table.photograph.add(reference, reference, label);
+            table.render.add(estimate(shown), reference, label);
+            table.rest.add(estimate(rest), reference, label);
+            table.nearest.add(estimate(nearest), reference, label);
+        };
+        fill(&Shown::measured, r.measured);
+        fill(&Shown::own, r.own);
+    }
+    picture = side_by_side({truth, shown.image, rest.image});
+    return r;
+}
+
+Vec3<float> Evaluation::nearest_training_gaze(const Vec3<float>& gaze, std::size_t eye) const {
+    Vec3<float> best(0, 0, 1);
+    float least = 10;
+    for (const int f : capture_.train) {
+        const Vec3<float> g = gaze_of(capture_.frames[static_cast<std::size_t>(f)].eyes[eye],
+                                      state_.config.gaze_axis)
+                                  .cast<float>();
+        const float angle = angular_error(g, gaze);
+        if (angle < least) least = angle, best = g;
+    }
+    return best;
+}
+
+} // namespace rye::trainer

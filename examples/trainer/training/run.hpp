@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+/// training/run.hpp: the folder of a training run: its checkpoint, its log, its panels.
+/// A checkpoint holds parameters, optimiser state, step and configuration; it is replaced whole or
+/// not at all. Nothing in it depends on the clock, the number of threads or the run's own path.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include <rye/nn/adam.hpp>
+
+#include "data/config.hpp"
+#include "data/samples.hpp"
+#include "training/types.hpp"
+
+namespace rye::trainer {
+
+enum class Stage { mesh, avatar };
+
+/// What stage 2 of a run by visual axes trains.
+struct VisualTraining {
+    VisualAvatar avatar;
+    Adam<VisualAvatar> adam;
+};
+
+/// Everything that the next step depends on.
+struct TrainState {
+    Stage stage = Stage::mesh;
+    Index step = 0;          ///< steps done in this stage
+    TrainConfig config;
+    std::string capture;     ///< the capture's folder, as given
+    Subject subject;
+    std::vector<int> train_frames;  ///< columns of delta_pose
+    Mesh mesh;
+    Adam<Mesh> mesh_adam;
+    Avatar avatar;           ///< empty in stage 1
+    Adam<Avatar> avatar_adam;
+    std::optional<VisualTraining> visual;  ///< of a run by visual axes instead of these two
+    Columns<float> kappa;    ///< of a run by visual axes that is only drawn; else empty
+};
+
+inline std::filesystem::path checkpoint_path(const std::filesystem::path& run) {
+    return run / "checkpoint.safetensors";
+}
+
+/// Error, before anything is written, if a number of the state is not finite: such a checkpoint
+/// could not be read again.
+void save_checkpoint(const std::filesystem::path& run, const TrainState& state);
+
+/// Error naming file and field for anything missing, of another version or shape, out of range or
+/// not finite. No more memory is taken than a few times what the file holds.
+TrainState load_checkpoint(const std::filesystem::path& run);
+
+/// A run whose second stage has taken a step, to be drawn; Error naming the command that goes on
+/// with it otherwise.
+TrainState load_trained(const std::filesystem::path& run);
+
+/// What draws as the state does, but is not trained: for all runs an avatar that optical axes drive,
+/// with the kappa that leads to them. Without the mesh and what the optimisers keep.
+TrainState drawn_state(const TrainState& state);
+
+/// The drivers, whose gazes are of the run's gaze_axis, with optical axes in their place.
+Drivers<float> optical_drivers(const TrainState& drawn, const Drivers<float>& drivers);
+
+} // namespace rye::trainer

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/run_folder.hpp"
+
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <iostream>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <rye/capture/atomic_file.hpp>
+
+#include "data/picture.hpp"
+
+namespace rye::trainer {
+namespace {
+
+namespace fs = std::filesystem;
+
+void make_folder(const fs::path& folder) {
+    std::error_code fault;
+    require(!fs::exists(folder, fault) || fs::is_directory(folder, fault), folder.string(),
+            "is a file, expected a folder or nothing");
+    fs::create_directories(folder, fault);
+    require(!fault, folder.string(), "cannot be made: " + fault.message());
+}
+
+ByteSpan bytes_of(const std::string& text) { return std::as_bytes(std::span(text)); }
+
+} // namespace
+
+std::string kept_log(const fs::path& log, const TrainState& state, int& damaged) {
+    std::ifstream old(log, std::ios::binary);
+    std::string kept;
+    for (std::string line; std::getline(old, line);) {
+        const bool complete = !old.eof();  // its end was read
+        const auto json = nlohmann::json::parse(line, nullptr, false);
+        const auto is = [&](const char* key, auto type) {
+            return json.contains(key) && (json.at(key).*type)();
+        };
+        if (!json.is_object() || !is("stage", &nlohmann::json::is_string) ||
+            !is("step", &nlohmann::json::is_number_integer)) {
+            if (complete) ++damaged;
+            continue;
+        }
+        // The fit after the last step of stage 1 is done again by a run that is still in it.
+        if (state.stage == Stage::mesh && json.contains("landmark_rms")) continue;
+        const bool mesh = json.at("stage") == "mesh";
+        const bool before = (mesh && state.stage == Stage::avatar) ||
+                            (mesh == (state.stage == Stage::mesh) &&
+                             json.at("step").get<std::int64_t>() <= state.step);
+        if (before) kept += line + "\n";
+    }
+    return kept;
+}
+
+RunFolder::RunFolder(fs::path folder, const TrainState& state, Beginning beginning)
+    : folder_(std::move(folder)), replacing_(beginning == Beginning::replacing) {
+    make_folder(folder_);
+    make_folder(folder_ / "panels");
+    AtomicFile(checkpoint_path(folder_)).write(bytes_of("trial"));  // gone again without a commit
+    if (replacing_) return;
+    std::string lines;
+    if (beginning == Beginning::resumed) {
+        int damaged = 0;
+        const fs::path log = folder_ / "log.jsonl";
+        lines = kept_log(log, state, damaged);
+        if (damaged > 0)
+            std::cerr << "rye: warning: " << log.string() << ": " << damaged
+                      << " lines are no log lines and are left out\n";
+    }
+    write_config(state);
+    open_log(lines);
+}
+
+RunFolder::~RunFolder() {
+    if (log_ >= 0) ::close(log_);
+}
+
+void RunFolder::write_config(const TrainState& state) const {
+    const std::string text = to_json(state.config).dump(2) + "\n";
+    write_atomic(folder_ / "config.json", bytes_of(text));
+}
+
+void RunFolder::open_log(const std::string& lines) {
+    const fs::path path = folder_ / "log.jsonl";
+    write_atomic(path, bytes_of(lines));
+    log_ = ::open(path.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
+    require(log_ >= 0, path.string(), std::string("cannot be written: ") + std::strerror(errno));
+}
+
+void RunFolder::warn(bool& told, const std::string& sentence) const {
+    if (!std::exchange(told, true)) std::cerr << "rye: warning: " << sentence << "\n";
+}
+
+/// All of the text, or nothing of it.
+void RunFolder::append(const std::string& text) {
+    const ::off_t before = ::lseek(log_, 0, SEEK_END);
+    std::size_t done = 0;
+    while (done < text.size()) {
+        const ::ssize_t n = ::write(log_, text.data() + done, text.size() - done);
+        if (n < 0 && errno == EINTR) continue;
+        if (n <= 0) {
+            const std::string reason = std::strerror(errno);
+            const bool undone = done == 0 || ::ftruncate(log_, before) == 0;
+            warn(log_warned_, (folder_ / "log.jsonl").string() + ": cannot be written: " + reason +
+                                  "; lines of it are left out" +
+                                  (undone ? "" : ", one of them half"));
+            return;
+        }
+        done += static_cast<std::size_t>(n);
+    }
+}
+
+void RunFolder::log(const nlohmann::ordered_json& line) {
+    const std::string text = line.dump() + "\n";
+    if (replacing_) pending_ += text;
+    else append(text);
+}
+
+void RunFolder::replace_old_run(const TrainState& state) {
+    // The old log goes first: no line of it may pass for one of the new run.
+    std::error_code ignored;
+    fs::remove(folder_ / "log.jsonl", ignored);
+    std::vector<fs::path> panels;
+    for (const fs::directory_entry& entry : fs::directory_iterator(folder_ / "panels", ignored))
+        if (entry.path().filename().string().starts_with("step_")) panels.push_back(entry.path());
+    for (const fs::path& panel : panels) fs::remove(panel, ignored);
+    write_config(state);
+    open_log(pending_);
+    pending_.clear();
+}
+
+void RunFolder::save(const TrainState& state) {
+    try {
+        save_checkpoint(folder_, state);
+    } catch (const Error& e) {
+        std::error_code ignored;
+        const bool there = fs::exists(checkpoint_path(folder_), ignored);
+        throw Error(std::string(e.what()) +
+                    (replacing_ ? "; the run that is there stays as it was"
+                     : there    ? "; go on from the checkpoint before it with `rye train --out " +
+                                   folder_.string() + " --resume`"
+                                : "; there is no checkpoint before it"));
+    }
+    if (std::exchange(replacing_, false)) replace_old_run(state);
+}
+
+void RunFolder::panel(const std::string& name, const std::function<Image<float>()>& draw) {
+    try {
+        write_png(folder_ / "panels" / name, draw());
+    } catch (const Error& e) {
+        warn(panel_warned_, std::string(e.what()) + "; panels are left out");
+    }
+}
+
+} // namespace rye::trainer

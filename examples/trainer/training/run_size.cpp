@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/run_size.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <rye/core/error.hpp>
+
+namespace rye::trainer {
+namespace {
+
+/// Gaussians of the face on a sphere of radius 1, which is what stage 1 starts from: its area over
+/// that of the triangles whose edges refine_at_landmarks leaves. An edge that is just short enough
+/// stays, so the true number is between this and four times it.
+double face_gaussians(const TrainConfig& config, const Subject& subject) {
+    const AvatarTrainConfig& g = config.gaussians;
+    const double lattice = config.grid.cell * (config.grid.subdivide ? 0.5 : 1.0);
+    constexpr int samples = 4000;
+    const double area = 4 * std::numbers::pi / samples;
+    double sum = 0;
+    for (int i = 0; i < samples; ++i) {  // a spiral of points of equal areas
+        const double z = 1 - (2 * i + 1.0) / samples, r = std::sqrt(1 - z * z);
+        const double turn = std::numbers::pi * (3 - std::sqrt(5.0)) * i;
+        const Vec3<double> x =
+            subject.head_centre + Vec3<double>(r * std::cos(turn), r * std::sin(turn), z);
+        double edge = lattice;
+        if (g.spacing > 0) {
+            double nearest = 1e9;
+            for (Index k = 36; k < 66; ++k)
+                nearest = std::min(nearest, (subject.neutral.col(k) - x).norm());
+            edge = std::min(edge, std::max(g.spacing + g.spacing_slope * nearest, lattice / 64));
+        }
+        sum += area / (std::sqrt(3.0) / 2 * edge * edge);  // a vertex has two triangles
+    }
+    return sum;
+}
+
+double sum_of(const std::vector<int>& widths) {
+    double sum = 0;
+    for (const int w : widths) sum += w;
+    return sum;
+}
+
+/// Weights between hidden layers, of all networks: their parameters are more.
+double network_weights(const NetworkConfig& n) {
+    double sum = 0;
+    for (const std::vector<int>* hidden :
+         {&n.geometry, &n.exp_color, &n.pose_color, &n.exp_deform, &n.pose_deform,
+          &n.exp_attributes, &n.pose_attributes, &n.gaze_deform, &n.gaze_color, &n.eye_offset})
+        for (std::size_t l = 1; l < hidden->size(); ++l)
+            sum += static_cast<double>((*hidden)[l]) * (*hidden)[l - 1];
+    return sum;
+}
+
+} // namespace
+
+RunSize run_size(const TrainConfig& config, const Subject& subject, int width, int height) {
+    const AvatarConfig& a = config.avatar;
+    const AvatarTrainConfig& g = config.gaussians;
+    RunSize s;
+    const double n = std::max(1.0, std::round(2 * config.grid.half_side / config.grid.cell));
+    const double finer = config.grid.subdivide ? 8 : 1;
+    s.lattice = finer * (2 * n * n * n + 3 * n * n);
+    // A vertex: place and signed distance; six tetrahedra of it with their corners and edges.
+    const double lattice_bytes = s.lattice * (4 * 4 + 6 * 10 * 8);
+    s.gaussians = face_gaussians(config, subject) + g.mouth_points + 2.0 * g.eyeball.points;
+    // A Gaussian: value, gradient and two moments; the hidden layers that its vjp reads.
+    const double gaussian_bytes =
+        s.gaussians * 4 * (4.0 * (14 + std::min(a.feature, a.channels)) +
+                           sum_of(a.networks.pose_color));
+    const double pixels = static_cast<double>(width) * height;
+    const double small = pixels / (1 << (2 * g.upsampler.doublings));
+    // Three renders and their cotangents; the upsampler's last two layers and theirs.
+    const double picture_bytes = 4 * (6.0 * 3 * small + 2.0 * a.channels * small +
+                                      pixels * (4.0 * g.upsampler.capacity + 6 * 3));
+    const double network_bytes = 4 * 4 * network_weights(a.networks);
+    s.bytes = std::max(lattice_bytes, gaussian_bytes + picture_bytes) + network_bytes;
+    return s;
+}
+
+double most_memory() {
+    double bytes = static_cast<double>(::sysconf(_SC_PHYS_PAGES)) *
+                   static_cast<double>(::sysconf(_SC_PAGE_SIZE));
+    rlimit limit{};
+    for (const auto kind : {RLIMIT_AS, RLIMIT_DATA})
+        if (::getrlimit(kind, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY)
+            bytes = std::min(bytes, static_cast<double>(limit.rlim_cur));
+    return bytes;
+}
+
+std::string text_of(const RunSize& size) {
+    char text[128];
+    std::snprintf(text, sizeof text, "about %.3g Gaussians, at least %.2g GB of memory",
+                  size.gaussians, size.bytes / 1e9);
+    return text;
+}
+
+void require_room(const RunSize& size, double memory, const std::string& who) {
+    char lattice[64], room[64];
+    std::snprintf(lattice, sizeof lattice, "%.3g", size.lattice);
+    std::snprintf(room, sizeof room, "%.2g", memory / 1e9);
+    require(size.bytes <= memory, who,
+            std::string("got settings of a run of ") + lattice + " lattice vertices and " +
+                text_of(size) + ", expected at most the " + room +
+                " GB that there are (grid.cell, gaussians.spacing, gaussians.spacing_slope, "
+                "gaussians.mouth_points, avatar.networks)");
+}
+
+} // namespace rye::trainer

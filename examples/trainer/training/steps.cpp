@@ -1,0 +1,262 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/steps.hpp"
+
+#include <cmath>
+
+#include <rye/avatar/hold.hpp>
+#include <rye/loss/ssim.hpp>
+#include <rye/train/checkpoint.hpp>
+#include <rye/train/fit_deformation.hpp>
+#include <rye/train/initialize.hpp>
+#include <rye/train/stage_mesh.hpp>
+
+#include "data/panel.hpp"
+#include "training/avatar_steps.hpp"
+
+namespace rye::trainer {
+namespace {
+
+Random seed_of(const TrainState& state) { return {state.config.seed, 0}; }
+
+EyeballTemplate<float> eyeball_of(const Subject& s, const TrainConfig& config, std::size_t eye) {
+    TrainEyeball shape = eyeball_shape({s.eye_radius[eye], s.limbus_radius[eye], s.iris_plane[eye]});
+    // Rings whose points lie half as far apart on the iris as on the sclera: where a coarse sclera
+    // met a fine iris, its large Gaussians would reach over the iris of an eye that looks aside.
+    // They make about 2500 points.
+    shape.iris_rings = 12;
+    shape.sclera_rings = 20;
+    shape.back_rings = 8;
+    const double share = std::sqrt(static_cast<double>(config.gaussians.eyeball.points) / 2500);
+    const auto rings = [&](int n) { return std::max(3, static_cast<int>(std::lround(n * share))); };
+    shape.iris_rings = rings(shape.iris_rings);
+    shape.sclera_rings = rings(shape.sclera_rings);
+    shape.back_rings = rings(shape.back_rings);
+    return eyeball_template<float>(shape);
+}
+
+template <class P>
+void set_zero(P& p) {
+    P::fields([](const std::string&, auto& a) { a.setZero(); }, p);
+}
+
+} // namespace
+
+TetGrid<float> make_lattice(const TrainState& state) {
+    const Vec3<double> h = Vec3<double>::Constant(state.config.grid.half_side);
+    const Vec3<float> lo = (state.subject.head_centre - h).cast<float>();
+    const Vec3<float> hi = (state.subject.head_centre + h).cast<float>();
+    return bcc_grid<float>(lo, hi, static_cast<float>(state.config.grid.cell));
+}
+
+void pretrain_mesh(TrainState& state) {
+    const TrainConfig& c = state.config;
+    pretrain_sphere(train_backend(), state.mesh, c.avatar,
+                                  Vec3<float>(state.subject.head_centre.cast<float>()),
+                                  static_cast<float>(c.grid.half_side), c.mesh.pretrain_steps, 1e-3,
+                                  seed_of(state).fork(3));
+}
+
+double fit_landmarks(TrainState& state, const std::vector<MeshSample<float>>& frames) {
+    DeformationFit fit;
+    fit.steps = state.config.mesh.fit_steps;
+    return fit_deformation(train_backend(), state.mesh, state.config.avatar, state.subject.roles,
+                                         state.config.mesh.landmarks_follow_gaze, frames, fit,
+                                         seed_of(state).fork(9));
+}
+
+AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
+    const TrainConfig& config = state.config;
+    AvatarInit<float> init;
+    init.grid = config.grid.subdivide ? subdivide(grid) : grid;
+    init.mouth_points = config.gaussians.mouth_points;
+    init.spacing = static_cast<float>(config.gaussians.spacing);
+    init.spacing_slope = static_cast<float>(config.gaussians.spacing_slope);
+    init.opacity = static_cast<float>(config.gaussians.opacity);
+    init.eye_opacity = static_cast<float>(config.gaussians.eyeball.opacity);
+    init.eye_thickness = static_cast<float>(config.gaussians.eyeball.thickness);
+    init.eye_centre.resize(3, 2);
+    for (std::size_t e = 0; e < 2; ++e) {
+        init.eyeball[e] = eyeball_of(state.subject, config, e);
+        init.eye_centre.col(static_cast<Index>(e)) = state.subject.eye_centre[e].cast<float>();
+    }
+    init.upsampler = config.gaussians.upsampler;
+    init.upsampler.in_channels = config.avatar.channels;
+    init.frames = static_cast<Index>(state.train_frames.size());
+    state.avatar = initialize_avatar(train_backend(), state.mesh, config.avatar, init,
+                                                   seed_of(state).fork(4));
+    const AvatarSize size{state.avatar.face.position.cols(), state.avatar.eyes.position.cols()};
+    if (config.gaze_axis == GazeAxis::visual) {
+        VisualTraining& t = state.visual.emplace();
+        t.avatar = restricted<VisualEffects>(state.avatar);
+        t.avatar.eyes.kappa = Columns<float>::Zero(2, 2);
+        t.adam = Adam<VisualAvatar>(t.avatar);
+        state.avatar = {};
+    } else {
+        state.avatar_adam = Adam<Avatar>(state.avatar);
+    }
+    state.stage = Stage::avatar;
+    state.step = 0;
+    return size;
+}
+
+struct MeshStepper::Memory {
+    Mesh grad;
+    MeshTrace<float> trace;
+};
+
+MeshStepper::MeshStepper(const TrainState& state)
+    : memory_(std::make_unique<Memory>(Memory{zeros_like(state.mesh), {}})) {}
+MeshStepper::~MeshStepper() = default;
+
+StepReport MeshStepper::step(TrainState& state, const TetGrid<float>& grid,
+                             const MeshSample<float>& sample, double rate, const Probe& probe) {
+    const TrainConfig& c = state.config;
+    const MeshLosses<float> l = mesh_losses(train_backend(), 
+        state.mesh, c.avatar, state.subject.roles, grid, c.mesh.weights,
+        c.mesh.landmarks_follow_gaze, sample, memory_->trace, probe);
+    set_zero(memory_->grad);
+    mesh_losses_vjp(train_backend(), state.mesh, c.avatar, c.mesh.landmarks_follow_gaze, sample,
+                                  memory_->trace, memory_->grad, probe);
+    const AdamReport report =
+        adam_step(train_backend(), state.mesh, memory_->grad, state.mesh_adam,
+                                [&](const std::string& name) { return rate * c.mesh.rates(name); });
+    probe("optimiser");
+    ++state.step;
+    return {{{"loss", l.total}, {"rgb", l.rgb}, {"silhouette", l.silhouette}, {"deform", l.deform},
+             {"offset", l.offset}, {"landmark", l.landmark}, {"laplacian", l.laplacian},
+             {"eye_offset", l.eye_offset}},
+            l.vertices, report.first_bad_field};
+}
+
+namespace {
+
+class PaperSteps : public AvatarSteps {
+  public:
+    PaperSteps(const TrainState& state, const std::filesystem::path& perceptual_weights)
+        : memory_(state.avatar, state.config, perceptual_weights) {}
+
+    StepReport step(TrainState& state, const AvatarSample<float>& sample, double rate,
+                    const Probe& probe) override {
+        const StepReport report =
+            memory_.step(state.avatar, state.avatar_adam, state, sample, rate, probe);
+        ++state.step;
+        return report;
+    }
+
+  private:
+    StepMemory<TrainEffects> memory_;
+};
+
+/// Without the columns and rows that the blocks of the upsampler have beyond the camera's picture.
+Image<float> of_camera(Image<float> picture, const Pinhole<float>& camera) {
+    if (picture.width == camera.width && picture.height == camera.height) return picture;
+    return cropped(picture, 0, 0, camera.width, camera.height);
+}
+
+/// Numbers that are not finite draw nothing, or anything: neither is a picture of the avatar.
+void require_drawable(const Gaussians<float>& g) {
+    Gaussians<float>::fields([](const std::string& name, const auto& a) {
+        require(a.allFinite(), "the driven Gaussians",
+                "their '" + name + "' is not finite everywhere; the run is damaged, or its drivers "
+                "are far from those of its training");
+    }, g);
+}
+
+} // namespace
+
+std::unique_ptr<AvatarSteps> avatar_steps(const TrainState& state,
+                                          const std::filesystem::path& perceptual_weights) {
+    if (state.visual) return visual_steps(state, perceptual_weights);
+    return std::make_unique<PaperSteps>(state, perceptual_weights);
+}
+
+void check_perceptual_weights(const std::filesystem::path& perceptual_weights) {
+    if (!perceptual_weights.empty()) read_lpips_weights<float>(perceptual_weights);
+}
+
+AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
+                         const Pinhole<float>& camera, bool streams) {
+    const TrainConfig& config = state.config;
+    const int factor = 1 << config.gaussians.upsampler.doublings;
+    const Pinhole<float> small = reduced(camera, factor);
+    TwoStreamTrace<float> trace;
+    drive(train_backend(), state.avatar, config.avatar, state.subject.roles,
+                        optical_drivers(state, drivers), trace);
+    require_drawable(trace.world_face);
+    require_drawable(trace.world_eyes);
+    const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
+    const TrainRasterizer rasterizer;
+    AvatarView v;
+    v.final = rasterizer.forward(train_backend(), joined(trace.world_face, trace.world_eyes), small, white).feature;
+    if (streams) {
+        Gaussians<float> face = trace.world_face;  // as the blank loss sees it
+        if (config.gaussians.weights.blank_eyeballs)
+            face = joined(face, painted(trace.world_eyes, white));
+        v.face = rasterizer.forward(train_backend(), face, small, white).feature;
+        v.eyes = rasterizer.forward(train_backend(), trace.world_eyes, small, white).feature;
+    }
+    v.high = of_camera(upsampler_forward(train_backend(), state.avatar.upsampler, v.final, nullptr),
+                       camera);
+    return v;
+}
+
+Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
+                        const Pinhole<float>& camera) {
+    const TrainConfig& config = state.config;
+    const Pinhole<float> small = reduced(camera, 1 << config.gaussians.upsampler.doublings);
+    const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
+    require_drawable(driven);
+    return of_camera(upsampler_forward(train_backend(), 
+                         state.avatar.upsampler,
+                         TrainRasterizer().forward(train_backend(), driven, small, white).feature, nullptr),
+                     camera);
+}
+
+PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
+                     const Pinhole<float>& camera) {
+    const Avatar& avatar = state.avatar;
+    const Drivers<float> optical = optical_drivers(state, drivers);
+    TwoStreamTrace<float> trace;
+    drive(train_backend(), avatar, state.config.avatar, state.subject.roles, optical, trace);
+    const Columns<float> centre =
+        avatar.eyes.centre + eye_offset<float>(train_backend(), avatar.eyes.offset, state.config.avatar,
+                                                             trace.code, trace.eyes.offset);
+    Gaussians<float> both = joined(trace.world_face, trace.world_eyes);
+    const Index face = trace.world_face.count();
+    both.feature = Columns<float>::Zero(2, both.count());
+    PosedEyes eyes;
+    for (Index e = 0; e < 2; ++e) {
+        both.feature.row(e)
+            .segment(face + avatar.eyes.first_point(e), avatar.eyes.points_of(e))
+            .setOnes();
+        const Vec3<float> c = trace.head.scale * (trace.head.rotation * centre.col(e));
+        eyes.centre[static_cast<std::size_t>(e)] =
+            (c + trace.head.translation).cast<double>();
+    }
+    const VecX<float> nothing = VecX<float>::Zero(2);
+    eyes.area = TrainRasterizer().forward(train_backend(), both, camera, nothing).feature;
+    return eyes;
+}
+
+Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
+    TwoStreamTrace<float> trace;
+    drive(train_backend(), state.avatar, state.config.avatar, state.subject.roles,
+                        optical_drivers(state, drivers), trace);
+    require_drawable(trace.world_face);
+    require_drawable(trace.world_eyes);
+    return joined(trace.world_face, trace.world_eyes);
+}
+
+Image<float> rgb_of(const Image<float>& feature) {
+    Image<float> rgb;
+    rgb.width = feature.width;
+    rgb.height = feature.height;
+    rgb.pixels = feature.pixels.topRows(3);
+    return rgb;
+}
+
+double masked_ssim(const Image<float>& a, const Image<float>& b, const Columns<float>& area) {
+    return ssim(train_backend(), a, b, area);
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+/// training/steps.hpp: the numerical work of the trainer. Its source instantiates the
+/// templates of rye for the policies of types.hpp, once, so that no other source has to.
+#pragma once
+
+#include <array>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "training/run.hpp"
+
+namespace rye::trainer {
+
+/// What one step reports: its losses by name, and the first parameter whose gradient was not finite
+/// (the step was then not taken).
+struct StepReport {
+    std::vector<std::pair<std::string, double>> losses;  ///< "loss", the weighted sum, first
+    Index vertices = 0;                                  ///< of the surface, in stage 1
+    std::string bad_field;
+};
+
+using Probe = std::function<void(const char*)>;  ///< called at the end of each part of a step
+
+/// The lattice of stage 1 around the subject's head.
+TetGrid<float> make_lattice(const TrainState& state);
+
+/// Fits the guidance mesh to a sphere, from the state's seed.
+void pretrain_mesh(TrainState& state);
+
+/// Fits its deformations to the landmarks of all training frames; see fit_deformation. Returns the
+/// root mean square error that is left, canonical units.
+double fit_landmarks(TrainState& state, const std::vector<MeshSample<float>>& frames);
+
+/// How many Gaussians an avatar has.
+struct AvatarSize {
+    Index face, eyes;
+};
+
+/// Turns the guidance mesh into an avatar and the state into one of stage 2, step 0.
+AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid);
+
+/// Memory that steps of one stage share.
+class MeshStepper {
+  public:
+    explicit MeshStepper(const TrainState& state);
+    ~MeshStepper();
+    /// Adds 1 to state.step; the rates are multiplied by `rate`.
+    StepReport step(TrainState& state, const TetGrid<float>& grid, const MeshSample<float>& sample,
+                    double rate, const Probe& probe);
+
+  private:
+    struct Memory;
+    std::unique_ptr<Memory> memory_;
+};
+
+/// As MeshStepper, for stage 2; which avatar is trained is its affair.
+class AvatarSteps {
+  public:
+    virtual ~AvatarSteps() = default;
+    virtual StepReport step(TrainState& state, const AvatarSample<float>& sample, double rate,
+                            const Probe& probe) = 0;
+};
+/// `perceptual_weights`: a safetensors file for LPIPS, or empty for the weight-free loss.
+std::unique_ptr<AvatarSteps> avatar_steps(const TrainState& state,
+                                          const std::filesystem::path& perceptual_weights);
+
+/// Error if the file of weights, if any, cannot be read.
+void check_perceptual_weights(const std::filesystem::path& perceptual_weights);
+
+/// What an avatar shows: the feature renders, and the image after super-resolution on white.
+struct AvatarView {
+    Image<float> final, face, eyes;  ///< feature renders; the last two if the streams were asked for
+    Image<float> high;               ///< RGB
+};
+
+/// `camera` is of the full-size image. Here and below the state is one that is drawn (run.hpp).
+AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
+                         const Pinhole<float>& camera, bool streams = false);
+
+/// The RGB image of driven Gaussians after super-resolution, on white; as render_avatar's.
+Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
+                        const Pinhole<float>& camera);
+
+/// The eyeballs as an avatar's own rig places and shows them.
+struct PosedEyes {
+    std::array<Vec3<double>, 2> centre; ///< world
+    /// At the camera's size; channel e: the share of the pixel's colour that eyeball e's Gaussians
+    /// have when the face's are before and beside them.
+    Image<float> area;
+};
+PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
+                     const Pinhole<float>& camera);
+
+/// The driven Gaussians of both streams in the world, the face's first.
+Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers);
+
+/// RGB of a feature render (its first three channels).
+Image<float> rgb_of(const Image<float>& feature);
+
+/// SSIM over an area (1 x pixels).
+double masked_ssim(const Image<float>& a, const Image<float>& b, const Columns<float>& area);
+
+} // namespace rye::trainer

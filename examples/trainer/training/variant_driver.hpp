@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+/// training/variant_driver.hpp: what is compiled for each variant of variant_list.hpp: an
+/// avatar with fewer effects, made of the trained one, and its driven Gaussians.
+#pragma once
+
+#include <functional>
+#include <memory>
+
+#include <rye/avatar/hold.hpp>
+
+#include "training/types.hpp"
+
+namespace rye::trainer {
+
+/// The driven Gaussians of a frame, the face's first, world units. Gazes are optical axes.
+using FrameDriver = std::function<Gaussians<float>(const Drivers<float>&)>;
+
+/// The avatar of a variant: what its effects are not looks as it does at the drivers `at`.
+/// `avatar`, `config` and `roles` must outlive the driver.
+template <EffectSet E>
+FrameDriver driver_of(const Avatar& avatar, const AvatarConfig& config, const LandmarkRoles& roles,
+                      const Drivers<float>& at) {
+    std::shared_ptr<const TwoStream<float, E>> own;
+    if constexpr (std::same_as<E, TrainEffects>)
+        own = {std::shared_ptr<void>(), &avatar};  // nothing is held
+    else
+        own = std::make_shared<TwoStream<float, E>>(
+            held<E>(train_backend(), avatar, config, roles, at));
+    return [own, &config, &roles](const Drivers<float>& drivers) {
+        TwoStreamTrace<float, E> trace;
+        drive(train_backend(), *own, config, roles, restricted<E>(drivers), trace);
+        return joined(trace.world_face, trace.world_eyes);
+    };
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/variants.hpp"
+
+#include "training/steps.hpp"
+#include "training/variant_list.hpp"
+
+namespace rye::trainer {
+namespace {
+
+/// The effects of a variant by its name, or of names.
+EffectMask parsed(const std::string& wanted, const std::string& option) {
+    return []<class... V>(Variants<V...>, const std::string& text, const std::string& who) {
+        const EffectMask* found = nullptr;
+        ((text == V::name ? void(found = &V::effects) : void()), ...);
+        std::string names;
+        ((names += (names.empty() ? "" : ", ") + std::string(V::name)), ...);
+        return found != nullptr ? *found
+                                : effects_of(text, who + " (one of the variants " + names +
+                                                       ", or names of effects)");
+    }(AvatarVariants(), wanted, option);
+}
+
+} // namespace
+
+FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>& frames,
+                         const std::string& wanted, const std::string& option, double bound)
+    : state_(&state) {
+    require(!frames.empty(), "FrameDrawer", "got no frames, expected at least one");
+    std::vector<DrawnFrame> optical = frames;
+    std::vector<Drivers<float>> drivers;
+    for (DrawnFrame& f : optical) {
+        f.drivers = optical_drivers(state, f.drivers);
+        drivers.push_back(f.drivers);
+    }
+    SceneFacts facts;
+    facts.drivers = driver_facts(state, optical);
+    facts.avatar = avatar_facts(state, drivers, true);
+    ProfileBounds bounds;
+    bounds.color = bound;
+    const SceneProfile p = profile(facts, bounds);
+    constexpr EffectMask trained = effect_mask<TrainEffects>;
+    const EffectMask called = p.effects.without(p.effects.without(trained));
+    const std::string pictures = std::to_string(frames.size()) + " pictures";
+    const bool free = wanted.empty() || wanted == "auto", single = free && frames.size() == 1;
+    const EffectMask taken = single ? trained : free ? called : parsed(wanted, option);
+
+    dispatch(AvatarVariants(), taken, [&]<class V>(V) {
+        variant_ = V::name;
+        driver_ = driver_of<typename V::List>(state.avatar, state.config.avatar,
+                                              state.subject.roles, drivers.front());
+        explanation_ = "variant        " + variant_ + " (" + text_of(V::effects) + "): ";
+        if (single)
+            explanation_ += "one picture, and leaving effects out takes a frame with all of them\n";
+        else
+            explanation_ += "of " + std::to_string(AvatarVariants::count) +
+                            " that are compiled the smallest with what " +
+                            (free ? pictures + " call for: " + text_of(called)
+                                  : option + " asks for") +
+                            "\n";
+        for (const Finding& f : p.findings) {
+            if (!trained.has(f.effect) || V::effects.has(f.effect)) continue;
+            explanation_ += std::string(f.called ? "  NOT drawn    " : "  left out     ") +
+                            std::string(name_of(f.effect)) + ": " + f.reason +
+                            (f.called ? "; held as in the first of " + pictures : "") + "\n";
+        }
+    });
+}
+
+Image<float> FrameDrawer::picture(const DrawnFrame& frame) const {
+    return picture_of(*state_, driver_(optical_drivers(*state_, frame.drivers)), frame.camera);
+}
+
+Image<float> FrameDrawer::picture_by_all(const DrawnFrame& frame) const {
+    return picture_of(*state_, driven_gaussians(*state_, frame.drivers), frame.camera);
+}
+
+} // namespace rye::trainer
