@@ -12,7 +12,7 @@
 #include <map>
 #include <string>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/loss/smoothness.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/splat/rasterizer.hpp>

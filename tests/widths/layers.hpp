@@ -18,7 +18,7 @@
 #include <rye/nn/product_bf16.hpp>
 #include <rye/rig/influence.hpp>
 #include <rye/rig/nearest.hpp>
-#include <rye/splat/xsimd_lanes.hpp>
+#include <rye/splat/lanes/registers.hpp>
 
 #include "../math/samples.hpp"
 #include "../nn/adjoint.hpp"

@@ -8,7 +8,7 @@
 #include <cstdint>
 #include <type_traits>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/core/bit_cast.hpp>
 
 namespace rye {
@@ -31,8 +31,8 @@ struct Bf16Pair {
     }
 };
 
-/// A vector of pairs: what a register tile multiplies (see rye/nn/register_tile.hpp). Whether by
-/// the processor's instruction is in the type, as the instruction set is.
+/// A vector of pairs: what a register tile multiplies (see rye/nn/lanes/register_tile.hpp). Whether
+/// by the processor's instruction is in the type, as the instruction set is.
 template <class Batch, bool Instruction>
 struct Bf16Pairs {
     using value_type = Bf16Pair;
