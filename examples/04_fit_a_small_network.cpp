@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/core/random.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/nn/encoding.hpp>

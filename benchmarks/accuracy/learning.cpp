@@ -5,7 +5,7 @@
 #include <chrono>
 #include <cmath>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/core/parallel.hpp>
 #include <rye/core/random.hpp>
 #include <rye/nn/mlp.hpp>

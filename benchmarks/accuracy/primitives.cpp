@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <limits>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/core/columns.hpp>
 #include <rye/math/exponential.hpp>
 #include <rye/math/scalar.hpp>

@@ -30,7 +30,7 @@ using namespace rye;'
     const Raster<$real> y = r.forward(g, c, b);
     ${vjp:-return y;}
 }" ;;
-    mlp) echo '#include <rye/backend/xsimd.hpp>
+    mlp) echo '#include <rye/backend/lanes.hpp>
 #include <rye/nn/mlp.hpp>
 using namespace rye;
 using B = XsimdBackend<DefaultArch, Serial>;
@@ -41,7 +41,7 @@ void f(const Mlp<float>& m, const Columns<float>& x, const VecX<float>& v, Mlp<f
     mlp_vjp(B{}, m, x, v, t, y, g, &gx, nullptr);
 }' ;;
     avatar) echo '#include <rye/avatar/two_stream.hpp>
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 using namespace rye;
 using B = XsimdBackend<DefaultArch, Serial>;
 void f(const TwoStream<float>& a, const AvatarConfig& c, const LandmarkRoles& r,

@@ -2,7 +2,7 @@
 // The 3 x 3 convolution of the upsampler, forward and both derivatives, as a share of the peak.
 #include <benchmark/benchmark.h>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/nn/convolution.hpp>
 
 #include "../roofline/machine.hpp"

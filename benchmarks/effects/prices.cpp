@@ -9,7 +9,7 @@
 #include <string>
 
 #include <rye/avatar/two_stream.hpp>
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 
 #include "turns.hpp"
 

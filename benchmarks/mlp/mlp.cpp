@@ -8,7 +8,7 @@
 #endif
 
 #include <rye/backend/scalar.hpp>
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/nn/mlp.hpp>
 
 #include "../roofline/machine.hpp"

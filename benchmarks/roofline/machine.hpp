@@ -9,7 +9,7 @@
 #include <ctime>
 #include <vector>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/core/random.hpp>
 #include <rye/splat/tile_lists.hpp>
 

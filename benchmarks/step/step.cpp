@@ -8,7 +8,7 @@
 #include <map>
 #include <string>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/core/thread_pool.hpp>
 #include <rye/loss/smoothness.hpp>
 #include <rye/nn/adam.hpp>

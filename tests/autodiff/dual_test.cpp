@@ -6,7 +6,7 @@
 #include <limits>
 
 #include <rye/autodiff/check.hpp>
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/math/rotation.hpp>
 
 using namespace rye;

@@ -6,7 +6,7 @@
 #include <cstring>
 
 #include <rye/avatar/two_stream.hpp>
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/rig/eyeball.hpp>
 
 #ifndef WITHOUT_EXPRESSION

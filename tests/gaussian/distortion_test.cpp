@@ -5,7 +5,7 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/core/random.hpp>
 
 #include "projection_law.hpp"

@@ -4,7 +4,7 @@
 #include <doctest/doctest.h>
 
 #include <rye/autodiff/dual.hpp>
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/math/rotation.hpp>
 
 using namespace rye;

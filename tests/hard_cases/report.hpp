@@ -10,7 +10,7 @@
 #include <string_view>
 #include <vector>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/core/random.hpp>
 
 #include "../flush_to_zero.hpp"

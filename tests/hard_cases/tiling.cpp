@@ -3,7 +3,7 @@
 #include <limits>
 
 #include <rye/math/exponential.hpp>
-#include <rye/splat/stage.hpp>
+#include <rye/splat/plain/stage.hpp>
 
 #include "report.hpp"
 

@@ -3,7 +3,7 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 
 #include "../nn/adjoint.hpp"
 

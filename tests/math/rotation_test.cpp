@@ -6,7 +6,7 @@
 #include <numbers>
 
 #include <rye/autodiff/check.hpp>
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 
 #include "samples.hpp"
 

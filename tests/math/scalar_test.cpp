@@ -6,7 +6,7 @@
 #include <limits>
 
 #include <rye/autodiff/dual.hpp>
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 
 #include "../flush_to_zero.hpp"
 

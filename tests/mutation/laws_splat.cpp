@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// splat/vjp.hpp, falloff.hpp and stage.hpp: four Gaussians in 8 x 8 pixels, by plain loops.
+// splat/plain/vjp.hpp, falloff.hpp and stage.hpp: four Gaussians in 8 x 8 pixels, by plain loops.
 #include <rye/splat/rasterizer.hpp>
 
 #include "laws.hpp"

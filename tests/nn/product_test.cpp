@@ -6,7 +6,7 @@
 #include <doctest/doctest.h>
 
 #include <rye/backend/scalar.hpp>
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 
 #include "adjoint.hpp"
 

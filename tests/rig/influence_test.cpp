@@ -4,7 +4,7 @@
 #include <doctest/doctest.h>
 
 #include <rye/autodiff/dual.hpp>
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 
 using namespace rye;
 

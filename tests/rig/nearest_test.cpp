@@ -5,7 +5,7 @@
 
 #include <rye/autodiff/check.hpp>
 #include <rye/backend/scalar.hpp>
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 
 using namespace rye;
 

@@ -59,7 +59,7 @@ std::pair<std::vector<std::uint32_t>, std::vector<T>> by_hand(const Blobs<T>& s,
             for (int x = scene.left(t); x < scene.right(t); ++x) {
                 std::vector<std::pair<T, std::uint32_t>> weights;
                 walk_pixel(scene, A{}, t, x, y, [&](const Hit<T>& h) {
-                    weights.push_back({h.transmittance * h.alpha, scene.member(h.entry).source});
+                    weights.push_back({h.weight, scene.member(h.entry).source});
                 });
                 if (weights.empty()) continue;
                 std::stable_sort(weights.begin(), weights.end(),

@@ -13,7 +13,7 @@
 #include <stdexcept>
 #include <type_traits>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 
 namespace rye::test {
 
@@ -248,11 +248,6 @@ auto bitwise_cast(const ArrayLanes<T, N>& a) {
     } else {
         return std::bit_cast<To>(a);
     }
-}
-
-template <class T, std::size_t N>
-const ArrayLanes<T, N>& value_of(const ArrayLanes<T, N>& x) {
-    return x;
 }
 
 /// A backend of vectors as large as `Floats` floats.

@@ -17,7 +17,7 @@
 #include <rye/nn/convolution.hpp>
 #include <rye/rig/influence.hpp>
 #include <rye/rig/nearest.hpp>
-#include <rye/splat/xsimd_lanes.hpp>
+#include <rye/splat/lanes/registers.hpp>
 
 #include "../math/samples.hpp"
 #include "../nn/adjoint.hpp"

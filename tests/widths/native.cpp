@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <tuple>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 
 #include "splat.hpp"
 

@@ -9,9 +9,9 @@
 #include <doctest/doctest.h>
 
 #include <rye/backend/scalar.hpp>
-#include <rye/splat/xsimd_forward.hpp>
-#include <rye/splat/xsimd_stage.hpp>
-#include <rye/splat/xsimd_vjp.hpp>
+#include <rye/splat/lanes/forward.hpp>
+#include <rye/splat/lanes/stage.hpp>
+#include <rye/splat/lanes/vjp.hpp>
 
 #include "reference.hpp"
 

@@ -11,7 +11,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/gaussian/activate.hpp>
 #include <rye/gaussian/ply.hpp>
 #include <rye/splat/rasterizer.hpp>

@@ -4,7 +4,7 @@
 
 #include <rye/avatar/guidance_mesh.hpp>
 #include <rye/avatar/two_stream.hpp>
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/rig/eyeball.hpp>
 #include <rye/splat/rasterizer.hpp>
 

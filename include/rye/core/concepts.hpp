@@ -39,5 +39,10 @@ template <Real T>
 constexpr T value_of(T x) {
     return x;
 }
+template <class V>
+    requires requires { typename V::batch_bool_type; }
+constexpr const V& value_of(const V& x) {
+    return x;
+}
 
 } // namespace rye

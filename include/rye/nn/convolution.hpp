@@ -12,7 +12,7 @@
 
 #include <rye/backend/backend.hpp>
 #include <rye/core/columns.hpp>
-#include <rye/nn/convolution_lanes.hpp>
+#include <rye/nn/lanes/convolution.hpp>
 #include <rye/nn/elementwise.hpp>
 
 namespace rye {

@@ -21,7 +21,7 @@
 
 #include <rye/core/columns.hpp>
 #include <rye/nn/elementwise.hpp>
-#include <rye/nn/product_tiles.hpp>
+#include <rye/nn/lanes/product_tiles.hpp>
 
 namespace rye {
 

@@ -74,18 +74,4 @@ ScreenCotangent<T> screen_cotangent(const Splat<T>& s, const SplatCotangent<T>& 
     return r;
 }
 
-/// Offsets in the folded frame, and the exponent there.
-template <class T>
-struct Response {
-    T u, v;
-    T exponent;
-};
-
-template <class T>
-RYE_HD Response<T> respond(const Splat<T>& s, const T& dx, const T& dy) {
-    const T u = s.ux * dx;
-    const T v = s.vx * dx + s.vy * dy;
-    return {u, v, s.log2_opacity - u * u - v * v};
-}
-
 } // namespace rye

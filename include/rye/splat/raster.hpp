@@ -46,7 +46,7 @@ struct Raster : OutputImages<T, O> {
     RasterTrace<T> trace;
 };
 
-/// Strips of a tile that are drawn, a bit each (splat/xsimd_group.hpp); their pixels alone are
+/// Strips of a tile that are drawn, a bit each (splat/lanes/group.hpp); their pixels alone are
 /// written. The plain walk draws them all.
 struct StripMask {
     static constexpr int most = 128;

@@ -12,11 +12,11 @@
 #include <type_traits>
 
 #include <rye/backend/scalar.hpp>
-#include <rye/splat/stage.hpp>
-#include <rye/splat/vjp.hpp>
-#include <rye/splat/xsimd_forward.hpp>
-#include <rye/splat/xsimd_stage.hpp>
-#include <rye/splat/xsimd_vjp.hpp>
+#include <rye/splat/lanes/forward.hpp>
+#include <rye/splat/lanes/stage.hpp>
+#include <rye/splat/lanes/vjp.hpp>
+#include <rye/splat/plain/stage.hpp>
+#include <rye/splat/plain/vjp.hpp>
 
 namespace rye {
 

@@ -14,8 +14,8 @@
 
 #include <rye/core/random.hpp>
 #include <rye/math/exponential.hpp>
-#include <rye/splat/forward.hpp>
-#include <rye/splat/stage.hpp>
+#include <rye/splat/plain/forward.hpp>
+#include <rye/splat/plain/stage.hpp>
 
 namespace rye {
 
@@ -90,9 +90,8 @@ struct TileSample {
     VecX<T> pixel(const Scene<T>& s, Index tile, int x, int y) const {
         VecX<T> sum = VecX<T>::Zero(g.channels());
         const T end = walk_pixel(s, accuracy, tile, x, y, [&](const Hit<T>& h) {
-            const T weight = h.transmittance * h.alpha;
             const T* feature = s.feature_of(h.entry);
-            for (Index c = 0; c < sum.size(); ++c) sum[c] += weight * feature[c];
+            for (Index c = 0; c < sum.size(); ++c) sum[c] += h.weight * feature[c];
         });
         return sum + end * background;
     }

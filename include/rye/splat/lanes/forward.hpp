@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/xsimd_forward.hpp: blending a tile, strip by strip, with a pixel in each lane. Sums of
+/// rye/splat/lanes/forward.hpp: blending a tile, strip by strip, with a pixel in each lane. Sums of
 /// a few channels stay in registers along a strip's entries. Many channels are a product of
 /// matrices, the weights of a strip's visits times their entries' features, with channels in the
 /// lanes.
 #pragma once
 
-#include <rye/splat/forward.hpp>
-#include <rye/splat/xsimd_group.hpp>
+#include <rye/splat/lanes/group.hpp>
+#include <rye/splat/plain/forward.hpp>
 
 namespace rye {
 
@@ -95,9 +95,9 @@ bool blend_strip(const LaneBlend<A, V>& blend, int strip, [[maybe_unused]] Index
     unrolled<State::vectors>([&](auto i) { state[i] = V::load_aligned(at + i * lanes); });
     [[maybe_unused]] int visits = 0;
     blend.along(canvas.group, strip, state[0],
-                [&](int k, const LaneEntry<V>& entry, const LaneShare<V>& share)
+                [&](int k, const LaneEntry<V>& entry, const Contribution<V>& c)
                     __attribute__((always_inline)) {
-        const V& w = share.weight;
+        const V& w = c.weight;
         if constexpr (A::outputs.depth)
             state[State::depth] = state[State::depth] + w * V(entry.depth);
         if constexpr (A::outputs.contributor) {
@@ -105,8 +105,8 @@ bool blend_strip(const LaneBlend<A, V>& blend, int strip, [[maybe_unused]] Index
             state[State::contributor] = select(w > before, self, state[State::contributor]);
             state[State::most] = max(w, before);
         }
-        unrolled<C>([&](auto c) __attribute__((always_inline)) {
-            state[State::sums + c] = state[State::sums + c] + w * V(entry.colour[c]);
+        unrolled<C>([&](auto i) __attribute__((always_inline)) {
+            state[State::sums + i] = state[State::sums + i] + w * V(entry.colour[i]);
         });
         if constexpr (C == 0) {
             w.store_aligned(canvas.weight[visits]);
@@ -116,7 +116,7 @@ bool blend_strip(const LaneBlend<A, V>& blend, int strip, [[maybe_unused]] Index
     });
     unrolled<State::vectors>([&](auto i) { state[i].store_aligned(at + i * lanes); });
     if constexpr (C == 0) blend_features(strip, visits, stride, canvas);
-    return blend.open(state[0]);
+    return blend.any_open(state[0]);
 }
 
 /// Tiles [first, last) of one row of tiles, which hold no Gaussian, row of pixels by row.

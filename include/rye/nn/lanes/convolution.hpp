@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/convolution_lanes.hpp: the inner loops of the 3 x 3 convolution in registers: a lane is
+/// rye/nn/lanes/convolution.hpp: the inner loops of the 3 x 3 convolution in registers: a lane is
 /// an output channel. Few channels leave a general matrix product mostly packing; these tiles read
 /// the padded image and the weights where they lie.
 #pragma once
@@ -9,7 +9,7 @@
 #include <cstddef>
 #include <utility>
 
-#include <rye/nn/register_tile.hpp>
+#include <rye/nn/lanes/register_tile.hpp>
 
 namespace rye::detail {
 

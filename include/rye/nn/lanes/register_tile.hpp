@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/register_tile.hpp: the sums of a small tile of a matrix product, kept in registers: V
-/// vectors by P columns. 8 to 12 sums are what two multiply-add units of latency 4 need.
+/// rye/nn/lanes/register_tile.hpp: the sums of a small tile of a matrix product, kept in registers:
+/// V vectors by P columns. 8 to 12 sums are what two multiply-add units of latency 4 need.
 #pragma once
 
 #include <cstddef>

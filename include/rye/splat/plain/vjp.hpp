@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/vjp.hpp: the reverse pixel walk. With s_i = <cotangent, contribution i> and b_i the
-/// same for all that lies behind i, composited from the background forward,
-///     d/d alpha_i = T_i (s_i - b_i),   b_{i-1} = b_i + alpha_i (s_i - b_i),
-/// which neither divides by 1 - alpha nor subtracts large sums: it is 0 where a Gaussian has the
-/// colour of what is behind it. T_i is the stored prefix of the walk that is repeated here.
+/// rye/splat/plain/vjp.hpp: the reverse pixel walk: each pixel's contributions are found as on the
+/// way there, then walked from far to near by the step of splat/blend.hpp.
 #pragma once
 
-#include <rye/splat/forward.hpp>
+#include <rye/splat/plain/forward.hpp>
 
 namespace rye {
 
@@ -16,6 +13,7 @@ template <class A, class T, class S>
 void blend_tile_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotangent<T>& g,
                     Index tile, RasterScratch<S>& scratch, std::vector<Hit<T>>& hits) {
     const Index channels = scene.feature.rows();
+    const PlainBlend<A, T> blend(accuracy);
     for (int y = scene.top(tile); y < scene.bottom(tile); ++y)
         for (int x = scene.left(tile); x < scene.right(tile); ++x) {
             hits.clear();
@@ -40,23 +38,9 @@ void blend_tile_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotang
                     scratch.slots.touched[static_cast<std::size_t>(at)] = 1;
                     std::fill_n(slot, scratch.slots.stride, S(0));
                 }
-                const T weight = h->transmittance * h->alpha;
-                for (Index c = 0; c < channels; ++c) g_feature[c] += weight * g_pixel[c];
-                const T extra = g_alpha + g_depth * scene.splat(h->entry).depth;
-                const T more = (along(feature) - behind) + extra;
-                behind += h->alpha * more;
-                const T g_raw = h->transmittance * more;                  // d / d alpha
-                const T g_exponent = g_raw * h->bell;
-                const T gu = g_exponent * h->u, gv = g_exponent * h->v;
-                slot[0] += gu;
-                slot[1] += gv;
-                slot[2] += gu * h->u;
-                slot[3] += gu * h->v;
-                slot[4] += gv * h->v;
-                // o d alpha / d o; bell is 0, and so is this, where alpha is clamped.
-                const T floor = scene.splat(h->entry).floor;
-                slot[5] += g_exponent - select(h->bell > T(0), T(g_raw * floor), T(0));
-                slot[6] += weight * g_depth;
+                for (Index c = 0; c < channels; ++c) g_feature[c] += h->weight * g_pixel[c];
+                const PixelCotangent<T> g_here{{along(feature)}, g_alpha, g_depth};
+                blend.take_vjp(*h, h->u, h->v, scene.splat(h->entry), g_here, behind, slot);
             }
         }
 }

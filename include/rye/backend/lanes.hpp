@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/backend/xsimd.hpp: explicit lanes times threads. The only include of xsimd, whose system
-/// headers leak macros; nothing else may include it but the kernels of this backend.
+/// rye/backend/lanes.hpp: explicit lanes times threads. The only include of xsimd, whose system
+/// headers leak macros; in rye only the headers of folders named lanes/ include this one.
 #pragma once
 
 #include <cstddef>
@@ -44,10 +44,6 @@ template <class T, class A>
 struct RealOf<xsimd::batch<T, A>> {
     using type = T;
 };
-template <class T, class A>
-const xsimd::batch<T, A>& value_of(const xsimd::batch<T, A>& x) {
-    return x;
-}
 
 /// The vector of U in registers as large as those of V: doubles beside floats.
 template <class V, class U>

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/xsimd_stage.hpp: the per-Gaussian formulas with a Gaussian in each lane. The formulas
+/// rye/splat/lanes/stage.hpp: the per-Gaussian formulas with a Gaussian in each lane. The formulas
 /// are those of gaussian/project.hpp, instantiated on batches; here is only how lanes are filled.
 #pragma once
 
 #include <rye/splat/stage.hpp>
-#include <rye/splat/xsimd_lanes.hpp>
+#include <rye/splat/lanes/registers.hpp>
 
 namespace rye {
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/xsimd_vjp.hpp: the reverse walk of a tile in vectors. The forward walk is repeated
+/// rye/splat/lanes/vjp.hpp: the reverse walk of a tile in vectors. The forward walk is repeated
 /// without colours, strip by strip, laying down alpha and transmittance of each visit; then, far to
-/// near, as in splat/vjp.hpp, an entry at a time over its visits, so that its sums stay in
+/// near, as in splat/plain/vjp.hpp, an entry at a time over its visits, so that its sums stay in
 /// registers.
 #pragma once
 
@@ -10,8 +10,8 @@
 #include <cstring>
 
 #include <rye/core/bit_cast.hpp>
-#include <rye/splat/vjp.hpp>
-#include <rye/splat/xsimd_group.hpp>
+#include <rye/splat/lanes/group.hpp>
+#include <rye/splat/plain/vjp.hpp>
 
 namespace rye {
 
@@ -73,16 +73,16 @@ Index record_tile(const Scene<typename V::value_type>& scene, const A& accuracy,
             if (group.reaching[s] != 0 && open.has(s)) {
                 V t = V::load_aligned(tape.transmittance + s * lanes);
                 blend.along(group, s, t,
-                            [&](int entry, const LaneEntry<V>&, const LaneShare<V>& share)
+                            [&](int entry, const LaneEntry<V>&, const Contribution<V>& c)
                                 __attribute__((always_inline)) {
                     T* const to = steps + used * 2 * lanes;
-                    share.alpha.store_aligned(to);
-                    share.before.store_aligned(to + lanes);
+                    c.alpha.store_aligned(to);
+                    c.before.store_aligned(to + lanes);
                     laid.strips[entry][s / 64] |= std::uint64_t(1) << (s % 64);
                     ++used;
                 });
                 t.store_aligned(tape.transmittance + s * lanes);
-                if (!blend.open(t)) open.clear(s);
+                if (!blend.any_open(t)) open.clear(s);
             }
             laid.end[s] = used;
         }
@@ -215,7 +215,7 @@ struct LaneReverse {
     const Strips<V>& strips;
     LaneTape<V>& tape;
     Index stride;
-    V alpha_max;
+    LaneBlend<A, V> blend;
     const T* cotangent;
     const T* visits_end[Tile::count];    ///< of each strip: where its visits on the tape end
 
@@ -237,8 +237,9 @@ struct LaneReverse {
             unrolled<C>([&](auto c) { colour[c] = V(feature[c]); });
         else
             along_strips<V>(cotangent, strip, visits, feature, stride, tape.along);
-        const V z(s.depth), floor(s.floor);
-        V opacity = zero;
+        const struct {
+            V floor, depth;
+        } layer{V(s.floor), V(s.depth)};
         alignas(64) T us[Tile::sides * lanes], across[Tile::sides * lanes], down[tile_edge];
         unrolled<Tile::sides>([&](auto i) __attribute__((always_inline)) {
             const V dx = V::load_aligned(strips.x + i * lanes) - V(s.x);
@@ -252,48 +253,36 @@ struct LaneReverse {
         // Copies of its own: stores of vectors could be to anything.
         T* const behinds = tape.behind;
         const T* const g_tile = cotangent;
-        const V most = alpha_max;
+        const LaneBlend<A, V> rules = blend;
         for (int i = 0; i < visits; ++i) {
             const std::size_t here = strip[i], at = here * lanes;
             const int side = Tile::side(strip[i]), row = Tile::row(strip[i]);
             const T* const step = visits_end[here] -= 2 * lanes;
             const V alpha = V::load_aligned(step), before = V::load_aligned(step + lanes);
-            const V weight = alpha * before, behind = V::load_aligned(behinds + at);
-            V more;
+            const Contribution<V> c{{alpha, alpha}, before, alpha * before};
+            ColourCotangent<V> g_colour;
             if constexpr (C > 0) {
                 const T* const g_strip = g_tile + at * C;
-                unrolled<C>([&](auto c) __attribute__((always_inline)) {
-                    colour_sum[c] = colour_sum[c] + V::load_aligned(g_strip + c * lanes) * weight;
+                unrolled<C>([&](auto k) __attribute__((always_inline)) {
+                    colour_sum[k] = colour_sum[k] + V::load_aligned(g_strip + k * lanes) * c.weight;
                 });
-                more = along<V, C>(g_strip, colour) - behind;
+                g_colour.colour = along<V, C>(g_strip, colour);
             } else {
-                weight.store_aligned(tape.weight[i]);
-                more = V::load_aligned(tape.along[i]) - behind;
-            }
-            if constexpr (Extra) {
-                const V gz = V::load_aligned(tape.g_depth + at);
-                more = more + (V::load_aligned(tape.g_alpha + at) + gz * z);
-                sum[6] = sum[6] + weight * gz;
-            }
-            more = where(weight > zero, more);
-            (behind + alpha * more).store_aligned(behinds + at);
-            const V g_raw = where(alpha < most, V(before * more));
-            V g = g_raw * alpha;
-            if constexpr (A::has_floor) {
-                opacity = opacity + g;
-                g = g + g_raw * floor;
+                c.weight.store_aligned(tape.weight[i]);
+                g_colour.colour = V::load_aligned(tape.along[i]);
             }
             const V u = V::load_aligned(us + side * lanes);
             const V v = V::load_aligned(across + side * lanes) + repeat<Tile::high, V>(down + row);
-            const V gu = g * u, gv = g * v;
-            sum[0] = sum[0] + gu;
-            sum[1] = sum[1] + gv;
-            sum[2] = sum[2] + gu * u;
-            sum[3] = sum[3] + gv * u;
-            sum[4] = sum[4] + gv * v;
-            sum[5] = sum[5] + g;
+            V behind = V::load_aligned(behinds + at);
+            if constexpr (Extra) {
+                const PixelCotangent<V> g{g_colour, V::load_aligned(tape.g_alpha + at),
+                                          V::load_aligned(tape.g_depth + at)};
+                rules.take_vjp(c, u, v, layer, g, behind, sum);
+            } else {
+                rules.take_vjp(c, u, v, layer, g_colour, behind, sum);
+            }
+            behind.store_aligned(behinds + at);
         }
-        if constexpr (A::has_floor) sum[5] = opacity;
         lane_sums(sum, slot);
         if constexpr (C > 0) {
             std::array<V, 8> padded;
@@ -356,7 +345,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
     load_cotangents<V, C>(scene, g, tile, strips, stride, tape);
 
     LaneReverse<V, C, Extra, A> reverse{
-        strips, tape, stride, V(static_cast<T>(accuracy.alpha_max)), tape.cotangent.lines[0].x, {}};
+        strips, tape, stride, LaneBlend<A, V>(accuracy), tape.cotangent.lines[0].x, {}};
     const bool copied = C == 0 && stride != channels;    // where channels do not fill vectors
     T* const feature = tape.feature.reserve(copied ? most * stride : 1);
     for (Index group = last; group >= 0; group -= most) {

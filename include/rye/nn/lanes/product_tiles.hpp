@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/product_tiles.hpp: products of dense matrices in register tiles. The left factor is
+/// rye/nn/lanes/product_tiles.hpp: products of dense matrices in register tiles. The left factor is
 /// packed once for many columns of the right one. Each number of the result is one sum in the order
 /// of the depth: its bits depend on nothing but its row and its column.
 #pragma once
@@ -11,7 +11,7 @@
 #include <vector>
 
 #include <rye/core/columns.hpp>
-#include <rye/nn/register_tile.hpp>
+#include <rye/nn/lanes/register_tile.hpp>
 
 namespace rye {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/xsimd_lanes.hpp: what the tuned walks share: loops over registers, sums of lanes,
+/// rye/splat/lanes/registers.hpp: what the tuned walks share: loops over registers, sums of lanes,
 /// memory from a cache line's start, and asking for memory ahead of time.
 #pragma once
 
@@ -12,7 +12,7 @@
 #include <type_traits>
 #include <utility>
 
-#include <rye/backend/xsimd.hpp>
+#include <rye/backend/lanes.hpp>
 #include <rye/math/scalar.hpp>
 #include <rye/splat/raster.hpp>
 

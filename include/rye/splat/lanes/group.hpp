@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/xsimd_group.hpp: a tile's entries, made ready for lanes. A tile is cut into strips: as
+/// rye/splat/lanes/group.hpp: a tile's entries, made ready for lanes. A tile is cut into strips: as
 /// many pixels as there are lanes, in two rows where that costs nothing. Entries are taken in
 /// groups; each is evaluated once for what strips share. A strip then walks the entries that reach
 /// it, from near to far, with what it sums up in registers.
@@ -12,7 +12,8 @@
 #include <type_traits>
 
 #include <rye/math/exponential.hpp>
-#include <rye/splat/xsimd_lanes.hpp>
+#include <rye/splat/blend.hpp>
+#include <rye/splat/lanes/registers.hpp>
 
 namespace rye {
 
@@ -129,7 +130,7 @@ struct LaneGroup {
             const V dx = V::load_aligned(tile.x + i * lanes) - V(s.x);
             const V u = V(s.ux) * dx;
             (V(s.vx) * dx).store_aligned(to.v[i]);
-            (V(s.log2_opacity) - u * u).store_aligned(to.exponent[i]);
+            less_square(V(s.log2_opacity), u).store_aligned(to.exponent[i]);
         });
         unrolled<tile_edge / lanes>([&](auto i) __attribute__((always_inline)) {
             (V(s.vy) * (V::load_aligned(tile.y + i * lanes) - V(s.y)))
@@ -174,28 +175,38 @@ struct LaneGroup {
     }
 };
 
-/// What a Gaussian adds to a strip.
-template <class V>
-struct LaneShare {
-    V alpha, before;         ///< and the transmittance in front of it
-    V weight;                ///< alpha times before; 0 where nothing is added
+/// The pixels of a strip, a lane each, with the cheapest instructions for masks.
+struct LanePixels : PixelGroup {
+    template <class V>
+    [[gnu::always_inline]] static V when(const typename V::batch_bool_type& mask, const V& x) {
+        return where(mask, x);
+    }
+    template <class V>
+    [[gnu::always_inline]] static V full(const V& transmittance) {
+        return transmittance | V(typename V::value_type(-0.0));
+    }
 };
 
-/// Blends along the entries of a strip, without a branch. A full pixel keeps the transmittance with
-/// which it got full: below `stop`, or, where a pixel stops before the blend that would take it
-/// there, with its sign turned.
+/// 2^x by the polynomial of a degree, or by the library for 0 and for double, which no polynomial
+/// is exact enough for.
+template <int Degree, class T>
+struct LaneExp2 {
+    template <class V>
+    [[gnu::always_inline]] V operator()(const V& x) const {
+        if constexpr (Degree == 0 || std::is_same_v<T, double>)
+            return V(Exp2Library()(x));
+        else
+            return Exp2Poly<Degree>::within(x);
+    }
+};
+
+/// Blends along the entries of a strip, without a branch.
 template <class A, class V>
-struct LaneBlend {
-    using T = typename V::value_type;
-    static constexpr bool library = A::exp2_degree == 0 || std::is_same_v<T, double>;
-    using Exp2 = Exp2Poly<A::exp2_degree == 0 ? 6 : A::exp2_degree>;
-    V alpha_max, stop;
+struct LaneBlend : Blend<A, V, LanePixels, LaneExp2<A::exp2_degree, typename V::value_type>> {
+    using LaneBlend::Blend::Blend;
 
-    explicit LaneBlend(const A& a)
-        : alpha_max(static_cast<T>(a.alpha_max)), stop(static_cast<T>(a.stop)) {}
-
-    /// visit(k, entry, share) of each entry of the group that reaches a strip, from near to far.
-    /// One after another: several alphas side by side, or the first half of the next one, were
+    /// visit(k, entry, contribution) of each entry of the group that reaches a strip, from near to
+    /// far. One after another: several alphas side by side, or the first half of the next one, were
     /// tried and cost more than they hide.
     template <class F>
     [[gnu::always_inline]] void along(const LaneGroup<V>& group, int strip, V& transmittance,
@@ -205,45 +216,17 @@ struct LaneBlend {
         for (std::uint64_t todo = group.reaching[strip]; todo != 0; todo &= todo - 1) {
             const int k = std::countr_zero(todo);
             const LaneEntry<V>& entry = group.entry[k];
-            visit(k, entry, blend(alpha(entry, side, row), t));
+            const V v = V::load_aligned(entry.v[side]) +
+                        repeat<Strips<V>::high, V>(entry.down + row);
+            const V x = less_square(V::load_aligned(entry.exponent[side]), v);
+            visit(k, entry, this->take(this->coverage(x, V(entry.cut), V(entry.floor)), t));
         }
         transmittance = t;
     }
 
     /// Whether some pixel of a strip can still take a contribution.
-    [[gnu::always_inline]] bool open(const V& transmittance) const {
-        const V least = V(A::stop_rule == Stop::inclusive ? stop : V(T(0)));
-        return any(transmittance >= least && transmittance > V(T(0)));
-    }
-
-  private:
-    /// Exponents below the cut, and so those that the polynomial does not know, go unused.
-    [[gnu::always_inline]] V alpha(const LaneEntry<V>& entry, int side, int row) const {
-        const V v = V::load_aligned(entry.v[side]) + repeat<Strips<V>::high, V>(entry.down + row);
-        const V x = V::load_aligned(entry.exponent[side]) - v * v;
-        V a;
-        if constexpr (library)
-            a = V(Exp2Library()(x));
-        else
-            a = Exp2::within(x);
-        if constexpr (A::has_floor) a = a - V(entry.floor);
-        return where(x >= V(entry.cut), V(min(alpha_max, a)));
-    }
-
-    /// What a visit adds to its strip; full pixels take none of it.
-    [[gnu::always_inline]] LaneShare<V> blend(V alpha, V& transmittance) const {
-        const V before = transmittance;
-        if constexpr (A::stop_rule == Stop::inclusive) alpha = where(before >= stop, alpha);
-        V weight = alpha * before;
-        V behind = before - weight;
-        if constexpr (A::stop_rule == Stop::exclusive) {
-            const auto more = behind >= stop;        // never of a full pixel
-            alpha = where(more, alpha);
-            weight = where(more, weight);
-            behind = select(more, behind, V(before | V(T(-0.0))));
-        }
-        transmittance = behind;
-        return {alpha, before, weight};
+    [[gnu::always_inline]] bool any_open(const V& transmittance) const {
+        return any(this->open(transmittance));
     }
 };
 

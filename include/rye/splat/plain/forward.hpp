@@ -1,33 +1,33 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/forward.hpp: blending, pixel by pixel: the reference that every tuned walk is held to,
-/// and, on duals, the forward derivative. Decisions are taken on values.
+/// rye/splat/plain/forward.hpp: blending, pixel by pixel: the reference that every tuned walk is
+/// held to, and, on duals, the forward derivative. Decisions are taken on values.
 #pragma once
 
 #include <algorithm>
 #include <vector>
 
+#include <rye/math/exponential.hpp>
+#include <rye/splat/blend.hpp>
 #include <rye/splat/raster.hpp>
 
 namespace rye {
 
 /// One contribution to a pixel.
 template <class T>
-struct Hit {
+struct Hit : Contribution<T> {
     Index entry;
     T u, v;                  ///< folded offsets
-    T alpha;
-    T bell;                  ///< d alpha / d exponent (natural units); 0 where alpha is clamped
-    T transmittance;         ///< in front of it
 };
+
+template <class A, class T>
+using PlainBlend = Blend<A, T, SinglePixel, Exp2Library>;
 
 /// Visits the contributions to pixel (x, y) of a tile, near to far, and returns the transmittance
 /// behind them all.
 template <class A, class T, class Visit>
 T walk_pixel(const Scene<T>& scene, const A& accuracy, Index tile, int x, int y, Visit&& visit) {
-    using std::exp2;
     using R = real_t<T>;
-    const T alpha_max = T(static_cast<R>(accuracy.alpha_max));
-    const R stop = static_cast<R>(accuracy.stop);
+    const PlainBlend<A, T> blend(accuracy);
     const T px = T(static_cast<R>(x) + R(0.5)) - scene.cx;
     const T py = T(static_cast<R>(y) + R(0.5)) - scene.cy;
     const Index begin = scene.begin(tile), end = scene.end(tile);
@@ -50,18 +50,11 @@ T walk_pixel(const Scene<T>& scene, const A& accuracy, Index tile, int x, int y,
         if (y < m.rows.begin || y >= m.rows.end) continue;
         const Splat<T>& s = m.splat;
         const Response<T> r = respond(s, T(px - s.x), T(py - s.y));
-        if (!(r.exponent >= s.cut)) continue;
-        Hit<T> hit{k, r.u, r.v, T(0), exp2(r.exponent), transmittance};
-        hit.alpha = hit.bell - s.floor;
-        if (!(hit.alpha < alpha_max)) {
-            hit.alpha = alpha_max;
-            hit.bell = T(0);
-        }
-        const T behind = transmittance * (T(1) - hit.alpha);
-        if (A::stop_rule == Stop::exclusive && behind < T(stop)) break;
-        visit(hit);
-        transmittance = behind;
-        if (A::stop_rule == Stop::inclusive && behind < T(stop)) break;
+        if (!blend.reaches(r.exponent, s.cut)) continue;
+        const auto c = blend.take(blend.coverage(r.exponent, s.cut, s.floor), transmittance);
+        if (!c.taken) break;
+        visit(Hit<T>{c, k, r.u, r.v});
+        if (!blend.open(transmittance)) break;
     }
     return transmittance;
 }
@@ -79,13 +72,12 @@ void blend_tile(const Scene<T>& scene, const A& accuracy, Index tile, Raster<T, 
             [[maybe_unused]] real_t<T> most = 0;
             [[maybe_unused]] std::uint32_t contributor = no_contributor;
             const T end = walk_pixel(scene, accuracy, tile, x, y, [&](const Hit<T>& h) {
-                const T weight = h.transmittance * h.alpha;
                 const T* feature = scene.feature_of(h.entry);
-                for (Index c = 0; c < channels; ++c) sum[c] += weight * feature[c];
-                if constexpr (A::outputs.depth) depth += weight * scene.splat(h.entry).depth;
+                for (Index c = 0; c < channels; ++c) sum[c] += h.weight * feature[c];
+                if constexpr (A::outputs.depth) depth += h.weight * scene.splat(h.entry).depth;
                 if constexpr (A::outputs.contributor)
-                    if (value_of(weight) > most) {
-                        most = static_cast<real_t<T>>(value_of(weight));
+                    if (value_of(h.weight) > most) {
+                        most = static_cast<real_t<T>>(value_of(h.weight));
                         contributor = scene.member(h.entry).source;
                     }
             });

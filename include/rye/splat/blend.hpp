@@ -1,0 +1,238 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/blend.hpp: one Gaussian at one pixel, forward and reverse, for every walk: plain loops
+/// over any scalar and duals, lanes over batches, a device's threads over float.
+///     alpha = min(alpha_max, 2^(log2 o - u^2 - v^2) - o f)         skipped below the cut
+///     T_i+1 = T_i (1 - alpha_i),  weight_i = alpha_i T_i           until the pixel is full
+/// Reverse, with s_i = <cotangent, contribution i> and b_i the same for all that lies behind i,
+/// composited from the background forward,
+///     d/d alpha_i = T_i (s_i - b_i),   b_{i-1} = b_i + alpha_i (s_i - b_i),
+/// which neither divides by 1 - alpha nor subtracts large sums: it is 0 where a Gaussian has the
+/// colour of what is behind it.
+/// Walks keep iteration, addressing and sums over pixels and channels; nothing of this is theirs.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <type_traits>
+
+#include <rye/math/scalar.hpp>
+#include <rye/splat/falloff.hpp>
+
+namespace rye {
+
+/// Offsets in the folded frame, and the exponent there.
+template <class T>
+struct Response {
+    T u, v;
+    T exponent;
+};
+
+/// One of the two squares of the exponent log2 o - u^2 - v^2. Apart, since the pixels of a column
+/// share the one in u.
+template <class V>
+[[gnu::always_inline]] RYE_HD inline V less_square(const V& exponent, const V& w) {
+    return exponent - w * w;
+}
+
+template <class T>
+RYE_HD Response<T> respond(const Splat<T>& s, const T& dx, const T& dy) {
+    const T u = s.ux * dx;
+    const T v = s.vx * dx + s.vy * dy;
+    return {u, v, less_square(less_square(s.log2_opacity, u), v)};
+}
+
+/// A pixel that is walked by itself: the walk branches past a Gaussian that does not reach it, and
+/// ends when it is full. So conditions that hold for all that is visited need no mask.
+/// Products that two kinds of pixels round differently are named by each.
+struct SinglePixel {
+    static constexpr bool ends_when_full = true;
+    static constexpr bool keeps_bell = true;     ///< for the way back; else alpha alone
+    static constexpr bool mixed_from_u = true;   ///< g u v is (g u) v; else (g v) u
+
+    /// A condition that a branch of the walk has settled.
+    template <class M>
+    RYE_HD static std::true_type settled(const M&) {
+        return {};
+    }
+    /// x where the condition holds, else 0.
+    template <class V>
+    RYE_HD static V when(std::true_type, const V& x) {
+        return x;
+    }
+    template <class V>
+    RYE_HD static V when(bool condition, const V& x) {
+        return select(condition, x, V(0));
+    }
+    /// min(most, x), of derivative 0 from `most` on; a NaN becomes `most`.
+    template <class V>
+    RYE_HD static V at_most(const V& most, const V& x) {
+        return select(x < most, x, most);
+    }
+    /// The transmittance behind a contribution.
+    template <class V>
+    RYE_HD static V behind(const V& before, const V& alpha, const V&) {
+        return before * (V(1) - alpha);
+    }
+    /// The transmittance of a pixel that is full before it falls below `stop`.
+    template <class V>
+    RYE_HD static V full(const V& transmittance) {
+        return transmittance;
+    }
+};
+
+/// Pixels that are walked together, in lanes or threads, without a branch of their own: a pixel
+/// that is full, or that a Gaussian does not reach, takes nothing. A full pixel keeps the
+/// transmittance with which it got full: below `stop`, or, where a pixel stops before the blend
+/// that would take it there, with its sign turned.
+struct PixelGroup {
+    static constexpr bool ends_when_full = false;
+    static constexpr bool keeps_bell = false;
+    static constexpr bool mixed_from_u = false;
+
+    template <class M>
+    RYE_HD static const M& settled(const M& condition) {
+        return condition;
+    }
+    template <class M, class V>
+    RYE_HD static V when(const M& condition, const V& x) {
+        return select(condition, x, V(real_t<V>(0)));
+    }
+    template <class V>
+    [[gnu::always_inline]] RYE_HD static V at_most(const V& most, const V& x) {
+        using std::min;
+        return min(most, x);
+    }
+    template <class V>
+    [[gnu::always_inline]] RYE_HD static V behind(const V& before, const V&, const V& weight) {
+        return before - weight;
+    }
+    template <class V>
+    RYE_HD static V full(const V& transmittance) {
+        using std::abs;
+        return -abs(transmittance);
+    }
+};
+
+/// What a Gaussian would add to a pixel with nothing in front of it.
+template <class V>
+struct Coverage {
+    V alpha;
+    V bell;                  ///< alpha without its clamp and floor
+};
+
+/// What a Gaussian adds to a pixel.
+template <class V>
+struct Contribution : Coverage<V> {
+    V before;                ///< transmittance in front of it
+    V weight;                ///< alpha times before; 0 where nothing is added
+};
+/// ... and whether the pixel takes it before it is full: always, but by an exclusive stop.
+template <class V, class Mask>
+struct TakenContribution : Contribution<V> {
+    Mask taken;
+};
+
+/// Cotangent of a pixel: s, the sum over channels of cotangent times the Gaussian's colour.
+template <class V>
+struct ColourCotangent {
+    V colour;
+};
+/// ... and those of alpha and depth.
+template <class V>
+struct PixelCotangent : ColourCotangent<V> {
+    V alpha, depth;
+};
+
+/// The formulas by the rules A, for numbers V in a walk of Pixels. Exp2: 2^x of exponents from the
+/// cut to log2 o; in a group of pixels it also meets others, and may give any number there.
+template <class A, class V, class Pixels, class Exp2>
+struct Blend {
+    using R = real_t<V>;
+    V alpha_max, stop;
+
+    RYE_HD explicit Blend(const A& a)
+        : alpha_max(static_cast<R>(a.alpha_max)), stop(static_cast<R>(a.stop)) {}
+
+    /// Whether a Gaussian reaches a pixel.
+    [[gnu::always_inline]] RYE_HD static auto reaches(const V& exponent, const V& cut) {
+        return exponent >= cut;
+    }
+    /// `floor` is o f, not read unless the rules have one.
+    [[gnu::always_inline]] RYE_HD Coverage<V> coverage(const V& exponent, const V& cut,
+                                                       const V& floor) const {
+        const V bell = V(Exp2()(exponent));
+        V alpha = bell;
+        if constexpr (A::has_floor) alpha = alpha - floor;
+        const auto reached = Pixels::settled(reaches(exponent, cut));
+        return {Pixels::when(reached, V(Pixels::at_most(alpha_max, alpha))), bell};
+    }
+
+    /// The contribution to a pixel by the stop rule; `transmittance` becomes what is behind it.
+    [[gnu::always_inline]] RYE_HD auto take(const Coverage<V>& coverage, V& transmittance) const {
+        const V before = transmittance;
+        V alpha = coverage.alpha;
+        if constexpr (A::stop_rule == Stop::inclusive)
+            alpha = Pixels::when(Pixels::settled(before >= stop), alpha);
+        V weight = alpha * before;
+        V behind = Pixels::behind(before, alpha, weight);
+        if constexpr (A::stop_rule == Stop::exclusive) {
+            const auto more = behind >= stop;              // never of a full pixel
+            alpha = Pixels::when(more, alpha);
+            weight = Pixels::when(more, weight);
+            transmittance = select(more, behind, V(Pixels::full(before)));
+            return TakenContribution<V, std::remove_const_t<decltype(more)>>{
+                {{alpha, coverage.bell}, before, weight}, more};
+        } else {
+            transmittance = behind;
+            return TakenContribution<V, std::true_type>{{{alpha, coverage.bell}, before, weight},
+                                                        {}};
+        }
+    }
+
+    /// Whether a pixel can still take a contribution.
+    [[gnu::always_inline]] RYE_HD auto open(const V& transmittance) const {
+        if constexpr (Pixels::ends_when_full && A::stop_rule != Stop::inclusive) {
+            return std::true_type();
+        } else if constexpr (Pixels::ends_when_full) {
+            return transmittance >= stop;
+        } else {
+            const V least = V(A::stop_rule == Stop::inclusive ? stop : V(R(0)));
+            return transmittance >= least && transmittance > V(R(0));
+        }
+    }
+
+    /// The step back over contribution c at offsets (u, v): `behind`, b, becomes that of what is in
+    /// front of it, and the cotangents of `gaussian` (of which floor and depth are read) are added
+    /// to the numbers of SplatCotangent, in their order.
+    template <class Gaussian, class Cotangent, class Sums>
+    [[gnu::always_inline]] RYE_HD void take_vjp(const Contribution<V>& c, const V& u, const V& v,
+                                                const Gaussian& gaussian, const Cotangent& g,
+                                                V& behind, Sums&& sum) const {
+        V more = g.colour - behind;
+        if constexpr (requires { g.depth; }) {
+            more = more + (g.alpha + g.depth * gaussian.depth);
+            sum[6] = sum[6] + c.weight * g.depth;
+        }
+        more = Pixels::when(Pixels::settled(c.weight > V(R(0))), more);
+        behind = behind + c.alpha * more;
+        const V g_alpha = Pixels::when(c.alpha < alpha_max, V(c.before * more));
+        // Of the exponent in natural units, and of log o.
+        V g_exponent = g_alpha * (Pixels::keeps_bell ? c.bell : c.alpha), g_opacity = g_exponent;
+        if constexpr (A::has_floor && Pixels::keeps_bell)
+            g_opacity = g_opacity - g_alpha * gaussian.floor;
+        else if constexpr (A::has_floor)
+            g_exponent = g_exponent + g_alpha * gaussian.floor;
+        const V gu = g_exponent * u, gv = g_exponent * v;
+        sum[0] = sum[0] + gu;
+        sum[1] = sum[1] + gv;
+        sum[2] = sum[2] + gu * u;
+        if constexpr (Pixels::mixed_from_u)
+            sum[3] = sum[3] + gu * v;
+        else
+            sum[3] = sum[3] + gv * u;
+        sum[4] = sum[4] + gv * v;
+        sum[5] = sum[5] + g_opacity;
+    }
+};
+
+} // namespace rye

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/plain/stage.hpp: the per-Gaussian formulas, one Gaussian at a time and for any scalar:
+/// project and cull before the pixel walks; after them, pull the gradients back to the world.
+#pragma once
+
+#include <vector>
+
+#include <rye/splat/stage.hpp>
+
+namespace rye {
+
+/// Whether every number that is read of a Gaussian is finite and its quaternion has a direction.
+template <class T>
+bool usable(const Gaussians<T>& g, Index i) {
+    int bad = 0;
+    const auto look = [&](const T* x, Index n) {
+        for (Index k = 0; k < n; ++k) {
+            const real_t<T> v = value_of(x[k]);
+            bad |= !(v - v == real_t<T>(0));                 // inf - inf is NaN
+        }
+    };
+    look(g.mean.data() + 3 * i, 3);
+    look(g.rotation.data() + 4 * i, 4);
+    look(g.scale.data() + 3 * i, 3);
+    look(g.opacity.data() + i, 1);
+    look(g.feature.data() + i * g.channels(), g.channels());
+    const T* q = g.rotation.data() + 4 * i;
+    const bool turned = q[0] != T(0) || q[1] != T(0) || q[2] != T(0) || q[3] != T(0);
+    return bad == 0 && turned;
+}
+
+/// Columns of fixed length; the compiler must not see a loop over a length it does not know.
+template <class T>
+Shape<T> load_shape(const Gaussians<T>& g, Index i) {
+    return {Eigen::Map<const Vec3<T>>(g.mean.data() + 3 * i),
+            Eigen::Map<const Quat<T>>(g.rotation.data() + 4 * i),
+            Eigen::Map<const Vec3<T>>(g.scale.data() + 3 * i)};
+}
+
+template <class T>
+void store_shape(const Shape<T>& s, Gaussians<T>& g, Index i) {
+    Eigen::Map<Vec3<T>>(g.mean.data() + 3 * i) = s.mean;
+    Eigen::Map<Quat<T>>(g.rotation.data() + 4 * i) = s.rotation;
+    Eigen::Map<Vec3<T>>(g.scale.data() + 3 * i) = s.scale;
+}
+
+/// Fills candidate and state of Gaussians [b, e); one at a time, for any scalar.
+template <class A, class T, Distortion D>
+void project_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy, Index b,
+                   Index e, RasterScratch<T>& scratch) {
+    const Lens<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
+    const bool look = accuracy.non_finite != NonFinite::trust;
+    for (Index i = b; i < e; ++i) {
+        const auto at = static_cast<std::size_t>(i);
+        scratch.state[at] = Candidacy::non_finite;
+        if (look && !usable(g, i)) continue;
+        const Projected<T, A::antialias> s = project<A::antialias>(load_shape(g, i), lens);
+        scratch.state[at] = Candidacy::hidden;
+        if (!s.drawable || !(g.opacity(0, i) > T(0))) continue;
+        Member<T>& c = scratch.candidates[at];
+        c.splat = make_splat(s, kept_opacity(s, g.opacity(0, i)), accuracy);
+        if (!(c.splat.log2_opacity > c.splat.cut)) continue;
+        scratch.footprints[at] = footprint_of<A>(s, c.splat, camera.cx, camera.cy);
+        const Cover<A::support, real_t<T>> cover{scratch.footprints[at], camera.width,
+                                                 camera.height};
+        settle(i, cover.rows(), camera, scratch);
+        if (scratch.state[at] != Candidacy::visible || !c.rows.known(camera.width)) continue;
+        for (int y = c.rows.first_row(); y < c.rows.last_row(); ++y) {
+            const Span x = cover.columns(y, c.rows);
+            c.rows.columns[static_cast<std::size_t>(y - c.rows.first_row())] = {
+                static_cast<std::uint16_t>(x.begin), static_cast<std::uint16_t>(x.end)};
+        }
+    }
+}
+
+/// Gradients of Gaussians [b, e), from slots to world.
+template <class A, class T, Distortion D>
+void pull_back_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
+                     const RasterTrace<T>& trace, const Slots<T>& slots, Index b, Index e,
+                     Gaussians<T>& out) {
+    const Lens<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
+    std::vector<T> sum(static_cast<std::size_t>(slots.stride));
+    for (Index i = b; i < e; ++i) {
+        const std::uint32_t m = trace.member[static_cast<std::size_t>(i)];
+        if (m == no_member) {
+            clear_gradient(out, i);
+            continue;
+        }
+        merge_slots(trace.lists, slots, static_cast<Index>(m), sum.data());
+        for (Index k = 0; k < g.channels(); ++k)
+            out.feature(k, i) = sum[static_cast<std::size_t>(Slots<T>::head + k)];
+        const SplatCotangent<T> s{sum[0], sum[1], sum[2], sum[3], sum[4], sum[5], sum[6]};
+        store_shape(project_vjp<A::antialias>(load_shape(g, i), lens,
+                                              screen_cotangent(trace.members[m].splat, s), s.alpha),
+                    out, i);
+        out.opacity(0, i) = s.alpha / g.opacity(0, i);
+    }
+}
+
+} // namespace rye
