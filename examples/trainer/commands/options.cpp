@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "commands/options.hpp"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -13,27 +14,53 @@
 
 namespace rye::trainer {
 
+namespace {
+
+Error no_frame(const std::string& id, const std::string& first, const std::string& last,
+               const std::filesystem::path& folder) {
+    return Error("--frame: got '" + id + "', expected one from '" + first + "' to '" + last +
+                 "' in " + folder.string());
+}
+
+Error no_camera(const std::string& id, const std::vector<std::string>& ids) {
+    std::string all;
+    for (const std::string& name : ids) all += " " + name;
+    return Error("--camera: got '" + id + "', expected one of:" + all);
+}
+
+} // namespace
+
 int frame_index(const Capture& capture, const std::string& id) {
     if (id.empty()) return capture.test.empty() ? 0 : capture.test.front();
     for (int f = 0; f < capture.frame_count(); ++f)
         if (capture.frames[static_cast<std::size_t>(f)].id == id) return f;
-    throw Error("--frame: got '" + id + "', expected one from '" + capture.frames.front().id +
-                "' to '" + capture.frames.back().id + "' in " + capture.folder.string());
+    throw no_frame(id, capture.frames.front().id, capture.frames.back().id, capture.folder);
+}
+
+std::string frame_id(const CaptureContents& contents, const std::string& id) {
+    if (id.empty()) return contents.test.empty() ? contents.frames.front() : contents.test.front();
+    if (std::find(contents.frames.begin(), contents.frames.end(), id) == contents.frames.end())
+        throw no_frame(id, contents.frames.front(), contents.frames.back(), contents.folder);
+    return id;
+}
+
+std::vector<std::string> camera_choices(const CaptureContents& contents, const std::string& id) {
+    const std::vector<std::string>& all = contents.camera_ids;
+    if (id.empty()) return all;
+    if (std::find(all.begin(), all.end(), id) == all.end()) throw no_camera(id, all);
+    return {id};
 }
 
 int camera_index(const Capture& capture, const std::string& id, int frame) {
     if (!id.empty()) {
-        std::string all;
         for (int c = 0; c < capture.camera_count(); ++c) {
-            const std::string& name = capture.camera_ids[static_cast<std::size_t>(c)];
-            all += " " + name;
-            if (name != id) continue;
+            if (capture.camera_ids[static_cast<std::size_t>(c)] != id) continue;
             require(capture.view(frame, c).present, "--camera",
                     "camera '" + id + "' has no image of frame '" +
                         capture.frames[static_cast<std::size_t>(frame)].id + "'");
             return c;
         }
-        throw Error("--camera: got '" + id + "', expected one of:" + all);
+        throw no_camera(id, capture.camera_ids);
     }
     const CaptureFrame& f = capture.frames[static_cast<std::size_t>(frame)];
     const Mat3<double> head = so3_exp(Vec3<double>(f.pose.head<3>()));

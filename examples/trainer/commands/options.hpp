@@ -17,6 +17,13 @@ namespace rye::trainer {
 /// Index of a frame by its id; empty: the first test frame, or else the first frame.
 int frame_index(const Capture& capture, const std::string& id);
 
+/// The same in a capture of which no frame is read yet.
+std::string frame_id(const CaptureContents& contents, const std::string& id);
+
+/// The cameras that camera_index chooses from: of an empty id all, else the one; Error if there is
+/// none of that id.
+std::vector<std::string> camera_choices(const CaptureContents& contents, const std::string& id);
+
 /// Index of a camera by its id; empty: the one that sees the face of that frame most frontally.
 int camera_index(const Capture& capture, const std::string& id, int frame);
 

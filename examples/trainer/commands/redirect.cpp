@@ -111,10 +111,12 @@ void redirect(const RedirectOptions& o) {
     set_threads(o.threads);
     require(!o.out.empty(), "rye redirect", "--out is missing, expected a PNG file");
     const TrainState state = load_trained(o.run);
-    const Capture capture = read_valid_capture(o.capture.empty() ? std::filesystem::path(state.capture) : o.capture);
+    const CaptureContents contents =
+        read_contents(o.capture.empty() ? std::filesystem::path(state.capture) : o.capture);
+    const Capture capture = read_valid_frame(contents, frame_id(contents, o.frame),
+                                             camera_choices(contents, o.camera));
     require_same_subject(state, capture);
-    const int frame = frame_index(capture, o.frame);
-    const int cam = camera_index(capture, o.camera, frame);
+    const int frame = 0, cam = camera_index(capture, o.camera, frame);
     DrawnFrame shown{frame_drivers(capture, frame, state.config.gaze_axis),
                      capture.camera(frame, cam).cast<float>()};
     if (o.sweep) {

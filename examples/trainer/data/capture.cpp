@@ -360,18 +360,6 @@ Splits default_splits(const std::vector<std::string>& ids, double test_fraction)
     return {{ids.begin(), ids.end() - tests}, {ids.end() - tests, ids.end()}, {}, {}};
 }
 
-void read_description_into(Capture& c, const Json& json, const CaptureOptions& options,
-                           const std::string& who) {
-    c.subject = string_of(json, "subject");
-    c.expression_names = strings(json, "exp_names", who);
-    const Json conventions =
-        json.is_object() && json.contains("conventions") ? json.at("conventions") : Json();
-    const std::string image = string_of(conventions, "image");
-    c.images_over_black = options.content == ImageContent::automatic
-                              ? image.find("over black") != std::string::npos
-                              : options.content == ImageContent::over_black;
-}
-
 /// Indices of the frames that could be read.
 std::vector<int> indices(const Capture& c, const std::vector<std::string>& ids) {
     std::vector<int> out;
@@ -402,50 +390,100 @@ void require_one_width(const Capture& c, Faults& faults) {
                      std::to_string(c.frames.front().expression.size()) + " exp_coeff");
 }
 
-void read_everything(Capture& c, const CaptureOptions& options, Faults& faults) {
-    const fs::path description = c.folder / "capture.json";
+CaptureContents list_contents(const fs::path& folder, const CaptureOptions& options,
+                              Faults& faults) {
+    CaptureContents c;
+    c.folder = folder;
+    const fs::path description = folder / "capture.json";
     const std::string who = description.string();
-    require(fs::is_directory(c.folder), c.folder.string(), "no such folder");
-    require(fs::exists(c.folder / "cameras") || !fs::exists(c.folder / "transforms.json"),
-            (c.folder / "transforms.json").string(),
+    require(fs::is_directory(folder), folder.string(), "no such folder");
+    require(fs::exists(folder / "cameras") || !fs::exists(folder / "transforms.json"),
+            (folder / "transforms.json").string(),
             "got photographs of a still scene, expected a capture (folders images, cameras, params)");
     const Json json = read_description(description);
-    read_description_into(c, json, options, who);
-    const std::set<std::string> on_disk = list_frames(c.folder);
-    c.camera_ids = strings(json, "camera_ids", who);
-    if (c.camera_ids.empty()) c.camera_ids = sorted(list_cameras(c.folder, on_disk));
+    c.subject = string_of(json, "subject");
+    c.expression_names = strings(json, "exp_names", who);
+    const Json conventions =
+        json.is_object() && json.contains("conventions") ? json.at("conventions") : Json();
+    const std::string image = string_of(conventions, "image");
+    c.images_over_black = options.content == ImageContent::automatic
+                              ? image.find("over black") != std::string::npos
+                              : options.content == ImageContent::over_black;
+    if (json.is_object() && json.contains("image_size")) c.image_size = json.at("image_size").dump();
 
+    const std::set<std::string> on_disk = list_frames(folder);
+    c.camera_ids = strings(json, "camera_ids", who);
+    if (c.camera_ids.empty()) c.camera_ids = sorted(list_cameras(folder, on_disk));
     const bool described = json.is_object() && json.contains("train_frames");
     const Splits splits = described ? described_splits(json, who)
                                     : default_splits(sorted(on_disk), options.test_fraction);
+    c.train = splits.train;
+    c.test = splits.test;
+    c.novel_gaze = splits.novel_gaze;
+    c.independent_gaze = splits.independent_gaze;
     std::set<std::string> wanted;
-    for (const auto* list :
-         {&splits.train, &splits.test, &splits.novel_gaze, &splits.independent_gaze})
+    for (const auto* list : {&c.train, &c.test, &c.novel_gaze, &c.independent_gaze})
         wanted.insert(list->begin(), list->end());
     for (const std::string& id : on_disk)
         if (!wanted.contains(id))
             faults.warning(who + ": frame '" + id + "' is in no list and is left out");
+    c.frames = sorted(wanted);
+    return c;
+}
 
-    for (const std::string& id : wanted) {
-        if (!on_disk.contains(id)) {
-            faults.error((c.folder / "images" / id).string() +
-                         ": no such folder, but capture.json names the frame");
-            continue;
-        }
-        CaptureFrame frame;
-        if (!faults.attempt([&] { frame = read_frame(c.folder, id); })) continue;
-        std::vector<CaptureView> views(c.camera_ids.size());
-        for (std::size_t i = 0; i < views.size(); ++i)
-            read_view(c, id, c.camera_ids[i], views[i], faults);
-        const bool seen =
-            std::any_of(views.begin(), views.end(), [](const CaptureView& v) { return v.present; });
-        if (!seen) {
-            faults.error((c.folder / "images" / id).string() + ": no camera has this frame whole");
-            continue;
-        }
-        c.frames.push_back(std::move(frame));
-        c.views.insert(c.views.end(), views.begin(), views.end());
+/// Adds a frame and its views; false, with the fault, if it is not to be used.
+bool add_frame(Capture& c, const std::string& id, bool needs_a_view, Faults& faults) {
+    const fs::path images = c.folder / "images" / id;
+    if (!fs::is_directory(images)) {
+        faults.error(images.string() + ": no such folder, but capture.json names the frame");
+        return false;
     }
+    CaptureFrame frame;
+    if (!faults.attempt([&] { frame = read_frame(c.folder, id); })) return false;
+    std::vector<CaptureView> views(c.camera_ids.size());
+    for (std::size_t i = 0; i < views.size(); ++i)
+        read_view(c, id, c.camera_ids[i], views[i], faults);
+    const bool seen =
+        std::any_of(views.begin(), views.end(), [](const CaptureView& v) { return v.present; });
+    if (needs_a_view && !seen) {
+        faults.error(images.string() + ": no camera has this frame whole");
+        return false;
+    }
+    c.frames.push_back(std::move(frame));
+    c.views.insert(c.views.end(), views.begin(), views.end());
+    return true;
+}
+
+/// What the contents say of the capture, before a frame is read.
+void begin(Capture& c, const CaptureContents& contents) {
+    c.subject = contents.subject;
+    c.camera_ids = contents.camera_ids;
+    c.expression_names = contents.expression_names;
+    c.images_over_black = contents.images_over_black;
+}
+
+/// What is known once the frames are read.
+void finish(Capture& c, const CaptureContents& contents, Faults& faults) {
+    c.has_eye_masks =
+        !c.views.empty() && std::all_of(c.views.begin(), c.views.end(), [](const CaptureView& v) {
+            return !v.present || !v.eye_mask.empty();
+        });
+    c.train = indices(c, contents.train);
+    c.test = indices(c, contents.test);
+    c.novel_gaze = indices(c, contents.novel_gaze);
+    c.independent_gaze = indices(c, contents.independent_gaze);
+    require_one_width(c, faults);
+    if (!contents.image_size.empty() && c.width > 0 &&
+        Json::parse(contents.image_size) != Json({c.width, c.height}))
+        faults.error((c.folder / "capture.json").string() + ": image_size: got " +
+                     contents.image_size + ", but the images have " +
+                     size_text(c.width, c.height) + " pixels");
+}
+
+void read_everything(Capture& c, const CaptureOptions& options, Faults& faults) {
+    const CaptureContents contents = list_contents(c.folder, options, faults);
+    begin(c, contents);
+    for (const std::string& id : contents.frames) add_frame(c, id, true, faults);
     for (int k = 0; k < c.camera_count() && c.frame_count() > 0; ++k) {
         int f = 0;
         while (f < c.frame_count() && !c.view(f, k).present) ++f;
@@ -453,20 +491,9 @@ void read_everything(Capture& c, const CaptureOptions& options, Faults& faults) 
             faults.error((c.folder / "images").string() + ": camera " +
                          c.camera_ids[static_cast<std::size_t>(k)] + " has no whole frame");
     }
-    c.has_eye_masks =
-        !c.views.empty() && std::all_of(c.views.begin(), c.views.end(), [](const CaptureView& v) {
-            return !v.present || !v.eye_mask.empty();
-        });
-    c.train = indices(c, splits.train);
-    c.test = indices(c, splits.test);
-    c.novel_gaze = indices(c, splits.novel_gaze);
-    c.independent_gaze = indices(c, splits.independent_gaze);
-    if (c.train.empty()) faults.error(c.folder.string() + ": no training frame could be read");
-    require_one_width(c, faults);
-    if (json.is_object() && json.contains("image_size") && c.width > 0 &&
-        json.at("image_size") != Json({c.width, c.height}))
-        faults.error(who + ": image_size: got " + json.at("image_size").dump() +
-                     ", but the images have " + size_text(c.width, c.height) + " pixels");
+    if (indices(c, contents.train).empty())
+        faults.error(c.folder.string() + ": no training frame could be read");
+    finish(c, contents, faults);
 }
 
 } // namespace
@@ -548,6 +575,28 @@ Image<float> Capture::eye_mask(int frame, int camera) const {
         if (value == 85 || value == 170) eyes.pixels(value / 85 - 1, static_cast<Index>(i)) = 1;
     }
     return eyes;
+}
+
+CaptureContents read_contents(const fs::path& folder, const CaptureOptions& options) {
+    CaptureContents contents;
+    Faults faults(nullptr);
+    faults.attempt([&] { contents = list_contents(folder, options, faults); });
+    return contents;
+}
+
+Capture read_capture_frame(const CaptureContents& contents, const std::string& frame,
+                           const std::vector<std::string>& cameras, const CaptureOptions& options,
+                           std::vector<Problem>* problems) {
+    Capture c;
+    c.folder = contents.folder;
+    c.cache = ImageCache(options.cache_bytes);
+    Faults faults(problems);
+    faults.attempt([&] {
+        begin(c, contents);
+        c.camera_ids = cameras;
+        if (add_frame(c, frame, false, faults)) finish(c, contents, faults);
+    });
+    return c;
 }
 
 Capture read_capture(const fs::path& folder, const CaptureOptions& options,

@@ -75,6 +75,19 @@ struct CaptureOptions {
     ImageContent content = ImageContent::automatic;
 };
 
+/// The names in a capture, from capture.json and the listing of folders: no array and no picture is
+/// opened.
+struct CaptureContents {
+    std::filesystem::path folder;
+    std::string subject;                        ///< from capture.json, may be empty
+    std::vector<std::string> camera_ids;
+    std::vector<std::string> expression_names;  ///< empty where capture.json does not name them
+    std::vector<std::string> frames;            ///< of all lists, sorted
+    std::vector<std::string> train, test, novel_gaze, independent_gaze;
+    bool images_over_black = true;
+    std::string image_size;  ///< capture.json's, as JSON; empty where it has none
+};
+
 /// Decoded 8-bit images, the least recently used forgotten first.
 class ImageCache {
 public:
@@ -139,6 +152,17 @@ constexpr std::array<int, 6> eye_landmarks(int eye) {
     return eye == 0 ? std::array<int, 6>{42, 43, 44, 45, 46, 47}
                     : std::array<int, 6>{36, 37, 38, 39, 40, 41};
 }
+
+/// Error where capture.json or the folder is none of a capture.
+CaptureContents read_contents(const std::filesystem::path& folder,
+                              const CaptureOptions& options = {});
+
+/// Reads one frame as these cameras see it, without the pixels, and opens no file of another frame
+/// or camera. Its views may all be absent. Faults as in read_capture.
+Capture read_capture_frame(const CaptureContents& contents, const std::string& frame,
+                           const std::vector<std::string>& cameras,
+                           const CaptureOptions& options = {},
+                           std::vector<Problem>* problems = nullptr);
 
 /// Reads everything but the pixels. Without `problems` the first fault is thrown as an Error; with
 /// it every fault is added to the list, and what could be read is returned.

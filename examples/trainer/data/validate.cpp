@@ -578,13 +578,14 @@ std::vector<Problem> validate(const Capture& c, ImagesToDecode images) {
     Findings found;
     const double span = landmark_span(c);
     check_units(c, span, found);
-    check_projection(c, found); // before single cameras: it may know why all of them are wrong
+    // Before single cameras: it may know why all of them are wrong.
+    if (images != ImagesToDecode::none) check_projection(c, found);
     check_cameras(c, span, found);
     check_extent(c, span, found);
     check_head_frame(c, span, found);
     check_expressions(c, found);
     check_gaze(c, span, found);
-    check_pixels(c, images, found);
+    if (images != ImagesToDecode::none) check_pixels(c, images, found);
     return found.list();
 }
 
@@ -618,25 +619,44 @@ void require_trainable(const Capture& c) {
     if (!faults.empty()) throw Error(faults.front());
 }
 
+namespace {
+
+/// Error with the first error of a list and how many there are.
+void require_none(const std::vector<Problem>& problems, const fs::path& folder) {
+    std::string first;
+    int count = 0;
+    for (const Problem& p : problems)
+        if (p.severity == Problem::Severity::error && count++ == 0) first = p.message;
+    if (count > 1)
+        first += " (and " + std::to_string(count - 1) + " more: `rye info " + folder.string() +
+                 "` lists them)";
+    if (count > 0) throw Error(first);
+}
+
+} // namespace
+
 Capture read_valid_capture(const fs::path& folder, const CaptureOptions& options,
                            std::vector<Problem>* warnings) {
     std::vector<Problem> problems;
     Capture capture = read_capture(folder, options, &problems);
     const std::vector<Problem> more = validate(capture);
     problems.insert(problems.end(), more.begin(), more.end());
-    std::string first;
-    int count = 0;
-    for (const Problem& p : problems) {
-        if (p.severity == Problem::Severity::error) {
-            if (count++ == 0) first = p.message;
-        } else if (warnings) {
-            warnings->push_back(p);
-        }
+    if (warnings)
+        for (const Problem& p : problems)
+            if (p.severity == Problem::Severity::warning) warnings->push_back(p);
+    require_none(problems, folder);
+    return capture;
+}
+
+Capture read_valid_frame(const CaptureContents& contents, const std::string& frame,
+                         const std::vector<std::string>& cameras) {
+    std::vector<Problem> problems;
+    Capture capture = read_capture_frame(contents, frame, cameras, {}, &problems);
+    if (capture.width > 0) {  // else no camera has the frame, and there is nothing to check
+        const std::vector<Problem> more = validate(capture, ImagesToDecode::none);
+        problems.insert(problems.end(), more.begin(), more.end());
     }
-    if (count > 1)
-        first += " (and " + std::to_string(count - 1) + " more: `rye info " + folder.string() +
-                 "` lists them)";
-    if (count > 0) throw Error(first);
+    require_none(problems, contents.folder);
     return capture;
 }
 

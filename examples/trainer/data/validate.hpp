@@ -25,7 +25,7 @@ double landmark_span(const Capture& capture);
 /// How the landmarks of lmk_3d fall into the masks. Views that cannot be decoded are left out.
 LandmarkFit fit_landmarks(const Capture& capture);
 
-enum class ImagesToDecode { sample, all };
+enum class ImagesToDecode { none, sample, all };
 
 /// Everything found wrong with what was read; faults that recur are told once, with their number.
 std::vector<Problem> validate(const Capture& capture,
@@ -34,6 +34,10 @@ std::vector<Problem> validate(const Capture& capture,
 /// Reads and validates. An Error lists all that is wrong; warnings are added to the list.
 Capture read_valid_capture(const std::filesystem::path& folder, const CaptureOptions& options = {},
                            std::vector<Problem>* warnings = nullptr);
+
+/// The same of one frame, by its numbers alone: no picture is decoded.
+Capture read_valid_frame(const CaptureContents& contents, const std::string& frame,
+                         const std::vector<std::string>& cameras);
 
 /// What a sound capture still lacks to be trained on, in whole sentences; drawing and measuring do
 /// without it. Empty if training can begin.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "training/variants.hpp"
 
+#include <optional>
+
 #include "training/steps.hpp"
 #include "training/variant_list.hpp"
 
@@ -32,17 +34,25 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
         f.drivers = optical_drivers(state, f.drivers);
         drivers.push_back(f.drivers);
     }
-    SceneFacts facts;
-    facts.drivers = driver_facts(state, optical);
-    facts.avatar = avatar_facts(state, drivers, true);
-    ProfileBounds bounds;
-    bounds.color = bound;
-    const SceneProfile p = profile(facts, bounds);
+    // Counted only where it chooses, or where there is a loss to explain.
+    std::optional<SceneProfile> counted;
+    const auto judged = [&]() -> const SceneProfile& {
+        if (counted) return *counted;
+        SceneFacts facts;
+        facts.drivers = driver_facts(state, optical);
+        facts.avatar = avatar_facts(state, drivers, true);
+        ProfileBounds bounds;
+        bounds.color = bound;
+        return counted.emplace(profile(facts, bounds));
+    };
     constexpr EffectMask trained = effect_mask<TrainEffects>;
-    const EffectMask called = p.effects.without(p.effects.without(trained));
+    const auto called = [&] {
+        const EffectMask all = judged().effects;
+        return all.without(all.without(trained));
+    };
     const std::string pictures = std::to_string(frames.size()) + " pictures";
     const bool free = wanted.empty() || wanted == "auto", single = free && frames.size() == 1;
-    const EffectMask taken = single ? trained : free ? called : parsed(wanted, option);
+    const EffectMask taken = single ? trained : free ? called() : parsed(wanted, option);
 
     dispatch(AvatarVariants(), taken, [&]<class V>(V) {
         variant_ = V::name;
@@ -54,10 +64,11 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
         else
             explanation_ += "of " + std::to_string(AvatarVariants::count) +
                             " that are compiled the smallest with what " +
-                            (free ? pictures + " call for: " + text_of(called)
+                            (free ? pictures + " call for: " + text_of(called())
                                   : option + " asks for") +
                             "\n";
-        for (const Finding& f : p.findings) {
+        if (V::effects.contains(trained)) return;  // nothing is left out
+        for (const Finding& f : judged().findings) {
             if (!trained.has(f.effect) || V::effects.has(f.effect)) continue;
             explanation_ += std::string(f.called ? "  NOT drawn    " : "  left out     ") +
                             std::string(name_of(f.effect)) + ": " + f.reason +

@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+// `rye redirect` reads the frame and the cameras that it draws, and nothing of the others.
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <fstream>
+#include <iostream>
+#include <iterator>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "../capture/hostile.hpp"
+#include "commands/commands.hpp"
+#include "tiny_capture.hpp"
+#include "tiny_run.hpp"
+
+using namespace rye;
+using namespace rye::trainer;
+namespace fs = std::filesystem;
+
+namespace {
+
+std::string bytes_of(const fs::path& file) {
+    std::ifstream in(file, std::ios::binary);
+    return {std::istreambuf_iterator<char>(in), {}};
+}
+
+/// A tiny run, and a capture that fits it.
+struct Scene {
+    TemporaryFolder folder;
+    TinyCapture capture{folder.path / "capture"};
+    fs::path picture = folder.path / "picture.png";
+
+    Scene() {
+        for (int f = 0; f < TinyCapture::frames; ++f) {
+            const std::vector<float> weights{0.2f * static_cast<float>(f), 0.5f, -0.1f};
+            TinyCapture::set<float>(capture.params(f, "params.npz"), "exp_coeff", {1, 3}, weights);
+        }
+        TrainState state = tiny_state();
+        state.step = 1;
+        state.capture = capture.folder.string();
+        fs::create_directories(folder.path / "run");
+        save_checkpoint(folder.path / "run", state);
+    }
+
+    /// The bytes of the picture.
+    std::string draw(const std::vector<std::string>& options) const {
+        CLI::App app;
+        add_redirect(app);
+        std::vector<std::string> words{"redirect", "--run",   (folder.path / "run").string(),
+                                       "--out",    picture.string(), "--threads", "1"};
+        words.insert(words.end(), options.begin(), options.end());
+        std::reverse(words.begin(), words.end());  // as CLI11 takes them
+        fs::remove(picture);
+        const std::ostringstream said;
+        std::streambuf* const before = std::cout.rdbuf(said.rdbuf());
+        try {
+            app.parse(words);
+        } catch (...) {
+            std::cout.rdbuf(before);
+            throw;
+        }
+        std::cout.rdbuf(before);
+        return bytes_of(picture);
+    }
+
+    /// Nothing of a frame can be read: arrays are gone, pictures hold no picture.
+    void spoil_frame(int f) const {
+        fs::remove_all(capture.folder / "params" / TinyCapture::frame(f));
+        fs::remove_all(capture.folder / "cameras" / TinyCapture::frame(f));
+        for (int c = 0; c < TinyCapture::cameras; ++c) spoil_pictures(f, c);
+    }
+    void spoil_pictures(int f, int c) const {
+        for (const char* stem : {"image", "mask", "eye_mask"})
+            std::ofstream(capture.image(f, c, stem), std::ios::trunc) << "no picture";
+    }
+    void spoil_other_frames(int kept) const {
+        for (int f = 0; f < TinyCapture::frames; ++f)
+            if (f != kept) spoil_frame(f);
+    }
+};
+
+} // namespace
+
+TEST_CASE("redirect: files of other frames are not read, and the picture has the same bytes") {
+    const Scene scene;
+    const std::vector<std::vector<std::string>> calls{
+        {"--frame", "0001"},
+        {"--frame", "0001", "--camera", "c2", "--gaze-left", "5,10", "--gaze-right", "-5,-10"},
+        {"--frame", "0001", "--effects", "gaze"},
+        {"--frame", "0001", "--compare"},
+        {"--frame", "0001", "--sweep"}};
+    std::vector<std::string> before;
+    for (const std::vector<std::string>& options : calls) before.push_back(scene.draw(options));
+    const Image8 drawn = (scene.draw(calls[0]), read_image8(scene.picture, 3));
+    CHECK(*std::min_element(drawn.values.begin(), drawn.values.end()) <
+          *std::max_element(drawn.values.begin(), drawn.values.end()));
+    CHECK(before[0] != before[1]);
+    CHECK(before[0] != scene.draw({"--frame", "0002"}));
+
+    scene.spoil_other_frames(1);
+    for (std::size_t k = 0; k < calls.size(); ++k) {
+        CAPTURE(k);
+        CHECK(scene.draw(calls[k]) == before[k]);
+    }
+    CHECK_FAULT(scene.draw({"--frame", "0002"}), "0002");
+    CHECK_FAULT(scene.draw({}), "0003");  // the first test frame
+}
+
+TEST_CASE("redirect: the first test frame is drawn without the others") {
+    const Scene scene;
+    const std::string before = scene.draw({});
+    CHECK(before == scene.draw({"--frame", "0003"}));
+    scene.spoil_other_frames(3);
+    CHECK(scene.draw({}) == before);
+}
+
+TEST_CASE("redirect: with a camera that is named, files of other cameras are not read") {
+    const Scene scene;
+    const std::vector<std::string> c1{"--frame", "0002", "--camera", "c1"};
+    const std::string before = scene.draw(c1);
+    for (const int c : {0, 2}) {
+        scene.spoil_pictures(2, c);
+        fs::remove(scene.capture.camera_file(2, c));
+    }
+    CHECK(scene.draw(c1) == before);
+    CHECK_FAULT(scene.draw({"--frame", "0002", "--camera", "c0"}), "c0");
+    CHECK_FAULT(scene.draw({"--frame", "0002"}), "c0");
+}
+
+TEST_CASE("redirect: frames of a capture.json need not be there, but for the one that is drawn") {
+    const Scene scene;
+    scene.capture.write_text("capture.json",
+                             R"({"train_frames": ["0000", "0001"], "test_frames": ["0003", "0002"],
+                                 "camera_ids": ["c0", "c1", "c2"], "image_size": [48, 48]})");
+    const std::string before = scene.draw({});
+    for (const int f : {0, 1, 2}) {
+        scene.spoil_frame(f);
+        fs::remove_all(scene.capture.folder / "images" / TinyCapture::frame(f));
+    }
+    CHECK(scene.draw({}) == before);
+    CHECK_FAULT(scene.draw({"--frame", "0001"}), "capture.json names the frame");
+}
+
+TEST_CASE("redirect: what is wrong with the frame that is drawn is still told") {
+    const Scene scene;
+    CHECK_FAULT(scene.draw({"--frame", "9"}), "--frame: got '9', expected one from '0000' to '0003'");
+    CHECK_FAULT(scene.draw({"--camera", "c9"}), "--camera: got 'c9', expected one of: c0 c1 c2");
+    const fs::path params = scene.capture.params(1, "params.npz");
+    const std::string kept = bytes_of(params);
+    TinyCapture::edit_one(params, "exp_coeff", [](std::vector<double>& w) { w[1] = 1e6; });
+    CHECK_FAULT(scene.draw({"--frame", "0001"}), "exp_coeff");
+    std::ofstream(params, std::ios::binary | std::ios::trunc) << kept;
+    TinyCapture::edit_one(scene.capture.params(1, "lmk_3d.npy"), "",
+                          [](std::vector<double>& x) { for (double& v : x) v *= 100; });
+    CHECK_FAULT(scene.draw({"--frame", "0001"}), "millimetres");
+    for (const char* stem : {"image", "mask"}) fs::remove(scene.capture.image(0, 2, stem));
+    fs::remove(scene.capture.camera_file(0, 2));
+    CHECK_FAULT(scene.draw({"--frame", "0000", "--camera", "c2"}),
+                "camera 'c2' has no image of frame '0000'");
+    CHECK_FAULT(scene.draw({"--frame", "0003", "--gaze-left", "80,0"}), "at most 70");
+}
