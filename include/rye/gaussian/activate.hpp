@@ -56,7 +56,7 @@ GaussianCloud<T> deactivate(const Gaussians<T>& g) {
         constexpr T u = std::numeric_limits<T>::epsilon() / 2;
         return logit(std::clamp(o, u, T(1) - u));
     });
-    r.sh_constant = (g.feature.topRows(3).array() - T(0.5)) / static_cast<T>(sh_factors[0]);
+    r.sh_constant = (g.feature.topRows(3).array() - T(0.5)) / static_cast<T>(sh_factor(0));
     return r;
 }
 

@@ -9,7 +9,6 @@
 /// centre is D'' times the variance of the slopes; tests/gaussian/distortion_test.cpp measures it.
 #pragma once
 
-#include <limits>
 #include <type_traits>
 
 #include <rye/gaussian/antialias.hpp>
@@ -181,7 +180,7 @@ struct Linearised {
     Vec3<T> along_x, along_y;    ///< rows of J W R
     [[no_unique_address]] Bent<T, D> bent;
 
-    Linearised(const Shape<T>& g, const Lens<T, D>& lens)
+    RYE_HD Linearised(const Shape<T>& g, const Lens<T, D>& lens)
         : point(lens.camera_from_world.apply(g.mean)), in_front(point[2] > lens.near_depth),
           inverse_depth(T(1) / select(in_front, point[2], T(1))),
           slope_x(point[0] * inverse_depth), slope_y(point[1] * inverse_depth),
@@ -243,7 +242,7 @@ RYE_HD Projected<T, how> project(const Shape<T>& g, const Lens<T, D>& lens) {
     s.precision = precision_factor(x, y, lens.dilation);
     // A bound on the largest number, not on its kind, so that NaN fails it too; the reciprocal of
     // a smaller determinant would not be finite.
-    const T large = T(std::numeric_limits<real_t<T>>::max() / 4);
+    const T large = T(Limits<real_t<T>>::largest / 4);
     const T extent = s.covariance.xx + s.covariance.yy + s.determinant;
     const auto shaped = (extent < large) && (s.determinant * large > T(1));
     const auto placed = (s.centre[0] * s.centre[0] + s.centre[1] * s.centre[1]) < large;

@@ -127,7 +127,7 @@ concept AccuracyPolicy = std::default_initializable<A> && requires(const A a) {
 };
 /// What is added to both variances on the screen [px^2].
 template <AccuracyPolicy A>
-constexpr double screen_dilation(const A& accuracy) {
+RYE_HD constexpr double screen_dilation(const A& accuracy) {
     return A::antialias == Antialias::none ? 0.0 : accuracy.dilation;
 }
 static_assert(AccuracyPolicy<Balanced> && AccuracyPolicy<Compatible3dgsFloor>);
