@@ -43,7 +43,7 @@ struct Lens {
 
     /// The Jacobian is evaluated no further outside than `margin` half-images beyond the border,
     /// wherever the principal point is; without this, splats beside the image would grow huge.
-    Lens(const Pinhole<T, D>& c, double margin, double dilation_px2)
+    RYE_HD Lens(const Pinhole<T, D>& c, double margin, double dilation_px2)
         : camera_from_world(c.camera_from_world), fx(c.fx), fy(c.fy), near_depth(c.near_depth),
           dilation(T(dilation_px2)), distortion(c.distortion) {
         const T half_x = T(0.5 * c.width * margin), half_y = T(0.5 * c.height * margin);
@@ -60,7 +60,7 @@ struct Lens {
     /// The same lens in every lane of a batch.
     template <Scalar U, Distortion O>
         requires(O::bends == D::bends)
-    explicit Lens(const Lens<U, O>& o)
+    RYE_HD explicit Lens(const Lens<U, O>& o)
         : fx(o.fx), fy(o.fy), x_low(o.x_low), x_high(o.x_high), y_low(o.y_low), y_high(o.y_high),
           near_depth(o.near_depth), dilation(o.dilation),
           distortion(o.distortion.template cast<T>()) {
@@ -74,8 +74,7 @@ struct Lens {
   private:
     /// From limits of bent slopes to those of slopes: the box of what the lens bends to the border,
     /// or, where it bends nothing there, of its fold.
-    void unbend_limits() {
-        using std::max, std::min;
+    RYE_HD void unbend_limits() {
         const T lows[2] = {x_low, y_low}, highs[2] = {x_high, y_high};
         T box[4] = {T(0), T(0), T(0), T(0)};                              // low x, y, high x, y
         bool first = true;

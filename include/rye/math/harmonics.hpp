@@ -28,7 +28,7 @@ inline int sh_degree(int count) {
 /// Factors that make the basis orthonormal on the sphere, in order, signs included. A table within
 /// a function is one that device code may read.
 RYE_HD inline double sh_factor(std::size_t k) {
-    static constexpr double factors[25]{
+    static constexpr Array<double, 25> factors{
         0.28209479177387814,                                                    // l = 0
         -0.4886025119029199, 0.4886025119029199, -0.4886025119029199,           // l = 1
         1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792,

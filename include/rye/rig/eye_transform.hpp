@@ -93,6 +93,15 @@ EyeTransform<T> eye_transform(const EyeDrive<T>& drive, const HeadPlacement<T>& 
     return e;
 }
 
+/// A point of the world in an eye's frame.
+template <Scalar T>
+RYE_HD Vec3<T> into_eye(const EyeTransform<T>& eye, const Vec3<T>& world) {
+    const Vec3<T> back = Rigid<T>{eye.rotation, world}.turn_back(
+        Vec3<T>(world[0] - eye.translation[0], world[1] - eye.translation[1],
+                world[2] - eye.translation[2]));
+    return Vec3<T>(back[0] / eye.scale, back[1] / eye.scale, back[2] / eye.scale);
+}
+
 /// Template points, 3 x P, in the world.
 template <Scalar T>
 Columns<T> eye_points(const EyeTransform<T>& eye, const Columns<T>& points) {
