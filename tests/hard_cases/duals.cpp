@@ -148,7 +148,7 @@ void h9_h10(Report& report) {
     bool flat = true;
     for (const double d2 : {0.1, 0.15, 0.2, 0.25, 0.3}) {
         const DD x2 = DD::variable(D::variable(d2));
-        const DD w = SquaredDistance().value(Ramp<DD>(DD(0.15), DD(0.25)), x2);
+        const DD w = SquaredDistance().value(Ramp<DD>{DD(0.15), DD(0.25)}, x2);
         flat = flat && w.d[0].d[0] == 0;
     }
     report.holds("H10", "double", "d2 lambda / dx2 inside, outside, at both kinks: 0", flat);

@@ -169,16 +169,16 @@ void d_metric(Report& report, const char* metric) {
     const auto arg = [&](double d) { return squared ? static_cast<T>(d) : static_cast<T>(d * d); };
     const M m;
     // D1: no width is a step.
-    const Ramp<T> step(T(0.25), T(0.25));
+    const Ramp<T> step{T(0.25), T(0.25)};
     const T t = squared ? T(0.25) : T(0.25) * T(0.25), below = std::nextafter(t, T(0));
-    const Ramp<T> thin(T(0.25), std::nextafter(T(0.25), T(1)));
+    const Ramp<T> thin{T(0.25), std::nextafter(T(0.25), T(1))};
     report.holds("D1", kind, "t1 = t2: 1 below, 0 from t on, slope 0; next float apart: finite",
                  m.value(step, below) == T(1) && m.value(step, t) == T(0) &&
                      m.slope(step, t) == T(0) && m.slope(step, below) == T(0) &&
                      std::isfinite(m.value(thin, t)));
     bool thrown = true;
     for (const auto& [a, b] : {std::pair<T, T>{T(2), T(1)}, {T(-1), T(1)}, {T(NAN), T(1)}}) try {
-            Ramp<T>(a, b);
+            checked_ramp<T>(a, b);
             thrown = false;
         } catch (const Error&) {}
     report.holds("D1", kind, "t1 > t2, negative, NaN: Error", thrown);
@@ -186,7 +186,7 @@ void d_metric(Report& report, const char* metric) {
     report.textbook_fails("D1", kind, "(t2 - d) / (t2 - t1) of no width",
                           std::isfinite(zero / zero));
     // D2: the kinks.
-    const Ramp<T> r(T(0.15), T(0.25));
+    const Ramp<T> r{T(0.15), T(0.25)};
     bool kinks = true;
     for (const double k : {0.15, 0.25})
         for (const double side : {1 - 1e-3, 1 + 1e-3}) {
@@ -201,7 +201,7 @@ void d_metric(Report& report, const char* metric) {
     using D = Dual<T, 1>;
     D at(T(0));
     at.d[0] = T(1);
-    const D v = m.value(Ramp<D>(D(T(0.15)), D(T(0.25))), at);
+    const D v = m.value(Ramp<D>{D(T(0.15)), D(T(0.25))}, at);
     report.holds("D3", kind, "on a landmark: weight 1, derivative 0",
                  v.value == T(1) && v.d[0] == T(0));
     using std::sqrt;
@@ -234,7 +234,7 @@ void d_landmarks(Report& report, const char* backend) {
     for (const Index i : nearest) lowest = lowest && i == 0;
     report.holds("D4", kind, "9 points midway between two landmarks: the lowest index", lowest);
     const auto none = nearest_squared_distance<T>(B{}, points, Columns<T>(3, 0), &nearest);
-    const Ramp<T> r(T(0.15), T(0.25));
+    const Ramp<T> r{T(0.15), T(0.25)};
     bool empty = true;
     for (Index i = 0; i < 9; ++i)
         empty = empty && influence(SquaredDistance(), r, T(none(0, i))) == T(0) &&
@@ -261,7 +261,7 @@ void d8(Report& report) {
     for (const double gap : {0.2, 0.6}) {
         Columns<T> left(1, 1), right(1, 1);
         const double d2 = gap * gap / 4;
-        const Ramp<T> r(T(0.15), T(0.25));
+        const Ramp<T> r{T(0.15), T(0.25)};
         left(0, 0) = right(0, 0) = influence(SquaredDistance(), r, T(d2));
         Columns<T> l = left, q = right;
         const T most = resolve_overlap(Overlap::normalized, l, q);

@@ -10,7 +10,7 @@ using namespace rye;
 
 namespace {
 
-const Ramp<double> face(0.15, 0.25);
+const Ramp<double> face{0.15, 0.25};
 
 struct NoSlope {
     float value(const Ramp<float>&, float) const { return 0; }
@@ -20,7 +20,7 @@ static_assert(!InfluenceMetric<NoSlope>);
 } // namespace
 
 TEST_CASE("influence: golden values of both metrics (D5)") {
-    const Ramp<double> parent(0.1, 0.25);
+    const Ramp<double> parent{0.1, 0.25};
     CHECK(influence(SquaredDistance{}, parent, 0.1) == 1);
     CHECK(influence(SquaredDistance{}, parent, 0.175) == doctest::Approx(0.5));
     CHECK(influence(SquaredDistance{}, parent, 0.25) == 0);
@@ -34,7 +34,7 @@ TEST_CASE_TEMPLATE("influence: in [0, 1], not increasing, continuous", M, Square
                    EuclideanDistance) {
     float last = 1;
     for (float squared = 0; squared < 0.3f; squared += 1e-5f) {
-        const float w = influence(M{}, Ramp<float>(0.15f, 0.25f), squared);
+        const float w = influence(M{}, Ramp<float>{0.15f, 0.25f}, squared);
         REQUIRE(w <= last);
         REQUIRE(w >= 0);
         REQUIRE(last - w <= 1e-3f);
@@ -50,7 +50,7 @@ TEST_CASE_TEMPLATE("influence: the slope is the dual's derivative; 0 at the kink
     const bool root = std::is_same_v<M, EuclideanDistance>;
     const double near = root ? face.near * face.near : face.near;
     const double far = root ? face.far * face.far : face.far;
-    const Ramp<D> ramp(D(face.near), D(face.far));
+    const Ramp<D> ramp{D(face.near), D(face.far)};
     for (const double s : {0., near / 2, near, near * 1.001, (near + far) / 2, far * 0.999,
                            far, 1.}) {
         CAPTURE(s);
@@ -65,20 +65,20 @@ TEST_CASE_TEMPLATE("influence: the slope is the dual's derivative; 0 at the kink
 
 TEST_CASE_TEMPLATE("influence: equal thresholds are a step with derivative 0 (D1)", M,
                    SquaredDistance, EuclideanDistance) {
-    const Ramp<float> step(0.5f, 0.5f);
+    const Ramp<float> step{0.5f, 0.5f};
     const float at = std::is_same_v<M, EuclideanDistance> ? 0.25f : 0.5f;
     CHECK(influence(M{}, step, std::nextafter(at, 0.0f)) == 1);
     CHECK(influence(M{}, step, at) == 0);
     CHECK(influence(M{}, step, std::nextafter(at, 1.0f)) == 0);
     for (const float s : {0.0f, at, 1.0f}) CHECK(influence_slope(M{}, step, s) == 0);
-    const Ramp<float> sharp(0.5f, std::nextafter(0.5f, 1.0f));
+    const Ramp<float> sharp{0.5f, std::nextafter(0.5f, 1.0f)};
     for (float s = 0; s < 1; s += 0.01f) CHECK(std::isfinite(influence(M{}, sharp, s)));
 }
 
 TEST_CASE_TEMPLATE("influence: on a landmark, without one, and not a number (D3, D7)", M,
                    SquaredDistance, EuclideanDistance) {
     const float inf = std::numeric_limits<float>::infinity();
-    const Ramp<float> ramp(0.15f, 0.25f), from_zero(0, 0.25f);
+    const Ramp<float> ramp{0.15f, 0.25f}, from_zero{0, 0.25f};
     CHECK(influence(M{}, ramp, 0.0f) == 1);
     CHECK(influence_slope(M{}, ramp, 0.0f) == 0);
     CHECK(influence(M{}, from_zero, 0.0f) == 1);
@@ -89,10 +89,10 @@ TEST_CASE_TEMPLATE("influence: on a landmark, without one, and not a number (D3,
 }
 
 TEST_CASE("influence: thresholds that make no ramp are refused") {
-    CHECK_THROWS_AS(Ramp<float>(0.3f, 0.2f), Error);
-    CHECK_THROWS_AS(Ramp<float>(-0.1f, 0.2f), Error);
-    CHECK_THROWS_AS(Ramp<float>(std::nanf(""), 0.2f), Error);
-    CHECK_THROWS_AS(Ramp<float>(0.1f, std::numeric_limits<float>::infinity()), Error);
+    CHECK_THROWS_AS(checked_ramp<float>(0.3f, 0.2f), Error);
+    CHECK_THROWS_AS(checked_ramp<float>(-0.1f, 0.2f), Error);
+    CHECK_THROWS_AS(checked_ramp<float>(std::nanf(""), 0.2f), Error);
+    CHECK_THROWS_AS(checked_ramp<float>(0.1f, std::numeric_limits<float>::infinity()), Error);
 }
 
 TEST_CASE("influence: over columns, with its adjoint, and in lanes") {
@@ -106,8 +106,8 @@ TEST_CASE("influence: over columns, with its adjoint, and in lanes") {
         CHECK(back(0, i) == influence_slope(SquaredDistance{}, face, squared(0, i)) * g(0, i));
     }
     using Batch = XsimdBackend<>::batch<float>;
-    const Ramp<Batch> ramp(Batch(0.15f), Batch(0.25f));
-    const Ramp<float> one(0.15f, 0.25f);
+    const Ramp<Batch> ramp{Batch(0.15f), Batch(0.25f)};
+    const Ramp<float> one{0.15f, 0.25f};
 #if defined(__aarch64__)  // there the compiler fuses products of numbers and not of vectors
     constexpr float apart = 4 * std::numeric_limits<float>::epsilon();
 #else

@@ -332,8 +332,8 @@ TEST_CASE_TEMPLATE_DEFINE("widths: formulas of math and rig with a number in eac
                   return matrix_quat(so3_exp(w(l)));
               }) <= 6e-7 * u);
         const ShArray<V, 4> basis = sh_basis<V, 4>(av);
-        const Ramp<V> ramp(V(T(0.15)), V(T(0.25)));
-        const Ramp<T> one(T(0.15), T(0.25));
+        const Ramp<V> ramp{V(T(0.15)), V(T(0.25))};
+        const Ramp<T> one{T(0.15), T(0.25)};
         for (std::size_t l = 0; l < V::size; ++l) {
             const auto expected = sh_basis<T, 4>(a(l));
             for (std::size_t k = 0; k < 25; ++k)

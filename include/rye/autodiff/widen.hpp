@@ -24,7 +24,7 @@ using widened_t = typename WidenedOf<T>::type;
 
 /// Converts between a scalar and its widened form, derivatives included.
 template <class To, class From>
-constexpr To scalar_cast(const From& x) {
+RYE_HD constexpr To scalar_cast(const From& x) {
     if constexpr (std::is_same_v<To, From>) {
         return x;
     } else if constexpr (std::is_arithmetic_v<From>) {

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include <rye/backend/backend.hpp>
+#include <rye/gaussian/attributes.hpp>
 #include <rye/gaussian/gaussians.hpp>
 #include <rye/math/scalar.hpp>
 #include <rye/nn/elementwise.hpp>
@@ -34,10 +35,10 @@ template <class T, class... Steps>
 void activate_point(const Columns<T>& log_scale, const Columns<T>& rotation,
                     const Columns<T>& opacity_logit, Index i, Gaussians<T>& g,
                     const Steps&... steps) {
-    using std::exp;
-    for (Index k = 0; k < 3; ++k) g.scale(k, i) = exp((log_scale(k, i) + ... + steps(k, i)));
+    for (Index k = 0; k < 3; ++k)
+        g.scale(k, i) = drawn_scale(T((log_scale(k, i) + ... + steps(k, i))));
     for (Index k = 0; k < 4; ++k) g.rotation(k, i) = (rotation(k, i) + ... + steps(3 + k, i));
-    g.opacity(0, i) = sigmoid(T((opacity_logit(0, i) + ... + steps(7, i))));
+    g.opacity(0, i) = drawn_opacity(T((opacity_logit(0, i) + ... + steps(7, i))));
 }
 
 /// ... of all of them.
@@ -63,10 +64,11 @@ Columns<T> activate_vjp(const B& backend, const Gaussians<T>& driven, const Gaus
     Columns<T> r(8, n);
     for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
         for (Index i = b; i < e; ++i) {
-            for (Index k = 0; k < 3; ++k) r(k, i) = g.scale(k, i) * driven.scale(k, i);
+            for (Index k = 0; k < 3; ++k)
+                r(k, i) = drawn_scale_vjp<T>(driven.scale(k, i), g.scale(k, i));
             for (Index k = 0; k < 4; ++k) r(3 + k, i) = g.rotation(k, i);
             const T a = driven.opacity(0, i);
-            r(7, i) = g.opacity(0, i) * a * (T(1) - a);
+            r(7, i) = drawn_opacity_vjp<T>(a, T(1) - a, g.opacity(0, i));
         }
     });
     return r;

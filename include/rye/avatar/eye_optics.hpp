@@ -98,15 +98,6 @@ void turn_cornea(EyeOptics<T, E>& optics, std::size_t eye, const Mat3<T>& rotati
     }
 }
 
-/// A point of the world in an eye's frame.
-template <Scalar T>
-Vec3<T> into_eye(const EyeTransform<T>& eye, const Vec3<T>& world) {
-    const Vec3<T> back = Rigid<T>{eye.rotation, world}.turn_back(
-        Vec3<T>(world[0] - eye.translation[0], world[1] - eye.translation[1],
-                world[2] - eye.translation[2]));
-    return Vec3<T>(back[0] / eye.scale, back[1] / eye.scale, back[2] / eye.scale);
-}
-
 template <class T>
 struct OpticsTrace {
     std::array<Columns<T>, 2> seen;        ///< each eye's points, its own frame, 3 x P

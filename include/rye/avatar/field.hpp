@@ -9,11 +9,10 @@
 #include <type_traits>
 #include <vector>
 
+#include <rye/nn/activations.hpp>
 #include <rye/nn/mlp.hpp>
 
 namespace rye {
-
-enum class Squash { none, tanh, sigmoid };
 
 /// What the vjp of one field needs of its forward.
 template <class T>
@@ -24,6 +23,7 @@ struct FieldTrace {
     MlpTrace<T> mlp;
 };
 
+/// squash_value of every number; Eigen has vectors of tanh, whose last bits may be others.
 template <class T>
 void squash_in_place(Squash squash, Columns<T>& y) {
     if (squash == Squash::tanh) y = y.array().tanh().matrix().eval();
@@ -33,11 +33,10 @@ void squash_in_place(Squash squash, Columns<T>& y) {
 /// Turns a gradient with respect to y = squash(v) into one with respect to v.
 template <class T>
 void squash_vjp(Squash squash, const Columns<T>& y, Columns<T>& g) {
-    if (squash == Squash::tanh) g = g.cwiseProduct(y.unaryExpr([](const T& v) {
-        return T((T(1) - v) * (T(1) + v));
-    })).eval();
+    if (squash == Squash::tanh)
+        g = g.cwiseProduct(y.unaryExpr([](const T& v) { return tanh_slope(v); })).eval();
     if (squash == Squash::sigmoid)
-        g = g.cwiseProduct(y.unaryExpr([](const T& v) { return T(v * (T(1) - v)); })).eval();
+        g = g.cwiseProduct(y.unaryExpr([](const T& v) { return sigmoid_slope(v); })).eval();
 }
 
 /// Points with an influence, ascending.

@@ -63,7 +63,7 @@ Columns<T> set_weights(const B& backend, const AvatarConfig& config, double near
     for (Index& k : trace.nearest)
         if (k >= 0) k = set[static_cast<std::size_t>(k)];
     return std::visit([&](const auto& metric) {
-        return influence(metric, Ramp<T>{T(near), T(far)}, trace.squared);
+        return influence(metric, checked_ramp(T(near), T(far)), trace.squared);
     }, config.metric);
 }
 
@@ -72,7 +72,7 @@ template <class T, class G, Backend B>
 void set_weights_vjp(const B& backend, const AvatarConfig& config, double near, double far, const Columns<T>& points,
                      const Columns<T>& landmarks, const NearestTrace<T>& trace, const G& g,
                      Columns<T>& g_points, Columns<T>* g_landmarks) {
-    const Ramp<T> ramp{T(near), T(far)};
+    const Ramp<T> ramp = checked_ramp(T(near), T(far));
     std::visit([&](const auto& metric) {
         const auto range = [&](Index begin, Index end, Index) {
             for (Index i = begin; i < end; ++i) {

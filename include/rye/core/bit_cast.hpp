@@ -4,13 +4,15 @@
 
 #include <type_traits>
 
+#include <rye/core/config.hpp>
+
 namespace rye {
 
 /// The same bits as another type of the same size.
 template <class To, class From>
     requires(sizeof(To) == sizeof(From) && std::is_trivially_copyable_v<To> &&
              std::is_trivially_copyable_v<From>)
-constexpr To bit_cast(const From& x) noexcept {
+RYE_HD constexpr To bit_cast(const From& x) noexcept {
     return __builtin_bit_cast(To, x);
 }
 

@@ -36,7 +36,7 @@ using real_t = typename RealOf<T>::type;
 /// The value of a scalar without its derivative; the identity for Real and batches.
 /// Overloaded beside Dual. Branches and comparisons are taken on values only.
 template <Real T>
-constexpr T value_of(T x) {
+RYE_HD constexpr T value_of(T x) {
     return x;
 }
 template <class V>

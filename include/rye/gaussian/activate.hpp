@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/gaussian/activate.hpp: stored numbers to drawn ones: scale = exp, opacity = sigmoid, colour
-/// from spherical harmonics; and back. The quaternion is normalised where it is used.
+/// rye/gaussian/activate.hpp: clouds of stored numbers to those that are drawn (attributes.hpp),
+/// with colour from spherical harmonics; and back.
 #pragma once
 
 #include <algorithm>
 #include <limits>
 
+#include <rye/gaussian/attributes.hpp>
 #include <rye/gaussian/sh_color.hpp>
 
 namespace rye {
@@ -16,11 +17,8 @@ Gaussians<T> activate(const GaussianCloud<T>& cloud, const Vec3<T>& eye) {
     Gaussians<T> g;
     g.mean = cloud.mean;
     g.rotation = cloud.rotation;
-    g.scale = cloud.log_scale.unaryExpr([](const T& x) {
-        using std::exp;
-        return T(exp(x));
-    });
-    g.opacity = cloud.logit_opacity.unaryExpr([](const T& x) { return sigmoid(x); });
+    g.scale = cloud.log_scale.unaryExpr([](const T& x) { return drawn_scale(x); });
+    g.opacity = cloud.logit_opacity.unaryExpr([](const T& x) { return drawn_opacity(x); });
     g.feature = sh_colors<most>(cloud, eye);
     return g;
 }
@@ -35,7 +33,8 @@ GaussianCloud<T> activate_vjp(const GaussianCloud<T>& cloud, const Vec3<T>& eye,
     r.log_scale = g.scale.cwiseProduct(drawn.scale);
     for (Index i = 0; i < cloud.count(); ++i) {
         const T& o = drawn.opacity(0, i);
-        r.logit_opacity(0, i) = g.opacity(0, i) * o * sigmoid(T(-cloud.logit_opacity(0, i)));
+        r.logit_opacity(0, i) =
+            drawn_opacity_vjp(o, sigmoid(T(-cloud.logit_opacity(0, i))), g.opacity(0, i));
     }
     sh_colors_vjp<most>(cloud, eye, g.feature, r);
     return r;
@@ -56,7 +55,7 @@ GaussianCloud<T> deactivate(const Gaussians<T>& g) {
         constexpr T u = std::numeric_limits<T>::epsilon() / 2;
         return logit(std::clamp(o, u, T(1) - u));
     });
-    r.sh_constant = (g.feature.topRows(3).array() - T(0.5)) / static_cast<T>(sh_factors[0]);
+    r.sh_constant = (g.feature.topRows(3).array() - T(0.5)) / static_cast<T>(sh_factor(0));
     return r;
 }
 

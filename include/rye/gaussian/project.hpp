@@ -9,7 +9,6 @@
 /// centre is D'' times the variance of the slopes; tests/gaussian/distortion_test.cpp measures it.
 #pragma once
 
-#include <limits>
 #include <type_traits>
 
 #include <rye/gaussian/antialias.hpp>
@@ -44,7 +43,7 @@ struct Lens {
 
     /// The Jacobian is evaluated no further outside than `margin` half-images beyond the border,
     /// wherever the principal point is; without this, splats beside the image would grow huge.
-    Lens(const Pinhole<T, D>& c, double margin, double dilation_px2)
+    RYE_HD Lens(const Pinhole<T, D>& c, double margin, double dilation_px2)
         : camera_from_world(c.camera_from_world), fx(c.fx), fy(c.fy), near_depth(c.near_depth),
           dilation(T(dilation_px2)), distortion(c.distortion) {
         const T half_x = T(0.5 * c.width * margin), half_y = T(0.5 * c.height * margin);
@@ -61,7 +60,7 @@ struct Lens {
     /// The same lens in every lane of a batch.
     template <Scalar U, Distortion O>
         requires(O::bends == D::bends)
-    explicit Lens(const Lens<U, O>& o)
+    RYE_HD explicit Lens(const Lens<U, O>& o)
         : fx(o.fx), fy(o.fy), x_low(o.x_low), x_high(o.x_high), y_low(o.y_low), y_high(o.y_high),
           near_depth(o.near_depth), dilation(o.dilation),
           distortion(o.distortion.template cast<T>()) {
@@ -75,8 +74,7 @@ struct Lens {
   private:
     /// From limits of bent slopes to those of slopes: the box of what the lens bends to the border,
     /// or, where it bends nothing there, of its fold.
-    void unbend_limits() {
-        using std::max, std::min;
+    RYE_HD void unbend_limits() {
         const T lows[2] = {x_low, y_low}, highs[2] = {x_high, y_high};
         T box[4] = {T(0), T(0), T(0), T(0)};                              // low x, y, high x, y
         bool first = true;
@@ -181,7 +179,7 @@ struct Linearised {
     Vec3<T> along_x, along_y;    ///< rows of J W R
     [[no_unique_address]] Bent<T, D> bent;
 
-    Linearised(const Shape<T>& g, const Lens<T, D>& lens)
+    RYE_HD Linearised(const Shape<T>& g, const Lens<T, D>& lens)
         : point(lens.camera_from_world.apply(g.mean)), in_front(point[2] > lens.near_depth),
           inverse_depth(T(1) / select(in_front, point[2], T(1))),
           slope_x(point[0] * inverse_depth), slope_y(point[1] * inverse_depth),
@@ -243,7 +241,7 @@ RYE_HD Projected<T, how> project(const Shape<T>& g, const Lens<T, D>& lens) {
     s.precision = precision_factor(x, y, lens.dilation);
     // A bound on the largest number, not on its kind, so that NaN fails it too; the reciprocal of
     // a smaller determinant would not be finite.
-    const T large = T(std::numeric_limits<real_t<T>>::max() / 4);
+    const T large = T(Limits<real_t<T>>::largest / 4);
     const T extent = s.covariance.xx + s.covariance.yy + s.determinant;
     const auto shaped = (extent < large) && (s.determinant * large > T(1));
     const auto placed = (s.centre[0] * s.centre[0] + s.centre[1] * s.centre[1]) < large;

@@ -19,7 +19,7 @@ struct ShColor {
     Vec3<T> raw;               ///< before max(0, .)
 
     /// A channel's coefficients but the first lie `stored` apart.
-    ShColor(const Vec3<T>& mean, const Vec3<T>& eye, const T* constant_band, const T* rest,
+    RYE_HD ShColor(const Vec3<T>& mean, const Vec3<T>& eye, const T* constant_band, const T* rest,
             Index stored = more)
         : offset(mean - eye), basis(sh_basis<T, Degree>(normalized(offset))) {
         for (int c = 0; c < 3; ++c) {
@@ -28,13 +28,13 @@ struct ShColor {
                 raw[c] += basis[static_cast<std::size_t>(k) + 1] * rest[c * stored + k];
         }
     }
-    Vec3<T> rgb() const {
+    RYE_HD Vec3<T> rgb() const {
         const T zero = T(0);
         return Vec3<T>(select(raw[0] > zero, raw[0], zero), select(raw[1] > zero, raw[1], zero),
                        select(raw[2] > zero, raw[2], zero));
     }
     /// Cotangent of the mean; those of the coefficients are written.
-    Vec3<T> vjp(const Vec3<T>& g, const T* rest, T* g_constant_band, T* g_rest,
+    RYE_HD Vec3<T> vjp(const Vec3<T>& g, const T* rest, T* g_constant_band, T* g_rest,
                 Index stored = more) const {
         ShArray<T, Degree> g_basis;
         for (T& b : g_basis) b = T(0);

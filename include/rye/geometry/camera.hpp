@@ -8,7 +8,6 @@
 
 #include <cmath>
 #include <concepts>
-#include <limits>
 #include <string>
 #include <type_traits>
 
@@ -31,7 +30,7 @@ struct Pinhole {
     [[no_unique_address]] D distortion = {};
 
     /// The camera's centre in the world.
-    Vec3<T> centre() const { return camera_from_world.inverse().translation; }
+    RYE_HD Vec3<T> centre() const { return camera_from_world.inverse().translation; }
 
     /// (u [px], v [px], depth [world units]) of a point of the world; the depth must not be 0.
     /// u and v are NaN beyond what the lens shows.
@@ -40,7 +39,7 @@ struct Pinhole {
         if constexpr (D::bends) {
             const Vec2<T> s(x[0] / x[2], x[1] / x[2]);
             const Bend<T> b = distortion.bend(s);
-            const T nan = T(std::numeric_limits<real_t<T>>::quiet_NaN());
+            const T nan = T(Limits<real_t<T>>::nan);
             const auto seen = within_lens(s, b.slope, T(distortion.fold()));
             return Vec3<T>(select(seen, T(fx * b.at[0] + cx), nan),
                            select(seen, T(fy * b.at[1] + cy), nan), x[2]);
@@ -55,7 +54,7 @@ struct Pinhole {
         Vec3<T> d((pixel[0] - cx) / fx, (pixel[1] - cy) / fy, T(1));
         if constexpr (D::bends) {
             const Unbent<T> s = unbend(distortion, Vec2<T>(d[0], d[1]));
-            const T nan = T(std::numeric_limits<real_t<T>>::quiet_NaN());
+            const T nan = T(Limits<real_t<T>>::nan);
             d[0] = s.reached ? s.slope[0] : nan;
             d[1] = s.reached ? s.slope[1] : nan;
         }

@@ -9,11 +9,8 @@
 /// are OpenCV's, and so of COLMAP's OPENCV and of transforms.json.
 #pragma once
 
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <concepts>
-#include <limits>
 
 #include <rye/math/linalg.hpp>
 
@@ -30,7 +27,7 @@ struct Bend {
 struct NoDistortion {
     static constexpr bool bends = false;
     template <Scalar U>
-    NoDistortion cast() const {
+    RYE_HD NoDistortion cast() const {
         return {};
     }
 };
@@ -68,12 +65,12 @@ struct BrownConrady {
     }
 
     /// r^2 of the fold; infinite if the radial part never turns back. By value.
-    real_t<T> fold() const {
+    RYE_HD real_t<T> fold() const {
         using R = real_t<T>;
         // d(r D)/dr = 1 + 3 k1 t + 5 k2 t^2 + 7 k3 t^3: its first root, between turning points.
         const double a = 3 * number(k1), b = 5 * number(k2), c = 7 * number(k3);
         const auto rise = [&](double t) { return 1 + t * (a + t * (b + t * c)); };
-        std::array<double, 3> ends{0, 0, 0};
+        double ends[3]{0, 0, 0};
         const double root = b * b - 3 * a * c;
         if (root >= 0) {  // of a + 2 b t + 3 c t^2, none of them by cancellation
             const double q = -(b + std::copysign(std::sqrt(root), b));
@@ -84,7 +81,12 @@ struct BrownConrady {
         while (ends[2] < 1e12 && rise(ends[2]) > 0) ends[2] *= 2;
         for (double& t : ends)
             if (!(t > 0)) t = 0;
-        std::sort(ends.begin(), ends.end());
+        for (const int k : {0, 1, 0})                                     // in ascending order
+            if (ends[k + 1] < ends[k]) {
+                const double larger = ends[k];
+                ends[k] = ends[k + 1];
+                ends[k + 1] = larger;
+            }
         double low = 0;
         for (double high : ends) {
             if (rise(high) > 0) {
@@ -98,21 +100,21 @@ struct BrownConrady {
             }
             return static_cast<R>(low);
         }
-        return std::numeric_limits<R>::infinity();
+        return Limits<R>::infinity;
     }
 
     template <Scalar U>
-    BrownConrady<U> cast() const {
+    RYE_HD BrownConrady<U> cast() const {
         const auto to = [](const T& x) { return static_cast<U>(x); };
         return {to(k1), to(k2), to(k3), to(p1), to(p2)};
     }
     /// Without derivatives.
-    BrownConrady<double> values() const {
+    RYE_HD BrownConrady<double> values() const {
         return {number(k1), number(k2), number(k3), number(p1), number(p2)};
     }
 
   private:
-    static double number(const T& x) { return static_cast<double>(value_of(x)); }
+    RYE_HD static double number(const T& x) { return static_cast<double>(value_of(x)); }
 };
 
 /// What a camera takes for its lens: one that says it bends nothing, or bends slopes, knows the
@@ -145,7 +147,7 @@ struct Unbent {
 /// The slope s with D(s) = at: Newton's method from within the fold, on values; the last step
 /// carries derivatives.
 template <Distortion D, Scalar T>
-Unbent<T> unbend(const D& lens, const Vec2<T>& at) {
+RYE_HD Unbent<T> unbend(const D& lens, const Vec2<T>& at) {
     using R = real_t<T>;
     const auto value = [](const T& x) { return static_cast<double>(value_of(x)); };
     const auto exact = lens.values();

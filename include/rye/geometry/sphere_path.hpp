@@ -12,7 +12,6 @@
 #pragma once
 
 #include <cmath>
-#include <limits>
 
 #include <rye/math/linalg.hpp>
 
@@ -41,7 +40,7 @@ struct PathPlane {
     T distance, stretch;         ///< |C|, s
     T radius, index;
 
-    PathPlane(const Vec3<T>& c, const Vec3<T>& p, const T& r, const T& n)
+    RYE_HD PathPlane(const Vec3<T>& c, const Vec3<T>& p, const T& r, const T& n)
         : eye(c), source(p), distance(norm(c)), radius(r), index(n) {
         const T far = norm(p);
         stretch = far < r ? T(1) : T(r / far);
@@ -51,7 +50,7 @@ struct PathPlane {
         }
     }
 
-    PathPoint<T> at(const T& w) const {
+    RYE_HD PathPoint<T> at(const T& w) const {
         Vec3<T> v, along;
         for (int i = 0; i < 3; ++i) {
             v[i] = (T(1) - w) * ahead[i] + w * toward[i];
@@ -80,14 +79,14 @@ struct PathPlane {
     }
 
     /// w of the rim of the sphere as the eye sees it, towards the source; 1 if that is nearer.
-    T rim() const {
+    RYE_HD T rim() const {
         using std::sqrt;
         const T a = dot(ahead, toward) / radius;                // along the eye's direction
         Vec3<T> across;
         for (int i = 0; i < 3; ++i) across[i] = toward[i] - ahead[i] * (a / radius);
         const T b = norm(across);
         // Straight behind the origin w stays short of where the direction would turn over.
-        if (!(b > T(std::numeric_limits<real_t<T>>::epsilon()) * radius))
+        if (!(b > T(Limits<real_t<T>>::epsilon) * radius))
             return a < T(0) ? T(constant<T>(0.9) * radius / (radius - a)) : T(1);
         const T steep = sqrt((distance - radius) * (distance + radius)) / radius;
         return b > steep * a ? T(steep * radius / (b + steep * (radius - a))) : T(1);
@@ -99,7 +98,7 @@ struct PathPlane {
 /// The eye is outside the sphere. Newton's method between bounds, on values; one step more carries
 /// the derivatives.
 template <Scalar T>
-SpherePath<T> sphere_path(const Vec3<T>& eye, const Vec3<T>& source, const T& radius,
+RYE_HD SpherePath<T> sphere_path(const Vec3<T>& eye, const Vec3<T>& source, const T& radius,
                           const T& index) {
     using R = real_t<T>;
     const auto values = [](const Vec3<T>& x) {
@@ -119,7 +118,7 @@ SpherePath<T> sphere_path(const Vec3<T>& eye, const Vec3<T>& source, const T& ra
         if (!(next > low && next < high)) next = low + R(0.5) * (high - low);
         const R step = std::abs(next - w);
         w = next;
-        if (step <= R(2) * std::numeric_limits<R>::epsilon() * w) break;
+        if (step <= R(2) * Limits<R>::epsilon * w) break;
     }
     const detail::PathPoint<R> p = plane.at(w);
     // A mirror's source is seen from outside only.
@@ -141,7 +140,7 @@ struct SpherePathCotangent {
 /// seen. With the Hessian H of L on the sphere, dQ = -H^-1 (d grad L); H is kept times |Q - P|, so
 /// that a source at the surface has none of its trouble.
 template <Scalar T>
-SpherePathCotangent<T> sphere_path_vjp(const Vec3<T>& eye, const Vec3<T>& source,
+RYE_HD SpherePathCotangent<T> sphere_path_vjp(const Vec3<T>& eye, const Vec3<T>& source,
                                        const T& radius, const T& index, const Vec3<T>& at,
                                        const Vec3<T>& g) {
     using std::abs;

@@ -6,7 +6,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <type_traits>
 
 #include <rye/loss/photometric.hpp>
@@ -25,7 +24,7 @@ struct Window {
     static constexpr Index reach = ssim_window / 2;
 
     Index channels, row, height; ///< numbers of a pixel, of a row; rows
-    std::array<R, ssim_window> weight;
+    Array<R, ssim_window> weight;
 
     explicit Window(const Image<T>& image)
         : channels(image.channels()),
@@ -59,6 +58,28 @@ struct Window {
         return sum;
     }
 };
+
+/// SSIM at a pixel, and `share` times its slopes by the means of x, of x^2 and of x y.
+template <class V>
+struct SsimSlopes {
+    V value, by_x, by_xx, by_xy;
+};
+
+/// From the windowed means u of x and v of y, the covariance of x and y, and the sum of both
+/// variances.
+template <class V>
+[[gnu::always_inline]] RYE_HD inline SsimSlopes<V> ssim_slopes(const V& u, const V& v,
+                                                               const V& covariance,
+                                                               const V& variances,
+                                                               const V& share) {
+    const V c1 = constant<V>(ssim_c1), c2 = constant<V>(ssim_c2), two(2);
+    const V a1 = two * u * v + c1, b1 = (u * u + v * v) + c1;
+    const V a2 = two * covariance + c2, b2 = variances + c2;
+    const V inverse = V(1) / (b1 * b2), s = a1 * a2 * inverse;
+    const V d1 = a2 * inverse, d2 = a1 * inverse, e1 = s / b1, e2 = s / b2;
+    return {s, V(share * two * (v * (d1 - d2) - u * (e1 - e2))), V(-share * e2),
+            V(share * two * d2)};
+}
 
 /// Rows of a chunk.
 inline constexpr Index dssim_rows = 8;
@@ -100,21 +121,17 @@ LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
                     store_as(mxy, line_xy + to);
                 });
                 each_vector<B, T>(0, row, [&]<class V>(std::type_identity<V>, Index i) {
-                    const V c1 = constant<V>(ssim_c1), c2 = constant<V>(ssim_c2);
-                    const V two(2), scale(share);
                     const V u = window.template along<V>(line_x + i);
                     const V v = window.template along<V>(line_y + i);
                     const V uu_vv = u * u + v * v;
-                    const V a1 = two * u * v + c1, b1 = uu_vv + c1;
-                    const V a2 = two * (window.template along<V>(line_xy + i) - u * v) + c2;
-                    const V b2 = (window.template along<V>(line_squares + i) - uu_vv) + c2;
-                    const V inverse = V(1) / (b1 * b2), s = a1 * a2 * inverse;
-                    const V d1 = a2 * inverse, d2 = a1 * inverse, e1 = s / b1, e2 = s / b2;
-                    store_as(s, ssim.data() + i);
-                    store_as(V(scale * two * (v * (d1 - d2) - u * (e1 - e2))),
-                             by_x.data() + r * row + i);
-                    store_as(V(-scale * e2), by_xx.data() + r * row + i);
-                    store_as(V(scale * two * d2), by_xy.data() + r * row + i);
+                    const V covariance = window.template along<V>(line_xy + i) - u * v;
+                    const V variances = window.template along<V>(line_squares + i) - uu_vv;
+                    const detail::SsimSlopes<V> s =
+                        detail::ssim_slopes(u, v, covariance, variances, V(share));
+                    store_as(s.value, ssim.data() + i);
+                    store_as(s.by_x, by_x.data() + r * row + i);
+                    store_as(s.by_xx, by_xx.data() + r * row + i);
+                    store_as(s.by_xy, by_xy.data() + r * row + i);
                 });
                 total += sum_array<W>(ssim.data(), row);
             }

@@ -6,12 +6,12 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <string>
 #include <type_traits>
 
 #include <rye/backend/backend.hpp>
+#include <rye/core/array.hpp>
 #include <rye/core/columns.hpp>
 #include <rye/core/error.hpp>
 
@@ -24,8 +24,9 @@ inline constexpr double ssim_c2 = 9e-4;   ///< (0.03 * peak)^2
 
 namespace detail {
 
-inline std::array<double, ssim_window> ssim_weights() {
-    std::array<double, ssim_window> w{};
+/// Of the pixels along one axis of the window; their sum is 1.
+RYE_HD inline Array<double, ssim_window> ssim_weights() {
+    Array<double, ssim_window> w{};
     double sum = 0;
     for (int i = 0; i < ssim_window; ++i) {
         const double x = (i - ssim_window / 2) / ssim_sigma;
@@ -41,7 +42,7 @@ using SsimRow = Eigen::Array<double, Eigen::Dynamic, 5>;
 /// Means over the window's columns for row y of the windows, then over its rows.
 template <class T>
 SsimRow ssim_row(const Image<T>& a, const Image<T>& b, Index y,
-                 const std::array<double, ssim_window>& weight) {
+                 const Array<double, ssim_window>& weight) {
     const Index c = a.channels(), n = a.width * c, valid = n - (ssim_window - 1) * c;
     SsimRow column = SsimRow::Zero(n, 5), mean = SsimRow::Zero(valid, 5);
     Eigen::ArrayXd p(n), q(n);
@@ -84,7 +85,7 @@ double ssim(const B& backend, const Image<T>& a, const Image<T>& b, const std::t
     require(
         mask.size() == 0 || mask.size() == a.size(), "ssim",
         "got a mask of " + std::to_string(mask.size()) + ", expected " + std::to_string(a.size()));
-    const std::array<double, ssim_window> weight = detail::ssim_weights();
+    const Array<double, ssim_window> weight = detail::ssim_weights();
     constexpr Index margin = ssim_window / 2;
     const Index c = a.channels(), columns = a.width - 2 * margin;
     const Eigen::Vector2d zero = Eigen::Vector2d::Zero(); // weighted sum, weight

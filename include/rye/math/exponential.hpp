@@ -5,7 +5,6 @@
 /// Source: minimax polynomials in relative error (Remez); Cody and Waite, 1980.
 #pragma once
 
-#include <array>
 #include <cmath>
 #include <concepts>
 #include <cstdint>
@@ -52,24 +51,24 @@ struct Exp2Coefficients;
 template <>
 struct Exp2Coefficients<3> {
     static constexpr double error = 7.6e-5;
-    static constexpr std::array<double, 4> c{0.0551716685, 0.242611125, 0.693260968, 0.999928057};
+    static constexpr double c[4]{0.0551716685, 0.242611125, 0.693260968, 0.999928057};
 };
 template <>
 struct Exp2Coefficients<4> {
     static constexpr double error = 2.8e-6;
-    static constexpr std::array<double, 5> c{0.00957010221, 0.0559178591, 0.240247443, 0.693121791,
+    static constexpr double c[5]{0.00957010221, 0.0559178591, 0.240247443, 0.693121791,
                                              0.999999285};
 };
 template <>
 struct Exp2Coefficients<5> {
     static constexpr double error = 2.4e-7;
-    static constexpr std::array<double, 6> c{0.00132764725, 0.00967554096, 0.0555071309,
+    static constexpr double c[6]{0.00132764725, 0.00967554096, 0.0555071309,
                                              0.240221202,   0.693146944,   1.00000012};
 };
 template <>
 struct Exp2Coefficients<6> {
     static constexpr double error = 1.0e-7;
-    static constexpr std::array<double, 7> c{0.000153458124, 0.00133999309, 0.00961848907,
+    static constexpr double c[7]{0.000153458124, 0.00133999309, 0.00961848907,
                                              0.0555032864,   0.240226462,   0.693147182, 1.};
 };
 

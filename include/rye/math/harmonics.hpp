@@ -5,17 +5,17 @@
 /// Source: Sloan, "Efficient Spherical Harmonic Evaluation", 2013.
 #pragma once
 
-#include <array>
 #include <string>
 #include <type_traits>
 
+#include <rye/core/array.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/linalg.hpp>
 
 namespace rye {
 
 /// Number of basis functions up to a degree.
-constexpr int sh_count(int degree) { return (degree + 1) * (degree + 1); }
+RYE_HD constexpr int sh_count(int degree) { return (degree + 1) * (degree + 1); }
 
 /// The degree of a number of basis functions, or an Error.
 inline int sh_degree(int count) {
@@ -25,20 +25,24 @@ inline int sh_degree(int count) {
                 " coefficients, expected 1, 4, 9, 16 or 25");
 }
 
-/// Factors that make the basis orthonormal on the sphere, in order, signs included.
-inline constexpr std::array<double, 25> sh_factors{
-    0.28209479177387814,                                                        // l = 0
-    -0.4886025119029199, 0.4886025119029199, -0.4886025119029199,               // l = 1
-    1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792,
-    0.5462742152960396,                                                         // l = 2
-    -0.5900435899266435, 2.890611442640554, -0.4570457994644658, 0.3731763325901154,
-    -0.4570457994644658, 1.445305721320277, -0.5900435899266435,                // l = 3
-    2.5033429417967046, -1.7701307697799304, 0.9461746957575601, -0.6690465435572892,
-    0.10578554691520431, -0.6690465435572892, 0.47308734787878004, -1.7701307697799304,
-    0.6258357354491761};                                                        // l = 4
+/// Factors that make the basis orthonormal on the sphere, in order, signs included. A table within
+/// a function is one that device code may read.
+RYE_HD inline double sh_factor(std::size_t k) {
+    static constexpr Array<double, 25> factors{
+        0.28209479177387814,                                                    // l = 0
+        -0.4886025119029199, 0.4886025119029199, -0.4886025119029199,           // l = 1
+        1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792,
+        0.5462742152960396,                                                     // l = 2
+        -0.5900435899266435, 2.890611442640554, -0.4570457994644658, 0.3731763325901154,
+        -0.4570457994644658, 1.445305721320277, -0.5900435899266435,            // l = 3
+        2.5033429417967046, -1.7701307697799304, 0.9461746957575601, -0.6690465435572892,
+        0.10578554691520431, -0.6690465435572892, 0.47308734787878004, -1.7701307697799304,
+        0.6258357354491761};                                                    // l = 4
+    return factors[k];
+}
 
 template <Scalar T, int Degree>
-using ShArray = std::array<T, static_cast<std::size_t>(sh_count(Degree))>;
+using ShArray = Array<T, static_cast<std::size_t>(sh_count(Degree))>;
 
 /// The basis at a unit direction.
 template <Scalar T, int Degree>
@@ -65,7 +69,7 @@ RYE_HD ShArray<T, Degree> sh_basis(const Vec3<T>& direction) {
             b[24] = xx * (xx - T(3) * yy) - yy * (T(3) * xx - yy);
         }
     }
-    for (std::size_t k = 0; k < b.size(); ++k) b[k] = constant<T>(sh_factors[k]) * b[k];
+    for (std::size_t k = 0; k < b.size(); ++k) b[k] = constant<T>(sh_factor(k)) * b[k];
     return b;
 }
 
@@ -74,7 +78,7 @@ template <Scalar T, int Degree>
 RYE_HD Vec3<T> sh_basis_vjp(const Vec3<T>& direction, const ShArray<T, Degree>& g) {
     const T &x = direction[0], &y = direction[1], &z = direction[2];
     ShArray<T, Degree> w;
-    for (std::size_t k = 0; k < w.size(); ++k) w[k] = constant<T>(sh_factors[k]) * g[k];
+    for (std::size_t k = 0; k < w.size(); ++k) w[k] = constant<T>(sh_factor(k)) * g[k];
     T dx = T(0), dy = T(0), dz = T(0);
     if constexpr (Degree >= 1) dx += w[3], dy += w[1], dz += w[2];
     if constexpr (Degree >= 2) {

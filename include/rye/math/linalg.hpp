@@ -36,7 +36,7 @@ RYE_HD Mat<T, R, C> select_all(const Condition& c, const Mat<T, R, C>& a, const 
 /// x / |x| without underflow or overflow of |x|^2; the zero vector stays zero, with derivative 0.
 template <Scalar T, int N>
 RYE_HD Vec<T, N> normalized(const Vec<T, N>& x) {
-    using std::abs, std::max, std::sqrt;
+    using std::abs, std::sqrt;
     T m = abs(x[0]);
     for (int i = 1; i < N; ++i) m = max(m, T(abs(x[i])));
     const auto zero = m == T(0);
@@ -51,7 +51,7 @@ RYE_HD Vec<T, N> normalized(const Vec<T, N>& x) {
 /// |x| without underflow or overflow of |x|^2; derivative 0 at x = 0.
 template <Scalar T, int N>
 RYE_HD T norm(const Vec<T, N>& x) {
-    using std::abs, std::max, std::sqrt;
+    using std::abs, std::sqrt;
     T m = abs(x[0]);
     for (int i = 1; i < N; ++i) m = max(m, T(abs(x[i])));
     const auto zero = m == T(0);

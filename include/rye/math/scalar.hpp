@@ -5,8 +5,8 @@
 /// `using std::f`, so that duals and batches are found by their namespace.
 #pragma once
 
-#include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <rye/core/concepts.hpp>
 
@@ -16,6 +16,28 @@ namespace rye {
 template <Scalar T>
 RYE_HD constexpr T constant(double x) {
     return T(static_cast<real_t<T>>(x));
+}
+
+/// std::numeric_limits' numbers: device code may not call its functions.
+template <Real R>
+struct Limits {
+    static constexpr R largest = std::numeric_limits<R>::max();
+    static constexpr R epsilon = std::numeric_limits<R>::epsilon();
+    static constexpr R infinity = std::numeric_limits<R>::infinity();
+    static constexpr R nan = std::numeric_limits<R>::quiet_NaN();
+};
+
+/// As std::min and std::max, which device code may not call: of a NaN and a number the first.
+/// (Batches and duals bring their own.)
+template <class T>
+    requires std::is_arithmetic_v<T>
+RYE_HD constexpr T min(const T& a, const T& b) {
+    return b < a ? b : a;
+}
+template <class T>
+    requires std::is_arithmetic_v<T>
+RYE_HD constexpr T max(const T& a, const T& b) {
+    return a < b ? b : a;
 }
 
 /// a where the condition holds, else b. (Batches and duals bring their own.)
@@ -50,7 +72,6 @@ RYE_HD T sign_of(const T& x) {
 /// min(max(x, lo), hi), with derivative 1 inside, 1/2 at the ends, 0 outside.
 template <Scalar T>
 RYE_HD T clamp_value(const T& x, const T& lo, const T& hi) {
-    using std::max, std::min;
     return min(max(x, lo), hi);
 }
 
@@ -67,7 +88,7 @@ RYE_HD T sigmoid(const T& x) {
 /// log(1 + exp(x)) = max(x, 0) + log1p(exp(-|x|)); equals -log(1 - sigmoid(x)).
 template <Scalar T>
 RYE_HD T softplus(const T& x) {
-    using std::abs, std::exp, std::log1p, std::max;
+    using std::abs, std::exp, std::log1p;
     return max(x, T(0)) + log1p(exp(-abs(x)));
 }
 

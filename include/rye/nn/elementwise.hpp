@@ -11,6 +11,7 @@
 #include <rye/backend/backend.hpp>
 #include <rye/core/concepts.hpp>
 #include <rye/math/scalar.hpp>
+#include <rye/nn/activations.hpp>
 
 namespace rye {
 
@@ -66,32 +67,6 @@ W sum_array(const T* x, Index n) {
         for (Index k = 0; k < parts; ++k) sum[k] += scalar_cast<W>(x[i + k]);
     for (; i < n; ++i) sum[0] += scalar_cast<W>(x[i]);
     return ((sum[0] + sum[1]) + (sum[2] + sum[3])) + ((sum[4] + sum[5]) + (sum[6] + sum[7]));
-}
-
-/// A negative input keeps this share of itself.
-inline constexpr double leaky_slope = 0.01;
-
-/// x for x > 0, else 0.01 x. A NaN stays a NaN.
-template <class T>
-T leaky_relu(const T& x) {
-    return select(x > T(0), x, T(T(real_t<T>(leaky_slope)) * x));
-}
-
-/// The cotangent of the input from the *output* y, whose sign is that of the input.
-template <class T>
-T leaky_relu_vjp(const T& y, const T& g) {
-    return select(y > T(0), g, T(T(real_t<T>(leaky_slope)) * g));
-}
-
-/// x for x > 0, else 0. A NaN stays a NaN, unlike with max(0, x), so that it can be found.
-template <class T>
-T relu(const T& x) {
-    return select(x <= T(0), T(0), x);
-}
-
-template <class T>
-T relu_vjp(const T& y, const T& g) {
-    return select(y > T(0), g, T(0));
 }
 
 } // namespace rye

@@ -16,8 +16,34 @@ namespace rye {
 /// Frequencies 1, 2, 4, 8, as in Gaussian Head Avatar.
 inline constexpr int default_frequencies = 4;
 
-constexpr Index encoded_size(Index values, int frequencies) {
+RYE_HD constexpr Index encoded_size(Index values, int frequencies) {
     return values * (1 + 2 * frequencies);
+}
+
+/// One number of a vector of `size`: writes its 1 + 2 F numbers, which lie `size` apart. The sines
+/// are the library's; those of whole arrays below are Eigen's, whose last bits may be others.
+template <Scalar T>
+RYE_HD void encode_number(const T& x, int frequencies, Index size, T* y) {
+    using std::cos, std::sin;
+    T scaled = x;                                                         // 2^k x
+    y[0] = x;
+    for (int k = 0; k < frequencies; ++k) {
+        y[(1 + 2 * k) * size] = sin(scaled);
+        y[(2 + 2 * k) * size] = cos(scaled);
+        scaled = scaled + scaled;
+    }
+}
+
+/// Its cotangent, from the encoding itself.
+template <Scalar T>
+RYE_HD T encode_number_vjp(const T* y, const T* g, int frequencies, Index size) {
+    T sum = g[0], rate = T(1);                                            // 2^k
+    for (int k = 0; k < frequencies; ++k) {
+        const Index s = (1 + 2 * k) * size, c = s + size;
+        sum += rate * (g[s] * y[c] - g[c] * y[s]);
+        rate = rate + rate;
+    }
+    return sum;
 }
 
 /// x: D x N. Returns D (1 + 2 F) x N.

@@ -14,6 +14,7 @@
 #include <rye/core/error.hpp>
 #include <rye/core/fields.hpp>
 #include <rye/core/random.hpp>
+#include <rye/nn/activations.hpp>
 #include <rye/nn/bilinear.hpp>
 #include <rye/nn/convolution.hpp>
 #include <rye/nn/instance_norm.hpp>
@@ -107,24 +108,6 @@ struct UpsamplerTrace {
 };
 
 namespace detail {
-
-/// The clamp of the skip's base: half an 8-bit step is not visible, and z can still move it.
-inline constexpr double base_margin = 1e-3;
-
-template <class T>
-T clamped_base(const T& b) {
-    const auto m = static_cast<real_t<T>>(base_margin);
-    return clamp_value(b, T(m), T(1 - m));
-}
-
-/// b e^z / (b e^z + 1 - b) with an exponential that cannot overflow.
-template <class T>
-T odds_sigmoid(const T& b, const T& z) {
-    using std::abs, std::exp;
-    const T e = exp(-abs(z));
-    const T p = select(z < T(0), T(b * e), b), q = select(z < T(0), T(T(1) - b), T((T(1) - b) * e));
-    return p / (p + q);
-}
 
 /// The input of layer l inside its border: the features, or what the layer below left, doubled at
 /// the start of a block. Rebuilt in the vjp, which is cheaper than keeping it.
@@ -269,14 +252,8 @@ void upsampler_vjp(const B& backend, const Upsampler<T>& u, const Image<T>& in, 
     g_base.pixels.resize(3, pixels);
     for_chunks(backend.threads, 
         3 * pixels, 3 * detail::last_layer_grain, [&](Index b, Index e, Index) {
-            const auto low = static_cast<real_t<T>>(detail::base_margin), high = 1 - low;
-            for (Index i = b; i < e; ++i) {
-                const T base = t.base.pixels(i), c = detail::clamped_base(base);
-                const real_t<T> v = value_of(base);
-                const real_t<T> slope =
-                    v > low && v < high ? real_t<T>(1) : v < low || v > high ? 0 : 0.5f;
-                g_base.pixels(i) = T(slope) * g_z(i) / (c * (T(1) - c));
-            }
+            for (Index i = b; i < e; ++i)
+                g_base.pixels(i) = detail::clamped_base_vjp<T>(t.base.pixels(i), g_z(i));
         });
     for (int d = 0; d < s.doublings; ++d) g_base = doubled_vjp(backend, g_base);
     for_chunks(backend.threads, 

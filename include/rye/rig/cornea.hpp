@@ -34,14 +34,14 @@ struct Cornea {
 namespace detail {
 
 template <Scalar T>
-Vec3<T> beyond(const Vec3<T>& at, const Vec3<T>& eye, const Vec3<T>& source) {
+RYE_HD Vec3<T> beyond(const Vec3<T>& at, const Vec3<T>& eye, const Vec3<T>& source) {
     const Vec3<T> ray = normalized(Vec3<T>(at - eye));
     const T depth = norm(Vec3<T>(at - source));
     return Vec3<T>(at[0] + depth * ray[0], at[1] + depth * ray[1], at[2] + depth * ray[2]);
 }
 
 template <Scalar T>
-bool behind_cornea(const Cornea<T>& c, const T& index, const Vec3<T>& eye,
+RYE_HD bool behind_cornea(const Cornea<T>& c, const T& index, const Vec3<T>& eye,
                    const Vec3<T>& point) {
     const Vec3<T> p = point - c.centre, e = eye - c.centre;
     const T rr = c.radius * c.radius;
@@ -53,7 +53,7 @@ bool behind_cornea(const Cornea<T>& c, const T& index, const Vec3<T>& eye,
 /// Where a point is seen: itself, unless it is within the corneal sphere and the camera is not. An
 /// index of 1 changes no bit.
 template <Scalar T>
-Vec3<T> seen_through(const Cornea<T>& c, const T& index, const Vec3<T>& camera,
+RYE_HD Vec3<T> seen_through(const Cornea<T>& c, const T& index, const Vec3<T>& camera,
                      const Vec3<T>& point) {
     if (!detail::behind_cornea(c, index, camera, point)) return point;
     const Vec3<T> eye = camera - c.centre, source = point - c.centre;
@@ -63,7 +63,7 @@ Vec3<T> seen_through(const Cornea<T>& c, const T& index, const Vec3<T>& camera,
 
 /// Cotangents of the point and of the camera; the camera's is added to.
 template <Scalar T>
-Vec3<T> seen_through_vjp(const Cornea<T>& c, const T& index, const Vec3<T>& camera,
+RYE_HD Vec3<T> seen_through_vjp(const Cornea<T>& c, const T& index, const Vec3<T>& camera,
                          const Vec3<T>& point, const Vec3<T>& g, Vec3<T>& g_camera) {
     if (!detail::behind_cornea(c, index, camera, point)) return g;
     const Vec3<T> eye = camera - c.centre, source = point - c.centre;
@@ -109,12 +109,12 @@ namespace detail {
 
 /// 0 below 0, 1 above 1, smooth between; and its slope.
 template <Scalar T>
-T smooth_step(const T& x) {
+RYE_HD T smooth_step(const T& x) {
     const T u = x > T(0) ? (x < T(1) ? x : T(1)) : T(0);
     return u * u * (T(3) - T(2) * u);
 }
 template <Scalar T>
-T smooth_step_slope(const T& x) {
+RYE_HD T smooth_step_slope(const T& x) {
     return x > T(0) && x < T(1) ? T(T(6) * x * (T(1) - x)) : T(0);
 }
 
@@ -123,7 +123,7 @@ template <Scalar T>
 struct GlintFades {
     T rim, grazing;
 
-    GlintFades(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& at, const T& width)
+    RYE_HD GlintFades(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& at, const T& width)
         : rim(constant<T>(0.5) + (dot(at, c.axis) - c.rim) / width),
           grazing(dot(Vec3<T>(at - c.centre), normalized(Vec3<T>(camera - at))) /
                   (c.radius * constant<T>(glint_grazing))) {}
@@ -141,7 +141,7 @@ struct MirrorImage {
 };
 
 template <Scalar T>
-MirrorImage<T> mirror_image(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& light,
+RYE_HD MirrorImage<T> mirror_image(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& light,
                             const T& width) {
     const Vec3<T> eye = camera - c.centre, source = light - c.centre;
     const T rr = c.radius * c.radius;
@@ -156,7 +156,7 @@ MirrorImage<T> mirror_image(const Cornea<T>& c, const Vec3<T>& camera, const Vec
 
 /// Adds the cotangents of camera and light.
 template <Scalar T>
-void mirror_image_vjp(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& light,
+RYE_HD void mirror_image_vjp(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& light,
                       const T& width, const MirrorImage<T>& m, const MirrorImage<T>& g,
                       Vec3<T>& g_camera, Vec3<T>& g_light) {
     if (!m.seen) return;
@@ -181,7 +181,7 @@ void mirror_image_vjp(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& 
 /// How much of a mirror image is seen at a point: strength exp(-d^2 / 2 width^2), d the distance
 /// of the point from the camera's ray through the image.
 template <Scalar T>
-T glint_at(const MirrorImage<T>& m, const Vec3<T>& camera, const Vec3<T>& point,
+RYE_HD T glint_at(const MirrorImage<T>& m, const Vec3<T>& camera, const Vec3<T>& point,
            const T& width) {
     using std::exp;
     const Vec3<T> d = normalized(Vec3<T>(m.at - camera)), r = point - m.at;
@@ -191,7 +191,7 @@ T glint_at(const MirrorImage<T>& m, const Vec3<T>& camera, const Vec3<T>& point,
 
 /// Cotangent of the point; adds those of the image and of the camera. `value` is glint_at's.
 template <Scalar T>
-Vec3<T> glint_at_vjp(const MirrorImage<T>& m, const Vec3<T>& camera, const Vec3<T>& point,
+RYE_HD Vec3<T> glint_at_vjp(const MirrorImage<T>& m, const Vec3<T>& camera, const Vec3<T>& point,
                      const T& width, const T& value, const T& g, MirrorImage<T>& g_image,
                      Vec3<T>& g_camera) {
     const Vec3<T> view = m.at - camera, d = normalized(view), r = point - m.at;

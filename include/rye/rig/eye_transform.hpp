@@ -39,7 +39,7 @@ struct EyeTransform {
     bool beyond_range;      ///< the gaze is outside gaze_range; drawn all the same
 
     /// A template point in the world.
-    Vec3<T> apply(const Vec3<T>& x) const {
+    RYE_HD Vec3<T> apply(const Vec3<T>& x) const {
         const Rigid<T> turn{rotation, Vec3<T>(T(0), T(0), T(0))};
         const Vec3<T> y = turn.turn(x);
         return Vec3<T>(scale * y[0] + translation[0], scale * y[1] + translation[1],
@@ -50,23 +50,27 @@ struct EyeTransform {
 /// The parts of an eye's transform, each applied to what is there: an avatar takes those that its
 /// effects ask for, in this order. An eye that looks ahead in the head's frame:
 template <Scalar T>
-EyeTransform<T> eye_at(const Vec3<T>& centre) {
+RYE_HD EyeTransform<T> eye_at(const Vec3<T>& centre) {
     const Mat3<T> none = Rigid<T>::identity_rotation();
     return {none, Quat<T>(T(1), T(0), T(0), T(0)), centre, T(1), none, false};
 }
 
-/// ... turned to its gaze, the optical axis. Throws if that is not finite or has no direction.
+/// ... turned to its gaze, the optical axis, a unit vector.
 template <Scalar T>
-void turn_eye(EyeTransform<T>& e, const Vec3<T>& optical) {
-    const Vec3<T> gaze = checked_gaze(optical);
+RYE_HD void turn_eye_to(EyeTransform<T>& e, const Vec3<T>& gaze) {
     e.quaternion = shortest_arc(Vec3<T>(T(0), T(0), T(1)), gaze);
     e.rotation = quat_matrix(e.quaternion);
     e.beyond_range = beyond_gaze_range(gaze);
 }
+/// ... of any length. Throws if it is not finite or has no direction.
+template <Scalar T>
+void turn_eye(EyeTransform<T>& e, const Vec3<T>& optical) {
+    turn_eye_to(e, checked_gaze(optical));
+}
 
 /// ... and carried along by the head.
 template <Scalar T>
-void carry_eye(EyeTransform<T>& e, const HeadPlacement<T>& head) {
+RYE_HD void carry_eye(EyeTransform<T>& e, const HeadPlacement<T>& head) {
     const Mat3<T>& r = head.world_from_head.rotation;
     const Vec3<T> zero(T(0), T(0), T(0));
     e.rotation = compose(Rigid<T>{r, zero}, Rigid<T>{e.rotation, zero}).rotation;
@@ -89,6 +93,15 @@ EyeTransform<T> eye_transform(const EyeDrive<T>& drive, const HeadPlacement<T>& 
     return e;
 }
 
+/// A point of the world in an eye's frame.
+template <Scalar T>
+RYE_HD Vec3<T> into_eye(const EyeTransform<T>& eye, const Vec3<T>& world) {
+    const Vec3<T> back = Rigid<T>{eye.rotation, world}.turn_back(
+        Vec3<T>(world[0] - eye.translation[0], world[1] - eye.translation[1],
+                world[2] - eye.translation[2]));
+    return Vec3<T>(back[0] / eye.scale, back[1] / eye.scale, back[2] / eye.scale);
+}
+
 /// Template points, 3 x P, in the world.
 template <Scalar T>
 Columns<T> eye_points(const EyeTransform<T>& eye, const Columns<T>& points) {
@@ -98,13 +111,18 @@ Columns<T> eye_points(const EyeTransform<T>& eye, const Columns<T>& points) {
     return y;
 }
 
-/// Cotangent of the offset, and of the neutral centre, from that of the world points, 3 x P.
+/// Cotangent of the offset, and of the neutral centre, from the sum of those of the world points.
+template <Scalar T>
+RYE_HD Vec3<T> eye_offset_cotangent(const EyeTransform<T>& eye, const Vec3<T>& sum) {
+    const Vec3<T> back = Rigid<T>{eye.head_rotation, sum}.turn_back(sum);
+    return Vec3<T>(eye.scale * back[0], eye.scale * back[1], eye.scale * back[2]);
+}
+/// ... from all of them, 3 x P.
 template <Scalar T>
 Vec3<T> eye_offset_cotangent(const EyeTransform<T>& eye, const Columns<T>& g_points) {
     Vec3<T> sum(T(0), T(0), T(0));
     for (Index i = 0; i < g_points.cols(); ++i) sum += g_points.col(i);
-    const Vec3<T> back = Rigid<T>{eye.head_rotation, sum}.turn_back(sum);
-    return Vec3<T>(eye.scale * back[0], eye.scale * back[1], eye.scale * back[2]);
+    return eye_offset_cotangent(eye, sum);
 }
 
 /// Quaternions of the eye's Gaussians, 4 x P, in the world. No conversion through matrices.

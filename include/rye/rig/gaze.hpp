@@ -63,7 +63,7 @@ Vec3<T> checked_gaze(const Vec3<T>& v) {
 
 /// True if the direction is further than gaze_range from straight ahead.
 template <Scalar T>
-bool beyond_gaze_range(const Vec3<T>& gaze) {
+RYE_HD bool beyond_gaze_range(const Vec3<T>& gaze) {
     return angular_error(gaze, Vec3<T>(T(0), T(0), T(1))) > constant<T>(gaze_range);
 }
 

@@ -19,26 +19,28 @@
 
 namespace rye {
 
-/// Weight 1 up to `near`, 0 from `far` on; near == far is a step.
+/// Weight 1 up to `near`, 0 from `far` on; near == far is a step. Formulas take 0 <= near <= far,
+/// both finite: see checked_ramp.
 template <Scalar T>
 struct Ramp {
     T near, far;  ///< thresholds, in the unit of the metric
-
-    /// Throws unless 0 <= near <= far and both are finite.
-    Ramp(const T& near_threshold, const T& far_threshold)
-        : near(near_threshold), far(far_threshold) {
-        if constexpr (Real<T>)
-            require(near >= T(0) && near <= far && far <= std::numeric_limits<T>::max(), "Ramp",
-                    "got near = " + std::to_string(near) + ", far = " + std::to_string(far) +
-                        ", expected 0 <= near <= far, both finite");
-    }
 };
+
+/// The ramp of numbers that came from outside; throws unless 0 <= near <= far and both are finite.
+template <Scalar T>
+Ramp<T> checked_ramp(const T& near, const T& far) {
+    if constexpr (Real<T>)
+        require(near >= T(0) && near <= far && far <= std::numeric_limits<T>::max(), "Ramp",
+                "got near = " + std::to_string(near) + ", far = " + std::to_string(far) +
+                    ", expected 0 <= near <= far, both finite");
+    return {near, far};
+}
 
 /// The thresholds are compared with the squared distance.
 struct SquaredDistance {
     /// The weight at a squared distance; a NaN distance has weight 0.
     template <Scalar T>
-    T value(const Ramp<T>& ramp, const T& squared) const {
+    RYE_HD T value(const Ramp<T>& ramp, const T& squared) const {
         const T width = select(ramp.near < ramp.far, T(ramp.far - ramp.near), T(1));
         const T inside = (ramp.far - squared) / width;
         return select((squared <= ramp.near) && (squared < ramp.far), T(1),
@@ -46,7 +48,7 @@ struct SquaredDistance {
     }
     /// d value / d squared.
     template <Scalar T>
-    T slope(const Ramp<T>& ramp, const T& squared) const {
+    RYE_HD T slope(const Ramp<T>& ramp, const T& squared) const {
         const auto inside = (squared > ramp.near) && (squared < ramp.far);
         return select(inside, T(T(-1) / select(inside, T(ramp.far - ramp.near), T(1))), T(0));
     }
@@ -56,7 +58,7 @@ struct SquaredDistance {
 /// on its landmark has weight 1 and derivative 0.
 struct EuclideanDistance {
     template <Scalar T>
-    T value(const Ramp<T>& ramp, const T& squared) const {
+    RYE_HD T value(const Ramp<T>& ramp, const T& squared) const {
         using std::sqrt;
         const T near2 = ramp.near * ramp.near, far2 = ramp.far * ramp.far;
         const auto inside = (squared > near2) && (squared < far2);
@@ -67,7 +69,7 @@ struct EuclideanDistance {
                       select(inside, bounded, T(0)));
     }
     template <Scalar T>
-    T slope(const Ramp<T>& ramp, const T& squared) const {
+    RYE_HD T slope(const Ramp<T>& ramp, const T& squared) const {
         using std::sqrt;
         const T near2 = ramp.near * ramp.near, far2 = ramp.far * ramp.far;
         const auto inside = (squared > near2) && (squared < far2);
@@ -88,13 +90,13 @@ static_assert(InfluenceMetric<SquaredDistance> && InfluenceMetric<EuclideanDista
 
 /// The weight of one squared distance.
 template <InfluenceMetric M, Scalar T>
-T influence(const M& metric, const Ramp<T>& ramp, const T& squared) {
+RYE_HD T influence(const M& metric, const Ramp<T>& ramp, const T& squared) {
     return metric.value(ramp, squared);
 }
 
 /// Its derivative by the squared distance.
 template <InfluenceMetric M, Scalar T>
-T influence_slope(const M& metric, const Ramp<T>& ramp, const T& squared) {
+RYE_HD T influence_slope(const M& metric, const Ramp<T>& ramp, const T& squared) {
     return metric.slope(ramp, squared);
 }
 

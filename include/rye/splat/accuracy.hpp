@@ -56,7 +56,7 @@ struct Balanced {
 
 /// Errors of an image against every Gaussian at every pixel in double: below 1e-11 (in double).
 struct Exact64 : Balanced {
-    constexpr Exact64() {
+    RYE_HD constexpr Exact64() {
         alpha_min = 1e-15;
         alpha_max = 1;
         stop = 1e-14;
@@ -66,7 +66,7 @@ struct Exact64 : Balanced {
 
 /// Only float's rounding is left: below 5e-5.
 struct Exact32 : Balanced {
-    constexpr Exact32() {
+    RYE_HD constexpr Exact32() {
         alpha_min = 1e-9;
         alpha_max = 1;
         stop = 1e-8;
@@ -76,7 +76,7 @@ struct Exact32 : Balanced {
 
 /// Below 1e-3.
 struct Tight : Balanced {
-    constexpr Tight() {
+    RYE_HD constexpr Tight() {
         alpha_min = 1.0 / 25500.0;
         alpha_max = 1;  // costs no time, and the gradient behind opaque surfaces stays right
         stop = 1e-6;
@@ -85,7 +85,7 @@ struct Tight : Balanced {
 
 /// Several 8-bit steps, at the speed of a preview.
 struct Fast : Balanced {
-    constexpr Fast() {
+    RYE_HD constexpr Fast() {
         alpha_min = 1.0 / 255.0;
         stop = 1e-4;
     }
@@ -95,7 +95,7 @@ struct Fast : Balanced {
 /// The rules of the first 3DGS implementation (Kerbl et al., 2023), which viewers share. Some
 /// viewers use has_floor with alpha_floor = exp(-4.5): see Compatible3dgsFloor.
 struct Compatible3dgs : Balanced {
-    constexpr Compatible3dgs() {
+    RYE_HD constexpr Compatible3dgs() {
         alpha_min = 1.0 / 255.0;
         alpha_max = 0.99;
         stop = 1e-4;
@@ -107,7 +107,7 @@ struct Compatible3dgs : Balanced {
 
 /// As Compatible3dgs, but alpha reaches 0 at three standard deviations.
 struct Compatible3dgsFloor : Compatible3dgs {
-    constexpr Compatible3dgsFloor() { alpha_floor = 0.011108996538242306; }
+    RYE_HD constexpr Compatible3dgsFloor() { alpha_floor = 0.011108996538242306; }
     static constexpr bool has_floor = true;
 };
 
@@ -127,7 +127,7 @@ concept AccuracyPolicy = std::default_initializable<A> && requires(const A a) {
 };
 /// What is added to both variances on the screen [px^2].
 template <AccuracyPolicy A>
-constexpr double screen_dilation(const A& accuracy) {
+RYE_HD constexpr double screen_dilation(const A& accuracy) {
     return A::antialias == Antialias::none ? 0.0 : accuracy.dilation;
 }
 static_assert(AccuracyPolicy<Balanced> && AccuracyPolicy<Compatible3dgsFloor>);

@@ -41,7 +41,7 @@ struct SplatCotangent {
 
 /// The record of a Gaussian of opacity o > 0.
 template <class A, class T>
-Splat<T> make_splat(const ScreenGaussian<T>& s, const T& opacity, const A& accuracy) {
+RYE_HD Splat<T> make_splat(const ScreenGaussian<T>& s, const T& opacity, const A& accuracy) {
     using std::log2;
     using R = real_t<T>;
     Splat<T> r;
@@ -64,7 +64,7 @@ Splat<T> make_splat(const ScreenGaussian<T>& s, const T& opacity, const A& accur
 
 /// What the sums over pixels say of the screen Gaussian.
 template <class T>
-ScreenCotangent<T> screen_cotangent(const Splat<T>& s, const SplatCotangent<T>& g) {
+RYE_HD ScreenCotangent<T> screen_cotangent(const Splat<T>& s, const SplatCotangent<T>& g) {
     using R = real_t<T>;
     const T square = T(R(unfold * unfold));        // once to unfold w, once to unfold L
     ScreenCotangent<T> r;

@@ -41,7 +41,7 @@ struct OutputImages {
 /// Policy A with other outputs.
 template <class A, Outputs O>
 struct Drawing : A {
-    constexpr Drawing(const A& a = {}) : A(a) {}
+    RYE_HD constexpr Drawing(const A& a = {}) : A(a) {}
     static constexpr Outputs outputs = O;
 };
 /// Policy A, for features and alpha alone.

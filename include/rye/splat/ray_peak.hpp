@@ -8,11 +8,8 @@
 /// Source: Radl et al., "StopThePop", 2024.
 #pragma once
 
-#include <algorithm>
-
 #include <rye/gaussian/gaussians.hpp>
-#include <rye/geometry/camera.hpp>
-#include <rye/math/rotation.hpp>
+#include <rye/gaussian/project.hpp>
 
 namespace rye {
 
@@ -23,7 +20,7 @@ struct RayPeak {
     R depth;                 ///< of the centre, for rays that lie in the plane of a flat Gaussian
 
     /// At a pixel, from the principal point [px].
-    R at(R px, R py) const {
+    RYE_HD R at(R px, R py) const {
         R sum(0), square(0);
         for (int i = 0; i < 3; ++i) {
             const R step = axes(i, 0) * px + axes(i, 1) * py + axes(i, 2);
@@ -34,36 +31,41 @@ struct RayPeak {
     }
 };
 
+/// Of a Gaussian's mean, rotation and scale, by a camera's pose and focal lengths [px].
+template <Real R>
+RYE_HD RayPeak<R> ray_peak(const Shape<R>& g, const Rigid<R>& pose, R fx, R fy) {
+    const Mat3<R> r = quat_matrix(quat_normalized(g.rotation));
+    const Vec3<R> m = pose.apply(g.mean);
+    const R least = min(min(g.scale[0], g.scale[1]), g.scale[2]);
+    RayPeak<R> p;
+    for (int a = 0; a < 3; ++a) {
+        const R weight = g.scale[a] > least ? least / g.scale[a] : R(1);
+        const Vec3<R> axis = pose.turn(Vec3<R>(r(0, a), r(1, a), r(2, a)));
+        p.axes(a, 0) = weight * axis[0] / fx;
+        p.axes(a, 1) = weight * axis[1] / fy;
+        p.axes(a, 2) = weight * axis[2];
+        p.along[a] = weight * dot(axis, m);
+    }
+    p.depth = m[2];
+    return p;
+}
+
 /// Of Gaussian i; of duals, their values.
 template <class T>
 RayPeak<real_t<T>> ray_peak(const Gaussians<T>& g, const Pinhole<T>& camera, Index i) {
     using R = real_t<T>;
     const auto value = [](const T& x) { return static_cast<R>(value_of(x)); };
     Rigid<R> pose;
-    Vec3<R> mean, scale;
-    Quat<R> q;
+    Shape<R> shape;
     for (int k = 0; k < 3; ++k) {
         for (int j = 0; j < 3; ++j)
             pose.rotation(k, j) = value(camera.camera_from_world.rotation(k, j));
         pose.translation[k] = value(camera.camera_from_world.translation[k]);
-        mean[k] = value(g.mean(k, i));
-        scale[k] = value(g.scale(k, i));
+        shape.mean[k] = value(g.mean(k, i));
+        shape.scale[k] = value(g.scale(k, i));
     }
-    for (int k = 0; k < 4; ++k) q[k] = value(g.rotation(k, i));
-    const Mat3<R> r = quat_matrix(quat_normalized(q));
-    const Vec3<R> m = pose.apply(mean);
-    const R least = std::min({scale[0], scale[1], scale[2]});
-    RayPeak<R> p;
-    for (int a = 0; a < 3; ++a) {
-        const R weight = scale[a] > least ? least / scale[a] : R(1);
-        const Vec3<R> axis = pose.turn(Vec3<R>(r(0, a), r(1, a), r(2, a)));
-        p.axes(a, 0) = weight * axis[0] / value(camera.fx);
-        p.axes(a, 1) = weight * axis[1] / value(camera.fy);
-        p.axes(a, 2) = weight * axis[2];
-        p.along[a] = weight * dot(axis, m);
-    }
-    p.depth = m[2];
-    return p;
+    for (int k = 0; k < 4; ++k) shape.rotation[k] = value(g.rotation(k, i));
+    return ray_peak(shape, pose, value(camera.fx), value(camera.fy));
 }
 
 } // namespace rye

@@ -3,14 +3,12 @@
 /// Source: bounds as in Radl et al., "StopThePop", 2024, but per row of tiles and exact.
 #pragma once
 
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <concepts>
 #include <cstdint>
-#include <limits>
 #include <type_traits>
 
+#include <rye/core/array.hpp>
 #include <rye/core/bit_cast.hpp>
 #include <rye/math/linalg.hpp>
 #include <rye/splat/accuracy.hpp>
@@ -43,8 +41,8 @@ struct PixelInterval {
 
 /// Whole pixels whose centres lie in [low, high], cut to [0, size).
 template <class R>
-PixelInterval<R> pixel_interval(const R& low, const R& high, int size) {
-    using std::ceil, std::floor, std::max, std::min;
+RYE_HD PixelInterval<R> pixel_interval(const R& low, const R& high, int size) {
+    using std::ceil, std::floor;
     using S = real_t<R>;
     const R top(static_cast<S>(size));
     const R b = ceil(min(top, R(max(R(S(0)), R(low - R(S(0.5)))))));
@@ -52,17 +50,17 @@ PixelInterval<R> pixel_interval(const R& low, const R& high, int size) {
     return {b, min(top, e)};
 }
 template <Real R>
-Span whole(const PixelInterval<R>& r) {
+RYE_HD Span whole(const PixelInterval<R>& r) {
     return {static_cast<int>(r.begin), static_cast<int>(r.end)};
 }
 template <Real R>
-Span pixels_between(R low, R high, int size) {
+RYE_HD Span pixels_between(R low, R high, int size) {
     return whole(pixel_interval(low, high, size));
 }
 /// Tiles along a side of an image.
-inline int tiles_across(int pixels) { return (pixels + tile_edge - 1) / tile_edge; }
+RYE_HD inline int tiles_across(int pixels) { return (pixels + tile_edge - 1) / tile_edge; }
 /// The tiles that these pixels lie in.
-inline Span tiles_of(const Span& px) {
+RYE_HD inline Span tiles_of(const Span& px) {
     if (px.begin >= px.end) return {};
     return {px.begin / tile_edge, (px.end - 1) / tile_edge + 1};
 }
@@ -74,9 +72,9 @@ struct Cover {
     Footprint<R> f;
     int width, height;           ///< of the image [px]
 
-    Span rows() const { return whole(row_range()); }
+    RYE_HD Span rows() const { return whole(row_range()); }
 
-    PixelInterval<R> row_range() const {
+    RYE_HD PixelInterval<R> row_range() const {
         using std::sqrt;
         if constexpr (support == Support::square) {
             return square(f.y, height);
@@ -87,9 +85,9 @@ struct Cover {
     }
 
     /// Columns of tiles of tile row `row`, whose pixels within `rows` are all that count.
-    Span columns(int row, const Span& rows) const {
-        const auto top = static_cast<R>(std::max(row * tile_edge, rows.begin));
-        const auto bottom = static_cast<R>(std::min((row + 1) * tile_edge, rows.end));
+    RYE_HD Span columns(int row, const Span& rows) const {
+        const auto top = static_cast<R>(max(row * tile_edge, rows.begin));
+        const auto bottom = static_cast<R>(min((row + 1) * tile_edge, rows.end));
         return tiles_of(whole(Slabs(*this).pixels(top, bottom)));
     }
 
@@ -98,7 +96,7 @@ struct Cover {
         const Cover& c;
         R slack, tilt, widest, squared, inverse_yy, left_over;
 
-        explicit Slabs(const Cover& cover) : c(cover) {
+        RYE_HD explicit Slabs(const Cover& cover) : c(cover) {
             using std::sqrt;
             const Footprint<R>& from = cover.f;
             slack = c.slack();
@@ -109,7 +107,7 @@ struct Cover {
             squared = from.radius * from.radius;
             left_over = from.determinant * inverse_yy;
         }
-        PixelInterval<R> pixels(const R& top, const R& bottom) const {
+        RYE_HD PixelInterval<R> pixels(const R& top, const R& bottom) const {
             if constexpr (support == Support::square) {
                 return c.square(c.f.x, c.width);
             } else {
@@ -121,8 +119,8 @@ struct Cover {
 
       private:
         /// Left (-1) or right (+1) end of the ellipse at the y in [low, high] nearest to `nearest`.
-        R end(const R& nearest, const R& low, const R& high, S side) const {
-            using std::max, std::min, std::sqrt;
+        RYE_HD R end(const R& nearest, const R& low, const R& high, S side) const {
+            using std::sqrt;
             const R at = min(high, R(max(low, nearest)));
             const R rest = max(R(S(0)), R(squared - at * at * inverse_yy));
             return tilt * at + R(side) * sqrt(R(rest * left_over));
@@ -131,16 +129,16 @@ struct Cover {
 
   private:
     /// Rounding moves a bound by a few units in the last place of a position; this covers it.
-    R slack() const {
+    RYE_HD R slack() const {
         using std::abs, std::sqrt;
-        return R(S(8) * std::numeric_limits<S>::epsilon()) *
+        return R(S(8) * Limits<S>::epsilon) *
                (abs(f.x) + abs(f.y) + f.radius * sqrt(f.covariance.xx) +
                 f.radius * sqrt(f.covariance.yy) + R(S(1)));
     }
 
     /// The 16 px tiles that [centre - radius, centre + radius] touches, as pixels.
-    PixelInterval<R> square(const R& centre, int size) const {
-        using std::floor, std::max, std::min;
+    RYE_HD PixelInterval<R> square(const R& centre, int size) const {
+        using std::floor;
         constexpr S coarse = 16;
         const R top(static_cast<S>(size) + coarse), zero(S(0)), p = centre - R(S(0.5));
         const auto touched = [&](const R& edge) {
@@ -154,13 +152,13 @@ struct Cover {
 /// Rows of pixels, and the columns of tiles in the few rows of tiles that most Gaussians span.
 struct TileRows : Span {
     static constexpr int most = 3;
-    std::array<std::array<std::uint16_t, 2>, most> columns;
+    Array<Array<std::uint16_t, 2>, most> columns;
 
-    int first_row() const { return begin / tile_edge; }
-    int last_row() const { return (end + tile_edge - 1) / tile_edge; }
+    RYE_HD int first_row() const { return begin / tile_edge; }
+    RYE_HD int last_row() const { return (end + tile_edge - 1) / tile_edge; }
     /// Whether an image's columns of tiles fit.
-    static bool fits(int width) { return width / tile_edge < 0xFFFF; }
-    bool known(int width) const { return last_row() - first_row() <= most && fits(width); }
+    RYE_HD static bool fits(int width) { return width / tile_edge < 0xFFFF; }
+    RYE_HD bool known(int width) const { return last_row() - first_row() <= most && fits(width); }
 };
 
 /// Tiles [begin, end) of a row of tiles.
@@ -191,7 +189,7 @@ void each_tile_row(int width, int height, const Rows& rows, const Footprint& foo
 
 /// Bits that compare as the number does.
 template <Real R>
-auto depth_key(R depth) {
+RYE_HD auto depth_key(R depth) {
     using Bits = std::conditional_t<sizeof(R) == 4, std::uint32_t, std::uint64_t>;
     const Bits b = bit_cast<Bits>(depth);
     constexpr Bits sign = Bits(1) << (8 * sizeof(Bits) - 1);

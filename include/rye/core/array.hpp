@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/core/array.hpp: N numbers side by side, as in std::array, whose functions device code may
+/// not call.
+#pragma once
+
+#include <cstddef>
+
+#include <rye/core/config.hpp>
+
+namespace rye {
+
+template <class T, std::size_t N>
+struct Array {
+    static_assert(N > 0, "Array: no entries");
+
+    T entries[N];
+
+    RYE_HD constexpr T& operator[](std::size_t i) { return entries[i]; }
+    RYE_HD constexpr const T& operator[](std::size_t i) const { return entries[i]; }
+    RYE_HD constexpr T* begin() { return entries; }
+    RYE_HD constexpr T* end() { return entries + N; }
+    RYE_HD constexpr const T* begin() const { return entries; }
+    RYE_HD constexpr const T* end() const { return entries + N; }
+    RYE_HD static constexpr std::size_t size() { return N; }
+};
+
+} // namespace rye

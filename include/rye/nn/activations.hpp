@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/nn/activations.hpp: what follows a network's layer, number by number, with its slope.
+#pragma once
+
+#include <cmath>
+
+#include <rye/core/concepts.hpp>
+#include <rye/math/scalar.hpp>
+
+namespace rye {
+
+/// A negative input keeps this share of itself.
+inline constexpr double leaky_slope = 0.01;
+
+/// x for x > 0, else 0.01 x. A NaN stays a NaN.
+template <class T>
+RYE_HD T leaky_relu(const T& x) {
+    return select(x > T(0), x, T(T(real_t<T>(leaky_slope)) * x));
+}
+
+/// The cotangent of the input from the *output* y, whose sign is that of the input.
+template <class T>
+RYE_HD T leaky_relu_vjp(const T& y, const T& g) {
+    return select(y > T(0), g, T(T(real_t<T>(leaky_slope)) * g));
+}
+
+/// x for x > 0, else 0. A NaN stays a NaN, unlike with max(0, x), so that it can be found.
+template <class T>
+RYE_HD T relu(const T& x) {
+    return select(x <= T(0), T(0), x);
+}
+
+template <class T>
+RYE_HD T relu_vjp(const T& y, const T& g) {
+    return select(y > T(0), g, T(0));
+}
+
+/// What bounds a network's output.
+enum class Squash { none, tanh, sigmoid };
+
+/// y = squash(v) of one number.
+template <Scalar T>
+RYE_HD T squash_value(Squash squash, const T& v) {
+    using std::tanh;
+    if (squash == Squash::tanh) return tanh(v);
+    return squash == Squash::sigmoid ? sigmoid(v) : v;
+}
+
+/// dy / dv, of y.
+template <Scalar T>
+RYE_HD T tanh_slope(const T& y) {
+    return (T(1) - y) * (T(1) + y);
+}
+template <Scalar T>
+RYE_HD T sigmoid_slope(const T& y) {
+    return y * (T(1) - y);
+}
+template <Scalar T>
+RYE_HD T squash_slope(Squash squash, const T& y) {
+    if (squash == Squash::tanh) return tanh_slope(y);
+    return squash == Squash::sigmoid ? sigmoid_slope(y) : T(1);
+}
+
+namespace detail {
+
+/// The clamp of the skip's base: half an 8-bit step is not visible, and z can still move it.
+inline constexpr double base_margin = 1e-3;
+
+template <class T>
+RYE_HD T clamped_base(const T& b) {
+    const auto m = static_cast<real_t<T>>(base_margin);
+    return clamp_value(b, T(m), T(1 - m));
+}
+
+/// Cotangent of b for that of z + logit(clamped_base(b)); half of it at the clamp's ends.
+template <class T>
+RYE_HD T clamped_base_vjp(const T& b, const T& g) {
+    using R = real_t<T>;
+    const R low = static_cast<R>(base_margin), high = 1 - low, v = value_of(b);
+    const R slope = v > low && v < high ? R(1) : v < low || v > high ? R(0) : R(0.5f);
+    const T c = clamped_base(b);
+    return T(slope) * g / (c * (T(1) - c));
+}
+
+/// b e^z / (b e^z + 1 - b) with an exponential that cannot overflow.
+template <class T>
+RYE_HD T odds_sigmoid(const T& b, const T& z) {
+    using std::abs, std::exp;
+    const T e = exp(-abs(z));
+    const T p = select(z < T(0), T(b * e), b), q = select(z < T(0), T(T(1) - b), T((T(1) - b) * e));
+    return p / (p + q);
+}
+
+} // namespace detail
+
+} // namespace rye
