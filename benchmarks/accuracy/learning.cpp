@@ -5,11 +5,10 @@
 #include <chrono>
 #include <cmath>
 
-#include <rye/backend/lanes.hpp>
 #include <rye/core/parallel.hpp>
 #include <rye/core/random.hpp>
 #include <rye/nn/mlp.hpp>
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include "scenes.hpp"
 #include "table.hpp"

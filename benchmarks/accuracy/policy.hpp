@@ -6,7 +6,7 @@
 #include <functional>
 #include <memory>
 
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include "scenes.hpp"
 

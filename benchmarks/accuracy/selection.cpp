@@ -6,7 +6,7 @@
 #include <ctime>
 
 #include <rye/splat/oracle.hpp>
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 #include <rye/splat/select_accuracy.hpp>
 
 #include "scenes.hpp"

@@ -15,9 +15,9 @@ source_of() { # NAME: headers, then what is instantiated
     case $1 in
     base) echo '#include <Eigen/Core>
 #include <xsimd/xsimd.hpp>' ;;
-    include) echo '#include <rye/splat/rasterizer.hpp>' ;;
+    include) echo '#include <rye/splat/lanes.hpp>' ;;
     scalar_forward | lanes_forward | scalar_both | lanes_both | lanes_double)
-        echo '#include <rye/splat/rasterizer.hpp>
+        echo '#include <rye/splat/lanes.hpp>
 using namespace rye;'
         real=float
         backend='ScalarBackend<Serial>'
@@ -30,8 +30,7 @@ using namespace rye;'
     const Raster<$real> y = r.forward(g, c, b);
     ${vjp:-return y;}
 }" ;;
-    mlp) echo '#include <rye/backend/lanes.hpp>
-#include <rye/nn/mlp.hpp>
+    mlp) echo '#include <rye/nn/mlp.hpp>
 using namespace rye;
 using B = XsimdBackend<DefaultArch, Serial>;
 void f(const Mlp<float>& m, const Columns<float>& x, const VecX<float>& v, Mlp<float>& g,
@@ -41,7 +40,6 @@ void f(const Mlp<float>& m, const Columns<float>& x, const VecX<float>& v, Mlp<f
     mlp_vjp(B{}, m, x, v, t, y, g, &gx, nullptr);
 }' ;;
     avatar) echo '#include <rye/avatar/two_stream.hpp>
-#include <rye/backend/lanes.hpp>
 using namespace rye;
 using B = XsimdBackend<DefaultArch, Serial>;
 void f(const TwoStream<float>& a, const AvatarConfig& c, const LandmarkRoles& r,

@@ -6,7 +6,7 @@
 
 #include <rye/gaussian/activate.hpp>
 #include <rye/nn/upsampler.hpp>
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include "../splatting/work.hpp"
 #include "turns.hpp"

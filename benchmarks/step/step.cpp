@@ -8,11 +8,10 @@
 #include <map>
 #include <string>
 
-#include <rye/backend/lanes.hpp>
 #include <rye/core/thread_pool.hpp>
 #include <rye/loss/smoothness.hpp>
 #include <rye/nn/adam.hpp>
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 #include <rye/train/stage_avatar.hpp>
 
 #include "../effects/subject.hpp"

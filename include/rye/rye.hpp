@@ -44,7 +44,10 @@
 #include <rye/gaussian/project.hpp>
 #include <rye/gaussian/sh_color.hpp>
 #include <rye/splat/accuracy.hpp>
+#include <rye/splat/blend.hpp>
 #include <rye/splat/falloff.hpp>
+#include <rye/splat/footprint.hpp>
+#include <rye/splat/lanes.hpp>
 #include <rye/splat/oracle.hpp>
 #include <rye/splat/raster.hpp>
 #include <rye/splat/rasterizer.hpp>
@@ -57,6 +60,7 @@
 #include <rye/splat/lanes/stage.hpp>
 #include <rye/splat/lanes/vjp.hpp>
 #include <rye/splat/plain/forward.hpp>
+#include <rye/splat/plain/kernels.hpp>
 #include <rye/splat/plain/stage.hpp>
 #include <rye/splat/plain/vjp.hpp>
 #include <rye/nn/adam.hpp>

@@ -3,7 +3,7 @@
 /// blended values can be written down; and the backends that a render is tried on.
 #pragma once
 
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include "report.hpp"
 

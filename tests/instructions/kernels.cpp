@@ -4,7 +4,7 @@
 #include <cstring>
 
 #include <rye/nn/mlp.hpp>
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include "../../benchmarks/scenes/head_scene.hpp"
 

@@ -5,7 +5,7 @@
 // loops, which portability.sh compares between processors; built with PLAIN_LOOPS_ONLY, no more.
 // Exit code 1 if a bound is not kept.
 #include <rye/rye.hpp>
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include <cstdio>
 #include <cstring>

@@ -6,7 +6,7 @@
 #include <limits>
 
 #include <rye/splat/oracle.hpp>
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include <doctest/doctest.h>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Once their memory is there, a render and its vjp allocate nothing.
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include <cstdlib>
 #include <new>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What is done about small Gaussians: none, dilate, mip; in renders and their gradients.
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include <doctest/doctest.h>
 

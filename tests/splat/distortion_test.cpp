@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Renders through a lens that bends: both backends, forward and vjp, against the pinhole, duals and
 // rays through every pixel.
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include <doctest/doctest.h>
 

@@ -3,7 +3,7 @@
 // presets promise, on random and on hard scenes.
 #include <rye/splat/oracle.hpp>
 
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include <doctest/doctest.h>
 

@@ -6,7 +6,7 @@
 #include <doctest/doctest.h>
 
 #include <rye/core/random.hpp>
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 using namespace rye;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a render must do whatever its policy: backends agree, threads and permutations change no
 // bit, crops are crops, bad numbers are left out and counted, and nothing is a picture too.
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include <doctest/doctest.h>
 

@@ -3,7 +3,7 @@
 #include <rye/splat/ray_peak.hpp>
 
 #include <rye/splat/oracle_vjp.hpp>
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include <doctest/doctest.h>
 

@@ -4,7 +4,7 @@
 #include <rye/splat/select_accuracy.hpp>
 
 #include <rye/splat/oracle.hpp>
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include <doctest/doctest.h>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // How a tile is cut for lanes, and which entries its strips are said to meet.
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include <memory>
 #include <vector>

@@ -11,10 +11,9 @@
 
 #include <CLI/CLI.hpp>
 
-#include <rye/backend/lanes.hpp>
 #include <rye/gaussian/activate.hpp>
 #include <rye/gaussian/ply.hpp>
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 #include <rye/splat/select_accuracy.hpp>
 
 #include "commands/commands.hpp"

@@ -4,9 +4,8 @@
 
 #include <rye/avatar/guidance_mesh.hpp>
 #include <rye/avatar/two_stream.hpp>
-#include <rye/backend/lanes.hpp>
 #include <rye/rig/eyeball.hpp>
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include "data/threads.hpp"
 

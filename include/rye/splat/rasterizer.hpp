@@ -2,8 +2,7 @@
 /// rye/splat/rasterizer.hpp: Gaussians to images of features, alpha and depth, and back.
 /// The derivative in a direction is `forward` on duals. Results do not depend on the number of
 /// threads: every (tile, Gaussian) pair owns its partial gradient, merged in the order of tiles.
-/// A camera may have a lens that bends (geometry/distortion.hpp). Its Gaussians are projected one
-/// at a time, in lanes' backends too; the pixels are walked as for any other camera.
+/// A camera may have a lens that bends (geometry/distortion.hpp).
 #pragma once
 
 #include <cstdint>
@@ -12,22 +11,13 @@
 #include <type_traits>
 
 #include <rye/backend/scalar.hpp>
-#include <rye/splat/lanes/forward.hpp>
-#include <rye/splat/lanes/stage.hpp>
-#include <rye/splat/lanes/vjp.hpp>
-#include <rye/splat/plain/stage.hpp>
-#include <rye/splat/plain/vjp.hpp>
+#include <rye/splat/plain/kernels.hpp>
 
 namespace rye {
 
-/// f with the number of channels as a constant where it is one of the few, else with 0.
-template <int... Few, class F>
-void with_channels(Index channels, F&& f) {
-    const bool few =
-        ((channels == Few && (f(std::integral_constant<int, Few>()), true)) || ... || false);
-    if (!few) f(std::integral_constant<int, 0>());
-}
-
+/// Draws Gaussians by the rules of A and differentiates the pictures, on any backend. The first
+/// argument of each call is the backend: what it runs on. For backends with lanes include
+/// splat/lanes.hpp.
 template <AccuracyPolicy A = Balanced>
 struct Rasterizer {
     A accuracy;
@@ -71,10 +61,7 @@ struct Rasterizer {
                       RasterScratch<T>& s) const {
         s.shape(g.count());
         for_chunks(backend.threads, g.count(), 1024, [&](Index b, Index e, Index) {
-            if constexpr (LaneBackend<B, T> && !D::bends)
-                project_range_lanes<typename B::template batch<T>>(g, camera, accuracy, b, e, s);
-            else
-                project_range(g, camera, accuracy, b, e, s);
+            SplatKernels<B, T>::project(g, camera, accuracy, {b, e}, s);
         });
     }
 
@@ -83,15 +70,7 @@ struct Rasterizer {
     void blend_into(const B& backend, const Scene<T>& scene, const DrawnTiles& drawn, Index count, Drawn<T>& out,
                     RasterScratch<T>& s) const {
         for_tiles(backend, count, [&](Index b, Index e) {
-            if constexpr (LaneBackend<B, T>) {
-                using V = typename B::template batch<T>;
-                const auto canvas = s.workspaces.template lend<LaneCanvas<V>>();
-                with_channels<1, 3, 4, 8>(scene.feature.rows(), [&](auto c) {
-                    blend_tiles_lanes<V, c>(scene, accuracy, drawn, {b, e}, out, *canvas);
-                });
-            } else {
-                for (Index k = b; k < e; ++k) blend_tile(scene, accuracy, drawn.tile(k), out);
-            }
+            SplatKernels<B, T>::blend(scene, accuracy, drawn, {b, e}, out, s.workspaces);
         });
     }
 
@@ -128,35 +107,13 @@ struct Rasterizer {
         s.slots.shape(trace.lists.entries(), g.channels());
         const Scene<T> scene = scene_of(g, camera, background, trace);
         for_tiles(backend, trace.lists.tiles(), [&](Index b, Index e) {
-            if constexpr (LaneBackend<B, T>) {
-                using V = typename B::template batch<T>;
-                const auto tape = s.workspaces.template lend<LaneTape<V>>();
-                const bool extra = cotangent.alpha != nullptr || cotangent.depth != nullptr;
-                with_channels<1, 3, 4>(g.channels(), [&](auto c) {
-                    for (Index t = b; t < e; ++t)
-                        if (extra)
-                            blend_tile_vjp_lanes<V, c, true>(scene, accuracy, cotangent, t, s,
-                                                             *tape);
-                        else
-                            blend_tile_vjp_lanes<V, c, false>(scene, accuracy, cotangent, t, s,
-                                                              *tape);
-                });
-            } else {
-                std::vector<Hit<T>> hits;
-                for (Index t = b; t < e; ++t)
-                    blend_tile_vjp(scene, accuracy, cotangent, t, s, hits);
-            }
+            SplatKernels<B, T>::blend_vjp(scene, accuracy, cotangent, {b, e}, s);
         });
         Gaussians<T>::fields([](const std::string&, Columns<T>& a,
                                 const Columns<T>& like) { a.resize(like.rows(), like.cols()); },
                              out, g);
         for_chunks(backend.threads, g.count(), 1024, [&](Index b, Index e, Index) {
-            if constexpr (LaneBackend<B, T> && !D::bends) {
-                using V = typename B::template batch<T>;
-                const auto sums = s.workspaces.template lend<LaneSums<V>>();
-                pull_back_range_lanes<V>(g, camera, accuracy, trace, s.slots, b, e, out, *sums);
-            } else
-                pull_back_range(g, camera, accuracy, trace, s.slots, b, e, out);
+            SplatKernels<B, T>::project_vjp(g, camera, accuracy, trace, {b, e}, s, out);
         });
     }
 
@@ -195,10 +152,10 @@ struct Rasterizer {
         });
     }
 
-    /// A sentence that is made only when it is said: a step that fits allocates nothing.
-    template <class Sentence>
-    static void expect(bool condition, const Sentence& sentence) {
-        if (!condition) throw Error("rasterizer: " + sentence());
+    /// Builds the message only on failure; a warmed-up step allocates nothing.
+    template <class Message>
+    static void expect(bool condition, const Message& message) {
+        if (!condition) throw Error("rasterizer: " + message());
     }
 
     template <class T, Distortion D>

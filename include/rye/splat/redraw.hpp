@@ -13,7 +13,7 @@
 #include <vector>
 
 #include <rye/core/region.hpp>
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 #include <rye/splat/tile_changes.hpp>
 
 namespace rye {

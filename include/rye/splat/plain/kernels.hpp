@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/plain/kernels.hpp: what Rasterizer runs on a backend's threads, and its choice by the
+/// backend's type. Here are the plain loops, for any scalar; splat/lanes.hpp adds the lanes'.
+#pragma once
+
+#include <vector>
+
+#include <rye/splat/plain/stage.hpp>
+#include <rye/splat/plain/vjp.hpp>
+
+namespace rye {
+
+/// Indices [begin, end) of the Gaussians or tiles of one chunk.
+struct ChunkRange {
+    Index begin, end;
+};
+
+template <class T>
+struct PlainSplatKernels {
+    /// Projects Gaussians: candidate and state of each.
+    template <class A, Distortion D>
+    static void project(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
+                        ChunkRange r, RasterScratch<T>& s) {
+        project_range(g, camera, accuracy, r.begin, r.end, s);
+    }
+    /// Draws tiles drawn.tile(k), k in r.
+    template <class A>
+    static void blend(const Scene<T>& scene, const A& accuracy, const DrawnTiles& drawn,
+                      ChunkRange r, Raster<T, A::outputs>& out, Workspaces&) {
+        for (Index k = r.begin; k < r.end; ++k) blend_tile(scene, accuracy, drawn.tile(k), out);
+    }
+    /// Adds the partial gradients of tiles r to their slots.
+    template <class A>
+    static void blend_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotangent<T>& g,
+                          ChunkRange r, RasterScratch<T>& s) {
+        std::vector<Hit<T>> hits;
+        for (Index t = r.begin; t < r.end; ++t) blend_tile_vjp(scene, accuracy, g, t, s, hits);
+    }
+    /// Gradients of Gaussians from their slots.
+    template <class A, Distortion D>
+    static void project_vjp(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
+                            const RasterTrace<T>& trace, ChunkRange r, RasterScratch<T>& s,
+                            Gaussians<T>& out) {
+        pull_back_range(g, camera, accuracy, trace, s.slots, r.begin, r.end, out);
+    }
+};
+
+/// The kernels of backend B for scalars T.
+template <class B, class T>
+struct SplatKernels : PlainSplatKernels<T> {
+    static_assert(!LaneBackend<B, T>,
+                  "rasterizer: this backend has lanes; include <rye/splat/lanes.hpp>");
+};
+
+} // namespace rye
