@@ -33,7 +33,8 @@ int main() {
 
     // The loss is half the sum of squares, so its gradient by the picture is the picture.
     const auto loss = [&](const Gaussians<double>& x) {
-        return 0.5 * rasterizer.forward(ScalarBackend<>{}, x, camera, black).feature.pixels.squaredNorm();
+        return 0.5 *
+               rasterizer.forward(ScalarBackend<>{}, x, camera, black).feature.pixels.squaredNorm();
     };
     const Gaussians<double> gradient =
         rasterizer.vjp(ScalarBackend<>{}, g, camera, black, raster, raster.feature.pixels);

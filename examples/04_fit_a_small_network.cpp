@@ -48,7 +48,7 @@ int main() {
 
         Mlp<float> gradient = zeros_like(network);
         mlp_vjp(B{}, network, encoded, frame, trace, Columns<float>(error * (2.0f / float(n))),
-                   gradient, nullptr, nullptr);
+                gradient, nullptr, nullptr);
         adam_step(B{}, network, gradient, adam, [](const std::string&) { return 1e-2; });
     }
     return loss < 0.01 * first ? 0 : 1;

@@ -56,9 +56,8 @@ std::pair<double, double> train(const Policy& policy, const Policy& judge, const
         gradient.scale.array() *= g.scale.array();
         gradient.opacity.array() *= g.opacity.array() * (1 - g.opacity.array());
         const double rate = std::pow(0.1, double(step) / steps); // to a tenth at the end
-        adam_step(Lanes{}, raw, gradient, adam, [&](const std::string& name) {
-            return rate * (name == "mean" ? 2e-3 : 2e-2);
-        });
+        adam_step(Lanes{}, raw, gradient, adam,
+                  [&](const std::string& name) { return rate * (name == "mean" ? 2e-3 : 2e-2); });
     }
     const Gaussians<float> g = activated(raw);
     for (Runner* r : {&runner, &exact}) {

@@ -22,15 +22,17 @@ void convolution(benchmark::State& state) {
     double forward = 1e30, input = 1e30, weights = 1e30;
     for (auto _ : state)
         for (int round = 0; round < 5; ++round) {
-            forward = std::min(forward, least_time(1, [&] {
-                benchmark::DoNotOptimize(convolve3x3(B{}, weight, wide).pixels.data());
-            }));
+            forward =
+                std::min(forward, least_time(1, [&] {
+                             benchmark::DoNotOptimize(convolve3x3(B{}, weight, wide).pixels.data());
+                         }));
             input = std::min(input, least_time(1, [&] {
-                benchmark::DoNotOptimize(convolve3x3_vjp_input(B{}, weight, wide_g).pixels.data());
-            }));
+                                 benchmark::DoNotOptimize(
+                                     convolve3x3_vjp_input(B{}, weight, wide_g).pixels.data());
+                             }));
             weights = std::min(weights, least_time(1, [&] {
-                convolve3x3_vjp_weight(B{}, wide, wide_g, g_weight);
-            }));
+                                   convolve3x3_vjp_weight(B{}, wide, wide_g, g_weight);
+                               }));
         }
     const double flops = 2.0 * 9 * channels * channels * size * size;
     state.counters["mflop"] = 1e-6 * flops;

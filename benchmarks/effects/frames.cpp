@@ -218,8 +218,8 @@ BENCHMARK(nothing)->Iterations(1);
 /// The far threshold of the expression below which `percent` of the points lie.
 double threshold(const Subject& s, Index percent) {
     const Columns<float>& x = s.avatar.face.position;
-    const Columns<float> d = nearest_squared_distance<float>(OneThread{}, 
-        x, pick_columns(s.avatar.face.landmarks, s.roles.expression), nullptr);
+    const Columns<float> d = nearest_squared_distance<float>(
+        OneThread{}, x, pick_columns(s.avatar.face.landmarks, s.roles.expression), nullptr);
     std::vector<float> sorted(d.data(), d.data() + d.size());
     std::sort(sorted.begin(), sorted.end());
     const std::size_t k = sorted.size() * static_cast<std::size_t>(percent) / 100;

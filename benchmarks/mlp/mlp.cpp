@@ -7,8 +7,8 @@
 #include <omp.h>
 #endif
 
-#include <rye/backend/scalar.hpp>
 #include <rye/backend/lanes.hpp>
+#include <rye/backend/scalar.hpp>
 #include <rye/nn/mlp.hpp>
 
 #include "../roofline/machine.hpp"

@@ -62,8 +62,8 @@ void error(benchmark::State& state) {
     const VecX<double> black = VecX<double>::Zero(g.channels());
     const Rasterizer<HeadRules> reference;
     const auto r = reference.forward(ScalarBackend<>{}, g, camera, black);
-    const Gaussians<double> d = reference.vjp(ScalarBackend<>{}, 
-        g, camera, black, r, Columns<double>(work.scene.cotangent.cast<double>()));
+    const Gaussians<double> d = reference.vjp(ScalarBackend<>{}, g, camera, black, r,
+                                              Columns<double>(work.scene.cotangent.cast<double>()));
     const auto relative = [](const Columns<float>& a, const Columns<double>& b) {
         return (a.cast<double>() - b).norm() / b.norm();
     };

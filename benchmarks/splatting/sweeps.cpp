@@ -36,9 +36,9 @@ void stages(benchmark::State& state) {
                 project_range_lanes<V>(w.scene.gaussians, w.scene.camera, rules, 0, n, w.scratch);
             }));
             lists = std::min(lists, least_time(1, [&] {
-                arrange(OneThread{}, w.scene.gaussians, w.scene.camera, rules, w.scratch,
-                                   w.raster.trace);
-            }));
+                                 arrange(OneThread{}, w.scene.gaussians, w.scene.camera, rules,
+                                         w.scratch, w.raster.trace);
+                             }));
         }
     state.counters["project_ms"] = 1e3 * project;
     state.counters["lists_ms"] = 1e3 * lists;
@@ -122,7 +122,7 @@ void threads(benchmark::State& state) {
     ThreadPool pool(static_cast<int>(state.range(1)));
     const XsimdBackend backend{pool.threads()};
     Work<std::remove_const_t<decltype(backend)>, HeadRules> work{head_scene(state.range(0), 3),
-                                                                  backend};
+                                                                 backend};
     Work<OneThread, HeadRules> alone{work.scene};
     Times one, many;
     for (auto _ : state)

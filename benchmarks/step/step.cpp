@@ -93,9 +93,10 @@ AvatarSample<float> sample_of(const Subject& s, const Rasterizer<Balanced>& rast
     TwoStreamTrace<float> trace;
     const B backend = on_threads(1);
     drive(backend, s.avatar, s.config, s.roles, other, trace);
-    const Raster<float> shown =
-        rasterizer.forward(backend, joined(trace.world_face, trace.world_eyes), s.camera, s.background);
-    const Raster<float> eyes = rasterizer.forward(backend, trace.world_eyes, s.camera, s.background);
+    const Raster<float> shown = rasterizer.forward(
+        backend, joined(trace.world_face, trace.world_eyes), s.camera, s.background);
+    const Raster<float> eyes =
+        rasterizer.forward(backend, trace.world_eyes, s.camera, s.background);
     sample.truth = upsampler_forward(backend, s.avatar.upsampler, shown.feature, nullptr);
     sample.truth_small = sample.truth;
     sample.mask_small = shown.alpha.pixels;
@@ -159,10 +160,11 @@ struct Trainer {
   private:
     void step(LeastTimes& times) {
         times.begin_step();
-        avatar_losses(backend, avatar, s.config, s.roles, weights, rasterizer, PyramidGradientLoss{},
-                         sample, trace, pictures, times);
+        avatar_losses(backend, avatar, s.config, s.roles, weights, rasterizer,
+                      PyramidGradientLoss{}, sample, trace, pictures, times);
         Avatar::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
-        avatar_losses_vjp(backend, avatar, s.config, rasterizer, sample, trace, pictures, grad, times);
+        avatar_losses_vjp(backend, avatar, s.config, rasterizer, sample, trace, pictures, grad,
+                          times);
         const LossGradient<float> smooth = smoothness(avatar.eyes.feature, neighbours);
         grad.eyes.feature += float(weights.eye_smooth) * smooth.gradient;
         adam_step(backend, avatar, grad, adam, [](const std::string&) { return 1e-4; });

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// synthetic_capture/head_grid.hpp: the closed skin of rye's own head as a grid of rows and columns.
-/// Columns are longitudes about a vertical axis, rows run from the crown to the chest; rays from
-/// inside meet the sculpted surface. One row passes along the eyes, one along the mouth, and both
-/// are cut there: the vertices between the corners exist twice, for upper and lower lid or lip.
-/// Head frame and units of head_model.hpp.
+/// synthetic_capture/head_grid.hpp: the closed skin of rye's own head as a grid of rows and
+/// columns. Columns are longitudes about a vertical axis, rows run from the crown to the chest;
+/// rays from inside meet the sculpted surface. One row passes along the eyes, one along the mouth,
+/// and both are cut there: the vertices between the corners exist twice, for upper and lower lid or
+/// lip. Head frame and units of head_model.hpp.
 #pragma once
 
 #include <array>

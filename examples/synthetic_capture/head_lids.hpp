@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// synthetic_capture/head_lids.hpp: the eyelids of rye's own head. The closed lids are a part of the
-/// skin; opened, each slides over the eyeball in directions seen from the eye's centre, stretching
-/// the skin up to brow and cheek. Head frame and units of head_model.hpp.
+/// synthetic_capture/head_lids.hpp: the eyelids of rye's own head. The closed lids are a part of
+/// the skin; opened, each slides over the eyeball in directions seen from the eye's centre,
+/// stretching the skin up to brow and cheek. Head frame and units of head_model.hpp.
 #pragma once
 
 #include <vector>

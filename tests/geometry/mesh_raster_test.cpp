@@ -116,7 +116,7 @@ double raster_dot_error(const TriangleMesh<T>& m, const Pinhole<T>& camera, Inde
                      wd = random_columns<T>(1, pixels, 6) * T(depth_weight);
     Columns<T> ws = random_columns<T>(1, pixels, 5);
     const MeshRaster<D> moved = rasterize_mesh<D>(Plain{}, lifted(m.vertices, dx), m.faces, camera,
-                                                         lifted(a, da), settings);
+                                                  lifted(a, da), settings);
     const MeshRaster<T> still = draw<T>(m, camera, a, settings);
     CHECK(still.face == moved.face);
     const std::vector<Index> ties = undecided(still, moved);
@@ -366,7 +366,8 @@ TEST_CASE("rasterize_mesh: covered pixels give the silhouette no gradient; it pu
     const Columns<double> none(0, m.vertices.cols());
     const MeshRaster<double> r = draw<double>(m, camera, none);
     const auto pull = [&](const Columns<double>& w) {
-        return rasterize_mesh_vjp<double>(Plain{}, r, m.faces, camera, none, {nullptr, &w}).vertices;
+        return rasterize_mesh_vjp<double>(Plain{}, r, m.faces, camera, none, {nullptr, &w})
+            .vertices;
     };
     CHECK(pull(r.mask.pixels).norm() == 0);
     const Columns<double> g = pull((1 - r.mask.pixels.array()).matrix());
@@ -393,8 +394,9 @@ TEST_CASE("rasterize_mesh: duals agree with central differences where no visibil
     m.faces = {{0, 1, 2}};
     const Pinhole<double> camera = straight<double>(32, 32);
     const Columns<double> dx = random_columns<double>(3, 3, 1), a = random_columns<double>(4, 3, 2);
-    const MeshRaster<Dual<double, 1>> exact = rasterize_mesh<Dual<double, 1>>(Plain{}, 
-        lifted(m.vertices, dx), m.faces, camera, lifted<double>(a, Columns<double>::Zero(4, 3)));
+    const MeshRaster<Dual<double, 1>> exact =
+        rasterize_mesh<Dual<double, 1>>(Plain{}, lifted(m.vertices, dx), m.faces, camera,
+                                        lifted<double>(a, Columns<double>::Zero(4, 3)));
     const double h = 1e-6;
     const auto at = [&](double s) {
         return draw<double>({m.vertices + s * dx, m.faces}, camera, a);
@@ -421,13 +423,15 @@ TEST_CASE("rasterize_mesh: threads change no bit") {
                          wa = random_columns<float>(35, 96 * 90, 2),
                          ws = random_columns<float>(1, 96 * 90, 3);
     const MeshRaster<float> one = draw<float>(m, camera, a),
-                            many = rasterize_mesh<float>(Threaded{}, m.vertices, m.faces, camera, a);
+                            many =
+                                rasterize_mesh<float>(Threaded{}, m.vertices, m.faces, camera, a);
     CHECK(one.face == many.face);
     CHECK(one.attributes.pixels == many.attributes.pixels);
     CHECK(one.silhouette.pixels == many.silhouette.pixels);
-    const MeshRasterGradient<float>
-        g = rasterize_mesh_vjp<float>(Plain{}, one, m.faces, camera, a, {&wa, &ws}),
-        h = rasterize_mesh_vjp<float>(Threaded{}, many, m.faces, camera, a, {&wa, &ws});
+    const MeshRasterGradient<float> g = rasterize_mesh_vjp<float>(Plain{}, one, m.faces, camera, a,
+                                                                  {&wa, &ws}),
+                                    h = rasterize_mesh_vjp<float>(Threaded{}, many, m.faces, camera,
+                                                                  a, {&wa, &ws});
     CHECK(g.vertices == h.vertices);
     CHECK(g.attributes == h.attributes);
 }

@@ -111,7 +111,7 @@ void f8_f9(Report& report) {
                           std::isfinite(zero / zero));
     const LossTerm<T> nothing = landmark_term<T>(Columns<T>(1, 0));
     const auto blink = masked_l1<T>(ScalarBackend<>{}, picture<T>(3).pixels, picture<T>(2).pixels,
-                                                     Columns<T>(Columns<T>::Zero(1, 480)));
+                                    Columns<T>(Columns<T>::Zero(1, 480)));
     report.holds("F9", kind_of<T>(), "mean over nothing: value 0, count 0; blink: gradient 0",
                  nothing.value == T(0) && nothing.count == 0 && blink.value == T(0) &&
                      blink.gradient.isZero(0));

@@ -165,7 +165,7 @@ void g7(Report& report) {
         finite = finite && r.attributes.pixels.allFinite() && r.silhouette.pixels.allFinite();
         const Columns<T> ones = Columns<T>::Ones(1, 256);
         const auto g = rasterize_mesh_vjp<T>(ScalarBackend<>{}, r, {{0, 1, 2}}, camera, values,
-                                                              {&ones, &ones, &ones});
+                                             {&ones, &ones, &ones});
         finite = finite && g.vertices.allFinite();
     }
     report.holds("G7", kind_of<T>(), "edge-on, behind, 1e6 beside: mask and gradient finite",

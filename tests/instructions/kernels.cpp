@@ -40,13 +40,13 @@ Network* network = nullptr;
 extern "C" {
 
 [[gnu::noinline]] void splat_forward() {
-    job->rasterizer.forward_into(Lanes{}, job->scene.gaussians, job->scene.camera, job->scene.background,
-                                 job->raster, &job->scratch);
+    job->rasterizer.forward_into(Lanes{}, job->scene.gaussians, job->scene.camera,
+                                 job->scene.background, job->raster, &job->scratch);
 }
 [[gnu::noinline]] void splat_backward() {
-    job->rasterizer.vjp_into(Lanes{}, job->scene.gaussians, job->scene.camera, job->scene.background,
-                             job->raster, RasterCotangent<float>{job->scene.cotangent},
-                             job->gradient, &job->scratch);
+    job->rasterizer.vjp_into(
+        Lanes{}, job->scene.gaussians, job->scene.camera, job->scene.background, job->raster,
+        RasterCotangent<float>{job->scene.cotangent}, job->gradient, &job->scratch);
 }
 
 [[gnu::noinline]] void mlp_forward() {
@@ -55,7 +55,7 @@ extern "C" {
 }
 [[gnu::noinline]] void mlp_backward() {
     mlp_vjp(Lanes{}, network->mlp, network->points, network->frame, network->trace, network->out,
-                   network->gradient, &network->g_points, nullptr);
+            network->gradient, &network->g_points, nullptr);
 }
 
 } // extern "C"

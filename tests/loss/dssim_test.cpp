@@ -28,8 +28,7 @@ double law_error(int width, int height) {
     x.pixels = lifted(a.pixels, da);
     y.pixels = lifted(b.pixels, Columns<T>(Columns<T>::Zero(3, b.size())));
     DotProducts d;
-    const Columns<T> slope =
-        Columns<T>::Constant(1, 1, dssim<Dual<T, 1>>(B{}, x, y).value.d[0]);
+    const Columns<T> slope = Columns<T>::Constant(1, 1, dssim<Dual<T, 1>>(B{}, x, y).value.d[0]);
     d.add_forward(slope, Columns<T>(Columns<T>::Ones(1, 1)));
     d.add_reverse(dssim<T>(B{}, a, b).gradient, da);
     return d.error();

@@ -112,7 +112,8 @@ TEST_CASE("lpips: equals the definition, also for odd sizes; 0 for equal images"
     const LpipsVgg<double> loss{random_weights<double>(1)};
     for (const auto& [w, h] : {std::pair(32, 32), {37, 21}}) {
         const Image<double> a = random_image<double>(w, h, 1), b = random_image<double>(w, h, 2);
-        CHECK(loss(lanes, a, b).value == doctest::Approx(plain_lpips(loss.weights, a, b)).epsilon(1e-12));
+        CHECK(loss(lanes, a, b).value ==
+              doctest::Approx(plain_lpips(loss.weights, a, b)).epsilon(1e-12));
         CHECK(loss(lanes, a, a).value == 0);
         CHECK(loss(lanes, a, a).gradient.isZero(0));
     }
@@ -149,6 +150,7 @@ TEST_CASE("lpips: features that are all zero give no NaN") {
 
 TEST_CASE("lpips: images too small or of other channels are refused") {
     const LpipsVgg<float> loss{random_weights<float>(1)};
-    CHECK_THROWS_AS(loss(lanes, random_image<float>(15, 32, 1), random_image<float>(15, 32, 1)), Error);
+    CHECK_THROWS_AS(loss(lanes, random_image<float>(15, 32, 1), random_image<float>(15, 32, 1)),
+                    Error);
     CHECK_THROWS_AS(loss(lanes, Image<float>(32, 32, 4), Image<float>(32, 32, 4)), Error);
 }

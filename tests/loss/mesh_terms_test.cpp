@@ -134,8 +134,9 @@ TEST_CASE_TEMPLATE("mesh terms: gradients agree with duals", T, float, double) {
 TEST_CASE("mesh terms: nothing to average is 0, counted as 0") {
     const Columns<double> points(3, 0), row(1, 0);
     for (const LossTerm<double>& t :
-         {color_term<double>(Plain{}, points, points, row), deformation_term<double>(points, points),
-          offset_term<double>(points), landmark_term<double>(row), laplacian_term<double>(points, {}),
+         {color_term<double>(Plain{}, points, points, row),
+          deformation_term<double>(points, points), offset_term<double>(points),
+          landmark_term<double>(row), laplacian_term<double>(points, {}),
           eye_offset_term<double>(points, points)}) {
         CHECK(t.value == 0);
         CHECK(t.count == 0);

@@ -36,7 +36,8 @@ TEST_CASE("pyramid gradient: constants do not count, and an edge counts on every
     for (int y = 0; y < 16; ++y)
         for (int x = 8; x < 16; ++x) a.at(x, y).array() += 0.3;
     // One of w - 1 differences of each row, on widths 16, 8 and 4.
-    CHECK(loss(ScalarBackend{}, a, b).value == doctest::Approx(0.3 * (1.0 / 15 + 1.0 / 7 + 1.0 / 3)));
+    CHECK(loss(ScalarBackend{}, a, b).value ==
+          doctest::Approx(0.3 * (1.0 / 15 + 1.0 / 7 + 1.0 / 3)));
     const PyramidGradientLoss coarse{{0, 0, 2}};
     CHECK(coarse(ScalarBackend{}, a, b).value == doctest::Approx(2 * 0.3 / 3));
 }
@@ -70,5 +71,7 @@ TEST_CASE("pyramid gradient: the same bits with any kind of threads") {
 }
 
 TEST_CASE("pyramid gradient: images of different shapes are refused") {
-    CHECK_THROWS_AS(PyramidGradientLoss()(ScalarBackend{}, random_image(4, 4, 1), random_image(4, 5, 1)), Error);
+    CHECK_THROWS_AS(
+        PyramidGradientLoss()(ScalarBackend{}, random_image(4, 4, 1), random_image(4, 5, 1)),
+        Error);
 }

@@ -69,7 +69,7 @@ TEST_CASE("ssim: equal images give exactly 1, nothing gives more") {
     CHECK(ssim(B{}, Image<float>(11, 11, 1, 1.0f), Image<float>(11, 11, 1, 0.0f), {}) ==
           doctest::Approx(1e-4 / (1 + 1e-4)));
     CHECK(ssim(B{}, random_image(12, 12, 1, 1), random_image(12, 12, 1, 2),
-                  Columns<double>::Zero(1, 144)) == 1.0);
+               Columns<double>::Zero(1, 144)) == 1.0);
 }
 
 TEST_CASE("ssim: symmetric, and the same bits with any kind of threads") {
@@ -81,6 +81,6 @@ TEST_CASE("ssim: symmetric, and the same bits with any kind of threads") {
 TEST_CASE("ssim: images too small or of different shapes are refused") {
     CHECK_THROWS_AS(ssim(B{}, Image<float>(10, 20, 3), Image<float>(10, 20, 3), {}), Error);
     CHECK_THROWS_AS(ssim(B{}, Image<float>(20, 20, 3), Image<float>(20, 21, 3), {}), Error);
-    CHECK_THROWS_AS(ssim(B{}, Image<float>(20, 20, 3), Image<float>(20, 20, 3), Columns<float>(1, 9)),
-                    Error);
+    CHECK_THROWS_AS(
+        ssim(B{}, Image<float>(20, 20, 3), Image<float>(20, 20, 3), Columns<float>(1, 9)), Error);
 }

@@ -51,7 +51,8 @@ void splatting(const char* name, const A& accuracy) {
     const auto op = [&](const auto& x) {
         using S = typename std::decay_t<decltype(x)>::Scalar;
         const VecX<S> background = VecX<S>::Constant(2, S(0.3F));
-        const auto r = rasterizer.forward(ScalarBackend<Serial>{}, gaussians_of(x), camera<S>(), background);
+        const auto r =
+            rasterizer.forward(ScalarBackend<Serial>{}, gaussians_of(x), camera<S>(), background);
         Columns<S> y(4 * pixels, 1);
         for (Index p = 0; p < 2 * pixels; ++p) y(p, 0) = r.feature.pixels.data()[p];
         for (Index p = 0; p < pixels; ++p) {
@@ -69,7 +70,8 @@ void splatting(const char* name, const A& accuracy) {
         const Columns<S> wf = w.topRows(2 * pixels).reshaped(2, pixels);
         const Columns<S> wa = w.middleRows(2 * pixels, pixels).transpose();
         const Columns<S> wd = w.bottomRows(pixels).transpose();
-        const auto d = rasterizer.vjp(ScalarBackend<Serial>{}, g, camera<S>(), background, r, wf, &wa, &wd);
+        const auto d =
+            rasterizer.vjp(ScalarBackend<Serial>{}, g, camera<S>(), background, r, wf, &wa, &wd);
         auto out = x;
         for (Index i = 0; i < count; ++i) {
             const Index o = i * per;

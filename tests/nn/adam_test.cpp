@@ -3,8 +3,8 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/backend/scalar.hpp>
 #include <rye/backend/lanes.hpp>
+#include <rye/backend/scalar.hpp>
 
 #include "adjoint.hpp"
 
@@ -100,7 +100,7 @@ TEST_CASE("adam: a field that starts late takes the same first step") {
     Adam<Two<double>> state(p);
     for (int t = 0; t < 50; ++t)
         adam_step(ScalarBackend<>{}, p, g, state,
-                                   [](const std::string& n) { return n == "a" ? 1e-2 : 0.0; });
+                  [](const std::string& n) { return n == "a" ? 1e-2 : 0.0; });
     const Columns<double> before = p.b;
     adam_step(ScalarBackend<>{}, p, g, state, everything);
     CHECK((p.b - before).cwiseAbs().maxCoeff() == doctest::Approx(1e-2).epsilon(1e-6));

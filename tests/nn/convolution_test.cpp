@@ -3,8 +3,8 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/backend/scalar.hpp>
 #include <rye/backend/lanes.hpp>
+#include <rye/backend/scalar.hpp>
 
 #include "adjoint.hpp"
 
@@ -51,8 +51,9 @@ TEST_CASE_TEMPLATE("convolution: equals its definition", B, ScalarBackend<>, Xsi
         const Columns<double> w = random_columns<double>(s.out, 9 * s.in, 1);
         const Image<double> in = random_image<double>(s.width, s.height, s.in, 2);
         const Image<double> expected = plain_convolution(w, in);
-        CHECK((convolve3x3(B{}, w, padded(B{}, in)).pixels - expected.pixels).cwiseAbs().maxCoeff() <
-              1e-12);
+        CHECK(
+            (convolve3x3(B{}, w, padded(B{}, in)).pixels - expected.pixels).cwiseAbs().maxCoeff() <
+            1e-12);
         const Columns<float> wf = w.cast<float>();
         Image<float> inf(s.width, s.height, s.in);
         inf.pixels = in.pixels.cast<float>();

@@ -3,8 +3,8 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/backend/scalar.hpp>
 #include <rye/backend/lanes.hpp>
+#include <rye/backend/scalar.hpp>
 
 #include "adjoint.hpp"
 

@@ -50,8 +50,9 @@ struct Scene {
     std::string draw(const std::vector<std::string>& options) const {
         CLI::App app;
         add_redirect(app);
-        std::vector<std::string> words{"redirect", "--run",   (folder.path / "run").string(),
-                                       "--out",    picture.string(), "--threads", "1"};
+        std::vector<std::string> words{"redirect", "--run",          (folder.path / "run").string(),
+                                       "--out",    picture.string(), "--threads",
+                                       "1"};
         words.insert(words.end(), options.begin(), options.end());
         std::reverse(words.begin(), words.end());  // as CLI11 takes them
         fs::remove(picture);
@@ -107,7 +108,7 @@ TEST_CASE("redirect: files of other frames are not read, and the picture has the
         CHECK(scene.draw(calls[k]) == before[k]);
     }
     CHECK_FAULT(scene.draw({"--frame", "0002"}), "0002");
-    CHECK_FAULT(scene.draw({}), "0003");  // the first test frame
+    CHECK_FAULT(scene.draw({}), "0003"); // the first test frame
 }
 
 TEST_CASE("redirect: the first test frame is drawn without the others") {
@@ -147,7 +148,8 @@ TEST_CASE("redirect: frames of a capture.json need not be there, but for the one
 
 TEST_CASE("redirect: what is wrong with the frame that is drawn is still told") {
     const Scene scene;
-    CHECK_FAULT(scene.draw({"--frame", "9"}), "--frame: got '9', expected one from '0000' to '0003'");
+    CHECK_FAULT(scene.draw({"--frame", "9"}),
+                "--frame: got '9', expected one from '0000' to '0003'");
     CHECK_FAULT(scene.draw({"--camera", "c9"}), "--camera: got 'c9', expected one of: c0 c1 c2");
     const fs::path params = scene.capture.params(1, "params.npz");
     const std::string kept = bytes_of(params);

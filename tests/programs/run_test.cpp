@@ -132,7 +132,7 @@ TEST_CASE("run: what is drawn of one by lines of sight is what is trained, bit f
     const Drivers<float> drivers = test::tiny_drivers<float>();
     TwoStreamTrace<float, VisualEffects> trace;
     drive(train_backend(), state.visual->avatar, state.config.avatar, state.subject.roles,
-                        restricted<VisualEffects>(drivers), trace);
+          restricted<VisualEffects>(drivers), trace);
     const Gaussians<float> trained = joined(trace.world_face, trace.world_eyes);
     Gaussians<float>::fields([](const std::string& name, const auto& a, const auto& b) {
         INFO(name);

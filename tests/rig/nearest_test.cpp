@@ -4,8 +4,8 @@
 #include <doctest/doctest.h>
 
 #include <rye/autodiff/check.hpp>
-#include <rye/backend/scalar.hpp>
 #include <rye/backend/lanes.hpp>
+#include <rye/backend/scalar.hpp>
 
 using namespace rye;
 
@@ -67,8 +67,8 @@ TEST_CASE_TEMPLATE("nearest: a point on its landmark, no landmarks, numbers that
     x(1, 2) = std::nanf("");
     CHECK(std::isinf(nearest_squared_distance<float>(B{}, x, p, &nearest)(0, 2)));
     CHECK(nearest[2] == -1);
-    const NearestGradient<float> g = nearest_squared_distance_vjp<float>(B{}, 
-        x, p, nearest, Columns<float>(Columns<float>::Ones(1, 20)));
+    const NearestGradient<float> g = nearest_squared_distance_vjp<float>(
+        B{}, x, p, nearest, Columns<float>(Columns<float>::Ones(1, 20)));
     CHECK(g.points.col(2).isZero());
     CHECK(g.landmarks.allFinite());
     p(0, 1) = std::nanf("");
@@ -86,8 +86,8 @@ TEST_CASE_TEMPLATE("nearest: adjoint to points and landmarks", T, float, double)
     const auto vjp = [&](const Columns<T>& w) {
         std::vector<Index> nearest;
         nearest_squared_distance<T>(LanesThreads{}, x.leftCols(n), x.rightCols(k), &nearest);
-        const NearestGradient<T> g = nearest_squared_distance_vjp<T>(LanesThreads{}, 
-            x.leftCols(n), x.rightCols(k), nearest, w);
+        const NearestGradient<T> g = nearest_squared_distance_vjp<T>(LanesThreads{}, x.leftCols(n),
+                                                                     x.rightCols(k), nearest, w);
         Columns<T> all(3, n + k);
         all << g.points, g.landmarks;
         return all;

@@ -58,9 +58,11 @@ TEST_CASE("rasterizer: a step whose memory is there allocates nothing") {
         std::size_t last = 0;
         for (int step = 0; step < 3; ++step) {
             const std::size_t before = allocations;
-            rasterizer.forward_into(XsimdBackend<DefaultArch, Serial>{}, s.gaussians, s.camera, s.background, raster, &scratch);
-            rasterizer.vjp_into(XsimdBackend<DefaultArch, Serial>{}, s.gaussians, s.camera, s.background, raster,
-                                RasterCotangent<float>{cotangent}, gradient, &scratch);
+            rasterizer.forward_into(XsimdBackend<DefaultArch, Serial>{}, s.gaussians, s.camera,
+                                    s.background, raster, &scratch);
+            rasterizer.vjp_into(XsimdBackend<DefaultArch, Serial>{}, s.gaussians, s.camera,
+                                s.background, raster, RasterCotangent<float>{cotangent}, gradient,
+                                &scratch);
             last = allocations - before;
             if (step == 0) CHECK(last > 0);
         }

@@ -113,8 +113,8 @@ TEST_CASE("mip: the render's vjp is the transpose of its duals; lanes agree with
     const Rasterizer<Mip> rasterizer;
     Gaussians<double> grad;
     RasterScratch<double> scratch;
-    rasterizer.vjp_into(B{}, g, c, VecX<double>(VecX<double>::Zero(3)), raster, RasterCotangent<double>{w}, grad,
-                        &scratch);
+    rasterizer.vjp_into(B{}, g, c, VecX<double>(VecX<double>::Zero(3)), raster,
+                        RasterCotangent<double>{w}, grad, &scratch);
     const Gaussians<double> direction = random_like(g, Random{7, 0});
     Gaussians<double> step = direction;
     step.scale = direction.scale.cwiseProduct(g.scale);

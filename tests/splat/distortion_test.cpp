@@ -78,8 +78,8 @@ TEST_CASE("a bent render's vjp is the transpose of its duals") {
     step.opacity *= 0.1;
     Gaussians<D> dual(s.gaussians.count(), 3);
     seed_fields(dual, s.gaussians, step);
-    const Raster<D> moved = Rasterizer<Exact64>{}.forward(Plain{}, 
-        dual, c.cast<D>(), VecX<D>(s.background.cast<D>()));
+    const Raster<D> moved =
+        Rasterizer<Exact64>{}.forward(Plain{}, dual, c.cast<D>(), VecX<D>(s.background.cast<D>()));
     DotSum by_vjp, by_dual;
     by_vjp.add_all(grad, step);
     const Columns<double> slope =

@@ -103,8 +103,9 @@ void check_lean(Index channels) {
     CHECK(da.feature == db.feature);
     const Columns<T> g_depth = Columns<T>::Ones(1, a.depth.size());
     CHECK_NOTHROW(whole.vjp(B{}, s.gaussians, s.camera, s.background, a, g, nullptr, &g_depth));
-    CHECK_THROWS_WITH_AS(lean.vjp(B{}, s.gaussians, s.camera, s.background, b, g, nullptr, &g_depth),
-                         doctest::Contains("the policy's outputs have no depth"), Error);
+    CHECK_THROWS_WITH_AS(
+        lean.vjp(B{}, s.gaussians, s.camera, s.background, b, g, nullptr, &g_depth),
+        doctest::Contains("the policy's outputs have no depth"), Error);
 }
 
 } // namespace

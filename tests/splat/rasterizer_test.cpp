@@ -107,7 +107,8 @@ TEST_CASE("rasterizer: shared memory changes no bit, whatever was there before")
     Raster<float> r;
     Gaussians<float> g;
     for (const auto* scene : {&other, &s}) {
-        rasterizer.forward_into(Lanes{}, scene->gaussians, scene->camera, scene->background, r, &scratch);
+        rasterizer.forward_into(Lanes{}, scene->gaussians, scene->camera, scene->background, r,
+                                &scratch);
         const Columns<float> w = noise<float>(8, r.feature.size(), 21);
         rasterizer.vjp_into(Lanes{}, scene->gaussians, scene->camera, scene->background, r, {w}, g,
                             &scratch);
@@ -226,7 +227,8 @@ TEST_CASE("rasterizer: arguments of another shape are refused") {
     auto s = random_scene<float>(5, 3, 17);
     const auto r = render<Plain>(s);
     const Columns<float> narrow = noise<float>(2, r.feature.size(), 1);
-    CHECK_THROWS_AS(Rasterizer<>().vjp(Plain{}, s.gaussians, s.camera, s.background, r, narrow), Error);
+    CHECK_THROWS_AS(Rasterizer<>().vjp(Plain{}, s.gaussians, s.camera, s.background, r, narrow),
+                    Error);
     s.background.resize(2);
     CHECK_THROWS_AS(render<Plain>(s), Error);
     s = random_scene<float>(5, 3, 17);

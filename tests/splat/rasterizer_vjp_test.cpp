@@ -37,9 +37,8 @@ double gap(const Scenery<T>& s, const A& accuracy, std::uint64_t seed) {
         },
         dual, v);
     const VecX<D> background = s.background.template cast<D>();
-    const Raster<D> moved =
-        Rasterizer<A>{accuracy}.forward(ScalarBackend<>{}, dual, s.camera.template cast<D>(),
-                                                         background);
+    const Raster<D> moved = Rasterizer<A>{accuracy}.forward(
+        ScalarBackend<>{}, dual, s.camera.template cast<D>(), background);
     double forward = 0, reverse = 0, scale = 0;
     const auto pair = [&](const Columns<D>& a, const Columns<T>& w) {
         for (Index i = 0; i < a.size(); ++i)

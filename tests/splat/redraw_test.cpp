@@ -67,7 +67,6 @@ void follow(const B& backend, const Scenery<T>& s, int steps) {
     }
 }
 
-
 } // namespace
 
 TEST_CASE_TEMPLATE("redraw: the bits of a whole render, over every backend and scalar", T, float,
@@ -118,7 +117,8 @@ TEST_CASE("redraw: only what changed is projected, only its tiles are blended") 
     CHECK(live.work().projected == 1);
     CHECK(live.work().blended >= 1);
     CHECK(live.work().blended <= 9);
-    check_same(live.raster(), Rasterizer<>().forward(XsimdBackend<>{}, s.gaussians, s.camera, s.background));
+    check_same(live.raster(),
+               Rasterizer<>().forward(XsimdBackend<>{}, s.gaussians, s.camera, s.background));
 }
 
 TEST_CASE("redraw: a tile that is full before the first change is not blended again") {
@@ -132,7 +132,8 @@ TEST_CASE("redraw: a tile that is full before the first change is not blended ag
     live.redraw(s.gaussians, std::vector<Index>{17});
     CHECK(live.work().projected == 1);
     CHECK(live.work().blended == 0);
-    check_same(live.raster(), Rasterizer<>().forward(XsimdBackend<>{}, s.gaussians, s.camera, s.background));
+    check_same(live.raster(),
+               Rasterizer<>().forward(XsimdBackend<>{}, s.gaussians, s.camera, s.background));
 }
 
 TEST_CASE("redraw: what does not fit is refused, and the next whole picture is right") {

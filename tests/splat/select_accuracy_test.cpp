@@ -17,7 +17,8 @@ namespace {
 
 /// The error of a rung's picture.
 double error_of(const Scenery<float>& s, const Balanced& accuracy, const OracleImages& truth) {
-    const auto r = Rasterizer<>{accuracy}.forward(XsimdBackend<>{}, s.gaussians, s.camera, s.background);
+    const auto r =
+        Rasterizer<>{accuracy}.forward(XsimdBackend<>{}, s.gaussians, s.camera, s.background);
     return (r.feature.pixels.cast<double>() - truth.feature.pixels).cwiseAbs().maxCoeff();
 }
 
@@ -49,20 +50,24 @@ TEST_CASE("select_accuracy: the bound is kept, by the first rung that keeps it o
 
 TEST_CASE("select_accuracy: what cannot be promised is not") {
     const auto s = random_scene<float>(50, 3, 5);
-    const auto strict = select_accuracy(ScalarBackend<>{}, s.gaussians, s.camera, s.background, 1e-6);
+    const auto strict =
+        select_accuracy(ScalarBackend<>{}, s.gaussians, s.camera, s.background, 1e-6);
     CHECK_FALSE(strict.met);
     CHECK(strict.name == "Exact32");
     const auto loose = select_accuracy(ScalarBackend<>{}, s.gaussians, s.camera, s.background, 1.0);
     CHECK(loose.name == accuracy_ladder.front().name);
-    CHECK_THROWS_AS(select_accuracy(ScalarBackend<>{}, s.gaussians, s.camera, s.background, 0), Error);
+    CHECK_THROWS_AS(select_accuracy(ScalarBackend<>{}, s.gaussians, s.camera, s.background, 0),
+                    Error);
     const auto none = random_scene<float>(0, 3, 5);
-    CHECK(select_accuracy(ScalarBackend<>{}, none.gaussians, none.camera, none.background, 0.01).met);
+    CHECK(
+        select_accuracy(ScalarBackend<>{}, none.gaussians, none.camera, none.background, 0.01).met);
 }
 
 TEST_CASE("select_accuracy: the confidence is that of the sample") {
     auto s = random_scene<float>(60, 3, 6);
     s.camera.width = s.camera.height = 20 * tile_edge;
-    const auto chosen = select_accuracy(XsimdBackend<>{}, s.gaussians, s.camera, s.background, 0.01);
+    const auto chosen =
+        select_accuracy(XsimdBackend<>{}, s.gaussians, s.camera, s.background, 0.01);
     CHECK(chosen.tiles == 128);
     CHECK(chosen.failing_share == doctest::Approx(3.0 / 64));
     SelectSettings all;

@@ -51,8 +51,8 @@ TEST_CASE("tiles: no pixel that an ellipse reaches is missed") {
         DealScratch<std::uint32_t> scratch;
         lists.build<Support::ellipse, float>(
             Serial{}, width, height, rows.begin < rows.end ? 1 : 0, [&](Index) { return rows; },
-            [](Index) { return 0U; }, [](Index m) { return m; }, 1000000,
-            [&](Index) -> const auto& { return f; }, scratch);
+            [](Index) { return 0U; }, [](Index m) { return m; },
+            1000000, [&](Index) -> const auto& { return f; }, scratch);
         listed += lists.entries();
         for (Index t = 0; t < lists.tiles(); ++t) {
             const bool in_list = lists.begin[std::size_t(t)] < lists.begin[std::size_t(t) + 1];

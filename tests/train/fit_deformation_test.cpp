@@ -43,7 +43,7 @@ TEST_CASE("the deformations fit the landmarks of all frames, and nothing else is
     const auto fit = [&](int steps) {
         mesh = before;
         return fit_deformation<double>(B{}, mesh, config, tiny_roles(), true, frames,
-                                          {steps, 2, 5e-3}, Random{1, 0});
+                                       {steps, 2, 5e-3}, Random{1, 0});
     };
     const double first = fit(6);
     const double last = fit(1500);
@@ -68,8 +68,10 @@ TEST_CASE("drivers that start at zero change nothing before training") {
     Draw draw;
     const Columns<double> points = draw.columns(config.position_code(), 5);
     const Mlp<double>& m = n.exp_deform;
-    const Columns<double> neutral = mlp_forward<double>(B{}, m, points, VecX<double>::Zero(3), nullptr);
-    const Columns<double> driven = mlp_forward<double>(B{}, m, points, VecX<double>::Ones(3), nullptr);
+    const Columns<double> neutral =
+        mlp_forward<double>(B{}, m, points, VecX<double>::Zero(3), nullptr);
+    const Columns<double> driven =
+        mlp_forward<double>(B{}, m, points, VecX<double>::Ones(3), nullptr);
     CHECK(neutral == driven);
     CHECK(neutral.norm() > 0);
 }

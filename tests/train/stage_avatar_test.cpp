@@ -48,9 +48,8 @@ AvatarLosses<U> losses_at(const TwoStream<U>& avatar, const AvatarConfig& config
     weights.face_alone = 0.7;
     weights.dssim = 0.3;
     return avatar_losses(ScalarBackend<>{}, avatar, config, tiny_roles(), weights,
-                                          Rasterizer<Balanced>{},
-                                          PyramidGradientLoss{}, tiny_sample<U>(Draw{{9, 0}}), trace,
-                                          pictures);
+                         Rasterizer<Balanced>{}, PyramidGradientLoss{},
+                         tiny_sample<U>(Draw{{9, 0}}), trace, pictures);
 }
 
 /// How far <gradient, d> is from the derivative along d that duals give.
@@ -67,7 +66,7 @@ double law_error(EyeAverage average, ChosenMetric metric, std::uint64_t seed,
     const AvatarLosses<T> l = losses_at<T>(avatar, config, average, blank_eyeballs, trace, pictures);
     TwoStream<T> grad = zeros_like(avatar);
     avatar_losses_vjp(ScalarBackend<>{}, avatar, config, Rasterizer<Balanced>{},
-                                       tiny_sample<T>(Draw{{9, 0}}), trace, pictures, grad);
+                      tiny_sample<T>(Draw{{9, 0}}), trace, pictures, grad);
     const TwoStream<T> direction = random_like(avatar, Random{seed, 5});
     TwoStream<D> dual = lifted<D>(avatar);
     seed_fields(dual, avatar, direction);
@@ -110,9 +109,9 @@ TEST_CASE("a blink: without eye pixels the eye terms and their gradients are zer
     weights.eye_average = EyeAverage::mask;
     TwoStreamTrace<double> trace;
     AvatarPictures<double> pictures;
-    const AvatarLosses<double> l = avatar_losses(ScalarBackend<>{}, 
-        avatar, config, tiny_roles(), weights, Rasterizer<Balanced>{},
-        PyramidGradientLoss{}, sample, trace, pictures);
+    const AvatarLosses<double> l =
+        avatar_losses(ScalarBackend<>{}, avatar, config, tiny_roles(), weights,
+                      Rasterizer<Balanced>{}, PyramidGradientLoss{}, sample, trace, pictures);
     CHECK(l.eye_low == 0);
     CHECK(l.eye_high == 0);
     CHECK(l.blank == 0);
@@ -134,10 +133,10 @@ TEST_CASE("eyes from eye terms: their colours do not learn from the joint pictur
         AvatarPictures<double> pictures;
         const Rasterizer<Balanced> rasterizer;
         avatar_losses(ScalarBackend<>{}, avatar, config, tiny_roles(), weights, rasterizer,
-                                       PyramidGradientLoss{}, sample, trace, pictures);
+                      PyramidGradientLoss{}, sample, trace, pictures);
         TwoStream<double> grad = zeros_like(avatar);
         avatar_losses_vjp(ScalarBackend<>{}, avatar, config, rasterizer, sample, trace, pictures,
-                                           grad);
+                          grad);
         return grad;
     };
     const TwoStream<double> with = gradient(true, 1), without = gradient(false, 0);
@@ -227,8 +226,8 @@ struct ByHand {
     AvatarLosses<double> losses() {
         TwoStreamTrace<double> trace;
         return avatar_losses(ScalarBackend<>{}, avatar, config, tiny_roles(), weights,
-                                              Rasterizer<Balanced>{},
-                                              PyramidGradientLoss{}, sample, trace, pictures);
+                             Rasterizer<Balanced>{}, PyramidGradientLoss{}, sample, trace,
+                             pictures);
     }
 };
 

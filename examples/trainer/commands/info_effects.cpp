@@ -79,7 +79,9 @@ struct SplatVariant {
         if (!Antialias) rasterizer.accuracy.dilation = 0;
         const GaussianCloud<float> used = Degree >= 3 ? cloud : truncated(cloud, Degree);
         const VecX<float> black = VecX<float>::Zero(3);
-        return rasterizer.forward(train_backend(), activate(used, Vec3<float>(camera.centre())), camera, black).feature;
+        return rasterizer
+            .forward(train_backend(), activate(used, Vec3<float>(camera.centre())), camera, black)
+            .feature;
     }
 };
 using AllOfSplats = SplatVariant<3, true>;

@@ -54,8 +54,8 @@ std::pair<int, int> parsed_size(const std::string& text) {
 }
 
 template <Backend B, Real T, AccuracyPolicy A, Distortion D>
-Image<float> picture(const B& backend, const A& accuracy, const Gaussians<T>& g, const Pinhole<T, D>& camera,
-                     const VecX<T>& background) {
+Image<float> picture(const B& backend, const A& accuracy, const Gaussians<T>& g,
+                     const Pinhole<T, D>& camera, const VecX<T>& background) {
     const auto raster = Rasterizer<A>{accuracy}.forward(backend, g, camera, background);
     if (raster.trace.non_finite > 0)
         std::cerr << "rye render: left out " << raster.trace.non_finite
@@ -75,7 +75,8 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
     static const std::map<std::string, Draw> by_name{
         {"3dgs",
          [](const RenderOptions& options, const auto& g, const auto& c, const auto& b) {
-             if (options.alpha_floor == 0) return picture(train_backend(), Compatible3dgs{}, g, c, b);
+             if (options.alpha_floor == 0)
+                 return picture(train_backend(), Compatible3dgs{}, g, c, b);
              Compatible3dgsFloor accuracy;
              accuracy.alpha_floor = options.alpha_floor;
              return picture(train_backend(), accuracy, g, c, b);
@@ -84,14 +85,15 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
                     const auto& b) { return picture(train_backend(), Fast{}, g, c, b); }},
         {"balanced", [](const RenderOptions&, const auto& g, const auto& c,
                         const auto& b) { return picture(train_backend(), Balanced{}, g, c, b); }},
-        {"tight", [](const RenderOptions&, const auto& g, const auto& c,
-                     const auto& b) { return picture(train_backend(), Tight{}, g, c, b); }}};
+        {"tight", [](const RenderOptions&, const auto& g, const auto& c, const auto& b) {
+             return picture(train_backend(), Tight{}, g, c, b);
+         }}};
     const Vec3<double> background = vector_of(o.background);
     if (o.accuracy == "exact") {
         GaussianCloud<double> exact;
         convert_fields(exact, cloud, [](float x) { return static_cast<double>(x); });
-        return picture(ScalarBackend{program_threads()}, Exact64{}, activate(exact, camera.centre()), camera,
-                                        VecX<double>(background));
+        return picture(ScalarBackend{program_threads()}, Exact64{},
+                       activate(exact, camera.centre()), camera, VecX<double>(background));
     }
     const Gaussians<float> g = activate(cloud, Vec3<float>(camera.centre().template cast<float>()));
     if (!o.max_error.empty()) {
@@ -100,8 +102,9 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
                         "take --accuracy");
         } else {
             const VecX<float> behind = background.cast<float>();
-            const SelectedAccuracy chosen = select_accuracy<float>(train_backend(), 
-                g, in_float, behind, parsed_error(o.max_error, "rye render", "--max-error"));
+            const SelectedAccuracy chosen =
+                select_accuracy<float>(train_backend(), g, in_float, behind,
+                                       parsed_error(o.max_error, "rye render", "--max-error"));
             if (chosen.met)
                 std::printf("accuracy %s: the coarsest of %zu whose error stays below %s; on %td tiles it "
                             "is at most %.2g, and at most %.1f %% of all tiles are worse (95 %% sure)\n",

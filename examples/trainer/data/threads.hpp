@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// examples/trainer/data/threads.hpp: the threads of the program: one pool, whose threads sleep while
-/// they wait, so that other programs beside a training keep their share of the processors.
+/// examples/trainer/data/threads.hpp: the threads of the program: one pool, whose threads sleep
+/// while they wait, so that other programs beside a training keep their share of the processors.
 #pragma once
 
 #include <rye/core/thread_pool.hpp>

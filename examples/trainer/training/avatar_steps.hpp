@@ -41,14 +41,16 @@ class StepMemory {
                     const TrainState& state, const AvatarSample<float, E>& sample, double rate,
                     const Probe& probe) {
         const TrainConfig& c = state.config;
-        AvatarLosses<float> l = std::visit([&](const auto& perceptual) {
-            return avatar_losses(train_backend(), avatar, c.avatar, state.subject.roles,
-                                               c.gaussians.weights, rasterizer_, perceptual, sample,
-                                               trace_, pictures_, probe);
-        }, perceptual_);
+        AvatarLosses<float> l = std::visit(
+            [&](const auto& perceptual) {
+                return avatar_losses(train_backend(), avatar, c.avatar, state.subject.roles,
+                                     c.gaussians.weights, rasterizer_, perceptual, sample, trace_,
+                                     pictures_, probe);
+            },
+            perceptual_);
         TwoStream<float, E>::fields([](const std::string&, auto& a) { a.setZero(); }, grad_);
         avatar_losses_vjp(train_backend(), avatar, c.avatar, rasterizer_, sample, trace_, pictures_,
-                                        grad_, probe);
+                          grad_, probe);
         float eye_smooth = 0;
         if (c.gaussians.weights.eye_smooth > 0) {
             const auto weight = static_cast<float>(c.gaussians.weights.eye_smooth);
@@ -57,9 +59,9 @@ class StepMemory {
             eye_smooth = term.value;
             l.total += weight * term.value;
         }
-        const AdamReport report = adam_step(train_backend(), 
-            avatar, grad_, adam,
-            [&](const std::string& name) { return rate * c.gaussians.rates(name); });
+        const AdamReport report =
+            adam_step(train_backend(), avatar, grad_, adam,
+                      [&](const std::string& name) { return rate * c.gaussians.rates(name); });
         if (c.gaussians.eyeball.max_growth > 0)
             bound_scales(avatar.eyes, static_cast<float>(c.gaussians.eyeball.max_growth),
                          static_cast<float>(c.gaussians.eyeball.thickness));

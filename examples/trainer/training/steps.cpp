@@ -50,18 +50,17 @@ TetGrid<float> make_lattice(const TrainState& state) {
 
 void pretrain_mesh(TrainState& state) {
     const TrainConfig& c = state.config;
-    pretrain_sphere(train_backend(), state.mesh, c.avatar,
-                                  Vec3<float>(state.subject.head_centre.cast<float>()),
-                                  static_cast<float>(c.grid.half_side), c.mesh.pretrain_steps, 1e-3,
-                                  seed_of(state).fork(3));
+    pretrain_sphere(
+        train_backend(), state.mesh, c.avatar, Vec3<float>(state.subject.head_centre.cast<float>()),
+        static_cast<float>(c.grid.half_side), c.mesh.pretrain_steps, 1e-3, seed_of(state).fork(3));
 }
 
 double fit_landmarks(TrainState& state, const std::vector<MeshSample<float>>& frames) {
     DeformationFit fit;
     fit.steps = state.config.mesh.fit_steps;
     return fit_deformation(train_backend(), state.mesh, state.config.avatar, state.subject.roles,
-                                         state.config.mesh.landmarks_follow_gaze, frames, fit,
-                                         seed_of(state).fork(9));
+                           state.config.mesh.landmarks_follow_gaze, frames, fit,
+                           seed_of(state).fork(9));
 }
 
 AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
@@ -82,8 +81,8 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     init.upsampler = config.gaussians.upsampler;
     init.upsampler.in_channels = config.avatar.channels;
     init.frames = static_cast<Index>(state.train_frames.size());
-    state.avatar = initialize_avatar(train_backend(), state.mesh, config.avatar, init,
-                                                   seed_of(state).fork(4));
+    state.avatar =
+        initialize_avatar(train_backend(), state.mesh, config.avatar, init, seed_of(state).fork(4));
     const AvatarSize size{state.avatar.face.position.cols(), state.avatar.eyes.position.cols()};
     if (config.gaze_axis == GazeAxis::visual) {
         VisualTraining& t = state.visual.emplace();
@@ -111,15 +110,15 @@ MeshStepper::~MeshStepper() = default;
 StepReport MeshStepper::step(TrainState& state, const TetGrid<float>& grid,
                              const MeshSample<float>& sample, double rate, const Probe& probe) {
     const TrainConfig& c = state.config;
-    const MeshLosses<float> l = mesh_losses(train_backend(), 
-        state.mesh, c.avatar, state.subject.roles, grid, c.mesh.weights,
-        c.mesh.landmarks_follow_gaze, sample, memory_->trace, probe);
+    const MeshLosses<float> l =
+        mesh_losses(train_backend(), state.mesh, c.avatar, state.subject.roles, grid,
+                    c.mesh.weights, c.mesh.landmarks_follow_gaze, sample, memory_->trace, probe);
     set_zero(memory_->grad);
     mesh_losses_vjp(train_backend(), state.mesh, c.avatar, c.mesh.landmarks_follow_gaze, sample,
-                                  memory_->trace, memory_->grad, probe);
+                    memory_->trace, memory_->grad, probe);
     const AdamReport report =
         adam_step(train_backend(), state.mesh, memory_->grad, state.mesh_adam,
-                                [&](const std::string& name) { return rate * c.mesh.rates(name); });
+                  [&](const std::string& name) { return rate * c.mesh.rates(name); });
     probe("optimiser");
     ++state.step;
     return {{{"loss", l.total}, {"rgb", l.rgb}, {"silhouette", l.silhouette}, {"deform", l.deform},
@@ -181,13 +180,16 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
     const Pinhole<float> small = reduced(camera, factor);
     TwoStreamTrace<float> trace;
     drive(train_backend(), state.avatar, config.avatar, state.subject.roles,
-                        optical_drivers(state, drivers), trace);
+          optical_drivers(state, drivers), trace);
     require_drawable(trace.world_face);
     require_drawable(trace.world_eyes);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
     const TrainRasterizer rasterizer;
     AvatarView v;
-    v.final = rasterizer.forward(train_backend(), joined(trace.world_face, trace.world_eyes), small, white).feature;
+    v.final =
+        rasterizer
+            .forward(train_backend(), joined(trace.world_face, trace.world_eyes), small, white)
+            .feature;
     if (streams) {
         Gaussians<float> face = trace.world_face;  // as the blank loss sees it
         if (config.gaussians.weights.blank_eyeballs)
@@ -206,10 +208,11 @@ Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
     const Pinhole<float> small = reduced(camera, 1 << config.gaussians.upsampler.doublings);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
     require_drawable(driven);
-    return of_camera(upsampler_forward(train_backend(), 
-                         state.avatar.upsampler,
-                         TrainRasterizer().forward(train_backend(), driven, small, white).feature, nullptr),
-                     camera);
+    return of_camera(
+        upsampler_forward(train_backend(), state.avatar.upsampler,
+                          TrainRasterizer().forward(train_backend(), driven, small, white).feature,
+                          nullptr),
+        camera);
 }
 
 PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
@@ -219,8 +222,8 @@ PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
     TwoStreamTrace<float> trace;
     drive(train_backend(), avatar, state.config.avatar, state.subject.roles, optical, trace);
     const Columns<float> centre =
-        avatar.eyes.centre + eye_offset<float>(train_backend(), avatar.eyes.offset, state.config.avatar,
-                                                             trace.code, trace.eyes.offset);
+        avatar.eyes.centre + eye_offset<float>(train_backend(), avatar.eyes.offset,
+                                               state.config.avatar, trace.code, trace.eyes.offset);
     Gaussians<float> both = joined(trace.world_face, trace.world_eyes);
     const Index face = trace.world_face.count();
     both.feature = Columns<float>::Zero(2, both.count());
@@ -241,7 +244,7 @@ PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
     TwoStreamTrace<float> trace;
     drive(train_backend(), state.avatar, state.config.avatar, state.subject.roles,
-                        optical_drivers(state, drivers), trace);
+          optical_drivers(state, drivers), trace);
     require_drawable(trace.world_face);
     require_drawable(trace.world_eyes);
     return joined(trace.world_face, trace.world_eyes);

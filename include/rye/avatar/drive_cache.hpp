@@ -45,15 +45,18 @@ class DriveCache {
     /// The avatar, its configuration and roles must outlive the cache. Call reset() when the
     /// avatar's parameters have changed.
     template <EffectSet E>
-        requires KeptFromFrameToFrame<E>
-    DriveCache(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
-               const LandmarkRoles& roles)
-        : backend_(backend), avatar_(&avatar), config_(&config), roles_(&roles) {}
+        requires KeptFromFrameToFrame<E> DriveCache(const B& backend, const TwoStream<T, E>& avatar,
+                                                    const AvatarConfig& config,
+                                                    const LandmarkRoles& roles)
+            : backend_(backend),
+              avatar_(&avatar),
+              config_(&config),
+              roles_(&roles) {}
 
-    /// Forgets everything, the rest pose too.
-    void reset() {
-        rest_.reset();
-        last_.reset();
+        /// Forgets everything, the rest pose too.
+        void reset() {
+            rest_.reset();
+            last_.reset();
     }
 
     /// Brings the Gaussians up to date.
@@ -170,19 +173,19 @@ class DriveCache {
         const bool attributes = c.driver[0] || c.driver[1];
         const Reached& r = reached_by(c);
         const Columns<T>& x = face.position;
-        for_chunks(backend_.threads, 
-            static_cast<Index>(r.points.size()), 1024, [&](Index b, Index e, Index) {
-                for (Index k = b; k < e; ++k) {
-                    const Index i = r.points[static_cast<std::size_t>(k)];
-                    face_.mean.col(i) = x.col(i);
-                    face_.feature.col(i).setZero();
-                    if (attributes) attributes_.col(i).setZero();
-                }
-            });
+        for_chunks(backend_.threads, static_cast<Index>(r.points.size()), 1024,
+                   [&](Index b, Index e, Index) {
+                       for (Index k = b; k < e; ++k) {
+                           const Index i = r.points[static_cast<std::size_t>(k)];
+                           face_.mean.col(i) = x.col(i);
+                           face_.feature.col(i).setZero();
+                           if (attributes) attributes_.col(i).setZero();
+                       }
+                   });
         for (std::size_t d = 0; d < face_drivers; ++d) {
             const auto add = [&](double gain, const Columns<T>& output, Columns<T>& out) {
-                accumulate_field(backend_, T(gain), rest_->lambda(d), rest_->moved[d].points, output,
-                                    &r.listed[d], out);
+                accumulate_field(backend_, T(gain), rest_->lambda(d), rest_->moved[d].points,
+                                 output, &r.listed[d], out);
             };
             add(1, fields_[d].color, face_.feature);
             add(config_->deform_scale, fields_[d].deform, face_.mean);
@@ -190,12 +193,12 @@ class DriveCache {
                 add(config_->attribute_scale, fields_[d].attributes, attributes_);
         }
         if (attributes)
-            for_chunks(backend_.threads, 
-                static_cast<Index>(r.points.size()), 1024, [&](Index b, Index e, Index) {
-                    for (Index k = b; k < e; ++k)
-                        shape_point(face, attributes_, r.points[static_cast<std::size_t>(k)],
-                                    face_);
-                });
+            for_chunks(backend_.threads, static_cast<Index>(r.points.size()), 1024,
+                       [&](Index b, Index e, Index) {
+                           for (Index k = b; k < e; ++k)
+                               shape_point(face, attributes_, r.points[static_cast<std::size_t>(k)],
+                                           face_);
+                       });
         work_.summed = static_cast<Index>(r.points.size());
         if (moved_head) {
             for (Index i = 0; i < rest_->count; ++i) changed_.push_back(i);

@@ -37,8 +37,9 @@ struct EyeOffsetTrace {
 
 /// 3 x 2: the displacement of the left and the right centre.
 template <class T, EffectSet E, Backend B>
-Columns<T> eye_offset(const B& backend, const EyeOffsetNetwork<T>& offset, const AvatarConfig& config,
-                      const FrameCode<T, E>& code, EyeOffsetTrace<T>& trace) {
+Columns<T> eye_offset(const B& backend, const EyeOffsetNetwork<T>& offset,
+                      const AvatarConfig& config, const FrameCode<T, E>& code,
+                      EyeOffsetTrace<T>& trace) {
     trace.input.resize(code.expression.size() + code.pose.size(), 1);
     trace.input << code.expression, code.pose;
     trace.squashed = mlp_forward<T>(backend, offset.mlp, trace.input, VecX<T>(), &trace.mlp);
@@ -53,7 +54,8 @@ void eye_offset_vjp(const B& backend, const EyeOffsetNetwork<T>& offset, const A
     Columns<T> g = T(config.deform_scale) * g_offset.reshaped(6, 1);
     squash_vjp(Squash::tanh, trace.squashed, g);
     Columns<T> g_input;
-    mlp_vjp<T>(backend, offset.mlp, trace.input, VecX<T>(), trace.mlp, g, grad.mlp, &g_input, nullptr);
+    mlp_vjp<T>(backend, offset.mlp, trace.input, VecX<T>(), trace.mlp, g, grad.mlp, &g_input,
+               nullptr);
     g_pose_code += g_input.bottomRows(g_pose_code.size());
 }
 

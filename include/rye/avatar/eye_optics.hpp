@@ -115,9 +115,10 @@ struct OpticsCotangent {
 /// Of one eye the points as they are seen, and, added to its columns of `feature`, which begin at
 /// `first`, the glints.
 template <class T, EffectSet E, Backend B>
-void look_into_eye(const B& backend, const EyeOptics<T, E>& optics, std::size_t eye, const Drivers<T, E>& drivers,
-                   const EyeTransform<T>& placed, const Columns<T>& points,
-                   [[maybe_unused]] Index first, OpticsTrace<T>& trace, Columns<T>& feature) {
+void look_into_eye(const B& backend, const EyeOptics<T, E>& optics, std::size_t eye,
+                   const Drivers<T, E>& drivers, const EyeTransform<T>& placed,
+                   const Columns<T>& points, [[maybe_unused]] Index first, OpticsTrace<T>& trace,
+                   Columns<T>& feature) {
     using std::isfinite;
     require(isfinite(drivers.camera[0]) && isfinite(drivers.camera[1]) &&
                 isfinite(drivers.camera[2]),

@@ -117,9 +117,10 @@ void place_eye(const EyeStream<T, E>& eyes, Index eye, const EyeTransform<T>& pl
 /// an avatar that has one.
 template <class T, EffectSet E, Backend B, class... Head>
     requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
-Gaussians<T> eye_gaussians(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& config,
-                           const Drivers<T, E>& drivers, const FrameCode<T, E>& code,
-                           EyeTrace<T, E>& trace, const Head&... head) {
+Gaussians<T> eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
+                           const AvatarConfig& config, const Drivers<T, E>& drivers,
+                           const FrameCode<T, E>& code, EyeTrace<T, E>& trace,
+                           const Head&... head) {
     Columns<T> centre = eyes.centre;
     if constexpr (has_effect<E, EyeOffset>)
         centre += eye_offset<T>(backend, eyes.offset, config, code, trace.offset);
@@ -145,7 +146,7 @@ Gaussians<T> eye_gaussians(const B& backend, const EyeStream<T, E>& eyes, const 
             const Index n = eyes.points_of(e);
             const Columns<T> points = eyes.position.middleCols(first, n);
             look_into_eye(backend, eyes.optics, eye, drivers, placed, points, first, trace.optics,
-                             g.feature);
+                          g.feature);
             g.mean.middleCols(first, n) = eye_points<T>(placed, trace.optics.seen[eye]);
             const Columns<T> rotations = eyes.rotation.middleCols(first, n);
             g.rotation.middleCols(first, n) = eye_rotations<T>(placed, rotations);
@@ -214,7 +215,7 @@ void eye_vjp(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& 
         }
         if constexpr (has_effect<E, SeesCornea>) g_offset += g_frame.optics.centre;
         eye_offset_vjp<T>(backend, eyes.offset, config, trace.offset, g_offset, grad.offset,
-                             g_frame.pose);
+                          g_frame.pose);
     }
 }
 

@@ -79,9 +79,9 @@ void shape_point(const FaceStream<T, E>& face, const Columns<T>& attributes, Ind
 
 /// The driven face in the head frame (before head pose and scale).
 template <class T, EffectSet E, Backend B>
-Gaussians<T> face_gaussians(const B& backend, const FaceStream<T, E>& face, const AvatarConfig& config,
-                            const LandmarkRoles& roles, const FrameCode<T, E>& code,
-                            FaceTrace<T, E>& trace) {
+Gaussians<T> face_gaussians(const B& backend, const FaceStream<T, E>& face,
+                            const AvatarConfig& config, const LandmarkRoles& roles,
+                            const FrameCode<T, E>& code, FaceTrace<T, E>& trace) {
     const Index n = face.position.cols();
     [[maybe_unused]] const T one = T(1), reach = T(config.deform_scale),
                              step = T(config.attribute_scale);
@@ -101,21 +101,22 @@ Gaussians<T> face_gaussians(const B& backend, const FaceStream<T, E>& face, cons
         g.feature = Columns<T>::Zero(config.channels, n);
     for_face_fields<E>([&](auto by) {
         add_field(backend, by.color(nets), Squash::none, one, trace.feature, by.influence(w),
-                     by.code(code), g.feature, by.color(trace));
+                  by.code(code), g.feature, by.color(trace));
     });
     g.mean = face.position;
     for_face_fields<E>([&](auto by) {
         add_field(backend, by.deform(nets), Squash::tanh, reach, trace.code, by.influence(w),
-                     by.code(code), g.mean, by.deform(trace));
+                  by.code(code), g.mean, by.deform(trace));
     });
     if constexpr (has_effect<E, ReadsFaceRamp>) trace.attributes = Columns<T>::Zero(8, n);
     for_attribute_fields<E>([&](auto by) {
         add_field(backend, by.attribute(face), Squash::none, step, trace.feature, by.influence(w),
-                     by.code(code), trace.attributes, by.attribute(trace));
+                  by.code(code), trace.attributes, by.attribute(trace));
     });
 
     if constexpr (has_effect<E, ReadsFaceRamp>)
-        activate_into(backend, face.log_scale, face.rotation, face.opacity_logit, g, trace.attributes);
+        activate_into(backend, face.log_scale, face.rotation, face.opacity_logit, g,
+                      trace.attributes);
     else
         activate_into(backend, face.log_scale, face.rotation, face.opacity_logit, g);
     return g;
@@ -125,9 +126,8 @@ Gaussians<T> face_gaussians(const B& backend, const FaceStream<T, E>& face, cons
 /// face_gaussians returned. The cotangents of the codes are added to g_frame.
 template <class T, EffectSet E, Backend B>
 void face_vjp(const B& backend, const FaceStream<T, E>& face, const AvatarConfig& config,
-              const FrameCode<T, E>& code, const FaceTrace<T, E>& trace,
-              const Gaussians<T>& driven, const Gaussians<T>& g, FaceStream<T, E>& grad,
-              FrameCotangent<T, E>& g_frame) {
+              const FrameCode<T, E>& code, const FaceTrace<T, E>& trace, const Gaussians<T>& driven,
+              const Gaussians<T>& g, FaceStream<T, E>& grad, FrameCotangent<T, E>& g_frame) {
     const Index n = face.position.cols();
     const Columns<T> g_attributes = activate_vjp(backend, driven, g);
     grad.log_scale += g_attributes.topRows(3);
@@ -148,18 +148,18 @@ void face_vjp(const B& backend, const FaceStream<T, E>& face, const AvatarConfig
         const T one = T(1), reach = T(config.deform_scale), step = T(config.attribute_scale);
         for_face_fields<E>([&](auto by) {
             field_vjp(backend, by.color(nets), Squash::none, one, by.influence(w), by.code(code),
-                         by.color(trace), g.feature,
-                         {&by.color(gnets), &g_feature, &by.influence(g_w), g_frame.of(by)});
+                      by.color(trace), g.feature,
+                      {&by.color(gnets), &g_feature, &by.influence(g_w), g_frame.of(by)});
         });
         for_face_fields<E>([&](auto by) {
             field_vjp(backend, by.deform(nets), Squash::tanh, reach, by.influence(w), by.code(code),
-                         by.deform(trace), g.mean,
-                         {&by.deform(gnets), &g_code, &by.influence(g_w), g_frame.of(by)});
+                      by.deform(trace), g.mean,
+                      {&by.deform(gnets), &g_code, &by.influence(g_w), g_frame.of(by)});
         });
         for_attribute_fields<E>([&](auto by) {
-            field_vjp(backend, by.attribute(face), Squash::none, step, by.influence(w), by.code(code),
-                         by.attribute(trace), g_attributes,
-                         {&by.attribute(grad), &g_feature, &by.influence(g_w), g_frame.of(by)});
+            field_vjp(backend, by.attribute(face), Squash::none, step, by.influence(w),
+                      by.code(code), by.attribute(trace), g_attributes,
+                      {&by.attribute(grad), &g_feature, &by.influence(g_w), g_frame.of(by)});
         });
         if (&face.seen() == &face.position) {  // an anchor is fixed
             encode_points_vjp(backend, trace.code, g_code, config.frequencies, grad.position);

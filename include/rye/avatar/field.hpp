@@ -54,7 +54,8 @@ std::vector<Index> influenced(const Columns<T>& lambda) {
 
 /// Those columns, in that order, on the backend's threads.
 template <class T, Backend B>
-void pick_into(const B& backend, const Columns<T>& all, const std::vector<Index>& which, Columns<T>& picked) {
+void pick_into(const B& backend, const Columns<T>& all, const std::vector<Index>& which,
+               Columns<T>& picked) {
     const Index rows = all.rows();
     picked.resize(rows, static_cast<Index>(which.size()));
     for_chunks(backend.threads, picked.cols(), 1024, [&](Index b, Index e, Index) {
@@ -81,8 +82,9 @@ void evaluate_field(const B& backend, const Mlp<T>& mlp, Squash squash, const Co
 /// out += gain lambda output, where column k of `output` belongs to point set[k]; of these ks all,
 /// or those listed.
 template <class T, Backend B>
-void accumulate_field(const B& backend, const T& gain, const Columns<T>& lambda, const std::vector<Index>& set,
-                      const Columns<T>& output, const std::vector<Index>* listed, Columns<T>& out) {
+void accumulate_field(const B& backend, const T& gain, const Columns<T>& lambda,
+                      const std::vector<Index>& set, const Columns<T>& output,
+                      const std::vector<Index>* listed, Columns<T>& out) {
     const Index n = static_cast<Index>(listed != nullptr ? listed->size() : set.size());
     const Index rows = out.rows();
     for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
@@ -100,9 +102,9 @@ void accumulate_field(const B& backend, const T& gain, const Columns<T>& lambda,
 
 /// Adds the field to `out` (rows x N). `inputs` are per-point inputs (D x N), `lambda` is 1 x N.
 template <class T, Backend B>
-void add_field(const B& backend, const Mlp<T>& mlp, Squash squash, const T& gain, const Columns<T>& inputs,
-               const Columns<T>& lambda, const VecX<T>& frame, Columns<T>& out,
-               FieldTrace<T>& trace) {
+void add_field(const B& backend, const Mlp<T>& mlp, Squash squash, const T& gain,
+               const Columns<T>& inputs, const Columns<T>& lambda, const VecX<T>& frame,
+               Columns<T>& out, FieldTrace<T>& trace) {
     trace.set = influenced(lambda);
     pick_into(backend, inputs, trace.set, trace.input);
     evaluate_field(backend, mlp, squash, trace.input, frame, trace.output, &trace.mlp);
@@ -121,9 +123,9 @@ struct FieldGradients {
 
 /// Pulls g_out (rows x N) back through add_field.
 template <class T, Backend B>
-void field_vjp(const B& backend, const Mlp<T>& mlp, Squash squash, const T& gain, const Columns<T>& lambda,
-               const VecX<T>& frame, const FieldTrace<T>& trace, const Columns<T>& g_out,
-               const FieldGradients<T>& g) {
+void field_vjp(const B& backend, const Mlp<T>& mlp, Squash squash, const T& gain,
+               const Columns<T>& lambda, const VecX<T>& frame, const FieldTrace<T>& trace,
+               const Columns<T>& g_out, const FieldGradients<T>& g) {
     const Index n = static_cast<Index>(trace.set.size());
     if (n == 0) return;
     const Index rows = trace.output.rows();
@@ -151,8 +153,7 @@ void field_vjp(const B& backend, const Mlp<T>& mlp, Squash squash, const T& gain
     Columns<T> g_input;
     VecX<T> g_frame;
     mlp_vjp<T>(backend, mlp, trace.input, frame, trace.mlp, g_y, *g.mlp,
-                  g.inputs != nullptr ? &g_input : nullptr,
-                  g.frame != nullptr ? &g_frame : nullptr);
+               g.inputs != nullptr ? &g_input : nullptr, g.frame != nullptr ? &g_frame : nullptr);
     if (g.inputs != nullptr) {
         const Index inputs = g_input.rows();
         for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {

@@ -29,15 +29,18 @@ class FrameCache {
     /// Avatar, configuration and roles must outlive the cache. Call reset() when the avatar's
     /// parameters have changed.
     template <EffectSet E>
-        requires KeptFromFrameToFrame<E>
-    FrameCache(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
-               const LandmarkRoles& roles, const Rasterizer<A>& rasterizer = {})
-        : avatar_(&avatar), drive_(backend, avatar, config, roles),
-          redraw_(backend, rasterizer), upsampler_(backend) {}
+        requires KeptFromFrameToFrame<E> FrameCache(const B& backend, const TwoStream<T, E>& avatar,
+                                                    const AvatarConfig& config,
+                                                    const LandmarkRoles& roles,
+                                                    const Rasterizer<A>& rasterizer = {})
+            : avatar_(&avatar),
+              drive_(backend, avatar, config, roles),
+              redraw_(backend, rasterizer),
+              upsampler_(backend) {}
 
-    void reset() {
-        drive_.reset();
-        shown_.reset();
+        void reset() {
+            drive_.reset();
+            shown_.reset();
     }
 
     /// Brings the render up to date; `camera` is that of the render.

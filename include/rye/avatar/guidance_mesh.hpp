@@ -58,13 +58,13 @@ void geometry_at(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarC
 
 /// Accumulates network gradients; returns the cotangent of the points.
 template <class T, EffectSet E, Backend B>
-Columns<T> geometry_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
-                        const GeometryTrace<T>& trace, Columns<T> g_output,
-                        GuidanceMesh<T, E>& grad) {
+Columns<T> geometry_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
+                        const AvatarConfig& config, const GeometryTrace<T>& trace,
+                        Columns<T> g_output, GuidanceMesh<T, E>& grad) {
     squash_vjp(Squash::tanh, trace.output, g_output);
     Columns<T> g_code;
-    mlp_vjp<T>(backend, mesh.geometry, trace.code, VecX<T>(), trace.mlp, g_output, grad.geometry, &g_code,
-                  nullptr);
+    mlp_vjp<T>(backend, mesh.geometry, trace.code, VecX<T>(), trace.mlp, g_output, grad.geometry,
+               &g_code, nullptr);
     return positional_encoding_vjp(trace.code, g_code, config.frequencies);
 }
 
@@ -86,8 +86,8 @@ struct NeutralSurface {
 inline constexpr Index signed_distance_block = 32768;
 
 template <class T, EffectSet E, Backend B>
-NeutralSurface<T> neutral_surface(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
-                                  const TetGrid<T>& grid) {
+NeutralSurface<T> neutral_surface(const B& backend, const GuidanceMesh<T, E>& mesh,
+                                  const AvatarConfig& config, const TetGrid<T>& grid) {
     using std::tanh;
     NeutralSurface<T> n;
     Columns<T> sdf;
@@ -118,9 +118,10 @@ NeutralSurface<T> neutral_surface(const B& backend, const GuidanceMesh<T, E>& me
 }
 
 template <class T, EffectSet E, Backend B>
-void neutral_surface_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
-                         const NeutralSurface<T>& n, const Columns<T>& g_positions,
-                         const Columns<T>& g_feature, GuidanceMesh<T, E>& grad) {
+void neutral_surface_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
+                         const AvatarConfig& config, const NeutralSurface<T>& n,
+                         const Columns<T>& g_positions, const Columns<T>& g_feature,
+                         GuidanceMesh<T, E>& grad) {
     using std::tanh;
     const SurfaceGradient<T> g = surface_vjp<T>(n.surface, n.lattice, n.sdf, n.lattice_feature,
                                                 g_positions, g_feature);
@@ -170,19 +171,19 @@ void pose_mesh(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarCon
     p.color = Columns<T>::Zero(config.channels, x.cols());
     for_face_fields<E>([&](auto by) {
         add_field(backend, by.color(nets), mesh_colour_squash(by), one, neutral.feature,
-                     by.influence(w), by.code(p.code), p.color, by.color(p));
+                  by.influence(w), by.code(p.code), p.color, by.color(p));
     });
     p.rest_code = positional_encoding(x, config.frequencies);
     p.moved = x;
     for_face_fields<Less<E, PoseResidual>>([&](auto by) {
         add_field(backend, by.deform(nets), Squash::tanh, reach, p.rest_code, by.influence(w),
-                     by.code(p.code), p.moved, by.deform(p));
+                  by.code(p.code), p.moved, by.deform(p));
     });
     p.canonical = p.moved;
     if constexpr (has_effect<E, PoseResidual>) {
         p.moved_code = positional_encoding(p.moved, config.frequencies);
         add_field(backend, nets.pose_deform, Squash::tanh, reach, p.moved_code, w.pose, p.code.pose,
-                     p.canonical, p.pose_deform);
+                  p.canonical, p.pose_deform);
     }
     if constexpr (has_effect<E, HeadPose>) {
         p.head = head_transform(drivers);
@@ -222,21 +223,22 @@ void pose_mesh_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Avata
     Columns<T> g_moved = g_canonical;
     Columns<T> g_code = Columns<T>::Zero(p.rest_code.rows(), x.cols());
     if constexpr (has_effect<E, PoseResidual>) {
-        field_vjp(backend, nets.pose_deform, Squash::tanh, reach, w.pose, p.code.pose, p.pose_deform,
-                     g_canonical, {&gnets.pose_deform, &g_code, &g_w.pose, nullptr, &g_raw.pose});
+        field_vjp(backend, nets.pose_deform, Squash::tanh, reach, w.pose, p.code.pose,
+                  p.pose_deform, g_canonical,
+                  {&gnets.pose_deform, &g_code, &g_w.pose, nullptr, &g_raw.pose});
         g_moved += positional_encoding_vjp(p.moved_code, g_code, config.frequencies);
         g_code.setZero();
     }
     // In the order that the gradients' sums have always had: each eye's two networks together.
     const auto deform_vjp = [&](auto by, const Columns<T>& g_deform) {
         field_vjp(backend, by.deform(nets), Squash::tanh, reach, by.influence(w), by.code(p.code),
-                     by.deform(p), g_moved,
-                     {&by.deform(gnets), &g_code, &by.influence(g_w), nullptr, &g_deform});
+                  by.deform(p), g_moved,
+                  {&by.deform(gnets), &g_code, &by.influence(g_w), nullptr, &g_deform});
     };
     const auto color_vjp = [&](auto by) {
         field_vjp(backend, by.color(nets), mesh_colour_squash(by), one, by.influence(w),
-                     by.code(p.code), by.color(p), g_color,
-                     {&by.color(gnets), &g_feature, &by.influence(g_w)});
+                  by.code(p.code), by.color(p), g_color,
+                  {&by.color(gnets), &g_feature, &by.influence(g_w)});
     };
     if constexpr (has_effect<E, Expression>) deform_vjp(ExpressionField{}, g_raw.exp);
     for_eyes([&]<std::size_t eye>() {
@@ -248,7 +250,8 @@ void pose_mesh_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Avata
     if constexpr (has_effect<E, Expression>) color_vjp(ExpressionField{});
     if constexpr (has_effect<E, PoseResidual>) color_vjp(PoseField{});
     g_positions += g_moved + positional_encoding_vjp(p.rest_code, g_code, config.frequencies);
-    face_weights_vjp<T>(backend, config, x, mesh.landmarks, p.nearest, g_w, g_positions, &grad.landmarks);
+    face_weights_vjp<T>(backend, config, x, mesh.landmarks, p.nearest, g_w, g_positions,
+                        &grad.landmarks);
 }
 
 } // namespace rye

@@ -65,26 +65,27 @@ struct HeadTransformGradient {
 /// Turns world cotangents in `g` into head-frame ones, in place. `world` is what to_world produced.
 /// Returns the cotangent of the transform.
 template <class T, Backend B>
-HeadTransformGradient<T> to_world_vjp(const B& backend, const HeadTransform<T>& head, const Gaussians<T>& world,
-                                      Gaussians<T>& g) {
+HeadTransformGradient<T> to_world_vjp(const B& backend, const HeadTransform<T>& head,
+                                      const Gaussians<T>& world, Gaussians<T>& g) {
     const Vec4<T> conjugate = quat_conjugate<T>(head.quaternion);
-    return sum_chunks(backend.threads, g.mean.cols(), 4096, HeadTransformGradient<T>{}, [&](Index b, Index e) {
-            HeadTransformGradient<T> sum;
-            for (Index i = b; i < e; ++i) {
-                const Vec3<T> gx = g.mean.col(i);
-                const Vec4<T> gq = g.rotation.col(i);
-                const Vec3<T> centred = world.mean.col(i) - head.translation;
-                const Vec3<T> scaled = head.rotation.transpose() * centred;  // S x
-                sum.rotation += gx * scaled.transpose();
-                sum.translation += gx;
-                const Vec4<T> q = quat_product<T>(conjugate, world.rotation.col(i));
-                g.rotation.col(i) = quat_product_vjp_right<T>(head.quaternion, gq);
-                sum.quaternion += quat_product_vjp_left<T>(q, gq);
-                g.mean.col(i) = head.scale * (head.rotation.transpose() * gx);
-            }
-            g.scale.middleCols(b, e - b) *= head.scale;
-            return sum;
-        });
+    return sum_chunks(backend.threads, g.mean.cols(), 4096, HeadTransformGradient<T>{},
+                      [&](Index b, Index e) {
+                          HeadTransformGradient<T> sum;
+                          for (Index i = b; i < e; ++i) {
+                              const Vec3<T> gx = g.mean.col(i);
+                              const Vec4<T> gq = g.rotation.col(i);
+                              const Vec3<T> centred = world.mean.col(i) - head.translation;
+                              const Vec3<T> scaled = head.rotation.transpose() * centred; // S x
+                              sum.rotation += gx * scaled.transpose();
+                              sum.translation += gx;
+                              const Vec4<T> q = quat_product<T>(conjugate, world.rotation.col(i));
+                              g.rotation.col(i) = quat_product_vjp_right<T>(head.quaternion, gq);
+                              sum.quaternion += quat_product_vjp_left<T>(q, gq);
+                              g.mean.col(i) = head.scale * (head.rotation.transpose() * gx);
+                          }
+                          g.scale.middleCols(b, e - b) *= head.scale;
+                          return sum;
+                      });
 }
 
 /// Cotangent of pose from that of the transform: the Jacobian of the exponential map by duals.

@@ -17,14 +17,13 @@ namespace rye {
 ///     add(backend, parameters, drivers, gaussians)                          changes the Gaussians
 ///     vjp(backend, parameters, drivers, before, g_gaussians, g_parameters)  before: add's input
 template <class X>
-concept OwnEffect =
-    Effect<X> && requires(const typename X::template Parameters<float>& p,
-                          typename X::template Parameters<float>& grad,
-                          const ScalarBackend<>& backend,
-                          const Drivers<float, Effects<X>>& drivers, Gaussians<float>& g) {
-        X::add(backend, p, drivers, g);
-        X::vjp(backend, p, drivers, std::as_const(g), g, grad);
-    };
+concept OwnEffect = Effect<X> &&
+    requires(const typename X::template Parameters<float>& p,
+             typename X::template Parameters<float>& grad, const ScalarBackend<>& backend,
+             const Drivers<float, Effects<X>>& drivers, Gaussians<float>& g) {
+    X::add(backend, p, drivers, g);
+    X::vjp(backend, p, drivers, std::as_const(g), g, grad);
+};
 
 namespace detail {
 
@@ -75,9 +74,8 @@ struct OwnParameters<T, Effects<X...>>
 template <class T, EffectSet E, Backend B>
 void add_own_effects(const B& backend, const OwnParameters<T, E>& own, const Drivers<T, E>& drivers,
                      Gaussians<T>& face) {
-    OwnParameters<T, E>::each([&]<class Y>(Y, const auto& p) {
-        Y::add(backend, p, drivers, face);
-    }, own);
+    OwnParameters<T, E>::each([&]<class Y>(Y, const auto& p) { Y::add(backend, p, drivers, face); },
+                              own);
 }
 
 /// Turns the cotangent of the changed face into that of `face`, which is as it was before.
@@ -92,9 +90,11 @@ void own_effects_vjp(const B& backend, const OwnParameters<T, E>& own, const Dri
     }, own);
     for (std::size_t last = before.size(); last-- > 0;) {
         std::size_t k = 0;
-        OwnParameters<T, E>::each([&]<class Y>(Y, const auto& p, auto& g) {
-            if (k++ == last) Y::vjp(backend, p, drivers, before[last], g_face, g);
-        }, own, grad);
+        OwnParameters<T, E>::each(
+            [&]<class Y>(Y, const auto& p, auto& g) {
+                if (k++ == last) Y::vjp(backend, p, drivers, before[last], g_face, g);
+            },
+            own, grad);
     }
 }
 

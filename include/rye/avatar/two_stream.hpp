@@ -74,11 +74,12 @@ Gaussians<T> part(const Gaussians<T>& all, Index begin, Index n) {
 /// The driven Gaussians of both streams, in trace.world_face and trace.world_eyes. Without a head
 /// pose the head's frame is the world.
 template <class T, EffectSet E, Backend B>
-void drive(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config, const LandmarkRoles& roles,
-           const Drivers<T, E>& drivers, TwoStreamTrace<T, E>& trace) {
+void drive(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
+           const LandmarkRoles& roles, const Drivers<T, E>& drivers, TwoStreamTrace<T, E>& trace) {
     const Drivers<T, E>& optical = optical_drivers(avatar.eyes, drivers);
     trace.code = frame_code(config, optical);
-    trace.driven_face = face_gaussians<T>(backend, avatar.face, config, roles, trace.code, trace.face);
+    trace.driven_face =
+        face_gaussians<T>(backend, avatar.face, config, roles, trace.code, trace.face);
     trace.world_face = trace.driven_face;
     if constexpr (has_own_effects<E>)
         add_own_effects<T, E>(backend, avatar, optical, trace.world_face);
@@ -86,7 +87,7 @@ void drive(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& 
         trace.head = head_transform(optical);
         to_world(backend, trace.head, trace.world_face);
         trace.world_eyes = eye_gaussians<T>(backend, avatar.eyes, config, optical, trace.code,
-                                               trace.eyes, trace.head);
+                                            trace.eyes, trace.head);
     } else {
         trace.world_eyes =
             eye_gaussians<T>(backend, avatar.eyes, config, optical, trace.code, trace.eyes);
@@ -110,14 +111,15 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar, const Avata
     const auto streams_vjp = [&](const auto&... head) {
         if constexpr (has_own_effects<E>)
             own_effects_vjp<T, E>(backend, avatar, optical_drivers(avatar.eyes, drivers),
-                                     trace.driven_face, g_face, grad);
+                                  trace.driven_face, g_face, grad);
         face_vjp(backend, avatar.face, config, trace.code, trace.face, trace.driven_face, g_face,
-                    grad.face, g_frame);
-        eye_vjp(backend, avatar.eyes, config, drivers, trace.eyes, trace.world_eyes, g_eyes, grad.eyes,
-                   g_frame, head...);
+                 grad.face, g_frame);
+        eye_vjp(backend, avatar.eyes, config, drivers, trace.eyes, trace.world_eyes, g_eyes,
+                grad.eyes, g_frame, head...);
     };
     if constexpr (has_effect<E, HeadPose>) {
-        HeadTransformGradient<T> g_head = to_world_vjp(backend, trace.head, trace.world_face, g_face);
+        HeadTransformGradient<T> g_head =
+            to_world_vjp(backend, trace.head, trace.world_face, g_face);
         g_head += to_world_vjp(backend, trace.head, trace.world_eyes, g_eyes);
         optics_vjp(trace.head);
         if constexpr (has_effect<E, SeesCornea>) g_head += g_frame.optics.head;

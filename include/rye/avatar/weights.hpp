@@ -69,9 +69,10 @@ Columns<T> set_weights(const B& backend, const AvatarConfig& config, double near
 
 /// `g` is the cotangent of one set's influence at a point.
 template <class T, class G, Backend B>
-void set_weights_vjp(const B& backend, const AvatarConfig& config, double near, double far, const Columns<T>& points,
-                     const Columns<T>& landmarks, const NearestTrace<T>& trace, const G& g,
-                     Columns<T>& g_points, Columns<T>* g_landmarks) {
+void set_weights_vjp(const B& backend, const AvatarConfig& config, double near, double far,
+                     const Columns<T>& points, const Columns<T>& landmarks,
+                     const NearestTrace<T>& trace, const G& g, Columns<T>& g_points,
+                     Columns<T>* g_landmarks) {
     const Ramp<T> ramp = checked_ramp(T(near), T(far));
     std::visit([&](const auto& metric) {
         const auto range = [&](Index begin, Index end, Index) {
@@ -100,15 +101,15 @@ Weights<T, E> face_weights(const B& backend, const AvatarConfig& config, const C
                            WeightsTrace<T, E>& trace) {
     Weights<T, E> w;
     if constexpr (has_effect<E, ReadsFaceRamp>) {
-        w.exp = detail::set_weights(backend, config, config.exp_near, config.exp_far, points, landmarks,
-                                       roles.expression, trace.exp);
+        w.exp = detail::set_weights(backend, config, config.exp_near, config.exp_far, points,
+                                    landmarks, roles.expression, trace.exp);
         w.pose = Columns<T>::Ones(1, points.cols()) - w.exp;
     }
     for_eyes([&]<std::size_t eye>() {
         if constexpr (skin_follows<E, eye>)
             of_eye<eye>(w.gaze) =
                 detail::set_weights(backend, config, config.gaze_near, config.gaze_far, points,
-                                       landmarks, roles.eye[eye], of_eye<eye>(trace.gaze));
+                                    landmarks, roles.eye[eye], of_eye<eye>(trace.gaze));
     });
     return w;
 }
@@ -119,15 +120,15 @@ void face_weights_vjp(const B& backend, const AvatarConfig& config, const Column
                       const Columns<T>& landmarks, const WeightsTrace<T, E>& trace,
                       const Weights<T, E>& g, Columns<T>& g_points, Columns<T>* g_landmarks) {
     if constexpr (has_effect<E, ReadsFaceRamp>)
-        detail::set_weights_vjp(backend, config, config.exp_near, config.exp_far, points, landmarks,
-                                trace.exp, [&](Index i) { return T(g.exp(0, i) - g.pose(0, i)); },
-                                g_points, g_landmarks);
+        detail::set_weights_vjp(
+            backend, config, config.exp_near, config.exp_far, points, landmarks, trace.exp,
+            [&](Index i) { return T(g.exp(0, i) - g.pose(0, i)); }, g_points, g_landmarks);
     for_eyes([&]<std::size_t eye>() {
         if constexpr (skin_follows<E, eye>)
-            detail::set_weights_vjp(backend, config, config.gaze_near, config.gaze_far, points, landmarks,
-                                    of_eye<eye>(trace.gaze),
-                                    [&](Index i) { return T(of_eye<eye>(g.gaze)(0, i)); },
-                                    g_points, g_landmarks);
+            detail::set_weights_vjp(
+                backend, config, config.gaze_near, config.gaze_far, points, landmarks,
+                of_eye<eye>(trace.gaze), [&](Index i) { return T(of_eye<eye>(g.gaze)(0, i)); },
+                g_points, g_landmarks);
     });
 }
 

@@ -69,7 +69,7 @@ class TaskErrors {
 /// OpenMP's threads. They wait as the OpenMP runtime is set to: GNU's spins by default, which takes
 /// the processor from other programs; OMP_WAIT_POLICY=passive or a `ThreadPool` sleeps.
 struct OpenMp {
-    int count = 0;  ///< number of threads; 0: as many as the runtime gives
+    int count = 0; ///< number of threads; 0: as many as the runtime gives
 
     template <std::invocable<Index> F>
     void run(Index n, F&& f) const {
@@ -101,15 +101,15 @@ void for_chunks(const P& threads, Index n, Index grain, F&& f) {
 
 /// Sums what f(begin, end) returns over fixed chunks, in the order of the chunks.
 template <Threads P, class R, class F>
-    requires std::invocable<F, Index, Index>
-R sum_chunks(const P& threads, Index n, Index grain, const R& zero, F&& f) {
-    std::vector<R> parts(static_cast<std::size_t>(chunk_count(n, grain)), zero);
-    for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {
-        parts[static_cast<std::size_t>(c)] = f(b, e);
-    });
-    R total = zero;
-    for (const R& p : parts) total += p;
-    return total;
-}
+    requires std::invocable<F, Index, Index> R sum_chunks(const P& threads, Index n, Index grain,
+                                                          const R& zero, F&& f) {
+        std::vector<R> parts(static_cast<std::size_t>(chunk_count(n, grain)), zero);
+        for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {
+            parts[static_cast<std::size_t>(c)] = f(b, e);
+        });
+        R total = zero;
+        for (const R& p : parts) total += p;
+        return total;
+    }
 
 } // namespace rye

@@ -147,8 +147,9 @@ void nearest_faces(const Columns<W>& camera, const std::vector<Face>& faces,
 
 /// Draws vertices (3 x M, world) and faces with attributes (C x M). No faces: an empty image.
 template <class T, Backend B>
-MeshRaster<T> rasterize_mesh(const B& backend, const ColumnsView<T>& vertices, const std::vector<Face>& faces,
-                             const Pinhole<real_t<T>>& camera, const ColumnsView<T>& attributes,
+MeshRaster<T> rasterize_mesh(const B& backend, const ColumnsView<T>& vertices,
+                             const std::vector<Face>& faces, const Pinhole<real_t<T>>& camera,
+                             const ColumnsView<T>& attributes,
                              const MeshRasterSettings& settings = {}) {
     using W = widened_t<T>;
     RYE_ASSERT(vertices.rows() == 3 && vertices.cols() == attributes.cols(),

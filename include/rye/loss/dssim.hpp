@@ -99,7 +99,8 @@ LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
     const auto share =
         static_cast<real_t<T>>(-1.0 / static_cast<double>(std::max<Index>(size, 1)));
 
-    const W sum = sum_chunks(backend.threads, window.height, detail::dssim_rows, W(0), [&](Index first, Index last) {
+    const W sum = sum_chunks(
+        backend.threads, window.height, detail::dssim_rows, W(0), [&](Index first, Index last) {
             VecX<T> lines = VecX<T>::Zero(4 * padded), ssim(row);
             T *const line_x = lines.data(), *const line_y = line_x + padded,
                      *const line_squares = line_y + padded, *const line_xy = line_squares + padded;
@@ -140,8 +141,8 @@ LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
 
     LossGradient<T> loss{T(1) + T(share) * scalar_cast<T>(sum), {}};
     loss.gradient.resize(a.pixels.rows(), a.pixels.cols());
-    for_chunks(backend.threads, 
-        window.height, detail::dssim_rows, [&](Index first, Index last, Index) {
+    for_chunks(
+        backend.threads, window.height, detail::dssim_rows, [&](Index first, Index last, Index) {
             VecX<T> lines = VecX<T>::Zero(3 * padded);
             T *const line_x = lines.data(), *const line_xx = line_x + padded,
                      *const line_xy = line_xx + padded;

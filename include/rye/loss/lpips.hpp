@@ -44,30 +44,30 @@ namespace detail {
 
 /// One slice: the value, and the cotangent of the first features.
 template <class T, Backend B>
-LossGradient<T> lpips_slice(const B& backend, const Columns<T>& fa, const Columns<T>& fb, const Columns<T>& weight) {
+LossGradient<T> lpips_slice(const B& backend, const Columns<T>& fa, const Columns<T>& fb,
+                            const Columns<T>& weight) {
     using std::sqrt;
     LossGradient<T> loss{T(0), Columns<T>(fa.rows(), fa.cols())};
     const T eps(static_cast<real_t<T>>(lpips_eps));
     const T share(static_cast<real_t<T>>(1.0 / static_cast<double>(fa.cols())));
-    const T sum =
-        sum_chunks(backend.threads, fa.cols(), 256, T(0), [&](Index first, Index last) {
-            T total(0);
-            for (Index j = first; j < last; ++j) {
-                const T ra = sqrt(fa.col(j).squaredNorm()), rb = sqrt(fb.col(j).squaredNorm());
-                const VecX<T> d = fa.col(j) / (ra + eps) - fb.col(j) / (rb + eps);
-                const VecX<T> wd = weight.col(0).cwiseProduct(d);
-                total += d.dot(wd);
-                // y = f / s, s = |f| + eps: g_f = g / s - f <f, g> / (|f| s^2). Features of length
-                // 0 come from a ReLU that passes nothing on.
-                const T s = ra + eps;
-                const VecX<T> g = T(2 * share) * wd;
-                if (ra > T(0))
-                    loss.gradient.col(j) = g / s - fa.col(j) * (fa.col(j).dot(g) / (ra * s * s));
-                else
-                    loss.gradient.col(j).setZero();
-            }
-            return total;
-        });
+    const T sum = sum_chunks(backend.threads, fa.cols(), 256, T(0), [&](Index first, Index last) {
+        T total(0);
+        for (Index j = first; j < last; ++j) {
+            const T ra = sqrt(fa.col(j).squaredNorm()), rb = sqrt(fb.col(j).squaredNorm());
+            const VecX<T> d = fa.col(j) / (ra + eps) - fb.col(j) / (rb + eps);
+            const VecX<T> wd = weight.col(0).cwiseProduct(d);
+            total += d.dot(wd);
+            // y = f / s, s = |f| + eps: g_f = g / s - f <f, g> / (|f| s^2). Features of length
+            // 0 come from a ReLU that passes nothing on.
+            const T s = ra + eps;
+            const VecX<T> g = T(2 * share) * wd;
+            if (ra > T(0))
+                loss.gradient.col(j) = g / s - fa.col(j) * (fa.col(j).dot(g) / (ra * s * s));
+            else
+                loss.gradient.col(j).setZero();
+        }
+        return total;
+    });
     loss.value = sum * share;
     return loss;
 }
@@ -103,8 +103,8 @@ struct LpipsVgg {
         std::array<Columns<T>, vgg_slices> g;
         for (std::size_t s = 0; s < vgg_slices; ++s) {
             const int slice = static_cast<int>(s);
-            LossGradient<T> part = detail::lpips_slice<T>(backend, 
-                ta.feature(slice).pixels, tb.feature(slice).pixels, weights.linear[s]);
+            LossGradient<T> part = detail::lpips_slice<T>(
+                backend, ta.feature(slice).pixels, tb.feature(slice).pixels, weights.linear[s]);
             loss.value += part.value;
             g[s] = std::move(part.gradient);
         }

@@ -118,7 +118,8 @@ T difference_l1(const B& backend, const Image<T>& d, double weight, Image<T>& g)
 } // namespace detail
 
 template <class T, Backend B>
-LossGradient<T> PyramidGradientLoss::operator()(const B& backend, const Image<T>& a, const Image<T>& b) const {
+LossGradient<T> PyramidGradientLoss::operator()(const B& backend, const Image<T>& a,
+                                                const Image<T>& b) const {
     detail::require_same_shape<T>("PyramidGradientLoss", a.pixels, b.pixels, Columns<T>());
     std::vector<Image<T>> d, g;
     d.push_back(detail::unwritten<T>(a.width, a.height, a.channels()));
@@ -137,17 +138,17 @@ LossGradient<T> PyramidGradientLoss::operator()(const B& backend, const Image<T>
     for (std::size_t level = weight.size() - 1; level > 0; --level) {
         const Image<T>& coarse = g[level];
         Image<T>& fine = g[level - 1];
-        for_chunks(backend.threads, 
-            coarse.height, detail::pyramid_rows, [&](Index first, Index last, Index) {
-                const Index c = a.channels();
-                for (Index y = 2 * first; y < 2 * last; ++y) {
-                    const T* from = coarse.pixels.data() + y / 2 * coarse.width * c;
-                    T* to = fine.pixels.data() + y * fine.width * c;
-                    for (Index x = 0; x < coarse.width; ++x, from += c)
-                        for (Index i = 0; i < 2 * c; ++i, ++to)
-                            *to += T(0.25f) * from[i < c ? i : i - c];
-                }
-            });
+        for_chunks(backend.threads, coarse.height, detail::pyramid_rows,
+                   [&](Index first, Index last, Index) {
+                       const Index c = a.channels();
+                       for (Index y = 2 * first; y < 2 * last; ++y) {
+                           const T* from = coarse.pixels.data() + y / 2 * coarse.width * c;
+                           T* to = fine.pixels.data() + y * fine.width * c;
+                           for (Index x = 0; x < coarse.width; ++x, from += c)
+                               for (Index i = 0; i < 2 * c; ++i, ++to)
+                                   *to += T(0.25f) * from[i < c ? i : i - c];
+                       }
+                   });
     }
     loss.gradient = std::move(g[0].pixels);
     return loss;

@@ -55,7 +55,8 @@ T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
     if (a.size() == 0) return T(0);
     const T share(static_cast<real_t<T>>(1.0 / static_cast<double>(a.size())));
     const Index channels = a.rows();
-    const W sum = sum_chunks(backend.threads, a.cols(), detail::loss_grain, W(0), [&](Index first, Index last) {
+    const W sum = sum_chunks(
+        backend.threads, a.cols(), detail::loss_grain, W(0), [&](Index first, Index last) {
             W total(0);
             for (Index j = first; j < last; ++j) {
                 const T m = mask.size() ? mask(j) : T(1);

@@ -76,7 +76,8 @@ inline Eigen::ArrayXd ssim_values(const SsimRow& m) {
 /// Mean of the map over channels and over the windows that lie inside the image, each weighted by
 /// the mask (1 x pixels, or empty for 1 everywhere) at its centre; 1 where no window has weight.
 template <class T, Backend B>
-double ssim(const B& backend, const Image<T>& a, const Image<T>& b, const std::type_identity_t<Columns<T>>& mask) {
+double ssim(const B& backend, const Image<T>& a, const Image<T>& b,
+            const std::type_identity_t<Columns<T>>& mask) {
     require(a.width == b.width && a.height == b.height && a.channels() == b.channels(), "ssim",
             "got images of different shapes");
     require(a.width >= ssim_window && a.height >= ssim_window, "ssim",
@@ -89,7 +90,8 @@ double ssim(const B& backend, const Image<T>& a, const Image<T>& b, const std::t
     constexpr Index margin = ssim_window / 2;
     const Index c = a.channels(), columns = a.width - 2 * margin;
     const Eigen::Vector2d zero = Eigen::Vector2d::Zero(); // weighted sum, weight
-    const Eigen::Vector2d total = sum_chunks(backend.threads, a.height - 2 * margin, 8, zero, [&](Index first, Index last) {
+    const Eigen::Vector2d total =
+        sum_chunks(backend.threads, a.height - 2 * margin, 8, zero, [&](Index first, Index last) {
             Eigen::Vector2d part = zero;
             for (Index y = first; y < last; ++y) {
                 const Eigen::ArrayXd s = detail::ssim_values(detail::ssim_row(a, b, y, weight));

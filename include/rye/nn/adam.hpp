@@ -49,10 +49,9 @@ inline constexpr Index adam_grain = 16384;
 /// 0 x = 0 for every finite x and NaN for all others, so one vectorised sum tells.
 template <class T, Backend B>
 bool all_finite(const B& backend, const Columns<T>& a) {
-    const T zero =
-        sum_chunks(backend.threads, a.size(), adam_grain, T(0), [&](Index b, Index e) {
-            return (Eigen::Map<const VecX<T>>(a.data() + b, e - b).array() * T(0)).sum();
-        });
+    const T zero = sum_chunks(backend.threads, a.size(), adam_grain, T(0), [&](Index b, Index e) {
+        return (Eigen::Map<const VecX<T>>(a.data() + b, e - b).array() * T(0)).sum();
+    });
     return zero == T(0);
 }
 
@@ -62,7 +61,8 @@ bool all_finite(const B& backend, const Columns<T>& a) {
 /// its moments, and its gradient is not looked at.
 template <class P, class Rate, Backend B>
     requires std::is_invocable_r_v<double, Rate, const std::string&> AdamReport
-    adam_step(const B& backend, P& p, const P& g, Adam<P>& state, const Rate& rate, const AdamConfig& config = {}) {
+    adam_step(const B& backend, P& p, const P& g, Adam<P>& state, const Rate& rate,
+              const AdamConfig& config = {}) {
         AdamReport report;
         std::vector<double> rates;
         P::fields(
@@ -91,8 +91,8 @@ template <class P, class Rate, Backend B>
                 const T b1 = T(config.beta1), d1 = T(1.0 - config.beta1);
                 const T b2 = T(config.beta2), d2 = T(1.0 - config.beta2);
                 const T size = T(rates[i] / c1), root = T(1.0 / std::sqrt(c2)), eps = T(config.eps);
-                for_chunks(backend.threads, 
-                    a.size(), detail::adam_grain, [&](Index b, Index e, Index) {
+                for_chunks(
+                    backend.threads, a.size(), detail::adam_grain, [&](Index b, Index e, Index) {
                         const Index n = e - b;
                         T *pa = a.data() + b, *pm = m.data() + b, *pv = v.data() + b;
                         const T* pg = ga.data() + b;

@@ -66,8 +66,8 @@ void double_into(const B& backend, const Image<T>& in, const F& f, const Row& ro
 template <class T, Backend B>
 Image<T> doubled(const B& backend, const Image<T>& in) {
     Image<T> out(2 * in.width, 2 * in.height, in.channels());
-    double_into(backend, 
-        in, [](const auto& x) { return x; },
+    double_into(
+        backend, in, [](const auto& x) { return x; },
         [&](Index y) { return out.pixels.data() + y * out.width * out.pixels.rows(); });
     return out;
 }

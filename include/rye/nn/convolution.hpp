@@ -50,17 +50,15 @@ Padded<T> padded(const B& backend, const Image<T>& in, const F& f, const More&..
     Padded<T> out{in.width, in.height, Columns<T>(c, pitch * (in.height + 2))};
     out.pixels.leftCols(pitch).setZero();
     out.pixels.rightCols(pitch).setZero();
-    for_chunks(backend.threads, 
-        in.height, rows_per_chunk(in.width), [&](Index b, Index e, Index) {
-            for (Index y = b; y < e; ++y) {
-                const Index row = (y + 1) * pitch;
-                out.pixels.col(row).setZero();
-                out.pixels.col(row + w + 1).setZero();
-                transform_array<B>(w * c, out.pixels.col(row + 1).data(), f,
-                                   in.pixels.data() + y * w * c,
-                                   more.pixels.data() + y * w * c...);
-            }
-        });
+    for_chunks(backend.threads, in.height, rows_per_chunk(in.width), [&](Index b, Index e, Index) {
+        for (Index y = b; y < e; ++y) {
+            const Index row = (y + 1) * pitch;
+            out.pixels.col(row).setZero();
+            out.pixels.col(row + w + 1).setZero();
+            transform_array<B>(w * c, out.pixels.col(row + 1).data(), f,
+                               in.pixels.data() + y * w * c, more.pixels.data() + y * w * c...);
+        }
+    });
     return out;
 }
 template <class T, Backend B>
@@ -92,8 +90,8 @@ Image<T> convolve3x3(const B& backend, const Columns<T>& weight, const Padded<T>
     out.height = in.height;
     out.pixels.resize(weight.rows(), out.size());
     const bool lanes = detail::runs_in_lanes<B, T>(weight.rows(), in.channels(), in.width);
-    for_chunks(backend.threads, 
-        in.height, rows_per_chunk(in.width), [&](Index b, Index e, Index) {
+    for_chunks(
+        backend.threads, in.height, rows_per_chunk(in.width), [&](Index b, Index e, Index) {
             for (Index y = b; y < e; ++y) {
                 if constexpr (LaneBackend<B, T>)
                     if (lanes) {
@@ -135,7 +133,8 @@ Image<T> convolve3x3_vjp_input(const B& backend, const Columns<T>& weight, const
 
 /// Adds the cotangent of the weights: partial sums over at most 16 bands of rows, merged in order.
 template <class T, Backend B>
-void convolve3x3_vjp_weight(const B& backend, const Padded<T>& in, const Padded<T>& g, Columns<T>& g_weight) {
+void convolve3x3_vjp_weight(const B& backend, const Padded<T>& in, const Padded<T>& g,
+                            Columns<T>& g_weight) {
     const Index k = 3 * in.channels();
     const Index rows = std::max(rows_per_chunk(in.width), chunk_count(in.height, 16));
     const bool lanes = detail::runs_in_lanes<B, T>(g.channels(), in.channels(), in.width);

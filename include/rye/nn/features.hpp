@@ -132,9 +132,10 @@ VggTrace<T> vgg_forward(const B& backend, const Vgg<T>& net, const Image<T>& in)
     for (std::size_t slice = 0; slice < vgg_slices; ++slice)
         for (int k = 0; k < net.shape.convolutions[slice]; ++k) {
             const std::size_t l = t.layer.size();
-            const Padded<T> x = l == 0   ? padded(backend, in)
-                                : k == 0 ? padded(backend, detail::max_pool(backend, t.layer[l - 1]))
-                                         : padded(backend, t.layer[l - 1]);
+            const Padded<T> x = l == 0 ? padded(backend, in)
+                                : k == 0
+                                    ? padded(backend, detail::max_pool(backend, t.layer[l - 1]))
+                                    : padded(backend, t.layer[l - 1]);
             t.layer.push_back(convolve3x3(backend, net.weight[l], x));
             detail::add_bias_relu(backend, t.layer.back(), net.bias[l]);
             t.slice_end[slice] = l;

@@ -25,14 +25,15 @@ inline constexpr Index norm_block = 256;
 template <class T, class F, Backend B>
 VecX<T> pixel_mean(const B& backend, Index channels, Index pixels, const F& f) {
     const VecX<T> zero = VecX<T>::Zero(channels);
-    const VecX<T> sum = sum_chunks(backend.threads, chunk_count(pixels, norm_block), 16, zero, [&](Index first, Index last) {
-            VecX<T> s = zero;
-            for (Index c = first; c < last; ++c) {
-                const Index b = c * norm_block;
-                s += f(b, std::min(norm_block, pixels - b));
-            }
-            return s;
-        });
+    const VecX<T> sum = sum_chunks(backend.threads, chunk_count(pixels, norm_block), 16, zero,
+                                   [&](Index first, Index last) {
+                                       VecX<T> s = zero;
+                                       for (Index c = first; c < last; ++c) {
+                                           const Index b = c * norm_block;
+                                           s += f(b, std::min(norm_block, pixels - b));
+                                       }
+                                       return s;
+                                   });
     return sum * T(1.0 / static_cast<double>(std::max<Index>(pixels, 1)));
 }
 
@@ -42,8 +43,8 @@ VecX<T> pixel_mean(const B& backend, Index channels, Index pixels, const F& f) {
 template <class T, Backend B>
 VecX<T> instance_norm(const B& backend, Columns<T>& x) {
     using std::sqrt;
-    const VecX<T> mean = detail::pixel_mean<T>(backend, 
-        x.rows(), x.cols(),
+    const VecX<T> mean = detail::pixel_mean<T>(
+        backend, x.rows(), x.cols(),
         [&](Index b, Index n) -> VecX<T> { return x.middleCols(b, n).rowwise().sum(); });
     const VecX<T> variance =
         detail::pixel_mean<T>(backend, x.rows(), x.cols(), [&](Index b, Index n) -> VecX<T> {
@@ -62,8 +63,8 @@ VecX<T> instance_norm(const B& backend, Columns<T>& x) {
 /// Turns the cotangent of the output y into that of the input, in place.
 template <class T, Backend B>
 void instance_norm_vjp(const B& backend, const Columns<T>& y, const VecX<T>& gain, Columns<T>& g) {
-    const VecX<T> mean_g = detail::pixel_mean<T>(backend, 
-        y.rows(), y.cols(),
+    const VecX<T> mean_g = detail::pixel_mean<T>(
+        backend, y.rows(), y.cols(),
         [&](Index b, Index n) -> VecX<T> { return g.middleCols(b, n).rowwise().sum(); });
     const VecX<T> mean_gy =
         detail::pixel_mean<T>(backend, y.rows(), y.cols(), [&](Index b, Index n) -> VecX<T> {

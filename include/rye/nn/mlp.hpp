@@ -178,7 +178,8 @@ void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const MlpShape& s, 
 /// points: point_inputs x N, frame: frame_inputs. Returns outputs x N, without a last activation.
 /// The trace may be null.
 template <class T, Backend B>
-Columns<T> mlp_forward(const B& backend, const Mlp<T>& m, const std::type_identity_t<ColumnsView<T>>& points,
+Columns<T> mlp_forward(const B& backend, const Mlp<T>& m,
+                       const std::type_identity_t<ColumnsView<T>>& points,
                        const std::type_identity_t<VecX<T>>& frame,
                        std::type_identity_t<MlpTrace<T>>* trace) {
     const MlpShape& s = m.shape;

@@ -112,14 +112,16 @@ namespace detail {
 /// The input of layer l inside its border: the features, or what the layer below left, doubled at
 /// the start of a block. Rebuilt in the vjp, which is cheaper than keeping it.
 template <class T, Backend B>
-Padded<T> upsampler_layer_input(const B& backend, const Image<T>& in, const std::vector<Image<T>>& normal, int l) {
+Padded<T> upsampler_layer_input(const B& backend, const Image<T>& in,
+                                const std::vector<Image<T>>& normal, int l) {
     if (l == 0) return padded(backend, in);
     const Image<T>& below = normal[static_cast<std::size_t>(l - 1)];
     const auto f = [](const auto& x) { return relu(x); };
     if (l % 2 == 1) return padded(backend, below, f);
     const Index w = 2 * below.width, h = 2 * below.height, c = below.channels();
     Padded<T> out{static_cast<int>(w), static_cast<int>(h), Columns<T>::Zero(c, (w + 2) * (h + 2))};
-    double_into(backend, below, f, [&](Index y) { return out.pixels.col((y + 1) * (w + 2) + 1).data(); });
+    double_into(backend, below, f,
+                [&](Index y) { return out.pixels.col((y + 1) * (w + 2) + 1).data(); });
     return out;
 }
 
@@ -163,8 +165,10 @@ Image<T> upsampler_forward(const B& backend, const Upsampler<T>& u, const Image<
     t.gain.resize(static_cast<std::size_t>(s.layers()));
     for (int l = 0; l < s.layers(); ++l) {
         const std::size_t i = static_cast<std::size_t>(l);
-        t.normal[i] = convolve3x3(backend, u.conv[i], detail::upsampler_layer_input(backend, in, t.normal, l));
-        if (s.norm == Normalization::instance) t.gain[i] = instance_norm(backend, t.normal[i].pixels);
+        t.normal[i] = convolve3x3(backend, u.conv[i],
+                                  detail::upsampler_layer_input(backend, in, t.normal, l));
+        if (s.norm == Normalization::instance)
+            t.gain[i] = instance_norm(backend, t.normal[i].pixels);
         if (!trace && l > 0) t.normal[i - 1] = {};
     }
     if (s.skip) {
@@ -172,18 +176,17 @@ Image<T> upsampler_forward(const B& backend, const Upsampler<T>& u, const Image<
         t.base.width = in.width;
         t.base.height = in.height;
         t.base.pixels.resize(3, in.size());
-        for_chunks(backend.threads, 
-            in.size(), detail::last_layer_grain, [&](Index b, Index e, Index) {
-                for (Index j = b; j < e; ++j)
-                    for (Index i = 0; i < 3; ++i) t.base.pixels(i, j) = in.pixels(i, j);
-            });
+        for_chunks(backend.threads, in.size(), detail::last_layer_grain,
+                   [&](Index b, Index e, Index) {
+                       for (Index j = b; j < e; ++j)
+                           for (Index i = 0; i < 3; ++i) t.base.pixels(i, j) = in.pixels(i, j);
+                   });
         for (int d = 0; d < s.doublings; ++d) t.base = doubled(backend, t.base);
     }
     const Image<T>& last = t.normal.back();
     Image<T> out(last.width, last.height, 3);
-    for_chunks(backend.threads, 
-        out.size(), detail::last_layer_grain,
-        [&](Index b, Index e, Index) { detail::last_layer<B>(u, last, t.base, b, e, out); });
+    for_chunks(backend.threads, out.size(), detail::last_layer_grain,
+               [&](Index b, Index e, Index) { detail::last_layer<B>(u, last, t.base, b, e, out); });
     if (trace) t.out = out;
     return out;
 }
@@ -191,29 +194,29 @@ Image<T> upsampler_forward(const B& backend, const Upsampler<T>& u, const Image<
 /// g_out: 3 x pixels of the output. Adds to g_params; overwrites g_in (in_channels x pixels of the
 /// input), which may be null.
 template <class T, Backend B>
-void upsampler_vjp(const B& backend, const Upsampler<T>& u, const Image<T>& in, const UpsamplerTrace<T>& t,
-                   const std::type_identity_t<ColumnsView<T>>& g_out, Upsampler<T>& g_params,
-                   std::type_identity_t<Columns<T>>* g_in) {
+void upsampler_vjp(const B& backend, const Upsampler<T>& u, const Image<T>& in,
+                   const UpsamplerTrace<T>& t, const std::type_identity_t<ColumnsView<T>>& g_out,
+                   Upsampler<T>& g_params, std::type_identity_t<Columns<T>>* g_in) {
     const UpsamplerShape& s = u.shape;
     const Image<T>& last = t.normal.back();
     const Index pixels = last.size();
     RYE_ASSERT(g_out.rows() == 3 && g_out.cols() == pixels, "upsampler_vjp: shape of g_out");
     // Both outputs have d out / d z = out (1 - out); the base's slope is that over b (1 - b).
     Columns<T> g_z(3, pixels);
-    for_chunks(backend.threads, 
-        pixels, detail::last_layer_grain, [&](Index b, Index e, Index) {
-            const ColumnsView<T> from = g_out.middleCols(b, e - b);
-            for (Index j = b; j < e; ++j)
-                for (Index i = 0; i < 3; ++i) {
-                    const T o = t.out.pixels(i, j);
-                    g_z(i, j) = from(i, j - b) * (o * (T(1) - o));
-                }
-        });
+    for_chunks(backend.threads, pixels, detail::last_layer_grain, [&](Index b, Index e, Index) {
+        const ColumnsView<T> from = g_out.middleCols(b, e - b);
+        for (Index j = b; j < e; ++j)
+            for (Index i = 0; i < 3; ++i) {
+                const T o = t.out.pixels(i, j);
+                g_z(i, j) = from(i, j - b) * (o * (T(1) - o));
+            }
+    });
 
     Image<T> g{last.width, last.height, 0};
     g.pixels.resize(s.capacity, pixels);
     const Columns<T> zero = Columns<T>::Zero(3, s.capacity + 1);
-    const Columns<T> g_outc = sum_chunks(backend.threads, pixels, detail::outc_grain(pixels), zero, [&](Index b, Index e) {
+    const Columns<T> g_outc = sum_chunks(
+        backend.threads, pixels, detail::outc_grain(pixels), zero, [&](Index b, Index e) {
             const Columns<T> h =
                 last.pixels.middleCols(b, e - b).unaryExpr([](const T& x) { return relu(x); });
             const ColumnsView<T> gz = g_z.middleCols(b, e - b);
@@ -240,8 +243,8 @@ void upsampler_vjp(const B& backend, const Upsampler<T>& u, const Image<T>& in, 
         } else {
             g_layer = padded(backend, g, through_relu, y);
         }
-        convolve3x3_vjp_weight(backend, detail::upsampler_layer_input(backend, in, t.normal, l), g_layer,
-                                  g_params.conv[i]);
+        convolve3x3_vjp_weight(backend, detail::upsampler_layer_input(backend, in, t.normal, l),
+                               g_layer, g_params.conv[i]);
         if (l == 0 && !g_in) return;
         g = convolve3x3_vjp_input(backend, u.conv[i], g_layer);
         if (l > 0 && l % 2 == 0) g = doubled_vjp(backend, g);
@@ -250,17 +253,17 @@ void upsampler_vjp(const B& backend, const Upsampler<T>& u, const Image<T>& in, 
     if (!s.skip) return;
     Image<T> g_base{last.width, last.height, 0};
     g_base.pixels.resize(3, pixels);
-    for_chunks(backend.threads, 
-        3 * pixels, 3 * detail::last_layer_grain, [&](Index b, Index e, Index) {
-            for (Index i = b; i < e; ++i)
-                g_base.pixels(i) = detail::clamped_base_vjp<T>(t.base.pixels(i), g_z(i));
-        });
+    for_chunks(backend.threads, 3 * pixels, 3 * detail::last_layer_grain,
+               [&](Index b, Index e, Index) {
+                   for (Index i = b; i < e; ++i)
+                       g_base.pixels(i) = detail::clamped_base_vjp<T>(t.base.pixels(i), g_z(i));
+               });
     for (int d = 0; d < s.doublings; ++d) g_base = doubled_vjp(backend, g_base);
-    for_chunks(backend.threads, 
-        g_base.size(), detail::last_layer_grain, [&](Index b, Index e, Index) {
-            for (Index j = b; j < e; ++j)
-                for (Index i = 0; i < 3; ++i) (*g_in)(i, j) += g_base.pixels(i, j);
-        });
+    for_chunks(backend.threads, g_base.size(), detail::last_layer_grain,
+               [&](Index b, Index e, Index) {
+                   for (Index j = b; j < e; ++j)
+                       for (Index i = 0; i < 3; ++i) (*g_in)(i, j) += g_base.pixels(i, j);
+               });
 }
 
 } // namespace rye

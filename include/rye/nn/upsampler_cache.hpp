@@ -131,16 +131,16 @@ class UpsamplerCache {
                         runs_.push_back({from, to});
                 }
             }
-        for_chunks(backend_.threads, 
-            static_cast<Index>(runs_.size()), 16, [&](Index first, Index last, Index) {
-                for (Index k = first; k < last; ++k) {
-                    const auto [b, e] = runs_[static_cast<std::size_t>(k)];
-                    if (u.shape.skip)
-                        trace_.base.pixels.middleCols(b, e - b) =
-                            in.pixels.middleCols(b, e - b).topRows(3);
-                    detail::last_layer<B>(u, trace_.normal.back(), trace_.base, b, e, out_);
-                }
-            });
+        for_chunks(backend_.threads, static_cast<Index>(runs_.size()), 16,
+                   [&](Index first, Index last, Index) {
+                       for (Index k = first; k < last; ++k) {
+                           const auto [b, e] = runs_[static_cast<std::size_t>(k)];
+                           if (u.shape.skip)
+                               trace_.base.pixels.middleCols(b, e - b) =
+                                   in.pixels.middleCols(b, e - b).topRows(3);
+                           detail::last_layer<B>(u, trace_.normal.back(), trace_.base, b, e, out_);
+                       }
+                   });
         for (const Run& r : runs_) pixels_ += r.end - r.begin;
     }
 

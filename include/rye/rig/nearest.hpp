@@ -64,7 +64,8 @@ void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landma
 /// (or the point is NaN). `nearest`, if given, receives the landmark's index, -1 for none; the
 /// lowest index wins a tie. Throws if a landmark is not finite.
 template <class T, Backend B>
-Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& points, const ColumnsView<T>& landmarks,
+Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& points,
+                                    const ColumnsView<T>& landmarks,
                                     std::vector<Index>* nearest = nullptr) {
     using std::isfinite;
     RYE_ASSERT(points.rows() == 3 && landmarks.rows() == 3, "nearest: expected three rows");
@@ -116,20 +117,21 @@ NearestGradient<T> nearest_squared_distance_vjp(const B& backend, const ColumnsV
                "nearest: expected an index and a cotangent per point");
     NearestGradient<T> r;
     r.points = Columns<T>::Zero(3, points.cols());
-    r.landmarks = sum_chunks(backend.threads, points.cols(), 8192, Columns<T>(Columns<T>::Zero(3, landmarks.cols())),
-        [&](Index begin, Index end) {
-            Columns<T> part = Columns<T>::Zero(3, landmarks.cols());
-            for (Index i = begin; i < end; ++i) {
-                const Index k = nearest[static_cast<std::size_t>(i)];
-                if (k < 0) continue;
-                for (int j = 0; j < 3; ++j) {
-                    const T d = T(2) * (points(j, i) - landmarks(j, k)) * g(0, i);
-                    r.points(j, i) = d;
-                    part(j, k) -= d;
-                }
-            }
-            return part;
-        });
+    r.landmarks =
+        sum_chunks(backend.threads, points.cols(), 8192,
+                   Columns<T>(Columns<T>::Zero(3, landmarks.cols())), [&](Index begin, Index end) {
+                       Columns<T> part = Columns<T>::Zero(3, landmarks.cols());
+                       for (Index i = begin; i < end; ++i) {
+                           const Index k = nearest[static_cast<std::size_t>(i)];
+                           if (k < 0) continue;
+                           for (int j = 0; j < 3; ++j) {
+                               const T d = T(2) * (points(j, i) - landmarks(j, k)) * g(0, i);
+                               r.points(j, i) = d;
+                               part(j, k) -= d;
+                           }
+                       }
+                       return part;
+                   });
     return r;
 }
 

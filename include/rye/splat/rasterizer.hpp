@@ -27,8 +27,8 @@ struct Rasterizer {
     using Drawn = Raster<T, A::outputs>;
 
     template <Backend B, class T, Distortion D>
-    Drawn<T> forward(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
-                      RasterScratch<T>* scratch = nullptr) const {
+    Drawn<T> forward(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera,
+                     const VecX<T>& background, RasterScratch<T>* scratch = nullptr) const {
         Drawn<T> out;
         forward_into(backend, g, camera, background, out, scratch);
         return out;
@@ -36,8 +36,9 @@ struct Rasterizer {
 
     /// As forward, into the memory of an earlier result.
     template <Backend B, class T, Distortion D>
-    void forward_into(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
-                      Drawn<T>& out, RasterScratch<T>* scratch = nullptr) const {
+    void forward_into(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera,
+                      const VecX<T>& background, Drawn<T>& out,
+                      RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
         RasterScratch<T>& s = scratch != nullptr ? *scratch : own;
         check(g, camera, background);
@@ -51,8 +52,8 @@ struct Rasterizer {
             shape_image(out.contributor, camera, 1);
         }
         out.trace.used.resize(static_cast<std::size_t>(out.trace.lists.tiles()));
-        blend_into(backend, scene_of(g, camera, background, out.trace), {},
-                   out.trace.lists.tiles(), out, s);
+        blend_into(backend, scene_of(g, camera, background, out.trace), {}, out.trace.lists.tiles(),
+                   out, s);
     }
 
     /// The first step of forward_into: candidate and state of every Gaussian.
@@ -67,8 +68,8 @@ struct Rasterizer {
 
     /// The last step: draws `count` tiles. The other pixels stay.
     template <Backend B, class T>
-    void blend_into(const B& backend, const Scene<T>& scene, const DrawnTiles& drawn, Index count, Drawn<T>& out,
-                    RasterScratch<T>& s) const {
+    void blend_into(const B& backend, const Scene<T>& scene, const DrawnTiles& drawn, Index count,
+                    Drawn<T>& out, RasterScratch<T>& s) const {
         for_tiles(backend, count, [&](Index b, Index e) {
             SplatKernels<B, T>::blend(scene, accuracy, drawn, {b, e}, out, s.workspaces);
         });
@@ -83,21 +84,22 @@ struct Rasterizer {
     /// Gradients of everything in `g` for the cotangents of the images; the background's is
     /// background_vjp. Arguments are those of the forward call that returned `raster`.
     template <Backend B, class T, Distortion D>
-    Gaussians<T> vjp(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
-                     const Drawn<T>& raster, const Columns<T>& g_feature,
+    Gaussians<T> vjp(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera,
+                     const VecX<T>& background, const Drawn<T>& raster, const Columns<T>& g_feature,
                      const std::type_identity_t<Columns<T>>* g_alpha = nullptr,
                      const std::type_identity_t<Columns<T>>* g_depth = nullptr,
                      RasterScratch<T>* scratch = nullptr) const {
         Gaussians<T> out(g.count(), g.channels());
-        vjp_into(backend, g, camera, background, raster, RasterCotangent<T>{g_feature, g_alpha, g_depth},
-                 out, scratch);
+        vjp_into(backend, g, camera, background, raster,
+                 RasterCotangent<T>{g_feature, g_alpha, g_depth}, out, scratch);
         return out;
     }
 
     /// As vjp, into the memory of an earlier result.
     template <Backend B, class T, Distortion D>
-    void vjp_into(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera, const VecX<T>& background,
-                  const Drawn<T>& raster, const RasterCotangent<T>& cotangent, Gaussians<T>& out,
+    void vjp_into(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera,
+                  const VecX<T>& background, const Drawn<T>& raster,
+                  const RasterCotangent<T>& cotangent, Gaussians<T>& out,
                   RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
         RasterScratch<T>& s = scratch != nullptr ? *scratch : own;

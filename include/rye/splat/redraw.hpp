@@ -33,7 +33,8 @@ class Redraw {
 
   public:
     explicit Redraw(const B& backend = {}, const Rasterizer<A>& rasterizer = {})
-        : backend_(backend), rasterizer_(rasterizer) {}
+        : backend_(backend),
+          rasterizer_(rasterizer) {}
 
     /// The images. Their trace is of no use to a vjp: lists hold no slots.
     const Raster<T, A::outputs>& raster() const { return raster_; }
@@ -325,7 +326,8 @@ class Redraw {
     }
 
     void blend(const Gaussians<T>& g, Index projected) {
-        rasterizer_.blend_into(backend_, rasterizer_.scene_of(g, camera_, background_, raster_.trace),
+        rasterizer_.blend_into(backend_,
+                               rasterizer_.scene_of(g, camera_, background_, raster_.trace),
                                {blended_.data(), drawn_strips_.data()},
                                static_cast<Index>(blended_.size()), raster_, scratch_);
         count(projected);

@@ -158,11 +158,11 @@ SelectedAccuracy select_accuracy(const B& backend, const Gaussians<T>& g, const 
                       at(shuffled, i + random.below(static_cast<std::uint64_t>(i), all - i)));
         tiles.insert(tiles.end(), shuffled.begin(), shuffled.begin() + n);
         std::vector<double> gaps(tiles.size());
-        for_chunks(backend.threads, 
-            static_cast<Index>(tiles.size()), 1, [&](Index b, Index e, Index) {
-                for (Index i = b; i < e; ++i)
-                    at(gaps, i) = detail::tile_gap(exact, coarse, at(tiles, i), 0, 1);
-            });
+        for_chunks(backend.threads, static_cast<Index>(tiles.size()), 1,
+                   [&](Index b, Index e, Index) {
+                       for (Index i = b; i < e; ++i)
+                           at(gaps, i) = detail::tile_gap(exact, coarse, at(tiles, i), 0, 1);
+                   });
         double gap = 0;
         for (const double d : gaps) gap = d <= gap ? gap : d;
         for (const double d : probe) gap = d <= gap ? gap : d;

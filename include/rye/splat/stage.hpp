@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/stage.hpp: what every backend's per-Gaussian work before and after the pixel walks has
-/// in common: cull, count, sort by depth, bin into tiles; merge the tiles' gradients. Projection and
-/// its adjoint are in plain/stage.hpp and lanes/stage.hpp.
+/// in common: cull, count, sort by depth, bin into tiles; merge the tiles' gradients. Projection
+/// and its adjoint are in plain/stage.hpp and lanes/stage.hpp.
 #pragma once
 
 #include <string>
@@ -45,8 +45,8 @@ double fine_depth(const Gaussians<T>& g, const Pinhole<T, D>& camera, Index i) {
 /// Visible candidates become members, in the order of the tiles that they lie in, there by index.
 /// Candidates are cut into as many chunks as there are threads, as in TileLists.
 template <Threads P, class A, class T, Distortion D>
-void gather_members(const P& threads, const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
-                    RasterScratch<T>& scratch, RasterTrace<T>& trace) {
+void gather_members(const P& threads, const Gaussians<T>& g, const Pinhole<T, D>& camera,
+                    const A& accuracy, RasterScratch<T>& scratch, RasterTrace<T>& trace) {
     const auto tiles = static_cast<std::size_t>(tiles_across(camera.width)) *
                        static_cast<std::size_t>(tiles_across(camera.height));
     const Index n = static_cast<Index>(scratch.candidates.size());
@@ -90,8 +90,8 @@ void gather_members(const P& threads, const Gaussians<T>& g, const Pinhole<T, D>
 
 /// Visible candidates become members and entries of tiles in the order of depth, ties by index.
 template <class A, class T, Distortion D, Backend B>
-void arrange(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
-             RasterScratch<T>& scratch, RasterTrace<T>& trace) {
+void arrange(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera,
+             const A& accuracy, RasterScratch<T>& scratch, RasterTrace<T>& trace) {
     using R = real_t<T>;
     constexpr bool fine = A::depth_bits > 8 * static_cast<int>(sizeof(R));
     gather_members(backend.threads, g, camera, accuracy, scratch, trace);
@@ -114,8 +114,7 @@ void arrange(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camer
         backend.threads, camera.width, camera.height, static_cast<Index>(trace.members.size()),
         [&](Index m) -> const TileRows& { return member(m).rows; }, key,
         [&](Index m) { return member(m).source; }, accuracy.max_entries,
-        [&](Index m) -> const Footprint<R>& { return scratch.footprints[member(m).source]; },
-        deal);
+        [&](Index m) -> const Footprint<R>& { return scratch.footprints[member(m).source]; }, deal);
 }
 
 /// Adds a member's slots over its tiles, in the order of tiles, to sum[0 ... stride).

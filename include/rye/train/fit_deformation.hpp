@@ -41,8 +41,8 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const AvatarC
             const MeshSample<T, E>& frame = frames[static_cast<std::size_t>(
                 random.below(draw, static_cast<Index>(frames.size())))];
             MeshLosses<T> l;
-            landmark_losses(backend, mesh, config, roles, weights, landmarks_follow_gaze, frame, trace,
-                               l);
+            landmark_losses(backend, mesh, config, roles, weights, landmarks_follow_gaze, frame,
+                            trace, l);
             landmark_losses_vjp(backend, mesh, config, landmarks_follow_gaze, frame, trace, grad);
             if (step < fit.steps - static_cast<int>(frames.size())) continue;
             squares += static_cast<double>(l.deform);

@@ -19,8 +19,9 @@ namespace rye {
 /// Fits the signed distance to a sphere of radius 1 at `centre`, over points of the cube of the
 /// given half side around it. Targets beyond 1 cannot be reached through tanh; they need not be.
 template <Real T, EffectSet E, Backend B>
-void pretrain_sphere(const B& backend, GuidanceMesh<T, E>& mesh, const AvatarConfig& config, const Vec3<T>& centre,
-                     T half_side, int steps, double rate, const Random& random) {
+void pretrain_sphere(const B& backend, GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
+                     const Vec3<T>& centre, T half_side, int steps, double rate,
+                     const Random& random) {
     constexpr Index points = 8192;
     Adam<GuidanceMesh<T, E>> adam(mesh);
     GuidanceMesh<T, E> grad = zeros_like(mesh);
@@ -82,13 +83,17 @@ Columns<T> mouth_points(const Columns<T>& lips, int count, const Random& random)
 /// The neutral surface, with vertices close together around eyes and lips, where a coarse one could
 /// neither open nor close.
 template <Real T, Backend B>
-void refine_at_landmarks(const B& backend, const Columns<T>& landmarks, T spacing, T slope, TriangleMesh<T>& mesh,
-                         Columns<T>& feature) {
+void refine_at_landmarks(const B& backend, const Columns<T>& landmarks, T spacing, T slope,
+                         TriangleMesh<T>& mesh, Columns<T>& feature) {
     constexpr int passes = 6;  // 1/64 of the longest edge
-    refine(mesh, feature, [&](const Vec3<T>& x) -> T {
-        const Columns<T> d2 = nearest_squared_distance<T>(backend, Columns<T>(x), landmarks, nullptr);
-        return spacing + slope * std::sqrt(d2(0, 0));
-    }, passes);
+    refine(
+        mesh, feature,
+        [&](const Vec3<T>& x) -> T {
+            const Columns<T> d2 =
+                nearest_squared_distance<T>(backend, Columns<T>(x), landmarks, nullptr);
+            return spacing + slope * std::sqrt(d2(0, 0));
+        },
+        passes);
 }
 
 /// Moves points that lie in an eyeball out to just before it: lids that began inside could only
@@ -105,8 +110,9 @@ void leave_eyeball(const Columns<T>& eyeball, const Vec3<T>& centre, Columns<T>&
 
 /// Error if the guidance mesh has no surface.
 template <Real T, EffectSet E, Backend B>
-TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
-                                  const AvatarInit<T>& init, const Random& random) {
+TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& mesh,
+                                  const AvatarConfig& config, const AvatarInit<T>& init,
+                                  const Random& random) {
     const NeutralSurface<T> neutral = neutral_surface(backend, mesh, config, init.grid);
     require(!neutral.empty(), "initialize_avatar",
             "the guidance mesh of stage 1 has no surface (its signed distance has one sign "
@@ -118,7 +124,7 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     Columns<T> feature = neutral.feature;
     if (init.spacing > T(0))
         refine_at_landmarks<T>(backend, mesh.landmarks.middleCols(36, 30), init.spacing,
-                                  init.spacing_slope, mesh_of, feature);
+                               init.spacing_slope, mesh_of, feature);
     for (Index eye = 0; eye < 2; ++eye)
         leave_eyeball<T>(init.eyeball[static_cast<std::size_t>(eye)].points,
                          init.eye_centre.col(eye), mesh_of.vertices);

@@ -55,15 +55,15 @@ void landmark_losses(const B& backend, const GuidanceMesh<T, E>& mesh, const Ava
     m.ones = Columns<T>::Ones(1, m.shifted.cols());
     m.deformed = m.shifted;
     if constexpr (has_effect<E, Expression>)
-        add_field(backend, mesh.networks.exp_deform, Squash::tanh, gain, m.code, m.ones, code.expression,
-                     m.deformed, m.exp);
+        add_field(backend, mesh.networks.exp_deform, Squash::tanh, gain, m.code, m.ones,
+                  code.expression, m.deformed, m.exp);
     if (landmarks_follow_gaze && has_effect<E, Periocular>) {
         m.weights = face_weights<T>(backend, config, m.shifted, mesh.landmarks, roles, m.nearest);
         for_eyes([&]<std::size_t eye>() {
             if constexpr (skin_follows<E, eye>)
-                add_field(backend, of_eye<eye>(mesh.networks.gaze_deform), Squash::tanh, gain, m.code,
-                             of_eye<eye>(m.weights.gaze), of_eye<eye>(code.gaze), m.deformed,
-                             of_eye<eye>(m.gaze));
+                add_field(backend, of_eye<eye>(mesh.networks.gaze_deform), Squash::tanh, gain,
+                          m.code, of_eye<eye>(m.weights.gaze), of_eye<eye>(code.gaze), m.deformed,
+                          of_eye<eye>(m.gaze));
         });
     }
     const LossTerm<T> def = deformation_term<T>(m.deformed, sample.landmarks);
@@ -75,7 +75,8 @@ void landmark_losses(const B& backend, const GuidanceMesh<T, E>& mesh, const Ava
     m.g_sdf = T(weights.landmark) * lmk.gradient;
 
     if constexpr (has_effect<E, EyeOffset>) {
-        const Columns<T> moved = eye_offset<T>(backend, mesh.eye_offset, config, code, m.eye_offset);
+        const Columns<T> moved =
+            eye_offset<T>(backend, mesh.eye_offset, config, code, m.eye_offset);
         const LossTerm<T> eye = eye_offset_term<T>(moved, sample.eye_displacement);
         l.eye_offset = eye.value;
         m.g_eye_offset = T(weights.eye_offset) * eye.gradient;
@@ -84,26 +85,27 @@ void landmark_losses(const B& backend, const GuidanceMesh<T, E>& mesh, const Ava
 
 /// Adds the gradient to `grad`.
 template <class T, EffectSet E, Backend B>
-void landmark_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
-                         bool landmarks_follow_gaze, const MeshSample<T, E>& sample,
-                         const LandmarkTrace<T, E>& m, GuidanceMesh<T, E>& grad) {
+void landmark_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
+                         const AvatarConfig& config, bool landmarks_follow_gaze,
+                         const MeshSample<T, E>& sample, const LandmarkTrace<T, E>& m,
+                         GuidanceMesh<T, E>& grad) {
     using std::tanh;
     const FrameCode<T, E> code = frame_code(config, sample.drivers);
     const T reach = T(config.vertex_offset), gain = T(config.deform_scale);
     Columns<T> g_code = Columns<T>::Zero(m.code.rows(), m.code.cols());
     Columns<T> g_shifted = m.g_deformed;
     if constexpr (has_effect<E, Expression>)
-        field_vjp(backend, mesh.networks.exp_deform, Squash::tanh, gain, m.ones, code.expression, m.exp,
-                     m.g_deformed, {&grad.networks.exp_deform, &g_code});
+        field_vjp(backend, mesh.networks.exp_deform, Squash::tanh, gain, m.ones, code.expression,
+                  m.exp, m.g_deformed, {&grad.networks.exp_deform, &g_code});
     if (landmarks_follow_gaze && has_effect<E, Periocular>) {
         Weights<T, E> g_w(m.shifted.cols());
         for_eyes([&]<std::size_t eye>() {
             if constexpr (skin_follows<E, eye>)
-                field_vjp(backend, of_eye<eye>(mesh.networks.gaze_deform), Squash::tanh, gain,
-                             of_eye<eye>(m.weights.gaze), of_eye<eye>(code.gaze),
-                             of_eye<eye>(m.gaze), m.g_deformed,
-                             {&of_eye<eye>(grad.networks.gaze_deform), &g_code,
-                              &of_eye<eye>(g_w.gaze)});
+                field_vjp(
+                    backend, of_eye<eye>(mesh.networks.gaze_deform), Squash::tanh, gain,
+                    of_eye<eye>(m.weights.gaze), of_eye<eye>(code.gaze), of_eye<eye>(m.gaze),
+                    m.g_deformed,
+                    {&of_eye<eye>(grad.networks.gaze_deform), &g_code, &of_eye<eye>(g_w.gaze)});
         });
         face_weights_vjp<T>(backend, config, m.shifted, mesh.landmarks, m.nearest, g_w, g_shifted,
                             &grad.landmarks);
@@ -121,7 +123,7 @@ void landmark_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const
     if constexpr (has_effect<E, EyeOffset>) {
         VecX<T> g_pose_code = VecX<T>::Zero(code.pose.size());
         eye_offset_vjp<T>(backend, mesh.eye_offset, config, m.eye_offset, m.g_eye_offset,
-                             grad.eye_offset, g_pose_code);
+                          grad.eye_offset, g_pose_code);
     }
 }
 

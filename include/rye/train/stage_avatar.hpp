@@ -69,8 +69,8 @@ namespace detail {
 
 /// Masked L1 of the first three rows; adds `weight` times its cotangent to theirs of g.
 template <class T, Backend B>
-T rgb_term(const B& backend, const Columns<T>& prediction, const Columns<T>& truth, const Columns<T>& mask,
-           double weight, Columns<T>& g) {
+T rgb_term(const B& backend, const Columns<T>& prediction, const Columns<T>& truth,
+           const Columns<T>& mask, double weight, Columns<T>& g) {
     return add_masked_l1<T>(backend, prediction.topRows(3), truth, mask, T(weight), g.topRows(3));
 }
 
@@ -160,8 +160,8 @@ FaceTarget<T> face_alone_target(const B& backend, const AvatarSample<T, E>& samp
 /// The blank's background in the eyes, and the picture of `alone` beside them: 1 where a visible
 /// pixel shows an eye, or an eyeball would be seen if there were no face.
 template <class T, EffectSet E, Backend B>
-FaceTarget<T> blank_eyeball_target(const B& backend, const AvatarSample<T, E>& sample, const FaceTarget<T>& alone,
-                                   const Columns<T>& eyeball_alpha) {
+FaceTarget<T> blank_eyeball_target(const B& backend, const AvatarSample<T, E>& sample,
+                                   const FaceTarget<T>& alone, const Columns<T>& eyeball_alpha) {
     FaceTarget<T> t(alone.mask.cols());
     detail::over_pixels(backend, t.mask.cols(), [&](Index b, Index e) {
         for (Index i = b; i < e; ++i) {
@@ -185,12 +185,12 @@ const Image<T>& features_shown(const AvatarSample<T, E>& sample, const AvatarPic
 
 /// Renders and compares. Everything the vjp reads stays in `trace` and `pictures`.
 template <class Accuracy, class Perceptual, class T, EffectSet E, class Probe = NoProbe, Backend B>
-AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
-                              const LandmarkRoles& roles, const AvatarLossConfig& weights,
-                              const Rasterizer<Accuracy>& rasterizer,
-                              const Perceptual& perceptual, const AvatarSample<T, E>& sample,
-                              TwoStreamTrace<T, E>& trace, AvatarPictures<T>& pictures,
-                              Probe&& probe = {}) {
+AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar,
+                              const AvatarConfig& config, const LandmarkRoles& roles,
+                              const AvatarLossConfig& weights,
+                              const Rasterizer<Accuracy>& rasterizer, const Perceptual& perceptual,
+                              const AvatarSample<T, E>& sample, TwoStreamTrace<T, E>& trace,
+                              AvatarPictures<T>& pictures, Probe&& probe = {}) {
     drive(backend, avatar, config, roles, corrected_drivers(avatar, sample), trace);
     probe("networks");
     AvatarPictures<T>& p = pictures;
@@ -216,7 +216,8 @@ AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar, c
     }
     p.high = upsampler_forward(backend, avatar.upsampler, features_shown(sample, p), &p.high_trace);
     if (sample.eyes_high)
-        p.eyes_high = upsampler_forward(backend, avatar.upsampler, p.eyes.feature, &p.eyes_high_trace);
+        p.eyes_high =
+            upsampler_forward(backend, avatar.upsampler, p.eyes.feature, &p.eyes_high_trace);
     else
         p.eyes_high = {};
     probe("super-resolution");
@@ -236,12 +237,11 @@ AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar, c
         moved_visible = gathered(sample.visible, sample.scale.full);
     }
     const Image<T>& truth = sample.scale.active() ? moved : sample.truth;
-    l.high_resolution = detail::rgb_term(backend, 
-        p.high.pixels, truth.pixels, sample.scale.active() ? moved_visible : sample.visible,
-        weights.high_resolution, p.g_high);
-    l.low_resolution =
-        detail::rgb_term(backend, p.final.feature.pixels, sample.truth_small.pixels,
-                            sample.visible_small, weights.low_resolution, p.g_final);
+    l.high_resolution = detail::rgb_term(backend, p.high.pixels, truth.pixels,
+                                         sample.scale.active() ? moved_visible : sample.visible,
+                                         weights.high_resolution, p.g_high);
+    l.low_resolution = detail::rgb_term(backend, p.final.feature.pixels, sample.truth_small.pixels,
+                                        sample.visible_small, weights.low_resolution, p.g_final);
     const LossGradient<T> seen = perceptual(backend, p.high, truth);
     l.perceptual = seen.value;
     detail::add_weighted(backend, p.g_high, T(weights.perceptual), seen.gradient);
@@ -254,31 +254,32 @@ AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar, c
 
     const double small_gain = detail::eye_gain(backend, weights.eye_average, sample.eyes_small);
     const double gain = detail::eye_gain(backend, weights.eye_average, sample.eyes);
-    l.eye_low = T(small_gain) *
-                detail::rgb_term(backend, p.eyes.feature.pixels, sample.truth_small.pixels,
-                                    sample.eyes_small, weights.eye_low * small_gain, p.g_eyes);
+    l.eye_low =
+        T(small_gain) * detail::rgb_term(backend, p.eyes.feature.pixels, sample.truth_small.pixels,
+                                         sample.eyes_small, weights.eye_low * small_gain, p.g_eyes);
     const double eye_high = sample.eyes_high ? weights.eye_high * weights.eye_high_every : 0.0;
     if (sample.eyes_high)
         l.eye_high = T(gain) * detail::rgb_term(backend, p.eyes_high.pixels, sample.truth.pixels,
-                                                   sample.eyes, eye_high * gain, p.g_eyes_high);
+                                                sample.eyes, eye_high * gain, p.g_eyes_high);
     FaceTarget<T> alone(0);
-    if (weights.blank_eyeballs || weights.face_alone > 0) alone = face_alone_target(backend, sample);
+    if (weights.blank_eyeballs || weights.face_alone > 0)
+        alone = face_alone_target(backend, sample);
     if (weights.blank_eyeballs) {
         const FaceTarget<T> blank =
             blank_eyeball_target(backend, sample, alone, p.eyes.alpha.pixels);
         const double blank_gain = detail::eye_gain(backend, weights.eye_average, blank.mask);
-        l.blank = T(blank_gain) * detail::rgb_term(backend, p.face.feature.pixels, blank.picture,
-                                                      blank.mask, weights.blank * blank_gain,
-                                                      p.g_face);
+        l.blank =
+            T(blank_gain) * detail::rgb_term(backend, p.face.feature.pixels, blank.picture,
+                                             blank.mask, weights.blank * blank_gain, p.g_face);
     } else {
         const Columns<T> blank = blank_color.replicate(1, p.face.feature.size());
         l.blank = T(small_gain) * detail::rgb_term(backend, p.face.feature.pixels, blank,
-                                                      sample.eyes_small,
-                                                      weights.blank * small_gain, p.g_face);
+                                                   sample.eyes_small, weights.blank * small_gain,
+                                                   p.g_face);
     }
     if (weights.face_alone > 0)
         l.face_alone = detail::rgb_term(backend, p.face.feature.pixels, alone.picture, alone.mask,
-                                           weights.face_alone, p.g_face);
+                                        weights.face_alone, p.g_face);
     l.total = T(weights.high_resolution) * l.high_resolution +
               T(weights.low_resolution) * l.low_resolution + T(weights.perceptual) * l.perceptual +
               T(weights.dssim) * l.dssim +
@@ -293,18 +294,17 @@ template <class Accuracy, class T, EffectSet E, class Probe = NoProbe, Backend B
 void avatar_losses_vjp(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
                        const Rasterizer<Accuracy>& rasterizer, const AvatarSample<T, E>& sample,
                        const TwoStreamTrace<T, E>& trace, AvatarPictures<T>& p,
-                       TwoStream<T, E>& grad,
-                       Probe&& probe = {}) {
+                       TwoStream<T, E>& grad, Probe&& probe = {}) {
     Columns<T> g_feature;
     upsampler_vjp(backend, avatar.upsampler, features_shown(sample, p), p.high_trace, p.g_high,
-                     grad.upsampler, &g_feature);
+                  grad.upsampler, &g_feature);
     if (sample.scale.active())
         gathered_vjp(g_feature, sample.scale.small, p.g_final);
     else
         detail::add_weighted(backend, p.g_final, T(1), g_feature);
     if (sample.eyes_high) {
         upsampler_vjp(backend, avatar.upsampler, p.eyes.feature, p.eyes_high_trace, p.g_eyes_high,
-                         grad.upsampler, &g_feature);
+                      grad.upsampler, &g_feature);
         detail::add_weighted(backend, p.g_eyes, T(1), g_feature);
     }
     probe("super-resolution vjp");
@@ -314,7 +314,7 @@ void avatar_losses_vjp(const B& backend, const TwoStream<T, E>& avatar, const Av
     const auto pull = [&](const Gaussians<T>& cloud, const VecX<T>& background,
                           const Raster<T, features_only>& raster, const Columns<T>& g) {
         draw.vjp_into(backend, cloud, sample.camera, background, raster, RasterCotangent<T>{g},
-                            p.g_cloud, &p.scratch);
+                      p.g_cloud, &p.scratch);
     };
     pull(p.cloud, sample.background, p.final, p.g_final);
     p.g_face_cloud = part(p.g_cloud, 0, n);
@@ -330,8 +330,8 @@ void avatar_losses_vjp(const B& backend, const TwoStream<T, E>& avatar, const Av
     probe("render vjp");
 
     const Drivers<T, E> drivers = corrected_drivers(avatar, sample);
-    const Vec<T, 6> g_pose = drive_vjp(backend, avatar, config, drivers, trace, p.g_face_cloud,
-                                             p.g_eye_cloud, grad);
+    const Vec<T, 6> g_pose =
+        drive_vjp(backend, avatar, config, drivers, trace, p.g_face_cloud, p.g_eye_cloud, grad);
     if constexpr (has_effect<E, ReadsHeadPose>)
         if (sample.frame >= 0) grad.delta_pose.col(sample.frame) += g_pose;
     probe("networks vjp");

@@ -29,11 +29,11 @@ struct MeshTrace {
 
 /// Renders and compares; see landmark_losses.hpp for landmarks_follow_gaze.
 template <class T, EffectSet E, class Probe = NoProbe, Backend B>
-MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
-                          const LandmarkRoles& roles, const TetGrid<T>& grid,
-                          const MeshLossConfig& weights, bool landmarks_follow_gaze,
-                          const MeshSample<T, E>& sample, MeshTrace<T, E>& t,
-                          Probe&& probe = {}) {
+MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
+                          const AvatarConfig& config, const LandmarkRoles& roles,
+                          const TetGrid<T>& grid, const MeshLossConfig& weights,
+                          bool landmarks_follow_gaze, const MeshSample<T, E>& sample,
+                          MeshTrace<T, E>& t, Probe&& probe = {}) {
     MeshLosses<T> l;
     t.neutral = neutral_surface(backend, mesh, config, grid);
     probe("surface");
@@ -47,8 +47,8 @@ MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh, cons
         const Columns<T> shown = t.posed.color.topRows(3);  // the other channels have no loss here
         const T share = T(1.0 / static_cast<double>(sample.views.size()));
         for (const MeshView<T>& view : sample.views) {
-            t.rasters.push_back(rasterize_mesh<T>(backend, 
-                t.posed.world, t.neutral.surface.topology.faces, view.camera, shown));
+            t.rasters.push_back(rasterize_mesh<T>(
+                backend, t.posed.world, t.neutral.surface.topology.faces, view.camera, shown));
             const MeshRaster<T>& raster = t.rasters.back();
             const LossTerm<T> color =
                 color_term<T>(backend, raster.attributes.pixels, view.truth.pixels, view.visible);
@@ -77,7 +77,8 @@ MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh, cons
         });
     }
 
-    landmark_losses(backend, mesh, config, roles, weights, landmarks_follow_gaze, sample, t.landmarks, l);
+    landmark_losses(backend, mesh, config, roles, weights, landmarks_follow_gaze, sample,
+                    t.landmarks, l);
     l.total = T(weights.rgb) * l.rgb + T(weights.silhouette) * l.silhouette +
               T(weights.deform) * l.deform + T(weights.offset) * l.offset +
               T(weights.landmark) * l.landmark + T(weights.laplacian) * l.laplacian +
@@ -97,9 +98,9 @@ void mesh_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Ava
         Columns<T> g_color = Columns<T>::Zero(t.posed.color.rows(), t.posed.color.cols());
         const Columns<T> shown = t.posed.color.topRows(3);
         for (std::size_t v = 0; v < t.rasters.size(); ++v) {
-            const MeshRasterGradient<T> g = rasterize_mesh_vjp<T>(backend, 
-                t.rasters[v], faces, sample.views[v].camera, shown,
-                {&t.g_image[v], &t.g_silhouette[v], nullptr});
+            const MeshRasterGradient<T> g =
+                rasterize_mesh_vjp<T>(backend, t.rasters[v], faces, sample.views[v].camera, shown,
+                                      {&t.g_image[v], &t.g_silhouette[v], nullptr});
             g_world += g.vertices;
             g_color.topRows(3) += g.attributes;
         }
@@ -107,7 +108,7 @@ void mesh_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Ava
         Columns<T> g_positions = Columns<T>::Zero(3, g_world.cols());
         Columns<T> g_feature = Columns<T>::Zero(t.neutral.feature.rows(), g_world.cols());
         pose_mesh_vjp(backend, mesh, config, t.neutral, t.posed, g_world, g_color, t.g_raw, grad,
-                         g_positions, g_feature);
+                      g_positions, g_feature);
         probe("networks vjp");
         neutral_surface_vjp(backend, mesh, config, t.neutral, g_positions, g_feature, grad);
         probe("surface vjp");
