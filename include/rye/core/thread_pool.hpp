@@ -70,7 +70,8 @@ class ThreadPool {
             job_ = &job;
             ++generation_;
         }
-        wake_.notify_all();
+        const Index helpers = std::min(n - 1, static_cast<Index>(workers_.size()));
+        for (Index i = 0; i < helpers; ++i) wake_.notify_one();
         job.take_all();
         {
             std::unique_lock<std::mutex> lock(mutex_);
