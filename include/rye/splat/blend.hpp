@@ -160,9 +160,9 @@ struct Blend {
     /// `floor` is o f, not read unless the rules have one.
     [[gnu::always_inline]] RYE_HD Coverage<V> coverage(const V& exponent, const V& cut,
                                                        const V& floor) const {
-        const V bell = V(Exp2()(exponent));
-        V alpha = bell;
+        V bell = V(Exp2()(exponent)), alpha = bell;
         if constexpr (A::has_floor) alpha = alpha - floor;
+        if constexpr (Pixels::keeps_bell) bell = Pixels::when(alpha < alpha_max, bell);
         const auto reached = Pixels::settled(reaches(exponent, cut));
         return {Pixels::when(reached, V(Pixels::at_most(alpha_max, alpha))), bell};
     }
@@ -208,20 +208,20 @@ struct Blend {
     [[gnu::always_inline]] RYE_HD void take_vjp(const Contribution<V>& c, const V& u, const V& v,
                                                 const Gaussian& gaussian, const Cotangent& g,
                                                 V& behind, Sums&& sum) const {
+        const V weight = c.weight;
         V more = g.colour - behind;
-        if constexpr (requires { g.depth; }) {
-            more = more + (g.alpha + g.depth * gaussian.depth);
-            sum[6] = sum[6] + c.weight * g.depth;
-        }
-        more = Pixels::when(Pixels::settled(c.weight > V(R(0))), more);
+        if constexpr (requires { g.depth; }) more = more + (g.alpha + g.depth * gaussian.depth);
+        more = Pixels::when(Pixels::settled(weight > V(R(0))), more);
         behind = behind + c.alpha * more;
-        const V g_alpha = Pixels::when(c.alpha < alpha_max, V(c.before * more));
-        // Of the exponent in natural units, and of log o.
-        V g_exponent = g_alpha * (Pixels::keeps_bell ? c.bell : c.alpha), g_opacity = g_exponent;
-        if constexpr (A::has_floor && Pixels::keeps_bell)
-            g_opacity = g_opacity - g_alpha * gaussian.floor;
-        else if constexpr (A::has_floor)
-            g_exponent = g_exponent + g_alpha * gaussian.floor;
+        V g_alpha = c.before * more, g_opacity;            // of alpha; of log o, below
+        V g_exponent;                                      // in natural units
+        if constexpr (Pixels::keeps_bell) {
+            g_exponent = g_alpha * c.bell;
+        } else {
+            g_alpha = Pixels::when(c.alpha < alpha_max, g_alpha);
+            g_exponent = g_opacity = g_alpha * c.alpha;
+            if constexpr (A::has_floor) g_exponent = g_exponent + g_alpha * gaussian.floor;
+        }
         const V gu = g_exponent * u, gv = g_exponent * v;
         sum[0] = sum[0] + gu;
         sum[1] = sum[1] + gv;
@@ -231,7 +231,10 @@ struct Blend {
         else
             sum[3] = sum[3] + gv * u;
         sum[4] = sum[4] + gv * v;
+        if constexpr (Pixels::keeps_bell)
+            g_opacity = g_exponent - Pixels::when(c.bell > V(R(0)), V(g_alpha * gaussian.floor));
         sum[5] = sum[5] + g_opacity;
+        if constexpr (requires { g.depth; }) sum[6] = sum[6] + weight * g.depth;
     }
 };
 
