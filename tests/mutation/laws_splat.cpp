@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// splat/plain/vjp.hpp, falloff.hpp and stage.hpp: four Gaussians in 8 x 8 pixels, by plain loops.
+// splat/blend.hpp, plain/vjp.hpp, falloff.hpp and stage.hpp: four Gaussians in 8 x 8 pixels, by plain
+// loops and, since the two kinds of pixels round some products differently, in lanes.
 #include <rye/splat/rasterizer.hpp>
 
 #include "laws.hpp"
@@ -45,9 +46,9 @@ Pinhole<S> camera() {
     return c;
 }
 
-template <class A>
+template <class B, class A>
 void splatting(const char* name, const A& accuracy) {
-    const Rasterizer<ScalarBackend<Serial>, A> rasterizer{accuracy};
+    const Rasterizer<B, A> rasterizer{accuracy};
     const auto op = [&](const auto& x) {
         using S = typename std::decay_t<decltype(x)>::Scalar;
         const VecX<S> background = VecX<S>::Constant(2, S(0.3F));
@@ -89,8 +90,12 @@ void splatting(const char* name, const A& accuracy) {
 
 void all() {
     draws = std::max(1, draws / 50); // of 16 pictures each
-    splatting("rasterizer", open());
-    splatting("rasterizer, floor", floored());
+    using Plain = ScalarBackend<Serial>;
+    using Lanes = XsimdBackend<DefaultArch, Serial>;
+    splatting<Plain>("rasterizer", open());
+    splatting<Plain>("rasterizer, floor", floored());
+    splatting<Lanes>("rasterizer in lanes", open());
+    splatting<Lanes>("rasterizer in lanes, floor", floored());
 }
 
 } // namespace

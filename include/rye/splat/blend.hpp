@@ -117,7 +117,7 @@ struct PixelGroup {
 template <class V>
 struct Coverage {
     V alpha;
-    V bell;                  ///< alpha without its clamp and floor
+    V bell;                  ///< alpha without its floor; where pixels keep it, 0 if clamped
 };
 
 /// What a Gaussian adds to a pixel.
@@ -168,9 +168,9 @@ struct Blend {
     }
 
     /// The contribution to a pixel by the stop rule; `transmittance` becomes what is behind it.
-    [[gnu::always_inline]] RYE_HD auto take(const Coverage<V>& coverage, V& transmittance) const {
+    [[gnu::always_inline]] RYE_HD auto take(const Coverage<V>& given, V& transmittance) const {
         const V before = transmittance;
-        V alpha = coverage.alpha;
+        V alpha = given.alpha;
         if constexpr (A::stop_rule == Stop::inclusive)
             alpha = Pixels::when(Pixels::settled(before >= stop), alpha);
         V weight = alpha * before;
@@ -181,10 +181,10 @@ struct Blend {
             weight = Pixels::when(more, weight);
             transmittance = select(more, behind, V(Pixels::full(before)));
             return TakenContribution<V, std::remove_const_t<decltype(more)>>{
-                {{alpha, coverage.bell}, before, weight}, more};
+                {{alpha, given.bell}, before, weight}, more};
         } else {
             transmittance = behind;
-            return TakenContribution<V, std::true_type>{{{alpha, coverage.bell}, before, weight},
+            return TakenContribution<V, std::true_type>{{{alpha, given.bell}, before, weight},
                                                         {}};
         }
     }
@@ -201,20 +201,20 @@ struct Blend {
         }
     }
 
-    /// The step back over contribution c at offsets (u, v): `behind`, b, becomes that of what is in
-    /// front of it, and the cotangents of `gaussian` (of which floor and depth are read) are added
-    /// to the numbers of SplatCotangent, in their order.
+    /// The step back over contribution c at offsets (u, v). g: a ColourCotangent or PixelCotangent.
+    /// `behind`, b, becomes that of what is in front of c. Cotangents of `gaussian`, of which floor
+    /// and depth are read, are added to `sum`: the numbers of SplatCotangent in their order.
     template <class Gaussian, class Cotangent, class Sums>
     [[gnu::always_inline]] RYE_HD void take_vjp(const Contribution<V>& c, const V& u, const V& v,
                                                 const Gaussian& gaussian, const Cotangent& g,
                                                 V& behind, Sums&& sum) const {
-        const V weight = c.weight;
+        const V weight = c.weight;                         // sums may be stored beside c
         V more = g.colour - behind;
         if constexpr (requires { g.depth; }) more = more + (g.alpha + g.depth * gaussian.depth);
         more = Pixels::when(Pixels::settled(weight > V(R(0))), more);
         behind = behind + c.alpha * more;
-        V g_alpha = c.before * more, g_opacity;            // of alpha; of log o, below
-        V g_exponent;                                      // in natural units
+        // With the bell o e: d alpha / d exponent = o e, o d alpha / d o = o e - o f = alpha.
+        V g_alpha = c.before * more, g_exponent, g_opacity;
         if constexpr (Pixels::keeps_bell) {
             g_exponent = g_alpha * c.bell;
         } else {
