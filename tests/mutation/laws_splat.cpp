@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// splat/plain/vjp.hpp, falloff.hpp and stage.hpp: four Gaussians in 8 x 8 pixels, by plain loops.
+// splat/blend.hpp, plain/vjp.hpp, falloff.hpp and stage.hpp: four Gaussians in 8 x 8 pixels, by plain
+// loops and, since the two kinds of pixels round some products differently, in lanes.
 #include <rye/splat/rasterizer.hpp>
 
 #include "laws.hpp"
@@ -45,7 +46,7 @@ Pinhole<S> camera() {
     return c;
 }
 
-template <class A>
+template <class B, class A>
 void splatting(const char* name, const A& accuracy) {
     const Rasterizer<A> rasterizer{accuracy};
     const auto op = [&](const auto& x) {
@@ -91,8 +92,12 @@ void splatting(const char* name, const A& accuracy) {
 
 void all() {
     draws = std::max(1, draws / 50); // of 16 pictures each
-    splatting("rasterizer", open());
-    splatting("rasterizer, floor", floored());
+    using Plain = ScalarBackend<Serial>;
+    using Lanes = XsimdBackend<DefaultArch, Serial>;
+    splatting<Plain>("rasterizer", open());
+    splatting<Plain>("rasterizer, floor", floored());
+    splatting<Lanes>("rasterizer in lanes", open());
+    splatting<Lanes>("rasterizer in lanes, floor", floored());
 }
 
 } // namespace

@@ -26,6 +26,7 @@ PROGRAM = {
     "rye/rig/influence.hpp": "harmonics",
     "rye/gaussian/project.hpp": "project",
     "rye/gaussian/sh_color.hpp": "project",
+    "rye/splat/blend.hpp": "splat",
     "rye/splat/plain/vjp.hpp": "splat",
     "rye/splat/falloff.hpp": "splat",
     "rye/geometry/mesh.hpp": "geometry",

@@ -117,7 +117,7 @@ struct PixelGroup {
 template <class V>
 struct Coverage {
     V alpha;
-    V bell;                  ///< alpha without its clamp and floor
+    V bell;                  ///< alpha without its floor; where pixels keep it, 0 if clamped
 };
 
 /// What a Gaussian adds to a pixel.
@@ -160,17 +160,17 @@ struct Blend {
     /// `floor` is o f, not read unless the rules have one.
     [[gnu::always_inline]] RYE_HD Coverage<V> coverage(const V& exponent, const V& cut,
                                                        const V& floor) const {
-        const V bell = V(Exp2()(exponent));
-        V alpha = bell;
+        V bell = V(Exp2()(exponent)), alpha = bell;
         if constexpr (A::has_floor) alpha = alpha - floor;
+        if constexpr (Pixels::keeps_bell) bell = Pixels::when(alpha < alpha_max, bell);
         const auto reached = Pixels::settled(reaches(exponent, cut));
         return {Pixels::when(reached, V(Pixels::at_most(alpha_max, alpha))), bell};
     }
 
     /// The contribution to a pixel by the stop rule; `transmittance` becomes what is behind it.
-    [[gnu::always_inline]] RYE_HD auto take(const Coverage<V>& coverage, V& transmittance) const {
+    [[gnu::always_inline]] RYE_HD auto take(const Coverage<V>& given, V& transmittance) const {
         const V before = transmittance;
-        V alpha = coverage.alpha;
+        V alpha = given.alpha;
         if constexpr (A::stop_rule == Stop::inclusive)
             alpha = Pixels::when(Pixels::settled(before >= stop), alpha);
         V weight = alpha * before;
@@ -181,10 +181,10 @@ struct Blend {
             weight = Pixels::when(more, weight);
             transmittance = select(more, behind, V(Pixels::full(before)));
             return TakenContribution<V, std::remove_const_t<decltype(more)>>{
-                {{alpha, coverage.bell}, before, weight}, more};
+                {{alpha, given.bell}, before, weight}, more};
         } else {
             transmittance = behind;
-            return TakenContribution<V, std::true_type>{{{alpha, coverage.bell}, before, weight},
+            return TakenContribution<V, std::true_type>{{{alpha, given.bell}, before, weight},
                                                         {}};
         }
     }
@@ -201,27 +201,27 @@ struct Blend {
         }
     }
 
-    /// The step back over contribution c at offsets (u, v): `behind`, b, becomes that of what is in
-    /// front of it, and the cotangents of `gaussian` (of which floor and depth are read) are added
-    /// to the numbers of SplatCotangent, in their order.
+    /// The step back over contribution c at offsets (u, v). g: a ColourCotangent or PixelCotangent.
+    /// `behind`, b, becomes that of what is in front of c. Cotangents of `gaussian`, of which floor
+    /// and depth are read, are added to `sum`: the numbers of SplatCotangent in their order.
     template <class Gaussian, class Cotangent, class Sums>
     [[gnu::always_inline]] RYE_HD void take_vjp(const Contribution<V>& c, const V& u, const V& v,
                                                 const Gaussian& gaussian, const Cotangent& g,
                                                 V& behind, Sums&& sum) const {
+        const V weight = c.weight;                         // sums may be stored beside c
         V more = g.colour - behind;
-        if constexpr (requires { g.depth; }) {
-            more = more + (g.alpha + g.depth * gaussian.depth);
-            sum[6] = sum[6] + c.weight * g.depth;
-        }
-        more = Pixels::when(Pixels::settled(c.weight > V(R(0))), more);
+        if constexpr (requires { g.depth; }) more = more + (g.alpha + g.depth * gaussian.depth);
+        more = Pixels::when(Pixels::settled(weight > V(R(0))), more);
         behind = behind + c.alpha * more;
-        const V g_alpha = Pixels::when(c.alpha < alpha_max, V(c.before * more));
-        // Of the exponent in natural units, and of log o.
-        V g_exponent = g_alpha * (Pixels::keeps_bell ? c.bell : c.alpha), g_opacity = g_exponent;
-        if constexpr (A::has_floor && Pixels::keeps_bell)
-            g_opacity = g_opacity - g_alpha * gaussian.floor;
-        else if constexpr (A::has_floor)
-            g_exponent = g_exponent + g_alpha * gaussian.floor;
+        // With the bell o e: d alpha / d exponent = o e, o d alpha / d o = o e - o f = alpha.
+        V g_alpha = c.before * more, g_exponent, g_opacity;
+        if constexpr (Pixels::keeps_bell) {
+            g_exponent = g_alpha * c.bell;
+        } else {
+            g_alpha = Pixels::when(c.alpha < alpha_max, g_alpha);
+            g_exponent = g_opacity = g_alpha * c.alpha;
+            if constexpr (A::has_floor) g_exponent = g_exponent + g_alpha * gaussian.floor;
+        }
         const V gu = g_exponent * u, gv = g_exponent * v;
         sum[0] = sum[0] + gu;
         sum[1] = sum[1] + gv;
@@ -231,7 +231,10 @@ struct Blend {
         else
             sum[3] = sum[3] + gv * u;
         sum[4] = sum[4] + gv * v;
+        if constexpr (Pixels::keeps_bell)
+            g_opacity = g_exponent - Pixels::when(c.bell > V(R(0)), V(g_alpha * gaussian.floor));
         sum[5] = sum[5] + g_opacity;
+        if constexpr (requires { g.depth; }) sum[6] = sum[6] + weight * g.depth;
     }
 };
 

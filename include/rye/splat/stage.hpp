@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/stage.hpp: what every backend's per-Gaussian work before and after the pixel walks has
+/// rye/splat/stage.hpp: what all backends' per-Gaussian work before and after the pixel walks has
 /// in common: cull, count, sort by depth, bin into tiles; merge the tiles' gradients. Projection
 /// and its adjoint are in plain/stage.hpp and lanes/stage.hpp.
 #pragma once
