@@ -100,6 +100,28 @@ struct Scalars {
     }
 };
 
+/// What formulas call by `using std::f`.
+struct Functions {
+    static constexpr const char* name = "functions";
+    static constexpr int inputs = 3, outputs = 24;
+    static constexpr double ulps = 64;
+
+    template <class S>
+    RYE_HD static Ends<S> evaluate(const S* x, S* y) {
+        using std::abs, std::acos, std::asin, std::atan, std::atan2, std::cos, std::exp, std::exp2,
+            std::expm1, std::floor, std::hypot, std::isfinite, std::isnan, std::log, std::log1p,
+            std::log2, std::pow, std::sin, std::sqrt, std::tan, std::tanh;
+        Reader<S> in{x};
+        Writer<S> out{y};
+        const S a = in.number(-1.2, 1.2), b = in.number(0.5, 3), c = in.number(-0.9, 0.9);
+        out(abs(a), acos(c), asin(c), atan(a), atan2(a, b), cos(a), exp(a), exp2(a), expm1(a));
+        out(floor(a), hypot(a, b), isfinite(a), isnan(a), log(b), log1p(b), log2(b), pow(b, a));
+        out(pow(b, S(1.5)), sin(a), sqrt(b), tan(a), tanh(a), a / b);
+        out(S(value_of(scalar_cast<S>(a))));
+        return {in.at, out.at};
+    }
+};
+
 struct Vectors {
     static constexpr const char* name = "vectors";
     static constexpr int inputs = 10, outputs = 30;
@@ -292,11 +314,30 @@ struct Rays {
     }
 };
 
+/// The numbers of the accuracy policies.
+struct Policies {
+    static constexpr const char* name = "policies";
+    static constexpr int inputs = 1, outputs = 8;
+    static constexpr double ulps = 4;
+
+    template <class S>
+    RYE_HD static Ends<S> evaluate(const S* x, S* y) {
+        Reader<S> in{x};
+        Writer<S> out{y};
+        const S a = in.number(1, 2);
+        const auto times = [&](double number) { return a * constant<S>(number); };
+        out(times(Exact64().stop), times(Exact32().stop), times(Tight().stop), times(Fast().stop));
+        out(times(Balanced().stop), times(Compatible3dgs().alpha_max));
+        out(times(FeaturesOnly<Tight>().alpha_min), times(screen_dilation(Compatible3dgsFloor())));
+        return {in.at, out.at};
+    }
+};
+
 template <class A>
 struct Splats {
     static constexpr const char* name =
         A::support == Support::square ? "splats, square" : "splats";
-    static constexpr int inputs = 21 + 9, outputs = 9 + 6 + 3 + 3 + 2 + 2 + 2 + 1;
+    static constexpr int inputs = 21 + 9, outputs = 9 + 6 + 3 + 3 + 2 + 2 + 2 + 1 + 4;
     static constexpr double ulps = 512;
     static constexpr double apart = 0.01;    // whole pixels and tiles
 
@@ -325,6 +366,10 @@ struct Splats {
         const Cover<A::support, S> cover{f, camera.width, camera.height};
         const Span rows = cover.rows(), columns = cover.columns(rows.begin / tile_edge, rows);
         out(rows, columns, tiles_of(rows), depth_key(s.depth) > depth_key(S(3)));
+        TileRows known{rows, {}};
+        known.columns[0][1] = static_cast<std::uint16_t>(columns.end);
+        out(known.first_row(), known.last_row() * int(known.known(camera.width)));
+        out(int(known.columns[0][1]), tiles_across(rows.end));
         return {in.at, out.at};
     }
 };
