@@ -80,13 +80,14 @@ struct Ends {
 };
 
 /// What a family is compared by: of each output, the difference over the greater of the number
-/// itself and the output's root mean square over all inputs, in units of the scalar's epsilon.
-/// `apart`, if a family has it, is the share of inputs that rounding may take to the other side of
-/// a decision, where nothing is compared.
+/// itself and the output's root mean square over all inputs, in units of the scalar's epsilon:
+/// `ulps` is about four times what products that are fused or not make of it, and more than a few
+/// where an input brings numbers close to each other. `apart`, if a family has it, is the share of
+/// inputs that rounding may take to the other side of a decision, where nothing is compared.
 struct Scalars {
     static constexpr const char* name = "scalars";
     static constexpr int inputs = 6, outputs = 10;
-    static constexpr double ulps = 16;
+    static constexpr double ulps = 128;
 
     template <class S>
     RYE_HD static Ends<S> evaluate(const S* x, S* y) {
@@ -99,10 +100,32 @@ struct Scalars {
     }
 };
 
+/// What formulas call by `using std::f`.
+struct Functions {
+    static constexpr const char* name = "functions";
+    static constexpr int inputs = 3, outputs = 24;
+    static constexpr double ulps = 64;
+
+    template <class S>
+    RYE_HD static Ends<S> evaluate(const S* x, S* y) {
+        using std::abs, std::acos, std::asin, std::atan, std::atan2, std::cos, std::exp, std::exp2,
+            std::expm1, std::floor, std::hypot, std::isfinite, std::isnan, std::log, std::log1p,
+            std::log2, std::pow, std::sin, std::sqrt, std::tan, std::tanh;
+        Reader<S> in{x};
+        Writer<S> out{y};
+        const S a = in.number(-1.2, 1.2), b = in.number(0.5, 3), c = in.number(-0.9, 0.9);
+        out(abs(a), acos(c), asin(c), atan(a), atan2(a, b), cos(a), exp(a), exp2(a), expm1(a));
+        out(floor(a), hypot(a, b), isfinite(a), isnan(a), log(b), log1p(b), log2(b), pow(b, a));
+        out(pow(b, S(1.5)), sin(a), sqrt(b), tan(a), tanh(a), a / b);
+        out(S(value_of(scalar_cast<S>(a))));
+        return {in.at, out.at};
+    }
+};
+
 struct Vectors {
     static constexpr const char* name = "vectors";
     static constexpr int inputs = 10, outputs = 30;
-    static constexpr double ulps = 32;
+    static constexpr double ulps = 64;
 
     template <class S>
     RYE_HD static Ends<S> evaluate(const S* x, S* y) {
@@ -128,7 +151,7 @@ struct Vectors {
 struct Rotations {
     static constexpr const char* name = "rotations";
     static constexpr int inputs = 24, outputs = 88;
-    static constexpr double ulps = 256;
+    static constexpr double ulps = 64;
 
     template <class S>
     RYE_HD static Ends<S> evaluate(const S* x, S* y) {
@@ -155,7 +178,7 @@ struct Rotations {
 struct Exponentials {
     static constexpr const char* name = "exponentials";
     static constexpr int inputs = 1, outputs = 5;
-    static constexpr double ulps = 4;
+    static constexpr double ulps = 16;
 
     template <class S>
     RYE_HD static Ends<S> evaluate(const S* x, S* y) {
@@ -241,7 +264,7 @@ struct Projection {
     static constexpr const char* name = bends ? "projection, bent"
                                         : how == Antialias::mip ? "projection, mip" : "projection";
     static constexpr int inputs = 21 + 6 + 4, outputs = 15 + 10;
-    static constexpr double ulps = bends ? 4096 : 1024;
+    static constexpr double ulps = 1024;
 
     template <class S>
     RYE_HD static auto lens_of(Reader<S>& in) {
@@ -277,7 +300,7 @@ template <bool bends>
 struct Rays {
     static constexpr const char* name = bends ? "rays, bent" : "rays";
     static constexpr int inputs = 21 + 4 + 2, outputs = 6;
-    static constexpr double ulps = 64;
+    static constexpr double ulps = 32;
 
     template <class S>
     RYE_HD static Ends<S> evaluate(const S* x, S* y) {
@@ -291,12 +314,31 @@ struct Rays {
     }
 };
 
+/// The numbers of the accuracy policies.
+struct Policies {
+    static constexpr const char* name = "policies";
+    static constexpr int inputs = 1, outputs = 8;
+    static constexpr double ulps = 4;
+
+    template <class S>
+    RYE_HD static Ends<S> evaluate(const S* x, S* y) {
+        Reader<S> in{x};
+        Writer<S> out{y};
+        const S a = in.number(1, 2);
+        const auto times = [&](double number) { return a * constant<S>(number); };
+        out(times(Exact64().stop), times(Exact32().stop), times(Tight().stop), times(Fast().stop));
+        out(times(Balanced().stop), times(Compatible3dgs().alpha_max));
+        out(times(FeaturesOnly<Tight>().alpha_min), times(screen_dilation(Compatible3dgsFloor())));
+        return {in.at, out.at};
+    }
+};
+
 template <class A>
 struct Splats {
     static constexpr const char* name =
         A::support == Support::square ? "splats, square" : "splats";
-    static constexpr int inputs = 21 + 9, outputs = 9 + 6 + 3 + 3 + 2 + 2 + 2 + 1;
-    static constexpr double ulps = 1024;
+    static constexpr int inputs = 21 + 9, outputs = 9 + 6 + 3 + 3 + 2 + 2 + 2 + 1 + 4;
+    static constexpr double ulps = 512;
     static constexpr double apart = 0.01;    // whole pixels and tiles
 
     template <class S>
@@ -324,6 +366,10 @@ struct Splats {
         const Cover<A::support, S> cover{f, camera.width, camera.height};
         const Span rows = cover.rows(), columns = cover.columns(rows.begin / tile_edge, rows);
         out(rows, columns, tiles_of(rows), depth_key(s.depth) > depth_key(S(3)));
+        TileRows known{rows, {}};
+        known.columns[0][1] = static_cast<std::uint16_t>(columns.end);
+        out(known.first_row(), known.last_row() * int(known.known(camera.width)));
+        out(int(known.columns[0][1]), tiles_across(rows.end));
         return {in.at, out.at};
     }
 };
@@ -333,7 +379,7 @@ struct Influences {
     static constexpr const char* name = std::is_same_v<Metric, SquaredDistance>
                                             ? "influence, squared" : "influence, euclidean";
     static constexpr int inputs = 6, outputs = 2;
-    static constexpr double ulps = 64;
+    static constexpr double ulps = 128;
     static constexpr double apart = 0.001;   // at the ramp's ends
 
     template <class S>
@@ -350,7 +396,7 @@ struct Influences {
 struct Eyes {
     static constexpr const char* name = "eyes";
     static constexpr int inputs = 3 + 3 + 3 + 3 + 3 + 2 + 4, outputs = 52;
-    static constexpr double ulps = 256;
+    static constexpr double ulps = 512;
 
     template <class S>
     RYE_HD static Ends<S> evaluate(const S* x, S* y) {
@@ -393,7 +439,7 @@ struct Encoding {
 struct Activations {
     static constexpr const char* name = "activations";
     static constexpr int inputs = 4, outputs = 16;
-    static constexpr double ulps = 32;
+    static constexpr double ulps = 2048;
     static constexpr double apart = 0.001;   // at the ends of a clamp
 
     template <class S>
@@ -415,7 +461,7 @@ struct Activations {
 struct SsimWindow {
     static constexpr const char* name = "SSIM's window";
     static constexpr int inputs = 2 * ssim_window, outputs = 1 + 4;
-    static constexpr double ulps = 1024;
+    static constexpr double ulps = 2048;
 
     template <class S>
     RYE_HD static Ends<S> evaluate(const S* x, S* y) {
@@ -437,7 +483,7 @@ struct SsimWindow {
 struct Corneas {
     static constexpr const char* name = "cornea";
     static constexpr int inputs = 3 * 4 + 1, outputs = 3 + 6 + 5 + 6 + 1 + 3 + 4 + 3;
-    static constexpr double ulps = 16384;
+    static constexpr double ulps = 1024;
     static constexpr double apart = 0.01;    // at the cornea's rim, and where Newton's method ends
 
     template <class S>

@@ -198,12 +198,12 @@ bool run_all() {
 } // namespace
 
 int main() {
-    bool good = run_all<Scalars>() & run_all<Vectors>() & run_all<Rotations>();
-    good &= run_all<Exponentials>() & run_all<Harmonics>() & run_all<Colours>();
-    good &= run_all<Projection<Antialias::dilate, false>>();
+    bool good = run_all<Scalars>() & run_all<Functions>() & run_all<Vectors>();
+    good &= run_all<Rotations>() & run_all<Exponentials>() & run_all<Harmonics>();
+    good &= run_all<Colours>() & run_all<Projection<Antialias::dilate, false>>();
     good &= run_float<Projection<Antialias::mip, false>>();
     good &= run_real<Projection<Antialias::dilate, true>>();
-    good &= run_real<Rays<false>>() & run_real<Rays<true>>();
+    good &= run_real<Rays<false>>() & run_real<Rays<true>>() & run_float<Policies>();
     good &= run_real<Splats<Balanced>>() & run_float<Splats<Compatible3dgsFloor>>();
     good &= run_all<Influences<SquaredDistance>>() & run_all<Influences<EuclideanDistance>>();
     good &= run_all<Eyes>() & run_all<Encoding>() & run_all<Activations>();
