@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // splat/blend.hpp, plain/vjp.hpp, falloff.hpp and stage.hpp: four Gaussians in 8 x 8 pixels, by plain
 // loops and, since the two kinds of pixels round some products differently, in lanes.
-#include <rye/splat/rasterizer.hpp>
+#include <rye/splat/lanes.hpp>
 
 #include "laws.hpp"
 
@@ -53,7 +53,7 @@ void splatting(const char* name, const A& accuracy) {
         using S = typename std::decay_t<decltype(x)>::Scalar;
         const VecX<S> background = VecX<S>::Constant(2, S(0.3F));
         const auto r =
-            rasterizer.forward(ScalarBackend<Serial>{}, gaussians_of(x), camera<S>(), background);
+            rasterizer.forward(B{}, gaussians_of(x), camera<S>(), background);
         Columns<S> y(4 * pixels, 1);
         for (Index p = 0; p < 2 * pixels; ++p) y(p, 0) = r.feature.pixels.data()[p];
         for (Index p = 0; p < pixels; ++p) {
@@ -67,12 +67,12 @@ void splatting(const char* name, const A& accuracy) {
         using std::cos, std::exp, std::sin;
         const Gaussians<S> g = gaussians_of(x);
         const VecX<S> background = VecX<S>::Constant(2, S(0.3F));
-        const auto r = rasterizer.forward(ScalarBackend<Serial>{}, g, camera<S>(), background);
+        const auto r = rasterizer.forward(B{}, g, camera<S>(), background);
         const Columns<S> wf = w.topRows(2 * pixels).reshaped(2, pixels);
         const Columns<S> wa = w.middleRows(2 * pixels, pixels).transpose();
         const Columns<S> wd = w.bottomRows(pixels).transpose();
         const auto d =
-            rasterizer.vjp(ScalarBackend<Serial>{}, g, camera<S>(), background, r, wf, &wa, &wd);
+            rasterizer.vjp(B{}, g, camera<S>(), background, r, wf, &wa, &wd);
         auto out = x;
         for (Index i = 0; i < count; ++i) {
             const Index o = i * per;

@@ -17,6 +17,10 @@
 #include "tiny_capture.hpp"
 #include "tiny_run.hpp"
 
+namespace rye::trainer {
+void set_threads(int) {} // the program's own sets OpenMP's
+} // namespace rye::trainer
+
 using namespace rye;
 using namespace rye::trainer;
 namespace fs = std::filesystem;
@@ -29,12 +33,12 @@ std::string bytes_of(const fs::path& file) {
 }
 
 /// A tiny run, and a capture that fits it.
-struct RedirectRun {
+struct DrawnScene {
     TemporaryFolder folder;
     TinyCapture capture{folder.path / "capture"};
     fs::path picture = folder.path / "picture.png";
 
-    RedirectRun() {
+    DrawnScene() {
         for (int f = 0; f < TinyCapture::frames; ++f) {
             const std::vector<float> weights{0.2f * static_cast<float>(f), 0.5f, -0.1f};
             TinyCapture::set<float>(capture.params(f, "params.npz"), "exp_coeff", {1, 3}, weights);
@@ -50,9 +54,8 @@ struct RedirectRun {
     std::string draw(const std::vector<std::string>& options) const {
         CLI::App app;
         add_redirect(app);
-        std::vector<std::string> words{"redirect", "--run",          (folder.path / "run").string(),
-                                       "--out",    picture.string(), "--threads",
-                                       "1"};
+        std::vector<std::string> words{"redirect", "--run",   (folder.path / "run").string(),
+                                       "--out",    picture.string(), "--threads", "1"};
         words.insert(words.end(), options.begin(), options.end());
         std::reverse(words.begin(), words.end());  // as CLI11 takes them
         fs::remove(picture);
@@ -87,7 +90,7 @@ struct RedirectRun {
 } // namespace
 
 TEST_CASE("redirect: files of other frames are not read, and the picture has the same bytes") {
-    const RedirectRun scene;
+    const DrawnScene scene;
     const std::vector<std::vector<std::string>> calls{
         {"--frame", "0001"},
         {"--frame", "0001", "--camera", "c2", "--gaze-left", "5,10", "--gaze-right", "-5,-10"},
@@ -108,11 +111,11 @@ TEST_CASE("redirect: files of other frames are not read, and the picture has the
         CHECK(scene.draw(calls[k]) == before[k]);
     }
     CHECK_FAULT(scene.draw({"--frame", "0002"}), "0002");
-    CHECK_FAULT(scene.draw({}), "0003"); // the first test frame
+    CHECK_FAULT(scene.draw({}), "0003");  // the first test frame
 }
 
 TEST_CASE("redirect: the first test frame is drawn without the others") {
-    const RedirectRun scene;
+    const DrawnScene scene;
     const std::string before = scene.draw({});
     CHECK(before == scene.draw({"--frame", "0003"}));
     scene.spoil_other_frames(3);
@@ -120,7 +123,7 @@ TEST_CASE("redirect: the first test frame is drawn without the others") {
 }
 
 TEST_CASE("redirect: with a camera that is named, files of other cameras are not read") {
-    const RedirectRun scene;
+    const DrawnScene scene;
     const std::vector<std::string> c1{"--frame", "0002", "--camera", "c1"};
     const std::string before = scene.draw(c1);
     for (const int c : {0, 2}) {
@@ -133,7 +136,7 @@ TEST_CASE("redirect: with a camera that is named, files of other cameras are not
 }
 
 TEST_CASE("redirect: frames of a capture.json need not be there, but for the one that is drawn") {
-    const RedirectRun scene;
+    const DrawnScene scene;
     scene.capture.write_text("capture.json",
                              R"({"train_frames": ["0000", "0001"], "test_frames": ["0003", "0002"],
                                  "camera_ids": ["c0", "c1", "c2"], "image_size": [48, 48]})");
@@ -147,9 +150,8 @@ TEST_CASE("redirect: frames of a capture.json need not be there, but for the one
 }
 
 TEST_CASE("redirect: what is wrong with the frame that is drawn is still told") {
-    const RedirectRun scene;
-    CHECK_FAULT(scene.draw({"--frame", "9"}),
-                "--frame: got '9', expected one from '0000' to '0003'");
+    const DrawnScene scene;
+    CHECK_FAULT(scene.draw({"--frame", "9"}), "--frame: got '9', expected one from '0000' to '0003'");
     CHECK_FAULT(scene.draw({"--camera", "c9"}), "--camera: got 'c9', expected one of: c0 c1 c2");
     const fs::path params = scene.capture.params(1, "params.npz");
     const std::string kept = bytes_of(params);

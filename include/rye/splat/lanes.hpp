@@ -6,7 +6,6 @@
 
 #include <type_traits>
 
-#include <rye/backend/lanes.hpp>
 #include <rye/splat/lanes/forward.hpp>
 #include <rye/splat/lanes/stage.hpp>
 #include <rye/splat/lanes/vjp.hpp>
