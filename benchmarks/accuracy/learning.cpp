@@ -167,7 +167,7 @@ struct SlotSums {
         const Scene<T> scene{raster.trace, g.feature,    background,   camera.cx,
                              camera.cy,    camera.width, camera.height};
         scratch.slots.shape(lists.entries(), g.channels());
-        std::vector<Hit<T>> hits;
+        std::vector<PixelContribution<T>> hits;
         for (Index t = 0; t < lists.tiles(); ++t)
             blend_tile_vjp(scene, accuracy, RasterCotangent<T>{w}, t, scratch, hits);
         sums = Columns<double>::Zero(scratch.slots.stride, g.count());

@@ -18,7 +18,7 @@ enum class Form { factor, conic };
 /// Blends all Gaussians in float, without cut-offs; the conic is inverted from a c - b^2.
 inline Columns<double> blend_in_float(const Scenery& s, Form form) {
     const Gaussians<float>& g = s.gaussians;
-    const Lens<float> lens(s.camera, 0.3, 0.3);
+    const Projector<float> lens(s.camera, 0.3, 0.3);
     const auto order = depth_order(g, s.camera);
     struct One {
         Index i;

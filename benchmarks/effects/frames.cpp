@@ -43,7 +43,7 @@ struct WholeFrame {
         Gaussians<float> g;
         deform.time([&] {
             drive(OneThread{}, s.avatar, s.config, s.roles, drivers, trace);
-            g = joined(trace.world_face, trace.world_eyes);
+            g = concat(trace.world_face, trace.world_eyes);
         });
         render.time([&] {
             Rasterizer<>().forward_into(OneThread{}, g, camera, background, raster, &scratch);
@@ -94,7 +94,7 @@ LeastPairs least_pairs(const Raster<float>& before, const Cache& cache, const Sh
             for (int x = s.left(t); x < s.right(t); ++x) {
                 double pairs = 0, front = 0;
                 bool met = false;
-                walk_pixel(s, Balanced(), t, x, y, [&](const Hit<float>& h) {
+                walk_pixel(s, Balanced(), t, x, y, [&](const PixelContribution<float>& h) {
                     met = met || moved[s.member(h.entry).source];
                     front += met ? 0 : 1;
                     ++pairs;

@@ -36,7 +36,7 @@ void stages(benchmark::State& state) {
                 project_range_lanes<V>(w.scene.gaussians, w.scene.camera, rules, 0, n, w.scratch);
             }));
             lists = std::min(lists, least_time(1, [&] {
-                                 arrange(OneThread{}, w.scene.gaussians, w.scene.camera, rules,
+                                 bin_and_sort(OneThread{}, w.scene.gaussians, w.scene.camera, rules,
                                          w.scratch, w.raster.trace);
                              }));
         }

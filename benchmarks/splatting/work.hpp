@@ -41,7 +41,8 @@ struct Work {
         for (Index t = 0; t < raster.trace.lists.tiles(); ++t)
             for (int y = s.top(t); y < s.bottom(t); ++y)
                 for (int x = s.left(t); x < s.right(t); ++x)
-                    walk_pixel(s, rasterizer.accuracy, t, x, y, [&](const Hit<float>&) { ++n; });
+                    walk_pixel(s, rasterizer.accuracy, t, x, y,
+                               [&](const PixelContribution<float>&) { ++n; });
         return n;
     }
     SplatWork counted() const {
@@ -70,7 +71,7 @@ void time_round(W& work, const Clock& clock, Times& best) {
 /// one thread's tiles, half a megabyte, comes on top.
 inline double kept_bytes(double gaussians, double visible, double entries, int channels,
                          double pixels) {
-    const double record = sizeof(Member<float>), slot = 4 * (8 + (channels + 7) / 8 * 8);
+    const double record = sizeof(VisibleGaussian<float>), slot = 4 * (8 + (channels + 7) / 8 * 8);
     return gaussians * (record + sizeof(Footprint<float>) + 1 + 4 + 4 + 4 * (11 + channels)) +
            visible * (record + 8) + entries * (8 + 12 + 8 + slot + 1) +
            pixels * 4 * (channels + 2);

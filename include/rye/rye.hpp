@@ -61,7 +61,7 @@
 #include <rye/geometry/marching_tets.hpp>
 #include <rye/geometry/mesh.hpp>
 #include <rye/geometry/mesh_raster.hpp>
-#include <rye/geometry/nearest.hpp>
+#include <rye/geometry/neighbours.hpp>
 #include <rye/geometry/rigid.hpp>
 #include <rye/geometry/screen_mesh.hpp>
 #include <rye/geometry/silhouette.hpp>
@@ -99,7 +99,7 @@
 #include <rye/rig/eyeball.hpp>
 #include <rye/rig/gaze.hpp>
 #include <rye/rig/influence.hpp>
-#include <rye/rig/nearest.hpp>
+#include <rye/rig/nearest_landmark.hpp>
 #include <rye/splat/accuracy.hpp>
 #include <rye/splat/blend.hpp>
 #include <rye/splat/falloff.hpp>

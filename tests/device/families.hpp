@@ -281,7 +281,7 @@ struct Projection {
         Writer<S> out{y};
         using D = decltype(lens_of(in));
         const Scene<S, D> scene(in, lens_of(in));
-        const Lens<S, D> lens(scene.camera, 0.3, 0.3);
+        const Projector<S, D> lens(scene.camera, 0.3, 0.3);
         const ScreenCotangent<S> g{in.template vector<2>(),
                                    {in.number(-1, 1), in.number(-1, 1), in.number(-1, 1)},
                                    in.number(-1, 1)};
@@ -348,7 +348,7 @@ struct Splats {
         const Scene<S, NoDistortion> scene(in, {});
         const Pinhole<S>& camera = scene.camera;
         const A accuracy;
-        const Lens<S> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
+        const Projector<S> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
         const ScreenGaussian<S> s = project(scene.shape, lens);
         const Splat<S> splat = make_splat(s, scene.opacity, accuracy);
         const SplatCotangent<S> g{in.number(-1, 1), in.number(-1, 1), in.number(-1, 1),

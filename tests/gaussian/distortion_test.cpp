@@ -69,7 +69,7 @@ Moments sampled(const Shape<double>& s, const C& camera) {
 /// which the covariance is.
 template <class C>
 Vec2<double> error(const Shape<double>& s, const C& camera) {
-    const auto p = project(s, Lens(camera, 10.0, 0.0));
+    const auto p = project(s, Projector(camera, 10.0, 0.0));
     const Moments m = sampled(s, camera);
     const Vec2<double> off(p.centre + Vec2<double>(camera.cx, camera.cy) - m.centre);
     const double size = m.covariance.xx + m.covariance.yy;
@@ -88,7 +88,7 @@ TEST_CASE("a bent projection's vjp is the transpose of its duals, beyond the lim
         const auto camera = with_lens(tilted(), i % 2 == 0 ? barrel : pincushion);
         const double margin = i % 3 == 0 ? -0.5 : 0.3;  // half of the image is beyond the limits
         const Shape<double> s = random_shape(d, 0.6);
-        drawn += project(s, Lens(camera, margin, 0.3)).drawable ? 1 : 0;
+        drawn += project(s, Projector(camera, margin, 0.3)).drawable ? 1 : 0;
         worst = std::max(worst, gap<Antialias::dilate>(s, camera, margin, d));
         worst = std::max(worst, gap<Antialias::mip>(s, camera, margin, d));
     }
@@ -101,8 +101,8 @@ TEST_CASE_TEMPLATE("without coefficients a lens is the pinhole: 0 ulps in double
     Draws d{{22, 1}};
     const Pinhole<T> plain = tilted().cast<T>();
     const auto bent = with_lens(plain, BrownConrady<T>{});
-    const Lens a(plain, 0.3, 0.3);
-    const Lens b(bent, 0.3, 0.3);
+    const Projector a(plain, 0.3, 0.3);
+    const Projector b(bent, 0.3, 0.3);
     CHECK(a.x_low == b.x_low);
     CHECK(a.y_high == b.y_high);
     // Of the largest number beside it: what cancels has the rounding of what it cancels from.
@@ -144,7 +144,7 @@ TEST_CASE("a bent Gaussian against one whose points are bent: the error falls wi
             for (int i = 0; i < 200; ++i) {
                 Shape<double> s = random_shape(e, 0.6);
                 s.scale = size * s.scale / s.scale.maxCoeff();
-                if (!project(s, Lens(bent, 0.3, 0.3)).drawable) continue;
+                if (!project(s, Projector(bent, 0.3, 0.3)).drawable) continue;
                 most = most.cwiseMax(error(s, bent));
                 straight = straight.cwiseMax(error(s, tilted()));
             }
@@ -168,7 +168,7 @@ TEST_CASE("a bent Gaussian against one whose points are bent: the error falls wi
         s.scale *= 0.01;
         s.mean = bent.camera_from_world.inverse().apply(Vec3<double>(2.2, 1.1, 4));
         CHECK(error(s, bent)[1] < 5e-3);
-        const auto q = project(s, Lens(tilted(), 10.0, 0.0));
+        const auto q = project(s, Projector(tilted(), 10.0, 0.0));
         const Moments m = sampled(s, bent);
         CHECK(std::abs(q.covariance.xx / m.covariance.xx - 1) > 0.1);
     }
@@ -178,8 +178,8 @@ TEST_CASE("beyond the fold of a lens nothing is drawn, and its neighbours stay f
     Pinhole<double> c = tilted();
     c.camera_from_world = Rigid<double>();
     const auto bent = with_lens(c, Lens64{-1.0 / 3, 0, 0, 0, 0});  // folds at r = 1
-    const Lens lens(bent, 0.3, 0.3);
-    const Lens wide(bent.cast<float>(), 0.3, 0.3);
+    const Projector lens(bent, 0.3, 0.3);
+    const Projector wide(bent.cast<float>(), 0.3, 0.3);
     for (const double r : {0.0, 0.5, 0.9, 0.999999, 1.000001, 1.5, 1.7320508, 10.0, 1e30}) {
         INFO(r);
         const Shape<double> s{Vec3<double>(2 * r, 0, 2), Quat<double>(1, 0, 0, 0),
@@ -204,8 +204,8 @@ TEST_CASE("a bent projection in lanes is that of one scalar at a time") {
     using V = XsimdBackend<>::batch<float>;
     Draws d{{24, 1}};
     const auto bent = with_lens(tilted().cast<float>(), barrel.cast<float>());
-    const Lens lens(bent, 0.3, 0.3);
-    const Lens<V, BrownConrady<V>> wide(lens);
+    const Projector lens(bent, 0.3, 0.3);
+    const Projector<V, BrownConrady<V>> wide(lens);
     for (int trial = 0; trial < 200; ++trial) {
         const Shape<double> e = random_shape(d, 0.6);
         const Shape<float> s{e.mean.cast<float>(), e.rotation.cast<float>(), e.scale.cast<float>()};

@@ -51,7 +51,7 @@ TEST_CASE("project, mip: dot-product test, random shapes, specks and needles") {
 TEST_CASE("project, mip: large Gaussians keep their opacity, specks their light, flat ones none") {
     Draws d{{5, 1}};
     const Pinhole<double> camera = tilted_camera();
-    const Lens<double> lens(camera, 0.3, 0.3), plain(camera, 0.3, 0.0);
+    const Projector<double> lens(camera, 0.3, 0.3), plain(camera, 0.3, 0.0);
     double large = 0, light = 0;
     for (int i = 0; i < 500; ++i) {
         Shape<double> s = random_shape(d);
@@ -88,7 +88,7 @@ TEST_CASE("project: dot-product test on both sides of the Jacobian's limits and 
     Draws d{{2, 1}};
     Pinhole<double> camera = tilted_camera();
     camera.camera_from_world = Rigid<double>();
-    const Lens<double> lens(camera, 0.3, 0.3);
+    const Projector<double> lens(camera, 0.3, 0.3);
     for (const double limit : {lens.x_low, lens.x_high})
         for (const double nudge : {1 - 1e-3, 1 - 1e-7, 1 + 1e-7, 1 + 1e-3, 2.0}) {
             Shape<double> s = random_shape(d);
@@ -135,7 +135,7 @@ TEST_CASE("project: what cannot be drawn is said so") {
     Pinhole<float> camera = tilted_camera().cast<float>();
     camera.camera_from_world = Rigid<float>();
     camera.near_depth = 0.5F;
-    const Lens<float> lens(camera, 0.3, 0.3);
+    const Projector<float> lens(camera, 0.3, 0.3);
     const auto drawable = [&](float x, float z, float scale) {
         const Shape<float> s{Vec3<float>(x, 0, z), Quat<float>(1, 0, 0, 0),
                              Vec3<float>(scale, scale, scale)};
@@ -158,8 +158,8 @@ TEST_CASE("project: lanes hold what one scalar at a time does") {
     constexpr std::size_t lanes = V::size;
     Draws d{{4, 1}};
     const Pinhole<float> camera = tilted_camera().cast<float>();
-    const Lens<float> lens(camera, 0.3, 0.3);
-    const Lens<V> wide(lens);
+    const Projector<float> lens(camera, 0.3, 0.3);
+    const Projector<V> wide(lens);
     for (int trial = 0; trial < 50; ++trial) {
         std::array<Shape<float>, lanes> one;
         alignas(64) float rows[10][lanes];

@@ -30,7 +30,7 @@ inline Shape<double> random_shape(Draws& d, double spread = 1) {
 template <Antialias how = Antialias::dilate, Distortion Bent>
 double gap(const Shape<double>& s, const Pinhole<double, Bent>& camera, double margin, Draws& d) {
     using D = Dual<double, 1>;
-    const Lens lens(camera, margin, 0.3);
+    const Projector lens(camera, margin, 0.3);
     Shape<D> moved;
     Shape<double> v = random_shape(d);
     const auto lift = [](auto& to, const auto& x, const auto& t) {
@@ -45,7 +45,7 @@ double gap(const Shape<double>& s, const Pinhole<double, Bent>& camera, double m
     lift(moved.scale, s.scale, v.scale);
     const auto p = project<how>(s, lens);
     if (!p.drawable) return 0;
-    const auto q = project<how>(moved, Lens(camera.template cast<D>(), margin, 0.3));
+    const auto q = project<how>(moved, Projector(camera.template cast<D>(), margin, 0.3));
 
     // A few pixels around the Gaussian give the moments that a render would.
     ScreenCotangent<double> c{Vec2<double>(d.normal(), d.normal()), {0, 0, 0}, d.normal()};

@@ -32,7 +32,7 @@ TEST_CASE("distortion: a golden slope, of OpenCV's formula term by term") {
     const Lens64 d{0.1, 0.02, -0.003, 0.004, -0.005};
     const double x = 0.5, y = -0.25, r2 = x * x + y * y;
     const double radial = 1 + 0.1 * r2 + 0.02 * r2 * r2 - 0.003 * r2 * r2 * r2;
-    const Vec2<double> at = d.bend(Vec2<double>(x, y)).at;
+    const Vec2<double> at = d.distort(Vec2<double>(x, y)).at;
     CHECK(at[0] == doctest::Approx(x * radial + 2 * 0.004 * x * y - 0.005 * (r2 + 2 * x * x))
                        .epsilon(1e-15));
     CHECK(at[1] == doctest::Approx(y * radial + 0.004 * (r2 + 2 * y * y) - 2 * 0.005 * x * y)
@@ -50,8 +50,8 @@ TEST_CASE("distortion: Jacobian and its cotangent against duals") {
         const Vec2<double> s(draw(), draw());
         const Sym2<double> g{draw(), draw(), draw()};
         const Vec2<D> t(D::variable(s[0], 0), D::variable(s[1], 1));
-        const Bend<D> b = d.cast<D>().bend(t);
-        const Sym2<double> j = d.bend(s).slope;
+        const Distorted<D> b = d.cast<D>().distort(t);
+        const Sym2<double> j = d.distort(s).slope;
         const double size = 1 + std::abs(j.xx) + std::abs(j.xy) + std::abs(j.yy);
         for (const double gap : {b.at[0].d[0] - j.xx, b.at[0].d[1] - j.xy, b.at[1].d[0] - j.xy,
                                  b.at[1].d[1] - j.yy})
@@ -71,7 +71,7 @@ TEST_CASE("distortion: Jacobian and its cotangent against duals") {
 TEST_CASE("distortion: without coefficients nothing is bent, to the bit") {
     const BrownConrady<float> none;
     for (const float x : {0.0F, 1e-30F, 0.3F, -7.5F}) {
-        const Bend<float> b = none.bend(Vec2<float>(x, 0.7F * x));
+        const Distorted<float> b = none.distort(Vec2<float>(x, 0.7F * x));
         CHECK(b.at[0] == x);
         CHECK(b.at[1] == 0.7F * x);
         CHECK(b.slope.xx == 1);
@@ -109,21 +109,23 @@ TEST_CASE("distortion: unbending is the inverse, up to the fold") {
         for (double r = 0; r < 0.995; r += 0.033)
             for (double a = 0; a < 6.28; a += 0.37) {
                 const Vec2<double> s(r * reach * std::cos(a), r * reach * std::sin(a));
-                const Bend<double> b = d.bend(s);
+                const Distorted<double> b = d.distort(s);
                 if (!(b.slope.determinant() > 0.02)) continue;
-                const Unbent<double> u = unbend(d, b.at);
+                const Undistorted<double> u = undistort(d, b.at);
                 CHECK(u.reached);
                 CHECK((u.slope - s).norm() < 1e-11);
             }
     }
     const Lens64 fold{-1.0 / 3, 0, 0, 0, 0};  // turns back at 1, where it is bent to 2/3
-    CHECK(unbend(fold, Vec2<double>(0.6666, 0)).reached);
-    for (const double far : {0.6668, 1.0, 50.0}) CHECK_FALSE(unbend(fold, Vec2<double>(0, far)).reached);
+    CHECK(undistort(fold, Vec2<double>(0.6666, 0)).reached);
+    for (const double far : {0.6668, 1.0, 50.0})
+        CHECK_FALSE(undistort(fold, Vec2<double>(0, far)).reached);
     // Its derivative is the inverse Jacobian.
     using D = Dual<double, 2>;
     const Vec2<double> at(0.3, -0.2);
-    const Unbent<D> u = unbend(barrel.cast<D>(), Vec2<D>(D::variable(at[0], 0), D::variable(at[1], 1)));
-    const Sym2<double> j = barrel.bend(unbend(barrel, at).slope).slope;
+    const Undistorted<D> u =
+        undistort(barrel.cast<D>(), Vec2<D>(D::variable(at[0], 0), D::variable(at[1], 1)));
+    const Sym2<double> j = barrel.distort(undistort(barrel, at).slope).slope;
     CHECK(u.slope[0].d[0] == doctest::Approx(j.yy / j.determinant()).epsilon(1e-12));
     CHECK(u.slope[0].d[1] == doctest::Approx(-j.xy / j.determinant()).epsilon(1e-12));
     CHECK(u.slope[1].d[1] == doctest::Approx(j.xx / j.determinant()).epsilon(1e-12));

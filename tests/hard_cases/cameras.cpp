@@ -5,7 +5,7 @@
 #include <rye/autodiff/dual.hpp>
 #include <rye/backend/scalar.hpp>
 #include <rye/gaussian/project.hpp>
-#include <rye/geometry/nearest.hpp>
+#include <rye/geometry/neighbours.hpp>
 #include <rye/rig/eye_transform.hpp>
 
 #include "report.hpp"
@@ -38,7 +38,7 @@ void a6_a8(Report& report) {
     using R = real_t<S>;
     auto camera = camera_of<R>();
     camera.near_depth = R(0.01);
-    const Lens<S> lens(Lens<R>(camera, 0.3, 0.3));
+    const Projector<S> lens(Projector<R>(camera, 0.3, 0.3));
     const double near = first(lens.near_depth), u = unit<S>;
     bool declared = true, dead = true;
     for (const double z : {near * (1 + 4 * u), near, near * (1 - 4 * u), near / 2, 1e-6, 0.0, -1.0,
@@ -71,8 +71,8 @@ double clamp_gap(double slope, double limit_gap_scale, bool doubled) {
     using D = Dual<double, 1>;
     const auto camera = camera_of<double>();
     const double z = 2, x = slope * z;
-    const Lens<double> lens(camera, 0.3, 0.3);
-    const Lens<D> dual_lens(camera.cast<D>(), 0.3, 0.3);
+    const Projector<double> lens(camera, 0.3, 0.3);
+    const Projector<D> dual_lens(camera.cast<D>(), 0.3, 0.3);
     auto shape = ball<double>(x, 0.1, z, 0.05);
     Shape<D> dual{shape.mean.cast<D>(), shape.rotation.cast<D>(), shape.scale.cast<D>()};
     const double v[3] = {0.3, -0.2, 0.7};
@@ -131,13 +131,13 @@ void a9_a10_a11(Report& report) {
     // A9: a crop with the margin opened is the same screen Gaussian, bit for bit.
     auto whole = camera_of<R>(), crop = whole;
     crop.cx -= R(300), crop.width = 100;
-    const Lens<S> a(Lens<R>(whole, 1e4, 0.3)), b(Lens<R>(crop, 1e4, 0.3));
+    const Projector<S> a(Projector<R>(whole, 1e4, 0.3)), b(Projector<R>(crop, 1e4, 0.3));
     const auto shape = ball<S>(0.2, 0.1, 1.5);
     const auto p = project(shape, a), q = project(shape, b);
     report.holds(
         "A9", kind_of<S>(), "principal point outside the crop: same numbers",
         first(p.centre[0]) == first(q.centre[0]) && first(p.precision.k2) == first(q.precision.k2));
-    const auto tight = Lens<R>(crop, 0.3, 0.3);
+    const auto tight = Projector<R>(crop, 0.3, 0.3);
     report.holds("A9", kind_of<S>(), "limits about the image, wherever the principal point is",
                  double(tight.x_high) > 0.144 && double(tight.x_high) < 0.17 &&
                      double(tight.x_low) > 0.0289 && double(tight.x_low) < 0.045);
@@ -149,7 +149,7 @@ void a9_a10_a11(Report& report) {
     for (const double z : {0.011, 0.2, 1.0, 1e3})
         for (const double t : {-1.0, 0.0, 1.0}) {
             auto camera = camera_of<R>(2000);
-            const Lens<S> lens(Lens<R>(camera, 0.3, 0.3));
+            const Projector<S> lens(Projector<R>(camera, 0.3, 0.3));
             const R zr = static_cast<R>(z), xr = static_cast<R>(t * z);
             const auto s = project(ball<S>(double(xr), 0, double(zr)), lens);
             const double truth = 2000 * double(xr) / double(zr);
@@ -164,7 +164,7 @@ void a9_a10_a11(Report& report) {
     // A11: below a pixel the determinant is the dilation's and stays positive.
     bool sound = true;
     for (const double size : {0.0, 1e-8, 1e-6, 1e-3, 3e-4, 3e-3}) {
-        const auto s = project(ball<S>(0, 0, 1, size), Lens<S>(Lens<R>(whole, 0.3, 0.3)));
+        const auto s = project(ball<S>(0, 0, 1, size), Projector<S>(Projector<R>(whole, 0.3, 0.3)));
         sound = sound && truth(s.drawable) && first(s.determinant) >= 0.089999;
     }
     report.holds("A11", kind_of<S>(), "sigma 0 to 3 px: drawn, determinant >= d^2", sound);

@@ -156,13 +156,13 @@ void a3(Report& report) {
 
 /// A shape of the head's size in front of a plain camera.
 template <class S>
-Lens<S> plain_lens(double dilation = 0.3) {
+Projector<S> plain_lens(double dilation = 0.3) {
     using R = real_t<S>;
     Pinhole<R> c;
     c.fx = c.fy = R(1000);
     c.cx = c.cy = R(256);
     c.width = c.height = 512;
-    return Lens<S>(Lens<R>(c, 0.3, dilation));
+    return Projector<S>(Projector<R>(c, 0.3, dilation));
 }
 template <class S>
 Shape<S> shape_of(const std::array<double, 10>& a) {
@@ -174,7 +174,7 @@ Shape<S> shape_of(const std::array<double, 10>& a) {
 
 /// <cotangent, J v> by duals in long double and <J^T cotangent, v> by the vjp: their gap.
 template <class T>
-double projection_gap(const std::array<double, 10>& x, std::uint64_t seed, const Lens<T>& lens,
+double projection_gap(const std::array<double, 10>& x, std::uint64_t seed, const Projector<T>& lens,
                       double dilation) {
     using D = Dual<long double, 1>;
     Shape<D> shape;
@@ -189,7 +189,7 @@ double projection_gap(const std::array<double, 10>& x, std::uint64_t seed, const
              Vec3<D>(lift(7), lift(8), lift(9))};
     Pinhole<long double> c;
     c.fx = c.fy = 1000, c.cx = c.cy = 256, c.width = c.height = 512;
-    const Lens<D> wide(Lens<long double>(c, 0.3, dilation));
+    const Projector<D> wide(Projector<long double>(c, 0.3, dilation));
     const ScreenGaussian<D> s = project(shape, wide);
     // At one pixel one standard deviation off: e = -|w|^2 / 2, with its own cotangent g = 1.
     const D dx = D(0.7L) / s.precision.k1;

@@ -29,7 +29,7 @@ One<T> one(double cx, double cy, double sx, double sy, double angle, double opac
     Shape<T> s{Vec3<T>(T((cx - 64) / 100), T((cy - 48) / 100), T(1)),
                Quat<T>(T(std::cos(angle / 2)), T(0), T(0), T(std::sin(angle / 2))),
                Vec3<T>(T(sx / 100), T(sy / 100), T(1e-5))};
-    o.screen = project(s, Lens<T>(o.camera, 100, accuracy.dilation));
+    o.screen = project(s, Projector<T>(o.camera, 100, accuracy.dilation));
     o.splat = make_splat(o.screen, T(opacity), accuracy);
     o.footprint = footprint_of<Balanced>(o.screen, o.splat, o.camera.cx, o.camera.cy);
     return o;
@@ -137,9 +137,9 @@ void b7(Report& report) {
         scratch.shape(1);
         project_range(g, camera, accuracy, 0, 1, scratch);
         // At the threshold itself the footprint may be the centre alone; beyond, it is drawn.
-        if (o < theta) declared = declared && scratch.state[0] == Candidacy::hidden;
-        if (o > theta * T(1 + 1e-5)) declared = declared && scratch.state[0] == Candidacy::visible;
-        if (scratch.state[0] == Candidacy::visible)
+        if (o < theta) declared = declared && scratch.state[0] == Visibility::hidden;
+        if (o > theta * T(1 + 1e-5)) declared = declared && scratch.state[0] == Visibility::visible;
+        if (scratch.state[0] == Visibility::visible)
             declared = declared && std::isfinite(double(scratch.footprints[0].radius));
     }
     report.holds("B7", kind_of<T>(), "o in {0, theta(1 -+ 4u), theta, 1}: culled or finite",
@@ -180,7 +180,7 @@ void b12_b13(Report& report) {
     const Index all = Index(3) * (64 / tile_edge) * ((1 << 20) / tile_edge);
     bool told = false;
     try {
-        DealScratch<std::uint32_t> scratch;
+        BinScratch<std::uint32_t> scratch;
         lists.build<Support::ellipse, T>(
             Serial{}, 64, 1 << 20, 3, [&](Index m) { return rows[std::size_t(m)]; },
             [](Index m) { return static_cast<std::uint32_t>(m); }, [](Index m) { return m; },
@@ -213,7 +213,7 @@ void b12_b13(Report& report) {
             spans.push_back(p);
         }
         TileLists t;
-        DealScratch<std::uint32_t> scratch;
+        BinScratch<std::uint32_t> scratch;
         t.build<Support::ellipse, T>(
             Serial{}, 100, 70, static_cast<Index>(feet.size()),
             [&](Index m) { return spans[static_cast<std::size_t>(m)]; },

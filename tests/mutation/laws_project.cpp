@@ -20,14 +20,14 @@ Shape<S> shape_of(const Columns<S>& x) {
     return s;
 }
 template <class S>
-Lens<S> lens_of(bool clamped) {
+Projector<S> lens_of(bool clamped) {
     using R = real_t<S>;
     Pinhole<R> c;
     c.fx = R(100), c.fy = R(110), c.cx = R(40), c.cy = R(20), c.width = 64, c.height = 48;
     const Quat<double> q = quat_normalized(Quat<double>(1, 0.1, -0.2, 0.05));
     c.camera_from_world = {Mat3<R>(quat_matrix(q).cast<R>()), Vec3<R>(R(0.1), R(-0.05), R(0.2))};
-    const Lens<R> plain(c, clamped ? -0.95 : 10.0, 0.3);
-    return Lens<S>(plain);
+    const Projector<R> plain(c, clamped ? -0.95 : 10.0, 0.3);
+    return Projector<S>(plain);
 }
 
 /// centre, depth, and the two whitened offsets' exponent of a point near it.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <rye/rig/nearest.hpp>
+#include <rye/rig/nearest_landmark.hpp>
 
 #include <doctest/doctest.h>
 

@@ -67,7 +67,7 @@ TEST_CASE("mip draws dilated Gaussians of the opacity that they keep; none is no
     const Gaussians<double> g = specks(40);
     const Pinhole<double> c = camera();
     Gaussians<double> kept = g;
-    const Lens<double> lens(c, Exact64{}.frustum_margin, Exact64{}.dilation);
+    const Projector<double> lens(c, Exact64{}.frustum_margin, Exact64{}.dilation);
     for (Index i = 0; i < g.count(); ++i)
         kept.opacity(0, i) *= project<Antialias::mip>(load_shape(g, i), lens).share;
     const Columns<double> mip = draw<B, Mip>(g, c).feature.pixels;

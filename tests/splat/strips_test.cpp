@@ -45,7 +45,7 @@ Met check_reach(const Scenery<typename V::value_type>& s) {
             const Index last = std::min<Index>(scene.end(t), first + Group::most);
             group->template fill<0>(scene, strips, scene.top(t), first, last);
             for (Index k = first; k < last; ++k) {
-                const Member<T>& m = scene.member(k);
+                const VisibleGaussian<T>& m = scene.member(k);
                 std::vector<bool> reached(Tile::count);
                 for (int y = 0; y < strips.height; ++y)
                     for (int x = 0; x < strips.width; ++x) {

@@ -54,7 +54,7 @@ struct Members {
     template <Threads P>
     TileLists lists(const P& threads) const {
         TileLists out;
-        DealScratch<std::uint32_t> scratch;
+        BinScratch<std::uint32_t> scratch;
         const auto of = [](const auto& v) {
             return [&v](Index m) -> const auto& { return v[static_cast<std::size_t>(m)]; };
         };
@@ -156,7 +156,7 @@ namespace {
 
 /// The lists of n equal Gaussians that cover all of a square image, one behind the other.
 TileLists lists_of_covering(int side, Index n, Index max_entries,
-                            DealScratch<std::uint32_t>& scratch) {
+                            BinScratch<std::uint32_t>& scratch) {
     const float s = 1e6F, middle = 0.5F * static_cast<float>(side);
     const Footprint<float> f{middle, middle, 3, {s * s, 0, s * s}, s * s * s * s};
     TileRows rows{};
@@ -174,22 +174,22 @@ TileLists lists_of_covering(int side, Index n, Index max_entries,
 } // namespace
 
 TEST_CASE("tile lists: too many entries are refused before there is memory for them") {
-    DealScratch<std::uint32_t> scratch;
+    BinScratch<std::uint32_t> scratch;
     CHECK_THROWS_AS(lists_of_covering(16384, 5000, Index(1) << 31U, scratch), Error);
-    std::size_t held = scratch.dealt.capacity();
+    std::size_t held = scratch.binned.capacity();
     for (const auto& chunk : scratch.chunks) held += chunk.mentions.capacity();
     CHECK(held < std::size_t(2 * TileLists::most_unchecked) * scratch.chunks.size());
 }
 
 TEST_CASE("tile lists: more entries than are written unchecked are all there") {
-    DealScratch<std::uint32_t> scratch;
+    BinScratch<std::uint32_t> scratch;
     const Index tiles = 256 * 256, n = TileLists::most_unchecked / tiles + 2;
     const TileLists lists = lists_of_covering(4096, n, Index(1) << 31U, scratch);
     CHECK(lists.entries() == n * tiles);
     bool each = true;
     for (Index t = 0; t < tiles; ++t)
         for (Index k = 0; k < n; ++k) {
-            const TileEntry& e = lists.entry[std::size_t(lists.begin[std::size_t(t)] + k)];
+            const Intersection& e = lists.entry[std::size_t(lists.begin[std::size_t(t)] + k)];
             each &= e.member == std::uint32_t(k) && e.slot == std::uint32_t(k * tiles + t);
         }
     CHECK(each);

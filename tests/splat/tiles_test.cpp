@@ -48,7 +48,7 @@ TEST_CASE("tiles: no pixel that an ellipse reaches is missed") {
         const Cover<Support::ellipse, float> cover{f, width, height};
         const Span rows = cover.rows();
         TileLists lists;
-        DealScratch<std::uint32_t> scratch;
+        BinScratch<std::uint32_t> scratch;
         lists.build<Support::ellipse, float>(
             Serial{}, width, height, rows.begin < rows.end ? 1 : 0, [&](Index) { return rows; },
             [](Index) { return 0U; }, [](Index m) { return m; },

@@ -16,7 +16,7 @@
 #include <rye/nn/adam.hpp>
 #include <rye/nn/convolution.hpp>
 #include <rye/rig/influence.hpp>
-#include <rye/rig/nearest.hpp>
+#include <rye/rig/nearest_landmark.hpp>
 #include <rye/splat/lanes/registers.hpp>
 
 #include "../math/samples.hpp"

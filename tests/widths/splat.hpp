@@ -36,7 +36,7 @@ struct Walks {
         const Index n = s.gaussians.count();
         scratch.shape(n);
         project_range_lanes<V>(s.gaussians, s.camera, stage(), 0, n, scratch);
-        arrange(ScalarBackend<Serial>{}, s.gaussians, s.camera, stage(), scratch, r.trace);
+        bin_and_sort(ScalarBackend<Serial>{}, s.gaussians, s.camera, stage(), scratch, r.trace);
         shape(r.feature, s.gaussians.channels());
         shape(r.alpha, 1);
         if constexpr (A::outputs.depth) shape(r.depth, 1);
@@ -59,7 +59,7 @@ struct Walks {
             blend_tile_vjp_lanes<V, C, Extra>(scene(), accuracy, g, t, scratch, *tape);
         LaneSums<V> sums;
         Gaussians<T> out(n, s.gaussians.channels());
-        pull_back_range_lanes<V>(s.gaussians, s.camera, stage(), r.trace, scratch.slots, 0, n,
+        project_vjp_range_lanes<V>(s.gaussians, s.camera, stage(), r.trace, scratch.slots, 0, n,
                                  out, sums);
         return out;
     }

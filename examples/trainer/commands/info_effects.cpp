@@ -47,7 +47,7 @@ void add_splats(const Gaussians<float>& g, const Pinhole<float>& camera, double 
     rasterizer.project_into(train_backend(), g, camera, scratch);
     facts.dilation = rasterizer.accuracy.dilation;
     for (std::size_t i = 0; i < scratch.state.size(); ++i) {
-        if (scratch.state[i] != Candidacy::visible) continue;
+        if (scratch.state[i] != Visibility::visible) continue;
         const Footprint<float>& f = scratch.footprints[i];
         const double xx = f.covariance.xx - facts.dilation, yy = f.covariance.yy - facts.dilation;
         const double xy = f.covariance.xy, middle = 0.5 * (xx + yy);

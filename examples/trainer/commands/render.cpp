@@ -97,7 +97,7 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
     }
     const Gaussians<float> g = activate(cloud, Vec3<float>(camera.centre().template cast<float>()));
     if (!o.max_error.empty()) {
-        if constexpr (D::bends) {
+        if constexpr (D::distorts) {
             throw Error("rye render: --max-error: got a camera whose lens bends, expected a pinhole's; "
                         "take --accuracy");
         } else {

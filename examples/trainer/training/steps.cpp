@@ -188,12 +188,12 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
     AvatarView v;
     v.final =
         rasterizer
-            .forward(train_backend(), joined(trace.world_face, trace.world_eyes), small, white)
+            .forward(train_backend(), concat(trace.world_face, trace.world_eyes), small, white)
             .feature;
     if (streams) {
         Gaussians<float> face = trace.world_face;  // as the blank loss sees it
         if (config.gaussians.weights.blank_eyeballs)
-            face = joined(face, painted(trace.world_eyes, white));
+            face = concat(face, painted(trace.world_eyes, white));
         v.face = rasterizer.forward(train_backend(), face, small, white).feature;
         v.eyes = rasterizer.forward(train_backend(), trace.world_eyes, small, white).feature;
     }
@@ -224,7 +224,7 @@ PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
     const Columns<float> centre =
         avatar.eyes.centre + eye_offset<float>(train_backend(), avatar.eyes.offset,
                                                state.config.avatar, trace.code, trace.eyes.offset);
-    Gaussians<float> both = joined(trace.world_face, trace.world_eyes);
+    Gaussians<float> both = concat(trace.world_face, trace.world_eyes);
     const Index face = trace.world_face.count();
     both.feature = Columns<float>::Zero(2, both.count());
     PosedEyes eyes;
@@ -247,7 +247,7 @@ Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>&
           optical_drivers(state, drivers), trace);
     require_drawable(trace.world_face);
     require_drawable(trace.world_eyes);
-    return joined(trace.world_face, trace.world_eyes);
+    return concat(trace.world_face, trace.world_eyes);
 }
 
 Image<float> rgb_of(const Image<float>& feature) {

@@ -208,7 +208,7 @@ class DriveCache {
         to_world_part();
     }
 
-    /// The changed points of the face, gathered, to the world, and dealt out again.
+    /// The changed points of the face, gathered, to the world, and scattered again.
     void to_world_part() {
         Gaussians<T>::fields([&](const std::string&, Columns<T>& to, const Columns<T>& from) {
             to = pick_columns(from, changed_);

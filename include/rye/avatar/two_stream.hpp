@@ -51,7 +51,7 @@ struct TwoStreamTrace {
 
 /// Both clouds, the face's columns first.
 template <class T>
-Gaussians<T> joined(const Gaussians<T>& a, const Gaussians<T>& b) {
+Gaussians<T> concat(const Gaussians<T>& a, const Gaussians<T>& b) {
     Gaussians<T> g;
     Gaussians<T>::fields([](const std::string&, auto& out, const auto& x, const auto& y) {
         out.resize(x.rows(), x.cols() + y.cols());
@@ -62,7 +62,7 @@ Gaussians<T> joined(const Gaussians<T>& a, const Gaussians<T>& b) {
 
 /// Columns [begin, begin + n) of every field.
 template <class T>
-Gaussians<T> part(const Gaussians<T>& all, Index begin, Index n) {
+Gaussians<T> slice(const Gaussians<T>& all, Index begin, Index n) {
     Gaussians<T> g;
     Gaussians<T>::fields([&](const std::string&, auto& out, const auto& x) {
         out.resize(x.rows(), n);

@@ -11,7 +11,7 @@
 #include <rye/avatar/config.hpp>
 #include <rye/avatar/face_fields.hpp>
 #include <rye/rig/influence.hpp>
-#include <rye/rig/nearest.hpp>
+#include <rye/rig/nearest_landmark.hpp>
 
 namespace rye {
 

@@ -31,7 +31,7 @@ struct LensReach<T, NoDistortion> {};
 
 /// Where and how Gaussians are projected: a camera, and the two constants of the model.
 template <Scalar T, Distortion D = NoDistortion>
-struct Lens {
+struct Projector {
     Rigid<T> camera_from_world;
     T fx, fy;                    ///< focal lengths [px]
     T x_low, x_high;             ///< limits of x/z inside the Jacobian
@@ -43,7 +43,7 @@ struct Lens {
 
     /// The Jacobian is evaluated no further outside than `margin` half-images beyond the border,
     /// wherever the principal point is; without this, splats beside the image would grow huge.
-    RYE_HD Lens(const Pinhole<T, D>& c, double margin, double dilation_px2)
+    RYE_HD Projector(const Pinhole<T, D>& c, double margin, double dilation_px2)
         : camera_from_world(c.camera_from_world), fx(c.fx), fy(c.fy), near_depth(c.near_depth),
           dilation(T(dilation_px2)), distortion(c.distortion) {
         const T half_x = T(0.5 * c.width * margin), half_y = T(0.5 * c.height * margin);
@@ -51,7 +51,7 @@ struct Lens {
         x_high = (T(c.width) - c.cx + half_x) / fx;
         y_low = (-c.cy - half_y) / fy;
         y_high = (T(c.height) - c.cy + half_y) / fy;
-        if constexpr (D::bends) {
+        if constexpr (D::distorts) {
             reach.fold = T(distortion.fold());
             unbend_limits();
         }
@@ -59,12 +59,12 @@ struct Lens {
 
     /// The same lens in every lane of a batch.
     template <Scalar U, Distortion O>
-        requires(O::bends == D::bends)
-    RYE_HD explicit Lens(const Lens<U, O>& o)
+        requires(O::distorts == D::distorts)
+    RYE_HD explicit Projector(const Projector<U, O>& o)
         : fx(o.fx), fy(o.fy), x_low(o.x_low), x_high(o.x_high), y_low(o.y_low), y_high(o.y_high),
           near_depth(o.near_depth), dilation(o.dilation),
           distortion(o.distortion.template cast<T>()) {
-        if constexpr (D::bends) reach.fold = T(o.reach.fold);
+        if constexpr (D::distorts) reach.fold = T(o.reach.fold);
         for (int i = 0; i < 9; ++i)
             camera_from_world.rotation.data()[i] = T(o.camera_from_world.rotation.data()[i]);
         for (int i = 0; i < 3; ++i)
@@ -86,7 +86,7 @@ struct Lens {
                                     : T(constant<T>(0.5) * (lows[k] + highs[k]));
             };
             Vec2<T> s(at(0, i % 3), at(1, i / 3));
-            const Unbent<T> u = unbend(distortion, s);
+            const Undistorted<T> u = undistort(distortion, s);
             if (u.reached) {
                 s = u.slope;
             } else {
@@ -104,7 +104,7 @@ struct Lens {
     }
 };
 template <Scalar T, Distortion D>
-Lens(const Pinhole<T, D>&, double, double) -> Lens<T, D>;
+Projector(const Pinhole<T, D>&, double, double) -> Projector<T, D>;
 
 /// Position and shape in the world; also their cotangents.
 template <Scalar T>
@@ -159,7 +159,7 @@ namespace detail {
 /// D' where the Jacobian is taken, and D at the point; nothing of a lens that does not bend.
 template <Scalar T, class D>
 struct Bent {
-    Bend<T> here, limited;
+    Distorted<T> here, limited;
     Vec2<T> place;               ///< at which `limited` is
 };
 template <Scalar T>
@@ -179,7 +179,7 @@ struct Linearised {
     Vec3<T> along_x, along_y;    ///< rows of J W R
     [[no_unique_address]] Bent<T, D> bent;
 
-    RYE_HD Linearised(const Shape<T>& g, const Lens<T, D>& lens)
+    RYE_HD Linearised(const Shape<T>& g, const Projector<T, D>& lens)
         : point(lens.camera_from_world.apply(g.mean)), in_front(point[2] > lens.near_depth),
           inverse_depth(T(1) / select(in_front, point[2], T(1))),
           slope_x(point[0] * inverse_depth), slope_y(point[1] * inverse_depth),
@@ -196,11 +196,11 @@ struct Linearised {
             toward_x[i] = px * (w(0, i) - x * w(2, i));
             toward_y[i] = py * (w(1, i) - y * w(2, i));
         }
-        if constexpr (D::bends) {
+        if constexpr (D::distorts) {
             const Vec2<T> here(slope_x, slope_y);
             bent.place = Vec2<T>(x, y);
-            bent.here = lens.distortion.bend(here);
-            bent.limited = lens.distortion.bend(bent.place);
+            bent.here = lens.distortion.distort(here);
+            bent.limited = lens.distortion.distort(bent.place);
             in_front = in_front && within_lens(here, bent.here.slope, lens.reach.fold);
             const Sym2<T>& j = bent.limited.slope;
             for (int i = 0; i < 3; ++i) {
@@ -226,14 +226,14 @@ RYE_HD Vec3<T> scaled_by(const Vec3<T>& a, const Vec3<T>& s) {
 
 /// Batches evaluate every lane; `drawable` says which lanes mean something.
 template <Antialias how = Antialias::dilate, Scalar T, Distortion D>
-RYE_HD Projected<T, how> project(const Shape<T>& g, const Lens<T, D>& lens) {
+RYE_HD Projected<T, how> project(const Shape<T>& g, const Projector<T, D>& lens) {
     const detail::Linearised<T, D> l(g, lens);
     const Vec3<T> x = detail::scaled_by(l.along_x, g.scale);              // rows of M [px]
     const Vec3<T> y = detail::scaled_by(l.along_y, g.scale);
     Projected<T, how> s;
     if constexpr (how == Antialias::mip) s.share = dilation_share(x, y, lens.dilation);
     s.centre = Vec2<T>(lens.fx * l.slope_x, lens.fy * l.slope_y);         // [px]
-    if constexpr (D::bends)
+    if constexpr (D::distorts)
         s.centre = Vec2<T>(lens.fx * l.bent.here.at[0], lens.fy * l.bent.here.at[1]);
     s.depth = l.point[2];
     s.covariance = gram(x, y, lens.dilation);
@@ -254,7 +254,7 @@ namespace detail {
 /// Cotangent of (x/z, y/z) through D at the point, and through the rows of J W where their limits
 /// do not act: by x and y themselves and by D'.
 template <Scalar T, class D>
-RYE_HD Vec2<T> bent_slope_vjp(const Linearised<T, D>& l, const Lens<T, D>& lens,
+RYE_HD Vec2<T> bent_slope_vjp(const Linearised<T, D>& l, const Projector<T, D>& lens,
                               const Vec2<T>& g_centre, const Vec3<T>& g_toward_x,
                               const Vec3<T>& g_toward_y) {
     const Mat3<T>& w = lens.camera_from_world.rotation;
@@ -286,8 +286,8 @@ RYE_HD Vec2<T> bent_slope_vjp(const Linearised<T, D>& l, const Lens<T, D>& lens,
 /// whitened terms is L^T (moment) (L M). `alpha` is the cotangent of log(opacity), which a
 /// MipGaussian's shape reaches through its share; others' does not.
 template <Antialias how = Antialias::dilate, Scalar T, Distortion D>
-RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Lens<T, D>& lens, const ScreenCotangent<T>& c,
-                            [[maybe_unused]] const T& alpha = T(0)) {
+RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Projector<T, D>& lens,
+                            const ScreenCotangent<T>& c, [[maybe_unused]] const T& alpha = T(0)) {
     const detail::Linearised<T, D> l(g, lens);
     const Vec3<T> x = detail::scaled_by(l.along_x, g.scale);
     const Vec3<T> y = detail::scaled_by(l.along_y, g.scale);
@@ -322,7 +322,7 @@ RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Lens<T, D>& lens, const Scr
     const Vec3<T> forward = lens.camera_from_world.rotation.row(2);
     const T px = lens.fx * l.inverse_depth, py = lens.fy * l.inverse_depth;
     T g_slope_x, g_slope_y;
-    if constexpr (D::bends) {
+    if constexpr (D::distorts) {
         const Vec2<T> bent =
             detail::bent_slope_vjp(l, lens, c.centre, g_toward_x, g_toward_y);
         g_slope_x = bent[0];

@@ -36,9 +36,9 @@ struct Pinhole {
     /// u and v are NaN beyond what the lens shows.
     RYE_HD Vec3<T> project_point(const Vec3<T>& x_world) const {
         const Vec3<T> x = camera_from_world.apply(x_world);
-        if constexpr (D::bends) {
+        if constexpr (D::distorts) {
             const Vec2<T> s(x[0] / x[2], x[1] / x[2]);
-            const Bend<T> b = distortion.bend(s);
+            const Distorted<T> b = distortion.distort(s);
             const T nan = T(Limits<real_t<T>>::nan);
             const auto seen = within_lens(s, b.slope, T(distortion.fold()));
             return Vec3<T>(select(seen, T(fx * b.at[0] + cx), nan),
@@ -52,8 +52,8 @@ struct Pinhole {
     /// nothing.
     RYE_HD Vec3<T> ray(const Vec2<T>& pixel) const {
         Vec3<T> d((pixel[0] - cx) / fx, (pixel[1] - cy) / fy, T(1));
-        if constexpr (D::bends) {
-            const Unbent<T> s = unbend(distortion, Vec2<T>(d[0], d[1]));
+        if constexpr (D::distorts) {
+            const Undistorted<T> s = undistort(distortion, Vec2<T>(d[0], d[1]));
             const T nan = T(Limits<real_t<T>>::nan);
             d[0] = s.reached ? s.slope[0] : nan;
             d[1] = s.reached ? s.slope[1] : nan;
@@ -84,7 +84,7 @@ static_assert(Camera<Pinhole<float>> && Camera<Pinhole<float, BrownConrady<float
 
 /// The same camera behind a lens.
 template <Scalar T, Distortion D>
-    requires D::bends
+    requires D::distorts
 Pinhole<T, D> with_lens(const Pinhole<T>& c, const D& lens) {
     return {c.fx, c.fy, c.cx, c.cy, c.width, c.height, c.camera_from_world, c.near_depth, lens};
 }

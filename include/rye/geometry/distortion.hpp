@@ -18,14 +18,14 @@ namespace rye {
 
 /// A slope as the lens bends it, and its Jacobian J_at_s, which is symmetric.
 template <Scalar T>
-struct Bend {
+struct Distorted {
     Vec2<T> at;
     Sym2<T> slope;
 };
 
 /// The lens of a pinhole.
 struct NoDistortion {
-    static constexpr bool bends = false;
+    static constexpr bool distorts = false;
     template <Scalar U>
     RYE_HD NoDistortion cast() const {
         return {};
@@ -34,13 +34,13 @@ struct NoDistortion {
 
 template <Scalar T>
 struct BrownConrady {
-    static constexpr bool bends = true;
+    static constexpr bool distorts = true;
     using scalar = T;
 
     T k1 = T(0), k2 = T(0), k3 = T(0);             ///< radial, of r^2, r^4, r^6
     T p1 = T(0), p2 = T(0);                        ///< tangential
 
-    RYE_HD Bend<T> bend(const Vec2<T>& s) const {
+    RYE_HD Distorted<T> distort(const Vec2<T>& s) const {
         const T x = s[0], y = s[1], t = x * x + y * y, two = T(2), six = T(6);
         const T radial = T(1) + t * (k1 + t * (k2 + t * k3));
         const T rate = k1 + t * (two * k2 + T(3) * t * k3);               // d radial / d t
@@ -122,14 +122,14 @@ struct BrownConrady {
 template <class D>
 concept Distortion =
     std::same_as<D, NoDistortion> ||
-    (D::bends && requires(const D d, Vec2<typename D::scalar> s, Sym2<typename D::scalar> g) {
-        { d.bend(s) } -> std::same_as<Bend<typename D::scalar>>;
+    (D::distorts && requires(const D d, Vec2<typename D::scalar> s, Sym2<typename D::scalar> g) {
+        { d.distort(s) } -> std::same_as<Distorted<typename D::scalar>>;
         { d.slope_vjp(s, g) } -> std::same_as<Vec2<typename D::scalar>>;
         { d.fold() } -> std::convertible_to<real_t<typename D::scalar>>;
         { d.values().fold() } -> std::same_as<double>;
     });
 static_assert(Distortion<NoDistortion> && Distortion<BrownConrady<float>> &&
-              !Distortion<Bend<float>>);
+              !Distortion<Distorted<float>>);
 
 /// Whether a slope is one that the lens shows: before its fold, at a positive determinant.
 template <Scalar T>
@@ -139,7 +139,7 @@ RYE_HD auto within_lens(const Vec2<T>& s, const Sym2<T>& slope, const T& fold) {
 
 /// A slope that a lens bends to where it is asked for.
 template <Scalar T>
-struct Unbent {
+struct Undistorted {
     Vec2<T> slope;
     bool reached;                ///< else no slope before the fold is bent there
 };
@@ -147,7 +147,7 @@ struct Unbent {
 /// The slope s with D(s) = at: Newton's method from within the fold, on values; the last step
 /// carries derivatives.
 template <Distortion D, Scalar T>
-RYE_HD Unbent<T> unbend(const D& lens, const Vec2<T>& at) {
+RYE_HD Undistorted<T> undistort(const D& lens, const Vec2<T>& at) {
     using R = real_t<T>;
     const auto value = [](const T& x) { return static_cast<double>(value_of(x)); };
     const auto exact = lens.values();
@@ -156,7 +156,7 @@ RYE_HD Unbent<T> unbend(const D& lens, const Vec2<T>& at) {
     Vec2<double> s = goal;
     if (s.norm() >= reach) s *= 0.9 * reach / s.norm();
     const double close = 1e-14 * (1 + goal.norm());
-    Bend<double> b = exact.bend(s);
+    Distorted<double> b = exact.distort(s);
     for (int k = 0; k < 60; ++k) {
         const Vec2<double> miss(goal - b.at);
         const double det = b.slope.determinant(), far = miss.norm();
@@ -166,11 +166,11 @@ RYE_HD Unbent<T> unbend(const D& lens, const Vec2<T>& at) {
         // Shorter steps until it is within the lens and nearer.
         double part = 1;
         Vec2<double> to(s + step);
-        Bend<double> c = exact.bend(to);
+        Distorted<double> c = exact.distort(to);
         for (int h = 0; h < 50 && !(to.norm() < reach && (goal - c.at).norm() < far); ++h) {
             part *= 0.5;
             to = s + part * step;
-            c = exact.bend(to);
+            c = exact.distort(to);
         }
         if (!((goal - c.at).norm() < far)) break;
         s = to;
@@ -179,7 +179,7 @@ RYE_HD Unbent<T> unbend(const D& lens, const Vec2<T>& at) {
     const bool reached = (goal - b.at).norm() <= 100 * close &&
                          within_lens(s, b.slope, reach * reach);
     const Vec2<T> from(T(static_cast<R>(s[0])), T(static_cast<R>(s[1])));
-    const Bend<T> c = lens.bend(from);
+    const Distorted<T> c = lens.distort(from);
     const T x = at[0] - c.at[0], y = at[1] - c.at[1], det = c.slope.determinant();
     return {Vec2<T>(from[0] + (c.slope.yy * x - c.slope.xy * y) / det,
                     from[1] + (c.slope.xx * y - c.slope.xy * x) / det),

@@ -2,7 +2,8 @@
 /// rye/math/linalg.hpp: small vectors and symmetric matrices over every scalar, and the two forms
 /// that keep needle-shaped Gaussians sound in float: the determinant of a Gram matrix by
 /// Cauchy-Binet, and the factor of the precision in place of the conic.
-/// Source: Golub and Van Loan, "Matrix Computations", 4.1 (LDL^T); Cauchy-Binet for 2 x 3 factors.
+/// Source: Golub and Van Acquired, "Matrix Computations", 4.1 (LDL^T); Cauchy-Binet for 2 x 3
+/// factors.
 #pragma once
 
 #include <cmath>

@@ -15,7 +15,7 @@
 #include <rye/core/columns.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/scalar.hpp>
-#include <rye/rig/nearest.hpp>
+#include <rye/rig/nearest_landmark.hpp>
 
 namespace rye {
 

@@ -15,7 +15,7 @@ namespace rye {
 
 /// f with the number of channels as a constant where it is one of the few, else with 0.
 template <int... Few, class F>
-void with_channels(Index channels, F&& f) {
+void dispatch_channels(Index channels, F&& f) {
     const bool few =
         ((channels == Few && (f(std::integral_constant<int, Few>()), true)) || ... || false);
     if (!few) f(std::integral_constant<int, 0>());
@@ -30,7 +30,7 @@ struct SplatKernels<B, T> {
     template <class A, Distortion D>
     static void project(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
                         ChunkRange r, RasterScratch<T>& s) {
-        if constexpr (D::bends)
+        if constexpr (D::distorts)
             project_range(g, camera, accuracy, r.begin, r.end, s);
         else
             project_range_lanes<V>(g, camera, accuracy, r.begin, r.end, s);
@@ -38,17 +38,17 @@ struct SplatKernels<B, T> {
     template <class A>
     static void blend(const Scene<T>& scene, const A& accuracy, const DrawnTiles& drawn,
                       ChunkRange r, Raster<T, A::outputs>& out, Workspaces& workspaces) {
-        const auto canvas = workspaces.template lend<LaneCanvas<V>>();
-        with_channels<1, 3, 4, 8>(scene.feature.rows(), [&](auto c) {
+        const auto canvas = workspaces.template acquire<LaneCanvas<V>>();
+        dispatch_channels<1, 3, 4, 8>(scene.feature.rows(), [&](auto c) {
             blend_tiles_lanes<V, c>(scene, accuracy, drawn, {r.begin, r.end}, out, *canvas);
         });
     }
     template <class A>
     static void blend_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotangent<T>& g,
                           ChunkRange r, RasterScratch<T>& s) {
-        const auto tape = s.workspaces.template lend<LaneTape<V>>();
+        const auto tape = s.workspaces.template acquire<LaneTape<V>>();
         const bool extra = g.alpha != nullptr || g.depth != nullptr;
-        with_channels<1, 3, 4>(scene.feature.rows(), [&](auto c) {
+        dispatch_channels<1, 3, 4>(scene.feature.rows(), [&](auto c) {
             for (Index t = r.begin; t < r.end; ++t)
                 if (extra)
                     blend_tile_vjp_lanes<V, c, true>(scene, accuracy, g, t, s, *tape);
@@ -60,11 +60,11 @@ struct SplatKernels<B, T> {
     static void project_vjp(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
                             const RasterTrace<T>& trace, ChunkRange r, RasterScratch<T>& s,
                             Gaussians<T>& out) {
-        if constexpr (D::bends) {
-            pull_back_range(g, camera, accuracy, trace, s.slots, r.begin, r.end, out);
+        if constexpr (D::distorts) {
+            project_vjp_range(g, camera, accuracy, trace, s.slots, r.begin, r.end, out);
         } else {
-            const auto sums = s.workspaces.template lend<LaneSums<V>>();
-            pull_back_range_lanes<V>(g, camera, accuracy, trace, s.slots, r.begin, r.end, out,
+            const auto sums = s.workspaces.template acquire<LaneSums<V>>();
+            project_vjp_range_lanes<V>(g, camera, accuracy, trace, s.slots, r.begin, r.end, out,
                                      *sums);
         }
     }

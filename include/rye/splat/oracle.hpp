@@ -102,7 +102,7 @@ struct OracleScene {
 
     /// What adds to a pixel: ellipse k, off its centre by (dx, dy) [px].
     template <Real T>
-    struct Hit {
+    struct PixelContribution {
         std::size_t k;
         long double dx, dy;
         T bell, alpha, depth;
@@ -110,7 +110,7 @@ struct OracleScene {
     };
     /// The hits of a pixel, near to far.
     template <Real T>
-    void pixel(int x, int y, std::vector<Hit<T>>& hits) const;
+    void pixel(int x, int y, std::vector<PixelContribution<T>>& hits) const;
 };
 
 /// Of a mean, a quaternion of any norm and three scales.
@@ -173,7 +173,7 @@ inline OracleScene::OracleScene(const Gaussians<double>& gaussians, const Pinhol
 }
 
 template <Real T>
-void OracleScene::pixel(int x, int y, std::vector<Hit<T>>& hits) const {
+void OracleScene::pixel(int x, int y, std::vector<PixelContribution<T>>& hits) const {
     using R = long double;
     hits.clear();
     const Vec3<double> ray((x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy,
@@ -212,7 +212,7 @@ OracleImages oracle(const Gaussians<double>& g, const Pinhole<double>& camera,
     OracleImages out{{camera.width, camera.height, channels},
                      {camera.width, camera.height, 1},
                      {camera.width, camera.height, 1}};
-    std::vector<OracleScene::Hit<T>> hits;
+    std::vector<OracleScene::PixelContribution<T>> hits;
     for (int y = 0; y < camera.height; ++y)
         for (int x = 0; x < camera.width; ++x) {
             T t = 1, depth = 0;

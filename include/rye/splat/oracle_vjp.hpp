@@ -31,7 +31,7 @@ struct EllipseCotangent {
 inline void oracle_pixel_vjp(const OracleScene& scene, const VecX<double>& background,
                              const OracleCotangent& w, int x, int y,
                              std::vector<EllipseCotangent>& sums, Columns<double>& g_feature) {
-    std::vector<OracleScene::Hit<double>> hits;
+    std::vector<OracleScene::PixelContribution<double>> hits;
     scene.pixel(x, y, hits);
     std::vector<double> before;                        // transmittance in front of each hit
     double t = 1;

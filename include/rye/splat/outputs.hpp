@@ -11,7 +11,7 @@
 
 namespace rye {
 
-/// Named where an image is asked for that the outputs do not have.
+/// Named in the error for an image that the outputs do not have.
 struct DepthImage;
 struct ContributorImage;
 

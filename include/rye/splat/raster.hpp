@@ -19,17 +19,17 @@ inline constexpr std::uint32_t no_member = 0xFFFFFFFF;
 
 /// A visible Gaussian, all that tiles read of it. In float it fills a line of the cache.
 template <class T>
-struct alignas(64) Member {
+struct alignas(64) VisibleGaussian {
     Splat<T> splat;
     TileRows rows;
     std::uint32_t source;                ///< its index
 };
-static_assert(sizeof(Member<float>) == 64);
+static_assert(sizeof(VisibleGaussian<float>) == 64);
 
 /// The order and the cut-offs of one render, so that its vjp differentiates what was drawn.
 template <class T>
 struct RasterTrace {
-    std::vector<Member<T>> members;      ///< visible Gaussians, as `lists` numbers them
+    std::vector<VisibleGaussian<T>> members; ///< visible Gaussians, as `lists` numbers them
     std::vector<std::uint32_t> member;   ///< of each index: its member, or no_member
     std::vector<RayPeak<real_t<T>>> peaks; ///< by member, if they are the order; else empty
     TileLists lists;
@@ -38,7 +38,7 @@ struct RasterTrace {
                                          ///< quaternion
 };
 
-/// feature = sum_i T_i a_i c_i + T_end background, alpha = 1 - T_end, and what else is asked for.
+/// feature = sum_i T_i a_i c_i + T_end background, alpha = 1 - T_end, and the optional outputs.
 template <class T, Outputs O = Outputs{}>
 struct Raster : OutputImages<T, O> {
     Image<T> feature;                    ///< C channels
@@ -71,7 +71,7 @@ struct StripMask {
 };
 inline constexpr StripMask all_strips{{~std::uint64_t(0), ~std::uint64_t(0)}};
 
-/// What of an image is drawn; null: tiles 0, 1, ..., and all strips of each.
+/// Tiles and strips to draw; null means all.
 struct DrawnTiles {
     const Index* tiles = nullptr;
     const StripMask* strips = nullptr;
@@ -80,13 +80,13 @@ struct DrawnTiles {
     const StripMask& mask(Index k) const { return strips != nullptr ? strips[k] : all_strips; }
 };
 
-enum class Candidacy : std::uint8_t { hidden, visible, non_finite };
+enum class Visibility : std::uint8_t { hidden, visible, non_finite };
 
 /// Partial gradients, one slot an entry, so that no two threads write to one: a SplatCotangent's
 /// numbers, an idle one, and the features, in whole eights, as sums of lanes are written. A slot
 /// that is not touched holds none.
 template <class T>
-struct Slots {
+struct PartialGradients {
     static constexpr Index head = 8;     ///< features begin here
     struct alignas(64) Line {
         T x[16];
@@ -113,14 +113,14 @@ template <class T>
 struct RasterScratch {
     using Key = decltype(depth_key(real_t<T>()));
 
-    std::vector<Member<T>> candidates;   ///< by index; only visible ones hold anything
+    std::vector<VisibleGaussian<T>> candidates;  ///< by index; only visible ones hold anything
     std::vector<Footprint<real_t<T>>> footprints;  ///< by index
-    std::vector<Candidacy> state;        ///< by index
-    std::vector<std::uint32_t> home;     ///< by index: the tile that a visible one is laid by
-    std::vector<std::vector<std::uint32_t>> homes; ///< of each chunk: members by tile, counted,
-                                         ///< then where it goes on
-    DealScratch<Key> deal;
-    DealScratch<std::uint64_t> fine_deal; ///< of policies that ask for more bits than T's
+    std::vector<Visibility> state;       ///< by index
+    std::vector<std::uint32_t> first_tile; ///< by index: the tile that orders visible ones
+    /// Of each chunk: the members of each tile, counted, then where the next one goes.
+    std::vector<std::vector<std::uint32_t>> tile_counts;
+    BinScratch<Key> bins;
+    BinScratch<std::uint64_t> fine_bins; ///< of policies that ask for more bits than T's
 
     /// Makes room for n Gaussians.
     void shape(Index n) {
@@ -128,10 +128,10 @@ struct RasterScratch {
         candidates.resize(count);
         footprints.resize(count);
         state.resize(count);
-        home.resize(count);
+        first_tile.resize(count);
     }
 
-    Slots<T> slots;
+    PartialGradients<T> slots;
     Workspaces workspaces;
 };
 
@@ -147,7 +147,7 @@ struct Scene {
     std::size_t member_of(Index entry) const {
         return trace.lists.entry[static_cast<std::size_t>(entry)].member;
     }
-    const Member<T>& member(Index entry) const { return trace.members[member_of(entry)]; }
+    const VisibleGaussian<T>& member(Index entry) const { return trace.members[member_of(entry)]; }
     const Splat<T>& splat(Index entry) const { return member(entry).splat; }
     const T* feature_of(Index entry) const {
         return feature.data() + static_cast<Index>(member(entry).source) * feature.rows();

@@ -43,7 +43,7 @@ struct Rasterizer {
         RasterScratch<T>& s = scratch != nullptr ? *scratch : own;
         check(g, camera, background);
         project_into(backend, g, camera, s);
-        arrange(backend, g, camera, accuracy, s, out.trace);
+        bin_and_sort(backend, g, camera, accuracy, s, out.trace);
         shape_image(out.feature, camera, g.channels());
         shape_image(out.alpha, camera, 1);
         if constexpr (A::outputs.depth) shape_image(out.depth, camera, 1);
@@ -129,7 +129,7 @@ struct Rasterizer {
     template <class T, Distortion D>
     static void check(const Gaussians<T>& g, const Pinhole<T, D>& camera,
                       const VecX<T>& background) {
-        static_assert(!D::bends || A::order == BlendOrder::by_centre,
+        static_assert(!D::distorts || A::order == BlendOrder::by_centre,
                       "rasterizer: blending by peak needs the straight rays of a pinhole");
         check_shapes("rasterizer", g);
         expect(background.size() == g.channels(), [&] {
@@ -164,16 +164,19 @@ struct Rasterizer {
     static void check_cotangent(const Gaussians<T>& g, const Pinhole<T, D>& camera,
                                 const RasterCotangent<T>& c) {
         const Index pixels = static_cast<Index>(camera.width) * camera.height;
-        const auto fits = [&](const Columns<T>* a, Index rows) {
-            return a == nullptr || (a->rows() == rows && a->cols() == pixels);
+        const auto check_shape = [&](const char* name, const Columns<T>* a, Index rows) {
+            expect(a == nullptr || (a->rows() == rows && a->cols() == pixels), [&] {
+                return "cotangent of " + std::string(name) + " is " + std::to_string(a->rows()) +
+                       " x " + std::to_string(a->cols()) + ", image is " + std::to_string(rows) +
+                       " x " + std::to_string(pixels);
+            });
         };
         if (!A::outputs.depth && c.depth != nullptr)
             throw Error("rasterizer: got a cotangent of depth, expected none: the policy's "
                         "outputs have no depth");
-        expect(fits(&c.feature, g.channels()) && fits(c.alpha, 1) && fits(c.depth, 1), [] {
-            return std::string(
-                "got cotangents of another shape than the images, expected the same");
-        });
+        check_shape("feature", &c.feature, g.channels());
+        check_shape("alpha", c.alpha, 1);
+        check_shape("depth", c.depth, 1);
     }
 
     /// A contributor is an entry of its tile, in a number of the pixels' kind until it is drawn.

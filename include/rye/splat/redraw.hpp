@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/redraw.hpp: a render that is kept up to date. Gaussians that changed are projected
-/// again and dealt into the lists of their tiles, and only tiles that their old or new footprints
+/// again and binned into the lists of their tiles, and only tiles that their old or new footprints
 /// reach are blended again: of those that a few reach only the strips that these can change, and
 /// none whose pixels are full before the first change.
 /// Every list holds what Rasterizer::forward would put there, in its order, and its kernels read
@@ -81,7 +81,7 @@ class Redraw {
         for (const Index i : changed) leave(i);
         project(g, changed);
         for (std::size_t k = 0; k < changed.size(); ++k)
-            if (part_scratch_.state[k] == Candidacy::visible)
+            if (part_scratch_.state[k] == Visibility::visible)
                 each_tile(part_scratch_, k, [&](std::size_t t) { ++tiles_[t].entered; });
         if constexpr (LaneBackend<B, T>) find_strips(changed);
         for (std::size_t k = 0; k < changed.size(); ++k) enter(changed[k], k);
@@ -109,7 +109,7 @@ class Redraw {
         for (const TileLists* l : {&t.lists, &next_, &few_.lists})
             sum += of(l->begin, l->entry, l->first);
         for (const RasterScratch<T>* s : {&scratch_, &part_scratch_})
-            sum += of(s->candidates, s->footprints, s->state, s->home);
+            sum += of(s->candidates, s->footprints, s->state, s->first_tile);
         return sum;
     }
 
@@ -118,7 +118,7 @@ class Redraw {
 
     static std::size_t at(Index i) { return static_cast<std::size_t>(i); }
     std::uint32_t member(Index i) const { return raster_.trace.member[at(i)]; }
-    bool visible(Index i) const { return scratch_.state[at(i)] == Candidacy::visible; }
+    bool visible(Index i) const { return scratch_.state[at(i)] == Visibility::visible; }
     void check(const Gaussians<T>& g, const VecX<T>& background) const {
         require(drawn_ && g.count() == static_cast<Index>(scratch_.state.size()) &&
                     g.channels() == raster_.feature.channels() &&
@@ -182,18 +182,18 @@ class Redraw {
         for (std::size_t e = 0; e < lists.entry.size(); ++e)
             lists.entry[e] = {static_cast<std::uint32_t>(e), 0};
         cursor_.assign(lists.begin.begin(), lists.begin.end() - 1);
-        const auto deal = [&](const RasterScratch<T>& from, std::size_t k) {
+        const auto bin = [&](const RasterScratch<T>& from, std::size_t k) {
             each_tile(from, k, [&](std::size_t t) {
                 if (tiles_[t].mask != TileChange::whole_tile)
                     few_.members[at(cursor_[t]++)] = from.candidates[k];
             });
         };
         for (std::size_t k = 0; k < changed.size(); ++k) {
-            if (visible(changed[k])) deal(scratch_, at(changed[k]));
-            if (part_scratch_.state[k] == Candidacy::visible) deal(part_scratch_, k);
+            if (visible(changed[k])) bin(scratch_, at(changed[k]));
+            if (part_scratch_.state[k] == Visibility::visible) bin(part_scratch_, k);
         }
         const Scene<T> scene = rasterizer_.scene_of(part_, camera_, background_, few_);
-        const auto canvas = scratch_.workspaces.template lend<LaneCanvas<V>>();
+        const auto canvas = scratch_.workspaces.template acquire<LaneCanvas<V>>();
         LaneGroup<V>& group = (*canvas).group;
         for (std::size_t t = 0; t < tiles_.size(); ++t) {
             if (tiles_[t].mask == TileChange::whole_tile) continue;
@@ -212,15 +212,15 @@ class Redraw {
     /// The new footprint of Gaussian i, which is number k of those that changed.
     void enter(Index i, std::size_t k) {
         RasterTrace<T>& trace = raster_.trace;
-        const Candidacy now = part_scratch_.state[k];
-        trace.non_finite += Index(now == Candidacy::non_finite) -
-                            Index(scratch_.state[at(i)] == Candidacy::non_finite);
+        const Visibility now = part_scratch_.state[k];
+        trace.non_finite += Index(now == Visibility::non_finite) -
+                            Index(scratch_.state[at(i)] == Visibility::non_finite);
         if (rasterizer_.accuracy.non_finite == NonFinite::fail && trace.non_finite > 0)
             throw Error("rasterizer: got a Gaussian with a number that is not finite, expected "
                         "none");
         scratch_.state[at(i)] = now;
-        if (now != Candidacy::visible) return;
-        Member<T>& drawn = scratch_.candidates[at(i)];
+        if (now != Visibility::visible) return;
+        VisibleGaussian<T>& drawn = scratch_.candidates[at(i)];
         drawn = part_scratch_.candidates[k];
         drawn.source = static_cast<std::uint32_t>(i);
         scratch_.footprints[at(i)] = part_scratch_.footprints[k];
@@ -238,7 +238,7 @@ class Redraw {
         }
     }
 
-    /// Deals what entered out into its tiles, near to far, ties by index.
+    /// Bins what entered into its tiles, near to far, ties by index.
     void sort_fresh(std::span<const Index> changed) {
         order_.clear();
         for (std::size_t k = 0; k < changed.size(); ++k)

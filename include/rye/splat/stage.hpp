@@ -16,18 +16,18 @@ namespace rye {
 /// Completes candidate i, whose splat and footprint are known: it is visible if it has rows, of an
 /// image that has columns.
 template <class T, Distortion D>
-void settle(Index i, const Span& rows, const Pinhole<T, D>& camera, RasterScratch<T>& scratch) {
+void cull(Index i, const Span& rows, const Pinhole<T, D>& camera, RasterScratch<T>& scratch) {
     using R = real_t<T>;
     const auto at = static_cast<std::size_t>(i);
-    Member<T>& c = scratch.candidates[at];
+    VisibleGaussian<T>& c = scratch.candidates[at];
     c.rows.begin = rows.begin;
     c.rows.end = rows.end;
     c.source = static_cast<std::uint32_t>(i);
     const bool visible = rows.begin < rows.end && camera.width > 0;
-    scratch.state[at] = visible ? Candidacy::visible : Candidacy::hidden;
+    scratch.state[at] = visible ? Visibility::visible : Visibility::hidden;
     if (!visible) return;
     const R x = std::clamp(scratch.footprints[at].x, R(0), static_cast<R>(camera.width - 1));
-    scratch.home[at] = static_cast<std::uint32_t>(
+    scratch.first_tile[at] = static_cast<std::uint32_t>(
         rows.begin / tile_edge * tiles_across(camera.width) + static_cast<int>(x) / tile_edge);
 }
 
@@ -52,22 +52,22 @@ void gather_members(const P& threads, const Gaussians<T>& g, const Pinhole<T, D>
     const Index n = static_cast<Index>(scratch.candidates.size());
     const Index grain = std::max<Index>(2048, (n + threads.size() - 1) / threads.size());
     const auto chunks = static_cast<std::size_t>(chunk_count(n, grain));
-    if (scratch.homes.size() < chunks) scratch.homes.resize(chunks);
+    if (scratch.tile_counts.size() < chunks) scratch.tile_counts.resize(chunks);
     for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {
-        auto& homes = scratch.homes[static_cast<std::size_t>(c)];
-        homes.assign(tiles + 1, 0);      // the last counts those that are not finite
+        auto& counts = scratch.tile_counts[static_cast<std::size_t>(c)];
+        counts.assign(tiles + 1, 0);      // the last counts those that are not finite
         for (auto i = static_cast<std::size_t>(b); i < static_cast<std::size_t>(e); ++i) {
-            if (scratch.state[i] == Candidacy::visible) ++homes[scratch.home[i]];
-            homes[tiles] += scratch.state[i] == Candidacy::non_finite ? 1U : 0U;
+            if (scratch.state[i] == Visibility::visible) ++counts[scratch.first_tile[i]];
+            counts[tiles] += scratch.state[i] == Visibility::non_finite ? 1U : 0U;
         }
     });
     std::uint32_t members = 0;
     for (std::size_t t = 0; t < tiles; ++t)
         for (std::size_t c = 0; c < chunks; ++c)
-            members += std::exchange(scratch.homes[c][t], members);
+            members += std::exchange(scratch.tile_counts[c][t], members);
     trace.non_finite = 0;
     for (std::size_t c = 0; c < chunks; ++c)
-        trace.non_finite += static_cast<Index>(scratch.homes[c][tiles]);
+        trace.non_finite += static_cast<Index>(scratch.tile_counts[c][tiles]);
     if (accuracy.non_finite == NonFinite::fail && trace.non_finite > 0)
         throw Error("rasterizer: got " + std::to_string(trace.non_finite) +
                     " Gaussians with a number that is not finite, expected none");
@@ -75,11 +75,11 @@ void gather_members(const P& threads, const Gaussians<T>& g, const Pinhole<T, D>
     trace.member.resize(static_cast<std::size_t>(n));
     trace.peaks.resize(A::order == BlendOrder::by_peak ? members : 0);
     for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {
-        auto& homes = scratch.homes[static_cast<std::size_t>(c)];
+        auto& counts = scratch.tile_counts[static_cast<std::size_t>(c)];
         for (auto i = static_cast<std::size_t>(b); i < static_cast<std::size_t>(e); ++i) {
             trace.member[i] = no_member;
-            if (scratch.state[i] != Candidacy::visible) continue;
-            const std::uint32_t m = homes[scratch.home[i]]++;
+            if (scratch.state[i] != Visibility::visible) continue;
+            const std::uint32_t m = counts[scratch.first_tile[i]]++;
             if constexpr (A::order == BlendOrder::by_peak)
                 trace.peaks[m] = ray_peak(g, camera, static_cast<Index>(i));
             trace.members[m] = scratch.candidates[i];
@@ -90,12 +90,12 @@ void gather_members(const P& threads, const Gaussians<T>& g, const Pinhole<T, D>
 
 /// Visible candidates become members and entries of tiles in the order of depth, ties by index.
 template <class A, class T, Distortion D, Backend B>
-void arrange(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera,
+void bin_and_sort(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera,
              const A& accuracy, RasterScratch<T>& scratch, RasterTrace<T>& trace) {
     using R = real_t<T>;
     constexpr bool fine = A::depth_bits > 8 * static_cast<int>(sizeof(R));
     gather_members(backend.threads, g, camera, accuracy, scratch, trace);
-    const auto member = [&](Index m) -> const Member<T>& {
+    const auto member = [&](Index m) -> const VisibleGaussian<T>& {
         return trace.members[static_cast<std::size_t>(m)];
     };
     const auto key = [&](Index m) {
@@ -104,22 +104,22 @@ void arrange(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camer
         else
             return depth_key(static_cast<R>(value_of(member(m).splat.depth)));
     };
-    auto& deal = [&]() -> auto& {
+    auto& bins = [&]() -> auto& {
         if constexpr (fine)
-            return scratch.fine_deal;
+            return scratch.fine_bins;
         else
-            return scratch.deal;
+            return scratch.bins;
     }();
     trace.lists.template build<A::support, R>(
         backend.threads, camera.width, camera.height, static_cast<Index>(trace.members.size()),
         [&](Index m) -> const TileRows& { return member(m).rows; }, key,
         [&](Index m) { return member(m).source; }, accuracy.max_entries,
-        [&](Index m) -> const Footprint<R>& { return scratch.footprints[member(m).source]; }, deal);
+        [&](Index m) -> const Footprint<R>& { return scratch.footprints[member(m).source]; }, bins);
 }
 
 /// Adds a member's slots over its tiles, in the order of tiles, to sum[0 ... stride).
 template <class T>
-void merge_slots(const TileLists& lists, const Slots<T>& slots, Index member, T* sum) {
+void merge_slots(const TileLists& lists, const PartialGradients<T>& slots, Index member, T* sum) {
     std::fill_n(sum, slots.stride, T(0));
     const auto m = static_cast<std::size_t>(member);
     for (Index i = lists.first[m]; i < lists.first[m + 1]; ++i) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/tile_lists.hpp: for each tile its Gaussians in the order of depth, ties by index. They
-/// are dealt out in the order of memory, where neighbours share tiles, and each tile's list is
-/// sorted by itself, within the cache. Counts are 64-bit.
+/// are binned in memory order, where neighbours share tiles, and each tile's list is sorted by
+/// itself, within the cache. Counts are 64-bit.
 #pragma once
 
 #include <algorithm>
@@ -84,17 +84,17 @@ void sort_by_key(Keyed<Key, Value>* x, Keyed<Key, Value>* buffer, Index n) {
     for (int shift = 0; shift < bits; shift += 2 * digit) two_digits(shift);
 }
 
-/// A tile's mention of a member.
-struct TileEntry {
+/// A Gaussian that a tile's list holds.
+struct Intersection {
     std::uint32_t member;
     std::uint32_t slot;                   ///< its place among its member's
-    bool operator==(const TileEntry&) const = default;
+    bool operator==(const Intersection&) const = default;
 };
 
 /// Memory that lists are made in; it holds no state between calls.
 template <class Key>
-struct DealScratch {
-    using Dealt = Keyed<Key, TileEntry>;
+struct BinScratch {
+    using Binned = Keyed<Key, Intersection>;
     struct Mention {
         std::uint32_t tile, member;
     };
@@ -104,14 +104,14 @@ struct DealScratch {
         std::vector<std::uint32_t> cursor; ///< where it goes on in each list
     };
     std::vector<Chunk> chunks;
-    std::vector<Dealt> dealt;
-    std::vector<std::vector<Dealt>> buffers;  ///< of each run of tiles
+    std::vector<Binned> binned;
+    std::vector<std::vector<Binned>> buffers;  ///< of each run of tiles
 };
 
 /// For each tile its Gaussians, near to far. Visible Gaussians are members 0, 1, ... in the order
 /// of the tiles that they lie in, so that what a tile reads lies together.
 struct TileLists {
-    using Entry = TileEntry;
+    using Entry = Intersection;
     int columns = 0, rows = 0;            ///< of tiles
     std::vector<Index> begin;             ///< tile t holds entries [begin[t], begin[t + 1])
     std::vector<Entry> entry;
@@ -121,8 +121,8 @@ struct TileLists {
     Index tiles() const { return static_cast<Index>(columns) * rows; }
     Index entries() const { return begin.empty() ? 0 : begin.back(); }
 
-    /// Deals n members out over an image: key(m) says how far m is, of equal ones that with the
-    /// lower index(m) comes first; footprint(m) is a Footprint, and pixel_rows(m) its rows of
+    /// Bins n members into the tiles of an image: key(m) says how far m is, of equal ones that with
+    /// the lower index(m) comes first; footprint(m) is a Footprint, and pixel_rows(m) its rows of
     /// pixels, not empty.
     template <Support support, Real R, Threads P, class PixelRows, class KeyOf, class IndexOf,
               class Footprints, class Key = std::invoke_result_t<KeyOf, Index>>
@@ -130,10 +130,10 @@ struct TileLists {
                                    Span>
     void build(const P& threads, int width, int height, Index n, const PixelRows& pixel_rows,
                const KeyOf& key, const IndexOf& index, std::int64_t max_entries,
-               const Footprints& footprint, DealScratch<Key>& scratch) {
+               const Footprints& footprint, BinScratch<Key>& scratch) {
         columns = tiles_across(width);
         rows = tiles_across(height);
-        deal<support, R>(threads, width, height, n, pixel_rows, key, max_entries, footprint,
+        bin<support, R>(threads, width, height, n, pixel_rows, key, max_entries, footprint,
                          scratch);
         sort(threads, index, scratch);
     }
@@ -162,10 +162,10 @@ struct TileLists {
     /// list follows from what the chunks before it have there. Lists do not depend on the chunks.
     template <Support support, Real R, Threads P, class PixelRows, class KeyOf, class Footprints,
               class Key>
-    void deal(const P& threads, int width, int height, Index n, const PixelRows& pixel_rows,
+    void bin(const P& threads, int width, int height, Index n, const PixelRows& pixel_rows,
               const KeyOf& key, std::int64_t max_entries, const Footprints& footprint,
-              DealScratch<Key>& scratch) {
-        using Chunk = typename DealScratch<Key>::Chunk;
+              BinScratch<Key>& scratch) {
+        using Chunk = typename BinScratch<Key>::Chunk;
         const Index grain = std::max<Index>(2048, (n + threads.size() - 1) / threads.size());
         const Index chunks = chunk_count(n, grain);
         if (static_cast<Index>(scratch.chunks.size()) < chunks)
@@ -212,14 +212,14 @@ struct TileLists {
                 next += std::exchange(at(at(scratch.chunks, c).cursor, t), next);
         }
         at(begin, tiles()) = static_cast<Index>(total);
-        scratch.dealt.resize(static_cast<std::size_t>(total));
+        scratch.binned.resize(static_cast<std::size_t>(total));
         for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {
             Index before = 0;
             for (Index k = 0; k < c; ++k) before += static_cast<Index>(at(scratch.chunks, k).used);
             if (before > 0)
                 for (Index m = b; m < e; ++m) at(first, m) += before;
             Chunk& chunk = at(scratch.chunks, c);
-            auto* const to = scratch.dealt.data();
+            auto* const to = scratch.binned.data();
             std::uint32_t* const cursor = chunk.cursor.data();
             const auto* const mentions = chunk.mentions.data();
             for (Index i = 0; i < chunk.used; ++i) {
@@ -265,9 +265,9 @@ struct TileLists {
 
     /// Sorts each tile's list.
     template <Threads P, class IndexOf, class Key>
-    void sort(const P& threads, const IndexOf& index, DealScratch<Key>& scratch) {
+    void sort(const P& threads, const IndexOf& index, BinScratch<Key>& scratch) {
         constexpr Index run = 32;        // tiles
-        entry.resize(scratch.dealt.size());
+        entry.resize(scratch.binned.size());
         if (static_cast<Index>(scratch.buffers.size()) < chunk_count(tiles(), run))
             scratch.buffers.resize(static_cast<std::size_t>(chunk_count(tiles(), run)));
         for_chunks(threads, tiles(), run, [&](Index b, Index e, Index c) {
@@ -276,7 +276,7 @@ struct TileLists {
                 const Index n = at(begin, t + 1) - at(begin, t);
                 if (static_cast<Index>(buffer.size()) < n)
                     buffer.resize(static_cast<std::size_t>(n + n / 2));
-                auto* const x = scratch.dealt.data() + at(begin, t);
+                auto* const x = scratch.binned.data() + at(begin, t);
                 sort_by_key(x, buffer.data(), n);
                 for (Index i = 0; i < n;) {      // of equal keys, the lower index first
                     Index end = i + 1;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/workspaces.hpp: memory of walks over tiles, lent to one thread at a time and kept for
+/// rye/splat/workspaces.hpp: memory of walks over tiles, held by one thread at a time and kept for
 /// the next call. Allocating it for every run of tiles would cost as much as the walks: large
 /// blocks come from the system a page fault at a time. What it holds is anything.
 #pragma once
@@ -18,14 +18,16 @@ class Workspaces {
         virtual ~Space() = default;
     };
 
-    /// Gives back what it holds when it goes.
+    /// Returns its memory to the pool when it is destroyed.
     template <class W>
-    class Loan {
+    class Acquired {
       public:
-        Loan(Workspaces& from, std::unique_ptr<W> space) : from_(from), space_(std::move(space)) {}
-        Loan(const Loan&) = delete;
-        Loan& operator=(const Loan&) = delete;
-        ~Loan() { from_.give_back(std::move(space_)); }
+        Acquired(Workspaces& from, std::unique_ptr<W> space)
+            : from_(from),
+              space_(std::move(space)) {}
+        Acquired(const Acquired&) = delete;
+        Acquired& operator=(const Acquired&) = delete;
+        ~Acquired() { from_.give_back(std::move(space_)); }
         W& operator*() const { return *space_; }
 
       private:
@@ -39,17 +41,17 @@ class Workspaces {
     Workspaces& operator=(const Workspaces&) { return *this; }
 
     template <class W>
-    Loan<W> lend() {
+    Acquired<W> acquire() {
         const std::lock_guard<std::mutex> lock(mutex_);
         for (auto& idle : idle_)
             if (auto* const w = dynamic_cast<W*>(idle.get())) {
                 idle.release();
                 std::swap(idle, idle_.back());
                 idle_.pop_back();
-                return Loan<W>(*this, std::unique_ptr<W>(w));
+                return Acquired<W>(*this, std::unique_ptr<W>(w));
             }
         idle_.reserve(++made_);      // giving back must not fail
-        return Loan<W>(*this, std::make_unique<W>());
+        return Acquired<W>(*this, std::make_unique<W>());
     }
 
   private:

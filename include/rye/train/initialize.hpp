@@ -9,7 +9,7 @@
 
 #include <rye/avatar/guidance_mesh.hpp>
 #include <rye/avatar/two_stream.hpp>
-#include <rye/geometry/nearest.hpp>
+#include <rye/geometry/neighbours.hpp>
 #include <rye/geometry/refine.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/rig/eyeball.hpp>

@@ -97,7 +97,7 @@ void zero_like(const B& backend, const Image<T>& image, Columns<T>& g) {
 
 /// The same Gaussians with their first channels only.
 template <class T>
-Gaussians<T> with_channels(const Gaussians<T>& g, Index channels) {
+Gaussians<T> first_channels(const Gaussians<T>& g, Index channels) {
     Gaussians<T> r;
     Gaussians<T>::fields([&](const std::string&, auto& out, const auto& in) {
         if (&in != &g.feature) out = in;
@@ -194,17 +194,17 @@ AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar,
     drive(backend, avatar, config, roles, corrected_drivers(avatar, sample), trace);
     probe("networks");
     AvatarPictures<T>& p = pictures;
-    p.cloud = joined(trace.world_face, trace.world_eyes);
+    p.cloud = concat(trace.world_face, trace.world_eyes);
     const Rasterizer<FeaturesOnly<Accuracy>> draw{rasterizer.accuracy};
     draw.forward_into(backend, p.cloud, sample.camera, sample.background, p.final, &p.scratch);
     const VecX<T> blank_color = sample.blank.head(3);
-    p.face_cloud = detail::with_channels(trace.world_face, 3);
+    p.face_cloud = detail::first_channels(trace.world_face, 3);
     p.eyes_from_eye_terms = weights.eyes_from_eye_terms;
     if (weights.blank_eyeballs)
-        p.face_cloud = joined(p.face_cloud, painted(trace.world_eyes, blank_color));
+        p.face_cloud = concat(p.face_cloud, painted(trace.world_eyes, blank_color));
     draw.forward_into(backend, p.face_cloud, sample.camera, blank_color, p.face, &p.scratch);
     // Only super-resolution reads more than RGB.
-    p.eye_cloud = detail::with_channels(
+    p.eye_cloud = detail::first_channels(
         trace.world_eyes, sample.eyes_high ? trace.world_eyes.channels() : Index(3));
     const VecX<T> behind_eyes = sample.background.head(p.eye_cloud.channels());
     draw.forward_into(backend, p.eye_cloud, sample.camera, behind_eyes, p.eyes, &p.scratch);
@@ -317,8 +317,8 @@ void avatar_losses_vjp(const B& backend, const TwoStream<T, E>& avatar, const Av
                       p.g_cloud, &p.scratch);
     };
     pull(p.cloud, sample.background, p.final, p.g_final);
-    p.g_face_cloud = part(p.g_cloud, 0, n);
-    p.g_eye_cloud = part(p.g_cloud, n, p.g_cloud.mean.cols() - n);
+    p.g_face_cloud = slice(p.g_cloud, 0, n);
+    p.g_eye_cloud = slice(p.g_cloud, n, p.g_cloud.mean.cols() - n);
     if (p.eyes_from_eye_terms) // where they are is the joint picture's still: it moves the head
         for (Columns<T>* g : {&p.g_eye_cloud.rotation, &p.g_eye_cloud.scale,
                               &p.g_eye_cloud.opacity, &p.g_eye_cloud.feature})

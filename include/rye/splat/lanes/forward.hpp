@@ -218,7 +218,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
 
     const StripMask inside = strips.inside(drawn);
     StripMask open = inside;
-    // The next tile's entries lie behind this one's: they are asked for as well.
+    // The next tile's entries lie behind this one's: they are prefetched as well.
     const Index all = scene.trace.lists.entries();
     fetch_ahead(scene, begin, std::min<Index>(end, begin + 2 * most));
     Index k = begin;

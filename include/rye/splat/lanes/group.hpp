@@ -118,7 +118,8 @@ struct LaneGroup {
     alignas(64) T begin_[most], end_[most];      ///< rows of the tile
 
     /// What strips share of an entry.
-    [[gnu::always_inline]] void share(const Member<T>& member, const Tile& tile, int top, int k) {
+    [[gnu::always_inline]] void share(const VisibleGaussian<T>& member, const Tile& tile, int top,
+                                      int k) {
         const Splat<T>& s = member.splat;
         x_[k] = s.x, y_[k] = s.y, ux_[k] = s.ux, vx_[k] = s.vx, vy_[k] = s.vy;
         lost_[k] = s.log2_opacity - s.cut;

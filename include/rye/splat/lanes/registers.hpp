@@ -140,17 +140,18 @@ struct Lines {
     }
 };
 
-/// Asks for the records of the entries of a tile that come after `entry`. Always inlined: g++ takes
+/// Prefetches the records of entries [entry, end). Always inlined: g++ takes
 /// a function that only prefetches for one without effect, and drops the call.
 template <class T>
 [[gnu::always_inline]] inline void fetch_ahead(const Scene<T>& scene, Index entry, Index end) {
     for (Index k = entry; k < end; ++k) {
         const char* const m = reinterpret_cast<const char*>(&scene.member(k));
-        for (std::size_t at = 0; at < sizeof(Member<T>); at += 64) __builtin_prefetch(m + at);
+        for (std::size_t at = 0; at < sizeof(VisibleGaussian<T>); at += 64)
+            __builtin_prefetch(m + at);
     }
 }
 
-/// Asks for the features of entries [begin, end), whose records were asked for before. Always
+/// Prefetches the features of entries [begin, end), whose records were prefetched before. Always
 /// inlined, as fetch_ahead.
 template <class T>
 [[gnu::always_inline]] inline void fetch_features(const Scene<T>& scene, Index begin, Index end) {

@@ -70,7 +70,8 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
                          Index e, RasterScratch<typename V::value_type>& scratch) {
     using T = typename V::value_type;
     constexpr int lanes = static_cast<int>(V::size);
-    const Lens<V> lens(Lens<T>(camera, accuracy.frustum_margin, screen_dilation(accuracy)));
+    const Projector<V> lens(
+        Projector<T>(camera, accuracy.frustum_margin, screen_dilation(accuracy)));
     const V cx(camera.cx), cy(camera.cy), zero(T(0));
     const bool look = accuracy.non_finite != NonFinite::trust;
     for (Index start = b; start < e; start += lanes) {
@@ -111,12 +112,12 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
             const auto value = [&](int k) { return out.row[k][lane]; };
             const T* feature = g.feature.data() + i * g.channels();
             if (look && (!(value(16) > T(0)) || !finite_numbers<V>(feature, g.channels()))) {
-                scratch.state[at] = Candidacy::non_finite;
+                scratch.state[at] = Visibility::non_finite;
                 continue;
             }
-            scratch.state[at] = Candidacy::hidden;
+            scratch.state[at] = Visibility::hidden;
             if (!(visible.row[0][lane] > T(0))) continue;
-            Member<T>& c = scratch.candidates[at];
+            VisibleGaussian<T>& c = scratch.candidates[at];
             c.splat = {value(0), value(1), value(2), value(3), value(4),
                        value(5), value(6), value(7), value(8)};
             scratch.footprints[at] = {value(9), value(10), value(11),
@@ -124,8 +125,8 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
             const auto span = [&](int k) {
                 return whole(PixelInterval<T>{range.row[k][lane], range.row[k + 1][lane]});
             };
-            settle(i, span(0), camera, scratch);
-            if (scratch.state[at] != Candidacy::visible || !c.rows.known(camera.width)) continue;
+            cull(i, span(0), camera, scratch);
+            if (scratch.state[at] != Visibility::visible || !c.rows.known(camera.width)) continue;
             for (int j = 0; j < c.rows.last_row() - c.rows.first_row(); ++j) {
                 const Span x = tiles_of(span(2 + 2 * j));
                 c.rows.columns[static_cast<std::size_t>(j)] = {
@@ -137,8 +138,9 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
 
 /// As merge_slots, for the 8 leading numbers and, in whole eights, the features.
 template <class V>
-void merge_slots_lanes(const TileLists& lists, const Slots<typename V::value_type>& slots,
-                       Index member, typename V::value_type* sum) {
+void merge_slots_lanes(const TileLists& lists,
+                       const PartialGradients<typename V::value_type>& slots, Index member,
+                       typename V::value_type* sum) {
     using T = typename V::value_type;
     constexpr Index lanes = static_cast<Index>(V::size);
     if constexpr (8 % lanes != 0) {
@@ -160,11 +162,11 @@ void merge_slots_lanes(const TileLists& lists, const Slots<typename V::value_typ
     }
 }
 
-/// Asks for the slots of a Gaussian that is a few steps away, whose range was asked for before.
+/// Prefetches the slots of a Gaussian a few steps ahead, whose range was prefetched before.
 /// Always inlined, as fetch_ahead.
 template <class T>
-[[gnu::always_inline]] inline void fetch_slots(const RasterTrace<T>& trace, const Slots<T>& slots,
-                                               Index index) {
+[[gnu::always_inline]] inline void fetch_slots(const RasterTrace<T>& trace,
+                                               const PartialGradients<T>& slots, Index index) {
     const std::uint32_t m = trace.member[static_cast<std::size_t>(index)];
     if (m == no_member) return;
     __builtin_prefetch(&trace.members[m]);
@@ -179,16 +181,17 @@ struct LaneSums : Workspaces::Space {
     Lines<typename V::value_type> sum;
 };
 
-/// As pull_back_range, as many Gaussians at a time as there are lanes.
+/// As project_vjp_range, as many Gaussians at a time as there are lanes.
 template <class V, class A>
-void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
+void project_vjp_range_lanes(const Gaussians<typename V::value_type>& g,
                            const Pinhole<typename V::value_type>& camera, const A& accuracy,
                            const RasterTrace<typename V::value_type>& trace,
-                           const Slots<typename V::value_type>& slots, Index b, Index e,
+                           const PartialGradients<typename V::value_type>& slots, Index b, Index e,
                            Gaussians<typename V::value_type>& out, LaneSums<V>& memory) {
     using T = typename V::value_type;
     constexpr int lanes = static_cast<int>(V::size);
-    const Lens<V> lens(Lens<T>(camera, accuracy.frustum_margin, screen_dilation(accuracy)));
+    const Projector<V> lens(
+        Projector<T>(camera, accuracy.frustum_margin, screen_dilation(accuracy)));
     const Index channels = g.channels();
     T* const sum = memory.sum.reserve(slots.stride);
     std::array<Index, static_cast<std::size_t>(lanes)> index{};
@@ -213,7 +216,7 @@ void pull_back_range_lanes(const Gaussians<typename V::value_type>& g,
             in_slots.row[8][filled] = s.vx;
             in_slots.row[9][filled] = s.vy;
             T* const to = out.feature.data() + i * channels;
-            for (Index k = 0; k < channels; ++k) to[k] = sum[Slots<T>::head + k];
+            for (Index k = 0; k < channels; ++k) to[k] = sum[PartialGradients<T>::head + k];
             index[static_cast<std::size_t>(filled++)] = i;
         }
         if (filled == 0) break;

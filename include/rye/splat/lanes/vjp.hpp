@@ -288,9 +288,9 @@ struct LaneReverse {
             std::array<V, 8> padded;
             padded.fill(zero);
             unrolled<C>([&](auto c) { padded[c] = colour_sum[c]; });
-            lane_sums(padded, slot + Slots<T>::head);
+            lane_sums(padded, slot + PartialGradients<T>::head);
         } else {
-            gather_features(strip, visits, slot + Slots<T>::head);
+            gather_features(strip, visits, slot + PartialGradients<T>::head);
         }
     }
 
@@ -312,10 +312,11 @@ struct LaneReverse {
     }
 };
 
-/// Asks for the slots of entries, to be written. Always inlined, as fetch_ahead.
+/// Prefetches the slots of entries, to be written. Always inlined, as fetch_ahead.
 template <class T>
-[[gnu::always_inline]] inline void fetch_slots(const Scene<T>& scene, const Slots<T>& slots,
-                                               Index begin, Index end) {
+[[gnu::always_inline]] inline void fetch_slots(const Scene<T>& scene,
+                                               const PartialGradients<T>& slots, Index begin,
+                                               Index end) {
     constexpr Index line = 64 / static_cast<Index>(sizeof(T));
     for (Index k = begin; k < end; ++k)
         for (Index c = 0; c < slots.stride; c += line)
@@ -331,7 +332,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
     constexpr Index most = LaneGroup<V>::usual;
     if (scene.used(tile) == 0) return;
     if constexpr (A::order == BlendOrder::by_peak) {
-        std::vector<Hit<T>> hits;
+        std::vector<PixelContribution<T>> hits;
         return blend_tile_vjp(scene, accuracy, g, tile, scratch, hits);
     }
     const Strips<V> strips(scene, tile);

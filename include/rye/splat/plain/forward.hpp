@@ -14,7 +14,7 @@ namespace rye {
 
 /// One contribution to a pixel.
 template <class T>
-struct Hit : Contribution<T> {
+struct PixelContribution : Contribution<T> {
     Index entry;
     T u, v;                  ///< folded offsets
 };
@@ -46,14 +46,14 @@ T walk_pixel(const Scene<T>& scene, const A& accuracy, Index tile, int x, int y,
         Index k = n;
         if constexpr (A::order == BlendOrder::by_peak)
             k = by_peak[static_cast<std::size_t>(n - begin)].second;
-        const Member<T>& m = scene.member(k);
+        const VisibleGaussian<T>& m = scene.member(k);
         if (y < m.rows.begin || y >= m.rows.end) continue;
         const Splat<T>& s = m.splat;
         const Response<T> r = respond(s, T(px - s.x), T(py - s.y));
         if (!blend.reaches(r.exponent, s.cut)) continue;
         const auto c = blend.take(blend.coverage(r.exponent, s.cut, s.floor), transmittance);
         if (!c.taken) break;
-        visit(Hit<T>{c, k, r.u, r.v});
+        visit(PixelContribution<T>{c, k, r.u, r.v});
         if (!blend.open(transmittance)) break;
     }
     return transmittance;
@@ -71,16 +71,17 @@ void blend_tile(const Scene<T>& scene, const A& accuracy, Index tile, Raster<T, 
             [[maybe_unused]] T depth = T(0);
             [[maybe_unused]] real_t<T> most = 0;
             [[maybe_unused]] std::uint32_t contributor = no_contributor;
-            const T end = walk_pixel(scene, accuracy, tile, x, y, [&](const Hit<T>& h) {
-                const T* feature = scene.feature_of(h.entry);
-                for (Index c = 0; c < channels; ++c) sum[c] += h.weight * feature[c];
-                if constexpr (A::outputs.depth) depth += h.weight * scene.splat(h.entry).depth;
-                if constexpr (A::outputs.contributor)
-                    if (value_of(h.weight) > most) {
-                        most = static_cast<real_t<T>>(value_of(h.weight));
-                        contributor = scene.member(h.entry).source;
-                    }
-            });
+            const T end =
+                walk_pixel(scene, accuracy, tile, x, y, [&](const PixelContribution<T>& h) {
+                    const T* feature = scene.feature_of(h.entry);
+                    for (Index c = 0; c < channels; ++c) sum[c] += h.weight * feature[c];
+                    if constexpr (A::outputs.depth) depth += h.weight * scene.splat(h.entry).depth;
+                    if constexpr (A::outputs.contributor)
+                        if (value_of(h.weight) > most) {
+                            most = static_cast<real_t<T>>(value_of(h.weight));
+                            contributor = scene.member(h.entry).source;
+                        }
+                });
             for (Index c = 0; c < channels; ++c) sum[c] += end * scene.background[c];
             out.alpha.pixels(0, p) = T(1) - end;
             if constexpr (A::outputs.depth) out.depth.pixels(0, p) = depth;

@@ -33,7 +33,7 @@ struct PlainSplatKernels {
     template <class A>
     static void blend_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotangent<T>& g,
                           ChunkRange r, RasterScratch<T>& s) {
-        std::vector<Hit<T>> hits;
+        std::vector<PixelContribution<T>> hits;
         for (Index t = r.begin; t < r.end; ++t) blend_tile_vjp(scene, accuracy, g, t, s, hits);
     }
     /// Gradients of Gaussians from their slots.
@@ -41,7 +41,7 @@ struct PlainSplatKernels {
     static void project_vjp(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
                             const RasterTrace<T>& trace, ChunkRange r, RasterScratch<T>& s,
                             Gaussians<T>& out) {
-        pull_back_range(g, camera, accuracy, trace, s.slots, r.begin, r.end, out);
+        project_vjp_range(g, camera, accuracy, trace, s.slots, r.begin, r.end, out);
     }
 };
 

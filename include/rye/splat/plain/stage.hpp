@@ -48,23 +48,23 @@ void store_shape(const Shape<T>& s, Gaussians<T>& g, Index i) {
 template <class A, class T, Distortion D>
 void project_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy, Index b,
                    Index e, RasterScratch<T>& scratch) {
-    const Lens<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
+    const Projector<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
     const bool look = accuracy.non_finite != NonFinite::trust;
     for (Index i = b; i < e; ++i) {
         const auto at = static_cast<std::size_t>(i);
-        scratch.state[at] = Candidacy::non_finite;
+        scratch.state[at] = Visibility::non_finite;
         if (look && !usable(g, i)) continue;
         const Projected<T, A::antialias> s = project<A::antialias>(load_shape(g, i), lens);
-        scratch.state[at] = Candidacy::hidden;
+        scratch.state[at] = Visibility::hidden;
         if (!s.drawable || !(g.opacity(0, i) > T(0))) continue;
-        Member<T>& c = scratch.candidates[at];
+        VisibleGaussian<T>& c = scratch.candidates[at];
         c.splat = make_splat(s, kept_opacity(s, g.opacity(0, i)), accuracy);
         if (!(c.splat.log2_opacity > c.splat.cut)) continue;
         scratch.footprints[at] = footprint_of<A>(s, c.splat, camera.cx, camera.cy);
         const Cover<A::support, real_t<T>> cover{scratch.footprints[at], camera.width,
                                                  camera.height};
-        settle(i, cover.rows(), camera, scratch);
-        if (scratch.state[at] != Candidacy::visible || !c.rows.known(camera.width)) continue;
+        cull(i, cover.rows(), camera, scratch);
+        if (scratch.state[at] != Visibility::visible || !c.rows.known(camera.width)) continue;
         for (int y = c.rows.first_row(); y < c.rows.last_row(); ++y) {
             const Span x = cover.columns(y, c.rows);
             c.rows.columns[static_cast<std::size_t>(y - c.rows.first_row())] = {
@@ -75,10 +75,10 @@ void project_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& 
 
 /// Gradients of Gaussians [b, e), from slots to world.
 template <class A, class T, Distortion D>
-void pull_back_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
-                     const RasterTrace<T>& trace, const Slots<T>& slots, Index b, Index e,
-                     Gaussians<T>& out) {
-    const Lens<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
+void project_vjp_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
+                       const RasterTrace<T>& trace, const PartialGradients<T>& slots, Index b,
+                       Index e, Gaussians<T>& out) {
+    const Projector<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
     std::vector<T> sum(static_cast<std::size_t>(slots.stride));
     for (Index i = b; i < e; ++i) {
         const std::uint32_t m = trace.member[static_cast<std::size_t>(i)];
@@ -88,7 +88,7 @@ void pull_back_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A
         }
         merge_slots(trace.lists, slots, static_cast<Index>(m), sum.data());
         for (Index k = 0; k < g.channels(); ++k)
-            out.feature(k, i) = sum[static_cast<std::size_t>(Slots<T>::head + k)];
+            out.feature(k, i) = sum[static_cast<std::size_t>(PartialGradients<T>::head + k)];
         const SplatCotangent<T> s{sum[0], sum[1], sum[2], sum[3], sum[4], sum[5], sum[6]};
         store_shape(project_vjp<A::antialias>(load_shape(g, i), lens,
                                               screen_cotangent(trace.members[m].splat, s), s.alpha),

@@ -11,13 +11,15 @@ namespace rye {
 /// Slots may be of a wider type S than what is added to them.
 template <class A, class T, class S>
 void blend_tile_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotangent<T>& g,
-                    Index tile, RasterScratch<S>& scratch, std::vector<Hit<T>>& hits) {
+                    Index tile, RasterScratch<S>& scratch,
+                    std::vector<PixelContribution<T>>& hits) {
     const Index channels = scene.feature.rows();
     const PlainBlend<A, T> blend(accuracy);
     for (int y = scene.top(tile); y < scene.bottom(tile); ++y)
         for (int x = scene.left(tile); x < scene.right(tile); ++x) {
             hits.clear();
-            walk_pixel(scene, accuracy, tile, x, y, [&](const Hit<T>& h) { hits.push_back(h); });
+            walk_pixel(scene, accuracy, tile, x, y,
+                       [&](const PixelContribution<T>& h) { hits.push_back(h); });
             const Index p = scene.pixel(x, y);
             const T* g_pixel = g.feature.data() + p * channels;
             const T g_alpha = g.alpha != nullptr ? (*g.alpha)(0, p) : T(0);
@@ -33,7 +35,7 @@ void blend_tile_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotang
                 const T* feature = scene.feature_of(h->entry);
                 const Index at = scene.slot(h->entry);
                 S* const slot = scratch.slots[at];
-                S* const g_feature = slot + Slots<S>::head;
+                S* const g_feature = slot + PartialGradients<S>::head;
                 if (!scratch.slots.is_touched(at)) {
                     scratch.slots.touched[static_cast<std::size_t>(at)] = 1;
                     std::fill_n(slot, scratch.slots.stride, S(0));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/nearest.hpp: squared distance from each point to its nearest landmark, with gradients to
-/// both. Differences first, then squares: a point on its landmark has distance exactly 0.
+/// rye/rig/nearest_landmark.hpp: squared distance from each point to its nearest landmark, with
+/// gradients to both. Differences first, then squares: a point on its landmark has distance exactly
+/// 0.
 #pragma once
 
 #include <array>

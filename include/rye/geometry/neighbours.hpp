@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/nearest.hpp: distances to the nearest neighbours within one cloud of points,
+/// rye/geometry/neighbours.hpp: distances to the nearest neighbours within one cloud of points,
 /// through a uniform grid. Used once, for the first scales of Gaussians. Source: 3DGS,
 /// initialisation.
 #pragma once
