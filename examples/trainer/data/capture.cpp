@@ -409,7 +409,8 @@ CaptureContents list_contents(const fs::path& folder, const CaptureOptions& opti
     c.images_over_black = options.content == ImageContent::automatic
                               ? image.find("over black") != std::string::npos
                               : options.content == ImageContent::over_black;
-    if (json.is_object() && json.contains("image_size")) c.image_size = json.at("image_size").dump();
+    if (json.is_object() && json.contains("image_size"))
+        c.image_size = json.at("image_size").dump();
 
     const std::set<std::string> on_disk = list_frames(folder);
     c.camera_ids = strings(json, "camera_ids", who);
