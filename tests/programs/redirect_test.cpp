@@ -151,7 +151,8 @@ TEST_CASE("redirect: frames of a capture.json need not be there, but for the one
 
 TEST_CASE("redirect: what is wrong with the frame that is drawn is still told") {
     const DrawnScene scene;
-    CHECK_FAULT(scene.draw({"--frame", "9"}), "--frame: got '9', expected one from '0000' to '0003'");
+    CHECK_FAULT(scene.draw({"--frame", "9"}),
+                "--frame: got '9', expected one from '0000' to '0003'");
     CHECK_FAULT(scene.draw({"--camera", "c9"}), "--camera: got 'c9', expected one of: c0 c1 c2");
     const fs::path params = scene.capture.params(1, "params.npz");
     const std::string kept = bytes_of(params);
