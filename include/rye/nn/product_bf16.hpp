@@ -83,7 +83,7 @@ struct Bf16Factor {
 template <bool Instruction>
 struct Bf16ProductsBy {
     template <Backend B, class T>
-        requires std::is_same_v<T, float>
+        requires LaneBackend<B, T> && std::is_same_v<T, float>
     using left_factor = Bf16Factor<typename B::template batch<T>, Instruction>;
 };
 using Bf16Products = Bf16ProductsBy<Bf16Instruction::value>;
