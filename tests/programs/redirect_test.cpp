@@ -17,10 +17,6 @@
 #include "tiny_capture.hpp"
 #include "tiny_run.hpp"
 
-namespace rye::trainer {
-void set_threads(int) {} // the program's own sets OpenMP's
-} // namespace rye::trainer
-
 using namespace rye;
 using namespace rye::trainer;
 namespace fs = std::filesystem;

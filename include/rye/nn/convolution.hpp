@@ -12,8 +12,8 @@
 
 #include <rye/backend/backend.hpp>
 #include <rye/core/columns.hpp>
-#include <rye/nn/lanes/convolution.hpp>
 #include <rye/nn/elementwise.hpp>
+#include <rye/nn/lanes/convolution.hpp>
 
 namespace rye {
 

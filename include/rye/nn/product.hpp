@@ -70,6 +70,7 @@ struct StoredFactor {
 /// Our own register tiles; for backends with lanes.
 struct TileProducts {
     template <Backend B, class T>
+        requires LaneBackend<B, T>
     using left_factor = TileFactor<typename B::template batch<T>>;
 };
 

@@ -201,6 +201,21 @@ struct Blend {
         }
     }
 
+    /// The derivative of `take` in a direction, for contribution c, which it returned: from the
+    /// tangents of the exponent and of the floor to that of the weight; `transmittance_tangent`
+    /// becomes that of what is behind. What is clamped, or not taken, does not move.
+    [[gnu::always_inline]] RYE_HD V take_jvp(const Contribution<V>& c, const V& exponent_tangent,
+                                             [[maybe_unused]] const V& floor_tangent,
+                                             V& transmittance_tangent) const {
+        V alpha = V(R(0.69314718055994530942)) * c.bell * exponent_tangent;
+        if constexpr (A::has_floor) alpha = alpha - floor_tangent;
+        alpha = Pixels::when(c.alpha < alpha_max, alpha);
+        alpha = Pixels::when(Pixels::settled(c.weight > V(R(0))), alpha);
+        const V weight = alpha * c.before + c.alpha * transmittance_tangent;
+        transmittance_tangent = transmittance_tangent - weight;
+        return weight;
+    }
+
     /// The step back over contribution c at offsets (u, v). g: a ColourCotangent or PixelCotangent.
     /// `behind`, b, becomes that of what is in front of c. Cotangents of `gaussian`, of which floor
     /// and depth are read, are added to `sum`: the numbers of SplatCotangent in their order.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/rasterizer.hpp: Gaussians to images of features, alpha and depth, and back.
-/// The derivative in a direction is `forward` on duals. Results do not depend on the number of
+/// The derivative in a direction is `jvp` (splat/jvp.hpp). Results do not depend on the number of
 /// threads: every (tile, Gaussian) pair owns its partial gradient, merged in the order of tiles.
 /// A camera may have a lens that bends (geometry/distortion.hpp).
 #pragma once
@@ -14,6 +14,12 @@
 #include <rye/splat/plain/kernels.hpp>
 
 namespace rye {
+
+/// Of splat/jvp.hpp.
+template <class T, Distortion D>
+struct RasterTangents;
+template <class B, class T>
+struct SplatJvp;
 
 /// Draws Gaussians by the rules of A and differentiates the pictures, on any backend. The first
 /// argument of each call is the backend: what it runs on. For backends with lanes include
@@ -117,6 +123,18 @@ struct Rasterizer {
         for_chunks(backend.threads, g.count(), 1024, [&](Index b, Index e, Index) {
             SplatKernels<B, T>::project_vjp(g, camera, accuracy, trace, {b, e}, s, out);
         });
+    }
+
+    /// The render and its derivative in the direction of the tangents, a RasterJvp. Needs
+    /// splat/jvp.hpp.
+    template <Backend B, class T, Distortion D>
+    auto jvp(const B& backend, const Gaussians<T>& g, const RasterTangents<T, D>& tangents,
+             const Pinhole<T, D>& camera, const VecX<T>& background,
+             RasterScratch<T>* scratch = nullptr) const {
+        RasterScratch<T> own;
+        check(g, camera, background);
+        return SplatJvp<B, T>::run(*this, backend, g, tangents, camera, background,
+                                   scratch != nullptr ? *scratch : own);
     }
 
   private:

@@ -3,8 +3,8 @@
 /// are those of gaussian/project.hpp, instantiated on batches; here is only how lanes are filled.
 #pragma once
 
-#include <rye/splat/stage.hpp>
 #include <rye/splat/lanes/registers.hpp>
+#include <rye/splat/stage.hpp>
 
 namespace rye {
 
