@@ -99,7 +99,6 @@ struct PixelGroup {
     }
     template <class V>
     [[gnu::always_inline]] RYE_HD static V at_most(const V& most, const V& x) {
-        using std::min;
         return min(most, x);
     }
     template <class V>

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/jvp.hpp: forward mode of the rasterizer: a render with its derivative in one direction
+/// of the Gaussians, the camera, or both, at the price of about two renders.
+///     RasterTangents<float> direction{.gaussians = &dg, .camera = &dcamera};
+///     const auto r = rasterizer.jvp(backend, g, direction, camera, background);
+///     r.value.feature.pixels, r.feature                        // the picture and its derivative
+/// Plain loops run the render on duals. Lanes have a kernel of their own. Decisions (what is seen,
+/// the order, where a pixel is full) are those of the value.
+#pragma once
+
+#include <vector>
+
+#include <rye/splat/lanes.hpp>
+#include <rye/splat/lanes/jvp.hpp>
+#include <rye/splat/plain/jvp.hpp>
+
+namespace rye {
+
+template <class B, class T>
+struct SplatJvp {
+    template <class R, Distortion D>
+    static auto run(const R& rasterizer, const B& backend, const Gaussians<T>& g,
+                    const RasterTangents<T, D>& tangents, const Pinhole<T, D>& camera,
+                    const VecX<T>& background, RasterScratch<T>&) {
+        check_tangent(g, tangents);
+        return jvp_by_duals(rasterizer, backend, g, tangents, camera, background);
+    }
+
+    /// Throws unless the tangent has the Gaussians' shape.
+    template <Distortion D>
+    static void check_tangent(const Gaussians<T>& g, const RasterTangents<T, D>& tangents) {
+        if (tangents.gaussians == nullptr) return;
+        Gaussians<T>::fields([](const std::string& name, const auto& x, const auto& dx) {
+            require(x.rows() == dx.rows() && x.cols() == dx.cols(), "rasterizer",
+                    "tangent of " + name + " is " + std::to_string(dx.rows()) + " x " +
+                        std::to_string(dx.cols()) + ", " + name + " is " +
+                        std::to_string(x.rows()) + " x " + std::to_string(x.cols()));
+        }, g, *tangents.gaussians);
+    }
+};
+
+template <class B, class T>
+    requires LaneBackend<B, T>
+struct SplatJvp<B, T> : SplatJvp<ScalarBackend<std::remove_cvref_t<decltype(B::threads)>>, T> {
+    using Plain = ScalarBackend<std::remove_cvref_t<decltype(B::threads)>>;
+    using V = typename B::template batch<T>;
+
+    template <class R, Distortion D>
+    static auto run(const R& rasterizer, const B& backend, const Gaussians<T>& g,
+                    const RasterTangents<T, D>& tangents, const Pinhole<T, D>& camera,
+                    const VecX<T>& background, RasterScratch<T>& s) {
+        using A = std::remove_cvref_t<decltype(rasterizer.accuracy)>;
+        SplatJvp::check_tangent(g, tangents);
+        if constexpr (D::distorts || A::order == BlendOrder::by_peak || A::outputs.contributor) {
+            return jvp_by_duals(rasterizer, backend, g, tangents, camera, background);
+        } else {
+            RasterJvp<T, A::outputs> out;
+            RasterTrace<T>& trace = out.value.trace;
+            rasterizer.project_into(backend, g, camera, s);
+            bin_and_sort(backend, g, camera, rasterizer.accuracy, s, trace);
+            const Index pixels = static_cast<Index>(camera.width) * camera.height;
+            const auto shape = [&](Image<T>& image, Columns<T>& tangent, Index rows) {
+                image.width = camera.width;
+                image.height = camera.height;
+                image.pixels.resize(rows, pixels);
+                tangent.resize(rows, pixels);
+            };
+            shape(out.value.feature, out.feature, g.channels());
+            shape(out.value.alpha, out.alpha, 1);
+            if constexpr (A::outputs.depth) shape(out.value.depth, out.depth, 1);
+            trace.used.resize(static_cast<std::size_t>(trace.lists.tiles()));
+
+            std::vector<SplatTangent<T>> splats(trace.members.size());
+            const auto dual = dual_camera<V>(camera, tangents.camera);
+            for_chunks(backend.threads, static_cast<Index>(splats.size()), 1024,
+                       [&](Index b, Index e, Index) {
+                           project_tangents<V>(g, tangents.gaussians, dual, rasterizer.accuracy,
+                                               trace, b, e, splats.data());
+                       });
+            const Scene<T> scene = R::scene_of(g, camera, background, trace);
+            const TangentScene<T> moving{
+                splats.data(),
+                tangents.gaussians != nullptr ? &tangents.gaussians->feature : nullptr,
+                tangents.camera != nullptr ? tangents.camera->cx : T(0),
+                tangents.camera != nullptr ? tangents.camera->cy : T(0)};
+            for_chunks(backend.threads, trace.lists.tiles(), 8, [&](Index b, Index e, Index) {
+                const auto canvas = s.workspaces.template acquire<LaneTangentCanvas<V>>();
+                dispatch_channels<1, 3, 4>(g.channels(), [&](auto c) {
+                    for (Index t = b; t < e; ++t)
+                        blend_tile_jvp_lanes<V, c>(scene, moving, rasterizer.accuracy, t, out,
+                                                   *canvas);
+                });
+            });
+            return out;
+        }
+    }
+};
+
+} // namespace rye

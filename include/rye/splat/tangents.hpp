@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/tangents.hpp: a direction in the inputs of a render, and a render with its derivative
+/// in that direction.
+#pragma once
+
+#include <type_traits>
+
+#include <rye/autodiff/dual.hpp>
+#include <rye/splat/raster.hpp>
+
+namespace rye {
+
+/// A direction in the inputs of a render; what is null does not move.
+template <class T, Distortion D = NoDistortion>
+struct RasterTangents {
+    const Gaussians<T>* gaussians = nullptr;  ///< of the shapes of the Gaussians
+    /// Derivatives of the camera's focal lengths, principal point and pose. Size, near depth and
+    /// lens do not move.
+    const Pinhole<T, D>* camera = nullptr;
+};
+
+/// A render and the derivative of its images.
+template <class T, Outputs O>
+struct RasterJvp {
+    Raster<T, O> value;
+    Columns<T> feature;      ///< C x pixels
+    Columns<T> alpha;        ///< 1 x pixels
+    Columns<T> depth;        ///< 1 x pixels, if the outputs have depth; else empty
+};
+
+/// x with the derivative dx.
+template <class V>
+Dual<V, 1> dual_of(const V& x, const V& dx) {
+    Dual<V, 1> r;
+    r.value = x;
+    r.d[0] = dx;
+    return r;
+}
+
+/// The camera and its tangent in numbers Dual<V, 1>: V is the camera's kind of number, or a batch
+/// of it.
+template <class V, class T, Distortion D>
+auto dual_camera(const Pinhole<T, D>& camera, const Pinhole<T, D>* tangent) {
+    using Number = Dual<V, 1>;
+    using Lens = decltype(camera.distortion.template cast<Number>());
+    const auto of = [&](const auto& number) {
+        return dual_of<V>(V(number(camera)), V(tangent != nullptr ? number(*tangent) : T(0)));
+    };
+    Pinhole<Number, Lens> c;
+    c.fx = of([](const auto& p) { return p.fx; });
+    c.fy = of([](const auto& p) { return p.fy; });
+    c.cx = of([](const auto& p) { return p.cx; });
+    c.cy = of([](const auto& p) { return p.cy; });
+    c.width = camera.width;
+    c.height = camera.height;
+    c.near_depth = dual_of<V>(V(camera.near_depth), V(T(0)));
+    c.distortion = camera.distortion.template cast<Number>();
+    for (int i = 0; i < 9; ++i)
+        c.camera_from_world.rotation.data()[i] =
+            of([i](const auto& p) { return p.camera_from_world.rotation.data()[i]; });
+    for (int i = 0; i < 3; ++i)
+        c.camera_from_world.translation[i] =
+            of([i](const auto& p) { return p.camera_from_world.translation[i]; });
+    return c;
+}
+
+} // namespace rye
