@@ -19,11 +19,11 @@ namespace rye {
 template <class B, class T>
 struct SplatJvp {
     template <class R, Distortion D>
-    static auto run(const R& rasterizer, const B& backend, const Gaussians<T>& g,
+    static void run(const R& rasterizer, const B& backend, const Gaussians<T>& g,
                     const RasterTangents<T, D>& tangents, const Pinhole<T, D>& camera,
-                    const VecX<T>& background, RasterScratch<T>&) {
+                    const VecX<T>& background, auto& out, RasterScratch<T>&) {
         check_tangent(g, tangents);
-        return jvp_by_duals(rasterizer, backend, g, tangents, camera, background);
+        jvp_by_duals(rasterizer, backend, g, tangents, camera, background, out);
     }
 
     /// Throws unless the tangent has the Gaussians' shape.
@@ -46,15 +46,14 @@ struct SplatJvp<B, T> : SplatJvp<ScalarBackend<std::remove_cvref_t<decltype(B::t
     using V = typename B::template batch<T>;
 
     template <class R, Distortion D>
-    static auto run(const R& rasterizer, const B& backend, const Gaussians<T>& g,
+    static void run(const R& rasterizer, const B& backend, const Gaussians<T>& g,
                     const RasterTangents<T, D>& tangents, const Pinhole<T, D>& camera,
-                    const VecX<T>& background, RasterScratch<T>& s) {
+                    const VecX<T>& background, auto& out, RasterScratch<T>& s) {
         using A = std::remove_cvref_t<decltype(rasterizer.accuracy)>;
         SplatJvp::check_tangent(g, tangents);
         if constexpr (D::distorts || A::order == BlendOrder::by_peak || A::outputs.contributor) {
-            return jvp_by_duals(rasterizer, backend, g, tangents, camera, background);
+            jvp_by_duals(rasterizer, backend, g, tangents, camera, background, out);
         } else {
-            RasterJvp<T, A::outputs> out;
             RasterTrace<T>& trace = out.value.trace;
             rasterizer.project_into(backend, g, camera, s);
             bin_and_sort(backend, g, camera, rasterizer.accuracy, s, trace);
@@ -70,7 +69,8 @@ struct SplatJvp<B, T> : SplatJvp<ScalarBackend<std::remove_cvref_t<decltype(B::t
             if constexpr (A::outputs.depth) shape(out.value.depth, out.depth, 1);
             trace.used.resize(static_cast<std::size_t>(trace.lists.tiles()));
 
-            std::vector<SplatTangent<T>> splats(trace.members.size());
+            std::vector<SplatTangent<T>>& splats = out.splats;
+            splats.resize(trace.members.size());
             const auto dual = dual_camera<V>(camera, tangents.camera);
             for_chunks(backend.threads, static_cast<Index>(splats.size()), 1024,
                        [&](Index b, Index e, Index) {
@@ -91,7 +91,6 @@ struct SplatJvp<B, T> : SplatJvp<ScalarBackend<std::remove_cvref_t<decltype(B::t
                                                    *canvas);
                 });
             });
-            return out;
         }
     }
 };

@@ -18,6 +18,8 @@ namespace rye {
 /// Of splat/jvp.hpp.
 template <class T, Distortion D>
 struct RasterTangents;
+template <class T, Outputs O>
+struct RasterJvp;
 template <class B, class T>
 struct SplatJvp;
 
@@ -125,16 +127,25 @@ struct Rasterizer {
         });
     }
 
-    /// The render and its derivative in the direction of the tangents, a RasterJvp. Needs
-    /// splat/jvp.hpp.
+    /// The render and its derivative in the direction of the tangents. Needs splat/jvp.hpp.
     template <Backend B, class T, Distortion D>
-    auto jvp(const B& backend, const Gaussians<T>& g, const RasterTangents<T, D>& tangents,
-             const Pinhole<T, D>& camera, const VecX<T>& background,
-             RasterScratch<T>* scratch = nullptr) const {
+    RasterJvp<T, A::outputs> jvp(const B& backend, const Gaussians<T>& g,
+                                 const RasterTangents<T, D>& tangents,
+                                 const Pinhole<T, D>& camera, const VecX<T>& background) const {
+        RasterJvp<T, A::outputs> out;
+        jvp_into(backend, g, tangents, camera, background, out);
+        return out;
+    }
+
+    /// As jvp, into the memory of an earlier result.
+    template <Backend B, class T, Distortion D>
+    void jvp_into(const B& backend, const Gaussians<T>& g, const RasterTangents<T, D>& tangents,
+                  const Pinhole<T, D>& camera, const VecX<T>& background,
+                  RasterJvp<T, A::outputs>& out, RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
         check(g, camera, background);
-        return SplatJvp<B, T>::run(*this, backend, g, tangents, camera, background,
-                                   scratch != nullptr ? *scratch : own);
+        SplatJvp<B, T>::run(*this, backend, g, tangents, camera, background, out,
+                            scratch != nullptr ? *scratch : own);
     }
 
   private:

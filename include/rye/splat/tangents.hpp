@@ -3,7 +3,7 @@
 /// in that direction.
 #pragma once
 
-#include <type_traits>
+#include <vector>
 
 #include <rye/autodiff/dual.hpp>
 #include <rye/splat/raster.hpp>
@@ -19,6 +19,12 @@ struct RasterTangents {
     const Pinhole<T, D>* camera = nullptr;
 };
 
+/// Tangents of a Splat's numbers, but the cut-off, which does not move.
+template <class T>
+struct SplatTangent {
+    T x, y, ux, vx, vy, log2_opacity, floor, depth;
+};
+
 /// A render and the derivative of its images.
 template <class T, Outputs O>
 struct RasterJvp {
@@ -26,6 +32,7 @@ struct RasterJvp {
     Columns<T> feature;      ///< C x pixels
     Columns<T> alpha;        ///< 1 x pixels
     Columns<T> depth;        ///< 1 x pixels, if the outputs have depth; else empty
+    std::vector<SplatTangent<T>> splats;  ///< of each visible Gaussian; lanes' alone
 };
 
 /// x with the derivative dx.

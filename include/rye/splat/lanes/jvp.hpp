@@ -10,12 +10,6 @@
 
 namespace rye {
 
-/// Tangents of a Splat's numbers, but the cut-off.
-template <class T>
-struct SplatTangent {
-    T x, y, ux, vx, vy, log2_opacity, floor, depth;
-};
-
 /// Tangents of the screen numbers of visible Gaussians [b, e).
 template <class V, class A>
 void project_tangents(const Gaussians<typename V::value_type>& g,
@@ -65,6 +59,7 @@ struct alignas(64) LaneEntryTangent {
     T exponent[Tile::sides][Tile::lanes];  ///< of the exponent = this - 2 v (tangent of v)
     T down[tile_edge];
     T floor, depth;
+    T colour[std::size_t(LaneEntry<V>::few)];
 };
 
 /// Memory of one thread's tiles.
@@ -73,9 +68,15 @@ struct LaneTangentCanvas : Workspaces::Space {
     using T = typename V::value_type;
     LaneGroup<V> group;
     LaneEntryTangent<V> tangent[std::size_t(LaneGroup<V>::usual)];
-    /// Of each strip: transmittance and its tangent, depth and its, and of each channel the sum and
-    /// its tangent; a vector each.
+    /// Of each strip: transmittance and its tangent, depth and its, and of each of a few channels the
+    /// sum and its tangent; a vector each.
     Lines<T> state;
+    // Of many channels: rows of sums and of their tangents, a pixel each; the group's features and
+    // their tangents; a strip's visits.
+    Lines<T> sums, sum_tangents, feature, feature_tangent;
+    alignas(64) T weight[std::size_t(LaneGroup<V>::usual)][V::size];
+    alignas(64) T weight_tangent[std::size_t(LaneGroup<V>::usual)][V::size];
+    std::uint8_t of[std::size_t(LaneGroup<V>::usual)];
 };
 
 /// What a walk for tangents reads besides the scene.
@@ -110,6 +111,22 @@ void share_tangent(const Splat<typename V::value_type>& s,
     });
 }
 
+/// sums(pixel, channels) += sum_j weight[j][pixel] feature(of[j], channels) for a strip's pixels.
+template <class V>
+void blend_many(const typename V::value_type (*weight)[V::size], const std::uint8_t* of, int visits,
+                const typename V::value_type* feature, Index stride,
+                typename V::value_type* sums) {
+    constexpr int lanes = static_cast<int>(V::size);
+    Index c = 0;
+    const auto blocks = [&]<int P>(std::integral_constant<int, P>) {
+        for (; c + P * lanes <= stride; c += P * lanes)
+            blend_channels<P, V>(weight, of, visits, feature + c, stride, sums + c);
+    };
+    blocks(std::integral_constant<int, 4>());
+    blocks(std::integral_constant<int, 2>());
+    blocks(std::integral_constant<int, 1>());
+}
+
 /// Draws a tile and its tangent. C few channels, or any number for C = 0.
 template <class V, int C, class A>
 void blend_tile_jvp_lanes(const Scene<typename V::value_type>& scene,
@@ -118,14 +135,34 @@ void blend_tile_jvp_lanes(const Scene<typename V::value_type>& scene,
                           LaneTangentCanvas<V>& canvas) {
     using T = typename V::value_type;
     using Tile = Strips<V>;
-    constexpr int lanes = Tile::lanes, most = LaneGroup<V>::usual, sums = 4;
-    const Index channels = C > 0 ? C : scene.feature.rows();
-    const Index vectors = sums + 2 * channels, stride = vectors * lanes;
+    constexpr int lanes = Tile::lanes, most = LaneGroup<V>::usual, own = 4;
+    constexpr Index stride = (own + 2 * C) * lanes;
+    const Index channels = C > 0 ? C : scene.feature.rows(), row_of = padded_channels<V>(channels);
+    if (scene.begin(tile) == scene.end(tile)) {
+        draw_background(scene, tile, tile + 1, out.value);
+        for (int y = scene.top(tile); y < scene.bottom(tile); ++y) {
+            const Index p = scene.pixel(scene.left(tile), y), n = scene.right(tile) - scene.left(tile);
+            std::fill_n(out.feature.data() + p * channels, n * channels, T(0));
+            std::fill_n(out.alpha.data() + p, n, T(0));
+            if constexpr (A::outputs.depth) std::fill_n(out.depth.data() + p, n, T(0));
+        }
+        return;
+    }
     const Tile strips(scene, tile);
     const LaneBlend<A, V> blend(accuracy);
     T* const state = canvas.state.reserve(Tile::count * stride);
     std::fill_n(state, Tile::count * stride, T(0));
     strips.start(all_strips, state, stride);
+    T *sums = nullptr, *sum_tangents = nullptr;
+    if constexpr (C == 0) {
+        const Index numbers = tile_pixels * row_of;
+        sums = canvas.sums.reserve(numbers);
+        sum_tangents = canvas.sum_tangents.reserve(numbers);
+        std::fill_n(sums, numbers, T(0));
+        std::fill_n(sum_tangents, numbers, T(0));
+        canvas.feature.reserve(most * row_of);
+        canvas.feature_tangent.reserve(most * row_of);
+    }
     const StripMask inside = strips.inside(all_strips);
     StripMask open = inside;
     const Index begin = scene.begin(tile), end = scene.end(tile);
@@ -134,18 +171,30 @@ void blend_tile_jvp_lanes(const Scene<typename V::value_type>& scene,
     while (k < end && !open.none()) {
         const Index next = std::min<Index>(end, k + most);
         fetch_ahead(scene, next, std::min<Index>(end, next + most));
-        canvas.group.template fill<0>(scene, strips, scene.top(tile), k, next);
-        for (Index n = k; n < next; ++n)
-            share_tangent<V>(scene.splat(n), moving.splats[scene.member_of(n)], moving, strips,
-                             canvas.tangent[n - k]);
+        fetch_features(scene, next, std::min<Index>(end, next + most));
+        canvas.group.template fill<C>(scene, strips, scene.top(tile), k, next);
+        for (Index n = k; n < next; ++n) {
+            LaneEntryTangent<V>& to = canvas.tangent[n - k];
+            share_tangent<V>(scene.splat(n), moving.splats[scene.member_of(n)], moving, strips, to);
+            const Index source = scene.member(n).source;
+            const T* const from =
+                moving.feature != nullptr ? moving.feature->data() + source * channels : nullptr;
+            if constexpr (C > 0) {
+                for (int i = 0; i < C; ++i) to.colour[i] = from != nullptr ? from[i] : T(0);
+            } else {
+                T* const row = canvas.feature_tangent.lines[0].x + (n - k) * row_of;
+                std::fill_n(row, row_of, T(0));
+                if (from != nullptr) std::copy_n(from, channels, row);
+            }
+        }
+        if constexpr (C == 0) copy_features<V>(scene, k, next, row_of, canvas.feature.lines[0].x);
         for (int strip = 0; strip < Tile::count; ++strip) {
             if (canvas.group.reaching[strip] == 0 || !open.has(strip)) continue;
             T* const at = state + strip * stride;
             const int side = Tile::side(strip), row = Tile::row(strip);
-            const auto vector = [&](Index i) { return V::load_aligned(at + i * lanes); };
-            V transmittance = vector(0), behind = vector(1), depth = vector(2), deep = vector(3);
-            std::array<V, std::size_t(2 * C + 1)> sum;
-            unrolled<2 * C>([&](auto i) { sum[i] = vector(sums + i); });
+            std::array<V, std::size_t(own + 2 * C)> sum;
+            unrolled<own + 2 * C>([&](auto i) { sum[i] = V::load_aligned(at + i * lanes); });
+            [[maybe_unused]] int visits = 0;
             for (std::uint64_t todo = canvas.group.reaching[strip]; todo != 0; todo &= todo - 1) {
                 const int n = std::countr_zero(todo);
                 const LaneEntry<V>& entry = canvas.group.entry[n];
@@ -153,66 +202,76 @@ void blend_tile_jvp_lanes(const Scene<typename V::value_type>& scene,
                 const auto across = [&](const auto& e) __attribute__((always_inline)) {
                     return V::load_aligned(e.v[side]) + repeat<Tile::high, V>(e.down + row);
                 };
-                const V v = across(entry), v_tangent = across(d);
+                const V v = across(entry);
                 const V x = less_square(V::load_aligned(entry.exponent[side]), v);
                 const V x_tangent =
-                    V::load_aligned(d.exponent[side]) - V(T(2)) * v * v_tangent;
+                    V::load_aligned(d.exponent[side]) - (v + v) * across(d);
                 const auto c =
-                    blend.take(blend.coverage(x, V(entry.cut), V(entry.floor)), transmittance);
-                const V weight = blend.take_jvp(c, x_tangent, V(d.floor), behind);
+                    blend.take(blend.coverage(x, V(entry.cut), V(entry.floor)), sum[0]);
+                const V weight = blend.take_jvp(c, x_tangent, V(d.floor), sum[1]);
                 if constexpr (A::outputs.depth) {
-                    depth = depth + c.weight * V(entry.depth);
-                    deep = deep + weight * V(entry.depth) + c.weight * V(d.depth);
+                    sum[2] = sum[2] + c.weight * V(entry.depth);
+                    sum[3] = sum[3] + (weight * V(entry.depth) + c.weight * V(d.depth));
                 }
-                const Index source = scene.member(k + n).source;
-                const T* const colour = scene.feature.data() + source * channels;
-                const T* const moved =
-                    moving.feature != nullptr ? moving.feature->data() + source * channels
-                                              : nullptr;
-                if constexpr (C > 0) {
-                    unrolled<C>([&](auto i) __attribute__((always_inline)) {
-                        const V f(colour[i]);
-                        sum[2 * i] = sum[2 * i] + c.weight * f;
-                        sum[2 * i + 1] = sum[2 * i + 1] + weight * f;
-                        if (moved != nullptr)
-                            sum[2 * i + 1] = sum[2 * i + 1] + c.weight * V(moved[i]);
-                    });
-                } else {
-                    for (Index i = 0; i < channels; ++i) {
-                        T* const s = at + (sums + 2 * i) * lanes;
-                        const V f(colour[i]), df(moved != nullptr ? moved[i] : T(0));
-                        (V::load_aligned(s) + c.weight * f).store_aligned(s);
-                        (V::load_aligned(s + lanes) + (weight * f + c.weight * df))
-                            .store_aligned(s + lanes);
-                    }
+                unrolled<C>([&](auto i) __attribute__((always_inline)) {
+                    const V f(entry.colour[i]);
+                    V& value = sum[own + 2 * i];
+                    V& tangent = sum[own + 2 * i + 1];
+                    value = value + c.weight * f;
+                    tangent = tangent + (weight * f + c.weight * V(d.colour[i]));
+                });
+                if constexpr (C == 0) {
+                    c.weight.store_aligned(canvas.weight[visits]);
+                    weight.store_aligned(canvas.weight_tangent[visits]);
+                    canvas.of[visits] = static_cast<std::uint8_t>(n);
+                    visits += any(c.weight > V(T(0))) ? 1 : 0;
                 }
             }
-            transmittance.store_aligned(at);
-            behind.store_aligned(at + lanes);
-            depth.store_aligned(at + 2 * lanes);
-            deep.store_aligned(at + 3 * lanes);
-            unrolled<2 * C>([&](auto i) { sum[i].store_aligned(at + (sums + i) * lanes); });
-            if (!blend.any_open(transmittance)) open.clear(strip);
+            unrolled<own + 2 * C>([&](auto i) { sum[i].store_aligned(at + i * lanes); });
+            if constexpr (C == 0) {
+                const T* const f = canvas.feature.lines[0].x;
+                T* const to = sum_tangents + strip * lanes * row_of;
+                blend_many<V>(canvas.weight, canvas.of, visits, f, row_of,
+                              sums + strip * lanes * row_of);
+                blend_many<V>(canvas.weight_tangent, canvas.of, visits, f, row_of, to);
+                if (moving.feature != nullptr)
+                    blend_many<V>(canvas.weight, canvas.of, visits,
+                                  canvas.feature_tangent.lines[0].x, row_of, to);
+            }
+            if (!blend.any_open(sum[0])) open.clear(strip);
         }
         k = next;
     }
     out.value.trace.used[static_cast<std::size_t>(tile)] = k - begin;
     for (int y = 0; y < strips.height; ++y)
         for (int x = 0; x < strips.width; ++x) {
-            const T* const at = state + Tile::strip(x, y) * stride + Tile::lane(x, y);
-            const auto number = [&](Index i) { return at[i * lanes]; };
+            const int strip = Tile::strip(x, y), lane = Tile::lane(x, y);
+            const T* const at = state + strip * stride + lane;
             const Index p = scene.pixel(scene.left(tile) + x, scene.top(tile) + y);
-            const T rest = std::abs(number(0));
-            out.value.alpha.pixels(0, p) = T(1) - rest;
-            out.alpha(0, p) = -number(1);
+            const T rest = std::abs(at[0]), rest_tangent = at[lanes];
+            out.value.alpha.pixels.data()[p] = T(1) - rest;
+            out.alpha.data()[p] = -rest_tangent;
             if constexpr (A::outputs.depth) {
-                out.value.depth.pixels(0, p) = number(2);
-                out.depth(0, p) = number(3);
+                out.value.depth.pixels.data()[p] = at[2 * lanes];
+                out.depth.data()[p] = at[3 * lanes];
             }
-            for (Index i = 0; i < channels; ++i) {
-                const T behind = scene.background[i];
-                out.value.feature.pixels(i, p) = number(sums + 2 * i) + rest * behind;
-                out.feature(i, p) = number(sums + 2 * i + 1) + number(1) * behind;
+            T* const to = out.value.feature.pixels.data() + p * channels;
+            T* const tangent = out.feature.data() + p * channels;
+            [[maybe_unused]] const Index many = (strip * lanes + lane) * row_of;
+            const T* const behind = scene.background.data();
+            Index i = 0;
+            if constexpr (C == 0)
+                for (; i + lanes <= channels; i += lanes) {
+                    const V b = V::load_unaligned(behind + i);
+                    (V::load_aligned(sums + many + i) + V(rest) * b).store_unaligned(to + i);
+                    (V::load_aligned(sum_tangents + many + i) + V(rest_tangent) * b)
+                        .store_unaligned(tangent + i);
+                }
+            for (; i < channels; ++i) {
+                const T value = C > 0 ? at[(own + 2 * i) * lanes] : sums[many + i];
+                const T slope = C > 0 ? at[(own + 2 * i + 1) * lanes] : sum_tangents[many + i];
+                to[i] = value + rest * behind[i];
+                tangent[i] = slope + rest_tangent * behind[i];
             }
         }
 }

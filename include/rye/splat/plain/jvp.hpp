@@ -8,10 +8,10 @@
 namespace rye {
 
 /// Rasterizer::jvp by plain loops. R: a Rasterizer<A>.
-template <class R, Backend B, class T, Distortion D>
-auto jvp_by_duals(const R& rasterizer, const B& backend, const Gaussians<T>& g,
+template <class R, Backend B, class T, Distortion D, Outputs O>
+void jvp_by_duals(const R& rasterizer, const B& backend, const Gaussians<T>& g,
                   const RasterTangents<T, D>& tangents, const Pinhole<T, D>& camera,
-                  const VecX<T>& background) {
+                  const VecX<T>& background, RasterJvp<T, O>& out) {
     using Number = Dual<T, 1>;
     Gaussians<Number> dual;
     const Gaussians<T> still;
@@ -26,8 +26,6 @@ auto jvp_by_duals(const R& rasterizer, const B& backend, const Gaussians<T>& g,
     const ScalarBackend plain{backend.threads};
     const auto raster = rasterizer.forward(plain, dual, dual_camera<T>(camera, tangents.camera),
                                            VecX<Number>(background.template cast<Number>()));
-    constexpr Outputs outputs = decltype(rasterizer.accuracy)::outputs;
-    RasterJvp<T, outputs> out;
     const auto split = [](const Image<Number>& x, Image<T>& value, Columns<T>& tangent) {
         value.width = x.width;
         value.height = x.height;
@@ -36,9 +34,8 @@ auto jvp_by_duals(const R& rasterizer, const B& backend, const Gaussians<T>& g,
     };
     split(raster.feature, out.value.feature, out.feature);
     split(raster.alpha, out.value.alpha, out.alpha);
-    if constexpr (outputs.depth) split(raster.depth, out.value.depth, out.depth);
-    if constexpr (outputs.contributor) out.value.contributor = raster.contributor;
-    return out;
+    if constexpr (O.depth) split(raster.depth, out.value.depth, out.depth);
+    if constexpr (O.contributor) out.value.contributor = raster.contributor;
 }
 
 } // namespace rye
