@@ -117,6 +117,29 @@ void backend(benchmark::State& state) {
 BENCHMARK(backend<ScalarBackend<Serial>>)->Iterations(1);
 BENCHMARK(backend<OneThread>)->Iterations(1);
 
+/// Forward mode: a render with its derivative along all Gaussians and the camera, by renders.
+void jvp(benchmark::State& state) {
+    Work<OneThread, HeadRules> work{
+        head_scene(state.range(0), static_cast<int>(state.range(1)))};
+    const HeadScene& s = work.scene;
+    const Gaussians<float> direction = s.gaussians;
+    const Pinhole<float> turn = s.camera;
+    const RasterTangents<float> along{&direction, &turn};
+    RasterJvp<float, HeadRules::outputs> out;
+    double forward = 1e30, both = 1e30;
+    for (auto _ : state)
+        for (int round = 0; round < 9; ++round) {
+            forward = std::min(forward, least_time(1, [&] { work.forward(); }));
+            both = std::min(both, least_time(1, [&] {
+                                work.rasterizer.jvp_into(work.backend, s.gaussians, along, s.camera,
+                                                         s.background, out, &work.scratch);
+                            }));
+        }
+    state.counters["forward_ms"] = 1e3 * forward;
+    state.counters["jvp_by_forward"] = both / forward;
+}
+BENCHMARK(jvp)->ArgNames({"n", "c"})->ArgsProduct({{20000, 100000}, {3, 32}})->Iterations(1);
+
 /// On the wall, one thread and `t` in the same rounds.
 void threads(benchmark::State& state) {
     ThreadPool pool(static_cast<int>(state.range(1)));

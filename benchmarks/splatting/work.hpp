@@ -6,7 +6,7 @@
 #include <benchmark/benchmark.h>
 
 #include <rye/core/thread_pool.hpp>
-#include <rye/splat/lanes.hpp>
+#include <rye/splat/jvp.hpp>
 
 #include "../roofline/machine.hpp"
 #include "../scenes/head_scene.hpp"

@@ -19,6 +19,7 @@
 #include <rye/rig/cornea.hpp>
 #include <rye/rig/eye_transform.hpp>
 #include <rye/rig/influence.hpp>
+#include <rye/splat/blend.hpp>
 #include <rye/splat/footprint.hpp>
 #include <rye/splat/ray_peak.hpp>
 
@@ -370,6 +371,43 @@ struct Splats {
         known.columns[0][1] = static_cast<std::uint16_t>(columns.end);
         out(known.first_row(), known.last_row() * int(known.known(camera.width)));
         out(int(known.columns[0][1]), tiles_across(rows.end));
+        return {in.at, out.at};
+    }
+};
+
+/// A Gaussian at a pixel: forward, in a direction, and back.
+template <class A>
+struct Blending {
+    static constexpr const char* name =
+        A::stop_rule == Stop::inclusive ? "blending, inclusive" : "blending, exclusive";
+    static constexpr int inputs = 14, outputs = 15;
+    static constexpr double ulps = 512;
+    static constexpr double apart = 0.01;    // reached or not, full or not
+
+    template <class S>
+    RYE_HD static Ends<S> evaluate(const S* x, S* y) {
+        Reader<S> in{x};
+        Writer<S> out{y};
+        const Blend<A, S, PixelGroup, Exp2Library> blend{A()};
+        const S u = in.number(-1, 1), v = in.number(-1, 1);
+        Splat<S> s;
+        s.log2_opacity = in.number(-4, 0);
+        s.cut = in.number(-8, -3);
+        s.floor = in.number(0, 0.01);
+        s.depth = in.number(1, 3);
+        const S exponent = less_square(less_square(s.log2_opacity, u), v);
+        S transmittance = in.number(0.01, 1), moved = in.number(-1, 1), behind = in.number(-1, 1);
+        const auto c = blend.take(blend.coverage(exponent, s.cut, s.floor), transmittance);
+        const S weight = blend.take_jvp(c, in.number(-1, 1), in.number(-0.01, 0.01), moved);
+        PixelCotangent<S> g;
+        g.colour = in.number(-1, 1);
+        g.alpha = in.number(-1, 1);
+        g.depth = in.number(-1, 1);
+        Array<S, 7> sum;
+        for (S& one : sum) one = S(0);
+        blend.take_vjp(c, u, v, s, g, behind, sum);
+        out(c.alpha, c.weight, transmittance, weight, moved, behind, sum);
+        out(bool(blend.open(transmittance)), s.cut);
         return {in.at, out.at};
     }
 };

@@ -146,9 +146,10 @@ TEST_CASE("jvp: equals central differences, along the Gaussians and along the ca
     };
     const Gaussians<double> v = direction(s, 7);
     const Pinhole<double> dc = camera_direction<double>(8);
-    for (const auto& [g, c] : {std::pair<const Gaussians<double>*, const Pinhole<double>*>(&v, nullptr),
-                               {nullptr, &dc},
-                               {&v, &dc}}) {
+    for (const auto& [g, c] :
+         {std::pair<const Gaussians<double>*, const Pinhole<double>*>(&v, nullptr),
+          {nullptr, &dc},
+          {&v, &dc}}) {
         const auto r = rasterizer.jvp(backend, s.gaussians, RasterTangents<double>{g, c}, s.camera,
                                       s.background);
         const auto above = moved(h, g, c), below = moved(-h, g, c);
@@ -163,12 +164,13 @@ TEST_CASE("jvp: equals central differences, along the Gaussians and along the ca
     }
 }
 
-TEST_CASE("jvp: the bits do not depend on the number of threads; a tangent of another shape is an error") {
+TEST_CASE("jvp: bits do not depend on threads; a tangent of another shape is an error") {
     const auto s = random_scene<float>(500, 3, 6);
     const Gaussians<float> v = direction(s, 7);
     const RasterTangents<float> along{&v, nullptr};
     const Rasterizer rasterizer;
-    const auto one = rasterizer.jvp(XsimdBackend{Serial{}}, s.gaussians, along, s.camera, s.background);
+    const auto one =
+        rasterizer.jvp(XsimdBackend{Serial{}}, s.gaussians, along, s.camera, s.background);
     const auto two = rasterizer.jvp(XsimdBackend{}, s.gaussians, along, s.camera, s.background);
     CHECK(one.feature == two.feature);
     const Gaussians<float> fewer(3, 3);

@@ -68,8 +68,8 @@ struct LaneTangentCanvas : Workspaces::Space {
     using T = typename V::value_type;
     LaneGroup<V> group;
     LaneEntryTangent<V> tangent[std::size_t(LaneGroup<V>::usual)];
-    /// Of each strip: transmittance and its tangent, depth and its, and of each of a few channels the
-    /// sum and its tangent; a vector each.
+    /// Of each strip: transmittance and its tangent, depth and its, and of each of a few channels
+    /// the sum and its tangent; a vector each.
     Lines<T> state;
     // Of many channels: rows of sums and of their tangents, a pixel each; the group's features and
     // their tangents; a strip's visits.
@@ -141,7 +141,8 @@ void blend_tile_jvp_lanes(const Scene<typename V::value_type>& scene,
     if (scene.begin(tile) == scene.end(tile)) {
         draw_background(scene, tile, tile + 1, out.value);
         for (int y = scene.top(tile); y < scene.bottom(tile); ++y) {
-            const Index p = scene.pixel(scene.left(tile), y), n = scene.right(tile) - scene.left(tile);
+            const Index p = scene.pixel(scene.left(tile), y),
+                        n = scene.right(tile) - scene.left(tile);
             std::fill_n(out.feature.data() + p * channels, n * channels, T(0));
             std::fill_n(out.alpha.data() + p, n, T(0));
             if constexpr (A::outputs.depth) std::fill_n(out.depth.data() + p, n, T(0));
