@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a frame costs that is kept up to date (avatar/frame_cache.hpp), as ratios to whole frames
+// What a frame costs that is kept up to date (interactive/frame_cache.hpp), as ratios to whole frames
 // timed in turns in the same run, on one thread; and the deformation stage by the share of points
 // that a driver moves. Every timed frame is compared with the whole one, bit by bit.
 #include <benchmark/benchmark.h>
@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <vector>
 
-#include <rye/avatar/frame_cache.hpp>
+#include <rye/interactive/frame_cache.hpp>
 
 #include "../roofline/machine.hpp"
 #include "subject.hpp"

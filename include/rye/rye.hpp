@@ -9,7 +9,6 @@
 #include <rye/autodiff/widen.hpp>
 #include <rye/avatar/activation.hpp>
 #include <rye/avatar/config.hpp>
-#include <rye/avatar/drive_cache.hpp>
 #include <rye/avatar/drivers.hpp>
 #include <rye/avatar/eye_kappa.hpp>
 #include <rye/avatar/eye_offset.hpp>
@@ -18,7 +17,6 @@
 #include <rye/avatar/face_networks.hpp>
 #include <rye/avatar/face_stream.hpp>
 #include <rye/avatar/field.hpp>
-#include <rye/avatar/frame_cache.hpp>
 #include <rye/avatar/frame_cotangent.hpp>
 #include <rye/avatar/guidance_mesh.hpp>
 #include <rye/avatar/head_pose.hpp>
@@ -28,6 +26,11 @@
 #include <rye/avatar/rest_pose.hpp>
 #include <rye/avatar/two_stream.hpp>
 #include <rye/avatar/weights.hpp>
+#include <rye/interactive/drive_cache.hpp>
+#include <rye/interactive/frame_cache.hpp>
+#include <rye/interactive/redraw.hpp>
+#include <rye/interactive/tile_changes.hpp>
+#include <rye/interactive/upsampler_cache.hpp>
 #include <rye/backend/backend.hpp>
 #include <rye/backend/lanes.hpp>
 #include <rye/backend/scalar.hpp>

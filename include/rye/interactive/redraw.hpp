@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/redraw.hpp: a render that is kept up to date. Gaussians that changed are projected
+/// rye/interactive/redraw.hpp: a render that is kept up to date. Gaussians that changed are projected
 /// again and binned into the lists of their tiles, and only tiles that their old or new footprints
 /// reach are blended again: of those that a few reach only the strips that these can change, and
 /// none whose pixels are full before the first change.
@@ -14,7 +14,7 @@
 
 #include <rye/core/region.hpp>
 #include <rye/splat/lanes.hpp>
-#include <rye/splat/tile_changes.hpp>
+#include <rye/interactive/tile_changes.hpp>
 
 namespace rye {
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/avatar/frame_cache.hpp: a frame that is kept up to date. What changed little is not computed
+/// rye/interactive/frame_cache.hpp: a frame that is kept up to date. What changed little is not computed
 /// twice: an update compares drivers, camera and background with the last ones, by bits, and does
-/// what they reach (avatar/drive_cache.hpp, splat/redraw.hpp, nn/upsampler_cache.hpp):
+/// what they reach (interactive/drive_cache.hpp, interactive/redraw.hpp, interactive/upsampler_cache.hpp):
 ///
 ///     changed             deformation      render                            super-resolution
 ///     nothing             none             none                              none
@@ -17,9 +17,9 @@
 
 #include <optional>
 
-#include <rye/avatar/drive_cache.hpp>
-#include <rye/nn/upsampler_cache.hpp>
-#include <rye/splat/redraw.hpp>
+#include <rye/interactive/drive_cache.hpp>
+#include <rye/interactive/upsampler_cache.hpp>
+#include <rye/interactive/redraw.hpp>
 
 namespace rye {
 

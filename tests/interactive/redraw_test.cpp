@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <rye/core/thread_pool.hpp>
-#include <rye/splat/redraw.hpp>
+#include <rye/interactive/redraw.hpp>
 
 #include <limits>
 #include <doctest/doctest.h>
 
 #include <rye/core/bits.hpp>
 
-#include "scenes.hpp"
+#include "../splat/scenes.hpp"
 
 using namespace rye;
 using namespace rye::test;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/upsampler_cache.hpp: super-resolution of an image that changes in a part. A 3 x 3
+/// rye/interactive/upsampler_cache.hpp: super-resolution of an image that changes in a part. A 3 x 3
 /// convolution passes a change on to the next pixel and no further, so only that part, grown by
 /// one pixel a layer, are convolved again, and every bit is that of upsampler_forward.
 /// That holds without InstanceNorm, whose mean and variance are of the whole image: one pixel

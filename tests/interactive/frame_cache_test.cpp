@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <rye/avatar/frame_cache.hpp>
+#include <rye/interactive/frame_cache.hpp>
 #include <rye/core/thread_pool.hpp>
 
 #include <limits>
