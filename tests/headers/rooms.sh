@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # rooms.sh EXAMPLES_DIR: a file of the trainer includes its own room and rooms before it in this
-# list, never one after it, and names the room; a synthetic capture takes of the data only how
+# list, never one after it, and names the room; a synthetic capture takes of the data only threads and how
 # pictures and JSON are read.
 set -eu
 cd "$1"
@@ -19,7 +19,7 @@ find synthetic_capture trainer -name '*.[ch]pp' | sort | xargs awk -v order="$or
         split($0, quoted, "\""); split(quoted[2], part, "/"); there = part[1]
         if (!(there in rank)) fault("no room in \"" quoted[2] "\"")
         else if (rank[there] > rank[here]) fault(here " may not include " there)
-        if (here == "synthetic_capture" && there == "data" && part[2] !~ /^(picture|json)\.hpp$/)
+        if (here == "synthetic_capture" && there == "data" && part[2] !~ /^(picture|json|threads)\.hpp$/)
             fault(here " may not include " quoted[2])
     }
     END { if (!bad) print files " files of the trainer include earlier rooms only"; exit bad }'

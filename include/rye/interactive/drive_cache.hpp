@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/interactive/drive_cache.hpp: the driven Gaussians of both streams, kept from frame to frame. Only
-/// networks whose driver changed are run, and only the points that it moves are added up again, in
-/// the order of face_gaussians: every bit is that of drive().
-/// Drivers are compared by bits, so no change is too small to count.
+/// rye/interactive/drive_cache.hpp: the driven Gaussians of both streams, kept from frame to frame.
+/// Only networks whose driver changed are run, and only the points that it moves are added up
+/// again, in the order of face_gaussians: every bit is that of drive(). Drivers are compared by
+/// bits, so no change is too small to count.
 ///
 ///     changed             networks                            Gaussians
 ///     nothing             none                                none

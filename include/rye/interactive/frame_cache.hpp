@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/interactive/frame_cache.hpp: a frame that is kept up to date. What changed little is not computed
-/// twice: an update compares drivers, camera and background with the last ones, by bits, and does
-/// what they reach (interactive/drive_cache.hpp, interactive/redraw.hpp, interactive/upsampler_cache.hpp):
+/// rye/interactive/frame_cache.hpp: a frame that is kept up to date. What changed little is not
+/// computed twice: an update compares drivers, camera and background with the last ones, by bits,
+/// and does what they reach (interactive/drive_cache.hpp, interactive/redraw.hpp,
+/// interactive/upsampler_cache.hpp):
 ///
 ///     changed             deformation      render                            super-resolution
 ///     nothing             none             none                              none

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/interactive/redraw.hpp: a render that is kept up to date. Gaussians that changed are projected
-/// again and binned into the lists of their tiles, and only tiles that their old or new footprints
-/// reach are blended again: of those that a few reach only the strips that these can change, and
-/// none whose pixels are full before the first change.
-/// Every list holds what Rasterizer::forward would put there, in its order, and its kernels read
-/// it: the images have its bits. Pixel units.
-/// Memory: one render's trace and scratch, a second copy of the lists, what changed once more.
+/// rye/interactive/redraw.hpp: a render that is kept up to date. Gaussians that changed are
+/// projected again and binned into the lists of their tiles, and only tiles that their old or new
+/// footprints reach are blended again: of those that a few reach only the strips that these can
+/// change, and none whose pixels are full before the first change. Every list holds what
+/// Rasterizer::forward would put there, in its order, and its kernels read it: the images have its
+/// bits. Pixel units. Memory: one render's trace and scratch, a second copy of the lists, what
+/// changed once more.
 #pragma once
 
 #include <span>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/interactive/tile_changes.hpp: how a tile's sorted list of entries follows when some Gaussians
-/// change: those leave it, and enter it again where they now belong.
+/// rye/interactive/tile_changes.hpp: how a tile's sorted list of entries follows when some
+/// Gaussians change: those leave it, and enter it again where they now belong.
 #pragma once
 
 #include <algorithm>

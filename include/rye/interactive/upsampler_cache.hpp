@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/interactive/upsampler_cache.hpp: super-resolution of an image that changes in a part. A 3 x 3
-/// convolution passes a change on to the next pixel and no further, so only that part, grown by
-/// one pixel a layer, are convolved again, and every bit is that of upsampler_forward.
-/// That holds without InstanceNorm, whose mean and variance are of the whole image: one pixel
-/// changes them all; and without doublings, whose weights depend on where in the image they are.
-/// With either the network runs whole (is_local says so).
-/// Memory: the output of every layer, and the picture.
+/// rye/interactive/upsampler_cache.hpp: super-resolution of an image that changes in a part. A 3 x
+/// 3 convolution passes a change on to the next pixel and no further, so only that part, grown by
+/// one pixel a layer, are convolved again, and every bit is that of upsampler_forward. That holds
+/// without InstanceNorm, whose mean and variance are of the whole image: one pixel changes them
+/// all; and without doublings, whose weights depend on where in the image they are. With either the
+/// network runs whole (is_local says so). Memory: the output of every layer, and the picture.
 #pragma once
 
 #include <vector>
