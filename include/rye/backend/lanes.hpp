@@ -29,11 +29,14 @@ using DefaultArch = xsimd::default_arch;
 
 /// The instruction set is a type, so units built for different ones do not collide.
 ///     XsimdBackend{}, XsimdBackend{Serial{}}, XsimdBackend{OpenMp{4}}
+/// Plain loops run for numbers that the instruction set has no vectors of, and on processors that
+/// xsimd does not know (WebAssembly without SIMD).
 template <class Arch = DefaultArch, Threads P = DefaultThreads>
 struct XsimdBackend {
     [[no_unique_address]] P threads{};
     using arch = Arch;
     template <Real T>
+        requires(xsimd::types::has_simd_register<T, Arch>::value)
     using batch = xsimd::batch<T, Arch>;
 };
 template <Threads P>
