@@ -287,7 +287,7 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
     g.opacity = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     const auto place = [&](Index first, EyeTransform<T>& eye) {
         const std::size_t at = first == 0 ? 0 : 1;
-        const Index& n = counts[at];
+        const Index n = counts[at];
         const Columns<T> points = eyes.position.middleCols(first, n);
         const Columns<T> rotations = eyes.rotation.middleCols(first, n);
         const Cornea<T> cornea = cornea_of(eyes.cornea, at);

@@ -127,12 +127,17 @@ void look_into_eye(const B& backend, const EyeOptics<T, E>& optics, std::size_t 
     const Vec3<T> camera = into_eye(placed, drivers.camera);
     const Index n = points.cols();
     trace.placed[eye] = placed;
-    Columns<T>& seen = trace.seen[eye] = points;
+    trace.seen[eye] = points;
+    // By pointers: blocks of matrices cost a few instructions a point more.
+    const T* const at = points.data();
+    T* const seen = trace.seen[eye].data();
+    const auto point = [](const T* p, Index i) { return Eigen::Map<const Vec3<T>>(p + 3 * i); };
     if constexpr (has_effect<E, CornealRefraction>) {
         const T index = optics.index(0, static_cast<Index>(eye));
         for_chunks(backend.threads, n, 256, [&](Index b, Index e, Index) {
             for (Index i = b; i < e; ++i)
-                seen.col(i) = seen_through<T>(cornea, index, camera, points.col(i));
+                Eigen::Map<Vec3<T>>(seen + 3 * i) =
+                    seen_through<T>(cornea, index, camera, point(at, i));
         });
     }
     if constexpr (has_effect<E, Glint>)
@@ -141,12 +146,14 @@ void look_into_eye(const B& backend, const EyeOptics<T, E>& optics, std::size_t 
             const Vec3<T> light = into_eye<T>(placed, optics.light_position.col(l));
             const MirrorImage<T> image = mirror_image(cornea, camera, light, width);
             if (!image.seen) continue;
-            for (Index i = 0; i < n; ++i) {
-                const Vec3<T> x = points.col(i);
+            const Index channels = optics.light_intensity.rows(), stride = feature.rows();
+            const T* const intensity = optics.light_intensity.data() + l * channels;
+            T* colour = feature.data() + first * stride;
+            for (Index i = 0; i < n; ++i, colour += stride) {
+                const Vec3<T> x = point(at, i);
                 if (!(dot(x, cornea.axis) > T(0))) continue;  // the eyeball's back
-                const T value = glint_at<T>(image, camera, seen.col(i), width);
-                for (Index c = 0; c < optics.light_intensity.rows(); ++c)
-                    feature(c, first + i) += optics.light_intensity(c, l) * value;
+                const T value = glint_at<T>(image, camera, point(seen, i), width);
+                for (Index c = 0; c < channels; ++c) colour[c] += intensity[c] * value;
             }
         }
 }
