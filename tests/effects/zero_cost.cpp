@@ -294,10 +294,16 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
         const Vec3<T> camera = into_eye(eye, drivers.camera);
         t.placed[at] = eye;
         Columns<T>& seen = t.seen[at] = points;
+        [[maybe_unused]] const T* const from = points.data();
+        [[maybe_unused]] T* const to = seen.data();
+        [[maybe_unused]] const auto point = [](const T* p, Index i) {
+            return Eigen::Map<const Vec3<T>>(p + 3 * i);
+        };
 #if !WITHOUT_CORNEAL_REFRACTION
         const T index = eyes.index(0, Index(at));
         for (Index i = 0; i < n; ++i)
-            seen.col(i) = seen_through<T>(cornea, index, camera, points.col(i));
+            Eigen::Map<Vec3<T>>(to + 3 * i) =
+                seen_through<T>(cornea, index, camera, point(from, i));
 #endif
 #if !WITHOUT_GLINT
         for (Index l = 0; l < eyes.light_width.cols(); ++l) {
@@ -305,12 +311,14 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
             const Vec3<T> light = into_eye<T>(eye, eyes.light_position.col(l));
             const MirrorImage<T> image = mirror_image(cornea, camera, light, width);
             if (!image.seen) continue;
-            for (Index i = 0; i < n; ++i) {
-                const Vec3<T> x = points.col(i);
+            const Index channels = eyes.light_intensity.rows(), stride = g.feature.rows();
+            const T* const intensity = eyes.light_intensity.data() + l * channels;
+            T* colour = g.feature.data() + first * stride;
+            for (Index i = 0; i < n; ++i, colour += stride) {
+                const Vec3<T> x = point(from, i);
                 if (!(dot(x, cornea.axis) > T(0))) continue;
-                const T value = glint_at<T>(image, camera, seen.col(i), width);
-                for (Index c = 0; c < eyes.light_intensity.rows(); ++c)
-                    g.feature(c, first + i) += eyes.light_intensity(c, l) * value;
+                const T value = glint_at<T>(image, camera, point(to, i), width);
+                for (Index c = 0; c < channels; ++c) colour[c] += intensity[c] * value;
             }
         }
 #endif
