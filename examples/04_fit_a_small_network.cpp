@@ -17,7 +17,7 @@ int main() {
     const Index n = 1024;
     const Random random{.seed = 7};
 
-    // What is to be learned: a wave over the square, seen at n points.
+    // The function to learn: a wave over the square, seen at n points.
     Columns<float> points(2, n), target(1, n);
     for (Index i = 0; i < n; ++i) {
         const auto k = static_cast<std::uint64_t>(i);

@@ -15,7 +15,7 @@ namespace {
 
 constexpr double degree = std::numbers::pi / 180;
 
-/// Where the rays start; below `lowest` the start slides down the neck instead of turning further.
+/// Start of the rays; below `lowest` the start slides down the neck instead of turning further.
 const Vec3<double> middle(0, 0.30, 0.10);
 const Vec3<double> down_the_neck(0, -1, -0.16);
 constexpr double lowest_deg = -52;
@@ -88,7 +88,7 @@ double root(double row_deg, const F& height) {
     return 0.5 * (low + high);
 }
 
-/// How far rows bend, so that one passes along a line between two longitudes.
+/// Bend of the rows, so that one passes along a line between two longitudes.
 struct Bend {
     double row_deg = 0, first_deg = 0, last_deg = 0;
     std::vector<double> shift_deg; // at steps of 1 degree from first to last

@@ -10,7 +10,7 @@
 
 namespace rye::trainer {
 
-/// How far the lids' margins stand from the line where they meet, at their highest points [rad].
+/// Distance of the lids' margins from the line where they meet, at their highest points [rad].
 struct LidState {
     double upper = 0; ///< upwards
     double lower = 0; ///< upwards, so negative where open

@@ -40,7 +40,7 @@ struct EyeballMesh {
 };
 EyeballMesh eyeball_mesh(const Eyeball& eye);
 
-/// What covers a face of the mesh.
+/// Material of a face of the mesh.
 enum class Part : std::uint8_t {
     skin,
     mouth,

@@ -72,7 +72,7 @@ std::vector<Beam> beams() {
     return list;
 }
 
-/// What of a softbox a mirror in direction d shows, soft at the rim.
+/// Share of a softbox that a mirror in direction d shows, soft at the rim.
 double mirrored(const Softbox& s, const V3& d) {
     const double z = d.dot(s.to);
     if (z <= 0) return 0;

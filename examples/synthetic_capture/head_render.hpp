@@ -16,7 +16,7 @@
 
 namespace rye::trainer {
 
-/// What a head does in one frame.
+/// State of a head in one frame.
 struct HeadState {
     VecX<double> expression;             ///< weights in [0, 1]
     VecX<double> lids;                   ///< lid_coefficients of the gaze

@@ -13,7 +13,7 @@
 
 namespace rye::trainer {
 
-/// How this subject differs from the mean head; every field is near 0, in head units.
+/// Differences of this subject from the mean head; every field is near 0, in head units.
 struct HeadShape {
     double width = 0; ///< of the skull
     double jaw_width = 0;

@@ -1,8 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # rooms.sh EXAMPLES_DIR: a file of the trainer includes its own room and rooms before it in this
-# list, never one after it, and names the room; a synthetic capture takes of the data only threads and how
-# pictures and JSON are read.
+# list, never one after it, and names the room; a synthetic capture takes of the data only threads
+# and how pictures and JSON are read.
 set -eu
 cd "$1"
 order="data synthetic_capture training commands"

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/core/thread_pool.hpp: threads of the standard library that sleep while they wait. Another
-/// busy program on the machine costs its share of the processors and no more. Needs no OpenMP.
+/// busy program on the machine costs its share of the processors and no more. Needs no OpenMP;
+/// programs link the platform's threads.
 ///     rye::ThreadPool pool(4);
 ///     const rye::XsimdBackend backend{pool.threads()};
 #pragma once
