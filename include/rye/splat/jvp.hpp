@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/jvp.hpp: forward mode of the rasterizer: a render with its derivative in one direction
-/// of the Gaussians, the camera, or both, at the price of two to two and
-/// a half renders.
+/// of the Gaussians, the camera, or both, at the price of two to two and a half renders.
 ///     RasterTangents<float> direction{.gaussians = &dg, .camera = &dcamera};
 ///     const auto r = rasterizer.jvp(backend, g, direction, camera, background);
 ///     r.value.feature.pixels, r.feature                        // the picture and its derivative
