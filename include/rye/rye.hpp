@@ -59,6 +59,7 @@
 #include <rye/gaussian/ply_header.hpp>
 #include <rye/gaussian/project.hpp>
 #include <rye/gaussian/sh_color.hpp>
+#include <rye/gaussian/view.hpp>
 #include <rye/geometry/camera.hpp>
 #include <rye/geometry/distortion.hpp>
 #include <rye/geometry/marching_tets.hpp>
