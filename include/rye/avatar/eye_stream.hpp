@@ -113,23 +113,21 @@ void place_eye(const EyeStream<T, E>& eyes, Index eye, const EyeTransform<T>& pl
     g.rotation.middleCols(begin, n) = eye_rotations<T>(placed, rotations);
 }
 
-/// The eyeballs in the world. The drivers' gazes are optical axes; `head` is the HeadTransform of
-/// an avatar that has one.
+/// Writes the eyeballs, in the world, into P columns of `g` from `begin` on. The drivers' gazes are
+/// optical axes; `head` is the HeadTransform of an avatar that has one.
 template <class T, EffectSet E, Backend B, class... Head>
     requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
-Gaussians<T> eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
-                           const AvatarConfig& config, const Drivers<T, E>& drivers,
-                           const FrameCode<T, E>& code, EyeTrace<T, E>& trace,
-                           const Head&... head) {
+void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& config,
+                   const Drivers<T, E>& drivers, const FrameCode<T, E>& code,
+                   EyeTrace<T, E>& trace, Gaussians<T>& g, Index begin, const Head&... head) {
     Columns<T> centre = eyes.centre;
     if constexpr (has_effect<E, EyeOffset>)
         centre += eye_offset<T>(backend, eyes.offset, config, code, trace.offset);
-    Gaussians<T> g;
-    g.feature = eyes.feature;
-    g.mean.resize(3, eyes.position.cols());
-    g.rotation.resize(4, eyes.position.cols());
-    g.scale = eye_scales(eyes, head.scale...);
-    g.opacity = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
+    const Index all = eyes.position.cols();
+    g.feature.middleCols(begin, all) = eyes.feature;
+    g.scale.middleCols(begin, all) = eye_scales(eyes, head.scale...);
+    g.opacity.middleCols(begin, all) =
+        eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     for_eyes([&]<std::size_t eye>() {
         constexpr Index e = static_cast<Index>(eye);
         EyeTransform<T> placed = eye_at<T>(centre.col(e));
@@ -145,44 +143,46 @@ Gaussians<T> eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
         if constexpr (has_effect<E, SeesCornea>) {
             const Index n = eyes.points_of(e);
             const Columns<T> points = eyes.position.middleCols(first, n);
-            look_into_eye(backend, eyes.optics, eye, drivers, placed, points, first, trace.optics,
-                          g.feature);
-            g.mean.middleCols(first, n) = eye_points<T>(placed, trace.optics.seen[eye]);
+            look_into_eye(backend, eyes.optics, eye, drivers, placed, points, begin + first,
+                          trace.optics, g.feature);
+            g.mean.middleCols(begin + first, n) = eye_points<T>(placed, trace.optics.seen[eye]);
             const Columns<T> rotations = eyes.rotation.middleCols(first, n);
-            g.rotation.middleCols(first, n) = eye_rotations<T>(placed, rotations);
+            g.rotation.middleCols(begin + first, n) = eye_rotations<T>(placed, rotations);
         } else {
-            place_eye(eyes, e, placed, first, g);
+            place_eye(eyes, e, placed, begin + first, g);
         }
     });
-    return g;
 }
 
 /// Accumulates parameter gradients from cotangents of the head-frame eyeballs, which to_world_vjp
-/// gives; `world` is what eye_gaussians returned, `drivers` those of the frame, gazes as they came.
+/// gives, columns of `g` from `begin` on; `world` is the cloud that eye_gaussians wrote to, `drivers`
+/// those of the frame, gazes as they came.
 /// g_frame.gaze holds the cotangents of the gaze codes when it is called, g_frame.optics what
 /// eye_optics_vjp gave.
 template <class T, EffectSet E, Backend B, class... Head>
     requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
 void eye_vjp(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& config,
              [[maybe_unused]] const Drivers<T, E>& drivers, const EyeTrace<T, E>& trace,
-             const Gaussians<T>& world, const Gaussians<T>& g, EyeStream<T, E>& grad,
+             const Gaussians<T>& world, const Gaussians<T>& g, Index begin, EyeStream<T, E>& grad,
              FrameCotangent<T, E>& g_frame, const Head&... head) {
-    grad.feature += g.feature;
+    const Index all = eyes.position.cols();
+    const auto of_eyes = [&](const Columns<T>& a) { return a.middleCols(begin, all); };
+    grad.feature += of_eyes(g.feature);
     if constexpr (has_effect<E, HeadPose>)
-        grad.log_scale += g.scale.cwiseProduct(world.scale) / (head.scale, ...);
+        grad.log_scale += of_eyes(g.scale).cwiseProduct(of_eyes(world.scale)) / (head.scale, ...);
     else
-        grad.log_scale += g.scale.cwiseProduct(world.scale);
-    grad.opacity_logit += g.opacity.cwiseProduct(
-        world.opacity.unaryExpr([](const T& a) { return T(a * (T(1) - a)); }));
+        grad.log_scale += of_eyes(g.scale).cwiseProduct(of_eyes(world.scale));
+    grad.opacity_logit += of_eyes(g.opacity).cwiseProduct(
+        of_eyes(world.opacity).unaryExpr([](const T& a) { return T(a * (T(1) - a)); }));
     for_eyes([&]<std::size_t eye>() {
         constexpr Index e = static_cast<Index>(eye);
         const Index first = eyes.first_point(e), end = first + eyes.points_of(e);
         for (Index i = first; i < end; ++i) {
             if constexpr (eye_turns<E, eye>)
                 grad.rotation.col(i) +=
-                    quat_product_vjp_right<T>(of_eye<eye>(trace.turn), g.rotation.col(i));
+                    quat_product_vjp_right<T>(of_eye<eye>(trace.turn), g.rotation.col(begin + i));
             else
-                grad.rotation.col(i) += g.rotation.col(i);
+                grad.rotation.col(i) += g.rotation.col(begin + i);
         }
     });
     if constexpr (has_effect<E, Kappa>)
@@ -192,8 +192,8 @@ void eye_vjp(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& 
                 const Index first = eyes.first_point(e), n = eyes.points_of(e);
                 const auto turned = [&](const Columns<T>& points) {
                     return turn_cotangent<T>(points, eyes.rotation.middleCols(first, n),
-                                             g.mean.middleCols(first, n),
-                                             g.rotation.middleCols(first, n));
+                                             g.mean.middleCols(begin + first, n),
+                                             g.rotation.middleCols(begin + first, n));
                 };
                 TurnCotangent<T> g_turn;
                 if constexpr (has_effect<E, SeesCornea>) {
@@ -211,7 +211,7 @@ void eye_vjp(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& 
         Columns<T> g_offset = Columns<T>::Zero(3, 2);
         for (Index e = 0; e < 2; ++e) {
             const Index first = eyes.first_point(e), end = first + eyes.points_of(e);
-            for (Index i = first; i < end; ++i) g_offset.col(e) += g.mean.col(i);
+            for (Index i = first; i < end; ++i) g_offset.col(e) += g.mean.col(begin + i);
         }
         if constexpr (has_effect<E, SeesCornea>) g_offset += g_frame.optics.centre;
         eye_offset_vjp<T>(backend, eyes.offset, config, trace.offset, g_offset, grad.offset,

@@ -121,7 +121,7 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
     if constexpr (has_effect<E, CornealRefraction> && !has_effect<Fewer, CornealRefraction>)
         a.eyes.position << trace.eyes.optics.seen[0], trace.eyes.optics.seen[1];
     if constexpr (has_effect<E, Glint> && !has_effect<Fewer, Glint>)
-        a.eyes.feature = trace.world_eyes.feature;
+        a.eyes.feature = trace.gaussians.feature.rightCols(a.eyes.position.cols());
     const Drivers<T, E>& optical = optical_drivers(all.eyes, drivers);
     for_eyes([&]<std::size_t eye>() {
         if constexpr (eye_turns<E, eye> && !eye_turns<Fewer, eye>) {

@@ -86,4 +86,33 @@ GaussianView<T> view_of(const Gaussians<T>& g) {
     return g;
 }
 
+/// A cloud of its own.
+template <class T>
+Gaussians<T> copy_of(const GaussianView<T>& v) {
+    Gaussians<T> g(v.count(), v.channels());
+    std::copy_n(v.mean, g.mean.size(), g.mean.data());
+    std::copy_n(v.rotation, g.rotation.size(), g.rotation.data());
+    std::copy_n(v.scale, g.scale.size(), g.scale.data());
+    std::copy_n(v.opacity, g.opacity.size(), g.opacity.data());
+    for (Index i = 0; i < v.count(); ++i)
+        std::copy_n(v.feature_of(i), v.channels(), g.feature.data() + i * v.channels());
+    return g;
+}
+
+/// Columns of Gaussians to read and write, wherever they lie. Copies nothing; the shapes stay.
+template <class T>
+struct GaussianSpan {
+    ColumnsSpan<T> mean, rotation, scale, opacity, feature;
+
+    Index count() const { return mean.cols(); }
+    Index channels() const { return feature.rows(); }
+};
+
+/// The first n columns.
+template <class T>
+GaussianSpan<T> first_columns(Gaussians<T>& g, Index n) {
+    return {g.mean.leftCols(n), g.rotation.leftCols(n), g.scale.leftCols(n), g.opacity.leftCols(n),
+            g.feature.leftCols(n)};
+}
+
 } // namespace rye

@@ -122,7 +122,7 @@ struct Rasterizer {
         for_tiles(backend, trace.lists.tiles(), [&](Index b, Index e) {
             SplatKernels<B, T>::blend_vjp(scene, accuracy, cotangent, {b, e}, s);
         });
-        shape_gradient(out, g.count(), g.channels());
+        out.resize(g.count(), g.channels());
         for_chunks(backend.threads, g.count(), 1024, [&](Index b, Index e, Index) {
             SplatKernels<B, T>::project_vjp(g, camera, accuracy, trace, {b, e}, s, out);
         });
@@ -219,15 +219,6 @@ struct Rasterizer {
                             std::to_string(lists.begin[t + 1] - lists.begin[t]) +
                             " Gaussians in one tile, expected at most " + std::to_string(most) +
                             " where contributors are drawn");
-    }
-
-    template <class T>
-    static void shape_gradient(Gaussians<T>& out, Index count, Index channels) {
-        out.mean.resize(3, count);
-        out.rotation.resize(4, count);
-        out.scale.resize(3, count);
-        out.opacity.resize(1, count);
-        out.feature.resize(channels, count);
     }
 
     template <class X, class T, Distortion D>
