@@ -8,7 +8,7 @@
 /// Source: Radl et al., "StopThePop", 2024.
 #pragma once
 
-#include <rye/gaussian/gaussians.hpp>
+#include <rye/gaussian/view.hpp>
 #include <rye/gaussian/project.hpp>
 
 namespace rye {
@@ -52,7 +52,8 @@ RYE_HD RayPeak<R> ray_peak(const Shape<R>& g, const Rigid<R>& pose, R fx, R fy) 
 
 /// Of Gaussian i; of duals, their values.
 template <class T>
-RayPeak<real_t<T>> ray_peak(const GaussianView<T>& g, const Pinhole<T>& camera, Index i) {
+RayPeak<real_t<T>> ray_peak(const std::type_identity_t<GaussianView<T>>& g,
+                            const Pinhole<T>& camera, Index i) {
     using R = real_t<T>;
     const auto value = [](const T& x) { return static_cast<R>(value_of(x)); };
     Rigid<R> pose;

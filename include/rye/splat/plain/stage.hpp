@@ -3,6 +3,7 @@
 /// project and cull before the pixel walks; after them, pull the gradients back to the world.
 #pragma once
 
+#include <type_traits>
 #include <vector>
 
 #include <rye/splat/stage.hpp>
@@ -46,8 +47,8 @@ void store_shape(const Shape<T>& s, Gaussians<T>& g, Index i) {
 
 /// Fills candidate and state of Gaussians [b, e); one at a time, for any scalar.
 template <class A, class T, Distortion D>
-void project_range(const GaussianView<T>& g, const Pinhole<T, D>& camera, const A& accuracy, Index b,
-                   Index e, RasterScratch<T>& scratch) {
+void project_range(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
+                   const A& accuracy, Index b, Index e, RasterScratch<T>& scratch) {
     const Projector<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
     const bool look = accuracy.non_finite != NonFinite::trust;
     for (Index i = b; i < e; ++i) {
@@ -75,7 +76,7 @@ void project_range(const GaussianView<T>& g, const Pinhole<T, D>& camera, const 
 
 /// Gradients of Gaussians [b, e), from slots to world.
 template <class A, class T, Distortion D>
-void project_vjp_range(const GaussianView<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
+void project_vjp_range(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera, const A& accuracy,
                        const RasterTrace<T>& trace, const PartialGradients<T>& slots, Index b,
                        Index e, Gaussians<T>& out) {
     const Projector<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
