@@ -99,11 +99,14 @@
 #include <rye/rig/effect_names.hpp>
 #include <rye/rig/effect_slots.hpp>
 #include <rye/rig/effects.hpp>
+#include <rye/rig/eye_appearance.hpp>
 #include <rye/rig/eye_transform.hpp>
 #include <rye/rig/eyeball.hpp>
 #include <rye/rig/gaze.hpp>
+#include <rye/rig/gaze_mechanism.hpp>
 #include <rye/rig/influence.hpp>
 #include <rye/rig/nearest_landmark.hpp>
+#include <rye/rig/parts.hpp>
 #include <rye/splat/accuracy.hpp>
 #include <rye/splat/blend.hpp>
 #include <rye/splat/falloff.hpp>

@@ -18,7 +18,7 @@ namespace {
 
 Random seed_of(const TrainState& state) { return {state.config.seed, 0}; }
 
-EyeballTemplate<float> eyeball_of(const Subject& s, const TrainConfig& config, std::size_t eye) {
+TrainEyeball eyeball_of(const Subject& s, const TrainConfig& config, std::size_t eye) {
     TrainEyeball shape = eyeball_shape({s.eye_radius[eye], s.limbus_radius[eye], s.iris_plane[eye]});
     // Rings whose points lie half as far apart on the iris as on the sclera: where a coarse sclera
     // met a fine iris, its large Gaussians would reach over the iris of an eye that looks aside.
@@ -31,7 +31,7 @@ EyeballTemplate<float> eyeball_of(const Subject& s, const TrainConfig& config, s
     shape.iris_rings = rings(shape.iris_rings);
     shape.sclera_rings = rings(shape.sclera_rings);
     shape.back_rings = rings(shape.back_rings);
-    return eyeball_template<float>(shape);
+    return shape;
 }
 
 template <class P>

@@ -14,7 +14,7 @@
 namespace rye {
 
 template <class T, EffectSet E = PaperEffects>
-struct FaceStream : AttributeFields<Mlp<T>, E> {
+struct FaceStream : AttributeFields<NetworkOf<T, E>, E> {
     Columns<T> position;       ///< X_0, 3 x N
     [[no_unique_address]] Slot<E, FaceDrivers, Columns<T>> feature; ///< F_0 before tanh, F x N
     Columns<T> log_scale;      ///< 3 x N
@@ -40,9 +40,9 @@ struct FaceStream : AttributeFields<Mlp<T>, E> {
         f("opacity", p.opacity_logit...);
         FaceNetworks<T, E>::fields(f, p.networks...);
         if constexpr (has_effect<E, Expression>)
-            nested_fields<Mlp<T>>("exp_attributes_mlp", f, p.exp_attributes...);
+            nested_fields<NetworkOf<T, E>>("exp_attributes_mlp", f, p.exp_attributes...);
         if constexpr (has_effect<E, PoseResidual>)
-            nested_fields<Mlp<T>>("pose_attributes_mlp", f, p.pose_attributes...);
+            nested_fields<NetworkOf<T, E>>("pose_attributes_mlp", f, p.pose_attributes...);
         if constexpr (face_rests<E>) f("rest_color", p.rest_color...);
     }
     template <class F, class... P>
@@ -98,7 +98,7 @@ void face_gaussians(const B& backend, const FaceStream<T, E>& face, const Avatar
     const FaceNetworks<T, E>& nets = face.networks;
     const Weights<T, E>& w = trace.weights;
     if constexpr (has_effect<E, FaceDrivers>) {
-        encode_points(backend, face.seen(), config.frequencies, trace.code);
+        encode_points<EncodingOf<E>>(backend, face.seen(), config.frequencies, trace.code);
         tanh_into(backend, face.feature, trace.feature);
         trace.weights =
             face_weights<T>(backend, config, face.seen(), face.landmarks, roles, trace.nearest);
@@ -179,7 +179,8 @@ void face_vjp(const B& backend, const FaceStream<T, E>& face, const AvatarConfig
                       {&by.attribute(grad), &g_feature, &by.influence(g_w), g_frame.of(by)});
         });
         if (&face.seen() == &face.position) {  // an anchor is fixed
-            encode_points_vjp(backend, trace.code, g_code, config.frequencies, grad.position);
+            encode_points_vjp<EncodingOf<E>>(backend, trace.code, g_code, config.frequencies,
+                                             grad.position);
             face_weights_vjp<T>(backend, config, face.position, face.landmarks, trace.nearest, g_w,
                                 grad.position, nullptr);
         }

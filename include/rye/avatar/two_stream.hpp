@@ -7,7 +7,6 @@
 #include <rye/avatar/eye_stream.hpp>
 #include <rye/avatar/face_stream.hpp>
 #include <rye/avatar/own_effects.hpp>
-#include <rye/nn/upsampler.hpp>
 
 namespace rye {
 
@@ -15,7 +14,7 @@ template <class T, EffectSet E = PaperEffects>
 struct TwoStream : OwnParameters<T, E> {
     FaceStream<T, E> face;
     EyeStream<T, E> eyes;
-    Upsampler<T> upsampler;
+    UpsamplerOf<T, E> upsampler;
     /// 6 x training frames, added to the tracked pose.
     [[no_unique_address]] Slot<E, ReadsHeadPose, Columns<T>> delta_pose;
 
@@ -24,7 +23,7 @@ struct TwoStream : OwnParameters<T, E> {
         if constexpr (has_own_effects<E>) OwnParameters<T, E>::fields(f, p...);
         nested_fields<FaceStream<T, E>>("face", f, p.face...);
         nested_fields<EyeStream<T, E>>("eyes", f, p.eyes...);
-        nested_fields<Upsampler<T>>("upsampler", f, p.upsampler...);
+        nested_fields<UpsamplerOf<T, E>>("upsampler", f, p.upsampler...);
         if constexpr (has_effect<E, ReadsHeadPose>) f("delta_poses", p.delta_pose...);
     }
     template <class F, class... P>
@@ -109,8 +108,8 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar, const Avata
                                   trace.own, first_columns(g, n), grad);
         face_vjp(backend, avatar.face, config, trace.code, trace.face, driven(), g, grad.face,
                  g_frame);
-        eye_vjp(backend, avatar.eyes, config, drivers, trace.eyes, trace.gaussians, g, n,
-                grad.eyes, g_frame, head...);
+        eye_vjp(backend, avatar.eyes, config, drivers, trace.code, trace.eyes, trace.gaussians, g,
+                n, grad.eyes, g_frame, head...);
     };
     if constexpr (has_effect<E, HeadPose>) {
         HeadTransformGradient<T> g_head =
@@ -126,7 +125,7 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar, const Avata
     }
     if constexpr (has_effect<E, ReadsPoseCode>)
         g_pose +=
-            positional_encoding_vjp(trace.code.pose, g_frame.pose, config.pose_frequencies);
+            EncodingOf<E>::vjp(trace.code.pose, g_frame.pose, config.pose_frequencies);
     return g_pose;
 }
 

@@ -8,8 +8,10 @@
 /// Source: Radl et al., "StopThePop", 2024.
 #pragma once
 
-#include <rye/gaussian/view.hpp>
+#include <type_traits>
+
 #include <rye/gaussian/project.hpp>
+#include <rye/gaussian/view.hpp>
 
 namespace rye {
 

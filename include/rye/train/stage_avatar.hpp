@@ -27,14 +27,14 @@ struct AvatarLosses {
 };
 
 /// The pictures of a step and the cotangents of its losses.
-template <class T>
+template <class T, class U = Upsampler<T>>
 struct AvatarPictures {
     Raster<T, features_only> final;  ///< feature render
     Raster<T, features_only> face;   ///< RGB of the face alone
     Raster<T, features_only> eyes;   ///< of the eyes alone: RGB, features if sample.eyes_high
     Image<T> scaled;              ///< ... after the sample's random scale, if it has one
     Image<T> high, eyes_high;     ///< after super-resolution
-    UpsamplerTrace<T> high_trace, eyes_high_trace;
+    typename U::Trace high_trace, eyes_high_trace;
     Columns<T> g_high, g_eyes_high;                ///< weighted cotangents of the RGB images
     Columns<T> g_final, g_face, g_eyes;            ///< ... and of the feature renders
     RasterScratch<T> scratch;                      ///< memory that the renders share
@@ -97,7 +97,8 @@ Gaussians<T> held_still(const Gaussians<T>& g, ColumnRange range) {
 
 /// Colours of the face before the blank: with blank_eyeballs also the eyeballs, in one colour.
 template <class T, EffectSet E>
-GaussianView<T> blank_view(const TwoStreamTrace<T, E>& trace, const AvatarPictures<T>& p) {
+GaussianView<T> blank_view(const TwoStreamTrace<T, E>& trace,
+                            const AvatarPictures<T, UpsamplerOf<T, E>>& p) {
     const Gaussians<T>& g = Real<T> || !p.blank_eyeballs ? trace.gaussians : p.still;
     const GaussianView<T> all = view_of(g).first_channels(3);
     return p.blank_eyeballs ? all.painted_from(trace.face_count, p.blank)
@@ -106,7 +107,8 @@ GaussianView<T> blank_view(const TwoStreamTrace<T, E>& trace, const AvatarPictur
 
 /// The eyes alone, with the channels of their background.
 template <class T, EffectSet E>
-GaussianView<T> eye_view(const TwoStreamTrace<T, E>& trace, const AvatarPictures<T>& p) {
+GaussianView<T> eye_view(const TwoStreamTrace<T, E>& trace,
+                            const AvatarPictures<T, UpsamplerOf<T, E>>& p) {
     return trace.eye_gaussians().first_channels(p.behind_eyes.size());
 }
 
@@ -182,7 +184,8 @@ FaceTarget<T> blank_eyeball_target(const B& backend, const AvatarSample<T, E>& s
 
 /// What super-resolution reads.
 template <class T, EffectSet E>
-const Image<T>& features_shown(const AvatarSample<T, E>& sample, const AvatarPictures<T>& p) {
+const Image<T>& features_shown(const AvatarSample<T, E>& sample,
+                               const AvatarPictures<T, UpsamplerOf<T, E>>& p) {
     return sample.scale.active() ? p.scaled : p.final.feature;
 }
 
@@ -193,10 +196,10 @@ AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar,
                               const AvatarLossConfig& weights,
                               const Rasterizer<Accuracy>& rasterizer, const Perceptual& perceptual,
                               const AvatarSample<T, E>& sample, TwoStreamTrace<T, E>& trace,
-                              AvatarPictures<T>& pictures, Probe&& probe = {}) {
+                              AvatarPictures<T, UpsamplerOf<T, E>>& pictures, Probe&& probe = {}) {
     drive(backend, avatar, config, roles, corrected_drivers(avatar, sample), trace);
     probe("networks");
-    AvatarPictures<T>& p = pictures;
+    auto& p = pictures;
     p.blank = sample.blank.head(3);
     p.blank_eyeballs = weights.blank_eyeballs;
     p.eyes_from_eye_terms = weights.eyes_from_eye_terms;
@@ -296,7 +299,7 @@ AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar,
 template <class Accuracy, class T, EffectSet E, class Probe = NoProbe, Backend B>
 void avatar_losses_vjp(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
                        const Rasterizer<Accuracy>& rasterizer, const AvatarSample<T, E>& sample,
-                       const TwoStreamTrace<T, E>& trace, AvatarPictures<T>& p,
+                       const TwoStreamTrace<T, E>& trace, AvatarPictures<T, UpsamplerOf<T, E>>& p,
                        TwoStream<T, E>& grad, Probe&& probe = {}) {
     Columns<T> g_feature;
     upsampler_vjp(backend, avatar.upsampler, features_shown(sample, p), p.high_trace, p.g_high,
