@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/nn/mlp.hpp: the multilayer perceptron over columns, with one skip and its vjp.
 /// Layer l maps dims[l] to dims[l + 1]; layer floor(len(dims) / 2), or skip_layer, also reads the
-/// input again, after the hidden part. LeakyReLU(0.01), or another activation, after every layer but
-/// the last; the caller applies what follows. The last `frame_inputs` rows of the input are the same for all points, so their
-/// products are folded into the biases once per call, and their gradients come from the summed
-/// cotangents. Points go through all layers in blocks that stay in the cache. Source: Xu et al.,
-/// "Gaussian Head Avatar", 2024, and its published configuration.
+/// input again, after the hidden part. LeakyReLU(0.01), or another activation, after every layer
+/// but the last; the caller applies what follows. The last `frame_inputs` rows of the input are the
+/// same for all points, so their products are folded into the biases once per call, and their
+/// gradients come from the summed cotangents. Points go through all layers in blocks that stay in
+/// the cache. Source: Xu et al., "Gaussian Head Avatar", 2024, and its published configuration.
 #pragma once
 
 #include <algorithm>
@@ -222,7 +222,8 @@ Columns<T> mlp_forward(const B& backend, const Mlp<T, A>& m,
 
 /// Adds to g_params; overwrites g_points (point_inputs x N) and g_frame, each of which may be null.
 template <class T, class A, Backend B>
-void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<ColumnsView<T>>& points,
+void mlp_vjp(const B& backend, const Mlp<T, A>& m,
+             const std::type_identity_t<ColumnsView<T>>& points,
              const std::type_identity_t<VecX<T>>& frame, const MlpTrace<T>& trace,
              const std::type_identity_t<ColumnsView<T>>& g_out, Mlp<T, A>& g_params,
              std::type_identity_t<Columns<T>>* g_points, std::type_identity_t<VecX<T>>* g_frame) {

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/train/avatar_objective.hpp: the objective of stage 2: three renders of the driven Gaussians
-/// (final, face alone, eyes alone), six losses, and their gradients with respect to the Gaussians and
-/// the upsampler. It does not depend on the avatar's effects.
-/// Images are sRGB in [0, 1] on the final background (white). Source: paper section 4.2; weights of
-/// the image terms from GHA.
+/// (final, face alone, eyes alone), six losses, and their gradients with respect to the Gaussians
+/// and the upsampler. It does not depend on the avatar's effects. Images are sRGB in [0, 1] on the
+/// final background (white). Source: paper section 4.2; weights of the image terms from GHA.
 #pragma once
 
 #include <algorithm>
@@ -206,7 +205,8 @@ AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
     p.blank_eyeballs = weights.blank_eyeballs;
     p.eyes_from_eye_terms = weights.eyes_from_eye_terms;
     // Only super-resolution reads more than RGB.
-    p.behind_eyes = sample.background.head(sample.eyes_high ? driven.gaussians.channels() : Index(3));
+    p.behind_eyes =
+        sample.background.head(sample.eyes_high ? driven.gaussians.channels() : Index(3));
     if constexpr (!Real<T>)
         if (p.blank_eyeballs) p.still = detail::held_still(driven.gaussians, driven.eye_columns());
     const Rasterizer<FeaturesOnly<A>>& draw = rasterizer;
@@ -320,8 +320,8 @@ void AvatarObjective<A, Perceptual>::vjp(
     const auto pull = [&](const GaussianView<T>& view, const VecX<T>& background,
                           const Raster<T, features_only>& raster, const Columns<T>& g,
                           Gaussians<T>& to) {
-        rasterizer.vjp_into(backend, view, sample.camera, background, raster, RasterCotangent<T>{g}, to,
-                            &p.scratch);
+        rasterizer.vjp_into(backend, view, sample.camera, background, raster, RasterCotangent<T>{g},
+                            to, &p.scratch);
     };
     pull(driven.gaussians, sample.background, p.final, p.g_final, p.g_gaussians);
     const ColumnRange eyes = driven.eye_columns();

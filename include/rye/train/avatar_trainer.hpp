@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/avatar_trainer.hpp: stage 2 as an object: drives, renders, compares, differentiates and
-/// takes a step of Adam.
+/// rye/train/avatar_trainer.hpp: stage 2 as an object: drives, renders, compares, differentiates
+/// and takes a step of Adam.
 ///     AvatarTrainer trainer{backend, avatar, adam, {.config = config, .roles = roles}};
 ///     for (const auto& sample : samples) trainer.step(sample);
 /// Source: paper section 4.2.
