@@ -147,7 +147,7 @@ struct Trainer {
     Avatar avatar = with_delta_pose(s.avatar);
     Adam<Avatar> adam{avatar};
     AvatarSample<float> sample = sample_of(s, Rasterizer<Balanced>{});
-    AvatarTrainer<B, float, PaperEffects, Balanced, PyramidGradientLoss> trainer{
+    AvatarTrainer<B, float, PaperEffects, Balanced, PyramidGradientLoss, AvatarRates> trainer{
         on_threads(1), avatar, adam,
         {.config = s.config, .roles = s.roles, .objective = {.weights = preset_weights()},
          .rates = equal_rates()}};

@@ -62,9 +62,7 @@ void export_ply(const ExportOptions& o) {
     const TrainState state = load_trained(o.run);
     Drivers<float> drivers;
     if (o.canonical) {
-        drivers.expression = VecX<float>::Zero(state.config.avatar.expression);
-        drivers.pose.setZero();
-        drivers.gaze.fill(Vec3<float>(0, 0, 1));
+        drivers = neutral_drivers<float>(state.config.avatar);
     } else {
         const Capture capture =
             read_valid_capture(o.capture.empty() ? std::filesystem::path(state.capture) : o.capture);

@@ -63,7 +63,7 @@ class StepsOf : public AvatarSteps {
     }
 
   private:
-    AvatarTrainer<TrainBackend, float, E, Balanced, ChosenPerceptual> trainer_;
+    AvatarTrainer<TrainBackend, float, E, Balanced, ChosenPerceptual, AvatarRates> trainer_;
 };
 
 } // namespace

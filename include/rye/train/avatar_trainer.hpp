@@ -23,13 +23,14 @@ struct EyeballBounds {
     double thickness = 1;  ///< along the normal, times that
 };
 
-/// What a run of stage 2 is given beside its avatar.
-template <AccuracyPolicy A = Balanced, class Perceptual = PyramidGradientLoss>
+/// What a run of stage 2 is given beside its avatar. Rates(name) is the learning rate of a field.
+template <AccuracyPolicy A = Balanced, class Perceptual = PyramidGradientLoss,
+          class Rates = AvatarRates>
 struct AvatarTraining {
     AvatarConfig config = {};
     LandmarkRoles roles = {};
     AvatarObjective<A, Perceptual> objective = {};
-    AvatarRates rates = {};
+    Rates rates = {};
     EyeballBounds bounds = {};
 };
 
@@ -39,7 +40,7 @@ struct AvatarStepReport {
     AdamReport adam;  ///< not applied if a gradient was not finite; nothing has changed then
 };
 
-template <Backend B, class T, EffectSet E, AccuracyPolicy A, class Perceptual>
+template <Backend B, class T, EffectSet E, AccuracyPolicy A, class Perceptual, class Rates>
 class AvatarTrainer {
   public:
     using Avatar = TwoStream<T, E>;
@@ -47,7 +48,7 @@ class AvatarTrainer {
 
     /// The avatar and its optimiser must outlive the trainer.
     AvatarTrainer(const B& on, Avatar& avatar, Adam<Avatar>& adam,
-                  AvatarTraining<A, Perceptual> training)
+                  AvatarTraining<A, Perceptual, Rates> training)
         : backend(on), avatar_(avatar), adam_(adam), training_(std::move(training)),
           gradient_(zeros_like(avatar)) {
         if constexpr (smooths)
@@ -132,7 +133,7 @@ class AvatarTrainer {
 
     Avatar& avatar_;
     Adam<Avatar>& adam_;
-    AvatarTraining<A, Perceptual> training_;
+    AvatarTraining<A, Perceptual, Rates> training_;
     Avatar gradient_;
     TwoStreamTrace<T, E> trace_;
     AvatarPictures<T, UpsamplerOf<T, E>> pictures_;
@@ -140,8 +141,9 @@ class AvatarTrainer {
 };
 
 template <Backend B, class T, EffectSet E, AccuracyPolicy A = Balanced,
-          class Perceptual = PyramidGradientLoss>
-AvatarTrainer(const B&, TwoStream<T, E>&, Adam<TwoStream<T, E>>&, AvatarTraining<A, Perceptual>)
-    -> AvatarTrainer<B, T, E, A, Perceptual>;
+          class Perceptual = PyramidGradientLoss, class Rates = AvatarRates>
+AvatarTrainer(const B&, TwoStream<T, E>&, Adam<TwoStream<T, E>>&,
+              AvatarTraining<A, Perceptual, Rates>)
+    -> AvatarTrainer<B, T, E, A, Perceptual, Rates>;
 
 } // namespace rye

@@ -47,7 +47,7 @@ void pretrain_sphere(const B& backend, GuidanceMesh<T, E>& mesh, const AvatarCon
 /// What initialize_avatar needs beside the guidance mesh.
 template <class T, EffectSet E = PaperEffects>
 struct AvatarInit {
-    TetGrid<T> grid;           ///< subdivided once more than stage 1's, if so wished
+    TetGrid<T> grid = {};      ///< subdivided once more than stage 1's, if so wished
     /// Edges of the neutral surface longer than spacing + slope * (distance to the nearest eye or
     /// lip landmark) are halved; spacing 0: none. Units: canonical.
     T spacing = T(0), spacing_slope = T(0.1);
@@ -55,9 +55,9 @@ struct AvatarInit {
     T opacity = T(0.3);
     T eye_opacity = T(0.9);
     T eye_thickness = T(1); ///< of eyeball Gaussians along the normal, times their width
-    std::array<EyeballSourceOf<E>, 2> eyeball;  ///< shapes about their centres, canonical units
-    Columns<T> eye_centre;     ///< neutral, canonical, 3 x 2
-    UpsamplerShape upsampler;
+    std::array<EyeballSourceOf<E>, 2> eyeball = {}; ///< shapes about their centres, canonical units
+    Columns<T> eye_centre = {}; ///< neutral, canonical, 3 x 2
+    UpsamplerShape upsampler = {};
     Index frames = 0;          ///< training frames, for delta_pose
 };
 

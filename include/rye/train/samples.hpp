@@ -43,6 +43,20 @@ struct AvatarImages {
     VecX<T> blank;                ///< c of the face alone
 };
 
+/// A picture of the size of the render, all of whose pixels count, for the eyes too.
+template <class T>
+AvatarImages<T> whole_picture(const Image<T>& truth, const Pinhole<T>& camera,
+                              const VecX<T>& background) {
+    AvatarImages<T> s;
+    s.frame = -1;
+    s.camera = camera;
+    s.truth = s.truth_small = truth;
+    s.visible = s.visible_small = s.eyes = s.eyes_small = s.mask_small =
+        Columns<T>::Ones(1, truth.size());
+    s.background = s.blank = background;
+    return s;
+}
+
 /// One frame seen by one camera.
 template <class T, EffectSet E = PaperEffects>
 struct AvatarSample : AvatarImages<T> {
