@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/mesh_raster.hpp: a z-buffered image of a triangle mesh with interpolated
+/// rye/geometry/mesh_raster.hpp: z-buffer rasterisation of a triangle mesh with interpolated
 /// attributes, and its vjp. Vertices in the world [world units], images as in core/columns.hpp,
-/// depth = camera z. A face is drawn if normal . view < 0: corners turn counter-clockwise seen from
-/// outside, so its outside faces the camera. Gradients reach the attributes, the vertices through
-/// perspective-correct barycentrics, and the vertices through the soft silhouette; never the
-/// visibility, nor the camera. Source: kaolin's DIB-R as Gaussian Head Avatar uses it; homogeneous
-/// edge functions as Olano and Greer, "Triangle Scan Conversion using 2D Homogeneous Coordinates",
+/// depth = camera z. A face is visible if normal . view < 0, its outside towards the camera (corners
+/// are counter-clockwise seen from outside). Gradients reach the attributes, and the vertices
+/// through perspective-correct barycentrics and the soft silhouette; neither visibility nor the
+/// camera has one. Source: kaolin's DIB-R as Gaussian Head Avatar uses it; homogeneous edge
+/// functions as in Olano and Greer, "Triangle Scan Conversion using 2D Homogeneous Coordinates",
 /// 1997.
 #pragma once
 
@@ -20,38 +20,38 @@
 
 namespace rye {
 
-/// Which faces the z-buffer leaves out. The silhouette counts all that are in front.
+/// Faces that the z-buffer skips. The silhouette includes all in front of the camera.
 enum class Culling {
-    back_faces,  ///< those whose inside is seen: leaves no gap at the silhouette of a closed mesh
-    normal_z,    ///< those whose normal points away from the image plane: as the reference does
+    back_faces,  ///< normal . view >= 0: leaves no gap at the silhouette of a closed mesh
+    normal_z,    ///< normals that point away from the image plane, as in the reference
     none
 };
 
 struct MeshRasterSettings {
     Culling culling = Culling::back_faces;
-    /// Smaller faces are skipped: barycentrics divide by the area, and a face that small holds a
-    /// pixel's centre only by chance. [px^2]
+    /// Smaller faces are skipped: barycentrics divide by the area, and a face that small covers a
+    /// pixel centre only by chance. [px^2]
     double min_area = 1e-8;
     SilhouetteSettings silhouette = {};
 };
 
 template <Scalar T>
 struct MeshRaster {
-    Image<T> attributes;         ///< C channels, 0 where no face is
-    Image<T> mask;               ///< 1 where a face is, else 0
-    Image<T> depth;              ///< camera z [world units], 0 where no face is
+    Image<T> attributes;         ///< C channels, 0 without a face
+    Image<T> mask;               ///< 1 with a face, else 0
+    Image<T> depth;              ///< camera z [world units], 0 without a face
     Image<T> silhouette;         ///< the soft mask, in 0 ... 1
-    std::vector<Index> face;     ///< of each pixel, -1: none
-    Columns<T> barycentric;      ///< 3 x pixels, perspective-correct, 0 where no face is
+    std::vector<Index> face;     ///< index per pixel, -1: none
+    Columns<T> barycentric;      ///< 3 x pixels, perspective-correct, 0 without a face
     Index rejected_faces = 0;    ///< at or behind near_depth, or not finite
     Index degenerate_faces = 0;  ///< in front, but smaller than min_area
 
-    ScreenMesh<T> screen;                      ///< kept for the vjp, as the next two
-    std::vector<SilhouetteTrace> silhouettes;  ///< of each band
+    ScreenMesh<T> screen;                      ///< kept for the vjp, as are the next two
+    std::vector<SilhouetteTrace> silhouettes;  ///< one per band
     MeshRasterSettings settings;
 };
 
-/// Gradients to the images of a MeshRaster; null means 0.
+/// Gradients of the images of a MeshRaster; null means 0.
 template <Scalar T>
 struct MeshRasterCotangent {
     const Columns<T>* attributes = nullptr;  ///< C x pixels
@@ -68,8 +68,8 @@ struct MeshRasterGradient {
 namespace detail {
 
 /// Corners of a face moved along z so that the pixel's ray is the axis, r_k = xy_k - z_k ray: then
-/// e_k = r_(k+1) x r_(k+2) are the homogeneous edge functions, and e_k / sum e are the
-/// perspective-correct barycentrics. Nothing is divided by a depth.
+/// e_k = r_(k+1) x r_(k+2) are the homogeneous edge functions, and e_k / sum e the
+/// perspective-correct barycentrics, without a division by depth.
 template <class W>
 struct PixelFace {
     std::array<Vec2<W>, 3> r;
@@ -106,8 +106,8 @@ void nearest_faces(const Columns<W>& camera, const std::vector<Face>& faces,
         if (std::abs(box.area) < settings.min_area) continue;
         if (settings.culling == Culling::back_faces && box.area < 0) continue;
         if (settings.culling == Culling::normal_z && box.normal_z > 0) continue;
-        // Edge functions are taken from the lower to the higher vertex index: the two faces of an
-        // edge then get opposite numbers to the last bit, and no pixel falls between them.
+        // Edge functions are evaluated from the lower to the higher vertex index: the two faces of
+        // an edge get exactly opposite values, and no pixel falls between them.
         Face f = faces[static_cast<std::size_t>(*it)];
         bool even = true;
         for (const auto& [i, j] : {std::pair<std::size_t, std::size_t>{0, 1}, {1, 2}, {0, 1}})
@@ -145,7 +145,7 @@ void nearest_faces(const Columns<W>& camera, const std::vector<Face>& faces,
 
 } // namespace detail
 
-/// Draws vertices (3 x M, world) and faces with attributes (C x M). No faces: an empty image.
+/// Rasterizes vertices (3 x M, world) and faces with attributes (C x M). No faces: empty images.
 template <class T, Backend B>
 MeshRaster<T> rasterize_mesh(const B& backend, const ColumnsView<T>& vertices,
                              const std::vector<Face>& faces, const Pinhole<real_t<T>>& camera,
@@ -153,7 +153,7 @@ MeshRaster<T> rasterize_mesh(const B& backend, const ColumnsView<T>& vertices,
                              const MeshRasterSettings& settings = {}) {
     using W = widened_t<T>;
     RYE_ASSERT(vertices.rows() == 3 && vertices.cols() == attributes.cols(),
-               "rasterize_mesh: vertices not 3 x M or attributes not C x M");
+               "rasterize_mesh: vertices are not 3 x M or attributes not C x M");
     const int width = camera.width, height = camera.height;
     const Pinhole<double> view = camera.template cast<double>();
     MeshRaster<T> out;
@@ -209,7 +209,7 @@ MeshRaster<T> rasterize_mesh(const B& backend, const ColumnsView<T>& vertices,
     return out;
 }
 
-/// Gradients to vertices and attributes from those to the images.
+/// Gradients of vertices and attributes, given those of the images.
 template <class T, Backend B>
 MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& raster,
                                          const std::vector<Face>& faces,
@@ -221,7 +221,7 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& 
     const Columns<W>& points = raster.screen.camera;
     const int width = raster.mask.width;
     const Index pixels = raster.mask.size();
-    std::vector<Index> drawn, band_begin;  // pixels with a face; those of band b start there
+    std::vector<Index> drawn, band_begin;  // pixels with a face; first of them of each band
     for (Index p = 0; p < pixels; ++p) {
         if (p % (static_cast<Index>(width) * FaceBands::rows) == 0)
             band_begin.push_back(static_cast<Index>(drawn.size()));
@@ -229,14 +229,14 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& 
     }
     band_begin.push_back(static_cast<Index>(drawn.size()));
 
-    // First every pixel's share, in parallel; then sums over pixels, in parallel over channels, so
-    // that each sum is taken in the order of the pixels.
+    // Contributions of every pixel first, in parallel; then sums over pixels, in parallel over
+    // channels, so that each sum is in the order of the pixels.
     struct ImageShare {
         Index vertex;
         Vec2<W> g;
     };
     Columns<W> corner(9,
-                      static_cast<Index>(drawn.size())); // gradients to the corners, camera frame
+                      static_cast<Index>(drawn.size())); // gradients of the corners, camera frame
     std::vector<std::vector<ImageShare>> outline(raster.silhouettes.size());
     for_chunks(backend.threads, static_cast<Index>(outline.size()), 1, [&](Index b, Index, Index) {
         const std::size_t band = static_cast<std::size_t>(b);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/silhouette.hpp: the soft silhouette of a mesh. A covered pixel is 1, any other
+/// rye/geometry/silhouette.hpp: the soft silhouette of a mesh: 1 in a covered pixel, elsewhere
 ///     1 - prod_f (1 - exp(-sharpness d_f^2)),
-/// d_f being the distance from the pixel's centre to the outline of the projected face f, in units
-/// of half the image width. Only uncovered pixels carry a gradient.
+/// d_f being the distance from the pixel centre to the outline of the projected face f, in units
+/// of half the image width. Only uncovered pixels have a gradient.
 /// Source: Chen et al., "Learning to Predict 3D Objects with an Interpolation-based Differentiable
 /// Renderer", 2019, with the settings of kaolin's dibr_soft_mask.
 #pragma once
@@ -17,27 +17,27 @@ namespace rye {
 
 struct SilhouetteSettings {
     double sharpness = 7000;  ///< [1 / (half image width)^2]; .652 at one pixel of 256
-    double reach = 0.02;      ///< a face's box, enlarged so, holds its pixels [half image widths]
+    double reach = 0.02;      ///< margin around a face's box [half image widths]
     int max_faces = 30;       ///< per pixel, those of lowest index; 0: only the hard mask
     double pixels(int width) const { return 0.5 * reach * width; }                   ///< [px]
 };
 
-/// The faces that count for the uncovered pixels of one band of rows.
+/// The faces that contribute to the uncovered pixels of one band of rows.
 struct SilhouetteTrace {
     /// The outline's point nearest to the pixel: a + t (b - a), a and b being vertices. By the
-    /// envelope theorem t is a constant for the derivative of the squared distance.
+    /// envelope theorem t is constant in the derivative of the squared distance.
     struct Nearest {
         std::int32_t a, b;
         double t;
     };
-    std::vector<Index> pixel;      ///< of the image, each once
+    std::vector<Index> pixel;      ///< index in the image, each once
     std::vector<Index> begin;      ///< nearest[begin[i]] ... belong to pixel[i]
-    std::vector<Nearest> nearest;  ///< by face index
+    std::vector<Nearest> nearest;  ///< ordered by face index
 };
 
 namespace detail {
 
-/// Point of the outline of face f that is nearest to q, all in [px], by value.
+/// Point of the outline of face f nearest to q, all in [px], by value.
 template <class T>
 SilhouetteTrace::Nearest nearest_on_outline(const ScreenMesh<T>& mesh, const Face& f,
                                             const Vec2<double>& q) {
@@ -60,7 +60,7 @@ SilhouetteTrace::Nearest nearest_on_outline(const ScreenMesh<T>& mesh, const Fac
     return best;
 }
 
-/// From the pixel's centre to the outline's point, [half image widths].
+/// Offset from the pixel centre to the outline's point, [half image widths].
 template <class T>
 Vec2<widened_t<T>> to_outline(const ScreenMesh<T>& mesh, const SilhouetteTrace::Nearest& n,
                               Index pixel, int width) {
@@ -75,8 +75,8 @@ Vec2<widened_t<T>> to_outline(const ScreenMesh<T>& mesh, const SilhouetteTrace::
 
 } // namespace detail
 
-/// Finds the faces that count in one band: rows [row, row + FaceBands::rows) of the image, where
-/// `covered` has one entry a pixel of the band. `faces` are in index order.
+/// Finds the contributing faces of one band: rows [row, row + FaceBands::rows) of the image, where
+/// `covered` has one entry per pixel of the band. `faces` are ordered by index.
 template <class T>
 SilhouetteTrace silhouette_trace(const ScreenMesh<T>& mesh, const std::vector<Face>& faces,
                                  const std::vector<ScreenFace>& boxes, const Index* first,
@@ -85,7 +85,7 @@ SilhouetteTrace silhouette_trace(const ScreenMesh<T>& mesh, const std::vector<Fa
     const int rows = static_cast<int>(covered.size()) / width;
     const auto at = [&](int x, int y) { return static_cast<std::size_t>(y * width + x); };
     // open(x, y) = uncovered pixels above and left of the corner (x, y): most faces lie amid
-    // covered pixels and are dismissed by four look-ups.
+    // covered pixels and are rejected by four look-ups.
     std::vector<int> open(static_cast<std::size_t>((width + 1) * (rows + 1)), 0);
     const auto open_at = [&](int x, int y) -> int& {
         return open[static_cast<std::size_t>(y * (width + 1) + x)];
@@ -140,7 +140,7 @@ SilhouetteTrace silhouette_trace(const ScreenMesh<T>& mesh, const std::vector<Fa
     return out;
 }
 
-/// Soft mask of the trace's i-th pixel: s <- s + p (1 - s) keeps the digits of a small union.
+/// Soft mask of the trace's i-th pixel: s <- s + p (1 - s) keeps a small union accurate.
 template <class T>
 widened_t<T> silhouette_value(const ScreenMesh<T>& mesh, const SilhouetteTrace& trace,
                               std::size_t i, int width, double sharpness) {
@@ -155,9 +155,9 @@ widened_t<T> silhouette_value(const ScreenMesh<T>& mesh, const SilhouetteTrace& 
     return s;
 }
 
-/// Calls add(vertex, gradient to its image point) for the trace's i-th pixel, whose soft mask has
-/// the gradient g. ds/dp_k is the product of the other (1 - p), taken from both ends, so that
-/// nothing is divided by 1 - p, which may be 0.
+/// Calls add(vertex, gradient of its image point) for the trace's i-th pixel, whose soft mask has
+/// the gradient g. ds/dp_k is the product of the other (1 - p), accumulated from both ends to avoid
+/// a division by 1 - p, which may be 0.
 template <class T, class Add>
 void silhouette_vjp(const ScreenMesh<T>& mesh, const SilhouetteTrace& trace, std::size_t i,
                     int width, double sharpness, const widened_t<T>& g, Add&& add) {
