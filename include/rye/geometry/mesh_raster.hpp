@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/geometry/mesh_raster.hpp: z-buffer rasterisation of a triangle mesh with interpolated
 /// attributes, and its vjp. Vertices in the world [world units], images as in core/columns.hpp,
-/// depth = camera z. A face is visible if normal . view < 0, its outside towards the camera (corners
-/// are counter-clockwise seen from outside). Gradients reach the attributes, and the vertices
-/// through perspective-correct barycentrics and the soft silhouette; neither visibility nor the
-/// camera has one. Source: kaolin's DIB-R as Gaussian Head Avatar uses it; homogeneous edge
+/// depth = camera z. A face is visible if normal . view < 0, its outside towards the camera
+/// (corners are counter-clockwise seen from outside). Gradients reach the attributes, and the
+/// vertices through perspective-correct barycentrics and the soft silhouette; not the visibility
+/// nor the camera. Source: kaolin's DIB-R as Gaussian Head Avatar uses it; homogeneous edge
 /// functions as in Olano and Greer, "Triangle Scan Conversion using 2D Homogeneous Coordinates",
 /// 1997.
 #pragma once

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/mlp.hpp: the multilayer perceptron over columns, with one skip and its vjp.
-/// Layer l maps dims[l] to dims[l + 1]; layer floor(len(dims) / 2) also reads the input again,
-/// after the hidden part. LeakyReLU(0.01) after every layer but the last; the caller applies what
-/// follows. The last `frame_inputs` rows of the input are the same for all points, so their
-/// products are folded into the biases once per call, and their gradients come from the summed
-/// cotangents. Points go through all layers in blocks that stay in the cache. Source: Xu et al.,
+/// rye/nn/mlp.hpp: the multilayer perceptron over columns, with one skip, and its vjp.
+/// Layer l maps dims[l] to dims[l + 1]; layer floor(len(dims) / 2) also takes the input again,
+/// after the hidden part. LeakyReLU(0.01) after every layer but the last; the caller applies the
+/// output activation. The last `frame_inputs` rows of the input are the same for all points, so
+/// their products are added to the biases once per call, and their gradients come from the summed
+/// cotangents. Points pass all layers in blocks that fit the cache. Source: Xu et al.,
 /// "Gaussian Head Avatar", 2024, and its published configuration.
 #pragma once
 
@@ -25,7 +25,7 @@ namespace rye {
 
 struct MlpShape {
     std::vector<int> dims; ///< sizes of the input, the hidden layers and the output
-    int frame_inputs = 0;  ///< how many of the last dims[0] inputs all points share
+    int frame_inputs = 0;  ///< number of trailing inputs that all points share
 
     int layers() const { return static_cast<int>(dims.size()) - 1; }
     int skip() const { return static_cast<int>(dims.size()) / 2; }
@@ -33,7 +33,7 @@ struct MlpShape {
     int outputs() const { return dims.back(); }
     int point_inputs() const { return dims.front() - frame_inputs; }
     int layer_out(int l) const { return dims[static_cast<std::size_t>(l) + 1]; }
-    /// Width of the hidden part of a layer's input: none of the first layer's.
+    /// Width of the hidden part of a layer's input; 0 for the first layer.
     int hidden_in(int l) const { return l == 0 ? 0 : dims[static_cast<std::size_t>(l)]; }
     bool reads_input(int l) const { return l == 0 || l == skip(); }
     int fan_in(int l) const { return hidden_in(l) + (reads_input(l) ? inputs() : 0); }
@@ -47,7 +47,7 @@ struct Mlp {
     std::vector<Columns<T>> bias;
 
     Mlp() = default;
-    /// All zero.
+    /// All weights and biases zero.
     explicit Mlp(const MlpShape& s) : shape(s) {
         require(s.dims.size() >= 2, "Mlp",
                 "got " + std::to_string(s.dims.size()) + " dims, expected at least 2");
@@ -88,16 +88,16 @@ struct Mlp {
     }
 };
 
-/// What the vjp needs of a forward pass: the outputs of the hidden layers. Keep it between calls,
-/// so that its memory is allocated once.
+/// Outputs of the hidden layers of a forward pass, for the vjp. Reuse it between calls, so that its
+/// memory is allocated once.
 template <class T>
 struct MlpTrace {
-    std::vector<Columns<T>> hidden; ///< of each layer but the last: dims[l + 1] x N
+    std::vector<Columns<T>> hidden; ///< per layer but the last: dims[l + 1] x N
 };
 
 namespace detail {
 
-/// Points that go through all layers together: about 128 KiB of the widest layer, whole tiles.
+/// Points per block that passes all layers: about 128 KiB of the widest layer, whole tiles.
 inline Index mlp_block(const MlpShape& s) {
     const int widest = *std::max_element(s.dims.begin(), s.dims.end());
     return std::clamp<Index>(32768 / std::max(widest, 1) / 12 * 12, 60, 504);
@@ -109,8 +109,8 @@ inline Index mlp_chunk(const MlpShape& s, Index points) {
     return block * std::max<Index>(1, chunk_count(chunk_count(points, 16), block));
 }
 
-/// The layers as the forward pass reads them: weights as factors, biases with the products of the
-/// frame inputs folded in and room for a vector behind them.
+/// Layers prepared for the forward pass: weights as left factors, biases with the products of the
+/// frame inputs added, padded by a vector.
 template <Backend B, class T>
 struct MlpLayers {
     struct Layer {
@@ -175,16 +175,16 @@ void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const MlpShape& s, 
 
 } // namespace detail
 
-/// points: point_inputs x N, frame: frame_inputs. Returns outputs x N, without a last activation.
-/// The trace may be null.
+/// points: point_inputs x N, frame: frame_inputs. Returns outputs x N, before any output
+/// activation. trace may be null.
 template <class T, Backend B>
 Columns<T> mlp_forward(const B& backend, const Mlp<T>& m,
                        const std::type_identity_t<ColumnsView<T>>& points,
                        const std::type_identity_t<VecX<T>>& frame,
                        std::type_identity_t<MlpTrace<T>>* trace) {
     const MlpShape& s = m.shape;
-    RYE_ASSERT(points.rows() == s.point_inputs(), "mlp_forward: rows of points");
-    RYE_ASSERT(frame.size() == s.frame_inputs, "mlp_forward: size of frame");
+    RYE_ASSERT(points.rows() == s.point_inputs(), "mlp_forward: points have other rows");
+    RYE_ASSERT(frame.size() == s.frame_inputs, "mlp_forward: frame has another size");
     const int layers = s.layers();
     const Index n = points.cols();
     const detail::MlpLayers<B, T> packed(m, frame);
@@ -222,7 +222,7 @@ void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<Colum
     const MlpShape& s = m.shape;
     const int layers = s.layers(), p = s.point_inputs();
     const Index n = points.cols(), block = detail::mlp_block(s), chunk = detail::mlp_chunk(s, n);
-    RYE_ASSERT(g_out.rows() == s.outputs() && g_out.cols() == n, "mlp_vjp: shape of g_out");
+    RYE_ASSERT(g_out.rows() == s.outputs() && g_out.cols() == n, "mlp_vjp: g_out differs in shape");
     if (g_points) g_points->resize(p, n);
     std::vector<Mlp<T>> parts(static_cast<std::size_t>(chunk_count(n, chunk)));
     std::vector<LeftFactor<B, T>> to_hidden(static_cast<std::size_t>(layers)), to_input(to_hidden);
@@ -235,7 +235,7 @@ void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<Colum
     }
     const auto added = [](Index, const auto& sum, const auto& before) { return before + sum; };
     const auto alone = [](Index, const auto& sum, const auto&) { return sum; };
-    const int reads_last = s.skip() < layers ? s.skip() : 0; // whose input the vjp meets first
+    const int reads_last = s.skip() < layers ? s.skip() : 0; // the last layer that takes the input
 
     for_chunks(backend.threads, n, chunk, [&](Index first, Index last, Index c) {
         Mlp<T>& part = parts[static_cast<std::size_t>(c)] = Mlp<T>(s);
@@ -277,7 +277,7 @@ void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<Colum
             for (const Mlp<T>& part : parts)
                 g_params.weight[i].middleCols(b, e - b) += part.weight[i].middleCols(b, e - b);
         });
-        VecX<T> sum = VecX<T>::Zero(s.layer_out(l)); // of the cotangents of all points
+        VecX<T> sum = VecX<T>::Zero(s.layer_out(l)); // of cotangents over all points
         for (const Mlp<T>& part : parts) sum += part.bias[i].col(0);
         g_params.bias[i] += sum;
         if (s.reads_input(l) && s.frame_inputs > 0) {

@@ -3,7 +3,7 @@
 /// `inc` and one `up` per doubling are pairs of 3 x 3 convolution, InstanceNorm, ReLU; an `up`
 /// doubles its input first; `outc` is a 1 x 1 convolution and a sigmoid. With capacity c and d
 /// doublings the widths are 2^d c, ..., 2 c, c. Source: Xu et al., "Gaussian Head Avatar", 2024.
-/// Nested under the name "upsampler", the fields carry the names of its checkpoints.
+/// Nested under the name "upsampler", the fields have the names of its checkpoints.
 #pragma once
 
 #include <cmath>
@@ -23,7 +23,7 @@ namespace rye {
 
 enum class Normalization {
     instance, ///< as published
-    none      ///< statistics of a crop then cannot differ from those of the whole image
+    none      ///< a crop then gives the same pixels as the whole image
 };
 
 struct UpsamplerShape {
@@ -31,10 +31,10 @@ struct UpsamplerShape {
     int capacity = 32; ///< channels before the last layer
     int doublings = 2; ///< the output is 2^doublings times the input
     Normalization norm = Normalization::instance;
-    /// A deviation for short training: the doubled first three channels b, clamped into (0, 1), are
+    /// A deviation for short training: the upsampled first three channels b, clamped to (0, 1), are
     /// the odds that outc multiplies: b e^z / (b e^z + 1 - b). This is sigmoid(z + logit b) without
-    /// a logarithm, so its slope in b is 1 at z = 0 for every b; outc then starts at zero, and
-    /// training at the doubled image.
+    /// a logarithm, so its slope in b is 1 at z = 0 for every b. outc is initialised to zero, so
+    /// training starts at the upsampled image.
     bool skip = false;
 
     int blocks() const { return doublings + 1; }
@@ -49,12 +49,12 @@ struct UpsamplerShape {
 template <class T>
 struct Upsampler {
     UpsamplerShape shape;
-    std::vector<Columns<T>> conv; ///< of layer l: out x 9 in, see convolution.hpp
+    std::vector<Columns<T>> conv; ///< per layer: out x 9 in, see convolution.hpp
     Columns<T> out_weight;        ///< 3 x capacity
     Columns<T> out_bias;          ///< 3 x 1
 
     Upsampler() = default;
-    /// All zero.
+    /// All weights zero.
     explicit Upsampler(const UpsamplerShape& s)
         : shape(s),
           out_weight(Columns<T>::Zero(3, s.capacity)),
@@ -98,19 +98,19 @@ struct Upsampler {
     }
 };
 
-/// What the vjp needs of a forward pass. Keep it between calls.
+/// Intermediate values of a forward pass, for the vjp. Reuse it between calls.
 template <class T>
 struct UpsamplerTrace {
-    std::vector<Image<T>> normal; ///< of each layer: normalised, before ReLU
-    std::vector<VecX<T>> gain;    ///< of each layer: what the norm multiplied with
-    Image<T> base;                ///< the doubled first three channels, if skip
+    std::vector<Image<T>> normal; ///< per layer: normalised, before ReLU
+    std::vector<VecX<T>> gain;    ///< per layer: 1 / sqrt(variance + eps) of the normalisation
+    Image<T> base;                ///< the upsampled first three channels, if skip
     Image<T> out;
 };
 
 namespace detail {
 
-/// The input of layer l inside its border: the features, or what the layer below left, doubled at
-/// the start of a block. Rebuilt in the vjp, which is cheaper than keeping it.
+/// The padded input of layer l: the image, or the output of the layer below, upsampled at the start
+/// of a block. Recomputed in the vjp, which is cheaper than storing it.
 template <class T, Backend B>
 Padded<T> upsampler_layer_input(const B& backend, const Image<T>& in,
                                 const std::vector<Image<T>>& normal, int l) {
@@ -131,7 +131,7 @@ inline Index outc_grain(Index pixels) { return std::max<Index>(2048, chunk_count
 /// Pixels per chunk of the last layer.
 inline constexpr Index last_layer_grain = 2048;
 
-/// Pixels [b, e), one chunk, of the output: from the layer below it, and the base, if skip.
+/// Pixels [b, e) of the output, one chunk, from the layer below and, with skip, the base.
 template <Backend B, class T>
 void last_layer(const Upsampler<T>& u, const Image<T>& below, const Image<T>& base, Index b,
                 Index e, Image<T>& out) {
@@ -152,13 +152,13 @@ void last_layer(const Upsampler<T>& u, const Image<T>& below, const Image<T>& ba
 
 } // namespace detail
 
-/// in: in_channels. Returns 3 channels in 0..1, 2^doublings times as wide and high. The trace may
-/// be null.
+/// in: in_channels. Returns 3 channels in 0..1, 2^doublings times as wide and high. trace may be
+/// null.
 template <class T, Backend B>
 Image<T> upsampler_forward(const B& backend, const Upsampler<T>& u, const Image<T>& in,
                            std::type_identity_t<UpsamplerTrace<T>>* trace) {
     const UpsamplerShape& s = u.shape;
-    RYE_ASSERT(in.channels() == s.in_channels, "upsampler_forward: channels of the input");
+    RYE_ASSERT(in.channels() == s.in_channels, "upsampler_forward: in has other channels");
     UpsamplerTrace<T> local;
     UpsamplerTrace<T>& t = trace ? *trace : local;
     t.normal.resize(static_cast<std::size_t>(s.layers()));
@@ -200,8 +200,8 @@ void upsampler_vjp(const B& backend, const Upsampler<T>& u, const Image<T>& in,
     const UpsamplerShape& s = u.shape;
     const Image<T>& last = t.normal.back();
     const Index pixels = last.size();
-    RYE_ASSERT(g_out.rows() == 3 && g_out.cols() == pixels, "upsampler_vjp: shape of g_out");
-    // Both outputs have d out / d z = out (1 - out); the base's slope is that over b (1 - b).
+    RYE_ASSERT(g_out.rows() == 3 && g_out.cols() == pixels, "upsampler_vjp: g_out is not 3 x P");
+    // With or without skip, d out / d z = out (1 - out); d out / d b is that over b (1 - b).
     Columns<T> g_z(3, pixels);
     for_chunks(backend.threads, pixels, detail::last_layer_grain, [&](Index b, Index e, Index) {
         const ColumnsView<T> from = g_out.middleCols(b, e - b);

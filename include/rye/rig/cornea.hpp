@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/cornea.hpp: what the cornea does to what is seen of one eye: refraction moves the iris
-/// behind it, and a light's mirror image, the glint, is added to the colours. The cornea is a
-/// sphere. Frame: the eyeball's, origin at its centre; lengths in canonical head units; the camera
-/// and the lights are points of that frame.
-/// Approximations: a Gaussian's centre is moved to where its refracted ray says, as far behind the
-/// cornea along that ray as it is; its shape stays. The sphere is taken to go on where sclera
-/// covers it. A point whose light is totally reflected on its way to the camera goes to the rim.
+/// rye/rig/cornea.hpp: optics of a spherical cornea for one eye: refraction displaces the iris
+/// behind it, and the reflection of a light, the glint, is added to the colours. Frame: the
+/// eyeball's, origin at its centre; lengths in canonical head units; the camera and the lights are
+/// points of that frame.
+/// Approximations: a Gaussian's centre moves onto its refracted ray, as far behind the cornea along
+/// that ray as before; its shape is kept. The sphere continues below the sclera. A point whose
+/// light is totally reflected on its way to the camera moves to the rim.
 /// Source: Fermat's principle (geometry/sphere_path.hpp); radii of Gullstrand's eye.
 #pragma once
 
@@ -17,18 +17,18 @@
 
 namespace rye {
 
-/// Refractive index of the aqueous humour over air's (Gullstrand).
+/// Refractive index of the aqueous humour relative to air (Gullstrand).
 inline constexpr double aqueous_index = 1.336;
-/// A glint fades where its light comes in within this cosine of grazing.
+/// Cosine of the angle of incidence below which a glint fades.
 inline constexpr double glint_grazing = 0.1;
 
 /// A cornea in its eyeball's frame.
 template <Scalar T>
 struct Cornea {
-    Vec3<T> centre;              ///< of its sphere [unit]
+    Vec3<T> centre;              ///< of the corneal sphere [unit]
     T radius;                    ///< [unit]
     Vec3<T> axis;                ///< unit, out of the eye
-    T rim;                       ///< of the limbus along the axis, from the eyeball's centre [unit]
+    T rim;                       ///< limbus along the axis, from the eyeball's centre [unit]
 };
 
 namespace detail {
@@ -50,8 +50,8 @@ RYE_HD bool behind_cornea(const Cornea<T>& c, const T& index, const Vec3<T>& eye
 
 } // namespace detail
 
-/// Where a point is seen: itself, unless it is within the corneal sphere and the camera is not. An
-/// index of 1 changes no bit.
+/// Apparent position of a point: refracted if it is within the corneal sphere and the camera is
+/// outside, else unchanged. An index of 1 changes no bit.
 template <Scalar T>
 RYE_HD Vec3<T> seen_through(const Cornea<T>& c, const T& index, const Vec3<T>& camera,
                      const Vec3<T>& point) {
@@ -61,14 +61,14 @@ RYE_HD Vec3<T> seen_through(const Cornea<T>& c, const T& index, const Vec3<T>& c
     return c.centre + detail::beyond(path.at, eye, source);
 }
 
-/// Cotangents of the point and of the camera; the camera's is added to.
+/// Returns the cotangent of the point; adds that of the camera.
 template <Scalar T>
 RYE_HD Vec3<T> seen_through_vjp(const Cornea<T>& c, const T& index, const Vec3<T>& camera,
                          const Vec3<T>& point, const Vec3<T>& g, Vec3<T>& g_camera) {
     if (!detail::behind_cornea(c, index, camera, point)) return g;
     const Vec3<T> eye = camera - c.centre, source = point - c.centre;
     const SpherePath<T> path = sphere_path(eye, source, c.radius, index);
-    if (!path.seen) {  // on the rim: the derivatives of a closed formula
+    if (!path.seen) {  // on the rim: derivatives of the closed formula
         struct Rim {};
         using D = Dual<T, 6, Rim>;
         Vec3<D> e, s;
@@ -90,7 +90,7 @@ RYE_HD Vec3<T> seen_through_vjp(const Cornea<T>& c, const T& index, const Vec3<T
     const T far = norm(from_eye), depth = norm(from_source);
     const Vec3<T> ray = from_eye / far, up = normalized(from_source);
     const T along = dot(g, ray);
-    Vec3<T> turn, g_at;                                     // of the ray, over its length
+    Vec3<T> turn, g_at;                                     // of the ray, divided by its length
     for (int i = 0; i < 3; ++i) {
         turn[i] = depth / far * (g[i] - ray[i] * along);
         g_at[i] = g[i] + up[i] * along + turn[i];
@@ -107,7 +107,7 @@ RYE_HD Vec3<T> seen_through_vjp(const Cornea<T>& c, const T& index, const Vec3<T
 
 namespace detail {
 
-/// 0 below 0, 1 above 1, smooth between; and its slope.
+/// Smoothstep 3x^2 - 2x^3 clamped to [0, 1], and its slope.
 template <Scalar T>
 RYE_HD T smooth_step(const T& x) {
     const T u = x > T(0) ? (x < T(1) ? x : T(1)) : T(0);
@@ -118,7 +118,7 @@ RYE_HD T smooth_step_slope(const T& x) {
     return x > T(0) && x < T(1) ? T(T(6) * x * (T(1) - x)) : T(0);
 }
 
-/// What a mirror image's strength is the product of, by smooth_step.
+/// Arguments of the smooth steps whose product is the strength of a reflection.
 template <Scalar T>
 struct GlintFades {
     T rim, grazing;
@@ -131,8 +131,8 @@ struct GlintFades {
 
 } // namespace detail
 
-/// A light's mirror image: where on the cornea, and how much of it is there: none where the light
-/// or the camera cannot see the place, less within half a width of the limbus and near grazing.
+/// Reflection of a light on the cornea: its point and its strength, which is 0 where the light or
+/// the camera cannot see that point, and fades within half a width of the limbus and near grazing.
 template <Scalar T>
 struct MirrorImage {
     Vec3<T> at;
@@ -154,7 +154,7 @@ RYE_HD MirrorImage<T> mirror_image(const Cornea<T>& c, const Vec3<T>& camera, co
     return {at, strength, strength > T(0)};
 }
 
-/// Adds the cotangents of camera and light.
+/// Adds the cotangents of camera and light, given that of the image.
 template <Scalar T>
 RYE_HD void mirror_image_vjp(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& light,
                       const T& width, const MirrorImage<T>& m, const MirrorImage<T>& g,
@@ -178,8 +178,8 @@ RYE_HD void mirror_image_vjp(const Cornea<T>& c, const Vec3<T>& camera, const Ve
     g_light += ends.source;
 }
 
-/// How much of a mirror image is seen at a point: strength exp(-d^2 / 2 width^2), d the distance
-/// of the point from the camera's ray through the image.
+/// Brightness of a reflection at a point: strength exp(-d^2 / 2 width^2), d being the distance of
+/// the point from the camera's ray through the image.
 template <Scalar T>
 RYE_HD T glint_at(const MirrorImage<T>& m, const Vec3<T>& camera, const Vec3<T>& point,
            const T& width) {
@@ -189,7 +189,7 @@ RYE_HD T glint_at(const MirrorImage<T>& m, const Vec3<T>& camera, const Vec3<T>&
     return m.strength * exp(constant<T>(-0.5) * dot(off, off) / (width * width));
 }
 
-/// Cotangent of the point; adds those of the image and of the camera. `value` is glint_at's.
+/// Returns the cotangent of the point; adds those of image and camera. `value` is glint_at's.
 template <Scalar T>
 RYE_HD Vec3<T> glint_at_vjp(const MirrorImage<T>& m, const Vec3<T>& camera, const Vec3<T>& point,
                      const T& width, const T& value, const T& g, MirrorImage<T>& g_image,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/nearest_landmark.hpp: squared distance from each point to its nearest landmark, with
-/// gradients to both. Differences first, then squares: a point on its landmark has distance exactly
-/// 0.
+/// gradients of both. Squares differences of coordinates, so a point on its landmark has distance
+/// exactly 0.
 #pragma once
 
 #include <array>
@@ -19,7 +19,7 @@ namespace rye {
 
 namespace detail {
 
-/// Points in lanes, landmarks broadcast; two vectors of points share each broadcast.
+/// Points in lanes, landmarks broadcast; two vectors of points share each broadcast landmark.
 template <class Batch, class T>
 void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landmarks, Index begin,
                       Index end, Columns<T>& squared, Index* nearest) {
@@ -38,7 +38,7 @@ void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landma
         const Batch y1 = Batch::load_unaligned(y.data() + lanes);
         const Batch z1 = Batch::load_unaligned(z.data() + lanes);
         Batch best0(std::numeric_limits<T>::infinity()), best1 = best0;
-        Batch index0(T(-1)), index1 = index0;  // whole numbers below 2^24 are exact in float
+        Batch index0(T(-1)), index1 = index0;  // integers below 2^24 are exact in float
         for (Index k = 0; k < landmarks.cols(); ++k) {
             const Batch px(landmarks(0, k)), py(landmarks(1, k)), pz(landmarks(2, k));
             const Batch which(static_cast<T>(k));
@@ -61,19 +61,19 @@ void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landma
 
 } // namespace detail
 
-/// 1 x N squared distances of 3 x N points to the nearest of 3 x K landmarks, +inf if there is none
-/// (or the point is NaN). `nearest`, if given, receives the landmark's index, -1 for none; the
-/// lowest index wins a tie. Throws if a landmark is not finite.
+/// 1 x N squared distances of 3 x N points to the nearest of 3 x K landmarks, +inf if K = 0 or the
+/// point is NaN. `nearest`, unless null, receives the landmark's index, -1 for none; the lowest
+/// index wins a tie. Throws Error if a landmark is not finite.
 template <class T, Backend B>
 Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& points,
                                     const ColumnsView<T>& landmarks,
                                     std::vector<Index>* nearest = nullptr) {
     using std::isfinite;
-    RYE_ASSERT(points.rows() == 3 && landmarks.rows() == 3, "nearest: expected three rows");
+    RYE_ASSERT(points.rows() == 3 && landmarks.rows() == 3, "nearest: not three rows");
     for (Index k = 0; k < landmarks.cols(); ++k)
         require(isfinite(landmarks(0, k)) && isfinite(landmarks(1, k)) && isfinite(landmarks(2, k)),
                 "nearest_squared_distance",
-                "got a non-finite landmark " + std::to_string(k) + ", expected finite numbers");
+                "landmark " + std::to_string(k) + " is not finite");
     const Index n = points.cols();
     Columns<T> squared(1, n);
     if (nearest) nearest->assign(static_cast<std::size_t>(n), -1);
@@ -108,14 +108,14 @@ struct NearestGradient {
     Columns<T> landmarks;  ///< 3 x K
 };
 
-/// Cotangents of the points and the landmarks; the choice of the nearest is held fixed.
+/// Cotangents of the points and the landmarks, with the nearest landmarks held fixed.
 template <class T, Backend B>
 NearestGradient<T> nearest_squared_distance_vjp(const B& backend, const ColumnsView<T>& points,
                                                 const ColumnsView<T>& landmarks,
                                                 const std::vector<Index>& nearest,
                                                 const ColumnsView<T>& g) {
     RYE_ASSERT(static_cast<Index>(nearest.size()) == points.cols() && g.cols() == points.cols(),
-               "nearest: expected an index and a cotangent per point");
+               "nearest: indices or cotangents do not match the points");
     NearestGradient<T> r;
     r.points = Columns<T>::Zero(3, points.cols());
     r.landmarks =
