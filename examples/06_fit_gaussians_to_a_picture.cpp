@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lesson 6: fifty Gaussians learn a picture. The raw numbers that are trained (logarithms of
-// scales, logits of opacities) have the type of the Gaussians, so fields() and Adam just work.
+// Lesson 6: fifty Gaussians fit an image. The trained parameters (logarithms of scales, logits of
+// opacities) use the type of the Gaussians, so fields() and Adam apply unchanged.
 #include <cmath>
 #include <cstdio>
 
@@ -24,7 +24,7 @@ Gaussians<float> activated(const Gaussians<float>& raw) {
 int main() {
     using B = ScalarBackend<>;
     const int edge = 48;
-    Image<float> picture(edge, edge, 3);                            // an iris
+    Image<float> picture(edge, edge, 3);                            // the target: an iris
     for (int y = 0; y < edge; ++y)
         for (int x = 0; x < edge; ++x) {
             const float r = std::hypot(float(x) + 0.5f - 24.0f, float(y) + 0.5f - 24.0f);
