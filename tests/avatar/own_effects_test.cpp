@@ -13,8 +13,7 @@ using namespace rye::test;
 namespace {
 
 // [docs/effects.md begins]
-/// Cheeks redden with the first coefficient of the expression, each Gaussian as much as it has
-/// learned to.
+/// Adds red in proportion to the first expression coefficient, with a learned weight per Gaussian.
 struct Blush {
     static constexpr std::string_view name = "blush";
     static constexpr Reads reads = Reads::expression;

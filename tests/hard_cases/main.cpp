@@ -77,22 +77,23 @@ void write_page(const Report& report, const char* path) {
     out << "# Hard cases\n\n"
            "Written by the test program `hard_cases --page docs/hard_cases.md`. An entry is an "
            "input\n"
-           "that breaks the formula of the textbook, in float or at all; here is what is demanded "
-           "of\n"
+           "for which the textbook's formula fails, in float or in general, with the accuracy "
+           "required of\n"
            "rye's formula and the worst that it reached on the machine that wrote the page. A row "
            "in\n"
-           "*italics* is the textbook's formula, or a way of working, under the same demand: it "
-           "must\n"
-           "fail, so that the demand says something. \"holds\" is a fact without a number.\n\n"
+           "*italics* is the textbook's formula, or a common alternative, under the same "
+           "requirement: it\n"
+           "must fail, which shows that the requirement is meaningful. \"holds\" is a fact without "
+           "a number.\n\n"
         << catalogue().size() << " entries: " << c.tested << " tested here, " << c.elsewhere
-        << " by another test, " << c.absent << " about code that is not in the tree; for "
+        << " by another test, " << c.absent << " about code that does not exist; for "
         << c.textbook
         << " the textbook's formula is shown to fail\n(`hard_cases --textbook` lists them).\n\n"
-           "They and the other tests of numbers also run with denormals flushed to zero: each such "
+           "These and the other numerical tests also run with denormals flushed to zero: each such "
            "program\ntakes `--flush-to-zero`, and ctest runs it both ways. `sh tests/variants.sh` "
-           "builds and runs\nthem with products fused and not, under the address and "
-           "undefined-behaviour sanitizers, and\nby clang; that takes many minutes.\n\n"
-        << "| entry | inputs or formula | number | demanded | reached |\n|---|---|---|---|---|\n";
+           "builds and runs\nthem with fused products and without, under the address and "
+           "undefined-behaviour sanitizers, and\nwith clang; that takes many minutes.\n\n"
+        << "| entry | inputs or formula | number | required | reached |\n|---|---|---|---|---|\n";
     std::map<std::string, std::vector<const Row*>> by_id;
     for (const Row& r : report.rows) by_id[r.id].push_back(&r);
     for (const Entry& e : catalogue()) {

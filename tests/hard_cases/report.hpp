@@ -50,7 +50,7 @@ class Report {
 };
 
 /// An entry of the catalogue, and where it is tested if not in this program; a note that begins
-/// with "absent" says what is not in the tree.
+/// with "absent" names what does not exist.
 struct Entry {
     std::string_view id, title, elsewhere;
 };

@@ -124,7 +124,7 @@ void c16(Report& report) {
             before = now;
         }
     }
-    report.holds("C16", kind_of<T>(), "total reflection +-1e-7: finite, told apart",
+    report.holds("C16", kind_of<T>(), "total reflection +-1e-7: finite, distinguished",
                  finite && sides);
     report.at_most("C16", kind_of<T>(), "... and no jump there", 1e-5, jump);
     report.textbook_fails("C16", kind_of<T>(), "sqrt(1 - n^2 sin^2) beyond total reflection",
@@ -267,7 +267,7 @@ void d8(Report& report) {
         const T most = resolve_overlap(Overlap::normalized, l, q);
         report.holds("D8", kind_of<T>(),
                      "midway between eyes " + std::string(gap < 0.5 ? "2" : "6") +
-                         " cm apart: sum told, normalised to 1",
+                         " cm apart: sum returned, normalised to 1",
                      most == left(0, 0) + right(0, 0) && double(l(0, 0) + q(0, 0)) <= 1 + 1e-7);
         if (gap < 0.5)
             report.textbook("D8", kind_of<T>(), "both added", 1, double(left(0, 0) + right(0, 0)));

@@ -288,7 +288,7 @@ struct Reader {
         for (const auto& [key, value] : json->items())
             if (!at->contains(key))
                 throw Error(source + ": field '" + (path.empty() ? key : path + "." + key) +
-                            "' is unknown; `rye train --help` tells how to print all fields");
+                            "' is unknown; see `rye train --help`");
     }
 };
 

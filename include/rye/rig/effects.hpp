@@ -101,7 +101,7 @@ struct RightGaze {
     static constexpr EffectBound droppable{least_move / 0.12, "the right gaze [rad]"};
 };
 
-/// Displacement of both eyeballs' centres by expression and head pose: one network (paper eq. 9).
+/// Displacement of both eyeballs by expression and head pose: one network (paper eq. 9-10).
 struct EyeOffset {
     static constexpr std::string_view name = "eye offset";
     static constexpr Reads reads = Reads::expression | Reads::head_pose;
@@ -120,7 +120,7 @@ struct Kappa {
     static constexpr EffectBound droppable{least_move / 0.12, "an angle of kappa [rad]"};
 };
 
-/// Displacement and colour of lids and skin around an eye by its gaze (paper eq. 10-11).
+/// Displacement and colour of lids and skin around an eye by its gaze (paper 3.3, eq. 11).
 struct Periocular {
     static constexpr std::string_view name = "periocular";
     static constexpr Reads reads = Reads::gaze;

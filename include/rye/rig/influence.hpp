@@ -3,7 +3,7 @@
 /// them, linear in between. Lengths in canonical head units (about 1 dm).
 /// The published code of Gaussian Head Avatar compares *squared* distances with its thresholds, its
 /// paper plain ones; the metric is therefore a policy. Derivatives at both kinks are 0.
-/// Source: Xu et al., "Gaussian Head Avatar", 2024; "Roll Your Eyes", eq. 4 and 12.
+/// Source: Xu et al., "Gaussian Head Avatar", 2024; "Roll Your Eyes", eq. 4 and 11.
 #pragma once
 
 #include <algorithm>
