@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exact32, and each of its numbers relaxed alone.
+// Exact32, and each of its fields relaxed alone.
 #include "policy.hpp"
 
 namespace rye::bench {

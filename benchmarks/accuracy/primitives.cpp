@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Error of each function in units in the last place, over all floats of its range or over every
-// 1009th of them, and its time for an array that lies in the nearest cache.
+// 1009th of them, and its time for an array in the L1 cache.
 #include <bit>
 #include <chrono>
 #include <cmath>
@@ -25,7 +25,7 @@ struct Range {
     const char* text;
 };
 
-/// Nanoseconds an element: the least of several passes over 4096 numbers of the range.
+/// Nanoseconds per element: the minimum of several passes over 4096 numbers of the range.
 template <class F>
 double time_of(const F& f, const Range& r) {
     constexpr std::size_t n = 4096;
@@ -47,7 +47,7 @@ double time_of(const F& f, const Range& r) {
     return least / 8 / n * 1e9;
 }
 
-/// The float after x toward +infinity, k times, by their order as whole numbers.
+/// Index of a float in the order of all floats.
 std::int64_t rank(float x) {
     const auto b = static_cast<std::int64_t>(std::bit_cast<std::uint32_t>(x));
     return b >= 0x80000000LL ? 0x80000000LL - b : b;
@@ -76,7 +76,7 @@ PrimitiveRow measure(const char* name, const F& f, const G& truth, const Range& 
             const float a = std::abs(static_cast<float>(t));
             if (a < std::numeric_limits<float>::min()) continue;
             const double unit = std::ldexp(1.0, std::ilogb(a) - 23);
-            if (!(off / unit <= ulp)) ulp = off / unit;        // NaN stays
+            if (!(off / unit <= ulp)) ulp = off / unit;        // keeps NaN
             if (!(off / std::abs(t) <= relative)) relative = off / std::abs(t);
         }
     }
@@ -143,7 +143,7 @@ std::vector<PrimitiveRow> primitives(const Settings& s) {
     add(
         "1 / sqrt", pass([](V x) { return V(1.0F) / sqrt(x); }),
         [](double x) { return 1 / std::sqrt(x); }, positive, some);
-#ifndef __AVX512F__  // there xsimd 8.1 calls an instruction that does not exist
+#ifndef __AVX512F__  // with AVX-512, xsimd 8.1 calls an instruction that does not exist
     add(
         "rsqrt of the lanes' library", pass([](V x) { return xsimd::rsqrt(x); }),
         [](double x) { return 1 / std::sqrt(x); }, positive, some);

@@ -41,8 +41,8 @@ std::optional<Subject> trained(const SubjectOptions& o) {
 std::optional<Subject> trained(const SubjectOptions&) { return std::nullopt; }
 #endif
 
-/// As many points, landmarks and weights as `rye train --preset cpu` makes of a capture with 452
-/// landmarks; the points lie on an ellipsoid, and the networks are as training starts with them.
+/// An avatar of the size that `rye train --preset cpu` makes of a capture with 452 landmarks;
+/// points on an ellipsoid, networks as initialised.
 Subject synthetic() {
     constexpr Index points = 19326, eye_points = 2410;
     constexpr int landmarks = 452;

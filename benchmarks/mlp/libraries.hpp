@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Products by libraries that the build found: what a program writes that links one itself.
+// Products by libraries that the build found, as a program that links one would write them.
 #pragma once
 
 #include <rye/core/config.hpp>
