@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // zero_cost.cpp: drives an avatar without one effect (-DWITHOUT_EXPRESSION=1, ...), once by its
-// effects as types and once by a kernel written for just those effects, of the same primitives.
+// effects as types and once by a hand-written kernel of the same primitives for those effects.
 // zero_cost.sh counts the instructions of by_types and by_hand. The program compares their results.
 #include <cstdio>
 #include <cstring>
@@ -178,7 +178,7 @@ struct HandTrace {
     Gaussians<T> driven_face, world_face, world_eyes;
 };
 
-// One frame, as someone would write it who has just these effects.
+// One frame, as hand-written code for just these effects.
 __attribute__((noinline)) void hand_face(const HandFace& face, const AvatarConfig& c,
                                          const LandmarkRoles& roles, HandTrace& t) {
     const Index n = face.position.cols();
@@ -513,7 +513,7 @@ bool equal(const Gaussians<T>& a, const Gaussians<T>& b) {
 int main(int argc, char** argv) {
     static Case c;
     fill(c, 4000, 1000);
-    // A first frame makes the memory of both, so that the counted ones are like any other frame.
+    // A first frame allocates the memory of both, so that the counted ones are steady.
     by_types(&c);
     by_hand(&c);
     if (argc > 1 && std::strcmp(argv[1], "types") == 0) by_types(&c);

@@ -37,7 +37,7 @@ T face_area(const Surface<T>& s, const Face& f) {
     return area_vector<T>(s.positions.col(f[0]), s.positions.col(f[1]), s.positions.col(f[2])).norm();
 }
 
-/// Each directed edge once and its reverse once: closed, two faces an edge, all facing alike.
+/// Whether each directed edge occurs once and so does its reverse: closed, consistently oriented.
 bool watertight(const std::vector<Face>& faces) {
     std::map<Edge, int> uses;
     for (const Face& f : faces)
@@ -141,7 +141,7 @@ TEST_CASE("marching_tetrahedra: a torus has Euler characteristic 0, random signs
     CHECK(euler(ring) == 0);
 
     Columns<float> noise = random_columns<float>(1, g.vertices.cols(), 7);
-    for (Index i = 0; i < noise.cols(); ++i)  // outside at the border, so that nothing is cut open
+    for (Index i = 0; i < noise.cols(); ++i)  // outside at the border: closed surface
         if (g.vertices.col(i).cwiseAbs().maxCoeff() > 1.45f) noise(0, i) = 0.5f;
     CHECK(watertight(surface_topology<float>(g.topology, noise).faces));
 }

@@ -17,7 +17,7 @@ namespace {
 
 using Plain = ScalarBackend<Serial>;
 
-/// At the origin, looking along +z: the world is the camera's frame.
+/// At the origin, looking along +z: world and camera frames are equal.
 template <class T>
 Pinhole<T> straight(int width, int height) {
     Pinhole<T> c;
@@ -29,7 +29,7 @@ Pinhole<T> straight(int width, int height) {
     return c;
 }
 
-/// A camera with nothing special about it.
+/// A camera in general position.
 template <class T>
 Pinhole<T> askew(int width, int height) {
     Pinhole<T> c = look_at<T>({T(1.5), T(0.9), T(5)}, {T(0.1), 0, 0}, {T(0.1), 1, 0}, T(0.6), width,
@@ -83,8 +83,8 @@ MeshRaster<T> draw(const TriangleMesh<T>& m, const Pinhole<T>& camera, const Col
     return rasterize_mesh<T>(Plain{}, m.vertices, m.faces, camera, attributes, settings);
 }
 
-/// Pixels whose nearest outlines are others in the second raster. A face with two corners in one
-/// place has two edges that are equally near: rounding chooses, and with it whose gradient it is.
+/// Pixels whose nearest outlines differ in the second raster. A face with two equal corners has two
+/// equally near edges: rounding selects one, and so the edge that gets the gradient.
 template <class T, class D>
 std::vector<Index> undecided(const MeshRaster<T>& a, const MeshRaster<D>& b) {
     std::vector<Index> pixels;
@@ -120,7 +120,7 @@ double raster_dot_error(const TriangleMesh<T>& m, const Pinhole<T>& camera, Inde
     const MeshRaster<T> still = draw<T>(m, camera, a, settings);
     CHECK(still.face == moved.face);
     const std::vector<Index> ties = undecided(still, moved);
-#ifdef __clang__ // fuses a product and a sum where they stand: a dual's may round differently
+#ifdef __clang__ // fuses products and sums: a dual's value may round differently
     CHECK(static_cast<Index>(ties.size()) * 8 < pixels);
 #else
     CHECK(ties.empty());
@@ -260,7 +260,7 @@ TEST_CASE("rasterize_mesh: shows the nearest face that a ray meets") {
                 }
             }
         CHECK(hits > 250);
-        CHECK(different <= 1);  // a ray along an edge may go either way
+        CHECK(different <= 1);  // a ray along an edge may hit either face
     }
 }
 

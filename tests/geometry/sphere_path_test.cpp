@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Refraction and reflection at a sphere against rays that are traced by brute force.
+// Refraction and reflection at a sphere against brute-force ray tracing.
 #include <rye/geometry/sphere_path.hpp>
 
 #include <numbers>
@@ -33,12 +33,12 @@ V refracted(const V& d, const V& n, double ratio) {
     return across - std::sqrt(std::max(0.0, 1 - across.squaredNorm())) * n;
 }
 
-/// Angles in the plane of eye and source at which a ray of the eye that is refracted into the
-/// sphere passes the source: found by a scan of all rays that hit the sphere, then by bisection.
+/// Angles in the plane of eye and source at which a refracted ray of the eye passes the source:
+/// found by a scan of all rays that hit the sphere, then by bisection.
 std::vector<double> traced(double distance, const Vec2<double>& source, double radius,
                            double index) {
     const double horizon = std::acos(radius / distance);
-    const auto side = [&](double t) {  // on which side of the refracted ray the source is
+    const auto side = [&](double t) {  // side of the refracted ray on which the source is
         const V q(radius * std::cos(t), radius * std::sin(t), 0), eye(distance, 0, 0);
         const V r = refracted((q - eye).normalized(), q / radius, 1 / index);
         return r[0] * (source[1] - q[1]) - r[1] * (source[0] - q[0]);
@@ -76,7 +76,7 @@ TEST_CASE("refraction: the rays that a brute-force trace finds, and no other") {
     for (int trial = 0; trial < 150; ++trial) {
         const double radius = 0.078, index = trial % 3 == 0 ? 1.376 : 1.336;
         const V eye = d.direction() * d.uniform(0.3, 40);
-        // Behind the surface as an iris is: from none of the radius to a half of it.
+        // Behind the surface, like an iris: by 0 to half of the radius.
         const V source = d.direction() * radius * d.uniform(0.5, 0.9999);
         const double along = source.dot(eye.normalized());
         const double across = (source - along * eye.normalized()).norm();
@@ -92,7 +92,7 @@ TEST_CASE("refraction: the rays that a brute-force trace finds, and no other") {
             CHECK(p.seen);
             worst = std::max(worst, std::abs(angle_of(p.at, eye, source) - rays[0]));
             ++seen;
-        } else {  // beyond a caustic there are several: one of them
+        } else {  // beyond a caustic there are several solutions
             double near = 9;
             for (const double r : rays)
                 near = std::min(near, std::abs(angle_of(p.at, eye, source) - r));
@@ -147,7 +147,7 @@ TEST_CASE("on the axis, at the surface and at grazing, in float too") {
             // Behind the centre, too.
             CHECK(sphere_path(eye, Vec3<T>(off, T(0), T(-0.01)), r, n).at.allFinite());
         }
-        for (const T angle : {T(0), T(0.3), T(1), T(1.5)}) {  // at the surface it is where it is
+        for (const T angle : {T(0), T(0.3), T(1), T(1.5)}) {  // a source on the surface is Q itself
             const Vec3<T> x(r * std::sin(angle), T(0), r * std::cos(angle));
             for (const T depth : {T(0), T(1e-7), T(1e-3)}) {
                 const Vec3<T> source = x * (T(1) - depth);
@@ -182,7 +182,7 @@ TEST_CASE("float paths are those of double") {
                                            double(1.336F));
         const auto q = sphere_path(e, s, 0.078F, 1.336F);
         CHECK(q.at.allFinite());
-        // Beyond a caustic or at the rim rounding decides what is seen.
+        // Beyond a caustic or at the rim rounding decides whether Q is visible.
         if (p.seen != q.seen) continue;
         const auto along = p.at.normalized().dot(eye.normalized());
         if (along < 0.3 || source.dot(eye) < 0.3 * source.norm() * eye.norm()) continue;

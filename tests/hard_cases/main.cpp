@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // hard_cases [--page FILE] [--flush-to-zero] [--textbook]: runs every hard case; exit status 1 if
-// one fails. With --page it also writes docs/hard_cases.md; with --flush-to-zero, denormals are
-// flushed in every thread; with --textbook, the entries are listed for which the textbook's formula
-// fails the law that rye's keeps.
+// one fails. --page also writes docs/hard_cases.md; --flush-to-zero flushes denormals in every
+// thread; --textbook lists the entries for which the textbook's formula fails the law that rye's
+// satisfies.
 #include <cstdio>
 #include <cstring>
 #include <fstream>
@@ -37,7 +37,7 @@ Counts count(const Report& report) {
     return c;
 }
 
-/// Rows of one law and one demand: kinds of number, and the worst of them (the best of a textbook).
+/// Rows of one law and one requirement: kinds of number, and the worst of them (textbook: the best).
 struct Group {
     const Row* row;
     std::string kinds;
@@ -64,7 +64,7 @@ std::vector<Group> groups(const std::vector<const Row*>& rows) {
     return all;
 }
 
-/// A bar would end the cell of a table.
+/// Escapes bars, which would end the cell of a table.
 std::string in_cell(const std::string& text) {
     std::string out;
     for (const char c : text) (c == '|' ? out += '\\' : out) += c;
@@ -117,7 +117,7 @@ void write_page(const Report& report, const char* path) {
     }
 }
 
-/// Each entry with its textbook rows that fail, the formula and by how much at the least.
+/// Lists each entry with its failing textbook rows, the formula and its smallest error.
 void list_textbook(const Report& report) {
     for (const Entry& e : catalogue()) {
         std::vector<const Row*> rows;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gaze, the eye's motion, and how far a driver reaches (C6-C8, C15, C16, D1-D8).
+// Gaze, the eye's motion, and the influence of drivers (C6-C8, C15, C16, D1-D8).
 #include <limits>
 
 #include <rye/autodiff/dual.hpp>
@@ -58,7 +58,7 @@ void c8(Report& report) {
             const double t = theta * degree;
             Vec3<T> b = static_cast<T>(std::cos(t)) * a + static_cast<T>(std::sin(t)) * n;
             if (theta == 0) b = a;
-            // Of the vectors that were given, in long double.
+            // For the given vectors, in long double.
             const Vec3<long double> p = a.template cast<long double>(),
                                     q = b.template cast<long double>();
             const long double truth = std::atan2(cross(p, q).norm(), dot(p, q));
@@ -103,14 +103,14 @@ void c16(Report& report) {
     report.at_most("C16", kind_of<T>(), "index 1.376 both ways: n sin - sin", 32 * u, snell);
     report.textbook("C16", kind_of<T>(), "-b - sqrt(b^2 - c)", 4 * u, textbook);
 
-    // Sources whose light comes out along the surface, +-1e-7, and beyond.
+    // Sources whose light leaves along the surface, +-1e-7, and beyond.
     bool finite = true, sides = true;
     double jump = 0;
     const double distance = 20, rim = std::acos(1 / distance), bend = std::asin(1 / 1.376);
     for (const double depth : {1e-3, 0.1, 0.3}) {
         Vec3<double> before = Vec3<double>::Zero();
         for (const double grazing : {-1e-7, 0.0, 1e-7, 1e-2}) {
-            // From the rim inwards, turned beyond the angle of total reflection.
+            // From the rim inwards, at more than the angle of total reflection.
             const double a = rim + 3.14159265358979324 - (bend + grazing);
             const Vec3<T> source(T(std::cos(rim) + depth * std::cos(a)),
                                  T(std::sin(rim) + depth * std::sin(a)), T(0));
@@ -168,7 +168,7 @@ void d_metric(Report& report, const char* metric) {
     const bool squared = std::is_same_v<M, SquaredDistance>;
     const auto arg = [&](double d) { return squared ? static_cast<T>(d) : static_cast<T>(d * d); };
     const M m;
-    // D1: no width is a step.
+    // D1: a ramp without width is a step.
     const Ramp<T> step{T(0.25), T(0.25)};
     const T t = squared ? T(0.25) : T(0.25) * T(0.25), below = std::nextafter(t, T(0));
     const Ramp<T> thin{T(0.25), std::nextafter(T(0.25), T(1))};

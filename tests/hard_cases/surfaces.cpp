@@ -89,7 +89,7 @@ void g4(Report& report) {
         for (const double h : {1e-1, 1e-2, 1e-3, 1e-4}) {
             const T o = static_cast<T>(offset), top = static_cast<T>(offset + h);
             const Vec3<T> a(o, o, o), b(o + T(1), o, o), c(o, top, o);
-            const double truth = 0.5 * (double(top) - double(o)) * 1.0; // of the floats given
+            const double truth = 0.5 * (double(top) - double(o)) * 1.0; // of the given floats
             if (truth == 0) continue;
             worsen(worst, std::abs(0.5 * double(norm(area_vector(a, b, c))) / truth - 1));
             // Twice the area as a x b + b x c + c x a.
@@ -100,7 +100,7 @@ void g4(Report& report) {
                    sizeof(T) == 4 ? 1e-5 : 1e-13, worst);
     report.textbook("G4", kind_of<T>(), "a x b + b x c + c x a", sizeof(T) == 4 ? 1e-5 : 1e-13,
                     naive);
-    // A face of no area is left out of the picture.
+    // A face without area is skipped.
     Columns<T> x(3, 3);
     x << T(-1), T(1), T(0), T(0), T(0), T(0), T(2), T(2), T(2);
     Pinhole<T> camera;

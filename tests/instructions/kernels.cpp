@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // kernels.cpp KERNEL: runs one kernel once on a fixed scene, within a function of that name, whose
-// instructions instructions.sh has counted.
+// instructions instructions.sh counts.
 #include <cstring>
 
 #include <rye/nn/mlp.hpp>

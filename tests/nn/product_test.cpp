@@ -14,7 +14,7 @@ using namespace rye;
 
 namespace {
 
-/// A x and A x^T against Eigen's in double, inside larger matrices whose other numbers stay.
+/// A x and A x^T against Eigen's in double, inside larger matrices whose other numbers must stay.
 template <class B, class T>
 double product_error(Index rows, Index depth, Index columns, std::uint64_t seed) {
     const Columns<T> a = random_columns<T>(rows, depth, seed);
@@ -68,7 +68,7 @@ TEST_CASE("product: equals the matrix product, for sizes around those of panels 
 
 namespace {
 
-/// A library's product as a user links it: called by many threads, with leading dimensions.
+/// A library's product as a user would link it: called by many threads, with leading dimensions.
 struct Loops {
     template <class T>
     static void multiply(bool x_transposed, Index m, Index n, Index k, const T* a, Index lda,

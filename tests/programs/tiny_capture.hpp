@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/programs/tiny_capture.hpp: a small, sound capture on disk for a test to damage.
-/// Four frames of a turning head before three cameras, 48 x 48 pixels.
+/// tests/programs/tiny_capture.hpp: a small, valid capture on disk for a test to damage.
+/// Four frames of a turning head in front of three cameras, 48 x 48 pixels.
 #pragma once
 
 #include <array>

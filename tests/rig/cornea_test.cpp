@@ -20,7 +20,7 @@ Cornea<T> lifted(const Cornea<double>& c) {
     return {c.centre.template cast<T>(), T(c.radius), c.axis.template cast<T>(), T(c.rim)};
 }
 
-/// Camera in columns 0, then the other point; what `f` makes of them.
+/// The camera in column 0, then the other point; and outputs of `f`.
 template <class F, class Vjp>
 double gap(const F& f, const Vjp& vjp, const V& camera, const V& other, std::uint64_t seed,
            Index outputs) {
@@ -41,7 +41,7 @@ TEST_CASE("refraction: an index of 1 changes no bit, nor does a point in front o
     const V on = c.centre + V(0, 0.6, 0.8) * (c.radius * (1 + 1e-15));
     CHECK((seen_through(c, 1.336, camera, on) - on).norm() < 1e-15);
     CHECK(seen_through(c, 1.336, V(0, 0, 0.06), iris) == iris);  // a camera within it
-    // Near 1 it comes to the same.
+    // An index near 1 changes little.
     CHECK((seen_through(c, 1 + 1e-9, camera, iris) - iris).norm() < 1e-9);
 }
 
@@ -55,7 +55,7 @@ TEST_CASE("refraction: an iris looks nearer and larger, by the known amounts") {
     const V iris(1e-4, 0, 0.134 - s), at = seen_through(c, n, camera, iris);
     CHECK(at[0] / iris[0] == doctest::Approx(magnification).epsilon(1e-3));
     CHECK(magnification > 1.1);
-    CHECK(at[2] == doctest::Approx(iris[2]).epsilon(1e-5));   // as far behind the apex as it is
+    CHECK(at[2] == doctest::Approx(iris[2]).epsilon(1e-5));   // the same distance behind the apex
 }
 
 TEST_CASE("refraction: below the index of `droppable` no iris is moved by as much as is seen") {
@@ -124,14 +124,14 @@ TEST_CASE("glint: strongest at Alhazen's point, nothing beyond the limbus or beh
     CHECK(glint_at(m, camera, m.at, 0.01) == 1);
     const V aside = m.at + V(0, 0.01, 0);
     CHECK(glint_at(m, camera, aside, 0.01) < 0.9);
-    // Along the camera's ray it is as bright: it is seen there.
+    // Constant along the camera's ray.
     const V deeper = m.at + 0.03 * (m.at - camera).normalized();
     CHECK(glint_at(m, camera, deeper, 0.01) == doctest::Approx(1).epsilon(1e-12));
     CHECK_FALSE(mirror_image(c, camera, V(0, 0, -9), 0.01).seen);
     CHECK_FALSE(mirror_image(c, V(0, 1, -5), V(0, -1, -5), 0.01).seen);   // off the cap
     CHECK_FALSE(mirror_image(c, camera, V(0, 0, 0.06), 0.01).seen);       // a light in the eye
     double last = 1, step = 0;
-    for (double a = 0; a < 2.6; a += 0.002) {  // it fades out without a jump
+    for (double a = 0; a < 2.6; a += 0.002) {  // it fades without a jump
         const V light(9 * std::sin(a), 0, 9 * std::cos(a));
         const double now = mirror_image(c, camera, light, 0.01).strength;
         step = std::max(step, std::abs(now - last));
