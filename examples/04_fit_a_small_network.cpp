@@ -47,8 +47,8 @@ int main() {
         if (step % 100 == 0) std::printf("step %3d: mean squared error %.6f\n", step, loss);
 
         Mlp<float> gradient = zeros_like(network);
-        mlp_vjp(B{}, network, encoded, frame, trace, Columns<float>(error * (2.0f / float(n))),
-                gradient, nullptr, nullptr);
+        mlp_vjp(B{}, network, {encoded, frame, trace}, Columns<float>(error * (2.0f / float(n))),
+                {.params = gradient});
         adam_step(B{}, network, gradient, adam, [](const std::string&) { return 1e-2; });
     }
     return loss < 0.01 * first ? 0 : 1;

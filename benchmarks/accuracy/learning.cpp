@@ -56,7 +56,7 @@ void mlp_precision() {
         MlpTrace<T> trace;
         value = mlp_forward(B{}, m, in, VecX<T>(), &trace);
         grad = zeros_like(m);
-        mlp_vjp(B{}, m, in, VecX<T>(), trace, g, grad, nullptr, nullptr);
+        mlp_vjp(B{}, m, {in, VecX<T>(), trace}, g, {grad});
     };
     Columns<double> y64;
     Mlp<double> g64(shape);

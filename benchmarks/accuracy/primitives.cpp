@@ -25,6 +25,11 @@ struct Range {
     const char* text;
 };
 
+/// Ranges of a function: of its errors, and of its time.
+struct Ranges {
+    Range range, timed;
+};
+
 /// Nanoseconds per element: the minimum of several passes over 4096 numbers of the range.
 template <class F>
 double time_of(const F& f, const Range& r) {
@@ -57,8 +62,9 @@ float at_rank(std::int64_t r) {
 }
 
 template <class F, class G>
-PrimitiveRow measure(const char* name, const F& f, const G& truth, const Range& range,
-                     const Range& timed, bool exhaustive) {
+PrimitiveRow measure(const char* name, const F& f, const G& truth, const Ranges& ranges,
+                     bool exhaustive) {
+    const auto& [range, timed] = ranges;
     const std::int64_t step = exhaustive ? 1 : 1009;
     double ulp = 0, relative = 0;
     constexpr std::size_t n = 1024;
@@ -108,7 +114,7 @@ std::vector<PrimitiveRow> primitives(const Settings& s) {
     std::vector<PrimitiveRow> rows;
     const auto add = [&](const char* name, const auto& f, const auto& truth, const Range& range,
                          const Range& timed) {
-        rows.push_back(measure(name, f, truth, range, timed, all));
+        rows.push_back(measure(name, f, truth, {range, timed}, all));
         const PrimitiveRow& r = rows.back();
         std::printf("%-28s %-16s %10.3g ulp %10.2e relative %8.3f ns\n", r.name.c_str(),
                     r.range.c_str(), r.ulp, r.relative, r.ns);

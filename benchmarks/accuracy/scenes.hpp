@@ -98,13 +98,18 @@ inline Scenery eyes_close() {
     return s;
 }
 
+/// Extent of a cloud and its distance from the camera.
+struct CloudPlace {
+    double spread = 0.6, distance = 3;
+};
+
 inline Scenery random_cloud(const std::string& name, Index n, std::uint64_t seed, double median,
-                            double spread = 0.6, double distance = 3) {
-    Scenery s{name, Gaussians<float>(n, 3), front_camera(180, distance)};
+                            const CloudPlace& place = {}) {
+    Scenery s{name, Gaussians<float>(n, 3), front_camera(180, place.distance)};
     for (Index i = 0; i < n; ++i) {
         const Draw d{seed, static_cast<std::uint64_t>(i)};
         for (int k = 0; k < 3; ++k)
-            s.gaussians.mean(k, i) = static_cast<float>(spread * d.n(40 + 2 * std::uint64_t(k)));
+            s.gaussians.mean(k, i) = static_cast<float>(place.spread * d.n(40 + 2 * std::uint64_t(k)));
         paint(s.gaussians, i, d, median);
     }
     s.background << 0.3F, 0.5F, 0.7F;
@@ -122,7 +127,7 @@ inline std::vector<Scenery> accuracy_scenes() {
     all.push_back(random_cloud("sub-pixel", 4000, 22, 0.001));
     all.push_back(random_cloud("huge", 60, 23, 5));
     {
-        auto s = random_cloud("camera inside", 1500, 24, 0.06, 1, 0);
+        auto s = random_cloud("camera inside", 1500, 24, 0.06, {1, 0});
         s.camera.near_depth = 0.05F;
         all.push_back(s);
     }

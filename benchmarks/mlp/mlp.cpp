@@ -43,7 +43,7 @@ struct Case {
     }
     template <Backend B>
     void vjp() {
-        mlp_vjp(B{}, m, points, frame, trace, g_out, g_params, &g_points, &g_frame);
+        mlp_vjp(B{}, m, {points, frame, trace}, g_out, {g_params, &g_points, &g_frame});
     }
     /// Per point, forward: without the frame's part; one layer takes the points again.
     double flops() const {

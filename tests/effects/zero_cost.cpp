@@ -300,16 +300,16 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
             return Eigen::Map<const Vec3<T>>(p + 3 * i);
         };
 #if !WITHOUT_CORNEAL_REFRACTION
-        const T index = eyes.index(0, Index(at));
+        const RefractingCornea<T> refracting{cornea, eyes.index(0, Index(at))};
         for (Index i = 0; i < n; ++i)
             Eigen::Map<Vec3<T>>(to + 3 * i) =
-                seen_through<T>(cornea, index, camera, point(from, i));
+                seen_through<T>(refracting, camera, point(from, i));
 #endif
 #if !WITHOUT_GLINT
         for (Index l = 0; l < eyes.light_width.cols(); ++l) {
-            const T width = eyes.light_width(0, l);
-            const Vec3<T> light = into_eye<T>(eye, eyes.light_position.col(l));
-            const MirrorImage<T> image = mirror_image(cornea, camera, light, width);
+            const GlintView<T> view{camera, into_eye<T>(eye, eyes.light_position.col(l)),
+                                    eyes.light_width(0, l)};
+            const MirrorImage<T> image = mirror_image(cornea, view);
             if (!image.seen) continue;
             const Index channels = eyes.light_intensity.rows(), stride = g.feature.rows();
             const T* const intensity = eyes.light_intensity.data() + l * channels;
@@ -317,7 +317,7 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
             for (Index i = 0; i < n; ++i, colour += stride) {
                 const Vec3<T> x = point(from, i);
                 if (!(dot(x, cornea.axis) > T(0))) continue;
-                const T value = glint_at<T>(image, camera, point(to, i), width);
+                const T value = glint_at<T>(image, view, point(to, i));
                 for (Index c = 0; c < channels; ++c) colour[c] += intensity[c] * value;
             }
         }

@@ -70,7 +70,7 @@ double surface_dot_error(const TetGrid<T>& grid, const Columns<T>& sdf, Index ch
     d.add_forward(tangents<T>(surface_positions<D>(s.topology, lifted(grid.vertices, dx),
                                                    lifted(sdf, ds))), wx);
     d.add_forward(tangents<T>(interpolate<D>(s.topology, fraction, lifted(features, df))), wf);
-    const SurfaceGradient<T> g = surface_vjp<T>(s, grid.vertices, sdf, features, wx, wf);
+    const SurfaceGradient<T> g = surface_vjp<T>(s, {grid.vertices, sdf, features}, {wx, wf});
     d.add_reverse(g.vertices, dx);
     d.add_reverse(g.sdf, ds);
     d.add_reverse(g.features, df);
@@ -180,7 +180,7 @@ TEST_CASE("marching_tetrahedra: values too small to divide give the middle and n
         CHECK((s.fraction.array() == 0.5f).all());
         const Columns<float> w = Columns<float>::Ones(3, 3), none(0, 3), no_features(0, 4);
         const SurfaceGradient<float> gradient =
-            surface_vjp<float>(s, g.vertices, sdf, no_features, w, none);
+            surface_vjp<float>(s, {g.vertices, sdf, no_features}, {w, none});
         CHECK(gradient.sdf.allFinite());
         CHECK((gradient.sdf.norm() > 0) == (e > 1e-8f));
         CHECK(gradient.vertices.sum() == doctest::Approx(9));
@@ -197,7 +197,7 @@ TEST_CASE("marching_tetrahedra: no surface, one tetrahedron, values that are not
         CHECK(interpolate<double>(s.topology, s.fraction, Columns<double>::Ones(5, 4)).rows() == 5);
         const Columns<double> none(3, 0), no_features(2, 0);
         const SurfaceGradient<double> gradient = surface_vjp<double>(
-            s, g.vertices, sdf, Columns<double>::Ones(2, 4), none, no_features);
+            s, {g.vertices, sdf, Columns<double>::Ones(2, 4)}, {none, no_features});
         CHECK(gradient.sdf.norm() == 0);
         CHECK(gradient.vertices.norm() == 0);
         CHECK(touched_vertices(s.topology).empty());

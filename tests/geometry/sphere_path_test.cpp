@@ -82,7 +82,7 @@ TEST_CASE("refraction: the rays that a brute-force trace finds, and no other") {
         const double across = (source - along * eye.normalized()).norm();
         const auto rays =
             traced(eye.norm(), Vec2<double>(along, across), radius, index);
-        const SpherePath<double> p = sphere_path(eye, source, radius, index);
+        const SpherePath<double> p = sphere_path(eye, source, {radius, index});
         CHECK(p.at.norm() == doctest::Approx(radius).epsilon(1e-13));
         if (rays.empty()) {
             CHECK_FALSE(p.seen);
@@ -114,7 +114,7 @@ TEST_CASE("reflection: equal angles in one plane; seen as long as both see the p
         const V eye = d.direction() * std::exp(d.uniform(-2.5, 4)),
                 light = d.direction() * std::exp(d.uniform(-2.5, 4));
         if (eye.norm() < 1.001 * radius || light.norm() < 1.001 * radius) continue;
-        const SpherePath<double> p = sphere_path(eye, light, radius, 1.0);
+        const SpherePath<double> p = sphere_path(eye, light, {radius, 1.0});
         const double apart =
             std::acos(std::clamp(eye.normalized().dot(light.normalized()), -1.0, 1.0));
         const double reach = std::acos(radius / eye.norm()) + std::acos(radius / light.norm());
@@ -140,18 +140,18 @@ TEST_CASE("on the axis, at the surface and at grazing, in float too") {
         const T tight = std::is_same_v<T, double> ? T(1e-13) : T(1e-5);
         const Vec3<T> eye(T(0), T(0), T(10));
         for (const T off : {T(0), T(1e-30), T(1e-12), T(1e-7)}) {
-            const auto p = sphere_path(eye, Vec3<T>(off, T(0), T(0.04)), r, n);
+            const auto p = sphere_path(eye, Vec3<T>(off, T(0), T(0.04)), {r, n});
             CHECK(p.seen);
             CHECK(std::abs(p.at[0]) <= T(2) * off);
             CHECK(std::abs(p.at[2] - r) <= tight * r + off * off / r);
             // Behind the centre, too.
-            CHECK(sphere_path(eye, Vec3<T>(off, T(0), T(-0.01)), r, n).at.allFinite());
+            CHECK(sphere_path(eye, Vec3<T>(off, T(0), T(-0.01)), {r, n}).at.allFinite());
         }
         for (const T angle : {T(0), T(0.3), T(1), T(1.5)}) {  // a source on the surface is Q itself
             const Vec3<T> x(r * std::sin(angle), T(0), r * std::cos(angle));
             for (const T depth : {T(0), T(1e-7), T(1e-3)}) {
                 const Vec3<T> source = x * (T(1) - depth);
-                const auto p = sphere_path(eye, source, r, n);
+                const auto p = sphere_path(eye, source, {r, n});
                 CHECK(p.at.allFinite());
                 CHECK((p.at - source).norm() <= T(40) * r * (depth + tight));
             }
@@ -159,11 +159,11 @@ TEST_CASE("on the axis, at the surface and at grazing, in float too") {
         // A mirror with the light at the camera, straight behind it, and beside it.
         for (const Vec3<T>& light :
              {eye, Vec3<T>(eye * T(3)), Vec3<T>(eye + Vec3<T>(T(1e-7), T(0), T(0)))}) {
-            const auto p = sphere_path(eye, light, r, T(1));
+            const auto p = sphere_path(eye, light, {r, T(1)});
             CHECK(p.seen);
             CHECK((p.at - Vec3<T>(T(0), T(0), r)).norm() <= tight * T(10) * r + T(1e-9));
         }
-        const auto behind = sphere_path(eye, Vec3<T>(-eye), r, T(1));
+        const auto behind = sphere_path(eye, Vec3<T>(-eye), {r, T(1)});
         CHECK_FALSE(behind.seen);
         CHECK(behind.at.allFinite());
     };
@@ -178,9 +178,9 @@ TEST_CASE("float paths are those of double") {
         const V eye = d.direction() * d.uniform(1, 20);
         const V source = d.direction() * d.uniform(0.03, 0.0779);
         const Vec3<float> e = eye.cast<float>(), s = source.cast<float>();
-        const auto p = sphere_path<double>(e.cast<double>(), s.cast<double>(), double(0.078F),
-                                           double(1.336F));
-        const auto q = sphere_path(e, s, 0.078F, 1.336F);
+        const auto p = sphere_path<double>(e.cast<double>(), s.cast<double>(),
+                                           {double(0.078F), double(1.336F)});
+        const auto q = sphere_path(e, s, {0.078F, 1.336F});
         CHECK(q.at.allFinite());
         // Beyond a caustic or at the rim rounding decides whether Q is visible.
         if (p.seen != q.seen) continue;

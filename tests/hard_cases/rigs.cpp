@@ -84,7 +84,7 @@ void c16(Report& report) {
             for (double angle = 0; angle < 1.2; angle += 0.05) {
                 const Vec3<T> eye(T(distance), T(0), T(0));
                 const Vec3<T> source(T(0.6 * std::cos(angle)), T(0.6 * std::sin(angle)), T(0));
-                const SpherePath<T> path = sphere_path(eye, source, T(1), T(index));
+                const SpherePath<T> path = sphere_path(eye, source, {T(1), T(index)});
                 if (!path.seen) continue;
                 const Vec3<double> q = path.at.template cast<double>();
                 const Vec3<double> out = eye.template cast<double>() - q;
@@ -115,7 +115,7 @@ void c16(Report& report) {
             const Vec3<T> source(T(std::cos(rim) + depth * std::cos(a)),
                                  T(std::sin(rim) + depth * std::sin(a)), T(0));
             const SpherePath<T> path =
-                sphere_path(Vec3<T>(T(distance), T(0), T(0)), source, T(1), T(1.376));
+                sphere_path(Vec3<T>(T(distance), T(0), T(0)), source, {T(1), T(1.376)});
             finite = finite && path.at.allFinite();
             if (grazing < 0 && sizeof(T) == 8) sides = sides && path.seen != (grazing > 0);
             if (grazing == 1e-2) sides = sides && !path.seen;

@@ -54,8 +54,8 @@ extern "C" {
         rye::mlp_forward(Lanes{}, network->mlp, network->points, network->frame, &network->trace);
 }
 [[gnu::noinline]] void mlp_backward() {
-    mlp_vjp(Lanes{}, network->mlp, network->points, network->frame, network->trace, network->out,
-            network->gradient, &network->g_points, nullptr);
+    mlp_vjp(Lanes{}, network->mlp, {network->points, network->frame, network->trace}, network->out,
+            {network->gradient, &network->g_points});
 }
 
 } // extern "C"

@@ -67,8 +67,8 @@ void all() {
             const double size[6] = {1, -1, 1e-8, -1, 1, -1e-8};
             Surface<S> surface{surface_positions<S>(edges, v, s), crossing_fractions<S>(edges, s),
                                edges};
-            const auto r = surface_vjp<S>(surface, v, s, Columns<S>(0, 6),
-                                          Columns<S>(g.reshaped(3, 3)), Columns<S>(0, 3));
+            const auto r = surface_vjp<S>(surface, {v, s, Columns<S>(0, 6)},
+                                          {Columns<S>(g.reshaped(3, 3)), Columns<S>(0, 3)});
             auto out = x;
             out.topRows(18) = r.vertices.reshaped();
             for (Index k = 0; k < 6; ++k)

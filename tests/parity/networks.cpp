@@ -52,7 +52,7 @@ void record_mlp(Record& r) {
     const Columns<double>& w = r.random("g_y", 5, 50);
     Columns<double> g_code;
     VecX<double> g_frame;
-    mlp_vjp(Cpu{}, m, code, frame, trace, w, g, &g_code, &g_frame);
+    mlp_vjp(Cpu{}, m, {code, frame, trace}, w, {g, &g_code, &g_frame});
     r.add("g_x", positional_encoding_vjp(code, g_code));
     r.add("g_frame", g_frame);
     r.add_fields("g_mlp", g);
@@ -72,7 +72,7 @@ void record_upsampler(Record& r, Normalization norm, bool skip, const std::strin
     UpsamplerTrace<double> trace;
     r.add(name + ".y", upsampler_forward(Cpu{}, u, in, &trace).pixels);
     Columns<double> g_in;
-    upsampler_vjp(Cpu{}, u, in, trace, r.random(name + ".g_y", 3, 16 * in.size()), g, &g_in);
+    upsampler_vjp(Cpu{}, u, {in, trace}, r.random(name + ".g_y", 3, 16 * in.size()), {g, &g_in});
     r.add(name + ".g_in", g_in);
     r.add_fields(name + ".g", g);
 }

@@ -112,7 +112,7 @@ std::array<Columns<T>, 3> multiply() {
     MlpTrace<T> trace;
     std::array<Columns<T>, 3> out;
     out[0] = mlp_forward(B{}, mlp, points, frame, &trace);
-    mlp_vjp(B{}, mlp, points, frame, trace, cotangent, gradient, &out[1], nullptr);
+    mlp_vjp(B{}, mlp, {points, frame, trace}, cotangent, {gradient, &out[1]});
     out[2] = gradient.weight[0];
     return out;
 }

@@ -192,7 +192,7 @@ double mlp_gap(const MlpShape& shape, Index n) {
     const Columns<T> y = mlp_forward(B{}, m, x, frame, &trace);
     Columns<T> gx;
     VecX<T> g_frame;
-    mlp_vjp(B{}, m, x, frame, trace, w, g, &gx, &g_frame);
+    mlp_vjp(B{}, m, {x, frame, trace}, w, {g, &gx, &g_frame});
     CHECK((y.template cast<double>() - expected.out).cwiseAbs().maxCoeff() < 1e-5);
     DotProducts dots;
     dots.forward = expected.slope;
@@ -233,7 +233,7 @@ double upsampler_gap(int capacity, bool skip) {
     const Image<double> y = upsampler_forward(B{}, p.network, in, &trace);
     Upsampler<double> g(shape);
     Columns<double> g_in;
-    upsampler_vjp(B{}, p.network, in, trace, p.weights, g, &g_in);
+    upsampler_vjp(B{}, p.network, {in, trace}, p.weights, {g, &g_in});
     CHECK((y.pixels - expected.out).cwiseAbs().maxCoeff() < 1e-12);
     DotProducts dots;
     dots.forward = expected.slope;

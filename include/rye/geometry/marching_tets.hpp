@@ -164,11 +164,13 @@ Columns<T> interpolate(const SurfaceTopology& surface, const ColumnsView<T>& fra
     return out;
 }
 
-/// Adds to g_values, C x V, and g_fraction, 1 x M, given the gradient of the result, C x M.
+/// Returns the gradient of values, C x V, and adds that of fraction, 1 x M, given that of the
+/// result, C x M.
 template <class T>
-void interpolate_vjp(const SurfaceTopology& surface, const ColumnsView<T>& fraction,
-                     const ColumnsView<T>& values, const ColumnsView<T>& g_out,
-                     Columns<T>& g_values, Columns<T>& g_fraction) {
+Columns<T> interpolate_vjp(const SurfaceTopology& surface, const ColumnsView<T>& fraction,
+                           const ColumnsView<T>& values, const ColumnsView<T>& g_out,
+                           Columns<T>& g_fraction) {
+    Columns<T> g_values = Columns<T>::Zero(values.rows(), values.cols());
     for (Index i = 0; i < surface.vertex_count(); ++i) {
         const auto [a, b] = surface.edges[static_cast<std::size_t>(i)];
         const T t = fraction(0, i);
@@ -176,6 +178,7 @@ void interpolate_vjp(const SurfaceTopology& surface, const ColumnsView<T>& fract
         g_values.col(a) += (T(1) - t) * g_out.col(i);
         g_values.col(b) += t * g_out.col(i);
     }
+    return g_values;
 }
 
 /// The vertex positions, 3 x M, on a fixed topology.
@@ -196,6 +199,21 @@ Surface<T> marching_tetrahedra(const TetTopology& grid, const ColumnsView<T>& ve
     return out;
 }
 
+/// Inputs of a surface and of features on it, at grid vertices.
+template <Scalar T>
+struct SurfaceInputs {
+    ColumnsView<T> vertices;  ///< 3 x V
+    ColumnsView<T> sdf;       ///< 1 x V
+    ColumnsView<T> features;  ///< C x V, C may be 0
+};
+
+/// Cotangents at the surface's vertices.
+template <Scalar T>
+struct SurfaceCotangent {
+    ColumnsView<T> positions;  ///< 3 x M
+    ColumnsView<T> features;   ///< C x M, interpolated
+};
+
 template <Scalar T>
 struct SurfaceGradient {
     Columns<T> vertices;  ///< 3 x V
@@ -203,21 +221,19 @@ struct SurfaceGradient {
     Columns<T> features;  ///< C x V
 };
 
-/// Gradients of the grid's vertices, sdf and features, given those of the surface's positions,
-/// 3 x M, and interpolated features, C x M (C may be 0).
+/// Gradients of the grid's vertices, sdf and features, given those at the surface's vertices.
 template <class T>
-SurfaceGradient<T> surface_vjp(const Surface<T>& surface, const ColumnsView<T>& vertices,
-                               const ColumnsView<T>& sdf, const ColumnsView<T>& features,
-                               const ColumnsView<T>& g_positions, const ColumnsView<T>& g_features,
-                               const EdgeCut& cut = {}) {
+SurfaceGradient<T> surface_vjp(const Surface<T>& surface, const SurfaceInputs<T>& in,
+                               const SurfaceCotangent<T>& g_out, const EdgeCut& cut = {}) {
     const SurfaceTopology& top = surface.topology;
-    SurfaceGradient<T> g{Columns<T>::Zero(3, vertices.cols()), Columns<T>::Zero(1, sdf.cols()),
-                         Columns<T>::Zero(features.rows(), features.cols())};
+    const ColumnsView<T>& features = in.features;
     Columns<T> g_fraction = Columns<T>::Zero(1, top.vertex_count());
-    interpolate_vjp<T>(top, surface.fraction, vertices, g_positions, g.vertices, g_fraction);
+    SurfaceGradient<T> g{
+        interpolate_vjp<T>(top, surface.fraction, in.vertices, g_out.positions, g_fraction),
+        Columns<T>::Zero(1, in.sdf.cols()), Columns<T>::Zero(features.rows(), features.cols())};
     if (features.rows() > 0)
-        interpolate_vjp<T>(top, surface.fraction, features, g_features, g.features, g_fraction);
-    crossing_fractions_vjp<T>(top, sdf, g_fraction, g.sdf, cut);
+        g.features = interpolate_vjp<T>(top, surface.fraction, features, g_out.features, g_fraction);
+    crossing_fractions_vjp<T>(top, in.sdf, g_fraction, g.sdf, cut);
     return g;
 }
 

@@ -91,24 +91,24 @@ struct PixelFace {
 };
 
 /// The z-buffer of one band of rows, decided on values alone.
-template <class W>
-void nearest_faces(const Columns<W>& camera, const std::vector<Face>& faces,
-                   const std::vector<ScreenFace>& boxes,
-                   std::pair<const Index*, const Index*> range, const Pinhole<double>& view,
-                   int row, const MeshRasterSettings& settings, Index* pixel_face, int rows) {
+template <class T>
+void nearest_faces(const ScreenFaces<T>& screen, const FaceBand& band, const Pinhole<double>& view,
+                   const MeshRasterSettings& settings, Index* pixel_face) {
+    const auto& camera = screen.mesh.camera;
+    const int row = band.row, rows = band.rows;
     std::vector<double> rays(static_cast<std::size_t>(view.width));
     for (std::size_t px = 0; px < rays.size(); ++px)
         rays[px] = (static_cast<double>(px) + 0.5 - view.cx) / view.fx;
     std::vector<double> nearest(static_cast<std::size_t>(rows * view.width),
                                 std::numeric_limits<double>::infinity());
-    for (const Index* it = range.first; it != range.second; ++it) {
-        const ScreenFace& box = boxes[static_cast<std::size_t>(*it)];
+    for (const Index* it = band.first; it != band.last; ++it) {
+        const ScreenFace& box = screen.boxes[static_cast<std::size_t>(*it)];
         if (std::abs(box.area) < settings.min_area) continue;
         if (settings.culling == Culling::back_faces && box.area < 0) continue;
         if (settings.culling == Culling::normal_z && box.normal_z > 0) continue;
         // Edge functions are evaluated from the lower to the higher vertex index: the two faces of
         // an edge get exactly opposite values, and no pixel falls between them.
-        Face f = faces[static_cast<std::size_t>(*it)];
+        Face f = screen.faces[static_cast<std::size_t>(*it)];
         bool even = true;
         for (const auto& [i, j] : {std::pair<std::size_t, std::size_t>{0, 1}, {1, 2}, {0, 1}})
             if (f[i] > f[j]) std::swap(f[i], f[j]), even = !even;
@@ -145,13 +145,22 @@ void nearest_faces(const Columns<W>& camera, const std::vector<Face>& faces,
 
 } // namespace detail
 
-/// Rasterizes vertices (3 x M, world) and faces with attributes (C x M). No faces: empty images.
+/// A mesh with attributes at its vertices, to be rasterized.
+template <class T>
+struct AttributeMesh {
+    ColumnsView<T> vertices;         ///< 3 x M, world
+    const std::vector<Face>& faces;
+    ColumnsView<T> attributes;       ///< C x M
+};
+
+/// Rasterizes a mesh. No faces: empty images.
 template <class T, Backend B>
-MeshRaster<T> rasterize_mesh(const B& backend, const ColumnsView<T>& vertices,
-                             const std::vector<Face>& faces, const Pinhole<real_t<T>>& camera,
-                             const ColumnsView<T>& attributes,
+MeshRaster<T> rasterize_mesh(const B& backend, const AttributeMesh<T>& mesh,
+                             const Pinhole<real_t<T>>& camera,
                              const MeshRasterSettings& settings = {}) {
     using W = widened_t<T>;
+    const ColumnsView<T>&vertices = mesh.vertices, &attributes = mesh.attributes;
+    const std::vector<Face>& faces = mesh.faces;
     RYE_ASSERT(vertices.rows() == 3 && vertices.cols() == attributes.cols(),
                "rasterize_mesh: vertices are not 3 x M or attributes not C x M");
     const int width = camera.width, height = camera.height;
@@ -170,14 +179,15 @@ MeshRaster<T> rasterize_mesh(const B& backend, const ColumnsView<T>& vertices,
     }
     const FaceBands bands = face_bands(boxes, width, height, settings.silhouette.pixels(width));
     out.silhouettes.resize(static_cast<std::size_t>(bands.count()));
+    const ScreenFaces<T> screen{out.screen, faces, boxes};
 
-    for_chunks(backend.threads, height, FaceBands::rows, [&](Index y0, Index y1, Index band) {
-        const Index* first = bands.faces.data() + bands.begin[static_cast<std::size_t>(band)];
-        const Index* last = bands.faces.data() + bands.begin[static_cast<std::size_t>(band) + 1];
-        const int row = static_cast<int>(y0), rows = static_cast<int>(y1 - y0);
+    for_chunks(backend.threads, height, FaceBands::rows, [&](Index y0, Index y1, Index b) {
+        const std::size_t number = static_cast<std::size_t>(b);
+        const FaceBand band{bands.faces.data() + bands.begin[number],
+                            bands.faces.data() + bands.begin[number + 1], static_cast<int>(y0),
+                            static_cast<int>(y1 - y0)};
         const Index begin = y0 * width, end = y1 * width;
-        detail::nearest_faces(out.screen.camera, faces, boxes, {first, last}, view, row, settings,
-                              out.face.data() + begin, rows);
+        detail::nearest_faces(screen, band, view, settings, out.face.data() + begin);
         std::vector<std::uint8_t> covered(static_cast<std::size_t>(end - begin));
         for (Index p = begin; p < end; ++p) {
             const Index found = out.face[static_cast<std::size_t>(p)];
@@ -199,24 +209,24 @@ MeshRaster<T> rasterize_mesh(const B& backend, const ColumnsView<T>& vertices,
                                            out.barycentric(2, p) * attributes.col(f[2]);
         }
         if (settings.silhouette.max_faces <= 0) return;
-        SilhouetteTrace& trace = out.silhouettes[static_cast<std::size_t>(band)];
-        trace = silhouette_trace(out.screen, faces, boxes, first, last, covered, row, width,
-                                 settings.silhouette);
+        SilhouetteTrace& trace = out.silhouettes[number];
+        trace = silhouette_trace(screen, band, covered, width, settings.silhouette);
         for (std::size_t i = 0; i < trace.pixel.size(); ++i)
             out.silhouette.pixels(0, trace.pixel[i]) = scalar_cast<T>(silhouette_value(
-                out.screen, trace, i, width, settings.silhouette.sharpness));
+                out.screen, {trace, i, width, settings.silhouette.sharpness}));
     });
     return out;
 }
 
-/// Gradients of vertices and attributes, given those of the images.
+/// Gradients of vertices and attributes, given those of the images, with the same mesh and camera.
 template <class T, Backend B>
 MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& raster,
-                                         const std::vector<Face>& faces,
+                                         const AttributeMesh<T>& mesh,
                                          const Pinhole<real_t<T>>& camera,
-                                         const ColumnsView<T>& attributes,
                                          const MeshRasterCotangent<T>& g) {
     using W = widened_t<T>;
+    const std::vector<Face>& faces = mesh.faces;
+    const ColumnsView<T>& attributes = mesh.attributes;
     const Pinhole<double> view = camera.template cast<double>();
     const Columns<W>& points = raster.screen.camera;
     const int width = raster.mask.width;
@@ -277,8 +287,9 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& 
         for (std::size_t i = 0; i < trace.pixel.size(); ++i) {
             const W g_soft = scalar_cast<W>((*g.silhouette)(0, trace.pixel[i]));
             if (value_of(g_soft) == 0) continue;
-            silhouette_vjp(raster.screen, trace, i, width, raster.settings.silhouette.sharpness,
-                           g_soft, [&](Index v, const Vec2<W>& share) {
+            silhouette_vjp(raster.screen,
+                           {trace, i, width, raster.settings.silhouette.sharpness}, g_soft,
+                           [&](Index v, const Vec2<W>& share) {
                                outline[band].push_back({v, share});
                            });
         }

@@ -128,6 +128,20 @@ struct FaceBands {
     Index count() const { return static_cast<Index>(begin.size()) - 1; }
 };
 
+/// One band of rows and its faces.
+struct FaceBand {
+    const Index *first, *last;  ///< indices of its faces
+    int row, rows;              ///< its first row, their number
+};
+
+/// The faces of a projected mesh, with their boxes.
+template <Scalar T>
+struct ScreenFaces {
+    const ScreenMesh<T>& mesh;
+    const std::vector<Face>& faces;
+    const std::vector<ScreenFace>& boxes;
+};
+
 inline FaceBands face_bands(const std::vector<ScreenFace>& faces, int width, int height,
                             double margin_px) {
     FaceBands out;

@@ -75,14 +75,13 @@ Vec2<widened_t<T>> to_outline(const ScreenMesh<T>& mesh, const SilhouetteTrace::
 
 } // namespace detail
 
-/// Finds the contributing faces of one band: rows [row, row + FaceBands::rows) of the image, where
-/// `covered` has one entry per pixel of the band. `faces` are ordered by index.
+/// Finds the contributing faces of one band, where `covered` has one entry per pixel of the band.
+/// The band's faces are ordered by index.
 template <class T>
-SilhouetteTrace silhouette_trace(const ScreenMesh<T>& mesh, const std::vector<Face>& faces,
-                                 const std::vector<ScreenFace>& boxes, const Index* first,
-                                 const Index* last, const std::vector<std::uint8_t>& covered,
-                                 int row, int width, const SilhouetteSettings& settings) {
-    const int rows = static_cast<int>(covered.size()) / width;
+SilhouetteTrace silhouette_trace(const ScreenFaces<T>& screen, const FaceBand& band,
+                                 const std::vector<std::uint8_t>& covered, int width,
+                                 const SilhouetteSettings& settings) {
+    const int row = band.row, rows = band.rows;
     const auto at = [&](int x, int y) { return static_cast<std::size_t>(y * width + x); };
     // open(x, y) = uncovered pixels above and left of the corner (x, y): most faces lie amid
     // covered pixels and are rejected by four look-ups.
@@ -102,8 +101,8 @@ SilhouetteTrace silhouette_trace(const ScreenMesh<T>& mesh, const std::vector<Fa
     std::vector<Hit> hits;
     std::vector<int> count(covered.size(), 0);
     const double reach = settings.pixels(width);
-    for (const Index* f = first; f != last; ++f) {
-        const ScreenFace& box = boxes[static_cast<std::size_t>(*f)];
+    for (const Index* f = band.first; f != band.last; ++f) {
+        const ScreenFace& box = screen.boxes[static_cast<std::size_t>(*f)];
         const PixelRange xs = pixel_range(box.left - reach, box.right + reach, width);
         const PixelRange ys =
             pixel_range(box.top - reach - row, box.bottom + reach - row, rows);
@@ -118,7 +117,8 @@ SilhouetteTrace silhouette_trace(const ScreenMesh<T>& mesh, const std::vector<Fa
                 ++n;
                 hits.push_back(
                     {static_cast<std::int32_t>(at(x, y)),
-                     detail::nearest_on_outline(mesh, faces[static_cast<std::size_t>(*f)],
+                     detail::nearest_on_outline(screen.mesh,
+                                                screen.faces[static_cast<std::size_t>(*f)],
                                                 {x + 0.5, y + row + 0.5})});
             }
     }
@@ -140,39 +140,49 @@ SilhouetteTrace silhouette_trace(const ScreenMesh<T>& mesh, const std::vector<Fa
     return out;
 }
 
-/// Soft mask of the trace's i-th pixel: s <- s + p (1 - s) keeps a small union accurate.
+/// A pixel of a trace, in an image of a width.
+struct SilhouettePixel {
+    const SilhouetteTrace& trace;
+    std::size_t index;
+    int width;         ///< [px]
+    double sharpness;  ///< of SilhouetteSettings
+};
+
+/// Soft mask of a pixel: s <- s + p (1 - s) keeps a small union accurate.
 template <class T>
-widened_t<T> silhouette_value(const ScreenMesh<T>& mesh, const SilhouetteTrace& trace,
-                              std::size_t i, int width, double sharpness) {
+widened_t<T> silhouette_value(const ScreenMesh<T>& mesh, const SilhouettePixel& pixel) {
     using W = widened_t<T>;
     using std::exp;
+    const SilhouetteTrace& trace = pixel.trace;
     W s(0);
-    for (Index k = trace.begin[i]; k < trace.begin[i + 1]; ++k) {
+    for (Index k = trace.begin[pixel.index]; k < trace.begin[pixel.index + 1]; ++k) {
         const Vec2<W> d = detail::to_outline(mesh, trace.nearest[static_cast<std::size_t>(k)],
-                                             trace.pixel[i], width);
-        s += exp(W(-sharpness) * (d[0] * d[0] + d[1] * d[1])) * (W(1) - s);
+                                             trace.pixel[pixel.index], pixel.width);
+        s += exp(W(-pixel.sharpness) * (d[0] * d[0] + d[1] * d[1])) * (W(1) - s);
     }
     return s;
 }
 
-/// Calls add(vertex, gradient of its image point) for the trace's i-th pixel, whose soft mask has
-/// the gradient g. ds/dp_k is the product of the other (1 - p), accumulated from both ends to avoid
-/// a division by 1 - p, which may be 0.
+/// Calls add(vertex, gradient of its image point) for a pixel whose soft mask has the gradient g.
+/// ds/dp_k is the product of the other (1 - p), accumulated from both ends to avoid a division by
+/// 1 - p, which may be 0.
 template <class T, class Add>
-void silhouette_vjp(const ScreenMesh<T>& mesh, const SilhouetteTrace& trace, std::size_t i,
-                    int width, double sharpness, const widened_t<T>& g, Add&& add) {
+void silhouette_vjp(const ScreenMesh<T>& mesh, const SilhouettePixel& pixel,
+                    const widened_t<T>& g, Add&& add) {
     using W = widened_t<T>;
     using std::exp;
-    const std::size_t begin = static_cast<std::size_t>(trace.begin[i]);
-    const std::size_t n = static_cast<std::size_t>(trace.begin[i + 1]) - begin;
+    const SilhouetteTrace& trace = pixel.trace;
+    const std::size_t begin = static_cast<std::size_t>(trace.begin[pixel.index]);
+    const std::size_t n = static_cast<std::size_t>(trace.begin[pixel.index + 1]) - begin;
     std::vector<Vec2<W>> d(n);
     std::vector<W> p(n), after(n + 1, W(1));
     for (std::size_t k = n; k-- > 0;) {
-        d[k] = detail::to_outline(mesh, trace.nearest[begin + k], trace.pixel[i], width);
-        p[k] = exp(W(-sharpness) * (d[k][0] * d[k][0] + d[k][1] * d[k][1]));
+        d[k] = detail::to_outline(mesh, trace.nearest[begin + k], trace.pixel[pixel.index],
+                                  pixel.width);
+        p[k] = exp(W(-pixel.sharpness) * (d[k][0] * d[k][0] + d[k][1] * d[k][1]));
         after[k] = after[k + 1] * (W(1) - p[k]);
     }
-    W before = W(-2 * sharpness * 2.0 / width) * g;                                 // [1/px]
+    W before = W(-2 * pixel.sharpness * 2.0 / pixel.width) * g;                     // [1/px]
     for (std::size_t k = 0; k < n; ++k) {
         const SilhouetteTrace::Nearest& near = trace.nearest[begin + k];
         const W slope = before * after[k + 1] * p[k];

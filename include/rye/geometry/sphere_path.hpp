@@ -12,6 +12,7 @@
 #pragma once
 
 #include <cmath>
+#include <type_traits>
 
 #include <rye/math/linalg.hpp>
 
@@ -95,12 +96,19 @@ struct PathPlane {
 
 } // namespace detail
 
+/// A sphere about the origin and the refractive index of its inside over the eye's (1: a mirror).
+template <Scalar T>
+struct OpticalSphere {
+    T radius, index;
+};
+
 /// The eye must be outside the sphere. Bracketed Newton's method on values; a final step carries
 /// the derivatives.
 template <Scalar T>
-RYE_HD SpherePath<T> sphere_path(const Vec3<T>& eye, const Vec3<T>& source, const T& radius,
-                          const T& index) {
+RYE_HD SpherePath<T> sphere_path(const Vec3<T>& eye, const Vec3<T>& source,
+                                 const OpticalSphere<std::type_identity_t<T>>& sphere) {
     using R = real_t<T>;
+    const T &radius = sphere.radius, &index = sphere.index;
     const auto values = [](const Vec3<T>& x) {
         return Vec3<R>(R(value_of(x[0])), R(value_of(x[1])), R(value_of(x[2])));
     };
@@ -136,14 +144,15 @@ struct SpherePathCotangent {
     Vec3<T> eye, source;
 };
 
-/// Of Q, which `at` is, as sphere_path gave it of these arguments: of the ends of a path that is
-/// seen. With the Hessian H of L on the sphere, dQ = -H^-1 (d grad L); H is kept times |Q - P|, so
-/// that a source at the surface has none of its trouble.
+/// Cotangents of the ends of a visible path, given that of its point Q, `at`. With the Hessian H of
+/// L on the sphere, dQ = -H^-1 (d grad L); H is kept times |Q - P|, which stays finite for a source
+/// at the surface.
 template <Scalar T>
 RYE_HD SpherePathCotangent<T> sphere_path_vjp(const Vec3<T>& eye, const Vec3<T>& source,
-                                       const T& radius, const T& index, const Vec3<T>& at,
-                                       const Vec3<T>& g) {
+                                              const OpticalSphere<std::type_identity_t<T>>& sphere,
+                                              const Vec3<T>& at, const Vec3<T>& g) {
     using std::abs;
+    const T &radius = sphere.radius, &index = sphere.index;
     const Vec3<T> from_eye = at - eye, from_source = at - source;
     const T dc = norm(from_eye), dp = norm(from_source);
     const Vec3<T> uc = from_eye / dc, up = normalized(from_source), normal = at / radius;

@@ -301,9 +301,8 @@ class Redraw {
             return;
         }
         const Index before = end - from;
-        const Entry* const fresh = fresh_.data() + change.fresh;
-        const Index same = merge_entries(
-            from, end, fresh, fresh + change.entered, to,
+        const Index same = merge_entries<Entry>(
+            {from, end}, {fresh_.data() + change.fresh, change.entered}, to,
             [&](const Entry& e) { return moved_[e.member] != 0; },
             [&](const Entry& x, const Entry& y) { return nearer(x.member, y.member); });
         // Fewer entries were read than exist: all pixels saturated within unchanged entries.

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <span>
 
 #include <rye/core/config.hpp>
 
@@ -26,11 +27,13 @@ struct TileChange {
     bool few() const { return changes() && left + entered <= most_few; }
 };
 
-/// Merges the entries [from, end) that have not left with the sorted [fresh, fresh_end) into `to`.
+/// Merges the entries of `old` that have not left with those of `entered`, both sorted, into `to`.
 /// Returns the number of leading entries equal to the old list's.
 template <class Entry, class Left, class Nearer>
-Index merge_entries(const Entry* from, const Entry* end, const Entry* fresh,
-                    const Entry* fresh_end, Entry* to, const Left& left, const Nearer& nearer) {
+Index merge_entries(std::span<const Entry> old, std::span<const Entry> entered, Entry* to,
+                    const Left& left, const Nearer& nearer) {
+    const Entry *from = old.data(), *const end = from + old.size();
+    const Entry *fresh = entered.data(), *const fresh_end = fresh + entered.size();
     const Entry* const begin = to;
     Index same = end - from;
     const auto differ = [&] { same = std::min<Index>(same, to - begin); };

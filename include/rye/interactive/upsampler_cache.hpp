@@ -136,7 +136,8 @@ class UpsamplerCache {
                            if (u.shape.skip)
                                trace_.base.pixels.middleCols(b, e - b) =
                                    in.pixels.middleCols(b, e - b).topRows(3);
-                           detail::last_layer<B>(u, trace_.normal.back(), trace_.base, b, e, out_);
+                           detail::last_layer<B, T>(u, {trace_.normal.back(), trace_.base}, b, e,
+                                                    out_);
                        }
                    });
         for (const Run& r : runs_) pixels_ += r.end - r.begin;

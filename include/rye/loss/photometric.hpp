@@ -43,13 +43,23 @@ void require_same_shape(const char* who, const ColumnsView<T>& a, const ColumnsV
 
 } // namespace detail
 
+/// A mask and the weight of its loss.
+template <class T>
+struct WeightedMask {
+    const Columns<T>& mask;  ///< 1 x pixels, or empty for 1 everywhere
+    T weight;
+};
+
 /// mean |mask (a - b)| over all pixels and channels, masked or not; its slope at 0 is 0. Adds
-/// `weight` times its cotangent of a to g. a, b, g: channels x pixels; mask: 1 x pixels or empty.
+/// `weight` times its cotangent of a to g. a, b, g: channels x pixels.
 template <class T, Backend B>
 T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
-                const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask,
-                const std::type_identity_t<T>& weight, std::type_identity_t<ColumnsSpan<T>> g) {
+                const std::type_identity_t<ColumnsView<T>>& b,
+                const std::type_identity_t<WeightedMask<T>>& weighted,
+                std::type_identity_t<ColumnsSpan<T>> g) {
     using std::abs;
+    const Columns<T>& mask = weighted.mask;
+    const T& weight = weighted.weight;
     using W = widened_t<T>;  // float does not resolve a mean over millions of values
     detail::require_same_shape<T>("masked_l1", a, b, mask);
     if (a.size() == 0) return T(0);
@@ -84,7 +94,7 @@ LossGradient<T> masked_l1(const B& backend, const std::type_identity_t<ColumnsVi
                           const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask) {
     detail::require_same_shape<T>("masked_l1", a, b, mask);
     LossGradient<T> loss{T(0), Columns<T>::Zero(a.rows(), a.cols())};
-    loss.value = add_masked_l1<T>(backend, a, b, mask, T(1), loss.gradient);
+    loss.value = add_masked_l1<T>(backend, a, b, {mask, T(1)}, loss.gradient);
     return loss;
 }
 

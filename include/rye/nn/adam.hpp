@@ -24,16 +24,18 @@ struct AdamConfig {
     double eps = 1e-8;
 };
 
-/// The optimiser's state: moments of the same shapes as the parameters.
+/// The optimiser: its settings, and moments of the same shapes as the parameters.
 template <class P>
 struct Adam {
     P m;                            ///< mean of gradients
     P v;                            ///< mean of squared gradients
     std::int64_t step = 0;          ///< steps applied so far
     std::vector<std::int64_t> field_steps; ///< the same per field, in the order of fields()
+    AdamConfig config = {};
 
     Adam() = default;
-    explicit Adam(const P& p) : m(zeros_like(p)), v(zeros_like(p)) {}
+    explicit Adam(const P& p, const AdamConfig& c = {})
+        : m(zeros_like(p)), v(zeros_like(p)), config(c) {}
 };
 
 struct AdamReport {
@@ -61,8 +63,8 @@ bool all_finite(const B& backend, const Columns<T>& a) {
 /// value and its moments, and its gradient is not read.
 template <class P, class Rate, Backend B>
     requires std::is_invocable_r_v<double, Rate, const std::string&> AdamReport
-    adam_step(const B& backend, P& p, const P& g, Adam<P>& state, const Rate& rate,
-              const AdamConfig& config = {}) {
+    adam_step(const B& backend, P& p, const P& g, Adam<P>& state, const Rate& rate) {
+        const AdamConfig& config = state.config;
         AdamReport report;
         std::vector<double> rates;
         P::fields(

@@ -116,6 +116,8 @@ struct MlpLayers {
     struct Layer {
         LeftFactor<B, T> hidden, input;
         VecX<T> bias;
+        bool takes_hidden, takes_points;  ///< which products it sums
+        bool last;                        ///< without LeakyReLU
     };
     std::vector<Layer> layers;
 
@@ -127,8 +129,11 @@ struct MlpLayers {
             const Columns<T>& w = m.weight[i];
             Layer& layer = layers[i];
             const int h = s.hidden_in(l), p = s.point_inputs();
-            if (h > 0) layer.hidden.set(w.leftCols(h));
-            if (s.reads_input(l) && (p > 0 || h == 0)) layer.input.set(w.middleCols(h, p));
+            layer.takes_hidden = h > 0;
+            layer.takes_points = s.reads_input(l) && (p > 0 || h == 0);
+            layer.last = l + 1 == s.layers();
+            if (layer.takes_hidden) layer.hidden.set(w.leftCols(h));
+            if (layer.takes_points) layer.input.set(w.middleCols(h, p));
             layer.bias = VecX<T>::Zero(w.rows() + room);
             layer.bias.head(w.rows()) = m.bias[i].col(0);
             if (s.reads_input(l) && frame.size() > 0)
@@ -142,8 +147,8 @@ struct MlpLayers {
 
 /// y = W [hidden; x] + b, and LeakyReLU unless last.
 template <Backend B, class T>
-void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const MlpShape& s, int l,
-               const ColumnsView<T>& hidden, const ColumnsView<T>& x, ColumnsSpan<T> y) {
+void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const ColumnsView<T>& hidden,
+               const ColumnsView<T>& x, ColumnsSpan<T> y) {
     const auto finish = [&](const auto& last) {
         const T* const bias = layer.bias.data();
         const auto activated = [&](Index row, const auto& sum) {
@@ -153,21 +158,20 @@ void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const MlpShape& s, 
             else
                 return leaky_relu(v);
         };
-        const bool both = s.hidden_in(l) > 0 && s.reads_input(l) && s.point_inputs() > 0;
-        if (both) {
+        if (layer.takes_hidden && layer.takes_points) {
             layer.hidden.times(hidden, y, [](Index, const auto& sum, const auto&) { return sum; });
             layer.input.times(x, y, [&](Index row, const auto& sum, const auto& before) {
                 return activated(row, std::remove_cvref_t<decltype(sum)>(before + sum));
             });
         } else {
-            const bool first = s.hidden_in(l) == 0;
+            const bool first = !layer.takes_hidden;
             (first ? layer.input : layer.hidden)
                 .times(first ? x : hidden, y, [&](Index row, const auto& sum, const auto&) {
                     return activated(row, sum);
                 });
         }
     };
-    if (l + 1 == s.layers())
+    if (layer.last)
         finish(std::true_type());
     else
         finish(std::false_type());
@@ -207,19 +211,36 @@ Columns<T> mlp_forward(const B& backend, const Mlp<T>& m,
             return buffer;
         };
         for (int l = 0; l < layers; ++l)
-            detail::mlp_layer<B, T>(packed.layers[static_cast<std::size_t>(l)], s, l,
-                                    hidden(l - 1), x, hidden(l));
+            detail::mlp_layer<B, T>(packed.layers[static_cast<std::size_t>(l)], hidden(l - 1), x,
+                                    hidden(l));
     });
     return y;
 }
 
-/// Adds to g_params; overwrites g_points (point_inputs x N) and g_frame, each of which may be null.
+/// Inputs and trace of a forward pass.
+template <class T>
+struct MlpPass {
+    ColumnsView<T> points;      ///< point_inputs x N
+    const VecX<T>& frame;       ///< frame_inputs
+    const MlpTrace<T>& trace;
+};
+
+/// Destination of gradients; a null pointer skips one.
+template <class T>
+struct MlpGradient {
+    Mlp<T>& params;                ///< added to
+    Columns<T>* points = nullptr;  ///< overwritten, point_inputs x N
+    VecX<T>* frame = nullptr;      ///< overwritten, frame_inputs
+};
+
+/// Gradients for the cotangent g_out (outputs x N) of mlp_forward's result.
 template <class T, Backend B>
-void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<ColumnsView<T>>& points,
-             const std::type_identity_t<VecX<T>>& frame, const MlpTrace<T>& trace,
-             const std::type_identity_t<ColumnsView<T>>& g_out, Mlp<T>& g_params,
-             std::type_identity_t<Columns<T>>* g_points, std::type_identity_t<VecX<T>>* g_frame) {
+void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<MlpPass<T>>& pass,
+             const std::type_identity_t<ColumnsView<T>>& g_out,
+             const std::type_identity_t<MlpGradient<T>>& g) {
     const MlpShape& s = m.shape;
+    const ColumnsView<T>& points = pass.points;
+    Columns<T>* const g_points = g.points;
     const int layers = s.layers(), p = s.point_inputs();
     const Index n = points.cols(), block = detail::mlp_block(s), chunk = detail::mlp_chunk(s, n);
     RYE_ASSERT(g_out.rows() == s.outputs() && g_out.cols() == n, "mlp_vjp: g_out differs in shape");
@@ -244,23 +265,23 @@ void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<Colum
         for (Index b = first; b < last; b += block) {
             const Index k = std::min(block, last - b);
             const ColumnsView<T> x = points.middleCols(b, k);
-            const auto layer = [&](int l, const ColumnsView<T>& g, Columns<T>& g_below) {
+            const auto layer = [&](int l, const ColumnsView<T>& gl, Columns<T>& g_below) {
                 const std::size_t i = static_cast<std::size_t>(l);
                 const int h = s.hidden_in(l);
-                g_rows.set_and_sum(g, part.bias[i]);
+                g_rows.set_and_sum(gl, part.bias[i]);
                 if (s.reads_input(l) && p > 0) {
                     g_rows.times_transposed(x, part.weight[i].middleCols(h, p), added);
                     if (g_points && l == reads_last)
-                        to_input[i].times(g, g_points->middleCols(b, k), alone);
+                        to_input[i].times(gl, g_points->middleCols(b, k), alone);
                     else if (g_points)
-                        to_input[i].times(g, g_points->middleCols(b, k), added);
+                        to_input[i].times(gl, g_points->middleCols(b, k), added);
                 }
                 if (h == 0) return;
-                const ColumnsView<T> below = trace.hidden[i - 1].middleCols(b, k);
+                const ColumnsView<T> below = pass.trace.hidden[i - 1].middleCols(b, k);
                 g_rows.times_transposed(below, part.weight[i].leftCols(h), added);
                 g_below.resize(h, k);
                 to_hidden[i].times(
-                    g, g_below,
+                    gl, g_below,
                     [](Index, const auto& sum, const auto& y) { return leaky_relu_vjp(y, sum); },
                     below);
             };
@@ -270,19 +291,19 @@ void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<Colum
         }
     });
 
-    if (g_frame) g_frame->setZero(s.frame_inputs);
+    if (g.frame) g.frame->setZero(s.frame_inputs);
     for (int l = 0; l < layers; ++l) {
         const std::size_t i = static_cast<std::size_t>(l);
         for_chunks(backend.threads, m.weight[i].cols(), 16, [&](Index b, Index e, Index) {
             for (const Mlp<T>& part : parts)
-                g_params.weight[i].middleCols(b, e - b) += part.weight[i].middleCols(b, e - b);
+                g.params.weight[i].middleCols(b, e - b) += part.weight[i].middleCols(b, e - b);
         });
         VecX<T> sum = VecX<T>::Zero(s.layer_out(l)); // of cotangents over all points
         for (const Mlp<T>& part : parts) sum += part.bias[i].col(0);
-        g_params.bias[i] += sum;
+        g.params.bias[i] += sum;
         if (s.reads_input(l) && s.frame_inputs > 0) {
-            g_params.weight[i].rightCols(s.frame_inputs) += sum * frame.transpose();
-            if (g_frame) *g_frame += m.weight[i].rightCols(s.frame_inputs).transpose() * sum;
+            g.params.weight[i].rightCols(s.frame_inputs) += sum * pass.frame.transpose();
+            if (g.frame) *g.frame += m.weight[i].rightCols(s.frame_inputs).transpose() * sum;
         }
     }
 }

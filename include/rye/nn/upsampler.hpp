@@ -131,12 +131,19 @@ inline Index outc_grain(Index pixels) { return std::max<Index>(2048, chunk_count
 /// Pixels per chunk of the last layer.
 inline constexpr Index last_layer_grain = 2048;
 
-/// Pixels [b, e) of the output, one chunk, from the layer below and, with skip, the base.
+/// Inputs of the last layer.
+template <class T>
+struct LastLayerInput {
+    const Image<T>& below;  ///< output of the layer below
+    const Image<T>& base;   ///< the upsampled first three channels, with skip
+};
+
+/// Pixels [b, e) of the output, one chunk.
 template <Backend B, class T>
-void last_layer(const Upsampler<T>& u, const Image<T>& below, const Image<T>& base, Index b,
-                Index e, Image<T>& out) {
+void last_layer(const Upsampler<T>& u, const LastLayerInput<T>& in, Index b, Index e,
+                Image<T>& out) {
     const Columns<T> h =
-        below.pixels.middleCols(b, e - b).unaryExpr([](const T& x) { return relu(x); });
+        in.below.pixels.middleCols(b, e - b).unaryExpr([](const T& x) { return relu(x); });
     Columns<T> z = u.out_weight * h;
     z.colwise() += u.out_bias.col(0);
     T* to = out.pixels.col(b).data();
@@ -144,7 +151,7 @@ void last_layer(const Upsampler<T>& u, const Image<T>& below, const Image<T>& ba
         transform_array<B>(
             z.size(), to,
             [](const auto& low, const auto& x) { return odds_sigmoid(clamped_base(low), x); },
-            base.pixels.col(b).data(), z.data());
+            in.base.pixels.col(b).data(), z.data());
     else
         transform_array<B>(
             z.size(), to, [](const auto& x) { return sigmoid(x); }, z.data());
@@ -186,18 +193,36 @@ Image<T> upsampler_forward(const B& backend, const Upsampler<T>& u, const Image<
     const Image<T>& last = t.normal.back();
     Image<T> out(last.width, last.height, 3);
     for_chunks(backend.threads, out.size(), detail::last_layer_grain,
-               [&](Index b, Index e, Index) { detail::last_layer<B>(u, last, t.base, b, e, out); });
+               [&](Index b, Index e, Index) {
+                   detail::last_layer<B, T>(u, {last, t.base}, b, e, out);
+               });
     if (trace) t.out = out;
     return out;
 }
 
-/// g_out: 3 x pixels of the output. Adds to g_params; overwrites g_in (in_channels x pixels of the
-/// input), which may be null.
+/// Input and trace of a forward pass.
+template <class T>
+struct UpsamplerPass {
+    const Image<T>& in;
+    const UpsamplerTrace<T>& trace;
+};
+
+/// Destination of gradients; a null pointer skips the input's.
+template <class T>
+struct UpsamplerGradient {
+    Upsampler<T>& params;      ///< added to
+    Columns<T>* in = nullptr;  ///< overwritten, in_channels x pixels of the input
+};
+
+/// Gradients for the cotangent g_out (3 x pixels) of upsampler_forward's result.
 template <class T, Backend B>
-void upsampler_vjp(const B& backend, const Upsampler<T>& u, const Image<T>& in,
-                   const UpsamplerTrace<T>& t, const std::type_identity_t<ColumnsView<T>>& g_out,
-                   Upsampler<T>& g_params, std::type_identity_t<Columns<T>>* g_in) {
+void upsampler_vjp(const B& backend, const Upsampler<T>& u,
+                   const std::type_identity_t<UpsamplerPass<T>>& pass,
+                   const std::type_identity_t<ColumnsView<T>>& g_out,
+                   const std::type_identity_t<UpsamplerGradient<T>>& gradient) {
     const UpsamplerShape& s = u.shape;
+    const UpsamplerTrace<T>& t = pass.trace;
+    Columns<T>* const g_in = gradient.in;
     const Image<T>& last = t.normal.back();
     const Index pixels = last.size();
     RYE_ASSERT(g_out.rows() == 3 && g_out.cols() == pixels, "upsampler_vjp: g_out is not 3 x P");
@@ -225,8 +250,8 @@ void upsampler_vjp(const B& backend, const Upsampler<T>& u, const Image<T>& in,
             part << gz * h.transpose(), gz.rowwise().sum();
             return part;
         });
-    g_params.out_weight += g_outc.leftCols(s.capacity);
-    g_params.out_bias += g_outc.rightCols(1);
+    gradient.params.out_weight += g_outc.leftCols(s.capacity);
+    gradient.params.out_bias += g_outc.rightCols(1);
 
     const auto through_relu = [](const auto& gv, const auto& v) { return relu_vjp(v, gv); };
     for (int l = s.layers() - 1; l >= 0; --l) {
@@ -243,8 +268,9 @@ void upsampler_vjp(const B& backend, const Upsampler<T>& u, const Image<T>& in,
         } else {
             g_layer = padded(backend, g, through_relu, y);
         }
-        convolve3x3_vjp_weight(backend, detail::upsampler_layer_input(backend, in, t.normal, l),
-                               g_layer, g_params.conv[i]);
+        convolve3x3_vjp_weight(backend,
+                               detail::upsampler_layer_input(backend, pass.in, t.normal, l),
+                               g_layer, gradient.params.conv[i]);
         if (l == 0 && !g_in) return;
         g = convolve3x3_vjp_input(backend, u.conv[i], g_layer);
         if (l > 0 && l % 2 == 0) g = doubled_vjp(backend, g);

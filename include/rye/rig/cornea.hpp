@@ -31,6 +31,20 @@ struct Cornea {
     T rim;                       ///< limbus along the axis, from the eyeball's centre [unit]
 };
 
+/// A cornea and the refractive index behind it.
+template <Scalar T>
+struct RefractingCornea {
+    Cornea<T> cornea;
+    T index;
+};
+
+/// View of a reflection: the camera and the light in the eyeball's frame, the glint's width [unit].
+template <Scalar T>
+struct GlintView {
+    Vec3<T> camera, light;
+    T width;
+};
+
 namespace detail {
 
 template <Scalar T>
@@ -41,11 +55,12 @@ RYE_HD Vec3<T> beyond(const Vec3<T>& at, const Vec3<T>& eye, const Vec3<T>& sour
 }
 
 template <Scalar T>
-RYE_HD bool behind_cornea(const Cornea<T>& c, const T& index, const Vec3<T>& eye,
-                   const Vec3<T>& point) {
+RYE_HD bool behind_cornea(const RefractingCornea<T>& refracting, const Vec3<T>& eye,
+                          const Vec3<T>& point) {
+    const Cornea<T>& c = refracting.cornea;
     const Vec3<T> p = point - c.centre, e = eye - c.centre;
     const T rr = c.radius * c.radius;
-    return index != T(1) && dot(p, p) < rr && dot(e, e) > rr;
+    return refracting.index != T(1) && dot(p, p) < rr && dot(e, e) > rr;
 }
 
 } // namespace detail
@@ -53,21 +68,24 @@ RYE_HD bool behind_cornea(const Cornea<T>& c, const T& index, const Vec3<T>& eye
 /// Apparent position of a point: refracted if it is within the corneal sphere and the camera is
 /// outside, else unchanged. An index of 1 changes no bit.
 template <Scalar T>
-RYE_HD Vec3<T> seen_through(const Cornea<T>& c, const T& index, const Vec3<T>& camera,
-                     const Vec3<T>& point) {
-    if (!detail::behind_cornea(c, index, camera, point)) return point;
+RYE_HD Vec3<T> seen_through(const RefractingCornea<T>& refracting, const Vec3<T>& camera,
+                            const Vec3<T>& point) {
+    if (!detail::behind_cornea(refracting, camera, point)) return point;
+    const Cornea<T>& c = refracting.cornea;
     const Vec3<T> eye = camera - c.centre, source = point - c.centre;
-    const SpherePath<T> path = sphere_path(eye, source, c.radius, index);
+    const SpherePath<T> path = sphere_path(eye, source, {c.radius, refracting.index});
     return c.centre + detail::beyond(path.at, eye, source);
 }
 
 /// Returns the cotangent of the point; adds that of the camera.
 template <Scalar T>
-RYE_HD Vec3<T> seen_through_vjp(const Cornea<T>& c, const T& index, const Vec3<T>& camera,
-                         const Vec3<T>& point, const Vec3<T>& g, Vec3<T>& g_camera) {
-    if (!detail::behind_cornea(c, index, camera, point)) return g;
+RYE_HD Vec3<T> seen_through_vjp(const RefractingCornea<T>& refracting, const Vec3<T>& camera,
+                                const Vec3<T>& point, const Vec3<T>& g, Vec3<T>& g_camera) {
+    if (!detail::behind_cornea(refracting, camera, point)) return g;
+    const Cornea<T>& c = refracting.cornea;
+    const T& index = refracting.index;
     const Vec3<T> eye = camera - c.centre, source = point - c.centre;
-    const SpherePath<T> path = sphere_path(eye, source, c.radius, index);
+    const SpherePath<T> path = sphere_path(eye, source, {c.radius, index});
     if (!path.seen) {  // on the rim: derivatives of the closed formula
         struct Rim {};
         using D = Dual<T, 6, Rim>;
@@ -96,7 +114,7 @@ RYE_HD Vec3<T> seen_through_vjp(const Cornea<T>& c, const T& index, const Vec3<T
         g_at[i] = g[i] + up[i] * along + turn[i];
     }
     const SpherePathCotangent<T> ends =
-        sphere_path_vjp(eye, source, c.radius, index, path.at, g_at);
+        sphere_path_vjp(eye, source, {c.radius, index}, path.at, g_at);
     Vec3<T> r;
     for (int i = 0; i < 3; ++i) {
         g_camera[i] += ends.eye[i] - turn[i];
@@ -123,9 +141,9 @@ template <Scalar T>
 struct GlintFades {
     T rim, grazing;
 
-    RYE_HD GlintFades(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& at, const T& width)
-        : rim(constant<T>(0.5) + (dot(at, c.axis) - c.rim) / width),
-          grazing(dot(Vec3<T>(at - c.centre), normalized(Vec3<T>(camera - at))) /
+    RYE_HD GlintFades(const Cornea<T>& c, const GlintView<T>& view, const Vec3<T>& at)
+        : rim(constant<T>(0.5) + (dot(at, c.axis) - c.rim) / view.width),
+          grazing(dot(Vec3<T>(at - c.centre), normalized(Vec3<T>(view.camera - at))) /
                   (c.radius * constant<T>(glint_grazing))) {}
 };
 
@@ -140,69 +158,73 @@ struct MirrorImage {
     bool seen;
 };
 
+/// Gradient of a reflection: of its image, and of the camera and the light.
 template <Scalar T>
-RYE_HD MirrorImage<T> mirror_image(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& light,
-                            const T& width) {
-    const Vec3<T> eye = camera - c.centre, source = light - c.centre;
+struct GlintGradient {
+    MirrorImage<T> image;
+    Vec3<T> camera, light;
+};
+
+template <Scalar T>
+RYE_HD MirrorImage<T> mirror_image(const Cornea<T>& c, const GlintView<T>& view) {
+    const Vec3<T> eye = view.camera - c.centre, source = view.light - c.centre;
     const T rr = c.radius * c.radius;
     if (!(dot(eye, eye) > rr && dot(source, source) > rr)) return {c.centre, T(0), false};
-    const SpherePath<T> path = sphere_path(eye, source, c.radius, T(1));
+    const SpherePath<T> path = sphere_path(eye, source, {c.radius, T(1)});
     const Vec3<T> at = c.centre + path.at;
     if (!path.seen) return {at, T(0), false};
-    const detail::GlintFades<T> f(c, camera, at, width);
+    const detail::GlintFades<T> f(c, view, at);
     const T strength = detail::smooth_step(f.rim) * detail::smooth_step(f.grazing);
     return {at, strength, strength > T(0)};
 }
 
-/// Adds the cotangents of camera and light, given that of the image.
+/// Adds the cotangents of camera and light to g, given that of the image in g.
 template <Scalar T>
-RYE_HD void mirror_image_vjp(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& light,
-                      const T& width, const MirrorImage<T>& m, const MirrorImage<T>& g,
-                      Vec3<T>& g_camera, Vec3<T>& g_light) {
+RYE_HD void mirror_image_vjp(const Cornea<T>& c, const GlintView<T>& v, const MirrorImage<T>& m,
+                             GlintGradient<T>& g) {
     if (!m.seen) return;
-    const detail::GlintFades<T> f(c, camera, m.at, width);
-    const T by_rim = g.strength * detail::smooth_step_slope(f.rim) *
-                     detail::smooth_step(f.grazing) / width;
-    const T by_grazing = g.strength * detail::smooth_step(f.rim) *
+    const detail::GlintFades<T> f(c, v, m.at);
+    const T by_rim = g.image.strength * detail::smooth_step_slope(f.rim) *
+                     detail::smooth_step(f.grazing) / v.width;
+    const T by_grazing = g.image.strength * detail::smooth_step(f.rim) *
                          detail::smooth_step_slope(f.grazing) /
                          (c.radius * constant<T>(glint_grazing));
-    const Vec3<T> view = camera - m.at, toward = normalized(view);
+    const Vec3<T> view = v.camera - m.at, toward = normalized(view);
     const Vec3<T> g_view = normalized_vjp(view, Vec3<T>((m.at - c.centre) * by_grazing));
     Vec3<T> g_at;
     for (int i = 0; i < 3; ++i)
-        g_at[i] = g.at[i] + by_rim * c.axis[i] + by_grazing * toward[i] - g_view[i];
+        g_at[i] = g.image.at[i] + by_rim * c.axis[i] + by_grazing * toward[i] - g_view[i];
     const SpherePathCotangent<T> ends =
-        sphere_path_vjp(Vec3<T>(camera - c.centre), Vec3<T>(light - c.centre), c.radius, T(1),
-                        Vec3<T>(m.at - c.centre), g_at);
-    g_camera += g_view + ends.eye;
-    g_light += ends.source;
+        sphere_path_vjp(Vec3<T>(v.camera - c.centre), Vec3<T>(v.light - c.centre),
+                        {c.radius, T(1)}, Vec3<T>(m.at - c.centre), g_at);
+    g.camera += g_view + ends.eye;
+    g.light += ends.source;
 }
 
 /// Brightness of a reflection at a point: strength exp(-d^2 / 2 width^2), d being the distance of
 /// the point from the camera's ray through the image.
 template <Scalar T>
-RYE_HD T glint_at(const MirrorImage<T>& m, const Vec3<T>& camera, const Vec3<T>& point,
-           const T& width) {
+RYE_HD T glint_at(const MirrorImage<T>& m, const GlintView<T>& v, const Vec3<T>& point) {
     using std::exp;
-    const Vec3<T> d = normalized(Vec3<T>(m.at - camera)), r = point - m.at;
+    const Vec3<T> d = normalized(Vec3<T>(m.at - v.camera)), r = point - m.at;
     const Vec3<T> off = r - d * dot(d, r);
-    return m.strength * exp(constant<T>(-0.5) * dot(off, off) / (width * width));
+    return m.strength * exp(constant<T>(-0.5) * dot(off, off) / (v.width * v.width));
 }
 
-/// Returns the cotangent of the point; adds those of image and camera. `value` is glint_at's.
+/// Returns the cotangent of the point; adds those of image and camera to g. `g_log` is the cotangent
+/// of the value's logarithm: that of the value times the value.
 template <Scalar T>
-RYE_HD Vec3<T> glint_at_vjp(const MirrorImage<T>& m, const Vec3<T>& camera, const Vec3<T>& point,
-                     const T& width, const T& value, const T& g, MirrorImage<T>& g_image,
-                     Vec3<T>& g_camera) {
-    const Vec3<T> view = m.at - camera, d = normalized(view), r = point - m.at;
+RYE_HD Vec3<T> glint_at_vjp(const MirrorImage<T>& m, const GlintView<T>& v, const Vec3<T>& point,
+                            const T& g_log, GlintGradient<T>& g) {
+    const Vec3<T> view = m.at - v.camera, d = normalized(view), r = point - m.at;
     const T along = dot(d, r);
-    const T k = T(0) - g * value / (width * width);
-    g_image.strength += g * value / m.strength;
+    const T k = T(0) - g_log / (v.width * v.width);
+    g.image.strength += g_log / m.strength;
     // |off|^2 = |r|^2 - (d r)^2.
     const Vec3<T> g_r = (r - d * along) * k;
     const Vec3<T> g_view = normalized_vjp(view, Vec3<T>(r * (T(0) - along * k)));
-    g_image.at += g_view - g_r;
-    g_camera -= g_view;
+    g.image.at += g_view - g_r;
+    g.camera -= g_view;
     return g_r;
 }
 

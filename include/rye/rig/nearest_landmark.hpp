@@ -19,10 +19,17 @@ namespace rye {
 
 namespace detail {
 
+/// Destination of distances and, unless null, indices, one per point.
+template <class T>
+struct NearestResult {
+    T* squared;
+    Index* nearest;
+};
+
 /// Points in lanes, landmarks broadcast; two vectors of points share each broadcast landmark.
 template <class Batch, class T>
 void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landmarks, Index begin,
-                      Index end, Columns<T>& squared, Index* nearest) {
+                      Index end, const NearestResult<T>& out) {
     constexpr Index lanes = static_cast<Index>(Batch::size), block = 2 * lanes;
     std::array<T, static_cast<std::size_t>(block)> x{}, y{}, z{};
     for (Index at = begin; at < end; at += block) {
@@ -53,8 +60,9 @@ void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landma
         best0.store_unaligned(best.data()), best1.store_unaligned(best.data() + lanes);
         index0.store_unaligned(index.data()), index1.store_unaligned(index.data() + lanes);
         for (Index i = 0; i < count; ++i) {
-            squared(0, at + i) = best[static_cast<std::size_t>(i)];
-            if (nearest) nearest[at + i] = static_cast<Index>(index[static_cast<std::size_t>(i)]);
+            const auto k = static_cast<std::size_t>(i);
+            out.squared[at + i] = best[k];
+            if (out.nearest) out.nearest[at + i] = static_cast<Index>(index[k]);
         }
     }
 }
@@ -81,7 +89,8 @@ Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& poin
     for_chunks(backend.threads, n, 2048, [&](Index begin, Index end, Index) {
         if constexpr (LaneBackend<B, T>) {
             using Batch = typename B::template batch<T>;
-            detail::nearest_in_lanes<Batch, T>(points, landmarks, begin, end, squared, indices);
+            detail::nearest_in_lanes<Batch, T>(points, landmarks, begin, end,
+                                                {squared.data(), indices});
         } else {
             for (Index i = begin; i < end; ++i) {
                 T best = constant<T>(std::numeric_limits<double>::infinity());

@@ -71,7 +71,7 @@ namespace detail {
 template <class T, Backend B>
 T rgb_term(const B& backend, const Columns<T>& prediction, const Columns<T>& truth,
            const Columns<T>& mask, double weight, Columns<T>& g) {
-    return add_masked_l1<T>(backend, prediction.topRows(3), truth, mask, T(weight), g.topRows(3));
+    return add_masked_l1<T>(backend, prediction.topRows(3), truth, {mask, T(weight)}, g.topRows(3));
 }
 
 /// f(begin, end) for chunks of the columns of an image.
@@ -296,15 +296,15 @@ void avatar_losses_vjp(const B& backend, const TwoStream<T, E>& avatar, const Av
                        const TwoStreamTrace<T, E>& trace, AvatarPictures<T>& p,
                        TwoStream<T, E>& grad, Probe&& probe = {}) {
     Columns<T> g_feature;
-    upsampler_vjp(backend, avatar.upsampler, features_shown(sample, p), p.high_trace, p.g_high,
-                  grad.upsampler, &g_feature);
+    upsampler_vjp(backend, avatar.upsampler, {features_shown(sample, p), p.high_trace}, p.g_high,
+                  {grad.upsampler, &g_feature});
     if (sample.scale.active())
         gathered_vjp(g_feature, sample.scale.small, p.g_final);
     else
         detail::add_weighted(backend, p.g_final, T(1), g_feature);
     if (sample.eyes_high) {
-        upsampler_vjp(backend, avatar.upsampler, p.eyes.feature, p.eyes_high_trace, p.g_eyes_high,
-                      grad.upsampler, &g_feature);
+        upsampler_vjp(backend, avatar.upsampler, {p.eyes.feature, p.eyes_high_trace}, p.g_eyes_high,
+                      {grad.upsampler, &g_feature});
         detail::add_weighted(backend, p.g_eyes, T(1), g_feature);
     }
     probe("super-resolution vjp");

@@ -103,32 +103,50 @@ struct RightFactor {
 
 namespace detail {
 
+/// A packed panel of the left factor.
+template <class T>
+struct PackedPanel {
+    const T* data;
+    Index depth;
+};
+
+/// Columns [begin, end) of the product.
+struct ColumnRange {
+    Index begin, end;
+};
+
+/// Columns `stride` apart that receive a product.
+template <class T>
+struct ProductTarget {
+    T* data;
+    Index stride;
+};
+
 /// V vectors of rows by N columns of the product, from column c on. Not inlined: the caller's code
 /// would take the registers of the addresses.
 template <class Batch, std::size_t V, std::size_t N, bool Transposed, class T, class Put>
-[[gnu::noinline]] void product_tile(const T* a, Index depth, const RightFactor<T, Transposed>& x,
-                                    Index c, T* y, Index ld, const Put& put) {
+[[gnu::noinline]] void product_tile(PackedPanel<T> a, const RightFactor<T, Transposed>& x, Index c,
+                                    ProductTarget<T> y, const Put& put) {
     RegisterTile<Batch, V, std::make_index_sequence<N>> tile;
     const T* b = x.data + c * x.column_step();
     constexpr Index height = static_cast<Index>(V * Batch::size);
-    for (Index j = 0; j < depth; ++j, a += height, b += x.depth_step())
-        tile.add_product(a, b, x.column_step());
-    tile.each(y, ld, put);
+    for (Index j = 0; j < a.depth; ++j, a.data += height, b += x.depth_step())
+        tile.add_product(a.data, b, x.column_step());
+    tile.each(y.data, y.stride, put);
 }
 
-/// A panel times columns [begin, end) of X; y points to column `begin`. A remainder of two-vector
+/// A panel times columns [c, end) of X; y points to column c. A remainder of two-vector
 /// panels is one tile: two narrower ones would each wait for their sums.
 template <class Batch, std::size_t V, std::size_t N, bool Transposed, class T, class Put>
-void product_panel(const T* a, Index depth, const RightFactor<T, Transposed>& x, Index begin,
-                   Index end, T* y, Index ld, const Put& put) {
+void product_panel(PackedPanel<T> a, const RightFactor<T, Transposed>& x, ColumnRange columns,
+                   ProductTarget<T> y, const Put& put) {
     constexpr Index n = static_cast<Index>(N);
-    Index c = begin;
-    for (; c + n <= end; c += n, y += n * ld)
-        product_tile<Batch, V, N, Transposed>(a, depth, x, c, y, ld, put);
+    auto& [c, end] = columns;
+    for (; c + n <= end; c += n, y.data += n * y.stride)
+        product_tile<Batch, V, N, Transposed>(a, x, c, y, put);
     if constexpr (N > 1)
         if (c < end)
-            product_panel<Batch, V, V == 2 ? N - 1 : N / 2, Transposed>(a, depth, x, c, end, y,
-                                                                        ld, put);
+            product_panel<Batch, V, V == 2 ? N - 1 : N / 2, Transposed>(a, x, columns, y, put);
 }
 
 } // namespace detail
@@ -145,7 +163,8 @@ void packed_product(const Panels<Batch>& a, const RightFactor<T, Transposed>& x,
     const auto panel = [&]<std::size_t V>(Index row, Index begin, Index end, T* to, const T* from,
                                           Index step) {
         detail::product_panel<Batch, V, 12 / V, Transposed>(
-            a.panel(row), a.depth, x, begin, end, to, step,
+            detail::PackedPanel<T>{a.panel(row), a.depth}, x, {begin, end},
+            detail::ProductTarget<T>{to, step},
             [&](T* at, const Batch& sum, Index below) {
                 put(row + below, sum, Batch::load_unaligned(from + (at - to))).store_unaligned(at);
             });
