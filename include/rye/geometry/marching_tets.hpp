@@ -232,7 +232,8 @@ SurfaceGradient<T> surface_vjp(const Surface<T>& surface, const SurfaceInputs<T>
         interpolate_vjp<T>(top, surface.fraction, in.vertices, g_out.positions, g_fraction),
         Columns<T>::Zero(1, in.sdf.cols()), Columns<T>::Zero(features.rows(), features.cols())};
     if (features.rows() > 0)
-        g.features = interpolate_vjp<T>(top, surface.fraction, features, g_out.features, g_fraction);
+        g.features =
+            interpolate_vjp<T>(top, surface.fraction, features, g_out.features, g_fraction);
     crossing_fractions_vjp<T>(top, in.sdf, g_fraction, g.sdf, cut);
     return g;
 }

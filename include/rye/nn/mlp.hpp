@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/nn/mlp.hpp: the multilayer perceptron over columns, with one skip, and its vjp.
-/// Layer l maps dims[l] to dims[l + 1]; layer floor(len(dims) / 2) also takes the input again,
-/// after the hidden part. LeakyReLU(0.01) after every layer but the last; the caller applies the
-/// output activation. The last `frame_inputs` rows of the input are the same for all points, so
-/// their products are added to the biases once per call, and their gradients come from the summed
-/// cotangents. Points pass all layers in blocks that fit the cache. Source: Xu et al.,
-/// "Gaussian Head Avatar", 2024, and its published configuration.
+/// Layer l maps dims[l] to dims[l + 1]; layer floor(len(dims) / 2), or skip_layer, also takes the
+/// input again, after the hidden part. LeakyReLU(0.01), or another activation, after every layer
+/// but the last; the caller applies the output activation. The last `frame_inputs` rows of the input
+/// are the same for all points, so their products are added to the biases once per call, and their
+/// gradients come from the summed cotangents. Points pass all layers in blocks that fit the cache.
+/// Source: Xu et al., "Gaussian Head Avatar", 2024, and its published configuration.
 #pragma once
 
 #include <algorithm>
@@ -19,6 +19,7 @@
 #include <rye/core/error.hpp>
 #include <rye/core/fields.hpp>
 #include <rye/core/random.hpp>
+#include <rye/nn/activations.hpp>
 #include <rye/nn/product.hpp>
 
 namespace rye {
@@ -26,9 +27,13 @@ namespace rye {
 struct MlpShape {
     std::vector<int> dims; ///< sizes of the input, the hidden layers and the output
     int frame_inputs = 0;  ///< number of trailing inputs that all points share
+    static constexpr int middle = -1, no_skip = 0;
+    int skip_layer = middle;  ///< takes the input again
 
     int layers() const { return static_cast<int>(dims.size()) - 1; }
-    int skip() const { return static_cast<int>(dims.size()) / 2; }
+    int skip() const {
+        return skip_layer == middle ? static_cast<int>(dims.size()) / 2 : skip_layer;
+    }
     int inputs() const { return dims.front(); }
     int outputs() const { return dims.back(); }
     int point_inputs() const { return dims.front() - frame_inputs; }
@@ -40,8 +45,9 @@ struct MlpShape {
 };
 
 /// Weights (out x in) and biases (out x 1); gradients and moments have the same type.
-template <class T>
+template <class T, Activation A = LeakyRelu>
 struct Mlp {
+    using Activation = A;
     MlpShape shape;
     std::vector<Columns<T>> weight;
     std::vector<Columns<T>> bias;
@@ -121,7 +127,8 @@ struct MlpLayers {
     };
     std::vector<Layer> layers;
 
-    MlpLayers(const Mlp<T>& m, const VecX<T>& frame) {
+    template <class A>
+    MlpLayers(const Mlp<T, A>& m, const VecX<T>& frame) {
         const MlpShape& s = m.shape;
         layers.resize(static_cast<std::size_t>(s.layers()));
         for (int l = 0; l < s.layers(); ++l) {
@@ -145,8 +152,8 @@ struct MlpLayers {
     static constexpr Index room = 64;
 };
 
-/// y = W [hidden; x] + b, and LeakyReLU unless last.
-template <Backend B, class T>
+/// y = W [hidden; x] + b, and the activation unless last.
+template <Backend B, class A, class T>
 void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const ColumnsView<T>& hidden,
                const ColumnsView<T>& x, ColumnsSpan<T> y) {
     const auto finish = [&](const auto& last) {
@@ -156,7 +163,7 @@ void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const ColumnsView<T
             if constexpr (std::remove_cvref_t<decltype(last)>::value)
                 return v;
             else
-                return leaky_relu(v);
+                return A::value(v);
         };
         if (layer.takes_hidden && layer.takes_points) {
             layer.hidden.times(hidden, y, [](Index, const auto& sum, const auto&) { return sum; });
@@ -181,8 +188,8 @@ void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const ColumnsView<T
 
 /// points: point_inputs x N, frame: frame_inputs. Returns outputs x N, before any output
 /// activation. trace may be null.
-template <class T, Backend B>
-Columns<T> mlp_forward(const B& backend, const Mlp<T>& m,
+template <class T, class A, Backend B>
+Columns<T> mlp_forward(const B& backend, const Mlp<T, A>& m,
                        const std::type_identity_t<ColumnsView<T>>& points,
                        const std::type_identity_t<VecX<T>>& frame,
                        std::type_identity_t<MlpTrace<T>>* trace) {
@@ -211,8 +218,8 @@ Columns<T> mlp_forward(const B& backend, const Mlp<T>& m,
             return buffer;
         };
         for (int l = 0; l < layers; ++l)
-            detail::mlp_layer<B, T>(packed.layers[static_cast<std::size_t>(l)], hidden(l - 1), x,
-                                    hidden(l));
+            detail::mlp_layer<B, A, T>(packed.layers[static_cast<std::size_t>(l)], hidden(l - 1), x,
+                                       hidden(l));
     });
     return y;
 }
@@ -226,18 +233,18 @@ struct MlpPass {
 };
 
 /// Destination of gradients; a null pointer skips one.
-template <class T>
+template <class T, class A>
 struct MlpGradient {
-    Mlp<T>& params;                ///< added to
+    Mlp<T, A>& params;             ///< added to
     Columns<T>* points = nullptr;  ///< overwritten, point_inputs x N
     VecX<T>* frame = nullptr;      ///< overwritten, frame_inputs
 };
 
 /// Gradients for the cotangent g_out (outputs x N) of mlp_forward's result.
-template <class T, Backend B>
-void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<MlpPass<T>>& pass,
+template <class T, class A, Backend B>
+void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<MlpPass<T>>& pass,
              const std::type_identity_t<ColumnsView<T>>& g_out,
-             const std::type_identity_t<MlpGradient<T>>& g) {
+             const std::type_identity_t<MlpGradient<T, A>>& g) {
     const MlpShape& s = m.shape;
     const ColumnsView<T>& points = pass.points;
     Columns<T>* const g_points = g.points;
@@ -245,7 +252,7 @@ void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<MlpPa
     const Index n = points.cols(), block = detail::mlp_block(s), chunk = detail::mlp_chunk(s, n);
     RYE_ASSERT(g_out.rows() == s.outputs() && g_out.cols() == n, "mlp_vjp: g_out differs in shape");
     if (g_points) g_points->resize(p, n);
-    std::vector<Mlp<T>> parts(static_cast<std::size_t>(chunk_count(n, chunk)));
+    std::vector<Mlp<T, A>> parts(static_cast<std::size_t>(chunk_count(n, chunk)));
     std::vector<LeftFactor<B, T>> to_hidden(static_cast<std::size_t>(layers)), to_input(to_hidden);
     for (int l = 0; l < layers; ++l) {
         const std::size_t i = static_cast<std::size_t>(l);
@@ -259,7 +266,7 @@ void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<MlpPa
     const int reads_last = s.skip() < layers ? s.skip() : 0; // the last layer that takes the input
 
     for_chunks(backend.threads, n, chunk, [&](Index first, Index last, Index c) {
-        Mlp<T>& part = parts[static_cast<std::size_t>(c)] = Mlp<T>(s);
+        Mlp<T, A>& part = parts[static_cast<std::size_t>(c)] = Mlp<T, A>(s);
         Columns<T> buffers[2];
         LeftFactor<B, T> g_rows;
         for (Index b = first; b < last; b += block) {
@@ -282,7 +289,7 @@ void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<MlpPa
                 g_below.resize(h, k);
                 to_hidden[i].times(
                     gl, g_below,
-                    [](Index, const auto& sum, const auto& y) { return leaky_relu_vjp(y, sum); },
+                    [](Index, const auto& sum, const auto& y) { return A::vjp(y, sum); },
                     below);
             };
             layer(layers - 1, g_out.middleCols(b, k), buffers[0]);
@@ -295,11 +302,11 @@ void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<MlpPa
     for (int l = 0; l < layers; ++l) {
         const std::size_t i = static_cast<std::size_t>(l);
         for_chunks(backend.threads, m.weight[i].cols(), 16, [&](Index b, Index e, Index) {
-            for (const Mlp<T>& part : parts)
+            for (const Mlp<T, A>& part : parts)
                 g.params.weight[i].middleCols(b, e - b) += part.weight[i].middleCols(b, e - b);
         });
         VecX<T> sum = VecX<T>::Zero(s.layer_out(l)); // of cotangents over all points
-        for (const Mlp<T>& part : parts) sum += part.bias[i].col(0);
+        for (const Mlp<T, A>& part : parts) sum += part.bias[i].col(0);
         g.params.bias[i] += sum;
         if (s.reads_input(l) && s.frame_inputs > 0) {
             g.params.weight[i].rightCols(s.frame_inputs) += sum * pass.frame.transpose();

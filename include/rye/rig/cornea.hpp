@@ -211,8 +211,8 @@ RYE_HD T glint_at(const MirrorImage<T>& m, const GlintView<T>& v, const Vec3<T>&
     return m.strength * exp(constant<T>(-0.5) * dot(off, off) / (v.width * v.width));
 }
 
-/// Returns the cotangent of the point; adds those of image and camera to g. `g_log` is the cotangent
-/// of the value's logarithm: that of the value times the value.
+/// Returns the cotangent of the point; adds those of image and camera to g. `g_log` is the
+/// cotangent of the value's logarithm, which is that of the value times the value.
 template <Scalar T>
 RYE_HD Vec3<T> glint_at_vjp(const MirrorImage<T>& m, const GlintView<T>& v, const Vec3<T>& point,
                             const T& g_log, GlintGradient<T>& g) {

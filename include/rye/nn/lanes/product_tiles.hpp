@@ -111,7 +111,7 @@ struct PackedPanel {
 };
 
 /// Columns [begin, end) of the product.
-struct ColumnRange {
+struct ProductColumns {
     Index begin, end;
 };
 
@@ -138,7 +138,7 @@ template <class Batch, std::size_t V, std::size_t N, bool Transposed, class T, c
 /// A panel times columns [c, end) of X; y points to column c. A remainder of two-vector
 /// panels is one tile: two narrower ones would each wait for their sums.
 template <class Batch, std::size_t V, std::size_t N, bool Transposed, class T, class Put>
-void product_panel(PackedPanel<T> a, const RightFactor<T, Transposed>& x, ColumnRange columns,
+void product_panel(PackedPanel<T> a, const RightFactor<T, Transposed>& x, ProductColumns columns,
                    ProductTarget<T> y, const Put& put) {
     constexpr Index n = static_cast<Index>(N);
     auto& [c, end] = columns;
