@@ -13,7 +13,7 @@ using namespace rye;
 int main() {
     // A camera ten units in front of a face, looking at it; y is up.
     const Pinhole<double> camera = look_at<double>(Vec3<double>(0, 0, 10), Vec3<double>(0, 0, 0),
-                                                   Vec3<double>(0, 1, 0), 0.3, 256, 256);
+                                                   Vec3<double>(0, 1, 0), 0.3, {256, 256});
     const Vec3<double> x(0.6, 0.3, 0.8);                            // [world units]
     const Vec3<double> u = camera.project_point(x);                 // [px], [px], [world units]
     std::printf("the point (%.1f, %.1f, %.1f) projects to (%.3f, %.3f), depth %.3f\n", x[0], x[1],

@@ -18,7 +18,7 @@ int main() {
     g.opacity << 0.8;
     g.feature << 1.0, 0.5, 0.1;
 
-    const Pinhole<double> camera = look_at<double>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5, 32, 32);
+    const Pinhole<double> camera = look_at<double>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5, {32, 32});
     const VecX<double> black = VecX<double>::Zero(3);
     const Rasterizer<> rasterizer;
     const Raster<double> raster = rasterizer.forward(ScalarBackend<>{}, g, camera, black);

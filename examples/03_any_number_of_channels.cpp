@@ -26,7 +26,7 @@ int main() {
         g.feature.col(i).tail(3) << number(7), number(8), number(9);
     }
 
-    const Pinhole<float> camera = look_at<float>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.4f, 48, 48);
+    const Pinhole<float> camera = look_at<float>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.4f, {48, 48});
     const VecX<float> nothing = VecX<float>::Zero(n + 3);
     const Raster<float> raster = Rasterizer<>{}.forward(ScalarBackend<>{}, g, camera, nothing);
 

@@ -46,7 +46,7 @@ int main() {
     raw.opacity.setConstant(0.0f);                                  // the logit of 1/2
     raw.feature.setConstant(0.5f);
 
-    const Pinhole<float> camera = look_at<float>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5f, edge, edge);
+    const auto camera = look_at<float>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5f, {edge, edge});
     const VecX<float> grey = VecX<float>::Constant(3, 0.5f);
     const Rasterizer<> rasterizer;
     Adam<Gaussians<float>> adam(raw);

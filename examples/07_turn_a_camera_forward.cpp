@@ -23,7 +23,7 @@ int main() {
         for (Index c = 0; c < 3; ++c) g.feature(c, i) = random.uniform(k++);
     }
     const Pinhole<double> camera =
-        look_at<double>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5, size, size);
+        look_at<double>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5, {size, size});
     const VecX<double> black = VecX<double>::Zero(3);
     const XsimdBackend backend;
     Exact64 accuracy;

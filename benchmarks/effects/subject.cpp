@@ -112,7 +112,7 @@ Subject synthetic() {
     s.drivers.expression = columns(c.expression, 1, 0.3f, 0).col(0);
     s.drivers.pose << 0.1f, -0.05f, 0.02f, 0.03f, -0.02f, 0.01f;
     s.drivers.gaze = {Vec3<float>::UnitZ(), Vec3<float>::UnitZ()};
-    s.camera = look_at<float>({0, 0, 10}, {0, 0, 0}, {0, 1, 0}, 0.25f, 256, 256);
+    s.camera = look_at<float>({0, 0, 10}, {0, 0, 0}, {0, 1, 0}, 0.25f, {256, 256});
     s.background = VecX<float>::Ones(c.channels);
     return s;
 }

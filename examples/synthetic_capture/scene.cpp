@@ -83,7 +83,7 @@ std::vector<SceneCamera> make_cameras(const CaptureSettings& s) {
         const Vec3<double> eye = head_centre + c.distance * direction({c.yaw_deg, c.pitch_deg});
         const double roll = spread(3, 0.04);
         const Vec3<double> up(std::sin(roll), std::cos(roll), 0);
-        c.camera = look_at<double>(eye, head_centre, up, 1.0, s.size, s.size);
+        c.camera = look_at<double>(eye, head_centre, up, 1.0, {s.size, s.size});
         c.camera.fx = c.camera.fy = focal_share * s.size * c.distance * (1 + spread(4, 0.012));
         c.camera.cx += s.size / 256.0 * spread(5, 3);
         c.camera.cy += s.size / 256.0 * spread(6, 3);

@@ -229,7 +229,7 @@ TEST_CASE("pictures: eye masks lie on the eyeballs, and the pupils where the gaz
             const V3 gaze = state.world_from_head.turn(state.optical[e]);
             CHECK((posed.eye_centres()[e] - centre).norm() < 1e-12);
             const V3 from = centre + V3(e == 0 ? 1 : -1, 0.3, 10);
-            Pinhole<double> camera = look_at<double>(from, centre, V3(0, 1, 0), 0.05, 96, 96);
+            Pinhole<double> camera = look_at<double>(from, centre, V3(0, 1, 0), 0.05, {96, 96});
             const HeadPicture p = posed.picture(camera, 4);
             const auto label = [&](int x, int y) {
                 return static_cast<int>(p.eye[static_cast<std::size_t>(96 * y + x)]);
@@ -277,7 +277,7 @@ TEST_CASE("pictures: the same bits on one thread and on two, from the seed on") 
     const HeadModel one = procedural_head(7);
     const HeadState state = looking(one, {10, -5}, {6, -5});
     const Pinhole<double> camera =
-        look_at<double>(V3(3, 1, 9.5), head_centre, V3(0, 1, 0), 0.28, 48, 48);
+        look_at<double>(V3(3, 1, 9.5), head_centre, V3(0, 1, 0), 0.28, {48, 48});
     const HeadPicture a = PosedHead(one, state).picture(camera, 4);
     set_threads(2);
     const HeadModel two = procedural_head(7);
@@ -400,7 +400,7 @@ TEST_CASE("ICT head: its landmarks, eyes and expressions, and lids that follow t
         CHECK(opening(m, vertices(-20), eye, true) < opening(m, vertices(15), eye, true) - 0.02);
     const PosedHead posed(m, looking(m, {0, 0}, {0, 0}));
     const Pinhole<double> camera =
-        look_at<double>(V3(0, 0.35, 11), m.eyes[0].centre, V3(0, 1, 0), 0.05, 64, 64);
+        look_at<double>(V3(0, 0.35, 11), m.eyes[0].centre, V3(0, 1, 0), 0.05, {64, 64});
     const HeadPicture p = posed.picture(camera, 1);
     const V3 at = camera.project_point(V3(m.eyes[0].centre + m.eyes[0].iris_plane() * V3(0, 0, 1)));
     CHECK(

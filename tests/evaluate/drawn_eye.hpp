@@ -48,7 +48,7 @@ inline EyePicture draw(const DrawnEye& e) {
     const Vec3<double> from =
         p.ball.centre + distance * gaze_vector(e.camera_pitch * degree, e.camera_yaw * degree);
     p.camera = look_at<double>(from, p.ball.centre, Vec3<double>(0, 1, 0),
-                               2 * std::atan(2.5 * radius / distance), e.size, e.size);
+                               2 * std::atan(2.5 * radius / distance), {e.size, e.size});
     const double limbus = std::asin(limbus_radius / radius);
     // Head frame: between the lids, whose rims are horizontal.
     const auto seen = [&](const Vec2<double>& pixel, Vec3<double>& direction) {

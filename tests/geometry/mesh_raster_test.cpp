@@ -32,8 +32,8 @@ Pinhole<T> straight(int width, int height) {
 /// A camera in general position.
 template <class T>
 Pinhole<T> askew(int width, int height) {
-    Pinhole<T> c = look_at<T>({T(1.5), T(0.9), T(5)}, {T(0.1), 0, 0}, {T(0.1), 1, 0}, T(0.6), width,
-                              height);
+    Pinhole<T> c = look_at<T>({T(1.5), T(0.9), T(5)}, {T(0.1), 0, 0}, {T(0.1), 1, 0}, T(0.6),
+                              {width, height});
     c.cx += T(2.3);
     c.fy *= T(1.05);
     return c;
@@ -364,7 +364,7 @@ TEST_CASE("rasterize_mesh: no faces and no attributes make an empty image") {
 
 TEST_CASE("rasterize_mesh: covered pixels give the silhouette no gradient; it pulls the outline") {
     const TriangleMesh<double> m = ball(0.3);
-    const Pinhole<double> camera = look_at<double>({0, 0, 6}, {0, 0, 0}, {0, 1, 0}, 0.5, 64, 64);
+    const Pinhole<double> camera = look_at<double>({0, 0, 6}, {0, 0, 0}, {0, 1, 0}, 0.5, {64, 64});
     const Columns<double> none(0, m.vertices.cols());
     const MeshRaster<double> r = draw<double>(m, camera, none);
     const auto pull = [&](const Columns<double>& w) {

@@ -40,7 +40,7 @@ double upsampler_dot_error(const UpsamplerShape& s, std::uint64_t seed) {
     const Columns<T> g = random_columns<T>(3, y.size(), seed + 4);
     Upsampler<T> gu(s);
     Columns<T> gin;
-    upsampler_vjp(B{}, u, {in, trace}, g, {gu, &gin});
+    upsampler_vjp(B{}, u, in, trace, g, gu, &gin);
     DotProducts dots;
     dots.add_forward(tangents(yd.pixels), g);
     dots.add_reverse(gin, din);
@@ -132,7 +132,7 @@ TEST_CASE("upsampler: the same bits with any kind of threads") {
         UpsamplerTrace<float> trace;
         upsampler_forward(B{}, u, in, &trace);
         std::pair<Upsampler<float>, Columns<float>> r{Upsampler<float>(s), {}};
-        upsampler_vjp(B{}, u, {in, trace}, g, {r.first, &r.second});
+        upsampler_vjp(B{}, u, in, trace, g, r.first, &r.second);
         return r;
     };
     const auto a = run(XsimdBackend<DefaultArch, Serial>{});

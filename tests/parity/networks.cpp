@@ -72,7 +72,7 @@ void record_upsampler(Record& r, Normalization norm, bool skip, const std::strin
     UpsamplerTrace<double> trace;
     r.add(name + ".y", upsampler_forward(Cpu{}, u, in, &trace).pixels);
     Columns<double> g_in;
-    upsampler_vjp(Cpu{}, u, {in, trace}, r.random(name + ".g_y", 3, 16 * in.size()), {g, &g_in});
+    upsampler_vjp(Cpu{}, u, in, trace, r.random(name + ".g_y", 3, 16 * in.size()), g, &g_in);
     r.add(name + ".g_in", g_in);
     r.add_fields(name + ".g", g);
 }

@@ -71,7 +71,7 @@ Picture<T> draw(int channels) {
     g.scale = noise<T>(3, 300, 3, 0.02, 0.3);
     g.opacity = noise<T>(1, 300, 4, 0.05, 0.98);
     g.feature = noise<T>(channels, 300, 5, -1, 1);
-    const auto camera = look_at<T>({0, T(0.25), 4}, {0, 0, 0}, {0, 1, 0}, T(0.5), 45, 37);
+    const auto camera = look_at<T>({0, T(0.25), 4}, {0, 0, 0}, {0, 1, 0}, T(0.5), {45, 37});
     const VecX<T> background = noise<T>(channels, 1, 6, 0, 1);
     const Columns<T> cotangent = noise<T>(channels, 45 * 37, 7, -1, 1);
     const Columns<T> of_alpha = noise<T>(1, 45 * 37, 8, -1, 1);

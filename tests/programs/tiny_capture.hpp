@@ -123,7 +123,7 @@ struct TinyCapture {
         const double yaw = 0.5 * (c - 1);
         const Vec3<double> target(0, 0, 0.6), up(0, 1, 0);
         const Vec3<double> eye = target + 10 * gaze_vector(0.1, yaw);
-        return look_at<double>(eye, target, up, 0.25, size, size);
+        return look_at<double>(eye, target, up, 0.25, {size, size});
     }
 
   private:

@@ -233,7 +233,7 @@ double upsampler_gap(int capacity, bool skip) {
     const Image<double> y = upsampler_forward(B{}, p.network, in, &trace);
     Upsampler<double> g(shape);
     Columns<double> g_in;
-    upsampler_vjp(B{}, p.network, {in, trace}, p.weights, {g, &g_in});
+    upsampler_vjp(B{}, p.network, in, trace, p.weights, g, &g_in);
     CHECK((y.pixels - expected.out).cwiseAbs().maxCoeff() < 1e-12);
     DotProducts dots;
     dots.forward = expected.slope;

@@ -105,7 +105,7 @@ Pinhole<float> view_of(const GaussianCloud<float>& cloud) {
     }
     const float size = std::max({reach[0], reach[1], reach[2], 1e-3f});
     Pinhole<float> camera = look_at<float>(middle - Vec3<float>(0, 0, 4 * size), middle,
-                                           Vec3<float>(0, -1, 0), 0.6f, 512, 512);
+                                           Vec3<float>(0, -1, 0), 0.6f, {512, 512});
     camera.near_depth = 0.01f * size;
     return camera;
 }

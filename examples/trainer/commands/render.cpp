@@ -133,8 +133,8 @@ Photograph view_of(const RenderOptions& o) {
             "no view given, expected --eye and --target, or --cameras");
     const auto [width, height] = parsed_size(o.size);
     const double fov = o.fov_deg * 3.14159265358979323846 / 180;
-    return {"", look_at<double>(vector_of(o.eye), vector_of(o.target), vector_of(o.up), fov, width,
-                                height), {}};
+    return {"", look_at<double>(vector_of(o.eye), vector_of(o.target), vector_of(o.up), fov,
+                                {width, height}), {}};
 }
 
 void render(const RenderOptions& o) {

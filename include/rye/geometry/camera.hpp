@@ -89,10 +89,15 @@ Pinhole<T, D> with_lens(const Pinhole<T>& c, const D& lens) {
     return {c.fx, c.fy, c.cx, c.cy, c.width, c.height, c.camera_from_world, c.near_depth, lens};
 }
 
+struct ImageSize {
+    int width, height;  ///< [px]
+};
+
 /// A camera at `eye`, looking at `target` in the image centre. Throws Error for bad arguments.
 template <Real T>
 Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up,
-                   T vertical_fov_rad, int width, int height) {
+                   T vertical_fov_rad, const ImageSize& size) {
+    const auto [width, height] = size;
     require(width > 0 && height > 0, "look_at",
             "the image is " + std::to_string(width) + " x " + std::to_string(height) +
                 " pixels, expected both positive");

@@ -2,10 +2,10 @@
 /// rye/nn/mlp.hpp: the multilayer perceptron over columns, with one skip, and its vjp.
 /// Layer l maps dims[l] to dims[l + 1]; layer floor(len(dims) / 2), or skip_layer, also takes the
 /// input again, after the hidden part. LeakyReLU(0.01), or another activation, after every layer
-/// but the last; the caller applies the output activation. The last `frame_inputs` rows of the input
-/// are the same for all points, so their products are added to the biases once per call, and their
-/// gradients come from the summed cotangents. Points pass all layers in blocks that fit the cache.
-/// Source: Xu et al., "Gaussian Head Avatar", 2024, and its published configuration.
+/// but the last; the caller applies the output activation. The last `frame_inputs` rows of the
+/// input are the same for all points, so their products are added to the biases once per call, and
+/// their gradients come from the summed cotangents. Points pass all layers in blocks that fit the
+/// cache. Source: Xu et al., "Gaussian Head Avatar", 2024, and its published configuration.
 #pragma once
 
 #include <algorithm>

@@ -90,22 +90,30 @@ struct EigenProducts {
     using left_factor = StoredFactor<B, T, Sums>;
 };
 
-/// Products of a linked library, a BLAS or oneDNN: with column-major matrices and T float or
-/// double, as the library supports,
+/// A column-major matrix in memory.
+template <class T>
+struct StridedMatrix {
+    T* data;
+    Index rows, cols, stride;  ///< stride: from column to column
+};
+
+/// Products of a linked library, a BLAS or oneDNN: with T float or double, as the library supports,
 ///
-///     static void Gemm::multiply(bool x_transposed, Index m, Index n, Index k, const T* a,
-///                                Index lda, const T* x, Index ldx, T* y, Index ldy);
+///     static void Gemm::multiply(const StridedMatrix<const T>& a, const StridedMatrix<const T>& x,
+///                                bool x_transposed, const StridedMatrix<T>& y);
 ///
-/// sets y (m x n) to a (m x k) times x (k x n), or times the transpose of x (n x k). Many threads
-/// call it at once, so it must not start its own; reproducibility is up to the library.
+/// sets y to a x, or to a x^T. Many threads call it at once, so it must not start its own;
+/// reproducibility is up to the library.
 template <class Gemm>
 struct GemmProducts {
     struct Sums {
         template <class T>
         void operator()(const Columns<T>& a, bool turned, const ColumnsView<T>& x,
                         Columns<T>& out) const {
-            Gemm::multiply(turned, a.rows(), out.cols(), a.cols(), a.data(), a.outerStride(),
-                           x.data(), x.outerStride(), out.data(), out.outerStride());
+            Gemm::multiply(StridedMatrix<const T>{a.data(), a.rows(), a.cols(), a.outerStride()},
+                           StridedMatrix<const T>{x.data(), x.rows(), x.cols(), x.outerStride()},
+                           turned,
+                           StridedMatrix<T>{out.data(), out.rows(), out.cols(), out.outerStride()});
         }
     };
     template <Backend B, class T>

@@ -204,29 +204,14 @@ Image<T> upsampler_forward(const B& backend, const Upsampler<T>& u, const Image<
     return out;
 }
 
-/// Input and trace of a forward pass.
-template <class T>
-struct UpsamplerPass {
-    const Image<T>& in;
-    const UpsamplerTrace<T>& trace;
-};
-
-/// Destination of gradients; a null pointer skips the input's.
-template <class T>
-struct UpsamplerGradient {
-    Upsampler<T>& params;      ///< added to
-    Columns<T>* in = nullptr;  ///< overwritten, in_channels x pixels of the input
-};
-
-/// Gradients for the cotangent g_out (3 x pixels) of upsampler_forward's result.
+/// Gradients for the cotangent g_out (3 x pixels) of upsampler_forward's result. Adds to g_params;
+/// overwrites g_in (in_channels x pixels of the input), which may be null. A user's upsampler has
+/// the same signature (rig/parts.hpp).
 template <class T, Backend B>
-void upsampler_vjp(const B& backend, const Upsampler<T>& u,
-                   const std::type_identity_t<UpsamplerPass<T>>& pass,
-                   const std::type_identity_t<ColumnsView<T>>& g_out,
-                   const std::type_identity_t<UpsamplerGradient<T>>& gradient) {
+void upsampler_vjp(const B& backend, const Upsampler<T>& u, const Image<T>& in,
+                   const UpsamplerTrace<T>& t, const std::type_identity_t<ColumnsView<T>>& g_out,
+                   Upsampler<T>& g_params, std::type_identity_t<Columns<T>>* g_in) {
     const UpsamplerShape& s = u.shape;
-    const UpsamplerTrace<T>& t = pass.trace;
-    Columns<T>* const g_in = gradient.in;
     const Image<T>& last = t.normal.back();
     const Index pixels = last.size();
     RYE_ASSERT(g_out.rows() == 3 && g_out.cols() == pixels, "upsampler_vjp: g_out is not 3 x P");
@@ -254,8 +239,8 @@ void upsampler_vjp(const B& backend, const Upsampler<T>& u,
             part << gz * h.transpose(), gz.rowwise().sum();
             return part;
         });
-    gradient.params.out_weight += g_outc.leftCols(s.capacity);
-    gradient.params.out_bias += g_outc.rightCols(1);
+    g_params.out_weight += g_outc.leftCols(s.capacity);
+    g_params.out_bias += g_outc.rightCols(1);
 
     const auto through_relu = [](const auto& gv, const auto& v) { return relu_vjp(v, gv); };
     for (int l = s.layers() - 1; l >= 0; --l) {
@@ -272,9 +257,8 @@ void upsampler_vjp(const B& backend, const Upsampler<T>& u,
         } else {
             g_layer = padded(backend, g, through_relu, y);
         }
-        convolve3x3_vjp_weight(backend,
-                               detail::upsampler_layer_input(backend, pass.in, t.normal, l),
-                               g_layer, gradient.params.conv[i]);
+        convolve3x3_vjp_weight(backend, detail::upsampler_layer_input(backend, in, t.normal, l),
+                               g_layer, g_params.conv[i]);
         if (l == 0 && !g_in) return;
         g = convolve3x3_vjp_input(backend, u.conv[i], g_layer);
         if (l > 0 && l % 2 == 0) g = doubled_vjp(backend, g);

@@ -302,15 +302,15 @@ void avatar_losses_vjp(const B& backend, const TwoStream<T, E>& avatar, const Av
                        const TwoStreamTrace<T, E>& trace, AvatarPictures<T, UpsamplerOf<T, E>>& p,
                        TwoStream<T, E>& grad, Probe&& probe = {}) {
     Columns<T> g_feature;
-    upsampler_vjp(backend, avatar.upsampler, {features_shown(sample, p), p.high_trace}, p.g_high,
-                  {grad.upsampler, &g_feature});
+    upsampler_vjp(backend, avatar.upsampler, features_shown(sample, p), p.high_trace, p.g_high,
+                  grad.upsampler, &g_feature);
     if (sample.scale.active())
         gathered_vjp(g_feature, sample.scale.small, p.g_final);
     else
         detail::add_weighted(backend, p.g_final, T(1), g_feature);
     if (sample.eyes_high) {
-        upsampler_vjp(backend, avatar.upsampler, {p.eyes.feature, p.eyes_high_trace}, p.g_eyes_high,
-                      {grad.upsampler, &g_feature});
+        upsampler_vjp(backend, avatar.upsampler, p.eyes.feature, p.eyes_high_trace, p.g_eyes_high,
+                      grad.upsampler, &g_feature);
         detail::add_weighted(backend, p.g_eyes, T(1), g_feature);
     }
     probe("super-resolution vjp");
