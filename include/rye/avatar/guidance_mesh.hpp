@@ -25,7 +25,8 @@ struct GuidanceMesh {
     static void fields(F&& f, P&&... p) {
         nested_fields<NetworkOf<T, E>>("geo_mlp", f, p.geometry...);
         FaceNetworks<T, E>::fields(f, p.networks...);
-        if constexpr (has_effect<E, EyeOffset>) EyeOffsetNetwork<T, NetworksOf<E>>::fields(f, p.eye_offset...);
+        if constexpr (has_effect<E, EyeOffset>)
+            EyeOffsetNetwork<T, NetworksOf<E>>::fields(f, p.eye_offset...);
         f("landmarks_3d_neutral", p.landmarks...);
     }
     static GuidanceMesh init(const AvatarConfig& c, const Columns<T>& landmarks,

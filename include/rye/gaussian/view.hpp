@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/gaussian/view.hpp: Gaussians as a renderer reads them, wherever they lie: a whole cloud, a range
-/// of its columns, its first channels, or another program's buffers. Copies nothing.
-/// World frame, activated, as Gaussians (gaussian/gaussians.hpp); a column per Gaussian.
+/// rye/gaussian/view.hpp: Gaussians as a renderer reads them, wherever they lie: a whole cloud, a
+/// range of its columns, its first channels, or another program's buffers. Copies nothing. World
+/// frame, activated, as Gaussians (gaussian/gaussians.hpp); a column per Gaussian.
 #pragma once
 
 #include <algorithm>

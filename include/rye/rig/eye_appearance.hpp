@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/eye_appearance.hpp: where the features of the eyeballs' Gaussians come from, as a policy.
-/// The default: free constants, a column a Gaussian. Another may generate them from what drives the
-/// frame (the paper's "dedicated dynamic generator", section 3.2).
+/// rye/rig/eye_appearance.hpp: where the features of the eyeballs' Gaussians come from, as a
+/// policy. The default: free constants, a column a Gaussian. Another may generate them from what
+/// drives the frame (the paper's "dedicated dynamic generator", section 3.2).
 #pragma once
 
 #include <concepts>
@@ -19,7 +19,7 @@ struct EyeInputs {
     const Columns<T>& position;   ///< template points about their centre, 3 x P
     Index left_points;            ///< how many of P are the left eye's
     const VecX<T>& expression;    ///< code of the frame; empty where no effect reads it
-    const Columns<T>& gaze;       ///< optical axes, head frame, 3 x 2; +z for an eye that does not turn
+    const Columns<T>& gaze; ///< optical axes, head frame, 3 x 2; +z for an eye that does not turn
 };
 
 struct FreeFeatures {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/gaze_mechanism.hpp: how an eyeball's Gaussians depend on its gaze, as a policy: the turn of
-/// the eyeball about its centre, and what becomes of its features. The default turns it by the
-/// smallest rotation and leaves the features. Frames: the gaze is the optical axis in the head frame;
-/// at rest it is +z.
+/// rye/rig/gaze_mechanism.hpp: how an eyeball's Gaussians depend on its gaze, as a policy: the turn
+/// of the eyeball about its centre, and what becomes of its features. The default turns it by the
+/// smallest rotation and leaves the features. Frames: the gaze is the optical axis in the head
+/// frame; at rest it is +z.
 #pragma once
 
 #include <concepts>

@@ -155,15 +155,17 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     f.rotation.row(0).setOnes();
     f.opacity_logit = Columns<T>::Constant(1, n, logit(init.opacity));
     f.networks = mesh.networks;
-    [[maybe_unused]] const auto attributes = [&](int frame_inputs,
-                                                 const std::vector<int>& hidden, int key) {
-        return driven_mlp<T, NetworksOf<E>>(config, mlp_shape(config.feature, frame_inputs, hidden, 8),
-                             random.fork(static_cast<std::uint64_t>(key)));
+    [[maybe_unused]] const auto attributes = [&](int frame_inputs, const std::vector<int>& hidden,
+                                                 int key) {
+        return driven_mlp<T, NetworksOf<E>>(config,
+                                            mlp_shape(config.feature, frame_inputs, hidden, 8),
+                                            random.fork(static_cast<std::uint64_t>(key)));
     };
     if constexpr (has_effect<E, Expression>)
         f.exp_attributes = attributes(config.expression, config.networks.exp_attributes, 22);
     if constexpr (has_effect<E, PoseResidual>)
-        f.pose_attributes = attributes(config.pose_code<NetworksOf<E>>(), config.networks.pose_attributes, 23);
+        f.pose_attributes =
+            attributes(config.pose_code<NetworksOf<E>>(), config.networks.pose_attributes, 23);
 
     EyeStream<T, E>& e = a.eyes;
     // Two eyes of different shapes may have different numbers of points.
