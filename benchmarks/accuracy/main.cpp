@@ -73,9 +73,8 @@ bool print_prices(const std::vector<PriceRow>& rows) {
     demand("Balanced: max <= 1/255, >= 66 dB",
            balanced->largest <= 1 / 255.0 && balanced->psnr >= 66);
     demand("Fast: max <= 12/255", fast->largest <= 12 / 255.0);
-    std::printf(
-        "Fast is %.2fx as fast as Exact32 forward, %.2fx with the gradient (aim: 3x)\n",
-        exact->forward / fast->forward, exact->both / fast->both);
+    std::printf("Fast is %.2fx as fast as Exact32 forward, %.2fx with the gradient (aim: 3x)\n",
+                exact->forward / fast->forward, exact->both / fast->both);
     std::printf("Compatible3dgs takes %.2fx Fast's time forward, RMS %.2fx, max %.2fx\n",
                 old->forward / fast->forward, old->rms / fast->rms, old->largest / fast->largest);
     return kept;

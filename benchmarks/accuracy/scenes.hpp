@@ -109,7 +109,8 @@ inline Scenery random_cloud(const std::string& name, Index n, std::uint64_t seed
     for (Index i = 0; i < n; ++i) {
         const Draw d{seed, static_cast<std::uint64_t>(i)};
         for (int k = 0; k < 3; ++k)
-            s.gaussians.mean(k, i) = static_cast<float>(place.spread * d.n(40 + 2 * std::uint64_t(k)));
+            s.gaussians.mean(k, i) =
+                static_cast<float>(place.spread * d.n(40 + 2 * std::uint64_t(k)));
         paint(s.gaussians, i, d, median);
     }
     s.background << 0.3F, 0.5F, 0.7F;

@@ -255,8 +255,8 @@ namespace detail {
 /// J W: directly and by D'.
 template <Scalar T, class D>
 RYE_HD Vec2<T> distorted_slope_vjp(const Linearised<T, D>& l, const Projector<T, D>& lens,
-                              const Vec2<T>& g_centre, const Vec3<T>& g_toward_x,
-                              const Vec3<T>& g_toward_y) {
+                                   const Vec2<T>& g_centre, const Vec3<T>& g_toward_x,
+                                   const Vec3<T>& g_toward_y) {
     const Mat3<T>& w = lens.camera_from_world.rotation;
     const Sym2<T>& here = l.bent.here.slope;
     const Sym2<T>& j = l.bent.limited.slope;
@@ -325,8 +325,7 @@ RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Projector<T, D>& lens,
     const T px = lens.fx * l.inverse_depth, py = lens.fy * l.inverse_depth;
     T g_slope_x, g_slope_y;
     if constexpr (D::distorts) {
-        const Vec2<T> bent =
-            detail::distorted_slope_vjp(l, lens, c.centre, g_toward_x, g_toward_y);
+        const Vec2<T> bent = detail::distorted_slope_vjp(l, lens, c.centre, g_toward_x, g_toward_y);
         g_slope_x = bent[0];
         g_slope_y = bent[1];
     } else {

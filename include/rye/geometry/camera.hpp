@@ -95,8 +95,8 @@ struct ImageSize {
 
 /// A camera at `eye`, looking at `target` in the image centre. Throws Error for bad arguments.
 template <Real T>
-Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up,
-                   T vertical_fov_rad, const ImageSize& size) {
+Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up, T vertical_fov_rad,
+                   const ImageSize& size) {
     const auto [width, height] = size;
     require(width > 0 && height > 0, "look_at",
             "the image is " + std::to_string(width) + " x " + std::to_string(height) +
