@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/gaze_mechanism.hpp: dependence of an eyeball's Gaussians on its gaze, as a policy: the
 /// rotation of the eyeball about its centre, and changes of its features. The default applies the
-/// smallest rotation and keeps the features. Frames: the gaze is the optical axis in the head frame;
-/// at rest it is +z.
+/// smallest rotation and keeps the features. Frames: the gaze is the optical axis in the head
+/// frame; at rest it is +z.
 #pragma once
 
 #include <concepts>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/parts.hpp: user-defined parts in place of an avatar's default ones. Parts are named in
-/// the list of effects, so an avatar is one type argument, and a list without parts is the published
-/// method:
+/// the list of effects, so an avatar is one type argument, and a list without parts is the
+/// published method:
 ///     using Mine = More<PaperEffects, ExpressionInfluence<MyMetric>, GazeBy<MyMechanism>>;
 ///     TwoStream<float, Mine> avatar;
 /// | part                                   | concept          | default            |
