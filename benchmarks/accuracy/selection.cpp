@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// select_accuracy on scenes that it was not made on: does the picture keep the bound, and how much
-// slower is the choice than the cheapest rung that keeps it, which only the oracle knows.
+// select_accuracy on held-out scenes: whether the image keeps the bound, and the time of the choice
+// relative to the cheapest rung that keeps it by the oracle.
 #include <array>
 #include <cmath>
 #include <ctime>
@@ -17,7 +17,7 @@ namespace {
 
 using B = XsimdBackend<DefaultArch, Serial>;
 
-/// Of this thread alone.
+/// CPU time of this thread.
 double seconds() {
     timespec t{};
     clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);

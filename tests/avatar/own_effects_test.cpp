@@ -43,7 +43,7 @@ struct Blush {
 static_assert(OwnEffect<Blush>);
 // [docs/effects.md ends]
 
-/// What it is given matters: the face swells by a share of its own scales.
+/// Depends on the Gaussians it is given: the face swells by a share of its own scales.
 struct Swell {
     static constexpr std::string_view name = "swell";
     static constexpr Reads reads = Reads::nothing;

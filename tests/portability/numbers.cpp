@@ -142,7 +142,7 @@ void compare_lanes() {
                network_error(multiply<Lanes, double>(), multiply<ScalarBackend<>, double>()),
                1e-13);
     } else {
-        std::printf("no vectors: xsimd knows none for this build\n");
+        std::printf("no vectors: xsimd has none for this build\n");
     }
 }
 
