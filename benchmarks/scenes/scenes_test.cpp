@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scene that times are quoted for is the same bytes here as where the sums were recorded.
+// The timed scene has the same bytes here as where the checksums were recorded.
 #include <doctest/doctest.h>
 
 #include "head_scene.hpp"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A whole training step of stage 2 at the sizes of `rye train --preset cpu`, without any file: what
-// each part takes of it, how far the step is from the time of its networks' products alone at the
-// peak that the same run measures, and what a second thread gives.
+// A training step of stage 2 at the sizes of `rye train --preset cpu`, without any file: the time
+// of its parts, the ratio to its networks' products alone at the peak measured in the same run, and
+// the speed-up by a second thread.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -32,7 +32,7 @@ B on_threads(int n) {
 }
 using Avatar = TwoStream<float>;
 
-/// The least seconds of a step and of each of its parts; a round is several steps.
+/// The minimum times of a step and of each of its parts; a round is several steps.
 struct LeastTimes {
     explicit LeastTimes(double (*c)()) : clock(c) {}
     double (*clock)();
@@ -88,7 +88,7 @@ AvatarRates equal_rates() {
     return r;
 }
 
-/// What the step is shown: the subject under other drivers.
+/// The sample of a step: the subject with other drivers.
 AvatarSample<float> sample_of(const Subject& s, const Rasterizer<Balanced>& rasterizer) {
     AvatarSample<float> sample;
     sample.drivers = s.drivers;
@@ -116,7 +116,7 @@ AvatarSample<float> sample_of(const Subject& s, const Rasterizer<Balanced>& rast
     return sample;
 }
 
-/// Products of the face's networks in a step, both ways, each as two flops.
+/// Flops of the products of the face's networks in a step, forward and reverse.
 double network_flops(const Avatar& avatar, const FaceTrace<float>& trace) {
     double flops = 0;
     const auto add = [&](const Mlp<float>& m, const FieldTrace<float>& field) {
@@ -136,7 +136,7 @@ double network_flops(const Avatar& avatar, const FaceTrace<float>& trace) {
     return flops;
 }
 
-/// With a correction of the head pose, which training has.
+/// With a correction of the head pose, as in training.
 Avatar with_delta_pose(Avatar avatar) {
     avatar.delta_pose = Columns<float>::Zero(6, 1);
     return avatar;
@@ -152,7 +152,7 @@ struct Trainer {
         {.config = s.config, .roles = s.roles, .objective = {.weights = preset_weights()},
          .rates = equal_rates()}};
 
-    /// One step with the high-resolution eye term and those that go without.
+    /// A step with the high-resolution eye term and the following ones without.
     void round(LeastTimes& times) {
         const int steps = preset_weights().eye_high_every;
         times.begin_round();
@@ -165,7 +165,7 @@ struct Trainer {
     }
 };
 
-/// Steps with one and with `threads` threads, in turns.
+/// Steps with one and with `threads` threads, alternating.
 void step(benchmark::State& state) {
     const int threads = static_cast<int>(state.range(0));
     Trainer trainer;

@@ -19,7 +19,7 @@ Image<T> random_image(int width, int height, int channels, std::uint64_t seed) {
     return image;
 }
 
-/// The definition, number by number.
+/// The definition, element by element.
 template <class T>
 Image<T> plain_convolution(const Columns<T>& weight, const Image<T>& in) {
     Image<T> out(in.width, in.height, static_cast<int>(weight.rows()));

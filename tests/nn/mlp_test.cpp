@@ -54,7 +54,7 @@ double mlp_dot_error(const MlpShape& s, Index n, std::uint64_t seed) {
     Mlp<T> gm(s);
     Columns<T> gx;
     VecX<T> gf;
-    mlp_vjp(B{}, m, x, VecX<T>(f), trace, w, gm, &gx, &gf);
+    mlp_vjp(B{}, m, {x, VecX<T>(f), trace}, w, {gm, &gx, &gf});
 
     DotProducts dots;
     dots.add_forward(tangents(yd), w);
@@ -129,9 +129,9 @@ TEST_CASE("mlp: gradients add up, and null outputs are allowed") {
     MlpTrace<double> trace;
     mlp_forward(ScalarBackend<>{}, m, x, f, &trace);
     Mlp<double> once(small), twice(small);
-    mlp_vjp(ScalarBackend<>{}, m, x, f, trace, w, once, nullptr, nullptr);
+    mlp_vjp(ScalarBackend<>{}, m, {x, f, trace}, w, {once});
     for (int i = 0; i < 2; ++i)
-        mlp_vjp(ScalarBackend<>{}, m, x, f, trace, w, twice, nullptr, nullptr);
+        mlp_vjp(ScalarBackend<>{}, m, {x, f, trace}, w, {twice});
     CHECK(once.weight[1].norm() > 0);
     for (std::size_t l = 0; l < 4; ++l) {
         CHECK(twice.weight[l].isApprox(2 * once.weight[l], 1e-14));
@@ -149,7 +149,7 @@ TEST_CASE("mlp: the same bits with any kind of threads, and none points") {
         Mlp<float> g(small);
         Columns<float> gx;
         mlp_forward(B{}, m, x.leftCols(n), f, &trace);
-        mlp_vjp(B{}, m, x.leftCols(n), f, trace, w.leftCols(n), g, &gx, nullptr);
+        mlp_vjp(B{}, m, {x.leftCols(n), f, trace}, w.leftCols(n), {g, &gx});
         CHECK(gx.cols() == n);
         return g;
     };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/splat/scenes.hpp: the scenes, random and hard, that splatting is tested on.
+/// tests/splat/scenes.hpp: random and hard scenes for tests of splatting.
 #pragma once
 
 #include <cmath>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/core/thread_pool.hpp: threads of the standard library that sleep while they wait. Another
-/// busy program on the machine costs its share of the processors and no more. Needs no OpenMP;
-/// programs link the platform's threads.
+/// rye/core/thread_pool.hpp: a pool of std::threads that sleep while they wait, so that another
+/// busy program on the machine costs no more than its share of the processors. Independent of
+/// OpenMP; programs link the platform's thread library.
 ///     rye::ThreadPool pool(4);
 ///     const rye::XsimdBackend backend{pool.threads()};
 #pragma once
@@ -17,8 +17,8 @@
 
 namespace rye {
 
-/// Owns the threads; ends them when it is destroyed. Calls of run from several threads at once, and
-/// from within a task, are safe: while the pool is busy, the caller runs its tasks itself.
+/// Owns the threads and joins them in its destructor. Concurrent and nested calls of run are safe:
+/// while the pool is busy, the caller runs its tasks itself.
 class ThreadPool {
   public:
     /// A handle that models `Threads`; the pool must outlive it.
@@ -54,7 +54,7 @@ class ThreadPool {
     Handle threads() { return Handle(*this); }
     int size() const { return static_cast<int>(workers_.size()) + 1; }
 
-    /// f(0) ... f(n - 1) on the caller's thread and the pool's.
+    /// Calls f(0) ... f(n - 1) on the caller's thread and the pool's.
     template <std::invocable<Index> F>
     void run(Index n, F& f) {
         if (n <= 1 || workers_.empty() || busy_.exchange(true)) {
@@ -76,7 +76,7 @@ class ThreadPool {
         job.take_all();
         {
             std::unique_lock<std::mutex> lock(mutex_);
-            job_ = nullptr;                  // nobody joins any more
+            job_ = nullptr;                  // no worker joins from here on
             done_.wait(lock, [&] { return job.joined == 0; });
         }
         busy_.store(false);
@@ -89,7 +89,7 @@ class ThreadPool {
         const void* task;
         void (*call)(const void*, Index);
         std::atomic<Index> next{0};
-        int joined = 0;                      ///< workers inside; guarded by mutex_
+        int joined = 0;                      ///< workers in take_all; guarded by mutex_
 
         Job(Index count, const void* t, void (*c)(const void*, Index))
             : n(count), task(t), call(c) {}

@@ -50,7 +50,7 @@ namespace detail {
 template <class T, Backend B>
 T rgb_term(const B& backend, const Columns<T>& prediction, const Columns<T>& truth,
            const Columns<T>& mask, double weight, Columns<T>& g) {
-    return add_masked_l1<T>(backend, prediction.topRows(3), truth, mask, T(weight), g.topRows(3));
+    return add_masked_l1<T>(backend, prediction.topRows(3), truth, {mask, T(weight)}, g.topRows(3));
 }
 
 /// f(begin, end) for chunks of the columns of an image.
