@@ -27,30 +27,22 @@ RYE_HD T dilation_share(const Vec3<T>& x, const Vec3<T>& y, const T& dilation) {
                                   select(visible, dilated, T(1)))), T(0));
 }
 
-/// Cotangents of the rows of a factor.
-template <Scalar T>
-struct RowCotangents {
-    Vec3<T> x, y;
-};
-
-/// Cotangents of the rows, given that of log(share). Since that is g alpha summed over
+/// Adds the cotangents of the rows, given that of log(share). Since that is g alpha summed over
 /// pixels, which goes to 0 with the share, nothing grows without bound; a Gaussian without area
 /// gets 0.
 template <Scalar T>
-RYE_HD RowCotangents<T> dilation_share_vjp(const Vec3<T>& x, const Vec3<T>& y, const T& dilation,
-                                           const T& g_log) {
+RYE_HD void dilation_share_vjp(const Vec3<T>& x, const Vec3<T>& y, const T& dilation,
+                               const T& g_log, Vec3<T>& g_x, Vec3<T>& g_y) {
     const Vec3<T> n = cross(x, y);
     const T plain = dot(n, n), dilated = gram_determinant(x, y, dilation);
     const auto visible = plain > T(0);
     const T a = select(visible, T(g_log / select(visible, plain, T(1))), T(0));
     const T b = select(visible, T(g_log / select(visible, dilated, T(1))), T(0));
     const Vec3<T> by_x = cross(y, n), by_y = cross(n, x); // half the slopes of det Sigma
-    RowCotangents<T> g;
     for (int i = 0; i < 3; ++i) {
-        g.x[i] = a * by_x[i] - b * (by_x[i] + dilation * x[i]);
-        g.y[i] = a * by_y[i] - b * (by_y[i] + dilation * y[i]);
+        g_x[i] += a * by_x[i] - b * (by_x[i] + dilation * x[i]);
+        g_y[i] += a * by_y[i] - b * (by_y[i] + dilation * y[i]);
     }
-    return g;
 }
 
 } // namespace rye

@@ -301,10 +301,8 @@ RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Projector<T, D>& lens,
         g_x[i] = f.k1 * mu - f.m * mv;
         g_y[i] = mv;
     }
-    if constexpr (how == Antialias::mip) {
-        const RowCotangents<T> share = dilation_share_vjp(x, y, lens.dilation, alpha);
-        for (int i = 0; i < 3; ++i) g_x[i] += share.x[i], g_y[i] += share.y[i];
-    }
+    if constexpr (how == Antialias::mip)
+        dilation_share_vjp(x, y, lens.dilation, alpha, g_x, g_y);
 
     Shape<T> r;
     const Vec3<T> h_x = detail::scaled_by(g_x, g.scale), h_y = detail::scaled_by(g_y, g.scale);
