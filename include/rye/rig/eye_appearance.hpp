@@ -45,10 +45,11 @@ struct FreeFeatures {
                     T(0.1 * (2 * random.uniform(static_cast<std::uint64_t>(k * channels + i)) - 1));
         return p;
     }
-    /// Writes the features, C x P.
+    /// Writes the features, C x P: whole columns, contiguous.
     template <class B, class P, class T>
     static void features(const B&, const P& p, const EyeInputs<T>&, ColumnsSpan<T> feature) {
-        feature = p.feature;
+        // As one array: a Ref of an unknown stride would be copied column by column.
+        Eigen::Map<Columns<T>>(feature.data(), p.feature.rows(), p.feature.cols()) = p.feature;
     }
     /// Accumulates the parameters' gradient from the features' cotangent.
     template <class B, class P, class T>
