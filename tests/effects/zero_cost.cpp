@@ -285,11 +285,10 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
     g.feature.middleCols(begin, all) = eyes.feature;
     const auto exponential = [](const T& v) { return T(std::exp(v)); };
 #if !WITHOUT_HEAD_POSE
-    const Columns<T> scale = t.head.scale * eyes.log_scale.unaryExpr(exponential);
+    g.scale.middleCols(begin, all) = eyes.log_scale.unaryExpr(exponential) * t.head.scale;
 #else
-    const Columns<T> scale = eyes.log_scale.unaryExpr(exponential);
+    g.scale.middleCols(begin, all) = eyes.log_scale.unaryExpr(exponential);
 #endif
-    g.scale.middleCols(begin, all) = scale;
     g.opacity.middleCols(begin, all) = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     const auto place = [&](Index first, EyeTransform<T>& eye) {
         const std::size_t at = first == 0 ? 0 : 1;

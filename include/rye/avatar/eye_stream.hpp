@@ -135,14 +135,17 @@ void turn_eye_by(const EyeStream<T, E>& eyes, std::size_t eye, const Vec3<T>& ga
     }
 }
 
-/// Scales of both eyeballs' Gaussians in the world, whose units the head's scale gives, if any.
+/// Sets the scales of both eyeballs' Gaussians in the world, whose units the head's scale gives, if
+/// any, in the columns of `g` from `begin` on.
 template <class T, EffectSet E, class... Scale>
-Columns<T> eye_scales(const EyeStream<T, E>& eyes, const Scale&... head_scale) {
+void set_eye_scales(const EyeStream<T, E>& eyes, Gaussians<T>& g, Index begin,
+                    const Scale&... head_scale) {
     const auto exponential = [](const T& v) {
         using std::exp;
         return T(exp(v));
     };
-    return (eyes.log_scale.unaryExpr(exponential) * ... * head_scale);
+    g.scale.middleCols(begin, eyes.log_scale.cols()) =
+        (eyes.log_scale.unaryExpr(exponential) * ... * head_scale);
 }
 
 /// Means and rotations of one eyeball's Gaussians, in the columns of `g` from `begin` on.
@@ -171,7 +174,7 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes, const AvatarCo
         EyeAppearanceOf<E>::features(backend, eyes.appearance(), inputs,
                                      ColumnsSpan<T>(g.feature.middleCols(begin, all)));
     });
-    g.scale.middleCols(begin, all) = eye_scales(eyes, head.scale...);
+    set_eye_scales(eyes, g, begin, head.scale...);
     g.opacity.middleCols(begin, all) =
         eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     for_eyes([&]<std::size_t eye>() {

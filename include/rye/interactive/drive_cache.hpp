@@ -235,7 +235,7 @@ class DriveCache {
             offset_ = offset;
         }
         if (c.scale)
-            world_.scale.rightCols(eyes.position.cols()) = eye_scales(eyes, head_.scale);
+            set_eye_scales(eyes, world_, rest_->count, head_.scale);
         for (Index eye = 0; eye < 2; ++eye) {
             const std::size_t e = static_cast<std::size_t>(eye);
             if (!moved[e]) continue;
