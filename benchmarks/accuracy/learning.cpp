@@ -164,7 +164,7 @@ struct SlotSums {
     template <class A>
     void walk(const A& accuracy) {
         const TileLists& lists = raster.trace.lists;
-        const Scene<T> scene{raster.trace, g.feature,    background,   camera.cx,
+        const Scene<T> scene{raster.trace, g,            background,   camera.cx,
                              camera.cy,    camera.width, camera.height};
         scratch.slots.shape(lists.entries(), g.channels());
         std::vector<PixelContribution<T>> hits;

@@ -43,7 +43,7 @@ struct WholeFrame {
         Gaussians<float> g;
         deform.time([&] {
             drive(OneThread{}, s.avatar, s.config, s.roles, drivers, trace);
-            g = concat(trace.world_face, trace.world_eyes);
+            g = trace.gaussians;
         });
         render.time([&] {
             Rasterizer<>().forward_into(OneThread{}, g, camera, background, raster, &scratch);

@@ -43,7 +43,7 @@ struct Driven {
     Drivers<float, E> drivers;
     TwoStreamTrace<float, E> trace;
     TwoStream<float, E> gradient;
-    Gaussians<float> g_face, g_eyes;
+    Gaussians<float> g;
 
     Driven() {
         config.expression = 64;
@@ -112,9 +112,8 @@ struct Driven {
     }
     void forward() { drive(B{}, avatar, config, roles, drivers, trace); }
     void backward() {
-        g_face = trace.world_face;  // any cotangents do; the vjp consumes them
-        g_eyes = trace.world_eyes;
-        drive_vjp(B{}, avatar, config, drivers, trace, g_face, g_eyes, gradient);
+        g = trace.gaussians;  // any cotangents do; the vjp consumes them
+        drive_vjp(B{}, avatar, config, drivers, trace, g, gradient);
     }
     /// Trained numbers, but for the Gaussians' own.
     Index parameters() const {

@@ -34,7 +34,7 @@ struct Work {
     }
     /// Pixel-Gaussian pairs that the last render blended, by the plain walk.
     double pairs() const {
-        const Scene<float> s{raster.trace,     scene.gaussians.feature, scene.background,
+        const Scene<float> s{raster.trace,     scene.gaussians, scene.background,
                              scene.camera.cx,  scene.camera.cy,         scene.camera.width,
                              scene.camera.height};
         double n = 0;

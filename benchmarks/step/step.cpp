@@ -94,9 +94,9 @@ AvatarSample<float> sample_of(const Subject& s, const Rasterizer<Balanced>& rast
     const B backend = on_threads(1);
     drive(backend, s.avatar, s.config, s.roles, other, trace);
     const Raster<float> shown = rasterizer.forward(
-        backend, concat(trace.world_face, trace.world_eyes), s.camera, s.background);
+        backend, trace.gaussians, s.camera, s.background);
     const Raster<float> eyes =
-        rasterizer.forward(backend, trace.world_eyes, s.camera, s.background);
+        rasterizer.forward(backend, trace.eye_gaussians(), s.camera, s.background);
     sample.truth = upsampler_forward(backend, s.avatar.upsampler, shown.feature, nullptr);
     sample.truth_small = sample.truth;
     sample.mask_small = shown.alpha.pixels;

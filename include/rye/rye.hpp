@@ -59,6 +59,7 @@
 #include <rye/gaussian/ply_header.hpp>
 #include <rye/gaussian/project.hpp>
 #include <rye/gaussian/sh_color.hpp>
+#include <rye/gaussian/view.hpp>
 #include <rye/geometry/camera.hpp>
 #include <rye/geometry/distortion.hpp>
 #include <rye/geometry/marching_tets.hpp>
@@ -98,11 +99,14 @@
 #include <rye/rig/effect_names.hpp>
 #include <rye/rig/effect_slots.hpp>
 #include <rye/rig/effects.hpp>
+#include <rye/rig/eye_appearance.hpp>
 #include <rye/rig/eye_transform.hpp>
 #include <rye/rig/eyeball.hpp>
 #include <rye/rig/gaze.hpp>
+#include <rye/rig/gaze_mechanism.hpp>
 #include <rye/rig/influence.hpp>
 #include <rye/rig/nearest_landmark.hpp>
+#include <rye/rig/parts.hpp>
 #include <rye/splat/accuracy.hpp>
 #include <rye/splat/blend.hpp>
 #include <rye/splat/falloff.hpp>

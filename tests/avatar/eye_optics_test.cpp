@@ -92,7 +92,8 @@ TEST_CASE("an iris in the world is where the refracted ray of the camera meets i
         const EyeTransform<double>& eye = with.eyes.optics.placed[i < n ? 0 : 1];
         const Vec3<double> centre = eye.apply(cornea.centre);
         const double radius = eye.scale * cornea.radius;
-        const Vec3<double> seen = with.world_eyes.mean.col(i), is = without.world_eyes.mean.col(i);
+        const Index at = with.face_count + i;
+        const Vec3<double> seen = with.gaussians.mean.col(at), is = without.gaussians.mean.col(at);
         const Vec3<double> d = (seen - drivers.camera).normalized(), to = centre - drivers.camera;
         const double along = d.dot(to);
         const double off = radius * radius - (to - along * d).squaredNorm();
@@ -119,7 +120,7 @@ TEST_CASE("held without refraction and glint it looks the same at that camera") 
         double most = 0;
         Gaussians<double>::fields([&](const std::string&, const auto& p, const auto& q) {
             most = std::max(most, (p - q).cwiseAbs().maxCoeff());
-        }, x.world_eyes, y.world_eyes);
+        }, copy_of(x.eye_gaussians()), copy_of(y.eye_gaussians()));
         return most;
     };
     CHECK(same(Less<OpticsEffects, Glint>{}) <= 1e-13);

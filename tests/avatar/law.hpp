@@ -20,12 +20,11 @@ double law_error(std::uint64_t seed) {
     const AvatarConfig config = tiny_config();
     TwoStreamTrace<double, E> trace;
     drive(ScalarBackend<>{}, avatar, config, tiny_roles(), drivers, trace);
-    const Gaussians<double> w_face = random_like(trace.world_face, Random{seed, 1});
-    const Gaussians<double> w_eyes = random_like(trace.world_eyes, Random{seed, 2});
-    Gaussians<double> g_face = w_face, g_eyes = w_eyes;
+    const Gaussians<double> w = random_like(trace.gaussians, Random{seed, 1});
+    Gaussians<double> g = w;
     TwoStream<double, E> grad = zeros_like(avatar);
     const Vec<double, 6> g_pose =
-        drive_vjp(ScalarBackend<>{}, avatar, config, drivers, trace, g_face, g_eyes, grad);
+        drive_vjp(ScalarBackend<>{}, avatar, config, drivers, trace, g, grad);
 
     const TwoStream<double, E> direction = random_like(avatar, Random{seed, 3});
     const Columns<double> pose_direction = random_columns<double>(6, 1, Random{seed, 4});
@@ -39,15 +38,11 @@ double law_error(std::uint64_t seed) {
     DotSum by_vjp, by_dual;
     by_vjp.add_all(grad, direction);
     if constexpr (has_effect<E, ReadsHeadPose>) by_vjp.add(g_pose, pose_direction);
-    const auto add = [&](const Gaussians<D>& moved, const Gaussians<double>& w) {
-        Gaussians<double> d = w;
-        Gaussians<double>::fields([](const std::string&, auto& to, const auto& from) {
-            to = from.unaryExpr([](const D& x) { return x.d[0]; });
-        }, d, moved);
-        by_dual.add_all(d, w);
-    };
-    add(dual_trace.world_face, w_face);
-    add(dual_trace.world_eyes, w_eyes);
+    Gaussians<double> d = w;
+    Gaussians<double>::fields([](const std::string&, auto& to, const auto& from) {
+        to = from.unaryExpr([](const D& x) { return x.d[0]; });
+    }, d, dual_trace.gaussians);
+    by_dual.add_all(d, w);
     CHECK(by_vjp.magnitude > 0.01);
     return disagreement(by_vjp, by_dual);
 }

@@ -32,12 +32,12 @@ struct Blush {
         }
     };
     template <class B, class T, class D>
-    static void add(const B&, const Parameters<T>& p, const D& drivers, Gaussians<T>& g) {
+    static void add(const B&, const Parameters<T>& p, const D& drivers, GaussianSpan<T>& g) {
         g.feature.row(0) += drivers.expression[0] * p.red;
     }
     template <class B, class T, class D>
     static void vjp(const B&, const Parameters<T>&, const D& drivers, const Gaussians<T>&,
-                    Gaussians<T>& g_gaussians, Parameters<T>& grad) {
+                    GaussianSpan<T>& g_gaussians, Parameters<T>& grad) {
         grad.red += drivers.expression[0] * g_gaussians.feature.row(0);
     }
 };
@@ -62,12 +62,12 @@ struct Swell {
         }
     };
     template <class B, class T, class D>
-    static void add(const B&, const Parameters<T>& p, const D&, Gaussians<T>& g) {
+    static void add(const B&, const Parameters<T>& p, const D&, GaussianSpan<T>& g) {
         g.scale += p.share(0, 0) * g.scale.cwiseProduct(g.scale).eval();
     }
     template <class B, class T, class D>
     static void vjp(const B&, const Parameters<T>& p, const D&, const Gaussians<T>& before,
-                    Gaussians<T>& g_gaussians, Parameters<T>& grad) {
+                    GaussianSpan<T>& g_gaussians, Parameters<T>& grad) {
         grad.share(0, 0) +=
             g_gaussians.scale.cwiseProduct(before.scale.cwiseProduct(before.scale)).sum();
         g_gaussians.scale +=
@@ -94,10 +94,13 @@ TEST_CASE("a user's effects: parameters, tensors, value, vjp, and nothing at neu
 
     TwoStreamTrace<double, Mine> trace;
     drive(B{}, avatar, tiny_config(), tiny_roles(), drivers, trace);
-    const Gaussians<double> w = random_like(trace.world_face, Random{4, 0});
-    Gaussians<double> g_face = w, g_eyes = zeros_like(trace.world_eyes);
+    Gaussians<double> w = random_like(trace.gaussians, Random{4, 0});
+    Gaussians<double>::fields([&](const std::string&, auto& a) { // the eyes have no own effects
+        a.rightCols(trace.eye_columns().count).setZero();
+    }, w);
+    Gaussians<double> g = w;
     TwoStream<double, Mine> grad = zeros_like(avatar);
-    drive_vjp(B{}, avatar, tiny_config(), drivers, trace, g_face, g_eyes, grad);
+    drive_vjp(B{}, avatar, tiny_config(), drivers, trace, g, grad);
     const TwoStream<double, Mine> direction = random_like(avatar, Random{5, 0});
     const auto moved = [&](double h) {
         TwoStream<double, Mine> a = avatar;
@@ -106,7 +109,7 @@ TEST_CASE("a user's effects: parameters, tensors, value, vjp, and nothing at neu
         TwoStreamTrace<double, Mine> t;
         drive(B{}, a, tiny_config(), tiny_roles(), drivers, t);
         DotSum sum;
-        sum.add_all(t.world_face, w);
+        sum.add_all(t.gaussians, w);
         return sum.sum;
     };
     DotSum by_vjp;
@@ -124,7 +127,7 @@ TEST_CASE("a user's effects: parameters, tensors, value, vjp, and nothing at neu
     const auto with = driven(neutral, drivers);
     const auto without =
         driven(restricted<PaperEffects>(avatar_of_all()), restricted<PaperEffects>(drivers));
-    CHECK(with.world_face.feature == without.world_face.feature);
-    CHECK(with.world_face.scale == without.world_face.scale);
-    CHECK(trace.world_face.feature != without.world_face.feature);
+    CHECK(with.gaussians.feature == without.gaussians.feature);
+    CHECK(with.gaussians.scale == without.gaussians.scale);
+    CHECK(trace.gaussians.feature != without.gaussians.feature);
 }

@@ -175,7 +175,8 @@ struct HandTrace {
     Quat<T> left_turn, right_turn;
     std::array<Columns<T>, 2> seen;
     std::array<EyeTransform<T>, 2> placed;
-    Gaussians<T> driven_face, world_face, world_eyes;
+    Columns<T> scale;
+    Gaussians<T> gaussians;
 };
 
 // One frame, as someone would write it who has just these effects.
@@ -203,11 +204,11 @@ __attribute__((noinline)) void hand_face(const HandFace& face, const AvatarConfi
     t.w_right = detail::set_weights(B{}, c, c.gaze_near, c.gaze_far, seen, face.landmarks,
                                     roles.eye[1], t.n_right);
 #endif
-    Gaussians<T> g;
+    Gaussians<T>& g = t.gaussians;
 #if RESTS
-    g.feature = face.rest_color;
+    g.feature.leftCols(n) = face.rest_color;
 #else
-    g.feature = Columns<T>::Zero(c.channels, n);
+    g.feature.leftCols(n).setZero();
 #endif
 #if !WITHOUT_EXPRESSION
     add_field(B{}, face.exp_color, Squash::none, one, t.feature, t.w_exp, t.expression, g.feature,
@@ -225,7 +226,7 @@ __attribute__((noinline)) void hand_face(const HandFace& face, const AvatarConfi
     add_field(B{}, face.right_color, Squash::none, one, t.feature, t.w_right, t.right_gaze,
               g.feature, t.right_color);
 #endif
-    g.mean = face.position;
+    g.mean.leftCols(n) = face.position;
 #if !WITHOUT_EXPRESSION
     add_field(B{}, face.exp_deform, Squash::tanh, reach, t.code, t.w_exp, t.expression, g.mean,
               t.exp_deform);
@@ -253,16 +254,22 @@ __attribute__((noinline)) void hand_face(const HandFace& face, const AvatarConfi
     add_field(B{}, face.pose_attributes, Squash::none, step, t.feature, t.w_pose, t.pose,
               t.attributes, t.pose_attributes);
 #endif
-#if !(WITHOUT_EXPRESSION && WITHOUT_POSE_RESIDUAL)
-    activate_into(B{}, face.log_scale, face.rotation, face.opacity_logit, g, t.attributes);
+    const RawAttributes<T> raw{face.log_scale, face.rotation, face.opacity_logit};
+#if !WITHOUT_HEAD_POSE
+    t.scale.resize(3, n);
+    const DrawnAttributes<T> drawn{t.scale, g.rotation, g.opacity};
 #else
-    activate_into(B{}, face.log_scale, face.rotation, face.opacity_logit, g);
+    const DrawnAttributes<T> drawn{g.scale, g.rotation, g.opacity};
 #endif
-    t.driven_face = std::move(g);
+#if !(WITHOUT_EXPRESSION && WITHOUT_POSE_RESIDUAL)
+    activate_into(B{}, raw, drawn, t.attributes);
+#else
+    activate_into(B{}, raw, drawn);
+#endif
 }
 
 __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfig& c,
-                                         const HandDrivers& drivers, HandTrace& t) {
+                                         const HandDrivers& drivers, Index begin, HandTrace& t) {
     const Index all = eyes.position.cols();
     const Index left_count = eyes.left_points < 0 ? all / 2 : eyes.left_points;
     const Index counts[2] = {left_count, all - left_count};
@@ -274,17 +281,16 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
     squash_in_place(Squash::tanh, t.offset.squashed);
     centre += T(c.deform_scale) * t.offset.squashed.reshaped(3, 2);
 #endif
-    Gaussians<T> g;
-    g.feature = eyes.feature;
-    g.mean.resize(3, all);
-    g.rotation.resize(4, all);
+    Gaussians<T>& g = t.gaussians;
+    g.feature.middleCols(begin, all) = eyes.feature;
     const auto exponential = [](const T& v) { return T(std::exp(v)); };
 #if !WITHOUT_HEAD_POSE
-    g.scale = t.head.scale * eyes.log_scale.unaryExpr(exponential);
+    const Columns<T> scale = t.head.scale * eyes.log_scale.unaryExpr(exponential);
 #else
-    g.scale = eyes.log_scale.unaryExpr(exponential);
+    const Columns<T> scale = eyes.log_scale.unaryExpr(exponential);
 #endif
-    g.opacity = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
+    g.scale.middleCols(begin, all) = scale;
+    g.opacity.middleCols(begin, all) = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     const auto place = [&](Index first, EyeTransform<T>& eye) {
         const std::size_t at = first == 0 ? 0 : 1;
         const Index n = counts[at];
@@ -313,7 +319,7 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
             if (!image.seen) continue;
             const Index channels = eyes.light_intensity.rows(), stride = g.feature.rows();
             const T* const intensity = eyes.light_intensity.data() + l * channels;
-            T* colour = g.feature.data() + first * stride;
+            T* colour = g.feature.data() + (begin + first) * stride;
             for (Index i = 0; i < n; ++i, colour += stride) {
                 const Vec3<T> x = point(from, i);
                 if (!(dot(x, cornea.axis) > T(0))) continue;
@@ -322,8 +328,8 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
             }
         }
 #endif
-        g.mean.middleCols(first, n) = eye_points<T>(eye, seen);
-        g.rotation.middleCols(first, n) = eye_rotations<T>(eye, rotations);
+        g.mean.middleCols(begin + first, n) = eye_points<T>(eye, seen);
+        g.rotation.middleCols(begin + first, n) = eye_rotations<T>(eye, rotations);
     };
     EyeTransform<T> left = eye_at<T>(centre.col(0)), right = eye_at<T>(centre.col(1));
 #if !WITHOUT_LEFT_GAZE
@@ -351,7 +357,6 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
 #endif
     place(0, left);
     place(left_count, right);
-    t.world_eyes = std::move(g);
 }
 
 struct Case {
@@ -395,14 +400,15 @@ extern "C" __attribute__((noinline)) void by_hand(void* with) {
 #if RIGHT_SKIN
     t.right_gaze = positional_encoding(pitch_yaw(d.right), c.config.gaze_frequencies);
 #endif
+    const Index n = c.face.position.cols();
+    t.gaussians.resize(n + c.eyes.position.cols(), c.config.channels);
     hand_face(c.face, c.config, c.roles, t);
-    t.world_face = t.driven_face;
 #if !WITHOUT_HEAD_POSE
     const Mat3<T> r = so3_exp(Vec3<T>(d.pose.head<3>()));
     t.head = {r, matrix_quat(r), d.pose.tail<3>(), d.scale};
-    to_world(B{}, t.head, t.world_face);
+    to_world(B{}, t.head, t.scale, t.gaussians);
 #endif
-    hand_eyes(c.eyes, c.config, d, t);
+    hand_eyes(c.eyes, c.config, d, n, t);
 }
 
 namespace {
@@ -518,8 +524,7 @@ int main(int argc, char** argv) {
     by_hand(&c);
     if (argc > 1 && std::strcmp(argv[1], "types") == 0) by_types(&c);
     if (argc > 1 && std::strcmp(argv[1], "hand") == 0) by_hand(&c);
-    if (!equal(c.trace.world_face, c.hand_trace.world_face) ||
-        !equal(c.trace.world_eyes, c.hand_trace.world_eyes)) {
+    if (!equal(c.trace.gaussians, c.hand_trace.gaussians)) {
         std::puts("by types and by hand differ");
         return 1;
     }

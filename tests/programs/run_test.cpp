@@ -133,7 +133,7 @@ TEST_CASE("run: what is drawn of one by lines of sight is what is trained, bit f
     TwoStreamTrace<float, VisualEffects> trace;
     drive(train_backend(), state.visual->avatar, state.config.avatar, state.subject.roles,
           restricted<VisualEffects>(drivers), trace);
-    const Gaussians<float> trained = concat(trace.world_face, trace.world_eyes);
+    const Gaussians<float>& trained = trace.gaussians;
     Gaussians<float>::fields([](const std::string& name, const auto& a, const auto& b) {
         INFO(name);
         CHECK((a.array() == b.array()).all());

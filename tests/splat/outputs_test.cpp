@@ -49,7 +49,7 @@ struct Blobs {
 template <class A, class T>
 std::pair<std::vector<std::uint32_t>, std::vector<T>> by_hand(const Blobs<T>& s,
                                                               const RasterTrace<T>& trace) {
-    const Scene<T> scene{trace, s.gaussians.feature, s.background, s.camera.cx, s.camera.cy,
+    const Scene<T> scene{trace, s.gaussians, s.background, s.camera.cx, s.camera.cy,
                          s.camera.width, s.camera.height};
     const auto pixels = static_cast<std::size_t>(s.camera.width * s.camera.height);
     std::vector<std::uint32_t> which(pixels, no_contributor);

@@ -67,7 +67,7 @@ struct Walks {
   private:
     const Stage& stage() const { return accuracy; }
     Scene<T> scene() const {
-        return {r.trace, s.gaussians.feature, s.background, s.camera.cx, s.camera.cy,
+        return {r.trace, s.gaussians, s.background, s.camera.cx, s.camera.cy,
                 s.camera.width, s.camera.height};
     }
     template <class X>

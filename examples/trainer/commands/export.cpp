@@ -76,8 +76,8 @@ void export_ply(const ExportOptions& o) {
     if (!o.right.empty()) drivers.gaze[1] = gaze_option(o.right, "--gaze-right");
     Gaussians<float> g = driven_gaussians(state, drivers);
     const Index face = state.avatar.face.position.cols();
-    if (o.stream == "face") g = slice(g, 0, face);
-    if (o.stream == "eyes") g = slice(g, face, g.count() - face);
+    if (o.stream == "face") g = copy_of(view_of(g).columns(0, face));
+    if (o.stream == "eyes") g = copy_of(view_of(g).columns(face, g.count() - face));
     PlyOptions options;
     options.degree = o.sh;
     options.comment = o.axes == "ply" ? "Vertical axis: y" : "axes: y up, z toward the viewer";

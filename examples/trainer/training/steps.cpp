@@ -18,7 +18,7 @@ namespace {
 
 Random seed_of(const TrainState& state) { return {state.config.seed, 0}; }
 
-EyeballTemplate<float> eyeball_of(const Subject& s, const TrainConfig& config, std::size_t eye) {
+TrainEyeball eyeball_of(const Subject& s, const TrainConfig& config, std::size_t eye) {
     TrainEyeball shape = eyeball_shape({s.eye_radius[eye], s.limbus_radius[eye], s.iris_plane[eye]});
     // Rings whose points lie half as far apart on the iris as on the sclera: where a coarse sclera
     // met a fine iris, its large Gaussians would reach over the iris of an eye that looks aside.
@@ -31,7 +31,7 @@ EyeballTemplate<float> eyeball_of(const Subject& s, const TrainConfig& config, s
     shape.iris_rings = rings(shape.iris_rings);
     shape.sclera_rings = rings(shape.sclera_rings);
     shape.back_rings = rings(shape.back_rings);
-    return eyeball_template<float>(shape);
+    return shape;
 }
 
 template <class P>
@@ -181,21 +181,17 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
     TwoStreamTrace<float> trace;
     drive(train_backend(), state.avatar, config.avatar, state.subject.roles,
           optical_drivers(state, drivers), trace);
-    require_drawable(trace.world_face);
-    require_drawable(trace.world_eyes);
+    require_drawable(trace.gaussians);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
     const TrainRasterizer rasterizer;
     AvatarView v;
-    v.final =
-        rasterizer
-            .forward(train_backend(), concat(trace.world_face, trace.world_eyes), small, white)
-            .feature;
+    v.final = rasterizer.forward(train_backend(), trace.gaussians, small, white).feature;
     if (streams) {
-        Gaussians<float> face = trace.world_face;  // as the blank loss sees it
-        if (config.gaussians.weights.blank_eyeballs)
-            face = concat(face, painted(trace.world_eyes, white));
+        const GaussianView<float> face = config.gaussians.weights.blank_eyeballs // as in the loss
+            ? view_of(trace.gaussians).painted_from(trace.face_count, white)
+            : trace.face_gaussians();
         v.face = rasterizer.forward(train_backend(), face, small, white).feature;
-        v.eyes = rasterizer.forward(train_backend(), trace.world_eyes, small, white).feature;
+        v.eyes = rasterizer.forward(train_backend(), trace.eye_gaussians(), small, white).feature;
     }
     v.high = of_camera(upsampler_forward(train_backend(), state.avatar.upsampler, v.final, nullptr),
                        camera);
@@ -224,8 +220,8 @@ PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
     const Columns<float> centre =
         avatar.eyes.centre + eye_offset<float>(train_backend(), avatar.eyes.offset,
                                                state.config.avatar, trace.code, trace.eyes.offset);
-    Gaussians<float> both = concat(trace.world_face, trace.world_eyes);
-    const Index face = trace.world_face.count();
+    Gaussians<float>& both = trace.gaussians;
+    const Index face = trace.face_count;
     both.feature = Columns<float>::Zero(2, both.count());
     PosedEyes eyes;
     for (Index e = 0; e < 2; ++e) {
@@ -245,9 +241,8 @@ Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>&
     TwoStreamTrace<float> trace;
     drive(train_backend(), state.avatar, state.config.avatar, state.subject.roles,
           optical_drivers(state, drivers), trace);
-    require_drawable(trace.world_face);
-    require_drawable(trace.world_eyes);
-    return concat(trace.world_face, trace.world_eyes);
+    require_drawable(trace.gaussians);
+    return std::move(trace.gaussians);
 }
 
 Image<float> rgb_of(const Image<float>& feature) {

@@ -29,7 +29,7 @@ FrameDriver driver_of(const Avatar& avatar, const AvatarConfig& config, const La
     return [own, &config, &roles](const Drivers<float>& drivers) {
         TwoStreamTrace<float, E> trace;
         drive(train_backend(), *own, config, roles, restricted<E>(drivers), trace);
-        return concat(trace.world_face, trace.world_eyes);
+        return std::move(trace.gaussians);
     };
 }
 

@@ -29,45 +29,55 @@ void tanh_into(const B& backend, const Columns<T>& x, Columns<T>& y) {
     });
 }
 
-/// Sets scale, rotation and opacity of Gaussian i of `g`. Without steps, give none.
+/// A face's attributes as they are trained: unbounded.
+template <class T>
+struct RawAttributes {
+    const Columns<T>& log_scale;      ///< 3 x N
+    const Columns<T>& rotation;       ///< 4 x N
+    const Columns<T>& opacity_logit;  ///< 1 x N
+};
+
+/// Where activated attributes go: the first N columns, or more, of each.
+template <class T>
+struct DrawnAttributes {
+    Columns<T>& scale;
+    Columns<T>& rotation;
+    Columns<T>& opacity;
+};
+
+/// Sets scale, rotation and opacity of Gaussian i. Without steps, give none.
 template <class T, class... Steps>
     requires (sizeof...(Steps) <= 1)
-void activate_point(const Columns<T>& log_scale, const Columns<T>& rotation,
-                    const Columns<T>& opacity_logit, Index i, Gaussians<T>& g,
+void activate_point(const RawAttributes<T>& raw, Index i, const DrawnAttributes<T>& to,
                     const Steps&... steps) {
     for (Index k = 0; k < 3; ++k)
-        g.scale(k, i) = drawn_scale(T((log_scale(k, i) + ... + steps(k, i))));
-    for (Index k = 0; k < 4; ++k) g.rotation(k, i) = (rotation(k, i) + ... + steps(3 + k, i));
-    g.opacity(0, i) = drawn_opacity(T((opacity_logit(0, i) + ... + steps(7, i))));
+        to.scale(k, i) = drawn_scale(T((raw.log_scale(k, i) + ... + steps(k, i))));
+    for (Index k = 0; k < 4; ++k) to.rotation(k, i) = (raw.rotation(k, i) + ... + steps(3 + k, i));
+    to.opacity(0, i) = drawn_opacity(T((raw.opacity_logit(0, i) + ... + steps(7, i))));
 }
 
-/// ... of all of them.
+/// ... of all N.
 template <class T, Backend B, class... Steps>
     requires (sizeof...(Steps) <= 1)
-void activate_into(const B& backend, const Columns<T>& log_scale, const Columns<T>& rotation,
-                   const Columns<T>& opacity_logit, Gaussians<T>& g, const Steps&... steps) {
-    const Index n = log_scale.cols();
-    g.scale.resize(3, n);
-    g.rotation.resize(4, n);
-    g.opacity.resize(1, n);
-    for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
-        for (Index i = b; i < e; ++i)
-            activate_point(log_scale, rotation, opacity_logit, i, g, steps...);
+void activate_into(const B& backend, const RawAttributes<T>& raw, const DrawnAttributes<T>& to,
+                   const Steps&... steps) {
+    for_chunks(backend.threads, raw.log_scale.cols(), 1024, [&](Index b, Index e, Index) {
+        for (Index i = b; i < e; ++i) activate_point(raw, i, to, steps...);
     });
 }
 
-/// The cotangents of raw attributes and steps alike, 8 x N, from those of the Gaussians. `driven`
-/// is what activate_into gave.
+/// The cotangents of raw attributes and steps alike, 8 x N, from those of the first N Gaussians of
+/// `g`. The drawn ones are results of activate_into.
 template <class T, Backend B>
-Columns<T> activate_vjp(const B& backend, const Gaussians<T>& driven, const Gaussians<T>& g) {
-    const Index n = driven.scale.cols();
+Columns<T> activate_vjp(const B& backend, const Columns<T>& drawn_scale,
+                        const Columns<T>& drawn_opacity, Index n, const Gaussians<T>& g) {
     Columns<T> r(8, n);
     for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
         for (Index i = b; i < e; ++i) {
             for (Index k = 0; k < 3; ++k)
-                r(k, i) = drawn_scale_vjp<T>(driven.scale(k, i), g.scale(k, i));
+                r(k, i) = drawn_scale_vjp<T>(drawn_scale(k, i), g.scale(k, i));
             for (Index k = 0; k < 4; ++k) r(3 + k, i) = g.rotation(k, i);
-            const T a = driven.opacity(0, i);
+            const T a = drawn_opacity(0, i);
             r(7, i) = drawn_opacity_vjp<T>(a, T(1) - a, g.opacity(0, i));
         }
     });

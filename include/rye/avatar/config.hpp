@@ -9,6 +9,7 @@
 
 #include <rye/nn/mlp.hpp>
 #include <rye/rig/influence.hpp>
+#include <rye/rig/parts.hpp>
 
 namespace rye {
 
@@ -54,9 +55,19 @@ struct AvatarConfig {
 
     NetworkConfig networks;
 
-    int position_code() const { return 3 * (1 + 2 * frequencies); }
-    int pose_code() const { return 6 * (1 + 2 * pose_frequencies); }
-    int gaze_code() const { return 2 * (1 + 2 * gaze_frequencies); }  ///< of (pitch, yaw)
+    /// Sizes of the codes that networks read: of points, head pose and gaze (pitch, yaw).
+    template <NetworkPolicy N = PublishedNetworks>
+    int position_code() const {
+        return static_cast<int>(N::Encoding::size(3, frequencies));
+    }
+    template <NetworkPolicy N = PublishedNetworks>
+    int pose_code() const {
+        return static_cast<int>(N::Encoding::size(6, pose_frequencies));
+    }
+    template <NetworkPolicy N = PublishedNetworks>
+    int gaze_code() const {
+        return static_cast<int>(N::Encoding::size(2, gaze_frequencies));
+    }
 };
 
 /// dims [point inputs + frame inputs, hidden..., outputs].
@@ -70,10 +81,19 @@ inline MlpShape mlp_shape(int point_inputs, int frame_inputs, const std::vector<
     return shape;
 }
 
+/// The same with the skip of a policy.
+template <NetworkPolicy N>
+MlpShape network_shape(MlpShape shape) {
+    shape.skip_layer = N::skip_layer(shape);
+    return shape;
+}
+
 /// A first network for points that frame inputs drive.
-template <class T>
-Mlp<T> driven_mlp(const AvatarConfig& config, const MlpShape& shape, const Random& random) {
-    Mlp<T> mlp = Mlp<T>::init(shape, random);
+template <class T, NetworkPolicy N = PublishedNetworks>
+auto driven_mlp(const AvatarConfig& config, const MlpShape& of, const Random& random) {
+    using Network = Mlp<T, typename N::Activation>;
+    const MlpShape shape = network_shape<N>(of);
+    Network mlp = Network::init(shape, random);
     if (config.drivers_from_zero)
         for (int l = 0; l < shape.layers(); ++l)
             if (shape.reads_input(l))

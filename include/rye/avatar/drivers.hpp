@@ -76,11 +76,11 @@ FrameCode<T, E> frame_code(const AvatarConfig& config, const Drivers<T, E>& driv
     FrameCode<T, E> code;
     if constexpr (has_effect<E, ReadsExpression>) code.expression = drivers.expression;
     if constexpr (has_effect<E, ReadsPoseCode>)
-        code.pose = positional_encoding(drivers.pose, config.pose_frequencies);
+        code.pose = EncodingOf<E>::encode(drivers.pose, config.pose_frequencies);
     for_eyes([&]<std::size_t eye>() {
         if constexpr (skin_follows<E, eye>) {
             const Vec2<T> angles = pitch_yaw(of_eye<eye>(drivers.gaze));
-            of_eye<eye>(code.gaze) = positional_encoding(angles, config.gaze_frequencies);
+            of_eye<eye>(code.gaze) = EncodingOf<E>::encode(angles, config.gaze_frequencies);
         }
     });
     return code;

@@ -35,23 +35,33 @@ TurnCotangent<T> turn_cotangent(const Columns<T>& points, const Columns<T>& rota
     return sum;
 }
 
-/// The cotangent of (pitch, yaw) of kappa. `g_code` is that of the gaze's code, or null.
+/// What an eye's kappa acts on: cotangents of the smallest rotation to the optical axis, of the axis
+/// itself, and of the gaze's code, or null.
 template <class T>
+struct OpticalCotangent {
+    TurnCotangent<T> turn;
+    Vec3<T> axis;
+    const VecX<T>* code;
+};
+
+/// The cotangent of (pitch, yaw) of kappa.
+template <Encoding C = PositionalEncoding, class T>
 Vec2<T> kappa_vjp(const AvatarConfig& config, const Vec3<T>& visual, const KappaAngles<T>& kappa,
-                  const TurnCotangent<T>& g, const VecX<T>* g_code) {
+                  const std::type_identity_t<OpticalCotangent<T>>& g) {
     using D = Dual<T, 2>;
     const KappaAngles<D> k{D::variable(kappa.pitch, 0), D::variable(kappa.yaw, 1)};
     const Vec3<D> optical = apply_kappa<D>(visual.template cast<D>(), k);
     const Quat<D> turn = shortest_arc<D>(Vec3<D>(D(0), D(0), D(1)), normalized(optical));
     const Mat3<D> r = quat_matrix(turn);
-    const Columns<D> code = positional_encoding(pitch_yaw(optical), config.gaze_frequencies);
+    const Columns<D> code = C::encode(pitch_yaw(optical), config.gaze_frequencies);
     Vec2<T> sum;
     for (std::size_t a = 0; a < 2; ++a) {
         T s = T(0);
-        for (Index i = 0; i < 9; ++i) s += g.rotation(i / 3, i % 3) * r(i / 3, i % 3).d[a];
-        for (Index i = 0; i < 4; ++i) s += g.quaternion(i) * turn(i).d[a];
-        if (g_code != nullptr)
-            for (Index i = 0; i < g_code->size(); ++i) s += (*g_code)(i) * code(i, 0).d[a];
+        for (Index i = 0; i < 9; ++i) s += g.turn.rotation(i / 3, i % 3) * r(i / 3, i % 3).d[a];
+        for (Index i = 0; i < 4; ++i) s += g.turn.quaternion(i) * turn(i).d[a];
+        if (g.code != nullptr)
+            for (Index i = 0; i < g.code->size(); ++i) s += (*g.code)(i) * code(i, 0).d[a];
+        for (int i = 0; i < 3; ++i) s += g.axis[i] * optical[i].d[a];
         sum[static_cast<Index>(a)] = s;
     }
     return sum;

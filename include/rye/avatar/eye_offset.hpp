@@ -10,18 +10,20 @@
 namespace rye {
 
 /// D_e: the displacement of both eyeball centres by expression and head pose, canonical units.
-template <class T>
+template <class T, NetworkPolicy N = PublishedNetworks>
 struct EyeOffsetNetwork {
-    Mlp<T> mlp;
+    using Network = Mlp<T, typename N::Activation>;
+    Network mlp;
 
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
-        nested_fields<Mlp<T>>("eye_offset_mlp", f, p.mlp...);
+        nested_fields<Network>("eye_offset_mlp", f, p.mlp...);
     }
     /// The last layer starts at 0, so that training starts at the measured neutral centres.
     static EyeOffsetNetwork init(const AvatarConfig& c, const Random& random) {
-        EyeOffsetNetwork offset{Mlp<T>::init(mlp_shape(c.expression + c.pose_code(), 0,
-                                                c.networks.eye_offset, 6), random)};
+        const MlpShape shape = network_shape<N>(
+            mlp_shape(c.expression + c.pose_code<N>(), 0, c.networks.eye_offset, 6));
+        EyeOffsetNetwork offset{Network::init(shape, random)};
         offset.mlp.weight.back().setZero();
         offset.mlp.bias.back().setZero();
         return offset;
@@ -36,8 +38,8 @@ struct EyeOffsetTrace {
 };
 
 /// 3 x 2: the displacement of the left and the right centre.
-template <class T, EffectSet E, Backend B>
-Columns<T> eye_offset(const B& backend, const EyeOffsetNetwork<T>& offset,
+template <class T, class N, EffectSet E, Backend B>
+Columns<T> eye_offset(const B& backend, const EyeOffsetNetwork<T, N>& offset,
                       const AvatarConfig& config, const FrameCode<T, E>& code,
                       EyeOffsetTrace<T>& trace) {
     trace.input.resize(code.expression.size() + code.pose.size(), 1);
@@ -47,10 +49,11 @@ Columns<T> eye_offset(const B& backend, const EyeOffsetNetwork<T>& offset,
     return T(config.deform_scale) * trace.squashed.reshaped(3, 2);
 }
 
-template <class T, Backend B>
-void eye_offset_vjp(const B& backend, const EyeOffsetNetwork<T>& offset, const AvatarConfig& config,
-                    const EyeOffsetTrace<T>& trace, const Columns<T>& g_offset,
-                    EyeOffsetNetwork<T>& grad, VecX<T>& g_pose_code) {
+template <class T, class N, Backend B>
+void eye_offset_vjp(const B& backend, const EyeOffsetNetwork<T, N>& offset,
+                    const AvatarConfig& config, const EyeOffsetTrace<T>& trace,
+                    const Columns<T>& g_offset, EyeOffsetNetwork<T, N>& grad,
+                    VecX<T>& g_pose_code) {
     Columns<T> g = T(config.deform_scale) * g_offset.reshaped(6, 1);
     squash_vjp(Squash::tanh, trace.squashed, g);
     Columns<T> g_input;

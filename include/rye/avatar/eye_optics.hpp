@@ -222,25 +222,26 @@ IntoEye<T> look_into_eye_vjp(const EyeOptics<T, E>& optics, std::size_t eye,
 
 } // namespace detail
 
-/// Accumulates the lights' gradients from head-frame cotangents `g` of the eyes' Gaussians, and
+/// Accumulates the lights' gradients from head-frame cotangents of the eyes' Gaussians, columns of
+/// `g` from `begin` on, and
 /// gives what the camera and the lights, taken into the eyes, add to those of the transforms.
 /// `position` holds both eyes' points, `head` is the HeadTransform of an avatar that has one.
-template <Backend B, class T, EffectSet E, class... Head>
+template <class T, EffectSet E, class... Head>
     requires has_effect<E, SeesCornea>
 void eye_optics_vjp(const EyeOptics<T, E>& optics, const Drivers<T, E>& drivers,
                     const Columns<T>& position, const OpticsTrace<T>& trace,
-                    const Gaussians<T>& g, EyeOptics<T, E>& grad, OpticsCotangent<T>& out,
-                    const Head&... head) {
+                    const Gaussians<T>& g, Index begin, EyeOptics<T, E>& grad,
+                    OpticsCotangent<T>& out, const Head&... head) {
     Index first = 0, n = 0;
     for (std::size_t eye = 0; eye < 2; ++eye, first += n) {
         n = trace.seen[eye].cols();
         const EyeTransform<T>& placed = trace.placed[eye];
         Mat3<T> turn = placed.rotation;                      // eye to head
         ((turn = head.rotation.transpose() * placed.rotation), ...);
-        Columns<T> g_seen = turn.transpose() * g.mean.middleCols(first, n);
+        Columns<T> g_seen = turn.transpose() * g.mean.middleCols(begin + first, n);
         const detail::IntoEye<T> into = detail::look_into_eye_vjp<T, E>(
             optics, eye, drivers, trace, position.middleCols(first, n), g_seen,
-            g.feature.middleCols(first, n), grad);
+            g.feature.middleCols(begin + first, n), grad);
         out.turn[eye] = into.rotation;
         out.centre.col(static_cast<Index>(eye)) = into.translation;
         [[maybe_unused]] const auto by_head = [&](const auto& h) {

@@ -17,13 +17,18 @@
 
 namespace rye {
 
+/// Parameters of the eyes' parts; those of the default ones: `feature`, C x P.
+template <class T, EffectSet E>
+using EyeAppearanceParameters = typename EyeAppearanceOf<E>::template Parameters<T>;
+template <class T, EffectSet E>
+using GazeMechanismParameters = typename GazeMechanismOf<E>::template Parameters<T>;
+
 template <class T, EffectSet E = PaperEffects>
-struct EyeStream {
-    Columns<T> feature;        ///< colour channels, free, C x P: left eye, then right
+struct EyeStream : EyeAppearanceParameters<T, E>, GazeMechanismParameters<T, E> {
     Columns<T> log_scale;      ///< 3 x P
     Columns<T> rotation;       ///< 4 x P, w x y z, in the frame of the eyeball
     Columns<T> opacity_logit;  ///< 1 x P
-    [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetNetwork<T>> offset;
+    [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetNetwork<T, NetworksOf<E>>> offset;
     [[no_unique_address]] Slot<E, Kappa, Columns<T>> kappa;  ///< (pitch, yaw) [rad] an eye, 2 x 2
     [[no_unique_address]] EyeOptics<T, E> optics;
 
@@ -34,11 +39,12 @@ struct EyeStream {
 
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
-        f("feature", p.feature...);
+        EyeAppearanceParameters<T, E>::fields(f, p.appearance()...);
+        GazeMechanismParameters<T, E>::fields(f, p.mechanism()...);
         f("scales", p.log_scale...);
         f("rotation", p.rotation...);
         f("opacity", p.opacity_logit...);
-        if constexpr (has_effect<E, EyeOffset>) EyeOffsetNetwork<T>::fields(f, p.offset...);
+        if constexpr (has_effect<E, EyeOffset>) EyeOffsetNetwork<T, NetworksOf<E>>::fields(f, p.offset...);
         if constexpr (has_effect<E, Kappa>) f("kappa", p.kappa...);
         EyeOptics<T, E>::fields(f, p.optics...);
     }
@@ -49,6 +55,11 @@ struct EyeStream {
         f("spacing", p.spacing...);
         EyeOptics<T, E>::buffers(f, p.optics...);
     }
+    const EyeAppearanceParameters<T, E>& appearance() const { return *this; }
+    EyeAppearanceParameters<T, E>& appearance() { return *this; }
+    const GazeMechanismParameters<T, E>& mechanism() const { return *this; }
+    GazeMechanismParameters<T, E>& mechanism() { return *this; }
+
     /// Columns of an eye: its first one, and how many.
     Index first_point(Index eye) const { return eye == 0 ? 0 : points_of(0); }
     Index points_of(Index eye) const {
@@ -92,6 +103,37 @@ struct EyeTrace {
     [[no_unique_address]] Slot<E, SeesCornea, OpticsTrace<T>> optics;
 };
 
+/// f with what the eyes' appearance may read of a frame; prepared only where it is read.
+template <class T, EffectSet E, class F>
+void with_eye_inputs(const EyeStream<T, E>& eyes, const Drivers<T, E>& optical,
+                     const FrameCode<T, E>& code, F&& f) {
+    VecX<T> expression;
+    Columns<T> gaze;
+    if constexpr (EyeAppearanceOf<E>::reads_inputs) {
+        if constexpr (has_effect<E, ReadsExpression>) expression = code.expression;
+        gaze = Vec3<T>(T(0), T(0), T(1)).replicate(1, 2);
+        for_eyes([&]<std::size_t eye>() {
+            if constexpr (eye_turns<E, eye>)
+                gaze.col(static_cast<Index>(eye)) = of_eye<eye>(optical.gaze);
+        });
+    }
+    f(EyeInputs<T>{eyes.position, eyes.points_of(0), expression, gaze});
+}
+
+/// Turns an eye to its gaze by the mechanism. Throws if the gaze is not finite or has no direction.
+template <class T, EffectSet E>
+void turn_eye_by(const EyeStream<T, E>& eyes, std::size_t eye, const Vec3<T>& gaze,
+                 EyeTransform<T>& placed) {
+    if constexpr (std::same_as<GazeMechanismOf<E>, ExplicitRotation>) {
+        turn_eye<T>(placed, gaze);
+    } else {
+        const Vec3<T> unit = checked_gaze(gaze);
+        placed.quaternion = GazeMechanismOf<E>::turn(eyes.mechanism(), eye, unit);
+        placed.rotation = quat_matrix(placed.quaternion);
+        placed.beyond_range = beyond_gaze_range(unit);
+    }
+}
+
 /// Scales of both eyeballs' Gaussians in the world, whose units the head's scale gives, if any.
 template <class T, EffectSet E, class... Scale>
 Columns<T> eye_scales(const EyeStream<T, E>& eyes, const Scale&... head_scale) {
@@ -113,27 +155,35 @@ void place_eye(const EyeStream<T, E>& eyes, Index eye, const EyeTransform<T>& pl
     g.rotation.middleCols(begin, n) = eye_rotations<T>(placed, rotations);
 }
 
-/// The eyeballs in the world. The drivers' gazes are optical axes; `head` is the HeadTransform of
-/// an avatar that has one.
+/// Writes the eyeballs, in the world, into P columns of `g` from `begin` on. The drivers' gazes are
+/// optical axes; `head` is the HeadTransform of an avatar that has one.
 template <class T, EffectSet E, Backend B, class... Head>
     requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
-Gaussians<T> eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
-                           const AvatarConfig& config, const Drivers<T, E>& drivers,
-                           const FrameCode<T, E>& code, EyeTrace<T, E>& trace,
-                           const Head&... head) {
+void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& config,
+                   const Drivers<T, E>& drivers, const FrameCode<T, E>& code,
+                   EyeTrace<T, E>& trace, Gaussians<T>& g, Index begin, const Head&... head) {
     Columns<T> centre = eyes.centre;
     if constexpr (has_effect<E, EyeOffset>)
         centre += eye_offset<T>(backend, eyes.offset, config, code, trace.offset);
-    Gaussians<T> g;
-    g.feature = eyes.feature;
-    g.mean.resize(3, eyes.position.cols());
-    g.rotation.resize(4, eyes.position.cols());
-    g.scale = eye_scales(eyes, head.scale...);
-    g.opacity = eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
+    const Index all = eyes.position.cols();
+    with_eye_inputs(eyes, drivers, code, [&](const EyeInputs<T>& inputs) {
+        EyeAppearanceOf<E>::features(backend, eyes.appearance(), inputs,
+                                     ColumnsSpan<T>(g.feature.middleCols(begin, all)));
+    });
+    g.scale.middleCols(begin, all) = eye_scales(eyes, head.scale...);
+    g.opacity.middleCols(begin, all) =
+        eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     for_eyes([&]<std::size_t eye>() {
         constexpr Index e = static_cast<Index>(eye);
         EyeTransform<T> placed = eye_at<T>(centre.col(e));
-        if constexpr (eye_turns<E, eye>) turn_eye<T>(placed, of_eye<eye>(drivers.gaze));
+        if constexpr (eye_turns<E, eye>) {
+            turn_eye_by(eyes, eye, of_eye<eye>(drivers.gaze), placed);
+            if constexpr (GazeMechanismOf<E>::changes_features)
+                GazeMechanismOf<E>::features(
+                    eyes.mechanism(), eye, checked_gaze(of_eye<eye>(drivers.gaze)),
+                    ColumnsSpan<T>(
+                        g.feature.middleCols(begin + eyes.first_point(e), eyes.points_of(e))));
+        }
         (carry_eye<T>(placed, {{head.rotation, head.translation}, head.scale}), ...);
         if constexpr (eye_turns<E, eye>) {
             of_eye<eye>(trace.turn) = placed.quaternion;
@@ -145,55 +195,92 @@ Gaussians<T> eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
         if constexpr (has_effect<E, SeesCornea>) {
             const Index n = eyes.points_of(e);
             const Columns<T> points = eyes.position.middleCols(first, n);
-            look_into_eye(backend, eyes.optics, eye, drivers, placed, points, first, trace.optics,
-                          g.feature);
-            g.mean.middleCols(first, n) = eye_points<T>(placed, trace.optics.seen[eye]);
+            look_into_eye(backend, eyes.optics, eye, drivers, placed, points, begin + first,
+                          trace.optics, g.feature);
+            g.mean.middleCols(begin + first, n) = eye_points<T>(placed, trace.optics.seen[eye]);
             const Columns<T> rotations = eyes.rotation.middleCols(first, n);
-            g.rotation.middleCols(first, n) = eye_rotations<T>(placed, rotations);
+            g.rotation.middleCols(begin + first, n) = eye_rotations<T>(placed, rotations);
         } else {
-            place_eye(eyes, e, placed, first, g);
+            place_eye(eyes, e, placed, begin + first, g);
         }
     });
-    return g;
+}
+
+/// Accumulates the gradients of appearance and gaze mechanism from the features' cotangent, C x P.
+/// Returns the cotangents of the optical axes, as far as features depend on them.
+template <class T, EffectSet E, Backend B>
+std::array<Vec3<T>, 2> eye_features_vjp(const B& backend, const EyeStream<T, E>& eyes,
+                                        const Drivers<T, E>& optical, const FrameCode<T, E>& code,
+                                        const std::type_identity_t<ColumnsView<T>>& g,
+                                        EyeStream<T, E>& grad) {
+    using Appearance = EyeAppearanceOf<E>;
+    std::array<Vec3<T>, 2> g_gaze{Vec3<T>::Zero(), Vec3<T>::Zero()};
+    with_eye_inputs(eyes, optical, code, [&](const EyeInputs<T>& inputs) {
+        if constexpr (GazeMechanismOf<E>::changes_features) {
+            Columns<T> before(g.rows(), g.cols()), g_before = g;
+            Appearance::features(backend, eyes.appearance(), inputs, ColumnsSpan<T>(before));
+            for_eyes([&]<std::size_t eye>() {
+                if constexpr (eye_turns<E, eye>) {
+                    constexpr Index e = static_cast<Index>(eye);
+                    const Index first = eyes.first_point(e), n = eyes.points_of(e);
+                    g_gaze[eye] = GazeMechanismOf<E>::features_vjp(
+                        eyes.mechanism(), eye, checked_gaze(of_eye<eye>(optical.gaze)),
+                        ColumnsView<T>(before.middleCols(first, n)),
+                        ColumnsSpan<T>(g_before.middleCols(first, n)), grad.mechanism());
+                }
+            });
+            Appearance::features_vjp(backend, eyes.appearance(), inputs, ColumnsView<T>(g_before),
+                                     grad.appearance());
+        } else {
+            Appearance::features_vjp(backend, eyes.appearance(), inputs, g, grad.appearance());
+        }
+    });
+    return g_gaze;
 }
 
 /// Accumulates parameter gradients from cotangents of the head-frame eyeballs, which to_world_vjp
-/// gives; `world` is what eye_gaussians returned, `drivers` those of the frame, gazes as they came.
+/// gives, columns of `g` from `begin` on; `world` is the cloud that eye_gaussians wrote to, `drivers`
+/// those of the frame, gazes as they came.
 /// g_frame.gaze holds the cotangents of the gaze codes when it is called, g_frame.optics what
 /// eye_optics_vjp gave.
 template <class T, EffectSet E, Backend B, class... Head>
     requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
 void eye_vjp(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& config,
-             [[maybe_unused]] const Drivers<T, E>& drivers, const EyeTrace<T, E>& trace,
-             const Gaussians<T>& world, const Gaussians<T>& g, EyeStream<T, E>& grad,
+             const Drivers<T, E>& drivers, const FrameCode<T, E>& code,
+             const EyeTrace<T, E>& trace,
+             const Gaussians<T>& world, const Gaussians<T>& g, Index begin, EyeStream<T, E>& grad,
              FrameCotangent<T, E>& g_frame, const Head&... head) {
-    grad.feature += g.feature;
+    const Index all = eyes.position.cols();
+    const auto of_eyes = [&](const Columns<T>& a) { return a.middleCols(begin, all); };
+    const std::array<Vec3<T>, 2> g_gaze = eye_features_vjp(
+        backend, eyes, optical_drivers(eyes, drivers), code, of_eyes(g.feature), grad);
     if constexpr (has_effect<E, HeadPose>)
-        grad.log_scale += g.scale.cwiseProduct(world.scale) / (head.scale, ...);
+        grad.log_scale += of_eyes(g.scale).cwiseProduct(of_eyes(world.scale)) / (head.scale, ...);
     else
-        grad.log_scale += g.scale.cwiseProduct(world.scale);
-    grad.opacity_logit += g.opacity.cwiseProduct(
-        world.opacity.unaryExpr([](const T& a) { return T(a * (T(1) - a)); }));
+        grad.log_scale += of_eyes(g.scale).cwiseProduct(of_eyes(world.scale));
+    grad.opacity_logit += of_eyes(g.opacity).cwiseProduct(
+        of_eyes(world.opacity).unaryExpr([](const T& a) { return T(a * (T(1) - a)); }));
     for_eyes([&]<std::size_t eye>() {
         constexpr Index e = static_cast<Index>(eye);
         const Index first = eyes.first_point(e), end = first + eyes.points_of(e);
         for (Index i = first; i < end; ++i) {
             if constexpr (eye_turns<E, eye>)
                 grad.rotation.col(i) +=
-                    quat_product_vjp_right<T>(of_eye<eye>(trace.turn), g.rotation.col(i));
+                    quat_product_vjp_right<T>(of_eye<eye>(trace.turn), g.rotation.col(begin + i));
             else
-                grad.rotation.col(i) += g.rotation.col(i);
+                grad.rotation.col(i) += g.rotation.col(begin + i);
         }
     });
-    if constexpr (has_effect<E, Kappa>)
+    constexpr bool own_turn = !std::same_as<GazeMechanismOf<E>, ExplicitRotation>;
+    if constexpr (has_effect<E, Kappa> || own_turn)
         for_eyes([&]<std::size_t eye>() {
             constexpr Index e = static_cast<Index>(eye);
             if constexpr (eye_turns<E, eye>) {
                 const Index first = eyes.first_point(e), n = eyes.points_of(e);
                 const auto turned = [&](const Columns<T>& points) {
                     return turn_cotangent<T>(points, eyes.rotation.middleCols(first, n),
-                                             g.mean.middleCols(first, n),
-                                             g.rotation.middleCols(first, n));
+                                             g.mean.middleCols(begin + first, n),
+                                             g.rotation.middleCols(begin + first, n));
                 };
                 TurnCotangent<T> g_turn;
                 if constexpr (has_effect<E, SeesCornea>) {
@@ -202,16 +289,27 @@ void eye_vjp(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& 
                 } else {
                     g_turn = turned(eyes.position.middleCols(first, n));
                 }
-                grad.kappa.col(e) += kappa_vjp<T>(config, of_eye<eye>(drivers.gaze),
-                                                  kappa_of(eyes.kappa, eye), g_turn,
-                                                  gaze_code_cotangent<eye>(g_frame));
+                Vec3<T> g_optical = g_gaze[eye];
+                if constexpr (own_turn) {
+                    const Drivers<T, E>& optical = optical_drivers(eyes, drivers);
+                    g_optical += GazeMechanismOf<E>::turn_vjp(
+                        eyes.mechanism(), eye, checked_gaze(of_eye<eye>(optical.gaze)),
+                        turn_cotangent_of(of_eye<eye>(trace.turn), g_turn.rotation,
+                                          g_turn.quaternion),
+                        grad.mechanism());
+                }
+                if constexpr (has_effect<E, Kappa>)
+                    grad.kappa.col(e) += kappa_vjp<EncodingOf<E>, T>(
+                        config, of_eye<eye>(drivers.gaze), kappa_of(eyes.kappa, eye),
+                        {own_turn ? TurnCotangent<T>{} : g_turn, g_optical,
+                         gaze_code_cotangent<eye>(g_frame)});
             }
         });
     if constexpr (has_effect<E, EyeOffset>) {
         Columns<T> g_offset = Columns<T>::Zero(3, 2);
         for (Index e = 0; e < 2; ++e) {
             const Index first = eyes.first_point(e), end = first + eyes.points_of(e);
-            for (Index i = first; i < end; ++i) g_offset.col(e) += g.mean.col(i);
+            for (Index i = first; i < end; ++i) g_offset.col(e) += g.mean.col(begin + i);
         }
         if constexpr (has_effect<E, SeesCornea>) g_offset += g_frame.optics.centre;
         eye_offset_vjp<T>(backend, eyes.offset, config, trace.offset, g_offset, grad.offset,

@@ -11,32 +11,32 @@
 namespace rye {
 
 template <class T, EffectSet E = PaperEffects>
-struct FaceNetworks : FaceFields<Mlp<T>, E> {
+struct FaceNetworks : FaceFields<NetworkOf<T, E>, E> {
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
         if constexpr (has_effect<E, Expression>)
-            nested_fields<Mlp<T>>("exp_color_mlp", f, p.exp_color...);
+            nested_fields<NetworkOf<T, E>>("exp_color_mlp", f, p.exp_color...);
         if constexpr (has_effect<E, PoseResidual>)
-            nested_fields<Mlp<T>>("pose_color_mlp", f, p.pose_color...);
+            nested_fields<NetworkOf<T, E>>("pose_color_mlp", f, p.pose_color...);
         if constexpr (has_effect<E, Expression>)
-            nested_fields<Mlp<T>>("exp_deform_mlp", f, p.exp_deform...);
+            nested_fields<NetworkOf<T, E>>("exp_deform_mlp", f, p.exp_deform...);
         if constexpr (has_effect<E, PoseResidual>)
-            nested_fields<Mlp<T>>("pose_deform_mlp", f, p.pose_deform...);
+            nested_fields<NetworkOf<T, E>>("pose_deform_mlp", f, p.pose_deform...);
         if constexpr (skin_follows<E, 0>)
-            nested_fields<Mlp<T>>("leftgaze_deform_mlp", f, of_eye<0>(p.gaze_deform)...);
+            nested_fields<NetworkOf<T, E>>("leftgaze_deform_mlp", f, of_eye<0>(p.gaze_deform)...);
         if constexpr (skin_follows<E, 1>)
-            nested_fields<Mlp<T>>("rightgaze_deform_mlp", f, of_eye<1>(p.gaze_deform)...);
+            nested_fields<NetworkOf<T, E>>("rightgaze_deform_mlp", f, of_eye<1>(p.gaze_deform)...);
         if constexpr (skin_follows<E, 0>)
-            nested_fields<Mlp<T>>("leftgaze_color_mlp", f, of_eye<0>(p.gaze_color)...);
+            nested_fields<NetworkOf<T, E>>("leftgaze_color_mlp", f, of_eye<0>(p.gaze_color)...);
         if constexpr (skin_follows<E, 1>)
-            nested_fields<Mlp<T>>("rightgaze_color_mlp", f, of_eye<1>(p.gaze_color)...);
+            nested_fields<NetworkOf<T, E>>("rightgaze_color_mlp", f, of_eye<1>(p.gaze_color)...);
     }
 
     static FaceNetworks init(const AvatarConfig& c, const Random& random) {
-        const int xyz = c.position_code(), pose = c.pose_code(), gaze = c.gaze_code();
+        const int xyz = c.position_code<NetworksOf<E>>(), pose = c.pose_code<NetworksOf<E>>(), gaze = c.gaze_code<NetworksOf<E>>();
         const auto make = [&](int points, int frame, const std::vector<int>& hidden, int out,
                               std::uint64_t key) {
-            return driven_mlp<T>(c, mlp_shape(points, frame, hidden, out), random.fork(key));
+            return driven_mlp<T, NetworksOf<E>>(c, mlp_shape(points, frame, hidden, out), random.fork(key));
         };
         FaceNetworks n;
         if constexpr (has_effect<E, Expression>) {

@@ -14,7 +14,7 @@
 namespace rye {
 
 template <class T, EffectSet E = PaperEffects>
-struct FaceStream : AttributeFields<Mlp<T>, E> {
+struct FaceStream : AttributeFields<NetworkOf<T, E>, E> {
     Columns<T> position;       ///< X_0, 3 x N
     [[no_unique_address]] Slot<E, FaceDrivers, Columns<T>> feature; ///< F_0 before tanh, F x N
     Columns<T> log_scale;      ///< 3 x N
@@ -40,9 +40,9 @@ struct FaceStream : AttributeFields<Mlp<T>, E> {
         f("opacity", p.opacity_logit...);
         FaceNetworks<T, E>::fields(f, p.networks...);
         if constexpr (has_effect<E, Expression>)
-            nested_fields<Mlp<T>>("exp_attributes_mlp", f, p.exp_attributes...);
+            nested_fields<NetworkOf<T, E>>("exp_attributes_mlp", f, p.exp_attributes...);
         if constexpr (has_effect<E, PoseResidual>)
-            nested_fields<Mlp<T>>("pose_attributes_mlp", f, p.pose_attributes...);
+            nested_fields<NetworkOf<T, E>>("pose_attributes_mlp", f, p.pose_attributes...);
         if constexpr (face_rests<E>) f("rest_color", p.rest_color...);
     }
     template <class F, class... P>
@@ -68,42 +68,51 @@ struct FaceTrace : FaceFields<FieldTrace<T>, E>, AttributeFields<FieldTrace<T>, 
     [[no_unique_address]] WeightsTrace<T, E> nearest;
     /// Summed attribute steps, 8 x N: log-scale, quaternion, logit opacity.
     [[no_unique_address]] Slot<E, ReadsFaceRamp, Columns<T>, 3> attributes;
+    /// Scales in the head frame, 3 x N; without a head pose those of the cloud.
+    [[no_unique_address]] Slot<E, HeadPose, Columns<T>> scale;
 };
 
-/// Scale, rotation and opacity of point i after its attribute steps.
 template <class T, EffectSet E>
-void shape_point(const FaceStream<T, E>& face, const Columns<T>& attributes, Index i,
-                 Gaussians<T>& g) {
-    activate_point(face.log_scale, face.rotation, face.opacity_logit, i, g, attributes);
+RawAttributes<T> raw_attributes(const FaceStream<T, E>& face) {
+    return {face.log_scale, face.rotation, face.opacity_logit};
 }
 
-/// The driven face in the head frame (before head pose and scale).
+/// Scales of the driven face in the head frame: in the trace, or without a head pose in the cloud.
+template <class T, EffectSet E, class Trace, class Cloud>
+auto& head_scale(Trace& trace, Cloud& g) {
+    if constexpr (has_effect<E, HeadPose>)
+        return trace.scale;
+    else
+        return g.scale;
+}
+
+/// Writes the driven face, in the head frame, into the first N columns of `g`; its scales go to
+/// head_scale(trace, g).
 template <class T, EffectSet E, Backend B>
-Gaussians<T> face_gaussians(const B& backend, const FaceStream<T, E>& face,
-                            const AvatarConfig& config, const LandmarkRoles& roles,
-                            const FrameCode<T, E>& code, FaceTrace<T, E>& trace) {
+void face_gaussians(const B& backend, const FaceStream<T, E>& face, const AvatarConfig& config,
+                    const LandmarkRoles& roles, const FrameCode<T, E>& code,
+                    FaceTrace<T, E>& trace, Gaussians<T>& g) {
     const Index n = face.position.cols();
     [[maybe_unused]] const T one = T(1), reach = T(config.deform_scale),
                              step = T(config.attribute_scale);
     const FaceNetworks<T, E>& nets = face.networks;
     const Weights<T, E>& w = trace.weights;
     if constexpr (has_effect<E, FaceDrivers>) {
-        encode_points(backend, face.seen(), config.frequencies, trace.code);
+        encode_points<EncodingOf<E>>(backend, face.seen(), config.frequencies, trace.code);
         tanh_into(backend, face.feature, trace.feature);
         trace.weights =
             face_weights<T>(backend, config, face.seen(), face.landmarks, roles, trace.nearest);
     }
 
-    Gaussians<T> g;
     if constexpr (face_rests<E>)
-        g.feature = face.rest_color;
+        g.feature.leftCols(n) = face.rest_color;
     else
-        g.feature = Columns<T>::Zero(config.channels, n);
+        g.feature.leftCols(n).setZero();
     for_face_fields<E>([&](auto by) {
         add_field(backend, by.color(nets), Squash::none, one, trace.feature, by.influence(w),
                   by.code(code), g.feature, by.color(trace));
     });
-    g.mean = face.position;
+    g.mean.leftCols(n) = face.position;
     for_face_fields<E>([&](auto by) {
         add_field(backend, by.deform(nets), Squash::tanh, reach, trace.code, by.influence(w),
                   by.code(code), g.mean, by.deform(trace));
@@ -114,27 +123,35 @@ Gaussians<T> face_gaussians(const B& backend, const FaceStream<T, E>& face,
                   by.code(code), trace.attributes, by.attribute(trace));
     });
 
+    if constexpr (has_effect<E, HeadPose>) trace.scale.resize(3, n);
+    const DrawnAttributes<T> drawn{head_scale<T, E>(trace, g), g.rotation, g.opacity};
     if constexpr (has_effect<E, ReadsFaceRamp>)
-        activate_into(backend, face.log_scale, face.rotation, face.opacity_logit, g,
-                      trace.attributes);
+        activate_into(backend, raw_attributes(face), drawn, trace.attributes);
     else
-        activate_into(backend, face.log_scale, face.rotation, face.opacity_logit, g);
-    return g;
+        activate_into(backend, raw_attributes(face), drawn);
 }
 
-/// Accumulates parameter gradients from head-frame cotangents `g`; `driven` is what
-/// face_gaussians returned. The cotangents of the codes are added to g_frame.
+/// Scales and opacities of the face as face_gaussians wrote them.
+template <class T>
+struct DrivenFace {
+    const Columns<T>& scale;
+    const Columns<T>& opacity;
+};
+
+/// Accumulates parameter gradients from head-frame cotangents, the first N columns of `g`. The
+/// cotangents of the codes are added to g_frame.
 template <class T, EffectSet E, Backend B>
 void face_vjp(const B& backend, const FaceStream<T, E>& face, const AvatarConfig& config,
-              const FrameCode<T, E>& code, const FaceTrace<T, E>& trace, const Gaussians<T>& driven,
-              const Gaussians<T>& g, FaceStream<T, E>& grad, FrameCotangent<T, E>& g_frame) {
+              const FrameCode<T, E>& code, const FaceTrace<T, E>& trace,
+              const DrivenFace<T>& driven, const Gaussians<T>& g, FaceStream<T, E>& grad,
+              FrameCotangent<T, E>& g_frame) {
     const Index n = face.position.cols();
-    const Columns<T> g_attributes = activate_vjp(backend, driven, g);
+    const Columns<T> g_attributes = activate_vjp(backend, driven.scale, driven.opacity, n, g);
     grad.log_scale += g_attributes.topRows(3);
     grad.rotation += g_attributes.middleRows(3, 4);
     grad.opacity_logit += g_attributes.bottomRows(1);
-    grad.position += g.mean;
-    if constexpr (face_rests<E>) grad.rest_color += g.feature;
+    grad.position += g.mean.leftCols(n);
+    if constexpr (face_rests<E>) grad.rest_color += g.feature.leftCols(n);
     if constexpr (has_effect<E, FaceDrivers>) {
         const FaceNetworks<T, E>& nets = face.networks;
         FaceNetworks<T, E>& gnets = grad.networks;
@@ -162,7 +179,8 @@ void face_vjp(const B& backend, const FaceStream<T, E>& face, const AvatarConfig
                       {&by.attribute(grad), &g_feature, &by.influence(g_w), g_frame.of(by)});
         });
         if (&face.seen() == &face.position) {  // an anchor is fixed
-            encode_points_vjp(backend, trace.code, g_code, config.frequencies, grad.position);
+            encode_points_vjp<EncodingOf<E>>(backend, trace.code, g_code, config.frequencies,
+                                             grad.position);
             face_weights_vjp<T>(backend, config, face.position, face.landmarks, trace.nearest, g_w,
                                 grad.position, nullptr);
         }

@@ -66,8 +66,8 @@ void pick_into(const B& backend, const Columns<T>& all, const std::vector<Index>
 }
 
 /// Squashed outputs of the network for the points of `input`.
-template <class T, Backend B>
-void evaluate_field(const B& backend, const Mlp<T>& mlp, Squash squash, const Columns<T>& input,
+template <class T, class A, Backend B>
+void evaluate_field(const B& backend, const Mlp<T, A>& mlp, Squash squash, const Columns<T>& input,
                     const VecX<T>& frame, Columns<T>& output,
                     std::type_identity_t<MlpTrace<T>>* trace) {
     output = mlp_forward<T>(backend, mlp, input, frame, trace);
@@ -101,8 +101,8 @@ void accumulate_field(const B& backend, const T& gain, const Columns<T>& lambda,
 }
 
 /// Adds the field to `out` (rows x N). `inputs` are per-point inputs (D x N), `lambda` is 1 x N.
-template <class T, Backend B>
-void add_field(const B& backend, const Mlp<T>& mlp, Squash squash, const T& gain,
+template <class T, class A, Backend B>
+void add_field(const B& backend, const Mlp<T, A>& mlp, Squash squash, const T& gain,
                const Columns<T>& inputs, const Columns<T>& lambda, const VecX<T>& frame,
                Columns<T>& out, FieldTrace<T>& trace) {
     trace.set = influenced(lambda);
@@ -112,9 +112,9 @@ void add_field(const B& backend, const Mlp<T>& mlp, Squash squash, const T& gain
 }
 
 /// Gradients of a field; each pointer may be null.
-template <class T>
+template <class T, class A = LeakyRelu>
 struct FieldGradients {
-    Mlp<T>* mlp = nullptr;              ///< accumulated
+    Mlp<T, A>* mlp = nullptr;              ///< accumulated
     Columns<T>* inputs = nullptr;       ///< D x N, accumulated
     Columns<T>* lambda = nullptr;       ///< 1 x N, accumulated
     VecX<T>* frame = nullptr;           ///< accumulated
@@ -122,10 +122,10 @@ struct FieldGradients {
 };
 
 /// Pulls g_out (rows x N) back through add_field.
-template <class T, Backend B>
-void field_vjp(const B& backend, const Mlp<T>& mlp, Squash squash, const T& gain,
+template <class T, class A, Backend B>
+void field_vjp(const B& backend, const Mlp<T, A>& mlp, Squash squash, const T& gain,
                const Columns<T>& lambda, const VecX<T>& frame, const FieldTrace<T>& trace,
-               const Columns<T>& g_out, const FieldGradients<T>& g) {
+               const Columns<T>& g_out, const std::type_identity_t<FieldGradients<T, A>>& g) {
     const Index n = static_cast<Index>(trace.set.size());
     if (n == 0) return;
     const Index rows = trace.output.rows();

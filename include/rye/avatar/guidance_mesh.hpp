@@ -16,26 +16,27 @@ namespace rye {
 
 template <class T, EffectSet E = PaperEffects>
 struct GuidanceMesh {
-    Mlp<T> geometry;         ///< PE(x) -> tanh -> signed distance, vertex offset (3), feature
+    NetworkOf<T, E> geometry; ///< PE(x) -> tanh -> signed distance, vertex offset (3), feature
     [[no_unique_address]] FaceNetworks<T, E> networks;
-    [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetNetwork<T>> eye_offset;
+    [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetNetwork<T, NetworksOf<E>>> eye_offset;
     Columns<T> landmarks;    ///< neutral landmarks, trainable, 3 x L
 
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
-        nested_fields<Mlp<T>>("geo_mlp", f, p.geometry...);
+        nested_fields<NetworkOf<T, E>>("geo_mlp", f, p.geometry...);
         FaceNetworks<T, E>::fields(f, p.networks...);
-        if constexpr (has_effect<E, EyeOffset>) EyeOffsetNetwork<T>::fields(f, p.eye_offset...);
+        if constexpr (has_effect<E, EyeOffset>) EyeOffsetNetwork<T, NetworksOf<E>>::fields(f, p.eye_offset...);
         f("landmarks_3d_neutral", p.landmarks...);
     }
     static GuidanceMesh init(const AvatarConfig& c, const Columns<T>& landmarks,
                              const Random& random) {
-        const MlpShape shape = mlp_shape(c.position_code(), 0, c.networks.geometry, 4 + c.feature);
+        const MlpShape shape = network_shape<NetworksOf<E>>(
+            mlp_shape(c.position_code<NetworksOf<E>>(), 0, c.networks.geometry, 4 + c.feature));
         GuidanceMesh m;
-        m.geometry = Mlp<T>::init(shape, random.fork(11));
+        m.geometry = NetworkOf<T, E>::init(shape, random.fork(11));
         m.networks = FaceNetworks<T, E>::init(c, random.fork(12));
         if constexpr (has_effect<E, EyeOffset>)
-            m.eye_offset = EyeOffsetNetwork<T>::init(c, random.fork(13));
+            m.eye_offset = EyeOffsetNetwork<T, NetworksOf<E>>::init(c, random.fork(13));
         m.landmarks = landmarks;
         return m;
     }
@@ -51,7 +52,7 @@ struct GeometryTrace {
 template <class T, EffectSet E, Backend B>
 void geometry_at(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                  const Columns<T>& points, GeometryTrace<T>& trace) {
-    trace.code = positional_encoding(points, config.frequencies);
+    trace.code = EncodingOf<E>::encode(points, config.frequencies);
     trace.output = mlp_forward<T>(backend, mesh.geometry, trace.code, VecX<T>(), &trace.mlp);
     squash_in_place(Squash::tanh, trace.output);
 }
@@ -65,7 +66,7 @@ Columns<T> geometry_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
     Columns<T> g_code;
     mlp_vjp<T>(backend, mesh.geometry, trace.code, VecX<T>(), trace.mlp, g_output, grad.geometry,
                &g_code, nullptr);
-    return positional_encoding_vjp(trace.code, g_code, config.frequencies);
+    return EncodingOf<E>::vjp(trace.code, g_code, config.frequencies);
 }
 
 /// The neutral surface. Gradients exist only at the lattice vertices that it touches, so only those
@@ -95,7 +96,7 @@ NeutralSurface<T> neutral_surface(const B& backend, const GuidanceMesh<T, E>& me
     for (Index b = 0; b < sdf.cols(); b += signed_distance_block) {  // everywhere, without a trace
         const Index count = std::min(signed_distance_block, sdf.cols() - b);
         const Columns<T> code =
-            positional_encoding(grid.vertices.middleCols(b, count), config.frequencies);
+            EncodingOf<E>::encode(grid.vertices.middleCols(b, count), config.frequencies);
         sdf.middleCols(b, count) =
             mlp_forward<T>(backend, mesh.geometry, code, VecX<T>(), nullptr).topRows(1);
     }
@@ -173,7 +174,7 @@ void pose_mesh(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarCon
         add_field(backend, by.color(nets), mesh_colour_squash(by), one, neutral.feature,
                   by.influence(w), by.code(p.code), p.color, by.color(p));
     });
-    p.rest_code = positional_encoding(x, config.frequencies);
+    p.rest_code = EncodingOf<E>::encode(x, config.frequencies);
     p.moved = x;
     for_face_fields<Less<E, PoseResidual>>([&](auto by) {
         add_field(backend, by.deform(nets), Squash::tanh, reach, p.rest_code, by.influence(w),
@@ -181,7 +182,7 @@ void pose_mesh(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarCon
     });
     p.canonical = p.moved;
     if constexpr (has_effect<E, PoseResidual>) {
-        p.moved_code = positional_encoding(p.moved, config.frequencies);
+        p.moved_code = EncodingOf<E>::encode(p.moved, config.frequencies);
         add_field(backend, nets.pose_deform, Squash::tanh, reach, p.moved_code, w.pose, p.code.pose,
                   p.canonical, p.pose_deform);
     }
@@ -226,7 +227,7 @@ void pose_mesh_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Avata
         field_vjp(backend, nets.pose_deform, Squash::tanh, reach, w.pose, p.code.pose,
                   p.pose_deform, g_canonical,
                   {&gnets.pose_deform, &g_code, &g_w.pose, nullptr, &g_raw.pose});
-        g_moved += positional_encoding_vjp(p.moved_code, g_code, config.frequencies);
+        g_moved += EncodingOf<E>::vjp(p.moved_code, g_code, config.frequencies);
         g_code.setZero();
     }
     // In the order that the gradients' sums have always had: each eye's two networks together.
@@ -249,7 +250,7 @@ void pose_mesh_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Avata
     });
     if constexpr (has_effect<E, Expression>) color_vjp(ExpressionField{});
     if constexpr (has_effect<E, PoseResidual>) color_vjp(PoseField{});
-    g_positions += g_moved + positional_encoding_vjp(p.rest_code, g_code, config.frequencies);
+    g_positions += g_moved + EncodingOf<E>::vjp(p.rest_code, g_code, config.frequencies);
     face_weights_vjp<T>(backend, config, x, mesh.landmarks, p.nearest, g_w, g_positions,
                         &grad.landmarks);
 }

@@ -32,10 +32,12 @@ HeadTransform<T> head_transform(const Drivers<T, E>& drivers) {
     return {rotation, matrix_quat(rotation), drivers.pose.template tail<3>(), drivers.scale};
 }
 
-/// Moves means, rotations and scales to the world, in place.
+/// Moves the first N means and rotations to the world, in place, and sets their scales there from
+/// those in the head frame, 3 x N, which may be the same array.
 template <class T, Backend B>
-void to_world(const B& backend, const HeadTransform<T>& head, Gaussians<T>& g) {
-    for_chunks(backend.threads, g.mean.cols(), 4096, [&](Index b, Index e, Index) {
+void to_world(const B& backend, const HeadTransform<T>& head, const Columns<T>& scale,
+              Gaussians<T>& g) {
+    for_chunks(backend.threads, scale.cols(), 4096, [&](Index b, Index e, Index) {
         const Mat3<T> sr = head.scale * head.rotation;
         for (Index i = b; i < e; ++i) {
             const Vec3<T> x = g.mean.col(i);
@@ -43,7 +45,7 @@ void to_world(const B& backend, const HeadTransform<T>& head, Gaussians<T>& g) {
             g.mean.col(i) = sr * x + head.translation;
             g.rotation.col(i) = quat_product<T>(head.quaternion, q);
         }
-        g.scale.middleCols(b, e - b) *= head.scale;
+        g.scale.middleCols(b, e - b) = scale.middleCols(b, e - b) * head.scale;
     });
 }
 
@@ -62,16 +64,17 @@ struct HeadTransformGradient {
     }
 };
 
-/// Turns world cotangents in `g` into head-frame ones, in place. `world` is what to_world produced.
-/// Returns the cotangent of the transform.
+/// Turns the range's world cotangents in `g` into head-frame ones, in place. Returns the cotangent
+/// of the transform.
 template <class T, Backend B>
 HeadTransformGradient<T> to_world_vjp(const B& backend, const HeadTransform<T>& head,
-                                      const Gaussians<T>& world, Gaussians<T>& g) {
+                                      const Gaussians<T>& world, ColumnRange range,
+                                      Gaussians<T>& g) {
     const Vec4<T> conjugate = quat_conjugate<T>(head.quaternion);
-    return sum_chunks(backend.threads, g.mean.cols(), 4096, HeadTransformGradient<T>{},
+    return sum_chunks(backend.threads, range.count, 4096, HeadTransformGradient<T>{},
                       [&](Index b, Index e) {
                           HeadTransformGradient<T> sum;
-                          for (Index i = b; i < e; ++i) {
+                          for (Index i = range.begin + b; i < range.begin + e; ++i) {
                               const Vec3<T> gx = g.mean.col(i);
                               const Vec4<T> gq = g.rotation.col(i);
                               const Vec3<T> centred = world.mean.col(i) - head.translation;
@@ -83,7 +86,7 @@ HeadTransformGradient<T> to_world_vjp(const B& backend, const HeadTransform<T>& 
                               sum.quaternion += quat_product_vjp_left<T>(q, gq);
                               g.mean.col(i) = head.scale * (head.rotation.transpose() * gx);
                           }
-                          g.scale.middleCols(b, e - b) *= head.scale;
+                          g.scale.middleCols(range.begin + b, e - b) *= head.scale;
                           return sum;
                       });
 }

@@ -62,7 +62,10 @@ TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
             to.rest_color.setZero(by.color(from.networks).shape.outputs(), to.position.cols());
         });
     const EyeStream<T, E>& eyes = all.eyes;
-    a.eyes.feature = eyes.feature;
+    if constexpr (std::same_as<EyeAppearanceOf<Fewer>, EyeAppearanceOf<E>>)
+        a.eyes.appearance() = eyes.appearance();
+    if constexpr (std::same_as<GazeMechanismOf<Fewer>, GazeMechanismOf<E>>)
+        a.eyes.mechanism() = eyes.mechanism();
     a.eyes.log_scale = eyes.log_scale;
     a.eyes.rotation = eyes.rotation;
     a.eyes.opacity_logit = eyes.opacity_logit;
@@ -121,12 +124,12 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
     if constexpr (has_effect<E, CornealRefraction> && !has_effect<Fewer, CornealRefraction>)
         a.eyes.position << trace.eyes.optics.seen[0], trace.eyes.optics.seen[1];
     if constexpr (has_effect<E, Glint> && !has_effect<Fewer, Glint>)
-        a.eyes.feature = trace.world_eyes.feature;
+        a.eyes.feature = trace.gaussians.feature.rightCols(a.eyes.position.cols());
     const Drivers<T, E>& optical = optical_drivers(all.eyes, drivers);
     for_eyes([&]<std::size_t eye>() {
         if constexpr (eye_turns<E, eye> && !eye_turns<Fewer, eye>) {
             EyeTransform<T> turn = eye_at<T>(Vec3<T>::Zero());
-            turn_eye<T>(turn, of_eye<eye>(optical.gaze));
+            turn_eye_by(all.eyes, eye, of_eye<eye>(optical.gaze), turn);
             const Index first = a.eyes.first_point(static_cast<Index>(eye));
             const Index n = a.eyes.points_of(static_cast<Index>(eye));
             const Columns<T> points = a.eyes.position.middleCols(first, n);

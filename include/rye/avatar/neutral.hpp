@@ -11,8 +11,8 @@ namespace rye {
 namespace detail {
 
 /// A network whose outputs are 0, whatever it reads.
-template <class T>
-void silence(Mlp<T>& mlp) {
+template <class T, class A>
+void silence(Mlp<T, A>& mlp) {
     mlp.weight.back().setZero();
     mlp.bias.back().setZero();
 }

@@ -9,20 +9,22 @@
 #include <rye/avatar/drivers.hpp>
 #include <rye/backend/scalar.hpp>
 #include <rye/core/fields.hpp>
-#include <rye/gaussian/gaussians.hpp>
+#include <rye/gaussian/view.hpp>
 
 namespace rye {
 
 /// An effect with its own parameters, Parameters<T>, which have fields(), and
 ///     add(backend, parameters, drivers, gaussians)                          changes the Gaussians
 ///     vjp(backend, parameters, drivers, before, g_gaussians, g_parameters)  before: add's input
+/// Gaussians and their cotangents are a GaussianSpan<T>, `before` is a Gaussians<T>.
 template <class X>
 concept OwnEffect = Effect<X> &&
     requires(const typename X::template Parameters<float>& p,
              typename X::template Parameters<float>& grad, const ScalarBackend<>& backend,
-             const Drivers<float, Effects<X>>& drivers, Gaussians<float>& g) {
+             const Drivers<float, Effects<X>>& drivers, GaussianSpan<float>& g,
+             const Gaussians<float>& before) {
     X::add(backend, p, drivers, g);
-    X::vjp(backend, p, drivers, std::as_const(g), g, grad);
+    X::vjp(backend, p, drivers, before, g, grad);
 };
 
 namespace detail {
@@ -70,24 +72,41 @@ struct OwnParameters<T, Effects<X...>>
     }
 };
 
+/// Whether there are any.
+template <EffectSet E>
+inline constexpr bool has_own_effects = false;
+template <class... X>
+inline constexpr bool has_own_effects<Effects<X...>> = (OwnEffect<X> || ...);
+
+struct OwnEffectsLeftOut {};
+
+/// The face before each own effect, which their vjps read; nothing where there is none.
+template <class T, EffectSet E>
+using OwnTrace =
+    std::conditional_t<has_own_effects<E>, std::vector<Gaussians<T>>, Without<OwnEffectsLeftOut>>;
+
 /// Changes the face in the head frame.
 template <class T, EffectSet E, Backend B>
 void add_own_effects(const B& backend, const OwnParameters<T, E>& own, const Drivers<T, E>& drivers,
-                     Gaussians<T>& face) {
-    OwnParameters<T, E>::each([&]<class Y>(Y, const auto& p) { Y::add(backend, p, drivers, face); },
-                              own);
+                     GaussianSpan<T> face, OwnTrace<T, E>& before) {
+    std::size_t k = 0;
+    OwnParameters<T, E>::each([&]<class Y>(Y, const auto& p) {
+        if (before.size() == k) before.emplace_back();
+        Gaussians<T>& kept = before[k++];
+        kept.mean = face.mean;
+        kept.rotation = face.rotation;
+        kept.scale = face.scale;
+        kept.opacity = face.opacity;
+        kept.feature = face.feature;
+        Y::add(backend, p, drivers, face);
+    }, own);
 }
 
-/// Turns the cotangent of the changed face into that of `face`, which is as it was before.
+/// Turns the cotangent of the changed face into that of the face before its own effects.
 template <class T, EffectSet E, Backend B>
 void own_effects_vjp(const B& backend, const OwnParameters<T, E>& own, const Drivers<T, E>& drivers,
-                     const Gaussians<T>& face, Gaussians<T>& g_face, OwnParameters<T, E>& grad) {
-    std::vector<Gaussians<T>> before;  // of each effect
-    Gaussians<T> now = face;
-    OwnParameters<T, E>::each([&]<class Y>(Y, const auto& p) {
-        before.push_back(now);
-        Y::add(backend, p, drivers, now);
-    }, own);
+                     const OwnTrace<T, E>& before, GaussianSpan<T> g_face,
+                     OwnParameters<T, E>& grad) {
     for (std::size_t last = before.size(); last-- > 0;) {
         std::size_t k = 0;
         OwnParameters<T, E>::each(
@@ -97,11 +116,5 @@ void own_effects_vjp(const B& backend, const OwnParameters<T, E>& own, const Dri
             own, grad);
     }
 }
-
-/// Whether there are any.
-template <EffectSet E>
-inline constexpr bool has_own_effects = false;
-template <class... X>
-inline constexpr bool has_own_effects<Effects<X...>> = (OwnEffect<X> || ...);
 
 } // namespace rye

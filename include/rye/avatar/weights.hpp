@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/avatar/weights.hpp: the influence of each driver on each point of the face, with vjp.
-/// lambda_exp falls off with the distance to the nearest landmark, lambda_pose = 1 - lambda_exp,
+/// lambda_exp falls off with the distance to the nearest landmark, lambda_pose = 1 - lambda_exp
+/// (unless it has a metric of its own, rig/parts.hpp),
 /// lambda_gaze falls off with the distance to the nearest landmark of each eye.
 /// Source: paper eq. (4) and (11).
 #pragma once
@@ -53,8 +54,17 @@ struct WeightsTrace {
 
 namespace detail {
 
+/// f with the metric M, or with the one that the configuration names.
+template <class M, class F>
+decltype(auto) with_metric(const AvatarConfig& config, F&& f) {
+    if constexpr (std::same_as<M, ConfiguredMetric>)
+        return std::visit(f, config.metric);
+    else
+        return f(M{});
+}
+
 /// The influence of one set of landmarks.
-template <class T, Backend B>
+template <class M = ConfiguredMetric, class T, Backend B>
 Columns<T> set_weights(const B& backend, const AvatarConfig& config, double near, double far,
                        const Columns<T>& points, const Columns<T>& landmarks,
                        const std::vector<Index>& set, NearestTrace<T>& trace) {
@@ -62,19 +72,19 @@ Columns<T> set_weights(const B& backend, const AvatarConfig& config, double near
         nearest_squared_distance<T>(backend, points, pick_columns(landmarks, set), &trace.nearest);
     for (Index& k : trace.nearest)
         if (k >= 0) k = set[static_cast<std::size_t>(k)];
-    return std::visit([&](const auto& metric) {
+    return with_metric<M>(config, [&](const auto& metric) {
         return influence(metric, checked_ramp(T(near), T(far)), trace.squared);
-    }, config.metric);
+    });
 }
 
 /// `g` is the cotangent of one set's influence at a point.
-template <class T, class G, Backend B>
+template <class M = ConfiguredMetric, class T, class G, Backend B>
 void set_weights_vjp(const B& backend, const AvatarConfig& config, double near, double far,
                      const Columns<T>& points, const Columns<T>& landmarks,
                      const NearestTrace<T>& trace, const G& g, Columns<T>& g_points,
                      Columns<T>* g_landmarks) {
     const Ramp<T> ramp = checked_ramp(T(near), T(far));
-    std::visit([&](const auto& metric) {
+    with_metric<M>(config, [&](const auto& metric) {
         const auto range = [&](Index begin, Index end, Index) {
             for (Index i = begin; i < end; ++i) {
                 const T g_lambda = g(i);
@@ -90,10 +100,15 @@ void set_weights_vjp(const B& backend, const AvatarConfig& config, double near, 
             range(0, points.cols(), 0);
         else
             for_chunks(backend.threads, points.cols(), 2048, range);
-    }, config.metric);
+    });
 }
 
 } // namespace detail
+
+/// Whether lambda_pose is 1 - lambda_exp.
+template <EffectSet E>
+inline constexpr bool one_face_metric =
+    std::same_as<PoseInfluenceOf<E>, ExpressionInfluenceOf<E>>;
 
 template <class T, EffectSet E, Backend B>
 Weights<T, E> face_weights(const B& backend, const AvatarConfig& config, const Columns<T>& points,
@@ -101,15 +116,24 @@ Weights<T, E> face_weights(const B& backend, const AvatarConfig& config, const C
                            WeightsTrace<T, E>& trace) {
     Weights<T, E> w;
     if constexpr (has_effect<E, ReadsFaceRamp>) {
-        w.exp = detail::set_weights(backend, config, config.exp_near, config.exp_far, points,
-                                    landmarks, roles.expression, trace.exp);
-        w.pose = Columns<T>::Ones(1, points.cols()) - w.exp;
+        w.exp = detail::set_weights<ExpressionInfluenceOf<E>>(
+            backend, config, config.exp_near, config.exp_far, points, landmarks, roles.expression,
+            trace.exp);
+        if constexpr (one_face_metric<E>)
+            w.pose = Columns<T>::Ones(1, points.cols()) - w.exp;
+        else
+            w.pose = Columns<T>::Ones(1, points.cols()) -
+                     detail::with_metric<PoseInfluenceOf<E>>(config, [&](const auto& metric) {
+                         return influence(metric,
+                                          checked_ramp(T(config.exp_near), T(config.exp_far)),
+                                          trace.exp.squared);
+                     });
     }
     for_eyes([&]<std::size_t eye>() {
         if constexpr (skin_follows<E, eye>)
-            of_eye<eye>(w.gaze) =
-                detail::set_weights(backend, config, config.gaze_near, config.gaze_far, points,
-                                    landmarks, roles.eye[eye], of_eye<eye>(trace.gaze));
+            of_eye<eye>(w.gaze) = detail::set_weights<GazeInfluenceOf<E>>(
+                backend, config, config.gaze_near, config.gaze_far, points, landmarks,
+                roles.eye[eye], of_eye<eye>(trace.gaze));
     });
     return w;
 }
@@ -119,13 +143,21 @@ template <class T, EffectSet E, Backend B>
 void face_weights_vjp(const B& backend, const AvatarConfig& config, const Columns<T>& points,
                       const Columns<T>& landmarks, const WeightsTrace<T, E>& trace,
                       const Weights<T, E>& g, Columns<T>& g_points, Columns<T>* g_landmarks) {
-    if constexpr (has_effect<E, ReadsFaceRamp>)
-        detail::set_weights_vjp(
+    if constexpr (has_effect<E, ReadsFaceRamp> && one_face_metric<E>)
+        detail::set_weights_vjp<ExpressionInfluenceOf<E>>(
             backend, config, config.exp_near, config.exp_far, points, landmarks, trace.exp,
             [&](Index i) { return T(g.exp(0, i) - g.pose(0, i)); }, g_points, g_landmarks);
+    if constexpr (has_effect<E, ReadsFaceRamp> && !one_face_metric<E>) {
+        detail::set_weights_vjp<ExpressionInfluenceOf<E>>(
+            backend, config, config.exp_near, config.exp_far, points, landmarks, trace.exp,
+            [&](Index i) { return T(g.exp(0, i)); }, g_points, g_landmarks);
+        detail::set_weights_vjp<PoseInfluenceOf<E>>(
+            backend, config, config.exp_near, config.exp_far, points, landmarks, trace.exp,
+            [&](Index i) { return T(-g.pose(0, i)); }, g_points, g_landmarks);
+    }
     for_eyes([&]<std::size_t eye>() {
         if constexpr (skin_follows<E, eye>)
-            detail::set_weights_vjp(
+            detail::set_weights_vjp<GazeInfluenceOf<E>>(
                 backend, config, config.gaze_near, config.gaze_far, points, landmarks,
                 of_eye<eye>(trace.gaze), [&](Index i) { return T(of_eye<eye>(g.gaze)(0, i)); },
                 g_points, g_landmarks);

@@ -23,6 +23,14 @@ struct Gaussians {
         : mean(3, count), rotation(4, count), scale(3, count), opacity(1, count),
           feature(channels, count) {}
 
+    /// Numbers that were there are lost if the shape changes.
+    void resize(Index count, Index channels) {
+        mean.resize(3, count);
+        rotation.resize(4, count);
+        scale.resize(3, count);
+        opacity.resize(1, count);
+        feature.resize(channels, count);
+    }
     Index count() const { return mean.cols(); }
     Index channels() const { return feature.rows(); }
 
@@ -34,6 +42,11 @@ struct Gaussians {
         f(std::string("opacity"), p.opacity...);
         f(std::string("feature"), p.feature...);
     }
+};
+
+/// Columns [begin, begin + count) of a cloud.
+struct ColumnRange {
+    Index begin = 0, count = 0;
 };
 
 /// Throws unless every array has the right number of rows and one column per Gaussian.

@@ -196,8 +196,10 @@ class DriveCache {
             for_chunks(backend_.threads, static_cast<Index>(r.points.size()), 1024,
                        [&](Index b, Index e, Index) {
                            for (Index k = b; k < e; ++k)
-                               shape_point(face, attributes_, r.points[static_cast<std::size_t>(k)],
-                                           face_);
+                               activate_point(raw_attributes(face),
+                                              r.points[static_cast<std::size_t>(k)],
+                                              {face_.scale, face_.rotation, face_.opacity},
+                                              attributes_);
                        });
         work_.summed = static_cast<Index>(r.points.size());
         if (moved_head) {
@@ -213,7 +215,7 @@ class DriveCache {
         Gaussians<T>::fields([&](const std::string&, Columns<T>& to, const Columns<T>& from) {
             to = pick_columns(from, changed_);
         }, part_, face_);
-        to_world(backend_, head_, part_);
+        to_world(backend_, head_, part_.scale, part_);
         Gaussians<T>::fields([&](const std::string&, Columns<T>& to, const Columns<T>& from) {
             for (std::size_t k = 0; k < changed_.size(); ++k)
                 to.col(changed_[k]) = from.col(static_cast<Index>(k));

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cmath>
+#include <concepts>
 
 #include <rye/core/concepts.hpp>
 #include <rye/math/scalar.hpp>
@@ -23,6 +24,26 @@ template <class T>
 RYE_HD T leaky_relu_vjp(const T& y, const T& g) {
     return select(y > T(0), g, T(T(real_t<T>(leaky_slope)) * g));
 }
+
+/// What follows the hidden layers of a network: y of the input, and the cotangent of the input from
+/// y. Both are templates over numbers and vectors of lanes, without branches.
+template <class A>
+concept Activation = requires(const float x) {
+    { A::value(x) } -> std::same_as<float>;
+    { A::vjp(x, x) } -> std::same_as<float>;
+};
+
+struct LeakyRelu {
+    template <class T>
+    RYE_HD static T value(const T& x) {
+        return leaky_relu(x);
+    }
+    template <class T>
+    RYE_HD static T vjp(const T& y, const T& g) {
+        return leaky_relu_vjp(y, g);
+    }
+};
+static_assert(Activation<LeakyRelu>);
 
 /// x for x > 0, else 0. A NaN stays a NaN, unlike with max(0, x), so that it can be found.
 template <class T>

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cmath>
+#include <concepts>
 
 #include <rye/backend/backend.hpp>
 #include <rye/core/columns.hpp>
@@ -85,22 +86,44 @@ Columns<typename Y::Scalar> positional_encoding_vjp(const Eigen::MatrixBase<Y>& 
     return gx;
 }
 
+/// How numbers are presented to a network: D to size(D, F), column by column, and the cotangent of
+/// the numbers from the code, which holds all that it needs.
+template <class C>
+concept Encoding = requires(const Columns<float>& x) {
+    { C::size(Index(3), 4) } -> std::convertible_to<Index>;
+    { C::encode(x, 4) } -> std::convertible_to<Columns<float>>;
+    { C::vjp(x, x, 4) } -> std::convertible_to<Columns<float>>;
+};
+
+struct PositionalEncoding {
+    static constexpr Index size(Index values, int frequencies) {
+        return encoded_size(values, frequencies);
+    }
+    static auto encode(const auto& x, int frequencies) {
+        return positional_encoding(x, frequencies);
+    }
+    static auto vjp(const auto& code, const auto& g, int frequencies) {
+        return positional_encoding_vjp(code, g, frequencies);
+    }
+};
+static_assert(Encoding<PositionalEncoding>);
+
 /// The same for many points, on the backend's threads. A chunk of 1024 columns is whole vectors.
-template <class T, Backend B>
+template <Encoding C = PositionalEncoding, class T, Backend B>
 void encode_points(const B& backend, const Columns<T>& x, int frequencies, Columns<T>& y) {
-    y.resize(encoded_size(x.rows(), frequencies), x.cols());
+    y.resize(C::size(x.rows(), frequencies), x.cols());
     for_chunks(backend.threads, x.cols(), 1024, [&](Index b, Index e, Index) {
-        y.middleCols(b, e - b) = positional_encoding(x.middleCols(b, e - b), frequencies);
+        y.middleCols(b, e - b) = C::encode(x.middleCols(b, e - b), frequencies);
     });
 }
 
 /// Adds the cotangents of many points to g_x.
-template <class T, Backend B>
+template <Encoding C = PositionalEncoding, class T, Backend B>
 void encode_points_vjp(const B& backend, const Columns<T>& y, const Columns<T>& g, int frequencies,
                        Columns<T>& g_x) {
     for_chunks(backend.threads, y.cols(), 1024, [&](Index b, Index e, Index) {
-        g_x.middleCols(b, e - b) += positional_encoding_vjp(
-            y.middleCols(b, e - b), g.middleCols(b, e - b), frequencies);
+        g_x.middleCols(b, e - b) +=
+            C::vjp(y.middleCols(b, e - b), g.middleCols(b, e - b), frequencies);
     });
 }
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/nn/mlp.hpp: the multilayer perceptron over columns, with one skip and its vjp.
-/// Layer l maps dims[l] to dims[l + 1]; layer floor(len(dims) / 2) also reads the input again,
-/// after the hidden part. LeakyReLU(0.01) after every layer but the last; the caller applies what
-/// follows. The last `frame_inputs` rows of the input are the same for all points, so their
+/// Layer l maps dims[l] to dims[l + 1]; layer floor(len(dims) / 2), or skip_layer, also reads the
+/// input again, after the hidden part. LeakyReLU(0.01), or another activation, after every layer but
+/// the last; the caller applies what follows. The last `frame_inputs` rows of the input are the same for all points, so their
 /// products are folded into the biases once per call, and their gradients come from the summed
 /// cotangents. Points go through all layers in blocks that stay in the cache. Source: Xu et al.,
 /// "Gaussian Head Avatar", 2024, and its published configuration.
@@ -19,6 +19,7 @@
 #include <rye/core/error.hpp>
 #include <rye/core/fields.hpp>
 #include <rye/core/random.hpp>
+#include <rye/nn/activations.hpp>
 #include <rye/nn/product.hpp>
 
 namespace rye {
@@ -26,9 +27,13 @@ namespace rye {
 struct MlpShape {
     std::vector<int> dims; ///< sizes of the input, the hidden layers and the output
     int frame_inputs = 0;  ///< how many of the last dims[0] inputs all points share
+    static constexpr int middle = -1, no_skip = 0;
+    int skip_layer = middle;  ///< reads the input again
 
     int layers() const { return static_cast<int>(dims.size()) - 1; }
-    int skip() const { return static_cast<int>(dims.size()) / 2; }
+    int skip() const {
+        return skip_layer == middle ? static_cast<int>(dims.size()) / 2 : skip_layer;
+    }
     int inputs() const { return dims.front(); }
     int outputs() const { return dims.back(); }
     int point_inputs() const { return dims.front() - frame_inputs; }
@@ -40,8 +45,9 @@ struct MlpShape {
 };
 
 /// Weights (out x in) and biases (out x 1); gradients and moments have the same type.
-template <class T>
+template <class T, Activation A = LeakyRelu>
 struct Mlp {
+    using Activation = A;
     MlpShape shape;
     std::vector<Columns<T>> weight;
     std::vector<Columns<T>> bias;
@@ -119,7 +125,8 @@ struct MlpLayers {
     };
     std::vector<Layer> layers;
 
-    MlpLayers(const Mlp<T>& m, const VecX<T>& frame) {
+    template <class A>
+    MlpLayers(const Mlp<T, A>& m, const VecX<T>& frame) {
         const MlpShape& s = m.shape;
         layers.resize(static_cast<std::size_t>(s.layers()));
         for (int l = 0; l < s.layers(); ++l) {
@@ -140,8 +147,8 @@ struct MlpLayers {
     static constexpr Index room = 64;
 };
 
-/// y = W [hidden; x] + b, and LeakyReLU unless last.
-template <Backend B, class T>
+/// y = W [hidden; x] + b, and the activation unless last.
+template <Backend B, class A, class T>
 void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const MlpShape& s, int l,
                const ColumnsView<T>& hidden, const ColumnsView<T>& x, ColumnsSpan<T> y) {
     const auto finish = [&](const auto& last) {
@@ -151,7 +158,7 @@ void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const MlpShape& s, 
             if constexpr (std::remove_cvref_t<decltype(last)>::value)
                 return v;
             else
-                return leaky_relu(v);
+                return A::value(v);
         };
         const bool both = s.hidden_in(l) > 0 && s.reads_input(l) && s.point_inputs() > 0;
         if (both) {
@@ -177,8 +184,8 @@ void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const MlpShape& s, 
 
 /// points: point_inputs x N, frame: frame_inputs. Returns outputs x N, without a last activation.
 /// The trace may be null.
-template <class T, Backend B>
-Columns<T> mlp_forward(const B& backend, const Mlp<T>& m,
+template <class T, class A, Backend B>
+Columns<T> mlp_forward(const B& backend, const Mlp<T, A>& m,
                        const std::type_identity_t<ColumnsView<T>>& points,
                        const std::type_identity_t<VecX<T>>& frame,
                        std::type_identity_t<MlpTrace<T>>* trace) {
@@ -207,24 +214,24 @@ Columns<T> mlp_forward(const B& backend, const Mlp<T>& m,
             return buffer;
         };
         for (int l = 0; l < layers; ++l)
-            detail::mlp_layer<B, T>(packed.layers[static_cast<std::size_t>(l)], s, l,
+            detail::mlp_layer<B, A, T>(packed.layers[static_cast<std::size_t>(l)], s, l,
                                     hidden(l - 1), x, hidden(l));
     });
     return y;
 }
 
 /// Adds to g_params; overwrites g_points (point_inputs x N) and g_frame, each of which may be null.
-template <class T, Backend B>
-void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<ColumnsView<T>>& points,
+template <class T, class A, Backend B>
+void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<ColumnsView<T>>& points,
              const std::type_identity_t<VecX<T>>& frame, const MlpTrace<T>& trace,
-             const std::type_identity_t<ColumnsView<T>>& g_out, Mlp<T>& g_params,
+             const std::type_identity_t<ColumnsView<T>>& g_out, Mlp<T, A>& g_params,
              std::type_identity_t<Columns<T>>* g_points, std::type_identity_t<VecX<T>>* g_frame) {
     const MlpShape& s = m.shape;
     const int layers = s.layers(), p = s.point_inputs();
     const Index n = points.cols(), block = detail::mlp_block(s), chunk = detail::mlp_chunk(s, n);
     RYE_ASSERT(g_out.rows() == s.outputs() && g_out.cols() == n, "mlp_vjp: shape of g_out");
     if (g_points) g_points->resize(p, n);
-    std::vector<Mlp<T>> parts(static_cast<std::size_t>(chunk_count(n, chunk)));
+    std::vector<Mlp<T, A>> parts(static_cast<std::size_t>(chunk_count(n, chunk)));
     std::vector<LeftFactor<B, T>> to_hidden(static_cast<std::size_t>(layers)), to_input(to_hidden);
     for (int l = 0; l < layers; ++l) {
         const std::size_t i = static_cast<std::size_t>(l);
@@ -238,7 +245,7 @@ void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<Colum
     const int reads_last = s.skip() < layers ? s.skip() : 0; // whose input the vjp meets first
 
     for_chunks(backend.threads, n, chunk, [&](Index first, Index last, Index c) {
-        Mlp<T>& part = parts[static_cast<std::size_t>(c)] = Mlp<T>(s);
+        Mlp<T, A>& part = parts[static_cast<std::size_t>(c)] = Mlp<T, A>(s);
         Columns<T> buffers[2];
         LeftFactor<B, T> g_rows;
         for (Index b = first; b < last; b += block) {
@@ -261,7 +268,7 @@ void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<Colum
                 g_below.resize(h, k);
                 to_hidden[i].times(
                     g, g_below,
-                    [](Index, const auto& sum, const auto& y) { return leaky_relu_vjp(y, sum); },
+                    [](Index, const auto& sum, const auto& y) { return A::vjp(y, sum); },
                     below);
             };
             layer(layers - 1, g_out.middleCols(b, k), buffers[0]);
@@ -274,11 +281,11 @@ void mlp_vjp(const B& backend, const Mlp<T>& m, const std::type_identity_t<Colum
     for (int l = 0; l < layers; ++l) {
         const std::size_t i = static_cast<std::size_t>(l);
         for_chunks(backend.threads, m.weight[i].cols(), 16, [&](Index b, Index e, Index) {
-            for (const Mlp<T>& part : parts)
+            for (const Mlp<T, A>& part : parts)
                 g_params.weight[i].middleCols(b, e - b) += part.weight[i].middleCols(b, e - b);
         });
         VecX<T> sum = VecX<T>::Zero(s.layer_out(l)); // of the cotangents of all points
-        for (const Mlp<T>& part : parts) sum += part.bias[i].col(0);
+        for (const Mlp<T, A>& part : parts) sum += part.bias[i].col(0);
         g_params.bias[i] += sum;
         if (s.reads_input(l) && s.frame_inputs > 0) {
             g_params.weight[i].rightCols(s.frame_inputs) += sum * frame.transpose();

@@ -45,9 +45,13 @@ struct UpsamplerShape {
     }
 };
 
+template <class T>
+struct UpsamplerTrace;
+
 /// Gradients and moments have the same type.
 template <class T>
 struct Upsampler {
+    using Trace = UpsamplerTrace<T>;
     UpsamplerShape shape;
     std::vector<Columns<T>> conv; ///< of layer l: out x 9 in, see convolution.hpp
     Columns<T> out_weight;        ///< 3 x capacity

@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <concepts>
 #include <cstdint>
 #include <limits>
 #include <numbers>
@@ -281,6 +282,13 @@ EyeballTemplate<T> eyeball_template(const BasicEyeballShape<E>& shape) {
     eye.normals = detail::vertex_normals(eye.points, eye.faces);
     return eye;
 }
+
+/// A shape that eyeball_template<T>, in rye or in the shape's own namespace, makes points of.
+template <class S>
+concept EyeballSource = requires(const S& shape) {
+    { eyeball_template<float>(shape) } -> std::same_as<EyeballTemplate<float>>;
+};
+static_assert(EyeballSource<BasicEyeballShape<PaperEffects>>);
 
 /// The direction an eyeball looks in, from its points wherever they have been moved: from the mean
 /// of the equator to the mean of the iris.

@@ -19,7 +19,7 @@ namespace rye {
 template <class B, class T>
 struct SplatJvp {
     template <class R, Distortion D>
-    static void run(const R& rasterizer, const B& backend, const Gaussians<T>& g,
+    static void run(const R& rasterizer, const B& backend, const GaussianView<T>& g,
                     const RasterTangents<T, D>& tangents, const Pinhole<T, D>& camera,
                     const VecX<T>& background, auto& out, RasterScratch<T>&) {
         check_tangent(g, tangents);
@@ -28,14 +28,19 @@ struct SplatJvp {
 
     /// Throws unless the tangent has the Gaussians' shape.
     template <Distortion D>
-    static void check_tangent(const Gaussians<T>& g, const RasterTangents<T, D>& tangents) {
+    static void check_tangent(const GaussianView<T>& g, const RasterTangents<T, D>& tangents) {
         if (tangents.gaussians == nullptr) return;
-        Gaussians<T>::fields([](const std::string& name, const auto& x, const auto& dx) {
-            require(x.rows() == dx.rows() && x.cols() == dx.cols(), "rasterizer",
-                    "tangent of " + name + " is " + std::to_string(dx.rows()) + " x " +
-                        std::to_string(dx.cols()) + ", " + name + " is " +
-                        std::to_string(x.rows()) + " x " + std::to_string(x.cols()));
-        }, g, *tangents.gaussians);
+        const auto check = [&](const char* name, const Columns<T>& dx, Index rows) {
+            require(dx.rows() == rows && dx.cols() == g.count(), "rasterizer",
+                    "tangent of " + std::string(name) + " is " + std::to_string(dx.rows()) +
+                        " x " + std::to_string(dx.cols()) + ", " + name + " is " +
+                        std::to_string(rows) + " x " + std::to_string(g.count()));
+        };
+        check("mean", tangents.gaussians->mean, 3);
+        check("rotation", tangents.gaussians->rotation, 4);
+        check("scale", tangents.gaussians->scale, 3);
+        check("opacity", tangents.gaussians->opacity, 1);
+        check("feature", tangents.gaussians->feature, g.channels());
     }
 };
 
@@ -46,7 +51,7 @@ struct SplatJvp<B, T> : SplatJvp<ScalarBackend<std::remove_cvref_t<decltype(B::t
     using V = typename B::template batch<T>;
 
     template <class R, Distortion D>
-    static void run(const R& rasterizer, const B& backend, const Gaussians<T>& g,
+    static void run(const R& rasterizer, const B& backend, const GaussianView<T>& g,
                     const RasterTangents<T, D>& tangents, const Pinhole<T, D>& camera,
                     const VecX<T>& background, auto& out, RasterScratch<T>& s) {
         using A = std::remove_cvref_t<decltype(rasterizer.accuracy)>;

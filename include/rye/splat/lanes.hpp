@@ -28,7 +28,7 @@ struct SplatKernels<B, T> {
     using V = typename B::template batch<T>;
 
     template <class A, Distortion D>
-    static void project(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
+    static void project(const GaussianView<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
                         ChunkRange r, RasterScratch<T>& s) {
         if constexpr (D::distorts)
             project_range(g, camera, accuracy, r.begin, r.end, s);
@@ -39,7 +39,7 @@ struct SplatKernels<B, T> {
     static void blend(const Scene<T>& scene, const A& accuracy, const DrawnTiles& drawn,
                       ChunkRange r, Raster<T, A::outputs>& out, Workspaces& workspaces) {
         const auto canvas = workspaces.template acquire<LaneCanvas<V>>();
-        dispatch_channels<1, 3, 4, 8>(scene.feature.rows(), [&](auto c) {
+        dispatch_channels<1, 3, 4, 8>(scene.channels(), [&](auto c) {
             blend_tiles_lanes<V, c>(scene, accuracy, drawn, {r.begin, r.end}, out, *canvas);
         });
     }
@@ -48,7 +48,7 @@ struct SplatKernels<B, T> {
                           ChunkRange r, RasterScratch<T>& s) {
         const auto tape = s.workspaces.template acquire<LaneTape<V>>();
         const bool extra = g.alpha != nullptr || g.depth != nullptr;
-        dispatch_channels<1, 3, 4>(scene.feature.rows(), [&](auto c) {
+        dispatch_channels<1, 3, 4>(scene.channels(), [&](auto c) {
             for (Index t = r.begin; t < r.end; ++t)
                 if (extra)
                     blend_tile_vjp_lanes<V, c, true>(scene, accuracy, g, t, s, *tape);
@@ -57,7 +57,7 @@ struct SplatKernels<B, T> {
         });
     }
     template <class A, Distortion D>
-    static void project_vjp(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
+    static void project_vjp(const GaussianView<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
                             const RasterTrace<T>& trace, ChunkRange r, RasterScratch<T>& s,
                             Gaussians<T>& out) {
         if constexpr (D::distorts) {

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include <rye/gaussian/gaussians.hpp>
+#include <rye/gaussian/view.hpp>
 #include <rye/splat/falloff.hpp>
 #include <rye/splat/outputs.hpp>
 #include <rye/splat/ray_peak.hpp>
@@ -139,7 +139,7 @@ struct RasterScratch {
 template <class T>
 struct Scene {
     const RasterTrace<T>& trace;
-    const Columns<T>& feature;           ///< C x N
+    GaussianView<T> gaussians;
     const VecX<T>& background;           ///< C
     T cx, cy;                            ///< principal point [px]
     int width, height;                   ///< [px]
@@ -147,10 +147,11 @@ struct Scene {
     std::size_t member_of(Index entry) const {
         return trace.lists.entry[static_cast<std::size_t>(entry)].member;
     }
+    Index channels() const { return gaussians.channels(); }
     const VisibleGaussian<T>& member(Index entry) const { return trace.members[member_of(entry)]; }
     const Splat<T>& splat(Index entry) const { return member(entry).splat; }
     const T* feature_of(Index entry) const {
-        return feature.data() + static_cast<Index>(member(entry).source) * feature.rows();
+        return gaussians.feature_of(static_cast<Index>(member(entry).source));
     }
     Index slot(Index entry) const {
         return static_cast<Index>(trace.lists.entry[static_cast<std::size_t>(entry)].slot);

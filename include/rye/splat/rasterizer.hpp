@@ -24,19 +24,20 @@ template <class B, class T>
 struct SplatJvp;
 
 /// Draws Gaussians by the rules of A and differentiates the pictures, on any backend. The first
-/// argument of each call is the backend: what it runs on. For backends with lanes include
-/// splat/lanes.hpp.
+/// argument of each call is the backend. For backends with lanes include splat/lanes.hpp.
+/// Gaussians are a GaussianView: a Gaussians<T> as it is, a range of its columns, or any memory.
 template <AccuracyPolicy A = Balanced>
 struct Rasterizer {
     A accuracy;
 
-    /// What it draws of scalars T.
+    /// Result type for scalars T.
     template <class T>
     using Drawn = Raster<T, A::outputs>;
 
     template <Backend B, class T, Distortion D>
-    Drawn<T> forward(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera,
-                     const VecX<T>& background, RasterScratch<T>* scratch = nullptr) const {
+    Drawn<T> forward(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
+                     const Pinhole<T, D>& camera, const VecX<T>& background,
+                     RasterScratch<T>* scratch = nullptr) const {
         Drawn<T> out;
         forward_into(backend, g, camera, background, out, scratch);
         return out;
@@ -44,8 +45,8 @@ struct Rasterizer {
 
     /// As forward, into the memory of an earlier result.
     template <Backend B, class T, Distortion D>
-    void forward_into(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera,
-                      const VecX<T>& background, Drawn<T>& out,
+    void forward_into(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
+                      const Pinhole<T, D>& camera, const VecX<T>& background, Drawn<T>& out,
                       RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
         RasterScratch<T>& s = scratch != nullptr ? *scratch : own;
@@ -66,8 +67,8 @@ struct Rasterizer {
 
     /// The first step of forward_into: candidate and state of every Gaussian.
     template <Backend B, class T, Distortion D>
-    void project_into(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera,
-                      RasterScratch<T>& s) const {
+    void project_into(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
+                      const Pinhole<T, D>& camera, RasterScratch<T>& s) const {
         s.shape(g.count());
         for_chunks(backend.threads, g.count(), 1024, [&](Index b, Index e, Index) {
             SplatKernels<B, T>::project(g, camera, accuracy, {b, e}, s);
@@ -84,16 +85,18 @@ struct Rasterizer {
     }
 
     template <class T, Distortion D>
-    static Scene<T> scene_of(const Gaussians<T>& g, const Pinhole<T, D>& camera,
-                             const VecX<T>& background, const RasterTrace<T>& trace) {
-        return {trace, g.feature, background, camera.cx, camera.cy, camera.width, camera.height};
+    static Scene<T> scene_of(const std::type_identity_t<GaussianView<T>>& g,
+                             const Pinhole<T, D>& camera, const VecX<T>& background,
+                             const RasterTrace<T>& trace) {
+        return {trace, g, background, camera.cx, camera.cy, camera.width, camera.height};
     }
 
     /// Gradients of everything in `g` for the cotangents of the images; the background's is
     /// background_vjp. Arguments are those of the forward call that returned `raster`.
     template <Backend B, class T, Distortion D>
-    Gaussians<T> vjp(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera,
-                     const VecX<T>& background, const Drawn<T>& raster, const Columns<T>& g_feature,
+    Gaussians<T> vjp(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
+                     const Pinhole<T, D>& camera, const VecX<T>& background,
+                     const Drawn<T>& raster, const Columns<T>& g_feature,
                      const std::type_identity_t<Columns<T>>* g_alpha = nullptr,
                      const std::type_identity_t<Columns<T>>* g_depth = nullptr,
                      RasterScratch<T>* scratch = nullptr) const {
@@ -105,8 +108,8 @@ struct Rasterizer {
 
     /// As vjp, into the memory of an earlier result.
     template <Backend B, class T, Distortion D>
-    void vjp_into(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera,
-                  const VecX<T>& background, const Drawn<T>& raster,
+    void vjp_into(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
+                  const Pinhole<T, D>& camera, const VecX<T>& background, const Drawn<T>& raster,
                   const RasterCotangent<T>& cotangent, Gaussians<T>& out,
                   RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
@@ -119,9 +122,7 @@ struct Rasterizer {
         for_tiles(backend, trace.lists.tiles(), [&](Index b, Index e) {
             SplatKernels<B, T>::blend_vjp(scene, accuracy, cotangent, {b, e}, s);
         });
-        Gaussians<T>::fields([](const std::string&, Columns<T>& a,
-                                const Columns<T>& like) { a.resize(like.rows(), like.cols()); },
-                             out, g);
+        out.resize(g.count(), g.channels());
         for_chunks(backend.threads, g.count(), 1024, [&](Index b, Index e, Index) {
             SplatKernels<B, T>::project_vjp(g, camera, accuracy, trace, {b, e}, s, out);
         });
@@ -129,7 +130,7 @@ struct Rasterizer {
 
     /// The render and its derivative in the direction of the tangents. Needs splat/jvp.hpp.
     template <Backend B, class T, Distortion D>
-    RasterJvp<T, A::outputs> jvp(const B& backend, const Gaussians<T>& g,
+    RasterJvp<T, A::outputs> jvp(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
                                  const RasterTangents<T, D>& tangents,
                                  const Pinhole<T, D>& camera, const VecX<T>& background) const {
         RasterJvp<T, A::outputs> out;
@@ -139,8 +140,9 @@ struct Rasterizer {
 
     /// As jvp, into the memory of an earlier result.
     template <Backend B, class T, Distortion D>
-    void jvp_into(const B& backend, const Gaussians<T>& g, const RasterTangents<T, D>& tangents,
-                  const Pinhole<T, D>& camera, const VecX<T>& background,
+    void jvp_into(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
+                  const RasterTangents<T, D>& tangents, const Pinhole<T, D>& camera,
+                  const VecX<T>& background,
                   RasterJvp<T, A::outputs>& out, RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
         check(g, camera, background);
@@ -156,11 +158,10 @@ struct Rasterizer {
     }
 
     template <class T, Distortion D>
-    static void check(const Gaussians<T>& g, const Pinhole<T, D>& camera,
+    static void check(const GaussianView<T>& g, const Pinhole<T, D>& camera,
                       const VecX<T>& background) {
         static_assert(!D::distorts || A::order == BlendOrder::by_centre,
                       "rasterizer: blending by peak needs the straight rays of a pinhole");
-        check_shapes("rasterizer", g);
         expect(background.size() == g.channels(), [&] {
             return "got a background of " + std::to_string(background.size()) +
                    " channels, expected " + std::to_string(g.channels());
@@ -190,7 +191,7 @@ struct Rasterizer {
     }
 
     template <class T, Distortion D>
-    static void check_cotangent(const Gaussians<T>& g, const Pinhole<T, D>& camera,
+    static void check_cotangent(const GaussianView<T>& g, const Pinhole<T, D>& camera,
                                 const RasterCotangent<T>& c) {
         const Index pixels = static_cast<Index>(camera.width) * camera.height;
         const auto check_shape = [&](const char* name, const Columns<T>* a, Index rows) {

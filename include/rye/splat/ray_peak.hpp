@@ -8,8 +8,10 @@
 /// Source: Radl et al., "StopThePop", 2024.
 #pragma once
 
-#include <rye/gaussian/gaussians.hpp>
+#include <type_traits>
+
 #include <rye/gaussian/project.hpp>
+#include <rye/gaussian/view.hpp>
 
 namespace rye {
 
@@ -52,7 +54,8 @@ RYE_HD RayPeak<R> ray_peak(const Shape<R>& g, const Rigid<R>& pose, R fx, R fy) 
 
 /// Of Gaussian i; of duals, their values.
 template <class T>
-RayPeak<real_t<T>> ray_peak(const Gaussians<T>& g, const Pinhole<T>& camera, Index i) {
+RayPeak<real_t<T>> ray_peak(const std::type_identity_t<GaussianView<T>>& g,
+                            const Pinhole<T>& camera, Index i) {
     using R = real_t<T>;
     const auto value = [](const T& x) { return static_cast<R>(value_of(x)); };
     Rigid<R> pose;
@@ -61,10 +64,10 @@ RayPeak<real_t<T>> ray_peak(const Gaussians<T>& g, const Pinhole<T>& camera, Ind
         for (int j = 0; j < 3; ++j)
             pose.rotation(k, j) = value(camera.camera_from_world.rotation(k, j));
         pose.translation[k] = value(camera.camera_from_world.translation[k]);
-        shape.mean[k] = value(g.mean(k, i));
-        shape.scale[k] = value(g.scale(k, i));
+        shape.mean[k] = value(g.mean[3 * i + k]);
+        shape.scale[k] = value(g.scale[3 * i + k]);
     }
-    for (int k = 0; k < 4; ++k) shape.rotation[k] = value(g.rotation(k, i));
+    for (int k = 0; k < 4; ++k) shape.rotation[k] = value(g.rotation[4 * i + k]);
     return ray_peak(shape, pose, value(camera.fx), value(camera.fy));
 }
 

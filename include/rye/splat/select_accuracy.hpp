@@ -85,7 +85,7 @@ struct TileSample {
         bin_and_sort(backend, g, camera, accuracy, scratch, trace);
     }
     Scene<T> scene() const {
-        return {trace, g.feature, background, camera.cx, camera.cy, camera.width, camera.height};
+        return {trace, g, background, camera.cx, camera.cy, camera.width, camera.height};
     }
     VecX<T> pixel(const Scene<T>& s, Index tile, int x, int y) const {
         VecX<T> sum = VecX<T>::Zero(g.channels());

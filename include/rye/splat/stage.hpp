@@ -5,6 +5,7 @@
 #pragma once
 
 #include <string>
+#include <type_traits>
 #include <utility>
 
 #include <rye/backend/backend.hpp>
@@ -33,19 +34,19 @@ void cull(Index i, const Span& rows, const Pinhole<T, D>& camera, RasterScratch<
 
 /// The depth of Gaussian i in double, whatever it is given in.
 template <class T, Distortion D>
-double fine_depth(const Gaussians<T>& g, const Pinhole<T, D>& camera, Index i) {
+double fine_depth(const GaussianView<T>& g, const Pinhole<T, D>& camera, Index i) {
     const auto& pose = camera.camera_from_world;
     double z = 0;
     for (int k = 0; k < 3; ++k)
         z += static_cast<double>(value_of(pose.rotation(2, k))) *
-             static_cast<double>(value_of(g.mean(k, i)));
+             static_cast<double>(value_of(g.mean[3 * i + k]));
     return z + static_cast<double>(value_of(pose.translation[2]));
 }
 
 /// Visible candidates become members, in the order of the tiles that they lie in, there by index.
 /// Candidates are cut into as many chunks as there are threads, as in TileLists.
 template <Threads P, class A, class T, Distortion D>
-void gather_members(const P& threads, const Gaussians<T>& g, const Pinhole<T, D>& camera,
+void gather_members(const P& threads, const GaussianView<T>& g, const Pinhole<T, D>& camera,
                     const A& accuracy, RasterScratch<T>& scratch, RasterTrace<T>& trace) {
     const auto tiles = static_cast<std::size_t>(tiles_across(camera.width)) *
                        static_cast<std::size_t>(tiles_across(camera.height));
@@ -90,8 +91,9 @@ void gather_members(const P& threads, const Gaussians<T>& g, const Pinhole<T, D>
 
 /// Visible candidates become members and entries of tiles in the order of depth, ties by index.
 template <class A, class T, Distortion D, Backend B>
-void bin_and_sort(const B& backend, const Gaussians<T>& g, const Pinhole<T, D>& camera,
-             const A& accuracy, RasterScratch<T>& scratch, RasterTrace<T>& trace) {
+void bin_and_sort(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
+                  const Pinhole<T, D>& camera, const A& accuracy, RasterScratch<T>& scratch,
+                  RasterTrace<T>& trace) {
     using R = real_t<T>;
     constexpr bool fine = A::depth_bits > 8 * static_cast<int>(sizeof(R));
     gather_members(backend.threads, g, camera, accuracy, scratch, trace);

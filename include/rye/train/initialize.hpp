@@ -45,7 +45,7 @@ void pretrain_sphere(const B& backend, GuidanceMesh<T, E>& mesh, const AvatarCon
 }
 
 /// What initialize_avatar needs beside the guidance mesh.
-template <class T>
+template <class T, EffectSet E = PaperEffects>
 struct AvatarInit {
     TetGrid<T> grid;           ///< subdivided once more than stage 1's, if so wished
     /// Edges of the neutral surface longer than spacing + slope * (distance to the nearest eye or
@@ -55,7 +55,7 @@ struct AvatarInit {
     T opacity = T(0.3);
     T eye_opacity = T(0.9);
     T eye_thickness = T(1); ///< of eyeball Gaussians along the normal, times their width
-    std::array<EyeballTemplate<T>, 2> eyeball;  ///< about their centres, canonical units
+    std::array<EyeballSourceOf<E>, 2> eyeball;  ///< shapes about their centres, canonical units
     Columns<T> eye_centre;     ///< neutral, canonical, 3 x 2
     UpsamplerShape upsampler;
     Index frames = 0;          ///< training frames, for delta_pose
@@ -111,7 +111,7 @@ void leave_eyeball(const Columns<T>& eyeball, const Vec3<T>& centre, Columns<T>&
 /// Error if the guidance mesh has no surface.
 template <Real T, EffectSet E, Backend B>
 TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& mesh,
-                                  const AvatarConfig& config, const AvatarInit<T>& init,
+                                  const AvatarConfig& config, const AvatarInit<T, E>& init,
                                   const Random& random) {
     const NeutralSurface<T> neutral = neutral_surface(backend, mesh, config, init.grid);
     require(!neutral.empty(), "initialize_avatar",
@@ -125,9 +125,11 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     if (init.spacing > T(0))
         refine_at_landmarks<T>(backend, mesh.landmarks.middleCols(36, 30), init.spacing,
                                init.spacing_slope, mesh_of, feature);
+    const std::array<EyeballTemplate<T>, 2> eyeball{eyeball_template<T>(init.eyeball[0]),
+                                                    eyeball_template<T>(init.eyeball[1])};
     for (Index eye = 0; eye < 2; ++eye)
-        leave_eyeball<T>(init.eyeball[static_cast<std::size_t>(eye)].points,
-                         init.eye_centre.col(eye), mesh_of.vertices);
+        leave_eyeball<T>(eyeball[static_cast<std::size_t>(eye)].points, init.eye_centre.col(eye),
+                         mesh_of.vertices);
     const Columns<T>& surface = mesh_of.vertices;
     const Columns<T> mouth = mouth_points(lips, init.mouth_points, random.fork(21));
     const Index n = surface.cols() + mouth.cols();
@@ -155,43 +157,42 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     f.networks = mesh.networks;
     [[maybe_unused]] const auto attributes = [&](int frame_inputs,
                                                  const std::vector<int>& hidden, int key) {
-        return driven_mlp<T>(config, mlp_shape(config.feature, frame_inputs, hidden, 8),
+        return driven_mlp<T, NetworksOf<E>>(config, mlp_shape(config.feature, frame_inputs, hidden, 8),
                              random.fork(static_cast<std::uint64_t>(key)));
     };
     if constexpr (has_effect<E, Expression>)
         f.exp_attributes = attributes(config.expression, config.networks.exp_attributes, 22);
     if constexpr (has_effect<E, PoseResidual>)
-        f.pose_attributes = attributes(config.pose_code(), config.networks.pose_attributes, 23);
+        f.pose_attributes = attributes(config.pose_code<NetworksOf<E>>(), config.networks.pose_attributes, 23);
 
     EyeStream<T, E>& e = a.eyes;
     // Two eyes of different shapes may have different numbers of points.
-    const Index left = init.eyeball[0].points.cols();
-    const Index points = left + init.eyeball[1].points.cols();
+    const Index left = eyeball[0].points.cols();
+    const Index points = left + eyeball[1].points.cols();
     e.left_points = left;
     e.position.resize(3, points);
-    e.position << init.eyeball[0].points, init.eyeball[1].points;
+    e.position << eyeball[0].points, eyeball[1].points;
     e.centre = init.eye_centre;
-    e.feature = Columns<T>::Constant(config.channels, points, T(0.5));
-    for (Index i = config.channels > 3 ? 3 : 0; i < config.channels; ++i)
-        for (Index k = 0; k < points; ++k)  // beyond RGB: small numbers that differ
-            e.feature(i, k) = T(0.1 * (2 * random.fork(24).uniform(static_cast<std::uint64_t>(
-                                               k * config.channels + i)) - 1));
+    e.appearance() = EyeAppearanceOf<E>::template init<EyeAppearanceParameters<T, E>>(
+        config.channels, points, random.fork(24));
+    e.mechanism() = GazeMechanismOf<E>::template init<GazeMechanismParameters<T, E>>(
+        config.channels, random.fork(26));
     e.spacing.resize(1, points);
-    e.spacing << init.eyeball[0].spacing, init.eyeball[1].spacing;
+    e.spacing << eyeball[0].spacing, eyeball[1].spacing;
     e.spacing = e.spacing.cwiseMax(T(1e-4));
     e.log_scale = e.spacing.array().log().replicate(3, 1);
     e.log_scale.row(2).array() += std::log(init.eye_thickness);
     e.rotation.resize(4, points);
     for (Index i = 0; i < points; ++i) {
-        const Vec3<T> normal = i < left ? init.eyeball[0].normals.col(i)
-                                        : init.eyeball[1].normals.col(i - left);
+        const Vec3<T> normal = i < left ? eyeball[0].normals.col(i)
+                                        : eyeball[1].normals.col(i - left);
         e.rotation.col(i) = shortest_arc(Vec3<T>(0, 0, 1), normal);
     }
     e.opacity_logit = Columns<T>::Constant(1, points, logit(init.eye_opacity));
     e.offset = mesh.eye_offset;
     if constexpr (has_effect<E, Kappa>) e.kappa = Columns<T>::Zero(2, 2);
 
-    a.upsampler = Upsampler<T>::init(init.upsampler, random.fork(25));
+    a.upsampler = UpsamplerOf<T, E>::init(init.upsampler, random.fork(25));
     if constexpr (has_effect<E, ReadsHeadPose>)
         a.delta_pose = Columns<T>::Zero(6, std::max<Index>(init.frames, 1));
     return a;

@@ -51,7 +51,7 @@ void landmark_losses(const B& backend, const GuidanceMesh<T, E>& mesh, const Ava
     const T reach = T(config.vertex_offset), gain = T(config.deform_scale);
     m.shifted = mesh.landmarks + m.geometry.output.middleRows(1, 3).unaryExpr(
                                      [&](const T& o) { return T(reach * tanh(o)); });
-    m.code = positional_encoding(m.shifted, config.frequencies);
+    m.code = EncodingOf<E>::encode(m.shifted, config.frequencies);
     m.ones = Columns<T>::Ones(1, m.shifted.cols());
     m.deformed = m.shifted;
     if constexpr (has_effect<E, Expression>)
@@ -110,7 +110,7 @@ void landmark_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
         face_weights_vjp<T>(backend, config, m.shifted, mesh.landmarks, m.nearest, g_w, g_shifted,
                             &grad.landmarks);
     }
-    g_shifted += positional_encoding_vjp(m.code, g_code, config.frequencies);
+    g_shifted += EncodingOf<E>::vjp(m.code, g_code, config.frequencies);
     Columns<T> g_output = Columns<T>::Zero(m.geometry.output.rows(), m.geometry.output.cols());
     g_output.topRows(1) = m.g_sdf;
     g_output.middleRows(1, 3) =

@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <string>
-#include <utility>
 
 #include <rye/avatar/two_stream.hpp>
 #include <rye/loss/dssim.hpp>
@@ -28,20 +27,21 @@ struct AvatarLosses {
 };
 
 /// The pictures of a step and the cotangents of its losses.
-template <class T>
+template <class T, class U = Upsampler<T>>
 struct AvatarPictures {
     Raster<T, features_only> final;  ///< feature render
     Raster<T, features_only> face;   ///< RGB of the face alone
     Raster<T, features_only> eyes;   ///< of the eyes alone: RGB, features if sample.eyes_high
     Image<T> scaled;              ///< ... after the sample's random scale, if it has one
     Image<T> high, eyes_high;     ///< after super-resolution
-    UpsamplerTrace<T> high_trace, eyes_high_trace;
+    typename U::Trace high_trace, eyes_high_trace;
     Columns<T> g_high, g_eyes_high;                ///< weighted cotangents of the RGB images
     Columns<T> g_final, g_face, g_eyes;            ///< ... and of the feature renders
     RasterScratch<T> scratch;                      ///< memory that the renders share
-    Gaussians<T> cloud, face_cloud, eye_cloud;     ///< of the three renders
-    Gaussians<T> g_cloud, g_face_cloud, g_eye_cloud;
-    bool eyes_from_eye_terms = false; ///< of the weights
+    Gaussians<T> g_gaussians, g_part;              ///< of the Gaussians; of one render's
+    Gaussians<T> still;               ///< of duals: the eyeballs without derivatives; else empty
+    VecX<T> blank, behind_eyes;       ///< backgrounds of the face alone, of the eyes alone
+    bool blank_eyeballs = false, eyes_from_eye_terms = false; ///< of the weights
 };
 
 template <class T, EffectSet E>
@@ -52,17 +52,6 @@ Drivers<T, E> corrected_drivers(const TwoStream<T, E>& avatar, const AvatarSampl
     if constexpr (has_effect<E, ReadsCamera>)
         drivers.camera = sample.camera.centre().template cast<T>();
     return drivers;
-}
-
-/// The same numbers without derivatives, in one colour.
-template <class T>
-Gaussians<T> painted(const Gaussians<T>& g, const VecX<T>& color) {
-    Gaussians<T> r;
-    Gaussians<T>::fields([](const std::string&, auto& out, const auto& in) {
-        out = in.unaryExpr([](const T& v) { return T(value_of(v)); });
-    }, r, g);
-    r.feature = color.replicate(1, g.count());
-    return r;
 }
 
 namespace detail {
@@ -95,26 +84,42 @@ void zero_like(const B& backend, const Image<T>& image, Columns<T>& g) {
     over_pixels(backend, g.cols(), [&](Index b, Index e) { g.middleCols(b, e - b).setZero(); });
 }
 
-/// The same Gaussians with their first channels only.
+/// The cloud, in whose range the numbers have no derivatives.
 template <class T>
-Gaussians<T> first_channels(const Gaussians<T>& g, Index channels) {
-    Gaussians<T> r;
-    Gaussians<T>::fields([&](const std::string&, auto& out, const auto& in) {
-        if (&in != &g.feature) out = in;
-    }, r, g);
-    r.feature = g.feature.topRows(channels);
+Gaussians<T> held_still(const Gaussians<T>& g, ColumnRange range) {
+    Gaussians<T> r = g;
+    Gaussians<T>::fields([&](const std::string&, auto& a) {
+        for (Index i = range.begin; i < range.begin + range.count; ++i)
+            for (Index k = 0; k < a.rows(); ++k) a(k, i) = T(value_of(a(k, i)));
+    }, r);
     return r;
 }
 
-/// Adds the gradient of the first Gaussians and channels.
+/// Colours of the face before the blank: with blank_eyeballs also the eyeballs, in one colour.
+template <class T, EffectSet E>
+GaussianView<T> blank_view(const TwoStreamTrace<T, E>& trace,
+                            const AvatarPictures<T, UpsamplerOf<T, E>>& p) {
+    const Gaussians<T>& g = Real<T> || !p.blank_eyeballs ? trace.gaussians : p.still;
+    const GaussianView<T> all = view_of(g).first_channels(3);
+    return p.blank_eyeballs ? all.painted_from(trace.face_count, p.blank)
+                            : all.columns(0, trace.face_count);
+}
+
+/// The eyes alone, with the channels of their background.
+template <class T, EffectSet E>
+GaussianView<T> eye_view(const TwoStreamTrace<T, E>& trace,
+                            const AvatarPictures<T, UpsamplerOf<T, E>>& p) {
+    return trace.eye_gaussians().first_channels(p.behind_eyes.size());
+}
+
+/// Adds the gradient of a render of sum's Gaussians from column `begin` on: `count` of them, and as
+/// many channels as `g` has.
 template <class T, Backend B>
-void add_first(const B& backend, Gaussians<T>& sum, const Gaussians<T>& g) {
-    const Index n = std::min(sum.count(), g.count());
-    for_chunks(backend.threads, n, 4096, [&](Index b, Index e, Index) {
+void add_part(const B& backend, Gaussians<T>& sum, ColumnRange range, const Gaussians<T>& g) {
+    for_chunks(backend.threads, range.count, 4096, [&](Index b, Index e, Index) {
         Gaussians<T>::fields([&](const std::string&, auto& out, const auto& in) {
-            const Index rows = std::min(out.rows(), in.rows());
             for (Index i = b; i < e; ++i)
-                for (Index r = 0; r < rows; ++r) out(r, i) += in(r, i);
+                for (Index r = 0; r < in.rows(); ++r) out(r, range.begin + i) += in(r, i);
         }, sum, g);
     });
 }
@@ -179,7 +184,8 @@ FaceTarget<T> blank_eyeball_target(const B& backend, const AvatarSample<T, E>& s
 
 /// What super-resolution reads.
 template <class T, EffectSet E>
-const Image<T>& features_shown(const AvatarSample<T, E>& sample, const AvatarPictures<T>& p) {
+const Image<T>& features_shown(const AvatarSample<T, E>& sample,
+                               const AvatarPictures<T, UpsamplerOf<T, E>>& p) {
     return sample.scale.active() ? p.scaled : p.final.feature;
 }
 
@@ -190,24 +196,24 @@ AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar,
                               const AvatarLossConfig& weights,
                               const Rasterizer<Accuracy>& rasterizer, const Perceptual& perceptual,
                               const AvatarSample<T, E>& sample, TwoStreamTrace<T, E>& trace,
-                              AvatarPictures<T>& pictures, Probe&& probe = {}) {
+                              AvatarPictures<T, UpsamplerOf<T, E>>& pictures, Probe&& probe = {}) {
     drive(backend, avatar, config, roles, corrected_drivers(avatar, sample), trace);
     probe("networks");
-    AvatarPictures<T>& p = pictures;
-    p.cloud = concat(trace.world_face, trace.world_eyes);
-    const Rasterizer<FeaturesOnly<Accuracy>> draw{rasterizer.accuracy};
-    draw.forward_into(backend, p.cloud, sample.camera, sample.background, p.final, &p.scratch);
-    const VecX<T> blank_color = sample.blank.head(3);
-    p.face_cloud = detail::first_channels(trace.world_face, 3);
+    auto& p = pictures;
+    p.blank = sample.blank.head(3);
+    p.blank_eyeballs = weights.blank_eyeballs;
     p.eyes_from_eye_terms = weights.eyes_from_eye_terms;
-    if (weights.blank_eyeballs)
-        p.face_cloud = concat(p.face_cloud, painted(trace.world_eyes, blank_color));
-    draw.forward_into(backend, p.face_cloud, sample.camera, blank_color, p.face, &p.scratch);
     // Only super-resolution reads more than RGB.
-    p.eye_cloud = detail::first_channels(
-        trace.world_eyes, sample.eyes_high ? trace.world_eyes.channels() : Index(3));
-    const VecX<T> behind_eyes = sample.background.head(p.eye_cloud.channels());
-    draw.forward_into(backend, p.eye_cloud, sample.camera, behind_eyes, p.eyes, &p.scratch);
+    p.behind_eyes = sample.background.head(sample.eyes_high ? config.channels : 3);
+    if constexpr (!Real<T>)
+        if (p.blank_eyeballs) p.still = detail::held_still(trace.gaussians, trace.eye_columns());
+    const Rasterizer<FeaturesOnly<Accuracy>> draw{rasterizer.accuracy};
+    draw.forward_into(backend, trace.gaussians, sample.camera, sample.background, p.final,
+                      &p.scratch);
+    draw.forward_into(backend, detail::blank_view(trace, p), sample.camera, p.blank, p.face,
+                      &p.scratch);
+    draw.forward_into(backend, detail::eye_view(trace, p), sample.camera, p.behind_eyes, p.eyes,
+                      &p.scratch);
     probe("render");
     if (sample.scale.active()) {
         p.scaled.width = p.final.feature.width;
@@ -272,7 +278,7 @@ AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar,
             T(blank_gain) * detail::rgb_term(backend, p.face.feature.pixels, blank.picture,
                                              blank.mask, weights.blank * blank_gain, p.g_face);
     } else {
-        const Columns<T> blank = blank_color.replicate(1, p.face.feature.size());
+        const Columns<T> blank = p.blank.replicate(1, p.face.feature.size());
         l.blank = T(small_gain) * detail::rgb_term(backend, p.face.feature.pixels, blank,
                                                    sample.eyes_small, weights.blank * small_gain,
                                                    p.g_face);
@@ -293,7 +299,7 @@ AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar,
 template <class Accuracy, class T, EffectSet E, class Probe = NoProbe, Backend B>
 void avatar_losses_vjp(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
                        const Rasterizer<Accuracy>& rasterizer, const AvatarSample<T, E>& sample,
-                       const TwoStreamTrace<T, E>& trace, AvatarPictures<T>& p,
+                       const TwoStreamTrace<T, E>& trace, AvatarPictures<T, UpsamplerOf<T, E>>& p,
                        TwoStream<T, E>& grad, Probe&& probe = {}) {
     Columns<T> g_feature;
     upsampler_vjp(backend, avatar.upsampler, features_shown(sample, p), p.high_trace, p.g_high,
@@ -309,29 +315,28 @@ void avatar_losses_vjp(const B& backend, const TwoStream<T, E>& avatar, const Av
     }
     probe("super-resolution vjp");
 
-    const Index n = trace.world_face.mean.cols();
     const Rasterizer<FeaturesOnly<Accuracy>> draw{rasterizer.accuracy};
-    const auto pull = [&](const Gaussians<T>& cloud, const VecX<T>& background,
-                          const Raster<T, features_only>& raster, const Columns<T>& g) {
-        draw.vjp_into(backend, cloud, sample.camera, background, raster, RasterCotangent<T>{g},
-                      p.g_cloud, &p.scratch);
+    const auto pull = [&](const GaussianView<T>& view, const VecX<T>& background,
+                          const Raster<T, features_only>& raster, const Columns<T>& g,
+                          Gaussians<T>& to) {
+        draw.vjp_into(backend, view, sample.camera, background, raster, RasterCotangent<T>{g}, to,
+                      &p.scratch);
     };
-    pull(p.cloud, sample.background, p.final, p.g_final);
-    p.g_face_cloud = slice(p.g_cloud, 0, n);
-    p.g_eye_cloud = slice(p.g_cloud, n, p.g_cloud.mean.cols() - n);
+    pull(trace.gaussians, sample.background, p.final, p.g_final, p.g_gaussians);
+    const ColumnRange eyes = trace.eye_columns();
     if (p.eyes_from_eye_terms) // where they are is the joint picture's still: it moves the head
-        for (Columns<T>* g : {&p.g_eye_cloud.rotation, &p.g_eye_cloud.scale,
-                              &p.g_eye_cloud.opacity, &p.g_eye_cloud.feature})
-            g->setZero();
-    pull(p.face_cloud, VecX<T>(sample.blank.head(3)), p.face, p.g_face);
-    detail::add_first(backend, p.g_face_cloud, p.g_cloud);
-    pull(p.eye_cloud, VecX<T>(sample.background.head(p.eye_cloud.channels())), p.eyes, p.g_eyes);
-    detail::add_first(backend, p.g_eye_cloud, p.g_cloud);
+        for (Columns<T>* g : {&p.g_gaussians.rotation, &p.g_gaussians.scale,
+                              &p.g_gaussians.opacity, &p.g_gaussians.feature})
+            g->middleCols(eyes.begin, eyes.count).setZero();
+    pull(detail::blank_view(trace, p), p.blank, p.face, p.g_face, p.g_part);
+    detail::add_part(backend, p.g_gaussians, trace.face_columns(), p.g_part);
+    pull(detail::eye_view(trace, p), p.behind_eyes, p.eyes, p.g_eyes, p.g_part);
+    detail::add_part(backend, p.g_gaussians, eyes, p.g_part);
     probe("render vjp");
 
     const Drivers<T, E> drivers = corrected_drivers(avatar, sample);
     const Vec<T, 6> g_pose =
-        drive_vjp(backend, avatar, config, drivers, trace, p.g_face_cloud, p.g_eye_cloud, grad);
+        drive_vjp(backend, avatar, config, drivers, trace, p.g_gaussians, grad);
     if constexpr (has_effect<E, ReadsHeadPose>)
         if (sample.frame >= 0) grad.delta_pose.col(sample.frame) += g_pose;
     probe("networks vjp");

@@ -122,7 +122,7 @@ bool blend_strip(const LaneBlend<A, V>& blend, int strip, [[maybe_unused]] Index
 /// Tiles [first, last) of one row of tiles, which hold no Gaussian, row of pixels by row.
 template <class T, Outputs O>
 void draw_background(const Scene<T>& scene, Index first, Index last, Raster<T, O>& out) {
-    const Index channels = scene.feature.rows(), n = scene.right(last - 1) - scene.left(first);
+    const Index channels = scene.channels(), n = scene.right(last - 1) - scene.left(first);
     const auto pixels = [&](int y) {
         return out.feature.pixels.data() + scene.pixel(scene.left(first), y) * channels;
     };
@@ -150,7 +150,7 @@ void write_strip(const Scene<typename V::value_type>& scene, const Strips<V>& st
     using Tile = Strips<V>;
     using State = LaneState<A::outputs, C>;
     constexpr int lanes = Tile::lanes;
-    const Index channels = C > 0 ? C : scene.feature.rows();
+    const Index channels = C > 0 ? C : scene.channels();
     T* const state = canvas.state.lines[0].x + strip * (State::vectors * lanes);
     const V behind = abs(V::load_aligned(state));
     alignas(64) T alpha[V::size], pixel[std::size_t(std::max(C, 1))][V::size];
@@ -203,7 +203,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
     constexpr int lanes = Tile::lanes, most = C > 0 ? LaneGroup<V>::usual : LaneGroup<V>::most;
     using State = LaneState<A::outputs, C>;
     constexpr Index state_stride = State::vectors * lanes;
-    const Index channels = C > 0 ? C : scene.feature.rows();
+    const Index channels = C > 0 ? C : scene.channels();
     const Index stride = C > 0 ? C : padded_channels<V>(channels);
     const Index begin = scene.begin(tile), end = scene.end(tile);
     const Tile strips(scene, tile);

@@ -12,7 +12,7 @@ namespace rye {
 
 /// Tangents of the screen numbers of visible Gaussians [b, e).
 template <class V, class A>
-void project_tangents(const Gaussians<typename V::value_type>& g,
+void project_tangents(const GaussianView<typename V::value_type>& g,
                       const Gaussians<typename V::value_type>* tangent,
                       const Pinhole<Dual<V, 1>>& camera, const A& accuracy,
                       const RasterTrace<typename V::value_type>& trace, Index b, Index e,
@@ -137,7 +137,7 @@ void blend_tile_jvp_lanes(const Scene<typename V::value_type>& scene,
     using Tile = Strips<V>;
     constexpr int lanes = Tile::lanes, most = LaneGroup<V>::usual, own = 4;
     constexpr Index stride = (own + 2 * C) * lanes;
-    const Index channels = C > 0 ? C : scene.feature.rows(), row_of = padded_channels<V>(channels);
+    const Index channels = C > 0 ? C : scene.channels(), row_of = padded_channels<V>(channels);
     if (scene.begin(tile) == scene.end(tile)) {
         draw_background(scene, tile, tile + 1, out.value);
         for (int y = scene.top(tile); y < scene.bottom(tile); ++y) {

@@ -158,8 +158,8 @@ template <class T>
     constexpr Index line = 64 / static_cast<Index>(sizeof(T));
     for (Index k = begin; k < end; ++k) {
         const T* const f = scene.feature_of(k);
-        for (Index c = 0; c < scene.feature.rows(); c += line) __builtin_prefetch(f + c);
-        __builtin_prefetch(f + scene.feature.rows() - 1);
+        for (Index c = 0; c < scene.channels(); c += line) __builtin_prefetch(f + c);
+        __builtin_prefetch(f + scene.channels() - 1);
     }
 }
 
@@ -177,7 +177,7 @@ void copy_features(const Scene<typename V::value_type>& scene, Index begin, Inde
                    Index stride, typename V::value_type* to) {
     using T = typename V::value_type;
     constexpr Index lanes = static_cast<Index>(V::size);
-    const Index channels = scene.feature.rows();
+    const Index channels = scene.channels();
     for (Index k = begin; k < end; ++k, to += stride) {
         const T* from = scene.feature_of(k);
         Index c = 0;

@@ -26,13 +26,13 @@ struct LaneShapes {
     LaneBlock<V, 11> in;
 
     template <class IndexOf>
-    LaneShapes(const Gaussians<T>& g, const IndexOf& index) {
+    LaneShapes(const GaussianView<T>& g, const IndexOf& index) {
         for (int lane = 0; lane < LaneBlock<V, 11>::lanes; ++lane) {
             const Index i = opaque(index(lane));
-            for (int k = 0; k < 3; ++k) in.row[k][lane] = g.mean.data()[3 * i + k];
-            for (int k = 0; k < 4; ++k) in.row[3 + k][lane] = g.rotation.data()[4 * i + k];
-            for (int k = 0; k < 3; ++k) in.row[7 + k][lane] = g.scale.data()[3 * i + k];
-            in.row[10][lane] = g.opacity.data()[i];
+            for (int k = 0; k < 3; ++k) in.row[k][lane] = g.mean[3 * i + k];
+            for (int k = 0; k < 4; ++k) in.row[3 + k][lane] = g.rotation[4 * i + k];
+            for (int k = 0; k < 3; ++k) in.row[7 + k][lane] = g.scale[3 * i + k];
+            in.row[10][lane] = g.opacity[i];
         }
     }
     Shape<V> shape() const {
@@ -65,7 +65,7 @@ bool finite_numbers(const typename V::value_type* x, Index n) {
 
 /// As project_range, as many Gaussians at a time as there are lanes.
 template <class V, class A>
-void project_range_lanes(const Gaussians<typename V::value_type>& g,
+void project_range_lanes(const GaussianView<typename V::value_type>& g,
                          const Pinhole<typename V::value_type>& camera, const A& accuracy, Index b,
                          Index e, RasterScratch<typename V::value_type>& scratch) {
     using T = typename V::value_type;
@@ -110,7 +110,7 @@ void project_range_lanes(const Gaussians<typename V::value_type>& g,
             const Index i = start + lane;
             const auto at = static_cast<std::size_t>(i);
             const auto value = [&](int k) { return out.row[k][lane]; };
-            const T* feature = g.feature.data() + i * g.channels();
+            const T* feature = g.feature_of(i);
             if (look && (!(value(16) > T(0)) || !finite_numbers<V>(feature, g.channels()))) {
                 scratch.state[at] = Visibility::non_finite;
                 continue;
@@ -183,7 +183,7 @@ struct LaneSums : Workspaces::Space {
 
 /// As project_vjp_range, as many Gaussians at a time as there are lanes.
 template <class V, class A>
-void project_vjp_range_lanes(const Gaussians<typename V::value_type>& g,
+void project_vjp_range_lanes(const GaussianView<typename V::value_type>& g,
                            const Pinhole<typename V::value_type>& camera, const A& accuracy,
                            const RasterTrace<typename V::value_type>& trace,
                            const PartialGradients<typename V::value_type>& slots, Index b, Index e,

@@ -168,7 +168,7 @@ void load_cotangents(const Scene<typename V::value_type>& scene,
     using T = typename V::value_type;
     using Tile = Strips<V>;
     constexpr int lanes = Tile::lanes;
-    const Index channels = C > 0 ? C : scene.feature.rows();
+    const Index channels = C > 0 ? C : scene.channels();
     T* const cotangent = tape.cotangent.reserve(stride * tile_pixels);
     if (stride != channels || strips.width < tile_edge || strips.height < tile_edge)
         std::fill_n(cotangent, stride * tile_pixels, T(0));
@@ -336,7 +336,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
         return blend_tile_vjp(scene, accuracy, g, tile, scratch, hits);
     }
     const Strips<V> strips(scene, tile);
-    const Index channels = scene.feature.rows();
+    const Index channels = scene.channels();
     const Index stride = C > 0 ? C : scratch.slots.features();
     const Index begin = scene.begin(tile), all = scene.trace.lists.entries();
     const Index entries = record_tile<V>(scene, accuracy, tile, strips, tape);

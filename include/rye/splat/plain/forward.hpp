@@ -62,7 +62,7 @@ T walk_pixel(const Scene<T>& scene, const A& accuracy, Index tile, int x, int y,
 /// Draws one tile.
 template <class A, class T>
 void blend_tile(const Scene<T>& scene, const A& accuracy, Index tile, Raster<T, A::outputs>& out) {
-    const Index channels = scene.feature.rows();
+    const Index channels = scene.channels();
     for (int y = scene.top(tile); y < scene.bottom(tile); ++y)
         for (int x = scene.left(tile); x < scene.right(tile); ++x) {
             const Index p = scene.pixel(x, y);

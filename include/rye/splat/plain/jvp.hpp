@@ -9,20 +9,23 @@ namespace rye {
 
 /// Rasterizer::jvp by plain loops. R: a Rasterizer<A>.
 template <class R, Backend B, class T, Distortion D, Outputs O>
-void jvp_by_duals(const R& rasterizer, const B& backend, const Gaussians<T>& g,
+void jvp_by_duals(const R& rasterizer, const B& backend, const GaussianView<T>& g,
                   const RasterTangents<T, D>& tangents, const Pinhole<T, D>& camera,
                   const VecX<T>& background, RasterJvp<T, O>& out) {
     using Number = Dual<T, 1>;
-    Gaussians<Number> dual;
-    const Gaussians<T> still;
-    Gaussians<Number>::fields(
-        [&](const std::string&, Columns<Number>& to, const Columns<T>& x, const Columns<T>& dx) {
-            to.resize(x.rows(), x.cols());
-            const bool moves = tangents.gaussians != nullptr;
-            for (Index i = 0; i < x.size(); ++i)
-                to.data()[i] = dual_of<T>(x.data()[i], moves ? dx.data()[i] : T(0));
-        },
-        dual, g, tangents.gaussians != nullptr ? *tangents.gaussians : still);
+    Gaussians<Number> dual(g.count(), g.channels());
+    const Gaussians<T>* const moves = tangents.gaussians;
+    const auto lift = [&](Columns<Number>& to, Index i, const T* x, const Columns<T>* dx) {
+        for (Index k = 0; k < to.rows(); ++k)
+            to(k, i) = dual_of<T>(x[k], dx != nullptr ? (*dx)(k, i) : T(0));
+    };
+    for (Index i = 0; i < g.count(); ++i) {
+        lift(dual.mean, i, g.mean + 3 * i, moves != nullptr ? &moves->mean : nullptr);
+        lift(dual.rotation, i, g.rotation + 4 * i, moves != nullptr ? &moves->rotation : nullptr);
+        lift(dual.scale, i, g.scale + 3 * i, moves != nullptr ? &moves->scale : nullptr);
+        lift(dual.opacity, i, g.opacity + i, moves != nullptr ? &moves->opacity : nullptr);
+        lift(dual.feature, i, g.feature_of(i), moves != nullptr ? &moves->feature : nullptr);
+    }
     const ScalarBackend plain{backend.threads};
     const auto raster = rasterizer.forward(plain, dual, dual_camera<T>(camera, tangents.camera),
                                            VecX<Number>(background.template cast<Number>()));

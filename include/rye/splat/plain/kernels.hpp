@@ -19,7 +19,7 @@ template <class T>
 struct PlainSplatKernels {
     /// Projects Gaussians: candidate and state of each.
     template <class A, Distortion D>
-    static void project(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
+    static void project(const GaussianView<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
                         ChunkRange r, RasterScratch<T>& s) {
         project_range(g, camera, accuracy, r.begin, r.end, s);
     }
@@ -38,7 +38,7 @@ struct PlainSplatKernels {
     }
     /// Gradients of Gaussians from their slots.
     template <class A, Distortion D>
-    static void project_vjp(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
+    static void project_vjp(const GaussianView<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
                             const RasterTrace<T>& trace, ChunkRange r, RasterScratch<T>& s,
                             Gaussians<T>& out) {
         project_vjp_range(g, camera, accuracy, trace, s.slots, r.begin, r.end, out);

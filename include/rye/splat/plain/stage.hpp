@@ -3,6 +3,7 @@
 /// project and cull before the pixel walks; after them, pull the gradients back to the world.
 #pragma once
 
+#include <type_traits>
 #include <vector>
 
 #include <rye/splat/stage.hpp>
@@ -11,7 +12,7 @@ namespace rye {
 
 /// Whether every number that is read of a Gaussian is finite and its quaternion has a direction.
 template <class T>
-bool usable(const Gaussians<T>& g, Index i) {
+bool usable(const GaussianView<T>& g, Index i) {
     int bad = 0;
     const auto look = [&](const T* x, Index n) {
         for (Index k = 0; k < n; ++k) {
@@ -19,22 +20,22 @@ bool usable(const Gaussians<T>& g, Index i) {
             bad |= !(v - v == real_t<T>(0));                 // inf - inf is NaN
         }
     };
-    look(g.mean.data() + 3 * i, 3);
-    look(g.rotation.data() + 4 * i, 4);
-    look(g.scale.data() + 3 * i, 3);
-    look(g.opacity.data() + i, 1);
-    look(g.feature.data() + i * g.channels(), g.channels());
-    const T* q = g.rotation.data() + 4 * i;
+    look(g.mean + 3 * i, 3);
+    look(g.rotation + 4 * i, 4);
+    look(g.scale + 3 * i, 3);
+    look(g.opacity + i, 1);
+    look(g.feature_of(i), g.channels());
+    const T* q = g.rotation + 4 * i;
     const bool turned = q[0] != T(0) || q[1] != T(0) || q[2] != T(0) || q[3] != T(0);
     return bad == 0 && turned;
 }
 
 /// Columns of fixed length; the compiler must not see a loop over a length it does not know.
 template <class T>
-Shape<T> load_shape(const Gaussians<T>& g, Index i) {
-    return {Eigen::Map<const Vec3<T>>(g.mean.data() + 3 * i),
-            Eigen::Map<const Quat<T>>(g.rotation.data() + 4 * i),
-            Eigen::Map<const Vec3<T>>(g.scale.data() + 3 * i)};
+Shape<T> load_shape(const GaussianView<T>& g, Index i) {
+    return {Eigen::Map<const Vec3<T>>(g.mean + 3 * i),
+            Eigen::Map<const Quat<T>>(g.rotation + 4 * i),
+            Eigen::Map<const Vec3<T>>(g.scale + 3 * i)};
 }
 
 template <class T>
@@ -46,8 +47,8 @@ void store_shape(const Shape<T>& s, Gaussians<T>& g, Index i) {
 
 /// Fills candidate and state of Gaussians [b, e); one at a time, for any scalar.
 template <class A, class T, Distortion D>
-void project_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy, Index b,
-                   Index e, RasterScratch<T>& scratch) {
+void project_range(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
+                   const A& accuracy, Index b, Index e, RasterScratch<T>& scratch) {
     const Projector<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
     const bool look = accuracy.non_finite != NonFinite::trust;
     for (Index i = b; i < e; ++i) {
@@ -56,9 +57,9 @@ void project_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& 
         if (look && !usable(g, i)) continue;
         const Projected<T, A::antialias> s = project<A::antialias>(load_shape(g, i), lens);
         scratch.state[at] = Visibility::hidden;
-        if (!s.drawable || !(g.opacity(0, i) > T(0))) continue;
+        if (!s.drawable || !(g.opacity[i] > T(0))) continue;
         VisibleGaussian<T>& c = scratch.candidates[at];
-        c.splat = make_splat(s, kept_opacity(s, g.opacity(0, i)), accuracy);
+        c.splat = make_splat(s, kept_opacity(s, g.opacity[i]), accuracy);
         if (!(c.splat.log2_opacity > c.splat.cut)) continue;
         scratch.footprints[at] = footprint_of<A>(s, c.splat, camera.cx, camera.cy);
         const Cover<A::support, real_t<T>> cover{scratch.footprints[at], camera.width,
@@ -75,7 +76,7 @@ void project_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& 
 
 /// Gradients of Gaussians [b, e), from slots to world.
 template <class A, class T, Distortion D>
-void project_vjp_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
+void project_vjp_range(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera, const A& accuracy,
                        const RasterTrace<T>& trace, const PartialGradients<T>& slots, Index b,
                        Index e, Gaussians<T>& out) {
     const Projector<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
@@ -93,7 +94,7 @@ void project_vjp_range(const Gaussians<T>& g, const Pinhole<T, D>& camera, const
         store_shape(project_vjp<A::antialias>(load_shape(g, i), lens,
                                               screen_cotangent(trace.members[m].splat, s), s.alpha),
                     out, i);
-        out.opacity(0, i) = s.alpha / g.opacity(0, i);
+        out.opacity(0, i) = s.alpha / g.opacity[i];
     }
 }
 

@@ -13,7 +13,7 @@ template <class A, class T, class S>
 void blend_tile_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotangent<T>& g,
                     Index tile, RasterScratch<S>& scratch,
                     std::vector<PixelContribution<T>>& hits) {
-    const Index channels = scene.feature.rows();
+    const Index channels = scene.channels();
     const PlainBlend<A, T> blend(accuracy);
     for (int y = scene.top(tile); y < scene.bottom(tile); ++y)
         for (int x = scene.left(tile); x < scene.right(tile); ++x) {

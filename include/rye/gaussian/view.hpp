@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/gaussian/view.hpp: Gaussians as a renderer reads them, wherever they lie: a whole cloud, a range
+/// of its columns, its first channels, or another program's buffers. Copies nothing.
+/// World frame, activated, as Gaussians (gaussian/gaussians.hpp); a column per Gaussian.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <string>
+
+#include <rye/core/error.hpp>
+#include <rye/gaussian/gaussians.hpp>
+
+namespace rye {
+
+/// Read-only columns of Gaussians. What it points to must outlive it; functions take it by
+/// reference, and a Gaussians<T> converts to it:
+///     rasterizer.forward(backend, cloud, camera, background);
+///     rasterizer.forward(backend, view_of(cloud).columns(0, n).first_channels(3), camera, white);
+template <class T>
+struct GaussianView {
+    const T* mean = nullptr;     ///< 3 x N  [world units]
+    const T* rotation = nullptr; ///< 4 x N  quaternions (w, x, y, z) of any norm but 0
+    const T* scale = nullptr;    ///< 3 x N  standard deviations along the own axes [world units]
+    const T* opacity = nullptr;  ///< 1 x N  in 0..1
+    const T* feature = nullptr;  ///< C x N, `stride` numbers from one Gaussian to the next
+    Index size = 0;              ///< N
+    Index rows = 0;              ///< C
+    Index stride = 0;            ///< >= C
+    /// Gaussians from this index on have the feature `paint`, C x 1, in place of their own.
+    Index painted = std::numeric_limits<Index>::max();
+    const T* paint = nullptr;
+
+    GaussianView() = default;
+    /// Implicit, so that a cloud is passed as it is. Throws unless every array of `g` has the right
+    /// number of rows and one column per Gaussian.
+    GaussianView(const Gaussians<T>& g) // NOLINT(google-explicit-constructor)
+        : mean(g.mean.data()), rotation(g.rotation.data()), scale(g.scale.data()),
+          opacity(g.opacity.data()), feature(g.feature.data()), size(g.count()), rows(g.channels()),
+          stride(g.channels()) {
+        check_shapes("rasterizer", g);
+    }
+
+    Index count() const { return size; }
+    Index channels() const { return rows; }
+    const T* feature_of(Index i) const { return i < painted ? feature + i * stride : paint; }
+
+    /// Columns [begin, begin + n). Throws if there are fewer.
+    GaussianView columns(Index begin, Index n) const {
+        require(begin >= 0 && n >= 0 && begin <= size - n, "GaussianView",
+                "got columns " + std::to_string(begin) + " to " + std::to_string(begin + n) +
+                    ", there are " + std::to_string(size));
+        GaussianView v = *this;
+        v.mean += 3 * begin;
+        v.rotation += 4 * begin;
+        v.scale += 3 * begin;
+        v.opacity += begin;
+        v.feature += stride * begin;
+        v.size = n;
+        if (paint != nullptr) v.painted = std::max<Index>(painted - begin, 0);
+        return v;
+    }
+    /// The first n channels. Throws if there are fewer.
+    GaussianView first_channels(Index n) const {
+        require(n >= 0 && n <= rows, "GaussianView",
+                "got " + std::to_string(n) + " channels, there are " + std::to_string(rows));
+        GaussianView v = *this;
+        v.rows = n;
+        return v;
+    }
+    /// The same with one feature, C x 1, for all Gaussians from column `begin` on.
+    GaussianView painted_from(Index begin, const VecX<T>& color) const {
+        require(color.size() == rows, "GaussianView",
+                "got a feature of " + std::to_string(color.size()) + " channels, there are " +
+                    std::to_string(rows));
+        GaussianView v = *this;
+        v.painted = begin;
+        v.paint = color.data();
+        return v;
+    }
+};
+
+template <class T>
+GaussianView<T> view_of(const Gaussians<T>& g) {
+    return g;
+}
+
+/// A cloud of its own.
+template <class T>
+Gaussians<T> copy_of(const GaussianView<T>& v) {
+    Gaussians<T> g(v.count(), v.channels());
+    std::copy_n(v.mean, g.mean.size(), g.mean.data());
+    std::copy_n(v.rotation, g.rotation.size(), g.rotation.data());
+    std::copy_n(v.scale, g.scale.size(), g.scale.data());
+    std::copy_n(v.opacity, g.opacity.size(), g.opacity.data());
+    for (Index i = 0; i < v.count(); ++i)
+        std::copy_n(v.feature_of(i), v.channels(), g.feature.data() + i * v.channels());
+    return g;
+}
+
+/// Columns of Gaussians to read and write, wherever they lie. Copies nothing; the shapes stay.
+template <class T>
+struct GaussianSpan {
+    ColumnsSpan<T> mean, rotation, scale, opacity, feature;
+
+    Index count() const { return mean.cols(); }
+    Index channels() const { return feature.rows(); }
+};
+
+/// The first n columns.
+template <class T>
+GaussianSpan<T> first_columns(Gaussians<T>& g, Index n) {
+    return {g.mean.leftCols(n), g.rotation.leftCols(n), g.scale.leftCols(n), g.opacity.leftCols(n),
+            g.feature.leftCols(n)};
+}
+
+} // namespace rye

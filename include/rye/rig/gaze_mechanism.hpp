@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/rig/gaze_mechanism.hpp: how an eyeball's Gaussians depend on its gaze, as a policy: the turn of
+/// the eyeball about its centre, and what becomes of its features. The default turns it by the
+/// smallest rotation and leaves the features. Frames: the gaze is the optical axis in the head frame;
+/// at rest it is +z.
+#pragma once
+
+#include <concepts>
+#include <cstddef>
+
+#include <rye/autodiff/dual.hpp>
+#include <rye/core/fields.hpp>
+#include <rye/math/rotation.hpp>
+#include <rye/rig/gaze.hpp>
+
+namespace rye {
+
+/// No parameters: an empty base.
+template <class T, class Owner>
+struct NoParameters {
+    template <class F, class... P>
+    static void fields(F&&, P&&...) {}
+};
+
+/// The smallest rotation from +z to the gaze, without torsion (paper eq. 9). A base for other
+/// mechanisms, which replace what differs.
+struct ExplicitRotation {
+    /// Whether features() does anything.
+    static constexpr bool changes_features = false;
+
+    template <class T>
+    using Parameters = NoParameters<T, ExplicitRotation>;
+    /// The parameters of an avatar with `channels` features a Gaussian.
+    template <class P>
+    static P init(int, const Random&) {
+        return {};
+    }
+    /// The eyeball's turn, a unit quaternion. `gaze` is a unit vector.
+    template <class P, class T>
+    static Quat<T> turn(const P&, std::size_t, const Vec3<T>& gaze) {
+        return shortest_arc(Vec3<T>(T(0), T(0), T(1)), gaze);
+    }
+    /// Accumulates the parameters' gradient; returns the gaze's cotangent.
+    template <class P, class T>
+    static Vec3<T> turn_vjp(const P&, std::size_t, const Vec3<T>& gaze, const Quat<T>& g_turn, P&) {
+        using D = Dual<T, 3>;
+        Vec3<D> x;
+        for (int k = 0; k < 3; ++k) x[k] = D::variable(gaze[k], static_cast<std::size_t>(k));
+        const Quat<D> q = shortest_arc(Vec3<D>(D(0), D(0), D(1)), x);
+        Vec3<T> g(T(0), T(0), T(0));
+        for (int k = 0; k < 3; ++k)
+            for (int i = 0; i < 4; ++i) g[k] += g_turn[i] * q[i].d[static_cast<std::size_t>(k)];
+        return g;
+    }
+    /// Changes the features of one eyeball's Gaussians, C x P, in place.
+    template <class P, class T>
+    static void features(const P&, std::size_t, const Vec3<T>&, ColumnsSpan<T>) {}
+    /// Turns the cotangent of changed features into that of the features `before`; accumulates the
+    /// parameters' gradient; returns the gaze's cotangent.
+    template <class P, class T>
+    static Vec3<T> features_vjp(const P&, std::size_t, const Vec3<T>&, const ColumnsView<T>&,
+                                ColumnsSpan<T>, P&) {
+        return Vec3<T>(T(0), T(0), T(0));
+    }
+};
+
+/// See ExplicitRotation for what each function does. Parameters<T> is a struct with fields().
+template <class M>
+concept GazeMechanism =
+    requires(const typename M::template Parameters<float>& p,
+             typename M::template Parameters<float>& grad, const Vec3<float>& gaze,
+             const Quat<float>& g_turn, ColumnsSpan<float> features,
+             const ColumnsView<float>& before, const Random& random) {
+        { M::changes_features } -> std::convertible_to<bool>;
+        {
+            M::template init<typename M::template Parameters<float>>(3, random)
+        } -> std::same_as<typename M::template Parameters<float>>;
+        { M::turn(p, std::size_t(0), gaze) } -> std::same_as<Quat<float>>;
+        { M::turn_vjp(p, std::size_t(0), gaze, g_turn, grad) } -> std::same_as<Vec3<float>>;
+        M::features(p, std::size_t(0), gaze, features);
+        {
+            M::features_vjp(p, std::size_t(0), gaze, before, features, grad)
+        } -> std::same_as<Vec3<float>>;
+    };
+static_assert(GazeMechanism<ExplicitRotation>);
+
+/// The cotangent of a unit quaternion from those of its matrix and of itself.
+template <class T>
+Quat<T> turn_cotangent_of(const Quat<T>& turn, const Mat3<T>& g_matrix,
+                          const Quat<T>& g_quaternion) {
+    using D = Dual<T, 4>;
+    Quat<D> q;
+    for (int k = 0; k < 4; ++k) q[k] = D::variable(turn[k], static_cast<std::size_t>(k));
+    const Mat3<D> r = quat_matrix(q);
+    Quat<T> g = g_quaternion;
+    for (int k = 0; k < 4; ++k)
+        for (int i = 0; i < 9; ++i)
+            g[k] += g_matrix(i / 3, i % 3) * r(i / 3, i % 3).d[static_cast<std::size_t>(k)];
+    return g;
+}
+
+} // namespace rye

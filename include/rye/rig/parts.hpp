@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/rig/parts.hpp: parts of an avatar in the place of the default ones. A part is named in the
+/// list of effects, so an avatar is one type argument, and a list without parts is the published
+/// method:
+///     using Mine = More<PaperEffects, ExpressionInfluence<MyMetric>, GazeBy<MyMechanism>>;
+///     TwoStream<float, Mine> avatar;
+/// | part                                   | concept          | default            |
+/// | ExpressionInfluence, GazeInfluence     | InfluenceMetric  | ConfiguredMetric   |
+/// | PoseInfluence                          | InfluenceMetric  | the expression's   |
+/// | GazeBy                                 | GazeMechanism    | ExplicitRotation   |
+/// | EyesBy                                 | EyeAppearance    | FreeFeatures       |
+/// | EyeballsBy                             | EyeballSource    | BasicEyeballShape  |
+/// | NetworksBy                             | NetworkPolicy    | PublishedNetworks  |
+/// | UpsampledBy                            | UpsamplerPolicy  | PublishedUpsampler |
+#pragma once
+
+#include <rye/backend/scalar.hpp>
+#include <rye/nn/encoding.hpp>
+#include <rye/nn/mlp.hpp>
+#include <rye/nn/upsampler.hpp>
+#include <rye/rig/effects.hpp>
+#include <rye/rig/eye_appearance.hpp>
+#include <rye/rig/eyeball.hpp>
+#include <rye/rig/gaze_mechanism.hpp>
+#include <rye/rig/influence.hpp>
+
+namespace rye {
+
+/// The metric that AvatarConfig::metric names, chosen while the program runs.
+struct ConfiguredMetric {};
+
+/// The networks' activation, skip and encoding of points, head pose and gaze.
+struct PublishedNetworks {
+    using Activation = LeakyRelu;
+    using Encoding = PositionalEncoding;
+    /// The layer that reads the input again: MlpShape::skip_layer.
+    static constexpr int skip_layer(const MlpShape&) { return MlpShape::middle; }
+};
+template <class N>
+concept NetworkPolicy = Activation<typename N::Activation> && Encoding<typename N::Encoding> &&
+                        requires(const MlpShape& shape) {
+                            { N::skip_layer(shape) } -> std::convertible_to<int>;
+                        };
+
+/// The super-resolution network, as a template over the scalar.
+struct PublishedUpsampler {
+    template <class T>
+    using Network = Upsampler<T>;
+};
+/// Network<T> has fields(), init(UpsamplerShape, Random), a Trace, and beside it, in its namespace,
+/// upsampler_forward and upsampler_vjp (nn/upsampler.hpp).
+template <class U>
+concept UpsamplerPolicy =
+    requires(const typename U::template Network<float>& net,
+             typename U::template Network<float>& grad,
+             typename U::template Network<float>::Trace& trace, const Image<float>& image,
+             const ScalarBackend<>& backend, Columns<float>& g, const Random& random) {
+        {
+            U::template Network<float>::init(UpsamplerShape{}, random)
+        } -> std::same_as<typename U::template Network<float>>;
+        { upsampler_forward(backend, net, image, &trace) } -> std::same_as<Image<float>>;
+        upsampler_vjp(backend, net, image, trace, g, grad, &g);
+    };
+
+namespace detail {
+
+/// What makes a part an entry of a list of effects.
+template <class Slot, class P>
+struct PartEntry {
+    using part_of = Slot;
+    using part = P;
+    static constexpr Reads reads = Reads::nothing;
+    static constexpr Touches touches = Touches::nothing;
+    static constexpr std::string_view neutral = "the default part";
+    static constexpr EffectBound droppable{0, "nothing"};
+};
+
+struct ExpressionInfluenceSlot {};
+struct PoseInfluenceSlot {};
+struct GazeInfluenceSlot {};
+struct GazeSlotOfParts {};
+struct EyesSlot {};
+struct EyeballsSlot {};
+struct NetworksSlot {};
+struct UpsamplerSlot {};
+
+template <class Slot, class Default, class... E>
+struct FindPart {
+    using type = Default;
+};
+template <class Slot, class Default, class First, class... E>
+struct FindPart<Slot, Default, First, E...> : FindPart<Slot, Default, E...> {};
+template <class Slot, class Default, class First, class... E>
+    requires std::same_as<typename First::part_of, Slot>
+struct FindPart<Slot, Default, First, E...> {
+    using type = typename First::part;
+};
+
+template <class S, class Slot, class Default>
+struct PartOf;
+template <class... E, class Slot, class Default>
+struct PartOf<Effects<E...>, Slot, Default> : FindPart<Slot, Default, E...> {};
+
+} // namespace detail
+
+template <InfluenceMetric M>
+struct ExpressionInfluence : detail::PartEntry<detail::ExpressionInfluenceSlot, M> {
+    static constexpr std::string_view name = "influence of the expression";
+};
+/// lambda_pose is 1 minus the influence of the expression's landmarks by this metric.
+template <InfluenceMetric M>
+struct PoseInfluence : detail::PartEntry<detail::PoseInfluenceSlot, M> {
+    static constexpr std::string_view name = "influence of the head pose";
+};
+template <InfluenceMetric M>
+struct GazeInfluence : detail::PartEntry<detail::GazeInfluenceSlot, M> {
+    static constexpr std::string_view name = "influence of the gaze";
+};
+template <GazeMechanism M>
+struct GazeBy : detail::PartEntry<detail::GazeSlotOfParts, M> {
+    static constexpr std::string_view name = "gaze mechanism";
+};
+template <EyeAppearance A>
+struct EyesBy : detail::PartEntry<detail::EyesSlot, A> {
+    static constexpr std::string_view name = "eye appearance";
+};
+template <EyeballSource S>
+struct EyeballsBy : detail::PartEntry<detail::EyeballsSlot, S> {
+    static constexpr std::string_view name = "eyeball template";
+};
+template <NetworkPolicy N>
+struct NetworksBy : detail::PartEntry<detail::NetworksSlot, N> {
+    static constexpr std::string_view name = "networks";
+};
+template <UpsamplerPolicy U>
+struct UpsampledBy : detail::PartEntry<detail::UpsamplerSlot, U> {
+    static constexpr std::string_view name = "upsampler";
+};
+
+/// The parts of an avatar of these effects.
+template <EffectSet S>
+using ExpressionInfluenceOf =
+    typename detail::PartOf<S, detail::ExpressionInfluenceSlot, ConfiguredMetric>::type;
+template <EffectSet S>
+using PoseInfluenceOf =
+    typename detail::PartOf<S, detail::PoseInfluenceSlot, ExpressionInfluenceOf<S>>::type;
+template <EffectSet S>
+using GazeInfluenceOf =
+    typename detail::PartOf<S, detail::GazeInfluenceSlot, ConfiguredMetric>::type;
+template <EffectSet S>
+using GazeMechanismOf =
+    typename detail::PartOf<S, detail::GazeSlotOfParts, ExplicitRotation>::type;
+template <EffectSet S>
+using EyeAppearanceOf = typename detail::PartOf<S, detail::EyesSlot, FreeFeatures>::type;
+template <EffectSet S>
+using EyeballSourceOf =
+    typename detail::PartOf<S, detail::EyeballsSlot, BasicEyeballShape<S>>::type;
+template <EffectSet S>
+using NetworksOf = typename detail::PartOf<S, detail::NetworksSlot, PublishedNetworks>::type;
+template <EffectSet S>
+using EncodingOf = typename NetworksOf<S>::Encoding;
+template <class T, EffectSet S>
+using NetworkOf = Mlp<T, typename NetworksOf<S>::Activation>;
+template <class T, EffectSet S>
+using UpsamplerOf = typename detail::PartOf<S, detail::UpsamplerSlot,
+                                            PublishedUpsampler>::type::template Network<T>;
+
+/// Whether the avatar consists of the default parts alone.
+template <EffectSet S>
+inline constexpr bool default_parts = false;
+template <class... E>
+inline constexpr bool default_parts<Effects<E...>> =
+    !(requires { typename E::part_of; } || ...);
+
+} // namespace rye
