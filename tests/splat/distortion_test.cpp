@@ -8,7 +8,7 @@
 #include <rye/autodiff/check.hpp>
 #include <rye/autodiff/dual.hpp>
 
-#include "scenes.hpp"
+#include "../support/scenes.hpp"
 
 using namespace rye;
 using namespace rye::test;

@@ -7,7 +7,7 @@
 
 #include <rye/autodiff/dual.hpp>
 
-#include "scenes.hpp"
+#include "../support/scenes.hpp"
 
 using namespace rye;
 using namespace rye::test;

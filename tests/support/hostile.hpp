@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/capture/hostile.hpp: what the tests of readers and writers share.
+/// tests/support/hostile.hpp: what the tests of readers and writers share.
 #pragma once
 
 #include <unistd.h>

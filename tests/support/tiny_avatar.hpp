@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/train/tiny_avatar.hpp: an avatar and a guidance mesh of a few points and narrow networks,
+/// tests/support/tiny_avatar.hpp: an avatar and a guidance mesh of a few points and narrow networks,
 /// and their lift to other scalars, for the derivative laws of whole stages.
 #pragma once
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/avatar/neutral.hpp: the law of leaving an effect out, for one scalar a program unit.
+/// tests/support/neutral_law.hpp: the law of leaving an effect out, for one scalar a program unit.
 #pragma once
 
 #include <cmath>

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/avatar/effect_sets.hpp: a tiny avatar that has every effect, and what it is driven by.
+/// tests/support/effect_sets.hpp: a tiny avatar that has every effect, and what it is driven by.
 #pragma once
 
 #include <rye/avatar/hold.hpp>
 #include <rye/avatar/neutral.hpp>
 
-#include "../train/tiny_avatar.hpp"
+#include "tiny_avatar.hpp"
 
 namespace rye::test {
 
