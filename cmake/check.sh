@@ -10,7 +10,8 @@ build=${BUILD:-build/check}
 
 step "Dependencies" sh cmake/install_dependencies.sh
 # Of the benchmarks it demands that they compile and link.
-step "Configure" configure "$build" -DRYE_WARNINGS=ON -DRYE_BENCHMARK_OPTIMISATION=-O0
+step "Configure" configure "$build" -DRYE_WARNINGS=ON -DRYE_MERGE_UNITS=ON \
+    -DRYE_BENCHMARK_OPTIMISATION=-O0
 step "Build everything" cmake --build "$build" --parallel "$jobs"
 step "Test" ctest --test-dir "$build" --parallel "$jobs" --output-on-failure
 
