@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lesson 1: a formula is written once, over its scalar. With doubles it gives a value; with duals,
-// the value and its derivatives; and a test of those needs nothing but the formula itself.
+// Lesson 1: a formula is a template over its scalar. On doubles it returns a value, on duals the
+// value and its derivatives; a check of the derivatives needs the formula alone.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -13,13 +13,13 @@ using namespace rye;
 int main() {
     // A camera ten units in front of a face, looking at it; y is up.
     const Pinhole<double> camera = look_at<double>(Vec3<double>(0, 0, 10), Vec3<double>(0, 0, 0),
-                                                   Vec3<double>(0, 1, 0), 0.3, 256, 256);
+                                                   Vec3<double>(0, 1, 0), 0.3, {256, 256});
     const Vec3<double> x(0.6, 0.3, 0.8);                            // [world units]
     const Vec3<double> u = camera.project_point(x);                 // [px], [px], [world units]
-    std::printf("the point (%.1f, %.1f, %.1f) is seen at (%.3f, %.3f), depth %.3f\n", x[0], x[1],
+    std::printf("the point (%.1f, %.1f, %.1f) projects to (%.3f, %.3f), depth %.3f\n", x[0], x[1],
                 x[2], u[0], u[1], u[2]);
 
-    // The same formula over a dual with three directions, one for each coordinate of the point.
+    // The same formula on duals with three directions, one per coordinate of the point.
     using D = Dual<double, 3>;
     Vec3<D> dual_x;
     for (int i = 0; i < 3; ++i) dual_x[i] = D::variable(x[i], i);
@@ -35,7 +35,7 @@ int main() {
     }
     std::printf("du/dx = (%.3f, %.3f, %.3f)\n", dual_u[0].d[0], dual_u[0].d[1], dual_u[0].d[2]);
     std::printf("dv/dx = (%.3f, %.3f, %.3f)\n", dual_u[1].d[0], dual_u[1].d[1], dual_u[1].d[2]);
-    std::printf("central differences differ by %.1e at most\n", worst);
+    std::printf("largest deviation from central differences %.1e\n", worst);
 
     for (int i = 0; i < 3; ++i)
         if (dual_u[i].value != u[i]) return 1;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lesson 2: a render and the way back. forward() draws; vjp() takes the gradient of a loss by the
-// picture to the gradient by every number that describes the Gaussians.
+// Lesson 2: rendering and its gradient. forward() renders; vjp() takes the gradient of a loss with
+// respect to the image and returns that with respect to every parameter of the Gaussians.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -18,12 +18,12 @@ int main() {
     g.opacity << 0.8;
     g.feature << 1.0, 0.5, 0.1;
 
-    const Pinhole<double> camera = look_at<double>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5, 32, 32);
+    const Pinhole<double> camera = look_at<double>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5, {32, 32});
     const VecX<double> black = VecX<double>::Zero(3);
     const Rasterizer<> rasterizer;
     const Raster<double> raster = rasterizer.forward(ScalarBackend<>{}, g, camera, black);
 
-    for (int y = 0; y < 32; y += 2) {                               // the picture, as text
+    for (int y = 0; y < 32; y += 2) {                               // the image as text
         for (int x = 0; x < 32; ++x) {
             const double alpha = raster.alpha.at(x, y)[0];
             std::putchar(" .:-=+*#%@"[std::min(9, static_cast<int>(10 * alpha))]);
@@ -31,7 +31,7 @@ int main() {
         std::putchar('\n');
     }
 
-    // The loss is half the sum of squares, so its gradient by the picture is the picture.
+    // The loss is half the sum of squares, so its gradient with respect to the image is the image.
     const auto loss = [&](const Gaussians<double>& x) {
         return 0.5 *
                rasterizer.forward(ScalarBackend<>{}, x, camera, black).feature.pixels.squaredNorm();
@@ -39,7 +39,7 @@ int main() {
     const Gaussians<double> gradient =
         rasterizer.vjp(ScalarBackend<>{}, g, camera, black, raster, raster.feature.pixels);
 
-    // Walk over all 14 numbers and compare each derivative with a central difference.
+    // Compare each of the 14 derivatives with a central difference.
     double worst = 0;
     Gaussians<double> moved = g;
     Gaussians<double>::fields(

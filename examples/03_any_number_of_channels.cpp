@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lesson 3: features. A Gaussian carries as many channels as you like, and all of them, opacity and
-// depth come from one pass. With one-hot features the picture says which Gaussian is seen where.
+// Lesson 3: features. A Gaussian has any number of channels; one pass renders all of them, opacity
+// and depth. With one-hot features the image shows which Gaussian is visible where.
 #include <algorithm>
 #include <cstdio>
 
@@ -26,11 +26,11 @@ int main() {
         g.feature.col(i).tail(3) << number(7), number(8), number(9);
     }
 
-    const Pinhole<float> camera = look_at<float>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.4f, 48, 48);
+    const Pinhole<float> camera = look_at<float>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.4f, {48, 48});
     const VecX<float> nothing = VecX<float>::Zero(n + 3);
     const Raster<float> raster = Rasterizer<>{}.forward(ScalarBackend<>{}, g, camera, nothing);
 
-    for (int y = 0; y < 48; y += 2) {                               // who is seen where
+    for (int y = 0; y < 48; y += 2) {                               // the strongest label
         for (int x = 0; x < 48; ++x) {
             Index who = 0;
             const float most = raster.feature.at(x, y).head(n).maxCoeff(&who);
@@ -39,15 +39,15 @@ int main() {
         std::putchar('\n');
     }
 
-    // The labels are the weights of the blend. So they add up to the opacity, and the colour is
-    // their sum of the Gaussians' colours: rendering commutes with every linear map of features.
+    // The labels are the blending weights. So they sum to the opacity, and weight the Gaussians'
+    // colours to the rendered one: rendering commutes with every linear map of features.
     const Columns<float> weights = raster.feature.pixels.topRows(n);
     const float opacity_error =
         (weights.colwise().sum() - raster.alpha.pixels).cwiseAbs().maxCoeff();
     const Columns<float> mixed = g.feature.bottomRows(3) * weights;
     const float colour_error =
         (mixed - raster.feature.pixels.bottomRows(3)).cwiseAbs().maxCoeff();
-    std::printf("labels add up to alpha within %.1e, and mix to the colour within %.1e\n",
+    std::printf("labels sum to alpha within %.1e, and blend to the colour within %.1e\n",
                 static_cast<double>(opacity_error), static_cast<double>(colour_error));
 
     Index solid = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Lesson 4: training. A parameter struct names its arrays once, in fields(); gradients and the
-// optimiser's moments are further objects of the same struct, and one walk visits them together.
+// optimiser's moments are further objects of the same struct, visited together.
 #include <cmath>
 #include <cstdio>
 
@@ -17,7 +17,7 @@ int main() {
     const Index n = 1024;
     const Random random{.seed = 7};
 
-    // The function to learn: a wave over the square, seen at n points.
+    // The function to learn: a wave over the square, sampled at n points.
     Columns<float> points(2, n), target(1, n);
     for (Index i = 0; i < n; ++i) {
         const auto k = static_cast<std::uint64_t>(i);
@@ -47,8 +47,8 @@ int main() {
         if (step % 100 == 0) std::printf("step %3d: mean squared error %.6f\n", step, loss);
 
         Mlp<float> gradient = zeros_like(network);
-        mlp_vjp(B{}, network, encoded, frame, trace, Columns<float>(error * (2.0f / float(n))),
-                gradient, nullptr, nullptr);
+        mlp_vjp(B{}, network, {encoded, frame, trace}, Columns<float>(error * (2.0f / float(n))),
+                {.params = gradient});
         adam_step(B{}, network, gradient, adam, [](const std::string&) { return 1e-2; });
     }
     return loss < 0.01 * first ? 0 : 1;

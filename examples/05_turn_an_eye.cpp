@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lesson 5: an eyeball is geometry. It turns rigidly about its centre, each eye by itself, and the
-// head carries both along; so the gaze that goes in can be read off the points that come out.
+// Lesson 5: an eyeball as geometry. Each eye rotates rigidly about its own centre and moves with
+// the head, so the input gaze can be recovered from the transformed points.
 #include <algorithm>
 #include <array>
 #include <cstdio>
@@ -17,7 +17,7 @@ int main() {
     const auto iris = std::count(eyeball.labels.begin(), eyeball.labels.end(), EyeLabel::iris);
     std::printf("an eyeball of %td points, %td of them on the iris\n", eyeball.points.cols(), iris);
 
-    // The head is turned by 20 degrees and moved; the eyes look where no pair of eyes should.
+    // The head is rotated by 20 degrees and moved; the eyes look in different directions.
     HeadPlacement<double> head;
     head.world_from_head.rotation = so3_exp<double>({0, 20 * degree, 0});
     head.world_from_head.translation = {0.1, 0.3, 0};
@@ -33,7 +33,7 @@ int main() {
             eye_transform(EyeDrive<double>{.centre = centres[eye], .gaze = optical}, head);
         const Columns<double> world = eye_points(turn, eyeball.points);
 
-        // From the points back to the gaze: from the centre to the middle of the iris' rim.
+        // Gaze recovered from points: from the centre to the mean of the rim of the iris.
         Vec3<double> rim = Vec3<double>::Zero(), centre = Vec3<double>::Zero();
         for (const Index i : eyeball.iris8) rim += world.col(i) / 8;
         for (const Index i : eyeball.equator)
@@ -41,15 +41,15 @@ int main() {
         const Vec3<double> seen =
             gaze_in_head<double>(head.world_from_head.rotation, rim - centre);
         const Vec2<double> angles = pitch_yaw(seen) / degree;
-        std::printf("%s eye: asked pitch %6.2f yaw %6.2f, read off pitch %6.2f yaw %6.2f\n",
+        std::printf("%s eye: given pitch %6.2f yaw %6.2f, recovered pitch %6.2f yaw %6.2f\n",
                     eye == 0 ? "left " : "right", gazes[eye][0], gazes[eye][1], angles[0],
                     angles[1]);
         worst = std::max(worst, angular_error(seen, optical));
 
-        // The line of sight differs from the optical axis by kappa, a constant of the person.
+        // The line of sight differs from the optical axis by kappa, a constant per person.
         const KappaAngles<double> kappa{.pitch = 0, .yaw = (eye == 0 ? 5 : -5) * degree};
         const Vec2<double> sight = pitch_yaw(gaze_from_kappa(optical, kappa)) / degree;
-        std::printf("           so this person looks along pitch %6.2f yaw %6.2f\n", sight[0],
+        std::printf("           line of sight with kappa: pitch %6.2f yaw %6.2f\n", sight[0],
                     sight[1]);
     }
     std::printf("largest error %.1e rad\n", worst);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lesson 6: fifty Gaussians learn a picture. The raw numbers that are trained (logarithms of
-// scales, logits of opacities) have the type of the Gaussians, so fields() and Adam just work.
+// Lesson 6: fifty Gaussians fit an image. The trained parameters (logarithms of scales, logits of
+// opacities) use the type of the Gaussians, so fields() and Adam apply unchanged.
 #include <cmath>
 #include <cstdio>
 
@@ -24,7 +24,7 @@ Gaussians<float> activated(const Gaussians<float>& raw) {
 int main() {
     using B = ScalarBackend<>;
     const int edge = 48;
-    Image<float> picture(edge, edge, 3);                            // an iris
+    Image<float> picture(edge, edge, 3);                            // the target: an iris
     for (int y = 0; y < edge; ++y)
         for (int x = 0; x < edge; ++x) {
             const float r = std::hypot(float(x) + 0.5f - 24.0f, float(y) + 0.5f - 24.0f);
@@ -46,7 +46,7 @@ int main() {
     raw.opacity.setConstant(0.0f);                                  // the logit of 1/2
     raw.feature.setConstant(0.5f);
 
-    const Pinhole<float> camera = look_at<float>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5f, edge, edge);
+    const auto camera = look_at<float>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5f, {edge, edge});
     const VecX<float> grey = VecX<float>::Constant(3, 0.5f);
     const Rasterizer<> rasterizer;
     Adam<Gaussians<float>> adam(raw);

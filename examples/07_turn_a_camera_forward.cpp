@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lesson 7: forward mode. jvp() draws a picture and, at the price of about two pictures, how it
-// changes in one direction of its inputs: here, as the camera moves sideways. Lanes are for float
-// and double alike; splat/jvp.hpp brings what lanes need.
+// Lesson 7: forward mode. jvp() renders an image and its derivative in one direction of the inputs,
+// here a sideways motion of the camera, at the cost of about two renders. Lanes work for float and
+// double; splat/jvp.hpp has the kernels for lanes.
 #include <cmath>
 #include <cstdio>
 
@@ -23,15 +23,15 @@ int main() {
         for (Index c = 0; c < 3; ++c) g.feature(c, i) = random.uniform(k++);
     }
     const Pinhole<double> camera =
-        look_at<double>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5, size, size);
+        look_at<double>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5, {size, size});
     const VecX<double> black = VecX<double>::Zero(3);
     const XsimdBackend backend;
     Exact64 accuracy;
-    accuracy.stop = 0;                   // a stop, and an alpha too small to draw, are steps of the
-    accuracy.alpha_min = 1e-30;          // picture, of which differences are taken below
+    accuracy.stop = 0;                   // early stop and alpha threshold make the image jump,
+    accuracy.alpha_min = 1e-30;          // which would disturb the central differences below
     const Rasterizer<Exact64> rasterizer{accuracy};
 
-    Pinhole<double> sideways;            // the derivative of each of the camera's numbers
+    Pinhole<double> sideways;            // tangent of each camera parameter
     sideways.fx = sideways.fy = 0;
     sideways.camera_from_world.rotation.setZero();
     sideways.camera_from_world.translation << 1, 0, 0;  // per world unit
@@ -48,6 +48,6 @@ int main() {
     const double error = (moving.feature - difference).cwiseAbs().maxCoeff();
     std::printf("largest change of a channel per world unit: %.2f\n",
                 moving.feature.cwiseAbs().maxCoeff());
-    std::printf("furthest from central differences: %.1e\n", error);
+    std::printf("largest deviation from central differences: %.1e\n", error);
     return error < 1e-5 ? 0 : 1;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/accuracy/errors.hpp: how far images and gradients are from the truth.
+/// benchmarks/accuracy/errors.hpp: errors of images and gradients relative to exact ones.
 #pragma once
 
 #include <algorithm>
@@ -24,7 +24,7 @@ inline ImageError image_error(const Columns<double>& a, const Columns<double>& t
     return {d.cwiseAbs().maxCoeff(), std::sqrt(d.cwiseAbs2().mean())};
 }
 
-/// Of one group of parameters.
+/// Errors of the gradient of one group of parameters.
 struct GroupError {
     std::string name;
     double relative = 0; ///< |g - truth| / |truth|

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What precision costs in learning: an MLP's values and gradients in float and with weights of 16
-// bits (bf16, sums in float) against double; and ways to add up a gradient of a million terms.
+// Cost of low precision in training: an MLP's values and gradients in float and with weights of 16
+// bits (bf16, sums in float) against double; and ways to sum a gradient of a million terms.
 #include <bit>
 #include <chrono>
 #include <cmath>
@@ -56,7 +56,7 @@ void mlp_precision() {
         MlpTrace<T> trace;
         value = mlp_forward(B{}, m, in, VecX<T>(), &trace);
         grad = zeros_like(m);
-        mlp_vjp(B{}, m, in, VecX<T>(), trace, g, grad, nullptr, nullptr);
+        mlp_vjp(B{}, m, {in, VecX<T>(), trace}, g, {grad});
     };
     Columns<double> y64;
     Mlp<double> g64(shape);
@@ -143,7 +143,7 @@ void accumulation() {
         base);
 }
 
-/// Sums over pixels of every Gaussian's cotangents, of numbers of type T added up in type S.
+/// Sums over pixels of every Gaussian's cotangents, computed in T and summed in S.
 template <class T, class S>
 struct SlotSums {
     Gaussians<T> g;
@@ -181,7 +181,7 @@ struct SlotSums {
     }
 };
 
-/// Does a rasterizer's gradient lose by being added up in float?
+/// Error of a rasterizer's gradient by summing in float.
 void slot_precision() {
     for (const Scenery& s : {accuracy_head(), random_cloud("huge", 60, 23, 5)}) {
         Columns<float> w(3, Index(s.camera.width) * s.camera.height);

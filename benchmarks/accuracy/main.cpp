@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // bench_accuracy [--ply FILE] [--csv FILE] [--primitives-csv FILE] [--repeats N] [--exhaustive]
 //                [--only prices|primitives|learning|training|select] [--select N]
-// What accuracy costs in time. Without arguments: the price list, sampled primitives, learning and
-// training.
-// Exit status 1 if an error is above its promise; times are told, not judged.
+// Error and time of accuracy policies. Without arguments: the table of policies, sampled
+// primitives, learning and training.
+// Exit status 1 if an error exceeds its bound; times are printed, not checked.
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
@@ -43,7 +43,7 @@ const PriceRow* worst_of(const std::vector<PriceRow>& rows, const char* name) {
     return nullptr;
 }
 
-/// The table of the worst over all scenes, and the promises.
+/// Prints the worst over all scenes, and checks the bounds.
 bool print_prices(const std::vector<PriceRow>& rows) {
     std::printf("\n%-10s %-36s %9s %9s %7s %9s %9s %9s %8s %8s\n", "kind", "worst of all scenes",
                 "max", "RMS", "dB", "grad rel", "1-cos", "worst", "forward", "both");
@@ -63,7 +63,7 @@ bool print_prices(const std::vector<PriceRow>& rows) {
     bool exact_kept = true, head = true;
     for (const PriceRow& r : rows)
         if (r.name == "Exact32" && r.scene != "worst of all") {
-            // A needle of sigma px has exponents that are uncertain by u sigma / sqrt(dilation).
+            // Exponents of a needle of sigma px have an uncertainty of u sigma / sqrt(dilation).
             const bool long_ones = r.scene == "needles" || r.scene == "huge";
             exact_kept = exact_kept && r.largest <= (long_ones ? 3e-4 : 5e-5);
             if (r.scene == "head") head = r.g_relative <= 1e-5;
@@ -73,10 +73,9 @@ bool print_prices(const std::vector<PriceRow>& rows) {
     demand("Balanced: max <= 1/255, >= 66 dB",
            balanced->largest <= 1 / 255.0 && balanced->psnr >= 66);
     demand("Fast: max <= 12/255", fast->largest <= 12 / 255.0);
-    std::printf(
-        "told: Fast is %.2fx as fast as Exact32 forward, %.2fx with the gradient (aim: 3x)\n",
-        exact->forward / fast->forward, exact->both / fast->both);
-    std::printf("told: Compatible3dgs takes %.2fx Fast's time forward, RMS %.2fx, max %.2fx\n",
+    std::printf("Fast is %.2fx as fast as Exact32 forward, %.2fx with the gradient (aim: 3x)\n",
+                exact->forward / fast->forward, exact->both / fast->both);
+    std::printf("Compatible3dgs takes %.2fx Fast's time forward, RMS %.2fx, max %.2fx\n",
                 old->forward / fast->forward, old->rms / fast->rms, old->largest / fast->largest);
     return kept;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/accuracy/models.hpp: images by plain loops over every Gaussian at every pixel: forms
-/// that rye does not use (the conic, the naive determinant) in float; and pixels left out.
+/// benchmarks/accuracy/models.hpp: images by plain loops over every Gaussian at every pixel, in
+/// forms that rye does not use (the conic, the naive determinant) in float; subsampled images.
 #pragma once
 
 #include <algorithm>
@@ -57,7 +57,7 @@ inline Columns<double> blend_in_float(const Scenery& s, Form form) {
     return out;
 }
 
-/// Of every `stride`-th pixel of every `stride`-th row.
+/// The camera of every `stride`-th pixel of every `stride`-th row.
 inline Pinhole<double> every_pixel(const Pinhole<double>& camera, int stride) {
     Pinhole<double> c = camera;
     c.fx /= stride, c.fy /= stride;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exact32, and each of its numbers relaxed alone.
+// Exact32, and each of its fields relaxed alone.
 #include "policy.hpp"
 
 namespace rye::bench {
@@ -19,7 +19,7 @@ std::vector<Policy> exact_policies() {
     add("stop 1e-6", "stop", [](auto& a) { a.stop = 1e-6; });
     add("stop 1e-5", "stop", [](auto& a) { a.stop = 1e-5; });
     add("stop 1e-4", "stop", [](auto& a) { a.stop = 1e-4; });
-    add("numbers not looked at", "trust", [](auto& a) { a.non_finite = NonFinite::trust; });
+    add("non-finite not checked", "trust", [](auto& a) { a.non_finite = NonFinite::trust; });
     return all;
 }
 

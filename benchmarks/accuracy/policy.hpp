@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/accuracy/policy.hpp: accuracy policies behind one face, so that a table can be made
-/// of them. Each is bound to a scene once; its renders share memory, as those of a user would.
+/// benchmarks/accuracy/policy.hpp: accuracy policies behind one run-time interface. Each is bound
+/// to a scene once; its renders reuse memory, as a user's would.
 #pragma once
 
 #include <functional>
@@ -12,20 +12,20 @@
 
 namespace rye::bench {
 
-/// What a policy makes of one scene.
+/// A policy bound to a scene.
 struct Runner {
     std::function<void()> forward, backward;
     std::function<Columns<double>()> feature;    ///< of the last forward
     std::function<Gaussians<double>()> gradient; ///< of the last backward
-    std::function<void(const Gaussians<float>&)> place; ///< other Gaussians, as many
-    std::function<void(const Columns<float>&)> pull;    ///< another cotangent of the feature
+    std::function<void(const Gaussians<float>&)> place; ///< sets other Gaussians, as many
+    std::function<void(const Columns<float>&)> pull;    ///< sets another cotangent of the feature
 };
 
-/// The order of the truth that a policy is held to: of depths in float, in double, or by pixel.
+/// The order of a policy's reference: by depths in float, in double, or by pixel.
 enum class Truth { float_depths, double_depths, by_peak };
 
 struct Policy {
-    std::string name, group; ///< "preset", or the knob that is turned
+    std::string name, group; ///< "preset", or the setting that is changed
     Truth truth;
     std::function<Runner(const Scenery&, const Columns<float>& w, const Columns<float>& w_alpha)>
         bind;
@@ -87,7 +87,7 @@ struct ExactDegree : Exact32 {
 };
 
 // One file each, since each kind of rule is compiled for every number of channels.
-std::vector<Policy> exact_policies();  ///< Exact32 and what is a number of it
+std::vector<Policy> exact_policies();  ///< Exact32 and changes of one field
 std::vector<Policy> preset_policies(); ///< Tight, Balanced, Fast
 std::vector<Policy> degree_policies(); ///< degrees of the exponential
 std::vector<Policy> rule_policies();   ///< other stops and supports

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every policy and every knob on every scene: errors against the oracle, and time.
+// Every policy and every setting on every scene: errors relative to the oracle, and time.
 #include <ctime>
 #include <map>
 
@@ -15,14 +15,14 @@
 namespace rye::bench {
 namespace {
 
-/// Of this thread alone, so that what else runs on the machine counts less.
+/// Clock of this thread alone, so that other load on the machine matters less.
 double seconds() {
     timespec t{};
     clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
     return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-/// A file's Gaussians, those nearest to their centre, from in front; at most 3000 of them.
+/// At most 3000 of a file's Gaussians, those nearest to their centre, seen from the front.
 Scenery ply_scene(const std::string& path) {
     const GaussianCloud<float> cloud = read_ply<float>(path);
     const Vec3<float> centre = cloud.mean.rowwise().mean();
@@ -36,19 +36,19 @@ Scenery ply_scene(const std::string& path) {
         },
         some, s.gaussians);
     s.gaussians = some;
-    // As far away as the middle half of the points is wide, times 3.
+    // Distance: three times the width of the middle half of the points.
     std::vector<float> far(static_cast<std::size_t>(some.count()));
     for (Index i = 0; i < some.count(); ++i)
         far[static_cast<std::size_t>(i)] = (some.mean.col(i) - centre).norm();
     std::nth_element(far.begin(), far.begin() + static_cast<std::ptrdiff_t>(far.size() / 2),
                      far.end());
     const float radius = far[far.size() / 2];
-    s.gaussians.scale *= std::cbrt(static_cast<float>(step)); // close the gaps a little
+    s.gaussians.scale *= std::cbrt(static_cast<float>(step)); // compensates the subsampling
     s.camera.camera_from_world.translation = -centre + Vec3<float>(0, 0, 3 * radius);
     return s;
 }
 
-/// Weights of the loss: standard normal, of the image and of alpha.
+/// Cotangents of the image and of alpha: standard normal.
 Columns<float> weights(Index rows, Index pixels, std::uint64_t stream) {
     Columns<float> w(rows, pixels);
     for (Index p = 0; p < pixels; ++p)
@@ -58,7 +58,7 @@ Columns<float> weights(Index rows, Index pixels, std::uint64_t stream) {
     return w;
 }
 
-/// Rows without a time: forms and models that no kernel has.
+/// Rows without a time: forms and models without a kernel.
 void add_models(const Scenery& s, const Columns<double>& truth, const Columns<double>& fine,
                 const Columns<double>& by_peak, std::vector<PriceRow>& rows) {
     const double none = std::nan("");
@@ -111,7 +111,7 @@ std::vector<PriceRow> price_list(const Settings& settings) {
         const auto order = depth_order(s.gaussians, s.camera);
         const Index pixels = Index(s.camera.width) * s.camera.height;
         const Columns<float> w = weights(3, pixels, 0), wa = weights(1, pixels, 200);
-        // Depths in double may be in another order; each pixel's own order nearly always is.
+        // The order of depths in double may differ; each pixel's own order rarely does.
         const auto fine_order = depth_order(g, camera);
         const OracleModel own_order{.order = BlendOrder::by_peak};
         const OracleCotangent cotangent{w.cast<double>(), wa.cast<double>()};

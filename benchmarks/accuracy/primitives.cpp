@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Error of each function in units in the last place, over all floats of its range or over every
-// 1009th of them, and its time for an array that lies in the nearest cache.
+// 1009th of them, and its time for an array in the L1 cache.
 #include <bit>
 #include <chrono>
 #include <cmath>
@@ -25,7 +25,12 @@ struct Range {
     const char* text;
 };
 
-/// Nanoseconds an element: the least of several passes over 4096 numbers of the range.
+/// Ranges of a function: of its errors, and of its time.
+struct Ranges {
+    Range range, timed;
+};
+
+/// Nanoseconds per element: the minimum of several passes over 4096 numbers of the range.
 template <class F>
 double time_of(const F& f, const Range& r) {
     constexpr std::size_t n = 4096;
@@ -47,7 +52,7 @@ double time_of(const F& f, const Range& r) {
     return least / 8 / n * 1e9;
 }
 
-/// The float after x toward +infinity, k times, by their order as whole numbers.
+/// Index of a float in the order of all floats.
 std::int64_t rank(float x) {
     const auto b = static_cast<std::int64_t>(std::bit_cast<std::uint32_t>(x));
     return b >= 0x80000000LL ? 0x80000000LL - b : b;
@@ -57,8 +62,9 @@ float at_rank(std::int64_t r) {
 }
 
 template <class F, class G>
-PrimitiveRow measure(const char* name, const F& f, const G& truth, const Range& range,
-                     const Range& timed, bool exhaustive) {
+PrimitiveRow measure(const char* name, const F& f, const G& truth, const Ranges& ranges,
+                     bool exhaustive) {
+    const auto& [range, timed] = ranges;
     const std::int64_t step = exhaustive ? 1 : 1009;
     double ulp = 0, relative = 0;
     constexpr std::size_t n = 1024;
@@ -76,7 +82,7 @@ PrimitiveRow measure(const char* name, const F& f, const G& truth, const Range& 
             const float a = std::abs(static_cast<float>(t));
             if (a < std::numeric_limits<float>::min()) continue;
             const double unit = std::ldexp(1.0, std::ilogb(a) - 23);
-            if (!(off / unit <= ulp)) ulp = off / unit;        // NaN stays
+            if (!(off / unit <= ulp)) ulp = off / unit;        // keeps NaN
             if (!(off / std::abs(t) <= relative)) relative = off / std::abs(t);
         }
     }
@@ -108,7 +114,7 @@ std::vector<PrimitiveRow> primitives(const Settings& s) {
     std::vector<PrimitiveRow> rows;
     const auto add = [&](const char* name, const auto& f, const auto& truth, const Range& range,
                          const Range& timed) {
-        rows.push_back(measure(name, f, truth, range, timed, all));
+        rows.push_back(measure(name, f, truth, {range, timed}, all));
         const PrimitiveRow& r = rows.back();
         std::printf("%-28s %-16s %10.3g ulp %10.2e relative %8.3f ns\n", r.name.c_str(),
                     r.range.c_str(), r.ulp, r.relative, r.ns);
@@ -143,7 +149,7 @@ std::vector<PrimitiveRow> primitives(const Settings& s) {
     add(
         "1 / sqrt", pass([](V x) { return V(1.0F) / sqrt(x); }),
         [](double x) { return 1 / std::sqrt(x); }, positive, some);
-#ifndef __AVX512F__  // there xsimd 8.1 calls an instruction that does not exist
+#ifndef __AVX512F__  // with AVX-512, xsimd 8.1 calls an instruction that does not exist
     add(
         "rsqrt of the lanes' library", pass([](V x) { return xsimd::rsqrt(x); }),
         [](double x) { return 1 / std::sqrt(x); }, positive, some);

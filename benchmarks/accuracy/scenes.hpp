@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/accuracy/scenes.hpp: the scenes that accuracy is priced on: a head, and what is hard.
-/// World: x right, y down, z forward, unless a camera says otherwise. 128 x 128 pixels, 3 channels.
+/// benchmarks/accuracy/scenes.hpp: scenes for measuring accuracy: a head, and hard cases.
+/// World: x right, y down, z forward, unless a camera differs. 128 x 128 pixels, 3 channels.
 #pragma once
 
 #include <array>
@@ -21,14 +21,14 @@ struct Scenery {
     VecX<float> background = VecX<float>::Zero(3);
 };
 
-/// Numbers of one Gaussian: by stream, at its index.
+/// Random numbers of one Gaussian: by stream, at its index.
 struct Draw {
     std::uint64_t seed, index;
     double u(std::uint64_t stream) const { return Random{seed, stream}.uniform(index); }
     double n(std::uint64_t stream) const { return Random{seed, stream}.normal(index); }
 };
 
-/// Shape, opacity and colour as in all scenes: scales median * exp(0.5 n).
+/// Shape, opacity and colour, the same in all scenes: scales median * exp(0.5 n).
 inline void paint(Gaussians<float>& g, Index i, const Draw& d, double median) {
     const auto f = [](double x) { return static_cast<float>(x); };
     for (int a = 0; a < 3; ++a)
@@ -40,7 +40,7 @@ inline void paint(Gaussians<float>& g, Index i, const Draw& d, double median) {
     for (int c = 0; c < 3; ++c) g.feature(c, i) = f(d.u(32 + std::uint64_t(c)));
 }
 
-/// A point of the unit ellipsoid's shell.
+/// A point on the shell of the unit ellipsoid.
 inline Vec3<double> on_shell(const Draw& d, double jitter) {
     const double z = 1 - 2 * d.u(0), phi = 6.283185307179586 * d.u(1), rho = std::sqrt(1 - z * z);
     return Vec3<double>(0.88 * rho * std::cos(phi), rho * std::sin(phi), 0.92 * z) *
@@ -56,7 +56,7 @@ inline Pinhole<float> front_camera(double focal, double distance) {
     return c;
 }
 
-/// The accuracy scene of the design: 2000 Gaussians, camera 1 of 16 around the head.
+/// The accuracy scene: 2000 Gaussians, camera 1 of 16 around the head.
 inline Scenery accuracy_head(Index count = 2000, std::uint64_t seed = 3003, double median = 0.05) {
     Scenery s{"head", Gaussians<float>(count, 3), front_camera(215, 0)};
     for (Index i = 0; i < count; ++i) {
@@ -80,7 +80,7 @@ inline Scenery accuracy_head(Index count = 2000, std::uint64_t seed = 3003, doub
     return s;
 }
 
-/// Two eyeballs of small Gaussians and lids before them, close to the camera.
+/// Two eyeballs of small Gaussians with lids in front of them, close to the camera.
 inline Scenery eyes_close() {
     const Index n = 3000;
     Scenery s{"eyes close up", Gaussians<float>(n, 3), front_camera(400, 0.9)};
@@ -98,20 +98,26 @@ inline Scenery eyes_close() {
     return s;
 }
 
+/// Extent of a cloud and its distance from the camera.
+struct CloudPlace {
+    double spread = 0.6, distance = 3;
+};
+
 inline Scenery random_cloud(const std::string& name, Index n, std::uint64_t seed, double median,
-                            double spread = 0.6, double distance = 3) {
-    Scenery s{name, Gaussians<float>(n, 3), front_camera(180, distance)};
+                            const CloudPlace& place = {}) {
+    Scenery s{name, Gaussians<float>(n, 3), front_camera(180, place.distance)};
     for (Index i = 0; i < n; ++i) {
         const Draw d{seed, static_cast<std::uint64_t>(i)};
         for (int k = 0; k < 3; ++k)
-            s.gaussians.mean(k, i) = static_cast<float>(spread * d.n(40 + 2 * std::uint64_t(k)));
+            s.gaussians.mean(k, i) =
+                static_cast<float>(place.spread * d.n(40 + 2 * std::uint64_t(k)));
         paint(s.gaussians, i, d, median);
     }
     s.background << 0.3F, 0.5F, 0.7F;
     return s;
 }
 
-/// All of them; `ply`, if not empty, is appended by the caller.
+/// All scenes but the PLY file's, which the caller appends.
 inline std::vector<Scenery> accuracy_scenes() {
     std::vector<Scenery> all{accuracy_head(), eyes_close()};
     {
@@ -122,7 +128,7 @@ inline std::vector<Scenery> accuracy_scenes() {
     all.push_back(random_cloud("sub-pixel", 4000, 22, 0.001));
     all.push_back(random_cloud("huge", 60, 23, 5));
     {
-        auto s = random_cloud("camera inside", 1500, 24, 0.06, 1, 0);
+        auto s = random_cloud("camera inside", 1500, 24, 0.06, {1, 0});
         s.camera.near_depth = 0.05F;
         all.push_back(s);
     }
@@ -137,7 +143,7 @@ inline std::vector<Scenery> accuracy_scenes() {
         all.push_back(s);
     }
     {
-        auto s = random_cloud("thin sheet", 800, 27, 0.08); // depths that float hardly tells
+        auto s = random_cloud("thin sheet", 800, 27, 0.08); // depths that float barely resolves
         s.gaussians.mean.row(2) *= 1e-4F;
         all.push_back(s);
     }

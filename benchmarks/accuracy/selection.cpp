@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// select_accuracy on scenes that it was not made on: does the picture keep the bound, and how much
-// slower is the choice than the cheapest rung that keeps it, which only the oracle knows.
+// select_accuracy on held-out scenes: whether the image keeps the bound, and the time of the choice
+// relative to the cheapest rung that keeps it by the oracle.
 #include <array>
 #include <cmath>
 #include <ctime>
@@ -17,7 +17,7 @@ namespace {
 
 using B = XsimdBackend<DefaultArch, Serial>;
 
-/// Of this thread alone.
+/// CPU time of this thread.
 double seconds() {
     timespec t{};
     clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
@@ -28,7 +28,7 @@ Scenery held_out(std::uint64_t seed) {
     const Random r{seed, 77};
     const auto n = static_cast<Index>(100 * std::exp(2.5 * r.uniform(0)));
     const double size = 0.01 * std::exp(3 * r.uniform(1));
-    auto s = random_cloud("held out", n, 1000 + seed, size, 0.5 + r.uniform(2), 3 + r.uniform(3));
+    auto s = random_cloud("held out", n, 1000 + seed, size, {0.5 + r.uniform(2), 3 + r.uniform(3)});
     if (r.below(4, 4) == 0) s.gaussians.opacity.array() = 1 - 0.1F * s.gaussians.opacity.array();
     if (r.below(5, 4) == 0) s.gaussians.opacity *= 0.1F;
     if (r.below(6, 4) == 0)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/accuracy/table.hpp: the tables of the program, on the screen and as CSV.
+/// benchmarks/accuracy/table.hpp: the tables of the program, printed and as CSV.
 #pragma once
 
 #include <cstdio>
@@ -10,10 +10,10 @@ namespace rye::bench {
 
 /// One line of accuracy.csv. NaN where something was not measured.
 struct PriceRow {
-    std::string kind; ///< preset, or the knob turned
+    std::string kind; ///< preset, or the setting changed
     std::string name, scene;
     double largest, rms, psnr;
-    double g_relative, g_cosine, g_worst; ///< the worst group's
+    double g_relative, g_cosine, g_worst; ///< of the worst group
     double forward, both;                 ///< time over Exact32's, forward and with the vjp
 };
 
@@ -36,6 +36,6 @@ std::vector<PriceRow> price_list(const Settings&);
 std::vector<PrimitiveRow> primitives(const Settings&);
 void learning();
 void training(int steps);
-int selection(int scenes); ///< number of held-out scenes that break their bound
+int selection(int scenes); ///< number of held-out scenes that exceed their bound
 
 } // namespace rye::bench

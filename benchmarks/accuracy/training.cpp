@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The end effect: how well Gaussians learn a picture when every step's picture and gradient are of
-// one policy. They start with means moved by half a scale, grey, half opaque; the target is the
-// oracle's picture; what they have learned is judged by Exact32, whichever policy taught them.
+// Training of Gaussians on an image with the renders and gradients of one policy. Initially means
+// are off by half a scale, colours grey, opacities a half; the target is the oracle's image. The
+// result is measured on renders by the same policy and by Exact32.
 #include <cmath>
 
 #include <rye/math/scalar.hpp>
@@ -15,7 +15,7 @@
 namespace rye::bench {
 namespace {
 
-/// What is trained: logarithms of scales, logits of opacities, the rest as it is.
+/// The trained parameters: logarithms of scales, logits of opacities, the rest unchanged.
 Gaussians<float> activated(const Gaussians<float>& raw) {
     Gaussians<float> g = raw;
     g.scale = raw.scale.array().exp().matrix();

@@ -37,7 +37,7 @@ void f(const Mlp<float>& m, const Columns<float>& x, const VecX<float>& v, Mlp<f
        Columns<float>& gx) {
     MlpTrace<float> t;
     const Columns<float> y = mlp_forward(B{}, m, x, v, &t);
-    mlp_vjp(B{}, m, x, v, t, y, g, &gx, nullptr);
+    mlp_vjp(B{}, m, {x, v, t}, y, {g, &gx});
 }' ;;
     avatar) echo '#include <rye/avatar/two_stream.hpp>
 using namespace rye;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The 3 x 3 convolution of the upsampler, forward and both derivatives, as a share of the peak.
+// The 3 x 3 convolution of the upsampler, forward and both vjps, as a fraction of the peak.
 #include <benchmark/benchmark.h>
 
 #include <rye/backend/lanes.hpp>

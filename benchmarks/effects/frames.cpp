@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a frame costs that is kept up to date (interactive/frame_cache.hpp), as ratios to whole frames
-// timed in turns in the same run, on one thread; and the deformation stage by the share of points
-// that a driver moves. Every timed frame is compared with the whole one, bit by bit.
+// Time of incremental frames (interactive/frame_cache.hpp) relative to full frames, alternating in
+// the same run, on one thread; and of the deformation stage by the fraction of points that a driver
+// influences. Every timed frame is compared with the full one, bit by bit.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -19,7 +19,7 @@ using namespace rye::bench;
 using OneThread = XsimdBackend<DefaultArch, Serial>;
 using Cache = FrameCache<OneThread, Balanced, float>;
 
-/// The least of the times of f, and of what else is timed between its calls.
+/// The minimum time of f, and of other work timed between its calls.
 struct Least {
     double seconds = 1e30;
     template <class F>
@@ -30,7 +30,7 @@ struct Least {
     }
 };
 
-/// The ordinary frame, all of it, into memory that is there.
+/// A full frame, computed into allocated memory.
 struct WholeFrame {
     TwoStreamTrace<float> trace;
     RasterScratch<float> scratch;
@@ -63,7 +63,7 @@ bool same_picture(const WholeFrame& whole, Cache& cache) {
            same_bits(whole.picture.pixels, cache.picture().pixels);
 }
 
-/// What a frame shows.
+/// Inputs of a frame.
 struct Shot {
     Drivers<float> drivers;
     Pinhole<float> camera;
@@ -74,13 +74,13 @@ Vec3<float> looking(float step) {
     return Vec3<float>(0.25f * std::sin(step), 0.12f * std::cos(1.7f * step), 1).normalized();
 }
 
-/// Of an update's picture: what blending it from the front cannot do without.
+/// Work that blending an updated image from the front cannot avoid.
 struct LeastPairs {
-    double changed = 0;  ///< share of pixel-Gaussian pairs that lie in pixels whose bits changed
-    double in_front = 0; ///< of these: share in front of the pixel's first Gaussian that moved
+    double changed = 0;  ///< fraction of pixel-Gaussian pairs in pixels whose bits changed
+    double in_front = 0; ///< of these: fraction in front of the pixel's first Gaussian that moved
 };
 
-/// By the plain walk. `before` is the render before the update.
+/// Counted by the plain loops. `before` is the render before the update.
 LeastPairs least_pairs(const Raster<float>& before, const Cache& cache, const Shot& shot) {
     const Raster<float>& after = cache.render().raster();
     const Gaussians<float>& g = cache.drive().gaussians();
@@ -113,8 +113,8 @@ LeastPairs least_pairs(const Raster<float>& before, const Cache& cache, const Sh
     return {all > 0 ? changed / all : 0, changed > 0 ? in_front / changed : 0};
 }
 
-/// Rounds of: a whole frame, the same by a cache that has kept nothing but the rest pose, and by
-/// one that has kept the frame before. `next` makes the next frame of the one before.
+/// Rounds of: a full frame, the same by a cache that holds only the rest pose, and by one that
+/// holds the previous frame. `next` makes the next frame from the previous one.
 template <class Next>
 void frames(benchmark::State& state, const Next& next) {
     const Subject& s = subject();
@@ -142,7 +142,7 @@ void frames(benchmark::State& state, const Next& next) {
             render_work = kept.render().work();
             pixels = kept.upsampler().pixels();
             same = same && same_picture(whole, kept);
-            // Everything changes, and is brought to this frame.
+            // Changes everything, then updates to this frame.
             Shot other = shot;
             other.drivers.expression.array() += 0.01f;
             other.drivers.pose.array() += 0.001f;
@@ -215,7 +215,7 @@ BENCHMARK(background)->Iterations(1);
 BENCHMARK(camera)->Iterations(1);
 BENCHMARK(nothing)->Iterations(1);
 
-/// The far threshold of the expression below which `percent` of the points lie.
+/// The far threshold of the expression's influence that includes `percent` of the points.
 double threshold(const Subject& s, Index percent) {
     const Columns<float>& x = s.avatar.face.position;
     const Columns<float> d = nearest_squared_distance<float>(
@@ -226,8 +226,8 @@ double threshold(const Subject& s, Index percent) {
     return k == 0 ? 0 : k == sorted.size() ? 2.0 * sorted.back() : sorted[k];
 }
 
-/// The same avatar with another reach of the expression: the time in which its deformation follows
-/// a new expression, to the time with all points under it.
+/// Time of the deformation for a new expression, by the reach of the expression, relative to the
+/// time with all points in reach.
 void influence(benchmark::State& state) {
     Subject s = subject(), most = s;
     s.config.metric = most.config.metric = SquaredDistance{};

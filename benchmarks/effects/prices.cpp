@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What each effect costs a frame: the time to drive the avatar, with the paper's networks, with
-// every effect, over the time without one of them; and the same of its vjp. The two in turn, each as
-// often first as second, and made anew in each round, so that neither keeps the better place in
-// memory. Few points and many rounds: a short piece of work is rarely disturbed.
+// Cost of each effect per frame: the time to drive the avatar, with the paper's networks, with
+// every effect, over the time without one of them; and the same of its vjp. Both alternate, each as
+// often first as second, and are constructed anew in each round, so that neither has the better
+// place in memory. Few points and many rounds: short pieces of work are rarely disturbed.
 #include <benchmark/benchmark.h>
 
 #include <optional>
@@ -21,7 +21,7 @@ using namespace rye::bench;
 using B = XsimdBackend<DefaultArch, Serial>;
 using All = More<PaperEffects, Kappa>;
 using AllOptics = More<All, CornealRefraction, Glint>;
-/// An avatar without networks, which only turns its eyes and head, with the cornea's optics.
+/// An avatar without networks, which only rotates its eyes and head, with the cornea's optics.
 using Turning = Effects<HeadPose, LeftGaze, RightGaze, CornealRefraction, Glint>;
 constexpr Index face_points = 600, eye_points_each = 100;
 constexpr int rounds = 12, turns_a_round = 4;
@@ -115,7 +115,7 @@ struct Driven {
         g = trace.gaussians;  // any cotangents do; the vjp consumes them
         drive_vjp(B{}, avatar, config, drivers, trace, g, gradient);
     }
-    /// Trained numbers, but for the Gaussians' own.
+    /// Number of trained parameters, without the Gaussians' own.
     Index parameters() const {
         Index n = 0;
         TwoStream<float, E>::fields([&](const std::string& name, const auto& a) {
@@ -127,7 +127,7 @@ struct Driven {
     }
 };
 
-/// The price of effects X (one, or a few that go together) of `With`.
+/// Cost of effects X (one, or a few that go together) of `With`.
 template <EffectSet With, Effect... X>
 void price(benchmark::State& state) {
     using Without = Less<With, X...>;
@@ -157,7 +157,7 @@ void price(benchmark::State& state) {
     state.counters["parameters"] = parameters;
 }
 
-// Two of the same: how far from 1 a ratio is by chance.
+// Two equal pieces of work: the noise of a ratio.
 BENCHMARK(price<All>)->Name("price/nothing")->Iterations(1);
 BENCHMARK(price<All, Expression>)->Name("price/expression")->Iterations(1);
 BENCHMARK(price<All, HeadPose>)->Name("price/head_pose")->Iterations(1);

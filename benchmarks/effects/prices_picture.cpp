@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What each effect of the picture costs: the time of a frame's render with it over that without it,
-// and, where there is one, of the render's vjp. The two in turn, each as often first as second; the
-// median of the ratios of neighbours; one thread; 20000 Gaussians in 256 x 256 pixels.
+// Cost of each effect of the image: the time of a render with it over that without it, and, where
+// there is one, of the render's vjp. Both alternate, each as often first as second; the median of
+// the ratios of neighbours; one thread; 20000 Gaussians in 256 x 256 pixels.
 #include <benchmark/benchmark.h>
 
 #include <rye/gaussian/activate.hpp>
@@ -25,7 +25,7 @@ struct Smoothed : Balanced {
     static constexpr Antialias antialias = choice;
 };
 
-/// A picture of a number of channels, and its vjp.
+/// A render of a number of channels, and its vjp.
 template <AccuracyPolicy A = Balanced>
 Work<B, A> picture(int channels = 3) {
     return {head_scene(points, channels, size)};
@@ -47,7 +47,7 @@ template <Antialias with, Antialias without>
 void antialias(benchmark::State& state) {
     compare(state, picture<Smoothed<with>>(), picture<Smoothed<without>>());
 }
-// Two of the same: how far from 1 a ratio is by chance.
+// Two equal pieces of work: the noise of a ratio.
 BENCHMARK(antialias<Antialias::dilate, Antialias::dilate>)->Name("picture/nothing")->Iterations(1);
 BENCHMARK(antialias<Antialias::dilate, Antialias::none>)
     ->Name("picture/antialias_dilate")
@@ -74,7 +74,7 @@ void channels(benchmark::State& state) {
 }
 BENCHMARK(channels)->Name("picture/channels")->Arg(4)->Arg(8)->Arg(16)->Arg(32)->Iterations(1);
 
-/// A coloured background, over black: there is always one.
+/// A coloured background, over a black one.
 void background(benchmark::State& state) {
     auto coloured = picture(), black = picture();
     coloured.scene.background << 0.9F, 0.3F, 0.1F;
@@ -83,7 +83,7 @@ void background(benchmark::State& state) {
 BENCHMARK(background)->Name("picture/background")->Iterations(1);
 
 /// Bands up to `most` of a cloud that has all four, over the constant alone. `activation_ratio` is
-/// of the colours' own stage, `forward_ratio` of that and the render.
+/// that of the stage of colours, `forward_ratio` of that and the render.
 template <int most>
 void harmonics(benchmark::State& state) {
     auto some = picture(), none = picture();
@@ -117,7 +117,7 @@ BENCHMARK(harmonics<2>)->Name("picture/sh_bands/2")->Iterations(1);
 BENCHMARK(harmonics<3>)->Name("picture/sh_bands/3")->Iterations(1);
 BENCHMARK(harmonics<4>)->Name("picture/sh_bands/4")->Iterations(1);
 
-/// A network after the render, over the render alone, of as many channels.
+/// A network after the render, over the render alone, with as many channels.
 void super_resolution(benchmark::State& state, const UpsamplerShape& shape) {
     const Upsampler<float> network = Upsampler<float>::init(shape, Random{3, 0});
     auto with = picture(shape.in_channels), without = picture(shape.in_channels);
@@ -133,7 +133,7 @@ void super_resolution(benchmark::State& state, const UpsamplerShape& shape) {
                 [&] { without.forward(); });
     state.counters["forward_ratio"] = forward.ratio();
 }
-/// That of `rye train --preset cpu` keeps the size; the published one makes a side 4 times as long.
+/// `rye train --preset cpu` keeps the size; the published network enlarges each side 4 times.
 const UpsamplerShape of_cpu{8, 8, 0, Normalization::none, true};
 BENCHMARK_CAPTURE(super_resolution, cpu, of_cpu)
     ->Name("picture/super_resolution/preset_cpu")

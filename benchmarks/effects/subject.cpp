@@ -41,8 +41,8 @@ std::optional<Subject> trained(const SubjectOptions& o) {
 std::optional<Subject> trained(const SubjectOptions&) { return std::nullopt; }
 #endif
 
-/// As many points, landmarks and weights as `rye train --preset cpu` makes of a capture with 452
-/// landmarks; the points lie on an ellipsoid, and the networks are as training starts with them.
+/// An avatar of the size that `rye train --preset cpu` makes of a capture with 452 landmarks;
+/// points on an ellipsoid, networks as initialised.
 Subject synthetic() {
     constexpr Index points = 19326, eye_points = 2410;
     constexpr int landmarks = 452;
@@ -112,7 +112,7 @@ Subject synthetic() {
     s.drivers.expression = columns(c.expression, 1, 0.3f, 0).col(0);
     s.drivers.pose << 0.1f, -0.05f, 0.02f, 0.03f, -0.02f, 0.01f;
     s.drivers.gaze = {Vec3<float>::UnitZ(), Vec3<float>::UnitZ()};
-    s.camera = look_at<float>({0, 0, 10}, {0, 0, 0}, {0, 1, 0}, 0.25f, 256, 256);
+    s.camera = look_at<float>({0, 0, 10}, {0, 0, 0}, {0, 1, 0}, 0.25f, {256, 256});
     s.background = VecX<float>::Ones(c.channels);
     return s;
 }

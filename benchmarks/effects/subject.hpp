@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/effects/subject.hpp: the avatar that frames are timed on: a trained one (--run DIR,
+/// benchmarks/effects/subject.hpp: the avatar of the timed frames: a trained one (--run DIR,
 /// --capture DIR, or RYE_RUN and RYE_DATA), or else a synthetic one of the same sizes.
 #pragma once
 
@@ -10,7 +10,7 @@
 
 namespace rye::bench {
 
-/// What the command line says; empty: the environment, or nothing.
+/// Options of the command line; empty: the environment's, or none.
 struct SubjectOptions {
     std::string run, capture;
 };
@@ -26,7 +26,7 @@ struct Subject {
     VecX<float> background;
 };
 
-/// The same for every benchmark of a run.
+/// The same for every benchmark of a process.
 const Subject& subject();
 
 } // namespace rye::bench

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/effects/turns.hpp: two pieces of work that are timed in turns, each as often first as
-/// second. The ratio is the median of those of neighbours: what slows the machine for a while slows
-/// both. The least times of each would do on a machine at rest; on one that others use, none of the
-/// longer pieces runs undisturbed, and two of the same were up to 12 % apart.
+/// benchmarks/effects/turns.hpp: alternating timing of two pieces of work, each as often first as
+/// second. The ratio is the median of those of neighbours, as a temporary slowdown affects both.
+/// Minimum times suffice on an idle machine; on a shared one no longer piece of work runs
+/// undisturbed, and two equal ones differed by up to 12 %.
 #pragma once
 
 #include <algorithm>

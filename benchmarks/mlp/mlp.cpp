@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The network of the face's colours, 128 numbers a point and 64 a frame, over 100000 points, by each
-// policy of products: its share of the peak that the same run measures, and its error.
+// The face's colour network, 128 inputs per point and 64 per frame, over 100000 points, by each
+// policy of products: its fraction of the peak measured in the same run, and its error.
 #include <benchmark/benchmark.h>
 
 #ifdef _OPENMP
@@ -43,9 +43,9 @@ struct Case {
     }
     template <Backend B>
     void vjp() {
-        mlp_vjp(B{}, m, points, frame, trace, g_out, g_params, &g_points, &g_frame);
+        mlp_vjp(B{}, m, {points, frame, trace}, g_out, {g_params, &g_points, &g_frame});
     }
-    /// Per point, forward: the frame's part is folded away; one layer reads the points again.
+    /// Per point, forward: without the frame's part; one layer takes the points again.
     double flops() const {
         double weights = 0;
         for (int l = 0; l < shape.layers(); ++l)
@@ -55,7 +55,7 @@ struct Case {
     }
 };
 
-/// Of a norm, relative to double's.
+/// Norm of the difference, relative to the norm of double's result.
 template <class T>
 double difference(const Columns<T>& a, const Columns<double>& b) {
     return (a.template cast<double>() - b).norm() / b.norm();
@@ -71,7 +71,7 @@ void mlp(benchmark::State& state) {
     using B = Multiplied<Products>;
     const Index n = state.range(0);
 #ifdef _OPENMP
-    omp_set_num_threads(1);  // oneDNN's
+    omp_set_num_threads(1);  // for oneDNN
 #endif
     Case<float> c(n);
     double forward = 1e30, both = 1e30;

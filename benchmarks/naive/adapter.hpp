@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/naive/adapter.hpp: rye's Gaussians and camera in the yardstick's own types.
+/// benchmarks/naive/adapter.hpp: conversion of rye's Gaussians and camera to the yardstick's types.
 #pragma once
 
 #include <rye/gaussian/gaussians.hpp>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A yardstick that draws something else measures nothing: the naive rasterizer's image is the
-// oracle's but for what the rules skip, and its gradients are those of rye's reference in double.
+// Correctness of the yardstick: the naive rasterizer's image is the oracle's up to skipped
+// contributions, and its gradients are those of rye's reference in double.
 #include <doctest/doctest.h>
 
 #include <rye/splat/oracle.hpp>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// benchmarks/naive/rasterizer.hpp: the yardstick: splatting as a good engineer writes it in a day.
-/// Scalar, one thread, the textbook's structure: project, box of 16 px tiles, sort of (tile, depth)
-/// keys, a loop over each pixel's list; backward from the last contribution to the first. Nothing
-/// of rye is used, and it is not to be made faster: ratios are quoted against it.
+/// Scalar, one thread, textbook structure: project, box of 16 px tiles, sort of (tile, depth) keys,
+/// a loop over each pixel's list; backward from the last contribution to the first. Independent of
+/// rye. Do not optimise it: ratios are quoted against it.
 /// Source: Kerbl et al., "3D Gaussian Splatting", 2023, and its appendix on gradients.
 #pragma once
 
@@ -43,11 +43,11 @@ struct Rasterizer {
 
     std::vector<Projected> screen;
     std::vector<std::pair<std::uint64_t, std::uint32_t>> keys;
-    std::vector<std::size_t> first;      ///< of each tile, and the end
-    std::vector<float> transmittance;    ///< left over, of each pixel
-    std::vector<std::size_t> last;       ///< one past the last contribution, of each pixel
-    std::size_t evaluated = 0;           ///< pixel-Gaussian pairs looked at
-    std::size_t blended = 0;             ///< and those that added something
+    std::vector<std::size_t> first;      ///< per tile, and the end
+    std::vector<float> transmittance;    ///< final, per pixel
+    std::vector<std::size_t> last;       ///< one past the last contribution, per pixel
+    std::size_t evaluated = 0;           ///< evaluated pixel-Gaussian pairs
+    std::size_t blended = 0;             ///< those of them that contributed
 
     static void rotation_matrix(const float* q, float m[3][3]) {
         const float n = 1 / std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
@@ -59,7 +59,7 @@ struct Rasterizer {
         m[2][2] = 1 - 2 * (x * x + y * y);
     }
 
-    /// What projection and its derivative both need.
+    /// Intermediate values of projection and its derivative.
     struct Linear {
         float p[3], rot[3][3], j[2][3], jw[2][3], m[2][3];  ///< m = J W R
         float tx, ty;
@@ -169,7 +169,7 @@ struct Rasterizer {
         });
     }
 
-    /// Gradients of everything in the cloud; after forward with the same arguments.
+    /// Gradients of all arrays of the cloud; after forward with the same arguments.
     void backward(const Cloud& g, const Camera& cam, int channels,
                   const std::vector<float>& g_image, Cloud& out) {
         const std::size_t n = g.opacity.size();
@@ -182,7 +182,7 @@ struct Rasterizer {
         each_pixel(cam, [&](std::size_t tile, int x, int y, std::size_t p) {
             const float* gp = &g_image[p * std::size_t(channels)];
             float t = transmittance[p];
-            float behind = 0;        // <g, colour composited behind>, seen from here
+            float behind = 0;        // <g, colour composited behind this contribution>
             for (std::size_t k = last[p]; k-- > first[tile];) {
                 const std::size_t i = keys[k].second;
                 const Projected& s = screen[i];

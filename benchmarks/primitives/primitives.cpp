@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Powers of two: nanoseconds a number, and the worst error in units of the last place.
+// Powers of two: nanoseconds per number, and the worst error in units of the last place.
 #include <benchmark/benchmark.h>
 
 #include <cmath>
@@ -13,7 +13,7 @@ namespace {
 using namespace rye;
 using namespace rye::bench;
 
-/// On the exponents that blending meets: [-8, 0].
+/// On the exponents of blending: [-8, 0].
 template <class F>
 void measure(benchmark::State& state, const F& each) {
     constexpr int n = 4096, rounds = 200;

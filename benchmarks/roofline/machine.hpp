@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/roofline/machine.hpp: what this machine can do at most, measured in the run that asks:
-/// fused products, bytes, sorted keys; and the time below which a piece of work cannot be done.
+/// benchmarks/roofline/machine.hpp: peak rates of this machine, measured in the run that uses them:
+/// fused products, bytes, sorted keys; and lower bounds on the time of a piece of work.
 #pragma once
 
 #include <algorithm>
@@ -15,20 +15,20 @@
 
 namespace rye::bench {
 
-/// Time that this thread has run [s]: others on the machine do not count.
+/// CPU time of this thread [s], independent of other load.
 inline double thread_seconds() {
     std::timespec t{};
     clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
     return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
-/// Time on the wall [s].
+/// Wall-clock time [s].
 inline double wall_seconds() {
     std::timespec t{};
     clock_gettime(CLOCK_MONOTONIC, &t);
     return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-/// The least of several times of f() [s].
+/// The minimum of several times of f() [s].
 template <class F>
 double least_time(int times, F&& f) {
     double least = 1e30;
@@ -40,13 +40,13 @@ double least_time(int times, F&& f) {
     return least;
 }
 
-/// The compiler must take x for read and changed.
+/// Prevents the compiler from assuming that x is unread or unchanged.
 template <class X>
 void opaque(X& x) {
     asm volatile("" : "+m"(x) : : "memory");
 }
 
-/// Of one thread.
+/// Peak rates of one thread.
 struct Machine {
     double flops;            ///< float, a fused product counting as two [1/s]
     double bytes;            ///< a = b + s c from memory, three arrays counted [1/s]
@@ -61,7 +61,7 @@ inline double peak_flops() {
     const V x(numbers[0]), y(numbers[1]);
     constexpr int rounds = 200000;
     const double s = least_time(15, [&] {
-        for (int i = 0; i < rounds; ++i) {       // ten named chains: an array would not stay
+        for (int i = 0; i < rounds; ++i) {       // ten named chains: an array would go to memory
             a0 = fma(a0, x, y), a1 = fma(a1, x, y), a2 = fma(a2, x, y), a3 = fma(a3, x, y);
             a4 = fma(a4, x, y), a5 = fma(a5, x, y), a6 = fma(a6, x, y), a7 = fma(a7, x, y);
             a8 = fma(a8, x, y), a9 = fma(a9, x, y);
@@ -98,13 +98,13 @@ inline double sorted_keys() {
     return static_cast<double>(n) / least;
 }
 
-/// Measured once a run.
+/// Measured once a process.
 inline const Machine& machine() {
     static const Machine m{peak_flops(), memory_bytes(), sorted_keys()};
     return m;
 }
 
-/// The work of a render, whoever does it.
+/// The work of a render, independent of the implementation.
 struct SplatWork {
     double gaussians, channels, pixels;
     double pairs;            ///< pixel-Gaussian pairs that are blended
@@ -113,14 +113,14 @@ struct SplatWork {
     /// each channel; backward as often again and the moments.
     double forward_flops() const { return pairs * 2 * (8 + channels); }
     double backward_flops() const { return pairs * 2 * (21 + 2 * channels); }
-    /// Every input read and every output written once.
+    /// Reads every input and writes every output once.
     double forward_bytes() const {
         return 4 * (gaussians * (11 + channels) + pixels * (channels + 2));
     }
     double backward_bytes() const {
         return 4 * (2 * gaussians * (11 + channels) + pixels * channels);
     }
-    /// No thread is faster than this [s].
+    /// Lower bound on the time of one thread [s].
     double forward_floor(const Machine& m) const {
         return forward_flops() / m.flops + forward_bytes() / m.bytes + gaussians / m.keys;
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What one thread of this machine can do at most: the measure of all the other benchmarks.
+// Peak rates of one thread of this machine, the measure of all other benchmarks.
 #include <benchmark/benchmark.h>
 
 #include "machine.hpp"

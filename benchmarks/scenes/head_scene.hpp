@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/scenes/head_scene.hpp: the head that splatting is timed on, the same bytes everywhere.
+/// benchmarks/scenes/head_scene.hpp: the timed head, the same bytes everywhere.
 /// An ellipsoidal shell of Gaussians as large as a head, seen from 3.5 units away in 512 x 512
-/// pixels. All of it follows from the number of Gaussians and a seed by splitmix64; channel c does
-/// not depend on how many there are. Gradients arrive as uniform noise.
+/// pixels. Everything is generated from the number of Gaussians and a seed by splitmix64; a channel
+/// does not depend on the number of channels. Cotangents are uniform noise.
 #pragma once
 
 #include <cmath>
@@ -16,7 +16,7 @@
 
 namespace rye::bench {
 
-/// One stream of splitmix64, drawn from in order.
+/// One stream of splitmix64, read in order.
 struct Stream {
     std::uint64_t state;
 
@@ -32,7 +32,7 @@ struct Stream {
     }
 };
 
-/// What the timed renders share: contributions below 1/255 are skipped, and a pixel is full before
+/// Rules of the timed renders: contributions below 1/255 are skipped, and a pixel is full before
 /// its transmittance would fall to 1e-4. The yardstick of benchmarks/naive has the same rules.
 struct HeadRules : Balanced {
     constexpr HeadRules() {
@@ -87,7 +87,7 @@ inline HeadScene head_scene(Index count, int channels, int size = 512, std::uint
     return s;
 }
 
-/// FNV-1a over the bytes of the Gaussians' arrays, from the basis that the recorded sums began with.
+/// FNV-1a over the bytes of the Gaussians' arrays, from the basis of the recorded checksums.
 inline std::uint64_t checksum(const Gaussians<float>& g) {
     std::uint64_t h = 1469598103934665603ULL;
     const auto add = [&](const Columns<float>& a) {

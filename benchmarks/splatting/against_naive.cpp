@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tuned walks against the yardstick of benchmarks/naive, one thread each, in one run: rounds of
-// one and the other, the least time of each. And the error that goes with the speed.
+// The tuned kernels against the yardstick of benchmarks/naive, one thread each, alternating in one
+// run, the minimum time of each; and the error at that speed.
 #include <rye/splat/oracle.hpp>
 
 #include "../naive/adapter.hpp"
@@ -48,7 +48,7 @@ BENCHMARK(against_naive)
     ->Unit(benchmark::kMillisecond);
 
 /// Relative errors of image and gradients against the reference in double under the same rules, and
-/// the largest difference of the image from every Gaussian at every pixel.
+/// the largest difference of the image from the oracle (every Gaussian at every pixel).
 void error(benchmark::State& state) {
     Work<OneThread, HeadRules> work{head_scene(2000, static_cast<int>(state.range(0)), 128)};
     for (auto _ : state) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One thing at a time: stages, channels, Gaussians, resolution, accuracy, backend, threads.
+// Sweeps of one parameter: stages, channels, Gaussians, resolution, accuracy, backend, threads.
 #include <malloc.h>
 
 #include <cmath>
@@ -52,12 +52,12 @@ void channels(benchmark::State& state) {
 }
 BENCHMARK(channels)->ArgName("c")->Arg(1)->Arg(3)->Arg(4)->Arg(8)->Arg(16)->Arg(32)->Iterations(1);
 
-/// More of them in one picture: ever more hide behind others, and cost without a pair blended.
+/// More Gaussians in one image: more of them are hidden and cost time without a blended pair.
 void gaussians(benchmark::State& state) { sweep(state, head_scene(state.range(0), 3)); }
 BENCHMARK(gaussians)->ArgName("n")->RangeMultiplier(10)->Range(1000, 1000000)->Iterations(1);
 
-/// More of them in as much larger a picture, smaller in the world: each draws and hides as much as
-/// before. What is left is how the work itself grows.
+/// More Gaussians in a proportionally larger image, smaller in the world: each contributes as
+/// before, which leaves the growth of the work itself.
 void gaussians_and_pixels(benchmark::State& state) {
     const double more = static_cast<double>(state.range(0)) / 20000;
     HeadScene scene = head_scene(state.range(0), 3, static_cast<int>(512 * std::sqrt(more)));
@@ -67,7 +67,7 @@ void gaussians_and_pixels(benchmark::State& state) {
 BENCHMARK(gaussians_and_pixels)
     ->ArgName("n")->RangeMultiplier(10)->Range(10000, 1000000)->Iterations(1);
 
-/// What a render and its gradient keep, by the sizes of what they hold and by the allocator.
+/// Memory that a render and its gradient keep, by the sizes of arrays and by the allocator.
 void memory(benchmark::State& state) {
     const Index n = state.range(0);
     const int channels = static_cast<int>(state.range(1));
@@ -117,7 +117,7 @@ void backend(benchmark::State& state) {
 BENCHMARK(backend<ScalarBackend<Serial>>)->Iterations(1);
 BENCHMARK(backend<OneThread>)->Iterations(1);
 
-/// Forward mode: a render with its derivative along all Gaussians and the camera, by renders.
+/// Forward mode: a render with its derivative along all Gaussians and the camera, over a render.
 void jvp(benchmark::State& state) {
     Work<OneThread, HeadRules> work{
         head_scene(state.range(0), static_cast<int>(state.range(1)))};
@@ -140,7 +140,7 @@ void jvp(benchmark::State& state) {
 }
 BENCHMARK(jvp)->ArgNames({"n", "c"})->ArgsProduct({{20000, 100000}, {3, 32}})->Iterations(1);
 
-/// On the wall, one thread and `t` in the same rounds.
+/// Wall time of one thread and of `t`, in the same rounds.
 void threads(benchmark::State& state) {
     ThreadPool pool(static_cast<int>(state.range(1)));
     const XsimdBackend backend{pool.threads()};

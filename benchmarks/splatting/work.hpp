@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/splatting/work.hpp: a scene, a rasterizer and their memory, ready to be timed; and
-/// what a render does, counted.
+/// benchmarks/splatting/work.hpp: a scene, a rasterizer and their memory, ready for timing; and
+/// counts of a render's work.
 #pragma once
 
 #include <benchmark/benchmark.h>
@@ -32,7 +32,7 @@ struct Work {
         rasterizer.vjp_into(backend, scene.gaussians, scene.camera, scene.background, raster,
                             RasterCotangent<float>{scene.cotangent}, gradient, &scratch);
     }
-    /// Pixel-Gaussian pairs that the last render blended, by the plain walk.
+    /// Pixel-Gaussian pairs that the last render blended, counted by plain loops.
     double pairs() const {
         const Scene<float> s{raster.trace,     scene.gaussians, scene.background,
                              scene.camera.cx,  scene.camera.cy,         scene.camera.width,
@@ -51,7 +51,7 @@ struct Work {
     }
 };
 
-/// The least times of several rounds [s].
+/// The minimum times of several rounds [s].
 struct Times {
     double forward = 1e30, both = 1e30;
 };
@@ -66,9 +66,9 @@ void time_round(W& work, const Clock& clock, Times& best) {
     best.both = std::min(best.both, end - start);
 }
 
-/// What a render of floats and its vjp keep between calls [byte]: by Gaussian, by visible one, by
-/// pair of a tile and a Gaussian, and the images; and the gradients that the vjp returns. Memory of
-/// one thread's tiles, half a megabyte, comes on top.
+/// Memory that a render of floats and its vjp keep between calls [byte]: by Gaussian, by visible
+/// one, by pair of a tile and a Gaussian, and the images; and the gradients that the vjp returns.
+/// The memory of a thread's tile, half a megabyte, is extra.
 inline double kept_bytes(double gaussians, double visible, double entries, int channels,
                          double pixels) {
     const double record = sizeof(VisibleGaussian<float>), slot = 4 * (8 + (channels + 7) / 8 * 8);
@@ -77,7 +77,7 @@ inline double kept_bytes(double gaussians, double visible, double entries, int c
            pixels * 4 * (channels + 2);
 }
 
-/// What does not depend on the machine, and the shares of what it can do.
+/// Reports counts, which are independent of the machine, and times relative to its peak.
 inline void report(benchmark::State& state, const SplatWork& w, Index entries, const Times& t) {
     const Machine& m = machine();
     state.counters["fwd_ms"] = 1e3 * t.forward;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/step/peak.hpp: the machine's peak, measured in a unit that is compiled like the
-/// roofline's; the step itself is compiled like the trainer.
+/// benchmarks/step/peak.hpp: the machine's peak, measured in a unit compiled with the roofline's
+/// flags; the step itself is compiled with the trainer's.
 #pragma once
 
 namespace rye::bench {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A whole training step of stage 2 at the sizes of `rye train --preset cpu`, without any file: what
-// each part takes of it, how far the step is from the time of its networks' products alone at the
-// peak that the same run measures, and what a second thread gives.
+// A training step of stage 2 at the sizes of `rye train --preset cpu`, without any file: the time
+// of its parts, the ratio to its networks' products alone at the peak measured in the same run, and
+// the speed-up by a second thread.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 #include <rye/loss/smoothness.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/splat/lanes.hpp>
-#include <rye/train/stage_avatar.hpp>
+#include <rye/train/avatar_trainer.hpp>
 
 #include "../effects/subject.hpp"
 #include "../roofline/machine.hpp"
@@ -32,7 +32,7 @@ B on_threads(int n) {
 }
 using Avatar = TwoStream<float>;
 
-/// The least seconds of a step and of each of its parts; a round is several steps.
+/// The minimum times of a step and of each of its parts; a round is several steps.
 struct LeastTimes {
     explicit LeastTimes(double (*c)()) : clock(c) {}
     double (*clock)();
@@ -80,7 +80,15 @@ AvatarLossConfig preset_weights() {
     return w;
 }
 
-/// What the step is shown: the subject under other drivers.
+AvatarRates equal_rates() {
+    AvatarRates r;
+    for (double* rate : {&r.upsampler, &r.networks, &r.opacity, &r.scale, &r.position, &r.feature,
+                         &r.rotation, &r.delta_pose, &r.eye_feature, &r.eye_offset, &r.kappa})
+        *rate = 1e-4;
+    return r;
+}
+
+/// The sample of a step: the subject with other drivers.
 AvatarSample<float> sample_of(const Subject& s, const Rasterizer<Balanced>& rasterizer) {
     AvatarSample<float> sample;
     sample.drivers = s.drivers;
@@ -108,7 +116,7 @@ AvatarSample<float> sample_of(const Subject& s, const Rasterizer<Balanced>& rast
     return sample;
 }
 
-/// Products of the face's networks in a step, both ways, each as two flops.
+/// Flops of the products of the face's networks in a step, forward and reverse.
 double network_flops(const Avatar& avatar, const FaceTrace<float>& trace) {
     double flops = 0;
     const auto add = [&](const Mlp<float>& m, const FieldTrace<float>& field) {
@@ -128,51 +136,36 @@ double network_flops(const Avatar& avatar, const FaceTrace<float>& trace) {
     return flops;
 }
 
-/// With a correction of the head pose, which training has.
+/// With a correction of the head pose, as in training.
 Avatar with_delta_pose(Avatar avatar) {
     avatar.delta_pose = Columns<float>::Zero(6, 1);
     return avatar;
 }
 
 struct Trainer {
-    B backend = on_threads(1);
     const Subject& s = subject();
-    Avatar avatar = with_delta_pose(s.avatar), grad = zeros_like(avatar);
+    Avatar avatar = with_delta_pose(s.avatar);
     Adam<Avatar> adam{avatar};
-    Rasterizer<Balanced> rasterizer;
-    AvatarSample<float> sample = sample_of(s, rasterizer);
-    AvatarLossConfig weights = preset_weights();
-    TwoStreamTrace<float> trace;
-    AvatarPictures<float> pictures;
-    NeighbourGraph neighbours = four_nearest(s.avatar.eyes.position);
+    AvatarSample<float> sample = sample_of(s, Rasterizer<Balanced>{});
+    AvatarTrainer<B, float, PaperEffects, Balanced, PyramidGradientLoss, AvatarRates> trainer{
+        on_threads(1), avatar, adam,
+        {.config = s.config, .roles = s.roles, .objective = {.weights = preset_weights()},
+         .rates = equal_rates()}};
 
-    /// One step with the high-resolution eye term and those that go without.
+    /// A step with the high-resolution eye term and the following ones without.
     void round(LeastTimes& times) {
-        const int steps = weights.eye_high_every;
+        const int steps = preset_weights().eye_high_every;
         times.begin_round();
         for (int i = 0; i < steps; ++i) {
             sample.eyes_high = i == 0;
-            step(times);
+            times.begin_step();
+            trainer.step(sample, 1, times);
         }
         times.end_round(steps);
     }
-
-  private:
-    void step(LeastTimes& times) {
-        times.begin_step();
-        avatar_losses(backend, avatar, s.config, s.roles, weights, rasterizer,
-                      PyramidGradientLoss{}, sample, trace, pictures, times);
-        Avatar::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
-        avatar_losses_vjp(backend, avatar, s.config, rasterizer, sample, trace, pictures, grad,
-                          times);
-        const LossGradient<float> smooth = smoothness(avatar.eyes.feature, neighbours);
-        grad.eyes.feature += float(weights.eye_smooth) * smooth.gradient;
-        adam_step(backend, avatar, grad, adam, [](const std::string&) { return 1e-4; });
-        times("optimiser");
-    }
 };
 
-/// Steps with one and with `threads` threads, in turns.
+/// Steps with one and with `threads` threads, alternating.
 void step(benchmark::State& state) {
     const int threads = static_cast<int>(state.range(0));
     Trainer trainer;
@@ -182,14 +175,14 @@ void step(benchmark::State& state) {
     for (auto _ : state) {
         for (int round = 0; round < 8; ++round)
             for (const int n : {1, threads}) {
-                trainer.backend = on_threads(n);
+                trainer.trainer.backend = on_threads(n);
                 trainer.round(n == 1 ? serial : times);
             }
-        flops = network_flops(trainer.avatar, trainer.trace.face);
+        flops = network_flops(trainer.avatar, trainer.trainer.trace().face);
     }
     if (threads == 1) times = serial;
     state.counters["step_ms"] = 1e3 * times.step;
-    state.counters["gaussians"] = double(trainer.pictures.cloud.count());
+    state.counters["gaussians"] = double(trainer.trainer.trace().gaussians.count());
     state.counters["gflop"] = 1e-9 * flops;
     state.counters["over_products"] = times.step * peak * threads / flops;
     state.counters["faster"] = serial.wall / times.wall;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// The folder of a made capture: Gaussian Head Avatar's files, with gaze and eye masks beside them.
+/// Writes a synthetic capture in the format of Gaussian Head Avatar, with gaze and eye masks.
 #include <cmath>
 #include <cstdio>
 #include <numbers>
@@ -19,7 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-/// Above 90, colour is stored in full resolution too.
+/// Above 90, colour is stored in full resolution.
 constexpr int jpeg_quality = 95;
 /// Values of the left and the right eyeball in the eye masks.
 constexpr std::array<std::uint8_t, 3> eye_values{0, 85, 170};

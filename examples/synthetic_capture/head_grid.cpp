@@ -15,7 +15,7 @@ namespace {
 
 constexpr double degree = std::numbers::pi / 180;
 
-/// Start of the rays; below `lowest` the start slides down the neck instead of turning further.
+/// Origin of the rays; below `lowest` it slides down the neck instead of the rays turning further.
 const Vec3<double> middle(0, 0.30, 0.10);
 const Vec3<double> down_the_neck(0, -1, -0.16);
 constexpr double lowest_deg = -52;
@@ -25,7 +25,7 @@ constexpr double eye_row_deg = 2.0, mouth_row_deg = -31.7;
 /// Part of the albedo image that the grid fills, from the top.
 constexpr double grid_v = 0.9;
 
-/// Steps of `step` from a to b; a is left out.
+/// Appends values from a to b in steps of `step`, without a.
 void append(std::vector<double>& list, double a, double b, double step) {
     const int n = std::max(1, static_cast<int>(std::lround(std::abs(b - a) / step)));
     for (int i = 1; i <= n; ++i) list.push_back(a + (b - a) * i / n);
@@ -49,7 +49,7 @@ Layout layout() {
     l.slide.assign(rows.size(), 0.0);
     append(l.slide, 0, 0.45, 0.045);
     append(l.slide, 0.45, 1.80, 0.06);
-    // Over the shoulders the rays rise, to meet their ends less steeply.
+    // Rays over the shoulders rise, so that they meet the surface less obliquely.
     for (std::size_t r = rows.size(); r < l.slide.size(); ++r)
         rows.push_back(lowest_deg + 12 * smooth_step(0.7, 1.8, l.slide[r]));
 
@@ -77,7 +77,7 @@ int nearest(const std::vector<double>& list, double value) {
     return static_cast<int>(std::min_element(list.begin(), list.end(), closer) - list.begin());
 }
 
-/// The latitude within reach of `row_deg` where `height` (rising with latitude) changes sign.
+/// The latitude near `row_deg` at which `height`, increasing with latitude, changes sign.
 template <class F>
 double root(double row_deg, const F& height) {
     double low = row_deg - 8, high = row_deg + 8;
@@ -88,7 +88,7 @@ double root(double row_deg, const F& height) {
     return 0.5 * (low + high);
 }
 
-/// Bend of the rows, so that one passes along a line between two longitudes.
+/// Shift of the rows, so that one follows a line between two longitudes.
 struct Bend {
     double row_deg = 0, first_deg = 0, last_deg = 0;
     std::vector<double> shift_deg; // at steps of 1 degree from first to last
@@ -149,8 +149,8 @@ HeadGrid head_grid(const HeadShape& shape, const Eyeball& eye) {
         return eye_angles(point(latitude, 0, longitude, shape) - eye.centre);
     };
 
-    // The line of the closed lids runs straight, as seen from the eye, between heights that look
-    // natural; its row is bent there, and so is the mouth's.
+    // The line of the closed lids is straight as seen from the eye, at plausible heights; its row
+    // is shifted there, and so is that of the mouth.
     const int inner = nearest(l.longitude_deg, inner_corner_deg);
     const int outer = nearest(l.longitude_deg, outer_corner_deg);
     EyeCorners& c = grid.corners;
@@ -185,7 +185,7 @@ HeadGrid head_grid(const HeadShape& shape, const Eyeball& eye) {
             }
     });
 
-    // Slits: the doubles belong to the faces below the row.
+    // Slits: duplicated vertices belong to the faces below the row.
     const int zero = nearest(l.longitude_deg, 0.0);
     std::vector<Index> below(static_cast<std::size_t>(regular));
     for (std::size_t i = 0; i < below.size(); ++i) below[i] = static_cast<Index>(i);
@@ -218,7 +218,7 @@ HeadGrid head_grid(const HeadShape& shape, const Eyeball& eye) {
     for (std::size_t i = 0; i < doubled.size(); ++i)
         grid.vertices.col(regular + static_cast<Index>(i)) = whole.col(doubled[i]);
 
-    // Faces, and the albedo image's coordinates: rows and columns, evenly.
+    // Faces, and texture coordinates, uniform in rows and columns.
     grid.uv.resize(2, 1 + static_cast<Index>(grid.rows) * (grid.columns + 1));
     grid.uv.col(0) << 0.5, 0;
     const auto uv_at = [&](int r, int k) {

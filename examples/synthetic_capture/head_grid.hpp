@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// synthetic_capture/head_grid.hpp: the closed skin of rye's own head as a grid of rows and
-/// columns. Columns are longitudes about a vertical axis, rows run from the crown to the chest;
-/// rays from inside meet the sculpted surface. One row passes along the eyes, one along the mouth,
-/// and both are cut there: the vertices between the corners exist twice, for upper and lower lid or
-/// lip. Head frame and units of head_model.hpp.
+/// synthetic_capture/head_grid.hpp: the closed skin of the procedural head as a grid of rows and
+/// columns. Columns are longitudes about a vertical axis, rows go from the crown to the chest; the
+/// vertices are where rays from inside meet the sculpted surface. One row follows the eyes, one the
+/// mouth, and both are cut there: vertices between the corners exist twice, for upper and lower lid
+/// or lip. Head frame and units of head_model.hpp.
 #pragma once
 
 #include <array>
@@ -21,7 +21,7 @@ struct EyeAngles {
 EyeAngles eye_angles(const Vec3<double>& from_centre); ///< of the left eye
 Vec3<double> eye_direction(double azimuth, double elevation);
 
-/// Corners of the lids of the left eye, seen from its centre; the closed lids meet between them.
+/// Lid corners of the left eye as seen from its centre; the closed lids meet between them.
 struct EyeCorners {
     double inner_azimuth = 0, outer_azimuth = 0;     // [rad]
     double inner_elevation = 0, outer_elevation = 0; // [rad]
@@ -56,7 +56,7 @@ struct HeadGrid {
     }
 };
 
-/// Height of the line between the closed lips at a distance from the middle.
+/// Height of the line between the closed lips at a distance from the midline.
 double mouth_line(double x);
 
 /// First exit of the ray from a point inside the sculpted head.

@@ -15,11 +15,11 @@ namespace {
 
 constexpr double degree = std::numbers::pi / 180;
 
-/// Skin this far above and below the lids' line moves with them.
+/// Range of the lids' motion above and below their line.
 constexpr double reach_up = 54 * degree, reach_down = 44 * degree;
 /// Thickness of a lid.
 constexpr double lid_thickness = 0.020;
-/// The rim ends this far inside the eyeball, so that no gap shows.
+/// Depth of the end of the rim inside the eyeball, which closes the gap.
 constexpr double rim_depth = 0.008;
 /// Elevation of the fold of the open upper lid above its margin, and its depth.
 constexpr double fold_deg = 10, fold_width_deg = 4, fold_depth = 0.016;
@@ -28,12 +28,12 @@ constexpr double fold_deg = 10, fold_width_deg = 4, fold_depth = 0.016;
 constexpr double first_azimuth = -100 * degree, first_elevation = -66 * degree, step = 2 * degree;
 constexpr Index azimuths = 106, elevations = 70;
 
-/// The side of the nose, seen from the eye, lies behind its inner corner; it keeps still.
+/// Weight of the lids' motion: 0 on the side of the nose, which is behind the inner corner.
 double lid_part(const Vec3<double>& left, double distance) {
     return smooth_step(0.11, 0.17, left.x()) * smooth_step(0.31, 0.23, distance);
 }
 
-/// Height of a lid's margin between the corners, at most 1, its peak at `peak`.
+/// Relative height of a lid's margin between the corners, at most 1, its peak at `peak`.
 double arch(double along, double peak) {
     if (along <= 0 || along >= 1) return 0;
     const double u = std::pow(along, std::log(0.5) / std::log(peak));
@@ -65,7 +65,7 @@ EyeLids::EyeLids(const HeadGrid& grid, int eye, const Eyeball& left_eye, const H
                     eye_direction(first_azimuth + step * static_cast<double>(a),
                                   first_elevation + step * static_cast<double>(e));
                 const double r = (head_surface(eye_.centre, d, shape) - eye_.centre).norm();
-                // The nose's side is nearly parallel to these rays: its slope is not followed.
+                // The side of the nose is nearly parallel to these rays: its slope is ignored.
                 constexpr double near = 0.19, span = 0.035;
                 table_(a, e) = r < near ? r : near + span * (1 - std::exp(-(r - near) / span));
             }
@@ -120,7 +120,7 @@ double EyeLids::slide(const LidVertex& v, const LidState& state, double look_out
     const double above = v.elevation - corners_.line(v.azimuth);
     const double t = std::clamp(v.upper ? above / reach_up : -above / reach_down, 0.0, 1.0);
     const double u = corners_.along(v.azimuth);
-    // The arch follows the cornea sideways; far from the margin it widens until it is lost.
+    // The arch follows the cornea sideways and widens with distance from the margin.
     const double peak = v.upper ? std::clamp(0.46 + 0.35 * look_out, 0.3, 0.65)
                                 : std::clamp(0.58 + 0.2 * look_out, 0.4, 0.7);
     const double wide = std::exp(-4 * (u - 0.5) * (u - 0.5));

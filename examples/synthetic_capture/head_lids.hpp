@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// synthetic_capture/head_lids.hpp: the eyelids of rye's own head. The closed lids are a part of
-/// the skin; opened, each slides over the eyeball in directions seen from the eye's centre,
-/// stretching the skin up to brow and cheek. Head frame and units of head_model.hpp.
+/// synthetic_capture/head_lids.hpp: the eyelids of the procedural head. Closed lids are part of the
+/// skin; opening slides each over the eyeball along directions from the eye's centre and stretches
+/// the skin up to brow and cheek. Head frame and units of head_model.hpp.
 #pragma once
 
 #include <vector>
@@ -16,7 +16,7 @@ struct LidState {
     double lower = 0; ///< upwards, so negative where open
 };
 
-/// Weights in [0, 1] of what moves the lids of one eye.
+/// Weights in [0, 1] of the motions of the lids of one eye.
 struct LidDrivers {
     double blink = 0, squint = 0, wide = 0, look_up = 0, look_down = 0;
 };
@@ -25,24 +25,25 @@ LidState lid_state(const LidDrivers& drivers);
 /// The lids of one eye; those of the right eye are those of the left, mirrored.
 class EyeLids {
   public:
-    /// Picks the vertices that the lids move, from the closed skin.
+    /// Selects the vertices of the closed skin that the lids move.
     EyeLids(const HeadGrid& grid, int eye, const Eyeball& left_eye, const HeadShape& shape);
 
-    /// 1 on the eyeball, 0 from a little beyond the lids' folds on: how firmly a closed vertex is
-    /// held.
+    /// Weight with which a closed vertex is held in place: 1 on the eyeball, 0 from a little beyond
+    /// the lids' folds on.
     double hold(const Vec3<double>& closed) const;
 
-    /// Number of further vertices: the inner rim of the margins, upper then lower.
+    /// Number of extra vertices: the inner rim of the margins, upper then lower.
     Index rim_size() const { return static_cast<Index>(2 * rim_.size()); }
-    /// Moves the skin in place, and writes the rim to the columns from `first_rim` on. A positive
-    /// `look_out` [rad] is the eye's turn away from the nose, which the upper lid's arch follows.
+    /// Moves the skin in place and writes the rim to the columns from `first_rim` on. A positive
+    /// `look_out` [rad] is the eye's rotation away from the nose, which shifts the upper lid's
+    /// arch.
     void open(Points& vertices, const LidState& state, double look_out, Index first_rim) const;
 
   private:
     struct LidVertex {
         Index index;
         double azimuth, elevation, above_table;
-        double part; // how much of the lids' motion it takes
+        double part; // weight of the lids' motion
         bool upper;
     };
     double table(double azimuth, double elevation) const;

@@ -10,7 +10,7 @@
 namespace rye::trainer {
 namespace {
 
-/// Turns of the eye at which the lids' coefficients reach 1 [deg].
+/// Rotation of the eye at which the lid coefficients reach 1 [deg].
 constexpr double full_pitch_deg = 30, full_yaw_deg = 35;
 
 } // namespace

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// synthetic_capture/head_model.hpp: a head that can be posed and painted, whatever it was made
-/// from. Head frame: x subject's left, y up, z out of the face; 1 unit is about 1 dm, nasion to
-/// chin 1.1. Eye 0 is the subject's left (x > 0), eye 1 the right. Colours are linear RGB.
+/// synthetic_capture/head_model.hpp: a head that can be posed and textured, from any source.
+/// Head frame: x subject's left, y up, z out of the face; 1 unit is about 1 dm, nasion to chin 1.1.
+/// Eye 0 is the subject's left (x > 0), eye 1 the right. Colours are linear RGB.
 #pragma once
 
 #include <array>
@@ -19,8 +19,8 @@ namespace rye::trainer {
 /// Points or directions in space, one column each.
 using Points = Eigen::Matrix<double, 3, Eigen::Dynamic>;
 
-/// A rigid eyeball: a sphere of sclera, cut at the limbus, where the cornea bulges out. The iris is
-/// the flat disc inside the rim of the limbus.
+/// A rigid eyeball: a sphere (sclera), cut at the limbus, with a bulging cornea. The iris is the
+/// flat disc inside the rim of the limbus.
 struct Eyeball {
     Vec3<double> centre = Vec3<double>::Zero(); ///< of rotation, head frame
     double radius = 0.15;                       ///< of the sclera
@@ -33,7 +33,7 @@ struct Eyeball {
     double surface(double angle) const;
 };
 
-/// The eyeball's surface about the origin, looking along +z, dense at the front.
+/// The eyeball's surface about the origin, looking along +z, densest at the front.
 struct EyeballMesh {
     Points vertices;
     std::vector<Face> faces;
@@ -51,7 +51,7 @@ enum class Part : std::uint8_t {
     eyeball_right
 };
 
-/// Names of the lid coefficients, which follow the gaze and are no part of the expression.
+/// Names of the lid coefficients, which follow the gaze and are not part of the expression.
 inline const std::vector<std::string> lid_names{"eyeLookUp_L",   "eyeLookUp_R", "eyeLookDown_L",
                                                 "eyeLookDown_R", "eyeLookIn_L", "eyeLookIn_R",
                                                 "eyeLookOut_L",  "eyeLookOut_R"};
@@ -66,9 +66,9 @@ struct EyeLook {
     std::uint64_t seed = 0;                 ///< of fibres and veins
 };
 
-/// A head: how it deforms, and how its skin is painted.
+/// A head: its deformation and the texture of its skin.
 struct HeadModel {
-    std::string origin;                        ///< what it was made from, and the licence
+    std::string origin;                        ///< source and licence
     std::vector<std::string> expression_names; ///< weights in [0, 1]
     std::vector<std::string> identity_names;
     VecX<double> identity;             ///< of this subject
@@ -85,15 +85,15 @@ struct HeadModel {
     std::function<Points(const VecX<double>&, const VecX<double>&)> vertices;
 };
 
-/// Moves the vertices that lie inside an eyeball, or on it, out to `gap` above its surface; `gaze`
-/// are the unit optical axes in the frame of the vertices. Lids so follow the bulge of the cornea.
+/// Moves vertices inside or on an eyeball out to `gap` above its surface, so that the lids follow
+/// the corneal bulge; `gaze` are the unit optical axes in the frame of the vertices.
 void clear_eyeballs(Points& vertices, const std::array<Eyeball, 2>& eyes,
                     const std::array<Vec3<double>, 2>& gaze, double gap);
 
-/// rye's own head, all of it from the seed.
+/// The procedural head, from the seed alone.
 HeadModel procedural_head(std::uint64_t seed);
 
-/// The ICT face model (light, packed as an npz); the seed picks the identity and the skin.
+/// The ICT face model (light, packed as an npz); the seed selects the identity and the skin.
 HeadModel ict_head(const std::filesystem::path& path, std::uint64_t seed);
 
 } // namespace rye::trainer

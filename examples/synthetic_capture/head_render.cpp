@@ -17,15 +17,15 @@ namespace {
 
 using V3 = Vec3<double>;
 
-/// Shadow rays start this far above the surface, so that rounding cannot make it shade itself.
+/// Offset of the origin of shadow rays above the surface, against self-shadowing by rounding.
 constexpr double lift = 0.004;
-/// Lids lie this far above the eyeball.
+/// Gap between lids and eyeball.
 constexpr double lid_gap = 0.010;
 constexpr double exposure = 1.0;
-/// Light that skin throws on skin, and into the mouth, where no beam reaches.
+/// Ambient light from interreflection of skin, also inside the mouth, where no light ray reaches.
 const V3 bounced(0.30, 0.17, 0.13);
 
-/// A square light far away.
+/// A square area light at infinity.
 struct Softbox {
     V3 to, right, up; // unit
     double half_size; // [rad]
@@ -43,7 +43,7 @@ V3 sky(const V3& d) {
     return V3(0.20, 0.19, 0.18) + t * V3(0.42, 0.43, 0.46);
 }
 constexpr int sky_directions = 36;
-/// Beams of each softbox along its edge: the bright one casts the shadows that are seen.
+/// Light rays per softbox along its edge: those of the bright one resolve its visible shadows.
 constexpr std::array box_edges{4, 2};
 
 struct Beam {
@@ -52,7 +52,7 @@ struct Beam {
 };
 std::vector<Beam> beams() {
     std::vector<Beam> list;
-    // A spiral of even density; the lower third of the sky lights too little to be asked.
+    // A spiral of even density; the lower third of the sky is too dim to be sampled.
     constexpr double golden = 2.399963229728653;
     for (int i = 0; i < sky_directions; ++i) {
         const double y = 1 - 1.66 * (i + 0.5) / sky_directions, r = std::sqrt(1 - y * y);
@@ -72,7 +72,7 @@ std::vector<Beam> beams() {
     return list;
 }
 
-/// Share of a softbox that a mirror in direction d shows, soft at the rim.
+/// Part of a softbox that a mirror in direction d reflects, with a soft rim.
 double mirrored(const Softbox& s, const V3& d) {
     const double z = d.dot(s.to);
     if (z <= 0) return 0;
@@ -88,7 +88,7 @@ double power(double x, int n) {
 }
 
 double srgb(double x) { return x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055; }
-/// Linear up to a half, then bent so that 1 is not left.
+/// Tone curve: linear up to a half, then compressed to stay below 1.
 double shoulder(double x) {
     constexpr double knee = 0.5;
     return x < knee ? x : 1 - (1 - knee) * std::exp(-(x - knee) / (1 - knee));
@@ -161,7 +161,7 @@ void PosedHead::gather_light() {
             }
         }
     });
-    // Light wanders below the skin, red light the farthest: neighbours share what falls on them.
+    // Subsurface scattering, widest in red: irradiance is averaged with the neighbours'.
     constexpr std::array<int, 3> rounds{7, 3, 1};
     std::vector<Index> skin;
     for (std::size_t f = 0; f < faces_.size(); ++f)
@@ -191,8 +191,8 @@ V3 PosedHead::eye_colour(const Ray& ray, const V3& at, int index, double& inside
     const V3 p = world_from_eye_[e].transpose() * (at - eye_centres_[e]);
     const V3 d = world_from_eye_[e].transpose() * ray.direction;
     inside = 0;
-    // Seen through the cornea, the disc of the iris; straight on, since refraction would move it
-    // away from where the labels say it is.
+    // Visible part of the iris disc behind the cornea; without refraction, which would move it from
+    // the position in the labels.
     const double plane = eye.iris_plane();
     double r = p.head<2>().norm() / eye.limbus_radius;
     V3 q = p;
@@ -247,7 +247,7 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
         const V3 at = ray.origin + hit.t * ray.direction;
         const V3 albedo = eye_colour(ray, at, part == Part::eyeball_left ? 0 : 1, inside);
         colour = albedo.cwiseProduct(fallen);
-        // The wet surface mirrors the softboxes, as far as the lids leave them in sight.
+        // Reflection of the softboxes on the wet surface, where the lids do not hide them.
         const V3 mirror = ray.direction - 2 * n.dot(ray.direction) * n;
         const double grazing = power(1 - std::clamp(-n.dot(ray.direction), 0.0, 1.0), 5);
         const double reflects = 0.035 + 0.6 * grazing;
@@ -282,7 +282,7 @@ V3 PosedHead::shade(const Ray& ray, const Hit& hit) const {
             break;
     }
     colour = skin.head<3>().cwiseProduct(fallen);
-    // Oil on the skin: a broad and a narrow lobe about each softbox's middle.
+    // Specular skin: a broad and a narrow lobe about each softbox's centre.
     for (int b = 0; b < 2; ++b) {
         const Softbox& s = softboxes[static_cast<std::size_t>(b)];
         const V3 middle = normalized(V3(s.to - ray.direction));
@@ -308,7 +308,7 @@ HeadPicture PosedHead::picture(const Pinhole<double>& camera, int samples) const
             for (int first = 0; first < samples; first += 4) {
                 RayBundle bundle{from, {}};
                 for (int k = 0; k < 4; ++k) {
-                    // The points of Roberts' R2 sequence: even, in no rows.
+                    // Roberts' R2 sequence: uniform, without rows.
                     const int s = std::min(first + k, samples - 1);
                     const double a = 0.5 + 0.7548776662466927 * s, b = 0.5 + 0.5698402909980532 * s;
                     bundle.directions[static_cast<std::size_t>(k)] =
@@ -330,7 +330,7 @@ HeadPicture PosedHead::picture(const Pinhole<double>& camera, int samples) const
                 out.image.pixels(c, at) = static_cast<float>(sum[c] / samples);
             out.mask.pixels(0, at) = static_cast<float>(covered) / static_cast<float>(samples);
         }
-    // Labels of the eyes, only where an eyeball can be.
+    // Eye labels, only where an eyeball can be.
     for (std::size_t e = 0; e < 2; ++e) {
         const V3 c = camera.project_point(eye_centres_[e]);
         const double reach = 1.3 * model_.eyes[e].radius * camera.fx / c.z() + 1;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// synthetic_capture/head_render.hpp: pictures of a posed head, by ray casting.
-/// The light that falls on each vertex (a sky and two softboxes, with their shadows) is gathered
-/// once a pose, since it looks the same from everywhere; each picture then casts primary rays only.
-/// Nothing is random: the same pose and camera give the same picture on any number of threads.
-/// World and camera conventions of rye; colours leave as sRGB in [0, 1].
+/// synthetic_capture/head_render.hpp: images of a posed head by ray casting.
+/// The irradiance at each vertex (a sky and two softboxes, with shadows) does not depend on the
+/// view and is computed once per pose; images then cast primary rays only. Deterministic: the same
+/// pose and camera give the same image on any number of threads. World and camera conventions of
+/// rye; output colours are sRGB in [0, 1].
 #pragma once
 
 #include <array>
@@ -24,10 +24,10 @@ struct HeadState {
     Rigid<double> world_from_head = {};
 };
 
-/// A picture premultiplied over black: composite with image + (1 - mask) * background, in sRGB.
+/// An image premultiplied over black: composite with image + (1 - mask) * background, in sRGB.
 struct HeadPicture {
     Image<float> image;            ///< 3 channels, sRGB
-    Image<float> mask;             ///< share of each pixel that the head covers
+    Image<float> mask;             ///< coverage of each pixel by the head
     std::vector<std::uint8_t> eye; ///< 0 none, 1 left, 2 right eyeball at the pixel's centre
 };
 
@@ -53,7 +53,7 @@ class PosedHead {
     std::vector<Face> faces_;
     std::vector<Part> parts_;
     RayCaster caster_;
-    Columns<double> light_; // 5 x V: irradiance RGB, then how much of each softbox is seen
+    Columns<double> light_; // 5 x V: irradiance RGB, then visible part of each softbox
     std::array<Vec3<double>, 2> eye_centres_;
     std::array<Mat3<double>, 2> world_from_eye_;
 };

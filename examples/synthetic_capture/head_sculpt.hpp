@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// synthetic_capture/head_sculpt.hpp: rye's own head as a solid: rounded shapes, smoothly joined.
-/// Head frame and units of head_model.hpp. Values are distances to the surface, negative inside;
-/// they are bounds, good enough for a march along a ray.
-/// Source: Quilez, "Smooth minimum" and "Ellipsoid bound", 2013; the shapes are drawn by hand.
+/// synthetic_capture/head_sculpt.hpp: the procedural head as a solid: a smooth union of rounded
+/// primitives. Head frame and units of head_model.hpp. Values are lower bounds of the signed
+/// distance to the surface, negative inside, as sphere tracing needs.
+/// Source: Quilez, "Smooth minimum" and "Ellipsoid bound", 2013; the primitives are placed by hand.
 #pragma once
 
 #include <algorithm>
@@ -29,7 +29,7 @@ struct HeadShape {
 
 namespace sculpt {
 
-/// min(a, b), rounded within k of equality.
+/// min(a, b), smoothed within k of equality.
 inline double join(double a, double b, double k) {
     const double h = std::max(k - std::abs(a - b), 0.0) / k;
     return std::min(a, b) - h * h * k * 0.25;
@@ -55,11 +55,11 @@ inline double rod(const Vec3<double>& p, const Vec3<double>& a, const Vec3<doubl
 
 } // namespace sculpt
 
-/// Distance to the closed skin: eyes shut under smooth lids, lips together, no ears, no hair.
+/// Distance to the closed skin: lids and lips closed, without ears and hair.
 inline double head_distance(const Vec3<double>& at, const HeadShape& s) {
     using namespace sculpt;
     using V = Vec3<double>;
-    const V p(std::abs(at.x()), at.y(), at.z()); // the two sides are alike
+    const V p(std::abs(at.x()), at.y(), at.z()); // symmetric
 
     double d = ellipsoid(p, V(0, 0.66, 0.08), V(0.77 + s.width, 0.82, 0.93));         // skull
     d = join(d, ellipsoid(p, V(0, 0.70, 0.42), V(0.66 + s.width, 0.52, 0.60)), 0.20); // forehead
@@ -86,7 +86,7 @@ inline double head_distance(const Vec3<double>& at, const HeadShape& s) {
     // The closed lids over the eyeball.
     d = join(d, (p - V(0.32, 0.35, 0.79)).norm() - 0.178, 0.06);
 
-    // The nose, last, so that nothing rounds its edges away.
+    // The nose last, so that smoothing does not blur its edges.
     const double tip = 1.205 + s.nose_length, bridge = s.nose_bridge;
     double n = rod(p, V(0, 0.44, 0.985 + bridge), V(0, 0.05, tip - 0.02), 0.062, 0.080);
     n = join(n, rod(p, V(0, 0.44, 0.86), V(0, 0.00, 0.98), 0.085, 0.120), 0.06); // its root

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// The ICT face model (light) as a head: its own skin, mouth and expressions, rye's eyeballs.
+/// The ICT face model (light) as a head: its skin, mouth and expressions, with rye's eyeballs.
 /// Source: ICT-FaceKit, (c) 2020 USC Institute for Creative Technologies, MIT; packed as one npz
 /// with names.json beside it. The model's unit is a tenth of ours.
 #include <algorithm>
@@ -22,10 +22,10 @@ using V3 = Vec3<double>;
 
 constexpr double unit = 0.1;
 constexpr int albedo_width = 1792, albedo_height = 896;
-/// Beyond this many deviations the model leaves what it was fitted to.
+/// Limit on identity weights, in standard deviations of the model.
 constexpr double most_identity = 1.3;
 
-/// Parts by their number in the pack; the model's eyeballs and its see-through shells are left out.
+/// Part by its number in the pack; -1 skips the model's eyeballs and transparent shells.
 constexpr std::array<int, 19> kept{0,  0, 1, 1,  1,  1,  2,  -1, -1, -1,
                                    -1, 3, 3, -1, -1, -1, -1, -1, -1};
 constexpr std::array kinds{Part::skin, Part::mouth, Part::tooth, Part::eye_corner};
@@ -40,8 +40,8 @@ float half_to_float(std::uint16_t h) {
     return (h & 0x8000) != 0 ? -size : size;
 }
 
-/// The arrays of an npz that holds float16 too, which rye's reader does not know: such arrays are
-/// read as 16-bit integers.
+/// The arrays of an npz that may include float16, which rye's reader does not support: such arrays
+/// are read as 16-bit integers.
 NpzArrays read_pack(const fs::path& path) {
     const Bytes zip = read_file(path);
     const std::string who = path.string();
@@ -87,7 +87,7 @@ class Pack {
                         std::to_string(below - 1));
         return list;
     }
-    /// Numbers or halves, as columns of D.
+    /// Floats or half floats, as columns of D.
     Columns<double> columns(const std::string& name, Index d) const {
         const NpyArray& a = array(name, d);
         std::vector<double> list;
@@ -119,7 +119,7 @@ Names read_names(const fs::path& path) {
     }
 }
 
-/// What deforms: the subject's neutral face and its sparse shapes.
+/// Deformable geometry: the subject's neutral face and its sparse blendshapes.
 struct Shapes {
     Points neutral;
     std::vector<Index> vertex; // of each row of delta
@@ -141,7 +141,7 @@ struct Shapes {
     }
 };
 
-/// The mean head's eyeball, moved and scaled as the identity does with the model's own.
+/// The mean head's eyeball, moved and scaled as the identity does the model's own.
 Eyeball find_eyeball(const Pack& pack, const Points& mean, const Points& subject, std::size_t eye) {
     const Columns<double> ranges = pack.columns("part_range", 2);
     const auto part = static_cast<Index>(sclera + 2 * eye);
@@ -208,7 +208,7 @@ HeadModel ict_head(const fs::path& path, std::uint64_t seed) {
         shapes->lids.push_back(number[name]);
     }
     for (const std::string& name : names.expressions) {
-        // The gaze moves the lids; the pupil is the eyeball's; cheekRaiser is cheekSquint again.
+        // The lids follow the gaze; the pupil is the eyeball's; cheekRaiser equals cheekSquint.
         if (name.starts_with("eyeLook") || name.starts_with("Pupil") ||
             name.starts_with("cheekRaiser"))
             continue;
@@ -229,7 +229,7 @@ HeadModel ict_head(const fs::path& path, std::uint64_t seed) {
         model.face_uv.push_back({uv_corners[3 * f], uv_corners[3 * f + 1], uv_corners[3 * f + 2]});
         model.parts.push_back(kinds[static_cast<std::size_t>(kind)]);
     }
-    // The face lies in u 0 to 1, the rest of the skin in 1 to 2; v runs upwards.
+    // The face has u in 0 to 1, the other skin in 1 to 2; v points up.
     model.uv = uv;
     model.uv.row(0) = 0.5 * uv.row(0);
     model.uv.row(1) = (1 - uv.row(1).array()).matrix();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// synthetic_capture/noise.hpp: smooth random fields in space, from a seed.
+/// synthetic_capture/noise.hpp: smooth random fields in 3D, from a seed.
 /// Source: Perlin, "Improving noise", 2002; Worley, "A cellular texture basis function", 1996.
 #pragma once
 
@@ -17,7 +17,7 @@ inline double smooth_step(double a, double b, double x) {
     return t * t * (3 - 2 * t);
 }
 
-/// A random number for each cell of the lattice.
+/// A random number per cell of the lattice.
 inline std::uint64_t cell_key(std::uint64_t seed, const Vec3<double>& cell) {
     const auto k = [](double x) {
         return static_cast<std::uint64_t>(static_cast<std::int64_t>(x));
@@ -47,7 +47,7 @@ inline double noise(std::uint64_t seed, const Vec3<double>& p) {
     return sum;
 }
 
-/// Noise of ever finer octaves, each half as strong.
+/// Fractal noise: octaves of doubled frequency and half the amplitude.
 inline double fractal(std::uint64_t seed, Vec3<double> p, int octaves) {
     double sum = 0, strength = 1;
     for (int i = 0; i < octaves; ++i) {

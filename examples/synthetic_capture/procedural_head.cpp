@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye's own head: sculpted, painted and moved by formulas, all of it from one seed.
+/// The procedural head: geometry, texture and expressions by formulas, from one seed.
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -22,7 +22,7 @@ constexpr double degree = std::numbers::pi / 180;
 constexpr int albedo_width = 1024, albedo_height = 768;
 /// Height of the scalp's hair above the skin.
 constexpr double hair_height = 0.055;
-/// How far the jaw turns at jawOpen = 1, about the axis through its joints.
+/// Rotation of the jaw at jawOpen = 1, about the axis through its joints.
 constexpr double jaw_turn = 15 * degree;
 const V3 jaw_joint(0, 0.06, 0.12);
 
@@ -56,7 +56,7 @@ const std::vector<std::string> names{
     "jawLeft",      "jawOpen",      "jawRight",    "mouthFrown",    "mouthPucker",   "mouthSmile_L",
     "mouthSmile_R", "mouthUpperUp", "noseSneer"};
 
-/// A soft push on the left half of the face; the right half is pushed alike by its own weight.
+/// A smooth displacement of the left half of the face, mirrored on the right with its own weight.
 struct Push {
     int left, right; // weights that drive it, on either side
     V3 centre, radii, move;
@@ -76,7 +76,7 @@ const std::vector<Push> pushes{
     {nose_sneer, nose_sneer, {0.12, 0.01, 1.10}, {0.10, 0.13, 0.40}, {0.005, 0.040, 0.0}},
 };
 
-/// How much a point below the lips' line follows the jaw, against one above it.
+/// Weight with which a point below the lips' line follows the jaw.
 double below_lips(const V3& p, bool lower_side) {
     const double under = mouth_line(p.x()) - p.y(), beside = std::abs(p.x());
     const double apart = std::pow(std::max(0.0, 1 - beside * beside / (0.26 * 0.26)), 0.7);
@@ -89,7 +89,7 @@ double jaw_weight(const V3& p, bool lower_side) {
            smooth_step(0.25, -0.05, p.y());
 }
 
-/// The head's parts, and what moves them.
+/// The head's parts and their deformations.
 struct Parts {
     HeadGrid grid;
     HeadShape shape;
@@ -97,7 +97,7 @@ struct Parts {
     std::vector<EyeLids> lids;
     std::array<Index, 2> first_rim{};
     Points rest;               // closed skin, then everything else
-    std::vector<Points> moves; // of each expression weight, on the rest vertices
+    std::vector<Points> moves; // per expression weight, on the rest vertices
     VecX<double> jaw;          // weight of each vertex
 
     Points vertices(const VecX<double>& expression, const VecX<double>& lid) const {
@@ -123,7 +123,7 @@ struct Parts {
     }
 };
 
-/// Lips: the sculpted muzzle pushed out above and below the line where they meet.
+/// Lips: the sculpted muzzle, displaced outwards above and below the line where they meet.
 void shape_lips(HeadGrid& grid, const HeadShape& shape) {
     for (Index i = 0; i < grid.vertices.cols(); ++i) {
         V3 p = grid.vertices.col(i);
@@ -142,7 +142,7 @@ void shape_lips(HeadGrid& grid, const HeadShape& shape) {
     }
 }
 
-/// Collects vertices and faces beside the grid.
+/// Collects vertices and faces other than those of the grid.
 struct Builder {
     HeadModel& model;
     std::vector<V3> points;
@@ -168,7 +168,7 @@ struct Builder {
         face(a, c, d, part);
     }
 
-    /// A grid of points p(i, j), faces turned towards (d/dj) x (d/di).
+    /// A grid of points p(i, j), faces oriented towards (d/dj) x (d/di).
     template <class F>
     void sheet(int n, int m, Part part, const F& p,
                const std::function<double(const V3&)>& jaw_of) {
@@ -226,7 +226,7 @@ void add_ear(Builder& b, double side, const HeadShape& shape) {
                 b.face(start + x, start + y, start + z, Part::skin,
                        {uv_start + x, uv_start + y, uv_start + z});
             };
-            // Seen from outside, the turn runs the other way on the right side.
+            // The right ear is mirrored, so its faces are reversed.
             if (side > 0) {
                 tri(p, q, r);
                 tri(p, r, t);
@@ -266,7 +266,7 @@ void add_mouth(Builder& b, const HeadGrid& grid) {
             return V3(0.27 * std::sin(a), -0.08 - 0.42 * t, 0.58 + 0.28 * std::cos(a));
         },
         [](const V3& p) { return smooth_step(-0.25, -0.42, p.y()); });
-    // Two rows of teeth, each tooth a little round.
+    // Two rows of slightly rounded teeth.
     for (const bool lower : {false, true}) {
         const double top = lower ? -0.352 : -0.215, height = lower ? 0.105 : 0.115;
         const double size = lower ? 0.95 : 1.0;
@@ -304,7 +304,7 @@ void add_caruncle(Builder& b, double side) {
         [](const V3&) { return 0.0; });
 }
 
-/// Where landmarks of the mean head lie, on the left and in the middle; -1 names no landmark.
+/// Positions of landmarks of the mean head, on the left and in the middle; -1 for no landmark.
 struct Place {
     int left, right;
     V3 at;

@@ -11,19 +11,19 @@
 namespace rye::trainer {
 namespace {
 
-/// Steps of the search for the best split.
+/// Bins per axis in the search for the best split.
 constexpr int bin_count = 16;
-/// A smaller set of triangles is a leaf.
+/// Largest number of triangles of a leaf.
 constexpr Index leaf_size = 3;
-/// Depth of the walk's stack; the build splits at the median where a branch grows deeper than half.
+/// Size of the traversal stack; the build splits at the median below half that depth.
 constexpr int max_depth = 64;
-/// A ray through an edge shared by two triangles must meet one of them despite rounding.
+/// Tolerance by which a ray through a shared edge meets one of its triangles despite rounding.
 constexpr double edge_slack = 1e-10;
-/// Boxes are larger by this share, so that a ray in the plane of a side is not lost.
+/// Relative enlargement of boxes, so that a ray in the plane of a side meets the box.
 constexpr double box_slack = 1e-12;
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
-/// A component that is 0 becomes so small that it acts as 0, and 0 * inf never arises.
+/// 1 / d, with 0 replaced by a tiny number, so that 0 * inf cannot occur.
 double safe_inverse(double d) {
     return 1.0 / (std::abs(d) < 1e-290 ? std::copysign(1e-290, d) : d);
 }
@@ -60,7 +60,7 @@ struct RayCaster::Builder {
         return box;
     }
 
-    /// The cheapest of the planes between the bins of each axis, by the surface area heuristic.
+    /// The cheapest split between bins of each axis, by the surface area heuristic.
     Split best_split(Index first, Index count) const {
         Box span;
         for (Index i = first; i < first + count; ++i)
@@ -117,7 +117,7 @@ struct RayCaster::Builder {
             });
         else if (count <= 4 * leaf_size && depth < max_depth / 2)
             return;
-        // Rounding can leave one side empty; halves are then as good as anything.
+        // Rounding can leave one side empty; then any split will do.
         if (middle == begin || middle == end) middle = begin + count / 2;
         const Index left = middle - begin, children = static_cast<Index>(nodes.size());
         nodes[static_cast<std::size_t>(at)].first = children;
@@ -133,7 +133,7 @@ struct RayCaster::Builder {
 
 RayCaster::RayCaster(const ColumnsView<double>& vertices, const std::vector<Face>& faces) {
     require(vertices.rows() == 3 && vertices.allFinite(), "ray caster",
-            "got vertices that are not finite points, expected 3 finite numbers each");
+            "a vertex is not finite");
     Builder builder;
     const std::size_t n = faces.size();
     builder.boxes.resize(n);
@@ -167,7 +167,7 @@ Hit RayCaster::walk(const Ray& ray) const {
     hit.t = ray.t_max;
     if (nodes_.empty()) return hit;
     const Vec3<double> inverse = ray.direction.unaryExpr(&safe_inverse);
-    // Distance at which the ray enters the box, infinity where it passes by.
+    // Distance at which the ray enters the box; infinity if it misses.
     const auto entry = [&](const Node& node) {
         double enter = ray.t_min, leave = hit.t;
         for (int i = 0; i < 3; ++i) {
@@ -212,7 +212,7 @@ Hit RayCaster::walk(const Ray& ray) const {
             const double v = ray.direction.dot(q) / det;
             if (v < -edge_slack || u + v > 1 + edge_slack) continue;
             const double t = tri.ac.dot(q) / det;
-            // Of two faces at the same distance the one of lower index wins, in any tree.
+            // At equal distance the face of lower index wins, so the tree does not matter.
             if (t < ray.t_min || t > hit.t || (t == hit.t && hit && tri.face > hit.face)) continue;
             hit = {tri.face, t, u, v};
             if constexpr (any) return hit;
@@ -253,7 +253,7 @@ std::array<Hit, 4> RayCaster::nearest(const RayBundle& rays) const {
         const Lanes det = ab[0] * px + ab[1] * py + ab[2] * pz;
         const Lanes u = (s[0] * px + s[1] * py + s[2] * pz) / det;
         const Lanes v = (d[0] * q[0] + d[1] * q[1] + d[2] * q[2]) / det;
-        const Lanes t = ac.dot(q) / det; // a det of 0 gives no number that passes
+        const Lanes t = ac.dot(q) / det; // a det of 0 gives NaN or inf, which fails the tests
         const auto within = (u >= -edge_slack && v >= -edge_slack && u + v <= 1 + edge_slack &&
                              t >= 0.0 && t <= closest)
                                 .eval();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// synthetic_capture/ray_caster.hpp: nearest and any intersection of rays with a triangle soup.
-/// Double precision throughout; the answer depends on nothing but mesh and ray.
+/// Double precision throughout; results depend on mesh and ray alone.
 /// Source: Wald, "On fast construction of SAH-based bounding volume hierarchies", 2007;
 /// Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
 #pragma once
@@ -16,34 +16,34 @@ namespace rye::trainer {
 struct Ray {
     Vec3<double> origin;
     Vec3<double> direction; ///< any length; t counts in it
-    double t_min = 0;       ///< intersections closer than this are not seen
+    double t_min = 0;       ///< closer intersections are ignored
     double t_max = std::numeric_limits<double>::infinity();
 };
 
-/// Where a ray meets a face: origin + t direction = (1 - u - v) a + u b + v c.
+/// Intersection of a ray with a face: origin + t direction = (1 - u - v) a + u b + v c.
 struct Hit {
-    Index face = -1; ///< -1: nothing met
+    Index face = -1; ///< -1: no intersection
     double t = std::numeric_limits<double>::infinity();
     double u = 0, v = 0;
     explicit operator bool() const { return face >= 0; }
 };
 
-/// Rays from one point that lie close together, as those through one pixel do.
+/// Nearly parallel rays from one point, such as those through one pixel.
 struct RayBundle {
     Vec3<double> origin;
     std::array<Vec3<double>, 4> directions;
 };
 
-/// A bounding volume hierarchy over the faces of a mesh. Both sides of a face are met.
+/// A bounding volume hierarchy over the faces of a mesh, two-sided.
 class RayCaster {
   public:
     RayCaster(const ColumnsView<double>& vertices, const std::vector<Face>& faces);
 
     /// The closest intersection.
     Hit nearest(const Ray& ray) const;
-    /// The closest intersection of each ray, found together: several times as fast.
+    /// The closest intersection of each ray; several times as fast as one by one.
     std::array<Hit, 4> nearest(const RayBundle& rays) const;
-    /// Whether there is any.
+    /// Whether there is any intersection.
     bool meets(const Ray& ray) const;
 
   private:
@@ -57,7 +57,7 @@ class RayCaster {
         Index face = 0;
     };
     struct Split {
-        int axis = -1; // -1: no split pays
+        int axis = -1; // -1: do not split
         double at = 0;
         double cost = 0;
     };

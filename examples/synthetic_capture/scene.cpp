@@ -15,7 +15,7 @@ namespace {
 
 constexpr double degree = std::numbers::pi / 180;
 
-/// Places of the cameras, (yaw, pitch) [deg] seen from the head, the most telling ones first.
+/// Directions of the cameras, (yaw, pitch) [deg] from the head, the most informative first.
 constexpr std::array<std::array<double, 2>, 18> rig{{{0, 1},
                                                      {-32, 3},
                                                      {32, 3},
@@ -35,19 +35,19 @@ constexpr std::array<std::array<double, 2>, 18> rig{{{0, 1},
                                                      {50, 17},
                                                      {-48, -13}}};
 constexpr double rig_distance = 10.2;
-/// Focal length over distance and image width: the head fills the image.
+/// Focal length times image width over distance, at which the head fills the image.
 constexpr double focal_share = 0.3555;
 
 /// Reach of the fixations [deg] and their distance from the eyes.
 constexpr double reach_yaw_deg = 30, reach_pitch_deg = 22, target_distance = 7.6;
 
-/// The usual angles between the optical axis and the line of sight.
+/// Typical kappa: angles between the optical axis and the line of sight.
 const std::array<Vec2<double>, 2> kappas{Vec2<double>(5, -1.5), Vec2<double>(-5, -1.5)};
 
 const std::vector<GazeCell> cells{
     {{-30, -16}, {8, 22}}, {{16, 30}, {-22, -8}}, {{-8, 8}, {12, 22}}, {{16, 30}, {4, 16}}};
 
-/// Radical inverse of i: evenly spread in (0, 1) for any number of points.
+/// Radical inverse of i: low-discrepancy points in (0, 1).
 double halton(int i, int base) {
     double x = 0, part = 1.0 / base;
     for (; i > 0; i /= base, part /= base) x += part * (i % base);
@@ -83,7 +83,7 @@ std::vector<SceneCamera> make_cameras(const CaptureSettings& s) {
         const Vec3<double> eye = head_centre + c.distance * direction({c.yaw_deg, c.pitch_deg});
         const double roll = spread(3, 0.04);
         const Vec3<double> up(std::sin(roll), std::cos(roll), 0);
-        c.camera = look_at<double>(eye, head_centre, up, 1.0, s.size, s.size);
+        c.camera = look_at<double>(eye, head_centre, up, 1.0, {s.size, s.size});
         c.camera.fx = c.camera.fy = focal_share * s.size * c.distance * (1 + spread(4, 0.012));
         c.camera.cx += s.size / 256.0 * spread(5, 3);
         c.camera.cy += s.size / 256.0 * spread(6, 3);
@@ -95,16 +95,16 @@ std::vector<SceneCamera> make_cameras(const CaptureSettings& s) {
     return cameras;
 }
 
-/// Largest weight that looks natural in any company.
+/// Largest weight that is plausible in combination with others.
 double limit(const std::string& name) {
-    if (name.starts_with("eyeBlink")) return 0.25; // a shut eye shows no gaze
+    if (name.starts_with("eyeBlink")) return 0.25; // closed eyes show no gaze
     if (name == "jawOpen") return 0.60;
     if (name == "mouthFunnel" || name == "mouthPucker") return 0.70;
     if (name.starts_with("jaw")) return 0.60;
     return 0.85;
 }
 
-/// A few of the expressions, those of left and right side together and nearly alike.
+/// Random weights for a few expressions, nearly equal for left and right.
 VecX<double> random_expression(const std::vector<std::string>& names, const Random& r) {
     std::vector<std::string> groups;
     const auto group = [](const std::string& name) {
@@ -137,7 +137,7 @@ void set_pose(SceneFrame& f, const Random& r) {
                     (2 * r.uniform(200 + static_cast<std::uint64_t>(i)) - 1);
 }
 
-/// Turns the eyes towards the frame's fixation.
+/// Rotates the eyes towards the frame's fixation.
 void fixate(SceneFrame& f, const HeadModel& model, const CaptureScene& scene) {
     const Vec3<double> between = 0.5 * (model.eyes[0].centre + model.eyes[1].centre);
     const Vec3<double> target = between + target_distance * direction(*f.fixation_deg);
@@ -148,7 +148,7 @@ void fixate(SceneFrame& f, const HeadModel& model, const CaptureScene& scene) {
     }
 }
 
-/// Each eye for itself.
+/// Independent random gazes of both eyes.
 void look_apart(SceneFrame& f, int index, const CaptureScene& scene, const Random& r) {
     constexpr std::array<std::array<double, 4>, 2> first{
         {{19, -7.5, -21, 3.5}, {-15, 10.5, 5, -13.5}}};
@@ -171,8 +171,8 @@ CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& s) {
     };
     check("the image size", s.size, 32, 4096);
     require(s.size % 2 == 0, "capture",
-            "got the odd image size " + std::to_string(s.size) +
-                ", expected an even one: there are halved images");
+            "image size " + std::to_string(s.size) +
+                " is odd, but half-size images need an even one");
     check("the cameras", s.cameras, 1, static_cast<int>(rig.size()));
     check("the training frames", s.train_frames, 1, 9000);
     check("the test frames", s.novel_frames, 0, 900);

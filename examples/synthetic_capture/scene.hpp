@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// synthetic_capture/scene.hpp: what a made capture shows: cameras around a head, and where
-/// the head is turned, looks and moves its face in each frame.
+/// synthetic_capture/scene.hpp: contents of a synthetic capture: cameras around a head, and head
+/// pose, gaze and expression in each frame.
 /// World, head and camera conventions of rye; angles of gaze are (yaw, pitch), yaw + towards the
 /// subject's left, pitch + up.
 /// Source: the camera rig imitates that of ETH-XGaze (Zhang et al., 2020).
@@ -21,8 +21,8 @@ struct CaptureSettings {
     int size = 256;             ///< edge of the images [px], even
     int cameras = 18;           ///< 1 to 18
     int train_frames = 24;      ///< the first is neutral and looks straight ahead
-    int novel_frames = 6;       ///< tests that look where no training frame does
-    int independent_frames = 2; ///< tests whose eyes look apart
+    int novel_frames = 6;       ///< tests with gazes outside those of training
+    int independent_frames = 2; ///< tests with independent gazes of both eyes
     int samples = 4;            ///< rays a pixel
     std::uint64_t seed = 1;     ///< of the subject and of all frames
 };
@@ -30,7 +30,7 @@ struct CaptureSettings {
 /// A camera of the rig.
 struct SceneCamera {
     std::string id;
-    double yaw_deg = 0, pitch_deg = 0, distance = 0; ///< of its place, from the head's middle
+    double yaw_deg = 0, pitch_deg = 0, distance = 0; ///< of its position, from the head's middle
     Pinhole<double> camera;
 };
 
@@ -64,13 +64,13 @@ struct CaptureScene {
     std::vector<GazeCell> held_out;        ///< fixations that no training frame has
 };
 
-/// The middle of the rig.
+/// The centre of the rig.
 inline const Vec3<double> head_centre(0, 0.32, 0.25);
 
 CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& settings);
 
-/// Renders every view and writes the capture to a new folder `out`; nothing is there before all is.
-/// progress(done, of) is told after each frame.
+/// Renders every view and writes the capture to a new folder `out`, which appears when complete.
+/// Calls progress(done, of) after each frame.
 void write_capture(const HeadModel& model, const CaptureScene& scene,
                    const std::filesystem::path& out, const std::function<void(int, int)>& progress);
 

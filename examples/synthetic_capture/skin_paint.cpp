@@ -22,8 +22,8 @@ double bell(const V3& p, const V3& centre, double radius) {
     return std::exp(-(p - centre).squaredNorm() / (radius * radius));
 }
 
-/// Distance to a polyline in the plane of the face, and how far along it [0, 1] the closest point
-/// is.
+/// Distance to a polyline in the plane of the face, and the position [0, 1] of the closest point
+/// along it.
 struct Along {
     double distance = 1e9, side = 0, at = 0;
 };
@@ -60,7 +60,7 @@ double inside(const V2& p, const V2* corner, int n) {
 
 Palette palette(std::uint64_t seed) {
     const Random r{seed, 71};
-    // Between fair and dark, along the line that human skin follows.
+    // Skin tones from light to dark, along the line of measured ones.
     const double tone = r.uniform(0) * r.uniform(1);
     Palette p;
     p.skin = mix(V3(0.70, 0.395, 0.275), V3(0.26, 0.125, 0.072), tone);
@@ -220,7 +220,7 @@ Vec4<double> SkinPaint::operator()(const V3& p) const {
         colour = mix(colour, strand, 0.97 * hair);
         gloss = std::lerp(gloss, 0.30 + 0.3 * strands, hair);
     }
-    constexpr double least = 0.004; // nothing is quite black
+    constexpr double least = 0.004; // no texel is fully black
     return {std::max(colour[0], least), std::max(colour[1], least), std::max(colour[2], least),
             std::clamp(gloss, 0.0, 1.0)};
 }
@@ -228,7 +228,7 @@ Vec4<double> SkinPaint::operator()(const V3& p) const {
 Image<float> painted(const HeadModel& model, const Points& neutral, const SkinPaint& paint,
                      int width, int height) {
     const Index n = static_cast<Index>(width) * height;
-    // Where each texel lies on the neutral head: faces are drawn in the plane of the image.
+    // Position of each texel on the neutral head, by rasterising faces in texture space.
     Points rest = Points::Zero(3, n);
     std::vector<char> known(static_cast<std::size_t>(n), 0);
     for (std::size_t f = 0; f < model.faces.size(); ++f) {
@@ -267,7 +267,7 @@ Image<float> painted(const HeadModel& model, const Points& neutral, const SkinPa
                 std::copy_n(texel.data(), 4, image.pixels.data() + 4 * i);
             }
     });
-    // Grow outwards, so that bilinear look-ups at seams see no empty texel.
+    // Dilated, so that bilinear look-ups at seams read no empty texel.
     for (int round = 0; round < 3; ++round) {
         const std::vector<char> before = known;
         const Columns<float> old = image.pixels;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// synthetic_capture/skin_paint.hpp: the colour of skin, brows, lips and hair as a field in space.
-/// Painted on the neutral head, in its frame and units (head_model.hpp); everything is placed by
-/// the 68 landmarks, so that any head in that frame can be painted. Colours are linear RGB.
+/// synthetic_capture/skin_paint.hpp: the colour of skin, brows, lips and hair as a 3D texture.
+/// Defined on the neutral head, in its frame and units (head_model.hpp), relative to the 68
+/// landmarks, so that it applies to any head in that frame. Colours are linear RGB.
 #pragma once
 
 #include <array>
@@ -39,8 +39,8 @@ class SkinPaint {
     Points moles_;
 };
 
-/// Paints the albedo image of a model whose faces, uv and landmarks are set; `neutral` are its
-/// vertices with open eyes. Texels that no face covers take the colour of their neighbours.
+/// Renders the albedo texture of a model whose faces, uv and landmarks are set; `neutral` are its
+/// vertices with open eyes. Texels outside all faces take the colour of their neighbours.
 Image<float> painted(const HeadModel& model, const Points& neutral, const SkinPaint& paint,
                      int width, int height);
 

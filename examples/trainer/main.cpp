@@ -16,8 +16,8 @@
 int main(int argc, char** argv) {
     using namespace rye::trainer;
 #ifdef __GLIBC__
-    // Feature maps of a few MB come and go in every step: keep their pages instead of returning
-    // them to the system and faulting them in again.
+    // Keeps freed pages: feature maps of a few MB are allocated in every step, and returning them
+    // to the system would fault them in again.
     mallopt(M_MMAP_THRESHOLD, 1 << 30);
     mallopt(M_TRIM_THRESHOLD, 1 << 30);
 #endif

@@ -132,10 +132,11 @@
 #include <rye/splat/tile_lists.hpp>
 #include <rye/splat/tiles.hpp>
 #include <rye/train/augment.hpp>
+#include <rye/train/avatar_objective.hpp>
+#include <rye/train/avatar_trainer.hpp>
 #include <rye/train/checkpoint.hpp>
 #include <rye/train/initialize.hpp>
 #include <rye/train/probe.hpp>
 #include <rye/train/samples.hpp>
 #include <rye/train/settings.hpp>
-#include <rye/train/stage_avatar.hpp>
 #include <rye/train/stage_mesh.hpp>

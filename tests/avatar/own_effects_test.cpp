@@ -13,8 +13,7 @@ using namespace rye::test;
 namespace {
 
 // [docs/effects.md begins]
-/// Cheeks redden with the first coefficient of the expression, each Gaussian as much as it has
-/// learned to.
+/// Adds red in proportion to the first expression coefficient, with a learned weight per Gaussian.
 struct Blush {
     static constexpr std::string_view name = "blush";
     static constexpr Reads reads = Reads::expression;
@@ -44,7 +43,7 @@ struct Blush {
 static_assert(OwnEffect<Blush>);
 // [docs/effects.md ends]
 
-/// What it is given matters: the face swells by a share of its own scales.
+/// Depends on the Gaussians it is given: the face swells by a share of its own scales.
 struct Swell {
     static constexpr std::string_view name = "swell";
     static constexpr Reads reads = Reads::nothing;

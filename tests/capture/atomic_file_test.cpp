@@ -89,7 +89,7 @@ TEST_CASE("atomic file: when the disk is full the old file stays and nothing els
     const TemporaryFolder folder;
     const fs::path path = folder.path / "a";
     write_atomic(path, as_bytes("old"));
-    // A limit on the size of files stands for a full disk: write() falls short, then fails.
+    // A limit on the size of files simulates a full disk: write() is short, then fails.
     const ::pid_t child = ::fork();
     if (child == 0) {
         const ::rlimit limit{10000, 10000};
@@ -131,7 +131,7 @@ TEST_CASE("atomic file: killed at any moment, the file is the old one or the new
         const std::string now = text_of(path);
         CHECK((now == old || now == fresh));
     }
-    // What the killed ones left is gone with the next write.
+    // The next write removes what the killed writers left.
     write_atomic(path, as_bytes(fresh));
     CHECK(files_in(folder.path) == 1);
 }
@@ -139,7 +139,7 @@ TEST_CASE("atomic file: killed at any moment, the file is the old one or the new
 TEST_CASE("atomic file: what dead writers left goes, what living writers hold stays") {
     const TemporaryFolder folder;
     const fs::path path = folder.path / "a";
-    // Three writers at once, of which two are killed.
+    // Three concurrent writers, two of which are killed.
     int ready[2], go[2];
     REQUIRE(::pipe(ready) == 0);
     REQUIRE(::pipe(go) == 0);
@@ -165,7 +165,7 @@ TEST_CASE("atomic file: what dead writers left goes, what living writers hold st
     CHECK(files_in(folder.path) == 3);
     write_atomic(path, as_bytes("mine"));
     CHECK(text_of(path) == "mine");
-    CHECK(files_in(folder.path) == 2); // the target and the living one's
+    CHECK(files_in(folder.path) == 2); // the target and the running writer's
     REQUIRE(::write(go[1], "x", 1) == 1);
     ::waitpid(child[1], &status, 0);
     CHECK(status == 0);
@@ -206,7 +206,7 @@ TEST_CASE("atomic file: a pipe is written in place and stays a pipe, so does a d
     reader.join();
     CHECK(got == "through a pipe");
     CHECK(fs::is_fifo(pipe));
-    // By a link, as /dev/stdout is one. The pipe stands for the device: never the machine's own.
+    // Through a link, as /dev/stdout is one. A pipe replaces the machine's own device.
     const fs::path link = folder.path / "link";
     fs::create_symlink("pipe", link);
     std::thread second([&] {
@@ -218,7 +218,7 @@ TEST_CASE("atomic file: a pipe is written in place and stays a pipe, so does a d
     CHECK(got == "by a link");
     CHECK(fs::is_symlink(link));
     CHECK(fs::is_fifo(pipe));
-    // A null device of our own, which only root can make.
+    // A null device made by this test, which needs root.
     const fs::path device = folder.path / "null";
     if (::mknod(device.c_str(), S_IFCHR | 0600, ::makedev(1, 3)) != 0) {
         MESSAGE("skipped: a device cannot be made here: ", std::strerror(errno));
@@ -226,7 +226,7 @@ TEST_CASE("atomic file: a pipe is written in place and stays a pipe, so does a d
     }
     try {
         write_atomic(device, as_bytes("nothing"));
-    } catch (const Error& e) { // a folder whose devices may not be opened
+    } catch (const Error& e) { // a folder mounted without devices
         MESSAGE("the device cannot be opened here: ", std::string(e.what()));
     }
     CHECK(fs::is_character_file(device));

@@ -60,7 +60,7 @@ TEST_CASE("json: numbers come back exactly, integers as integers") {
 
 TEST_CASE("json: a locale with decimal commas changes nothing") {
     const std::string before = std::setlocale(LC_ALL, nullptr);
-    // Absent on small systems; then the case above has said it all.
+    // Absent on small systems; the case above covers these.
     std::setlocale(LC_ALL, "de_DE.UTF-8");
     CHECK(number("1.5") == 1.5);
     std::setlocale(LC_ALL, before.c_str());

@@ -112,7 +112,7 @@ TEST_CASE("npy: hostile headers are one sentence that names the file") {
     CHECK_FAULT(parse(dict("<f8", "False", "(1e9,)")), "expected ')'");
     CHECK_FAULT(parse(dict("<f8", "False", "(4294967296, 4294967296, 2)")), "overflows");
     CHECK_FAULT(parse(dict("<f8", "False", "(9223372036854775807,)")), "overflows");
-    // An extent of 0 leaves no bytes, but not before the others have been multiplied.
+    // An extent of 0 gives no bytes, but only after the others have been multiplied.
     for (const char* shape : {"(4611686018427387904, 2, 0)", "(0, 4611686018427387904, 2)"})
         CHECK_FAULT(parse_npy(file_with<char>(dict("|u1", "False", shape), {}), "x.npy"),
                     "overflows");

@@ -22,7 +22,7 @@ Bytes from_hex(std::string_view hex) {
     return out;
 }
 
-/// 600 throws of a five-sided die, which zlib packs with codes of their own.
+/// 600 throws of a five-sided die, which zlib packs with dynamic codes.
 std::vector<std::uint8_t> throws_of_a_die() {
     std::vector<std::uint8_t> out;
     std::uint32_t x = 1;
@@ -124,7 +124,7 @@ TEST_CASE("npz: any damaged byte is an Error or changes nothing, never a crash")
                 Bytes damaged = whole;
                 damaged[i] ^= static_cast<std::byte>(flip);
                 try {
-                    // Names and dates have no checksum; numbers have.
+                    // Names and dates have no checksum; numbers do.
                     for (const auto& [name, array] : parse_npz(damaged, "damaged.npz"))
                         if (truth.count(name) != 0) CHECK(array.bytes == truth.at(name).bytes);
                 } catch (const Error& e) {
@@ -146,7 +146,7 @@ TEST_CASE("npz: lies about sizes are refused before memory is asked for") {
     CHECK_FAULT(parse_npz(zip, "a.npz"), "cannot hold the declared");
     zip[directory + 10] = std::byte(12); // bzip2
     CHECK_FAULT(parse_npz(zip, "a.npz"), "got zip method 12");
-    set32(directory + 24, 0xFFFFFFFFU); // promises a zip64 field
+    set32(directory + 24, 0xFFFFFFFFU); // states a zip64 field
     CHECK_FAULT(parse_npz(zip, "a.npz"), "zip64 field of 'a.npy' is missing");
 }
 
@@ -162,7 +162,7 @@ TEST_CASE("npz: files") {
 }
 
 TEST_CASE("npz: members that share bytes are refused before any is unpacked") {
-    // A directory that names one member forty times, each time under another name.
+    // A directory that lists one member forty times, each time under another name.
     const Bytes one = npz_bytes({{"a0", two_arrays().at("points")}});
     const std::size_t entry = 46 + 6, directory = one.size() - 22 - entry;
     Bytes zip(one.begin(), one.begin() + static_cast<std::ptrdiff_t>(directory));

@@ -50,7 +50,7 @@ TEST_CASE("safetensors: what is written is read back, whatever the order and the
     CHECK(file.word("words") == "\"quoted\"\n\xC3\xA9");
     CHECK(file.has("w"));
     CHECK(!file.has("v"));
-    // As the reference writes: the data begin on a multiple of 8, and each array on one of its own.
+    // As in the reference writer: data start on a multiple of 8, each array is aligned.
     CHECK(read_at<std::uint64_t>(read_file(path), 0, "x", "x") % 8 == 0);
     for (const auto& [name, t] : file.tensors())
         CHECK(reinterpret_cast<std::uintptr_t>(t.bytes.data()) % info_of(t.type).size == 0);

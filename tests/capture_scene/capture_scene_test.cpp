@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// The made capture is what its labels say. The ICT head is tested where RYE_DATA names a folder
-/// with ict/ict_light.npz in it; the test passes where it is unset.
+/// Consistency of the synthetic capture with its labels. The ICT head is tested if RYE_DATA names a
+/// folder with ict/ict_light.npz; the test passes if it is unset.
 #include "../support/real_data.hpp"
 #include "synthetic_capture/scene.hpp"
 
@@ -149,7 +149,7 @@ TEST_CASE("head: the lids follow the gaze, meet in a blink, and leave the expres
         for (const double pitch : {20.0, 10.0, 0.0, -10.0, -20.0}) {
             const Points v = vertices(pitch, "", 0);
             const double upper = opening(m, v, eye, true);
-            CHECK(upper < last - 0.005); // ever lower
+            CHECK(upper < last - 0.005); // monotonically lower
             CHECK(upper > opening(m, v, eye, false) + 0.02);
             last = upper;
         }
@@ -229,13 +229,13 @@ TEST_CASE("pictures: eye masks lie on the eyeballs, and the pupils where the gaz
             const V3 gaze = state.world_from_head.turn(state.optical[e]);
             CHECK((posed.eye_centres()[e] - centre).norm() < 1e-12);
             const V3 from = centre + V3(e == 0 ? 1 : -1, 0.3, 10);
-            Pinhole<double> camera = look_at<double>(from, centre, V3(0, 1, 0), 0.05, 96, 96);
+            Pinhole<double> camera = look_at<double>(from, centre, V3(0, 1, 0), 0.05, {96, 96});
             const HeadPicture p = posed.picture(camera, 4);
             const auto label = [&](int x, int y) {
                 return static_cast<int>(p.eye[static_cast<std::size_t>(96 * y + x)]);
             };
-            // Every labelled pixel's ray meets the eyeball of that label, whose cornea adds a
-            // tenth.
+            // Every labelled pixel's ray meets the eyeball of that label, enlarged by a tenth for
+            // the cornea.
             int count = 0;
             for (int y = 0; y < 96; ++y)
                 for (int x = 0; x < 96; ++x) {
@@ -246,8 +246,8 @@ TEST_CASE("pictures: eye masks lie on the eyeballs, and the pupils where the gaz
                     ++count;
                 }
             CHECK(count > 500);
-            // The iris' disc: its middle is labelled and black, its rim is labelled where lids are
-            // far.
+            // The iris disc: its middle is labelled and black, its rim is labelled away from the
+            // lids.
             const V3 iris = centre + m.eyes[e].iris_plane() * gaze;
             const V3 at = camera.project_point(iris);
             const int x = static_cast<int>(at.x()), y = static_cast<int>(at.y());
@@ -256,7 +256,7 @@ TEST_CASE("pictures: eye masks lie on the eyeballs, and the pupils where the gaz
                 return p.image.at(static_cast<int>(u), static_cast<int>(v)).sum() / 3;
             };
             const double rim = m.eyes[e].limbus_radius * camera.fx / at.z();
-            // Dark within the pupil but for the softbox's mirror image, bright on the white beside
+            // Dark within the pupil except for the softbox's reflection, bright on the white beside
             // it.
             double darkest = 1;
             for (int dx = -3; dx <= 3; ++dx)
@@ -277,7 +277,7 @@ TEST_CASE("pictures: the same bits on one thread and on two, from the seed on") 
     const HeadModel one = procedural_head(7);
     const HeadState state = looking(one, {10, -5}, {6, -5});
     const Pinhole<double> camera =
-        look_at<double>(V3(3, 1, 9.5), head_centre, V3(0, 1, 0), 0.28, 48, 48);
+        look_at<double>(V3(3, 1, 9.5), head_centre, V3(0, 1, 0), 0.28, {48, 48});
     const HeadPicture a = PosedHead(one, state).picture(camera, 4);
     set_threads(2);
     const HeadModel two = procedural_head(7);
@@ -288,7 +288,7 @@ TEST_CASE("pictures: the same bits on one thread and on two, from the seed on") 
     CHECK(a.eye == b.eye);
     CHECK(a.mask.pixels.maxCoeff() == 1.0f);
     CHECK(a.mask.pixels.minCoeff() == 0.0f);
-    // Premultiplied: nothing shines where nothing is.
+    // Premultiplied: black outside the mask.
     for (Index i = 0; i < a.mask.size(); ++i)
         CHECK(a.image.pixels.col(i).maxCoeff() <= a.mask.pixels(0, i));
     // Another seed is another subject.
@@ -339,7 +339,7 @@ TEST_CASE("files: what is written is read back, valid, with the labels that were
     const PosedHead posed(head(), scene.frames[1].state);
     const HeadPicture p = posed.picture(scene.cameras[2].camera, settings.samples);
     CHECK((c.mask(1, 2).pixels - p.mask.pixels).cwiseAbs().maxCoeff() < 0.502f / 255);
-    CHECK((c.image(1, 2).pixels - p.image.pixels).cwiseAbs().mean() < 0.01f); // JPEG's loss
+    CHECK((c.image(1, 2).pixels - p.image.pixels).cwiseAbs().mean() < 0.01f); // JPEG loss
     const Image<float> eyes = c.eye_mask(1, 2);
     for (Index i = 0; i < eyes.size(); ++i)
         for (Index e = 0; e < 2; ++e)
@@ -365,7 +365,7 @@ TEST_CASE("command: writes once, overwrites captures only, and leaves nothing ha
     CHECK(fs::last_write_time(out / "capture.json") == before);
 
     line.push_back("--overwrite");
-    fs::remove(out / "capture.json"); // now it might be anything
+    fs::remove(out / "capture.json"); // no longer recognisable as a capture
     CHECK(run_command(line).find("no capture") != std::string::npos);
     CHECK(fs::exists(out / "images"));
 
@@ -400,7 +400,7 @@ TEST_CASE("ICT head: its landmarks, eyes and expressions, and lids that follow t
         CHECK(opening(m, vertices(-20), eye, true) < opening(m, vertices(15), eye, true) - 0.02);
     const PosedHead posed(m, looking(m, {0, 0}, {0, 0}));
     const Pinhole<double> camera =
-        look_at<double>(V3(0, 0.35, 11), m.eyes[0].centre, V3(0, 1, 0), 0.05, 64, 64);
+        look_at<double>(V3(0, 0.35, 11), m.eyes[0].centre, V3(0, 1, 0), 0.05, {64, 64});
     const HeadPicture p = posed.picture(camera, 1);
     const V3 at = camera.project_point(V3(m.eyes[0].centre + m.eyes[0].iris_plane() * V3(0, 0, 1)));
     CHECK(

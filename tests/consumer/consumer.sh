@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # consumer.sh WAY SOURCE_DIR BUILD_DIR CMAKE GENERATOR COMPILER: a project of a user's, which gets
 # rye by WAY (find_package after an install, add_subdirectory or fetch_content), builds the program
-# that README.md shows, and runs it.
+# that README.md shows, and runs it. After an install also the programs with a user's own parts.
 set -eu
 way=$1 source=$2 build=$3 cmake=$4 generator=$5 cxx=$6
 work=$build/tests/consumer_$way
@@ -13,6 +13,7 @@ awk '/^```cpp/ { inside = 1; next } /^```/ { if (inside) exit } inside' "$source
     > "$work/project/main.cpp"
 [ -s "$work/project/main.cpp" ] || { echo "README.md shows no C++ program"; exit 1; }
 if [ "$way" = find_package ]; then
+    cp "$source/tests/consumer/redirect.cpp" "$source/tests/consumer/parts.cpp" "$work/project/"
     "$cmake" --install "$build" --prefix "$work/prefix" --component Unspecified > "$work/install.txt"
 fi
 "$cmake" -S "$work/project" -B "$work/build" -G "$generator" -DCMAKE_CXX_COMPILER="$cxx" \
@@ -20,3 +21,4 @@ fi
 "$cmake" --build "$work/build"
 cd "$work/build"
 ./consumer
+[ "$way" != find_package ] || { ./redirect && ./parts; }

@@ -18,7 +18,7 @@ using namespace rye;
 
 namespace {
 
-/// Both ways, of which a standard library needs one; none where they differ.
+/// Both implementations, of which a standard library needs one; empty where they differ.
 std::optional<double> both(const std::string& text) {
     const auto x = parse_double(text);
 #if !defined(_WIN32)

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// families.hpp: every formula that a device needs, by family. A family takes numbers in -1..1 and
-// brings them to where its formulas are used; evaluate<S>(x, y) runs on either side, for any scalar
-// S that the family is meant for, and writes every number that the formulas give.
+// families.hpp: every formula that a device needs, by family. A family maps inputs in -1..1 to the
+// range of its formulas; evaluate<S>(x, y) runs on host and device, for any scalar S that the
+// family supports, and writes every output of the formulas.
 //
-// A further family is one more struct here and one more line in formulas.cu.
+// To add a family, add a struct here and a line in formulas.cu.
 #pragma once
 
 #include <type_traits>
@@ -73,18 +73,18 @@ struct Writer {
     RYE_HD void put(const Span& s) { (*this)(s.begin, s.end); }
 };
 
-/// Where a family's reading and writing ended, so that its counts are checked.
+/// Ends of a family's reads and writes, to check its counts.
 template <class S>
 struct Ends {
     const S* in;
     const S* out;
 };
 
-/// What a family is compared by: of each output, the difference over the greater of the number
-/// itself and the output's root mean square over all inputs, in units of the scalar's epsilon:
-/// `ulps` is about four times what products that are fused or not make of it, and more than a few
-/// where an input brings numbers close to each other. `apart`, if a family has it, is the share of
-/// inputs that rounding may take to the other side of a decision, where nothing is compared.
+/// Tolerance of a family: of each output, the difference over the greater of the number itself and
+/// the output's root mean square over all inputs, in units of the scalar's epsilon. `ulps` is about
+/// four times the effect of fused products, and more than a few where an input makes numbers nearly
+/// equal. `apart`, where present, is the fraction of inputs for which rounding may change a
+/// decision, where nothing is compared.
 struct Scalars {
     static constexpr const char* name = "scalars";
     static constexpr int inputs = 6, outputs = 10;
@@ -101,7 +101,7 @@ struct Scalars {
     }
 };
 
-/// What formulas call by `using std::f`.
+/// Functions that formulas call by `using std::f`.
 struct Functions {
     static constexpr const char* name = "functions";
     static constexpr int inputs = 3, outputs = 24;
@@ -296,7 +296,7 @@ struct Projection {
     }
 };
 
-/// The way from a pixel back to the world.
+/// From a pixel back to the world.
 template <bool bends>
 struct Rays {
     static constexpr const char* name = bends ? "rays, bent" : "rays";
@@ -375,14 +375,14 @@ struct Splats {
     }
 };
 
-/// A Gaussian at a pixel: forward, in a direction, and back.
+/// A Gaussian at a pixel: value, jvp and vjp.
 template <class A>
 struct Blending {
     static constexpr const char* name =
         A::stop_rule == Stop::inclusive ? "blending, inclusive" : "blending, exclusive";
     static constexpr int inputs = 14, outputs = 15;
     static constexpr double ulps = 512;
-    static constexpr double apart = 0.01;    // reached or not, full or not
+    static constexpr double apart = 0.01;    // within the footprint or not, saturated or not
 
     template <class S>
     RYE_HD static Ends<S> evaluate(const S* x, S* y) {
@@ -522,7 +522,7 @@ struct Corneas {
     static constexpr const char* name = "cornea";
     static constexpr int inputs = 3 * 4 + 1, outputs = 3 + 6 + 5 + 6 + 1 + 3 + 4 + 3;
     static constexpr double ulps = 1024;
-    static constexpr double apart = 0.01;    // at the cornea's rim, and where Newton's method ends
+    static constexpr double apart = 0.01;    // at the cornea's rim, and where Newton's method stops
 
     template <class S>
     RYE_HD static Ends<S> evaluate(const S* x, S* y) {
@@ -536,18 +536,20 @@ struct Corneas {
         const Vec3<S> point(in.number(-0.04, 0.04), in.number(-0.04, 0.04), in.number(0.09, 0.1));
         const Vec3<S> g = in.template vector<3>();
         const S index = in.number(1.2, 1.4), width = constant<S>(0.02);
-        Vec3<S> g_camera = zero, g_light = zero;
-        out(seen_through(cornea, index, camera, point));
-        out(seen_through_vjp(cornea, index, camera, point, g, g_camera), g_camera);
-        const MirrorImage<S> m = mirror_image(cornea, camera, light, width);
-        MirrorImage<S> g_image{g, S(1), true};
+        Vec3<S> g_camera = zero;
+        const RefractingCornea<S> refracting{cornea, index};
+        out(seen_through(refracting, camera, point));
+        out(seen_through_vjp(refracting, camera, point, g, g_camera), g_camera);
+        const GlintView<S> view{camera, light, width};
+        const MirrorImage<S> m = mirror_image(cornea, view);
+        GlintGradient<S> gradient{{g, S(1), true}, g_camera, zero};
         out(m.at, m.strength, m.seen);
-        mirror_image_vjp(cornea, camera, light, width, m, g_image, g_camera, g_light);
-        out(g_camera, g_light);
+        mirror_image_vjp(cornea, view, m, gradient);
+        out(gradient.camera, gradient.light);
         const MirrorImage<S> bright{m.at, S(1), true};
-        const S value = glint_at(bright, camera, point, width);
-        out(value, glint_at_vjp(bright, camera, point, width, value, S(1), g_image, g_camera));
-        out(g_image.at, g_image.strength, g_camera);
+        const S value = glint_at(bright, view, point);
+        out(value, glint_at_vjp(bright, view, point, value, gradient));
+        out(gradient.image.at, gradient.image.strength, gradient.camera);
         return {in.at, out.at};
     }
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // zero_cost.cpp: drives an avatar without one effect (-DWITHOUT_EXPRESSION=1, ...), once by its
-// effects as types and once by a kernel written for just those effects, of the same primitives.
+// effects as types and once by a hand-written kernel of the same primitives for those effects.
 // zero_cost.sh counts the instructions of by_types and by_hand. The program compares their results.
 #include <cstdio>
 #include <cstring>
@@ -179,7 +179,7 @@ struct HandTrace {
     Gaussians<T> gaussians;
 };
 
-// One frame, as someone would write it who has just these effects.
+// One frame, as hand-written code for just these effects.
 __attribute__((noinline)) void hand_face(const HandFace& face, const AvatarConfig& c,
                                          const LandmarkRoles& roles, HandTrace& t) {
     const Index n = face.position.cols();
@@ -306,16 +306,16 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
             return Eigen::Map<const Vec3<T>>(p + 3 * i);
         };
 #if !WITHOUT_CORNEAL_REFRACTION
-        const T index = eyes.index(0, Index(at));
+        const RefractingCornea<T> refracting{cornea, eyes.index(0, Index(at))};
         for (Index i = 0; i < n; ++i)
             Eigen::Map<Vec3<T>>(to + 3 * i) =
-                seen_through<T>(cornea, index, camera, point(from, i));
+                seen_through<T>(refracting, camera, point(from, i));
 #endif
 #if !WITHOUT_GLINT
         for (Index l = 0; l < eyes.light_width.cols(); ++l) {
-            const T width = eyes.light_width(0, l);
-            const Vec3<T> light = into_eye<T>(eye, eyes.light_position.col(l));
-            const MirrorImage<T> image = mirror_image(cornea, camera, light, width);
+            const GlintView<T> view{camera, into_eye<T>(eye, eyes.light_position.col(l)),
+                                    eyes.light_width(0, l)};
+            const MirrorImage<T> image = mirror_image(cornea, view);
             if (!image.seen) continue;
             const Index channels = eyes.light_intensity.rows(), stride = g.feature.rows();
             const T* const intensity = eyes.light_intensity.data() + l * channels;
@@ -323,7 +323,7 @@ __attribute__((noinline)) void hand_eyes(const HandEyes& eyes, const AvatarConfi
             for (Index i = 0; i < n; ++i, colour += stride) {
                 const Vec3<T> x = point(from, i);
                 if (!(dot(x, cornea.axis) > T(0))) continue;
-                const T value = glint_at<T>(image, camera, point(to, i), width);
+                const T value = glint_at<T>(image, view, point(to, i));
                 for (Index c = 0; c < channels; ++c) colour[c] += intensity[c] * value;
             }
         }
@@ -519,7 +519,7 @@ bool equal(const Gaussians<T>& a, const Gaussians<T>& b) {
 int main(int argc, char** argv) {
     static Case c;
     fill(c, 4000, 1000);
-    // A first frame makes the memory of both, so that the counted ones are like any other frame.
+    // A first frame allocates the memory of both, so that the counted ones are steady.
     by_types(&c);
     by_hand(&c);
     if (argc > 1 && std::strcmp(argv[1], "types") == 0) by_types(&c);

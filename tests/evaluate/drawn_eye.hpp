@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/evaluate/drawn_eye.hpp: pictures of one eye whose gaze is known, drawn pixel by pixel: a
-/// sphere with an iris and a pupil on it, seen through an opening between lids.
+/// tests/evaluate/drawn_eye.hpp: images of one eye with a known gaze, pixel by pixel: a sphere with
+/// an iris and a pupil on it, seen through an opening between lids.
 /// World units about 1 dm, as in a capture; angles in degrees.
 #pragma once
 
@@ -20,14 +20,14 @@ inline constexpr double degree = 3.14159265358979323846 / 180;
 
 struct DrawnEye {
     double pitch = 0, yaw = 0;                ///< gaze in the head's frame [deg]
-    double camera_pitch = 0, camera_yaw = 0;  ///< where the camera stands, from the eye [deg]
+    double camera_pitch = 0, camera_yaw = 0;  ///< direction of the camera from the eye [deg]
     double head_yaw = 0;                      ///< of the head in the world [deg]
-    double upper = 1, lower = 1;  ///< reach of the opening above and below the eyeball's centre, in radii
+    double upper = 1, lower = 1;  ///< opening above and below the eyeball's centre [radii]
     double sclera = 0.8, iris = 0.3, pupil = 0.05;  ///< brightness; skin is 0.55
-    double shade = 0;             ///< brightness lost from the lower to the upper rim of the eyeball
-    double noise = 0;             ///< standard deviation, of each pixel and channel
+    double shade = 0;             ///< darkening from the lower to the upper rim of the eyeball
+    double noise = 0;             ///< standard deviation, per pixel and channel
     bool has_iris = true;
-    int size = 64;                ///< edge of the picture [px], which is five radii wide
+    int size = 64;                ///< edge of the image [px], five radii wide
 };
 
 struct EyePicture {
@@ -48,7 +48,7 @@ inline EyePicture draw(const DrawnEye& e) {
     const Vec3<double> from =
         p.ball.centre + distance * gaze_vector(e.camera_pitch * degree, e.camera_yaw * degree);
     p.camera = look_at<double>(from, p.ball.centre, Vec3<double>(0, 1, 0),
-                               2 * std::atan(2.5 * radius / distance), e.size, e.size);
+                               2 * std::atan(2.5 * radius / distance), {e.size, e.size});
     const double limbus = std::asin(limbus_radius / radius);
     // Head frame: between the lids, whose rims are horizontal.
     const auto seen = [&](const Vec2<double>& pixel, Vec3<double>& direction) {

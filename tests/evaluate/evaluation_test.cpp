@@ -68,7 +68,7 @@ TEST_CASE("gaze errors: by hand, an eye without an iris on either picture counts
 TEST_CASE("evaluation: each visible eye counts, and no other, whatever the run shows") {
     const Folder folder;
     const TinyCapture files(folder.path);
-    // Photographs of a grey disc: there is no iris on any. Of the eyes some have enough pixels.
+    // Photographs of a grey disc, without any iris. Some of the eyes have enough pixels.
     draw_eyes(files, 0, 0, 5);
     draw_eyes(files, 0, 1, 1.5);
     for (int f = 0; f < TinyCapture::frames; ++f)

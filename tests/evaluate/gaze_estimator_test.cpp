@@ -14,17 +14,17 @@ using trainer::estimate_gaze;
 
 namespace {
 
-/// Where cameras stand, pitch and yaw [deg].
+/// Directions of cameras, pitch and yaw [deg].
 constexpr std::array<std::array<double, 2>, 3> views{{{0, 0}, {8, 25}, {-20, -15}}};
 
-/// Degrees between the estimate and the gaze that was drawn; 180 where nothing was found.
+/// Degrees between the estimated and the true gaze; 180 if none was found.
 double error_of(const DrawnEye& eye) {
     const EyePicture p = draw(eye);
     const auto found = estimate_gaze(p.image, p.eye, p.camera, p.ball);
     return found ? angular_error(found->gaze, p.gaze) / degree : 180;
 }
 
-/// Seen by any of three cameras.
+/// The mean over three cameras.
 bool found_in(DrawnEye eye) {
     bool found = false;
     for (const auto& [pitch, yaw] : views) {

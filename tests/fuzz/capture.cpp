@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/fuzz/capture.cpp: any text as the capture.json of a sound capture of one frame.
+/// tests/fuzz/capture.cpp: any text as the capture.json of a valid capture of one frame.
 #include "fuzz.hpp"
 
 #include "../programs/tiny_capture.hpp"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/fuzz/config.cpp: any text as a run's configuration; one that is read comes back when it is
-/// written.
+/// tests/fuzz/config.cpp: any text as a run's configuration; a valid one must survive writing and
+/// reading.
 #include "fuzz.hpp"
 
 #include "data/config.hpp"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/fuzz/fuzz.hpp: what the fuzz targets share. A reader given any bytes returns, or throws an
+/// tests/fuzz/fuzz.hpp: shared by the fuzz targets. A reader given any bytes returns, or throws an
 /// Error that names the input; every other exception, a sanitizer's report, a time-out or a large
 /// allocation ends the run as a crash.
 #pragma once
@@ -23,14 +23,14 @@ inline ByteSpan bytes_of(const std::uint8_t* data, std::size_t size) {
     return std::as_bytes(std::span(data, size));
 }
 
-/// Ends the program as a crash where a condition that a target states does not hold.
+/// Ends the program as a crash if a condition of a target does not hold.
 inline void demand(bool holds, const char* sentence) {
     if (holds) return;
     std::fprintf(stderr, "not so: %s\n", sentence);
     std::abort();
 }
 
-/// Calls read(), which may throw an Error that holds `who`.
+/// Calls read(), which may throw an Error that contains `who`.
 template <class F>
 void attempt(F&& read, std::string_view who = name) {
     try {

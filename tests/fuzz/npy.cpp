@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/fuzz/npy.cpp: any bytes as an npy array; one that is read comes back when it is written.
+/// tests/fuzz/npy.cpp: any bytes as an npy array; a valid one must survive writing and reading.
 #include "fuzz.hpp"
 
 #include <rye/capture/npy.hpp>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/fuzz/picture.cpp: any bytes as a PNG or JPEG. The checksums of a PNG's chunks are put right
-/// first, so that changed chunks are read and not only refused.
+/// tests/fuzz/picture.cpp: any bytes as a PNG or JPEG. Corrects the checksums of a PNG's chunks
+/// first, so that changed chunks are decoded and not only rejected.
 #include "fuzz.hpp"
 
 #include <rye/capture/inflate.hpp>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/fuzz/ply.cpp: any bytes as a PLY file, from a stream that seeks and from one that cannot.
+/// tests/fuzz/ply.cpp: any bytes as a PLY file, from seekable and non-seekable streams.
 #include "fuzz.hpp"
 
 #include <sstream>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// replay FOLDER...: gives each file of FOLDER/<target>/ to that target once, for compilers without
+/// replay FOLDER...: runs each file of FOLDER/<target>/ once by that target, for compilers without
 /// libFuzzer. A fault ends the program.
 #include <iostream>
 #include <map>

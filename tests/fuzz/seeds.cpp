@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// seeds FOLDER: writes what the fuzz targets begin with, by the project's own writers, to
+/// seeds FOLDER: writes initial inputs of the fuzz targets, made by the project's own writers, to
 /// FOLDER/<target>/, and dictionaries to FOLDER/<target>.dict.
 #include <fstream>
 #include <iostream>
@@ -83,7 +83,7 @@ void arrays() {
     dictionary("npy", {"'descr': ", "'fortran_order': ", "'shape': ", "True", "False", "'>f8'",
                        "'|b1'", "'<u2'", "4611686018427387904, ", "(0, ", "{", "}"});
     seed("npz", "stored", npz_bytes(all));
-    // Raw deflate from a PNG of our own: behind the head of zlib's stream, without its checksum.
+    // Raw deflate from a PNG: without the header and the checksum of zlib's stream.
     for (const int side : {4, 64}) {
         trainer::Image8 image{side, side, 1, {}};
         for (int i = 0; i < side * side; ++i)

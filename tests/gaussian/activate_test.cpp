@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stored to drawn numbers and their derivatives, by the dot-product test against duals.
+// Activation of stored numbers and its derivatives, by the dot-product test against duals.
 #include <rye/gaussian/activate.hpp>
 
 #include <doctest/doctest.h>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Projection through a lens that bends: against duals, against the pinhole it is without
-// coefficients, and against finely sampled Gaussians, which are bent point by point.
+// Projection through a lens with distortion: against duals, against the pinhole for coefficients of
+// 0, and against finely sampled Gaussians, distorted point by point.
 #include <rye/gaussian/project.hpp>
 
 #include <doctest/doctest.h>
@@ -65,8 +65,8 @@ Moments sampled(const Shape<double>& s, const C& camera) {
     return m;
 }
 
-/// The first-order Gaussian against the sampled one: px that the centre is off, and the share by
-/// which the covariance is.
+/// Error of the first-order Gaussian against the sampled one: of the centre [px], and of the
+/// covariance, relative.
 template <class C>
 Vec2<double> error(const Shape<double>& s, const C& camera) {
     const auto p = project(s, Projector(camera, 10.0, 0.0));
@@ -105,7 +105,7 @@ TEST_CASE_TEMPLATE("without coefficients a lens is the pinhole: 0 ulps in double
     const Projector b(bent, 0.3, 0.3);
     CHECK(a.x_low == b.x_low);
     CHECK(a.y_high == b.y_high);
-    // Of the largest number beside it: what cancels has the rounding of what it cancels from.
+    // Relative to the largest intermediate value, which determines the rounding after cancellation.
     const auto ulps = [](const auto& x, const auto& y) {
         const T size = std::max(x.cwiseAbs().maxCoeff(), y.cwiseAbs().maxCoeff());
         const T gap = (x - y).cwiseAbs().maxCoeff();
@@ -126,7 +126,7 @@ TEST_CASE_TEMPLATE("without coefficients a lens is the pinhole: 0 ulps in double
             worst = std::max(worst, x);
     }
     MESSAGE("ulps apart: " << worst);
-#ifdef __clang__ // fuses a product and a sum where they stand, so here and there differently
+#ifdef __clang__ // fuses products and sums differently in the two places
     CHECK(worst <= 8);
 #else
     CHECK(worst == 0);
@@ -160,10 +160,10 @@ TEST_CASE("a bent Gaussian against one whose points are bent: the error falls wi
         }
         CHECK(last[0] < 0.01);
         CHECK(last[1] < 2e-3);
-        // It is no coarser an approximation than the pinhole's own.
+        // The approximation is no coarser than the pinhole's own.
         CHECK(last[0] < 2 * pinhole[0]);
         CHECK(last[1] < 2 * pinhole[1]);
-        // And with a pinhole's Jacobian at the bent place it would be far off.
+        // A pinhole's Jacobian at the distorted point would be far off.
         Shape<double> s{Vec3<double>(0, 0, 0), Quat<double>(1, 0, 0, 0), Vec3<double>(1, 1, 1)};
         s.scale *= 0.01;
         s.mean = bent.camera_from_world.inverse().apply(Vec3<double>(2.2, 1.1, 4));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The standard Gaussian PLY: what is written is read back, what other writers leave out or add is
-// accepted, and files that lie are refused by name before anything is allocated for them.
-// RYE_DATA may name a folder with splats/biker.ply; without it the last case passes unseen.
+// The standard Gaussian PLY: written clouds are read back, properties that other writers omit or
+// add are accepted, and malformed files are rejected by name before any large allocation.
+// RYE_DATA may name a folder with splats/biker.ply; without it the last case passes untested.
 #include <rye/gaussian/ply.hpp>
 
 #include <chrono>
@@ -63,7 +63,7 @@ const std::string numbers = "property float x\nproperty float y\nproperty float 
                             "property float scale_1\nproperty float rot_0\nproperty float rot_1\n"
                             "property float rot_2\nproperty float rot_3\n";
 
-/// The message that reading a text ends with.
+/// The message of the Error of reading a text.
 std::string fault(const std::string& text) {
     try {
         parsed(text);
@@ -231,7 +231,7 @@ TEST_CASE("ply: read through a pipe, which cannot tell its length") {
     CHECK(same(through(written(c)).first, c));
     CHECK(through(ascii).first.mean(2, 0) == 3.0F);
     CHECK(through(written(c).substr(0, 100000)).second.find("too few") != std::string::npos);
-    // A count that asks for all memory, in a pipe that ends.
+    // A count that would need all memory, in a pipe that ends.
     CHECK(through("ply\nformat binary_little_endian 1.0\nelement vertex 1152921504606846976\n" +
                   numbers + "end_header\nabcd")
               .second.find("too few") != std::string::npos);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Projection of one Gaussian: needles, near plane, limits of the Jacobian, and the hand-written
-// reverse derivative against duals, at random and where it is hard.
+// reverse derivative against duals, on random and hard cases.
 #include <rye/gaussian/project.hpp>
 
 #include <doctest/doctest.h>
@@ -59,9 +59,9 @@ TEST_CASE("project, mip: large Gaussians keep their opacity, specks their light,
         if (!project(s, lens).drawable) continue;
         s.scale *= 1e4;
         large = std::max(large, std::abs(project<Antialias::mip>(s, lens).share - 1));
-        // Without dilation all of it is kept, to the bit.
+        // Without dilation the share is exactly 1.
         CHECK(project<Antialias::mip>(s, plain).share == 1);
-        // The light of a Gaussian is its opacity times sqrt(det): the same with and without.
+        // The integrated contribution of a Gaussian, opacity times sqrt(det), is unchanged by mip.
         s.scale *= 1e-8;
         const auto p = project<Antialias::mip>(s, lens);
         const double full = std::sqrt(project(s, plain).determinant);

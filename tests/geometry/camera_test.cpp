@@ -12,7 +12,7 @@ using namespace rye;
 namespace {
 
 Pinhole<double> oblique() {
-    Pinhole<double> c = look_at<double>({1, 2, 5}, {0.1, -0.2, 0.3}, {0, 1, 0}, 0.6, 640, 480);
+    Pinhole<double> c = look_at<double>({1, 2, 5}, {0.1, -0.2, 0.3}, {0, 1, 0}, 0.6, {640, 480});
     c.fx = 700, c.fy = 650, c.cx = 300.5, c.cy = 251.25;
     return c;
 }
@@ -31,7 +31,7 @@ static_assert(HasCameraShape<Pinhole<double>> && !HasCameraShape<NoRay>);
 } // namespace
 
 TEST_CASE("camera: x right, y down, z forward; facing a head its left is on the right") {
-    const Pinhole<double> c = look_at<double>({0, 0, 5}, {0, 0, 0}, {0, 1, 0}, 0.5, 64, 48);
+    const Pinhole<double> c = look_at<double>({0, 0, 5}, {0, 0, 0}, {0, 1, 0}, 0.5, {64, 48});
     const Vec3<double> middle = c.project_point(Vec3<double>(0, 0, 0));
     CHECK(middle[0] == doctest::Approx(32));
     CHECK(middle[1] == doctest::Approx(24));
@@ -120,10 +120,10 @@ TEST_CASE("camera: derivatives and lanes by the same formula") {
 
 TEST_CASE("camera: what cannot be a camera is refused with a reason") {
     using V = Vec3<double>;
-    CHECK_THROWS_AS(look_at<double>(V(0, 1, 0), V(0, 0, 0), V(0, 1, 0), 0.5, 8, 8), Error);
-    CHECK_THROWS_AS(look_at<double>(V(0, 1, 0), V(0, 1, 0), V(0, 1, 0), 0.5, 8, 8), Error);
-    CHECK_THROWS_AS(look_at<double>(V(0, 0, 1), V(0, 0, 0), V(0, 1, 0), 3.2, 8, 8), Error);
-    CHECK_THROWS_AS(look_at<double>(V(0, 0, 1), V(0, 0, 0), V(0, 1, 0), 0.5, 0, 8), Error);
+    CHECK_THROWS_AS(look_at<double>(V(0, 1, 0), V(0, 0, 0), V(0, 1, 0), 0.5, {8, 8}), Error);
+    CHECK_THROWS_AS(look_at<double>(V(0, 1, 0), V(0, 1, 0), V(0, 1, 0), 0.5, {8, 8}), Error);
+    CHECK_THROWS_AS(look_at<double>(V(0, 0, 1), V(0, 0, 0), V(0, 1, 0), 3.2, {8, 8}), Error);
+    CHECK_THROWS_AS(look_at<double>(V(0, 0, 1), V(0, 0, 0), V(0, 1, 0), 0.5, {0, 8}), Error);
     CHECK_THROWS_AS(scaled(oblique(), 0.0001), Error);
     CHECK_THROWS_AS(scaled(oblique(), std::nan("")), Error);
 }

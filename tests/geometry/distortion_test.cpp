@@ -17,7 +17,7 @@ constexpr Lens64 barrel{-0.28, 0.07, -0.008, 1.2e-3, -7e-4};
 constexpr Lens64 pincushion{0.2, 0.05, 0.0, -2e-3, 1e-3};
 
 static_assert(sizeof(Pinhole<float>) ==
-              sizeof(float) * (5 + 12) + 2 * sizeof(int));  // a pinhole keeps nothing of a lens
+              sizeof(float) * (5 + 12) + 2 * sizeof(int));  // a pinhole stores no lens
 
 Pinhole<double> plain() {
     Pinhole<double> c;
@@ -116,7 +116,7 @@ TEST_CASE("distortion: unbending is the inverse, up to the fold") {
                 CHECK((u.slope - s).norm() < 1e-11);
             }
     }
-    const Lens64 fold{-1.0 / 3, 0, 0, 0, 0};  // turns back at 1, where it is bent to 2/3
+    const Lens64 fold{-1.0 / 3, 0, 0, 0, 0};  // turns back at 1, where D is 2/3
     CHECK(undistort(fold, Vec2<double>(0.6666, 0)).reached);
     for (const double far : {0.6668, 1.0, 50.0})
         CHECK_FALSE(undistort(fold, Vec2<double>(0, far)).reached);

@@ -37,7 +37,7 @@ T face_area(const Surface<T>& s, const Face& f) {
     return area_vector<T>(s.positions.col(f[0]), s.positions.col(f[1]), s.positions.col(f[2])).norm();
 }
 
-/// Each directed edge once and its reverse once: closed, two faces an edge, all facing alike.
+/// Whether each directed edge occurs once and so does its reverse: closed, consistently oriented.
 bool watertight(const std::vector<Face>& faces) {
     std::map<Edge, int> uses;
     for (const Face& f : faces)
@@ -70,7 +70,7 @@ double surface_dot_error(const TetGrid<T>& grid, const Columns<T>& sdf, Index ch
     d.add_forward(tangents<T>(surface_positions<D>(s.topology, lifted(grid.vertices, dx),
                                                    lifted(sdf, ds))), wx);
     d.add_forward(tangents<T>(interpolate<D>(s.topology, fraction, lifted(features, df))), wf);
-    const SurfaceGradient<T> g = surface_vjp<T>(s, grid.vertices, sdf, features, wx, wf);
+    const SurfaceGradient<T> g = surface_vjp<T>(s, {grid.vertices, sdf, features}, {wx, wf});
     d.add_reverse(g.vertices, dx);
     d.add_reverse(g.sdf, ds);
     d.add_reverse(g.features, df);
@@ -141,7 +141,7 @@ TEST_CASE("marching_tetrahedra: a torus has Euler characteristic 0, random signs
     CHECK(euler(ring) == 0);
 
     Columns<float> noise = random_columns<float>(1, g.vertices.cols(), 7);
-    for (Index i = 0; i < noise.cols(); ++i)  // outside at the border, so that nothing is cut open
+    for (Index i = 0; i < noise.cols(); ++i)  // outside at the border: closed surface
         if (g.vertices.col(i).cwiseAbs().maxCoeff() > 1.45f) noise(0, i) = 0.5f;
     CHECK(watertight(surface_topology<float>(g.topology, noise).faces));
 }
@@ -180,7 +180,7 @@ TEST_CASE("marching_tetrahedra: values too small to divide give the middle and n
         CHECK((s.fraction.array() == 0.5f).all());
         const Columns<float> w = Columns<float>::Ones(3, 3), none(0, 3), no_features(0, 4);
         const SurfaceGradient<float> gradient =
-            surface_vjp<float>(s, g.vertices, sdf, no_features, w, none);
+            surface_vjp<float>(s, {g.vertices, sdf, no_features}, {w, none});
         CHECK(gradient.sdf.allFinite());
         CHECK((gradient.sdf.norm() > 0) == (e > 1e-8f));
         CHECK(gradient.vertices.sum() == doctest::Approx(9));
@@ -197,7 +197,7 @@ TEST_CASE("marching_tetrahedra: no surface, one tetrahedron, values that are not
         CHECK(interpolate<double>(s.topology, s.fraction, Columns<double>::Ones(5, 4)).rows() == 5);
         const Columns<double> none(3, 0), no_features(2, 0);
         const SurfaceGradient<double> gradient = surface_vjp<double>(
-            s, g.vertices, sdf, Columns<double>::Ones(2, 4), none, no_features);
+            s, {g.vertices, sdf, Columns<double>::Ones(2, 4)}, {none, no_features});
         CHECK(gradient.sdf.norm() == 0);
         CHECK(gradient.vertices.norm() == 0);
         CHECK(touched_vertices(s.topology).empty());

@@ -17,7 +17,7 @@ namespace {
 
 using Plain = ScalarBackend<Serial>;
 
-/// At the origin, looking along +z: the world is the camera's frame.
+/// At the origin, looking along +z: world and camera frames are equal.
 template <class T>
 Pinhole<T> straight(int width, int height) {
     Pinhole<T> c;
@@ -29,11 +29,11 @@ Pinhole<T> straight(int width, int height) {
     return c;
 }
 
-/// A camera with nothing special about it.
+/// A camera in general position.
 template <class T>
 Pinhole<T> askew(int width, int height) {
-    Pinhole<T> c = look_at<T>({T(1.5), T(0.9), T(5)}, {T(0.1), 0, 0}, {T(0.1), 1, 0}, T(0.6), width,
-                              height);
+    Pinhole<T> c = look_at<T>({T(1.5), T(0.9), T(5)}, {T(0.1), 0, 0}, {T(0.1), 1, 0}, T(0.6),
+                              {width, height});
     c.cx += T(2.3);
     c.fy *= T(1.05);
     return c;
@@ -80,11 +80,11 @@ TriangleMesh<T> cast(const TriangleMesh<double>& m) {
 template <class T>
 MeshRaster<T> draw(const TriangleMesh<T>& m, const Pinhole<T>& camera, const Columns<T>& attributes,
                    const MeshRasterSettings& settings = {}) {
-    return rasterize_mesh<T>(Plain{}, m.vertices, m.faces, camera, attributes, settings);
+    return rasterize_mesh<T>(Plain{}, {m.vertices, m.faces, attributes}, camera, settings);
 }
 
-/// Pixels whose nearest outlines are others in the second raster. A face with two corners in one
-/// place has two edges that are equally near: rounding chooses, and with it whose gradient it is.
+/// Pixels whose nearest outlines differ in the second raster. A face with two equal corners has two
+/// equally near edges: rounding selects one, and so the edge that gets the gradient.
 template <class T, class D>
 std::vector<Index> undecided(const MeshRaster<T>& a, const MeshRaster<D>& b) {
     std::vector<Index> pixels;
@@ -115,12 +115,12 @@ double raster_dot_error(const TriangleMesh<T>& m, const Pinhole<T>& camera, Inde
     const Columns<T> wa = random_columns<T>(channels, pixels, 4),
                      wd = random_columns<T>(1, pixels, 6) * T(depth_weight);
     Columns<T> ws = random_columns<T>(1, pixels, 5);
-    const MeshRaster<D> moved = rasterize_mesh<D>(Plain{}, lifted(m.vertices, dx), m.faces, camera,
-                                                  lifted(a, da), settings);
+    const MeshRaster<D> moved = rasterize_mesh<D>(
+        Plain{}, {lifted(m.vertices, dx), m.faces, lifted(a, da)}, camera, settings);
     const MeshRaster<T> still = draw<T>(m, camera, a, settings);
     CHECK(still.face == moved.face);
     const std::vector<Index> ties = undecided(still, moved);
-#ifdef __clang__ // fuses a product and a sum where they stand: a dual's may round differently
+#ifdef __clang__ // fuses products and sums: a dual's value may round differently
     CHECK(static_cast<Index>(ties.size()) * 8 < pixels);
 #else
     CHECK(ties.empty());
@@ -131,7 +131,7 @@ double raster_dot_error(const TriangleMesh<T>& m, const Pinhole<T>& camera, Inde
     d.add_forward(tangents<T>(moved.silhouette.pixels), ws);
     d.add_forward(tangents<T>(moved.depth.pixels), wd);
     const MeshRasterGradient<T> g =
-        rasterize_mesh_vjp<T>(Plain{}, still, m.faces, camera, a, {&wa, &ws, &wd});
+        rasterize_mesh_vjp<T>(Plain{}, still, {m.vertices, m.faces, a}, camera, {&wa, &ws, &wd});
     d.add_reverse(g.vertices, dx);
     d.add_reverse(g.attributes, da);
     CHECK(still.mask.pixels.sum() > T(20));
@@ -260,7 +260,7 @@ TEST_CASE("rasterize_mesh: shows the nearest face that a ray meets") {
                 }
             }
         CHECK(hits > 250);
-        CHECK(different <= 1);  // a ray along an edge may go either way
+        CHECK(different <= 1);  // a ray along an edge may hit either face
     }
 }
 
@@ -334,7 +334,8 @@ TEST_CASE("rasterize_mesh: faces behind, edge-on, without area or not finite are
     CHECK(r.silhouette.pixels.maxCoeff() > 0);  // an edge still has an outline
     const Columns<double> w = Columns<double>::Ones(1, 32 * 32), w3 = w.replicate(3, 1);
     const MeshRasterGradient<double> g =
-        rasterize_mesh_vjp<double>(Plain{}, r, m.faces, camera, m.vertices, {&w3, &w, &w});
+        rasterize_mesh_vjp<double>(Plain{}, r, {m.vertices, m.faces, m.vertices}, camera,
+                                   {&w3, &w, &w});
     CHECK(g.vertices.allFinite());
     CHECK(g.vertices.leftCols(6).norm() == 0);
     CHECK(g.vertices.middleCols(6, 3).norm() > 0);
@@ -355,18 +356,20 @@ TEST_CASE("rasterize_mesh: no faces and no attributes make an empty image") {
     CHECK(r.silhouette.pixels.norm() == 0);
     const Columns<float> w = Columns<float>::Ones(32, 20 * 17), w1 = w.topRows(1);
     const MeshRasterGradient<float> g =
-        rasterize_mesh_vjp<float>(Plain{}, r, none.faces, camera, Columns<float>(32, 0), {&w, &w1});
+        rasterize_mesh_vjp<float>(Plain{}, r, {none.vertices, none.faces, Columns<float>(32, 0)},
+                                  camera, {&w, &w1});
     CHECK(g.vertices.cols() == 0);
     CHECK(g.attributes.cols() == 0);
 }
 
 TEST_CASE("rasterize_mesh: covered pixels give the silhouette no gradient; it pulls the outline") {
     const TriangleMesh<double> m = ball(0.3);
-    const Pinhole<double> camera = look_at<double>({0, 0, 6}, {0, 0, 0}, {0, 1, 0}, 0.5, 64, 64);
+    const Pinhole<double> camera = look_at<double>({0, 0, 6}, {0, 0, 0}, {0, 1, 0}, 0.5, {64, 64});
     const Columns<double> none(0, m.vertices.cols());
     const MeshRaster<double> r = draw<double>(m, camera, none);
     const auto pull = [&](const Columns<double>& w) {
-        return rasterize_mesh_vjp<double>(Plain{}, r, m.faces, camera, none, {nullptr, &w})
+        return rasterize_mesh_vjp<double>(Plain{}, r, {m.vertices, m.faces, none}, camera,
+                                          {nullptr, &w})
             .vertices;
     };
     CHECK(pull(r.mask.pixels).norm() == 0);
@@ -395,8 +398,10 @@ TEST_CASE("rasterize_mesh: duals agree with central differences where no visibil
     const Pinhole<double> camera = straight<double>(32, 32);
     const Columns<double> dx = random_columns<double>(3, 3, 1), a = random_columns<double>(4, 3, 2);
     const MeshRaster<Dual<double, 1>> exact =
-        rasterize_mesh<Dual<double, 1>>(Plain{}, lifted(m.vertices, dx), m.faces, camera,
-                                        lifted<double>(a, Columns<double>::Zero(4, 3)));
+        rasterize_mesh<Dual<double, 1>>(
+            Plain{},
+            {lifted(m.vertices, dx), m.faces, lifted<double>(a, Columns<double>::Zero(4, 3))},
+            camera);
     const double h = 1e-6;
     const auto at = [&](double s) {
         return draw<double>({m.vertices + s * dx, m.faces}, camera, a);
@@ -424,14 +429,15 @@ TEST_CASE("rasterize_mesh: threads change no bit") {
                          ws = random_columns<float>(1, 96 * 90, 3);
     const MeshRaster<float> one = draw<float>(m, camera, a),
                             many =
-                                rasterize_mesh<float>(Threaded{}, m.vertices, m.faces, camera, a);
+                                rasterize_mesh<float>(Threaded{}, {m.vertices, m.faces, a}, camera);
     CHECK(one.face == many.face);
     CHECK(one.attributes.pixels == many.attributes.pixels);
     CHECK(one.silhouette.pixels == many.silhouette.pixels);
-    const MeshRasterGradient<float> g = rasterize_mesh_vjp<float>(Plain{}, one, m.faces, camera, a,
+    const AttributeMesh<float> mesh{m.vertices, m.faces, a};
+    const MeshRasterGradient<float> g = rasterize_mesh_vjp<float>(Plain{}, one, mesh, camera,
                                                                   {&wa, &ws}),
-                                    h = rasterize_mesh_vjp<float>(Threaded{}, many, m.faces, camera,
-                                                                  a, {&wa, &ws});
+                                    h = rasterize_mesh_vjp<float>(Threaded{}, many, mesh, camera,
+                                                                  {&wa, &ws});
     CHECK(g.vertices == h.vertices);
     CHECK(g.attributes == h.attributes);
 }

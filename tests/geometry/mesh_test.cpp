@@ -43,8 +43,8 @@ TEST_CASE("uniform_laplacian: 0 inside a regular flat sheet, towards the sheet a
     const Columns<double> l = uniform_laplacian<double>(m.vertices, m.faces);
     for (Index y = 1; y < 4; ++y)
         for (Index x = 1; x < 4; ++x) CHECK(l.col(y * 5 + x).norm() == 0);
-    CHECK(l(1, 2) > 0);   // the lower rim is pulled up
-    CHECK(l(1, 22) < 0);  // the upper rim down
+    CHECK(l(1, 2) > 0);   // upward at the lower rim
+    CHECK(l(1, 22) < 0);  // downward at the upper rim
     CHECK(l.row(2).norm() == 0);
 }
 
@@ -57,7 +57,7 @@ TEST_CASE("uniform_laplacian: one triangle, an isolated vertex, a bow-tie") {
     Columns<double> l = uniform_laplacian<double>(x, one);
     CHECK(l.col(0) == Vec3<double>(1.5, 1.5, 0));
     CHECK(l.col(1) == Vec3<double>(-3, 1.5, 0));
-    CHECK(l.rightCols(3).norm() == 0);  // of no face: no division by 0
+    CHECK(l.rightCols(3).norm() == 0);  // vertices without faces: no division by 0
     l = uniform_laplacian<double>(x, bow_tie);
     CHECK(l.col(0).norm() == 0);
     CHECK(l.col(5).norm() == 0);

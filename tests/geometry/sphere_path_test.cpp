@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Refraction and reflection at a sphere against rays that are traced by brute force.
+// Refraction and reflection at a sphere against brute-force ray tracing.
 #include <rye/geometry/sphere_path.hpp>
 
 #include <numbers>
@@ -33,12 +33,12 @@ V refracted(const V& d, const V& n, double ratio) {
     return across - std::sqrt(std::max(0.0, 1 - across.squaredNorm())) * n;
 }
 
-/// Angles in the plane of eye and source at which a ray of the eye that is refracted into the
-/// sphere passes the source: found by a scan of all rays that hit the sphere, then by bisection.
+/// Angles in the plane of eye and source at which a refracted ray of the eye passes the source:
+/// found by a scan of all rays that hit the sphere, then by bisection.
 std::vector<double> traced(double distance, const Vec2<double>& source, double radius,
                            double index) {
     const double horizon = std::acos(radius / distance);
-    const auto side = [&](double t) {  // on which side of the refracted ray the source is
+    const auto side = [&](double t) {  // side of the refracted ray on which the source is
         const V q(radius * std::cos(t), radius * std::sin(t), 0), eye(distance, 0, 0);
         const V r = refracted((q - eye).normalized(), q / radius, 1 / index);
         return r[0] * (source[1] - q[1]) - r[1] * (source[0] - q[0]);
@@ -76,13 +76,13 @@ TEST_CASE("refraction: the rays that a brute-force trace finds, and no other") {
     for (int trial = 0; trial < 150; ++trial) {
         const double radius = 0.078, index = trial % 3 == 0 ? 1.376 : 1.336;
         const V eye = d.direction() * d.uniform(0.3, 40);
-        // Behind the surface as an iris is: from none of the radius to a half of it.
+        // Behind the surface, like an iris: by 0 to half of the radius.
         const V source = d.direction() * radius * d.uniform(0.5, 0.9999);
         const double along = source.dot(eye.normalized());
         const double across = (source - along * eye.normalized()).norm();
         const auto rays =
             traced(eye.norm(), Vec2<double>(along, across), radius, index);
-        const SpherePath<double> p = sphere_path(eye, source, radius, index);
+        const SpherePath<double> p = sphere_path(eye, source, {radius, index});
         CHECK(p.at.norm() == doctest::Approx(radius).epsilon(1e-13));
         if (rays.empty()) {
             CHECK_FALSE(p.seen);
@@ -92,7 +92,7 @@ TEST_CASE("refraction: the rays that a brute-force trace finds, and no other") {
             CHECK(p.seen);
             worst = std::max(worst, std::abs(angle_of(p.at, eye, source) - rays[0]));
             ++seen;
-        } else {  // beyond a caustic there are several: one of them
+        } else {  // beyond a caustic there are several solutions
             double near = 9;
             for (const double r : rays)
                 near = std::min(near, std::abs(angle_of(p.at, eye, source) - r));
@@ -114,7 +114,7 @@ TEST_CASE("reflection: equal angles in one plane; seen as long as both see the p
         const V eye = d.direction() * std::exp(d.uniform(-2.5, 4)),
                 light = d.direction() * std::exp(d.uniform(-2.5, 4));
         if (eye.norm() < 1.001 * radius || light.norm() < 1.001 * radius) continue;
-        const SpherePath<double> p = sphere_path(eye, light, radius, 1.0);
+        const SpherePath<double> p = sphere_path(eye, light, {radius, 1.0});
         const double apart =
             std::acos(std::clamp(eye.normalized().dot(light.normalized()), -1.0, 1.0));
         const double reach = std::acos(radius / eye.norm()) + std::acos(radius / light.norm());
@@ -140,18 +140,18 @@ TEST_CASE("on the axis, at the surface and at grazing, in float too") {
         const T tight = std::is_same_v<T, double> ? T(1e-13) : T(1e-5);
         const Vec3<T> eye(T(0), T(0), T(10));
         for (const T off : {T(0), T(1e-30), T(1e-12), T(1e-7)}) {
-            const auto p = sphere_path(eye, Vec3<T>(off, T(0), T(0.04)), r, n);
+            const auto p = sphere_path(eye, Vec3<T>(off, T(0), T(0.04)), {r, n});
             CHECK(p.seen);
             CHECK(std::abs(p.at[0]) <= T(2) * off);
             CHECK(std::abs(p.at[2] - r) <= tight * r + off * off / r);
             // Behind the centre, too.
-            CHECK(sphere_path(eye, Vec3<T>(off, T(0), T(-0.01)), r, n).at.allFinite());
+            CHECK(sphere_path(eye, Vec3<T>(off, T(0), T(-0.01)), {r, n}).at.allFinite());
         }
-        for (const T angle : {T(0), T(0.3), T(1), T(1.5)}) {  // at the surface it is where it is
+        for (const T angle : {T(0), T(0.3), T(1), T(1.5)}) {  // a source on the surface is Q itself
             const Vec3<T> x(r * std::sin(angle), T(0), r * std::cos(angle));
             for (const T depth : {T(0), T(1e-7), T(1e-3)}) {
                 const Vec3<T> source = x * (T(1) - depth);
-                const auto p = sphere_path(eye, source, r, n);
+                const auto p = sphere_path(eye, source, {r, n});
                 CHECK(p.at.allFinite());
                 CHECK((p.at - source).norm() <= T(40) * r * (depth + tight));
             }
@@ -159,11 +159,11 @@ TEST_CASE("on the axis, at the surface and at grazing, in float too") {
         // A mirror with the light at the camera, straight behind it, and beside it.
         for (const Vec3<T>& light :
              {eye, Vec3<T>(eye * T(3)), Vec3<T>(eye + Vec3<T>(T(1e-7), T(0), T(0)))}) {
-            const auto p = sphere_path(eye, light, r, T(1));
+            const auto p = sphere_path(eye, light, {r, T(1)});
             CHECK(p.seen);
             CHECK((p.at - Vec3<T>(T(0), T(0), r)).norm() <= tight * T(10) * r + T(1e-9));
         }
-        const auto behind = sphere_path(eye, Vec3<T>(-eye), r, T(1));
+        const auto behind = sphere_path(eye, Vec3<T>(-eye), {r, T(1)});
         CHECK_FALSE(behind.seen);
         CHECK(behind.at.allFinite());
     };
@@ -178,11 +178,11 @@ TEST_CASE("float paths are those of double") {
         const V eye = d.direction() * d.uniform(1, 20);
         const V source = d.direction() * d.uniform(0.03, 0.0779);
         const Vec3<float> e = eye.cast<float>(), s = source.cast<float>();
-        const auto p = sphere_path<double>(e.cast<double>(), s.cast<double>(), double(0.078F),
-                                           double(1.336F));
-        const auto q = sphere_path(e, s, 0.078F, 1.336F);
+        const auto p = sphere_path<double>(e.cast<double>(), s.cast<double>(),
+                                           {double(0.078F), double(1.336F)});
+        const auto q = sphere_path(e, s, {0.078F, 1.336F});
         CHECK(q.at.allFinite());
-        // Beyond a caustic or at the rim rounding decides what is seen.
+        // Beyond a caustic or at the rim rounding decides whether Q is visible.
         if (p.seen != q.seen) continue;
         const auto along = p.at.normalized().dot(eye.normalized());
         if (along < 0.3 || source.dot(eye) < 0.3 * source.norm() * eye.norm()) continue;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One pixel's sum: clamps, stops, transmittance, cancellation (B1-B5, B9, B15, B16).
+// The sum at one pixel: clamps, stops, transmittance, cancellation (B1-B5, B9, B15, B16).
 #include <limits>
 
 #include "screens.hpp"
@@ -77,7 +77,7 @@ void b3_b4(Report& report) {
 
 template <class B, class T>
 void b5(Report& report) {
-    // Colours that differ from what is behind by 1e-4: d/d alpha = T (c - behind).
+    // Colours that differ from those behind by 1e-4: d/d alpha = T (c - behind).
     const Index n = 40;
     auto s = layers<T>(n, 1, T(0.1));
     s.camera.width = s.camera.height = 1;
@@ -96,7 +96,7 @@ void b5(Report& report) {
         largest = std::max(largest, std::abs(truth[static_cast<std::size_t>(i)]));
         behind += a * (c - behind);
     }
-    // The buffer form: total minus what was accumulated so far, over 1 - alpha.
+    // The buffer form: total minus the accumulated part, over 1 - alpha.
     T sum = T(0), t = T(1), total = T(0);
     for (Index i = 0; i < n; ++i) {
         total += t * s.gaussians.opacity(0, i) * s.gaussians.feature(0, i);
@@ -177,7 +177,7 @@ void b15_b16(Report& report) {
     const T batch = T(0); // product of a batch, divided out again
     report.textbook_fails("B15", kind<B, T>(), "T of a batch recovered as a quotient of products",
                           std::isfinite(batch / batch));
-    // B16: value and weight are returned apart, so an empty pixel divides nothing.
+    // B16: value and weight are separate outputs, so an empty pixel needs no division.
     auto none = layers<T>(1, 1, T(0));
     const auto empty = draw<B>(none);
     report.holds("B16", kind<B, T>(), "empty pixel: depth 0, weight 0, background as it is",
@@ -186,7 +186,7 @@ void b15_b16(Report& report) {
                           std::isfinite(empty.depth.pixels(0, 0) / empty.alpha.pixels(0, 0)));
 }
 
-/// The jump at the threshold, and how many pixels a step of 6e-6 carries across it.
+/// The jump at the threshold, and the number of pixels that a step of 6e-6 moves across it.
 template <class B, class T>
 void b2(Report& report) {
     const auto s = cloud<T>(80, 3, 3);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a Gaussian is and how it is seen (A6-A11, A15-A17).
+// Positions relative to the camera, and projection (A6-A11, A15-A17).
 #include <limits>
 
 #include <rye/autodiff/dual.hpp>
@@ -60,13 +60,13 @@ void a6_a8(Report& report) {
     for (const double z : {0.0, -0.02, -0.04, -3.0})
         silent = silent && !truth(project(ball<S>(0, 0, z), lens).drawable);
     report.holds("A8", kind_of<S>(), "mean at 0 and behind the camera: nothing is drawn", silent);
-    // A splat behind projects to the mirrored place when the sign of z is not asked.
+    // A splat behind the camera projects to the mirrored place if the sign of z is ignored.
     const double mirrored = 1000 * 0.01 / -2.0;
     report.textbook_fails("A8", kind_of<S>(), "f x / z behind the camera lies outside the image",
                           std::abs(mirrored) > 256);
 }
 
-/// Dot product test of the projection's mean alone, at a given x / z.
+/// Dot-product test of the projection's mean alone, at a given x / z.
 double clamp_gap(double slope, double limit_gap_scale, bool doubled) {
     using D = Dual<double, 1>;
     const auto camera = camera_of<double>();
@@ -91,8 +91,8 @@ double clamp_gap(double slope, double limit_gap_scale, bool doubled) {
     g.depth = 0;
     auto back = project_vjp(shape, lens, g);
     if (doubled) {
-        // The first implementation keeps 2 f t / z^3 where the limit holds t / z fixed: what the
-        // vjp gives for z, plus once more the part of the clamped slope.
+        // The first implementation keeps 2 f t / z^3 where the limit holds t / z fixed: the vjp's
+        // result for z, plus once more the part of the clamped slope.
         const double h = 1e-6;
         const auto at = [&](double dz) {
             auto moved = shape;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Colour by direction (E1-E4).
+// View-dependent colour (E1-E4).
 #include <limits>
 
 #include <rye/autodiff/dual.hpp>
@@ -72,8 +72,8 @@ void e1_e2(Report& report) {
                           std::isfinite(R(1) / std::sqrt(sum2 * sum2 * sum2)));
 }
 
-/// The basis at a turned direction is a turned basis: sums of squares of a band do not change, nor
-/// does any product of two bands' values at equally turned pairs of directions.
+/// Rotation of the basis: sums of squares of a band do not change, nor does any product of two
+/// bands' values at equally rotated pairs of directions.
 template <class S>
 void e3(Report& report) {
     using R = real_t<S>;

@@ -22,7 +22,7 @@ void needle(double sigma, double thin, double angle, Vec3<S>& x, Vec3<S>& y) {
     y = Vec3<S>(to(s * sigma), to(c * thin), S(R(0)));
 }
 
-/// x cross y, |x|^2, |y|^2 of the numbers that were given, in long double.
+/// x cross y, |x|^2, |y|^2 of the given numbers, in long double.
 template <class S>
 long double exact_determinant(const Vec3<S>& x, const Vec3<S>& y, double d) {
     long double n[2][3], xx = d, yy = d;
@@ -104,7 +104,7 @@ void a2(Report& report) {
         worsen(alpha, std::abs(std::exp(power) - std::exp(truth)));
         worsen(conic_alpha, std::abs(std::exp(std::min(0.0, conic_power)) - std::exp(truth)));
     }
-    // An exponent of 4.5 at three standard deviations has its own rounding besides.
+    // An exponent of 4.5 at three standard deviations adds its own rounding.
     const double scale = unit<S> * sigma / std::sqrt(d) * 4;
     report.at_most("A2", kind_of<S>(), "1000 px, 2000 offsets within 3 sigma; exponent", 2 * scale,
                    worst);
@@ -287,7 +287,7 @@ void a5_a12_a13(Report& report) {
     report.textbook_fails("A12", kind_of<S>(), "precision from 1 / s, times an offset of 0",
                           std::isfinite(mine));
 
-    // A13: log-scales at the thresholds are drawn or refused, never NaN.
+    // A13: log-scales at the thresholds are drawable or culled, never NaN.
     bool declared = true;
     for (const double s : {-110.0, -51.99, -43.67, -20.0, 0.0, 10.0, 11.09, 22.18, 44.36, 88.72}) {
         const R scale = std::exp(static_cast<R>(s));

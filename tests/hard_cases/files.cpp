@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files that lie, and disks that fill (J1, J2, J4, J5, J7, J11, J12).
+// Malformed files, and full disks (J1, J2, J4, J5, J7, J11, J12).
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -87,7 +87,7 @@ void j2(Report& report) {
     }
     Bytes zip(22, std::byte{0xFF});
     all = all && refused([&] { parse_npz(zip, "a.npz"); });
-    // A stream that claims to inflate a thousandfold more than deflate can.
+    // A stream that states a result a thousand times larger than deflate can give.
     const Bytes small(16, std::byte{0});
     all = all && refused([&] { inflate(small, 1ULL << 40U, "bomb"); });
     report.holds("J2", "npy, npz",
@@ -144,7 +144,7 @@ void j7_j11_j12(Report& report) {
     fs::create_directory(folder);
     const fs::path path = folder / "state";
     write_atomic(path, as_bytes("old"), Durability::atomic_only);
-    // A limit on the file's size stands for a full disk.
+    // A limit on the file's size simulates a full disk.
     struct rlimit kept {};
     ::getrlimit(RLIMIT_FSIZE, &kept);
     struct rlimit little = kept;
@@ -173,7 +173,7 @@ void j7_j11_j12(Report& report) {
                  told && content(path) == "old" && left == 2);
     report.textbook_fails("J7", "file", "open for writing, then write: the old file stays",
                           content(folder / "plain") == "old");
-    // J11: a name with a space and UTF-8; a link stays one; a folder is refused.
+    // J11: a name with a space and UTF-8; a link stays one; a folder is rejected.
     const fs::path link = fs::path(name) / "link";
     fs::create_symlink(path, link);
     write_atomic(link, as_bytes("new"), Durability::atomic_only);
@@ -181,7 +181,7 @@ void j7_j11_j12(Report& report) {
                  content(path) == "new" && fs::is_symlink(link) && refused([&] {
                      write_atomic(folder, as_bytes("x"), Durability::atomic_only);
                  }));
-    // J12: another type, another shape, and a tensor that is not there, each by name.
+    // J12: another type, another shape, and a missing tensor, each by name.
     const Columns<float> w = Columns<float>::Ones(2, 3);
     write_safetensors(path, {tensor_entry("w", w)}, {});
     const Safetensors file = read_safetensors(path);

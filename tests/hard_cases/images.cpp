@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whole images: nothing to draw, symmetry, order, agreement of backends, threads (B10, B14, B19,
+// Whole images: empty scenes, symmetry, order, agreement of backends, threads (B10, B14, B19,
 // B20, and I6, I7 of a render).
 #include <numeric>
 
@@ -170,7 +170,7 @@ void images(Report& report) {
     });
     threads<Plain, double>(report);
     threads<Wide, float>(report);
-    // Sums in the order in which threads happen to arrive.
+    // Sums in the order in which threads finish.
     float up = 0, down = 0;
     for (std::uint64_t i = 0; i < 10000; ++i) {
         up += static_cast<float>(Random{6, 0}.normal(2 * i));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Losses and metrics where there is nothing, or nothing different, to look at (F6-F12, F16).
+// Losses and metrics of empty or equal inputs (F6-F12, F16).
 #include <limits>
 
 #include <rye/loss/mesh_terms.hpp>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What compilers, processors and locales do to numbers (I1-I3, I8, I10-I12).
+// Effects of compilers, processors and locales on numbers (I1-I3, I8, I10-I12).
 #include <clocale>
 #include <cstdio>
 #include <cstdlib>
@@ -78,7 +78,7 @@ void i3(Report& report) {
 #endif
 }
 
-/// Sizes around a vector's, between guards that must not be touched.
+/// Sizes around a vector's, between guards that must stay unchanged.
 template <class T>
 void i8(Report& report) {
     constexpr Index lanes = static_cast<Index>(Lanes<T>::size);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // hard_cases [--page FILE] [--flush-to-zero] [--textbook]: runs every hard case; exit status 1 if
-// one fails. With --page it also writes docs/hard_cases.md; with --flush-to-zero, denormals are
-// flushed in every thread; with --textbook, the entries are listed for which the textbook's formula
-// fails the law that rye's keeps.
+// one fails. --page also writes docs/hard_cases.md; --flush-to-zero flushes denormals in every
+// thread; --textbook lists the entries for which the textbook's formula fails the law that rye's
+// satisfies.
 #include <cstdio>
 #include <cstring>
 #include <fstream>
@@ -37,7 +37,7 @@ Counts count(const Report& report) {
     return c;
 }
 
-/// Rows of one law and one demand: kinds of number, and the worst of them (the best of a textbook).
+/// Rows of one law and one requirement: kinds of number, and the worst of them (textbook: the best).
 struct Group {
     const Row* row;
     std::string kinds;
@@ -64,7 +64,7 @@ std::vector<Group> groups(const std::vector<const Row*>& rows) {
     return all;
 }
 
-/// A bar would end the cell of a table.
+/// Escapes bars, which would end the cell of a table.
 std::string in_cell(const std::string& text) {
     std::string out;
     for (const char c : text) (c == '|' ? out += '\\' : out) += c;
@@ -77,22 +77,23 @@ void write_page(const Report& report, const char* path) {
     out << "# Hard cases\n\n"
            "Written by the test program `hard_cases --page docs/hard_cases.md`. An entry is an "
            "input\n"
-           "that breaks the formula of the textbook, in float or at all; here is what is demanded "
-           "of\n"
+           "for which the textbook's formula fails, in float or in general, with the accuracy "
+           "required of\n"
            "rye's formula and the worst that it reached on the machine that wrote the page. A row "
            "in\n"
-           "*italics* is the textbook's formula, or a way of working, under the same demand: it "
-           "must\n"
-           "fail, so that the demand says something. \"holds\" is a fact without a number.\n\n"
+           "*italics* is the textbook's formula, or a common alternative, under the same "
+           "requirement: it\n"
+           "must fail, which shows that the requirement is meaningful. \"holds\" is a fact without "
+           "a number.\n\n"
         << catalogue().size() << " entries: " << c.tested << " tested here, " << c.elsewhere
-        << " by another test, " << c.absent << " about code that is not in the tree; for "
+        << " by another test, " << c.absent << " about code that does not exist; for "
         << c.textbook
         << " the textbook's formula is shown to fail\n(`hard_cases --textbook` lists them).\n\n"
-           "They and the other tests of numbers also run with denormals flushed to zero: each such "
+           "These and the other numerical tests also run with denormals flushed to zero: each such "
            "program\ntakes `--flush-to-zero`, and ctest runs it both ways. `sh tests/variants.sh` "
-           "builds and runs\nthem with products fused and not, under the address and "
-           "undefined-behaviour sanitizers, and\nby clang; that takes many minutes.\n\n"
-        << "| entry | inputs or formula | number | demanded | reached |\n|---|---|---|---|---|\n";
+           "builds and runs\nthem with fused products and without, under the address and "
+           "undefined-behaviour sanitizers, and\nwith clang; that takes many minutes.\n\n"
+        << "| entry | inputs or formula | number | required | reached |\n|---|---|---|---|---|\n";
     std::map<std::string, std::vector<const Row*>> by_id;
     for (const Row& r : report.rows) by_id[r.id].push_back(&r);
     for (const Entry& e : catalogue()) {
@@ -116,7 +117,7 @@ void write_page(const Report& report, const char* path) {
     }
 }
 
-/// Each entry with its textbook rows that fail, the formula and by how much at the least.
+/// Lists each entry with its failing textbook rows, the formula and its smallest error.
 void list_textbook(const Report& report) {
     for (const Entry& e : catalogue()) {
         std::vector<const Row*> rows;

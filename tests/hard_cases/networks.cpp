@@ -119,8 +119,8 @@ void f4_f5_f13(Report& report) {
     for (const double size : {1e-6, 1.0, 1e6}) {
         One<T> q, h;
         h.w(0, 0) = static_cast<T>(size);
-        Adam<One<T>> fresh(q);
-        adam_step(ScalarBackend<>{}, q, h, fresh, rate, AdamConfig{.eps = 1e-15});
+        Adam<One<T>> fresh(q, {.eps = 1e-15});
+        adam_step(ScalarBackend<>{}, q, h, fresh, rate);
         worsen(first_step, std::abs(double(T(1) - q.w(0, 0)) / 1e-3 - 1));
     }
     report.at_most("F5", kind_of<T>(), "first step, gradient 1e-6 to 1e6: rate, relative", 1e-4,

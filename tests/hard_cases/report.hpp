@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/hard_cases/report.hpp: what a hard case demands and what was reached. A row is one law of
+/// tests/hard_cases/report.hpp: required and reached accuracy of a hard case. A row is one law of
 /// one entry of the catalogue, for one kind of number; a row of a textbook formula must fail the
-/// law that rye's formula keeps, or the law would say nothing.
+/// law that rye's formula satisfies, which shows that the law is meaningful.
 #pragma once
 
 #include <algorithm>
@@ -20,9 +20,9 @@ namespace rye::hard {
 struct Row {
     std::string id;     ///< of the entry: "A1"
     std::string kind;   ///< "float", "float lanes", "float, scalar backend", ...
-    std::string inputs; ///< or, of a textbook row, the formula
+    std::string inputs; ///< inputs, or in a textbook row the formula
     double demanded;    ///< the largest error allowed; < 0: a fact that must hold
-    double reached;     ///< the largest error seen; of a fact 0 if it holds, else 1
+    double reached;     ///< the largest error; of a fact 0 if it holds, else 1
     bool textbook;
 
     bool within() const { return demanded < 0 ? reached == 0 : reached <= demanded; } // NaN fails
@@ -38,7 +38,7 @@ class Report {
     void holds(const char* id, std::string kind, std::string inputs, bool fact) {
         rows.push_back({id, std::move(kind), std::move(inputs), -1, fact ? 0.0 : 1.0, false});
     }
-    /// The textbook formula, measured as rye's is: it must exceed what is demanded.
+    /// The textbook formula, measured like rye's: it must exceed the requirement.
     void textbook(const char* id, std::string kind, std::string formula, double demanded,
                   double reached) {
         rows.push_back({id, std::move(kind), std::move(formula), demanded, reached, true});
@@ -50,13 +50,13 @@ class Report {
 };
 
 /// An entry of the catalogue, and where it is tested if not in this program; a note that begins
-/// with "absent" says what is not in the tree.
+/// with "absent" names what does not exist.
 struct Entry {
     std::string_view id, title, elsewhere;
 };
 const std::vector<Entry>& catalogue();
 
-// One function a group of entries, and file of the same name.
+// One function per group of entries, in the file of the same name.
 void determinants(Report&);
 void cameras(Report&);
 void blending(Report&);
@@ -103,7 +103,7 @@ template <class M>
     requires(!std::is_same_v<M, bool>)
 bool truth(const M& mask) { return xsimd::all(mask); }
 
-/// As std::max, but NaN is the worst of all.
+/// As std::max, but NaN is the largest.
 inline void worsen(double& worst, double x) {
     if (!(x <= worst) && !std::isnan(worst)) worst = x;
 }

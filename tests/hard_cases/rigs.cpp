@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gaze, the eye's motion, and how far a driver reaches (C6-C8, C15, C16, D1-D8).
+// Gaze, the eye's motion, and the influence of drivers (C6-C8, C15, C16, D1-D8).
 #include <limits>
 
 #include <rye/autodiff/dual.hpp>
@@ -58,7 +58,7 @@ void c8(Report& report) {
             const double t = theta * degree;
             Vec3<T> b = static_cast<T>(std::cos(t)) * a + static_cast<T>(std::sin(t)) * n;
             if (theta == 0) b = a;
-            // Of the vectors that were given, in long double.
+            // For the given vectors, in long double.
             const Vec3<long double> p = a.template cast<long double>(),
                                     q = b.template cast<long double>();
             const long double truth = std::atan2(cross(p, q).norm(), dot(p, q));
@@ -84,7 +84,7 @@ void c16(Report& report) {
             for (double angle = 0; angle < 1.2; angle += 0.05) {
                 const Vec3<T> eye(T(distance), T(0), T(0));
                 const Vec3<T> source(T(0.6 * std::cos(angle)), T(0.6 * std::sin(angle)), T(0));
-                const SpherePath<T> path = sphere_path(eye, source, T(1), T(index));
+                const SpherePath<T> path = sphere_path(eye, source, {T(1), T(index)});
                 if (!path.seen) continue;
                 const Vec3<double> q = path.at.template cast<double>();
                 const Vec3<double> out = eye.template cast<double>() - q;
@@ -103,19 +103,19 @@ void c16(Report& report) {
     report.at_most("C16", kind_of<T>(), "index 1.376 both ways: n sin - sin", 32 * u, snell);
     report.textbook("C16", kind_of<T>(), "-b - sqrt(b^2 - c)", 4 * u, textbook);
 
-    // Sources whose light comes out along the surface, +-1e-7, and beyond.
+    // Sources whose light leaves along the surface, +-1e-7, and beyond.
     bool finite = true, sides = true;
     double jump = 0;
     const double distance = 20, rim = std::acos(1 / distance), bend = std::asin(1 / 1.376);
     for (const double depth : {1e-3, 0.1, 0.3}) {
         Vec3<double> before = Vec3<double>::Zero();
         for (const double grazing : {-1e-7, 0.0, 1e-7, 1e-2}) {
-            // From the rim inwards, turned beyond the angle of total reflection.
+            // From the rim inwards, at more than the angle of total reflection.
             const double a = rim + 3.14159265358979324 - (bend + grazing);
             const Vec3<T> source(T(std::cos(rim) + depth * std::cos(a)),
                                  T(std::sin(rim) + depth * std::sin(a)), T(0));
             const SpherePath<T> path =
-                sphere_path(Vec3<T>(T(distance), T(0), T(0)), source, T(1), T(1.376));
+                sphere_path(Vec3<T>(T(distance), T(0), T(0)), source, {T(1), T(1.376)});
             finite = finite && path.at.allFinite();
             if (grazing < 0 && sizeof(T) == 8) sides = sides && path.seen != (grazing > 0);
             if (grazing == 1e-2) sides = sides && !path.seen;
@@ -124,7 +124,7 @@ void c16(Report& report) {
             before = now;
         }
     }
-    report.holds("C16", kind_of<T>(), "total reflection +-1e-7: finite, told apart",
+    report.holds("C16", kind_of<T>(), "total reflection +-1e-7: finite, distinguished",
                  finite && sides);
     report.at_most("C16", kind_of<T>(), "... and no jump there", 1e-5, jump);
     report.textbook_fails("C16", kind_of<T>(), "sqrt(1 - n^2 sin^2) beyond total reflection",
@@ -168,7 +168,7 @@ void d_metric(Report& report, const char* metric) {
     const bool squared = std::is_same_v<M, SquaredDistance>;
     const auto arg = [&](double d) { return squared ? static_cast<T>(d) : static_cast<T>(d * d); };
     const M m;
-    // D1: no width is a step.
+    // D1: a ramp without width is a step.
     const Ramp<T> step{T(0.25), T(0.25)};
     const T t = squared ? T(0.25) : T(0.25) * T(0.25), below = std::nextafter(t, T(0));
     const Ramp<T> thin{T(0.25), std::nextafter(T(0.25), T(1))};
@@ -267,7 +267,7 @@ void d8(Report& report) {
         const T most = resolve_overlap(Overlap::normalized, l, q);
         report.holds("D8", kind_of<T>(),
                      "midway between eyes " + std::string(gap < 0.5 ? "2" : "6") +
-                         " cm apart: sum told, normalised to 1",
+                         " cm apart: sum returned, normalised to 1",
                      most == left(0, 0) + right(0, 0) && double(l(0, 0) + q(0, 0)) <= 1 + 1e-7);
         if (gap < 0.5)
             report.textbook("D8", kind_of<T>(), "both added", 1, double(left(0, 0) + right(0, 0)));

@@ -58,7 +58,7 @@ void c1_c3(Report& report) {
             if (magnitude > 1e-37)
                 worsen(along, static_cast<double>(std::abs(truth.dot(g)) / scale) / u);
         }
-    // Subnormal entries have lost digits before anyone could help.
+    // Subnormal entries have fewer digits already on input.
     const bool is_float = sizeof(R) == 4;
     report.at_most("C1", kind_of<S>(), "|q| from 1e-38 to 1e37: error [ulp of 1]", 3, worst);
     if (is_float)

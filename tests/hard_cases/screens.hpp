@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/hard_cases/screens.hpp: scenes of a few large, flat Gaussians before a small camera, whose
-/// blended values can be written down; and the backends that a render is tried on.
+/// tests/hard_cases/screens.hpp: scenes of a few large, flat Gaussians in front of a small camera,
+/// with blended values in closed form; and the backends to test renders on.
 #pragma once
 
 #include <rye/splat/lanes.hpp>

@@ -52,8 +52,8 @@ void g1_g3(Report& report) {
     for (const T v : {T(1), T(-1), T(0)}) {
         const Columns<T> all = Columns<T>::Constant(1, grid.vertices.cols(), v);
         const auto none = marching_tetrahedra<T>(grid.topology, grid.vertices, all);
-        const auto g = surface_vjp<T>(none, grid.vertices, all, Columns<T>(0, all.cols()),
-                                      Columns<T>(3, 0), Columns<T>(0, 0));
+        const auto g = surface_vjp<T>(none, {grid.vertices, all, Columns<T>(0, all.cols())},
+                                      {Columns<T>(3, 0), Columns<T>(0, 0)});
         empty = empty && none.topology.faces.empty() && g.sdf.isZero(0) && g.vertices.isZero(0);
     }
     report.holds("G3", kind_of<T>(), "all outside, all inside, all 0: no face, gradient 0", empty);
@@ -89,7 +89,7 @@ void g4(Report& report) {
         for (const double h : {1e-1, 1e-2, 1e-3, 1e-4}) {
             const T o = static_cast<T>(offset), top = static_cast<T>(offset + h);
             const Vec3<T> a(o, o, o), b(o + T(1), o, o), c(o, top, o);
-            const double truth = 0.5 * (double(top) - double(o)) * 1.0; // of the floats given
+            const double truth = 0.5 * (double(top) - double(o)) * 1.0; // of the given floats
             if (truth == 0) continue;
             worsen(worst, std::abs(0.5 * double(norm(area_vector(a, b, c))) / truth - 1));
             // Twice the area as a x b + b x c + c x a.
@@ -100,14 +100,15 @@ void g4(Report& report) {
                    sizeof(T) == 4 ? 1e-5 : 1e-13, worst);
     report.textbook("G4", kind_of<T>(), "a x b + b x c + c x a", sizeof(T) == 4 ? 1e-5 : 1e-13,
                     naive);
-    // A face of no area is left out of the picture.
+    // A face without area is skipped.
     Columns<T> x(3, 3);
     x << T(-1), T(1), T(0), T(0), T(0), T(0), T(2), T(2), T(2);
     Pinhole<T> camera;
     camera.fx = camera.fy = T(8), camera.cx = camera.cy = T(8);
     camera.width = camera.height = 16;
     Columns<T> values = Columns<T>::Ones(1, 3);
-    const auto r = rasterize_mesh<T>(ScalarBackend<>{}, x, {{0, 1, 2}}, camera, values);
+    const std::vector<Face> one{{0, 1, 2}};
+    const auto r = rasterize_mesh<T>(ScalarBackend<>{}, {x, one, values}, camera);
     report.holds("G4", kind_of<T>(), "h = 0: not drawn, all finite",
                  r.attributes.pixels.allFinite() && r.mask.pixels.isZero(0));
 }
@@ -161,10 +162,11 @@ void g7(Report& report) {
     far << T(1e6), T(1e6), T(2e6), T(0), T(1e6), T(0), T(2), T(2), T(2);
     for (const Columns<T>& x : {edge, behind, far}) {
         const Columns<T> values = Columns<T>::Ones(1, 3);
-        const auto r = rasterize_mesh<T>(ScalarBackend<>{}, x, {{0, 1, 2}}, camera, values);
+        const std::vector<Face> one{{0, 1, 2}};
+        const auto r = rasterize_mesh<T>(ScalarBackend<>{}, {x, one, values}, camera);
         finite = finite && r.attributes.pixels.allFinite() && r.silhouette.pixels.allFinite();
         const Columns<T> ones = Columns<T>::Ones(1, 256);
-        const auto g = rasterize_mesh_vjp<T>(ScalarBackend<>{}, r, {{0, 1, 2}}, camera, values,
+        const auto g = rasterize_mesh_vjp<T>(ScalarBackend<>{}, r, {x, one, values}, camera,
                                              {&ones, &ones, &ones});
         finite = finite && g.vertices.allFinite();
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a Gaussian is looked for, and in which order (B6-B8, B11-B13, B17, B18).
+// Extents of Gaussians, tile lists, and their order (B6-B8, B11-B13, B17, B18).
 #include <limits>
 
 #include <rye/math/exponential.hpp>
@@ -35,7 +35,7 @@ One<T> one(double cx, double cy, double sx, double sy, double angle, double opac
     return o;
 }
 
-/// Pixels whose alpha reaches theta although no list names them; tiles listed in vain.
+/// Pixels whose alpha reaches theta although no list has them; and tiles listed needlessly.
 template <class T>
 void cover(const One<T>& o, Index& misses, Index& tiles, Index& needed, double sigma_box = 0) {
     const Cover<Support::ellipse, T> c{o.footprint, o.camera.width, o.camera.height};
@@ -50,7 +50,7 @@ void cover(const One<T>& o, Index& misses, Index& tiles, Index& needed, double s
             for (int y = ty * tile_edge; y < (ty + 1) * tile_edge; ++y)
                 for (int x = tx * tile_edge; x < (tx + 1) * tile_edge; ++x) {
                     const T px = T(x) + T(0.5) - o.camera.cx, py = T(y) + T(0.5) - o.camera.cy;
-                    // Of the numbers that the walk is given, without its rounding.
+                    // For the given numbers, without the kernel's rounding.
                     const long double dx = px - static_cast<long double>(o.splat.x);
                     const long double dy = py - static_cast<long double>(o.splat.y);
                     const long double u = o.splat.ux * dx, v = o.splat.vx * dx + o.splat.vy * dy;
@@ -95,7 +95,7 @@ void b6_b8(Report& report) {
                    double(misses));
     report.textbook("B6", kind_of<T>(), "a box of 3 sigma: pixels missed", 0, double(box_misses));
 
-    // B8: needles of A1 across the image; a tile may be listed in vain near the rim.
+    // B8: needles of A1 across the image; a tile near the rim may be listed needlessly.
     misses = tiles = needed = 0;
     bool finite = true;
     for (const double sigma : {10.0, 300.0, 3000.0, 3e4})
@@ -173,7 +173,7 @@ void b11(Report& report) {
 
 template <class T>
 void b12_b13(Report& report) {
-    // Three that cover everything: more pairs than the budget is an error, told before memory.
+    // Three that cover all tiles: more pairs than the budget is an Error before any allocation.
     std::vector<Span> rows(3, Span{0, 1 << 20});
     Footprint<T> f{T(1 << 19), T(1 << 19), T(4), {T(1e12), T(0), T(1e12)}, T(1e24)};
     TileLists lists;
@@ -193,7 +193,7 @@ void b12_b13(Report& report) {
     const std::uint32_t wrapped = static_cast<std::uint32_t>(std::uint64_t(1000000) * 8160U);
     report.textbook_fails("B12", kind_of<T>(), "1e6 splats x 8160 tiles in 32 bits",
                           wrapped == std::uint64_t(1000000) * 8160U);
-    // B13: what was counted is what was emitted, with infinities among the inputs.
+    // B13: counted pairs are emitted pairs, with infinities among the inputs.
     bool equal = true;
     for (std::uint64_t seed = 0; seed < 30; ++seed) {
         std::vector<Footprint<T>> feet;

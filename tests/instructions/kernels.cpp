@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // kernels.cpp KERNEL: runs one kernel once on a fixed scene, within a function of that name, whose
-// instructions instructions.sh has counted.
+// instructions instructions.sh counts.
 #include <cstring>
 
 #include <rye/nn/mlp.hpp>
@@ -54,8 +54,8 @@ extern "C" {
         rye::mlp_forward(Lanes{}, network->mlp, network->points, network->frame, &network->trace);
 }
 [[gnu::noinline]] void mlp_backward() {
-    mlp_vjp(Lanes{}, network->mlp, network->points, network->frame, network->trace, network->out,
-            network->gradient, &network->g_points, nullptr);
+    mlp_vjp(Lanes{}, network->mlp, {network->points, network->frame, network->trace}, network->out,
+            {network->gradient, &network->g_points});
 }
 
 } // extern "C"

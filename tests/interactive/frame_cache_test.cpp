@@ -40,7 +40,7 @@ inline UpsamplerShape local_shape(int capacity, bool skip) {
     return {.capacity = capacity, .doublings = 0, .norm = Normalization::none, .skip = skip};
 }
 
-/// The whole frame by the ordinary functions.
+/// The full frame by the ordinary functions.
 template <class B, class A, class T>
 void check_frame(const B& backend, FrameCache<B, A, T>& cache, const Stage<T>& s) {
     TwoStreamTrace<T> trace;
@@ -59,7 +59,7 @@ void check_frame(const B& backend, FrameCache<B, A, T>& cache, const Stage<T>& s
                     upsampler_forward(backend, s.avatar.upsampler, whole.feature, nullptr).pixels));
 }
 
-/// Any of the drivers, the camera and the background, alone or together, or nothing.
+/// Changes any of the drivers, the camera and the background, alone or together, or nothing.
 template <class T>
 void change(Stage<T>& s, int step) {
     const Random random{static_cast<std::uint64_t>(step) + 90, 2};
@@ -172,7 +172,7 @@ TEST_CASE("frame cache: what is done is what changed") {
     CHECK(w.networks == 0);
     CHECK(static_cast<Index>(cache.drive().changed().size()) == points + eyes);
 
-    // The sign of a zero is a change; a NaN that stays is none.
+    // The sign of a zero is a change; an unchanged NaN is none.
     s.drivers.expression[0] = 0.0f;
     update();
     s.drivers.expression[0] = -0.0f;

@@ -22,7 +22,7 @@ void check_same(const Raster<T>& a, const Raster<T>& b) {
     CHECK(a.trace.non_finite == b.trace.non_finite);
 }
 
-/// Moves some columns of g: a few, a run of them, most; some out of sight, some to a NaN, some back.
+/// Moves some columns of g: a few, a run of them, most; some out of view, some to NaN, some back.
 template <class T>
 std::vector<Index> shake(Gaussians<T>& g, const Gaussians<T>& home, int step) {
     const Random random{static_cast<std::uint64_t>(step), 3};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// That training learns: a small head trained for seconds must show frames that it was not trained
-/// on, and look where they look; without the gradients of any one stream it must not. A gradient
-/// that is zero, or of the wrong sign, fails here whatever the laws of single kernels say.
+/// Training as a whole: a small head trained for seconds must render held-out frames, with their
+/// gaze; without the gradients of any one stream it must not. A gradient that is zero, or of the
+/// wrong sign, fails here even if the laws of single kernels hold.
 #include <unistd.h>
 
 #include <array>
@@ -32,7 +32,7 @@ struct Folder {
     ~Folder() { fs::remove_all(path); }
 };
 
-/// Few frames and cameras, close enough that an eye has pixels to be measured by.
+/// Few frames and cameras, close enough for eyes of measurable size.
 Capture small_capture(const fs::path& folder) {
     const HeadModel model = procedural_head(1);
     CaptureSettings settings;
@@ -80,7 +80,7 @@ bool eyes(const std::string& name) { return name.starts_with("eyes."); }
 bool networks(const std::string& name) { return name.find("_mlp.") != std::string::npos; }
 bool upsampler(const std::string& name) { return name.starts_with("upsampler."); }
 
-/// The named fields as they were: what a gradient of zero leaves.
+/// Keeps the named fields unchanged: the effect of a gradient of zero.
 template <class P>
 void keep(P& now, const P& before, Names named) {
     P::fields([&](const std::string& name, auto& a, const auto& b) {
@@ -88,7 +88,7 @@ void keep(P& now, const P& before, Names named) {
     }, now, before);
 }
 
-/// The first stage, all but what `kept` names.
+/// Trains the first stage without the fields of `kept`.
 TrainState mesh_stage(const Capture& capture, Names kept) {
     TrainState s;
     s.config = small_config();
@@ -119,7 +119,7 @@ TrainState mesh_stage(const Capture& capture, Names kept) {
     return s;
 }
 
-/// The second stage, all but what `kept` names; ready to be drawn.
+/// Trains the second stage without the fields of `kept`, ready for rendering.
 TrainState avatar_stage(const Capture& capture, TrainState s, Names kept) {
     const Avatar begin = s.avatar;
     const std::unique_ptr<AvatarSteps> steps = avatar_steps(s, {});
@@ -146,7 +146,7 @@ struct Figures {
     int visible;
 };
 
-/// On the frames kept aside.
+/// On the held-out frames.
 Figures figures_of(const Capture& capture, const TrainState& drawn) {
     const Evaluation evaluation(drawn, capture);
     ViewResult all;
@@ -156,8 +156,8 @@ Figures figures_of(const Capture& capture, const TrainState& drawn) {
     return {all.head.psnr.value(), all.measured.render.to_photograph.value(), all.eyes_visible};
 }
 
-/// Where both eyes count: the row without labels has the same bits when the labels of the eyeballs
-/// are moved and the eye masks are anything else, and the other row has not.
+/// Whether both eyes count: the row without labels has the same bits when the labels of the
+/// eyeballs are moved and the eye masks changed, and the other row has not.
 void check_reads_no_label(Capture& capture, const TrainState& drawn) {
     const Evaluation evaluation(drawn, capture);
     Image8 halves{capture.width, capture.height, 1, {}};
@@ -192,7 +192,7 @@ void check_reads_no_label(Capture& capture, const TrainState& drawn) {
             found += before.own.photograph.found + before.own.render.found;
         }
     CHECK(compared >= 2);
-    CHECK(found >= 4); // it is not for want of irises that nothing changed
+    CHECK(found >= 4); // so that equal results are not due to missing irises
 }
 
 constexpr double psnr_bound = 18.5, gaze_bound = 15;
@@ -214,7 +214,7 @@ TEST_CASE("training learns a head and its gaze, and not without any one of its s
     const std::array<std::pair<std::string, Names>, 4> streams{
         {{"face", face}, {"eyes", eyes}, {"networks", networks}, {"upsampler", upsampler}}};
     for (const auto& [name, kept] : streams) {
-        // The first stage trains networks, and little else.
+        // The first stage trains networks and little else.
         const TrainState begin = kept == networks ? mesh_stage(capture, kept) : state;
         const Figures part = figures_of(capture, avatar_stage(capture, begin, kept));
         MESSAGE("without " << name << ": PSNR " << part.psnr << " dB, gaze error " << part.gaze

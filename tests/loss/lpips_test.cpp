@@ -41,7 +41,7 @@ Image<T> random_image(int width, int height, std::uint64_t seed) {
     return image;
 }
 
-/// One pixel of a layer by the definition: a convolution of what `in` returns, bias, ReLU.
+/// One pixel of a layer by definition: a convolution of in(...), bias, ReLU.
 template <class In>
 Image<double> plain_layer(const Columns<double>& w, const Columns<double>& b, const In& in,
                           int width, int height, int channels) {

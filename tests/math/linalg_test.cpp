@@ -131,14 +131,14 @@ TEST_CASE_TEMPLATE("linalg: normalising at every magnitude (C1, E2)", T, float, 
         for (std::uint64_t i = 0; i < 100; ++i) {
             Vec3<T> v = unit_vec<T, 3>(i);
             v /= v.cwiseAbs().maxCoeff();
-            // Where denormals are flushed, such entries are 0 before anyone sees them.
+            // With denormals flushed, such entries are 0 on input.
             if (flushed() && scale == lo)
                 for (int k = 0; k < 3; ++k) v[k] = std::abs(v[k]) < T(1) ? T(0) : v[k];
             const Vec3<T> x = v * scale;
             const Vec3<T> y = normalized(x);
             const Vec3<T> expected = v.normalized();
             const T eps = std::numeric_limits<T>::epsilon();
-            // A denormal entry has lost digits before it came here.
+            // A denormal entry has fewer digits already on input.
             const T slack = scale == lo ? T(64) : T(4);
             CHECK((y - expected).cwiseAbs().maxCoeff() <= slack * eps);
             if (scale != lo) CHECK(std::abs(norm(x) / scale - v.norm()) <= T(4) * eps);

@@ -225,7 +225,7 @@ TEST_CASE_TEMPLATE("rotation: logarithm near 0 and at pi (C11)", T, float, doubl
             const Vec3<T> back = quat_log(so3_exp_quat(w));
             CHECK(double((back - w).norm()) <= tolerance);
             const Vec3<T> through_matrix = so3_log(so3_exp(w));
-            // Within rounding of pi both signs are right.
+            // Within rounding of pi both signs are correct.
             const double gap = std::min(double((through_matrix - w).norm()),
                                         angle > 3.14 ? double((through_matrix + w).norm()) : 1e9);
             CHECK(gap <= (angle > 3.14 ? 3e-5 : tolerance));

@@ -41,8 +41,8 @@ void all() {
             using S = typename std::decay_t<decltype(x)>::Scalar;
             return Columns<S>(laplacian_vjp<S>(fan, Columns<S>(g.reshaped(3, 5))).reshaped());
         });
-    // Three edges: their corners and distances of opposite sign. The second and third cross so
-    // close to a corner that the crossing is held off it, and the distances have no derivative.
+    // Three edges: their corners and distances of opposite sign. The second and third are cut so
+    // close to a corner that the fraction is clamped, and the distances have no derivative.
     SurfaceTopology edges;
     edges.edges = {{0, 1}, {2, 3}, {4, 5}};
     const auto distances = [](const auto& x) {
@@ -67,8 +67,8 @@ void all() {
             const double size[6] = {1, -1, 1e-8, -1, 1, -1e-8};
             Surface<S> surface{surface_positions<S>(edges, v, s), crossing_fractions<S>(edges, s),
                                edges};
-            const auto r = surface_vjp<S>(surface, v, s, Columns<S>(0, 6),
-                                          Columns<S>(g.reshaped(3, 3)), Columns<S>(0, 3));
+            const auto r = surface_vjp<S>(surface, {v, s, Columns<S>(0, 6)},
+                                          {Columns<S>(g.reshaped(3, 3)), Columns<S>(0, 3)});
             auto out = x;
             out.topRows(18) = r.vertices.reshaped();
             for (Index k = 0; k < 6; ++k)
@@ -81,7 +81,7 @@ void all() {
     });
     scalar_loss("silhouette_term", 1, 6, [](const auto& x) {
         using S = typename std::decay_t<decltype(x)>::Scalar;
-        // Masks that are neither 0 nor 1: else a forgotten factor of visible or mask is 1.
+        // Masks that are neither 0 nor 1: otherwise a missing factor of visible or mask would be 1.
         Columns<S> mask(1, 6), visible(1, 6), soft = x;
         for (Index i = 0; i < 6; ++i) {
             mask(0, i) = S(0.25F * static_cast<float>(i % 5));
@@ -92,8 +92,8 @@ void all() {
         r.gradient = Columns<S>(S(0.1F) * r.gradient);
         return r;
     });
-    // No law of derivatives tells which number keeps the quotient finite: that masks too faint for
-    // it still pull the silhouette towards them does.
+    // No law of derivatives determines the number that keeps the quotient finite, but faint masks
+    // must still have a gradient.
     const Columns<double> faint = Columns<double>::Constant(1, 6, 1e-12), all_of_it =
         Columns<double>::Ones(1, 6);
     demand("silhouette_term", "faint masks", "double",

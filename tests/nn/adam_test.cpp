@@ -85,7 +85,7 @@ TEST_CASE("adam: a gradient that is not finite is named, and stops the step befo
         CHECK(p.b == before.b);
         CHECK(state.step == 0);
         CHECK(state.m.a.isZero(0));
-        // A field that is not trained may hold anything.
+        // The gradient of an untrained field may be anything.
         const auto only_a = [](const std::string& n) { return n == "a" ? 1e-2 : 0.0; };
         CHECK(adam_step(XsimdBackend<>{}, p, g, state, only_a).applied);
         CHECK(p.a != before.a);

@@ -65,6 +65,6 @@ TEST_CASE_TEMPLATE("encoding: number by number as by whole arrays, and so the vj
     for (Index i = 0; i < y.size(); ++i)
         worst = std::max(worst, double(std::abs(value_of(T(one(i) - y(i))))));
     const double epsilon = double(std::numeric_limits<R>::epsilon());
-    CHECK(worst <= 2 * epsilon);      // Eigen's vectors of float sines are its own
+    CHECK(worst <= 2 * epsilon);      // Eigen's vectors of float sines round differently
     CHECK(worst_vjp <= 32 * epsilon); // products may be fused
 }

@@ -89,9 +89,9 @@ TEST_CASE("mlp: gradients add up, and null outputs are allowed") {
     MlpTrace<double> trace;
     mlp_forward(ScalarBackend<>{}, m, x, f, &trace);
     Mlp<double> once(small), twice(small);
-    mlp_vjp(ScalarBackend<>{}, m, x, f, trace, w, once, nullptr, nullptr);
+    mlp_vjp(ScalarBackend<>{}, m, {x, f, trace}, w, {once});
     for (int i = 0; i < 2; ++i)
-        mlp_vjp(ScalarBackend<>{}, m, x, f, trace, w, twice, nullptr, nullptr);
+        mlp_vjp(ScalarBackend<>{}, m, {x, f, trace}, w, {twice});
     CHECK(once.weight[1].norm() > 0);
     for (std::size_t l = 0; l < 4; ++l) {
         CHECK(twice.weight[l].isApprox(2 * once.weight[l], 1e-14));
@@ -109,7 +109,7 @@ TEST_CASE("mlp: the same bits with any kind of threads, and none points") {
         Mlp<float> g(small);
         Columns<float> gx;
         mlp_forward(B{}, m, x.leftCols(n), f, &trace);
-        mlp_vjp(B{}, m, x.leftCols(n), f, trace, w.leftCols(n), g, &gx, nullptr);
+        mlp_vjp(B{}, m, {x.leftCols(n), f, trace}, w.leftCols(n), {g, &gx});
         CHECK(gx.cols() == n);
         return g;
     };

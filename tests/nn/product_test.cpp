@@ -14,7 +14,7 @@ using namespace rye;
 
 namespace {
 
-/// A x and A x^T against Eigen's in double, inside larger matrices whose other numbers stay.
+/// A x and A x^T against Eigen's in double, inside larger matrices whose other numbers must stay.
 template <class B, class T>
 double product_error(Index rows, Index depth, Index columns, std::uint64_t seed) {
     const Columns<T> a = random_columns<T>(rows, depth, seed);
@@ -68,17 +68,18 @@ TEST_CASE("product: equals the matrix product, for sizes around those of panels 
 
 namespace {
 
-/// A library's product as a user links it: called by many threads, with leading dimensions.
+/// A library's product as a user would link it: called by many threads, with leading dimensions.
 struct Loops {
     template <class T>
-    static void multiply(bool x_transposed, Index m, Index n, Index k, const T* a, Index lda,
-                         const T* x, Index ldx, T* y, Index ldy) {
-        for (Index j = 0; j < n; ++j)
-            for (Index i = 0; i < m; ++i) {
+    static void multiply(const StridedMatrix<const T>& a, const StridedMatrix<const T>& x,
+                         bool x_transposed, const StridedMatrix<T>& y) {
+        for (Index j = 0; j < y.cols; ++j)
+            for (Index i = 0; i < y.rows; ++i) {
                 T sum(0);
-                for (Index l = 0; l < k; ++l)
-                    sum += a[i + l * lda] * (x_transposed ? x[j + l * ldx] : x[l + j * ldx]);
-                y[i + j * ldy] = sum;
+                for (Index l = 0; l < a.cols; ++l)
+                    sum += a.data[i + l * a.stride] *
+                           x.data[x_transposed ? j + l * x.stride : l + j * x.stride];
+                y.data[i + j * y.stride] = sum;
             }
     }
 };

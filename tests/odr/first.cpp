@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every header in two units of one program, of which the other is built without OpenMP: what is not
-// inline collides at link time, and threads hidden in a body would make one unit run the other's.
+// Every header in two units of one program, one of them without OpenMP: functions that are not
+// inline collide at link time, and threads hidden in a body would make one unit run the other's.
 #include <all_headers.hpp>
 
 #include <cstdio>

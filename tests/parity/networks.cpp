@@ -52,7 +52,7 @@ void record_mlp(Record& r) {
     const Columns<double>& w = r.random("g_y", 5, 50);
     Columns<double> g_code;
     VecX<double> g_frame;
-    mlp_vjp(Cpu{}, m, code, frame, trace, w, g, &g_code, &g_frame);
+    mlp_vjp(Cpu{}, m, {code, frame, trace}, w, {g, &g_code, &g_frame});
     r.add("g_x", positional_encoding_vjp(code, g_code));
     r.add("g_frame", g_frame);
     r.add_fields("g_mlp", g);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// numbers.cpp: the main kernels' numbers on a processor, with a compiler, or with another version of
-// a library: those of its vectors against plain loops, which are checked against double precision.
-// Prints what it was built with, each error with its bound, and a digest of the bits of the plain
-// loops, which portability.sh compares between processors; built with PLAIN_LOOPS_ONLY, no more.
-// Exit code 1 if a bound is not kept.
+// numbers.cpp: numerical results of the main kernels on a processor, with a compiler, or with
+// another version of a library: lanes against plain loops, and plain loops against double
+// precision. Prints the build, each error with its bound, and a digest of the bits of the plain
+// loops, which portability.sh compares between processors; built with PLAIN_LOOPS_ONLY, no more
+// than these. Exit code 1 if an error exceeds its bound.
 #include <rye/rye.hpp>
 #include <rye/splat/lanes.hpp>
 
@@ -25,7 +25,7 @@ void add_to_digest(const Columns<T>& a) {
         digest = (digest ^ bytes[i]) * 0x100000001B3ULL;
 }
 
-/// The largest difference, as a part of the largest number; NaN where there is one.
+/// The largest difference, relative to the largest number; NaN if there is one.
 template <class A, class B>
 double error(const Columns<A>& got, const Columns<B>& right) {
     double most = 0, difference = 0;
@@ -39,12 +39,12 @@ double error(const Columns<A>& got, const Columns<B>& right) {
 }
 
 void report(const std::string& what, double worst, double bound) {
-    const bool holds = worst <= bound;                     // not of NaN
+    const bool holds = worst <= bound;                     // false for NaN
     std::printf("%-52s %8.1e of %.0e%s\n", what.c_str(), worst, bound, holds ? "" : "  WRONG");
     failures += holds ? 0 : 1;
 }
 
-/// Numbers between two bounds, drawn without a function of the mathematical library.
+/// Random numbers between two bounds, without functions of the mathematical library.
 template <class T>
 Columns<T> noise(Index rows, Index columns, std::uint64_t seed, double low, double high) {
     const Random random{seed, 0};
@@ -71,7 +71,7 @@ Picture<T> draw(int channels) {
     g.scale = noise<T>(3, 300, 3, 0.02, 0.3);
     g.opacity = noise<T>(1, 300, 4, 0.05, 0.98);
     g.feature = noise<T>(channels, 300, 5, -1, 1);
-    const auto camera = look_at<T>({0, T(0.25), 4}, {0, 0, 0}, {0, 1, 0}, T(0.5), 45, 37);
+    const auto camera = look_at<T>({0, T(0.25), 4}, {0, 0, 0}, {0, 1, 0}, T(0.5), {45, 37});
     const VecX<T> background = noise<T>(channels, 1, 6, 0, 1);
     const Columns<T> cotangent = noise<T>(channels, 45 * 37, 7, -1, 1);
     const Columns<T> of_alpha = noise<T>(1, 45 * 37, 8, -1, 1);
@@ -81,7 +81,7 @@ Picture<T> draw(int channels) {
             rasterizer.vjp(B{}, g, camera, background, raster, cotangent, &of_alpha)};
 }
 
-/// The worst error of the arrays of two pictures' gradients.
+/// The largest error of the arrays of two renders' gradients.
 template <class T, class U>
 double gradient_error(const Picture<T>& got, const Picture<U>& right) {
     double worst = 0;
@@ -112,7 +112,7 @@ std::array<Columns<T>, 3> multiply() {
     MlpTrace<T> trace;
     std::array<Columns<T>, 3> out;
     out[0] = mlp_forward(B{}, mlp, points, frame, &trace);
-    mlp_vjp(B{}, mlp, points, frame, trace, cotangent, gradient, &out[1], nullptr);
+    mlp_vjp(B{}, mlp, {points, frame, trace}, cotangent, {gradient, &out[1]});
     out[2] = gradient.weight[0];
     return out;
 }
@@ -121,7 +121,7 @@ double network_error(const std::array<Columns<T>, 3>& got, const std::array<Colu
     return std::max({error(got[0], right[0]), error(got[1], right[1]), error(got[2], right[2])});
 }
 
-/// The lanes of this build, or, where the library has no vectors for it, a word of that.
+/// Name of the lanes of this build, or a note if the library has none for it.
 template <class Arch>
 void compare_lanes() {
     if constexpr (requires { xsimd::batch<float, Arch>::size; }) {
@@ -142,7 +142,7 @@ void compare_lanes() {
                network_error(multiply<Lanes, double>(), multiply<ScalarBackend<>, double>()),
                1e-13);
     } else {
-        std::printf("no vectors: xsimd knows none for this build\n");
+        std::printf("no vectors: xsimd has none for this build\n");
     }
 }
 

@@ -14,7 +14,7 @@ using Json = nlohmann::ordered_json;
 
 namespace {
 
-/// f(path, leaf) for every number of a configuration.
+/// Calls f(path, leaf) for every number of a configuration.
 template <class F>
 void for_numbers(const Json& json, const std::string& path, const F& f) {
     for (const auto& [key, value] : json.items()) {

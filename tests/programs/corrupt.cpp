@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// corrupt nan|infinite|flat FILE.npz ARRAY: spoils one array of a file, for the tests of refusals.
+/// corrupt nan|infinite|flat FILE.npz ARRAY: damages one array of a file, for tests of errors.
 /// nan and infinite replace its first number; flat gives it one dimension.
 #include <cstring>
 #include <iostream>

@@ -15,7 +15,7 @@ struct Some {
 };
 struct NoEffects {};
 struct Late {
-    static inline EffectMask effects;  // not known while compiling
+    static inline EffectMask effects;  // set at run time
 };
 static_assert(Variant<Some<sh1>> && Variant<Some<>> && !Variant<NoEffects> && !Variant<Late>);
 
@@ -30,7 +30,7 @@ std::string run(const EffectMask& called) {
 
 TEST_CASE("dispatch: the smallest variant that contains the effects") {
     CHECK(run({}) == "none");
-    CHECK(run({left_gaze}) == "left gaze, right gaze");  // the first of two as small
+    CHECK(run({left_gaze}) == "left gaze, right gaze");  // the first of two of the same size
     CHECK(run({right_gaze}) == "left gaze, right gaze");
     CHECK(run({head_pose}) == "head pose, left gaze");
     CHECK(run({head_pose, right_gaze}) == "expression, head pose, left gaze, right gaze");

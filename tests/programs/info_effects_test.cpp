@@ -30,7 +30,7 @@ std::string explained(const fs::path& scene, const std::string& bound = "1/255")
     return explain_effects({scene.string(), "", bound, ""});
 }
 
-/// "yes" or "no": what is said of an effect.
+/// "yes" or "no": the decision for an effect.
 std::string verdict(const std::string& text, const std::string& effect) {
     for (const std::string word : {"yes", "no "})
         if (text.find("  " + word + "  " + effect + " ") != std::string::npos)
@@ -38,7 +38,7 @@ std::string verdict(const std::string& text, const std::string& effect) {
     return "nothing";
 }
 
-/// A cloud whose bands of harmonics are as large as told.
+/// A cloud with bands of harmonics of a given size.
 fs::path cloud_file(const fs::path& folder, const std::array<double, 3>& bands, double log_scale) {
     const Random random{8, 1};
     std::uint64_t k = 0;
@@ -78,7 +78,7 @@ TEST_CASE("info --effects: a cloud drawn by the chosen effects is that of all, w
             CHECK(verdict(text, "expression") == "no");
             CHECK(text.find(", within the bound\n") != std::string::npos);
         }
-    // A coarse bound lets bands go that a fine one keeps.
+    // A coarse bound drops bands that a fine one keeps.
     const fs::path file = cloud_file(folder.path, {0.1, 0.02, 0.01}, -2);
     CHECK(verdict(explained(file, "1/1000"), "sh 3") == "yes");
     const std::string coarse = explained(file, "0.9");

@@ -44,7 +44,7 @@ TEST_CASE("photographs: OpenGL's camera becomes OpenCV's, with the file's lens o
     CHECK(c.width == 64);
     CHECK(all[1].camera.width == 32);
     CHECK((c.centre() - Vec3<double>(0.5, 0.25, 4)).norm() < 1e-14);
-    // A point to the right of it and above lies right and up in the picture.
+    // A point to the right and above is right and up in the image.
     const Vec3<double> p = c.project_point(Vec3<double>(1.5, 1.25, 0));
     CHECK(p[0] == doctest::Approx(30 + 25));
     CHECK(p[1] == doctest::Approx(25 - 27.5));

@@ -206,7 +206,7 @@ TEST_CASE("image: a JPEG cut anywhere is refused, one damaged anywhere never cra
             Bytes damaged = whole;
             damaged[i] ^= static_cast<std::byte>(flip);
             std::string told = "damaged.jpg";
-            try { // there is no checksum: what is decoded is decoded
+            try { // without a checksum, any decoded pixels are valid
                 decode_image(damaged, "damaged.jpg");
             } catch (const Error& e) {
                 told = e.what();
@@ -228,7 +228,7 @@ TEST_CASE("image: a small JPEG that claims 16384 x 16384 pixels costs neither me
         struct rusage before {}, after{};
         ::getrusage(RUSAGE_SELF, &before);
         CHECK_FAULT(decode_image(bomb, "bomb.jpg"), "bomb.jpg: JPEG: truncated");
-        bomb[frame + 1] = std::byte(0xc2); // progressive: all coefficients are held at once
+        bomb[frame + 1] = std::byte(0xc2); // progressive: all coefficients are in memory at once
         CHECK_FAULT(decode_image(bomb, "bomb.jpg"), "bomb.jpg: ");
         ::getrusage(RUSAGE_SELF, &after);
         CHECK(after.ru_maxrss - before.ru_maxrss < 32768); // [kB]

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `rye redirect` reads the frame and the cameras that it draws, and nothing of the others.
+// `rye redirect` reads the frame and the cameras that it renders, and no others.
 #include <doctest/doctest.h>
 
 #include <algorithm>
@@ -67,7 +67,7 @@ struct DrawnScene {
         return bytes_of(picture);
     }
 
-    /// Nothing of a frame can be read: arrays are gone, pictures hold no picture.
+    /// Makes a frame unreadable: removes arrays, damages images.
     void spoil_frame(int f) const {
         fs::remove_all(capture.folder / "params" / TinyCapture::frame(f));
         fs::remove_all(capture.folder / "cameras" / TinyCapture::frame(f));

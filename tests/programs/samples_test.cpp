@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pictures whose sides no factor of a stage divides: whole, with cameras that agree with them.
+// Images whose sides a stage's factor does not divide: whole, with cameras that match them.
 #include "data/samples.hpp"
 
 #include <doctest/doctest.h>
@@ -12,7 +12,7 @@ using namespace rye::trainer;
 
 namespace {
 
-/// A picture whose pixels tell where they are: (x + 0.5, y + 0.5, 1).
+/// An image with the pixel's position as colour: (x + 0.5, y + 0.5, 1).
 Image<float> places(int width, int height) {
     Image<float> image(width, height, 3);
     for (int y = 0; y < height; ++y)
@@ -62,7 +62,7 @@ TEST_CASE("dataset: blocks and the reduced camera agree: a point falls where its
             CHECK(there.y() * static_cast<float>(factor) == doctest::Approx(at.y()).epsilon(1e-5));
             CHECK(small.cx * static_cast<float>(factor) == doctest::Approx(camera.cx));
             CHECK(small.cy * static_cast<float>(factor) == doctest::Approx(camera.cy));
-            // The middle of the first block is the mean of its pixels' places.
+            // The middle of the first block is the mean of its pixels' positions.
             CHECK(blocks.at(0, 0)[0] == doctest::Approx(0.5 * factor));
             CHECK(blocks.at(0, 0)[1] == doctest::Approx(0.5 * factor));
         }

@@ -21,7 +21,7 @@ struct NamedPose {
 static_assert(mask_of<NamedExpression, NamedPose>() == EffectMask{expression, head_pose});
 static_assert(mask_of<>() == EffectMask{});
 
-/// Two frames of a head whose eyes are seen.
+/// Two frames of a head with visible eyes.
 SceneFacts still_head() {
     SceneFacts s;
     DriverFacts d;
@@ -117,7 +117,7 @@ TEST_CASE("scene profile: pictures call for what draws them") {
     r.narrowest = 20;
     s.render = r;
     CHECK(called(s) == EffectMask{});
-    s.render->narrowest = 3;     // wide, but a dilation shows
+    s.render->narrowest = 3;     // wide, but the effect of a dilation is visible
     CHECK(called(s) == EffectMask{antialias});
     s.render->below_a_pixel = 1;
     s.render->narrowest = 0.5;
@@ -169,7 +169,7 @@ TEST_CASE("scene profile: bands of harmonics that are left out change no colour 
         }
         INFO(size);
         CHECK(worst <= bounds.color);
-        // The bound is not empty talk: a band less would break it, or come near.
+        // The bound is tight: with a band less it would be exceeded, or nearly.
         if (degree > 0) CHECK(facts.sh_rest[static_cast<std::size_t>(degree - 1)] > bounds.color);
     }
 }

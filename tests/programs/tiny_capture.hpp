@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/programs/tiny_capture.hpp: a small, sound capture on disk for a test to damage.
-/// Four frames of a turning head before three cameras, 48 x 48 pixels.
+/// tests/programs/tiny_capture.hpp: a small, valid capture on disk for a test to damage.
+/// Four frames of a turning head in front of three cameras, 48 x 48 pixels.
 #pragma once
 
 #include <array>
@@ -123,7 +123,7 @@ struct TinyCapture {
         const double yaw = 0.5 * (c - 1);
         const Vec3<double> target(0, 0, 0.6), up(0, 1, 0);
         const Vec3<double> eye = target + 10 * gaze_vector(0.1, yaw);
-        return look_at<double>(eye, target, up, 0.25, size, size);
+        return look_at<double>(eye, target, up, 0.25, {size, size});
     }
 
   private:

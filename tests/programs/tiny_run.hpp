@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/programs/tiny_run.hpp: a run of random numbers in stage 2, of which every network changes
-/// the picture.
+/// tests/programs/tiny_run.hpp: a run of random numbers in stage 2, in which every network affects
+/// the image.
 #pragma once
 
 #include "../support/tiny_avatar.hpp"

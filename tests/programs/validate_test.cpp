@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// With RYE_DATA set to a folder that holds capture_a, that capture must be found sound.
+// With RYE_DATA set to a folder with capture_a, that capture must be valid.
 #include "../support/real_data.hpp"
 #include "data/validate.hpp"
 
@@ -63,8 +63,8 @@ Outcome info(const fs::path& folder) {
     return {code, printed.str()};
 }
 
-/// After the damage an error of these words is told, training is refused (with these words, or those
-/// of the fault that explains it), and info exits with 1.
+/// After the damage validation reports an error with these words, training throws (with these
+/// words, or those of the fault that explains it), and info exits with 1.
 template <class F>
 void check_error(const std::string& words, F&& damage, const std::string& cause = "") {
     const TemporaryFolder folder;
@@ -364,7 +364,7 @@ TEST_CASE("validate: what training would refuse or overflow on is an error of th
     check_error("by which the landmarks span", [](T t) {
         t.edit_all("params.npz", "scale", [](Values& v) { v[0] = 1e-30; });
     });
-    check_error("iris_plane 0.220000 make no eyeball (in canonical units): eyeball_template: got an "
+    check_error("iris_plane 0.220000 make no eyeball (in canonical units): eyeball_template: "
                 "iris plane at z = 0.220000, expected above 0 and at most",
                 [](T t) {
                     t.edit_one(t.params(3, "gaze.npz"), "iris_plane", [](Values& v) { v[1] = 0.22; });

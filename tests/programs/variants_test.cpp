@@ -16,7 +16,7 @@ std::vector<DrawnFrame> frames(int count) {
                                     test::tiny_camera(64, 48).cast<float>()});
 }
 
-/// Frames of which one thing changes: what is drawn by, and how far it is from all effects.
+/// Frames in which one driver changes: the variant used, and its difference from all effects.
 template <class Change>
 void check(const TrainState& state, const std::string& variant, const Change& change) {
     std::vector<DrawnFrame> shown = frames(4);
@@ -32,7 +32,7 @@ void check(const TrainState& state, const std::string& variant, const Change& ch
         moved = std::max(moved, (all.pixels - drawer.picture_by_all(shown[0]).pixels)
                                     .cwiseAbs().maxCoeff());
     }
-    CHECK(moved > 0.02f);  // what changes is seen
+    CHECK(moved > 0.02f);  // the change is visible
 }
 
 } // namespace

@@ -10,5 +10,5 @@ using T = double;
 #endif
 
 rye::Pinhole<T> camera(const rye::Vec3<T>& eye, const rye::Vec3<T>& target) {
-    return rye::look_at<T>(eye, target, eye, T(1), 64, 64);
+    return rye::look_at<T>(eye, target, eye, T(1), {64, 64});
 }

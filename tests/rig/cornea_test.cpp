@@ -20,7 +20,7 @@ Cornea<T> lifted(const Cornea<double>& c) {
     return {c.centre.template cast<T>(), T(c.radius), c.axis.template cast<T>(), T(c.rim)};
 }
 
-/// Camera in columns 0, then the other point; what `f` makes of them.
+/// The camera in column 0, then the other point; and outputs of `f`.
 template <class F, class Vjp>
 double gap(const F& f, const Vjp& vjp, const V& camera, const V& other, std::uint64_t seed,
            Index outputs) {
@@ -36,13 +36,13 @@ double gap(const F& f, const Vjp& vjp, const V& camera, const V& other, std::uin
 TEST_CASE("refraction: an index of 1 changes no bit, nor does a point in front of the cornea") {
     const Cornea<double> c = cornea();
     const V camera(1, 0.4, 9), iris(0.03, -0.02, 0.1);
-    CHECK(seen_through(c, 1.0, camera, iris) == iris);
-    CHECK(seen_through(c, 1.336, camera, V(0.1, 0, 0.06)) == V(0.1, 0, 0.06));
+    CHECK(seen_through({c, 1.0}, camera, iris) == iris);
+    CHECK(seen_through({c, 1.336}, camera, V(0.1, 0, 0.06)) == V(0.1, 0, 0.06));
     const V on = c.centre + V(0, 0.6, 0.8) * (c.radius * (1 + 1e-15));
-    CHECK((seen_through(c, 1.336, camera, on) - on).norm() < 1e-15);
-    CHECK(seen_through(c, 1.336, V(0, 0, 0.06), iris) == iris);  // a camera within it
-    // Near 1 it comes to the same.
-    CHECK((seen_through(c, 1 + 1e-9, camera, iris) - iris).norm() < 1e-9);
+    CHECK((seen_through({c, 1.336}, camera, on) - on).norm() < 1e-15);
+    CHECK(seen_through({c, 1.336}, V(0, 0, 0.06), iris) == iris);  // a camera within it
+    // An index near 1 changes little.
+    CHECK((seen_through({c, 1 + 1e-9}, camera, iris) - iris).norm() < 1e-9);
 }
 
 TEST_CASE("refraction: an iris looks nearer and larger, by the known amounts") {
@@ -52,10 +52,10 @@ TEST_CASE("refraction: an iris looks nearer and larger, by the known amounts") {
     // n s' / s with n / s = 1 / s' + (n - 1) / R for a distant camera.
     const double s = 0.036, n = 1.336, virtual_depth = 1 / (n / s - (n - 1) / 0.078);
     const double magnification = n * virtual_depth / s;
-    const V iris(1e-4, 0, 0.134 - s), at = seen_through(c, n, camera, iris);
+    const V iris(1e-4, 0, 0.134 - s), at = seen_through({c, n}, camera, iris);
     CHECK(at[0] / iris[0] == doctest::Approx(magnification).epsilon(1e-3));
     CHECK(magnification > 1.1);
-    CHECK(at[2] == doctest::Approx(iris[2]).epsilon(1e-5));   // as far behind the apex as it is
+    CHECK(at[2] == doctest::Approx(iris[2]).epsilon(1e-5));   // the same distance behind the apex
 }
 
 TEST_CASE("refraction: below the index of `droppable` no iris is moved by as much as is seen") {
@@ -69,7 +69,7 @@ TEST_CASE("refraction: below the index of `droppable` no iris is moved by as muc
             for (double a = 0; a < 6.28; a += 0.3) {
                 const V iris(r * std::cos(a), r * std::sin(a), shape.iris(r));
                 const V camera(9 * std::sin(aside), 0, 9 * std::cos(aside));
-                most = std::max(most, (seen_through(c, index, camera, iris) - iris).norm());
+                most = std::max(most, (seen_through({c, index}, camera, iris) - iris).norm());
             }
     MESSAGE("moved by " << most << " at an index of " << index);
     CHECK(most > 0.1 * least_move);
@@ -90,17 +90,17 @@ TEST_CASE("refraction: its vjp is the transpose of its duals, on the axis and at
         if (trial % 5 == 0) iris = V(0, 0, 0.098);
         const V p = iris - c.centre, e = camera - c.centre;
         if (!(p.norm() < c.radius) || !(e.norm() > 1.2 * c.radius)) continue;
-        const bool lit = sphere_path(e, p, c.radius, 1.336).seen;
+        const bool lit = sphere_path(e, p, {c.radius, 1.336}).seen;
         (lit ? seen : hidden) += 1;
         const auto f = [&](const auto& x) {
             using T = typename std::decay_t<decltype(x)>::Scalar;
-            const Vec3<T> y = seen_through(lifted<T>(c), T(1.336), Vec3<T>(x.col(0)),
+            const Vec3<T> y = seen_through({lifted<T>(c), T(1.336)}, Vec3<T>(x.col(0)),
                                            Vec3<T>(x.col(1)));
             return Columns<T>(y);
         };
         const auto vjp = [&](const Columns<double>& g) {
             V g_camera = V::Zero();
-            const V g_point = seen_through_vjp(c, 1.336, camera, iris, V(g), g_camera);
+            const V g_point = seen_through_vjp({c, 1.336}, camera, iris, V(g), g_camera);
             Columns<double> r(3, 2);
             r << g_camera, g_point;
             return r;
@@ -118,22 +118,23 @@ TEST_CASE("refraction: its vjp is the transpose of its duals, on the axis and at
 TEST_CASE("glint: strongest at Alhazen's point, nothing beyond the limbus or behind the eye") {
     const Cornea<double> c = cornea();
     const V camera(0.5, 0.2, 10);
-    const MirrorImage<double> m = mirror_image(c, camera, V(-3, 4, 9), 0.01);
+    const GlintView<double> view{camera, V(-3, 4, 9), 0.01};
+    const MirrorImage<double> m = mirror_image(c, view);
     CHECK(m.seen);
     CHECK(m.strength == 1);
-    CHECK(glint_at(m, camera, m.at, 0.01) == 1);
+    CHECK(glint_at(m, view, m.at) == 1);
     const V aside = m.at + V(0, 0.01, 0);
-    CHECK(glint_at(m, camera, aside, 0.01) < 0.9);
-    // Along the camera's ray it is as bright: it is seen there.
+    CHECK(glint_at(m, view, aside) < 0.9);
+    // Constant along the camera's ray.
     const V deeper = m.at + 0.03 * (m.at - camera).normalized();
-    CHECK(glint_at(m, camera, deeper, 0.01) == doctest::Approx(1).epsilon(1e-12));
-    CHECK_FALSE(mirror_image(c, camera, V(0, 0, -9), 0.01).seen);
-    CHECK_FALSE(mirror_image(c, V(0, 1, -5), V(0, -1, -5), 0.01).seen);   // off the cap
-    CHECK_FALSE(mirror_image(c, camera, V(0, 0, 0.06), 0.01).seen);       // a light in the eye
+    CHECK(glint_at(m, view, deeper) == doctest::Approx(1).epsilon(1e-12));
+    CHECK_FALSE(mirror_image(c, {camera, V(0, 0, -9), 0.01}).seen);
+    CHECK_FALSE(mirror_image(c, {V(0, 1, -5), V(0, -1, -5), 0.01}).seen);  // off the cap
+    CHECK_FALSE(mirror_image(c, {camera, V(0, 0, 0.06), 0.01}).seen);      // a light in the eye
     double last = 1, step = 0;
-    for (double a = 0; a < 2.6; a += 0.002) {  // it fades out without a jump
+    for (double a = 0; a < 2.6; a += 0.002) {  // it fades without a jump
         const V light(9 * std::sin(a), 0, 9 * std::cos(a));
-        const double now = mirror_image(c, camera, light, 0.01).strength;
+        const double now = mirror_image(c, {camera, light, 0.01}).strength;
         step = std::max(step, std::abs(now - last));
         last = now;
     }
@@ -154,27 +155,26 @@ TEST_CASE("glint: its vjp is the transpose of its duals, in full light and where
         V light = V(2 * draw(), 2 * draw(), 1 + draw()).normalized() * std::exp(1 + draw());
         if (trial % 9 == 0) light = camera * 1.5;
         const double width = 0.02;
-        const MirrorImage<double> m = mirror_image(c, camera, light, width);
+        const GlintView<double> view{camera, light, width};
+        const MirrorImage<double> m = mirror_image(c, view);
         if (!m.seen) continue;
         ++seen;
         fading += m.strength < 1 ? 1 : 0;
         const V point = m.at + 0.02 * V(draw(), draw(), draw());
         const auto f = [&](const auto& x) {
             using T = typename std::decay_t<decltype(x)>::Scalar;
-            const Vec3<T> eye(x.col(0)), source(x.col(1));
-            const auto image = mirror_image(lifted<T>(c), eye, source, T(width));
+            const GlintView<T> lit{Vec3<T>(x.col(0)), Vec3<T>(x.col(1)), T(width)};
+            const auto image = mirror_image(lifted<T>(c), lit);
             Columns<T> y(1, 1);
-            y(0, 0) = glint_at(image, eye, Vec3<T>(point.cast<T>()), T(width));
+            y(0, 0) = glint_at(image, lit, Vec3<T>(point.cast<T>()));
             return y;
         };
         const auto vjp = [&](const Columns<double>& g) {
-            V g_camera = V::Zero(), g_light = V::Zero();
-            MirrorImage<double> g_image{V::Zero(), 0, true};
-            const double value = glint_at(m, camera, point, width);
-            glint_at_vjp(m, camera, point, width, value, g(0, 0), g_image, g_camera);
-            mirror_image_vjp(c, camera, light, width, m, g_image, g_camera, g_light);
+            GlintGradient<double> gradient{{V::Zero(), 0, true}, V::Zero(), V::Zero()};
+            glint_at_vjp(m, view, point, g(0, 0) * glint_at(m, view, point), gradient);
+            mirror_image_vjp(c, view, m, gradient);
             Columns<double> r(3, 2);
-            r << g_camera, g_light;
+            r << gradient.camera, gradient.light;
             return r;
         };
         worst = std::max(worst, gap(f, vjp, camera, light, std::uint64_t(trial), 1));

@@ -40,7 +40,7 @@ TEST_CASE("eye transform: composes offset, gaze and head in this order (C15)") {
     CHECK((eye.apply(x) - expected).norm() <= 1e-15);
     CHECK((quat_matrix(eye.quaternion) - r * r_gaze).norm() <= 2e-15);
     CHECK_FALSE(eye.beyond_range);
-    // The other order is another eye: the test can tell.
+    // The other order gives a different eye, so the test is meaningful.
     const Vec3<double> other = head.scale * (r_gaze * (r * x)) + eye.translation;
     CHECK((other - expected).norm() > 1e-3);
 }

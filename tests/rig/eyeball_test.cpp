@@ -77,7 +77,7 @@ TEST_CASE("eyeball: the default has the size and the sampling of an eye") {
         least = std::min(least, s), greatest = std::max(greatest, s);
     }
     CHECK(inside > 600);
-    CHECK(greatest < 2.5 * least);  // no clumps and no gaps in the iris
+    CHECK(greatest < 2.5 * least);  // uniform density in the iris
     CHECK(back > 3 * iris);
 }
 

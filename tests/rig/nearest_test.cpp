@@ -15,7 +15,7 @@ using Plain = ScalarBackend<Serial>;
 using Lanes = XsimdBackend<DefaultArch, Serial>;
 using LanesThreads = XsimdBackend<>;
 
-/// A grid of small whole numbers: every distance is exact, ties abound.
+/// A grid of small integers: every distance is exact, with many ties.
 Columns<float> lattice(Index n, std::uint64_t seed) {
     Columns<float> x(3, n);
     for (Index i = 0; i < x.size(); ++i)

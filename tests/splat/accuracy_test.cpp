@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rules of an accuracy policy that are not numbers: the bits of depth keys, and what is done about
+// Rules of an accuracy policy that are not numbers: the bits of depth keys, and the treatment of
 // numbers that are not finite. The order of blending is in ray_peak_test.cpp.
 #include <rye/splat/accuracy.hpp>
 
@@ -24,7 +24,7 @@ struct FineKeys : Exact32 {
 using Plain = ScalarBackend<>;
 using Lanes = XsimdBackend<>;
 
-/// Red behind blue by 1e-8 of a depth of 3, which float cannot tell; red comes first.
+/// Red behind blue by 1e-8 of a depth of 3, which float does not resolve; red has the lower index.
 Scenery<float> near_tie() {
     auto s = random_scene<float>(2, 3, 1);
     s.gaussians.mean.col(0) << 0, 0, 2e-8F;
@@ -61,7 +61,7 @@ TEST_CASE_TEMPLATE("depth keys of 64 bits: float Gaussians in the order of doubl
                    Plain, Lanes) {
     CHECK(gap<B, FineKeys>(near_tie()) < 5e-5);
     CHECK(gap<B, Exact32>(near_tie()) > 0.3); // a tie, which goes by index: the wrong one in front
-    // A thin sheet: hundreds of pairs that float confuses.
+    // A thin sheet: hundreds of pairs whose float depths tie.
     auto s = random_scene<float>(300, 3, 5);
     s.gaussians.mean.row(2) *= 1e-7F;
     CHECK(gap<B, FineKeys>(s) < 5e-5);
@@ -103,7 +103,7 @@ TEST_CASE_TEMPLATE("trust: nothing is looked at, and a bad number still reaches 
                         s.gaussians);
                     const auto r = draw<B>(s, NonFinite::trust);
                     CHECK(r.trace.non_finite == 0);
-                    // A bad colour is drawn; a bad shape has no extent and never is.
+                    // A non-finite colour is blended; a non-finite shape has no extent.
                     if (name == "feature") CHECK(!r.feature.pixels.allFinite());
                     if (name == "mean") CHECK(r.feature.pixels.allFinite());
                     const Columns<float> w = noise<float>(3, r.feature.pixels.cols(), 9);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Once their memory is there, a render and its vjp allocate nothing.
+// With warmed-up memory a render and its vjp allocate nothing.
 #include <rye/splat/lanes.hpp>
 
 #include <cstdlib>
@@ -24,7 +24,7 @@ void* counted(std::size_t size, std::size_t alignment) {
 
 void* operator new(std::size_t n) { return counted(n, 0); }
 void* operator new[](std::size_t n) { return counted(n, 0); }
-// The library's stable sort asks in this way.
+// Used by the library's stable sort.
 void* operator new(std::size_t n, const std::nothrow_t&) noexcept {
     try {
         return counted(n, 0);

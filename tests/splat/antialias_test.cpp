@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is done about small Gaussians: none, dilate, mip; in renders and their gradients.
+// Antialiasing modes none, dilate, mip: renders and their gradients.
 #include <rye/splat/lanes.hpp>
 
 #include <doctest/doctest.h>
@@ -74,7 +74,7 @@ TEST_CASE("mip draws dilated Gaussians of the opacity that they keep; none is no
     CHECK(most(mip, draw<B, Exact64>(g, c).feature.pixels) > 0.05);
     const Columns<double> none = draw<B, Plain>(g, c).feature.pixels;
     CHECK(none == draw<B, Undilated>(g, c).feature.pixels);
-    CHECK(none == draw<B, UndilatedMip>(g, c).feature.pixels);  // neutral: nothing to make up for
+    CHECK(none == draw<B, UndilatedMip>(g, c).feature.pixels);  // neutral: share is 1
     CHECK(most(none, mip) > 0.01);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One Gaussian at one pixel: the same text with a number, a vector and a dual, in both walks.
+// A Gaussian at a pixel: the same formulas on numbers, vectors and duals, forward and reverse.
 #include <rye/splat/blend.hpp>
 
 #include <array>
@@ -41,7 +41,7 @@ Draws draw(std::uint64_t seed) {
     return d;
 }
 
-/// What a pixel sees of a layer.
+/// Inputs of a layer at a pixel.
 template <class V>
 struct Layer {
     V u, v, log2_opacity, cut, floor, colour, depth;
@@ -68,7 +68,7 @@ std::vector<Contribution<V>> walk(const A& a, const std::vector<Layer<V>>& layer
     return all;
 }
 
-/// The plain loop: it skips and stops.
+/// The plain loop, with skips and stops.
 template <class V, class A>
 std::vector<Contribution<V>> walk_single(const A& a, const std::vector<Layer<V>>& layers, V& end) {
     const Blend<A, V, SinglePixel, Exp2Library> blend(a);
@@ -88,7 +88,7 @@ std::vector<Contribution<V>> walk_single(const A& a, const std::vector<Layer<V>>
 
 template <class A>
 void check_walks(A a) {
-    a.stop = 0.05;                                  // some pixels get full, others not
+    a.stop = 0.05;                                  // some pixels saturate, others do not
     using V = ArrayLanes<double, 4>;
     for (std::uint64_t seed = 0; seed < 40; ++seed) {
         std::vector<Layer<V>> lanes(depth);
@@ -122,7 +122,7 @@ void check_walks(A a) {
     }
 }
 
-/// Steps back of a group's pixel against duals through the single pixel, layer by layer.
+/// Reverse steps of a group of pixels against duals through single pixels, layer by layer.
 template <class Pixels, class A>
 void check_reverse(A a) {
     a.stop = 0.05;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Renders through a lens that bends: both backends, forward and vjp, against the pinhole, duals and
-// rays through every pixel.
+// Renders through a lens with distortion: both backends, forward and vjp, against the pinhole,
+// duals and rays through every pixel.
 #include <rye/splat/lanes.hpp>
 
 #include <doctest/doctest.h>
@@ -32,7 +32,7 @@ double most(const Columns<T>& a, const Columns<T>& b) {
 TEST_CASE_TEMPLATE("a lens without coefficients draws the pinhole's picture", T, float, double) {
     const auto s = random_scene<T>(60, 3, 31);
     const auto bent = with_lens(s.camera, BrownConrady<T>{});
-    // The plain walk projects both in the same way: to the bit.
+    // Plain loops project both in the same way: equal to the bit.
     CHECK(draw<Plain, Balanced>(s, bent).feature.pixels ==
           draw<Plain, Balanced>(s, s.camera).feature.pixels);
     // Lanes project the pinhole's Gaussians with fused products.
@@ -68,7 +68,7 @@ TEST_CASE("a bent render's vjp is the transpose of its duals") {
 }
 
 TEST_CASE("a bent render against rays through every pixel: as near as the pinhole's") {
-    // One Gaussian at a time; a ray sees of it the density at its peak.
+    // One Gaussian at a time; the reference is its density at the peak along a ray.
     const auto by_rays = [](const Gaussians<double>& g, const auto& camera) {
         Columns<double> alpha(1, Index(camera.width) * camera.height);
         const Mat3<double> r = quat_matrix(quat_normalized(Quat<double>(g.rotation.col(0))));
@@ -89,7 +89,7 @@ TEST_CASE("a bent render against rays through every pixel: as near as the pinhol
     for (std::uint64_t seed = 1; seed <= 30; ++seed) {
         auto s = random_scene<double>(1, 3, seed, 0.1);
         s.gaussians.opacity.setConstant(0.9);
-        s.gaussians.mean.row(0).array() += 0.4;  // off the axis, where the lens bends
+        s.gaussians.mean.row(0).array() += 0.4;  // off the axis, where the lens distorts
         const auto c = with_lens(s.camera, barrel);
         const Columns<double> truth = by_rays(s.gaussians, c);
         straight = std::max(straight, most(by_rays(s.gaussians, s.camera),

@@ -12,7 +12,7 @@ using namespace rye::test;
 
 namespace {
 
-/// A direction in the camera's numbers.
+/// A direction in the camera's parameters.
 template <class T>
 Pinhole<T> camera_direction(std::uint64_t seed) {
     const Random random{seed, 5};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every accuracy policy against every Gaussian at every pixel in double: the bounds that the
-// presets promise, on random and on hard scenes.
+// Every accuracy policy against the oracle (every Gaussian at every pixel in double): the bounds of
+// the presets, on random and on hard scenes.
 #include <rye/splat/oracle.hpp>
 
 #include <rye/splat/lanes.hpp>
@@ -18,8 +18,8 @@ struct Gap {
     double largest = 0, rms = 0;
 };
 
-/// How far a policy's images are from the truth, for the numbers that it was given. The presets
-/// that share their rules are passed as numbers for one type, which is compiled once.
+/// Errors of a policy's images relative to the oracle, for the same inputs. Presets that share
+/// compile-time rules are passed as fields of one type, which is compiled once.
 template <class B, class T>
 Gap gap(const Scenery<T>& s, const Balanced& accuracy) {
     const Raster<T> r = Rasterizer<>{accuracy}.forward(B{}, s.gaussians, s.camera, s.background);
@@ -71,6 +71,6 @@ TEST_CASE("oracle: the presets in float keep their promises") {
         CHECK(fast.rms < 3e-3);
         CHECK(gap<ScalarBackend<>>(s, Exact32()).largest < 5e-5 + needle);
         CHECK(gap<ScalarBackend<>>(s, Balanced()).largest < 1.0 / 255);
-        if (s.name != "opaque wall") CHECK(tight.largest < 1e-3);  // which alpha_max makes 0.999
+        if (s.name != "opaque wall") CHECK(tight.largest < 1e-3);  // where alpha_max gives 0.999
     }
 }

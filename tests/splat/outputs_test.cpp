@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is drawn besides features: leaving depth out changes no other bit and takes no memory, and
-// contributors are those of weights added up by hand.
+// Outputs besides features: leaving out depth changes no other bit and takes no memory, and
+// contributors are those of weights summed by hand.
 #include <rye/splat/outputs.hpp>
 
 #include <doctest/doctest.h>
@@ -45,7 +45,7 @@ struct Blobs {
     }
 };
 
-/// Index of the largest weight of each pixel, and by how much it leads.
+/// Index of the largest weight of each pixel, and its margin.
 template <class A, class T>
 std::pair<std::vector<std::uint32_t>, std::vector<T>> by_hand(const Blobs<T>& s,
                                                               const RasterTrace<T>& trace) {

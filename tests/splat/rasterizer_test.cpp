@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a render must do whatever its policy: backends agree, threads and permutations change no
-// bit, crops are crops, bad numbers are left out and counted, and nothing is a picture too.
+// Laws of a render under any policy: backends agree, threads and permutations change no bit, crops
+// equal crops of the image, non-finite Gaussians are culled and counted, and empty scenes render.
 #include <rye/splat/lanes.hpp>
 
 #include <doctest/doctest.h>

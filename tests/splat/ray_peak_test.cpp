@@ -92,7 +92,7 @@ TEST_CASE_TEMPLATE("ray_peak: flat, long and pointlike Gaussians", T, float, dou
     g.scale.col(0).setZero();
     const T d2 = T(49) / T(2500) + T(100) / T(2500) + T(1);
     CHECK(std::abs(ray_peak(g, camera, 0).at(T(7), y) - T(4) / d2) <= 16 * tolerance);
-    // A ray that lies in the plane of a flat one has no peak; the centre's depth stands in.
+    // A ray within the plane of a flat Gaussian has no peak; the centre's depth is used.
     g.rotation.col(0) << T(1), T(0), T(0), T(0);
     g.mean.col(0) << T(0), T(0), T(4);
     g.scale.col(0) << T(0), T(1), T(1);
@@ -113,7 +113,7 @@ TEST_CASE_TEMPLATE("order by peak: crossing sheets change places within the imag
     CHECK(red_over_blue(21) > 1.5);
     CHECK(red_over_blue(10) < 1 / 1.5);
     const auto one = Rasterizer<Exact64>{}.forward(B{}, s.gaussians, s.camera, s.background);
-    CHECK(gap(one, truth) > 0.3);                          // one order for all pixels cannot
+    CHECK(gap(one, truth) > 0.3);                          // one order for all pixels is wrong
     CHECK(one.trace.peaks.empty());
 }
 

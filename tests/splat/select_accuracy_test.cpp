@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is chosen keeps its bound against the oracle, is not finer than needed by more than a rung,
-// and says what it knows. `bench_accuracy --only select` does the same on 100 scenes, with times.
+// The selected policy keeps its bound against the oracle, is at most one rung finer than needed,
+// and its report is correct. `bench_accuracy --only select` times the same on 100 scenes.
 #include <rye/splat/select_accuracy.hpp>
 
 #include <rye/splat/oracle.hpp>
@@ -74,7 +74,7 @@ TEST_CASE("select_accuracy: the confidence is that of the sample") {
     all.random_tiles = 400;
     CHECK(select_accuracy(XsimdBackend<>{}, s.gaussians, s.camera, s.background, 0.01, all)
               .failing_share == 0);
-    // The same scene and seed, the same choice: nothing is left to chance or to threads.
+    // The same scene and seed give the same choice, independent of threads.
     const auto again = select_accuracy(XsimdBackend<>{}, s.gaussians, s.camera, s.background, 0.01);
     CHECK(again.name == chosen.name);
     CHECK(again.sampled_error == chosen.sampled_error);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How a tile is cut for lanes, and which entries its strips are said to meet.
+// Division of a tile into strips, and the entries that each strip may intersect.
 #include <rye/splat/lanes.hpp>
 
 #include <memory>
@@ -24,10 +24,10 @@ using Batch = xsimd::batch<T, DefaultArch>;
         ArrayLanes<float, 16>, ArrayLanes<double, 2>, ArrayLanes<double, 4>, ArrayLanes<double, 8>
 
 struct Met {
-    int needed = 0, said = 0;            ///< pairs of a strip and an entry
+    int needed = 0, said = 0;            ///< pairs of a strip and an entry: needed, and found
 };
 
-/// Every pixel that an entry can reach must lie in a strip that is said to meet it.
+/// Every pixel within an entry's footprint must lie in a strip found to intersect it.
 template <class V>
 Met check_reach(const Scenery<typename V::value_type>& s) {
     using T = typename V::value_type;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The sort against the library's, for keys that spread, cluster and repeat; and lists: each near to
-// far, ties by index, whatever the number of threads.
+// The sort against the library's, for keys that spread, cluster and repeat; and lists: near to far,
+// ties by index, independent of the number of threads.
 #include <rye/splat/tile_lists.hpp>
 
 #include <doctest/doctest.h>
@@ -36,7 +36,7 @@ void check_sort() {
         for (std::size_t i = 0; i < n; ++i) {
             spread.push_back(static_cast<Key>(bits(i) * Key(0x9E3779B97F4A7C15U)));
             few.push_back(bits(i) % 3);
-            // All but two within a narrow range: no part of the highest bits tells them apart.
+            // All but two within a narrow range: the highest bits do not separate them.
             cluster.push_back(i == 1 ? top : i == 2 ? 0 : top / 2 + bits(i) % 4096);
             ends.push_back(bits(i) % 2 == 0 ? 0 : top);
             falling.push_back(static_cast<Key>(top - i));
@@ -65,7 +65,7 @@ struct Members {
     }
 };
 
-/// As many as fill several chunks; some so high that their columns are not written down; few
+/// Enough entries to fill several chunks; some so high that their columns are not stored; few
 /// different depths.
 Members random_members() {
     const Random random{4, 1};

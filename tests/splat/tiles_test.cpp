@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bounds against brute force: no pixel that a Gaussian can reach is missed, for ellipses of every
-// size and needle.
+// Bounds against brute force: no pixel within a Gaussian's footprint is missed, for ellipses of
+// every size and needles.
 #include <rye/splat/tiles.hpp>
 
 #include <doctest/doctest.h>

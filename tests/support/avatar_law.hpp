@@ -10,8 +10,8 @@
 
 namespace rye::test {
 
-/// How far <vjp, direction> is from what duals say, for one random direction of all parameters and
-/// of the head pose.
+/// Disagreement of <vjp, direction> with duals, for one random direction of all parameters and of
+/// the head pose.
 template <EffectSet E>
 double law_error(std::uint64_t seed) {
     using D = Dual<double, 1>;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/support/backends.hpp: lists of backends, for each of which a law is instantiated by one line
-/// (RYE_LAYER_LAWS, RYE_LANE_LAWS, RYE_SPLAT_LAWS).
+/// tests/support/backends.hpp: lists of backends, for each of which a law is instantiated by one
+/// line (RYE_LAYER_LAWS, RYE_LANE_LAWS, RYE_SPLAT_LAWS).
 #pragma once
 
 #include <tuple>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/support/effect_sets.hpp: a tiny avatar that has every effect, and what it is driven by.
+/// tests/support/effect_sets.hpp: a tiny avatar with every effect, and its drivers.
 #pragma once
 
 #include <rye/avatar/hold.hpp>

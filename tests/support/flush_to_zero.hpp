@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// tests/support/flush_to_zero.hpp: the option --flush-to-zero of the test programs. A host program
-/// or a library built with -ffast-math may set this mode of the processor for everyone.
+/// or a library built with -ffast-math may set this processor mode for the whole process.
 #pragma once
 
 #include <cstring>
@@ -11,8 +11,8 @@
 
 namespace rye {
 
-/// If the option is given: denormal results and operands become 0, in this thread and in those that
-/// it will share work with.
+/// Given the option, sets denormal results and operands to 0, in this thread and in those that it
+/// shares work with.
 inline void flush_to_zero_if_asked(int argc, char** argv) {
     for (int i = 1; i < argc; ++i) {
         if (std::strcmp(argv[i], "--flush-to-zero") != 0) continue;

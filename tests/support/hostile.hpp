@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/support/hostile.hpp: what the tests of readers and writers share.
+/// tests/support/hostile.hpp: shared by the tests of readers and writers.
 #pragma once
 
 #include <unistd.h>
@@ -13,7 +13,7 @@
 
 #include <rye/core/error.hpp>
 
-/// The expression throws an Error whose sentence holds `words`.
+/// Checks that the expression throws an Error with a message that contains `words`.
 #define CHECK_FAULT(expression, words)                 \
     do {                                               \
         std::string told_ = "nothing was thrown";      \
@@ -26,11 +26,11 @@
         CHECK(told_.find(words) != std::string::npos); \
     } while (false)
 
-/// A folder of its own for a test, removed with all in it.
+/// A temporary folder, removed with its contents.
 struct TemporaryFolder {
     TemporaryFolder() {
-        // In memory where there is such a place: a test that writes a hundred durable files waits
-        // for none.
+        // In memory where possible: a test that writes a hundred durable files should not wait for
+        // a disk.
         std::error_code ignored;
         const std::filesystem::path memory = "/dev/shm";
         const bool has =

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/support/layer_laws.hpp: laws of everything in lanes but splatting, for any width: masks
-/// and sums of lanes, products and convolutions, networks, Adam, nearest landmarks, and the formulas
-/// of math and rig with a point in each lane.
+/// tests/support/layer_laws.hpp: laws of all lane code but splatting, for any width: masks and sums
+/// of lanes, products and convolutions, networks, Adam, nearest landmarks, and the formulas of math
+/// and rig with a point in each lane.
 #pragma once
 
 #include <cmath>
@@ -65,7 +65,7 @@ TEST_CASE_TEMPLATE_DEFINE("widths: masks, sums and pairs of lanes", B, width_lan
     });
 }
 
-/// put(row, sum, before) = before - sum, inside larger matrices whose other numbers stay.
+/// put(row, sum, before) = before - sum, inside larger matrices whose other numbers must stay.
 template <class Left, class T>
 double product_gap(Index rows, Index depth, Index columns) {
     const Columns<T> a = random_columns<T>(rows, depth, 1);
@@ -195,7 +195,7 @@ double mlp_gap(const MlpShape& shape, Index n) {
     const Columns<T> y = mlp_forward(B{}, m, x, frame, &trace);
     Columns<T> gx;
     VecX<T> g_frame;
-    mlp_vjp(B{}, m, x, frame, trace, w, g, &gx, &g_frame);
+    mlp_vjp(B{}, m, {x, frame, trace}, w, {g, &gx, &g_frame});
     CHECK((y.template cast<double>() - expected.out).cwiseAbs().maxCoeff() < 1e-5);
     DotProducts dots;
     dots.forward = expected.slope;
@@ -219,7 +219,7 @@ TEST_CASE_TEMPLATE_DEFINE("widths: networks, and their gradients against duals",
         }
 }
 
-/// The same of an upsampler.
+/// The same for an upsampler.
 template <class B, class T>
 double upsampler_gap(const UpsamplerShape& shape) {
     Probe<Upsampler<double>> p{Upsampler<double>::init(shape, Random{1, 0}),

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/support/layer_reference.hpp: derivatives of networks by duals through plain loops, which
-/// those in lanes are held against. Compiled once, for all widths.
+/// tests/support/layer_reference.hpp: derivatives of networks by duals through plain loops, the
+/// reference of those in lanes. Compiled once, for all widths.
 #pragma once
 
 #include <rye/nn/mlp.hpp>
@@ -8,7 +8,7 @@
 
 namespace rye::test {
 
-/// Where a network is looked at, in which direction, and the weights of its outputs.
+/// Point and direction of a network's derivative, and the weights of its outputs.
 template <class P>
 struct Probe {
     P network, d_network;
@@ -17,7 +17,7 @@ struct Probe {
     int width = 0, height = 0;           ///< of an upsampler's input
 };
 
-/// What a network gives, and <weights, J d>.
+/// Output of a network, and <weights, J d>.
 struct Answer {
     Columns<double> out;
     double slope;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/support/neutral_law.hpp: the law of leaving an effect out, for one scalar a program unit.
+/// tests/support/neutral_law.hpp: the law of neutral effects, for one scalar per program unit.
 #pragma once
 
 #include <cmath>
@@ -12,7 +12,7 @@
 
 namespace rye::test {
 
-/// The most units in the last place that two clouds are apart.
+/// The largest difference of two clouds in units in the last place.
 template <class T>
 double ulps(const Gaussians<T>& a, const Gaussians<T>& b) {
     double most = 0;
@@ -27,8 +27,8 @@ double ulps(const Gaussians<T>& a, const Gaussians<T>& b) {
     return most;
 }
 
-/// An avatar of the effects E with all of X neutral is the one without X, to `most` ulps; and with
-/// X as it was, it is not.
+/// An avatar of the effects E with all of X neutral equals the one without X, within `most` ulps;
+/// with X not neutral it differs.
 template <class T, EffectSet E, Effect... X>
 void check_neutral(double most) {
     using Rest = Less<E, X...>;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// tests/support/operator_laws.hpp: the laws of derivatives, operator by operator, over many draws:
 /// the dot product <J v, w> = <v, J'w>, every entry of J'w, the central difference, and the second
-/// derivative by nested duals. A draw is 16 points at once, so that its sums do not vanish by luck.
-/// A program's arguments are the number of draws and --flush-to-zero.
+/// derivative by nested duals. A draw has 16 points at once, so that its sums do not vanish by
+/// chance. Arguments of a program: the number of draws and --flush-to-zero.
 #pragma once
 
 #include <cstdio>
@@ -20,7 +20,7 @@ inline int failed = 0;
 
 inline void demand(const char* name, const char* law, const char* scalar, double reached,
                    double allowed) {
-    const bool kept = reached <= allowed; // NaN is not
+    const bool kept = reached <= allowed; // false for NaN
     if (!kept) ++failed;
     std::printf("%-28s %-12s %-6s %9.2e of %7.1e %s\n", name, law, scalar, reached, allowed,
                 kept ? "" : "BROKEN");
@@ -32,7 +32,7 @@ inline void keep(double& worst, double x) {
 
 constexpr Index points = 16;
 
-/// Mutants are tried on the first derivatives in double alone, which compiles in half the time.
+/// Mutants are tested on first derivatives in double alone, which compiles in half the time.
 #ifdef RYE_QUICK_LAWS
 constexpr bool quick = true;
 #else
@@ -74,7 +74,7 @@ void first_order(const char* name, Index n, Index m, const Op& op, const Vjp& vj
                  double((jw - g.col(j)).cwiseAbs().maxCoeff()) / double(g.cwiseAbs().maxCoeff()));
         }
         if constexpr (sizeof(T) == 8) {
-            // Near the origin, where a direction ends, a difference sees the third derivative.
+            // Near the origin of a direction, differences see the third derivative.
             Columns<T> away = x;
             for (Index j = 0; j < points; ++j)
                 if (const double size = x.col(j).norm(); size < 0.5) away.col(j) *= 0.5 / size;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// tests/support/projection_law.hpp: the dot-product test of a projection, for pinholes and lenses
-/// that bend.
+/// with distortion.
 #pragma once
 
 #include <rye/autodiff/dual.hpp>
@@ -25,8 +25,8 @@ inline Shape<double> random_shape(Draws& d, double spread = 1) {
     return s;
 }
 
-/// Relative gap of the dot-product test, with a cotangent that has no symmetry to hide behind; 0
-/// where the Gaussian is not drawn.
+/// Relative gap of the dot-product test, with a cotangent without symmetry; 0 if the Gaussian is
+/// not drawable.
 template <Antialias how = Antialias::dilate, Distortion Bent>
 double gap(const Shape<double>& s, const Pinhole<double, Bent>& camera, double margin, Draws& d) {
     using D = Dual<double, 1>;
@@ -52,7 +52,7 @@ double gap(const Shape<double>& s, const Pinhole<double, Bent>& camera, double m
     double forward = c.centre[0] * q.centre[0].d[0] + c.centre[1] * q.centre[1].d[0] +
                      c.depth * q.depth.d[0];
     for (int k = 0; k < 5; ++k) {
-        // w = (a, b) in the whitened frame; the pixel at p.centre + L^-1 w stays where it is.
+        // w = (a, b) in the whitened frame; the pixel at p.centre + L^-1 w is fixed.
         const double a = d.normal(), b = d.normal(), g = d.normal();
         const double dx = a / p.precision.k1;
         const double dy = b / p.precision.k2 + p.precision.m * dx;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/support/scenes.hpp: the scenes, random and hard, that splatting is tested on.
+/// tests/support/scenes.hpp: random and hard scenes for tests of splatting.
 #pragma once
 
 #include <cmath>

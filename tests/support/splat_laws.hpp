@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/support/splat_laws.hpp: laws of the walks in lanes, for any width: images against every
-/// Gaussian at every pixel, gradients against plain loops in double and against duals. Included once by the
-/// unit of each width, which says of which backends.
+/// tests/support/splat_laws.hpp: laws of the kernels in lanes, for any width: images against every
+/// Gaussian at every pixel, gradients against plain loops in double and against duals. Included
+/// once by the unit of each width, which names its backends.
 #pragma once
 
 #include <memory>
@@ -18,11 +18,11 @@
 namespace rye::test {
 
 /// The steps of Rasterizer in lanes, with the kernel for C few channels or, for C = 0, for any
-/// number of them: what is compiled is chosen here, and not by the number of channels.
+/// number of them, selected at compile time instead of by the number of channels.
 template <class B, class A, class T>
 struct Walks {
     using V = typename B::template batch<T>;
-    /// The rules that the steps before and after the walks depend on.
+    /// The rules that the steps before and after the kernels depend on.
     using Stage = std::conditional_t<
         A::support == Support::ellipse, Balanced,
         std::conditional_t<A::has_floor, Compatible3dgsFloor, Compatible3dgs>>;
@@ -94,7 +94,7 @@ Scenery<T> sized_scene(int width, int height, Index channels, std::uint64_t seed
     return s;
 }
 
-/// f of a scene for each number of channels, each of another size; then of each size.
+/// Calls f of a scene for each number of channels, each of another size; then of each size.
 template <class T, class F>
 void each_awkward_scene(const F& f) {
     constexpr std::size_t n = std::size(awkward);
@@ -124,7 +124,7 @@ double gap(const Gaussians<T>& a, const Gaussians<double>& b) {
     Gaussians<double>::fields(
         [&](const std::string&, const Columns<double>& x, const Columns<double>& y) {
             const double off = (x - y).norm() / (y.norm() + 1e-9);
-            worst = off <= worst ? worst : off;              // NaN is the greatest
+            worst = off <= worst ? worst : off;              // NaN is the largest
         },
         wide, b);
     return worst;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/support/splat_reference.hpp: what lanes are held against, in double and without lanes.
-/// Compiled once, for all widths.
+/// tests/support/splat_reference.hpp: references for lanes, in double and without lanes. Compiled
+/// once, for all widths.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@
 
 namespace rye::test {
 
-/// Weights of a scene's images: the cotangents that gradients are made of.
+/// Weights of a scene's images: the cotangents of its gradients.
 template <class T>
 struct Weights {
     Columns<T> feature, alpha, depth;
@@ -28,7 +28,7 @@ struct Weights {
 OracleImages truth(const Scenery<float>& s);
 OracleImages truth(const Scenery<double>& s);
 
-/// The images and indices of contributors that plain loops draw.
+/// The images and indices of contributors by plain loops.
 template <class T>
 struct PlainImages {
     Columns<T> feature, alpha, depth;

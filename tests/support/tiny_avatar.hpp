@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/support/tiny_avatar.hpp: an avatar and a guidance mesh of a few points and narrow networks,
-/// and their lift to other scalars, for the derivative laws of whole stages.
+/// tests/support/tiny_avatar.hpp: an avatar and a guidance mesh of a few points and narrow
+/// networks, and their conversion to other scalars, for the derivative laws of whole stages.
 #pragma once
 
 #include <rye/autodiff/check.hpp>
@@ -66,7 +66,7 @@ Drivers<T> tiny_drivers() {
 /// A camera in front of the face, principal point off centre.
 inline Pinhole<double> tiny_camera(int width, int height) {
     Pinhole<double> c = look_at<double>(Vec3<double>(0.5, 0.3, 6), Vec3<double>(0, 0.2, 0.5),
-                                        Vec3<double>(0, 1, 0), 0.45, width, height);
+                                        Vec3<double>(0, 1, 0), 0.45, {width, height});
     c.cx += 1.3;
     c.cy -= 0.7;
     return c;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <rye/train/stage_avatar.hpp>
+#include <rye/train/avatar_trainer.hpp>
 
 #include <doctest/doctest.h>
 
@@ -38,18 +38,37 @@ AvatarSample<T> tiny_sample(Draw draw) {
     return s;
 }
 
-template <class T, class U>
-AvatarLosses<U> losses_at(const TwoStream<U>& avatar, const AvatarConfig& config,
-                          EyeAverage average, bool blank_eyeballs, TwoStreamTrace<U>& trace,
-                          AvatarPictures<U>& pictures) {
-    AvatarLossConfig weights;
+AvatarTraining<> training_of(const AvatarConfig& config, EyeAverage average, bool blank_eyeballs) {
+    AvatarTraining<> t;
+    t.config = config;
+    t.roles = tiny_roles();
+    AvatarLossConfig& weights = t.objective.weights;
     weights.eye_average = average;
     weights.blank_eyeballs = blank_eyeballs;
     weights.face_alone = 0.7;
     weights.dssim = 0.3;
-    return avatar_losses(ScalarBackend<>{}, avatar, config, tiny_roles(), weights,
-                         Rasterizer<Balanced>{}, PyramidGradientLoss{},
-                         tiny_sample<U>(Draw{{9, 0}}), trace, pictures);
+    return t;
+}
+
+/// Losses and, for real numbers, their gradient.
+template <class T>
+struct Step {
+    AvatarLosses<T> losses;
+    TwoStream<T> gradient;
+    AvatarPictures<T> pictures;
+};
+template <class T>
+Step<T> step_at(TwoStream<T> avatar, const AvatarSample<T>& sample, const AvatarTraining<>& t) {
+    Adam<TwoStream<T>> adam(avatar);
+    AvatarTrainer trainer{ScalarBackend<>{}, avatar, adam, t};
+    Step<T> step;
+    step.losses = trainer.losses(sample.drivers, sample);
+    if constexpr (Real<T>) {
+        step.gradient = zeros_like(avatar);
+        trainer.add_gradient(sample.drivers, sample, step.gradient);
+    }
+    step.pictures = trainer.pictures();
+    return step;
 }
 
 /// How far <gradient, d> is from the derivative along d that duals give.
@@ -61,19 +80,14 @@ double law_error(EyeAverage average, ChosenMetric metric, std::uint64_t seed,
     AvatarConfig config = tiny_config();
     config.metric = metric;
     const TwoStream<T> avatar = lifted<T>(tiny_avatar(config, draw));
-    TwoStreamTrace<T> trace;
-    AvatarPictures<T> pictures;
-    const AvatarLosses<T> l = losses_at<T>(avatar, config, average, blank_eyeballs, trace, pictures);
-    TwoStream<T> grad = zeros_like(avatar);
-    avatar_losses_vjp(ScalarBackend<>{}, avatar, config, Rasterizer<Balanced>{},
-                      tiny_sample<T>(Draw{{9, 0}}), trace, pictures, grad);
+    const AvatarTraining<> training = training_of(config, average, blank_eyeballs);
+    const Step<T> step = step_at(avatar, tiny_sample<T>(Draw{{9, 0}}), training);
+    const AvatarLosses<T>& l = step.losses;
+    const TwoStream<T>& grad = step.gradient;
     const TwoStream<T> direction = random_like(avatar, Random{seed, 5});
     TwoStream<D> dual = lifted<D>(avatar);
     seed_fields(dual, avatar, direction);
-    TwoStreamTrace<D> dual_trace;
-    AvatarPictures<D> dual_pictures;
-    const AvatarLosses<D> dl = losses_at<T>(dual, config, average, blank_eyeballs, dual_trace,
-                                              dual_pictures);
+    const AvatarLosses<D> dl = step_at(dual, tiny_sample<D>(Draw{{9, 0}}), training).losses;
     CHECK(std::abs(static_cast<double>(dl.total.value - l.total)) <=
           1e-5 * static_cast<double>(l.total));
     DotSum by_vjp, by_dual;
@@ -105,13 +119,11 @@ TEST_CASE("a blink: without eye pixels the eye terms and their gradients are zer
     AvatarSample<double> sample = tiny_sample<double>(Draw{{9, 0}});
     sample.eyes.setZero();
     sample.eyes_small.setZero();
-    AvatarLossConfig weights;
-    weights.eye_average = EyeAverage::mask;
-    TwoStreamTrace<double> trace;
-    AvatarPictures<double> pictures;
-    const AvatarLosses<double> l =
-        avatar_losses(ScalarBackend<>{}, avatar, config, tiny_roles(), weights,
-                      Rasterizer<Balanced>{}, PyramidGradientLoss{}, sample, trace, pictures);
+    AvatarTraining<> training{.config = config, .roles = tiny_roles()};
+    training.objective.weights.eye_average = EyeAverage::mask;
+    const Step<double> step = step_at(avatar, sample, training);
+    const AvatarLosses<double>& l = step.losses;
+    const AvatarPictures<double>& pictures = step.pictures;
     CHECK(l.eye_low == 0);
     CHECK(l.eye_high == 0);
     CHECK(l.blank == 0);
@@ -125,19 +137,12 @@ TEST_CASE("eyes from eye terms: their colours do not learn from the joint pictur
     const TwoStream<double> avatar = tiny_avatar(config, draw);
     const AvatarSample<double> sample = tiny_sample<double>(Draw{{9, 0}});
     const auto gradient = [&](bool from_eye_terms, double joint) {
-        AvatarLossConfig weights;
+        AvatarTraining<> training{.config = config, .roles = tiny_roles()};
+        AvatarLossConfig& weights = training.objective.weights;
         weights.eyes_from_eye_terms = from_eye_terms;
         weights.high_resolution = weights.low_resolution = joint;
         weights.perceptual = 0;
-        TwoStreamTrace<double> trace;
-        AvatarPictures<double> pictures;
-        const Rasterizer<Balanced> rasterizer;
-        avatar_losses(ScalarBackend<>{}, avatar, config, tiny_roles(), weights, rasterizer,
-                      PyramidGradientLoss{}, sample, trace, pictures);
-        TwoStream<double> grad = zeros_like(avatar);
-        avatar_losses_vjp(ScalarBackend<>{}, avatar, config, rasterizer, sample, trace, pictures,
-                          grad);
-        return grad;
+        return step_at(avatar, sample, training).gradient;
     };
     const TwoStream<double> with = gradient(true, 1), without = gradient(false, 0);
     CHECK(with.eyes.feature.norm() > 0);
@@ -224,10 +229,11 @@ struct ByHand {
         sample.eyes_small.middleCols(12, count).setConstant(value);
     }
     AvatarLosses<double> losses() {
-        TwoStreamTrace<double> trace;
-        return avatar_losses(ScalarBackend<>{}, avatar, config, tiny_roles(), weights,
-                             Rasterizer<Balanced>{}, PyramidGradientLoss{}, sample, trace,
-                             pictures);
+        const Step<double> step = step_at(
+            avatar, sample,
+            {.config = config, .roles = tiny_roles(), .objective = {.weights = weights}});
+        pictures = step.pictures;
+        return step.losses;
     }
 };
 

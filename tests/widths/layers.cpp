@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The laws of everything in lanes but splatting for 4, 8 and 16 floats and 2, 4 and 8 doubles, on
-// any machine. In one unit: Eigen's products, which are most of it, are compiled once.
+// The laws of all lane code but splatting for 4, 8 and 16 floats and 2, 4 and 8 doubles, on any
+// machine. One unit, so that Eigen's products, most of its compile time, are compiled once.
 #include "../support/backends.hpp"
 #include "../support/layer_laws.hpp"
 

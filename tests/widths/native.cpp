@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The laws of splatting for the instruction set of this machine, and for narrower ones that it has
-// too: a processor with AVX-512 runs vectors of 4, 8 and 16 floats.
+// The laws of splatting for the instruction set of this machine, and for the narrower ones that it
+// has: a processor with AVX-512 runs vectors of 4, 8 and 16 floats.
 #include <algorithm>
 #include <cstdio>
 

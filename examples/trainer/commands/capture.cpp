@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye capture`: renders a calibrated multi-view capture of a head that exists nowhere.
+/// `rye capture`: renders a calibrated multi-view capture of a procedural head.
 #include <unistd.h>
 
 #include <chrono>
@@ -33,18 +33,18 @@ fs::path beside(const fs::path& out, const char* suffix) {
     return path;
 }
 
-/// A folder that is there may only be replaced on demand, and only if it is a capture.
+/// An existing folder is replaced only with --overwrite, and only if it is a capture.
 void check_out(const Options& o) {
     const std::string who = o.out.string();
     require(!o.out.empty() && (o.out.has_filename() || o.out.has_parent_path()), "capture",
-            "got no folder for --out, expected one to write");
+            "--out is missing, expected a folder to write");
     if (!fs::exists(o.out) || (fs::is_directory(o.out) && fs::is_empty(o.out))) return;
-    require(o.overwrite, who, "is there already; give --overwrite to replace it");
+    require(o.overwrite, who, "exists already; --overwrite replaces it");
     require(fs::exists(o.out / "capture.json"), who,
-            "is no capture (it has no capture.json), so --overwrite does not replace it");
+            "is not a capture (no capture.json), so --overwrite does not replace it");
 }
 
-/// Puts the finished folder in place.
+/// Moves the finished folder to its place.
 void publish(const fs::path& finished, const fs::path& out) {
     const fs::path old = beside(out, ".old");
     fs::remove_all(old);
@@ -63,7 +63,7 @@ void run(const Options& o) {
     const HeadModel model =
         o.model.empty() ? procedural_head(o.settings.seed) : ict_head(o.model, o.settings.seed);
     const CaptureScene scene = capture_scene(model, o.settings);
-    // Whatever interrupts the work, no half-written capture carries the name of a whole one.
+    // Written under another name, so that an interrupted capture cannot pass for a complete one.
     const fs::path unfinished = beside(o.out, ".tmp");
     fs::remove_all(unfinished);
     const bool terminal = isatty(1) != 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// commands/commands.hpp: the subcommands of `rye`; each adds itself to the program.
+/// commands/commands.hpp: the subcommands of `rye`; each function adds one to the program.
 #pragma once
 
 namespace CLI {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// `rye evaluate`: image quality over head, face and eyes, and the gaze error by the paper's
-/// protocol, with two controls that say what the error is worth; results.json and per_view.json.
+/// protocol, with two controls for scale; writes results.json and per_view.json.
 #include <algorithm>
 #include <cstdio>
 #include <map>
@@ -97,7 +97,7 @@ void evaluate(const EvaluateOptions& o) {
     if (o.split == "novel") frames = capture.novel_gaze;
     if (o.split == "independent") frames = capture.independent_gaze;
     require(!frames.empty(), capture.folder.string(),
-            "split '" + o.split + "' is empty, expected at least one frame");
+            "split '" + o.split + "' has no frames");
     const std::filesystem::path out = o.out.empty() ? o.run : o.out;
     const std::filesystem::path pictures = out / ("evaluate_" + o.split);
     std::filesystem::create_directories(pictures);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye export`: the Gaussians of a trained head as a standard 3DGS PLY, as any splat viewer reads it.
-/// The upsampler cannot be stored in a PLY: colours are those of the low-resolution render.
+/// `rye export`: the Gaussians of a trained head as a standard 3DGS PLY for splat viewers.
+/// A PLY cannot store the upsampler: colours are those of the low-resolution render.
 #include <algorithm>
 #include <iostream>
 #include <memory>
@@ -35,8 +35,8 @@ struct ExportOptions {
 /// The value of the constant harmonic: rgb = 0.5 + C0 f_dc.
 constexpr float sh_constant_value = 0.28209479177387814f;
 
-/// Raw fields of drawn Gaussians; `flip` turns y up, z toward the viewer into the PLY's y down, z
-/// forward (half a turn about x).
+/// Stored form of activated Gaussians; `flip` turns y up, z toward the viewer into the PLY's y
+/// down, z forward (half a turn about x).
 GaussianCloud<float> cloud_of(const Gaussians<float>& g, bool flip) {
     GaussianCloud<float> c;
     c.mean = g.mean;
@@ -49,7 +49,7 @@ GaussianCloud<float> cloud_of(const Gaussians<float>& g, bool flip) {
     for (Index i = 0; i < c.rotation.cols(); ++i)
         c.rotation.col(i) = quat_normalized<float>(c.rotation.col(i));
     c.log_scale = g.scale.unaryExpr([](float s) { return std::log(std::max(s, 1e-9f)); });
-    // Opaque and invisible Gaussians stay finite: 24 bits resolve no more than this.
+    // Clamped, so that opaque and invisible Gaussians stay finite: float has 24 bits.
     c.logit_opacity = g.opacity.unaryExpr(
         [](float a) { return logit(std::clamp(a, 6e-8f, 1 - 6e-8f)); });
     c.sh_constant = (g.feature.topRows(3).array() - 0.5f) / sh_constant_value;
@@ -62,9 +62,7 @@ void export_ply(const ExportOptions& o) {
     const TrainState state = load_trained(o.run);
     Drivers<float> drivers;
     if (o.canonical) {
-        drivers.expression = VecX<float>::Zero(state.config.avatar.expression);
-        drivers.pose.setZero();
-        drivers.gaze.fill(Vec3<float>(0, 0, 1));
+        drivers = neutral_drivers<float>(state.config.avatar);
     } else {
         const Capture capture =
             read_valid_capture(o.capture.empty() ? std::filesystem::path(state.capture) : o.capture);

@@ -175,7 +175,7 @@ void add_info(CLI::App& app) {
             return;
         }
         require(!arguments->folder.empty(), "rye info",
-                "--capture: got none, expected the folder of a capture");
+                "--capture is missing, expected the folder of a capture");
         std::vector<Problem> problems;
         const Capture capture = read_capture(arguments->folder, {}, &problems);
         const std::vector<Problem> more =

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// commands/info.hpp: a capture in words. The command is `rye info DIR`; it exits with 1
+/// commands/info.hpp: text description of a capture. The command is `rye info DIR`; it exits with 1
 /// when the capture has errors.
 #pragma once
 
@@ -9,7 +9,7 @@
 
 namespace rye::trainer {
 
-/// What the capture holds, in lines for a reader.
+/// The contents of the capture as lines of text.
 std::string describe(const Capture& capture);
 
 } // namespace rye::trainer

@@ -39,7 +39,7 @@ std::string explain(const SceneProfile& p) {
     return out;
 }
 
-/// What drawing these Gaussians says.
+/// Adds facts of the scene from a render of these Gaussians.
 void add_splats(const Gaussians<float>& g, const Pinhole<float>& camera, double pixel,
                 RenderFacts& facts) {
     const TrainRasterizer rasterizer;
@@ -52,7 +52,7 @@ void add_splats(const Gaussians<float>& g, const Pinhole<float>& camera, double 
         const double xx = f.covariance.xx - facts.dilation, yy = f.covariance.yy - facts.dilation;
         const double xy = f.covariance.xy, middle = 0.5 * (xx + yy);
         const double spread = std::sqrt(std::max(0.0, 0.25 * (xx - yy) * (xx - yy) + xy * xy));
-        // The dilated variances' rounding is what is left of a splat without width.
+        // Without width, only the rounding of the dilated variances is left.
         const double narrow = std::sqrt(std::max(1e-6, middle - spread));
         ++facts.splats;
         facts.below_a_pixel += narrow < pixel ? 1 : 0;
@@ -62,7 +62,7 @@ void add_splats(const Gaussians<float>& g, const Pinhole<float>& camera, double 
 
 // ---- Gaussians of a file ------------------------------------------------------------------------
 
-/// How a cloud is drawn: harmonics up to a degree; with the dilation, or without.
+/// Rendering options of a cloud: degree of harmonics, with dilation or without.
 template <int Degree, bool Antialias>
 struct SplatVariant {
     static constexpr EffectMask effects = [] {
@@ -90,7 +90,7 @@ using SplatVariants =
              SplatVariant<1, true>, SplatVariant<2, false>, SplatVariant<2, true>,
              SplatVariant<3, false>, AllOfSplats>;
 
-/// A view that holds nearly all of a cloud, along its third axis.
+/// A camera along the cloud's third axis with nearly all Gaussians in view.
 Pinhole<float> view_of(const GaussianCloud<float>& cloud) {
     Vec3<float> middle, reach;
     for (Index k = 0; k < 3; ++k) {
@@ -98,14 +98,14 @@ Pinhole<float> view_of(const GaussianCloud<float>& cloud) {
         for (Index i = 0; i < cloud.count(); ++i)
             if (std::isfinite(cloud.mean(k, i))) x.push_back(cloud.mean(k, i));
         std::sort(x.begin(), x.end());
-        require(!x.empty(), "rye info", "got no Gaussian with a finite place, expected some");
+        require(!x.empty(), "rye info", "no Gaussian has a finite mean");
         const float low = x[x.size() / 50], high = x[x.size() - 1 - x.size() / 50];
         middle[k] = 0.5f * (low + high);
         reach[k] = 0.5f * (high - low);
     }
     const float size = std::max({reach[0], reach[1], reach[2], 1e-3f});
     Pinhole<float> camera = look_at<float>(middle - Vec3<float>(0, 0, 4 * size), middle,
-                                           Vec3<float>(0, -1, 0), 0.6f, 512, 512);
+                                           Vec3<float>(0, -1, 0), 0.6f, {512, 512});
     camera.near_depth = 0.01f * size;
     return camera;
 }
@@ -201,7 +201,7 @@ std::vector<int> some_frames(const Capture& c, int most) {
     return frames;
 }
 
-/// Pictures of some frames by the variant that is chosen, against those of all effects.
+/// Compares renders of some frames by the chosen variant with those of all effects.
 std::string check_avatar(const TrainState& state, const Capture& c, const EffectsOptions& o,
                          double bound) {
     std::vector<DrawnFrame> shown;
@@ -224,7 +224,7 @@ std::string explain_capture(const EffectsOptions& o, const ProfileBounds& bounds
     std::optional<TrainState> state;
     if (!o.run.empty()) state = load_trained(o.run);
     const Capture c = read_capture(o.scene.empty() ? state->capture : o.scene);
-    require(c.frame_count() > 0, "rye info", "got a capture without frames, expected some");
+    require(c.frame_count() > 0, "rye info", "the capture has no frames");
     SceneFacts facts;
     if (state) require_same_subject(*state, c);
     facts.drivers = driver_facts(c, state ? state->config.gaze_axis : GazeAxis::optical);
@@ -261,7 +261,7 @@ std::string explain_effects(const EffectsOptions& o) {
     bounds.color = parsed_error(o.bound, "rye info", "--bound");
     const std::filesystem::path scene = o.scene;
     require(!o.scene.empty() || !o.run.empty(), "rye info",
-            "--effects: got neither a scene nor --run, expected one of them");
+            "--effects: neither a scene nor --run is given");
     if (!std::filesystem::is_directory(scene) && !o.scene.empty()) return explain_ply(o, bounds);
     if (o.run.empty() && std::filesystem::exists(scene / "transforms.json") &&
         !std::filesystem::exists(scene / "params"))

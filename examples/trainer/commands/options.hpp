@@ -14,35 +14,35 @@ class App;
 
 namespace rye::trainer {
 
-/// Index of a frame by its id; empty: the first test frame, or else the first frame.
+/// Index of a frame by its id; for an empty id the first test frame, or else the first frame.
 int frame_index(const Capture& capture, const std::string& id);
 
-/// The same in a capture of which no frame is read yet.
+/// The same in a capture whose frames are not read yet.
 std::string frame_id(const CaptureContents& contents, const std::string& id);
 
-/// The cameras that camera_index chooses from: of an empty id all, else the one; Error if there is
-/// none of that id.
+/// Candidates of camera_index: all cameras for an empty id, else that camera; throws Error if it
+/// does not exist.
 std::vector<std::string> camera_choices(const CaptureContents& contents, const std::string& id);
 
-/// Index of a camera by its id; empty: the one that sees the face of that frame most frontally.
+/// Index of a camera by its id; for an empty id the one that sees the face most frontally.
 int camera_index(const Capture& capture, const std::string& id, int frame);
 
-/// PITCH,YAW in degrees as a unit vector of the head frame; Error beyond 70 degrees either way.
+/// PITCH,YAW in degrees as a unit vector of the head frame; throws Error beyond +-70 degrees.
 Vec3<float> gaze_option(const std::vector<double>& pitch_yaw_deg, const std::string& option);
 
-/// A whole number below 2^64; Error naming the option for anything else.
+/// A whole number below 2^64; throws Error with the option for anything else.
 std::uint64_t parsed_seed(const std::string& text, const std::string& option);
 
-/// "0.004" or "1/255", between 0 and 1; Error naming the command and the option for anything else.
+/// "0.004" or "1/255", between 0 and 1; throws Error with the command and option for anything else.
 double parsed_error(const std::string& text, const std::string& who, const std::string& option);
 
-/// More threads than this are a mistake: every one costs memory, and systems refuse them late.
+/// Limit on threads: each costs memory, and systems fail late when there are too many.
 inline constexpr int most_threads = 1024;
 
 /// --threads, 0 (all) to most_threads.
 void add_threads(CLI::App& command, int& threads, const std::string& help = "Threads (0: all)");
 
-/// Error unless the capture's drivers fit the trained avatar.
+/// Throws Error unless the capture's drivers fit the trained avatar.
 void require_same_subject(const TrainState& state, const Capture& capture);
 
 } // namespace rye::trainer

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye redirect`: a trained head looks where it is told, each eye on its own.
+/// `rye redirect`: renders a trained head with another gaze for each eye.
 #include <array>
 #include <iostream>
 #include <memory>
@@ -31,7 +31,7 @@ struct Look {
     double left[2], right[2];
 };
 
-/// Pitch down the rows, yaw across; then each eye alone, then squint and its opposite.
+/// Pitch down the rows, yaw across; then single eyes, then converging and diverging ones.
 const std::vector<std::vector<Look>>& sheet_of_heads() {
     static const std::vector<std::vector<Look>> rows = [] {
         std::vector<std::vector<Look>> r;
@@ -47,7 +47,7 @@ const std::vector<std::vector<Look>>& sheet_of_heads() {
     return rows;
 }
 
-/// These are enlarged around the eyes, which makes the lids visible.
+/// Gazes that are shown enlarged around the eyes, to make the lids visible.
 const std::vector<std::vector<Look>>& sheet_of_eyes() {
     static const std::vector<std::vector<Look>> rows = [] {
         std::vector<std::vector<Look>> r(2);
@@ -67,7 +67,7 @@ DrawnFrame looking(const DrawnFrame& frame, const Look& look) {
     return f;
 }
 
-/// The part of a picture around the eyes, as wide as the picture.
+/// Crop of an image around the eyes, as wide as the image.
 Image<float> around_eyes(const Image<float>& whole, const TrainState& state,
                          const DrawnFrame& frame) {
     const Mat3<float> r = so3_exp(Vec3<float>(frame.drivers.pose.head<3>()));
@@ -84,7 +84,7 @@ Image<float> around_eyes(const Image<float>& whole, const TrainState& state,
                             static_cast<int>(middle.y()) - h / 2, w, h), whole.width);
 }
 
-/// Many gazes of one frame.
+/// A contact sheet of many gazes of one frame.
 Image<float> contact_sheet(const TrainState& state, const DrawnFrame& frame,
                            const std::string& effects) {
     std::vector<DrawnFrame> all;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye render`: a picture of any splat file that other programs write, as they would show it.
-/// The file's own axes and units; for a capture upright in OpenCV's axes, up is -y.
+/// `rye render`: an image of a splat file of any program, as its viewer would render it.
+/// The file's own axes and units; for an upright capture in OpenCV's axes, up is -y.
 #include <chrono>
 #include <cstdio>
 #include <iostream>
@@ -26,7 +26,7 @@
 namespace rye::trainer {
 namespace {
 
-/// Where the first 3DGS implementation, and viewers after it, begin to draw. [world units]
+/// Near plane of the first 3DGS implementation and of viewers after it. [world units]
 constexpr double viewer_near_depth = 0.2;
 
 struct RenderOptions {
@@ -58,14 +58,14 @@ Image<float> picture(const B& backend, const A& accuracy, const Gaussians<T>& g,
                      const Pinhole<T, D>& camera, const VecX<T>& background) {
     const auto raster = Rasterizer<A>{accuracy}.forward(backend, g, camera, background);
     if (raster.trace.non_finite > 0)
-        std::cerr << "rye render: left out " << raster.trace.non_finite
-                  << " Gaussians whose numbers are not finite\n";
+        std::cerr << "rye render: skipped " << raster.trace.non_finite
+                  << " Gaussians with numbers that are not finite\n";
     Image<float> image(camera.width, camera.height, 3);
     image.pixels = raster.feature.pixels.template cast<float>();
     return image;
 }
 
-/// The picture, by the name of its accuracy. Only the exact one is in double.
+/// The image at the named accuracy. Only "exact" is in double.
 template <Distortion D>
 Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
                      const Pinhole<double, D>& camera) {
@@ -98,8 +98,8 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
     const Gaussians<float> g = activate(cloud, Vec3<float>(camera.centre().template cast<float>()));
     if (!o.max_error.empty()) {
         if constexpr (D::distorts) {
-            throw Error("rye render: --max-error: got a camera whose lens bends, expected a pinhole's; "
-                        "take --accuracy");
+            throw Error("rye render: --max-error does not support a lens with distortion; use "
+                        "--accuracy");
         } else {
             const VecX<float> behind = background.cast<float>();
             const SelectedAccuracy chosen =
@@ -120,7 +120,7 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
     return by_name.at(o.accuracy)(o, g, in_float, background.cast<float>());
 }
 
-/// A view of the options: of the file of cameras, or else from --eye.
+/// The camera of the options: from the file of cameras, or from --eye.
 Photograph view_of(const RenderOptions& o) {
     if (!o.cameras.empty()) {
         const std::vector<Photograph> all = read_photographs(o.cameras);
@@ -130,17 +130,17 @@ Photograph view_of(const RenderOptions& o) {
         return all[static_cast<std::size_t>(o.view)];
     }
     require(!o.eye.empty() && !o.target.empty(), "rye render",
-            "got no view, expected --eye and --target, or --cameras");
+            "no view given, expected --eye and --target, or --cameras");
     const auto [width, height] = parsed_size(o.size);
     const double fov = o.fov_deg * 3.14159265358979323846 / 180;
-    return {"", look_at<double>(vector_of(o.eye), vector_of(o.target), vector_of(o.up), fov, width,
-                                height), {}};
+    return {"", look_at<double>(vector_of(o.eye), vector_of(o.target), vector_of(o.up), fov,
+                                {width, height}), {}};
 }
 
 void render(const RenderOptions& o) {
     set_threads(o.threads);
     require(o.alpha_floor == 0 || o.accuracy == "3dgs", "rye render",
-            "--alpha-floor: got it with --accuracy " + o.accuracy + ", expected --accuracy 3dgs");
+            "--alpha-floor needs --accuracy 3dgs, got --accuracy " + o.accuracy);
     Photograph view = view_of(o);
     view.camera.near_depth = o.near_depth;
     const GaussianCloud<float> cloud = read_ply<float>(o.ply);
@@ -160,19 +160,19 @@ void render(const RenderOptions& o) {
 
 void add_render(CLI::App& app) {
     auto o = std::make_shared<RenderOptions>();
-    CLI::App* c = app.add_subcommand("render", "Make a picture of a PLY file of Gaussians");
+    CLI::App* c = app.add_subcommand("render", "Render a PLY file of Gaussians to an image");
     const auto finite = CLI::Range(-1e9, 1e9);
     const auto vector = [&](const char* name, std::vector<double>& v, const char* help) {
         return c->add_option(name, v, help)->delimiter(',')->expected(3)->check(finite);
     };
     c->add_option("ply", o->ply, "PLY file, in the standard form")->required();
-    vector("--eye", o->eye, "Where the camera is: X,Y,Z");
-    vector("--target", o->target, "What it looks at: X,Y,Z");
+    vector("--eye", o->eye, "Position of the camera: X,Y,Z");
+    vector("--target", o->target, "Point in the image centre: X,Y,Z");
     c->add_option("--cameras", o->cameras,
                   "Instead of --eye: a transforms.json; its lens (k1, k2, k3, p1, p2) is drawn through")
         ->excludes("--eye")->excludes("--target");
-    c->add_option("--view", o->view, "Which frame of --cameras, from 0")->needs("--cameras");
-    vector("--up", o->up, "What is up in the picture: X,Y,Z")->capture_default_str();
+    c->add_option("--view", o->view, "Index of a frame of --cameras, from 0")->needs("--cameras");
+    vector("--up", o->up, "Up direction of the image: X,Y,Z")->capture_default_str();
     c->add_option("--fov", o->fov_deg, "Vertical field of view in degrees")
         ->check(CLI::Range(0.01, 179.0))->capture_default_str();
     c->add_option("--size", o->size, "Pixels: WxH")->capture_default_str();

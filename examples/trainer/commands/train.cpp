@@ -34,7 +34,7 @@ volatile std::sig_atomic_t stop_requested = 0;  // set by a signal, read between
 
 void request_stop(int signal) {
     stop_requested = signal;
-    std::signal(signal, SIG_DFL);  // a second one ends the program at once
+    std::signal(signal, SIG_DFL);  // a second signal ends the program at once
 }
 
 struct TrainOptions {
@@ -42,11 +42,11 @@ struct TrainOptions {
     std::string preset = "cpu";
     bool resume = false, overwrite = false, profile = false, quiet = false, print_config = false;
     int threads = 0;
-    std::optional<std::string> seed;  // as text: the parser of options takes -3 and 1e23 for others
+    std::optional<std::string> seed;  // as text: the option parser would accept -3 and 1e23
     std::optional<std::int64_t> steps;
 };
 
-/// A line that rewrites itself on a terminal, and a plain line now and then elsewhere.
+/// A progress line: rewritten in place on a terminal, printed now and then elsewhere.
 class Progress {
   public:
     Progress(std::string stage, Index total, bool quiet)
@@ -79,7 +79,7 @@ class Progress {
     double shown_ = -1e9;
 };
 
-/// A loss for the progress line: the first letters of its words.
+/// A loss for the progress line, named by the initials of its words.
 std::string brief(const std::string& name, double value) {
     char text[64];
     std::snprintf(text, sizeof text, " %s %.4f", name.substr(0, name.find('_') + 2).c_str(), value);
@@ -88,7 +88,7 @@ std::string brief(const std::string& name, double value) {
 
 constexpr Index log_every = 20;  ///< steps between lines of log.jsonl
 
-/// The frames of an epoch in an order that depends on seed and epoch alone.
+/// The frame of a step; the order within an epoch depends on seed and epoch alone.
 int frame_of_step(const std::vector<int>& frames, Index step, const Random& random) {
     const Index n = static_cast<Index>(frames.size());
     const Random epoch = random.fork(static_cast<std::uint64_t>(step / n));
@@ -127,7 +127,7 @@ class Trainer {
           random_{state_.config.seed, 0}, grid_(make_lattice(state_)),
           folder_(options.out, state_, beginning) {}
 
-    /// True if it ran to the end.
+    /// Returns true if the run is complete, false if it was stopped.
     bool run() {
         if (state_.stage == Stage::mesh) {
             if (!train_mesh()) return false;
@@ -305,7 +305,7 @@ class Trainer {
     }
 };
 
-/// --steps, within the bounds that a configuration file has.
+/// Applies --steps, within the bounds of the configuration file.
 void take_steps(const TrainOptions& o, TrainConfig& config) {
     if (o.steps) from_json({{"gaussians", {{"steps", *o.steps}}}}, "--steps", config);
 }
@@ -325,15 +325,15 @@ TrainConfig config_of(const TrainOptions& o) {
     return config;
 }
 
-/// A run of the checkpoint in the folder, which fits the capture.
+/// Checks that the checkpoint in the folder fits the options and the capture.
 void check_resumed(const TrainOptions& o, const TrainState& state, const Capture& capture) {
     const std::string who = capture.folder.string();
     if (!o.config.empty())
         require(config_of(o).gaze_axis == state.config.gaze_axis, o.config.string(),
-                "field 'gaze_axis': got another than that of the run in " + o.out.string() +
-                    ", expected the same: a checkpoint has a kappa or has none");
+                "field 'gaze_axis': differs from that of the run in " + o.out.string() +
+                    ", whose checkpoint has a kappa or has none");
     require(state.train_frames == capture.train, who,
-            "its training frames are not those that this run began with");
+            "its training frames differ from those this run began with");
     require_same_subject(state, capture);
     const Index landmarks = frame_landmarks(capture, capture.train.front()).cols();
     require(landmarks == state.subject.neutral.cols(), who,
@@ -341,7 +341,7 @@ void check_resumed(const TrainOptions& o, const TrainState& state, const Capture
                 std::to_string(state.subject.neutral.cols()) + ", as this run began with");
 }
 
-/// The first state of a run.
+/// The initial state of a run.
 TrainState first_state(const TrainConfig& config, const Capture& capture,
                        const std::filesystem::path& folder) {
     TrainState state;
@@ -363,10 +363,10 @@ int train(const TrainOptions& o) {
     set_threads(o.threads);
     const bool there = std::filesystem::exists(checkpoint_path(o.out));
     require(!there || o.resume || o.overwrite, o.out.string(),
-            "holds a run already; expected --resume to go on with it, or --overwrite to lose it");
+            "holds a run already; --resume continues it, --overwrite replaces it");
     require(!o.resume || !o.overwrite, "rye train",
-            "got --resume and --overwrite, expected one of them");
-    // All that can be wrong is found here, before anything is written.
+            "--resume and --overwrite exclude each other");
+    // Checks all inputs before anything is written.
     TrainState state;
     std::filesystem::path folder = o.capture;
     if (o.resume) {
@@ -393,7 +393,7 @@ int train(const TrainOptions& o) {
         std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
                      "VGG16 term is replaced by one of gradient pyramids\n";
     if (!o.quiet) std::cout << text_of(size) << "\n";
-    std::signal(SIGXFSZ, SIG_IGN);  // a file that grew too large is an error like a full disk
+    std::signal(SIGXFSZ, SIG_IGN);  // exceeding the file size limit becomes an error, not a signal
     Trainer trainer(o, std::move(capture), std::move(state),
                     o.resume ? Beginning::resumed
                     : there  ? Beginning::replacing

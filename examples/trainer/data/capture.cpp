@@ -19,7 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-/// Where faults go: thrown when nobody collects them.
+/// Destination of faults: a list, or an exception where there is none.
 class Faults {
   public:
     explicit Faults(std::vector<Problem>* list) : list_(list) {}
@@ -58,7 +58,7 @@ void require_finite(std::span<const double> values, const std::string& who) {
                         ", expected a finite number");
 }
 
-/// Finite numbers of one array, of which there must be one of `counts` (any number for none).
+/// Finite values of one array, whose count must be one of `counts` (any count if empty).
 std::vector<double> numbers(const NpyArray& array, const std::string& who,
                             std::initializer_list<Index> counts) {
     const Index* end = counts.end();
@@ -74,7 +74,7 @@ std::vector<double> numbers(const NpyArray& array, const std::string& who,
     return values;
 }
 
-/// An npz with the name of its file.
+/// The arrays of an npz and its file name.
 struct Archive {
     explicit Archive(const fs::path& file) : path(file), arrays(read_npz(file)) {}
 
@@ -85,7 +85,7 @@ struct Archive {
         require(found != arrays.end(), label(name), "is missing from the file");
         return numbers(found->second, label(name), counts);
     }
-    /// Row-major in the file.
+    /// Stored row-major.
     template <int Rows, int Cols>
     Mat<double, Rows, Cols> matrix(const std::string& name) const {
         const std::vector<double> v = get(name, {Rows * Cols});
@@ -114,7 +114,7 @@ Columns<double> read_points(const fs::path& path) {
 
 // ---- one frame ---------------------------------------------------------------------------------
 
-/// The landmarks that both of Gaussian Head Avatar's sets have: all but the inner lip corners.
+/// The landmarks common to both of Gaussian Head Avatar's sets: all but the inner lip corners.
 Columns<double> read_landmarks(const fs::path& path) {
     const Columns<double> all = read_points(path);
     if (all.cols() == 66) return all;
@@ -192,14 +192,14 @@ Pinhole<double> read_camera(const fs::path& path) {
         for (const double x : file.get("distortion", {}))
             require(x == 0, file.label("distortion"),
                     "got a coefficient of " + std::to_string(x) +
-                        ", expected 0: captures are drawn by pinholes, undistort the images");
+                        ", expected 0: captures are pinhole images, undistort them first");
     Pinhole<double> camera;
     camera.fx = k(0, 0);
     camera.fy = k(1, 1);
     camera.cx = k(0, 2);
     camera.cy = k(1, 2);
 
-    // world to camera; a last row (0 0 0 1) may follow.
+    // World to camera; a last row (0 0 0 1) is optional.
     const std::vector<double> m = file.get("extrinsic", {12, 16});
     file.require_shape("extrinsic", {m.size() == 12 ? 3 : 4, 4});
     const Mat<double, 3, 4> extrinsic =
@@ -217,7 +217,7 @@ Pinhole<double> read_camera(const fs::path& path) {
     return camera;
 }
 
-/// The first of the files stem.jpg, stem.jpeg, stem.png that is there; else an empty path.
+/// The first existing file of stem.jpg, stem.jpeg, stem.png; else an empty path.
 fs::path find_image(const fs::path& folder, const std::string& stem) {
     for (const char* suffix : {".png", ".jpg", ".jpeg"})
         if (fs::path path = folder / (stem + suffix); fs::exists(path)) return path;
@@ -236,7 +236,7 @@ void require_size(const fs::path& path, int width, int height) {
                 size_text(width, height) + " as the first image has");
 }
 
-/// Reads what belongs to one camera in one frame; sets the capture's size from the first image.
+/// Reads the files of one camera in one frame; the first image sets the capture's size.
 void read_view(Capture& c, const std::string& frame, const std::string& camera, CaptureView& view,
                Faults& faults) {
     const fs::path images = c.folder / "images" / frame;
@@ -280,11 +280,11 @@ std::vector<std::string> sorted(const std::set<std::string>& names) {
 std::set<std::string> list_frames(const fs::path& folder) {
     const fs::path images = folder / "images";
     require(fs::is_directory(images), images.string(),
-            "no such folder, expected one folder of images a frame in it");
+            "no such folder, expected it to hold one folder of images per frame");
     std::set<std::string> names;
     for (const fs::directory_entry& entry : fs::directory_iterator(images))
         if (entry.is_directory()) names.insert(entry.path().filename().string());
-    require(!names.empty(), images.string(), "has no folders, expected one a frame");
+    require(!names.empty(), images.string(), "has no folders, expected one per frame");
     return names;
 }
 
@@ -300,7 +300,7 @@ std::set<std::string> list_cameras(const fs::path& folder, const std::set<std::s
     return ids;
 }
 
-/// capture.json, or null where there is none.
+/// capture.json, or null if there is none.
 Json read_description(const fs::path& path) {
     if (!fs::exists(path)) return nullptr;
     Json json = read_json(path);
@@ -308,7 +308,7 @@ Json read_description(const fs::path& path) {
     return json;
 }
 
-/// A list of strings; empty where the key is absent.
+/// A list of strings; empty if the key is absent.
 std::vector<std::string> strings(const Json& json, const char* key, const std::string& who) {
     std::vector<std::string> out;
     if (!json.is_object() || !json.contains(key)) return out;
@@ -317,7 +317,7 @@ std::vector<std::string> strings(const Json& json, const char* key, const std::s
     for (const Json& item : json.at(key)) {
         require(item.is_string(), who + ": " + key, "got " + item.dump() + ", expected a name");
         out.push_back(item.get<std::string>());
-        // Names become parts of paths.
+        // Names become path components.
         require(!out.back().empty() && out.back().find_first_of("/\\") == std::string::npos &&
                     out.back() != "..",
                 who + ": " + key, "got '" + out.back() + "', expected a name without slashes");
@@ -349,7 +349,7 @@ Splits described_splits(const Json& json, const std::string& who) {
     return s;
 }
 
-/// The last frames are for tests, at least one where there are two.
+/// Assigns the last frames to the tests, at least one of two or more.
 Splits default_splits(const std::vector<std::string>& ids, double test_fraction) {
     require(test_fraction >= 0 && test_fraction < 1, "test_fraction",
             "got " + std::to_string(test_fraction) + ", expected 0 to below 1");
@@ -360,7 +360,7 @@ Splits default_splits(const std::vector<std::string>& ids, double test_fraction)
     return {{ids.begin(), ids.end() - tests}, {ids.end() - tests, ids.end()}, {}, {}};
 }
 
-/// Indices of the frames that could be read.
+/// Indices of the frames that were read.
 std::vector<int> indices(const Capture& c, const std::vector<std::string>& ids) {
     std::vector<int> out;
     for (const std::string& id : ids)
@@ -399,7 +399,7 @@ CaptureContents list_contents(const fs::path& folder, const CaptureOptions& opti
     require(fs::is_directory(folder), folder.string(), "no such folder");
     require(fs::exists(folder / "cameras") || !fs::exists(folder / "transforms.json"),
             (folder / "transforms.json").string(),
-            "got photographs of a still scene, expected a capture (folders images, cameras, params)");
+            "a folder of photographs, expected a capture (folders images, cameras, params)");
     const Json json = read_description(description);
     c.subject = string_of(json, "subject");
     c.expression_names = strings(json, "exp_names", who);
@@ -432,7 +432,7 @@ CaptureContents list_contents(const fs::path& folder, const CaptureOptions& opti
     return c;
 }
 
-/// Adds a frame and its views; false, with the fault, if it is not to be used.
+/// Adds a frame and its views; false, with the fault, if it cannot be used.
 bool add_frame(Capture& c, const std::string& id, bool needs_a_view, Faults& faults) {
     const fs::path images = c.folder / "images" / id;
     if (!fs::is_directory(images)) {
@@ -455,7 +455,7 @@ bool add_frame(Capture& c, const std::string& id, bool needs_a_view, Faults& fau
     return true;
 }
 
-/// What the contents say of the capture, before a frame is read.
+/// Copies the contents to the capture, before any frame is read.
 void begin(Capture& c, const CaptureContents& contents) {
     c.subject = contents.subject;
     c.camera_ids = contents.camera_ids;
@@ -463,7 +463,7 @@ void begin(Capture& c, const CaptureContents& contents) {
     c.images_over_black = contents.images_over_black;
 }
 
-/// What is known once the frames are read.
+/// Completes the capture after the frames are read.
 void finish(Capture& c, const CaptureContents& contents, Faults& faults) {
     c.has_eye_masks =
         !c.views.empty() && std::all_of(c.views.begin(), c.views.end(), [](const CaptureView& v) {
@@ -526,7 +526,7 @@ bool Capture::has_centres() const {
 
 const CaptureView& Capture::view(int frame, int camera) const {
     RYE_ASSERT(frame >= 0 && frame < frame_count() && camera >= 0 && camera < camera_count(),
-               "Capture::view: index");
+               "Capture::view: frame or camera out of range");
     return views[static_cast<std::size_t>(frame) * camera_ids.size() +
                  static_cast<std::size_t>(camera)];
 }

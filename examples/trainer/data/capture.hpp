@@ -23,14 +23,14 @@
 
 namespace rye::trainer {
 
-/// One thing that is wrong with a capture, in one sentence that names file, field and value.
+/// A fault of a capture, in one sentence that names file, field and value.
 struct Problem {
     enum class Severity { warning, error };
     Severity severity = Severity::error;
     std::string message;
 };
 
-/// What gaze.npz says of one eye in one frame.
+/// Data of one eye in one frame, from gaze.npz.
 struct CaptureEye {
     Vec3<double> optical = Vec3<double>::UnitZ();  ///< unit optical axis, head frame
     std::optional<Vec3<double>> optical_world;     ///< the same in the world, where the file has it
@@ -42,7 +42,7 @@ struct CaptureEye {
     std::optional<double> iris_plane;              ///< iris lies near centre + iris_plane * optical
 };
 
-/// One moment: the same for all cameras.
+/// One moment, common to all cameras.
 struct CaptureFrame {
     std::string id;                 ///< name of its folders
     std::vector<float> expression;  ///< exp_coeff, any width, the same in all frames
@@ -51,22 +51,22 @@ struct CaptureFrame {
     Columns<double> landmarks;                     ///< 3 x 66, world: iBUG without 48 and 54
     Columns<double> vertices;                      ///< 3 x V, world; V may be 0
     std::array<CaptureEye, 2> eyes;                ///< valid where has_gaze
-    bool has_gaze = false;                         ///< gaze.npz is there
-    bool has_centres = false;                      ///< ... with both eye centres
+    bool has_gaze = false;                         ///< gaze.npz exists
+    bool has_centres = false;                      ///< gaze.npz has both eye centres
 };
 
-/// One frame as one camera sees it. Paths of optional files that are not there are empty.
+/// One frame as seen by one camera. Paths of missing optional files are empty.
 struct CaptureView {
     Pinhole<double> camera;  ///< of the full-size image
     std::filesystem::path image, mask, eye_mask, visible;
     bool present = false;    ///< false: this camera missed this frame
 };
 
-/// What an image file holds outside the mask.
+/// Content of an image file outside the mask.
 enum class ImageContent {
     automatic,   ///< over_black if capture.json says so, else photograph
     over_black,  ///< premultiplied: black where the mask is 0
-    photograph,  ///< a room; multiplied by the mask while it is read
+    photograph,  ///< background; multiplied by the mask on reading
 };
 
 struct CaptureOptions {
@@ -75,8 +75,8 @@ struct CaptureOptions {
     ImageContent content = ImageContent::automatic;
 };
 
-/// The names in a capture, from capture.json and the listing of folders: no array and no picture is
-/// opened.
+/// Names of a capture, from capture.json and folder listings, without opening an array or an
+/// image.
 struct CaptureContents {
     std::filesystem::path folder;
     std::string subject;                        ///< from capture.json, may be empty
@@ -88,14 +88,14 @@ struct CaptureContents {
     std::string image_size;  ///< capture.json's, as JSON; empty where it has none
 };
 
-/// Decoded 8-bit images, the least recently used forgotten first.
+/// Decoded 8-bit images, evicting the least recently used first.
 class ImageCache {
 public:
     explicit ImageCache(std::size_t budget = std::size_t(1) << 30U) : budget_(budget) {}
     ImageCache(ImageCache&&) = default;
     ImageCache& operator=(ImageCache&&) = default;
 
-    /// The image of `path` in `channels`, read if it is not held. Valid until the next call.
+    /// The image of `path` in `channels`, read unless cached. Valid until the next call.
     const Image8& get(const std::filesystem::path& path, int channels);
     std::size_t bytes() const { return bytes_; }
 
@@ -110,7 +110,7 @@ private:
     std::map<std::string, std::list<Entry>::iterator> by_key_;
 };
 
-/// A capture. Images are decoded when asked for and cached: not for use by several threads at once.
+/// A capture. Images are decoded on demand and cached: not for concurrent use by several threads.
 struct Capture {
     std::filesystem::path folder;
     std::string subject;                      ///< from capture.json, may be empty
@@ -121,7 +121,7 @@ struct Capture {
     std::vector<int> train, test, novel_gaze, independent_gaze;  ///< indices of frames
     int width = 0;                            ///< of the full-size images [px]
     int height = 0;
-    bool images_over_black = true;            ///< the files; image() is over black always
+    bool images_over_black = true;            ///< of the files; image() is always over black
     bool has_eye_masks = false;               ///< for every view that is present
 
     int frame_count() const { return static_cast<int>(frames.size()); }
@@ -136,11 +136,11 @@ struct Capture {
 
     /// 3 channels in [0, 1], sRGB as stored, premultiplied over black: add (1 - mask) * background.
     Image<float> image(int frame, int camera) const;
-    /// 1 channel in [0, 1]: how much of the pixel is the subject.
+    /// 1 channel in [0, 1]: coverage of the pixel by the subject.
     Image<float> mask(int frame, int camera) const;
     /// 2 channels, 0 or 1: pixels of the visible left and right eyeball; zeros without an eye mask.
     Image<float> eye_mask(int frame, int camera) const;
-    /// 1 channel in [0, 1]: 0 where the picture was padded; ones without a visible file.
+    /// 1 channel in [0, 1]: 0 where the image is padded; ones without a visible file.
     Image<float> visible(int frame, int camera) const;
 
     mutable ImageCache cache;
@@ -153,19 +153,19 @@ constexpr std::array<int, 6> eye_landmarks(int eye) {
                     : std::array<int, 6>{36, 37, 38, 39, 40, 41};
 }
 
-/// Error where capture.json or the folder is none of a capture.
+/// Throws Error if capture.json or the folder is not that of a capture.
 CaptureContents read_contents(const std::filesystem::path& folder,
                               const CaptureOptions& options = {});
 
-/// Reads one frame as these cameras see it, without the pixels, and opens no file of another frame
-/// or camera. Its views may all be absent. Faults as in read_capture.
+/// Reads one frame for these cameras, without pixels; opens no file of another frame or camera. All
+/// of its views may be absent. Faults as in read_capture.
 Capture read_capture_frame(const CaptureContents& contents, const std::string& frame,
                            const std::vector<std::string>& cameras,
                            const CaptureOptions& options = {},
                            std::vector<Problem>* problems = nullptr);
 
-/// Reads everything but the pixels. Without `problems` the first fault is thrown as an Error; with
-/// it every fault is added to the list, and what could be read is returned.
+/// Reads everything but the pixels. Without `problems` throws the first fault as an Error;
+/// otherwise adds every fault to the list and returns what could be read.
 Capture read_capture(const std::filesystem::path& folder, const CaptureOptions& options = {},
                      std::vector<Problem>* problems = nullptr);
 

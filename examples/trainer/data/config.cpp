@@ -12,20 +12,20 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// The numbers that a field may have, ends included, and, if `zero`, 0 beside them.
+/// Valid values of a field: [low, high], and 0 if `zero`.
 struct Range {
     double low, high;
     bool zero = false;
 };
 constexpr Range any{0, 1e6};            // weights and lengths, which may be 0
 constexpr Range above_zero{1e-9, 1e6};
-constexpr Range rate{0, 10};            // of learning
+constexpr Range rate{0, 10};            // learning rates
 constexpr Range steps{0, 1e9};
-constexpr Range part{1e-6, 1 - 1e-6};   // of 1, neither all nor nothing
+constexpr Range part{1e-6, 1 - 1e-6};   // fractions, without 0 and 1
 constexpr Range seeds{0, 18446744073709551616.};  // 2^64: every one
 
-/// Names each field of the configuration once, with the numbers that it may have; Reader and Writer
-/// below walk over it.
+/// Lists each field of the configuration once, with its valid values; Reader and Writer below
+/// traverse it.
 template <class F>
 void walk(F& f, TrainConfig& c) {
     f("preset", c.preset);
@@ -104,7 +104,7 @@ void walk(F& f, TrainConfig& c) {
         f("checkpoint_every", g.checkpoint_every, Range{1, 1e9});
         f("panel_every", g.panel_every, steps);
         f("eyeball", [&] {
-            f("points", g.eyeball.points, Range{1, 50000});  // its neighbours take P^2 distances
+            f("points", g.eyeball.points, Range{1, 50000});  // neighbours need P^2 distances
             f("radius", g.eyeball.radius, Range{1e-3, 1000});
             f("opacity", g.eyeball.opacity, part);
             f("thickness", g.eyeball.thickness, Range{1e-6, 1});
@@ -147,7 +147,7 @@ void walk(F& f, TrainConfig& c) {
     });
 }
 
-/// The words of an enumeration, in the order of its values.
+/// The names of an enumeration, in the order of its values.
 template <class E>
 const std::vector<std::string>& words();
 template <>
@@ -202,7 +202,7 @@ std::string text(const Range& r) {
     return (r.zero ? "that is 0, or from " : "from ") + number(r.low) + " to " + number(r.high);
 }
 
-/// A value in a message: never a long one, whatever the file holds.
+/// A value for a message, shortened.
 std::string shown(const Json& json) {
     if (json.is_structured()) return json.is_array() ? "a list" : "an object";
     const std::string text = json.dump(-1, ' ', true, Json::error_handler_t::replace);
@@ -211,9 +211,9 @@ std::string shown(const Json& json) {
 
 struct Reader {
     std::string source;
-    std::string path;       // of the object being read
+    std::string path;       // of the current object
     const Json* json;
-    std::size_t used = 0;   // fields of that object that are known
+    std::size_t used = 0;   // known fields of the current object
 
     template <class V>
     void operator()(const char* name, V&& value, Range range = {}) {
@@ -238,7 +238,7 @@ struct Reader {
         if constexpr (std::is_invocable_v<X>) {
             if (!found->is_object()) fail("an object");
             Reader inner{source, where, &*found};
-            std::swap(inner, *this);  // the walk's inner calls come to this object
+            std::swap(inner, *this);  // inner calls of the walk operate on this object
             value();
             check_all_used();
             std::swap(inner, *this);
@@ -275,7 +275,7 @@ struct Reader {
 
     void check_all_used() const {
         if (used == json->size()) return;
-        // Which ones: those that a full configuration does not have at this place.
+        // Unknown fields: those that a full configuration does not have here.
         TrainConfig reference;
         const Json full = to_json(reference);
         const Json* at = &full;
@@ -288,11 +288,11 @@ struct Reader {
         for (const auto& [key, value] : json->items())
             if (!at->contains(key))
                 throw Error(source + ": field '" + (path.empty() ? key : path + "." + key) +
-                            "' is not known; `rye train --help` says how to print all fields");
+                            "' is unknown; see `rye train --help`");
     }
 };
 
-/// What one field alone does not tell.
+/// Checks across fields.
 void check(const TrainConfig& c, const std::string& source) {
     const auto ordered = [&](const char* field, double v, const char* bound, double least) {
         require(v >= least, source, std::string("field '") + field + "': got " + std::to_string(v) +
@@ -304,7 +304,7 @@ void check(const TrainConfig& c, const std::string& source) {
     ordered("grid.half_side", c.grid.half_side, "grid.cell", c.grid.cell);
 }
 
-/// Networks of few enough operations for a processor: the same shapes as the paper's, narrower.
+/// Networks with fewer operations: the shapes of the paper's, narrower.
 NetworkConfig narrow_networks(int wide, int narrow) {
     NetworkConfig n;
     n.geometry.assign(4, wide);
@@ -344,8 +344,8 @@ TrainConfig preset(const std::string& name) {
     require(name == "cpu" || name == "tiny", "preset",
             "got '" + name + "', expected tiny, cpu or paper");
     const bool tiny = name == "tiny";
-    // What the paper leaves to a graphics card and days, shortened: narrower networks, fewer
-    // Gaussians, one doubling of the image, larger rates that decay.
+    // Reductions of the paper's days on a graphics card: narrower networks, fewer Gaussians, one
+    // doubling of the image, larger rates that decay.
     c.avatar.feature = 32;
     c.avatar.channels = tiny ? 16 : 8;
     c.avatar.drivers_from_zero = true;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// data/config.hpp: everything that decides a training run, its presets, and its JSON.
-/// A run's effective configuration is printed, stored with every checkpoint, and read back from it.
+/// data/config.hpp: the settings of a training run, its presets, and its JSON form.
+/// A run's effective configuration is printed, stored with every checkpoint and loaded from it.
 #pragma once
 
 #include <cstdint>
@@ -27,17 +27,17 @@ struct MeshTrainConfig {
     int views = 4;            ///< cameras a step
     int image_size = 256;     ///< width of the rasterised image [px]
     int pretrain_steps = 300; ///< of the sphere
-    double rate_decay = 1;    ///< the rates at the last step, as a part of the first's
-    bool landmarks_follow_gaze = false;  ///< L_def deforms by the gaze fields too, not expression alone
+    double rate_decay = 1;    ///< final learning rates, relative to the first
+    bool landmarks_follow_gaze = false;  ///< L_def also deforms by the gaze fields
     int fit_steps = 0;  ///< of fit_deformation, after the last step
     MeshLossConfig weights;
     MeshRates rates;
 };
 
 struct EyeballConfig {
-    int points = 1500;          ///< wanted Gaussians an eyeball
-    double radius = 0.12;       ///< of the sclera where the capture does not say, canonical units
-    double opacity = 0.9;       ///< first
+    int points = 1500;          ///< target number of Gaussians per eyeball
+    double radius = 0.12;       ///< of the sclera unless the capture has it, canonical units
+    double opacity = 0.9;       ///< initial
     double thickness = 1;       ///< along the normal, times the width
     double max_growth = 0;      ///< of scales, times the template's spacing; 0: no bound
 };
@@ -49,7 +49,7 @@ struct AvatarTrainConfig {
     /// Edges of the neutral surface longer than spacing + spacing_slope * (distance to the nearest
     /// eye or lip landmark) are halved, canonical units; spacing 0: none.
     double spacing = 0, spacing_slope = 0.1;
-    double opacity = 0.3;       ///< first
+    double opacity = 0.3;       ///< initial
     double rate_decay = 1;
     bool augment = true;        ///< random scale before super-resolution
     int checkpoint_every = 1000;
@@ -60,9 +60,9 @@ struct AvatarTrainConfig {
     UpsamplerShape upsampler;   ///< in_channels follows from the avatar
 };
 
-/// Of which axis of an eye the gazes of a run are: the eyeball's own, or the line of sight, which
-/// differs by a constant of the person. By visual axes stage 2 trains an avatar with the effect
-/// Kappa, which learns that constant from 0.
+/// Axis of an eye that the gazes of a run refer to: the eyeball's optical axis, or the line of
+/// sight, which differs by a constant per person. With visual axes stage 2 trains an avatar with
+/// the effect Kappa, which learns that constant from 0.
 enum class GazeAxis { optical, visual };
 
 struct TrainConfig {
@@ -77,13 +77,13 @@ struct TrainConfig {
     AvatarTrainConfig gaussians;
 };
 
-/// "tiny", "cpu" or "paper"; Error for another name.
+/// "tiny", "cpu" or "paper"; throws Error for another name.
 TrainConfig preset(const std::string& name);
 
 nlohmann::ordered_json to_json(const TrainConfig& config);
 
-/// Overwrites the fields that `json` names; Error (naming source and field) for unknown fields,
-/// wrong types and values out of range.
+/// Overwrites the fields that `json` names; throws Error, with source and field, for unknown
+/// fields, wrong types and values out of range.
 void from_json(const nlohmann::ordered_json& json, const std::string& source, TrainConfig& config);
 
 } // namespace rye::trainer

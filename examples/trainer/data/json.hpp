@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// data/json.hpp: JSON text from outside, by nlohmann's parser, of bounded depth.
-/// The library copies, compares and prints values by recursion: a text of 100,000 brackets would
-/// end the program in any of them.
+/// data/json.hpp: parsing of untrusted JSON with nlohmann's parser, with a limit on nesting.
+/// The library copies, compares and prints values recursively: a text of 100,000 brackets would
+/// overflow the stack in any of these.
 #pragma once
 
 #include <cstdint>
@@ -21,8 +21,8 @@ inline constexpr std::uint64_t max_json_bytes = 1ULL << 26U;
 
 enum class JsonComments { refused, skipped };
 
-/// The value of a text; `who` names it in errors. Error where it is not JSON, or is nested deeper
-/// than max_json_depth.
+/// Parses a text; errors begin with `who`. Throws Error if it is not JSON, or is nested deeper than
+/// max_json_depth.
 template <class Json = nlohmann::json>
 Json parse_json_text(std::string_view text, const std::string& who,
                      JsonComments comments = JsonComments::refused) {
@@ -39,7 +39,7 @@ Json parse_json_text(std::string_view text, const std::string& who,
     }
 }
 
-/// The same of a whole file.
+/// Parses a whole file.
 template <class Json = nlohmann::json>
 Json read_json(const std::filesystem::path& path,
                JsonComments comments = JsonComments::refused) {

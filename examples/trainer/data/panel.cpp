@@ -17,7 +17,7 @@ void paste(const Image<float>& from, Image<float>& to, int left, int top) {
 }
 
 Image<float> joined_images(const std::vector<Image<float>>& images, bool across) {
-    require(!images.empty(), "joined_images", "got no images, expected at least one");
+    require(!images.empty(), "joined_images", "no images given");
     int width = 0, height = 0;
     for (const Image<float>& i : images) {
         width = across ? width + i.width : std::max(width, i.width);

@@ -13,16 +13,16 @@ namespace {
 using Json = nlohmann::json;
 namespace fs = std::filesystem;
 
-/// A number of the frame, or else of the file.
+/// A number of the frame, or else of the file, or else `otherwise`.
 double number(const Json& file, const Json& frame, const char* key, double otherwise) {
     const Json& from = frame.contains(key) ? frame : file;
     if (!from.contains(key)) return otherwise;
     const double x = from.at(key).get<double>();
-    require(std::isfinite(x), key, "got a number that is not finite");
+    require(std::isfinite(x), key, "is not finite");
     return x;
 }
 
-/// The names that are known of lenses that k1, k2, k3, p1 and p2 describe.
+/// Camera models that k1, k2, k3, p1 and p2 cover.
 constexpr std::array models{"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"};
 
 Photograph photograph(const Json& file, const Json& frame) {
@@ -50,7 +50,8 @@ Photograph photograph(const Json& file, const Json& frame) {
     const double angle = of("camera_angle_x", 0);
     c.fx = of("fl_x", angle > 0 ? 0.5 * w / std::tan(0.5 * angle) : 0);
     c.fy = of("fl_y", c.fx);
-    require(c.fx > 0 && c.fy > 0, "fl_x and fl_y", "got none above 0, expected focal lengths [px]");
+    require(c.fx > 0 && c.fy > 0, "fl_x and fl_y",
+            "got " + std::to_string(c.fx) + " and " + std::to_string(c.fy) + ", expected > 0 [px]");
     c.cx = of("cx", 0.5 * w);
     c.cy = of("cy", 0.5 * h);
     p.lens = {of("k1", 0), of("k2", 0), of("k3", 0), of("p1", 0), of("p2", 0)};
@@ -59,14 +60,14 @@ Photograph photograph(const Json& file, const Json& frame) {
     Vec3<double> centre;
     for (std::size_t i = 0; i < 3; ++i) {
         const auto row = static_cast<Index>(i);
-        for (std::size_t j = 0; j < 3; ++j)  // OpenGL's y and z point the other way
+        for (std::size_t j = 0; j < 3; ++j)  // OpenGL's y and z are opposite
             axes(row, static_cast<Index>(j)) = (j == 0 ? 1 : -1) * m.at(i).at(j).get<double>();
         centre[row] = m.at(i).at(3).get<double>();
     }
     const Vec3<double> right = axes.col(0), down = axes.col(1), ahead = axes.col(2);
     require((axes.transpose() * axes - Mat3<double>::Identity()).cwiseAbs().maxCoeff() < 1e-3 &&
                 dot(cross(right, down), ahead) > 0 && centre.allFinite(),
-            "transform_matrix", "its 3 x 3 part is no rotation");
+            "transform_matrix", "its 3 x 3 part is not a rotation");
     c.camera_from_world = Rigid<double>{axes, centre}.inverse();
     return p;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// data/photographs.hpp: the cameras of a folder of photographs, from its
-/// transforms.json (as nerfstudio and others write it): intrinsics in pixels, for the file or for a
-/// frame, OPENCV's coefficients of the lens, and camera-to-world matrices of OpenGL's axes.
+/// data/photographs.hpp: cameras of a folder of photographs, from its transforms.json (as written
+/// by nerfstudio and others): intrinsics in pixels, per file or frame, OPENCV's distortion
+/// coefficients, and camera-to-world matrices in OpenGL axes.
 #pragma once
 
 #include <filesystem>
@@ -14,20 +14,20 @@
 namespace rye::trainer {
 
 struct Photograph {
-    std::string file;                ///< as the file names it
+    std::string file;                ///< path as in transforms.json
     Pinhole<double> camera;          ///< without the lens
     BrownConrady<double> lens;
 
-    /// Whether a coefficient is not 0.
+    /// Whether a distortion coefficient is not 0.
     bool bent() const;
 };
 
-/// All of them; Error for a lens of another model, naming the file and the frame.
-/// The first from the text of the file; `name` names it in errors.
+/// All photographs; throws Error, with file and frame, for other camera models. parse_photographs
+/// takes the text of the file; its errors begin with `name`.
 std::vector<Photograph> parse_photographs(std::string_view text, const std::string& name);
 std::vector<Photograph> read_photographs(const std::filesystem::path& transforms_json);
 
-/// Coefficients of the lenses of the file and of its frames, whatever their model; {} for none.
+/// Distortion coefficients of the file and of its frames, of any model; empty without any.
 std::vector<double> lens_coefficients(const std::filesystem::path& transforms_json);
 
 } // namespace rye::trainer

@@ -32,7 +32,7 @@ ImageHeader parse_header(ByteSpan bytes, const std::string& who) {
     return is_png(bytes) ? png_header(bytes, who) : jpeg_header(bytes, who);
 }
 
-/// Grey from colour by the weights of Rec. 601, colour from grey by repeating it, without alpha.
+/// Grey from colour by Rec. 601 weights, colour from grey by repetition, without alpha.
 Image8 with_channels(Image8 image, int channels) {
     if (channels == 0 || channels == image.channels) return image;
     Image8 out{image.width, image.height, channels, {}};
@@ -61,7 +61,7 @@ void check_pixels(const std::filesystem::path& path, const Image8& image) {
                 ", expected pixels in 1 to 4 channels");
     RYE_ASSERT(image.values.size() == std::size_t(image.width) * std::size_t(image.height) *
                                           std::size_t(image.channels),
-               "check_pixels: size and values");
+               "check_pixels: values do not match the size");
 }
 
 } // namespace
@@ -74,7 +74,7 @@ void check_image_size(const ImageHeader& h, const std::string& who) {
 }
 
 ImageHeader read_image_header(const std::filesystem::path& path) {
-    // The size stands near the beginning, unless a camera put pages of notes before it.
+    // The size is near the beginning, unless a camera wrote pages of metadata before it.
     constexpr std::size_t beginning = 65536;
     const Bytes bytes = read_beginning(path, beginning);
     try {
@@ -86,7 +86,7 @@ ImageHeader read_image_header(const std::filesystem::path& path) {
 }
 
 Image8 decode_image(ByteSpan bytes, const std::string& who, int channels) {
-    RYE_ASSERT(channels == 0 || channels == 1 || channels == 3, "decode_image: channels");
+    RYE_ASSERT(channels == 0 || channels == 1 || channels == 3, "decode_image: bad channels");
     check_magic(bytes, who);
     return with_channels(is_png(bytes) ? decode_png(bytes, who) : decode_jpeg(bytes, who),
                          channels);
@@ -112,8 +112,7 @@ Image8 to_8bit(const Image<float>& image) {
     for (std::size_t i = 0; i < out.values.size(); ++i) {
         const float v = image.pixels.data()[i];
         if (std::isnan(v))
-            throw Error("to_8bit: got NaN in value " + std::to_string(i) +
-                        " of the image, expected numbers");
+            throw Error("to_8bit: got NaN in value " + std::to_string(i) + " of the image");
         out.values[i] = static_cast<std::uint8_t>(std::lround(std::clamp(v, 0.0f, 1.0f) * 255.0f));
     }
     return out;
@@ -121,7 +120,7 @@ Image8 to_8bit(const Image<float>& image) {
 
 void write_png(const std::filesystem::path& path, const Image8& image) {
     check_pixels(path, image);
-    // Pictures come in thousands and can be drawn again.
+    // Images come in thousands and can be rendered again.
     write_atomic(path, encode_png(image, path.string()), Durability::atomic_only);
 }
 

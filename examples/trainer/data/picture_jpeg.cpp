@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// JPEG by libjpeg-turbo. The library reports a fault by a jump (longjmp) out of its functions; so
-/// each call is made in a step that holds no object with a destructor, and becomes an exception
-/// behind it. What the library only warns of, damage among it, is a fault here.
+/// JPEG by libjpeg-turbo. The library reports errors by longjmp, so each call is made in a function
+/// without objects that have destructors, and turned into an exception outside it. Warnings of the
+/// library, such as for damaged data, are errors here.
 #include "data/picture_codecs.hpp"
 
 #include <csetjmp>
@@ -17,10 +17,10 @@
 namespace rye::trainer {
 namespace {
 
-/// Passes over the picture that a progressive file may have; real ones have about ten.
+/// Limit on the scans of a progressive file; usual ones have about ten.
 constexpr int max_scans = 64;
 
-/// What reading and writing share: the jump and its message. C is the library's state.
+/// Error handling shared by reading and writing: the jump and its message. C: the library's state.
 template <class C>
 class JpegSteps {
 public:
@@ -49,7 +49,7 @@ protected:
         info->err->format_message(info, self->message_);
         std::longjmp(self->jump_, 1);
     }
-    /// Cameras write these: bytes between segments, versions that differ.
+    /// Warnings caused by common cameras: bytes between segments, version numbers.
     static bool harmless(int code) {
         return code == JWRN_EXTRANEOUS_DATA || code == JWRN_JFIF_MAJOR || code == JWRN_ADOBE_XFORM;
     }
@@ -89,7 +89,7 @@ public:
         check_image_size(h, who_);
         return h;
     }
-    /// A block of 8 x 8 samples takes one bit or more.
+    /// Checks the size against the bytes: a block of 8 x 8 samples takes at least one bit.
     void require_held(const ImageHeader& h) const {
         std::uint64_t blocks = 0;
         for (int i = 0; i < info_.num_components; ++i)
@@ -138,7 +138,7 @@ public:
             jpeg_start_compress(&info_, TRUE);
             const std::size_t row = std::size_t(of->width) * std::size_t(of->channels);
             while (info_.next_scanline < info_.image_height) {
-                // The library reads what it takes by a pointer to data that may be written.
+                // The library reads through a pointer to non-const data.
                 JSAMPROW line = const_cast<JSAMPROW>(of->values.data()) +
                                 std::size_t(info_.next_scanline) * row;
                 jpeg_write_scanlines(&info_, &line, 1);

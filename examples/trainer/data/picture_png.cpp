@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// PNG by libpng. The library reports a fault by a jump (longjmp) out of its functions; so each
-/// call is made in a step that holds no object with a destructor, and becomes an exception behind it.
+/// PNG by libpng. The library reports errors by longjmp, so each call is made in a function without
+/// objects that have destructors, and turned into an exception outside it.
 #include "data/picture_codecs.hpp"
 
 #include <csetjmp>
@@ -16,7 +16,7 @@
 namespace rye::trainer {
 namespace {
 
-/// What reading and writing share: the jump and its message.
+/// Error handling shared by reading and writing: the jump and its message.
 class PngSteps {
 public:
     explicit PngSteps(const std::string& who) : who_(who) {}
@@ -38,7 +38,7 @@ protected:
     }
     static void ignore(png_structp, png_const_charp) {}
     void require_memory(const void* p) const {
-        require(p != nullptr, who_, "PNG: libpng cannot begin: no memory, or another version");
+        require(p != nullptr, who_, "PNG: libpng failed to start: no memory, or another version");
     }
 
     const std::string& who_;
@@ -62,7 +62,7 @@ public:
     ImageHeader read_header() {
         run([this] {
             png_set_read_fn(png_, this, read);
-            // Damage is an Error in any chunk; only chunks that say what the pixels are get read.
+            // Any damaged chunk is an Error; only chunks that affect pixels are read.
             png_set_crc_action(png_, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
             png_set_keep_unknown_chunks(png_, PNG_HANDLE_CHUNK_NEVER, nullptr, -1);
             png_set_user_limits(png_, max_image_edge, max_image_edge);
@@ -87,7 +87,7 @@ public:
             png_read_end(png_, nullptr);
         });
     }
-    /// Deflate packs a thousandfold at most.
+    /// Checks the size against the bytes: deflate compresses at most a thousandfold.
     void require_held(const ImageHeader& h) const {
         const std::uint64_t need = std::uint64_t(stored_row_) * std::uint64_t(h.height);
         require(need <= all_.size() * max_deflate_ratio, who_,
@@ -147,7 +147,7 @@ private:
         try {
             append(*static_cast<Bytes*>(png_get_io_ptr(png)),
                    ByteSpan(reinterpret_cast<const std::byte*>(data), count));
-        } catch (...) {  // not through C
+        } catch (...) {  // must not pass through C code
             full = true;
         }
         if (full) png_error(png, "no memory");

@@ -45,20 +45,20 @@ Columns<double> to_canonical(const CaptureFrame& frame, const Columns<double>& w
 
 Subject describe_subject(const Capture& capture, const TrainConfig& config) {
     const std::string who = capture.folder.string();
-    require(!capture.train.empty(), who, "got no training frames, expected at least one");
+    require(!capture.train.empty(), who, "the capture has no training frames");
     require(capture.has_gaze(), who,
-            "got frames without params/<frame>/gaze.npz, expected the gaze of every frame");
+            "a frame has no params/<frame>/gaze.npz; training needs the gaze of every frame");
     const CaptureFrame& first = capture.frames[static_cast<std::size_t>(capture.train.front())];
     Subject s;
     s.neutral = to_canonical(first, frame_landmarks(capture, capture.train.front()));
     const Index sparse = first.landmarks.cols();
     for (Index k = 0; k < s.neutral.cols(); ++k)
-        if (k < 36 || k >= 48) s.roles.expression.push_back(k);  // P_0: without the eyes'
+        if (k < 36 || k >= 48) s.roles.expression.push_back(k);  // P_0: all but the eyes
     for (int eye = 0; eye < 2; ++eye)
         for (const int k : eye_landmarks(eye)) s.roles.eye[static_cast<std::size_t>(eye)].push_back(k);
 
-    // The head behind the face: its middle lies 0.7 face widths behind the nose's tip and a fifth of
-    // one above the middle of the face.
+    // Estimated middle of the head: 0.7 face widths behind the tip of the nose and a fifth of one
+    // above the middle of the face.
     const Vec3<double> lo = s.neutral.leftCols(sparse).rowwise().minCoeff();
     const Vec3<double> hi = s.neutral.leftCols(sparse).rowwise().maxCoeff();
     const double width = hi.x() - lo.x();
@@ -79,7 +79,7 @@ Subject describe_subject(const Capture& capture, const TrainConfig& config) {
         if (s.measured_eyes) {
             s.eye_centre[e] = to_canonical(first, *from.centre);
         } else {
-            // The lids touch the front of the sphere: its centre lies behind their middle.
+            // The lids touch the front of the sphere, so its centre is behind their mean.
             s.eye_centre[e] = eye_landmark_centre(s.neutral, eye);
             s.eye_centre[e].z() -= 0.9 * s.eye_radius[e];
         }
@@ -170,8 +170,8 @@ AvatarSample<float> avatar_sample(const Capture& capture, const TrainConfig& con
     const auto place = std::find(capture.train.begin(), capture.train.end(), frame);
     s.frame = place == capture.train.end() ? -1 : place - capture.train.begin();
     s.camera = reduced(capture.camera(frame, camera).cast<float>(), factor);
-    // Sides that the factor does not divide: the picture goes on at its edge, where nothing that
-    // has a mask of its own is compared.
+    // Sides not divisible by the factor are extended by repetition; masks, extended by zeros,
+    // exclude these pixels from comparisons.
     const Image<float> mask = extended(capture.mask(frame, camera), factor);
     s.truth = on_background(extended(capture.image(frame, camera), factor), mask, 1.0f);
     s.mask_small = shrunk(mask, factor).pixels;

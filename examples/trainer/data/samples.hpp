@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// data/samples.hpp: what the two stages read of a capture: drivers, landmarks and their
-/// roles, eyeballs, and samples of one view.
+/// data/samples.hpp: inputs of both stages from a capture: drivers, landmarks and their roles,
+/// eyeballs, and samples of one view.
 #pragma once
 
 #include <array>
@@ -17,7 +17,7 @@ namespace rye::trainer {
 /// About as many dense landmarks as Gaussian Head Avatar keeps (every 100th of 35,709 vertices).
 inline constexpr int dense_landmarks = 358;
 
-/// The scene as the avatar needs it, from the whole capture.
+/// Properties of the subject from the whole capture.
 struct Subject {
     LandmarkRoles roles;
     Columns<double> neutral;              ///< landmarks of the first training frame, canonical, 3 x L
@@ -27,13 +27,13 @@ struct Subject {
     bool measured_eyes = false;           ///< eye centres come from gaze.npz
 };
 
-/// Error if the capture lacks what training needs (gaze of every frame, training frames).
+/// Throws Error if the capture lacks what training needs (gaze of every frame, training frames).
 Subject describe_subject(const Capture& capture, const TrainConfig& config);
 
-/// An eye's gaze as a run takes it: unit, head frame.
+/// An eye's gaze along the run's axis: unit, head frame.
 Vec3<double> gaze_of(const CaptureEye& eye, GazeAxis axis);
 
-/// Error that names the first frame without such gazes.
+/// Throws Error with the first frame that has no such gazes.
 void require_gazes(const Capture& capture, GazeAxis axis);
 
 Drivers<float> frame_drivers(const Capture& capture, int frame, GazeAxis axis);
@@ -41,8 +41,8 @@ Drivers<float> frame_drivers(const Capture& capture, int frame, GazeAxis axis);
 /// Landmarks of a frame in the world, in the order of Subject::neutral.
 Columns<double> frame_landmarks(const Capture& capture, int frame);
 
-/// Centres of both eyeballs of a frame relative to the neutral ones, canonical, 3 x 2: the target of
-/// the eye offset; from gaze.npz, or from the centres of the landmarks around the eyes.
+/// Centres of both eyeballs of a frame relative to the neutral ones, canonical, 3 x 2: the target
+/// of the eye offset; from gaze.npz, or from the centres of the landmarks around the eyes.
 Columns<double> eye_displacement(const Capture& capture, const Subject& subject, int frame);
 
 /// world -> canonical head frame of a frame: R^T (x - T) / S.
@@ -51,17 +51,17 @@ Columns<double> to_canonical(const CaptureFrame& frame, const Columns<double>& w
 /// image + (1 - mask) * background; both at full size.
 Image<float> on_background(const Image<float>& image, const Image<float>& mask, float background);
 
-/// Values of the columns and rows that extend a picture.
+/// Values of the columns and rows that extend an image.
 enum class Border { repeated, zero };
 
-/// The picture with columns on the right and rows below, until `factor` divides both sides: its own
-/// last ones again, or zeros. Where it stands in the picture no pixel changes.
+/// The image with columns on the right and rows below until `factor` divides both sides: the last
+/// ones repeated, or zeros. Original pixels are unchanged.
 Image<float> extended(const Image<float>& image, int factor, Border border = Border::repeated);
 
-/// Averages factor x factor blocks of the extended picture.
+/// Averages factor x factor blocks of the extended image.
 Image<float> shrunk(const Image<float>& image, int factor, Border border = Border::repeated);
 
-/// The camera of the extended picture, `factor` times smaller: the same view, of whole blocks.
+/// The camera of the extended image, `factor` times smaller: the same view, of whole blocks.
 Pinhole<float> reduced(const Pinhole<float>& camera, int factor);
 
 /// Images and drivers of one view for stage 2, on white.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// examples/trainer/data/threads.hpp: the threads of the program: one pool, whose threads sleep
-/// while they wait, so that other programs beside a training keep their share of the processors.
+/// while they wait, so that other programs keep their share of the processors.
 #pragma once
 
 #include <rye/core/thread_pool.hpp>
@@ -9,8 +9,8 @@ namespace rye::trainer {
 
 using ProgramThreads = ThreadPool::Handle;
 
-/// All parallel code runs on these from now on; 0: as many as the machine has processors. Handles
-/// from before the call become invalid.
+/// Sets the number of threads of all parallel code; 0: one per processor. Invalidates earlier
+/// handles.
 void set_threads(int threads);
 
 /// A pool of all processors, if set_threads was not called before.

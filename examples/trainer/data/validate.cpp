@@ -26,20 +26,20 @@ constexpr double degrees = 57.29577951308232;
 constexpr double head_span = 2.2;      ///< of 66 landmarks of an adult [dm]
 constexpr double usual_distance = 4.5; ///< of a camera, in spans of the head
 constexpr int max_sampled_views = 64;
-constexpr double max_expression = 1000; ///< beyond this networks only overflow
+constexpr double max_expression = 1000; ///< larger values overflow the networks
 constexpr int min_side = 16;            ///< of an image [px]; SSIM has a window of 11
 
-/// Printed with three significant digits.
+/// With three significant digits.
 std::string text(double x) {
     char digits[32];
     std::snprintf(digits, sizeof digits, "%.3g", x);
     return digits;
 }
 
-/// The nearest one: units differ by powers of ten.
+/// The nearest power of ten: units differ by powers of ten.
 double power_of_ten(double x) { return std::pow(10.0, std::round(std::log10(x))); }
 
-/// Collects problems; a fault of the same kind is told for its first place only, then counted.
+/// Collects problems; reports the first of a kind, then counts.
 class Findings {
   public:
     void error(const char* kind, const std::string& message) {
@@ -110,7 +110,7 @@ std::vector<ViewIndex> sampled_views(const Capture& c, std::size_t limit) {
         for (int k = 0; k < c.camera_count(); ++k)
             if (c.view(f, k).present) all.push_back({f, k});
     if (all.size() <= limit) return all;
-    // A stride by the golden section meets all frames and all cameras.
+    // A stride by the golden section covers all frames and all cameras.
     std::vector<ViewIndex> out;
     double at = 0;
     for (std::size_t i = 0; i < limit; ++i) {
@@ -136,7 +136,7 @@ std::vector<MaskedView> masked_views(const Capture& c) {
             out.push_back(
                 {c.camera(f, k), c.mask(f, k), &c.frames[static_cast<std::size_t>(f)].landmarks});
         } catch (const Error&) {
-            continue; // told by check_pixels
+            continue; // reported by check_pixels
         }
     }
     return out;
@@ -177,7 +177,7 @@ void flip_camera_axes(Pinhole<double>& c) {
 
 void invert_camera(Pinhole<double>& c) { c.camera_from_world = c.camera_from_world.inverse(); }
 
-/// What would make the landmarks fall into the masks, in words; empty if nothing tried does.
+/// Correction that would move the landmarks into the masks, in words; empty if none tried does.
 std::string remedy(const std::vector<MaskedView>& views) {
     const std::vector<std::pair<std::string, CameraChange>> changes{
         {"the cameras have OpenGL axes (y up, z backward): negate rows 2 and 3 of extrinsic",
@@ -205,7 +205,7 @@ std::string remedy(const std::vector<MaskedView>& views) {
              c.cy *= sy;
          }}};
     std::string best;
-    double best_share = 0.8; // below that nothing is explained
+    double best_share = 0.8; // a correction must reach this share
     for (const auto& [words, change] : changes) {
         const double share = fit(views, change).inside_mask;
         if (share > best_share) {
@@ -292,9 +292,9 @@ void check_cameras(const Capture& c, double span, Findings& found) {
                                  " cameras; views far from them will not be learned");
 }
 
-// ---- numbers that leave no room for a head ----
+// ---- values that leave no space for a head ----
 
-/// Points and scales that arithmetic in single precision could not use.
+/// Checks for points and scales outside the range of single precision.
 void check_extent(const Capture& c, double span, Findings& found) {
     if (c.width < min_side || c.height < min_side)
         found.error("size", c.folder.string() + ": images of " + std::to_string(c.width) + " x " +
@@ -326,7 +326,7 @@ Vec3<double> mean_of(const Columns<double>& points, Index first, Index count) {
 }
 
 void check_head_frame(const Capture& c, double span, Findings& found) {
-    // Nose and eyes hardly move in the head's frame.
+    // Nose and eyes are almost fixed in the head's frame.
     constexpr Index stable = 27, stable_count = 21;
     Columns<double> mean = Columns<double>::Zero(3, stable_count);
     for (const CaptureFrame& f : c.frames) {
@@ -407,10 +407,10 @@ void check_axis(const std::string& where, const std::string& name, const Vec3<do
     else if (beyond_gaze_range(v))
         found.warning("range", where + ": " + name + ": " +
                                    text(degrees * angular_error(v, Vec3<double>(0, 0, 1))) +
-                                   " degrees from straight ahead, which no eye reaches");
+                                   " degrees from straight ahead, beyond the range of an eye");
 }
 
-/// Checks what one gaze.npz, `where`, says of one eye.
+/// Checks the data of one eye in one gaze.npz, `where`.
 void check_eye(const CaptureFrame& f, std::size_t e, double span, const std::string& where,
                Findings& found) {
     const CaptureEye& eye = f.eyes[e];
@@ -465,7 +465,7 @@ void check_eye(const CaptureFrame& f, std::size_t e, double span, const std::str
             found.error("iris", where + ": iris_plane: got " + text(*eye.iris_plane) +
                                     ", expected about eye_radius " + text(*eye.radius));
     }
-    // The eyeball that training would make of it.
+    // The eyeball that training would build from it.
     try {
         require_eyeball(eye_sizes(eye, f.scale, EyeballConfig{}.radius), where + ": " + side);
     } catch (const Error& fault) {
@@ -498,7 +498,7 @@ void check_gaze(const Capture& c, double span, Findings& found) {
 
 // ---- pixels ------------------------------------------------------------------------------------
 
-/// True if the labels of the eyes fit the other eye's landmarks better.
+/// Whether the eye labels fit the other eye's landmarks better.
 bool eyes_swapped(const Capture& c, ViewIndex v, const Image<float>& labels) {
     std::array<Vec2<double>, 2> lids, seen{Vec2<double>::Zero(), Vec2<double>::Zero()};
     std::array<double, 2> count{0, 0};
@@ -574,11 +574,11 @@ LandmarkFit fit_landmarks(const Capture& c) {
 }
 
 std::vector<Problem> validate(const Capture& c, ImagesToDecode images) {
-    if (c.frames.empty()) return {}; // the reader has said why
+    if (c.frames.empty()) return {}; // already reported by the reader
     Findings found;
     const double span = landmark_span(c);
     check_units(c, span, found);
-    // Before single cameras: it may know why all of them are wrong.
+    // Before single cameras, as it can explain faults of all of them.
     if (images != ImagesToDecode::none) check_projection(c, found);
     check_cameras(c, span, found);
     check_extent(c, span, found);
@@ -592,7 +592,7 @@ std::vector<Problem> validate(const Capture& c, ImagesToDecode images) {
 std::vector<std::string> training_faults(const Capture& c) {
     std::vector<std::string> faults;
     const std::string where = c.folder.string() + ": ";
-    if (c.train.empty()) faults.push_back(where + "no training frames, expected at least one");
+    if (c.train.empty()) faults.push_back(where + "no training frames");
     for (const CaptureFrame& f : c.frames)
         if (!f.has_gaze) {
             faults.push_back(file_of(c, f, "gaze.npz") +
@@ -621,7 +621,7 @@ void require_trainable(const Capture& c) {
 
 namespace {
 
-/// Error with the first error of a list and how many there are.
+/// Throws Error with the first error of a list and the number of errors.
 void require_none(const std::vector<Problem>& problems, const fs::path& folder) {
     std::string first;
     int count = 0;
@@ -652,7 +652,7 @@ Capture read_valid_frame(const CaptureContents& contents, const std::string& fra
                          const std::vector<std::string>& cameras) {
     std::vector<Problem> problems;
     Capture capture = read_capture_frame(contents, frame, cameras, {}, &problems);
-    if (capture.width > 0) {  // else no camera has the frame, and there is nothing to check
+    if (capture.width > 0) {  // else no camera has the frame: nothing to check
         const std::vector<Problem> more = validate(capture, ImagesToDecode::none);
         problems.insert(problems.end(), more.begin(), more.end());
     }

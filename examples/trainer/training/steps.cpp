@@ -11,7 +11,6 @@
 #include <rye/train/stage_mesh.hpp>
 
 #include "data/panel.hpp"
-#include "training/avatar_steps.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -129,23 +128,6 @@ StepReport MeshStepper::step(TrainState& state, const TetGrid<float>& grid,
 
 namespace {
 
-class PaperSteps : public AvatarSteps {
-  public:
-    PaperSteps(const TrainState& state, const std::filesystem::path& perceptual_weights)
-        : memory_(state.avatar, state.config, perceptual_weights) {}
-
-    StepReport step(TrainState& state, const AvatarSample<float>& sample, double rate,
-                    const Probe& probe) override {
-        const StepReport report =
-            memory_.step(state.avatar, state.avatar_adam, state, sample, rate, probe);
-        ++state.step;
-        return report;
-    }
-
-  private:
-    StepMemory<TrainEffects> memory_;
-};
-
 /// Without the columns and rows that the blocks of the upsampler have beyond the camera's picture.
 Image<float> of_camera(Image<float> picture, const Pinhole<float>& camera) {
     if (picture.width == camera.width && picture.height == camera.height) return picture;
@@ -162,16 +144,6 @@ void require_drawable(const Gaussians<float>& g) {
 }
 
 } // namespace
-
-std::unique_ptr<AvatarSteps> avatar_steps(const TrainState& state,
-                                          const std::filesystem::path& perceptual_weights) {
-    if (state.visual) return visual_steps(state, perceptual_weights);
-    return std::make_unique<PaperSteps>(state, perceptual_weights);
-}
-
-void check_perceptual_weights(const std::filesystem::path& perceptual_weights) {
-    if (!perceptual_weights.empty()) read_lpips_weights<float>(perceptual_weights);
-}
 
 AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
                          const Pinhole<float>& camera, bool streams) {

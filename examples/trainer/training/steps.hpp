@@ -54,15 +54,16 @@ class MeshStepper {
     std::unique_ptr<Memory> memory_;
 };
 
-/// As MeshStepper, for stage 2; which avatar is trained is its affair.
+/// As MeshStepper, for stage 2, of the state's avatar or of the one by visual axes.
 class AvatarSteps {
   public:
     virtual ~AvatarSteps() = default;
     virtual StepReport step(TrainState& state, const AvatarSample<float>& sample, double rate,
                             const Probe& probe) = 0;
 };
-/// `perceptual_weights`: a safetensors file for LPIPS, or empty for the weight-free loss.
-std::unique_ptr<AvatarSteps> avatar_steps(const TrainState& state,
+/// `perceptual_weights`: a safetensors file for LPIPS, or empty for the weight-free loss. The state
+/// must stay where it is.
+std::unique_ptr<AvatarSteps> avatar_steps(TrainState& state,
                                           const std::filesystem::path& perceptual_weights);
 
 /// Error if the file of weights, if any, cannot be read.

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/autodiff/check.hpp: proofs of a hand-written adjoint, for rye's operators and for those that
-/// users write. The dot-product test needs no step size and sees all of the Jacobian:
+/// rye/autodiff/check.hpp: tests of hand-written adjoints, for rye's operators and for users' own.
+/// The dot-product test has no step size and covers the whole Jacobian:
 ///     <J dx, w> = <dx, J^T w>
-/// The central difference is the second witness: of duals that are wrong themselves. Use it in
-/// double only, where it is good to about 5e-10 of the terms (in float, to 2e-4).
+/// The central difference is independent of the duals, and so checks them too. Use it in double,
+/// where it is accurate to about 5e-10 of the terms (in float, to 2e-4).
 #pragma once
 
 #include <algorithm>
@@ -17,13 +17,13 @@
 
 namespace rye {
 
-/// A sum of products, and the sum of their magnitudes, which says how much of it is rounding.
+/// A sum of products, and the sum of their magnitudes, which bounds its rounding error.
 struct DotSum {
     double sum = 0, magnitude = 0;
 
     template <class A, class B>
     void add(const Eigen::MatrixBase<A>& a, const Eigen::MatrixBase<B>& b) {
-        RYE_ASSERT(a.rows() == b.rows() && a.cols() == b.cols(), "DotSum: shapes differ");
+        RYE_ASSERT(a.rows() == b.rows() && a.cols() == b.cols(), "DotSum: a and b differ in shape");
         for (Index j = 0; j < a.cols(); ++j)
             for (Index i = 0; i < a.rows(); ++i) {
                 const double term = static_cast<double>(a(i, j)) * static_cast<double>(b(i, j));
@@ -38,8 +38,8 @@ struct DotSum {
     }
 };
 
-/// How far two dot products are apart, relative to the sum of the magnitudes of their terms. Not a
-/// number, or different with no terms at all, is infinitely far.
+/// Difference of two dot products, relative to the sum of the magnitudes of their terms. Infinite
+/// where that is NaN, or where the sums differ without any term.
 inline double disagreement(const DotSum& a, const DotSum& b) {
     const double gap = std::abs(a.sum - b.sum), scale = std::max(a.magnitude, b.magnitude);
     if (gap == 0 && std::isfinite(scale)) return 0;
@@ -71,9 +71,9 @@ Columns<double> central_difference(F&& f, const Columns<double>& x, const Column
 /// Disagreement of <central difference, w> and <dx, vjp(w)> at x.
 template <class F, class Vjp>
 double difference_test(F&& f, Vjp&& vjp, const Columns<double>& x, const Columns<double>& dx,
-                       const Columns<double>& w, double h = 6e-6) {
+                       const Columns<double>& w) {
     DotSum forward, reverse;
-    forward.add(central_difference(f, x, dx, h), w);
+    forward.add(central_difference(f, x, dx), w);
     const Columns<double> g = vjp(w);
     reverse.add(dx, g);
     return disagreement(forward, reverse);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/autodiff/derivative.hpp: derivatives of functions that are written over their scalar, by one
-/// pass on duals each. Functions of arrays take and return Columns<Dual<T, 1>>.
+/// rye/autodiff/derivative.hpp: derivatives of functions that are templates over their scalar, one
+/// evaluation on duals each. Functions of arrays take and return Columns<Dual<T, 1>>.
 #pragma once
 
 #include <rye/autodiff/dual.hpp>
@@ -8,7 +8,7 @@
 
 namespace rye {
 
-/// x + dx e, entry by entry.
+/// x + dx e, entry by entry; both of one shape.
 template <class X, class D>
 Columns<Dual<typename X::Scalar, 1>> seeded(const Eigen::MatrixBase<X>& x,
                                             const Eigen::MatrixBase<D>& dx) {
@@ -30,7 +30,7 @@ Columns<T> values_of(const Columns<Dual<T, N, Tag>>& x) {
     return r;
 }
 
-/// Their derivatives in direction k.
+/// Their derivatives in direction k, 0 to N - 1.
 template <Scalar T, int N, class Tag>
 Columns<T> tangents_of(const Columns<Dual<T, N, Tag>>& x, std::size_t k = 0) {
     Columns<T> r(x.rows(), x.cols());
@@ -38,7 +38,7 @@ Columns<T> tangents_of(const Columns<Dual<T, N, Tag>>& x, std::size_t k = 0) {
     return r;
 }
 
-/// f'(x) of a function of one number. Nests: T may itself be a dual.
+/// f'(x) of a scalar function. T may itself be a dual (second derivatives).
 template <Scalar T, class F>
 T derivative(F&& f, const T& x) {
     return Dual<T, 1>(f(Dual<T, 1>::variable(x))).d[0];
@@ -52,7 +52,7 @@ Columns<typename X::Scalar> jvp(F&& f, const Eigen::MatrixBase<X>& x,
     return tangents_of(y);
 }
 
-/// J, a row per entry of f(x) and a column per entry of x, both counted down the columns.
+/// J, a row per entry of f(x) and a column per entry of x, both in column-major order.
 template <class F, class X>
 Columns<typename X::Scalar> jacobian(F&& f, const Eigen::MatrixBase<X>& x) {
     using T = typename X::Scalar;

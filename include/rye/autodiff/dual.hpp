@@ -79,7 +79,7 @@ struct Dual {
     }
     RYE_HD friend Dual operator/(const Dual& a, const Dual& b) {
         const T i = T(1) / b.value;
-        const T q = a.value / b.value;  // not a i: the value of a formula is the plain formula's
+        const T q = a.value / b.value;  // not a i: same rounding as the formula on plain numbers
         return combine(a, i, b, -q * i, q);
     }
 
@@ -239,8 +239,8 @@ struct Dual {
         return isnan(x.value);
     }
 
-    /// Value and every derivative are 0: only then may a singular slope be dropped. (An inner dual
-    /// of value 0 can still carry a derivative.)
+    /// Whether the value and every derivative are 0: the only case in which a singular slope is
+    /// dropped. (An inner dual of value 0 can still carry a derivative.)
     RYE_HD friend auto is_zero(const Dual& x) {
         auto all = is_zero_part(x.value);
         for (const T& t : x.d) all = all && is_zero_part(t);

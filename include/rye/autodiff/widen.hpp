@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/autodiff/widen.hpp: the same kind of scalar with double inside: float to double and
-/// Dual<float, N> to Dual<double, N>. For geometry that subtracts nearly equal numbers.
+/// rye/autodiff/widen.hpp: the same scalar in double: float to double, Dual<float, N> to
+/// Dual<double, N>. For geometry that subtracts nearly equal numbers.
 #pragma once
 
 #include <rye/autodiff/dual.hpp>

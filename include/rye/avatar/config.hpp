@@ -53,7 +53,7 @@ struct AvatarConfig {
     /// seen vary then changes nothing. The published start is random.
     bool drivers_from_zero = false;
 
-    NetworkConfig networks;
+    NetworkConfig networks = {};
 
     /// Sizes of the codes that networks read: of points, head pose and gaze (pitch, yaw).
     template <NetworkPolicy N = PublishedNetworks>

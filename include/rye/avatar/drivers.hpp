@@ -59,6 +59,18 @@ struct Drivers {
     }
 };
 
+/// A face at rest: no expression, no head pose, eyes ahead.
+template <class T, EffectSet E = PaperEffects>
+Drivers<T, E> neutral_drivers(const AvatarConfig& config) {
+    Drivers<T, E> d;
+    if constexpr (has_effect<E, ReadsExpression>) d.expression = VecX<T>::Zero(config.expression);
+    if constexpr (has_effect<E, ReadsHeadPose>) d.pose.setZero();
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (eye_turns<E, eye>) of_eye<eye>(d.gaze) = Vec3<T>(T(0), T(0), T(1));
+    });
+    return d;
+}
+
 /// What networks read of the head pose: its code.
 using ReadsPoseCode = AnyOf<PoseResidual, EyeOffset>;
 

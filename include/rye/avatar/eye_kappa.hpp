@@ -35,8 +35,8 @@ TurnCotangent<T> turn_cotangent(const Columns<T>& points, const Columns<T>& rota
     return sum;
 }
 
-/// What an eye's kappa acts on: cotangents of the smallest rotation to the optical axis, of the axis
-/// itself, and of the gaze's code, or null.
+/// What an eye's kappa acts on: cotangents of the smallest rotation to the optical axis, of the
+/// axis itself, and of the gaze's code, or null.
 template <class T>
 struct OpticalCotangent {
     TurnCotangent<T> turn;

@@ -57,8 +57,8 @@ void eye_offset_vjp(const B& backend, const EyeOffsetNetwork<T, N>& offset,
     Columns<T> g = T(config.deform_scale) * g_offset.reshaped(6, 1);
     squash_vjp(Squash::tanh, trace.squashed, g);
     Columns<T> g_input;
-    mlp_vjp<T>(backend, offset.mlp, trace.input, VecX<T>(), trace.mlp, g, grad.mlp, &g_input,
-               nullptr);
+    mlp_vjp<T>(backend, offset.mlp, {trace.input, VecX<T>(), trace.mlp}, g,
+               {.params = grad.mlp, .points = &g_input});
     g_pose_code += g_input.bottomRows(g_pose_code.size());
 }
 

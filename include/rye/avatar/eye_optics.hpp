@@ -133,18 +133,18 @@ void look_into_eye(const B& backend, const EyeOptics<T, E>& optics, std::size_t 
     T* const seen = trace.seen[eye].data();
     const auto point = [](const T* p, Index i) { return Eigen::Map<const Vec3<T>>(p + 3 * i); };
     if constexpr (has_effect<E, CornealRefraction>) {
-        const T index = optics.index(0, static_cast<Index>(eye));
+        const RefractingCornea<T> refracting{cornea, optics.index(0, static_cast<Index>(eye))};
         for_chunks(backend.threads, n, 256, [&](Index b, Index e, Index) {
             for (Index i = b; i < e; ++i)
                 Eigen::Map<Vec3<T>>(seen + 3 * i) =
-                    seen_through<T>(cornea, index, camera, point(at, i));
+                    seen_through<T>(refracting, camera, point(at, i));
         });
     }
     if constexpr (has_effect<E, Glint>)
         for (Index l = 0; l < optics.light_width.cols(); ++l) {
-            const T width = optics.light_width(0, l);
-            const Vec3<T> light = into_eye<T>(placed, optics.light_position.col(l));
-            const MirrorImage<T> image = mirror_image(cornea, camera, light, width);
+            const GlintView<T> view{camera, into_eye<T>(placed, optics.light_position.col(l)),
+                                    optics.light_width(0, l)};
+            const MirrorImage<T> image = mirror_image(cornea, view);
             if (!image.seen) continue;
             const Index channels = optics.light_intensity.rows(), stride = feature.rows();
             const T* const intensity = optics.light_intensity.data() + l * channels;
@@ -152,7 +152,7 @@ void look_into_eye(const B& backend, const EyeOptics<T, E>& optics, std::size_t 
             for (Index i = 0; i < n; ++i, colour += stride) {
                 const Vec3<T> x = point(at, i);
                 if (!(dot(x, cornea.axis) > T(0))) continue;  // the eyeball's back
-                const T value = glint_at<T>(image, camera, point(seen, i), width);
+                const T value = glint_at<T>(image, view, point(seen, i));
                 for (Index c = 0; c < channels; ++c) colour[c] += intensity[c] * value;
             }
         }
@@ -190,31 +190,30 @@ IntoEye<T> look_into_eye_vjp(const EyeOptics<T, E>& optics, std::size_t eye,
     IntoEye<T> sum;
     if constexpr (has_effect<E, Glint>)
         for (Index l = 0; l < optics.light_width.cols(); ++l) {
-            const T width = optics.light_width(0, l);
-            const Vec3<T> at = optics.light_position.col(l), light = into_eye(placed, at);
-            const MirrorImage<T> image = mirror_image(cornea, camera, light, width);
+            const Vec3<T> at = optics.light_position.col(l);
+            const GlintView<T> view{camera, into_eye(placed, at), optics.light_width(0, l)};
+            const MirrorImage<T> image = mirror_image(cornea, view);
             if (!image.seen) continue;
-            MirrorImage<T> g_image{Vec3<T>::Zero(), T(0), true};
+            GlintGradient<T> g_glint{{Vec3<T>::Zero(), T(0), true}, g_camera, Vec3<T>::Zero()};
             for (Index i = 0; i < points.cols(); ++i) {
                 const Vec3<T> x = points.col(i), y = trace.seen[eye].col(i);
                 if (!(dot(x, cornea.axis) > T(0))) continue;
-                const T value = glint_at(image, camera, y, width);
+                const T value = glint_at(image, view, y);
                 T g(0);
                 for (Index c = 0; c < optics.light_intensity.rows(); ++c) {
                     g += g_feature(c, i) * optics.light_intensity(c, l);
                     grad.light_intensity(c, l) += g_feature(c, i) * value;
                 }
-                g_seen.col(i) += glint_at_vjp(image, camera, y, width, value, g, g_image,
-                                              g_camera);
+                g_seen.col(i) += glint_at_vjp(image, view, y, T(g * value), g_glint);
             }
-            Vec3<T> g_light = Vec3<T>::Zero();
-            mirror_image_vjp(cornea, camera, light, width, image, g_image, g_camera, g_light);
-            grad.light_position.col(l) += sum.add(placed, at, g_light);
+            mirror_image_vjp(cornea, view, image, g_glint);
+            g_camera = g_glint.camera;
+            grad.light_position.col(l) += sum.add(placed, at, g_glint.light);
         }
     if constexpr (has_effect<E, CornealRefraction>) {
-        const T index = optics.index(0, static_cast<Index>(eye));
+        const RefractingCornea<T> refracting{cornea, optics.index(0, static_cast<Index>(eye))};
         for (Index i = 0; i < points.cols(); ++i)
-            seen_through_vjp<T>(cornea, index, camera, points.col(i), g_seen.col(i), g_camera);
+            seen_through_vjp<T>(refracting, camera, points.col(i), g_seen.col(i), g_camera);
     }
     sum.add(placed, drivers.camera, g_camera);
     return sum;

@@ -44,7 +44,8 @@ struct EyeStream : EyeAppearanceParameters<T, E>, GazeMechanismParameters<T, E> 
         f("scales", p.log_scale...);
         f("rotation", p.rotation...);
         f("opacity", p.opacity_logit...);
-        if constexpr (has_effect<E, EyeOffset>) EyeOffsetNetwork<T, NetworksOf<E>>::fields(f, p.offset...);
+        if constexpr (has_effect<E, EyeOffset>)
+            EyeOffsetNetwork<T, NetworksOf<E>>::fields(f, p.offset...);
         if constexpr (has_effect<E, Kappa>) f("kappa", p.kappa...);
         EyeOptics<T, E>::fields(f, p.optics...);
     }
@@ -239,10 +240,9 @@ std::array<Vec3<T>, 2> eye_features_vjp(const B& backend, const EyeStream<T, E>&
 }
 
 /// Accumulates parameter gradients from cotangents of the head-frame eyeballs, which to_world_vjp
-/// gives, columns of `g` from `begin` on; `world` is the cloud that eye_gaussians wrote to, `drivers`
-/// those of the frame, gazes as they came.
-/// g_frame.gaze holds the cotangents of the gaze codes when it is called, g_frame.optics what
-/// eye_optics_vjp gave.
+/// gives, columns of `g` from `begin` on; `world` is the cloud that eye_gaussians wrote to,
+/// `drivers` those of the frame, gazes as they came. g_frame.gaze holds the cotangents of the gaze
+/// codes when it is called, g_frame.optics what eye_optics_vjp gave.
 template <class T, EffectSet E, Backend B, class... Head>
     requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
 void eye_vjp(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& config,

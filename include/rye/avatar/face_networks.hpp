@@ -33,10 +33,12 @@ struct FaceNetworks : FaceFields<NetworkOf<T, E>, E> {
     }
 
     static FaceNetworks init(const AvatarConfig& c, const Random& random) {
-        const int xyz = c.position_code<NetworksOf<E>>(), pose = c.pose_code<NetworksOf<E>>(), gaze = c.gaze_code<NetworksOf<E>>();
+        const int xyz = c.position_code<NetworksOf<E>>(), pose = c.pose_code<NetworksOf<E>>(),
+                  gaze = c.gaze_code<NetworksOf<E>>();
         const auto make = [&](int points, int frame, const std::vector<int>& hidden, int out,
                               std::uint64_t key) {
-            return driven_mlp<T, NetworksOf<E>>(c, mlp_shape(points, frame, hidden, out), random.fork(key));
+            return driven_mlp<T, NetworksOf<E>>(c, mlp_shape(points, frame, hidden, out),
+                                                random.fork(key));
         };
         FaceNetworks n;
         if constexpr (has_effect<E, Expression>) {

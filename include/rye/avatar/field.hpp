@@ -152,8 +152,9 @@ void field_vjp(const B& backend, const Mlp<T, A>& mlp, Squash squash, const T& g
     });
     Columns<T> g_input;
     VecX<T> g_frame;
-    mlp_vjp<T>(backend, mlp, trace.input, frame, trace.mlp, g_y, *g.mlp,
-               g.inputs != nullptr ? &g_input : nullptr, g.frame != nullptr ? &g_frame : nullptr);
+    mlp_vjp<T>(backend, mlp, {trace.input, frame, trace.mlp}, g_y,
+               {*g.mlp, g.inputs != nullptr ? &g_input : nullptr,
+                g.frame != nullptr ? &g_frame : nullptr});
     if (g.inputs != nullptr) {
         const Index inputs = g_input.rows();
         for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {

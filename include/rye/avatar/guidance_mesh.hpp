@@ -25,7 +25,8 @@ struct GuidanceMesh {
     static void fields(F&& f, P&&... p) {
         nested_fields<NetworkOf<T, E>>("geo_mlp", f, p.geometry...);
         FaceNetworks<T, E>::fields(f, p.networks...);
-        if constexpr (has_effect<E, EyeOffset>) EyeOffsetNetwork<T, NetworksOf<E>>::fields(f, p.eye_offset...);
+        if constexpr (has_effect<E, EyeOffset>)
+            EyeOffsetNetwork<T, NetworksOf<E>>::fields(f, p.eye_offset...);
         f("landmarks_3d_neutral", p.landmarks...);
     }
     static GuidanceMesh init(const AvatarConfig& c, const Columns<T>& landmarks,
@@ -64,8 +65,8 @@ Columns<T> geometry_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
                         Columns<T> g_output, GuidanceMesh<T, E>& grad) {
     squash_vjp(Squash::tanh, trace.output, g_output);
     Columns<T> g_code;
-    mlp_vjp<T>(backend, mesh.geometry, trace.code, VecX<T>(), trace.mlp, g_output, grad.geometry,
-               &g_code, nullptr);
+    mlp_vjp<T>(backend, mesh.geometry, {trace.code, VecX<T>(), trace.mlp}, g_output,
+               {.params = grad.geometry, .points = &g_code});
     return EncodingOf<E>::vjp(trace.code, g_code, config.frequencies);
 }
 
@@ -124,8 +125,8 @@ void neutral_surface_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
                          const Columns<T>& g_positions, const Columns<T>& g_feature,
                          GuidanceMesh<T, E>& grad) {
     using std::tanh;
-    const SurfaceGradient<T> g = surface_vjp<T>(n.surface, n.lattice, n.sdf, n.lattice_feature,
-                                                g_positions, g_feature);
+    const SurfaceGradient<T> g =
+        surface_vjp<T>(n.surface, {n.lattice, n.sdf, n.lattice_feature}, {g_positions, g_feature});
     Columns<T> g_output(n.geometry.output.rows(), n.geometry.output.cols());
     const T reach = T(config.vertex_offset);
     g_output.topRows(1) = g.sdf;

@@ -35,14 +35,9 @@ struct TwoStream : OwnParameters<T, E> {
     }
 };
 
-template <class T, EffectSet E = PaperEffects>
-struct TwoStreamTrace {
-    [[no_unique_address]] FrameCode<T, E> code;
-    [[no_unique_address]] HeadSlot<T, E> head;
-    [[no_unique_address]] FaceTrace<T, E> face;
-    [[no_unique_address]] EyeTrace<T, E> eyes;
-    [[no_unique_address]] OwnTrace<T, E> own;
-    /// Driven Gaussians in the world: the face's columns first, then the eyes'.
+/// Driven Gaussians in the world: the face's columns first, then the eyes'.
+template <class T>
+struct TwoStreamGaussians {
     Gaussians<T> gaussians;
     Index face_count = 0;
 
@@ -52,6 +47,16 @@ struct TwoStreamTrace {
     GaussianView<T> eye_gaussians() const {
         return view_of(gaussians).columns(face_count, eye_columns().count);
     }
+};
+
+/// Driven Gaussians, and what their vjp reads.
+template <class T, EffectSet E = PaperEffects>
+struct TwoStreamTrace : TwoStreamGaussians<T> {
+    [[no_unique_address]] FrameCode<T, E> code;
+    [[no_unique_address]] HeadSlot<T, E> head;
+    [[no_unique_address]] FaceTrace<T, E> face;
+    [[no_unique_address]] EyeTrace<T, E> eyes;
+    [[no_unique_address]] OwnTrace<T, E> own;
 };
 
 /// Drives both streams: the Gaussians are trace.gaussians. Without a head pose the head's frame is

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/backend/backend.hpp: where and how the inner loops run. A backend is a value that holds what
-/// the work runs on, and the first argument of every function whose code depends on it. Its type
-/// selects the loops by overload, never by a macro inside a body.
+/// rye/backend/backend.hpp: concepts of a backend: a value that holds the resources the work runs
+/// on, and the first argument of every function whose code depends on it. Its type selects the
+/// inner loops by overload, never by a macro inside a body.
 #pragma once
 
 #include <concepts>
@@ -12,14 +12,14 @@
 
 namespace rye {
 
-/// A backend holds its threads. Inner loops that it has a tuned version of are chosen by overload
-/// on the backend's type; everything else runs the plain template.
+/// A type with a member `threads`. Overloads on the backend's type select tuned inner loops;
+/// everything else runs the plain template.
 template <class B>
 concept Backend = std::copy_constructible<B> && requires(const B& b) {
     requires Threads<std::remove_cvref_t<decltype(b.threads)>>;
 };
 
-/// A backend with vectors of T: for these the tuned loops run.
+/// A backend with SIMD vectors of T, on which the tuned loops run.
 template <class B, class T>
 concept LaneBackend = Backend<B> && Real<T> && requires { typename B::template batch<T>; };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/backend/lanes.hpp: explicit lanes times threads. The only include of xsimd, whose system
-/// headers leak macros; in rye only the headers of folders named lanes/ include this one.
+/// rye/backend/lanes.hpp: SIMD lanes times threads. The only include of xsimd, whose system
+/// headers leak macros; in rye only headers of folders named lanes/ include this one.
 #pragma once
 
 #include <cstddef>
@@ -19,18 +19,18 @@
 
 namespace rye {
 
-/// The best instruction set that this unit is compiled for. Without optimisation g++'s blends of
-/// AVX512BW are macros that cast no vector of xsimd; one set below has the same registers.
+/// The best instruction set that this unit is compiled for. Without optimisation, g++'s AVX512BW
+/// blends are macros that reject xsimd's vectors; avx512dq has the same registers.
 #if defined(__AVX512BW__) && defined(__GNUC__) && !defined(__clang__) && !defined(__OPTIMIZE__)
 using DefaultArch = xsimd::avx512dq;
 #else
 using DefaultArch = xsimd::default_arch;
 #endif
 
-/// The instruction set is a type, so units built for different ones do not collide.
+/// The instruction set is part of the type, so units built for different ones do not collide.
 ///     XsimdBackend{}, XsimdBackend{Serial{}}, XsimdBackend{OpenMp{4}}
-/// Plain loops run for numbers that the instruction set has no vectors of, and on processors that
-/// xsimd does not know (WebAssembly without SIMD).
+/// Plain loops run for types without a vector in the instruction set, and on targets that xsimd
+/// does not support (WebAssembly without SIMD).
 template <class Arch = DefaultArch, Threads P = DefaultThreads>
 struct XsimdBackend {
     [[no_unique_address]] P threads{};
@@ -48,7 +48,7 @@ struct RealOf<xsimd::batch<T, A>> {
     using type = T;
 };
 
-/// The vector of U in registers as large as those of V: doubles beside floats.
+/// The vector of U with the register size of V: doubles beside floats.
 template <class V, class U>
 struct LanesLike;
 template <class T, class A, class U>
@@ -58,22 +58,22 @@ struct LanesLike<xsimd::batch<T, A>, U> {
 
 namespace detail {
 
-/// Whether a mask is a register of numbers, all bits of a lane set where it holds: x86 before
-/// AVX-512, and wasm. By its type: other masks may be as large (NEON's are of integers).
+/// Whether a mask is a register with all bits of a true lane set: x86 before AVX-512, and wasm.
+/// Decided by its type, as other masks can have the same size (NEON's are of integers).
 template <class M>
 inline constexpr bool wide_mask = false;
 template <class T, class A>
 inline constexpr bool wide_mask<xsimd::batch_bool<T, A>> =
     std::is_base_of_v<xsimd::types::simd_register<T, A>, xsimd::batch_bool<T, A>>;
 
-/// Whether a mask is a whole number, a bit a lane: AVX-512. Only of those that are not wide.
+/// Whether a mask is an integer with one bit a lane: AVX-512. Only for masks that are not wide.
 template <class M>
 struct BitMask : std::false_type {};
 template <class T, class A>
 struct BitMask<xsimd::batch_bool<T, A>>
     : std::is_unsigned<typename xsimd::batch_bool<T, A>::register_type> {};
 
-/// The sign of each lane as a bit, where an instruction gives it; elsewhere void, never called.
+/// The sign bits of all lanes, where an instruction returns them; elsewhere void, never called.
 void sign_bits(...);
 #if defined(__SSE2__)
 inline int sign_bits(__m128 x) { return _mm_movemask_ps(x); }
@@ -84,7 +84,7 @@ inline int sign_bits(__m256 x) { return _mm256_movemask_ps(x); }
 inline int sign_bits(__m256d x) { return _mm256_movemask_pd(x); }
 #endif
 
-/// Whether there is one.
+/// Whether sign_bits has an instruction for the mask M.
 template <class M>
 constexpr bool has_sign_bits() {
     if constexpr (wide_mask<M>)
@@ -95,8 +95,8 @@ constexpr bool has_sign_bits() {
 
 } // namespace detail
 
-/// A mask as bits, that of the first lane lowest. Versions of the library that do not say get the
-/// instruction, or lane after lane where there is none.
+/// A mask as bits, the first lane lowest. Where xsimd has no mask.mask(): the sign-bit instruction,
+/// or one lane after another.
 template <class M>
 [[gnu::always_inline]] inline std::uint64_t lane_bits(const M& mask) {
     if constexpr (requires { mask.mask(); }) {
@@ -115,7 +115,7 @@ template <class M>
     }
 }
 
-/// x where the mask holds, else 0: one instruction where a mask is a register of numbers.
+/// x where the mask is true, else 0: one instruction where a mask is a wide register.
 template <class V>
 [[gnu::always_inline]] inline V where(const typename V::batch_bool_type& mask, const V& x) {
     if constexpr (detail::wide_mask<typename V::batch_bool_type>)

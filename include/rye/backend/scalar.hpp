@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/backend/scalar.hpp: the reference backend: plain loops over the templated formulas, for any
-/// scalar, and so also for double and for duals.
+/// scalar, double and duals included.
 ///     ScalarBackend{}, ScalarBackend{Serial{}}, ScalarBackend{OpenMp{4}}
 #pragma once
 

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/capture/atomic_file.hpp: a file is replaced by a complete one or not at all.
-/// The new bytes go to a temporary file in the same folder, NAME.tmp-0; commit() makes them durable
-/// (fsync), renames over the target, and makes the rename durable (fsync of the folder). Without
-/// commit() the target is untouched and the temporary file is removed. A durable file survives a
-/// power cut and costs milliseconds; one that can be made again need only be atomic. POSIX.
+/// rye/capture/atomic_file.hpp: atomic replacement of a file by a complete one.
+/// Writes to a temporary file in the same folder, NAME.tmp-0; commit() makes it durable (fsync),
+/// renames it over the target, and makes the rename durable (fsync of the folder). Without
+/// commit() the target is unchanged and the temporary file is removed. Durability survives a power
+/// cut and costs milliseconds; a file that can be regenerated need only be atomic. POSIX.
 ///
-/// A killed process leaves its temporary file. A writer holds a lock (flock) on its own, which ends
-/// with the process; the next writer of the same target removes those that nobody holds. Where the
-/// file system has no locks they stay.
+/// A killed process leaves its temporary file. A writer locks (flock) its own, and the lock ends
+/// with the process; the next writer of the same target removes unlocked ones. On a file system
+/// without locks they stay.
 ///
 /// A pipe or a character device (/dev/null, /dev/stdout) cannot be replaced: it is written in place
-/// as the bytes come. Folders, block devices and sockets are refused.
+/// immediately. Folders, block devices and sockets are rejected.
 #pragma once
 
 #include <cerrno>
@@ -44,10 +44,10 @@ public:
             return;
         }
         if (there && !S_ISREG(old.st_mode))
-            fail("is neither a file nor a pipe nor a character device, expected one of these");
+            fail("is neither a file nor a pipe nor a character device");
         target_ = resolved(path);
         open_temporary();
-        // A replaced file keeps its permissions.
+        // The new file gets the permissions of the replaced one.
         if (there && ::fchmod(descriptor_, old.st_mode & 07777U) != 0)
             discard_and_fail("its permissions cannot be kept");
     }
@@ -71,8 +71,8 @@ public:
             if (::close(std::exchange(descriptor_, -1)) != 0) fail_errno("cannot be closed");
             return;
         }
-        // Some file systems report a failed write at close; the lock must outlive the rename, so it
-        // is a second descriptor that is closed first.
+        // Some file systems report a failed write at close. The lock must outlive the rename, so
+        // close a second descriptor first.
         const int second = ::fcntl(descriptor_, F_DUPFD_CLOEXEC, 0);
         if (second < 0 || ::close(second) != 0) discard_and_fail("cannot be closed");
         if (::rename(temporary_.c_str(), target_.c_str()) != 0)
@@ -91,14 +91,14 @@ private:
         name += ".tmp-" + std::to_string(i);
         return name;
     }
-    /// Whether the name is that of the open file: another process may have moved or removed it.
+    /// Whether the name refers to the open file: another process may have moved or removed it.
     static bool names(const std::filesystem::path& name, int descriptor) {
         struct stat a {}, b {};
         return ::fstat(descriptor, &a) == 0 && ::lstat(name.c_str(), &b) == 0 &&
                a.st_dev == b.st_dev && a.st_ino == b.st_ino;
     }
-    /// Creates and locks the first temporary file whose name no living writer has, and removes
-    /// those of dead ones.
+    /// Creates and locks the first temporary file that no running writer holds, and removes those
+    /// of ended ones.
     void open_temporary() {
         for (int i = 0; i < most_names; ++i) {
             const std::filesystem::path name = numbered(target_, i);
@@ -110,7 +110,7 @@ private:
             descriptor_ = ::open(name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
             if (descriptor_ < 0 && errno == EEXIST) continue;
             if (descriptor_ < 0) fail_errno("cannot be written");
-            // Between the two calls another writer may have taken it for an abandoned one.
+            // Between the two calls another writer may have removed it as abandoned.
             const bool taken = ::flock(descriptor_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
             if (taken || !names(name, descriptor_)) {
                 ::close(std::exchange(descriptor_, -1));
@@ -120,10 +120,10 @@ private:
         }
         if (descriptor_ < 0)
             fail("cannot be written: " + numbered(target_, 0).string() + " to " +
-                 std::to_string(most_names - 1) + " are there already");
+                 std::to_string(most_names - 1) + " exist already");
     }
-    /// Removes a temporary file that no living process holds; false where there is none. Its owner
-    /// renames it only while it holds the lock, so under the lock the name cannot change hands.
+    /// Removes a temporary file that no running process holds; returns false if there is none. Its
+    /// owner renames it only under the lock, so under the lock the name stays the same file.
     static bool remove_abandoned(const std::filesystem::path& name) {
         const int descriptor =
             ::open(name.c_str(), O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
@@ -135,7 +135,7 @@ private:
         ::close(descriptor);
         return true;
     }
-    /// A link stays a link: what it points to is replaced.
+    /// Resolves links: the target of a link is replaced, not the link.
     static std::filesystem::path resolved(const std::filesystem::path& path) {
         std::error_code status;
         if (!std::filesystem::is_symlink(path, status)) return path;
@@ -146,11 +146,11 @@ private:
         const std::filesystem::path parent = target_.parent_path();
         const std::string folder = parent.empty() ? "." : parent.string();
         const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-        if (descriptor < 0) return;  // a folder that may be written but not read
+        if (descriptor < 0) return;  // a writable folder without permission to read
         const int synced = ::fsync(descriptor);
         const int reason = errno;
         ::close(descriptor);
-        // Some file systems know no fsync of a folder; the file itself is complete either way.
+        // Some file systems have no fsync of folders; the file itself is complete either way.
         if (synced != 0 && reason != EINVAL && reason != ENOTSUP) {
             errno = reason;
             fail_errno("was replaced, but its folder cannot be made durable");
@@ -161,22 +161,22 @@ private:
         temporary_.clear();
         if (descriptor_ >= 0) ::close(std::exchange(descriptor_, -1));
     }
-    [[noreturn]] void fail(const std::string& sentence) const {
-        throw Error(target_.string() + ": " + sentence);
+    [[noreturn]] void fail(const std::string& message) const {
+        throw Error(target_.string() + ": " + message);
     }
-    [[noreturn]] void fail_errno(const std::string& sentence) const {
-        fail(sentence + ": " + std::strerror(errno));
+    [[noreturn]] void fail_errno(const std::string& message) const {
+        fail(message + ": " + std::strerror(errno));
     }
-    [[noreturn]] void discard_and_fail(const std::string& sentence) {
+    [[noreturn]] void discard_and_fail(const std::string& message) {
         const int reason = errno;
         const bool kept = !in_place();
         discard();
         errno = reason;
-        fail_errno(sentence + (kept ? " (the old file is untouched)" : ""));
+        fail_errno(message + (kept ? " (the old file is untouched)" : ""));
     }
 
     std::filesystem::path target_;
-    std::filesystem::path temporary_;  // empty: there is none to remove
+    std::filesystem::path temporary_;  // empty: none to remove
     int descriptor_ = -1;
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/capture/bytes.hpp: bounded reading of untrusted little-endian bytes.
-/// Every count is compared with what is left before anything is allocated or touched.
+/// rye/capture/bytes.hpp: bounds-checked reading of untrusted little-endian bytes.
+/// Every count is checked against the bytes left before anything is allocated or read.
 #pragma once
 
 #include <algorithm>
@@ -30,14 +30,14 @@ using ByteSpan = std::span<const std::byte>;
 
 namespace detail {
 
-/// The size of a regular file [bytes]. Pipes, devices and folders are Errors: to open a pipe that
-/// nobody writes would wait for ever.
+/// The size of a regular file [bytes]. Throws Error for pipes, devices and folders: opening a pipe
+/// without a writer would block.
 inline std::uint64_t regular_file_size(const std::filesystem::path& path) {
     const std::string who = path.string();
     std::error_code status;
     if (!std::filesystem::exists(path, status)) throw Error(who + ": no such file");
     if (!std::filesystem::is_regular_file(path, status))
-        throw Error(who + ": not a file (a folder, pipe or device), expected a file");
+        throw Error(who + ": not a file but a folder, pipe or device");
     const std::uintmax_t size = std::filesystem::file_size(path, status);
     if (status) throw Error(who + ": cannot read its size: " + status.message());
     return size;
@@ -45,7 +45,7 @@ inline std::uint64_t regular_file_size(const std::filesystem::path& path) {
 
 } // namespace detail
 
-/// The first bytes of a file, at most `most`; Error names it.
+/// The first bytes of a file, at most `most`; throws Error with its path.
 inline Bytes read_beginning(const std::filesystem::path& path, std::size_t most) {
     const std::uint64_t size = detail::regular_file_size(path);
     Bytes bytes(static_cast<std::size_t>(std::min<std::uint64_t>(size, most)));
@@ -56,7 +56,7 @@ inline Bytes read_beginning(const std::filesystem::path& path, std::size_t most)
     return bytes;
 }
 
-/// The whole file; Error names it. Files above `max_bytes` are refused unread.
+/// The whole file; throws Error with its path. Rejects files above `max_bytes` without reading.
 inline Bytes read_file(const std::filesystem::path& path, std::uint64_t max_bytes = 1ULL << 34U) {
     const std::string who = path.string();
     const std::uint64_t size = detail::regular_file_size(path);
@@ -79,12 +79,12 @@ inline std::string_view as_text(ByteSpan bytes) {
     return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
-/// bytes[offset, offset + count), or an Error that names what was being read.
+/// bytes[offset, offset + count); throws Error with `what` if that exceeds the bytes.
 inline ByteSpan slice(ByteSpan bytes, std::uint64_t offset, std::uint64_t count,
                       const std::string& who, const char* what) {
     if (offset > bytes.size() || count > bytes.size() - offset)
         throw Error(who + ": truncated: " + what + " needs bytes " + std::to_string(offset) +
-                    " to " + std::to_string(offset) + " + " + std::to_string(count) + ", got " +
+                    " to " + std::to_string(offset) + " + " + std::to_string(count) + " of " +
                     std::to_string(bytes.size()));
     return bytes.subspan(static_cast<std::size_t>(offset), static_cast<std::size_t>(count));
 }
@@ -109,7 +109,7 @@ inline void append(Bytes& bytes, ByteSpan more) {
     bytes.insert(bytes.end(), more.begin(), more.end());
 }
 
-/// a * b, or an Error where the product does not fit 64 bits.
+/// a * b; throws Error if the product does not fit 64 bits.
 inline std::uint64_t checked_product(std::uint64_t a, std::uint64_t b, const std::string& who) {
     std::uint64_t product = 0;
     if (__builtin_mul_overflow(a, b, &product))
@@ -117,8 +117,8 @@ inline std::uint64_t checked_product(std::uint64_t a, std::uint64_t b, const std
     return product;
 }
 
-/// Bytes of an array with these extents. No product of extents other than 0 may exceed an Index, so
-/// that the extents can be multiplied in any order, one of 0 included.
+/// Size [bytes] of an array of these extents. The product of all extents other than 0 must fit an
+/// Index, so that extents can be multiplied in any order, with or without one of 0.
 template <class Extents>
 std::uint64_t checked_size(const Extents& extents, std::uint64_t item, const std::string& who) {
     std::uint64_t size = item;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/capture/inflate.hpp: decompression of deflate, and the checksum of zip files.
-/// The size of the result is given, and never exceeded: a bomb is an Error, not an allocation.
+/// The caller gives the size of the result; a zip bomb is an Error, not an allocation.
 /// Source: RFC 1951 (deflate), RFC 1952 (CRC-32); decoding by canonical counts as in zlib's puff.
 #pragma once
 
@@ -14,7 +14,7 @@
 
 namespace rye {
 
-/// CRC-32 of zip and gzip.
+/// CRC-32 as used by zip and gzip.
 inline std::uint32_t crc32(ByteSpan bytes) {
     static constexpr auto table = [] {
         std::array<std::uint32_t, 256> t{};
@@ -33,12 +33,12 @@ inline std::uint32_t crc32(ByteSpan bytes) {
 
 namespace detail {
 
-/// A canonical Huffman code: how many codes of each length, and their symbols in order.
+/// A canonical Huffman code: number of codes of each length, and their symbols in order.
 struct HuffmanCode {
     std::array<std::uint16_t, 16> count{};
     std::array<std::uint16_t, 288> symbol{};
 
-    /// False where the lengths claim more codes than there are, or leave some unused.
+    /// Returns false if the lengths are over-subscribed or incomplete.
     bool build(const std::uint8_t* lengths, int n) {
         count.fill(0);
         for (int i = 0; i < n; ++i) ++count[lengths[i]];
@@ -52,7 +52,7 @@ struct HuffmanCode {
             next[l + 1] = static_cast<std::uint16_t>(next[l] + count[l]);
         for (int i = 0; i < n; ++i)
             if (lengths[i]) symbol[next[lengths[i]]++] = static_cast<std::uint16_t>(i);
-        // Incomplete codes are only legal with a single code of one bit (RFC 1951, 3.2.7).
+        // Incomplete codes are legal only as a single code of one bit (RFC 1951, 3.2.7).
         return left == 0 || n - count[0] <= 1;
     }
 };
@@ -82,8 +82,8 @@ public:
     }
 
 private:
-    [[noreturn]] void fail(const std::string& sentence) const {
-        throw Error(who_ + ": deflate: " + sentence);
+    [[noreturn]] void fail(const std::string& message) const {
+        throw Error(who_ + ": deflate: " + message);
     }
     std::uint32_t bits(int n) {
         while (held_ < n) {
@@ -112,7 +112,7 @@ private:
             first = (first + n) << 1;
             value <<= 1;
         }
-        fail("a code that is not in the table");
+        fail("a code is not in the table");
     }
     void stored() {
         hold_ = 0;  // the rest of the byte is padding
@@ -142,13 +142,13 @@ private:
             }
             if (symbol == 256) return;
             const auto l = static_cast<std::size_t>(symbol - 257);
-            if (l >= length_base.size()) fail("an unknown length");
+            if (l >= length_base.size()) fail("unknown length symbol");
             const int length = length_base[l] + static_cast<int>(bits(length_bits[l]));
             const auto d = static_cast<std::size_t>(decode(distances));
-            if (d >= distance_base.size()) fail("an unknown distance");
+            if (d >= distance_base.size()) fail("unknown distance symbol");
             const int extra = d < 4 ? 0 : static_cast<int>(d) / 2 - 1;
             const auto distance = static_cast<std::size_t>(distance_base[d]) + bits(extra);
-            if (distance > out_.size()) fail("a copy from before the start");
+            if (distance > out_.size()) fail("a copy starts before the beginning");
             for (int i = 0; i < length; ++i) put(out_[out_.size() - distance]);
         }
     }
@@ -172,7 +172,7 @@ private:
         for (std::size_t i = 0; i < n_code; ++i)
             length[order[i]] = static_cast<std::uint8_t>(bits(3));
         HuffmanCode code, lengths, distances;
-        if (!code.build(length.data(), 19)) fail("the code of the codes is damaged");
+        if (!code.build(length.data(), 19)) fail("the code of code lengths is damaged");
         length.fill(0);
         for (std::size_t i = 0; i < n_length + n_distance;) {
             const int symbol = decode(code);
@@ -180,15 +180,15 @@ private:
                 length[i++] = static_cast<std::uint8_t>(symbol);
                 continue;
             }
-            if (symbol == 16 && i == 0) fail("a repeat of nothing");
+            if (symbol == 16 && i == 0) fail("a repeat without a previous length");
             const std::uint8_t value = symbol == 16 ? length[i - 1] : std::uint8_t(0);
             const std::size_t repeat = symbol == 16   ? 3 + bits(2)
                                        : symbol == 17 ? 3 + bits(3)
                                                       : 11 + bits(7);
-            if (i + repeat > n_length + n_distance) fail("a repeat beyond the last code");
+            if (i + repeat > n_length + n_distance) fail("a repeat exceeds the last code");
             for (std::size_t k = 0; k < repeat; ++k) length[i++] = value;
         }
-        if (length[256] == 0) fail("a block without an end");
+        if (length[256] == 0) fail("a block has no end code");
         if (!lengths.build(length.data(), static_cast<int>(n_length)) ||
             !distances.build(length.data() + n_length, static_cast<int>(n_distance)))
             fail("the code of a block is damaged");
@@ -206,10 +206,10 @@ private:
 
 } // namespace detail
 
-/// Deflate cannot do better: a header that claims more is lying.
+/// Largest ratio of deflate; a header that states more is invalid.
 inline constexpr std::uint64_t max_deflate_ratio = 1032;
 
-/// Exactly `size` bytes from a raw deflate stream.
+/// Decompresses a raw deflate stream to exactly `size` bytes; throws Error otherwise.
 inline Bytes inflate(ByteSpan compressed, std::uint64_t size, const std::string& who) {
     require(size <= compressed.size() * max_deflate_ratio + 64, who,
             std::to_string(compressed.size()) + " compressed bytes cannot hold the declared " +

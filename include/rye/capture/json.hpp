@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/capture/json.hpp: a small, strict JSON for headers inside binary files.
-/// Refused: duplicate keys, depth above 64, numbers out of range, NaN, lone surrogates, trailing
-/// text. Numbers are read exactly, whatever the locale.
+/// rye/capture/json.hpp: a small, strict JSON parser for headers inside binary files.
+/// Rejects duplicate keys, depth above 64, numbers out of range, NaN, lone surrogates, trailing
+/// text. Numbers are parsed exactly, independent of the locale.
 /// Source: RFC 8259.
 #pragma once
 
@@ -24,11 +24,11 @@ namespace rye {
 struct JsonValue;
 struct JsonMember;
 using JsonArray = std::vector<JsonValue>;
-/// In the order of the text.
+/// Members in the order of the text.
 using JsonObject = std::vector<JsonMember>;
 
 struct JsonValue {
-    /// Integers that fit are kept exact.
+    /// Integers that fit 64 bits are kept exact.
     std::variant<std::nullptr_t, bool, std::int64_t, double, std::string, JsonArray, JsonObject>
         value;
 
@@ -68,8 +68,8 @@ public:
 private:
     static constexpr int max_depth = 64;
 
-    [[noreturn]] void fail(const std::string& sentence) const {
-        throw Error(who_ + ": JSON at byte " + std::to_string(at_) + ": " + sentence);
+    [[noreturn]] void fail(const std::string& message) const {
+        throw Error(who_ + ": JSON at byte " + std::to_string(at_) + ": " + message);
     }
     char peek() const { return at_ < text_.size() ? text_[at_] : '\0'; }
     void skip() {
@@ -162,7 +162,7 @@ private:
         std::int64_t i = 0;
         if (whole && std::from_chars(first, last, i).ec == std::errc()) return {i};
         const std::optional<double> d = parse_double(text_.substr(start, at_ - start));
-        if (!d || !std::isfinite(*d)) fail("a number out of range");
+        if (!d || !std::isfinite(*d)) fail("a number is out of range");
         return {*d};
     }
     std::string string() {
@@ -186,13 +186,13 @@ private:
             out += to[i];
             return;
         }
-        if (c != 'u') fail("an unknown escape");
+        if (c != 'u') fail("unknown escape");
         std::uint32_t code = hex4();
-        if (code >= 0xDC00 && code < 0xE000) fail("a lone surrogate");
+        if (code >= 0xDC00 && code < 0xE000) fail("lone surrogate");
         if (code >= 0xD800 && code < 0xDC00) {
-            if (!take_word("\\u")) fail("a lone surrogate");
+            if (!take_word("\\u")) fail("lone surrogate");
             const std::uint32_t low = hex4();
-            if (low < 0xDC00 || low >= 0xE000) fail("a lone surrogate");
+            if (low < 0xDC00 || low >= 0xE000) fail("lone surrogate");
             code = 0x10000 + ((code - 0xD800) << 10U) + (low - 0xDC00);
         }
         append_utf8(out, code);
@@ -230,12 +230,12 @@ private:
 
 } // namespace detail
 
-/// Parses the whole text; `who` names it in errors.
+/// Parses the whole text; errors begin with `who`.
 inline JsonValue parse_json(std::string_view text, const std::string& who) {
     return detail::JsonParser(text, who).parse();
 }
 
-/// The string in quotes, escaped.
+/// The string quoted and escaped.
 inline std::string json_string(std::string_view s) {
     static constexpr std::string_view hex = "0123456789abcdef";
     std::string out = "\"";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/capture/lpips_weights.hpp: reads the weights of LPIPS from the file that
-/// cmake/convert_lpips_weights.py writes: float32 tensors under the names of their fields.
+/// rye/capture/lpips_weights.hpp: reads LPIPS weights from the file that
+/// cmake/convert_lpips_weights.py writes: float32 tensors named after their fields.
 #pragma once
 
 #include <filesystem>
@@ -19,9 +19,9 @@ LpipsWeights<T> read_lpips_weights(const std::filesystem::path& path) {
         [&](const std::string& name, Columns<T>& a) {
             const Columns<float> read = file.columns<float>(name, a.rows(), a.cols());
             require(read.allFinite(), path.string() + ": " + name,
-                    "holds a number that is not finite");
+                    "has a number that is not finite");
             require(!name.starts_with("lin") || read.minCoeff() >= 0, path.string() + ": " + name,
-                    "got a negative weight, expected none");
+                    "has a negative weight: " + std::to_string(read.minCoeff()));
             a = read.cast<T>();
         },
         weights);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/capture/npy.hpp: NumPy's .npy arrays, versions 1 to 3, numbers only.
 /// Whatever the file's byte order and layout, an NpyArray is little-endian in C order, so an array
-/// of shape (N, D) is a Columns of D x N without a copy.
+/// of shape (N, D) is a Columns of D x N without reordering.
 /// Source: numpy.lib.format.
 #pragma once
 
@@ -40,7 +40,7 @@ inline std::string shape_text(const std::vector<Index>& shape) {
 struct NpyArray {
     char kind = 'f';           ///< b bool, i signed, u unsigned, f float
     int item_size = 8;         ///< [bytes]
-    std::vector<Index> shape;  ///< () is one number
+    std::vector<Index> shape;  ///< (): a single number
     Bytes bytes;
 
     Index size() const {
@@ -50,12 +50,12 @@ struct NpyArray {
     }
     std::string type() const { return std::string(1, kind) + std::to_string(item_size); }
 
-    /// The numbers, converted; an Error names `who` when one is no number of type T.
+    /// The converted numbers; throws Error, with `who` first, for one that does not fit T.
     template <class T>
     std::vector<T> values(const std::string& who) const;
 };
 
-/// A header above this is refused: real ones have 100 bytes.
+/// Largest header accepted; usual ones have about 100 bytes.
 inline constexpr std::uint64_t max_npy_header = 65536;
 
 namespace detail {
@@ -93,8 +93,8 @@ public:
     }
 
 private:
-    [[noreturn]] void fail(const std::string& sentence) const {
-        throw Error(who_ + ": npy header: " + sentence);
+    [[noreturn]] void fail(const std::string& message) const {
+        throw Error(who_ + ": npy header: " + message);
     }
     void skip() {
         while (at_ < text_.size() && (text_[at_] == ' ' || text_[at_] == '\n')) ++at_;
@@ -167,7 +167,7 @@ private:
     NpyHeader header_;
 };
 
-/// First index fastest to last index fastest.
+/// Reorders from first index fastest to last index fastest.
 inline Bytes c_order(ByteSpan data, const std::vector<Index>& shape, std::size_t item) {
     Bytes out(data.size());
     std::vector<Index> index(shape.size(), 0);
@@ -186,7 +186,7 @@ inline Bytes c_order(ByteSpan data, const std::vector<Index>& shape, std::size_t
 
 } // namespace detail
 
-/// The array in the bytes of a .npy file; `who` names it in errors.
+/// Parses the bytes of a .npy file; errors begin with `who`.
 inline NpyArray parse_npy(ByteSpan bytes, const std::string& who) {
     require(as_text(slice(bytes, 0, 8, who, "the npy magic")).substr(0, 6) == "\x93NUMPY", who,
             "not an npy array: it does not begin with \\x93NUMPY");
@@ -198,7 +198,8 @@ inline NpyArray parse_npy(ByteSpan bytes, const std::string& who) {
                                      ? read_at<std::uint16_t>(bytes, 8, who, "the header length")
                                      : read_at<std::uint32_t>(bytes, 8, who, "the header length");
     require(length <= max_npy_header, who,
-            "got an npy header of " + std::to_string(length) + " bytes, expected at most 65536");
+            "got an npy header of " + std::to_string(length) + " bytes, expected at most " +
+                std::to_string(max_npy_header));
     detail::NpyHeader header =
         detail::NpyHeaderParser(as_text(slice(bytes, start, length, who, "the npy header")), who)
             .parse();
@@ -269,7 +270,8 @@ NpyArray npy_array(std::vector<Index> shape, std::span<const T> values) {
                                                                         : 'u';
     array.item_size = static_cast<int>(sizeof(T));
     array.shape = std::move(shape);
-    RYE_ASSERT(array.size() == static_cast<Index>(values.size()), "npy_array: shape and values");
+    RYE_ASSERT(array.size() == static_cast<Index>(values.size()),
+               "npy_array: the shape has another size than values");
     const auto bytes = std::as_bytes(values);
     array.bytes.assign(bytes.begin(), bytes.end());
     return array;

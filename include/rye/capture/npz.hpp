@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/capture/npz.hpp: NumPy's .npz: a zip file of .npy arrays, stored or deflated.
-/// The central directory is what counts (NumPy's local headers may carry zip64 fields), and every
-/// array's checksum is verified. Written files are stored, as by np.savez.
+/// Reads the central directory (NumPy's local headers may have zip64 fields), and verifies every
+/// array's checksum. Written files are stored, as by np.savez.
 /// Source: PKWARE APPNOTE 6.3.
 #pragma once
 
@@ -25,7 +25,7 @@ namespace rye {
 /// Arrays by name, without ".npy".
 using NpzArrays = std::map<std::string, NpyArray>;
 
-/// All arrays of one file together may take this much memory.
+/// Limit on the memory of all arrays of one file.
 inline constexpr std::uint64_t max_npz_bytes = 1ULL << 32U;
 
 namespace detail {
@@ -36,7 +36,7 @@ struct ZipMember {
     std::uint32_t crc = 0;
     std::uint64_t packed = 0;    // [bytes]
     std::uint64_t unpacked = 0;  // [bytes]
-    std::uint64_t header = 0;    // where its local header is
+    std::uint64_t header = 0;    // offset of its local header
 };
 
 struct ZipDirectory {
@@ -44,9 +44,9 @@ struct ZipDirectory {
 };
 
 inline ZipDirectory find_zip_directory(ByteSpan zip, const std::string& who) {
-    // The end record is 22 bytes, then a comment of up to 65535.
-    require(zip.size() >= 22, who, "truncated: got " + std::to_string(zip.size()) +
-                                       " bytes, expected a zip file (npz)");
+    // The end record has 22 bytes, then a comment of up to 65535.
+    require(zip.size() >= 22, who,
+            "truncated: " + std::to_string(zip.size()) + " bytes are no zip file (npz)");
     std::uint64_t end = zip.size() - 22;
     const std::uint64_t lowest = end > 65535 ? end - 65535 : 0;
     while (read_at<std::uint32_t>(zip, end, who, "zip end") != 0x06054b50U)
@@ -64,7 +64,7 @@ inline ZipDirectory find_zip_directory(ByteSpan zip, const std::string& who) {
             read_at<std::uint64_t>(zip, end64 + 32, who, "zip64 end")};
 }
 
-/// Sizes and offsets of 2^32 - 1 stand in the zip64 field, in this order, 8 bytes each.
+/// Sizes and offsets of 2^32 - 1 are stored in the zip64 field, in this order, 8 bytes each.
 inline void read_zip64_field(ByteSpan extra, ZipMember& m, const std::string& who) {
     constexpr std::uint64_t absent = 0xFFFFFFFFU;
     if (m.unpacked != absent && m.packed != absent && m.header != absent) return;
@@ -112,7 +112,7 @@ inline std::vector<ZipMember> read_zip_directory(ByteSpan zip, const std::string
     return members;
 }
 
-/// Where a member's bytes lie, from its local header.
+/// Byte range of a member's data, from its local header.
 struct ZipExtent {
     std::uint64_t begin = 0, data = 0, end = 0;
 };
@@ -128,7 +128,7 @@ inline ZipExtent zip_extent(ByteSpan zip, const ZipMember& m, const std::string&
     return {m.header, data, data + m.packed};
 }
 
-/// Two members may not share bytes: else a small file unpacks to any size.
+/// Members must not share bytes: otherwise a small file could unpack to any size.
 inline void require_apart(const std::vector<ZipMember>& members, std::vector<ZipExtent> extents,
                           const std::string& who) {
     std::sort(extents.begin(), extents.end(),
@@ -136,7 +136,7 @@ inline void require_apart(const std::vector<ZipMember>& members, std::vector<Zip
     for (std::size_t i = 1; i < extents.size(); ++i)
         require(extents[i - 1].end <= extents[i].begin, who,
                 "two of its " + std::to_string(members.size()) + " members overlap at byte " +
-                    std::to_string(extents[i].begin) + ", expected each to have its own bytes");
+                    std::to_string(extents[i].begin));
 }
 
 inline NpyArray unpack_npy(ByteSpan packed, const ZipMember& m, const std::string& who) {
@@ -152,7 +152,7 @@ inline NpyArray unpack_npy(ByteSpan packed, const ZipMember& m, const std::strin
 
 } // namespace detail
 
-/// The arrays in the bytes of a .npz file; `who` names it in errors.
+/// Parses the bytes of a .npz file; errors begin with `who`.
 inline NpzArrays parse_npz(ByteSpan zip, const std::string& who) {
     NpzArrays arrays;
     std::uint64_t total = 0;
@@ -166,9 +166,10 @@ inline NpzArrays parse_npz(ByteSpan zip, const std::string& who) {
         const std::string label = who + ": '" + m.name + "'";
         const ByteSpan packed = zip.subspan(static_cast<std::size_t>(extents[i].data),
                                             static_cast<std::size_t>(m.packed));
-        require(m.name.size() > 4 && m.name.ends_with(".npy"), label, "expected a name in .npy");
+        require(m.name.size() > 4 && m.name.ends_with(".npy"), label, "has no name ending in .npy");
         require(m.unpacked <= max_npz_bytes - total, label,
-                "got " + std::to_string(m.unpacked) + " bytes, more than an npz may hold");
+                "its " + std::to_string(m.unpacked) + " bytes exceed the limit of an npz, " +
+                    std::to_string(max_npz_bytes));
         total += m.unpacked;
         const bool first = arrays.emplace(m.name.substr(0, m.name.size() - 4),
                                           detail::unpack_npy(packed, m, label)).second;
@@ -181,8 +182,8 @@ inline NpzArrays read_npz(const std::filesystem::path& path) {
     return parse_npz(read_file(path), path.string());
 }
 
-/// The bytes of a .npz file, stored, with the date that zip calls zero so that equal arrays give
-/// equal files.
+/// The bytes of a .npz file, stored, with a fixed date (1980-01-01), so that equal arrays
+/// give equal files.
 inline Bytes npz_bytes(const NpzArrays& arrays) {
     using U16 = std::uint16_t;
     using U32 = std::uint32_t;

@@ -2,7 +2,7 @@
 /// rye/capture/safetensors.hpp: named arrays in one file, in the format of Hugging Face.
 /// Layout: u64 header length; JSON header, padded with spaces to 8 bytes; the arrays, C order,
 /// without holes or overlaps. An array of shape (N, D) is a Columns of D x N.
-/// Source: github.com/huggingface/safetensors; the faults refused are those of its reference.
+/// Source: github.com/huggingface/safetensors; rejects the same faults as its reference reader.
 #pragma once
 
 #include <algorithm>
@@ -28,7 +28,7 @@
 
 namespace rye {
 
-/// Types of numbers; only these are written. Their names in files are F64, F32, I64 and U8.
+/// Supported types; named F64, F32, I64 and U8 in files.
 enum class TensorType { f64, f32, i64, u8 };
 
 struct TensorTypeInfo {
@@ -51,7 +51,7 @@ constexpr TensorType tensor_type() {
     }
 }
 
-/// A named array that lives elsewhere.
+/// A named array that refers to memory held elsewhere.
 struct TensorEntry {
     std::string name;
     TensorType type = TensorType::f32;
@@ -71,13 +71,13 @@ TensorEntry tensor_entry(std::string name, const Columns<T>& columns) {
                            {columns.data(), static_cast<std::size_t>(columns.size())});
 }
 
-/// Words about the file: names and values.
+/// String metadata by key.
 using TensorMetadata = std::map<std::string, std::string>;
 
-/// A header above this is refused, as by the reference.
+/// Largest header accepted, as in the reference reader.
 inline constexpr std::uint64_t max_tensor_header = 100'000'000;
 
-/// The arrays of a file, held in memory.
+/// The arrays of a file, in memory.
 class Safetensors {
 public:
     Safetensors() = default;
@@ -98,13 +98,13 @@ public:
         require(found != tensors_.end(), who_, "the tensor '" + name + "' is missing");
         return found->second;
     }
-    /// A metadata value; Error when it is missing.
+    /// A metadata value; throws Error if it is missing.
     const std::string& word(const std::string& key) const {
         const auto found = metadata_.find(key);
         require(found != metadata_.end(), who_, "the metadata '" + key + "' is missing");
         return found->second;
     }
-    /// The numbers of a tensor, which must be of type T and have this shape.
+    /// The values of a tensor; throws Error unless its type is T and its shape this.
     template <class T>
     std::vector<T> values(const std::string& name, const std::vector<Index>& shape) const {
         const TensorEntry& t = at(name);
@@ -124,7 +124,7 @@ public:
         if (check_type<T>(t) > 0) std::memcpy(out.data(), t.bytes.data(), t.bytes.size());
         return out;
     }
-    /// The same, of a known size: rows x cols from shape (cols, rows).
+    /// A tensor of shape (cols, rows) as rows x cols.
     template <class T>
     Columns<T> columns(const std::string& name, Index rows, Index cols) const {
         const std::vector<Index>&got = at(name).shape, expected{cols, rows};
@@ -134,7 +134,7 @@ public:
     }
 
 private:
-    /// Its size [bytes].
+    /// The size of its elements [bytes]; throws Error for another type.
     template <class T>
     std::size_t check_type(const TensorEntry& t) const {
         require(t.type == tensor_type<T>(), who_ + ": " + t.name,
@@ -188,7 +188,7 @@ inline TensorEntry parse_tensor(const std::string& name, const JsonValue& v, Byt
     return t;
 }
 
-/// The arrays must cover the data from end to end, once.
+/// Checks that the arrays cover the data exactly once.
 inline void require_covered(const std::map<std::string, TensorEntry>& tensors, ByteSpan data,
                             const std::string& who) {
     std::vector<std::pair<std::size_t, std::size_t>> ranges;
@@ -210,7 +210,7 @@ inline void require_covered(const std::map<std::string, TensorEntry>& tensors, B
 
 } // namespace detail
 
-/// The arrays in the bytes of a file; `who` names it in errors.
+/// Parses the bytes of a file; errors begin with `who`.
 inline Safetensors parse_safetensors(ByteSpan file, const std::string& who) {
     const auto length = read_at<std::uint64_t>(file, 0, who, "the length of the header");
     require(length <= max_tensor_header, who,
@@ -219,7 +219,7 @@ inline Safetensors parse_safetensors(ByteSpan file, const std::string& who) {
     require(header.starts_with('{'), who, "not a safetensors file: its header is no JSON object");
     const JsonValue json = parse_json(header, who);
     const ByteSpan rest = file.subspan(8 + static_cast<std::size_t>(length));
-    Bytes data(rest.begin(), rest.end());  // aligned, unlike the rest of the file
+    Bytes data(rest.begin(), rest.end());  // aligned, unlike `rest`
     std::map<std::string, TensorEntry> tensors;
     TensorMetadata metadata;
     for (const auto& [name, member] : *json.get<JsonObject>()) {
@@ -242,8 +242,8 @@ inline Safetensors read_safetensors(const std::filesystem::path& path) {
     return parse_safetensors(read_file(path), path.string());
 }
 
-/// Replaces the file at `path` by one with these arrays, or leaves it as it was and throws.
-/// Arrays of wide types come first, so that all are aligned.
+/// Replaces the file at `path` by one with these arrays; on failure leaves it unchanged and throws.
+/// Arrays of larger types come first, so that all are aligned.
 inline void write_safetensors(const std::filesystem::path& path, std::vector<TensorEntry> entries,
                               const TensorMetadata& metadata = {}) {
     std::sort(entries.begin(), entries.end(), [](const TensorEntry& a, const TensorEntry& b) {

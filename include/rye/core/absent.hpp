@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/core/absent.hpp: members that are not there. Declared [[no_unique_address]], they hold
-/// nothing and take no room, and no use of them compiles: the error names Without<X>, on the user's
-/// line.
+/// rye/core/absent.hpp: empty members in place of those of a feature that is off. Declared
+/// [[no_unique_address]], they take no memory; any use is a compile error that names Without<X> on
+/// the user's line.
 #pragma once
 
 #include <type_traits>
 
 namespace rye {
 
-/// What a member is that belongs to X, where X is off. Two of them share an address, and so take no
-/// room, only if their types differ: number them.
+/// Type of a member of the feature X where X is off. Two of them share an address, and so take no
+/// memory, only if their types differ: number them.
 template <class X, int number = 0>
 struct Without {
     Without() = default;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/core/array.hpp: N numbers side by side, as in std::array, whose functions device code may
-/// not call.
+/// rye/core/array.hpp: a fixed-size array like std::array, whose members device code must not
+/// call.
 #pragma once
 
 #include <cstddef>

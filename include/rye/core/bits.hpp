@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/core/bits.hpp: whether two numbers, or arrays of them, are the same bits. Unlike ==, a NaN
-/// is the same as itself, and -0 is not the same as 0: what has the same bits gives the same bits.
+/// rye/core/bits.hpp: bitwise equality of numbers and of arrays. Unlike ==, a NaN equals itself and
+/// -0 differs from 0, so equal inputs give equal results.
 #pragma once
 
 #include <cstring>

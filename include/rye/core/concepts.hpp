@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/core/concepts.hpp: what a formula may ask of its scalar.
+/// rye/core/concepts.hpp: concepts of the scalars that formulas are instantiated with.
 #pragma once
 
 #include <concepts>
@@ -13,7 +13,7 @@ namespace rye {
 template <class T>
 concept Real = std::floating_point<T>;
 
-/// Anything a formula can be instantiated with: Real, Dual<Scalar, N>, xsimd::batch<Real>.
+/// Any scalar of a formula: Real, Dual<Scalar, N>, xsimd::batch<Real>.
 template <class T>
 concept Scalar = std::default_initializable<T> && std::copyable<T> &&
                  std::constructible_from<T, double> && requires(T a, const T b) {

@@ -19,13 +19,13 @@
 #define RYE_HD
 #endif
 
-/// A broken contract of the caller. Define RYE_ASSERT before including rye to handle it otherwise.
+/// Checks a precondition. Define RYE_ASSERT before including rye to handle a failure otherwise.
 #ifndef RYE_ASSERT
 #ifdef NDEBUG
-#define RYE_ASSERT(condition, sentence) static_cast<void>(0)
+#define RYE_ASSERT(condition, message) static_cast<void>(0)
 #else
 #include <cassert>
-#define RYE_ASSERT(condition, sentence) assert((condition) && (sentence))
+#define RYE_ASSERT(condition, message) assert((condition) && (message))
 #endif
 #endif
 

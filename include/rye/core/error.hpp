@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/core/error.hpp: bad input from outside. Every message reads "who: got ..., expected ...".
+/// rye/core/error.hpp: errors in input. A message is "who: what was given, its value, the bound".
 #pragma once
 
 #include <stdexcept>
@@ -7,14 +7,14 @@
 
 namespace rye {
 
-/// Thrown for bad input (files, settings, arrays). A broken contract of the caller is RYE_ASSERT.
+/// Thrown for invalid input (files, settings, arrays). Violated preconditions are RYE_ASSERT's.
 struct Error : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-/// Throws Error("who: sentence") unless the condition holds.
-inline void require(bool condition, const std::string& who, const std::string& sentence) {
-    if (!condition) throw Error(who + ": " + sentence);
+/// Throws Error("who: message") unless the condition holds.
+inline void require(bool condition, const std::string& who, const std::string& message) {
+    if (!condition) throw Error(who + ": " + message);
 }
 
 } // namespace rye

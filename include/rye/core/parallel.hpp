@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/core/parallel.hpp: threads as values, and fixed chunks, so that results do not depend on the
-/// number of threads. A value says which threads run the work: none but the caller's (`Serial`),
-/// OpenMP's (`OpenMp`), a pool (core/thread_pool.hpp), or the host program's own, by any type that
-/// models `Threads`. The kind is a type and so part of every symbol that uses it: translation units
-/// built with and without OpenMP can be linked together.
+/// number of threads. Kinds: the caller's thread (`Serial`), OpenMP (`OpenMp`), a pool
+/// (core/thread_pool.hpp), or the host program's own, by any type that models `Threads`. The kind
+/// is a type and so part of every symbol that uses it: translation units built with and without
+/// OpenMP can be linked together.
 #pragma once
 
 #include <algorithm>
@@ -20,9 +20,9 @@
 
 namespace rye {
 
-/// run(n, f) calls f(0) ... f(n - 1), each once, in any order and on any threads, and returns when
-/// all are done; size() is how many run at once. An exception of f must reach the caller of run; of
-/// several, the one of the lowest index.
+/// run(n, f) calls f(0) ... f(n - 1) once each, in any order and on any threads, and returns when
+/// all are done; size() is the number that run at once. An exception of f must propagate to the
+/// caller of run; of several, that of the lowest index.
 template <class P>
 concept Threads = std::copy_constructible<P> && requires(const P& p, void (*f)(Index)) {
     p.run(Index(1), f);
@@ -41,11 +41,11 @@ static_assert(Threads<Serial>);
 
 namespace detail {
 
-/// The exceptions of n tasks; each task writes its own place.
+/// The exceptions of n tasks, one slot a task.
 class TaskErrors {
   public:
     explicit TaskErrors(Index n) : errors_(static_cast<std::size_t>(n)) {}
-    /// Runs f(i) and keeps what it throws.
+    /// Runs f(i) and stores its exception.
     template <class F>
     void guard(Index i, F&& f) {
         try {
@@ -66,10 +66,10 @@ class TaskErrors {
 } // namespace detail
 
 #ifdef _OPENMP
-/// OpenMP's threads. They wait as the OpenMP runtime is set to: GNU's spins by default, which takes
-/// the processor from other programs; OMP_WAIT_POLICY=passive or a `ThreadPool` sleeps.
+/// OpenMP's threads. They wait as the OpenMP runtime is configured: GNU's spin by default, which
+/// slows other programs down; with OMP_WAIT_POLICY=passive, or a `ThreadPool`, they sleep.
 struct OpenMp {
-    int count = 0; ///< number of threads; 0: as many as the runtime gives
+    int count = 0; ///< number of threads; 0: omp_get_max_threads()
 
     template <std::invocable<Index> F>
     void run(Index n, F&& f) const {
@@ -88,7 +88,7 @@ using DefaultThreads = OpenMp;
 using DefaultThreads = Serial;
 #endif
 
-/// Number of chunks of at most `grain` items; depends on nothing but its arguments.
+/// Number of chunks of at most `grain` items; a function of its arguments alone.
 constexpr Index chunk_count(Index n, Index grain) { return (n + grain - 1) / grain; }
 
 /// Calls f(begin, end, chunk) for the fixed chunks of [0, n).
@@ -99,7 +99,7 @@ void for_chunks(const P& threads, Index n, Index grain, F&& f) {
                 [&](Index c) { f(c * grain, std::min(n, (c + 1) * grain), c); });
 }
 
-/// Sums what f(begin, end) returns over fixed chunks, in the order of the chunks.
+/// Sum of f(begin, end) over fixed chunks, added in the order of the chunks.
 template <Threads P, class R, class F>
     requires std::invocable<F, Index, Index> R sum_chunks(const P& threads, Index n, Index grain,
                                                           const R& zero, F&& f) {

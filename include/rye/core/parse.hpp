@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/core/parse.hpp: a number written as text, rounded to the nearest, the same in any locale.
+/// rye/core/parse.hpp: text to double, rounded to the nearest, independent of the locale.
 #pragma once
 
 #include <cerrno>
@@ -24,7 +24,7 @@ namespace rye {
 namespace detail {
 
 #if !defined(_WIN32)
-/// By strtod_l of POSIX, less what it takes beyond std::from_chars: spaces, a plus, hexadecimals.
+/// By POSIX strtod_l, without what std::from_chars rejects: spaces, a plus sign, hexadecimals.
 inline std::optional<double> parse_by_strtod(std::string_view text) {
     static const locale_t plain = newlocale(LC_ALL_MASK, "C", locale_t());
     const std::string copy(text);        // ends with a zero
@@ -40,7 +40,7 @@ inline std::optional<double> parse_by_strtod(std::string_view text) {
 }
 #endif
 
-/// T is double; a template, so that what the standard library lacks is not looked for.
+/// T is always double; a template, so that a missing overload of from_chars is no error.
 template <class T>
 std::optional<T> parse(std::string_view text) {
     if constexpr (requires(const char* p, T& x) { std::from_chars(p, p, x); }) {
@@ -55,8 +55,8 @@ std::optional<T> parse(std::string_view text) {
 
 } // namespace detail
 
-/// The number that the whole of a text is, "inf" and "nan" too. None if it is no number, or one
-/// that rounds to infinity, or to 0 without being 0.
+/// The number that the whole text is; accepts "inf" and "nan". Empty if it is not a number, or if a
+/// finite number overflows, or a number other than 0 rounds to 0.
 inline std::optional<double> parse_double(std::string_view text) {
     return detail::parse<double>(text);
 }

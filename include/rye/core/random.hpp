@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/core/random.hpp: counter-based random numbers. Each number is a function of
-/// (seed, stream, index), so there is no state to save, to lose or to share between threads.
+/// (seed, stream, index), so there is no state to save or to share between threads.
 /// Source: the finaliser of splitmix64 (Steele, Lea, Flood, 2014).
 #pragma once
 
@@ -41,7 +41,7 @@ struct Random {
     constexpr Index below(std::uint64_t index, Index n) const {
         return static_cast<Index>(bits(index) % static_cast<std::uint64_t>(n));
     }
-    /// An independent family of numbers, for a training step or a purpose.
+    /// An independent generator, for a training step or a purpose.
     constexpr Random fork(std::uint64_t key) const { return {mix64(seed ^ mix64(key)), stream}; }
 };
 

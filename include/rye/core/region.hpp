@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/core/region.hpp: a part of an image, as one run of pixels in each row: what must be computed
-/// again. A row's run reaches from its first to its last pixel; what lies between counts too.
+/// rye/core/region.hpp: the dirty part of an image, as one run of pixels per row. A row's run spans
+/// its first to its last dirty pixel; pixels in between count as dirty.
 #pragma once
 
 #include <algorithm>
@@ -22,7 +22,7 @@ struct Window {
 
 class Region {
   public:
-    /// Nothing of an image.
+    /// An empty region of an image.
     Region(int width, int height) : width_(width), rows_(static_cast<std::size_t>(height)) {}
 
     int width() const { return width_; }
@@ -31,7 +31,7 @@ class Region {
         return std::all_of(rows_.begin(), rows_.end(), [](const Run& r) { return r.empty(); });
     }
 
-    /// Adds what of the window lies in the image.
+    /// Adds the part of the window that lies in the image.
     void add(const Window& w) {
         const Run run{std::max(0, w.left), std::min(width_, w.right)};
         if (run.empty()) return;
@@ -43,8 +43,8 @@ class Region {
         for (const Window& w : o.bands()) add(w);
     }
 
-    /// One pixel more on every side, and the runs' ends at multiples of `step`, where the image
-    /// goes as far.
+    /// Grown by one pixel on every side, ends of runs rounded outwards to multiples of `step`,
+    /// clipped to the image.
     Region grown(int step) const {
         Region r(width_, height());
         for (const Window& w : bands())
@@ -53,13 +53,13 @@ class Region {
         return r;
     }
 
-    /// Runs of all the row where they are shorter than `least`.
+    /// Extends runs shorter than `least` to the whole row.
     void widen(int least) {
         for (Run& r : rows_)
             if (!r.empty() && r.end - r.begin < least) r = {0, width_};
     }
 
-    /// Rows with the same run together, from the top.
+    /// Rectangles of consecutive rows with the same run, from the top.
     std::vector<Window> bands() const {
         std::vector<Window> bands;
         for (int y = 0; y < height(); ++y) {

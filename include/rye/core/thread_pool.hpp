@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/core/thread_pool.hpp: threads of the standard library that sleep while they wait. Another
-/// busy program on the machine costs its share of the processors and no more. Needs no OpenMP;
-/// programs link the platform's threads.
+/// rye/core/thread_pool.hpp: a pool of std::threads that sleep while they wait, so that another
+/// busy program on the machine costs no more than its share of the processors. Before it sleeps a
+/// thread looks for work for a few microseconds, less than waking it would take. Independent of
+/// OpenMP; programs link the platform's thread library.
 ///     rye::ThreadPool pool(4);
 ///     const rye::XsimdBackend backend{pool.threads()};
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <mutex>
@@ -17,8 +19,8 @@
 
 namespace rye {
 
-/// Owns the threads; ends them when it is destroyed. Calls of run from several threads at once, and
-/// from within a task, are safe: while the pool is busy, the caller runs its tasks itself.
+/// Owns the threads and joins them in its destructor. Concurrent and nested calls of run are safe:
+/// while the pool is busy, the caller runs its tasks itself.
 class ThreadPool {
   public:
     /// A handle that models `Threads`; the pool must outlive it.
@@ -43,9 +45,10 @@ class ThreadPool {
     ThreadPool(const ThreadPool&) = delete;
     ThreadPool& operator=(const ThreadPool&) = delete;
     ~ThreadPool() {
+        ending_.store(true);
+        generation_.fetch_add(1);
         {
             const std::lock_guard<std::mutex> lock(mutex_);
-            ending_ = true;
         }
         wake_.notify_all();
         for (std::thread& t : workers_) t.join();
@@ -54,7 +57,7 @@ class ThreadPool {
     Handle threads() { return Handle(*this); }
     int size() const { return static_cast<int>(workers_.size()) + 1; }
 
-    /// f(0) ... f(n - 1) on the caller's thread and the pool's.
+    /// Calls f(0) ... f(n - 1) on the caller's thread and the pool's.
     template <std::invocable<Index> F>
     void run(Index n, F& f) {
         if (n <= 1 || workers_.empty() || busy_.exchange(true)) {
@@ -63,21 +66,18 @@ class ThreadPool {
         }
         detail::TaskErrors errors(n);
         const auto task = [&](Index i) { errors.guard(i, f); };
-        Job job{n, &task, [](const void* t, Index i) {
-                    (*static_cast<const decltype(task)*>(t))(i);
+        job_ = {n, &task, [](const void* t, Index k) {
+                    (*static_cast<const decltype(task)*>(t))(k);
                 }};
-        {
-            const std::lock_guard<std::mutex> lock(mutex_);
-            job_ = &job;
-            ++generation_;
-        }
-        const Index helpers = std::min(n - 1, static_cast<Index>(workers_.size()));
-        for (Index i = 0; i < helpers; ++i) wake_.notify_one();
-        job.take_all();
-        {
+        next_.store(0);
+        open_.store(true);
+        wake(std::min(n - 1, static_cast<Index>(workers_.size())));
+        take_all();
+        open_.store(false);                  // no thread joins any more
+        const auto left = [&] { return inside_.load() == 0; };
+        if (!spin_until(left)) {
             std::unique_lock<std::mutex> lock(mutex_);
-            job_ = nullptr;                  // nobody joins any more
-            done_.wait(lock, [&] { return job.joined == 0; });
+            done_.wait(lock, left);
         }
         busy_.store(false);
         errors.rethrow_first();
@@ -88,38 +88,66 @@ class ThreadPool {
         Index n;
         const void* task;
         void (*call)(const void*, Index);
-        std::atomic<Index> next{0};
-        int joined = 0;                      ///< workers inside; guarded by mutex_
-
-        Job(Index count, const void* t, void (*c)(const void*, Index))
-            : n(count), task(t), call(c) {}
-        void take_all() {
-            for (Index i = next.fetch_add(1); i < n; i = next.fetch_add(1)) call(task, i);
-        }
     };
 
+    void take_all() {
+        for (Index i = next_.fetch_add(1); i < job_.n; i = next_.fetch_add(1))
+            job_.call(job_.task, i);
+    }
+
+    void wake(Index helpers) {
+        generation_.fetch_add(1);
+        int asleep = 0;
+        {
+            const std::lock_guard<std::mutex> lock(mutex_);
+            asleep = asleep_;
+        }
+        for (Index i = 0; i < helpers && i < asleep; ++i) wake_.notify_one();
+    }
+
+    /// Whether ready() came true within about the time that waking a thread takes.
+    template <class Ready>
+    static bool spin_until(const Ready& ready) {
+        constexpr auto longest = std::chrono::microseconds(30);
+        const auto start = std::chrono::steady_clock::now();
+        while (!ready())
+            if (std::chrono::steady_clock::now() - start > longest) return false;
+        return true;
+    }
+
+    /// A worker is counted as inside before it looks whether the job is open, and the caller closes
+    /// the job before it looks whether anyone is inside: so the job outlives every use of it.
     void work() {
         std::uint64_t seen = 0;
-        std::unique_lock<std::mutex> lock(mutex_);
         for (;;) {
-            wake_.wait(lock, [&] { return ending_ || (job_ != nullptr && generation_ != seen); });
-            if (ending_) return;
-            seen = generation_;
-            Job& job = *job_;
-            ++job.joined;
-            lock.unlock();
-            job.take_all();
-            lock.lock();
-            if (--job.joined == 0) done_.notify_one();
+            const auto called = [&] { return generation_.load() != seen; };
+            if (!spin_until(called)) {
+                std::unique_lock<std::mutex> lock(mutex_);
+                ++asleep_;
+                wake_.wait(lock, called);
+                --asleep_;
+            }
+            seen = generation_.load();
+            if (ending_.load()) return;
+            inside_.fetch_add(1);
+            if (open_.load()) take_all();
+            if (inside_.fetch_sub(1) == 1 && !open_.load()) {
+                const std::lock_guard<std::mutex> lock(mutex_);
+                done_.notify_one();
+            }
         }
     }
 
     std::vector<std::thread> workers_;
     std::mutex mutex_;
     std::condition_variable wake_, done_;
-    Job* job_ = nullptr;
-    std::uint64_t generation_ = 0;
-    bool ending_ = false;
+    int asleep_ = 0;                           ///< workers in wake_.wait; guarded by mutex_
+    Job job_{};                                ///< changed only while nobody is inside
+    std::atomic<Index> next_{0};               ///< task of the job
+    std::atomic<bool> open_{false};            ///< whether workers may join
+    std::atomic<int> inside_{0};               ///< workers that may touch the job
+    std::atomic<std::uint64_t> generation_{0}; ///< of jobs
+    std::atomic<bool> ending_{false};
     std::atomic<bool> busy_{false};
 };
 static_assert(Threads<ThreadPool::Handle>);

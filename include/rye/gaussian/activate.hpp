@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/gaussian/activate.hpp: clouds of stored numbers to those that are drawn (attributes.hpp),
-/// with colour from spherical harmonics; and back.
+/// rye/gaussian/activate.hpp: activation of a stored cloud to Gaussians that can be rendered
+/// (attributes.hpp), with colour from spherical harmonics; its vjp and its inverse.
 #pragma once
 
 #include <algorithm>
@@ -11,7 +11,7 @@
 
 namespace rye {
 
-/// A cloud as seen from `eye`, with three channels of colour, of its harmonics' bands up to `most`.
+/// The activated cloud as seen from `eye`, three colour channels, harmonics of degree <= `most`.
 template <int most = 4, class T>
 Gaussians<T> activate(const GaussianCloud<T>& cloud, const Vec3<T>& eye) {
     Gaussians<T> g;
@@ -23,7 +23,7 @@ Gaussians<T> activate(const GaussianCloud<T>& cloud, const Vec3<T>& eye) {
     return g;
 }
 
-/// Gradient of the cloud for that of activate's result `drawn`.
+/// Gradient of the cloud, given that of the result `drawn` of activate.
 template <int most = 4, class T>
 GaussianCloud<T> activate_vjp(const GaussianCloud<T>& cloud, const Vec3<T>& eye,
                               const Gaussians<T>& drawn, const Gaussians<T>& g) {
@@ -40,12 +40,12 @@ GaussianCloud<T> activate_vjp(const GaussianCloud<T>& cloud, const Vec3<T>& eye,
     return r;
 }
 
-/// The cloud of degree 0 that draws as `g` does, from its first three channels. Opacities and
-/// scales are held within what their logarithms can store.
+/// The cloud of degree 0 that renders as `g`, from its first three channels. Opacities and scales
+/// are clamped to the range of their logit and logarithm.
 template <Real T>
 GaussianCloud<T> deactivate(const Gaussians<T>& g) {
     require(g.channels() >= 3, "deactivate",
-            "got " + std::to_string(g.channels()) + " channels, expected 3 of colour or more");
+            "got " + std::to_string(g.channels()) + " channels, expected at least 3 of colour");
     GaussianCloud<T> r(g.count(), 0);
     r.mean = g.mean;
     r.rotation = g.rotation;

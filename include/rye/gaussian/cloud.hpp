@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/gaussian/cloud.hpp: Gaussians as they are trained and stored: unbounded numbers in place of
-/// scales, opacities and colours. World frame; a column per Gaussian.
+/// rye/gaussian/cloud.hpp: Gaussians as they are trained and stored: unconstrained numbers in place
+/// of scales, opacities and colours. World frame; a column per Gaussian.
 #pragma once
 
 #include <rye/gaussian/gaussians.hpp>
@@ -36,7 +36,7 @@ struct GaussianCloud {
     }
 };
 
-/// The cloud without the bands of its harmonics above `degree`; that of a lower degree as it is.
+/// The cloud without harmonics above `degree`; unchanged if it has none.
 template <class T>
 GaussianCloud<T> truncated(const GaussianCloud<T>& cloud, int degree) {
     if (degree >= cloud.degree()) return cloud;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/gaussian/gaussians.hpp: anisotropic 3D Gaussians as they are drawn.
+/// rye/gaussian/gaussians.hpp: anisotropic 3D Gaussians, ready to be rendered.
 /// World frame, activated: scale is a length, opacity a probability. A column per Gaussian.
 #pragma once
 
@@ -14,9 +14,9 @@ template <class T>
 struct Gaussians {
     Columns<T> mean;      ///< 3 x N  [world units]
     Columns<T> rotation;  ///< 4 x N  quaternions (w, x, y, z) of any norm but 0
-    Columns<T> scale;     ///< 3 x N  standard deviations along the own axes, >= 0 [world units]
+    Columns<T> scale;     ///< 3 x N  standard deviations along the local axes, >= 0 [world units]
     Columns<T> opacity;   ///< 1 x N  in 0..1
-    Columns<T> feature;   ///< C x N  colour, or anything else that is blended
+    Columns<T> feature;   ///< C x N  colour, or any other quantity to blend
 
     Gaussians() = default;
     Gaussians(Index count, Index channels)
@@ -49,13 +49,13 @@ struct ColumnRange {
     Index begin = 0, count = 0;
 };
 
-/// Throws unless every array has the right number of rows and one column per Gaussian.
+/// Throws Error unless every array has its number of rows and one column per Gaussian.
 template <class T>
 void check_shapes(const std::string& who, const Gaussians<T>& g) {
     const Index n = g.count();
     const auto check = [&](const char* name, const Columns<T>& a, Index rows) {
         if (a.rows() == rows && a.cols() == n) return;
-        throw Error(who + ": got " + name + " of " + std::to_string(a.rows()) + " x " +
+        throw Error(who + ": " + name + " is " + std::to_string(a.rows()) + " x " +
                     std::to_string(a.cols()) + ", expected " + std::to_string(rows) + " x " +
                     std::to_string(n));
     };

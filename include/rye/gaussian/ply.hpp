@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/gaussian/ply.hpp: the file of trained Gaussians that all viewers read.
+/// rye/gaussian/ply.hpp: the PLY file of trained Gaussians, the format of 3DGS viewers.
 /// Little-endian floats: mean, normal (zeros), f_dc, f_rest channel by channel, logit opacity, log
-/// scale, quaternion w x y z. Read with any order of properties, extra ones, ascii, double, without
-/// normals, f_rest or the third scale.
+/// scale, quaternion w x y z. The reader accepts properties in any order, extra ones, ascii,
+/// double, and files without normals, f_rest or the third scale.
 /// Source: the writer of "3D Gaussian Splatting" (Kerbl et al., 2023).
 #pragma once
 
@@ -23,31 +23,31 @@
 
 namespace rye {
 
-/// Log-scale of the axis that flat Gaussians (2DGS) do not store: too thin to matter.
+/// Log scale of the axis that flat Gaussians (2DGS) do not store: negligibly thin.
 inline constexpr double flat_log_scale = -20;
 
 struct PlyOptions {
-    int degree = -1;           ///< of the spherical harmonics, padded with zeros; -1: as the cloud
-    std::string comment = {};  ///< one line
+    int degree = -1;           ///< of the harmonics, padded with zeros; -1: the cloud's
+    std::string comment = {};  ///< a single line
 };
 
 namespace detail {
 
-/// Where each property of a record goes in a cloud.
+/// Destination of a property in a cloud: an array and its row.
 template <class T>
 struct PlyTarget {
     Columns<T>* array = nullptr;
     Index row = 0;
 };
 
-/// Where the properties of a vertex go; throws for one that is missing.
+/// Destinations of the properties of a vertex; throws Error for a missing property.
 template <class T>
 std::vector<PlyTarget<T>> ply_targets(const PlyHeader& h, GaussianCloud<T>& cloud, bool flat,
                                       const std::string& who) {
     std::vector<PlyTarget<T>> targets(h.properties.size());
     const auto bind = [&](const std::string& name, Columns<T>& array, Index row) {
         const Index i = h.find(name);
-        require(i >= 0, who, "got no property " + name + ", expected one");
+        require(i >= 0, who, "the vertex has no property " + name);
         targets[static_cast<std::size_t>(i)] = {&array, row};
     };
     for (int k = 0; k < 3; ++k) {
@@ -85,7 +85,7 @@ T ply_number(const char* at, PlyType type) {
     return T(0);
 }
 
-/// Bytes left in a stream, or -1 where it cannot tell, as of a pipe.
+/// Bytes left in a stream, or -1 if it cannot seek, such as a pipe.
 inline std::int64_t bytes_left(std::istream& in) {
     const auto here = in.tellg();
     if (here == std::istream::pos_type(-1)) {
@@ -98,7 +98,7 @@ inline std::int64_t bytes_left(std::istream& in) {
     return static_cast<std::int64_t>(end - here);
 }
 
-/// What follows the header in a stream of unknown length, but no more than a binary file needs.
+/// Rest of a stream of unknown length, at most the size that a binary header states.
 inline std::string drained(std::istream& in, const PlyHeader& h) {
     const std::uint64_t endless = std::numeric_limits<std::uint64_t>::max();
     std::uint64_t want = endless;
@@ -117,35 +117,34 @@ inline std::string drained(std::istream& in, const PlyHeader& h) {
     return all;
 }
 
-/// Reads what follows the header from a stream of which `left` bytes are left.
+/// Reads the data after the header from a stream with `left` bytes left.
 template <Real T>
 GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_t left,
                                const std::string& who) {
     int rest = 0;
     while (h.find("f_rest_" + std::to_string(rest)) >= 0) ++rest;
     require(rest == 0 || rest == 9 || rest == 24 || rest == 45 || rest == 72, who,
-            "got " + std::to_string(rest) + " properties f_rest, expected 0, 9, 24, 45 or 72");
+            "got " + std::to_string(rest) + " f_rest properties, expected 0, 9, 24, 45 or 72");
 
-    // The header may lie: nothing is allocated before the file is known to hold that much. An ascii
-    // number takes two bytes or more, the last one a byte, and a skipped line one.
+    // The header is not trusted: memory is allocated after the file is known to hold that much. An
+    // ascii number takes at least two bytes, the last one a byte, and a skipped line one.
     const std::int64_t stride =
         h.ascii ? 2 * static_cast<std::int64_t>(h.properties.size()) : h.stride;
     const std::int64_t skip = h.ascii ? h.skip_lines : h.skip;
     require(stride > 0 && skip <= left && h.count <= (left - skip + 1) / stride, who,
-            "got " + std::to_string(h.count) + " vertices in the header, but " +
-                std::to_string(left) + " bytes of data, too few for them");
+            std::to_string(left) + " bytes of data are too few for " + std::to_string(h.count) +
+                " vertices and the elements before them");
 
     const bool flat = h.find("scale_2") < 0;
     const int degree = sh_degree(rest / 3 + 1);
-    GaussianCloud<T> cloud(0, degree);   // no memory before all properties are known to be there
+    GaussianCloud<T> cloud(0, degree);   // allocated after all properties are found
     const auto targets = ply_targets(h, cloud, flat, who);
     cloud = GaussianCloud<T>(h.count, degree);
     if (flat && h.count > 0) cloud.log_scale.row(2).setConstant(static_cast<T>(flat_log_scale));
     const auto finite = [&](T x, std::size_t property, Index vertex) {
         if (!std::isfinite(x))
-            throw Error(who + ": got " + std::to_string(x) + " for property " +
-                        h.properties[property].name + " of vertex " + std::to_string(vertex) +
-                        ", expected a finite number");
+            throw Error(who + ": property " + h.properties[property].name + " of vertex " +
+                        std::to_string(vertex) + " is " + std::to_string(x) + ", not finite");
         return x;
     };
     const auto missing = [&](Index i) {
@@ -160,8 +159,8 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
                 if (!(in >> word)) throw missing(i);
                 const auto x = parse_double(std::string_view(word).substr(word[0] == '+' ? 1 : 0));
                 require(x.has_value(), who,
-                        "got \"" + word + "\" for property " + h.properties[p].name +
-                            " of vertex " + std::to_string(i) + ", expected a number");
+                        "property " + h.properties[p].name + " of vertex " + std::to_string(i) +
+                            " is \"" + word + "\", not a number");
                 if (targets[p].array != nullptr)
                     (*targets[p].array)(targets[p].row, i) = finite(static_cast<T>(*x), p, i);
             }
@@ -183,8 +182,8 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
 
 } // namespace detail
 
-/// Reads a cloud; `name` is the file's, for messages. A stream that cannot seek, such as a pipe, is
-/// held in memory. Error where the header lies, a number is missing or one is not finite.
+/// Reads a cloud; messages begin with `name`. Buffers streams that cannot seek, such as a pipe.
+/// Throws Error for a malformed header and for missing, invalid or non-finite numbers.
 template <Real T>
 GaussianCloud<T> read_ply(std::istream& in, const std::string& name) {
     const std::string who = "read_ply: " + name;
@@ -200,19 +199,19 @@ template <Real T>
 GaussianCloud<T> read_ply(const std::string& path) {
     std::ifstream in(path, std::ios::binary);
     require(in.good() && !std::filesystem::is_directory(path), "read_ply",
-            "got " + path + ", expected a file that can be opened");
+            path + " cannot be opened as a file");
     return read_ply<T>(in, path);
 }
 
-/// Writes a cloud as floats. Replacing a file safely is the caller's business.
+/// Writes a cloud as floats. The caller replaces files atomically where that matters.
 template <Real T>
 void write_ply(std::ostream& out, const GaussianCloud<T>& cloud, const PlyOptions& options = {}) {
     const int own = cloud.degree(), degree = options.degree < 0 ? own : options.degree;
     require(degree >= own && degree <= 4, "write_ply",
-            "got degree " + std::to_string(degree) + " for a cloud of degree " +
-                std::to_string(own) + ", expected as much or more, and 4 at most");
+            "got degree " + std::to_string(degree) + ", expected from the cloud's, " +
+                std::to_string(own) + ", to 4");
     require(options.comment.find('\n') == std::string::npos, "write_ply",
-            "got a comment of several lines, expected one");
+            "the comment \"" + options.comment + "\" has several lines");
     const int kept = sh_count(own) - 1, padded = sh_count(degree) - 1;
     out << "ply\nformat binary_little_endian 1.0\n";
     if (!options.comment.empty()) out << "comment " << options.comment << '\n';
@@ -252,7 +251,7 @@ void write_ply(std::ostream& out, const GaussianCloud<T>& cloud, const PlyOption
         }
     }
     out.flush();
-    require(out.good(), "write_ply", "got a stream that failed, expected one that takes all");
+    require(out.good(), "write_ply", "writing to the stream failed");
 }
 
 } // namespace rye

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/gaussian/ply_header.hpp: the header of a PLY file: which number lies where in a record.
+/// rye/gaussian/ply_header.hpp: the header of a PLY file: type and offset of each property.
 /// Source: Turk, "The PLY Polygon File Format", 1994.
 #pragma once
 
@@ -35,7 +35,7 @@ struct PlyHeader {
     Index skip = 0;                      ///< binary data before the first vertex [bytes]
     Index skip_lines = 0;                ///< ascii lines before the first vertex
     std::vector<PlyProperty> properties; ///< of the vertex
-    std::map<std::string, Index, std::less<>> place;  ///< of each name among these
+    std::map<std::string, Index, std::less<>> place;  ///< index of each name in `properties`
 
     /// Index of a property, or -1.
     Index find(std::string_view name) const {
@@ -51,18 +51,18 @@ inline Index ply_size(PlyType type) {
 
 namespace detail {
 
-/// A line of the header without its end, LF or CRLF. A very long one is not PLY.
+/// A header line without its line end, LF or CRLF. Throws Error for an overlong line.
 inline std::string ply_line(std::istream& in, const std::string& who) {
     constexpr std::size_t longest = 4096;
     std::string line;
     for (;;) {
         const int c = in.get();
         require(c != std::istream::traits_type::eof(), who,
-                "got the end of the file in the header, expected end_header");
+                "the file ends within the header, before end_header");
         if (c == '\n') break;
         line.push_back(static_cast<char>(c));
         require(line.size() <= longest, who,
-                "got a header line of over " + std::to_string(longest) + " bytes, expected PLY");
+                "a header line exceeds " + std::to_string(longest) + " bytes: not a PLY file");
     }
     if (!line.empty() && line.back() == '\r') line.pop_back();
     return line;
@@ -81,31 +81,32 @@ inline Index ply_count(const std::string& text, const std::string& who) {
     Index n = -1;
     const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), n);
     require(fault == std::errc() && end == text.data() + text.size() && n >= 0, who,
-            "got an element count of \"" + text + "\", expected a whole number of at most " +
+            "got element count \"" + text + "\", expected a whole number of at most " +
                 std::to_string(std::numeric_limits<Index>::max()));
     return n;
 }
 
 } // namespace detail
 
-/// Reads up to and including end_header; `who` begins every message.
+/// Reads up to and including end_header; messages begin with `who`.
 inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
     constexpr int most_lines = 65536;
     PlyHeader h;
-    require(detail::ply_line(in, who) == "ply", who, "got another first line, expected \"ply\"");
+    require(detail::ply_line(in, who) == "ply", who, "the first line is not \"ply\"");
     bool format_seen = false, vertex_seen = false, in_vertex = false;
     Index element_count = 0, element_stride = 0;
-    const auto close = [&] {             // an element that precedes the vertices is skipped
+    const auto close = [&] {             // skips elements before the vertices
         if (vertex_seen || element_count == 0) return;
         constexpr Index most = std::numeric_limits<Index>::max();
         require(element_count <= most - h.skip_lines &&
                     (element_stride == 0 || element_count <= (most - h.skip) / element_stride),
-                who, "got an element before the vertices that is too large to skip");
+                who, "an element before the vertices is too large to skip");
         h.skip += element_count * element_stride;
         h.skip_lines += element_count;
     };
     for (int lines = 0;; ++lines) {
-        require(lines < most_lines, who, "got a header without end, expected end_header");
+        require(lines < most_lines, who,
+                "no end_header in the first " + std::to_string(most_lines) + " lines");
         std::istringstream words(detail::ply_line(in, who));
         std::string key, a, b;
         words >> key >> a >> b;
@@ -113,15 +114,15 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
         if (key == "comment" || key == "obj_info" || key.empty()) continue;
         if (key == "format") {
             require(a != "binary_big_endian", who,
-                    "got a big-endian file, expected ascii or binary_little_endian");
+                    "the file is big-endian, expected ascii or binary_little_endian");
             require(a == "ascii" || a == "binary_little_endian", who,
-                    "got the format \"" + a + "\", expected ascii or binary_little_endian");
+                    "got format \"" + a + "\", expected ascii or binary_little_endian");
             h.ascii = a == "ascii";
             format_seen = true;
         } else if (key == "element") {
             close();
             in_vertex = a == "vertex";
-            require(!(in_vertex && vertex_seen), who, "got two vertex elements, expected one");
+            require(!(in_vertex && vertex_seen), who, "the header has two vertex elements");
             element_count = detail::ply_count(b, who);
             element_stride = 0;
             if (in_vertex) {
@@ -131,15 +132,15 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
         } else if (key == "property") {
             if (a == "list") {
                 require(vertex_seen && !in_vertex, who,
-                        "got a list property in or before the vertices, expected numbers");
+                        "list properties in or before the vertices are not supported");
                 continue;
             }
             const PlyType type = detail::ply_type(a, who);
             if (in_vertex) {
-                require(!b.empty(), who, "got a property without a name, expected one");
+                require(!b.empty(), who, "a property has no name");
                 const bool first =
                     h.place.emplace(b, static_cast<Index>(h.properties.size())).second;
-                require(first, who, "got property " + b + " twice, expected it once");
+                require(first, who, "property " + b + " occurs twice");
                 h.properties.push_back({b, type, h.stride});
                 h.stride += ply_size(type);
             }
@@ -148,8 +149,8 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
             throw Error(who + ": got the header line \"" + key + "\", expected a PLY keyword");
         }
     }
-    require(format_seen, who, "got no format line, expected one");
-    require(vertex_seen, who, "got no vertex element, expected one");
+    require(format_seen, who, "the header has no format line");
+    require(vertex_seen, who, "the header has no vertex element");
     return h;
 }
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/gaussian/project.hpp: a 3D Gaussian as a 2D one on the screen, to first order in depth.
+/// rye/gaussian/project.hpp: projection of a 3D Gaussian to a 2D one, to first order in depth.
 /// Camera frame x right, y down, z forward; screen positions are offsets from the principal point
-/// [px], so that a crop of an image is the same numbers as the image.
-/// Source: Zwicker et al., "EWA Splatting", 2002, eq. 26-31. Neither covariance is ever formed from
-/// its entries: the factor M = J W R S (2 x 3) is kept, Sigma = M M^T + d I.
-/// A lens that bends slopes s to D(s) (geometry/distortion.hpp) bends the mean, and J becomes the
-/// bent projection's, diag(f) D'(s) ds/dx: first order, as everywhere here. So the error in the
+/// [px], so that a crop of an image gives the same numbers as the image.
+/// Source: Zwicker et al., "EWA Splatting", 2002, eq. 26-31. Covariances are never formed from
+/// their entries: the factor M = J W R S (2 x 3) is kept, Sigma = M M^T + d I.
+/// A lens with distortion D(s) of slopes s (geometry/distortion.hpp) distorts the mean, and J is
+/// the Jacobian of the distorted projection, diag(f) D'(s) ds/dx, to first order. The error of the
 /// centre is D'' times the variance of the slopes; tests/gaussian/distortion_test.cpp measures it.
 #pragma once
 
@@ -19,7 +19,7 @@ namespace rye {
 
 namespace detail {
 
-/// r^2 at the fold of a lens that has one; nothing of one that does not bend.
+/// r^2 at the fold of a lens with distortion; empty without.
 template <Scalar T, class D>
 struct LensReach {
     T fold;
@@ -29,7 +29,7 @@ struct LensReach<T, NoDistortion> {};
 
 } // namespace detail
 
-/// Where and how Gaussians are projected: a camera, and the two constants of the model.
+/// Constants of the projection: a camera, the limits of the Jacobian, the dilation.
 template <Scalar T, Distortion D = NoDistortion>
 struct Projector {
     Rigid<T> camera_from_world;
@@ -41,8 +41,8 @@ struct Projector {
     [[no_unique_address]] D distortion = {};
     [[no_unique_address]] detail::LensReach<T, D> reach = {};
 
-    /// The Jacobian is evaluated no further outside than `margin` half-images beyond the border,
-    /// wherever the principal point is; without this, splats beside the image would grow huge.
+    /// Slopes in the Jacobian are clamped to `margin` half-images beyond the border, wherever the
+    /// principal point is; otherwise splats beside the image would grow without bound.
     RYE_HD Projector(const Pinhole<T, D>& c, double margin, double dilation_px2)
         : camera_from_world(c.camera_from_world), fx(c.fx), fy(c.fy), near_depth(c.near_depth),
           dilation(T(dilation_px2)), distortion(c.distortion) {
@@ -53,7 +53,7 @@ struct Projector {
         y_high = (T(c.height) - c.cy + half_y) / fy;
         if constexpr (D::distorts) {
             reach.fold = T(distortion.fold());
-            unbend_limits();
+            undistort_limits();
         }
     }
 
@@ -72,9 +72,9 @@ struct Projector {
     }
 
   private:
-    /// From limits of bent slopes to those of slopes: the box of what the lens bends to the border,
-    /// or, where it bends nothing there, of its fold.
-    RYE_HD void unbend_limits() {
+    /// Turns limits of distorted slopes into limits of slopes: the bounding box of the undistorted
+    /// border, with points that no slope reaches moved to the fold.
+    RYE_HD void undistort_limits() {
         const T lows[2] = {x_low, y_low}, highs[2] = {x_high, y_high};
         T box[4] = {T(0), T(0), T(0), T(0)};                              // low x, y, high x, y
         bool first = true;
@@ -124,9 +124,9 @@ struct ScreenGaussian {
     Sym2<T> covariance;          ///< for bounds [px^2]
     T determinant;               ///< of the covariance [px^4]
     PrecisionFactor<T> precision; ///< w = L (p - centre), density exp(-|w|^2 / 2)
-    Mask drawable;               ///< beyond the near plane, its ellipse within range
+    Mask drawable;               ///< beyond the near plane, with a finite ellipse
 };
-/// ... that keeps a share of its opacity.
+/// A Gaussian on the screen whose opacity is multiplied by a share (Antialias::mip).
 template <Scalar T>
 struct MipGaussian : ScreenGaussian<T> {
     T share;                     ///< in [0, 1]
@@ -134,7 +134,7 @@ struct MipGaussian : ScreenGaussian<T> {
 template <Scalar T, Antialias how>
 using Projected = std::conditional_t<how == Antialias::mip, MipGaussian<T>, ScreenGaussian<T>>;
 
-/// The opacity that is drawn.
+/// The opacity that is rendered.
 template <Scalar T>
 RYE_HD T kept_opacity(const ScreenGaussian<T>&, const T& opacity) {
     return opacity;
@@ -145,8 +145,8 @@ RYE_HD T kept_opacity(const MipGaussian<T>& s, const T& opacity) {
 }
 
 /// Cotangent of a screen Gaussian. The shape's is in whitened offsets w = L (p - centre): `moment`
-/// is the sum of g w w^T over pixels, g being the cotangent of -|w|^2 / 2. In these terms nothing
-/// cancels, however long the needle.
+/// is the sum of g w w^T over pixels, g being the cotangent of -|w|^2 / 2. In these terms there is
+/// no cancellation, however thin the needle.
 template <Scalar T>
 struct ScreenCotangent {
     Vec2<T> centre;              ///< [1 / px]
@@ -156,16 +156,16 @@ struct ScreenCotangent {
 
 namespace detail {
 
-/// D' where the Jacobian is taken, and D at the point; nothing of a lens that does not bend.
+/// D' at the slope of the Jacobian, and D at the point; empty for a lens without distortion.
 template <Scalar T, class D>
-struct Bent {
+struct DistortedSlopes {
     Distorted<T> here, limited;
-    Vec2<T> place;               ///< at which `limited` is
+    Vec2<T> place;               ///< slope at which `limited` is taken
 };
 template <Scalar T>
-struct Bent<T, NoDistortion> {};
+struct DistortedSlopes<T, NoDistortion> {};
 
-/// What projection and its vjp share: y = W x + t, and the rows of J W R (before scaling).
+/// Intermediate values of projection and its vjp: y = W x + t, rows of J W R (before scaling).
 template <Scalar T, class D = NoDistortion>
 struct Linearised {
     using Mask = typename ScreenGaussian<T>::Mask;
@@ -173,11 +173,11 @@ struct Linearised {
     Mask in_front;
     T inverse_depth;
     T slope_x, slope_y;          ///< x/z, y/z
-    Mask free_x, free_y;         ///< the limits do not act
+    Mask free_x, free_y;         ///< the slope is within its limits
     Vec3<T> toward_x, toward_y;  ///< rows of J W [px / world unit]
     Mat3<T> axes;                ///< R
     Vec3<T> along_x, along_y;    ///< rows of J W R
-    [[no_unique_address]] Bent<T, D> bent;
+    [[no_unique_address]] DistortedSlopes<T, D> bent;
 
     RYE_HD Linearised(const Shape<T>& g, const Projector<T, D>& lens)
         : point(lens.camera_from_world.apply(g.mean)), in_front(point[2] > lens.near_depth),
@@ -224,7 +224,7 @@ RYE_HD Vec3<T> scaled_by(const Vec3<T>& a, const Vec3<T>& s) {
 
 } // namespace detail
 
-/// Batches evaluate every lane; `drawable` says which lanes mean something.
+/// Batches evaluate every lane; only lanes with `drawable` have meaningful values.
 template <Antialias how = Antialias::dilate, Scalar T, Distortion D>
 RYE_HD Projected<T, how> project(const Shape<T>& g, const Projector<T, D>& lens) {
     const detail::Linearised<T, D> l(g, lens);
@@ -239,8 +239,8 @@ RYE_HD Projected<T, how> project(const Shape<T>& g, const Projector<T, D>& lens)
     s.covariance = gram(x, y, lens.dilation);
     s.determinant = gram_determinant(x, y, lens.dilation);
     s.precision = precision_factor(x, y, lens.dilation);
-    // A bound on the largest number, not on its kind, so that NaN fails it too; the reciprocal of
-    // a smaller determinant would not be finite.
+    // A bound on the magnitude instead of isfinite, so that NaN fails it too; the reciprocal of a
+    // smaller determinant would not be finite.
     const T large = T(Limits<real_t<T>>::largest / 4);
     const T extent = s.covariance.xx + s.covariance.yy + s.determinant;
     const auto shaped = (extent < large) && (s.determinant * large > T(1));
@@ -251,12 +251,12 @@ RYE_HD Projected<T, how> project(const Shape<T>& g, const Projector<T, D>& lens)
 
 namespace detail {
 
-/// Cotangent of (x/z, y/z) through D at the point, and through the rows of J W where their limits
-/// do not act: by x and y themselves and by D'.
+/// Cotangent of (x/z, y/z) through D at the point, and, within the limits, through the rows of
+/// J W: directly and by D'.
 template <Scalar T, class D>
-RYE_HD Vec2<T> bent_slope_vjp(const Linearised<T, D>& l, const Projector<T, D>& lens,
-                              const Vec2<T>& g_centre, const Vec3<T>& g_toward_x,
-                              const Vec3<T>& g_toward_y) {
+RYE_HD Vec2<T> distorted_slope_vjp(const Linearised<T, D>& l, const Projector<T, D>& lens,
+                                   const Vec2<T>& g_centre, const Vec3<T>& g_toward_x,
+                                   const Vec3<T>& g_toward_y) {
     const Mat3<T>& w = lens.camera_from_world.rotation;
     const Sym2<T>& here = l.bent.here.slope;
     const Sym2<T>& j = l.bent.limited.slope;
@@ -283,8 +283,8 @@ RYE_HD Vec2<T> bent_slope_vjp(const Linearised<T, D>& l, const Projector<T, D>& 
 } // namespace detail
 
 /// Cotangents of mean, rotation and scale. Sigma = M M^T + d I gives g_M = 2 g_Sigma M, which in
-/// whitened terms is L^T (moment) (L M). `alpha` is the cotangent of log(opacity), which a
-/// MipGaussian's shape reaches through its share; others' does not.
+/// whitened terms is L^T (moment) (L M). `alpha` is the cotangent of log(opacity), which depends on
+/// the shape only through a MipGaussian's share.
 template <Antialias how = Antialias::dilate, Scalar T, Distortion D>
 RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Projector<T, D>& lens,
                             const ScreenCotangent<T>& c, [[maybe_unused]] const T& alpha = T(0)) {
@@ -301,8 +301,10 @@ RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Projector<T, D>& lens,
         g_x[i] = f.k1 * mu - f.m * mv;
         g_y[i] = mv;
     }
-    if constexpr (how == Antialias::mip)
-        dilation_share_vjp(x, y, lens.dilation, alpha, g_x, g_y);
+    if constexpr (how == Antialias::mip) {
+        const RowCotangents<T> share = dilation_share_vjp(x, y, lens.dilation, alpha);
+        for (int i = 0; i < 3; ++i) g_x[i] += share.x[i], g_y[i] += share.y[i];
+    }
 
     Shape<T> r;
     const Vec3<T> h_x = detail::scaled_by(g_x, g.scale), h_y = detail::scaled_by(g_y, g.scale);
@@ -323,8 +325,7 @@ RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Projector<T, D>& lens,
     const T px = lens.fx * l.inverse_depth, py = lens.fy * l.inverse_depth;
     T g_slope_x, g_slope_y;
     if constexpr (D::distorts) {
-        const Vec2<T> bent =
-            detail::bent_slope_vjp(l, lens, c.centre, g_toward_x, g_toward_y);
+        const Vec2<T> bent = detail::distorted_slope_vjp(l, lens, c.centre, g_toward_x, g_toward_y);
         g_slope_x = bent[0];
         g_slope_y = bent[1];
     } else {
@@ -333,7 +334,7 @@ RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Projector<T, D>& lens,
         g_slope_y = lens.fy * c.centre[1] -
                     select(l.free_y, T(py * dot(forward, g_toward_y)), T(0));
     }
-    // d/dz of everything that is proportional to 1/z: J W, and both slopes.
+    // d/dz of all that is proportional to 1/z: J W, and both slopes.
     const T g_depth = c.depth - l.inverse_depth * (dot(l.toward_x, g_toward_x) +
                                                    dot(l.toward_y, g_toward_y) +
                                                    l.slope_x * g_slope_x + l.slope_y * g_slope_y);

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/gaussian/sh_color.hpp: colour as seen from a point: max(0, 1/2 + sum_k b_k(d) c_k), with d
-/// the unit direction from the eye to the Gaussian and b the real spherical harmonics.
-/// A Gaussian at the eye has no direction: it keeps its constant band and gets no gradient of d.
-/// How many of a cloud's bands are used is a template argument, `most`: of those above it there is
-/// neither work nor code, and their gradient is 0. Bands whose coefficients are 0 change no bit.
+/// rye/gaussian/sh_color.hpp: view-dependent colour max(0, 1/2 + sum_k b_k(d) c_k), with d the unit
+/// direction from the eye to the Gaussian and b the real spherical harmonics.
+/// A Gaussian at the eye has no direction: only its constant band counts, and d gets no gradient.
+/// The template argument `most` bounds the degree: bands above it cost neither work nor code, and
+/// their gradient is 0. Bands whose coefficients are 0 change no bit.
 #pragma once
 
 #include <rye/gaussian/cloud.hpp>
 
 namespace rye {
 
-/// One colour and what its derivative needs.
+/// One colour and the intermediate values of its derivative.
 template <Scalar T, int Degree>
 struct ShColor {
     static constexpr int more = sh_count(Degree) - 1;
@@ -18,7 +18,7 @@ struct ShColor {
     ShArray<T, Degree> basis;
     Vec3<T> raw;               ///< before max(0, .)
 
-    /// A channel's coefficients but the first lie `stored` apart.
+    /// The rest coefficients of successive channels are `stored` apart.
     RYE_HD ShColor(const Vec3<T>& mean, const Vec3<T>& eye, const T* constant_band, const T* rest,
             Index stored = more)
         : offset(mean - eye), basis(sh_basis<T, Degree>(normalized(offset))) {
@@ -33,7 +33,7 @@ struct ShColor {
         return Vec3<T>(select(raw[0] > zero, raw[0], zero), select(raw[1] > zero, raw[1], zero),
                        select(raw[2] > zero, raw[2], zero));
     }
-    /// Cotangent of the mean; those of the coefficients are written.
+    /// Returns the cotangent of the mean and writes those of the coefficients.
     RYE_HD Vec3<T> vjp(const Vec3<T>& g, const T* rest, T* g_constant_band, T* g_rest,
                 Index stored = more) const {
         ShArray<T, Degree> g_basis;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/gaussian/view.hpp: Gaussians as a renderer reads them, wherever they lie: a whole cloud, a range
-/// of its columns, its first channels, or another program's buffers. Copies nothing.
-/// World frame, activated, as Gaussians (gaussian/gaussians.hpp); a column per Gaussian.
+/// rye/gaussian/view.hpp: views of Gaussians for a renderer: a whole cloud, a range of its columns,
+/// its first channels, or another program's buffers. Copies nothing. World frame, activated, as
+/// Gaussians (gaussian/gaussians.hpp); a column per Gaussian.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@
 
 namespace rye {
 
-/// Read-only columns of Gaussians. What it points to must outlive it; functions take it by
+/// Read-only columns of Gaussians. The memory must outlive the view; functions take it by
 /// reference, and a Gaussians<T> converts to it:
 ///     rasterizer.forward(backend, cloud, camera, background);
 ///     rasterizer.forward(backend, view_of(cloud).columns(0, n).first_channels(3), camera, white);
@@ -33,8 +33,8 @@ struct GaussianView {
     const T* paint = nullptr;
 
     GaussianView() = default;
-    /// Implicit, so that a cloud is passed as it is. Throws unless every array of `g` has the right
-    /// number of rows and one column per Gaussian.
+    /// Implicit, so that functions of a view accept a cloud. Throws Error unless every array of `g`
+    /// has its number of rows and one column per Gaussian.
     GaussianView(const Gaussians<T>& g) // NOLINT(google-explicit-constructor)
         : mean(g.mean.data()), rotation(g.rotation.data()), scale(g.scale.data()),
           opacity(g.opacity.data()), feature(g.feature.data()), size(g.count()), rows(g.channels()),
@@ -46,11 +46,11 @@ struct GaussianView {
     Index channels() const { return rows; }
     const T* feature_of(Index i) const { return i < painted ? feature + i * stride : paint; }
 
-    /// Columns [begin, begin + n). Throws if there are fewer.
+    /// Columns [begin, begin + n). Throws Error if there are fewer.
     GaussianView columns(Index begin, Index n) const {
         require(begin >= 0 && n >= 0 && begin <= size - n, "GaussianView",
                 "got columns " + std::to_string(begin) + " to " + std::to_string(begin + n) +
-                    ", there are " + std::to_string(size));
+                    " of " + std::to_string(size));
         GaussianView v = *this;
         v.mean += 3 * begin;
         v.rotation += 4 * begin;
@@ -61,10 +61,10 @@ struct GaussianView {
         if (paint != nullptr) v.painted = std::max<Index>(painted - begin, 0);
         return v;
     }
-    /// The first n channels. Throws if there are fewer.
+    /// The first n channels. Throws Error if there are fewer.
     GaussianView first_channels(Index n) const {
         require(n >= 0 && n <= rows, "GaussianView",
-                "got " + std::to_string(n) + " channels, there are " + std::to_string(rows));
+                "got " + std::to_string(n) + " of " + std::to_string(rows) + " channels");
         GaussianView v = *this;
         v.rows = n;
         return v;
@@ -72,7 +72,7 @@ struct GaussianView {
     /// The same with one feature, C x 1, for all Gaussians from column `begin` on.
     GaussianView painted_from(Index begin, const VecX<T>& color) const {
         require(color.size() == rows, "GaussianView",
-                "got a feature of " + std::to_string(color.size()) + " channels, there are " +
+                "the feature has " + std::to_string(color.size()) + " channels, the Gaussians " +
                     std::to_string(rows));
         GaussianView v = *this;
         v.painted = begin;
@@ -86,7 +86,7 @@ GaussianView<T> view_of(const Gaussians<T>& g) {
     return g;
 }
 
-/// A cloud of its own.
+/// A copy of the viewed Gaussians.
 template <class T>
 Gaussians<T> copy_of(const GaussianView<T>& v) {
     Gaussians<T> g(v.count(), v.channels());
@@ -99,7 +99,7 @@ Gaussians<T> copy_of(const GaussianView<T>& v) {
     return g;
 }
 
-/// Columns of Gaussians to read and write, wherever they lie. Copies nothing; the shapes stay.
+/// Writable columns of Gaussians of fixed shape. Copies nothing.
 template <class T>
 struct GaussianSpan {
     ColumnsSpan<T> mean, rotation, scale, opacity, feature;

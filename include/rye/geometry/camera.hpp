@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/camera.hpp: the pinhole camera, with or without a lens that bends the image.
+/// rye/geometry/camera.hpp: the pinhole camera, with or without lens distortion.
 /// Frame (OpenCV): x right, y down, z forward; x_camera = R x_world + t. Image plane [px]:
 /// u = fx x / z + cx, v = fy y / z + cy, where the centre of the first pixel is (0.5, 0.5). A lens
-/// (geometry/distortion.hpp) bends (x / z, y / z) before; the default is none, and costs nothing.
+/// (geometry/distortion.hpp) distorts (x / z, y / z) before; the default has none, at no cost.
 /// Source: Hartley and Zisserman, "Multiple View Geometry", 6.1.
 #pragma once
 
@@ -32,8 +32,8 @@ struct Pinhole {
     /// The camera's centre in the world.
     RYE_HD Vec3<T> centre() const { return camera_from_world.inverse().translation; }
 
-    /// (u [px], v [px], depth [world units]) of a point of the world; the depth must not be 0.
-    /// u and v are NaN beyond what the lens shows.
+    /// (u [px], v [px], depth [world units]) of a world point; the depth must not be 0. u and v are
+    /// NaN outside the valid range of the lens.
     RYE_HD Vec3<T> project_point(const Vec3<T>& x_world) const {
         const Vec3<T> x = camera_from_world.apply(x_world);
         if constexpr (D::distorts) {
@@ -48,8 +48,8 @@ struct Pinhole {
         }
     }
 
-    /// Unit direction in the world of the ray through an image point; NaN where the lens shows
-    /// nothing.
+    /// Unit direction in the world of the ray through an image point [px]; NaN where no ray of the
+    /// lens reaches it.
     RYE_HD Vec3<T> ray(const Vec2<T>& pixel) const {
         Vec3<T> d((pixel[0] - cx) / fx, (pixel[1] - cy) / fy, T(1));
         if constexpr (D::distorts) {
@@ -71,7 +71,7 @@ struct Pinhole {
     }
 };
 
-/// Anything with a size in pixels and a projection of points of the world.
+/// A type with a size in pixels, a projection of world points and rays through pixels.
 template <class C>
 concept Camera = requires(const C c, const Vec3<typename C::scalar> x, Vec2<typename C::scalar> p) {
     { c.width } -> std::convertible_to<int>;
@@ -82,27 +82,32 @@ concept Camera = requires(const C c, const Vec3<typename C::scalar> x, Vec2<type
 };
 static_assert(Camera<Pinhole<float>> && Camera<Pinhole<float, BrownConrady<float>>>);
 
-/// The same camera behind a lens.
+/// The same camera with a lens.
 template <Scalar T, Distortion D>
     requires D::distorts
 Pinhole<T, D> with_lens(const Pinhole<T>& c, const D& lens) {
     return {c.fx, c.fy, c.cx, c.cy, c.width, c.height, c.camera_from_world, c.near_depth, lens};
 }
 
-/// A camera at `eye` that sees `target` in the middle of the image and `up` upwards.
+struct ImageSize {
+    int width, height;  ///< [px]
+};
+
+/// A camera at `eye`, looking at `target` in the image centre. Throws Error for bad arguments.
 template <Real T>
-Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up,
-                   T vertical_fov_rad, int width, int height) {
+Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up, T vertical_fov_rad,
+                   const ImageSize& size) {
+    const auto [width, height] = size;
     require(width > 0 && height > 0, "look_at",
-            "got an image of " + std::to_string(width) + " x " + std::to_string(height) +
+            "the image is " + std::to_string(width) + " x " + std::to_string(height) +
                 " pixels, expected both positive");
     require(vertical_fov_rad > T(0) && vertical_fov_rad < T(3.14159265358979323846), "look_at",
-            "got a vertical field of view of " + std::to_string(vertical_fov_rad) +
-                " rad, expected it between 0 and pi");
+            "the vertical field of view is " + std::to_string(vertical_fov_rad) +
+                " rad, expected between 0 and pi");
     const Vec3<T> z = normalized(Vec3<T>(target - eye));
     const Vec3<T> side = cross(z, normalized(up));
     require(norm(side) > T(1e-6), "look_at",
-            "got an up vector along the line of sight, or no line of sight, expected them apart");
+            "the up vector is parallel to the line of sight, or eye and target coincide");
     const Vec3<T> x = normalized(side), y = cross(z, x);
     Pinhole<T> camera;
     camera.width = width;
@@ -120,10 +125,10 @@ template <Scalar T, Distortion D>
 Pinhole<T, D> scaled(Pinhole<T, D> camera, double factor) {
     const double w = std::round(camera.width * factor), h = std::round(camera.height * factor);
     require(w >= 1 && h >= 1 && w < 1e6 && h < 1e6, "scaled",
-            "got the factor " + std::to_string(factor) + " for an image of " +
+            "factor " + std::to_string(factor) + " for an image of " +
                 std::to_string(camera.width) + " x " + std::to_string(camera.height) +
-                " pixels, expected 1 to 999999 pixels a side");
-    // Sizes that do not divide evenly stretch the pixels a little, so the view stays whole.
+                " pixels, expected a result of 1 to 999999 pixels a side");
+    // Sizes that do not divide evenly scale x and y separately, so the field of view is unchanged.
     const T sx = T(w / camera.width), sy = T(h / camera.height);
     camera.fx = camera.fx * sx;
     camera.cx = camera.cx * sx;

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/distortion.hpp: how a lens bends the image: the policy of a camera. A pinhole's
-/// bends nothing and is not there. Slopes s = (x/z, y/z) in the camera's frame, without a unit,
-/// become D(s), which the focal lengths take to pixels: u = fx D(s).x + cx.
+/// rye/geometry/distortion.hpp: lens distortion as a policy of the camera; that of a pinhole is
+/// empty. Slopes s = (x/z, y/z) in the camera frame, dimensionless, become D(s), which the focal
+/// lengths scale to pixels: u = fx D(s).x + cx.
 ///     D(s) = s (1 + k1 r^2 + k2 r^4 + k3 r^6) + tangential, r = |s|
-/// D is one-to-one up to the least r at which the radial part turns back (its fold), and as far as
-/// its determinant is positive. What lies beyond is not seen: such points are culled.
-/// Source: Brown, "Decentering Distortion of Lenses", 1966; the signs and the order of p1 and p2
-/// are OpenCV's, and so of COLMAP's OPENCV and of transforms.json.
+/// D is one-to-one up to the least r at which the radial part turns back (the fold), and where the
+/// determinant of its Jacobian is positive. Points beyond are culled.
+/// Source: Brown, "Decentering Distortion of Lenses", 1966; signs and order of p1 and p2 as in
+/// OpenCV, COLMAP's OPENCV model and transforms.json.
 #pragma once
 
 #include <cmath>
@@ -16,14 +16,14 @@
 
 namespace rye {
 
-/// A slope as the lens bends it, and its Jacobian J_at_s, which is symmetric.
+/// A distorted slope D(s), and the Jacobian of D, which is symmetric.
 template <Scalar T>
 struct Distorted {
     Vec2<T> at;
     Sym2<T> slope;
 };
 
-/// The lens of a pinhole.
+/// A lens without distortion.
 struct NoDistortion {
     static constexpr bool distorts = false;
     template <Scalar U>
@@ -51,7 +51,7 @@ struct BrownConrady {
                  radial + two * y * y * rate + six * p1 * y + two * p2 * x}};
     }
 
-    /// Cotangent of s for one of the Jacobian's stored numbers.
+    /// Cotangent of s, given that of the Jacobian's stored numbers.
     RYE_HD Vec2<T> slope_vjp(const Vec2<T>& s, const Sym2<T>& g) const {
         const T x = s[0], y = s[1], t = x * x + y * y, two = T(2), four = T(4), six = T(6);
         const T rate = k1 + t * (two * k2 + T(3) * t * k3);
@@ -64,7 +64,7 @@ struct BrownConrady {
                        g.xx * xxy + g.xy * xyy + g.yy * yyy);
     }
 
-    /// r^2 of the fold; infinite if the radial part never turns back. By value.
+    /// r^2 of the fold; infinite if the radial part never turns back. Without derivative.
     RYE_HD real_t<T> fold() const {
         using R = real_t<T>;
         // d(r D)/dr = 1 + 3 k1 t + 5 k2 t^2 + 7 k3 t^3: its first root, between turning points.
@@ -72,7 +72,7 @@ struct BrownConrady {
         const auto rise = [&](double t) { return 1 + t * (a + t * (b + t * c)); };
         double ends[3]{0, 0, 0};
         const double root = b * b - 3 * a * c;
-        if (root >= 0) {  // of a + 2 b t + 3 c t^2, none of them by cancellation
+        if (root >= 0) {  // roots of a + 2 b t + 3 c t^2 without cancellation
             const double q = -(b + std::copysign(std::sqrt(root), b));
             ends[0] = c != 0 ? q / (3 * c) : 0;
             ends[1] = q != 0 ? a / q : 0;
@@ -108,7 +108,7 @@ struct BrownConrady {
         const auto to = [](const T& x) { return static_cast<U>(x); };
         return {to(k1), to(k2), to(k3), to(p1), to(p2)};
     }
-    /// Without derivatives.
+    /// The same lens in double, without derivatives.
     RYE_HD BrownConrady<double> values() const {
         return {number(k1), number(k2), number(k3), number(p1), number(p2)};
     }
@@ -117,8 +117,8 @@ struct BrownConrady {
     RYE_HD static double number(const T& x) { return static_cast<double>(value_of(x)); }
 };
 
-/// What a camera takes for its lens: one that says it bends nothing, or bends slopes, knows the
-/// cotangent of its Jacobian, and how far it is to be trusted.
+/// Lens policy of a camera: NoDistortion, or a type with the distorted slope, the cotangent of its
+/// Jacobian, and the fold up to which it is valid.
 template <class D>
 concept Distortion =
     std::same_as<D, NoDistortion> ||
@@ -131,21 +131,21 @@ concept Distortion =
 static_assert(Distortion<NoDistortion> && Distortion<BrownConrady<float>> &&
               !Distortion<Distorted<float>>);
 
-/// Whether a slope is one that the lens shows: before its fold, at a positive determinant.
+/// Whether the lens is valid at a slope: before its fold, at a positive determinant.
 template <Scalar T>
 RYE_HD auto within_lens(const Vec2<T>& s, const Sym2<T>& slope, const T& fold) {
     return (s[0] * s[0] + s[1] * s[1] < fold) && (slope.determinant() > T(0));
 }
 
-/// A slope that a lens bends to where it is asked for.
+/// Result of undistort.
 template <Scalar T>
 struct Undistorted {
     Vec2<T> slope;
-    bool reached;                ///< else no slope before the fold is bent there
+    bool reached;                ///< whether a slope before the fold solves D(slope) = at
 };
 
-/// The slope s with D(s) = at: Newton's method from within the fold, on values; the last step
-/// carries derivatives.
+/// Solves D(s) = at by damped Newton steps from within the fold, on values; the last step carries
+/// the derivatives.
 template <Distortion D, Scalar T>
 RYE_HD Undistorted<T> undistort(const D& lens, const Vec2<T>& at) {
     using R = real_t<T>;
@@ -163,7 +163,7 @@ RYE_HD Undistorted<T> undistort(const D& lens, const Vec2<T>& at) {
         if (far <= close || !(det > 0)) break;
         const Vec2<double> step((b.slope.yy * miss[0] - b.slope.xy * miss[1]) / det,
                                 (b.slope.xx * miss[1] - b.slope.xy * miss[0]) / det);
-        // Shorter steps until it is within the lens and nearer.
+        // Halves the step until it stays within the fold and reduces the residual.
         double part = 1;
         Vec2<double> to(s + step);
         Distorted<double> c = exact.distort(to);

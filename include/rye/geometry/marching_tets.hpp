@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/geometry/marching_tets.hpp: the zero surface of a signed distance given at the vertices of a
 /// tetrahedral grid, and its vjp. sdf > 0 is outside, face normals point outside. The topology is
-/// found from values and holds no scalar, so positions can be differentiated on a fixed topology.
+/// built from values and holds no scalar, so positions can be differentiated on a fixed topology.
 /// Frame and units are those of the grid. Source: Doi and Koide, 1991; triangle table of DMTet.
 #pragma once
 
@@ -18,14 +18,14 @@
 
 namespace rye {
 
-/// How an edge is cut where the formula t = s_a / (s_a - s_b) is singular or degenerate.
+/// Treatment of edges on which the formula t = s_a / (s_a - s_b) is singular or degenerate.
 struct EdgeCut {
-    /// If |s_a - s_b| is less, t = 1/2 with gradient 0: dt/ds is 1 / |s_a - s_b|, so larger
-    /// gradients than 1e8 would only be noise. [units of the sdf]
+    /// If |s_a - s_b| is less, t = 1/2 with gradient 0: dt/ds is 1 / |s_a - s_b|, and gradients
+    /// above 1e8 would only be noise. [units of the sdf]
     double min_difference = 1e-8;
-    /// t stays this far from 0 and 1, gradient 0 beyond: a distance of exactly 0 at a grid vertex
-    /// would otherwise give faces without area. A hundredth of a percent of an edge is not visible,
-    /// and still hundreds of float ulps in a grid a thousand cells wide. [1]
+    /// t is clamped to [min_fraction, 1 - min_fraction], gradient 0 beyond: a distance of exactly 0
+    /// at a grid vertex would otherwise give faces without area. 1e-4 of an edge is invisible, yet
+    /// hundreds of float ulps in a grid of a thousand cells. [1]
     double min_fraction = 1e-4;
 };
 
@@ -70,18 +70,18 @@ inline constexpr std::array<TetCase, 16> tet_cases{{{0, {}},
 
 } // namespace detail
 
-/// The topology of the zero surface of sdf, 1 x V. A vertex with sdf = 0 counts as inside.
+/// The topology of the zero surface of sdf, 1 x V; sdf = 0 is inside. Throws Error if not finite.
 template <class T>
 SurfaceTopology surface_topology(const TetTopology& grid, const ColumnsView<T>& sdf) {
     RYE_ASSERT(sdf.rows() == 1 && sdf.cols() == grid.vertex_count,
-               "surface_topology: sdf not 1 x V");
+               "surface_topology: sdf is not 1 x V");
     using std::isfinite;
     const auto at = [](Index i) { return static_cast<std::size_t>(i); };
     std::vector<std::uint8_t> outside(at(grid.vertex_count));
     for (Index v = 0; v < grid.vertex_count; ++v) {
         if (!isfinite(sdf(0, v)))
-            throw Error("surface_topology: got a non-finite sdf at vertex " + std::to_string(v) +
-                        ", expected finite values");
+            throw Error("surface_topology: the sdf at vertex " + std::to_string(v) + " is " +
+                        std::to_string(static_cast<double>(value_of(sdf(0, v)))) + ", not finite");
         outside[at(v)] = value_of(sdf(0, v)) > 0 ? 1 : 0;
     }
     SurfaceTopology out;
@@ -133,7 +133,7 @@ Columns<T> crossing_fractions(const SurfaceTopology& surface, const ColumnsView<
     return t;
 }
 
-/// Adds to g_sdf, 1 x V, from the gradient to the fractions, 1 x M.
+/// Adds to g_sdf, 1 x V, the gradient by way of the fractions, given theirs, 1 x M.
 /// dt/ds_a = -s_b / (s_a - s_b)^2 = (1 - t) / (s_a - s_b), dt/ds_b = t / (s_a - s_b).
 template <class T>
 void crossing_fractions_vjp(const SurfaceTopology& surface, const ColumnsView<T>& sdf,
@@ -152,7 +152,7 @@ void crossing_fractions_vjp(const SurfaceTopology& surface, const ColumnsView<T>
     }
 }
 
-/// Values at grid vertices, C x V, at the surface's vertices, C x M: v_a + t (v_b - v_a).
+/// Interpolates grid values, C x V, at the surface's vertices, C x M: v_a + t (v_b - v_a).
 template <class T>
 Columns<T> interpolate(const SurfaceTopology& surface, const ColumnsView<T>& fraction,
                        const ColumnsView<T>& values) {
@@ -164,11 +164,13 @@ Columns<T> interpolate(const SurfaceTopology& surface, const ColumnsView<T>& fra
     return out;
 }
 
-/// Adds to g_values, C x V, and g_fraction, 1 x M, from the gradient to the result, C x M.
+/// Returns the gradient of values, C x V, and adds that of fraction, 1 x M, given that of the
+/// result, C x M.
 template <class T>
-void interpolate_vjp(const SurfaceTopology& surface, const ColumnsView<T>& fraction,
-                     const ColumnsView<T>& values, const ColumnsView<T>& g_out,
-                     Columns<T>& g_values, Columns<T>& g_fraction) {
+Columns<T> interpolate_vjp(const SurfaceTopology& surface, const ColumnsView<T>& fraction,
+                           const ColumnsView<T>& values, const ColumnsView<T>& g_out,
+                           Columns<T>& g_fraction) {
+    Columns<T> g_values = Columns<T>::Zero(values.rows(), values.cols());
     for (Index i = 0; i < surface.vertex_count(); ++i) {
         const auto [a, b] = surface.edges[static_cast<std::size_t>(i)];
         const T t = fraction(0, i);
@@ -176,9 +178,10 @@ void interpolate_vjp(const SurfaceTopology& surface, const ColumnsView<T>& fract
         g_values.col(a) += (T(1) - t) * g_out.col(i);
         g_values.col(b) += t * g_out.col(i);
     }
+    return g_values;
 }
 
-/// The positions, 3 x M, of a known topology.
+/// The vertex positions, 3 x M, on a fixed topology.
 template <class T>
 Columns<T> surface_positions(const SurfaceTopology& surface, const ColumnsView<T>& vertices,
                              const ColumnsView<T>& sdf, const EdgeCut& cut = {}) {
@@ -196,6 +199,21 @@ Surface<T> marching_tetrahedra(const TetTopology& grid, const ColumnsView<T>& ve
     return out;
 }
 
+/// Inputs of a surface and of features on it, at grid vertices.
+template <Scalar T>
+struct SurfaceInputs {
+    ColumnsView<T> vertices;  ///< 3 x V
+    ColumnsView<T> sdf;       ///< 1 x V
+    ColumnsView<T> features;  ///< C x V, C may be 0
+};
+
+/// Cotangents at the surface's vertices.
+template <Scalar T>
+struct SurfaceCotangent {
+    ColumnsView<T> positions;  ///< 3 x M
+    ColumnsView<T> features;   ///< C x M, interpolated
+};
+
 template <Scalar T>
 struct SurfaceGradient {
     Columns<T> vertices;  ///< 3 x V
@@ -203,26 +221,25 @@ struct SurfaceGradient {
     Columns<T> features;  ///< C x V
 };
 
-/// Gradients to the grid's vertices, sdf and features from those to the surface's positions, 3 x M,
-/// and interpolated features, C x M (C may be 0).
+/// Gradients of the grid's vertices, sdf and features, given those at the surface's vertices.
 template <class T>
-SurfaceGradient<T> surface_vjp(const Surface<T>& surface, const ColumnsView<T>& vertices,
-                               const ColumnsView<T>& sdf, const ColumnsView<T>& features,
-                               const ColumnsView<T>& g_positions, const ColumnsView<T>& g_features,
-                               const EdgeCut& cut = {}) {
+SurfaceGradient<T> surface_vjp(const Surface<T>& surface, const SurfaceInputs<T>& in,
+                               const SurfaceCotangent<T>& g_out, const EdgeCut& cut = {}) {
     const SurfaceTopology& top = surface.topology;
-    SurfaceGradient<T> g{Columns<T>::Zero(3, vertices.cols()), Columns<T>::Zero(1, sdf.cols()),
-                         Columns<T>::Zero(features.rows(), features.cols())};
+    const ColumnsView<T>& features = in.features;
     Columns<T> g_fraction = Columns<T>::Zero(1, top.vertex_count());
-    interpolate_vjp<T>(top, surface.fraction, vertices, g_positions, g.vertices, g_fraction);
+    SurfaceGradient<T> g{
+        interpolate_vjp<T>(top, surface.fraction, in.vertices, g_out.positions, g_fraction),
+        Columns<T>::Zero(1, in.sdf.cols()), Columns<T>::Zero(features.rows(), features.cols())};
     if (features.rows() > 0)
-        interpolate_vjp<T>(top, surface.fraction, features, g_features, g.features, g_fraction);
-    crossing_fractions_vjp<T>(top, sdf, g_fraction, g.sdf, cut);
+        g.features =
+            interpolate_vjp<T>(top, surface.fraction, features, g_out.features, g_fraction);
+    crossing_fractions_vjp<T>(top, in.sdf, g_fraction, g.sdf, cut);
     return g;
 }
 
-/// The grid vertices that a surface touches, ascending. Only they carry a gradient, so networks
-/// over the grid need a trace, and a backward pass, for them alone.
+/// The grid vertices on edges that the surface cuts, ascending. Only they have a gradient, so
+/// networks over the grid need a trace and a backward pass for them alone.
 inline std::vector<Index> touched_vertices(const SurfaceTopology& surface) {
     std::vector<Index> out;
     out.reserve(2 * surface.edges.size());
@@ -232,7 +249,7 @@ inline std::vector<Index> touched_vertices(const SurfaceTopology& surface) {
     return out;
 }
 
-/// The same surface over the touched vertices alone: indices of edges become places in the list.
+/// The same surface with its edges renumbered to indices into the list `touched`.
 inline SurfaceTopology over_touched(SurfaceTopology surface, const std::vector<Index>& touched) {
     const auto place = [&](Index v) {
         return std::lower_bound(touched.begin(), touched.end(), v) - touched.begin();

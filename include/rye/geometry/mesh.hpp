@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/geometry/mesh.hpp: a triangle mesh and its uniform Laplacian.
-/// Frame and units are those of the vertices. A face's corners turn counter-clockwise when seen
-/// from the side that its normal points to (outside). Source: the Laplacian of Gaussian Head
-/// Avatar's guidance mesh (every face counts its two edges).
+/// Frame and units are those of the vertices. Corners of a face are counter-clockwise as seen from
+/// outside, where its normal points. Source: the Laplacian of Gaussian Head Avatar's guidance mesh
+/// (every face counts its two edges).
 #pragma once
 
 #include <array>
@@ -23,8 +23,8 @@ struct TriangleMesh {
     std::vector<Face> faces;  ///< indices of vertices
 };
 
-/// (b - a) x (c - a): twice the area times the outward normal. Differences come first, so a small
-/// triangle far from the origin keeps its digits.
+/// (b - a) x (c - a): twice the area times the outward normal. Takes differences first, so a small
+/// triangle far from the origin stays accurate.
 template <Scalar T>
 Vec3<T> area_vector(const Vec3<T>& a, const Vec3<T>& b, const Vec3<T>& c) {
     return cross<T>(Vec3<T>(b - a), Vec3<T>(c - a));
@@ -60,7 +60,7 @@ Columns<T> uniform_laplacian(const ColumnsView<T>& vertices, const std::vector<F
     return sum;
 }
 
-/// Gradient to the vertices, D x V, from the gradient to the Laplacian, D x V.
+/// Gradient of the vertices, D x V, given that of the Laplacian, D x V.
 template <class T>
 Columns<T> laplacian_vjp(const std::vector<Face>& faces, const ColumnsView<T>& g_laplacian) {
     const std::vector<Index> counts = face_counts(g_laplacian.cols(), faces);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/mesh_raster.hpp: a z-buffered image of a triangle mesh with interpolated
+/// rye/geometry/mesh_raster.hpp: z-buffer rasterisation of a triangle mesh with interpolated
 /// attributes, and its vjp. Vertices in the world [world units], images as in core/columns.hpp,
-/// depth = camera z. A face is drawn if normal . view < 0: corners turn counter-clockwise seen from
-/// outside, so its outside faces the camera. Gradients reach the attributes, the vertices through
-/// perspective-correct barycentrics, and the vertices through the soft silhouette; never the
-/// visibility, nor the camera. Source: kaolin's DIB-R as Gaussian Head Avatar uses it; homogeneous
-/// edge functions as Olano and Greer, "Triangle Scan Conversion using 2D Homogeneous Coordinates",
+/// depth = camera z. A face is visible if normal . view < 0, its outside towards the camera
+/// (corners are counter-clockwise seen from outside). Gradients reach the attributes, and the
+/// vertices through perspective-correct barycentrics and the soft silhouette; not the visibility
+/// nor the camera. Source: kaolin's DIB-R as Gaussian Head Avatar uses it; homogeneous edge
+/// functions as in Olano and Greer, "Triangle Scan Conversion using 2D Homogeneous Coordinates",
 /// 1997.
 #pragma once
 
@@ -20,38 +20,38 @@
 
 namespace rye {
 
-/// Which faces the z-buffer leaves out. The silhouette counts all that are in front.
+/// Faces that the z-buffer skips. The silhouette includes all in front of the camera.
 enum class Culling {
-    back_faces,  ///< those whose inside is seen: leaves no gap at the silhouette of a closed mesh
-    normal_z,    ///< those whose normal points away from the image plane: as the reference does
+    back_faces,  ///< normal . view >= 0: leaves no gap at the silhouette of a closed mesh
+    normal_z,    ///< normals that point away from the image plane, as in the reference
     none
 };
 
 struct MeshRasterSettings {
     Culling culling = Culling::back_faces;
-    /// Smaller faces are skipped: barycentrics divide by the area, and a face that small holds a
-    /// pixel's centre only by chance. [px^2]
+    /// Smaller faces are skipped: barycentrics divide by the area, and a face that small covers a
+    /// pixel centre only by chance. [px^2]
     double min_area = 1e-8;
     SilhouetteSettings silhouette = {};
 };
 
 template <Scalar T>
 struct MeshRaster {
-    Image<T> attributes;         ///< C channels, 0 where no face is
-    Image<T> mask;               ///< 1 where a face is, else 0
-    Image<T> depth;              ///< camera z [world units], 0 where no face is
+    Image<T> attributes;         ///< C channels, 0 without a face
+    Image<T> mask;               ///< 1 with a face, else 0
+    Image<T> depth;              ///< camera z [world units], 0 without a face
     Image<T> silhouette;         ///< the soft mask, in 0 ... 1
-    std::vector<Index> face;     ///< of each pixel, -1: none
-    Columns<T> barycentric;      ///< 3 x pixels, perspective-correct, 0 where no face is
+    std::vector<Index> face;     ///< index per pixel, -1: none
+    Columns<T> barycentric;      ///< 3 x pixels, perspective-correct, 0 without a face
     Index rejected_faces = 0;    ///< at or behind near_depth, or not finite
     Index degenerate_faces = 0;  ///< in front, but smaller than min_area
 
-    ScreenMesh<T> screen;                      ///< kept for the vjp, as the next two
-    std::vector<SilhouetteTrace> silhouettes;  ///< of each band
+    ScreenMesh<T> screen;                      ///< kept for the vjp, as are the next two
+    std::vector<SilhouetteTrace> silhouettes;  ///< one per band
     MeshRasterSettings settings;
 };
 
-/// Gradients to the images of a MeshRaster; null means 0.
+/// Gradients of the images of a MeshRaster; null means 0.
 template <Scalar T>
 struct MeshRasterCotangent {
     const Columns<T>* attributes = nullptr;  ///< C x pixels
@@ -68,8 +68,8 @@ struct MeshRasterGradient {
 namespace detail {
 
 /// Corners of a face moved along z so that the pixel's ray is the axis, r_k = xy_k - z_k ray: then
-/// e_k = r_(k+1) x r_(k+2) are the homogeneous edge functions, and e_k / sum e are the
-/// perspective-correct barycentrics. Nothing is divided by a depth.
+/// e_k = r_(k+1) x r_(k+2) are the homogeneous edge functions, and e_k / sum e the
+/// perspective-correct barycentrics, without a division by depth.
 template <class W>
 struct PixelFace {
     std::array<Vec2<W>, 3> r;
@@ -91,24 +91,24 @@ struct PixelFace {
 };
 
 /// The z-buffer of one band of rows, decided on values alone.
-template <class W>
-void nearest_faces(const Columns<W>& camera, const std::vector<Face>& faces,
-                   const std::vector<ScreenFace>& boxes,
-                   std::pair<const Index*, const Index*> range, const Pinhole<double>& view,
-                   int row, const MeshRasterSettings& settings, Index* pixel_face, int rows) {
+template <class T>
+void nearest_faces(const ScreenFaces<T>& screen, const FaceBand& band, const Pinhole<double>& view,
+                   const MeshRasterSettings& settings, Index* pixel_face) {
+    const auto& camera = screen.mesh.camera;
+    const int row = band.row, rows = band.rows;
     std::vector<double> rays(static_cast<std::size_t>(view.width));
     for (std::size_t px = 0; px < rays.size(); ++px)
         rays[px] = (static_cast<double>(px) + 0.5 - view.cx) / view.fx;
     std::vector<double> nearest(static_cast<std::size_t>(rows * view.width),
                                 std::numeric_limits<double>::infinity());
-    for (const Index* it = range.first; it != range.second; ++it) {
-        const ScreenFace& box = boxes[static_cast<std::size_t>(*it)];
+    for (const Index* it = band.first; it != band.last; ++it) {
+        const ScreenFace& box = screen.boxes[static_cast<std::size_t>(*it)];
         if (std::abs(box.area) < settings.min_area) continue;
         if (settings.culling == Culling::back_faces && box.area < 0) continue;
         if (settings.culling == Culling::normal_z && box.normal_z > 0) continue;
-        // Edge functions are taken from the lower to the higher vertex index: the two faces of an
-        // edge then get opposite numbers to the last bit, and no pixel falls between them.
-        Face f = faces[static_cast<std::size_t>(*it)];
+        // Edge functions are evaluated from the lower to the higher vertex index: the two faces of
+        // an edge get exactly opposite values, and no pixel falls between them.
+        Face f = screen.faces[static_cast<std::size_t>(*it)];
         bool even = true;
         for (const auto& [i, j] : {std::pair<std::size_t, std::size_t>{0, 1}, {1, 2}, {0, 1}})
             if (f[i] > f[j]) std::swap(f[i], f[j]), even = !even;
@@ -145,15 +145,24 @@ void nearest_faces(const Columns<W>& camera, const std::vector<Face>& faces,
 
 } // namespace detail
 
-/// Draws vertices (3 x M, world) and faces with attributes (C x M). No faces: an empty image.
+/// A mesh with attributes at its vertices, to be rasterized.
+template <class T>
+struct AttributeMesh {
+    ColumnsView<T> vertices;         ///< 3 x M, world
+    const std::vector<Face>& faces;
+    ColumnsView<T> attributes;       ///< C x M
+};
+
+/// Rasterizes a mesh. No faces: empty images.
 template <class T, Backend B>
-MeshRaster<T> rasterize_mesh(const B& backend, const ColumnsView<T>& vertices,
-                             const std::vector<Face>& faces, const Pinhole<real_t<T>>& camera,
-                             const ColumnsView<T>& attributes,
+MeshRaster<T> rasterize_mesh(const B& backend, const AttributeMesh<T>& mesh,
+                             const Pinhole<real_t<T>>& camera,
                              const MeshRasterSettings& settings = {}) {
     using W = widened_t<T>;
+    const ColumnsView<T>&vertices = mesh.vertices, &attributes = mesh.attributes;
+    const std::vector<Face>& faces = mesh.faces;
     RYE_ASSERT(vertices.rows() == 3 && vertices.cols() == attributes.cols(),
-               "rasterize_mesh: vertices not 3 x M or attributes not C x M");
+               "rasterize_mesh: vertices are not 3 x M or attributes not C x M");
     const int width = camera.width, height = camera.height;
     const Pinhole<double> view = camera.template cast<double>();
     MeshRaster<T> out;
@@ -170,14 +179,15 @@ MeshRaster<T> rasterize_mesh(const B& backend, const ColumnsView<T>& vertices,
     }
     const FaceBands bands = face_bands(boxes, width, height, settings.silhouette.pixels(width));
     out.silhouettes.resize(static_cast<std::size_t>(bands.count()));
+    const ScreenFaces<T> screen{out.screen, faces, boxes};
 
-    for_chunks(backend.threads, height, FaceBands::rows, [&](Index y0, Index y1, Index band) {
-        const Index* first = bands.faces.data() + bands.begin[static_cast<std::size_t>(band)];
-        const Index* last = bands.faces.data() + bands.begin[static_cast<std::size_t>(band) + 1];
-        const int row = static_cast<int>(y0), rows = static_cast<int>(y1 - y0);
+    for_chunks(backend.threads, height, FaceBands::rows, [&](Index y0, Index y1, Index b) {
+        const std::size_t number = static_cast<std::size_t>(b);
+        const FaceBand band{bands.faces.data() + bands.begin[number],
+                            bands.faces.data() + bands.begin[number + 1], static_cast<int>(y0),
+                            static_cast<int>(y1 - y0)};
         const Index begin = y0 * width, end = y1 * width;
-        detail::nearest_faces(out.screen.camera, faces, boxes, {first, last}, view, row, settings,
-                              out.face.data() + begin, rows);
+        detail::nearest_faces(screen, band, view, settings, out.face.data() + begin);
         std::vector<std::uint8_t> covered(static_cast<std::size_t>(end - begin));
         for (Index p = begin; p < end; ++p) {
             const Index found = out.face[static_cast<std::size_t>(p)];
@@ -199,29 +209,29 @@ MeshRaster<T> rasterize_mesh(const B& backend, const ColumnsView<T>& vertices,
                                            out.barycentric(2, p) * attributes.col(f[2]);
         }
         if (settings.silhouette.max_faces <= 0) return;
-        SilhouetteTrace& trace = out.silhouettes[static_cast<std::size_t>(band)];
-        trace = silhouette_trace(out.screen, faces, boxes, first, last, covered, row, width,
-                                 settings.silhouette);
+        SilhouetteTrace& trace = out.silhouettes[number];
+        trace = silhouette_trace(screen, band, covered, width, settings.silhouette);
         for (std::size_t i = 0; i < trace.pixel.size(); ++i)
             out.silhouette.pixels(0, trace.pixel[i]) = scalar_cast<T>(silhouette_value(
-                out.screen, trace, i, width, settings.silhouette.sharpness));
+                out.screen, {trace, i, width, settings.silhouette.sharpness}));
     });
     return out;
 }
 
-/// Gradients to vertices and attributes from those to the images.
+/// Gradients of vertices and attributes, given those of the images, with the same mesh and camera.
 template <class T, Backend B>
 MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& raster,
-                                         const std::vector<Face>& faces,
+                                         const AttributeMesh<T>& mesh,
                                          const Pinhole<real_t<T>>& camera,
-                                         const ColumnsView<T>& attributes,
                                          const MeshRasterCotangent<T>& g) {
     using W = widened_t<T>;
+    const std::vector<Face>& faces = mesh.faces;
+    const ColumnsView<T>& attributes = mesh.attributes;
     const Pinhole<double> view = camera.template cast<double>();
     const Columns<W>& points = raster.screen.camera;
     const int width = raster.mask.width;
     const Index pixels = raster.mask.size();
-    std::vector<Index> drawn, band_begin;  // pixels with a face; those of band b start there
+    std::vector<Index> drawn, band_begin;  // pixels with a face; first of them of each band
     for (Index p = 0; p < pixels; ++p) {
         if (p % (static_cast<Index>(width) * FaceBands::rows) == 0)
             band_begin.push_back(static_cast<Index>(drawn.size()));
@@ -229,14 +239,14 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& 
     }
     band_begin.push_back(static_cast<Index>(drawn.size()));
 
-    // First every pixel's share, in parallel; then sums over pixels, in parallel over channels, so
-    // that each sum is taken in the order of the pixels.
+    // Contributions of every pixel first, in parallel; then sums over pixels, in parallel over
+    // channels, so that each sum is in the order of the pixels.
     struct ImageShare {
         Index vertex;
         Vec2<W> g;
     };
     Columns<W> corner(9,
-                      static_cast<Index>(drawn.size())); // gradients to the corners, camera frame
+                      static_cast<Index>(drawn.size())); // gradients of the corners, camera frame
     std::vector<std::vector<ImageShare>> outline(raster.silhouettes.size());
     for_chunks(backend.threads, static_cast<Index>(outline.size()), 1, [&](Index b, Index, Index) {
         const std::size_t band = static_cast<std::size_t>(b);
@@ -277,8 +287,9 @@ MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& 
         for (std::size_t i = 0; i < trace.pixel.size(); ++i) {
             const W g_soft = scalar_cast<W>((*g.silhouette)(0, trace.pixel[i]));
             if (value_of(g_soft) == 0) continue;
-            silhouette_vjp(raster.screen, trace, i, width, raster.settings.silhouette.sharpness,
-                           g_soft, [&](Index v, const Vec2<W>& share) {
+            silhouette_vjp(raster.screen,
+                           {trace, i, width, raster.settings.silhouette.sharpness}, g_soft,
+                           [&](Index v, const Vec2<W>& share) {
                                outline[band].push_back({v, share});
                            });
         }

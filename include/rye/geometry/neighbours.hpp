@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/neighbours.hpp: distances to the nearest neighbours within one cloud of points,
-/// through a uniform grid. Used once, for the first scales of Gaussians. Source: 3DGS,
+/// rye/geometry/neighbours.hpp: distances to the nearest neighbours within a point cloud, by a
+/// uniform grid. Used for the initial scales of Gaussians. Source: 3DGS,
 /// initialisation.
 #pragma once
 
@@ -16,15 +16,15 @@
 
 namespace rye {
 
-/// Mean squared distance of each point (3 x N) to its `k` nearest others, 1 x N. Fewer than k
-/// others: the mean over those; a point alone: 0.
+/// Mean squared distance of each point (3 x N) to its `k` nearest others, 1 x N; with fewer than k
+/// others, to all of them; 0 for a single point.
 template <Real T, Backend B>
 Columns<T> mean_squared_neighbour_distance(const B& backend, const Columns<T>& points, int k = 3) {
     const Index n = points.cols();
     Columns<T> result = Columns<T>::Zero(1, n);
     if (n < 2) return result;
     const Vec3<T> lo = points.rowwise().minCoeff(), hi = points.rowwise().maxCoeff();
-    // About two points a cell if they lay on a surface: cells along a side ~ sqrt(n / 2).
+    // About two points a cell for points on a surface: cells along a side ~ sqrt(n / 2).
     const T extent = std::max((hi - lo).maxCoeff(), std::numeric_limits<T>::min());
     const Index cells = std::clamp<Index>(static_cast<Index>(std::sqrt(double(n) / 2.0)), 1, 128);
     const T edge = extent / static_cast<T>(cells) * T(1.0001);
@@ -51,7 +51,7 @@ Columns<T> mean_squared_neighbour_distance(const B& backend, const Columns<T>& p
         for (Index i = b; i < e; ++i) {
             const std::array<Index, 3> home = cell_of(i);
             best.assign(wanted, std::numeric_limits<T>::max());
-            // Rings of cells outward until no nearer point can be in the next ring.
+            // Rings of cells outwards until the next ring cannot hold a nearer point.
             for (Index ring = 0; ring < cells; ++ring) {
                 std::array<Index, 3> c{};
                 for (c[2] = std::max<Index>(0, home[2] - ring);
@@ -76,7 +76,7 @@ Columns<T> mean_squared_neighbour_distance(const B& backend, const Columns<T>& p
                             }
                         }
                     }
-                const T reached = static_cast<T>(ring) * edge;  // all points nearer are seen
+                const T reached = static_cast<T>(ring) * edge;  // all nearer points are visited
                 if (best.back() <= reached * reached) break;
             }
             T sum = T(0);

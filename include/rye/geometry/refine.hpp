@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/refine.hpp: a surface with more vertices where they are wanted.
-/// Units are those of the vertices; corners keep their turn (see rye/geometry/mesh.hpp).
+/// rye/geometry/refine.hpp: adaptive refinement of a triangle mesh by edge bisection.
+/// Units are those of the vertices; orientation is preserved (see rye/geometry/mesh.hpp).
 /// Source: edge bisection with the usual 1-, 2- and 3-edge templates.
 #pragma once
 
@@ -13,9 +13,9 @@
 
 namespace rye {
 
-/// Halves every edge that is longer than spacing(its middle), up to `passes` times. `attributes`
-/// (D x V) follow linearly. New vertices come after the old ones, in an order that depends on the
-/// faces' order alone. spacing: Vec3<T> -> T, in the units of the vertices.
+/// Halves every edge longer than spacing(midpoint), up to `passes` times. `attributes` (D x V) are
+/// interpolated linearly. New vertices follow the old ones, in an order that depends on the faces'
+/// order alone. spacing: Vec3<T> -> T, in the units of the vertices.
 template <Scalar T, class Spacing>
 void refine(TriangleMesh<T>& mesh, Columns<T>& attributes, Spacing&& spacing, int passes) {
     const auto at = [](Index i) { return static_cast<std::size_t>(i); };
@@ -42,7 +42,7 @@ void refine(TriangleMesh<T>& mesh, Columns<T>& attributes, Spacing&& spacing, in
             std::array<Index, 3> m{split(f[0], f[1]), split(f[1], f[2]), split(f[2], f[0])};
             const auto count = std::count_if(m.begin(), m.end(), [](Index i) { return i >= 0; });
             std::array<Index, 3> v{f[0], f[1], f[2]};
-            // Turn the corners until edge 0 is halved, and edge 2 is not unless all are.
+            // Rotates the corners until edge 0 is halved, and edge 2 is not unless all are.
             for (int turn = 0; turn < 3 && count > 0 && count < 3 && (m[0] < 0 || m[2] >= 0);
                  ++turn) {
                 std::rotate(m.begin(), m.begin() + 1, m.end());

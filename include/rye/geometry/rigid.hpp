@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/rigid.hpp: rigid motions y = R x + t. A motion is named after its frames,
+/// rye/geometry/rigid.hpp: rigid motions y = R x + t, named after their frames,
 /// `target_from_source`, so that neighbours cancel: a_from_c = compose(a_from_b, b_from_c).
 #pragma once
 
@@ -12,13 +12,13 @@ struct Rigid {
     Mat3<T> rotation = identity_rotation();                 ///< orthogonal, determinant 1
     Vec3<T> translation = Vec3<T>(T(0), T(0), T(0));        ///< [length of the target frame]
 
-    /// A point from the source frame to the target frame.
+    /// Maps a point from the source frame to the target frame.
     RYE_HD Vec3<T> apply(const Vec3<T>& x) const {
         const Vec3<T> r = turn(x);
         return Vec3<T>(r[0] + translation[0], r[1] + translation[1], r[2] + translation[2]);
     }
 
-    /// A direction: the rotation alone.
+    /// Rotates a direction.
     RYE_HD Vec3<T> turn(const Vec3<T>& v) const {
         Vec3<T> r;
         for (int i = 0; i < 3; ++i)
@@ -26,7 +26,7 @@ struct Rigid {
         return r;
     }
 
-    /// A direction turned back; also the cotangent of x for apply.
+    /// Rotates a direction by the inverse; also the cotangent of x for apply.
     RYE_HD Vec3<T> turn_back(const Vec3<T>& v) const {
         Vec3<T> r;
         for (int i = 0; i < 3; ++i)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/screen_mesh.hpp: a mesh seen by a pinhole camera: vertices in the camera and in the
-/// image, a box and a facing for each face, faces sorted into bands of rows.
+/// rye/geometry/screen_mesh.hpp: a mesh projected by a pinhole camera: vertices in the camera and
+/// image frames, bounding box and facing of each face, faces binned into bands of rows.
 /// Frames: world [world units]; camera (x right, y down, z forward); image [px], centres at +0.5.
 #pragma once
 
@@ -15,23 +15,23 @@
 
 namespace rye {
 
-/// Vertices before a camera. Faces are a few pixels wide and far away, so their barycentrics
-/// subtract nearly equal numbers: everything is kept widened (double for float).
+/// Projected vertices. Faces are a few pixels wide and far away, so their barycentrics subtract
+/// nearly equal numbers: everything is kept widened (double for float).
 template <Scalar T>
 struct ScreenMesh {
     Columns<widened_t<T>> camera;  ///< 3 x M, camera frame
     Columns<widened_t<T>> image;   ///< 2 x M [px]; 0 for vertices that are not beyond near_depth
 };
 
-/// What the values alone decide about one face.
+/// Screen-space properties of a face, from values alone.
 struct ScreenFace {
     double left = 0, right = -1, top = 0, bottom = -1;  ///< box [px]; empty if not in front
     double area = 0;        ///< [px^2], positive if the outside is seen (normal . view < 0)
-    double normal_z = 0;    ///< z of the normal, of any length, in the camera frame
+    double normal_z = 0;    ///< z of the unnormalised normal, in the camera frame
     bool in_front = false;  ///< all three corners are finite and beyond near_depth
 };
 
-/// Pixels whose centres lie in [lo, hi], cut to 0 ... n - 1; empty if first > last.
+/// Pixels whose centres lie in [lo, hi], clamped to 0 ... n - 1; empty if first > last.
 struct PixelRange {
     int first, last;
 };
@@ -60,7 +60,7 @@ ScreenMesh<T> screen_mesh(const ColumnsView<T>& vertices, const Pinhole<real_t<T
     return out;
 }
 
-/// Gradient to the vertices, 3 x M, from those to their camera points, 3 x M, and image points,
+/// Gradient of the vertices, 3 x M, given those of their camera points, 3 x M, and image points,
 /// 2 x M, the latter 0 for vertices that are not beyond near_depth.
 template <class T>
 Columns<T> screen_mesh_vjp(const ScreenMesh<T>& mesh, const Pinhole<real_t<T>>& view,
@@ -113,19 +113,33 @@ std::vector<ScreenFace> screen_faces(const ScreenMesh<T>& mesh, const std::vecto
             return (m(0, 1) - m(0, 0)) * (m(1, 2) - m(1, 0)) -
                    (m(1, 1) - m(1, 0)) * (m(0, 2) - m(0, 0));
         };
-        s.area = -0.5 * turn(q);  // y points down, so a face seen from outside turns negatively
+        s.area = -0.5 * turn(q);  // y points down, so a front face is clockwise: negative
         s.normal_z = turn(c);
     }
     return out;
 }
 
-/// The faces, in index order, whose boxes enlarged by a margin reach a band of rows.
+/// The faces, by index, whose boxes grown by a margin overlap a band of rows.
 struct FaceBands {
     static constexpr int rows = 16;  ///< fixed, so results do not depend on the number of threads
-    std::vector<Index> begin;        ///< faces[begin[b]] ... faces[begin[b + 1] - 1] reach band b
+    std::vector<Index> begin;        ///< faces[begin[b]] ... faces[begin[b + 1] - 1] are in band b
     std::vector<Index> faces;
 
     Index count() const { return static_cast<Index>(begin.size()) - 1; }
+};
+
+/// One band of rows and its faces.
+struct FaceBand {
+    const Index *first, *last;  ///< indices of its faces
+    int row, rows;              ///< its first row, their number
+};
+
+/// The faces of a projected mesh, with their boxes.
+template <Scalar T>
+struct ScreenFaces {
+    const ScreenMesh<T>& mesh;
+    const std::vector<Face>& faces;
+    const std::vector<ScreenFace>& boxes;
 };
 
 inline FaceBands face_bands(const std::vector<ScreenFace>& faces, int width, int height,

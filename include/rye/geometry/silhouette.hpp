@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/silhouette.hpp: the soft silhouette of a mesh. A covered pixel is 1, any other
+/// rye/geometry/silhouette.hpp: the soft silhouette of a mesh: 1 in a covered pixel, elsewhere
 ///     1 - prod_f (1 - exp(-sharpness d_f^2)),
-/// d_f being the distance from the pixel's centre to the outline of the projected face f, in units
-/// of half the image width. Only uncovered pixels carry a gradient.
+/// d_f being the distance from the pixel centre to the outline of the projected face f, in units
+/// of half the image width. Only uncovered pixels have a gradient.
 /// Source: Chen et al., "Learning to Predict 3D Objects with an Interpolation-based Differentiable
 /// Renderer", 2019, with the settings of kaolin's dibr_soft_mask.
 #pragma once
@@ -17,27 +17,27 @@ namespace rye {
 
 struct SilhouetteSettings {
     double sharpness = 7000;  ///< [1 / (half image width)^2]; .652 at one pixel of 256
-    double reach = 0.02;      ///< a face's box, enlarged so, holds its pixels [half image widths]
+    double reach = 0.02;      ///< margin around a face's box [half image widths]
     int max_faces = 30;       ///< per pixel, those of lowest index; 0: only the hard mask
     double pixels(int width) const { return 0.5 * reach * width; }                   ///< [px]
 };
 
-/// The faces that count for the uncovered pixels of one band of rows.
+/// The faces that contribute to the uncovered pixels of one band of rows.
 struct SilhouetteTrace {
     /// The outline's point nearest to the pixel: a + t (b - a), a and b being vertices. By the
-    /// envelope theorem t is a constant for the derivative of the squared distance.
+    /// envelope theorem t is constant in the derivative of the squared distance.
     struct Nearest {
         std::int32_t a, b;
         double t;
     };
-    std::vector<Index> pixel;      ///< of the image, each once
+    std::vector<Index> pixel;      ///< index in the image, each once
     std::vector<Index> begin;      ///< nearest[begin[i]] ... belong to pixel[i]
-    std::vector<Nearest> nearest;  ///< by face index
+    std::vector<Nearest> nearest;  ///< ordered by face index
 };
 
 namespace detail {
 
-/// Point of the outline of face f that is nearest to q, all in [px], by value.
+/// Point of the outline of face f nearest to q, all in [px], by value.
 template <class T>
 SilhouetteTrace::Nearest nearest_on_outline(const ScreenMesh<T>& mesh, const Face& f,
                                             const Vec2<double>& q) {
@@ -60,7 +60,7 @@ SilhouetteTrace::Nearest nearest_on_outline(const ScreenMesh<T>& mesh, const Fac
     return best;
 }
 
-/// From the pixel's centre to the outline's point, [half image widths].
+/// Offset from the pixel centre to the outline's point, [half image widths].
 template <class T>
 Vec2<widened_t<T>> to_outline(const ScreenMesh<T>& mesh, const SilhouetteTrace::Nearest& n,
                               Index pixel, int width) {
@@ -75,17 +75,16 @@ Vec2<widened_t<T>> to_outline(const ScreenMesh<T>& mesh, const SilhouetteTrace::
 
 } // namespace detail
 
-/// Finds the faces that count in one band: rows [row, row + FaceBands::rows) of the image, where
-/// `covered` has one entry a pixel of the band. `faces` are in index order.
+/// Finds the contributing faces of one band, where `covered` has one entry per pixel of the band.
+/// The band's faces are ordered by index.
 template <class T>
-SilhouetteTrace silhouette_trace(const ScreenMesh<T>& mesh, const std::vector<Face>& faces,
-                                 const std::vector<ScreenFace>& boxes, const Index* first,
-                                 const Index* last, const std::vector<std::uint8_t>& covered,
-                                 int row, int width, const SilhouetteSettings& settings) {
-    const int rows = static_cast<int>(covered.size()) / width;
+SilhouetteTrace silhouette_trace(const ScreenFaces<T>& screen, const FaceBand& band,
+                                 const std::vector<std::uint8_t>& covered, int width,
+                                 const SilhouetteSettings& settings) {
+    const int row = band.row, rows = band.rows;
     const auto at = [&](int x, int y) { return static_cast<std::size_t>(y * width + x); };
     // open(x, y) = uncovered pixels above and left of the corner (x, y): most faces lie amid
-    // covered pixels and are dismissed by four look-ups.
+    // covered pixels and are rejected by four look-ups.
     std::vector<int> open(static_cast<std::size_t>((width + 1) * (rows + 1)), 0);
     const auto open_at = [&](int x, int y) -> int& {
         return open[static_cast<std::size_t>(y * (width + 1) + x)];
@@ -102,8 +101,8 @@ SilhouetteTrace silhouette_trace(const ScreenMesh<T>& mesh, const std::vector<Fa
     std::vector<Hit> hits;
     std::vector<int> count(covered.size(), 0);
     const double reach = settings.pixels(width);
-    for (const Index* f = first; f != last; ++f) {
-        const ScreenFace& box = boxes[static_cast<std::size_t>(*f)];
+    for (const Index* f = band.first; f != band.last; ++f) {
+        const ScreenFace& box = screen.boxes[static_cast<std::size_t>(*f)];
         const PixelRange xs = pixel_range(box.left - reach, box.right + reach, width);
         const PixelRange ys =
             pixel_range(box.top - reach - row, box.bottom + reach - row, rows);
@@ -118,7 +117,8 @@ SilhouetteTrace silhouette_trace(const ScreenMesh<T>& mesh, const std::vector<Fa
                 ++n;
                 hits.push_back(
                     {static_cast<std::int32_t>(at(x, y)),
-                     detail::nearest_on_outline(mesh, faces[static_cast<std::size_t>(*f)],
+                     detail::nearest_on_outline(screen.mesh,
+                                                screen.faces[static_cast<std::size_t>(*f)],
                                                 {x + 0.5, y + row + 0.5})});
             }
     }
@@ -140,39 +140,49 @@ SilhouetteTrace silhouette_trace(const ScreenMesh<T>& mesh, const std::vector<Fa
     return out;
 }
 
-/// Soft mask of the trace's i-th pixel: s <- s + p (1 - s) keeps the digits of a small union.
+/// A pixel of a trace, in an image of a width.
+struct SilhouettePixel {
+    const SilhouetteTrace& trace;
+    std::size_t index;
+    int width;         ///< [px]
+    double sharpness;  ///< of SilhouetteSettings
+};
+
+/// Soft mask of a pixel: s <- s + p (1 - s) keeps a small union accurate.
 template <class T>
-widened_t<T> silhouette_value(const ScreenMesh<T>& mesh, const SilhouetteTrace& trace,
-                              std::size_t i, int width, double sharpness) {
+widened_t<T> silhouette_value(const ScreenMesh<T>& mesh, const SilhouettePixel& pixel) {
     using W = widened_t<T>;
     using std::exp;
+    const SilhouetteTrace& trace = pixel.trace;
     W s(0);
-    for (Index k = trace.begin[i]; k < trace.begin[i + 1]; ++k) {
+    for (Index k = trace.begin[pixel.index]; k < trace.begin[pixel.index + 1]; ++k) {
         const Vec2<W> d = detail::to_outline(mesh, trace.nearest[static_cast<std::size_t>(k)],
-                                             trace.pixel[i], width);
-        s += exp(W(-sharpness) * (d[0] * d[0] + d[1] * d[1])) * (W(1) - s);
+                                             trace.pixel[pixel.index], pixel.width);
+        s += exp(W(-pixel.sharpness) * (d[0] * d[0] + d[1] * d[1])) * (W(1) - s);
     }
     return s;
 }
 
-/// Calls add(vertex, gradient to its image point) for the trace's i-th pixel, whose soft mask has
-/// the gradient g. ds/dp_k is the product of the other (1 - p), taken from both ends, so that
-/// nothing is divided by 1 - p, which may be 0.
+/// Calls add(vertex, gradient of its image point) for a pixel whose soft mask has the gradient g.
+/// ds/dp_k is the product of the other (1 - p), accumulated from both ends to avoid a division by
+/// 1 - p, which may be 0.
 template <class T, class Add>
-void silhouette_vjp(const ScreenMesh<T>& mesh, const SilhouetteTrace& trace, std::size_t i,
-                    int width, double sharpness, const widened_t<T>& g, Add&& add) {
+void silhouette_vjp(const ScreenMesh<T>& mesh, const SilhouettePixel& pixel,
+                    const widened_t<T>& g, Add&& add) {
     using W = widened_t<T>;
     using std::exp;
-    const std::size_t begin = static_cast<std::size_t>(trace.begin[i]);
-    const std::size_t n = static_cast<std::size_t>(trace.begin[i + 1]) - begin;
+    const SilhouetteTrace& trace = pixel.trace;
+    const std::size_t begin = static_cast<std::size_t>(trace.begin[pixel.index]);
+    const std::size_t n = static_cast<std::size_t>(trace.begin[pixel.index + 1]) - begin;
     std::vector<Vec2<W>> d(n);
     std::vector<W> p(n), after(n + 1, W(1));
     for (std::size_t k = n; k-- > 0;) {
-        d[k] = detail::to_outline(mesh, trace.nearest[begin + k], trace.pixel[i], width);
-        p[k] = exp(W(-sharpness) * (d[k][0] * d[k][0] + d[k][1] * d[k][1]));
+        d[k] = detail::to_outline(mesh, trace.nearest[begin + k], trace.pixel[pixel.index],
+                                  pixel.width);
+        p[k] = exp(W(-pixel.sharpness) * (d[k][0] * d[k][0] + d[k][1] * d[k][1]));
         after[k] = after[k + 1] * (W(1) - p[k]);
     }
-    W before = W(-2 * sharpness * 2.0 / width) * g;                                 // [1/px]
+    W before = W(-2 * pixel.sharpness * 2.0 / pixel.width) * g;                     // [1/px]
     for (std::size_t k = 0; k < n; ++k) {
         const SilhouetteTrace::Nearest& near = trace.nearest[begin + k];
         const W slope = before * after[k + 1] * p[k];

@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/sphere_path.hpp: where light from a source to an eye meets a sphere about the
-/// origin: passes through it (the source inside, Snell's law) or is thrown back by it (the source
-/// outside: Alhazen's problem). Both are the stationary point Q of the optical path
+/// rye/geometry/sphere_path.hpp: the point where light from a source to an eye crosses a sphere
+/// about the origin: by refraction (source inside, Snell's law) or by reflection (source outside,
+/// Alhazen's problem). Both are the stationary point Q of the optical path
 ///     L(Q) = n |Q - P| + |Q - C|,   |Q| = R,
 /// C the eye, P the source, n the source's refractive index over the eye's (1 for a mirror). Q lies
 /// in the plane of C, P and the origin, between their directions, so with a = C / |C|
 ///     Q ~ (1 - w) R a + w s P,   w in [0, 1],   s = 1 inside, R / |P| outside,
-/// which needs no direction across the plane and so has no trouble where it is none: an eye on the
-/// axis. Lengths in any one unit.
+/// which needs no direction across the plane, so an eye on the axis, where there is none, is no
+/// special case. Lengths in any one unit.
 /// Source: Fermat's principle; the derivative is that of implicit functions.
 #pragma once
 
 #include <cmath>
+#include <type_traits>
 
 #include <rye/math/linalg.hpp>
 
@@ -20,7 +21,7 @@ namespace rye {
 template <Scalar T>
 struct SpherePath {
     Vec3<T> at;                  ///< Q
-    bool seen;                   ///< else no light takes this way; then Q is on the rim
+    bool seen;                   ///< false if no light takes this way; then Q is on the rim
 };
 
 namespace detail {
@@ -29,7 +30,7 @@ template <Scalar T>
 struct PathPoint {
     Vec3<T> at;
     T eye, source;               ///< |Q - C|, |Q - P|
-    T balance;                   ///< 0 where the path is stationary, falling with w
+    T balance;                   ///< 0 where the path is stationary; decreases with w
     T slope;                     ///< d balance / dw
 };
 
@@ -78,14 +79,14 @@ struct PathPlane {
         return p;
     }
 
-    /// w of the rim of the sphere as the eye sees it, towards the source; 1 if that is nearer.
+    /// w of the sphere's rim as seen from the eye, on the side of the source; at most 1.
     RYE_HD T rim() const {
         using std::sqrt;
         const T a = dot(ahead, toward) / radius;                // along the eye's direction
         Vec3<T> across;
         for (int i = 0; i < 3; ++i) across[i] = toward[i] - ahead[i] * (a / radius);
         const T b = norm(across);
-        // Straight behind the origin w stays short of where the direction would turn over.
+        // Straight behind the origin: w stays below the value at which the direction flips.
         if (!(b > T(Limits<real_t<T>>::epsilon) * radius))
             return a < T(0) ? T(constant<T>(0.9) * radius / (radius - a)) : T(1);
         const T steep = sqrt((distance - radius) * (distance + radius)) / radius;
@@ -95,12 +96,19 @@ struct PathPlane {
 
 } // namespace detail
 
-/// The eye is outside the sphere. Newton's method between bounds, on values; one step more carries
+/// A sphere about the origin and the refractive index of its inside over the eye's (1: a mirror).
+template <Scalar T>
+struct OpticalSphere {
+    T radius, index;
+};
+
+/// The eye must be outside the sphere. Bracketed Newton's method on values; a final step carries
 /// the derivatives.
 template <Scalar T>
-RYE_HD SpherePath<T> sphere_path(const Vec3<T>& eye, const Vec3<T>& source, const T& radius,
-                          const T& index) {
+RYE_HD SpherePath<T> sphere_path(const Vec3<T>& eye, const Vec3<T>& source,
+                                 const OpticalSphere<std::type_identity_t<T>>& sphere) {
     using R = real_t<T>;
+    const T &radius = sphere.radius, &index = sphere.index;
     const auto values = [](const Vec3<T>& x) {
         return Vec3<R>(R(value_of(x[0])), R(value_of(x[1])), R(value_of(x[2])));
     };
@@ -121,7 +129,7 @@ RYE_HD SpherePath<T> sphere_path(const Vec3<T>& eye, const Vec3<T>& source, cons
         if (step <= R(2) * Limits<R>::epsilon * w) break;
     }
     const detail::PathPoint<R> p = plane.at(w);
-    // A mirror's source is seen from outside only.
+    // The source of a reflection is visible only from outside the tangent plane.
     const R rr = plane.radius * plane.radius;
     const bool outside = dot(plane.source, plane.source) >= rr;
     const bool seen = !outside || dot(plane.source, p.at) > rr;
@@ -130,25 +138,26 @@ RYE_HD SpherePath<T> sphere_path(const Vec3<T>& eye, const Vec3<T>& source, cons
     return {exact.at(last).at, seen};
 }
 
-/// Cotangents of the two ends of a path.
+/// Cotangents of both ends of a path.
 template <Scalar T>
 struct SpherePathCotangent {
     Vec3<T> eye, source;
 };
 
-/// Of Q, which `at` is, as sphere_path gave it of these arguments: of the ends of a path that is
-/// seen. With the Hessian H of L on the sphere, dQ = -H^-1 (d grad L); H is kept times |Q - P|, so
-/// that a source at the surface has none of its trouble.
+/// Cotangents of the ends of a visible path, given that of its point Q, `at`. With the Hessian H of
+/// L on the sphere, dQ = -H^-1 (d grad L); H is kept times |Q - P|, which stays finite for a source
+/// at the surface.
 template <Scalar T>
 RYE_HD SpherePathCotangent<T> sphere_path_vjp(const Vec3<T>& eye, const Vec3<T>& source,
-                                       const T& radius, const T& index, const Vec3<T>& at,
-                                       const Vec3<T>& g) {
+                                              const OpticalSphere<std::type_identity_t<T>>& sphere,
+                                              const Vec3<T>& at, const Vec3<T>& g) {
     using std::abs;
+    const T &radius = sphere.radius, &index = sphere.index;
     const Vec3<T> from_eye = at - eye, from_source = at - source;
     const T dc = norm(from_eye), dp = norm(from_source);
     const Vec3<T> uc = from_eye / dc, up = normalized(from_source), normal = at / radius;
     const T pull = (index * dot(up, normal) + dot(uc, normal)) / radius;
-    // A basis of the tangent plane, from the axis that is least along the normal.
+    // A basis of the tangent plane, from the coordinate axis least along the normal.
     Vec3<T> axis(T(0), T(0), T(0));
     int least = 0;
     for (int i = 1; i < 3; ++i)

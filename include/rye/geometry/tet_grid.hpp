@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/tet_grid.hpp: a tetrahedral grid that fills a box: body-centred cubic lattice,
-/// subdivision. Units are those of the box. Every tetrahedron (a, b, c, d) is positively oriented:
-/// det(b - a, c - a, d - a) > 0.
+/// rye/geometry/tet_grid.hpp: a tetrahedral grid that fills a box: body-centred cubic lattice, and
+/// its subdivision. Units are those of the box. Every tetrahedron (a, b, c, d) is positively
+/// oriented: det(b - a, c - a, d - a) > 0.
 /// Source: the lattice of Labelle and Shewchuk, "Isosurface Stuffing", 2007; subdivision as DMTet.
 #pragma once
 
@@ -19,11 +19,11 @@ namespace rye {
 
 using Tet = std::array<Index, 4>;  ///< vertices (a, b, c, d)
 
-/// The corners of a tetrahedron's six edges, in the order used throughout.
+/// The corners of a tetrahedron's six edges, in the order of every table of edges.
 inline constexpr std::array<std::array<std::size_t, 2>, 6> tet_edge_corners{
     {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}}};
 
-/// Which vertices form a tetrahedron, and each edge once.
+/// Vertices of each tetrahedron, and the list of unique edges.
 struct TetTopology {
     Index vertex_count = 0;
     std::vector<Tet> tets;
@@ -37,7 +37,7 @@ struct TetGrid {
     TetTopology topology;
 };
 
-/// Finds the edges of tetrahedra. Throws if a vertex index is out of range or repeated in a tet.
+/// Builds the edges. Throws Error if a vertex index is out of range or repeated in a tetrahedron.
 inline TetTopology tet_topology(Index vertex_count, std::vector<Tet> tets) {
     const auto at = [](Index i) { return static_cast<std::size_t>(i); };
     TetTopology out{vertex_count, std::move(tets), {}, {}};
@@ -53,8 +53,8 @@ inline TetTopology tet_topology(Index vertex_count, std::vector<Tet> tets) {
     for (const Tet& tet : out.tets)
         for_edges(tet, [&](std::size_t, Index a, Index b) {
             if (!(a >= 0 && a < b && b < vertex_count))
-                throw Error("tet_topology: got an edge (" + std::to_string(a) + ", " +
-                            std::to_string(b) + "), expected two different vertices of " +
+                throw Error("tet_topology: edge (" + std::to_string(a) + ", " + std::to_string(b) +
+                            ") does not join two different vertices of " +
                             std::to_string(vertex_count));
             ++begin[at(a) + 1];
         });
@@ -63,7 +63,7 @@ inline TetTopology tet_topology(Index vertex_count, std::vector<Tet> tets) {
     for (const Tet& tet : out.tets)
         for_edges(tet, [&](std::size_t, Index a, Index b) { upper[at(next[at(a)]++)] = b; });
 
-    std::vector<Index> first(at(vertex_count) + 1, 0);  // edges of lower vertex a: first[a] ...
+    std::vector<Index> first(at(vertex_count) + 1, 0);  // edges of lower vertex a start at first[a]
     for (Index a = 0; a < vertex_count; ++a) {
         const auto lo = upper.begin() + begin[at(a)], hi = upper.begin() + begin[at(a) + 1];
         std::sort(lo, hi);
@@ -80,7 +80,7 @@ inline TetTopology tet_topology(Index vertex_count, std::vector<Tet> tets) {
     return out;
 }
 
-/// det(b - a, c - a, d - a) / 6, of the grid's t-th tetrahedron.
+/// Signed volume det(b - a, c - a, d - a) / 6 of a tetrahedron.
 template <class T>
 T tet_volume(const ColumnsView<T>& vertices, const Tet& tet) {
     const Vec3<T> a = vertices.col(tet[0]), b = vertices.col(tet[1]), c = vertices.col(tet[2]);
@@ -88,10 +88,10 @@ T tet_volume(const ColumnsView<T>& vertices, const Tet& tet) {
     return area_vector<T>(a, b, c).dot(ad) / T(6);
 }
 
-/// A body-centred cubic lattice that fills the box [lo, hi] exactly. The cell edge is rounded so
-/// that whole cells fit each side. Four tetrahedra surround each cell face: its four sides, joined
-/// to the two cell centres (at the border of the box, to the centre and the middle of the face).
-/// Vertices: corners, then centres, then middles of border faces; about 12 tetrahedra a cell.
+/// A body-centred cubic lattice that fills the box [lo, hi] exactly; throws Error for bad sizes.
+/// The cell edge is rounded to fit whole cells. Four tetrahedra surround each cell face: its four
+/// sides, joined to the two cell centres (at the box border, to the cell and face centres).
+/// Vertices: corners, then centres, then centres of border faces; about 12 tetrahedra a cell.
 template <Real T>
 TetGrid<T> bcc_grid(const Vec3<T>& lo, const Vec3<T>& hi, T cell) {
     std::array<Index, 3> n{};
@@ -99,10 +99,11 @@ TetGrid<T> bcc_grid(const Vec3<T>& lo, const Vec3<T>& hi, T cell) {
     for (int d = 0; d < 3; ++d) {
         const double count = std::round(static_cast<double>((hi[d] - lo[d]) / cell));
         require(cell > T(0) && hi[d] > lo[d] && std::isfinite(count), "bcc_grid",
-                "got side " + std::to_string(hi[d] - lo[d]) + " and cell " + std::to_string(cell) +
-                    ", expected both positive and finite");
+                "side " + std::to_string(hi[d] - lo[d]) + " and cell " + std::to_string(cell) +
+                    " must be positive and finite");
         cells *= std::max(count, 1.0);
-        require(cells < 1e8, "bcc_grid", "got more than 1e8 cells, expected a larger cell");
+        require(cells < 1e8, "bcc_grid", "the cell of " + std::to_string(cell) +
+                                             " gives more than 1e8 cells");
         n[static_cast<std::size_t>(d)] = static_cast<Index>(std::max(count, 1.0));
     }
     const Index nx = n[0], ny = n[1], nz = n[2];
@@ -116,7 +117,7 @@ TetGrid<T> bcc_grid(const Vec3<T>& lo, const Vec3<T>& hi, T cell) {
     };
     TetGrid<T> grid;
     grid.vertices.resize(3, count);
-    // Position of a vertex given in half cells, from whichever side of the box is nearer, so that a
+    // Position of a vertex given in half cells, measured from the nearer side of the box, so that a
     // symmetric box gives a symmetric grid.
     const auto place = [&](Index vertex, const std::array<Index, 3>& half) {
         for (int d = 0; d < 3; ++d) {
@@ -165,7 +166,7 @@ TetGrid<T> bcc_grid(const Vec3<T>& lo, const Vec3<T>& hi, T cell) {
     return grid;
 }
 
-/// Every tetrahedron becomes eight; the middle of edge e becomes vertex V + e.
+/// Splits every tetrahedron into eight; the midpoint of edge e becomes vertex V + e.
 template <Scalar T>
 TetGrid<T> subdivide(const TetGrid<T>& grid) {
     const TetTopology& top = grid.topology;

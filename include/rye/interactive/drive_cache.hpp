@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/interactive/drive_cache.hpp: the driven Gaussians of both streams, kept from frame to frame.
-/// Only networks whose driver changed are run, and only the points that it moves are added up
-/// again, in the order of face_gaussians: every bit is that of drive(). Drivers are compared by
-/// bits, so no change is too small to count.
+/// rye/interactive/drive_cache.hpp: the driven Gaussians of both streams, cached between frames.
+/// Runs only networks whose driver changed and sums only the points that it influences, in the
+/// order of face_gaussians, so every bit is that of drive(). Drivers are compared by bits, without
+/// a tolerance.
 ///
 ///     changed             networks                            Gaussians
 ///     nothing             none                                none
@@ -12,7 +12,7 @@
 ///     head pose           three of the face, the eye offset   all
 ///     scale               none                                all
 ///
-/// Memory: the rest pose; of each network its outputs; the driven Gaussians in the head and in the
+/// Memory: the rest pose; the outputs of each network; the driven Gaussians in the head and in the
 /// world.
 #pragma once
 
@@ -26,17 +26,17 @@
 
 namespace rye {
 
-/// Effects whose Gaussians stay as long as the drivers do that a cache compares: the paper's. One
-/// that reads the camera, as CornealRefraction and Glint do, moves them with each view.
+/// Effects whose Gaussians depend only on the drivers that a cache compares: the paper's. Effects
+/// that read the camera, such as CornealRefraction and Glint, change them with each view.
 template <class E>
 concept KeptFromFrameToFrame = std::same_as<E, PaperEffects>;
 
-/// What the last update did.
+/// Work of the last update.
 struct DriveWork {
-    Index networks = 0;   ///< networks that ran
-    Index points = 0;     ///< points that they ran on, added up over them
-    Index summed = 0;     ///< points of the face that were added up again
-    Index eyes = 0;       ///< eyeballs that were placed again
+    Index networks = 0;   ///< networks evaluated
+    Index points = 0;     ///< points evaluated, summed over networks
+    Index summed = 0;     ///< points of the face summed again
+    Index eyes = 0;       ///< eyeballs transformed again
 };
 
 template <Backend B, Real T>
@@ -53,20 +53,20 @@ class DriveCache {
               config_(&config),
               roles_(&roles) {}
 
-        /// Forgets everything, the rest pose too.
+        /// Discards all cached values, the rest pose included.
         void reset() {
             rest_.reset();
             last_.reset();
     }
 
-    /// Brings the Gaussians up to date.
+    /// Updates the Gaussians to the drivers.
     const Gaussians<T>& update(const Drivers<T>& drivers) {
         work_ = {};
         changed_.clear();
         if (!rest_) begin();
         const Changes c = changes(drivers);
         if (!c.any()) return world_;
-        last_.reset();  // until all is consistent again
+        last_.reset();  // invalid until the update is complete
         code_ = frame_code(*config_, drivers);
         run_networks(c);
         const bool moved_head = c.driver[1] || c.scale;
@@ -79,12 +79,12 @@ class DriveCache {
 
     /// In the world, the face's first.
     const Gaussians<T>& gaussians() const { return world_; }
-    /// Columns of these that the last update changed, ascending.
+    /// Columns that the last update changed, ascending.
     const std::vector<Index>& changed() const { return changed_; }
     const DriveWork& work() const { return work_; }
     const RestPose<T>& rest() const { return *rest_; }
 
-    /// Of everything that is kept.
+    /// Size of all cached data.
     std::size_t bytes() const {
         Index numbers = 0, indices = 0;
         const auto add = [&](const std::string&, const Columns<T>& a) { numbers += a.size(); };
@@ -109,7 +109,7 @@ class DriveCache {
     }
 
   private:
-    /// Squashed outputs of one driver's networks, a column for each of its points.
+    /// Squashed outputs of one driver's networks, a column per influenced point.
     struct Field {
         Columns<T> color, deform, attributes;
     };
@@ -126,7 +126,7 @@ class DriveCache {
                 !same_bits(d.scale, last_->scale)};
     }
 
-    /// What depends on no driver.
+    /// Computes the parts that depend on no driver.
     void begin() {
         const FaceStream<T>& face = avatar_->face;
         const EyeStream<T>& eyes = avatar_->eyes;
@@ -167,7 +167,7 @@ class DriveCache {
         }
     }
 
-    /// Adds up the fields where one of them changed, and takes the result to the world.
+    /// Sums the fields at points where one of them changed, and transforms the result to the world.
     void sum_face(const Changes& c, bool moved_head) {
         const FaceStream<T>& face = avatar_->face;
         const bool attributes = c.driver[0] || c.driver[1];
@@ -210,7 +210,7 @@ class DriveCache {
         to_world_part();
     }
 
-    /// The changed points of the face, gathered, to the world, and scattered again.
+    /// Gathers the changed points of the face, transforms them to the world, scatters them back.
     void to_world_part() {
         Gaussians<T>::fields([&](const std::string&, Columns<T>& to, const Columns<T>& from) {
             to = pick_columns(from, changed_);
@@ -249,7 +249,7 @@ class DriveCache {
         }
     }
 
-    /// The points that a set of drivers reaches; made once for each set that occurs.
+    /// The points that a set of drivers influences; computed once per set.
     const Reached& reached_by(const Changes& c) {
         std::size_t set = 0;
         for (std::size_t d = 0; d < face_drivers; ++d) set |= std::size_t(c.driver[d]) << d;

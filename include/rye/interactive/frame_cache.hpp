@@ -1,19 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/interactive/frame_cache.hpp: a frame that is kept up to date. What changed little is not
-/// computed twice: an update compares drivers, camera and background with the last ones, by bits,
-/// and does what they reach (interactive/drive_cache.hpp, interactive/redraw.hpp,
+/// rye/interactive/frame_cache.hpp: incremental rendering of successive frames. An update compares
+/// drivers, camera and background with the previous ones, by bits, and recomputes only what they
+/// affect (interactive/drive_cache.hpp, interactive/redraw.hpp,
 /// interactive/upsampler_cache.hpp):
 ///
 ///     changed             deformation      render                            super-resolution
 ///     nothing             none             none                              none
-///     a gaze              what it moves    the Gaussians it moved, and the   where these tiles are
+///     a gaze              influenced       the Gaussians it moved, and the   where these tiles are
 ///                                          tiles of their old and new places (or whole)
-///     expression, pose    what it moves    the same, or whole if many moved  the same
+///     expression, pose    influenced       the same, or all if many moved    the same
 ///     background          none             blending                          whole
 ///     camera              none             whole                             whole
 ///
-/// Every image is that of drive(), Rasterizer::forward and upsampler_forward, bit for bit.
-/// Memory: bytes() says.
+/// Every image equals that of drive(), Rasterizer::forward and upsampler_forward, bit for bit.
+/// Memory: see bytes().
 #pragma once
 
 #include <optional>
@@ -44,12 +44,12 @@ class FrameCache {
             shown_.reset();
     }
 
-    /// Brings the render up to date; `camera` is that of the render.
+    /// Updates the render; `camera` is that of the render.
     const Raster<T, A::outputs>& update(const Drivers<T>& drivers, const Pinhole<T>& camera,
                             const VecX<T>& background) {
         const bool whole = !shown_ || !redraw_.drawn() || !same_bits(camera, shown_->camera);
         const bool repaint = whole || !same_bits(background, shown_->background);
-        shown_.reset();  // until all is consistent again
+        shown_.reset();  // invalid until the update is complete
         const Gaussians<T>& g = drive_.update(drivers);
         const std::vector<Index>& changed = drive_.changed();
         if (whole || static_cast<Index>(changed.size()) > g.count() / whole_share) {
@@ -70,7 +70,7 @@ class FrameCache {
 
     /// The last update's render after super-resolution.
     const Image<T>& picture() {
-        require(shown_.has_value(), "FrameCache", "got no frame yet, expected update() before");
+        require(shown_.has_value(), "FrameCache", "picture() was called before update()");
         const Image<T>& render = redraw_.raster().feature;
         if (picture_ == Stale::whole)
             upsampler_.draw(avatar_->upsampler, render);
@@ -87,14 +87,14 @@ class FrameCache {
     std::size_t bytes() const { return drive_.bytes() + redraw_.bytes() + upsampler_.bytes(); }
 
   private:
-    /// If more than one in this many Gaussians moved, a whole render is cheaper.
+    /// If more than 1 / whole_share of the Gaussians moved, a full render is cheaper.
     static constexpr Index whole_share = 2;
 
     struct Shown {
         Pinhole<T> camera;
         VecX<T> background;
     };
-    enum class Stale { whole, region };  ///< what of the picture waits for picture()
+    enum class Stale { whole, region };  ///< part of the picture that picture() must recompute
 
     static bool same_bits(const VecX<T>& a, const VecX<T>& b) { return rye::same_bits(a, b); }
     static bool same_bits(const Pinhole<T>& a, const Pinhole<T>& b) {
@@ -111,7 +111,7 @@ class FrameCache {
     UpsamplerCache<B, T> upsampler_;
     std::optional<Shown> shown_;
     Stale picture_ = Stale::whole;
-    Region stale_{0, 0};                  ///< if not the whole
+    Region stale_{0, 0};                  ///< dirty part for Stale::region
 };
 
 } // namespace rye

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/interactive/redraw.hpp: a render that is kept up to date. Gaussians that changed are
-/// projected again and binned into the lists of their tiles, and only tiles that their old or new
-/// footprints reach are blended again: of those that a few reach only the strips that these can
-/// change, and none whose pixels are full before the first change. Every list holds what
-/// Rasterizer::forward would put there, in its order, and its kernels read it: the images have its
-/// bits. Pixel units. Memory: one render's trace and scratch, a second copy of the lists, what
-/// changed once more.
+/// rye/interactive/redraw.hpp: incremental rendering. Changed Gaussians are projected again and
+/// binned into the lists of their tiles, and only tiles that their old or new footprints overlap
+/// are blended again: tiles with few changes only in the strips that these overlap, and not at all
+/// if all pixels saturate before the first change. Lists have the entries and the order of those of
+/// Rasterizer::forward, for the same kernels, so images are equal bit for bit. Pixel units. Memory:
+/// the trace and scratch of one render, a second copy of the lists, and the changes once more.
 #pragma once
 
 #include <span>
@@ -18,33 +17,33 @@
 
 namespace rye {
 
-/// What the last call did.
+/// Work of the last call.
 struct RedrawWork {
     Index projected = 0;  ///< Gaussians
     Index blended = 0;    ///< tiles, whole or in part
-    Index whole = 0;      ///< of these whole
+    Index whole = 0;      ///< of these, whole
 };
 
 template <Backend B, AccuracyPolicy A, Real T>
 class Redraw {
     static_assert(A::order == BlendOrder::by_centre && A::depth_bits <= 8 * int(sizeof(T)),
-                  "Redraw keeps lists by the centres' depths in the Gaussians' own numbers");
-    static_assert(!A::outputs.contributor, "Redraw draws no contributors");
+                  "Redraw sorts lists by the centres' depths in the Gaussians' own scalar");
+    static_assert(!A::outputs.contributor, "Redraw renders no contributors");
 
   public:
     explicit Redraw(const B& backend = {}, const Rasterizer<A>& rasterizer = {})
         : backend_(backend),
           rasterizer_(rasterizer) {}
 
-    /// The images. Their trace is of no use to a vjp: lists hold no slots.
+    /// The images. Their trace does not suit a vjp: the lists have no slots for partial gradients.
     const Raster<T, A::outputs>& raster() const { return raster_; }
-    /// Pixels outside this are those of the call before the last.
+    /// Pixels that the last call may have changed.
     const Region& region() const { return region_; }
     const RedrawWork& work() const { return work_; }
-    /// Whether redraw may be called.
+    /// Whether there is an image to update.
     bool drawn() const { return drawn_; }
 
-    /// The whole picture.
+    /// Renders the whole image.
     void draw(const Gaussians<T>& g, const Pinhole<T>& camera, const VecX<T>& background) {
         drawn_ = false;
         rasterizer_.forward_into(backend_, g, camera, background, raster_, &scratch_);
@@ -60,7 +59,7 @@ class Redraw {
         drawn_ = true;
     }
 
-    /// The same Gaussians and camera over another background.
+    /// Renders the same Gaussians and camera over another background.
     void redraw_background(const Gaussians<T>& g, const VecX<T>& background) {
         check(g, background);
         background_ = background;
@@ -68,7 +67,7 @@ class Redraw {
         blend(g, 0);
     }
 
-    /// Gaussians that differ from the last ones in the columns `changed` alone, which ascend.
+    /// Updates to Gaussians that differ from the last ones only in columns `changed`, ascending.
     void redraw(const Gaussians<T>& g, std::span<const Index> changed) {
         check(g, background_);
         blended_.clear();
@@ -76,7 +75,7 @@ class Redraw {
         region_ = Region(camera_.width, camera_.height);
         work_ = {};
         if (changed.empty()) return;
-        drawn_ = false;  // until all is consistent again
+        drawn_ = false;  // invalid until the update is complete
         tiles_.assign(static_cast<std::size_t>(raster_.trace.lists.tiles()), {});
         for (const Index i : changed) leave(i);
         project(g, changed);
@@ -93,7 +92,7 @@ class Redraw {
         drawn_ = true;
     }
 
-    /// Of everything that is kept.
+    /// Size of all cached data.
     std::size_t bytes() const {
         const auto of = [](const auto&... v) {
             return (std::size_t(0) + ... + (v.capacity() * sizeof(v[0])));
@@ -123,11 +122,11 @@ class Redraw {
         require(drawn_ && g.count() == static_cast<Index>(scratch_.state.size()) &&
                     g.channels() == raster_.feature.channels() &&
                     background.size() == g.channels(),
-                "Redraw", "got Gaussians or a background of another shape than the last picture's, "
-                          "expected the same; draw the whole picture first");
+                "Redraw", "the Gaussians or the background differ in shape from those of the last "
+                          "image; call draw() first");
     }
 
-    /// f(tile) of every tile that visible candidate k reaches.
+    /// Calls f(tile) for every tile that visible candidate k overlaps.
     template <class F>
     void each_tile(const RasterScratch<T>& scratch, std::size_t k, const F& f) const {
         const Index columns = raster_.trace.lists.columns;
@@ -139,14 +138,14 @@ class Redraw {
             });
     }
 
-    /// The old footprint of Gaussian i.
+    /// Removes the old footprint of Gaussian i.
     void leave(Index i) {
         if (!visible(i)) return;
         moved_[member(i)] = 1;
         each_tile(scratch_, at(i), [&](std::size_t t) { ++tiles_[t].left; });
     }
 
-    /// Gathers what changed and projects it.
+    /// Gathers the changed Gaussians and projects them.
     void project(const Gaussians<T>& g, std::span<const Index> changed) {
         const Index n = static_cast<Index>(changed.size());
         Gaussians<T>::fields([&](const std::string&, Columns<T>& to, const Columns<T>& from) {
@@ -158,8 +157,8 @@ class Redraw {
         rasterizer_.project_into(backend_, part_, camera_, part_scratch_);
     }
 
-    /// Of tiles that a few changes reach, the strips that their old and new splats reach, found as
-    /// blending does: the changes are made a small scene.
+    /// Finds the strips that old and new splats overlap in tiles with few changes, with the code of
+    /// blending: the changes become a small scene.
     void find_strips(std::span<const Index> changed) {
         using V = typename B::template batch<T>;
         TileLists& lists = few_.lists;
@@ -209,15 +208,15 @@ class Redraw {
         }
     }
 
-    /// The new footprint of Gaussian i, which is number k of those that changed.
+    /// Adds the new footprint of Gaussian i, number k of the changed ones.
     void enter(Index i, std::size_t k) {
         RasterTrace<T>& trace = raster_.trace;
         const Visibility now = part_scratch_.state[k];
         trace.non_finite += Index(now == Visibility::non_finite) -
                             Index(scratch_.state[at(i)] == Visibility::non_finite);
         if (rasterizer_.accuracy.non_finite == NonFinite::fail && trace.non_finite > 0)
-            throw Error("rasterizer: got a Gaussian with a number that is not finite, expected "
-                        "none");
+            throw Error("rasterizer: Gaussian " + std::to_string(i) +
+                        " has a number that is not finite");
         scratch_.state[at(i)] = now;
         if (now != Visibility::visible) return;
         VisibleGaussian<T>& drawn = scratch_.candidates[at(i)];
@@ -238,7 +237,7 @@ class Redraw {
         }
     }
 
-    /// Bins what entered into its tiles, near to far, ties by index.
+    /// Bins the entering Gaussians into their tiles, near to far, ties by index.
     void sort_fresh(std::span<const Index> changed) {
         order_.clear();
         for (std::size_t k = 0; k < changed.size(); ++k)
@@ -261,7 +260,7 @@ class Redraw {
         for (TileChange& t : tiles_) t.fresh -= t.entered;
     }
 
-    /// New lists: old ones without the entries that left, with those that entered.
+    /// Builds the new lists: old entries that stayed, merged with those that enter.
     void merge_lists() {
         TileLists& old = raster_.trace.lists;
         next_.columns = old.columns;
@@ -302,17 +301,16 @@ class Redraw {
             return;
         }
         const Index before = end - from;
-        const Entry* const fresh = fresh_.data() + change.fresh;
-        const Index same = merge_entries(
-            from, end, fresh, fresh + change.entered, to,
+        const Index same = merge_entries<Entry>(
+            {from, end}, {fresh_.data() + change.fresh, change.entered}, to,
             [&](const Entry& e) { return moved_[e.member] != 0; },
             [&](const Entry& x, const Entry& y) { return nearer(x.member, y.member); });
-        // Fewer were read than there are: all pixels were full, by entries that are the same.
+        // Fewer entries were read than exist: all pixels saturated within unchanged entries.
         const Index used = raster_.trace.used[t];
         change.redraw = !(used < before && used <= same);
     }
 
-    /// In the order of lists.
+    /// Order of the lists: depth, then index.
     bool nearer(std::uint32_t a, std::uint32_t b) const {
         const RasterTrace<T>& trace = raster_.trace;
         return key_[a] < key_[b] ||
@@ -333,8 +331,8 @@ class Redraw {
         count(projected);
     }
 
-    /// What was drawn, and where. Of a tile drawn in part it is not known how far its list would
-    /// have been read.
+    /// Counts the work and the region. A tile blended in part has no number of entries read to its
+    /// end.
     void count(Index projected) {
         work_ = {projected, static_cast<Index>(blended_.size()), 0};
         region_ = Region(camera_.width, camera_.height);
@@ -364,18 +362,18 @@ class Redraw {
     Rasterizer<A> rasterizer_;
     Raster<T, A::outputs> raster_;
     RasterScratch<T> scratch_, part_scratch_;
-    Gaussians<T> part_;                ///< what changed, gathered
+    Gaussians<T> part_;                ///< the changed ones, gathered
     Pinhole<T> camera_;
     VecX<T> background_;
     std::vector<Key> key_;             ///< depth of each member
-    std::vector<std::uint8_t> moved_;  ///< of each member, during a redraw
+    std::vector<std::uint8_t> moved_;  ///< whether each member changed, during a redraw
     std::vector<TileChange> tiles_;
-    std::vector<Keyed<Key>> order_, order_buffer_;  ///< of those that changed, by depth
-    std::vector<TileLists::Entry> fresh_;  ///< that enter tiles, tile by tile
+    std::vector<Keyed<Key>> order_, order_buffer_;  ///< the changed ones, by depth
+    std::vector<TileLists::Entry> fresh_;  ///< entries that enter tiles, tile by tile
     TileLists next_;
     RasterTrace<T> few_;               ///< the changes of tiles with few of them
     std::vector<Index> cursor_;
-    std::vector<StripMask> found_;     ///< strips that these reach
+    std::vector<StripMask> found_;     ///< strips that these overlap
     std::vector<Index> blended_;
     std::vector<StripMask> drawn_strips_;
     Region region_{0, 0};

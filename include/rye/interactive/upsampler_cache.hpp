@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/interactive/upsampler_cache.hpp: super-resolution of an image that changes in a part. A 3 x
-/// 3 convolution passes a change on to the next pixel and no further, so only that part, grown by
-/// one pixel a layer, are convolved again, and every bit is that of upsampler_forward. That holds
-/// without InstanceNorm, whose mean and variance are of the whole image: one pixel changes them
-/// all; and without doublings, whose weights depend on where in the image they are. With either the
-/// network runs whole (is_local says so). Memory: the output of every layer, and the picture.
+/// rye/interactive/upsampler_cache.hpp: incremental super-resolution. A 3 x 3 convolution spreads a
+/// change by one pixel, so only the changed region, grown by one pixel per layer, is convolved
+/// again, and every bit is that of upsampler_forward. This requires a network without InstanceNorm,
+/// whose mean and variance depend on every pixel, and without doublings, whose weights depend on
+/// the position in the image. Other networks run whole (see is_local). Memory: the output of every
+/// layer, and the image.
 #pragma once
 
 #include <vector>
@@ -14,7 +14,7 @@
 
 namespace rye {
 
-/// Whether a change of the input stays where it is, up to a few pixels.
+/// Whether a change of the input affects only pixels nearby.
 inline bool is_local(const UpsamplerShape& s) {
     return s.norm == Normalization::none && s.doublings == 0;
 }
@@ -24,7 +24,7 @@ class UpsamplerCache {
   public:
     explicit UpsamplerCache(const B& backend = {}) : backend_(backend) {}
 
-    /// The whole picture.
+    /// Computes the whole image.
     const Image<T>& draw(const Upsampler<T>& u, const Image<T>& in) {
         if (is_local(u.shape)) {
             out_ = upsampler_forward(backend_, u, in, &trace_);
@@ -36,7 +36,7 @@ class UpsamplerCache {
         return out_;
     }
 
-    /// The picture of an input that differs from the last one in this region alone.
+    /// Updates the image to an input that differs from the last one only in this region.
     const Image<T>& redraw(const Upsampler<T>& u, const Image<T>& in, const Region& changed) {
         pixels_ = 0;
         if (changed.empty()) return out_;
@@ -44,8 +44,7 @@ class UpsamplerCache {
         require(out_.width == in.width && out_.height == in.height &&
                     changed.width() == in.width && changed.height() == in.height,
                 "UpsamplerCache",
-                "got an image or a region of another size than the last image, expected the same; "
-                "draw it whole first");
+                "the image or the region differs in size from the last image; call draw() first");
         Region region = changed;
         for (int l = 0; l < u.shape.layers(); ++l) region = convolve(u, in, l, region);
         last_layer(u, in, region);
@@ -53,7 +52,7 @@ class UpsamplerCache {
     }
 
     const Image<T>& picture() const { return out_; }
-    /// Pixels that the last call brought up to date.
+    /// Number of pixels that the last call recomputed.
     Index pixels() const { return pixels_; }
 
     std::size_t bytes() const {
@@ -63,13 +62,13 @@ class UpsamplerCache {
     }
 
   private:
-    /// Convolves layer l where its input changed; returns where its output did.
+    /// Convolves layer l where its input changed; returns where its output changed.
     Region convolve(const Upsampler<T>& u, const Image<T>& in, int l, const Region& changed) {
         const auto i = static_cast<std::size_t>(l);
         Image<T>& to = trace_.normal[i];
         const Columns<T>& weight = u.conv[i];
         const Image<T>& from = l == 0 ? in : trace_.normal[i - 1];
-        // A product of matrices may round a column by where it stands: there, whole rows.
+        // A matrix product may round a column by its position: without lanes, whole rows.
         const bool lanes = detail::runs_in_lanes<B, T>(weight.rows(), from.channels(), to.width);
         Region region = changed.grown(narrowest);
         region.widen(lanes ? narrowest : to.width);
@@ -86,10 +85,10 @@ class UpsamplerCache {
         return region;
     }
 
-    /// Fewer columns than these are not convolved in lanes.
+    /// Windows narrower than this are not convolved in lanes.
     static constexpr int narrowest = 8;
 
-    /// f of the pixels of a window and of those around it, zeros outside the image.
+    /// f(pixel) of a window and its neighbours, zeros outside the image.
     template <class F>
     static Padded<T> cut(const Image<T>& image, const Window& w, const F& f) {
         const Index c = image.channels(), pitch = w.width() + 2;
@@ -109,8 +108,8 @@ class UpsamplerCache {
         return out;
     }
 
-    /// The last layer's lanes and its products' columns come in eights, counted from the start of
-    /// a chunk: runs of pixels that begin and end there have the bits of the whole chunk.
+    /// Vectors of the last layer and columns of its products come in eights from the start of a
+    /// chunk: runs of pixels that begin and end at multiples have the bits of the whole chunk.
     void last_layer(const Upsampler<T>& u, const Image<T>& in, const Region& changed) {
         const Index n = out_.size(), grain = detail::last_layer_grain;
         runs_.clear();
@@ -137,17 +136,18 @@ class UpsamplerCache {
                            if (u.shape.skip)
                                trace_.base.pixels.middleCols(b, e - b) =
                                    in.pixels.middleCols(b, e - b).topRows(3);
-                           detail::last_layer<B>(u, trace_.normal.back(), trace_.base, b, e, out_);
+                           detail::last_layer<B, T>(u, {trace_.normal.back(), trace_.base}, b, e,
+                                                    out_);
                        }
                    });
         for (const Run& r : runs_) pixels_ += r.end - r.begin;
     }
 
-    /// Pixels [begin, end), within one chunk.
+    /// Pixels [begin, end) of one chunk.
     struct Run {
         Index begin, end;
     };
-    /// Shorter products are made by another path.
+    /// Shorter products take another code path.
     static constexpr Index shortest = 16;
 
     UpsamplerTrace<T> trace_;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/loss/dssim.hpp: 1 - SSIM as a loss, with its gradient. The window is that of ssim.hpp; over
-/// the border images are 0, as in the published code. ssim.hpp measures; this one trains, in the
-/// scalar of the images.
+/// rye/loss/dssim.hpp: 1 - SSIM as a loss, with its gradient. The window is that of ssim.hpp;
+/// images are zero-padded, as in the published code. ssim.hpp is the metric in double; this is the
+/// training loss, in the scalar of the images.
 /// Source: Kerbl et al., "3D Gaussian Splatting", 2023, the D-SSIM term.
 #pragma once
 
@@ -16,14 +16,14 @@ namespace rye {
 
 namespace detail {
 
-/// Means over the window, separable: down a column first, then along a row, of what is 0 beyond
-/// the image's border. Pixels are `channels` adjacent numbers.
+/// Separable means over the window, first down a column, then along a row, zero-padded. Pixels are
+/// `channels` adjacent numbers.
 template <class T>
 struct Window {
     using R = real_t<T>;
     static constexpr Index reach = ssim_window / 2;
 
-    Index channels, row, height; ///< numbers of a pixel, of a row; rows
+    Index channels, row, height; ///< numbers per pixel, numbers per row, rows
     Array<R, ssim_window> weight;
 
     explicit Window(const Image<T>& image)
@@ -35,19 +35,19 @@ struct Window {
                        [](double x) { return static_cast<R>(x); });
     }
 
-    /// Numbers of a row with what its ends see beyond the border.
+    /// Numbers of a row with padding at both ends.
     Index padded() const { return row + 2 * reach * channels; }
-    /// Where the means of a row down the columns belong within such a row.
+    /// Offset of the row within a padded row.
     Index inside() const { return reach * channels; }
 
-    /// f(weight, where its row begins) for the rows under the window around row y.
+    /// Calls f(weight, start of the row) for the rows under the window around row y.
     template <class F>
     void down(Index y, const F& f) const {
         const Index last = std::min(height - 1, y + reach);
         for (Index r = std::max<Index>(0, y - reach); r <= last; ++r)
             f(weight[static_cast<std::size_t>(r - y + reach)], r * row);
     }
-    /// The mean along a row; `from` is where the window begins.
+    /// The mean along a row; `from` points to the start of the window.
     template <class V>
     V along(const T* from) const {
         V sum = V(weight[reach]) * load_as<V>(from + reach * channels);
@@ -59,7 +59,7 @@ struct Window {
     }
 };
 
-/// SSIM at a pixel, and `share` times its slopes by the means of x, of x^2 and of x y.
+/// SSIM at a pixel, and `share` times its slopes with respect to the means of x, x^2 and x y.
 template <class V>
 struct SsimSlopes {
     V value, by_x, by_xx, by_xy;
@@ -94,7 +94,7 @@ LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
     const detail::Window<T> window(a);
     const Index size = a.pixels.size(), row = window.row, padded = window.padded();
     const T *const x = a.pixels.data(), *const y = b.pixels.data();
-    // The slopes of the loss by the means of x, of x^2 and of x y.
+    // The slopes of the loss with respect to the means of x, x^2 and x y.
     Columns<T> by_x(a.pixels.rows(), a.pixels.cols()), by_xx = by_x, by_xy = by_x;
     const auto share =
         static_cast<real_t<T>>(-1.0 / static_cast<double>(std::max<Index>(size, 1)));

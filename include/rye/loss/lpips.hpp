@@ -16,10 +16,10 @@
 
 namespace rye {
 
-/// An image in -1..1 goes through (x - shift) / scale, channel by channel.
+/// An image in -1..1 is normalised to (x - shift) / scale, channel by channel.
 inline constexpr std::array<double, 3> lpips_shift{-0.030, -0.088, -0.188};
 inline constexpr std::array<double, 3> lpips_scale{0.458, 0.448, 0.450};
-/// Added to the length of a feature vector.
+/// Added to the norm of a feature vector.
 inline constexpr double lpips_eps = 1e-10;
 
 /// The network and the weights (channels x 1, not negative) of its slices.
@@ -42,7 +42,7 @@ struct LpipsWeights {
 
 namespace detail {
 
-/// One slice: the value, and the cotangent of the first features.
+/// Contribution of one slice: the value, and the cotangent of the first features.
 template <class T, Backend B>
 LossGradient<T> lpips_slice(const B& backend, const Columns<T>& fa, const Columns<T>& fb,
                             const Columns<T>& weight) {
@@ -57,8 +57,8 @@ LossGradient<T> lpips_slice(const B& backend, const Columns<T>& fa, const Column
             const VecX<T> d = fa.col(j) / (ra + eps) - fb.col(j) / (rb + eps);
             const VecX<T> wd = weight.col(0).cwiseProduct(d);
             total += d.dot(wd);
-            // y = f / s, s = |f| + eps: g_f = g / s - f <f, g> / (|f| s^2). Features of length
-            // 0 come from a ReLU that passes nothing on.
+            // y = f / s, s = |f| + eps: g_f = g / s - f <f, g> / (|f| s^2). Features of norm 0
+            // come from a ReLU whose slope is 0.
             const T s = ra + eps;
             const VecX<T> g = T(2 * share) * wd;
             if (ra > T(0))
@@ -72,7 +72,7 @@ LossGradient<T> lpips_slice(const B& backend, const Columns<T>& fa, const Column
     return loss;
 }
 
-/// 0..1 to what the network was trained on.
+/// Maps 0..1 to the range of the network's training.
 template <class T>
 Image<T> lpips_input(const Image<T>& image) {
     Image<T> out = image;
@@ -87,7 +87,7 @@ Image<T> lpips_input(const Image<T>& image) {
 
 } // namespace detail
 
-/// A PerceptualLoss with the gradient of the first image.
+/// A PerceptualLoss, with the gradient of the first image.
 template <class T>
 struct LpipsVgg {
     LpipsWeights<T> weights;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/loss/mesh_terms.hpp: the seven terms that train the guidance mesh (stage 1), unweighted.
+/// rye/loss/mesh_terms.hpp: the seven losses of the guidance mesh (stage 1), unweighted.
 /// Each takes plain columns and returns value and gradient. Units: lengths as given, colours and
 /// masks in 0 ... 1. Sums run in double for float. |x| has derivative 0 at 0.
 /// Source: the paper's L_RGB, L_sil, L_def, L_offset, L_lmk, L_lap, L_eyeoffset, with the means
-/// that Gaussian Head Avatar takes.
+/// as in Gaussian Head Avatar.
 #pragma once
 
 #include <type_traits>
@@ -16,8 +16,8 @@
 
 namespace rye {
 
-/// A loss, its gradient, and over how many numbers the mean was taken. A mean over nothing is 0
-/// with count 0 and gradient 0: a caller can add it up and still see that it was absent.
+/// A loss, its gradient, and the number of values in its mean. A mean over nothing has value 0,
+/// count 0 and gradient 0: it can be added, and its absence remains visible.
 template <class T>
 struct LossTerm : LossGradient<T> {
     Index count = 0;
@@ -73,12 +73,12 @@ LossTerm<T> color_term(const B& backend, const std::type_identity_t<ColumnsView<
 }
 
 /// L_sil: 1 - sum ab / (sum (a + b - ab) + 1e-10) with a = soft visible, b = mask visible, all
-/// 1 x P; the gradient is to soft. Two empty masks agree: 0, count 0.
+/// 1 x P; the gradient is that of soft. Two empty masks give 0, count 0.
 template <class T>
 LossTerm<T> silhouette_term(const ColumnsView<T>& soft, const ColumnsView<T>& mask,
                             const ColumnsView<T>& visible) {
     RYE_ASSERT(soft.cols() == mask.cols() && soft.cols() == visible.cols(),
-               "silhouette_term: sizes");
+               "silhouette_term: soft, mask and visible differ in size");
     using W = widened_t<T>;
     const auto get = [](const auto& m, Index p) { return scalar_cast<W>(T(m(0, p))); };
     W both(0), either(0);

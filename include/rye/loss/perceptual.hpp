@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/loss/perceptual.hpp: losses that look at structure rather than at single pixels.
-/// The default needs no weights of a trained network and is named as what it is: L1 between the
-/// finite differences of two image pyramids. It is linear in a - b up to the final |.|, so the
-/// pyramid is built of the difference alone. LPIPS with a user's weights is in loss/lpips.hpp.
+/// rye/loss/perceptual.hpp: losses on image structure instead of single pixels.
+/// The default needs no trained weights: L1 between the finite differences of two image pyramids.
+/// It is linear in a - b up to the final |.|, so the pyramid is that of the difference alone. LPIPS
+/// with a user's weights is in loss/lpips.hpp.
 #pragma once
 
 #include <array>
@@ -25,10 +25,10 @@ concept PerceptualLoss = requires(const L& loss, const ScalarBackend<>& backend,
 };
 
 /// sum over levels of weight (mean |horizontal difference| + mean |vertical difference|), of a - b.
-/// Each level is the 2 x 2 average of the one below; an odd last row or column is left out of it.
+/// Each level is the 2 x 2 average of the previous one, without an odd last row or column.
 struct PyramidGradientLoss {
-    /// Of level 0 (the image itself), 1 and 2. Equal: a coarse difference is larger for the same
-    /// edge, and a blur moves the fine ones, so neither needs to be raised.
+    /// For level 0 (the image itself), 1 and 2. Equal: a coarse difference is larger for the same
+    /// edge, and a blur changes the fine ones, so neither needs a larger weight.
     std::array<double, 3> weight{1.0, 1.0, 1.0};
 
     template <class T, Backend B>
@@ -41,7 +41,7 @@ namespace detail {
 /// Rows per chunk of the pyramid's passes.
 inline constexpr Index pyramid_rows = 16;
 
-/// An image whose numbers are yet to be written.
+/// An uninitialised image.
 template <class T>
 Image<T> unwritten(int width, int height, Index channels) {
     Image<T> image;
@@ -67,12 +67,12 @@ Image<T> halved(const B& backend, const Image<T>& in) {
     return out;
 }
 
-/// mean |d(i + 1) - d(i)| along both axes, times weight; sets g to its slope.
+/// weight times mean |d(i + 1) - d(i)| along both axes; sets g to its slope.
 template <class T, Backend B>
 T difference_l1(const B& backend, const Image<T>& d, double weight, Image<T>& g) {
     using std::abs;
     const Index w = d.width, h = d.height, c = d.channels(), row = w * c;
-    // Mean over the differences that exist; an axis of one pixel has none.
+    // Mean over existing differences; an axis of one pixel has none.
     const auto share = [&](Index n) {
         return static_cast<real_t<T>>(n > 0 ? weight / static_cast<double>(n) : 0.0);
     };
@@ -83,7 +83,7 @@ T difference_l1(const B& backend, const Image<T>& d, double weight, Image<T>& g)
         for (Index y = first; y < last; ++y) {
             const T* const p = d.pixels.data() + y * row;
             T* const to = g.pixels.data() + y * row;
-            // Numbers [begin, end) of the row, all with or without a neighbour on each side.
+            // Numbers [begin, end) of the row, with the same neighbours on each side.
             const auto run = [&](Index begin, Index end, bool left, bool right) {
                 each_vector<B, T>(begin, end, [&]<class V>(std::type_identity<V>, Index i) {
                     const V here = load_as<V>(p + i), one(across), other(down);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/loss/photometric.hpp: what two images differ by, pixel by pixel: L1 with its gradient, mean
-/// squared error and PSNR. A mask weighs pixels; an empty mask means 1 everywhere.
+/// rye/loss/photometric.hpp: pixel-wise differences of two images: L1 with its gradient, mean
+/// squared error and PSNR. A mask weights pixels; an empty mask is 1 everywhere.
 /// Source: the L1 terms of Gaussian Head Avatar and RYE, which divide by *all* pixels and channels.
 #pragma once
 
@@ -36,21 +36,31 @@ void require_same_shape(const char* who, const ColumnsView<T>& a, const ColumnsV
         return std::to_string(m.rows()) + " x " + std::to_string(m.cols());
     };
     require(a.rows() == b.rows() && a.cols() == b.cols(), who,
-            "got images of " + text(a) + " and " + text(b) + ", expected equal shapes");
+            "images " + text(a) + " and " + text(b) + " differ in shape");
     require(mask.size() == 0 || (mask.rows() == 1 && mask.cols() == a.cols()), who,
-            "got a mask of " + text(mask) + ", expected 1 x " + std::to_string(a.cols()));
+            "mask is " + text(mask) + ", expected 1 x " + std::to_string(a.cols()));
 }
 
 } // namespace detail
 
-/// mean |mask (a - b)| over all pixels and channels, whatever the mask; its slope at 0 is 0. Adds
-/// `weight` times its cotangent of a to g. a, b, g: channels x pixels; mask: 1 x pixels or empty.
+/// A mask and the weight of its loss.
+template <class T>
+struct WeightedMask {
+    const Columns<T>& mask;  ///< 1 x pixels, or empty for 1 everywhere
+    T weight;
+};
+
+/// mean |mask (a - b)| over all pixels and channels, masked or not; its slope at 0 is 0. Adds
+/// `weight` times its cotangent of a to g. a, b, g: channels x pixels.
 template <class T, Backend B>
 T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
-                const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask,
-                const std::type_identity_t<T>& weight, std::type_identity_t<ColumnsSpan<T>> g) {
+                const std::type_identity_t<ColumnsView<T>>& b,
+                const std::type_identity_t<WeightedMask<T>>& weighted,
+                std::type_identity_t<ColumnsSpan<T>> g) {
     using std::abs;
-    using W = widened_t<T>;  // a mean of millions of floats needs more digits than they have
+    const Columns<T>& mask = weighted.mask;
+    const T& weight = weighted.weight;
+    using W = widened_t<T>;  // float does not resolve a mean over millions of values
     detail::require_same_shape<T>("masked_l1", a, b, mask);
     if (a.size() == 0) return T(0);
     const T share(static_cast<real_t<T>>(1.0 / static_cast<double>(a.size())));
@@ -60,7 +70,7 @@ T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
             W total(0);
             for (Index j = first; j < last; ++j) {
                 const T m = mask.size() ? mask(j) : T(1);
-                if (m == T(0)) continue; // what is masked out may hold anything
+                if (m == T(0)) continue; // masked pixels may hold NaN
                 const T *const p = a.data() + j * a.outerStride(),
                         *const q = b.data() + j * b.outerStride();
                 T* const to = g.data() + j * g.outerStride();
@@ -69,7 +79,7 @@ T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
                 for (Index i = 0; i < channels; ++i) {
                     const T d = m * (p[i] - q[i]);
                     pixel += scalar_cast<W>(T(abs(d)));
-                    const int sign = int(d > T(0)) - int(d < T(0)); // no branch to be guessed
+                    const int sign = int(d > T(0)) - int(d < T(0)); // without a branch
                     to[i] += T(static_cast<real_t<T>>(sign)) * slope;
                 }
                 total += pixel;
@@ -84,12 +94,12 @@ LossGradient<T> masked_l1(const B& backend, const std::type_identity_t<ColumnsVi
                           const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask) {
     detail::require_same_shape<T>("masked_l1", a, b, mask);
     LossGradient<T> loss{T(0), Columns<T>::Zero(a.rows(), a.cols())};
-    loss.value = add_masked_l1<T>(backend, a, b, mask, T(1), loss.gradient);
+    loss.value = add_masked_l1<T>(backend, a, b, {mask, T(1)}, loss.gradient);
     return loss;
 }
 
-/// mean of mask (a - b)^2 over the pixels that the mask weighs and all channels, in double;
-/// 0 where the mask is 0 everywhere.
+/// mean of mask (a - b)^2 over all channels, relative to the sum of the mask, in double; 0 where
+/// the mask is 0 everywhere.
 template <class T>
 double mean_squared_error(const std::type_identity_t<ColumnsView<T>>& a,
                           const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask) {
@@ -97,7 +107,7 @@ double mean_squared_error(const std::type_identity_t<ColumnsView<T>>& a,
     double sum = 0, weight = 0;
     for (Index j = 0; j < a.cols(); ++j) {
         const double m = mask.size() ? static_cast<double>(mask(j)) : 1.0;
-        if (m == 0) continue; // what is masked out may hold anything
+        if (m == 0) continue; // masked pixels may hold NaN
         sum +=
             m * (a.col(j).template cast<double>() - b.col(j).template cast<double>()).squaredNorm();
         weight += m * static_cast<double>(a.rows());

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/loss/smoothness.hpp: neighbours should be alike. A mean of squared differences over a fixed
-/// graph, for colours of points that few pixels see: data outweighs it where there is some, and
-/// without data a point takes after its neighbours. Not in the paper; see docs/deviations.md.
+/// rye/loss/smoothness.hpp: smoothness prior over a fixed neighbour graph: a mean of squared
+/// differences, for colours of points that few pixels observe. Data outweighs it where there is
+/// some; elsewhere a point takes its neighbours' value. Not in the paper; see docs/deviations.md.
 #pragma once
 
 #include <algorithm>
@@ -18,8 +18,8 @@ namespace rye {
 /// Neighbours of each point of a cloud, by index.
 using NeighbourGraph = std::vector<std::array<Index, 4>>;
 
-/// The four nearest others of each point (3 x N, N > 4); of equally near ones those of lower index.
-/// `first` is added to every index. All pairs are looked at: for the thousands of points of an eye.
+/// The four nearest neighbours of each point (3 x N, N > 4), ties by lower index. Adds `first` to
+/// every index. O(N^2): for the thousands of points of an eye.
 template <Real T>
 NeighbourGraph four_nearest(const Columns<T>& points, Index first = 0) {
     const Index n = points.cols();
@@ -42,7 +42,7 @@ NeighbourGraph four_nearest(const Columns<T>& points, Index first = 0) {
 template <class T>
 LossGradient<T> smoothness(const Columns<T>& values, const NeighbourGraph& graph) {
     require(static_cast<Index>(graph.size()) == values.cols(), "smoothness",
-            "got " + std::to_string(graph.size()) + " neighbourhoods, expected " +
+            "the graph has " + std::to_string(graph.size()) + " points, the values " +
                 std::to_string(values.cols()));
     const T share = T(1) / T(static_cast<real_t<T>>(std::max<Index>(values.size(), 1)));
     LossGradient<T> l;

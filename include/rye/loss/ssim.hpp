@@ -24,7 +24,7 @@ inline constexpr double ssim_c2 = 9e-4;   ///< (0.03 * peak)^2
 
 namespace detail {
 
-/// Of the pixels along one axis of the window; their sum is 1.
+/// Weights along one axis of the window; their sum is 1.
 RYE_HD inline Array<double, ssim_window> ssim_weights() {
     Array<double, ssim_window> w{};
     double sum = 0;
@@ -65,7 +65,7 @@ SsimRow ssim_row(const Image<T>& a, const Image<T>& b, Index y,
 inline Eigen::ArrayXd ssim_values(const SsimRow& m) {
     const Eigen::ArrayXd x2 = m.col(0).square(), y2 = m.col(1).square();
     const Eigen::ArrayXd d2 = (m.col(0) - m.col(1)).square();
-    // Means of squares minus squares of means are not negative but for rounding.
+    // Clamped: means of squares minus squares of means are negative only by rounding.
     const Eigen::ArrayXd var = (m.col(2) - x2).max(0.0) + (m.col(3) - y2).max(0.0);
     const Eigen::ArrayXd var_d = (m.col(4) - d2).max(0.0);
     return (1.0 - d2 / (x2 + y2 + ssim_c1)) * (1.0 - var_d / (var + ssim_c2));
@@ -79,13 +79,16 @@ template <class T, Backend B>
 double ssim(const B& backend, const Image<T>& a, const Image<T>& b,
             const std::type_identity_t<Columns<T>>& mask) {
     require(a.width == b.width && a.height == b.height && a.channels() == b.channels(), "ssim",
-            "got images of different shapes");
+            "images of " + std::to_string(a.width) + " x " + std::to_string(a.height) + " x " +
+                std::to_string(a.channels()) + " and " + std::to_string(b.width) + " x " +
+                std::to_string(b.height) + " x " + std::to_string(b.channels()) +
+                " differ in shape");
     require(a.width >= ssim_window && a.height >= ssim_window, "ssim",
             "got " + std::to_string(a.width) + " x " + std::to_string(a.height) +
                 " pixels, expected at least 11 x 11");
     require(
         mask.size() == 0 || mask.size() == a.size(), "ssim",
-        "got a mask of " + std::to_string(mask.size()) + ", expected " + std::to_string(a.size()));
+        "mask has " + std::to_string(mask.size()) + " pixels, image " + std::to_string(a.size()));
     const Array<double, ssim_window> weight = detail::ssim_weights();
     constexpr Index margin = ssim_window / 2;
     const Index c = a.channels(), columns = a.width - 2 * margin;

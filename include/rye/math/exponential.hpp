@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/math/exponential.hpp: 2^x by splitting off the whole part and a polynomial on [-1/2, 1/2].
-/// The degree is the price: time against an error that is part of the type. Callers fold log2(e)
-/// into their quadratic form, since multiplying x by it afterwards costs accuracy.
+/// rye/math/exponential.hpp: 2^x as 2^k times a polynomial on [-1/2, 1/2]. The degree trades time
+/// for error; the error is a constant of the type. Callers scale their quadratic form by log2(e)
+/// beforehand, since multiplying x by it afterwards costs accuracy.
 /// Source: minimax polynomials in relative error (Remez); Cody and Waite, 1980.
 #pragma once
 
@@ -21,13 +21,13 @@ inline constexpr double ln_2 = 0.69314718055994530942;
 
 namespace detail {
 
-/// Adding 1.5 times 2 to the number of mantissa bits rounds to a whole number, which then stands in
+/// 1.5 times 2 to the number of mantissa bits: adding it rounds to an integer, which then occupies
 /// the lowest bits.
 template <class R>
 inline constexpr double rounder = sizeof(R) == 4 ? 0x1.8p23 : 0x1.8p52;
 
-/// p 2^k for p in [1/2, 2) and t = k + rounder, k within the normal exponents: k is added to the
-/// exponent's bits. Elsewhere any number.
+/// p 2^k for p in [1/2, 2) and t = k + rounder, k in the range of normal exponents, by adding k to
+/// the exponent bits. Unspecified for other k.
 template <Scalar T>
 RYE_HD T scale_by_power(const T& p, const T& t) {
     if constexpr (std::same_as<T, float>) {
@@ -38,7 +38,7 @@ RYE_HD T scale_by_power(const T& p, const T& t) {
         return bit_cast<double>(bit_cast<std::uint64_t>(p) + k);
     } else if constexpr (requires { p.each(t, nullptr); }) {  // several batches
         return p.each(t, [](const auto& a, const auto& b) { return scale_by_power(a, b); });
-    } else {                                // a batch: its own functions, found by argument
+    } else {                                // a batch, by argument-dependent lookup
         using Bits = decltype(to_int(p));
         constexpr int mantissa = sizeof(real_t<T>) == 4 ? 23 : 52;
         return cast_bits<T>(cast_bits<Bits>(p) + (cast_bits<Bits>(t) << mantissa));
@@ -74,8 +74,8 @@ struct Exp2Coefficients<6> {
 
 } // namespace detail
 
-/// 2^x for x <= 127 in float. Below -126, and for NaN, it is 2^-126: a Gaussian whose exponent is
-/// NaN is transparent, on every backend, and not opaque.
+/// 2^x for x <= 127 in float. For x < -126 and for NaN the result is 2^-126, so that a Gaussian
+/// with a NaN exponent is transparent, not opaque, on every backend.
 template <int Degree>
 struct Exp2Poly {
     using Coefficients = detail::Exp2Coefficients<Degree>;
@@ -93,7 +93,7 @@ struct Exp2Poly {
         }
     }
 
-    /// The same for x in [-126, 127], not a dual; elsewhere any number.
+    /// The same for x in [-126, 127], not a dual; unspecified elsewhere.
     template <Scalar T>
     [[gnu::always_inline]] RYE_HD static T within(const T& x) {
         const T round = constant<T>(detail::rounder<real_t<T>>);
@@ -104,7 +104,7 @@ struct Exp2Poly {
     }
 
   private:
-    /// Horner's scheme, written out: compilers leave a loop over an array of doubles a loop.
+    /// Horner's scheme as a fold expression: compilers do not unroll a loop over the coefficients.
     template <Scalar T, std::size_t... I>
     [[gnu::always_inline]] RYE_HD static T polynomial(const T& f, std::index_sequence<I...>) {
         T p = constant<T>(Coefficients::c[0]);
@@ -113,9 +113,9 @@ struct Exp2Poly {
     }
 };
 
-/// The library's 2^x, rounded almost correctly.
+/// exp2 of the standard library or of xsimd, almost correctly rounded.
 struct Exp2Library {
-    static constexpr double max_relative_error = 1.5e-7;  ///< in float, the lane version's
+    static constexpr double max_relative_error = 1.5e-7;  ///< in float, of xsimd's version
 
     template <Scalar T>
     RYE_HD T operator()(const T& x) const {
@@ -124,7 +124,7 @@ struct Exp2Library {
     }
 };
 
-/// 2^x with a stated error.
+/// A function 2^x with a stated error.
 template <class E>
 concept Exp2Kernel = std::default_initializable<E> && requires(const E e, const float x) {
     { e(x) } -> std::same_as<float>;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/math/harmonics.hpp: real spherical harmonics up to degree 4, as homogeneous polynomials of a
-/// direction: no poles, and the zero direction keeps the constant band alone. Order and signs are
+/// direction: no poles, and at the zero direction only the constant band remains. Order and signs
 /// those of 3D Gaussian Splatting (band l from m = -l to l, Condon-Shortley phase).
 /// Source: Sloan, "Efficient Spherical Harmonic Evaluation", 2013.
 #pragma once
@@ -17,7 +17,7 @@ namespace rye {
 /// Number of basis functions up to a degree.
 RYE_HD constexpr int sh_count(int degree) { return (degree + 1) * (degree + 1); }
 
-/// The degree of a number of basis functions, or an Error.
+/// The degree of a number of basis functions; throws Error if it is none of 1, 4, 9, 16, 25.
 inline int sh_degree(int count) {
     for (int d = 0; d <= 4; ++d)
         if (sh_count(d) == count) return d;
@@ -25,8 +25,8 @@ inline int sh_degree(int count) {
                 " coefficients, expected 1, 4, 9, 16 or 25");
 }
 
-/// Factors that make the basis orthonormal on the sphere, in order, signs included. A table within
-/// a function is one that device code may read.
+/// Factors that make the basis orthonormal on the sphere, in order, signs included. The table is
+/// inside the function because device code cannot read a global one.
 RYE_HD inline double sh_factor(std::size_t k) {
     static constexpr Array<double, 25> factors{
         0.28209479177387814,                                                    // l = 0
@@ -47,7 +47,7 @@ using ShArray = Array<T, static_cast<std::size_t>(sh_count(Degree))>;
 /// The basis at a unit direction.
 template <Scalar T, int Degree>
 RYE_HD ShArray<T, Degree> sh_basis(const Vec3<T>& direction) {
-    static_assert(Degree >= 0 && Degree <= 4, "sh_basis: the degree is 0 to 4");
+    static_assert(Degree >= 0 && Degree <= 4, "sh_basis: the degree must be 0 to 4");
     const T &x = direction[0], &y = direction[1], &z = direction[2];
     ShArray<T, Degree> b;
     b[0] = T(1);
@@ -130,10 +130,10 @@ auto with_sh_degree(int degree, F&& f) {
     throw Error("sh_basis: got degree " + std::to_string(degree) + ", expected 0 to 4");
 }
 
-/// f(std::integral_constant<int, min(degree, most)>): no code for more is made.
+/// f(std::integral_constant<int, min(degree, most)>); generates no code for higher degrees.
 template <int most, class F>
 auto with_sh_degree_up_to(int degree, F&& f) {
-    static_assert(most >= 0 && most <= 4, "harmonics have degrees 0 to 4");
+    static_assert(most >= 0 && most <= 4, "sh_basis: the degree must be 0 to 4");
     if constexpr (most == 4) {
         return with_sh_degree(degree, f);
     } else {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/math/linalg.hpp: small vectors and symmetric matrices over every scalar, and the two forms
-/// that keep needle-shaped Gaussians sound in float: the determinant of a Gram matrix by
-/// Cauchy-Binet, and the factor of the precision in place of the conic.
-/// Source: Golub and Van Acquired, "Matrix Computations", 4.1 (LDL^T); Cauchy-Binet for 2 x 3
+/// rye/math/linalg.hpp: small vectors and symmetric matrices over every scalar, and two forms that
+/// keep needle-shaped Gaussians accurate in float: the determinant of a Gram matrix by
+/// Cauchy-Binet, and a factor of the precision matrix in place of the conic.
+/// Source: Golub and Van Loan, "Matrix Computations", 4.1 (LDL^T); Cauchy-Binet for 2 x 3
 /// factors.
 #pragma once
 
@@ -13,7 +13,7 @@
 
 namespace rye {
 
-/// a . b for vectors of one length, summed from the first entry on, for batches too.
+/// a . b, summed from the first entry on, for batches too.
 template <Scalar T, int N>
 RYE_HD T dot(const Vec<T, N>& a, const Vec<T, N>& b) {
     T s = a[0] * b[0];
@@ -75,8 +75,8 @@ RYE_HD Vec<T, N> normalized_vjp(const Vec<T, N>& x, const Vec<T, N>& g) {
     return r;
 }
 
-/// A symmetric 2 x 2 matrix. Each entry is stored once: a cotangent with respect to xy is that of
-/// the one stored number, so it holds both off-diagonal parts and no half is ever carried.
+/// A symmetric 2 x 2 matrix. Each entry is stored once: the cotangent of xy is that of the stored
+/// number, so it holds both off-diagonal parts and needs no factor 1/2.
 template <Scalar T>
 struct Sym2 {
     T xx, xy, yy;
@@ -87,14 +87,14 @@ struct Sym2 {
     }
 };
 
-/// <cotangent, tangent> over the stored numbers, the pairing that belongs to Sym2.
+/// <cotangent, tangent> over the stored numbers of Sym2.
 template <Scalar T>
 RYE_HD T pairing(const Sym2<T>& g, const Sym2<T>& d) {
     return g.xx * d.xx + g.xy * d.xy + g.yy * d.yy;
 }
 
 /// A symmetric 3 x 3 matrix, for export: a Gaussian's covariance is kept as its factor M = R S,
-/// since M M^T loses its smallest axis (it is indefinite for half of all 1 : 1e-4 needles).
+/// since M M^T loses its smallest axis (it is indefinite for half of all needles of 1 : 1e-4).
 template <Scalar T>
 struct Sym3 {
     T xx, xy, xz, yy, yz, zz;
@@ -113,7 +113,7 @@ RYE_HD Sym2<T> gram(const Vec3<T>& x, const Vec3<T>& y, const T& d) {
     return {dot(x, x) + d, dot(x, y), dot(y, y) + d};
 }
 
-/// det(M M^T + d I) = |x cross y|^2 + d (|x|^2 + |y|^2) + d^2, every term >= 0. The naive
+/// det(M M^T + d I) = |x cross y|^2 + d (|x|^2 + |y|^2) + d^2, every term >= 0. The direct form
 /// xx yy - xy^2 is 20 % wrong for a needle of 1000 px.
 template <Scalar T>
 RYE_HD T gram_determinant(const Vec3<T>& x, const Vec3<T>& y, const T& d) {
@@ -122,7 +122,7 @@ RYE_HD T gram_determinant(const Vec3<T>& x, const Vec3<T>& y, const T& d) {
 }
 
 /// A factor of the precision P = (M M^T + d I)^-1: with u = k1 dx and v = k2 (dy - m dx), the form
-/// d^T P d is u^2 + v^2, never negative however long the needle. Same three numbers as a conic.
+/// d^T P d is u^2 + v^2, never negative for any needle. Three numbers, as in a conic.
 template <Scalar T>
 struct PrecisionFactor {
     T k1, k2, m;
@@ -133,8 +133,8 @@ struct PrecisionFactor {
     }
 };
 
-/// From the rows of the factor and the dilation. The determinant must be positive; which of x and y
-/// is the pivot does not matter: the rounding of v is u |x| |y| / sqrt(det) either way.
+/// From the rows of the factor and the dilation. Requires a positive determinant. The choice of the
+/// pivot, x or y, does not matter: the rounding error of v is u |x| |y| / sqrt(det) either way.
 template <Scalar T>
 RYE_HD PrecisionFactor<T> precision_factor(const Vec3<T>& x, const Vec3<T>& y, const T& d) {
     using std::sqrt;

@@ -8,7 +8,7 @@
 
 namespace rye {
 
-/// (w, x, y, z); functions that need a unit quaternion say so.
+/// (w, x, y, z); functions that require a unit quaternion say "unit".
 template <Scalar T>
 using Quat = Vec4<T>;
 
@@ -22,7 +22,7 @@ RYE_HD Quat<T> quat_conjugate(const Quat<T>& q) {
     return Quat<T>(q[0], -q[1], -q[2], -q[3]);
 }
 
-/// q / |q| for every magnitude; the zero quaternion has no direction and becomes the identity.
+/// q / |q| for every magnitude; the identity for the zero quaternion.
 template <Scalar T>
 RYE_HD Quat<T> quat_normalized(const Quat<T>& q) {
     Quat<T> u = normalized(q);
@@ -36,7 +36,7 @@ RYE_HD Quat<T> quat_normalized_vjp(const Quat<T>& q, const Quat<T>& g) {
     return normalized_vjp(q, g);
 }
 
-/// Hamilton's product: the rotation b, then the rotation a.
+/// Hamilton product: rotation b, then rotation a.
 template <Scalar T>
 RYE_HD Quat<T> quat_product(const Quat<T>& a, const Quat<T>& b) {
     return Quat<T>(a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
@@ -45,7 +45,7 @@ RYE_HD Quat<T> quat_product(const Quat<T>& a, const Quat<T>& b) {
                    a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]);
 }
 
-/// Cotangent of a for a b, with no condition on the norms: g b*.
+/// Cotangent of a for a b, for any norms: g b*.
 template <Scalar T>
 RYE_HD Quat<T> quat_product_vjp_left(const Quat<T>& b, const Quat<T>& g) {
     return quat_product(g, quat_conjugate(b));
@@ -88,7 +88,7 @@ RYE_HD Quat<T> quat_matrix_vjp(const Quat<T>& q, const Mat3<T>& g) {
                    two * (w * az + x * sxz + y * syz - two * z * (g(0, 0) + g(1, 1))));
 }
 
-/// v turned by a unit quaternion: the same polynomial as quat_matrix(q) v.
+/// v rotated by a unit quaternion: the same polynomial as quat_matrix(q) v.
 template <Scalar T>
 RYE_HD Vec3<T> quat_rotate(const Quat<T>& q, const Vec3<T>& v) {
     const Vec3<T> u(q[1], q[2], q[3]);
@@ -120,8 +120,8 @@ RYE_HD Quat<T> matrix_quat(const Mat3<T>& r) {
     return select_all(q[0] < T(0), Quat<T>(-q), q);
 }
 
-/// The least rotation (no torsion) that takes the unit vector a to the unit vector b, to 6e-7 rad
-/// in float at every angle. At the antipode, where every axis serves, one orthogonal to a is taken.
+/// The smallest rotation (no torsion) that takes unit vector a to unit vector b, within 6e-7 rad in
+/// float at every angle. At the antipode, where any axis would do, the axis is orthogonal to a.
 template <Scalar T>
 RYE_HD Quat<T> shortest_arc(const Vec3<T>& a, const Vec3<T>& b) {
     using std::abs, std::sqrt;
@@ -172,8 +172,8 @@ RYE_HD T sinc_of_square_slope(const T& s) {
     return select(small, constant<T>(-1.0 / 6.0) * tail, direct);
 }
 
-/// From a (t = 0) to b (t = 1) at a steady rate along the shorter way; unit quaternions. The ratio
-/// of sines is one of sincs, so neither equal nor opposite ends are special.
+/// Spherical interpolation from a (t = 0) to b (t = 1) along the shorter arc; unit quaternions. The
+/// ratio of sines is a ratio of sincs, so neither equal nor opposite ends are special cases.
 template <Scalar T>
 RYE_HD Quat<T> quat_slerp(const Quat<T>& a, const Quat<T>& b, const T& t) {
     using std::atan2;
@@ -248,7 +248,7 @@ RYE_HD Vec3<T> quat_log(const Quat<T>& unit) {
     return Vec3<T>(f * q[1], f * q[2], f * q[3]);
 }
 
-/// The axis-angle vector, |w| <= pi, of a rotation matrix; sound at 0 and at pi.
+/// The axis-angle vector, |w| <= pi, of a rotation matrix; accurate at 0 and at pi.
 template <Scalar T>
 RYE_HD Vec3<T> so3_log(const Mat3<T>& r) {
     return quat_log(matrix_quat(r));

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/math/scalar.hpp: branch-free choice and the smooth step functions, for every scalar.
-/// Choice is `select(condition, a, b)`: both sides are evaluated, so make the *argument* of a
-/// singular function safe before calling it. Calls inside formulas are unqualified after a
-/// `using std::f`, so that duals and batches are found by their namespace.
+/// rye/math/scalar.hpp: branch-free selection and smooth step functions, for every scalar.
+/// `select(condition, a, b)` evaluates both sides, so make the *argument* of a singular function
+/// safe before calling it. Formulas call functions unqualified after a `using std::f`, so that
+/// those of duals and batches are found by argument-dependent lookup.
 #pragma once
 
 #include <cmath>
@@ -12,13 +12,13 @@
 
 namespace rye {
 
-/// A number written in double, rounded once to the innermost Real: batches and duals take it too.
+/// A double literal, rounded once to the innermost Real; also for batches and duals.
 template <Scalar T>
 RYE_HD constexpr T constant(double x) {
     return T(static_cast<real_t<T>>(x));
 }
 
-/// std::numeric_limits' numbers: device code may not call its functions.
+/// Values of std::numeric_limits, whose functions device code must not call.
 template <Real R>
 struct Limits {
     static constexpr R largest = std::numeric_limits<R>::max();
@@ -27,8 +27,8 @@ struct Limits {
     static constexpr R nan = std::numeric_limits<R>::quiet_NaN();
 };
 
-/// As std::min and std::max, which device code may not call: of a NaN and a number the first.
-/// (Batches and duals bring their own.)
+/// std::min and std::max for device code: of a NaN and a number, the first argument.
+/// (Batches and duals have their own.)
 template <class T>
     requires std::is_arithmetic_v<T>
 RYE_HD constexpr T min(const T& a, const T& b) {
@@ -40,7 +40,7 @@ RYE_HD constexpr T max(const T& a, const T& b) {
     return a < b ? b : a;
 }
 
-/// a where the condition holds, else b. (Batches and duals bring their own.)
+/// a where the condition holds, else b. (Batches and duals have their own.)
 template <class T>
     requires std::is_arithmetic_v<T>
 RYE_HD constexpr T select(bool condition, const T& a, const T& b) {
@@ -52,8 +52,8 @@ RYE_HD constexpr T square(const T& x) {
     return x * x;
 }
 
-/// The bits of a batch as another of the same size. Before xsimd 11, bitwise_cast took the kind of
-/// batch that it returns; since, it takes the kind of number.
+/// The bits of a batch as another type of the same size. The template argument of bitwise_cast is a
+/// batch type before xsimd 11, and a scalar type since.
 template <class To, class From>
 [[gnu::always_inline]] inline To cast_bits(const From& x) {
     using Number = typename To::value_type;
@@ -63,7 +63,7 @@ template <class To, class From>
         return bitwise_cast<To>(x);
 }
 
-/// The slope of |x|: -1, 0 or 1, by value; 0 at 0.
+/// The slope of |x|: -1, 0 or 1; 0 at 0. Without derivative.
 template <Scalar T>
 RYE_HD T sign_of(const T& x) {
     return select(x > T(0), T(1), select(x < T(0), T(-1), T(0)));
@@ -75,8 +75,8 @@ RYE_HD T clamp_value(const T& x, const T& lo, const T& hi) {
     return min(max(x, lo), hi);
 }
 
-/// 1 / (1 + exp(-x)) without overflow: exp only of non-positive numbers. Not by |x|, whose
-/// derivative at 0 would leave sigmoid'(0) = 0.
+/// 1 / (1 + exp(-x)) without overflow: takes exp of non-positive numbers only. Not in terms of |x|,
+/// whose derivative of 0 at 0 would give sigmoid'(0) = 0.
 template <Scalar T>
 RYE_HD T sigmoid(const T& x) {
     using std::exp;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/activations.hpp: what follows a network's layer, number by number, with its slope.
+/// rye/nn/activations.hpp: activation functions and their slopes, element by element.
 #pragma once
 
 #include <cmath>
@@ -10,23 +10,23 @@
 
 namespace rye {
 
-/// A negative input keeps this share of itself.
+/// Slope of LeakyReLU for negative inputs.
 inline constexpr double leaky_slope = 0.01;
 
-/// x for x > 0, else 0.01 x. A NaN stays a NaN.
+/// x for x > 0, else 0.01 x; NaN for NaN.
 template <class T>
 RYE_HD T leaky_relu(const T& x) {
     return select(x > T(0), x, T(T(real_t<T>(leaky_slope)) * x));
 }
 
-/// The cotangent of the input from the *output* y, whose sign is that of the input.
+/// The cotangent of the input, from the *output* y, whose sign is that of the input.
 template <class T>
 RYE_HD T leaky_relu_vjp(const T& y, const T& g) {
     return select(y > T(0), g, T(T(real_t<T>(leaky_slope)) * g));
 }
 
-/// What follows the hidden layers of a network: y of the input, and the cotangent of the input from
-/// y. Both are templates over numbers and vectors of lanes, without branches.
+/// Activation after the hidden layers of a network: value of the input, and the cotangent of the
+/// input from the output y. Both are templates over numbers and vectors of lanes, without branches.
 template <class A>
 concept Activation = requires(const float x) {
     { A::value(x) } -> std::same_as<float>;
@@ -45,7 +45,7 @@ struct LeakyRelu {
 };
 static_assert(Activation<LeakyRelu>);
 
-/// x for x > 0, else 0. A NaN stays a NaN, unlike with max(0, x), so that it can be found.
+/// x for x > 0, else 0; NaN for NaN, unlike max(0, x), so that NaNs reach the finite checks.
 template <class T>
 RYE_HD T relu(const T& x) {
     return select(x <= T(0), T(0), x);
@@ -56,10 +56,10 @@ RYE_HD T relu_vjp(const T& y, const T& g) {
     return select(y > T(0), g, T(0));
 }
 
-/// What bounds a network's output.
+/// Function that bounds a network's output.
 enum class Squash { none, tanh, sigmoid };
 
-/// y = squash(v) of one number.
+/// y = squash(v).
 template <Scalar T>
 RYE_HD T squash_value(Squash squash, const T& v) {
     using std::tanh;
@@ -67,7 +67,7 @@ RYE_HD T squash_value(Squash squash, const T& v) {
     return squash == Squash::sigmoid ? sigmoid(v) : v;
 }
 
-/// dy / dv, of y.
+/// dy / dv of y = tanh(v), in terms of y.
 template <Scalar T>
 RYE_HD T tanh_slope(const T& y) {
     return (T(1) - y) * (T(1) + y);
@@ -84,7 +84,7 @@ RYE_HD T squash_slope(Squash squash, const T& y) {
 
 namespace detail {
 
-/// The clamp of the skip's base: half an 8-bit step is not visible, and z can still move it.
+/// Margin of the clamped skip base: half an 8-bit step is invisible, and z still has a gradient.
 inline constexpr double base_margin = 1e-3;
 
 template <class T>
@@ -93,7 +93,7 @@ RYE_HD T clamped_base(const T& b) {
     return clamp_value(b, T(m), T(1 - m));
 }
 
-/// Cotangent of b for that of z + logit(clamped_base(b)); half of it at the clamp's ends.
+/// Cotangent of b, given that of z + logit(clamped_base(b)); half of it at the ends of the clamp.
 template <class T>
 RYE_HD T clamped_base_vjp(const T& b, const T& g) {
     using R = real_t<T>;
@@ -103,7 +103,7 @@ RYE_HD T clamped_base_vjp(const T& b, const T& g) {
     return T(slope) * g / (c * (T(1) - c));
 }
 
-/// b e^z / (b e^z + 1 - b) with an exponential that cannot overflow.
+/// b e^z / (b e^z + 1 - b), without overflow of the exponential.
 template <class T>
 RYE_HD T odds_sigmoid(const T& b, const T& z) {
     using std::abs, std::exp;

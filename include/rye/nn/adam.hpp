@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/nn/adam.hpp: the Adam optimiser over the fields of a parameter struct.
 /// p -= rate / c1 m / (sqrt(v / c2) + eps), c_i = 1 - beta_i^t in double as -expm1(t log beta_i).
-/// Every field counts its own steps, so one that starts late is corrected like one that starts
-/// first. A gradient that is not finite stops the whole step before anything is changed.
+/// Every field counts its own steps, so bias correction is right for fields that start late. A
+/// gradient that is not finite cancels the whole step before anything is changed.
 /// Source: Kingma and Ba, "Adam", 2015, algorithm 1, in PyTorch's order of operations.
 #pragma once
 
@@ -24,16 +24,18 @@ struct AdamConfig {
     double eps = 1e-8;
 };
 
-/// The optimiser's state: moments of the same shapes as the parameters.
+/// The optimiser: its settings, and moments of the same shapes as the parameters.
 template <class P>
 struct Adam {
     P m;                            ///< mean of gradients
     P v;                            ///< mean of squared gradients
     std::int64_t step = 0;          ///< steps applied so far
-    std::vector<std::int64_t> field_steps; ///< the same of each field, in the order of the walk
+    std::vector<std::int64_t> field_steps; ///< the same per field, in the order of fields()
+    AdamConfig config = {};
 
     Adam() = default;
-    explicit Adam(const P& p) : m(zeros_like(p)), v(zeros_like(p)) {}
+    explicit Adam(const P& p, const AdamConfig& c = {})
+        : m(zeros_like(p)), v(zeros_like(p)), config(c) {}
 };
 
 struct AdamReport {
@@ -46,7 +48,7 @@ namespace detail {
 /// Elements per chunk of an elementwise pass.
 inline constexpr Index adam_grain = 16384;
 
-/// 0 x = 0 for every finite x and NaN for all others, so one vectorised sum tells.
+/// By one vectorised sum: 0 x is 0 for every finite x and NaN for all others.
 template <class T, Backend B>
 bool all_finite(const B& backend, const Columns<T>& a) {
     const T zero = sum_chunks(backend.threads, a.size(), adam_grain, T(0), [&](Index b, Index e) {
@@ -57,12 +59,12 @@ bool all_finite(const B& backend, const Columns<T>& a) {
 
 } // namespace detail
 
-/// One step. `rate(name)` is the learning rate of a field; a field of rate 0 keeps its value and
-/// its moments, and its gradient is not looked at.
+/// Applies one step. `rate(name)` is the learning rate of a field; with rate 0 a field keeps its
+/// value and its moments, and its gradient is not read.
 template <class P, class Rate, Backend B>
     requires std::is_invocable_r_v<double, Rate, const std::string&> AdamReport
-    adam_step(const B& backend, P& p, const P& g, Adam<P>& state, const Rate& rate,
-              const AdamConfig& config = {}) {
+    adam_step(const B& backend, P& p, const P& g, Adam<P>& state, const Rate& rate) {
+        const AdamConfig& config = state.config;
         AdamReport report;
         std::vector<double> rates;
         P::fields(
@@ -84,7 +86,7 @@ template <class P, class Rate, Backend B>
                 if (rates[i] == 0.0) return;
                 RYE_ASSERT(T(config.eps) > T(0), "adam_step: eps is 0 in this precision");
                 RYE_ASSERT(a.size() == ga.size() && a.size() == m.size() && a.size() == v.size(),
-                           "adam_step: shapes of parameter, gradient and moments differ");
+                           "adam_step: parameter, gradient and moments differ in shape");
                 const double t = static_cast<double>(++state.field_steps[i]);
                 const double c1 = -std::expm1(t * std::log(config.beta1));
                 const double c2 = -std::expm1(t * std::log(config.beta2));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/bilinear.hpp: an image doubled in width and height, and its vjp.
-/// Output pixel o of 2 n reads the input at o (n - 1) / (2 n - 1): the corner pixels' centres stay
-/// where they are (align_corners = true in PyTorch), as in Gaussian Head Avatar.
+/// rye/nn/bilinear.hpp: bilinear upsampling of an image by 2, and its vjp.
+/// Output pixel o of 2 n samples the input at o (n - 1) / (2 n - 1): the centres of corner pixels
+/// coincide (align_corners = true in PyTorch), as in Gaussian Head Avatar.
 #pragma once
 
 #include <algorithm>
@@ -14,20 +14,20 @@
 
 namespace rye {
 
-/// The weights of doubling along one axis.
+/// Interpolation weights along one axis.
 struct Doubling {
     struct Tap {
         Index at;
         double weight;
     };
-    std::vector<std::array<Tap, 2>> from; ///< of each output: the two inputs
-    std::vector<std::vector<Tap>> to;     ///< of each input: the outputs that read it
+    std::vector<std::array<Tap, 2>> from; ///< per output: the two inputs
+    std::vector<std::vector<Tap>> to;     ///< per input: the outputs that sample it
 
     explicit Doubling(Index n)
         : from(static_cast<std::size_t>(2 * n)),
           to(static_cast<std::size_t>(n)) {
         for (Index o = 0; o < 2 * n; ++o) {
-            // (n - 1) o / (2 n - 1) in whole numbers, so that the corners are exact.
+            // (n - 1) o / (2 n - 1) in integers, so that the corners are exact.
             const Index span = std::max<Index>(2 * n - 1, 1);
             const Index low = o * (n - 1) / span, high = std::min(low + 1, n - 1);
             const double t = static_cast<double>(o * (n - 1) % span) / static_cast<double>(span);
@@ -38,7 +38,7 @@ struct Doubling {
     }
 };
 
-/// Writes the doubled f(in); `row(y)` is where row y of the output (2 width pixels) begins.
+/// Writes the upsampled f(in); `row(y)` points to row y of the output (2 width pixels).
 template <class T, class F, class Row, Backend B>
 void double_into(const B& backend, const Image<T>& in, const F& f, const Row& row) {
     const Index w = in.width, c = in.channels();
@@ -72,7 +72,7 @@ Image<T> doubled(const B& backend, const Image<T>& in) {
     return out;
 }
 
-/// The cotangent of the input: every input row gathers from the output rows that read it.
+/// The cotangent of the input, gathered per input row from the output rows that sample it.
 template <class T, Backend B>
 Image<T> doubled_vjp(const B& backend, const Image<T>& g) {
     Image<T> out(g.width / 2, g.height / 2, g.channels());

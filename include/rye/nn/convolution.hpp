@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/convolution.hpp: 3 x 3 convolution with zero padding, and the vjp of input and weights.
-/// A pixel is a column, so the three pixels under a row of the kernel are 3 C adjacent numbers, and
-/// a row of the output is three products with a matrix whose columns overlap: nothing is unfolded.
+/// rye/nn/convolution.hpp: 3 x 3 convolution with zero padding, and its vjps.
+/// A pixel is a column, so the three pixels under a kernel row are 3 C adjacent numbers, and an
+/// output row is three products with a matrix of overlapping columns, without an im2col copy.
 /// Weights are out x 9 in; column (3 ky + kx) in + i belongs to kernel row ky, column kx, input i.
 /// The kernel is not flipped (cross-correlation), as in PyTorch.
 #pragma once
@@ -17,7 +17,7 @@
 
 namespace rye {
 
-/// An image inside a border of one pixel of zeros.
+/// An image with a border of one pixel of zeros.
 template <class T>
 struct Padded {
     int width = 0;     ///< without the border [px]
@@ -33,17 +33,17 @@ struct Padded {
         return {pixels.data() + ((y + 1) * (width + 2) + 1) * c, c, width,
                 Eigen::OuterStride<>(c)};
     }
-    /// For each pixel of row y the three pixels under kernel row ky: 3 channels x width.
+    /// The three pixels under kernel row ky for each pixel of row y: 3 channels x width.
     Neighbours under(Index y, int ky) const {
         const Index c = pixels.rows();
         return {pixels.data() + (y + ky) * (width + 2) * c, 3 * c, width, Eigen::OuterStride<>(c)};
     }
 };
 
-/// Rows of an image that one chunk handles: about 2048 pixels.
+/// Rows per chunk of an image: about 2048 pixels.
 inline Index rows_per_chunk(int width) { return std::max<Index>(1, 2048 / std::max(width, 1)); }
 
-/// f of every pixel inside the border, of one image or of several of the same shape.
+/// f(pixel) inside the border, of one image or of several of the same shape.
 template <class T, class F, Backend B, class... More>
 Padded<T> padded(const B& backend, const Image<T>& in, const F& f, const More&... more) {
     const Index w = in.width, c = in.channels(), pitch = w + 2;
@@ -68,7 +68,7 @@ Padded<T> padded(const B& backend, const Image<T>& in) {
 
 namespace detail {
 
-/// The tiles in registers win while the outputs fill lanes and the weights stay in the cache.
+/// Whether register tiles are faster: outputs fill whole vectors and the weights fit the cache.
 template <class B, class T>
 bool runs_in_lanes(Index outputs, Index inputs, Index width) {
     if constexpr (LaneBackend<B, T>)
@@ -80,11 +80,11 @@ bool runs_in_lanes(Index outputs, Index inputs, Index width) {
 
 } // namespace detail
 
-/// weight: out x 9 in. Returns an image of `out` channels.
+/// Convolves with weight, out x 9 in. Returns an image of `out` channels.
 template <class T, Backend B>
 Image<T> convolve3x3(const B& backend, const Columns<T>& weight, const Padded<T>& in) {
     const Index k = 3 * in.channels();
-    RYE_ASSERT(weight.cols() == 3 * k, "convolve3x3: channels of weight and image differ");
+    RYE_ASSERT(weight.cols() == 3 * k, "convolve3x3: weight and image differ in channels");
     Image<T> out;
     out.width = in.width;
     out.height = in.height;
@@ -111,7 +111,7 @@ Image<T> convolve3x3(const B& backend, const Columns<T>& weight, const Padded<T>
     return out;
 }
 
-/// The weights of the adjoint convolution: in x 9 out, turned by 180 degrees.
+/// The weights of the adjoint convolution: in x 9 out, rotated by 180 degrees.
 template <class T>
 Columns<T> adjoint_weight3x3(const Columns<T>& weight) {
     const Index out = weight.rows(), in = weight.cols() / 9;
@@ -121,7 +121,7 @@ Columns<T> adjoint_weight3x3(const Columns<T>& weight) {
     return w;
 }
 
-/// The cotangent of the input from that of the output.
+/// The cotangent of the input, given that of the output.
 template <class T, Backend B>
 Image<T> convolve3x3_vjp_input(const B& backend, const Columns<T>& weight, const Padded<T>& g) {
     return convolve3x3(backend, adjoint_weight3x3(weight), g);

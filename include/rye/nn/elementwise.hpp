@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/elementwise.hpp: one formula over flat arrays, in lanes where the backend has them.
-/// The remainder of an array runs the same formula on its scalar.
+/// rye/nn/elementwise.hpp: element-wise formulas over flat arrays, in SIMD lanes where the backend
+/// has them, with a scalar loop for the remainder.
 #pragma once
 
 #include <type_traits>
@@ -15,7 +15,7 @@
 
 namespace rye {
 
-/// Numbers from memory as a V: one, or a vector; and back.
+/// Loads and stores a V: a number, or a vector.
 template <class V, class T>
 V load_as(const T* from) {
     if constexpr (std::is_same_v<V, T>)
@@ -30,14 +30,14 @@ void store_as(const V& v, T* to) {
     else
         v.store_unaligned(to);
 }
-/// ... of the kind of `like`.
+/// Loads a V, deduced from an argument.
 template <class V, class T>
 V load_like(const V&, const T* from) {
     return load_as<V>(from);
 }
 
-/// f(std::type_identity<V>(), i) for i from begin to below end: V is the backend's vector, and the
-/// next i is behind it, while a whole one is left; then the scalar.
+/// Calls f(std::type_identity<V>(), i) for i in [begin, end): V is the backend's vector, with i
+/// advancing by its size, while whole vectors are left; then the scalar.
 template <Backend B, class T, class F>
 void each_vector(Index begin, Index end, const F& f) {
     Index i = begin;
@@ -57,7 +57,7 @@ void transform_array(Index n, T* out, const F& f, const In*... in) {
     });
 }
 
-/// The sum of n numbers as a W, by eight that are added up in turn: none waits for the one before.
+/// The sum of n numbers as a W, in eight independent accumulators to hide the latency of additions.
 template <class W, class T>
 W sum_array(const T* x, Index n) {
     constexpr Index parts = 8;

@@ -21,8 +21,8 @@ RYE_HD constexpr Index encoded_size(Index values, int frequencies) {
     return values * (1 + 2 * frequencies);
 }
 
-/// One number of a vector of `size`: writes its 1 + 2 F numbers, which lie `size` apart. The sines
-/// are the library's; those of whole arrays below are Eigen's, whose last bits may be others.
+/// Encodes one component of a vector of `size`: writes its 1 + 2 F numbers, `size` apart. Uses the
+/// library's sine; whole arrays below use Eigen's, which may differ in the last bits.
 template <Scalar T>
 RYE_HD void encode_number(const T& x, int frequencies, Index size, T* y) {
     using std::cos, std::sin;
@@ -35,7 +35,7 @@ RYE_HD void encode_number(const T& x, int frequencies, Index size, T* y) {
     }
 }
 
-/// Its cotangent, from the encoding itself.
+/// Its cotangent, in terms of the encoding.
 template <Scalar T>
 RYE_HD T encode_number_vjp(const T* y, const T* g, int frequencies, Index size) {
     T sum = g[0], rate = T(1);                                            // 2^k
@@ -47,7 +47,7 @@ RYE_HD T encode_number_vjp(const T* y, const T* g, int frequencies, Index size) 
     return sum;
 }
 
-/// x: D x N. Returns D (1 + 2 F) x N.
+/// Encodes x, D x N; returns D (1 + 2 F) x N.
 template <class X>
 Columns<typename X::Scalar> positional_encoding(const Eigen::MatrixBase<X>& x,
                                                 int frequencies = default_frequencies) {
@@ -57,7 +57,7 @@ Columns<typename X::Scalar> positional_encoding(const Eigen::MatrixBase<X>& x,
     Columns<T> scaled = x, turned; // 2^k x
     y.topRows(d) = scaled;
     for (int k = 0; k < frequencies; ++k) {
-        // Whole arrays: a few rows at a time would be taken number by number.
+        // Whole arrays, as Eigen does not vectorise blocks of a few rows.
         turned = scaled.array().sin().matrix();
         y.middleRows(d * (1 + 2 * k), d) = turned;
         turned = scaled.array().cos().matrix();
@@ -67,7 +67,7 @@ Columns<typename X::Scalar> positional_encoding(const Eigen::MatrixBase<X>& x,
     return y;
 }
 
-/// The cotangent of x (D x N) from the encoding itself, which holds every sine and cosine needed.
+/// The cotangent of x (D x N), in terms of the encoding, which holds every sine and cosine.
 template <class Y, class G>
 Columns<typename Y::Scalar> positional_encoding_vjp(const Eigen::MatrixBase<Y>& y,
                                                     const Eigen::MatrixBase<G>& g,
@@ -76,7 +76,7 @@ Columns<typename Y::Scalar> positional_encoding_vjp(const Eigen::MatrixBase<Y>& 
     const Index d = y.rows() / encoded_size(1, frequencies);
     RYE_ASSERT(
         y.rows() == encoded_size(d, frequencies) && g.rows() == y.rows() && g.cols() == y.cols(),
-        "positional_encoding_vjp: shapes differ");
+        "positional_encoding_vjp: y and g differ in shape");
     Columns<T> gx = g.topRows(d);
     for (int k = 0; k < frequencies; ++k) {
         const Index s = d * (1 + 2 * k), c = s + d; // rows of sin, of cos
@@ -86,8 +86,8 @@ Columns<typename Y::Scalar> positional_encoding_vjp(const Eigen::MatrixBase<Y>& 
     return gx;
 }
 
-/// How numbers are presented to a network: D to size(D, F), column by column, and the cotangent of
-/// the numbers from the code, which holds all that it needs.
+/// Encoding of a network's inputs: D numbers to size(D, F), column by column, and the cotangent of
+/// the numbers in terms of the code.
 template <class C>
 concept Encoding = requires(const Columns<float>& x) {
     { C::size(Index(3), 4) } -> std::convertible_to<Index>;
@@ -108,7 +108,7 @@ struct PositionalEncoding {
 };
 static_assert(Encoding<PositionalEncoding>);
 
-/// The same for many points, on the backend's threads. A chunk of 1024 columns is whole vectors.
+/// Encodes many points on the backend's threads, in chunks of 1024 columns (whole vectors).
 template <Encoding C = PositionalEncoding, class T, Backend B>
 void encode_points(const B& backend, const Columns<T>& x, int frequencies, Columns<T>& y) {
     y.resize(C::size(x.rows(), frequencies), x.cols());

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/nn/features.hpp: the VGG-16 feature extractor: five slices of 3 x 3 convolutions with ReLU,
-/// with a 2 x 2 maximum between slices. Its outputs are relu1_2, relu2_2, relu3_3, relu4_3,
-/// relu5_3. The weights are the user's; the fields carry torchvision's names, "features.0.weight"
+/// with 2 x 2 max pooling between slices. Outputs: relu1_2, relu2_2, relu3_3, relu4_3,
+/// relu5_3. The user supplies the weights; fields have torchvision's names, "features.0.weight"
 /// and so on. Source: Simonyan and Zisserman, "Very Deep Convolutional Networks", 2015,
 /// configuration D.
 #pragma once
@@ -17,7 +17,7 @@
 
 namespace rye {
 
-/// Slices, each at half the size of the one before.
+/// Number of slices, each at half the size of the previous one.
 inline constexpr int vgg_slices = 5;
 
 struct VggShape {
@@ -32,7 +32,7 @@ struct Vgg {
     std::vector<Columns<T>> weight; ///< out x 9 in, see convolution.hpp
     std::vector<Columns<T>> bias;   ///< out x 1
 
-    /// All zero.
+    /// All weights zero.
     explicit Vgg(const VggShape& s = {}) : shape(s) {
         int in = s.in_channels;
         for (int slice = 0; slice < vgg_slices; ++slice)
@@ -48,7 +48,7 @@ struct Vgg {
     static void fields(F&& f, P&&... p) {
         const VggShape s = std::get<0>(std::tie(p...)).shape;
         std::size_t layer = 0;
-        int index = 0; // torchvision counts convolutions, ReLUs and maxima alike
+        int index = 0; // torchvision numbers convolutions, ReLUs and pooling layers alike
         for (const int count : s.convolutions) {
             for (int k = 0; k < count; ++k, ++layer, index += 2) {
                 const std::string name = "features." + std::to_string(index);
@@ -60,11 +60,11 @@ struct Vgg {
     }
 };
 
-/// The outputs of all convolutions after ReLU; those that end a slice are the features.
+/// Outputs of all convolutions after ReLU; those that end a slice are the features.
 template <class T>
 struct VggTrace {
     std::vector<Image<T>> layer;
-    std::array<std::size_t, vgg_slices> slice_end{}; ///< which layers end a slice
+    std::array<std::size_t, vgg_slices> slice_end{}; ///< index of the layer that ends each slice
 
     const Image<T>& feature(int slice) const {
         return layer[slice_end[static_cast<std::size_t>(slice)]];
@@ -73,7 +73,7 @@ struct VggTrace {
 
 namespace detail {
 
-/// The first of the four pixels with the largest value, as a column of the input.
+/// The column of the largest of four pixels, the first on a tie.
 template <class T>
 Index largest_of_four(const Image<T>& in, Index x, Index y, Index channel) {
     Index best = 2 * y * in.width + 2 * x;
@@ -82,7 +82,7 @@ Index largest_of_four(const Image<T>& in, Index x, Index y, Index channel) {
     return best;
 }
 
-/// The maximum over 2 x 2 pixels; an odd last row or column is left out.
+/// 2 x 2 max pooling; drops an odd last row or column.
 template <class T, Backend B>
 Image<T> max_pool(const B& backend, const Image<T>& in) {
     Image<T> out(in.width / 2, in.height / 2, in.channels());
@@ -143,7 +143,7 @@ VggTrace<T> vgg_forward(const B& backend, const Vgg<T>& net, const Image<T>& in)
     return t;
 }
 
-/// The cotangent of the input from those of the five features (channels x pixels each).
+/// The cotangent of the input, given those of the five features (channels x pixels each).
 template <class T, Backend B>
 Columns<T> vgg_vjp_input(const B& backend, const Vgg<T>& net, const VggTrace<T>& t,
                          const std::array<Columns<T>, vgg_slices>& g_features) {

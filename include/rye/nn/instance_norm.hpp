@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/instance_norm.hpp: each channel of an image brought to mean 0 and variance 1, and its
-/// vjp. No learned scale and no running statistics. The variance is of centred values, summed in
-/// fixed blocks. Source: Ulyanov et al., "Instance Normalization", 2016; eps as in PyTorch.
+/// rye/nn/instance_norm.hpp: normalisation of each channel of an image to mean 0 and variance 1,
+/// and its vjp. No learned scale, no running statistics. The variance is of centred values, summed
+/// in fixed blocks. Source: Ulyanov et al., "Instance Normalization", 2016; eps as in PyTorch.
 #pragma once
 
 #include <algorithm>
@@ -18,7 +18,7 @@ inline constexpr double norm_eps = 1e-5;
 
 namespace detail {
 
-/// Pixels per partial sum: long sums are sums of sums, so that float keeps its digits.
+/// Pixels per partial sum: nested sums keep long sums accurate in float.
 inline constexpr Index norm_block = 256;
 
 /// Mean over pixels of f(begin, count), a channels x 1 sum over a block of pixels.

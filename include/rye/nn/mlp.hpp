@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/mlp.hpp: the multilayer perceptron over columns, with one skip and its vjp.
-/// Layer l maps dims[l] to dims[l + 1]; layer floor(len(dims) / 2), or skip_layer, also reads the
-/// input again, after the hidden part. LeakyReLU(0.01), or another activation, after every layer but
-/// the last; the caller applies what follows. The last `frame_inputs` rows of the input are the same for all points, so their
-/// products are folded into the biases once per call, and their gradients come from the summed
-/// cotangents. Points go through all layers in blocks that stay in the cache. Source: Xu et al.,
-/// "Gaussian Head Avatar", 2024, and its published configuration.
+/// rye/nn/mlp.hpp: the multilayer perceptron over columns, with one skip, and its vjp.
+/// Layer l maps dims[l] to dims[l + 1]; layer floor(len(dims) / 2), or skip_layer, also takes the
+/// input again, after the hidden part. LeakyReLU(0.01), or another activation, after every layer
+/// but the last; the caller applies the output activation. The last `frame_inputs` rows of the
+/// input are the same for all points, so their products are added to the biases once per call, and
+/// their gradients come from the summed cotangents. Points pass all layers in blocks that fit the
+/// cache. Source: Xu et al., "Gaussian Head Avatar", 2024, and its published configuration.
 #pragma once
 
 #include <algorithm>
@@ -26,9 +26,9 @@ namespace rye {
 
 struct MlpShape {
     std::vector<int> dims; ///< sizes of the input, the hidden layers and the output
-    int frame_inputs = 0;  ///< how many of the last dims[0] inputs all points share
+    int frame_inputs = 0;  ///< number of trailing inputs that all points share
     static constexpr int middle = -1, no_skip = 0;
-    int skip_layer = middle;  ///< reads the input again
+    int skip_layer = middle;  ///< takes the input again
 
     int layers() const { return static_cast<int>(dims.size()) - 1; }
     int skip() const {
@@ -38,7 +38,7 @@ struct MlpShape {
     int outputs() const { return dims.back(); }
     int point_inputs() const { return dims.front() - frame_inputs; }
     int layer_out(int l) const { return dims[static_cast<std::size_t>(l) + 1]; }
-    /// Width of the hidden part of a layer's input: none of the first layer's.
+    /// Width of the hidden part of a layer's input; 0 for the first layer.
     int hidden_in(int l) const { return l == 0 ? 0 : dims[static_cast<std::size_t>(l)]; }
     bool reads_input(int l) const { return l == 0 || l == skip(); }
     int fan_in(int l) const { return hidden_in(l) + (reads_input(l) ? inputs() : 0); }
@@ -53,7 +53,7 @@ struct Mlp {
     std::vector<Columns<T>> bias;
 
     Mlp() = default;
-    /// All zero.
+    /// All weights and biases zero.
     explicit Mlp(const MlpShape& s) : shape(s) {
         require(s.dims.size() >= 2, "Mlp",
                 "got " + std::to_string(s.dims.size()) + " dims, expected at least 2");
@@ -94,16 +94,16 @@ struct Mlp {
     }
 };
 
-/// What the vjp needs of a forward pass: the outputs of the hidden layers. Keep it between calls,
-/// so that its memory is allocated once.
+/// Outputs of the hidden layers of a forward pass, for the vjp. Reuse it between calls, so that its
+/// memory is allocated once.
 template <class T>
 struct MlpTrace {
-    std::vector<Columns<T>> hidden; ///< of each layer but the last: dims[l + 1] x N
+    std::vector<Columns<T>> hidden; ///< per layer but the last: dims[l + 1] x N
 };
 
 namespace detail {
 
-/// Points that go through all layers together: about 128 KiB of the widest layer, whole tiles.
+/// Points per block that passes all layers: about 128 KiB of the widest layer, whole tiles.
 inline Index mlp_block(const MlpShape& s) {
     const int widest = *std::max_element(s.dims.begin(), s.dims.end());
     return std::clamp<Index>(32768 / std::max(widest, 1) / 12 * 12, 60, 504);
@@ -115,13 +115,15 @@ inline Index mlp_chunk(const MlpShape& s, Index points) {
     return block * std::max<Index>(1, chunk_count(chunk_count(points, 16), block));
 }
 
-/// The layers as the forward pass reads them: weights as factors, biases with the products of the
-/// frame inputs folded in and room for a vector behind them.
+/// Layers prepared for the forward pass: weights as left factors, biases with the products of the
+/// frame inputs added, padded by a vector.
 template <Backend B, class T>
 struct MlpLayers {
     struct Layer {
         LeftFactor<B, T> hidden, input;
         VecX<T> bias;
+        bool takes_hidden, takes_points;  ///< which products it sums
+        bool last;                        ///< without LeakyReLU
     };
     std::vector<Layer> layers;
 
@@ -134,8 +136,11 @@ struct MlpLayers {
             const Columns<T>& w = m.weight[i];
             Layer& layer = layers[i];
             const int h = s.hidden_in(l), p = s.point_inputs();
-            if (h > 0) layer.hidden.set(w.leftCols(h));
-            if (s.reads_input(l) && (p > 0 || h == 0)) layer.input.set(w.middleCols(h, p));
+            layer.takes_hidden = h > 0;
+            layer.takes_points = s.reads_input(l) && (p > 0 || h == 0);
+            layer.last = l + 1 == s.layers();
+            if (layer.takes_hidden) layer.hidden.set(w.leftCols(h));
+            if (layer.takes_points) layer.input.set(w.middleCols(h, p));
             layer.bias = VecX<T>::Zero(w.rows() + room);
             layer.bias.head(w.rows()) = m.bias[i].col(0);
             if (s.reads_input(l) && frame.size() > 0)
@@ -149,8 +154,8 @@ struct MlpLayers {
 
 /// y = W [hidden; x] + b, and the activation unless last.
 template <Backend B, class A, class T>
-void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const MlpShape& s, int l,
-               const ColumnsView<T>& hidden, const ColumnsView<T>& x, ColumnsSpan<T> y) {
+void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const ColumnsView<T>& hidden,
+               const ColumnsView<T>& x, ColumnsSpan<T> y) {
     const auto finish = [&](const auto& last) {
         const T* const bias = layer.bias.data();
         const auto activated = [&](Index row, const auto& sum) {
@@ -160,21 +165,20 @@ void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const MlpShape& s, 
             else
                 return A::value(v);
         };
-        const bool both = s.hidden_in(l) > 0 && s.reads_input(l) && s.point_inputs() > 0;
-        if (both) {
+        if (layer.takes_hidden && layer.takes_points) {
             layer.hidden.times(hidden, y, [](Index, const auto& sum, const auto&) { return sum; });
             layer.input.times(x, y, [&](Index row, const auto& sum, const auto& before) {
                 return activated(row, std::remove_cvref_t<decltype(sum)>(before + sum));
             });
         } else {
-            const bool first = s.hidden_in(l) == 0;
+            const bool first = !layer.takes_hidden;
             (first ? layer.input : layer.hidden)
                 .times(first ? x : hidden, y, [&](Index row, const auto& sum, const auto&) {
                     return activated(row, sum);
                 });
         }
     };
-    if (l + 1 == s.layers())
+    if (layer.last)
         finish(std::true_type());
     else
         finish(std::false_type());
@@ -182,16 +186,16 @@ void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const MlpShape& s, 
 
 } // namespace detail
 
-/// points: point_inputs x N, frame: frame_inputs. Returns outputs x N, without a last activation.
-/// The trace may be null.
+/// points: point_inputs x N, frame: frame_inputs. Returns outputs x N, before any output
+/// activation. trace may be null.
 template <class T, class A, Backend B>
 Columns<T> mlp_forward(const B& backend, const Mlp<T, A>& m,
                        const std::type_identity_t<ColumnsView<T>>& points,
                        const std::type_identity_t<VecX<T>>& frame,
                        std::type_identity_t<MlpTrace<T>>* trace) {
     const MlpShape& s = m.shape;
-    RYE_ASSERT(points.rows() == s.point_inputs(), "mlp_forward: rows of points");
-    RYE_ASSERT(frame.size() == s.frame_inputs, "mlp_forward: size of frame");
+    RYE_ASSERT(points.rows() == s.point_inputs(), "mlp_forward: points have other rows");
+    RYE_ASSERT(frame.size() == s.frame_inputs, "mlp_forward: frame has another size");
     const int layers = s.layers();
     const Index n = points.cols();
     const detail::MlpLayers<B, T> packed(m, frame);
@@ -214,22 +218,39 @@ Columns<T> mlp_forward(const B& backend, const Mlp<T, A>& m,
             return buffer;
         };
         for (int l = 0; l < layers; ++l)
-            detail::mlp_layer<B, A, T>(packed.layers[static_cast<std::size_t>(l)], s, l,
-                                    hidden(l - 1), x, hidden(l));
+            detail::mlp_layer<B, A, T>(packed.layers[static_cast<std::size_t>(l)], hidden(l - 1), x,
+                                       hidden(l));
     });
     return y;
 }
 
-/// Adds to g_params; overwrites g_points (point_inputs x N) and g_frame, each of which may be null.
+/// Inputs and trace of a forward pass.
+template <class T>
+struct MlpPass {
+    ColumnsView<T> points;      ///< point_inputs x N
+    const VecX<T>& frame;       ///< frame_inputs
+    const MlpTrace<T>& trace;
+};
+
+/// Destination of gradients; a null pointer skips one.
+template <class T, class A>
+struct MlpGradient {
+    Mlp<T, A>& params;             ///< added to
+    Columns<T>* points = nullptr;  ///< overwritten, point_inputs x N
+    VecX<T>* frame = nullptr;      ///< overwritten, frame_inputs
+};
+
+/// Gradients for the cotangent g_out (outputs x N) of mlp_forward's result.
 template <class T, class A, Backend B>
-void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<ColumnsView<T>>& points,
-             const std::type_identity_t<VecX<T>>& frame, const MlpTrace<T>& trace,
-             const std::type_identity_t<ColumnsView<T>>& g_out, Mlp<T, A>& g_params,
-             std::type_identity_t<Columns<T>>* g_points, std::type_identity_t<VecX<T>>* g_frame) {
+void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<MlpPass<T>>& pass,
+             const std::type_identity_t<ColumnsView<T>>& g_out,
+             const std::type_identity_t<MlpGradient<T, A>>& g) {
     const MlpShape& s = m.shape;
+    const ColumnsView<T>& points = pass.points;
+    Columns<T>* const g_points = g.points;
     const int layers = s.layers(), p = s.point_inputs();
     const Index n = points.cols(), block = detail::mlp_block(s), chunk = detail::mlp_chunk(s, n);
-    RYE_ASSERT(g_out.rows() == s.outputs() && g_out.cols() == n, "mlp_vjp: shape of g_out");
+    RYE_ASSERT(g_out.rows() == s.outputs() && g_out.cols() == n, "mlp_vjp: g_out differs in shape");
     if (g_points) g_points->resize(p, n);
     std::vector<Mlp<T, A>> parts(static_cast<std::size_t>(chunk_count(n, chunk)));
     std::vector<LeftFactor<B, T>> to_hidden(static_cast<std::size_t>(layers)), to_input(to_hidden);
@@ -242,7 +263,7 @@ void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<Co
     }
     const auto added = [](Index, const auto& sum, const auto& before) { return before + sum; };
     const auto alone = [](Index, const auto& sum, const auto&) { return sum; };
-    const int reads_last = s.skip() < layers ? s.skip() : 0; // whose input the vjp meets first
+    const int reads_last = s.skip() < layers ? s.skip() : 0; // the last layer that takes the input
 
     for_chunks(backend.threads, n, chunk, [&](Index first, Index last, Index c) {
         Mlp<T, A>& part = parts[static_cast<std::size_t>(c)] = Mlp<T, A>(s);
@@ -251,23 +272,23 @@ void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<Co
         for (Index b = first; b < last; b += block) {
             const Index k = std::min(block, last - b);
             const ColumnsView<T> x = points.middleCols(b, k);
-            const auto layer = [&](int l, const ColumnsView<T>& g, Columns<T>& g_below) {
+            const auto layer = [&](int l, const ColumnsView<T>& gl, Columns<T>& g_below) {
                 const std::size_t i = static_cast<std::size_t>(l);
                 const int h = s.hidden_in(l);
-                g_rows.set_and_sum(g, part.bias[i]);
+                g_rows.set_and_sum(gl, part.bias[i]);
                 if (s.reads_input(l) && p > 0) {
                     g_rows.times_transposed(x, part.weight[i].middleCols(h, p), added);
                     if (g_points && l == reads_last)
-                        to_input[i].times(g, g_points->middleCols(b, k), alone);
+                        to_input[i].times(gl, g_points->middleCols(b, k), alone);
                     else if (g_points)
-                        to_input[i].times(g, g_points->middleCols(b, k), added);
+                        to_input[i].times(gl, g_points->middleCols(b, k), added);
                 }
                 if (h == 0) return;
-                const ColumnsView<T> below = trace.hidden[i - 1].middleCols(b, k);
+                const ColumnsView<T> below = pass.trace.hidden[i - 1].middleCols(b, k);
                 g_rows.times_transposed(below, part.weight[i].leftCols(h), added);
                 g_below.resize(h, k);
                 to_hidden[i].times(
-                    g, g_below,
+                    gl, g_below,
                     [](Index, const auto& sum, const auto& y) { return A::vjp(y, sum); },
                     below);
             };
@@ -277,19 +298,19 @@ void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<Co
         }
     });
 
-    if (g_frame) g_frame->setZero(s.frame_inputs);
+    if (g.frame) g.frame->setZero(s.frame_inputs);
     for (int l = 0; l < layers; ++l) {
         const std::size_t i = static_cast<std::size_t>(l);
         for_chunks(backend.threads, m.weight[i].cols(), 16, [&](Index b, Index e, Index) {
             for (const Mlp<T, A>& part : parts)
-                g_params.weight[i].middleCols(b, e - b) += part.weight[i].middleCols(b, e - b);
+                g.params.weight[i].middleCols(b, e - b) += part.weight[i].middleCols(b, e - b);
         });
-        VecX<T> sum = VecX<T>::Zero(s.layer_out(l)); // of the cotangents of all points
+        VecX<T> sum = VecX<T>::Zero(s.layer_out(l)); // of cotangents over all points
         for (const Mlp<T, A>& part : parts) sum += part.bias[i].col(0);
-        g_params.bias[i] += sum;
+        g.params.bias[i] += sum;
         if (s.reads_input(l) && s.frame_inputs > 0) {
-            g_params.weight[i].rightCols(s.frame_inputs) += sum * frame.transpose();
-            if (g_frame) *g_frame += m.weight[i].rightCols(s.frame_inputs).transpose() * sum;
+            g.params.weight[i].rightCols(s.frame_inputs) += sum * pass.frame.transpose();
+            if (g.frame) *g.frame += m.weight[i].rightCols(s.frame_inputs).transpose() * sum;
         }
     }
 }

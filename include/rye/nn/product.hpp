@@ -3,8 +3,8 @@
 ///
 ///     struct Mine : rye::XsimdBackend<> { using products = rye::GemmProducts<OpenBlas>; };
 ///
-/// Without one: our own register tiles where the backend has lanes, else Eigen's. Matrices are
-/// column-major. A policy's left factor A is prepared once for many right factors:
+/// Without one: rye's register tiles where the backend has lanes, else Eigen's. Matrices are
+/// column-major. A policy prepares its left factor A once for many right factors:
 ///
 ///     set(x), set_transposed(x)           A = x, A = x^T
 ///     set_and_sum(x, sum)                 A = x, and its columns are added to `sum`
@@ -12,9 +12,9 @@
 ///     times(x, y, put)                    y = put(row, A x, y)
 ///     times_transposed(x, y, put)         y = put(row, A x^T, y)
 ///
-/// put(row, sum, before) says how sums become results, where `before` is what stood there, or in a
-/// matrix of the same shape and stride: numbers of row `row`, or vectors of rows from `row` on,
-/// which may reach beyond the last row.
+/// put(row, sum, before) maps sums to results, `before` being the old value of y or that of a
+/// matrix of the same shape and stride. Its arguments are numbers of row `row`, or vectors of rows
+/// from `row` on, which may extend beyond the last row.
 #pragma once
 
 #include <type_traits>
@@ -25,8 +25,8 @@
 
 namespace rye {
 
-/// A left factor whose products are sums in memory first: sums(a, turned, x, out) is what `times`
-/// needs, out = a x, or a x^T.
+/// Left factor whose products are stored before `put`: sums(a, turned, x, out) computes out = a x,
+/// or a x^T if turned.
 template <Backend B, class T, class Sums>
 struct StoredFactor {
     Columns<T> a;
@@ -67,7 +67,7 @@ struct StoredFactor {
     }
 };
 
-/// Our own register tiles; for backends with lanes.
+/// rye's register tiles; for backends with lanes.
 struct TileProducts {
     template <Backend B, class T>
         requires LaneBackend<B, T>
@@ -90,22 +90,30 @@ struct EigenProducts {
     using left_factor = StoredFactor<B, T, Sums>;
 };
 
-/// Products of a library that the program links, a BLAS or oneDNN: with matrices column-major and
-/// T float or double as the library has them,
+/// A column-major matrix in memory.
+template <class T>
+struct StridedMatrix {
+    T* data;
+    Index rows, cols, stride;  ///< stride: from column to column
+};
+
+/// Products of a linked library, a BLAS or oneDNN: with T float or double, as the library supports,
 ///
-///     static void Gemm::multiply(bool x_transposed, Index m, Index n, Index k, const T* a,
-///                                Index lda, const T* x, Index ldx, T* y, Index ldy);
+///     static void Gemm::multiply(const StridedMatrix<const T>& a, const StridedMatrix<const T>& x,
+///                                bool x_transposed, const StridedMatrix<T>& y);
 ///
-/// sets y (m x n) to a (m x k) times x (k x n), or times the transpose of x (n x k). It is called
-/// by many threads at once and must not start its own; the bits are the library's affair.
+/// sets y to a x, or to a x^T. Many threads call it at once, so it must not start its own;
+/// reproducibility is up to the library.
 template <class Gemm>
 struct GemmProducts {
     struct Sums {
         template <class T>
         void operator()(const Columns<T>& a, bool turned, const ColumnsView<T>& x,
                         Columns<T>& out) const {
-            Gemm::multiply(turned, a.rows(), out.cols(), a.cols(), a.data(), a.outerStride(),
-                           x.data(), x.outerStride(), out.data(), out.outerStride());
+            Gemm::multiply(StridedMatrix<const T>{a.data(), a.rows(), a.cols(), a.outerStride()},
+                           StridedMatrix<const T>{x.data(), x.rows(), x.cols(), x.outerStride()},
+                           turned,
+                           StridedMatrix<T>{out.data(), out.rows(), out.cols(), out.outerStride()});
         }
     };
     template <Backend B, class T>
@@ -126,7 +134,7 @@ auto products_of() {
 
 } // namespace detail
 
-/// A left factor as the backend's products keep it.
+/// Left factor type of the backend's products.
 template <Backend B, class T>
 using LeftFactor = typename decltype(detail::products_of<B, T>())::type::template left_factor<B, T>;
 

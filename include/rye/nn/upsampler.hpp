@@ -3,7 +3,7 @@
 /// `inc` and one `up` per doubling are pairs of 3 x 3 convolution, InstanceNorm, ReLU; an `up`
 /// doubles its input first; `outc` is a 1 x 1 convolution and a sigmoid. With capacity c and d
 /// doublings the widths are 2^d c, ..., 2 c, c. Source: Xu et al., "Gaussian Head Avatar", 2024.
-/// Nested under the name "upsampler", the fields carry the names of its checkpoints.
+/// Nested under the name "upsampler", the fields have the names of its checkpoints.
 #pragma once
 
 #include <cmath>
@@ -23,7 +23,7 @@ namespace rye {
 
 enum class Normalization {
     instance, ///< as published
-    none      ///< statistics of a crop then cannot differ from those of the whole image
+    none      ///< a crop then gives the same pixels as the whole image
 };
 
 struct UpsamplerShape {
@@ -31,10 +31,10 @@ struct UpsamplerShape {
     int capacity = 32; ///< channels before the last layer
     int doublings = 2; ///< the output is 2^doublings times the input
     Normalization norm = Normalization::instance;
-    /// A deviation for short training: the doubled first three channels b, clamped into (0, 1), are
+    /// A deviation for short training: the upsampled first three channels b, clamped to (0, 1), are
     /// the odds that outc multiplies: b e^z / (b e^z + 1 - b). This is sigmoid(z + logit b) without
-    /// a logarithm, so its slope in b is 1 at z = 0 for every b; outc then starts at zero, and
-    /// training at the doubled image.
+    /// a logarithm, so its slope in b is 1 at z = 0 for every b. outc is initialised to zero, so
+    /// training starts at the upsampled image.
     bool skip = false;
 
     int blocks() const { return doublings + 1; }
@@ -53,12 +53,12 @@ template <class T>
 struct Upsampler {
     using Trace = UpsamplerTrace<T>;
     UpsamplerShape shape;
-    std::vector<Columns<T>> conv; ///< of layer l: out x 9 in, see convolution.hpp
+    std::vector<Columns<T>> conv; ///< per layer: out x 9 in, see convolution.hpp
     Columns<T> out_weight;        ///< 3 x capacity
     Columns<T> out_bias;          ///< 3 x 1
 
     Upsampler() = default;
-    /// All zero.
+    /// All weights zero.
     explicit Upsampler(const UpsamplerShape& s)
         : shape(s),
           out_weight(Columns<T>::Zero(3, s.capacity)),
@@ -102,19 +102,19 @@ struct Upsampler {
     }
 };
 
-/// What the vjp needs of a forward pass. Keep it between calls.
+/// Intermediate values of a forward pass, for the vjp. Reuse it between calls.
 template <class T>
 struct UpsamplerTrace {
-    std::vector<Image<T>> normal; ///< of each layer: normalised, before ReLU
-    std::vector<VecX<T>> gain;    ///< of each layer: what the norm multiplied with
-    Image<T> base;                ///< the doubled first three channels, if skip
+    std::vector<Image<T>> normal; ///< per layer: normalised, before ReLU
+    std::vector<VecX<T>> gain;    ///< per layer: 1 / sqrt(variance + eps) of the normalisation
+    Image<T> base;                ///< the upsampled first three channels, if skip
     Image<T> out;
 };
 
 namespace detail {
 
-/// The input of layer l inside its border: the features, or what the layer below left, doubled at
-/// the start of a block. Rebuilt in the vjp, which is cheaper than keeping it.
+/// The padded input of layer l: the image, or the output of the layer below, upsampled at the start
+/// of a block. Recomputed in the vjp, which is cheaper than storing it.
 template <class T, Backend B>
 Padded<T> upsampler_layer_input(const B& backend, const Image<T>& in,
                                 const std::vector<Image<T>>& normal, int l) {
@@ -135,12 +135,19 @@ inline Index outc_grain(Index pixels) { return std::max<Index>(2048, chunk_count
 /// Pixels per chunk of the last layer.
 inline constexpr Index last_layer_grain = 2048;
 
-/// Pixels [b, e), one chunk, of the output: from the layer below it, and the base, if skip.
+/// Inputs of the last layer.
+template <class T>
+struct LastLayerInput {
+    const Image<T>& below;  ///< output of the layer below
+    const Image<T>& base;   ///< the upsampled first three channels, with skip
+};
+
+/// Pixels [b, e) of the output, one chunk.
 template <Backend B, class T>
-void last_layer(const Upsampler<T>& u, const Image<T>& below, const Image<T>& base, Index b,
-                Index e, Image<T>& out) {
+void last_layer(const Upsampler<T>& u, const LastLayerInput<T>& in, Index b, Index e,
+                Image<T>& out) {
     const Columns<T> h =
-        below.pixels.middleCols(b, e - b).unaryExpr([](const T& x) { return relu(x); });
+        in.below.pixels.middleCols(b, e - b).unaryExpr([](const T& x) { return relu(x); });
     Columns<T> z = u.out_weight * h;
     z.colwise() += u.out_bias.col(0);
     T* to = out.pixels.col(b).data();
@@ -148,7 +155,7 @@ void last_layer(const Upsampler<T>& u, const Image<T>& below, const Image<T>& ba
         transform_array<B>(
             z.size(), to,
             [](const auto& low, const auto& x) { return odds_sigmoid(clamped_base(low), x); },
-            base.pixels.col(b).data(), z.data());
+            in.base.pixels.col(b).data(), z.data());
     else
         transform_array<B>(
             z.size(), to, [](const auto& x) { return sigmoid(x); }, z.data());
@@ -156,13 +163,13 @@ void last_layer(const Upsampler<T>& u, const Image<T>& below, const Image<T>& ba
 
 } // namespace detail
 
-/// in: in_channels. Returns 3 channels in 0..1, 2^doublings times as wide and high. The trace may
-/// be null.
+/// in: in_channels. Returns 3 channels in 0..1, 2^doublings times as wide and high. trace may be
+/// null.
 template <class T, Backend B>
 Image<T> upsampler_forward(const B& backend, const Upsampler<T>& u, const Image<T>& in,
                            std::type_identity_t<UpsamplerTrace<T>>* trace) {
     const UpsamplerShape& s = u.shape;
-    RYE_ASSERT(in.channels() == s.in_channels, "upsampler_forward: channels of the input");
+    RYE_ASSERT(in.channels() == s.in_channels, "upsampler_forward: in has other channels");
     UpsamplerTrace<T> local;
     UpsamplerTrace<T>& t = trace ? *trace : local;
     t.normal.resize(static_cast<std::size_t>(s.layers()));
@@ -190,13 +197,16 @@ Image<T> upsampler_forward(const B& backend, const Upsampler<T>& u, const Image<
     const Image<T>& last = t.normal.back();
     Image<T> out(last.width, last.height, 3);
     for_chunks(backend.threads, out.size(), detail::last_layer_grain,
-               [&](Index b, Index e, Index) { detail::last_layer<B>(u, last, t.base, b, e, out); });
+               [&](Index b, Index e, Index) {
+                   detail::last_layer<B, T>(u, {last, t.base}, b, e, out);
+               });
     if (trace) t.out = out;
     return out;
 }
 
-/// g_out: 3 x pixels of the output. Adds to g_params; overwrites g_in (in_channels x pixels of the
-/// input), which may be null.
+/// Gradients for the cotangent g_out (3 x pixels) of upsampler_forward's result. Adds to g_params;
+/// overwrites g_in (in_channels x pixels of the input), which may be null. A user's upsampler has
+/// the same signature (rig/parts.hpp).
 template <class T, Backend B>
 void upsampler_vjp(const B& backend, const Upsampler<T>& u, const Image<T>& in,
                    const UpsamplerTrace<T>& t, const std::type_identity_t<ColumnsView<T>>& g_out,
@@ -204,8 +214,8 @@ void upsampler_vjp(const B& backend, const Upsampler<T>& u, const Image<T>& in,
     const UpsamplerShape& s = u.shape;
     const Image<T>& last = t.normal.back();
     const Index pixels = last.size();
-    RYE_ASSERT(g_out.rows() == 3 && g_out.cols() == pixels, "upsampler_vjp: shape of g_out");
-    // Both outputs have d out / d z = out (1 - out); the base's slope is that over b (1 - b).
+    RYE_ASSERT(g_out.rows() == 3 && g_out.cols() == pixels, "upsampler_vjp: g_out is not 3 x P");
+    // With or without skip, d out / d z = out (1 - out); d out / d b is that over b (1 - b).
     Columns<T> g_z(3, pixels);
     for_chunks(backend.threads, pixels, detail::last_layer_grain, [&](Index b, Index e, Index) {
         const ColumnsView<T> from = g_out.middleCols(b, e - b);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/cornea.hpp: what the cornea does to what is seen of one eye: refraction moves the iris
-/// behind it, and a light's mirror image, the glint, is added to the colours. The cornea is a
-/// sphere. Frame: the eyeball's, origin at its centre; lengths in canonical head units; the camera
-/// and the lights are points of that frame.
-/// Approximations: a Gaussian's centre is moved to where its refracted ray says, as far behind the
-/// cornea along that ray as it is; its shape stays. The sphere is taken to go on where sclera
-/// covers it. A point whose light is totally reflected on its way to the camera goes to the rim.
+/// rye/rig/cornea.hpp: optics of a spherical cornea for one eye: refraction displaces the iris
+/// behind it, and the reflection of a light, the glint, is added to the colours. Frame: the
+/// eyeball's, origin at its centre; lengths in canonical head units; the camera and the lights are
+/// points of that frame.
+/// Approximations: a Gaussian's centre moves onto its refracted ray, as far behind the cornea along
+/// that ray as before; its shape is kept. The sphere continues below the sclera. A point whose
+/// light is totally reflected on its way to the camera moves to the rim.
 /// Source: Fermat's principle (geometry/sphere_path.hpp); radii of Gullstrand's eye.
 #pragma once
 
@@ -17,18 +17,32 @@
 
 namespace rye {
 
-/// Refractive index of the aqueous humour over air's (Gullstrand).
+/// Refractive index of the aqueous humour relative to air (Gullstrand).
 inline constexpr double aqueous_index = 1.336;
-/// A glint fades where its light comes in within this cosine of grazing.
+/// Cosine of the angle of incidence below which a glint fades.
 inline constexpr double glint_grazing = 0.1;
 
 /// A cornea in its eyeball's frame.
 template <Scalar T>
 struct Cornea {
-    Vec3<T> centre;              ///< of its sphere [unit]
+    Vec3<T> centre;              ///< of the corneal sphere [unit]
     T radius;                    ///< [unit]
     Vec3<T> axis;                ///< unit, out of the eye
-    T rim;                       ///< of the limbus along the axis, from the eyeball's centre [unit]
+    T rim;                       ///< limbus along the axis, from the eyeball's centre [unit]
+};
+
+/// A cornea and the refractive index behind it.
+template <Scalar T>
+struct RefractingCornea {
+    Cornea<T> cornea;
+    T index;
+};
+
+/// View of a reflection: the camera and the light in the eyeball's frame, the glint's width [unit].
+template <Scalar T>
+struct GlintView {
+    Vec3<T> camera, light;
+    T width;
 };
 
 namespace detail {
@@ -41,34 +55,38 @@ RYE_HD Vec3<T> beyond(const Vec3<T>& at, const Vec3<T>& eye, const Vec3<T>& sour
 }
 
 template <Scalar T>
-RYE_HD bool behind_cornea(const Cornea<T>& c, const T& index, const Vec3<T>& eye,
-                   const Vec3<T>& point) {
+RYE_HD bool behind_cornea(const RefractingCornea<T>& refracting, const Vec3<T>& eye,
+                          const Vec3<T>& point) {
+    const Cornea<T>& c = refracting.cornea;
     const Vec3<T> p = point - c.centre, e = eye - c.centre;
     const T rr = c.radius * c.radius;
-    return index != T(1) && dot(p, p) < rr && dot(e, e) > rr;
+    return refracting.index != T(1) && dot(p, p) < rr && dot(e, e) > rr;
 }
 
 } // namespace detail
 
-/// Where a point is seen: itself, unless it is within the corneal sphere and the camera is not. An
-/// index of 1 changes no bit.
+/// Apparent position of a point: refracted if it is within the corneal sphere and the camera is
+/// outside, else unchanged. An index of 1 changes no bit.
 template <Scalar T>
-RYE_HD Vec3<T> seen_through(const Cornea<T>& c, const T& index, const Vec3<T>& camera,
-                     const Vec3<T>& point) {
-    if (!detail::behind_cornea(c, index, camera, point)) return point;
+RYE_HD Vec3<T> seen_through(const RefractingCornea<T>& refracting, const Vec3<T>& camera,
+                            const Vec3<T>& point) {
+    if (!detail::behind_cornea(refracting, camera, point)) return point;
+    const Cornea<T>& c = refracting.cornea;
     const Vec3<T> eye = camera - c.centre, source = point - c.centre;
-    const SpherePath<T> path = sphere_path(eye, source, c.radius, index);
+    const SpherePath<T> path = sphere_path(eye, source, {c.radius, refracting.index});
     return c.centre + detail::beyond(path.at, eye, source);
 }
 
-/// Cotangents of the point and of the camera; the camera's is added to.
+/// Returns the cotangent of the point; adds that of the camera.
 template <Scalar T>
-RYE_HD Vec3<T> seen_through_vjp(const Cornea<T>& c, const T& index, const Vec3<T>& camera,
-                         const Vec3<T>& point, const Vec3<T>& g, Vec3<T>& g_camera) {
-    if (!detail::behind_cornea(c, index, camera, point)) return g;
+RYE_HD Vec3<T> seen_through_vjp(const RefractingCornea<T>& refracting, const Vec3<T>& camera,
+                                const Vec3<T>& point, const Vec3<T>& g, Vec3<T>& g_camera) {
+    if (!detail::behind_cornea(refracting, camera, point)) return g;
+    const Cornea<T>& c = refracting.cornea;
+    const T& index = refracting.index;
     const Vec3<T> eye = camera - c.centre, source = point - c.centre;
-    const SpherePath<T> path = sphere_path(eye, source, c.radius, index);
-    if (!path.seen) {  // on the rim: the derivatives of a closed formula
+    const SpherePath<T> path = sphere_path(eye, source, {c.radius, index});
+    if (!path.seen) {  // on the rim: derivatives of the closed formula
         struct Rim {};
         using D = Dual<T, 6, Rim>;
         Vec3<D> e, s;
@@ -90,13 +108,13 @@ RYE_HD Vec3<T> seen_through_vjp(const Cornea<T>& c, const T& index, const Vec3<T
     const T far = norm(from_eye), depth = norm(from_source);
     const Vec3<T> ray = from_eye / far, up = normalized(from_source);
     const T along = dot(g, ray);
-    Vec3<T> turn, g_at;                                     // of the ray, over its length
+    Vec3<T> turn, g_at;                                     // of the ray, divided by its length
     for (int i = 0; i < 3; ++i) {
         turn[i] = depth / far * (g[i] - ray[i] * along);
         g_at[i] = g[i] + up[i] * along + turn[i];
     }
     const SpherePathCotangent<T> ends =
-        sphere_path_vjp(eye, source, c.radius, index, path.at, g_at);
+        sphere_path_vjp(eye, source, {c.radius, index}, path.at, g_at);
     Vec3<T> r;
     for (int i = 0; i < 3; ++i) {
         g_camera[i] += ends.eye[i] - turn[i];
@@ -107,7 +125,7 @@ RYE_HD Vec3<T> seen_through_vjp(const Cornea<T>& c, const T& index, const Vec3<T
 
 namespace detail {
 
-/// 0 below 0, 1 above 1, smooth between; and its slope.
+/// Smoothstep 3x^2 - 2x^3 clamped to [0, 1], and its slope.
 template <Scalar T>
 RYE_HD T smooth_step(const T& x) {
     const T u = x > T(0) ? (x < T(1) ? x : T(1)) : T(0);
@@ -118,21 +136,21 @@ RYE_HD T smooth_step_slope(const T& x) {
     return x > T(0) && x < T(1) ? T(T(6) * x * (T(1) - x)) : T(0);
 }
 
-/// What a mirror image's strength is the product of, by smooth_step.
+/// Arguments of the smooth steps whose product is the strength of a reflection.
 template <Scalar T>
 struct GlintFades {
     T rim, grazing;
 
-    RYE_HD GlintFades(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& at, const T& width)
-        : rim(constant<T>(0.5) + (dot(at, c.axis) - c.rim) / width),
-          grazing(dot(Vec3<T>(at - c.centre), normalized(Vec3<T>(camera - at))) /
+    RYE_HD GlintFades(const Cornea<T>& c, const GlintView<T>& view, const Vec3<T>& at)
+        : rim(constant<T>(0.5) + (dot(at, c.axis) - c.rim) / view.width),
+          grazing(dot(Vec3<T>(at - c.centre), normalized(Vec3<T>(view.camera - at))) /
                   (c.radius * constant<T>(glint_grazing))) {}
 };
 
 } // namespace detail
 
-/// A light's mirror image: where on the cornea, and how much of it is there: none where the light
-/// or the camera cannot see the place, less within half a width of the limbus and near grazing.
+/// Reflection of a light on the cornea: its point and its strength, which is 0 where the light or
+/// the camera cannot see that point, and fades within half a width of the limbus and near grazing.
 template <Scalar T>
 struct MirrorImage {
     Vec3<T> at;
@@ -140,69 +158,73 @@ struct MirrorImage {
     bool seen;
 };
 
+/// Gradient of a reflection: of its image, and of the camera and the light.
 template <Scalar T>
-RYE_HD MirrorImage<T> mirror_image(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& light,
-                            const T& width) {
-    const Vec3<T> eye = camera - c.centre, source = light - c.centre;
+struct GlintGradient {
+    MirrorImage<T> image;
+    Vec3<T> camera, light;
+};
+
+template <Scalar T>
+RYE_HD MirrorImage<T> mirror_image(const Cornea<T>& c, const GlintView<T>& view) {
+    const Vec3<T> eye = view.camera - c.centre, source = view.light - c.centre;
     const T rr = c.radius * c.radius;
     if (!(dot(eye, eye) > rr && dot(source, source) > rr)) return {c.centre, T(0), false};
-    const SpherePath<T> path = sphere_path(eye, source, c.radius, T(1));
+    const SpherePath<T> path = sphere_path(eye, source, {c.radius, T(1)});
     const Vec3<T> at = c.centre + path.at;
     if (!path.seen) return {at, T(0), false};
-    const detail::GlintFades<T> f(c, camera, at, width);
+    const detail::GlintFades<T> f(c, view, at);
     const T strength = detail::smooth_step(f.rim) * detail::smooth_step(f.grazing);
     return {at, strength, strength > T(0)};
 }
 
-/// Adds the cotangents of camera and light.
+/// Adds the cotangents of camera and light to g, given that of the image in g.
 template <Scalar T>
-RYE_HD void mirror_image_vjp(const Cornea<T>& c, const Vec3<T>& camera, const Vec3<T>& light,
-                      const T& width, const MirrorImage<T>& m, const MirrorImage<T>& g,
-                      Vec3<T>& g_camera, Vec3<T>& g_light) {
+RYE_HD void mirror_image_vjp(const Cornea<T>& c, const GlintView<T>& v, const MirrorImage<T>& m,
+                             GlintGradient<T>& g) {
     if (!m.seen) return;
-    const detail::GlintFades<T> f(c, camera, m.at, width);
-    const T by_rim = g.strength * detail::smooth_step_slope(f.rim) *
-                     detail::smooth_step(f.grazing) / width;
-    const T by_grazing = g.strength * detail::smooth_step(f.rim) *
+    const detail::GlintFades<T> f(c, v, m.at);
+    const T by_rim = g.image.strength * detail::smooth_step_slope(f.rim) *
+                     detail::smooth_step(f.grazing) / v.width;
+    const T by_grazing = g.image.strength * detail::smooth_step(f.rim) *
                          detail::smooth_step_slope(f.grazing) /
                          (c.radius * constant<T>(glint_grazing));
-    const Vec3<T> view = camera - m.at, toward = normalized(view);
+    const Vec3<T> view = v.camera - m.at, toward = normalized(view);
     const Vec3<T> g_view = normalized_vjp(view, Vec3<T>((m.at - c.centre) * by_grazing));
     Vec3<T> g_at;
     for (int i = 0; i < 3; ++i)
-        g_at[i] = g.at[i] + by_rim * c.axis[i] + by_grazing * toward[i] - g_view[i];
+        g_at[i] = g.image.at[i] + by_rim * c.axis[i] + by_grazing * toward[i] - g_view[i];
     const SpherePathCotangent<T> ends =
-        sphere_path_vjp(Vec3<T>(camera - c.centre), Vec3<T>(light - c.centre), c.radius, T(1),
-                        Vec3<T>(m.at - c.centre), g_at);
-    g_camera += g_view + ends.eye;
-    g_light += ends.source;
+        sphere_path_vjp(Vec3<T>(v.camera - c.centre), Vec3<T>(v.light - c.centre),
+                        {c.radius, T(1)}, Vec3<T>(m.at - c.centre), g_at);
+    g.camera += g_view + ends.eye;
+    g.light += ends.source;
 }
 
-/// How much of a mirror image is seen at a point: strength exp(-d^2 / 2 width^2), d the distance
-/// of the point from the camera's ray through the image.
+/// Brightness of a reflection at a point: strength exp(-d^2 / 2 width^2), d being the distance of
+/// the point from the camera's ray through the image.
 template <Scalar T>
-RYE_HD T glint_at(const MirrorImage<T>& m, const Vec3<T>& camera, const Vec3<T>& point,
-           const T& width) {
+RYE_HD T glint_at(const MirrorImage<T>& m, const GlintView<T>& v, const Vec3<T>& point) {
     using std::exp;
-    const Vec3<T> d = normalized(Vec3<T>(m.at - camera)), r = point - m.at;
+    const Vec3<T> d = normalized(Vec3<T>(m.at - v.camera)), r = point - m.at;
     const Vec3<T> off = r - d * dot(d, r);
-    return m.strength * exp(constant<T>(-0.5) * dot(off, off) / (width * width));
+    return m.strength * exp(constant<T>(-0.5) * dot(off, off) / (v.width * v.width));
 }
 
-/// Cotangent of the point; adds those of the image and of the camera. `value` is glint_at's.
+/// Returns the cotangent of the point; adds those of image and camera to g. `g_log` is the
+/// cotangent of the value's logarithm, which is that of the value times the value.
 template <Scalar T>
-RYE_HD Vec3<T> glint_at_vjp(const MirrorImage<T>& m, const Vec3<T>& camera, const Vec3<T>& point,
-                     const T& width, const T& value, const T& g, MirrorImage<T>& g_image,
-                     Vec3<T>& g_camera) {
-    const Vec3<T> view = m.at - camera, d = normalized(view), r = point - m.at;
+RYE_HD Vec3<T> glint_at_vjp(const MirrorImage<T>& m, const GlintView<T>& v, const Vec3<T>& point,
+                            const T& g_log, GlintGradient<T>& g) {
+    const Vec3<T> view = m.at - v.camera, d = normalized(view), r = point - m.at;
     const T along = dot(d, r);
-    const T k = T(0) - g * value / (width * width);
-    g_image.strength += g * value / m.strength;
+    const T k = T(0) - g_log / (v.width * v.width);
+    g.image.strength += g_log / m.strength;
     // |off|^2 = |r|^2 - (d r)^2.
     const Vec3<T> g_r = (r - d * along) * k;
     const Vec3<T> g_view = normalized_vjp(view, Vec3<T>(r * (T(0) - along * k)));
-    g_image.at += g_view - g_r;
-    g_camera -= g_view;
+    g.image.at += g_view - g_r;
+    g.camera -= g_view;
     return g_r;
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/effect_names.hpp: effects by name, and sets of them, for what is decided while a program
-/// runs: which effects a scene calls for, and which compiled variant has them.
+/// rye/rig/effect_names.hpp: names of effects and sets of names, for decisions at run time: which
+/// effects a scene needs, and which compiled variant has them.
 #pragma once
 
 #include <algorithm>
@@ -39,7 +39,7 @@ enum class EffectName : std::uint8_t {
     extra_outputs      ///< depth, normals, contributors
 };
 
-/// As the effects' types and the documents write them, in the order of EffectName.
+/// Names as in the effects' types and the documents, in the order of EffectName.
 inline constexpr std::array<std::string_view, 19> effect_names{
     "expression",         "head pose", "pose residual",    "left gaze", "right gaze",
     "eye offset",         "kappa",     "periocular",       "corneal bulge",
@@ -79,7 +79,7 @@ struct EffectMask {
     }
 };
 
-/// "expression, head pose"; "none".
+/// "expression, head pose", or "none".
 inline std::string text_of(const EffectMask& m) {
     std::string s;
     for (std::size_t k = 0; k < effect_count; ++k)
@@ -88,8 +88,8 @@ inline std::string text_of(const EffectMask& m) {
     return s.empty() ? "none" : s;
 }
 
-/// The set that a list of names means, "head pose, left gaze"; a - or _ may stand for a space.
-/// Error that tells whom it was given to and which name is none.
+/// Parses a list of names, "head pose, left gaze"; accepts - or _ for a space. Throws Error, with
+/// `who` first, for a name that does not exist.
 inline EffectMask effects_of(std::string_view list, const std::string& who) {
     const auto same = [](char a, char b) {
         const auto space = [](char c) { return c == '-' || c == '_' ? ' ' : c; };
@@ -117,7 +117,7 @@ inline EffectMask effects_of(std::string_view list, const std::string& who) {
     }
 }
 
-/// The set of some effects' types by their `name`s; one that is not in the list does not compile.
+/// The set of some effect types by their `name`s; a name not in the list does not compile.
 template <class... E>
 consteval EffectMask mask_of() {
     EffectMask m;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/effect_slots.hpp: members that exist where an effect is on. Declare them
+/// rye/rig/effect_slots.hpp: members that exist only where an effect is on. Declare them
 ///     [[no_unique_address]] Slot<S, Expression, Mlp<T>> exp_color;
-/// Where it is off they hold nothing and take no room, and no use of them compiles: the error names
-/// Without<Expression>, on the user's line.
+/// Where the effect is off they are empty and take no memory, and any use is a compile error that
+/// names Without<Expression>, on the user's line.
 #pragma once
 
 #include <array>
@@ -17,7 +17,7 @@ namespace rye {
 template <EffectSet S, class X, class V, int number = 0>
 using Slot = PresentIf<has_effect<S, X>, X, V, number>;
 
-/// Of the subject's left or right eye alone. It has no x[0] and x[1], which are for two eyes.
+/// A value of the subject's left (or right) eye alone, without operator[], which is for two eyes.
 template <class V>
 struct OnlyLeftEye {
     V left{};
@@ -31,7 +31,7 @@ struct OnlyRightEye {
     void operator[](U&&) const = delete;
 };
 
-/// The part of an eye, 0 or 1, of both or of the only one.
+/// The value of an eye, 0 or 1, of both or of the only one.
 template <std::size_t eye, class A>
 constexpr auto& of_eye(A& all) {
     if constexpr (requires { all.left; })
@@ -42,28 +42,28 @@ constexpr auto& of_eye(A& all) {
         return all[eye];
 }
 
-/// V for each eye that has it: an array of both, one, or nothing.
+/// V per eye that has it: an array of two, one value, or empty.
 template <bool left, bool right, class X, class V, int number = 0>
 using EachEye = std::conditional_t<
     left && right, std::array<V, 2>,
     std::conditional_t<left, OnlyLeftEye<V>,
                        std::conditional_t<right, OnlyRightEye<V>, Without<X, number>>>>;
 
-/// V for each eye that turns.
+/// V per eye that rotates.
 template <EffectSet S, class V, int number = 0>
 using GazeSlot =
     EachEye<eye_turns<S, 0>, eye_turns<S, 1>, AnyOf<LeftGaze, RightGaze>, V, number>;
 
-/// V for each eye whose skin follows it.
+/// V per eye whose surrounding skin follows its gaze.
 template <EffectSet S, class V, int number = 0>
 using SkinSlot = EachEye<skin_follows<S, 0>, skin_follows<S, 1>, Periocular, V, number>;
 
-/// V for each eye whose skin follows it, if its kappa learns from that.
+/// V per eye whose skin follows its gaze, with Kappa, which then gets a gradient from the skin.
 template <EffectSet S, class V, int number = 0>
 using KappaSlot = EachEye<skin_follows<S, 0> && has_effect<S, Kappa>,
                           skin_follows<S, 1> && has_effect<S, Kappa>, Kappa, V, number>;
 
-/// x, or nothing where V is absent.
+/// V(x), or an empty slot where V is absent.
 template <class V>
 constexpr V initial_slot([[maybe_unused]] double x) {
     if constexpr (is_absent<V>)
@@ -79,7 +79,7 @@ constexpr void for_eyes(F&& f) {
     f.template operator()<1>();
 }
 
-/// b = a, or nothing where either is absent.
+/// Assigns b = a; does nothing where either is absent.
 template <class A, class B>
 void copy_slot(const A& a, B& b) {
     if constexpr (!is_absent<A> && !is_absent<B>) b = a;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/effects.hpp: what an avatar simulates, as a list of types. An effect that the list does
-/// not name has no storage, no argument, no work and no tensor in a checkpoint; asking for it does
-/// not compile (rig/effect_slots.hpp).
-/// Bounds: an effect may be left out where what it reads varies by less than `droppable`. They all
-/// follow from one move, least_move, below which no pixel changes.
-/// Source of the list: docs/effects.md, which also shows how to write one's own.
+/// rye/rig/effects.hpp: the effects that an avatar simulates, as a list of types. An effect not in
+/// the list has no storage, argument, work or checkpoint tensor; any use of it is a compile error
+/// (rig/effect_slots.hpp).
+/// Bounds: an effect may be left out where its input varies by less than `droppable`. All bounds
+/// follow from least_move, the largest motion that changes no pixel.
+/// Source of the list: docs/effects.md, which also shows how to write your own.
 #pragma once
 
 #include <concepts>
@@ -15,9 +15,9 @@
 
 namespace rye {
 
-/// What of a frame an effect reads.
+/// Inputs of a frame that an effect depends on.
 enum class Reads : unsigned { nothing = 0, expression = 1, head_pose = 2, gaze = 4, camera = 8 };
-/// What of a Gaussian, or of the picture, it changes.
+/// Attributes of a Gaussian, or of the image, that it changes.
 enum class Touches : unsigned {
     nothing = 0, position = 1, rotation = 2, scale = 4, opacity = 8, colour = 16, pixel = 32
 };
@@ -29,23 +29,23 @@ template <EffectFlags F>
 constexpr F operator|(F a, F b) {
     return static_cast<F>(static_cast<unsigned>(a) | static_cast<unsigned>(b));
 }
-/// Whether the flags have one in common.
+/// Whether two sets of flags intersect.
 template <EffectFlags F>
 constexpr bool overlap(F a, F b) {
     return (static_cast<unsigned>(a) & static_cast<unsigned>(b)) != 0;
 }
 
-/// A move of a Gaussian that no picture shows: 1/20 px of a head (2 units) that is 1000 px high.
+/// An invisible motion of a Gaussian: 1/20 px for a head (2 units) 1000 px high.
 inline constexpr double least_move = 1e-4; ///< [unit]
 
-/// What must vary by less than `most` over a scene for the effect to be left out, and its unit.
+/// Upper bound, with its unit, on the variation over a scene below which an effect may be left out.
 struct EffectBound {
     double most;
     std::string_view of;
 };
 
-/// A tag with a name for messages and checkpoints, what it reads and touches, the parameters at
-/// which it changes nothing, and the bound below which it may be left out.
+/// An empty type with a name for messages and checkpoints, the inputs and attributes concerned, its
+/// neutral parameters, and the bound below which it may be left out.
 template <class X>
 concept Effect = std::is_empty_v<X> && std::default_initializable<X> && requires {
     { X::name } -> std::convertible_to<std::string_view>;
@@ -65,7 +65,7 @@ struct Expression {
     static constexpr EffectBound droppable{1e-3, "an expression coefficient"};
 };
 
-/// The head's rigid motion and size: one transform a frame.
+/// The head's rigid motion and size: one similarity a frame.
 struct HeadPose {
     static constexpr std::string_view name = "head pose";
     static constexpr Reads reads = Reads::head_pose;
@@ -74,7 +74,7 @@ struct HeadPose {
     static constexpr EffectBound droppable{least_move, "a pose component [rad, unit]"};
 };
 
-/// The same as Expression by the head pose's code, where the expression does not reach.
+/// As Expression, driven by the head pose code, where lambda_exp is below 1.
 struct PoseResidual {
     static constexpr std::string_view name = "pose residual";
     static constexpr Reads reads = Reads::head_pose;
@@ -83,7 +83,7 @@ struct PoseResidual {
     static constexpr EffectBound droppable{1e-3, "a pose component [rad, unit]"};
 };
 
-/// The left eyeball turns to its gaze. (The subject's left.)
+/// Rotation of the subject's left eyeball to its gaze.
 struct LeftGaze {
     static constexpr std::string_view name = "left gaze";
     static constexpr Reads reads = Reads::gaze;
@@ -92,7 +92,7 @@ struct LeftGaze {
     static constexpr EffectBound droppable{least_move / 0.12, "the left gaze [rad]"};
 };
 
-/// The right eyeball turns to its gaze.
+/// Rotation of the subject's right eyeball to its gaze.
 struct RightGaze {
     static constexpr std::string_view name = "right gaze";
     static constexpr Reads reads = Reads::gaze;
@@ -101,7 +101,7 @@ struct RightGaze {
     static constexpr EffectBound droppable{least_move / 0.12, "the right gaze [rad]"};
 };
 
-/// Both eyeballs' centres by expression and head pose: one network a frame (paper eq. 9).
+/// Displacement of both eyeballs by expression and head pose: one network (paper eq. 9-10).
 struct EyeOffset {
     static constexpr std::string_view name = "eye offset";
     static constexpr Reads reads = Reads::expression | Reads::head_pose;
@@ -110,8 +110,8 @@ struct EyeOffset {
     static constexpr EffectBound droppable{least_move, "a displacement of an eye's centre [unit]"};
 };
 
-/// A constant angle of each eye between its visual axis, which then drives it, and its optical
-/// axis, to which it turns (rig/gaze.hpp). Not in the paper, whose gazes are optical axes.
+/// A constant angle per eye between its visual axis, the input, and its optical axis, to which the
+/// eyeball rotates (rig/gaze.hpp). Not in the paper, whose gazes are optical axes.
 struct Kappa {
     static constexpr std::string_view name = "kappa";
     static constexpr Reads reads = Reads::gaze;
@@ -120,7 +120,7 @@ struct Kappa {
     static constexpr EffectBound droppable{least_move / 0.12, "an angle of kappa [rad]"};
 };
 
-/// Lids and skin around an eye follow its gaze, in place and colour (paper eq. 10-11).
+/// Displacement and colour of lids and skin around an eye by its gaze (paper 3.3, eq. 11).
 struct Periocular {
     static constexpr std::string_view name = "periocular";
     static constexpr Reads reads = Reads::gaze;
@@ -129,7 +129,7 @@ struct Periocular {
     static constexpr EffectBound droppable{1e-3, "a gaze [rad]"};
 };
 
-/// The eyeball's front bulges: a cornea before the sphere. In the asset; costs a frame nothing.
+/// A corneal bulge on the eyeball's front. Part of the asset; no cost per frame.
 struct CornealBulge {
     static constexpr std::string_view name = "corneal bulge";
     static constexpr Reads reads = Reads::nothing;
@@ -138,7 +138,7 @@ struct CornealBulge {
     static constexpr EffectBound droppable{least_move, "the cornea's height [unit]"};
 };
 
-/// What is behind the cornea is seen where the refracted ray says (rig/cornea.hpp). Not in the
+/// Displacement of points behind the cornea onto their refracted rays (rig/cornea.hpp). Not in the
 /// paper.
 struct CornealRefraction {
     static constexpr std::string_view name = "corneal refraction";
@@ -148,8 +148,8 @@ struct CornealRefraction {
     static constexpr EffectBound droppable{least_move / 0.2, "the refractive index over 1"};
 };
 
-/// Lights are mirrored by the cornea: their images are added to the eyeball's colours
-/// (rig/cornea.hpp). Not in the paper.
+/// Reflections of lights on the cornea, added to the eyeball's colours (rig/cornea.hpp). Not in the
+/// paper.
 struct Glint {
     static constexpr std::string_view name = "glint";
     static constexpr Reads reads = Reads::camera;
@@ -163,10 +163,10 @@ static_assert(Effect<Expression> && Effect<HeadPose> && Effect<PoseResidual> && 
               Effect<CornealBulge> && Effect<CornealRefraction> && Effect<Glint> &&
               !Effect<EffectBound>);
 
-/// One of several effects, for what more than one of them needs.
+/// Any of several effects, for members that more than one of them needs.
 template <Effect... X>
 struct AnyOf {};
-/// Any effect that reads this of a frame.
+/// Any effect that reads this input of a frame.
 template <Reads what>
 struct ReaderOf {};
 
@@ -198,17 +198,17 @@ inline constexpr bool has_its_gaze =
 
 template <class... E>
 concept EachNamedOnce = (detail::named_once<E, E...> && ...);
-/// The skin follows a gaze, kappa turns one: name LeftGaze or RightGaze, too.
+/// Periocular and Kappa require LeftGaze or RightGaze.
 template <class... E>
 concept PeriocularHasAGaze = detail::has_its_gaze<Periocular, E...>;
 template <class... E>
 concept KappaHasAGaze = detail::has_its_gaze<Kappa, E...>;
 
-/// What an avatar simulates.
+/// The list of an avatar's effects.
 template <Effect... E>
     requires EachNamedOnce<E...> && PeriocularHasAGaze<E...> && KappaHasAGaze<E...>
 struct Effects {
-    /// Of an effect, of AnyOf some, or of a ReaderOf.
+    /// Whether the list has an effect, an effect of AnyOf, or one of ReaderOf.
     template <class X>
     static constexpr bool has = detail::NamedIn<X>::template among<E...>;
 
@@ -220,7 +220,7 @@ struct Effects {
     static constexpr std::size_t count = sizeof...(E);
 };
 
-/// The paper's, and the default everywhere.
+/// The paper's effects, the default everywhere.
 using PaperEffects = Effects<Expression, HeadPose, PoseResidual, LeftGaze, RightGaze, EyeOffset,
                              Periocular, CornealBulge>;
 
@@ -235,7 +235,7 @@ static_assert(EffectSet<PaperEffects> && EffectSet<Effects<>> && !EffectSet<Expr
 template <EffectSet S, class X>
 inline constexpr bool has_effect = S::template has<X>;
 
-/// Whether this eye (0: the subject's left) turns; and whether the skin around it follows.
+/// Whether this eye (0: the subject's left) rotates, and whether the skin around it follows.
 template <EffectSet S, std::size_t eye>
 inline constexpr bool eye_turns = has_effect<S, std::conditional_t<eye == 0, LeftGaze, RightGaze>>;
 template <EffectSet S, std::size_t eye>
@@ -276,7 +276,7 @@ struct MoreOf<Effects<E...>, X...> {
 
 } // namespace detail
 
-/// The same effects but these; the same effects and these.
+/// The effects without some; the effects with more.
 template <EffectSet S, Effect... X>
 using Less = typename detail::LessOf<typename detail::ListOf<S>::type,
                                      detail::List<>>::template type<X...>;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/eye_appearance.hpp: where the features of the eyeballs' Gaussians come from, as a policy.
-/// The default: free constants, a column a Gaussian. Another may generate them from what drives the
-/// frame (the paper's "dedicated dynamic generator", section 3.2).
+/// rye/rig/eye_appearance.hpp: source of the features of the eyeballs' Gaussians, as a policy. The
+/// default: free constants, one column per Gaussian. Another may generate them from the frame's
+/// drivers (the paper's "dedicated dynamic generator", section 3.2).
 #pragma once
 
 #include <concepts>
@@ -13,13 +13,13 @@
 
 namespace rye {
 
-/// What an eye appearance may read. Both eyes: the left one's columns first.
+/// Inputs of an eye appearance, of both eyes: the left one's columns first.
 template <class T>
 struct EyeInputs {
     const Columns<T>& position;   ///< template points about their centre, 3 x P
-    Index left_points;            ///< how many of P are the left eye's
+    Index left_points;            ///< number of the left eye's points
     const VecX<T>& expression;    ///< code of the frame; empty where no effect reads it
-    const Columns<T>& gaze;       ///< optical axes, head frame, 3 x 2; +z for an eye that does not turn
+    const Columns<T>& gaze; ///< optical axes, head frame, 3 x 2; +z for an eye that does not rotate
 };
 
 struct FreeFeatures {
@@ -58,7 +58,7 @@ struct FreeFeatures {
     }
 };
 
-/// See FreeFeatures for what each function does. Parameters<T> is a struct with fields().
+/// FreeFeatures documents each function. Parameters<T> is a struct with fields().
 template <class A>
 concept EyeAppearance =
     requires(const typename A::template Parameters<float>& p,

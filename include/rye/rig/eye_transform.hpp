@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/eye_transform.hpp: an eyeball's offset, gaze and head pose as one similarity an eye.
+/// rye/rig/eye_transform.hpp: an eyeball's offset, gaze and head pose as one similarity per eye.
 ///     x_world = S R (c + o + R_g x) + T,   q_world = q_R (x) q_g (x) q
-/// x: a template point about the eyeball's centre; c: the neutral centre; o: the eye offset (both
-/// in canonical head units); R_g: the least rotation from +z to the gaze, hence no torsion; R, T,
-/// S: the head's pose. The points turn about their own centre, so their rounding does not grow with
-/// the head's distance from the origin.
+/// x: a template point relative to the eyeball's centre; c: the neutral centre; o: the eye offset
+/// (both in canonical head units); R_g: the smallest rotation from +z to the gaze, so without
+/// torsion; R, T, S: the head's pose. Points rotate about their own centre, so rounding does not
+/// grow with the head's distance from the origin.
 /// Source: "Roll Your Eyes", eq. 9-10, with the composition of docs/deviations.md.
 #pragma once
 
@@ -14,14 +14,14 @@
 
 namespace rye {
 
-/// Where the head is: x_world = S R x_head + T.
+/// Pose of the head: x_world = S R x_head + T.
 template <Scalar T>
 struct HeadPlacement {
     Rigid<T> world_from_head = {};
     T scale = T(1);
 };
 
-/// One eye of one frame, in the head's canonical frame.
+/// Inputs of one eye in one frame, in the head's canonical frame.
 template <Scalar T>
 struct EyeDrive {
     Vec3<T> centre;                                   ///< neutral centre [unit]
@@ -36,9 +36,9 @@ struct EyeTransform {
     Vec3<T> translation;    ///< the eyeball's centre in the world [world units]
     T scale;                ///< of the head
     Mat3<T> head_rotation;  ///< world from head, for the vjp
-    bool beyond_range;      ///< the gaze is outside gaze_range; drawn all the same
+    bool beyond_range;      ///< the gaze is outside gaze_range; rendered all the same
 
-    /// A template point in the world.
+    /// Maps a template point to the world.
     RYE_HD Vec3<T> apply(const Vec3<T>& x) const {
         const Rigid<T> turn{rotation, Vec3<T>(T(0), T(0), T(0))};
         const Vec3<T> y = turn.turn(x);
@@ -47,28 +47,28 @@ struct EyeTransform {
     }
 };
 
-/// The parts of an eye's transform, each applied to what is there: an avatar takes those that its
-/// effects ask for, in this order. An eye that looks ahead in the head's frame:
+/// Factors of an eye's transform; an avatar applies those of its effects, in this order. First, an
+/// eye at its centre in the head frame, looking ahead:
 template <Scalar T>
 RYE_HD EyeTransform<T> eye_at(const Vec3<T>& centre) {
     const Mat3<T> none = Rigid<T>::identity_rotation();
     return {none, Quat<T>(T(1), T(0), T(0), T(0)), centre, T(1), none, false};
 }
 
-/// ... turned to its gaze, the optical axis, a unit vector.
+/// then a rotation to its gaze, the optical axis, a unit vector;
 template <Scalar T>
 RYE_HD void turn_eye_to(EyeTransform<T>& e, const Vec3<T>& gaze) {
     e.quaternion = shortest_arc(Vec3<T>(T(0), T(0), T(1)), gaze);
     e.rotation = quat_matrix(e.quaternion);
     e.beyond_range = beyond_gaze_range(gaze);
 }
-/// ... of any length. Throws if it is not finite or has no direction.
+/// the same for a gaze of any length, with an Error if it is not finite or near 0;
 template <Scalar T>
 void turn_eye(EyeTransform<T>& e, const Vec3<T>& optical) {
     turn_eye_to(e, checked_gaze(optical));
 }
 
-/// ... and carried along by the head.
+/// then the head's pose.
 template <Scalar T>
 RYE_HD void carry_eye(EyeTransform<T>& e, const HeadPlacement<T>& head) {
     const Mat3<T>& r = head.world_from_head.rotation;
@@ -82,7 +82,7 @@ RYE_HD void carry_eye(EyeTransform<T>& e, const HeadPlacement<T>& head) {
     e.head_rotation = r;
 }
 
-/// All of them.
+/// All factors.
 template <Scalar T>
 EyeTransform<T> eye_transform(const EyeDrive<T>& drive, const HeadPlacement<T>& head) {
     EyeTransform<T> e = eye_at(Vec3<T>(drive.centre[0] + drive.offset[0],
@@ -93,7 +93,7 @@ EyeTransform<T> eye_transform(const EyeDrive<T>& drive, const HeadPlacement<T>& 
     return e;
 }
 
-/// A point of the world in an eye's frame.
+/// A world point in an eye's frame.
 template <Scalar T>
 RYE_HD Vec3<T> into_eye(const EyeTransform<T>& eye, const Vec3<T>& world) {
     const Vec3<T> back = Rigid<T>{eye.rotation, world}.turn_back(
@@ -102,7 +102,7 @@ RYE_HD Vec3<T> into_eye(const EyeTransform<T>& eye, const Vec3<T>& world) {
     return Vec3<T>(back[0] / eye.scale, back[1] / eye.scale, back[2] / eye.scale);
 }
 
-/// Template points, 3 x P, in the world.
+/// Template points, 3 x P, mapped to the world.
 template <Scalar T>
 Columns<T> eye_points(const EyeTransform<T>& eye, const Columns<T>& points) {
     Columns<T> y(3, points.cols());
@@ -111,13 +111,13 @@ Columns<T> eye_points(const EyeTransform<T>& eye, const Columns<T>& points) {
     return y;
 }
 
-/// Cotangent of the offset, and of the neutral centre, from the sum of those of the world points.
+/// Cotangent of the offset, and of the neutral centre, given the sum of those of the world points.
 template <Scalar T>
 RYE_HD Vec3<T> eye_offset_cotangent(const EyeTransform<T>& eye, const Vec3<T>& sum) {
     const Vec3<T> back = Rigid<T>{eye.head_rotation, sum}.turn_back(sum);
     return Vec3<T>(eye.scale * back[0], eye.scale * back[1], eye.scale * back[2]);
 }
-/// ... from all of them, 3 x P.
+/// The same, given those of all points, 3 x P.
 template <Scalar T>
 Vec3<T> eye_offset_cotangent(const EyeTransform<T>& eye, const Columns<T>& g_points) {
     Vec3<T> sum(T(0), T(0), T(0));
@@ -125,7 +125,7 @@ Vec3<T> eye_offset_cotangent(const EyeTransform<T>& eye, const Columns<T>& g_poi
     return eye_offset_cotangent(eye, sum);
 }
 
-/// Quaternions of the eye's Gaussians, 4 x P, in the world. No conversion through matrices.
+/// Quaternions of the eye's Gaussians, 4 x P, in the world; without conversion to matrices.
 template <Scalar T>
 Columns<T> eye_rotations(const EyeTransform<T>& eye, const Columns<T>& rotations) {
     Columns<T> q(4, rotations.cols());

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/eyeball.hpp: the eyeball's surface: a sphere with a corneal bulge, as rings of points
-/// that are dense inside the limbus. Frame: origin at the eyeball's centre, iris toward +z, y up.
+/// rye/rig/eyeball.hpp: the eyeball's surface: a sphere with a corneal bulge, as rings of points,
+/// denser inside the limbus. Frame: origin at the eyeball's centre, iris toward +z, y up.
 /// Lengths in canonical head units, 1 unit = 1 dm. Source: the radii of Gullstrand's schematic
 /// eye; the idea of a dense iris from 3DGazeNet's template (Ververas et al., 2024).
 ///
-/// Which surface carries the iris' colour? Through the cornea one sees the iris plane; splatted
-/// Gaussians are opaque and do not refract by themselves. So there are two choices: the bulge
-/// itself (the paper's mesh, right in profile), or with `iris_plane` the iris behind it (right in
-/// parallax), which the effect CornealRefraction (rig/cornea.hpp) shows where it is seen.
+/// Surface of the iris' colour: through the cornea one sees the iris plane, but splatted Gaussians
+/// are opaque and do not refract. Two choices: the bulge itself (the paper's mesh, correct in
+/// profile), or with `iris_plane` the iris behind it (correct in parallax), which the effect
+/// CornealRefraction (rig/cornea.hpp) displaces to its apparent position.
 #pragma once
 
 #include <algorithm>
@@ -29,7 +29,7 @@
 
 namespace rye {
 
-/// An eyeball of these effects: without CornealBulge it is a sphere, and has no cornea to ask for.
+/// Dimensions of an eyeball; a sphere without cornea members if CornealBulge is off.
 template <EffectSet E>
 struct BasicEyeballShape {
     using CorneaSlot = Slot<E, CornealBulge, double>;
@@ -43,14 +43,14 @@ struct BasicEyeballShape {
     [[no_unique_address]] CorneaSlot2 cornea_offset = initial_slot<CorneaSlot2>(0.056);
     double limbus_radius = 0.059;     ///< rim of the iris, from the axis [unit]
     double pupil_radius = 0.020;      ///< from the axis [unit]
-    /// z of the middle of the iris, which curves from there to the limbus [unit]; none: the bulge.
+    /// z of the middle of the iris, which curves from there to the limbus [unit]; empty: the bulge.
     std::optional<double> iris_plane = {};
 
-    int iris_rings = 16;              ///< from the axis to the limbus, which is the last
-    int sclera_rings = 12;            ///< from the limbus to the equator, which is the last
+    int iris_rings = 16;              ///< from the axis to the limbus, inclusive
+    int sclera_rings = 12;            ///< from the limbus to the equator, inclusive
     int back_rings = 10;              ///< behind the equator, without the pole
 
-    /// The same eye with another radius: every length in proportion.
+    /// The same eye with another radius, all lengths in proportion.
     BasicEyeballShape with_radius(double radius) const {
         BasicEyeballShape s = *this;
         const double k = radius / sclera_radius;
@@ -63,8 +63,8 @@ struct BasicEyeballShape {
         return s;
     }
 
-    /// The same eye with another limbus: pupil and cornea in proportion, the bulge rising from the
-    /// sphere at the limbus.
+    /// The same eye with another limbus radius; pupil and cornea in proportion, the bulge starting
+    /// from the sphere at the limbus.
     BasicEyeballShape with_limbus(double radius) const {
         BasicEyeballShape s = *this;
         const double k = radius / limbus_radius;
@@ -86,8 +86,8 @@ struct BasicEyeballShape {
         return *iris_plane + (limbus_plane() - *iris_plane) * share * share;
     }
 
-    /// z of the front surface at a distance r from the axis, r <= limbus_radius: sphere or cornea,
-    /// whichever is further out.
+    /// z of the front surface at a distance r from the axis, r <= limbus_radius: the outer one of
+    /// sphere and cornea.
     double front(double r) const {
         const double sphere = std::sqrt(std::max(0., sclera_radius * sclera_radius - r * r));
         if constexpr (bulges) {
@@ -127,7 +127,7 @@ enum class EyeLabel : std::uint8_t { pupil, iris, sclera, back };
 template <Real T>
 struct EyeballTemplate {
     Columns<T> points;                         ///< 3 x P [unit]
-    Columns<T> spacing;                        ///< 1 x P, RMS distance to 3 neighbours [unit]
+    Columns<T> spacing;                        ///< 1 x P, RMS distance to 3 nearest points [unit]
     Columns<T> normals;                        ///< 3 x P, unit, outward
     std::vector<EyeLabel> labels;              ///< P
     std::vector<std::array<Index, 3>> faces;   ///< closed surface, normals outward
@@ -140,7 +140,7 @@ namespace detail {
 template <EffectSet E>
 void check_shape(const BasicEyeballShape<E>& s) {
     const double r = s.sclera_radius;
-    double cornea_radius = r, cornea_offset = 0;  // a sphere's own
+    double cornea_radius = r, cornea_offset = 0;  // of a sphere
     copy_slot(s.cornea_radius, cornea_radius);
     copy_slot(s.cornea_offset, cornea_offset);
     const bool sizes = r > 0 && r < 1e6 && cornea_radius > 0 && cornea_offset >= 0 &&
@@ -148,11 +148,11 @@ void check_shape(const BasicEyeballShape<E>& s) {
                        s.limbus_radius < cornea_radius && s.limbus_radius < r &&
                        cornea_offset < r;
     require(sizes, "eyeball_template",
-            "got radii (sclera, cornea, limbus, pupil) = (" + std::to_string(r) + ", " +
+            "radii (sclera, cornea, limbus, pupil) = (" + std::to_string(r) + ", " +
                 std::to_string(cornea_radius) + ", " + std::to_string(s.limbus_radius) + ", " +
                 std::to_string(s.pupil_radius) + ") and cornea offset " +
                 std::to_string(cornea_offset) +
-                ", expected 0 < pupil < limbus < cornea, limbus < sclera, 0 <= offset < sclera");
+                " violate 0 < pupil < limbus < cornea, limbus < sclera, 0 <= offset < sclera");
     require(s.iris_rings >= 2 && s.sclera_rings >= 1 && s.back_rings >= 1 &&
                 s.iris_rings + s.sclera_rings + s.back_rings <= 1000,
             "eyeball_template",
@@ -160,13 +160,13 @@ void check_shape(const BasicEyeballShape<E>& s) {
                 std::to_string(s.back_rings) + " rings, expected at least 2, 1, 1, at most 1000");
     require(!s.iris_plane || (*s.iris_plane > 0 && *s.iris_plane <= s.front(0)),
             "eyeball_template",
-            "got an iris plane at z = " + std::to_string(s.iris_plane.value_or(0)) +
+            "iris plane at z = " + std::to_string(s.iris_plane.value_or(0)) +
                 ", expected above 0 and at most " + std::to_string(s.front(0)) +
                 ", the cornea's front");
 }
 
-/// Closes the band between two rings of first points a, b and sizes n, m (a in front of b): always
-/// the step whose next point comes first on the way round.
+/// Triangulates the band between two rings with first points a, b and sizes n, m (a in front of b),
+/// always advancing on the ring whose next point has the smaller angle.
 inline void join_rings(Index a, Index n, Index b, Index m,
                        std::vector<std::array<Index, 3>>& faces) {
     Index i = n == 1 ? 1 : 0, j = m == 1 ? 1 : 0;                        // a pole has no steps
@@ -179,7 +179,7 @@ inline void join_rings(Index a, Index n, Index b, Index m,
     }
 }
 
-/// RMS distance of each point to its three nearest others.
+/// RMS distance of each point to its three nearest neighbours.
 template <Real T>
 Columns<T> three_neighbour_spacing(const Columns<T>& points) {
     Columns<T> spacing(1, points.cols());
@@ -198,7 +198,7 @@ Columns<T> three_neighbour_spacing(const Columns<T>& points) {
     return spacing;
 }
 
-/// Means of the neighbouring faces' normals, by area.
+/// Vertex normals: area-weighted means of the adjacent faces' normals.
 template <Real T>
 Columns<T> vertex_normals(const Columns<T>& points,
                           const std::vector<Face>& faces) {
@@ -212,8 +212,8 @@ Columns<T> vertex_normals(const Columns<T>& points,
 
 } // namespace detail
 
-/// The template of a shape: a point on the axis, rings from the front to the back, the back pole.
-/// A ring has as many points as keep them about as far apart as the rings, a multiple of 8.
+/// The template of a shape: a point on the axis, rings from front to back, the back pole. A
+/// ring has a multiple of 8 points, about as far apart as the rings.
 template <Real T, EffectSet E = PaperEffects>
 EyeballTemplate<T> eyeball_template(const BasicEyeballShape<E>& shape) {
     detail::check_shape(shape);
@@ -229,7 +229,7 @@ EyeballTemplate<T> eyeball_template(const BasicEyeballShape<E>& shape) {
         rings.push_back({r, k < shape.iris_rings ? shape.iris(r) : shape.limbus_plane(), iris_step,
                          r <= shape.pupil_radius ? EyeLabel::pupil : EyeLabel::iris});
     }
-    // On to the equator along the outermost of sphere and cornea, by the angle from +z.
+    // To the equator along the outer one of sphere and cornea, by the angle from +z.
     const double limbus = std::atan2(shape.limbus_radius, shape.limbus_plane());
     for (int k = 1; k <= shape.sclera_rings; ++k) {
         const double angle = limbus + (pi / 2 - limbus) * k / shape.sclera_rings;
@@ -290,8 +290,8 @@ concept EyeballSource = requires(const S& shape) {
 };
 static_assert(EyeballSource<BasicEyeballShape<PaperEffects>>);
 
-/// The direction an eyeball looks in, from its points wherever they have been moved: from the mean
-/// of the equator to the mean of the iris.
+/// Gaze direction of an eyeball from its transformed points: from the mean of the equator to the
+/// mean of the iris.
 template <Real T>
 Vec3<T> gaze_from_mesh(const EyeballTemplate<T>& eye, const Columns<T>& points) {
     Vec3<T> iris = Vec3<T>::Zero(), centre = Vec3<T>::Zero();

@@ -13,7 +13,7 @@
 
 namespace rye {
 
-/// Beyond this angle from straight ahead an eye does not turn. [rad] (70 degrees)
+/// Largest angle from straight ahead of an anatomical gaze. [rad] (70 degrees)
 inline constexpr double gaze_range = 1.2217304763960307;
 
 /// The unit vector (cos p sin y, sin p, cos p cos y).
@@ -25,7 +25,7 @@ RYE_HD Vec3<T> gaze_vector(const T& pitch, const T& yaw) {
 }
 
 /// (pitch, yaw) of a direction of any length; at a pole the yaw is 0. By atan2: in float, asin(y)
-/// cannot tell angles nearer than 3e-4 rad to the pole apart.
+/// does not resolve angles below 3e-4 rad from the pole.
 template <Scalar T>
 RYE_HD Vec2<T> pitch_yaw(const Vec3<T>& v) {
     using std::atan2, std::hypot;
@@ -41,15 +41,15 @@ RYE_HD T angular_error(const Vec3<T>& a, const Vec3<T>& b) {
     return T(2) * atan2(norm(Vec3<T>(u - v)), norm(Vec3<T>(u + v)));
 }
 
-/// |a - b|^2 of two unit directions: the loss to train on, smooth where the angle is not.
+/// |a - b|^2 of two unit directions: a training loss, smooth where the angle is not.
 template <Scalar T>
 RYE_HD T chord_error(const Vec3<T>& a, const Vec3<T>& b) {
     const Vec3<T> d = a - b;
     return dot(d, d);
 }
 
-/// A unit direction, from numbers that came from outside: throws if they are not finite or too
-/// short to have a direction, since a gaze normalised from noise would be believed.
+/// A unit direction from external input: throws Error if it is not finite or shorter than 1e-6,
+/// since its direction would be noise.
 template <Scalar T>
 Vec3<T> checked_gaze(const Vec3<T>& v) {
     using std::isfinite;
@@ -74,9 +74,9 @@ struct KappaAngles {
     T pitch = T(0), yaw = T(0);                                          ///< [rad]
 };
 
-/// The optical axis (which the eyeball turns to) of a visual axis: its angles plus kappa, its
-/// length kept. By turning, not by its angles: so a kappa of 0 changes no bit. At a pole, where the
-/// yaw is 0, kappa's is taken from there.
+/// The optical axis (to which the eyeball rotates) of a visual axis: its angles plus kappa, its
+/// length kept. By rotation, not by angles, so a kappa of 0 changes no bit. At a pole the rotation
+/// starts from yaw 0.
 template <Scalar T>
 RYE_HD Vec3<T> apply_kappa(const Vec3<T>& visual, const KappaAngles<T>& kappa) {
     using std::cos, std::sin, std::sqrt;
@@ -99,7 +99,7 @@ RYE_HD Vec3<T> gaze_from_kappa(const Vec3<T>& optical, const KappaAngles<T>& kap
     return gaze_vector(T(a[0] - kappa.pitch), T(a[1] - kappa.yaw));
 }
 
-/// A direction of the world in the head's frame; the rotation is the head pose's.
+/// A world direction in the head's frame, given the head's rotation.
 template <Scalar T>
 RYE_HD Vec3<T> gaze_in_head(const Mat3<T>& world_from_head, const Vec3<T>& gaze_world) {
     Vec3<T> r;
@@ -110,7 +110,7 @@ RYE_HD Vec3<T> gaze_in_head(const Mat3<T>& world_from_head, const Vec3<T>& gaze_
     return r;
 }
 
-/// A direction of the head's frame in the world.
+/// A direction of the head's frame in the world, given the head's rotation.
 template <Scalar T>
 RYE_HD Vec3<T> gaze_in_world(const Mat3<T>& world_from_head, const Vec3<T>& gaze_head) {
     Vec3<T> r;
@@ -120,7 +120,7 @@ RYE_HD Vec3<T> gaze_in_world(const Mat3<T>& world_from_head, const Vec3<T>& gaze
     return r;
 }
 
-/// What the gaze-conditioned networks read: the positional encoding of (pitch, yaw).
+/// Input of the gaze-conditioned networks: the positional encoding of (pitch, yaw).
 template <Scalar T>
 Columns<T> encode_gaze(const Vec3<T>& gaze, int frequencies = default_frequencies) {
     return positional_encoding(pitch_yaw(gaze), frequencies);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/gaze_mechanism.hpp: how an eyeball's Gaussians depend on its gaze, as a policy: the turn of
-/// the eyeball about its centre, and what becomes of its features. The default turns it by the
-/// smallest rotation and leaves the features. Frames: the gaze is the optical axis in the head frame;
-/// at rest it is +z.
+/// rye/rig/gaze_mechanism.hpp: dependence of an eyeball's Gaussians on its gaze, as a policy: the
+/// rotation of the eyeball about its centre, and changes of its features. The default applies the
+/// smallest rotation and keeps the features. Frames: the gaze is the optical axis in the head
+/// frame; at rest it is +z.
 #pragma once
 
 #include <concepts>
@@ -22,20 +22,20 @@ struct NoParameters {
     static void fields(F&&, P&&...) {}
 };
 
-/// The smallest rotation from +z to the gaze, without torsion (paper eq. 9). A base for other
-/// mechanisms, which replace what differs.
+/// The smallest rotation from +z to the gaze, without torsion (paper 3.2). A base for other
+/// mechanisms, which override parts of it.
 struct ExplicitRotation {
-    /// Whether features() does anything.
+    /// Whether features() changes anything.
     static constexpr bool changes_features = false;
 
     template <class T>
     using Parameters = NoParameters<T, ExplicitRotation>;
-    /// The parameters of an avatar with `channels` features a Gaussian.
+    /// Initial parameters of an avatar with `channels` features per Gaussian.
     template <class P>
     static P init(int, const Random&) {
         return {};
     }
-    /// The eyeball's turn, a unit quaternion. `gaze` is a unit vector.
+    /// The eyeball's rotation, a unit quaternion. `gaze` is a unit vector.
     template <class P, class T>
     static Quat<T> turn(const P&, std::size_t, const Vec3<T>& gaze) {
         return shortest_arc(Vec3<T>(T(0), T(0), T(1)), gaze);
@@ -55,8 +55,8 @@ struct ExplicitRotation {
     /// Changes the features of one eyeball's Gaussians, C x P, in place.
     template <class P, class T>
     static void features(const P&, std::size_t, const Vec3<T>&, ColumnsSpan<T>) {}
-    /// Turns the cotangent of changed features into that of the features `before`; accumulates the
-    /// parameters' gradient; returns the gaze's cotangent.
+    /// Replaces the cotangent of the changed features by that of the features `before`; accumulates
+    /// the parameters' gradient; returns the gaze's cotangent.
     template <class P, class T>
     static Vec3<T> features_vjp(const P&, std::size_t, const Vec3<T>&, const ColumnsView<T>&,
                                 ColumnsSpan<T>, P&) {
@@ -64,7 +64,7 @@ struct ExplicitRotation {
     }
 };
 
-/// See ExplicitRotation for what each function does. Parameters<T> is a struct with fields().
+/// ExplicitRotation documents each function. Parameters<T> is a struct with fields().
 template <class M>
 concept GazeMechanism =
     requires(const typename M::template Parameters<float>& p,
@@ -84,7 +84,7 @@ concept GazeMechanism =
     };
 static_assert(GazeMechanism<ExplicitRotation>);
 
-/// The cotangent of a unit quaternion from those of its matrix and of itself.
+/// The cotangent of a unit quaternion, given those of its matrix and of itself.
 template <class T>
 Quat<T> turn_cotangent_of(const Quat<T>& turn, const Mat3<T>& g_matrix,
                           const Quat<T>& g_quaternion) {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/influence.hpp: how much a driver moves a point: 1 near its landmarks, 0 far from them,
-/// linear between. Lengths in canonical head units (about 1 dm).
-/// The parent method's code compares *squared* distances with its thresholds, its paper plain
-/// ones; the metric is therefore a policy. Derivatives at the two kinks are 0.
-/// Source: Xu et al., "Gaussian Head Avatar", 2024; "Roll Your Eyes", eq. 4 and 12.
+/// rye/rig/influence.hpp: influence weight of a driver on a point: 1 near its landmarks, 0 far from
+/// them, linear in between. Lengths in canonical head units (about 1 dm).
+/// The published code of Gaussian Head Avatar compares *squared* distances with its thresholds, its
+/// paper plain ones; the metric is therefore a policy. Derivatives at both kinks are 0.
+/// Source: Xu et al., "Gaussian Head Avatar", 2024; "Roll Your Eyes", eq. 4 and 11.
 #pragma once
 
 #include <algorithm>
@@ -19,26 +19,26 @@
 
 namespace rye {
 
-/// Weight 1 up to `near`, 0 from `far` on; near == far is a step. Formulas take 0 <= near <= far,
-/// both finite: see checked_ramp.
+/// Weight 1 up to `near`, 0 from `far` on; near == far is a step. Requires finite 0 <= near <= far;
+/// see checked_ramp.
 template <Scalar T>
 struct Ramp {
     T near, far;  ///< thresholds, in the unit of the metric
 };
 
-/// The ramp of numbers that came from outside; throws unless 0 <= near <= far and both are finite.
+/// A ramp from external input; throws Error unless 0 <= near <= far and both are finite.
 template <Scalar T>
 Ramp<T> checked_ramp(const T& near, const T& far) {
     if constexpr (Real<T>)
         require(near >= T(0) && near <= far && far <= std::numeric_limits<T>::max(), "Ramp",
-                "got near = " + std::to_string(near) + ", far = " + std::to_string(far) +
-                    ", expected 0 <= near <= far, both finite");
+                "near = " + std::to_string(near) + ", far = " + std::to_string(far) +
+                    " violate 0 <= near <= far, both finite");
     return {near, far};
 }
 
-/// The thresholds are compared with the squared distance.
+/// Compares the thresholds with the squared distance.
 struct SquaredDistance {
-    /// The weight at a squared distance; a NaN distance has weight 0.
+    /// The weight at a squared distance; 0 for NaN.
     template <Scalar T>
     RYE_HD T value(const Ramp<T>& ramp, const T& squared) const {
         const T width = select(ramp.near < ramp.far, T(ramp.far - ramp.near), T(1));
@@ -54,8 +54,8 @@ struct SquaredDistance {
     }
 };
 
-/// The thresholds are compared with the distance. The root is taken only between them, so a point
-/// on its landmark has weight 1 and derivative 0.
+/// Compares the thresholds with the distance. The root is taken only between them, so a point on
+/// its landmark has weight 1 and derivative 0.
 struct EuclideanDistance {
     template <Scalar T>
     RYE_HD T value(const Ramp<T>& ramp, const T& squared) const {
@@ -88,19 +88,19 @@ concept InfluenceMetric = std::default_initializable<M> &&
                           };
 static_assert(InfluenceMetric<SquaredDistance> && InfluenceMetric<EuclideanDistance>);
 
-/// The weight of one squared distance.
+/// The weight at a squared distance.
 template <InfluenceMetric M, Scalar T>
 RYE_HD T influence(const M& metric, const Ramp<T>& ramp, const T& squared) {
     return metric.value(ramp, squared);
 }
 
-/// Its derivative by the squared distance.
+/// Its derivative with respect to the squared distance.
 template <InfluenceMetric M, Scalar T>
 RYE_HD T influence_slope(const M& metric, const Ramp<T>& ramp, const T& squared) {
     return metric.slope(ramp, squared);
 }
 
-/// Weights, 1 x N, of squared distances, 1 x N. The complement (lambda_pose) is 1 minus it.
+/// Weights, 1 x N, at squared distances, 1 x N. lambda_pose is the complement, 1 minus the weight.
 template <InfluenceMetric M, Scalar T>
 Columns<T> influence(const M& metric, const Ramp<T>& ramp, const Columns<T>& squared) {
     Columns<T> w(1, squared.cols());
@@ -120,8 +120,8 @@ Columns<T> influence_vjp(const M& metric, const Ramp<T>& ramp, const Columns<T>&
     return r;
 }
 
-/// What two influences of one kind (left and right gaze) add up to where they overlap: as they
-/// are (the paper; the sum may exceed 1), or scaled down so that it does not.
+/// Treatment of two influences of one kind (left and right gaze) where they overlap: unchanged (the
+/// paper; the sum may exceed 1), or scaled down to a sum of at most 1.
 enum class Overlap { sum, normalized };
 
 /// Applies the overlap policy to two weights, 1 x N, in place; returns the greatest sum before.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/nearest_landmark.hpp: squared distance from each point to its nearest landmark, with
-/// gradients to both. Differences first, then squares: a point on its landmark has distance exactly
-/// 0.
+/// gradients of both. Squares differences of coordinates, so a point on its landmark has distance
+/// exactly 0.
 #pragma once
 
 #include <array>
@@ -19,10 +19,17 @@ namespace rye {
 
 namespace detail {
 
-/// Points in lanes, landmarks broadcast; two vectors of points share each broadcast.
+/// Destination of distances and, unless null, indices, one per point.
+template <class T>
+struct NearestResult {
+    T* squared;
+    Index* nearest;
+};
+
+/// Points in lanes, landmarks broadcast; two vectors of points share each broadcast landmark.
 template <class Batch, class T>
 void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landmarks, Index begin,
-                      Index end, Columns<T>& squared, Index* nearest) {
+                      Index end, const NearestResult<T>& out) {
     constexpr Index lanes = static_cast<Index>(Batch::size), block = 2 * lanes;
     std::array<T, static_cast<std::size_t>(block)> x{}, y{}, z{};
     for (Index at = begin; at < end; at += block) {
@@ -38,7 +45,7 @@ void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landma
         const Batch y1 = Batch::load_unaligned(y.data() + lanes);
         const Batch z1 = Batch::load_unaligned(z.data() + lanes);
         Batch best0(std::numeric_limits<T>::infinity()), best1 = best0;
-        Batch index0(T(-1)), index1 = index0;  // whole numbers below 2^24 are exact in float
+        Batch index0(T(-1)), index1 = index0;  // integers below 2^24 are exact in float
         for (Index k = 0; k < landmarks.cols(); ++k) {
             const Batch px(landmarks(0, k)), py(landmarks(1, k)), pz(landmarks(2, k));
             const Batch which(static_cast<T>(k));
@@ -53,27 +60,28 @@ void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landma
         best0.store_unaligned(best.data()), best1.store_unaligned(best.data() + lanes);
         index0.store_unaligned(index.data()), index1.store_unaligned(index.data() + lanes);
         for (Index i = 0; i < count; ++i) {
-            squared(0, at + i) = best[static_cast<std::size_t>(i)];
-            if (nearest) nearest[at + i] = static_cast<Index>(index[static_cast<std::size_t>(i)]);
+            const auto k = static_cast<std::size_t>(i);
+            out.squared[at + i] = best[k];
+            if (out.nearest) out.nearest[at + i] = static_cast<Index>(index[k]);
         }
     }
 }
 
 } // namespace detail
 
-/// 1 x N squared distances of 3 x N points to the nearest of 3 x K landmarks, +inf if there is none
-/// (or the point is NaN). `nearest`, if given, receives the landmark's index, -1 for none; the
-/// lowest index wins a tie. Throws if a landmark is not finite.
+/// 1 x N squared distances of 3 x N points to the nearest of 3 x K landmarks, +inf if K = 0 or the
+/// point is NaN. `nearest`, unless null, receives the landmark's index, -1 for none; the lowest
+/// index wins a tie. Throws Error if a landmark is not finite.
 template <class T, Backend B>
 Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& points,
                                     const ColumnsView<T>& landmarks,
                                     std::vector<Index>* nearest = nullptr) {
     using std::isfinite;
-    RYE_ASSERT(points.rows() == 3 && landmarks.rows() == 3, "nearest: expected three rows");
+    RYE_ASSERT(points.rows() == 3 && landmarks.rows() == 3, "nearest: not three rows");
     for (Index k = 0; k < landmarks.cols(); ++k)
         require(isfinite(landmarks(0, k)) && isfinite(landmarks(1, k)) && isfinite(landmarks(2, k)),
                 "nearest_squared_distance",
-                "got a non-finite landmark " + std::to_string(k) + ", expected finite numbers");
+                "landmark " + std::to_string(k) + " is not finite");
     const Index n = points.cols();
     Columns<T> squared(1, n);
     if (nearest) nearest->assign(static_cast<std::size_t>(n), -1);
@@ -81,7 +89,8 @@ Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& poin
     for_chunks(backend.threads, n, 2048, [&](Index begin, Index end, Index) {
         if constexpr (LaneBackend<B, T>) {
             using Batch = typename B::template batch<T>;
-            detail::nearest_in_lanes<Batch, T>(points, landmarks, begin, end, squared, indices);
+            detail::nearest_in_lanes<Batch, T>(points, landmarks, begin, end,
+                                                {squared.data(), indices});
         } else {
             for (Index i = begin; i < end; ++i) {
                 T best = constant<T>(std::numeric_limits<double>::infinity());
@@ -108,14 +117,14 @@ struct NearestGradient {
     Columns<T> landmarks;  ///< 3 x K
 };
 
-/// Cotangents of the points and the landmarks; the choice of the nearest is held fixed.
+/// Cotangents of the points and the landmarks, with the nearest landmarks held fixed.
 template <class T, Backend B>
 NearestGradient<T> nearest_squared_distance_vjp(const B& backend, const ColumnsView<T>& points,
                                                 const ColumnsView<T>& landmarks,
                                                 const std::vector<Index>& nearest,
                                                 const ColumnsView<T>& g) {
     RYE_ASSERT(static_cast<Index>(nearest.size()) == points.cols() && g.cols() == points.cols(),
-               "nearest: expected an index and a cotangent per point");
+               "nearest: indices or cotangents do not match the points");
     NearestGradient<T> r;
     r.points = Columns<T>::Zero(3, points.cols());
     r.landmarks =

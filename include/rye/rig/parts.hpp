@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/rig/parts.hpp: parts of an avatar in the place of the default ones. A part is named in the
-/// list of effects, so an avatar is one type argument, and a list without parts is the published
-/// method:
+/// rye/rig/parts.hpp: user-defined parts in place of an avatar's default ones. Parts are named in
+/// the list of effects, so an avatar is one type argument, and a list without parts is the
+/// published method:
 ///     using Mine = More<PaperEffects, ExpressionInfluence<MyMetric>, GazeBy<MyMechanism>>;
 ///     TwoStream<float, Mine> avatar;
 /// | part                                   | concept          | default            |
@@ -26,14 +26,14 @@
 
 namespace rye {
 
-/// The metric that AvatarConfig::metric names, chosen while the program runs.
+/// The metric of AvatarConfig::metric, selected at run time.
 struct ConfiguredMetric {};
 
 /// The networks' activation, skip and encoding of points, head pose and gaze.
 struct PublishedNetworks {
     using Activation = LeakyRelu;
     using Encoding = PositionalEncoding;
-    /// The layer that reads the input again: MlpShape::skip_layer.
+    /// The layer that takes the input again: MlpShape::skip_layer.
     static constexpr int skip_layer(const MlpShape&) { return MlpShape::middle; }
 };
 template <class N>
@@ -47,8 +47,8 @@ struct PublishedUpsampler {
     template <class T>
     using Network = Upsampler<T>;
 };
-/// Network<T> has fields(), init(UpsamplerShape, Random), a Trace, and beside it, in its namespace,
-/// upsampler_forward and upsampler_vjp (nn/upsampler.hpp).
+/// Network<T> has fields(), init(UpsamplerShape, Random) and a Trace; its namespace has
+/// upsampler_forward and upsampler_vjp with the signatures of nn/upsampler.hpp.
 template <class U>
 concept UpsamplerPolicy =
     requires(const typename U::template Network<float>& net,
@@ -64,7 +64,7 @@ concept UpsamplerPolicy =
 
 namespace detail {
 
-/// What makes a part an entry of a list of effects.
+/// Base of a part, which makes it an entry of a list of effects.
 template <class Slot, class P>
 struct PartEntry {
     using part_of = Slot;
@@ -165,7 +165,7 @@ template <class T, EffectSet S>
 using UpsamplerOf = typename detail::PartOf<S, detail::UpsamplerSlot,
                                             PublishedUpsampler>::type::template Network<T>;
 
-/// Whether the avatar consists of the default parts alone.
+/// Whether the avatar has default parts only.
 template <EffectSet S>
 inline constexpr bool default_parts = false;
 template <class... E>

@@ -57,9 +57,9 @@ struct SplatKernels<B, T> {
         });
     }
     template <class A, Distortion D>
-    static void project_vjp(const GaussianView<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
-                            const RasterTrace<T>& trace, ChunkRange r, RasterScratch<T>& s,
-                            Gaussians<T>& out) {
+    static void project_vjp(const GaussianView<T>& g, const Pinhole<T, D>& camera,
+                            const A& accuracy, const RasterTrace<T>& trace, ChunkRange r,
+                            RasterScratch<T>& s, Gaussians<T>& out) {
         if constexpr (D::distorts) {
             project_vjp_range(g, camera, accuracy, trace, s.slots, r.begin, r.end, out);
         } else {

@@ -154,7 +154,7 @@ struct Rasterizer {
     /// f(begin, end) for runs of tiles.
     template <Backend B, class F>
     static void for_tiles(const B& backend, Index tiles, F&& f) {
-        for_chunks(backend.threads, tiles, 8, [&](Index b, Index e, Index) { f(b, e); });
+        for_chunks(backend.threads, tiles, 2, [&](Index b, Index e, Index) { f(b, e); });
     }
 
     template <class T, Distortion D>

@@ -47,7 +47,7 @@ void pretrain_sphere(const B& backend, GuidanceMesh<T, E>& mesh, const AvatarCon
 /// What initialize_avatar needs beside the guidance mesh.
 template <class T, EffectSet E = PaperEffects>
 struct AvatarInit {
-    TetGrid<T> grid;           ///< subdivided once more than stage 1's, if so wished
+    TetGrid<T> grid = {};      ///< subdivided once more than stage 1's, if so wished
     /// Edges of the neutral surface longer than spacing + slope * (distance to the nearest eye or
     /// lip landmark) are halved; spacing 0: none. Units: canonical.
     T spacing = T(0), spacing_slope = T(0.1);
@@ -55,9 +55,9 @@ struct AvatarInit {
     T opacity = T(0.3);
     T eye_opacity = T(0.9);
     T eye_thickness = T(1); ///< of eyeball Gaussians along the normal, times their width
-    std::array<EyeballSourceOf<E>, 2> eyeball;  ///< shapes about their centres, canonical units
-    Columns<T> eye_centre;     ///< neutral, canonical, 3 x 2
-    UpsamplerShape upsampler;
+    std::array<EyeballSourceOf<E>, 2> eyeball = {}; ///< shapes about their centres, canonical units
+    Columns<T> eye_centre = {}; ///< neutral, canonical, 3 x 2
+    UpsamplerShape upsampler = {};
     Index frames = 0;          ///< training frames, for delta_pose
 };
 
@@ -155,15 +155,17 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     f.rotation.row(0).setOnes();
     f.opacity_logit = Columns<T>::Constant(1, n, logit(init.opacity));
     f.networks = mesh.networks;
-    [[maybe_unused]] const auto attributes = [&](int frame_inputs,
-                                                 const std::vector<int>& hidden, int key) {
-        return driven_mlp<T, NetworksOf<E>>(config, mlp_shape(config.feature, frame_inputs, hidden, 8),
-                             random.fork(static_cast<std::uint64_t>(key)));
+    [[maybe_unused]] const auto attributes = [&](int frame_inputs, const std::vector<int>& hidden,
+                                                 int key) {
+        return driven_mlp<T, NetworksOf<E>>(config,
+                                            mlp_shape(config.feature, frame_inputs, hidden, 8),
+                                            random.fork(static_cast<std::uint64_t>(key)));
     };
     if constexpr (has_effect<E, Expression>)
         f.exp_attributes = attributes(config.expression, config.networks.exp_attributes, 22);
     if constexpr (has_effect<E, PoseResidual>)
-        f.pose_attributes = attributes(config.pose_code<NetworksOf<E>>(), config.networks.pose_attributes, 23);
+        f.pose_attributes =
+            attributes(config.pose_code<NetworksOf<E>>(), config.networks.pose_attributes, 23);
 
     EyeStream<T, E>& e = a.eyes;
     // Two eyes of different shapes may have different numbers of points.

@@ -27,10 +27,10 @@ struct MeshSample {
     std::vector<MeshView<T>> views;
 };
 
-/// One frame seen by one camera. "Small" is the size of the feature render.
-template <class T, EffectSet E = PaperEffects>
-struct AvatarSample {
-    [[no_unique_address]] Drivers<T, E> drivers; ///< tracked; the frame's delta pose is added to it
+/// Pictures of one frame by one camera, and what of them counts. "Small" is the size of the feature
+/// render.
+template <class T>
+struct AvatarImages {
     Index frame = 0;              ///< column of delta_pose; -1: none
     Pinhole<T> camera;            ///< of the small image
     Image<T> truth, truth_small;  ///< RGB on the final background
@@ -41,6 +41,26 @@ struct AvatarSample {
     Augmentation scale;           ///< random scale of the final image's super-resolution
     VecX<T> background;           ///< of the final render and the eyes alone, one per channel
     VecX<T> blank;                ///< c of the face alone
+};
+
+/// A picture of the size of the render, all of whose pixels count, for the eyes too.
+template <class T>
+AvatarImages<T> whole_picture(const Image<T>& truth, const Pinhole<T>& camera,
+                              const VecX<T>& background) {
+    AvatarImages<T> s;
+    s.frame = -1;
+    s.camera = camera;
+    s.truth = s.truth_small = truth;
+    s.visible = s.visible_small = s.eyes = s.eyes_small = s.mask_small =
+        Columns<T>::Ones(1, truth.size());
+    s.background = s.blank = background;
+    return s;
+}
+
+/// One frame seen by one camera.
+template <class T, EffectSet E = PaperEffects>
+struct AvatarSample : AvatarImages<T> {
+    [[no_unique_address]] Drivers<T, E> drivers; ///< tracked; the frame's delta pose is added to it
 };
 
 } // namespace rye

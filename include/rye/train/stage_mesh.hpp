@@ -48,7 +48,7 @@ MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
         const T share = T(1.0 / static_cast<double>(sample.views.size()));
         for (const MeshView<T>& view : sample.views) {
             t.rasters.push_back(rasterize_mesh<T>(
-                backend, t.posed.world, t.neutral.surface.topology.faces, view.camera, shown));
+                backend, {t.posed.world, t.neutral.surface.topology.faces, shown}, view.camera));
             const MeshRaster<T>& raster = t.rasters.back();
             const LossTerm<T> color =
                 color_term<T>(backend, raster.attributes.pixels, view.truth.pixels, view.visible);
@@ -99,7 +99,8 @@ void mesh_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Ava
         const Columns<T> shown = t.posed.color.topRows(3);
         for (std::size_t v = 0; v < t.rasters.size(); ++v) {
             const MeshRasterGradient<T> g =
-                rasterize_mesh_vjp<T>(backend, t.rasters[v], faces, sample.views[v].camera, shown,
+                rasterize_mesh_vjp<T>(backend, t.rasters[v], {t.posed.world, faces, shown},
+                                      sample.views[v].camera,
                                       {&t.g_image[v], &t.g_silhouette[v], nullptr});
             g_world += g.vertices;
             g_color.topRows(3) += g.attributes;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/lanes/convolution.hpp: the inner loops of the 3 x 3 convolution in registers: a lane is
-/// an output channel. Few channels leave a general matrix product mostly packing; these tiles read
-/// the padded image and the weights where they lie.
+/// rye/nn/lanes/convolution.hpp: inner loops of the 3 x 3 convolution in registers; a lane is an
+/// output channel. For few channels a general matrix product spends most time on packing; these
+/// tiles read the padded image and the weights unpacked.
 #pragma once
 
 #include <algorithm>
@@ -13,15 +13,15 @@
 
 namespace rye::detail {
 
-/// A matrix product over the input channels of one kernel row needs these numbers.
+/// Sizes of the matrix product over the input channels of one kernel row.
 struct ConvolutionRow {
-    Index inputs;  ///< numbers under a row of the kernel: 3 channels
-    Index step;    ///< numbers from a pixel to the next: channels
+    Index inputs;  ///< numbers under a kernel row: 3 channels
+    Index step;    ///< numbers per pixel: channels
     Index outputs; ///< output channels
 };
 
 /// y[p, :] = sum over the three kernel rows of W x[p, :] for P pixels and V vectors of outputs.
-/// w: numbers of one input are `outputs` apart. rows: where the first pixel's inputs begin.
+/// w: weights of successive inputs are `outputs` apart. rows: inputs of the first pixel.
 template <class Batch, std::size_t V, std::size_t P, class T>
 void convolve_tile(const T* w, const std::array<const T*, 3>& rows, T* y, const ConvolutionRow& s) {
     RegisterTile<Batch, V, std::make_index_sequence<P>> tile;
@@ -40,8 +40,8 @@ void correlate_tile(const T* g, const T* x, Index pixels, T* g_w, const Convolut
     });
 }
 
-/// One row of the output. At least 8 pixels wide; outputs are a multiple of the lanes. The last
-/// tile ends at the end of the row and may compute some pixels a second time, to the same bits.
+/// One output row, at least 8 pixels wide; outputs are a multiple of the lanes. The last tile ends
+/// at the end of the row and may compute some pixels twice, with the same bits.
 template <class Batch, class T>
 void convolve_row(const T* w, const std::array<const T*, 3>& rows, T* y, Index width,
                   const ConvolutionRow& s) {

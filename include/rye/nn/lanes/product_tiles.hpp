@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/nn/lanes/product_tiles.hpp: products of dense matrices in register tiles. The left factor is
-/// packed once for many columns of the right one. Each number of the result is one sum in the order
-/// of the depth: its bits depend on nothing but its row and its column.
+/// packed once for many columns of the right one. Each element of the result is one sum in depth
+/// order, so its bits depend on its row and column alone.
 #pragma once
 
 #include <algorithm>
@@ -15,9 +15,9 @@
 
 namespace rye {
 
-/// A matrix as the left factor is read: panels of two vectors of rows, the last of one if that is
-/// enough, zeros below the last row; within a panel, column after column. Where they lie, columns
-/// of a power of two of numbers would share a few sets of the cache.
+/// The packed left factor: panels of two vectors of rows, the last of one vector where that is
+/// enough, zeros below the last row; within a panel, column after column. Unpacked, columns with a
+/// stride of a power of two would map to a few cache sets.
 template <class Batch>
 struct Panels {
     using T = typename Batch::value_type;
@@ -46,7 +46,7 @@ struct PackedMatrix : Panels<Batch> {
     using T = typename Batch::value_type;
     using Panels<Batch>::lanes, Panels<Batch>::rows, Panels<Batch>::depth;
 
-    /// A column-major matrix; its columns are added to `sum`, if there is one.
+    /// Packs a column-major matrix; adds its columns to `sum` unless null.
     void pack(const ColumnsView<T>& a, T* sum = nullptr) {
         this->shape(a.rows(), a.cols());
         this->each_panel([&](T* to, Index row, Index h) {
@@ -73,7 +73,7 @@ struct PackedMatrix : Panels<Batch> {
             }
         });
     }
-    /// The transpose of a column-major matrix.
+    /// Packs the transpose of a column-major matrix.
     void pack_transposed(const ColumnsView<T>& a) {
         this->shape(a.cols(), a.rows());
         this->each_panel([&](T* to, Index row, Index h) {
@@ -86,7 +86,7 @@ struct PackedMatrix : Panels<Batch> {
     }
 };
 
-/// The right factor: a column-major matrix or its transpose, where it lies.
+/// The right factor, not copied: a column-major matrix or its transpose.
 template <class T, bool Transposed>
 struct RightFactor {
     const T* data;
@@ -96,44 +96,62 @@ struct RightFactor {
         : data(numbers), stride(outer_stride), columns(n) {}
     explicit RightFactor(const ColumnsView<T>& x)
         : RightFactor(x.data(), x.outerStride(), Transposed ? x.rows() : x.cols()) {}
-    // The one of them that is 1 is known to the compiler, which else runs out of registers.
+    // The step that is 1 must be a constant: with both variable, the tile runs out of registers.
     Index depth_step() const { return Transposed ? stride : 1; }
     Index column_step() const { return Transposed ? 1 : stride; }
 };
 
 namespace detail {
 
-/// V vectors of rows by N columns of the product, from column c on. Not inlined: what stands around
-/// it would take the registers that hold its addresses.
+/// A packed panel of the left factor.
+template <class T>
+struct PackedPanel {
+    const T* data;
+    Index depth;
+};
+
+/// Columns [begin, end) of the product.
+struct ProductColumns {
+    Index begin, end;
+};
+
+/// Columns `stride` apart that receive a product.
+template <class T>
+struct ProductTarget {
+    T* data;
+    Index stride;
+};
+
+/// V vectors of rows by N columns of the product, from column c on. Not inlined: the caller's code
+/// would take the registers of the addresses.
 template <class Batch, std::size_t V, std::size_t N, bool Transposed, class T, class Put>
-[[gnu::noinline]] void product_tile(const T* a, Index depth, const RightFactor<T, Transposed>& x,
-                                    Index c, T* y, Index ld, const Put& put) {
+[[gnu::noinline]] void product_tile(PackedPanel<T> a, const RightFactor<T, Transposed>& x, Index c,
+                                    ProductTarget<T> y, const Put& put) {
     RegisterTile<Batch, V, std::make_index_sequence<N>> tile;
     const T* b = x.data + c * x.column_step();
     constexpr Index height = static_cast<Index>(V * Batch::size);
-    for (Index j = 0; j < depth; ++j, a += height, b += x.depth_step())
-        tile.add_product(a, b, x.column_step());
-    tile.each(y, ld, put);
+    for (Index j = 0; j < a.depth; ++j, a.data += height, b += x.depth_step())
+        tile.add_product(a.data, b, x.column_step());
+    tile.each(y.data, y.stride, put);
 }
 
-/// A panel times columns [begin, end) of X; y is where column `begin` goes. What is left of two
-/// vectors is one tile: two narrower ones would each wait for their sums.
+/// A panel times columns [c, end) of X; y points to column c. A remainder of two-vector
+/// panels is one tile: two narrower ones would each wait for their sums.
 template <class Batch, std::size_t V, std::size_t N, bool Transposed, class T, class Put>
-void product_panel(const T* a, Index depth, const RightFactor<T, Transposed>& x, Index begin,
-                   Index end, T* y, Index ld, const Put& put) {
+void product_panel(PackedPanel<T> a, const RightFactor<T, Transposed>& x, ProductColumns columns,
+                   ProductTarget<T> y, const Put& put) {
     constexpr Index n = static_cast<Index>(N);
-    Index c = begin;
-    for (; c + n <= end; c += n, y += n * ld)
-        product_tile<Batch, V, N, Transposed>(a, depth, x, c, y, ld, put);
+    auto& [c, end] = columns;
+    for (; c + n <= end; c += n, y.data += n * y.stride)
+        product_tile<Batch, V, N, Transposed>(a, x, c, y, put);
     if constexpr (N > 1)
         if (c < end)
-            product_panel<Batch, V, V == 2 ? N - 1 : N / 2, Transposed>(a, depth, x, c, end, y,
-                                                                        ld, put);
+            product_panel<Batch, V, V == 2 ? N - 1 : N / 2, Transposed>(a, x, columns, y, put);
 }
 
 } // namespace detail
 
-/// y = put(row, A x, before) with vectors of rows that begin at `row`; `before` is y itself or a
+/// y = put(row, A x, before), on vectors of rows that begin at `row`; `before` is y itself or a
 /// matrix of its shape and stride.
 template <class Batch, bool Transposed, class T, class Put>
 void packed_product(const Panels<Batch>& a, const RightFactor<T, Transposed>& x, ColumnsSpan<T> y,
@@ -141,11 +159,12 @@ void packed_product(const Panels<Batch>& a, const RightFactor<T, Transposed>& x,
     constexpr Index lanes = static_cast<Index>(Batch::size), block = 12;
     const Index ld = y.outerStride();
     RYE_ASSERT(before.outerStride() == ld || y.cols() < 2, "packed_product: strides differ");
-    // `from` is to `before` what `to` is to y.
+    // `from` points into `before` at the element that `to` points to in y.
     const auto panel = [&]<std::size_t V>(Index row, Index begin, Index end, T* to, const T* from,
                                           Index step) {
         detail::product_panel<Batch, V, 12 / V, Transposed>(
-            a.panel(row), a.depth, x, begin, end, to, step,
+            detail::PackedPanel<T>{a.panel(row), a.depth}, x, {begin, end},
+            detail::ProductTarget<T>{to, step},
             [&](T* at, const Batch& sum, Index below) {
                 put(row + below, sum, Batch::load_unaligned(from + (at - to))).store_unaligned(at);
             });
@@ -162,7 +181,7 @@ void packed_product(const Panels<Batch>& a, const RightFactor<T, Transposed>& x,
             any_height(row, Index(0), x.columns, y.data() + row, before.data() + row, ld);
             continue;
         }
-        // The last rows end within a vector: through memory of our own.
+        // Last rows that do not fill a vector go through a local buffer.
         alignas(64) T own[std::size_t(block * 2 * lanes)] = {};
         for (Index c = 0; c < x.columns; c += block) {
             const Index n = std::min(block, x.columns - c);
@@ -174,7 +193,7 @@ void packed_product(const Panels<Batch>& a, const RightFactor<T, Transposed>& x,
     }
 }
 
-/// A left factor in panels.
+/// Left factor in panels, see product.hpp.
 template <class Batch>
 struct TileFactor {
     using T = typename Batch::value_type;

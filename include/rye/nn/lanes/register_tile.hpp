@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/lanes/register_tile.hpp: the sums of a small tile of a matrix product, kept in registers:
-/// V vectors by P columns. 8 to 12 sums are what two multiply-add units of latency 4 need.
+/// rye/nn/lanes/register_tile.hpp: accumulators of a small tile of a matrix product, in registers:
+/// V vectors by P columns. Two multiply-add units of latency 4 need 8 to 12 accumulators.
 #pragma once
 
 #include <cstddef>
@@ -10,8 +10,8 @@
 
 namespace rye::detail {
 
-/// The sums of column P of a tile: one vector, or two. Members of their own, not of an array, which
-/// gcc would keep in memory.
+/// Accumulators of column P of a tile, one vector or two. Separate members, not an array, which gcc
+/// would keep in memory.
 template <class Batch, std::size_t V, std::size_t P>
 struct TileColumn;
 template <class Batch, std::size_t P>
@@ -40,20 +40,20 @@ struct TileColumn<Batch, 2, P> {
     }
 };
 
-/// The sums of a tile of V vectors by the columns P....
+/// Accumulators of a tile of V vectors by the columns P....
 template <class Batch, std::size_t V, class Columns>
 struct RegisterTile;
 template <class Batch, std::size_t V, std::size_t... P>
 struct RegisterTile<Batch, V, std::index_sequence<P...>> : TileColumn<Batch, V, P>... {
     using T = typename Batch::value_type;
 
-    /// sum += vectors at a, times the numbers at b that are `step` apart.
+    /// sum += vectors at a, times the numbers at b, b + step, ....
     void add_product(const T* a, const T* b, Index step) {
         const Batch a0 = Batch::load_unaligned(a);
         const Batch a1 = Batch::load_unaligned(a + (V == 2 ? static_cast<Index>(Batch::size) : 0));
         (TileColumn<Batch, V, P>::add(a0, a1, Batch(b[static_cast<Index>(P) * step])), ...);
     }
-    /// f(where, sum, row of the tile) with the columns `step` apart.
+    /// Calls f(where, sum, row of the tile), columns being `step` apart.
     template <class F>
     void each(T* to, Index step, const F& f) const {
         (TileColumn<Batch, V, P>::each(to + static_cast<Index>(P) * step, f), ...);

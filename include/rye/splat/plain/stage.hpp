@@ -76,9 +76,9 @@ void project_range(const std::type_identity_t<GaussianView<T>>& g, const Pinhole
 
 /// Gradients of Gaussians [b, e), from slots to world.
 template <class A, class T, Distortion D>
-void project_vjp_range(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera, const A& accuracy,
-                       const RasterTrace<T>& trace, const PartialGradients<T>& slots, Index b,
-                       Index e, Gaussians<T>& out) {
+void project_vjp_range(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
+                       const A& accuracy, const RasterTrace<T>& trace,
+                       const PartialGradients<T>& slots, Index b, Index e, Gaussians<T>& out) {
     const Projector<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
     std::vector<T> sum(static_cast<std::size_t>(slots.stride));
     for (Index i = b; i < e; ++i) {

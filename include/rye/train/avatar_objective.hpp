@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/stage_avatar.hpp: one step of stage 2: three renders (final, face alone, eyes alone),
-/// six losses, and their gradient with respect to every parameter of the avatar.
-/// Images are sRGB in [0, 1] on the final background (white). Source: paper section 4.2; weights of
-/// the image terms from GHA.
+/// rye/train/avatar_objective.hpp: the objective of stage 2: three renders of the driven Gaussians
+/// (final, face alone, eyes alone), six losses, and their gradients with respect to the Gaussians
+/// and the upsampler. It does not depend on the avatar's effects. Images are sRGB in [0, 1] on the
+/// final background (white). Source: paper section 4.2; weights of the image terms from GHA.
 #pragma once
 
 #include <algorithm>
@@ -22,11 +22,11 @@ namespace rye {
 template <class T>
 struct AvatarLosses {
     T high_resolution = T(0), low_resolution = T(0), perceptual = T(0), dssim = T(0);
-    T eye_low = T(0), eye_high = T(0), blank = T(0), face_alone = T(0);
+    T eye_low = T(0), eye_high = T(0), blank = T(0), face_alone = T(0), eye_smooth = T(0);
     T total = T(0);  ///< weighted
 };
 
-/// The pictures of a step and the cotangents of its losses.
+/// Pictures of a step and cotangents of its losses. U: the super-resolution network.
 template <class T, class U = Upsampler<T>>
 struct AvatarPictures {
     Raster<T, features_only> final;  ///< feature render
@@ -44,23 +44,13 @@ struct AvatarPictures {
     bool blank_eyeballs = false, eyes_from_eye_terms = false; ///< of the weights
 };
 
-template <class T, EffectSet E>
-Drivers<T, E> corrected_drivers(const TwoStream<T, E>& avatar, const AvatarSample<T, E>& sample) {
-    Drivers<T, E> drivers = sample.drivers;
-    if constexpr (has_effect<E, ReadsHeadPose>)
-        if (sample.frame >= 0) drivers.pose += avatar.delta_pose.col(sample.frame);
-    if constexpr (has_effect<E, ReadsCamera>)
-        drivers.camera = sample.camera.centre().template cast<T>();
-    return drivers;
-}
-
 namespace detail {
 
 /// Masked L1 of the first three rows; adds `weight` times its cotangent to theirs of g.
 template <class T, Backend B>
 T rgb_term(const B& backend, const Columns<T>& prediction, const Columns<T>& truth,
            const Columns<T>& mask, double weight, Columns<T>& g) {
-    return add_masked_l1<T>(backend, prediction.topRows(3), truth, mask, T(weight), g.topRows(3));
+    return add_masked_l1<T>(backend, prediction.topRows(3), truth, {mask, T(weight)}, g.topRows(3));
 }
 
 /// f(begin, end) for chunks of the columns of an image.
@@ -96,20 +86,18 @@ Gaussians<T> held_still(const Gaussians<T>& g, ColumnRange range) {
 }
 
 /// Colours of the face before the blank: with blank_eyeballs also the eyeballs, in one colour.
-template <class T, EffectSet E>
-GaussianView<T> blank_view(const TwoStreamTrace<T, E>& trace,
-                            const AvatarPictures<T, UpsamplerOf<T, E>>& p) {
-    const Gaussians<T>& g = Real<T> || !p.blank_eyeballs ? trace.gaussians : p.still;
+template <class T, class U>
+GaussianView<T> blank_view(const TwoStreamGaussians<T>& driven, const AvatarPictures<T, U>& p) {
+    const Gaussians<T>& g = Real<T> || !p.blank_eyeballs ? driven.gaussians : p.still;
     const GaussianView<T> all = view_of(g).first_channels(3);
-    return p.blank_eyeballs ? all.painted_from(trace.face_count, p.blank)
-                            : all.columns(0, trace.face_count);
+    return p.blank_eyeballs ? all.painted_from(driven.face_count, p.blank)
+                            : all.columns(0, driven.face_count);
 }
 
 /// The eyes alone, with the channels of their background.
-template <class T, EffectSet E>
-GaussianView<T> eye_view(const TwoStreamTrace<T, E>& trace,
-                            const AvatarPictures<T, UpsamplerOf<T, E>>& p) {
-    return trace.eye_gaussians().first_channels(p.behind_eyes.size());
+template <class T, class U>
+GaussianView<T> eye_view(const TwoStreamGaussians<T>& driven, const AvatarPictures<T, U>& p) {
+    return driven.eye_gaussians().first_channels(p.behind_eyes.size());
 }
 
 /// Adds the gradient of a render of sum's Gaussians from column `begin` on: `count` of them, and as
@@ -147,8 +135,8 @@ struct FaceTarget {
 };
 
 /// The picture, over the blank's background: 1 where a visible pixel shows nothing of the eyes.
-template <class T, EffectSet E, Backend B>
-FaceTarget<T> face_alone_target(const B& backend, const AvatarSample<T, E>& sample) {
+template <class T, Backend B>
+FaceTarget<T> face_alone_target(const B& backend, const AvatarImages<T>& sample) {
     const Vec3<T> change = sample.blank.template head<3>() - sample.background.template head<3>();
     FaceTarget<T> t(sample.mask_small.cols());
     detail::over_pixels(backend, t.mask.cols(), [&](Index b, Index e) {
@@ -164,8 +152,8 @@ FaceTarget<T> face_alone_target(const B& backend, const AvatarSample<T, E>& samp
 
 /// The blank's background in the eyes, and the picture of `alone` beside them: 1 where a visible
 /// pixel shows an eye, or an eyeball would be seen if there were no face.
-template <class T, EffectSet E, Backend B>
-FaceTarget<T> blank_eyeball_target(const B& backend, const AvatarSample<T, E>& sample,
+template <class T, Backend B>
+FaceTarget<T> blank_eyeball_target(const B& backend, const AvatarImages<T>& sample,
                                    const FaceTarget<T>& alone, const Columns<T>& eyeball_alpha) {
     FaceTarget<T> t(alone.mask.cols());
     detail::over_pixels(backend, t.mask.cols(), [&](Index b, Index e) {
@@ -182,37 +170,51 @@ FaceTarget<T> blank_eyeball_target(const B& backend, const AvatarSample<T, E>& s
     return t;
 }
 
-/// What super-resolution reads.
-template <class T, EffectSet E>
-const Image<T>& features_shown(const AvatarSample<T, E>& sample,
-                               const AvatarPictures<T, UpsamplerOf<T, E>>& p) {
+/// Input of super-resolution.
+template <class T, class U>
+const Image<T>& features_shown(const AvatarImages<T>& sample, const AvatarPictures<T, U>& p) {
     return sample.scale.active() ? p.scaled : p.final.feature;
 }
 
-/// Renders and compares. Everything the vjp reads stays in `trace` and `pictures`.
-template <class Accuracy, class Perceptual, class T, EffectSet E, class Probe = NoProbe, Backend B>
-AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar,
-                              const AvatarConfig& config, const LandmarkRoles& roles,
-                              const AvatarLossConfig& weights,
-                              const Rasterizer<Accuracy>& rasterizer, const Perceptual& perceptual,
-                              const AvatarSample<T, E>& sample, TwoStreamTrace<T, E>& trace,
-                              AvatarPictures<T, UpsamplerOf<T, E>>& pictures, Probe&& probe = {}) {
-    drive(backend, avatar, config, roles, corrected_drivers(avatar, sample), trace);
-    probe("networks");
-    auto& p = pictures;
+/// Renders, compares, and pulls the losses back to the Gaussians.
+template <AccuracyPolicy A = Balanced, class Perceptual = PyramidGradientLoss>
+struct AvatarObjective {
+    AvatarLossConfig weights = {};
+    Rasterizer<FeaturesOnly<A>> rasterizer = {};
+    Perceptual perceptual = {};
+
+    /// The losses. Everything that the vjp reads stays in `p`.
+    template <class T, class U, class Probe = NoProbe, Backend B>
+    AvatarLosses<T> value(const B& backend, const U& upsampler, const AvatarImages<T>& sample,
+                          const TwoStreamGaussians<T>& driven, AvatarPictures<T, U>& p,
+                          Probe&& probe = {}) const;
+
+    /// Sets p.g_gaussians, the gradient of the driven Gaussians; adds to the upsampler's.
+    template <class T, class U, class Probe = NoProbe, Backend B>
+    void vjp(const B& backend, const U& upsampler, const AvatarImages<T>& sample,
+             const TwoStreamGaussians<T>& driven, AvatarPictures<T, U>& p, U& g_upsampler,
+             Probe&& probe = {}) const;
+};
+
+template <AccuracyPolicy A, class Perceptual>
+template <class T, class U, class Probe, Backend B>
+AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
+    const B& backend, const U& upsampler, const AvatarImages<T>& sample,
+    const TwoStreamGaussians<T>& driven, AvatarPictures<T, U>& p, Probe&& probe) const {
     p.blank = sample.blank.head(3);
     p.blank_eyeballs = weights.blank_eyeballs;
     p.eyes_from_eye_terms = weights.eyes_from_eye_terms;
     // Only super-resolution reads more than RGB.
-    p.behind_eyes = sample.background.head(sample.eyes_high ? config.channels : 3);
+    p.behind_eyes =
+        sample.background.head(sample.eyes_high ? driven.gaussians.channels() : Index(3));
     if constexpr (!Real<T>)
-        if (p.blank_eyeballs) p.still = detail::held_still(trace.gaussians, trace.eye_columns());
-    const Rasterizer<FeaturesOnly<Accuracy>> draw{rasterizer.accuracy};
-    draw.forward_into(backend, trace.gaussians, sample.camera, sample.background, p.final,
+        if (p.blank_eyeballs) p.still = detail::held_still(driven.gaussians, driven.eye_columns());
+    const Rasterizer<FeaturesOnly<A>>& draw = rasterizer;
+    draw.forward_into(backend, driven.gaussians, sample.camera, sample.background, p.final,
                       &p.scratch);
-    draw.forward_into(backend, detail::blank_view(trace, p), sample.camera, p.blank, p.face,
+    draw.forward_into(backend, detail::blank_view(driven, p), sample.camera, p.blank, p.face,
                       &p.scratch);
-    draw.forward_into(backend, detail::eye_view(trace, p), sample.camera, p.behind_eyes, p.eyes,
+    draw.forward_into(backend, detail::eye_view(driven, p), sample.camera, p.behind_eyes, p.eyes,
                       &p.scratch);
     probe("render");
     if (sample.scale.active()) {
@@ -220,10 +222,10 @@ AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar,
         p.scaled.height = p.final.feature.height;
         p.scaled.pixels = gathered(p.final.feature.pixels, sample.scale.small);
     }
-    p.high = upsampler_forward(backend, avatar.upsampler, features_shown(sample, p), &p.high_trace);
+    p.high = upsampler_forward(backend, upsampler, features_shown(sample, p), &p.high_trace);
     if (sample.eyes_high)
         p.eyes_high =
-            upsampler_forward(backend, avatar.upsampler, p.eyes.feature, &p.eyes_high_trace);
+            upsampler_forward(backend, upsampler, p.eyes.feature, &p.eyes_high_trace);
     else
         p.eyes_high = {};
     probe("super-resolution");
@@ -295,51 +297,43 @@ AvatarLosses<T> avatar_losses(const B& backend, const TwoStream<T, E>& avatar,
     return l;
 }
 
-/// Adds dL/dparameters to `grad`.
-template <class Accuracy, class T, EffectSet E, class Probe = NoProbe, Backend B>
-void avatar_losses_vjp(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
-                       const Rasterizer<Accuracy>& rasterizer, const AvatarSample<T, E>& sample,
-                       const TwoStreamTrace<T, E>& trace, AvatarPictures<T, UpsamplerOf<T, E>>& p,
-                       TwoStream<T, E>& grad, Probe&& probe = {}) {
+template <AccuracyPolicy A, class Perceptual>
+template <class T, class U, class Probe, Backend B>
+void AvatarObjective<A, Perceptual>::vjp(
+    const B& backend, const U& upsampler, const AvatarImages<T>& sample,
+    const TwoStreamGaussians<T>& driven, AvatarPictures<T, U>& p, U& g_upsampler,
+    Probe&& probe) const {
     Columns<T> g_feature;
-    upsampler_vjp(backend, avatar.upsampler, features_shown(sample, p), p.high_trace, p.g_high,
-                  grad.upsampler, &g_feature);
+    upsampler_vjp(backend, upsampler, features_shown(sample, p), p.high_trace, p.g_high,
+                  g_upsampler, &g_feature);
     if (sample.scale.active())
         gathered_vjp(g_feature, sample.scale.small, p.g_final);
     else
         detail::add_weighted(backend, p.g_final, T(1), g_feature);
     if (sample.eyes_high) {
-        upsampler_vjp(backend, avatar.upsampler, p.eyes.feature, p.eyes_high_trace, p.g_eyes_high,
-                      grad.upsampler, &g_feature);
+        upsampler_vjp(backend, upsampler, p.eyes.feature, p.eyes_high_trace, p.g_eyes_high,
+                      g_upsampler, &g_feature);
         detail::add_weighted(backend, p.g_eyes, T(1), g_feature);
     }
     probe("super-resolution vjp");
 
-    const Rasterizer<FeaturesOnly<Accuracy>> draw{rasterizer.accuracy};
     const auto pull = [&](const GaussianView<T>& view, const VecX<T>& background,
                           const Raster<T, features_only>& raster, const Columns<T>& g,
                           Gaussians<T>& to) {
-        draw.vjp_into(backend, view, sample.camera, background, raster, RasterCotangent<T>{g}, to,
-                      &p.scratch);
+        rasterizer.vjp_into(backend, view, sample.camera, background, raster, RasterCotangent<T>{g},
+                            to, &p.scratch);
     };
-    pull(trace.gaussians, sample.background, p.final, p.g_final, p.g_gaussians);
-    const ColumnRange eyes = trace.eye_columns();
+    pull(driven.gaussians, sample.background, p.final, p.g_final, p.g_gaussians);
+    const ColumnRange eyes = driven.eye_columns();
     if (p.eyes_from_eye_terms) // where they are is the joint picture's still: it moves the head
         for (Columns<T>* g : {&p.g_gaussians.rotation, &p.g_gaussians.scale,
                               &p.g_gaussians.opacity, &p.g_gaussians.feature})
             g->middleCols(eyes.begin, eyes.count).setZero();
-    pull(detail::blank_view(trace, p), p.blank, p.face, p.g_face, p.g_part);
-    detail::add_part(backend, p.g_gaussians, trace.face_columns(), p.g_part);
-    pull(detail::eye_view(trace, p), p.behind_eyes, p.eyes, p.g_eyes, p.g_part);
+    pull(detail::blank_view(driven, p), p.blank, p.face, p.g_face, p.g_part);
+    detail::add_part(backend, p.g_gaussians, driven.face_columns(), p.g_part);
+    pull(detail::eye_view(driven, p), p.behind_eyes, p.eyes, p.g_eyes, p.g_part);
     detail::add_part(backend, p.g_gaussians, eyes, p.g_part);
     probe("render vjp");
-
-    const Drivers<T, E> drivers = corrected_drivers(avatar, sample);
-    const Vec<T, 6> g_pose =
-        drive_vjp(backend, avatar, config, drivers, trace, p.g_gaussians, grad);
-    if constexpr (has_effect<E, ReadsHeadPose>)
-        if (sample.frame >= 0) grad.delta_pose.col(sample.frame) += g_pose;
-    probe("networks vjp");
 }
 
 } // namespace rye

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// Steps of stage 2. An avatar's effects decide how it is driven; the objective is compiled once.
+#include <variant>
+
+#include <rye/avatar/hold.hpp>
+#include <rye/capture/lpips_weights.hpp>
+#include <rye/train/avatar_trainer.hpp>
+
+#include "training/steps.hpp"
+
+namespace rye::trainer {
+namespace {
+
+/// LPIPS where its weights are given, else the loss without weights.
+struct ChosenPerceptual {
+    std::variant<PyramidGradientLoss, LpipsVgg<float>> loss;
+
+    template <Backend B>
+    LossGradient<float> operator()(const B& backend, const Image<float>& picture,
+                                   const Image<float>& truth) const {
+        return std::visit([&](const auto& l) { return l(backend, picture, truth); }, loss);
+    }
+};
+
+AvatarTraining<Balanced, ChosenPerceptual> training_of(
+    const TrainState& state, const std::filesystem::path& perceptual_weights) {
+    const TrainConfig& c = state.config;
+    AvatarTraining<Balanced, ChosenPerceptual> t;
+    t.config = c.avatar;
+    t.roles = state.subject.roles;
+    t.objective.weights = c.gaussians.weights;
+    t.objective.rasterizer = TrainRasterizer{};
+    if (!perceptual_weights.empty())
+        t.objective.perceptual.loss =
+            LpipsVgg<float>{read_lpips_weights<float>(perceptual_weights)};
+    t.rates = c.gaussians.rates;
+    t.bounds = {c.gaussians.eyeball.max_growth, c.gaussians.eyeball.thickness};
+    return t;
+}
+
+template <EffectSet E>
+class StepsOf : public AvatarSteps {
+  public:
+    StepsOf(TwoStream<float, E>& avatar, Adam<TwoStream<float, E>>& adam, const TrainState& state,
+            const std::filesystem::path& perceptual_weights)
+        : trainer_(train_backend(), avatar, adam, training_of(state, perceptual_weights)) {}
+
+    StepReport step(TrainState& state, const AvatarSample<float>& sample, double rate,
+                    const Probe& probe) override {
+        const auto report = [&] {
+            if constexpr (std::same_as<E, TrainEffects>)
+                return trainer_.step(sample, rate, probe);
+            else
+                return trainer_.step(restricted<E>(sample.drivers), sample, rate, probe);
+        }();
+        ++state.step;
+        const AvatarLosses<float>& l = report.losses;
+        return {{{"loss", l.total}, {"high_resolution", l.high_resolution},
+                 {"low_resolution", l.low_resolution}, {"perceptual", l.perceptual},
+                 {"dssim", l.dssim}, {"eye_low", l.eye_low}, {"eye_high", l.eye_high},
+                 {"blank", l.blank}, {"face_alone", l.face_alone}, {"eye_smooth", l.eye_smooth}},
+                0, report.adam.first_bad_field};
+    }
+
+  private:
+    AvatarTrainer<TrainBackend, float, E, Balanced, ChosenPerceptual, AvatarRates> trainer_;
+};
+
+} // namespace
+
+std::unique_ptr<AvatarSteps> avatar_steps(TrainState& state,
+                                          const std::filesystem::path& perceptual_weights) {
+    if (state.visual)
+        return std::make_unique<StepsOf<VisualEffects>>(state.visual->avatar, state.visual->adam,
+                                                        state, perceptual_weights);
+    return std::make_unique<StepsOf<TrainEffects>>(state.avatar, state.avatar_adam, state,
+                                                   perceptual_weights);
+}
+
+void check_perceptual_weights(const std::filesystem::path& perceptual_weights) {
+    if (!perceptual_weights.empty()) read_lpips_weights<float>(perceptual_weights);
+}
+
+} // namespace rye::trainer

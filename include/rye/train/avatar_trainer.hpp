@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/avatar_trainer.hpp: stage 2 as an object: drives, renders, compares, differentiates
+/// and takes a step of Adam.
+///     AvatarTrainer trainer{backend, avatar, adam, {.config = config, .roles = roles}};
+///     for (const auto& sample : samples) trainer.step(sample);
+/// Source: paper section 4.2.
+#pragma once
+
+#include <limits>
+#include <string>
+#include <utility>
+
+#include <rye/avatar/two_stream.hpp>
+#include <rye/loss/smoothness.hpp>
+#include <rye/nn/adam.hpp>
+#include <rye/train/avatar_objective.hpp>
+
+namespace rye {
+
+/// Bounds of the eyeballs' Gaussians after each step: see bound_scales. 0: none.
+struct EyeballBounds {
+    double growth = 0;     ///< largest scale, times the template's spacing
+    double thickness = 1;  ///< along the normal, times that
+};
+
+/// What a run of stage 2 is given beside its avatar. Rates(name) is the learning rate of a field.
+template <AccuracyPolicy A = Balanced, class Perceptual = PyramidGradientLoss,
+          class Rates = AvatarRates>
+struct AvatarTraining {
+    AvatarConfig config = {};
+    LandmarkRoles roles = {};
+    AvatarObjective<A, Perceptual> objective = {};
+    Rates rates = {};
+    EyeballBounds bounds = {};
+};
+
+template <class T>
+struct AvatarStepReport {
+    AvatarLosses<T> losses;
+    AdamReport adam;  ///< not applied if a gradient was not finite; nothing has changed then
+};
+
+template <Backend B, class T, EffectSet E, AccuracyPolicy A, class Perceptual, class Rates>
+class AvatarTrainer {
+  public:
+    using Avatar = TwoStream<T, E>;
+    B backend;
+
+    /// The avatar and its optimiser must outlive the trainer.
+    AvatarTrainer(const B& on, Avatar& avatar, Adam<Avatar>& adam,
+                  AvatarTraining<A, Perceptual, Rates> training)
+        : backend(on), avatar_(avatar), adam_(adam), training_(std::move(training)),
+          gradient_(zeros_like(avatar)) {
+        if constexpr (smooths)
+            if (training_.objective.weights.eye_smooth > 0)
+                for (Index e = 0; e < 2; ++e) {
+                    const Index first = avatar.eyes.first_point(e);
+                    const Columns<T> points =
+                        avatar.eyes.position.middleCols(first, avatar.eyes.points_of(e));
+                    const NeighbourGraph of_eye = four_nearest(points, first);
+                    neighbours_.insert(neighbours_.end(), of_eye.begin(), of_eye.end());
+                }
+    }
+
+    /// One step; the learning rates are multiplied by `rate`.
+    template <class Probe = NoProbe>
+    AvatarStepReport<T> step(const Drivers<T, E>& drivers, const AvatarImages<T>& images,
+                             double rate = 1, Probe&& probe = {}) {
+        AvatarStepReport<T> r{losses(drivers, images, probe), {}};
+        Avatar::fields([](const std::string&, auto& a) { a.setZero(); }, gradient_);
+        add_gradient(drivers, images, gradient_, probe);
+        const AvatarLossConfig& weights = training_.objective.weights;
+        if constexpr (smooths)
+            if (weights.eye_smooth > 0) {
+                const LossGradient<T> term = smoothness(avatar_.eyes.feature, neighbours_);
+                gradient_.eyes.feature += T(weights.eye_smooth) * term.gradient;
+                r.losses.eye_smooth = term.value;
+                r.losses.total += T(weights.eye_smooth) * term.value;
+            }
+        r.adam = adam_step(backend, avatar_, gradient_, adam_, [&](const std::string& name) {
+            return rate * training_.rates(name);
+        });
+        if (training_.bounds.growth > 0)
+            bound_scales(avatar_.eyes, T(training_.bounds.growth), T(training_.bounds.thickness));
+        probe("optimiser");
+        return r;
+    }
+    template <class Probe = NoProbe>
+    AvatarStepReport<T> step(const AvatarSample<T, E>& sample, double rate = 1,
+                             Probe&& probe = {}) {
+        return step(sample.drivers, sample, rate, probe);
+    }
+
+    /// The losses at the avatar as it is, without smoothness.
+    template <class Probe = NoProbe>
+    AvatarLosses<T> losses(const Drivers<T, E>& drivers, const AvatarImages<T>& images,
+                           Probe&& probe = {}) {
+        drive(backend, avatar_, training_.config, training_.roles, corrected(drivers, images),
+              trace_);
+        probe("networks");
+        return training_.objective.value(backend, avatar_.upsampler, images, trace_, pictures_,
+                                         probe);
+    }
+    /// Adds their gradient. Call it after losses() with the same arguments.
+    template <class Probe = NoProbe>
+    void add_gradient(const Drivers<T, E>& drivers, const AvatarImages<T>& images, Avatar& gradient,
+                      Probe&& probe = {}) {
+        training_.objective.vjp(backend, avatar_.upsampler, images, trace_, pictures_,
+                                gradient.upsampler, probe);
+        const Vec<T, 6> g_pose =
+            drive_vjp(backend, avatar_, training_.config, corrected(drivers, images), trace_,
+                      pictures_.g_gaussians, gradient);
+        if constexpr (has_effect<E, ReadsHeadPose>)
+            if (images.frame >= 0) gradient.delta_pose.col(images.frame) += g_pose;
+        probe("networks vjp");
+    }
+
+    const TwoStreamTrace<T, E>& trace() const { return trace_; }
+    const AvatarPictures<T, UpsamplerOf<T, E>>& pictures() const { return pictures_; }
+
+  private:
+    static constexpr bool smooths = requires(const Avatar& a) { a.eyes.feature; } && Real<T>;
+
+    /// Drivers with the frame's delta pose and the camera.
+    Drivers<T, E> corrected(const Drivers<T, E>& tracked, const AvatarImages<T>& images) const {
+        Drivers<T, E> drivers = tracked;
+        if constexpr (has_effect<E, ReadsHeadPose>)
+            if (images.frame >= 0) drivers.pose += avatar_.delta_pose.col(images.frame);
+        if constexpr (has_effect<E, ReadsCamera>)
+            drivers.camera = images.camera.centre().template cast<T>();
+        return drivers;
+    }
+
+    Avatar& avatar_;
+    Adam<Avatar>& adam_;
+    AvatarTraining<A, Perceptual, Rates> training_;
+    Avatar gradient_;
+    TwoStreamTrace<T, E> trace_;
+    AvatarPictures<T, UpsamplerOf<T, E>> pictures_;
+    NeighbourGraph neighbours_;  ///< of both eyeballs' points, if their colours are smoothed
+};
+
+template <Backend B, class T, EffectSet E, AccuracyPolicy A = Balanced,
+          class Perceptual = PyramidGradientLoss, class Rates = AvatarRates>
+AvatarTrainer(const B&, TwoStream<T, E>&, Adam<TwoStream<T, E>>&,
+              AvatarTraining<A, Perceptual, Rates>)
+    -> AvatarTrainer<B, T, E, A, Perceptual, Rates>;
+
+} // namespace rye

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <rye/core/thread_pool.hpp>
+
+#include <atomic>
+#include <chrono>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <doctest/doctest.h>
+
+using namespace rye;
+
+TEST_CASE("a pool runs each task once: from several threads, from within a task, asleep and awake") {
+    std::atomic<int> wrong{0};
+    for (int round = 0; round < 5; ++round) {
+        ThreadPool pool(4);
+        std::vector<std::thread> hosts;
+        for (int host = 0; host < 3; ++host)
+            hosts.emplace_back([&] {
+                for (int k = 0; k < 200; ++k) {
+                    std::vector<int> ran(37, 0);
+                    const auto nested = [&](Index i) {
+                        ++ran[static_cast<std::size_t>(i)];
+                        const auto nothing = [](Index) {};
+                        if (i == 5 && k % 7 == 0) pool.threads().run(3, nothing);
+                    };
+                    pool.threads().run(37, nested);
+                    for (const int times : ran) wrong += times == 1 ? 0 : 1;
+                    if (k % 50 == 0) std::this_thread::sleep_for(std::chrono::microseconds(200));
+                }
+            });
+        for (std::thread& t : hosts) t.join();
+    }
+    CHECK(wrong == 0);
+}
+
+TEST_CASE("a pool throws the exception of the lowest task, and goes on working") {
+    ThreadPool pool(3);
+    for (int k = 0; k < 20; ++k) {
+        int thrown = -1;
+        try {
+            pool.threads().run(10, [](Index i) {
+                if (i > 3) throw static_cast<int>(i);
+            });
+        } catch (int i) {
+            thrown = i;
+        }
+        CHECK(thrown == 4);
+    }
+}
