@@ -9,7 +9,9 @@ cd "$(dirname "$0")/.."
 build=${BUILD:-build/check}
 
 step "Dependencies" sh cmake/install_dependencies.sh
-step "Configure" configure "$build" -DRYE_WARNINGS=ON
+# Of the benchmarks it demands that they compile and link.
+step "Configure" configure "$build" -DRYE_WARNINGS=ON -DRYE_MERGE_UNITS=ON \
+    -DRYE_BENCHMARK_OPTIMISATION=-O0
 step "Build everything" cmake --build "$build" --parallel "$jobs"
 step "Test" ctest --test-dir "$build" --parallel "$jobs" --output-on-failure
 

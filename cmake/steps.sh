@@ -8,6 +8,9 @@ jobs=${JOBS:-$(nproc 2> /dev/null || echo 2)}
 # Threads of a program that waits leave the processors to the others.
 export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
 
+# Without these ccache keeps no unit that has a precompiled header.
+export CCACHE_SLOPPINESS="${CCACHE_SLOPPINESS:-pch_defines,time_macros}"
+
 seconds_since() { echo $(($(date +%s) - $1)); }
 
 # step TITLE COMMAND...: says what is done, does it, says how long it took. A failure ends the script.

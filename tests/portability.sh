@@ -176,7 +176,7 @@ unit_tests() { # RUNNER FOLDERS COMPILER...
     files=
     for folder in $folders; do files="$files $(echo tests/"$folder"/*_test.cpp)"; done
     # shellcheck disable=SC2086 # lists
-    "$@" -Itests tests/main.cpp $files -o "$here/unit_tests"
+    "$@" tests/support/main.cpp $files -o "$here/unit_tests"
     $runner "$here/unit_tests"
 }
 

@@ -10,8 +10,8 @@
 #include <rye/backend/scalar.hpp>
 #include <rye/train/checkpoint.hpp>
 
-#include "effect_sets.hpp"
-#include "law.hpp"
+#include "../support/effect_sets.hpp"
+#include "../support/avatar_law.hpp"
 
 using namespace rye;
 using namespace rye::test;

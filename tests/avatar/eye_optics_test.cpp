@@ -6,7 +6,7 @@
 
 #include <doctest/doctest.h>
 
-#include "law.hpp"
+#include "../support/avatar_law.hpp"
 
 using namespace rye;
 using namespace rye::test;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <rye/avatar/neutral.hpp>
 
-#include "neutral.hpp"
+#include "../support/neutral_law.hpp"
 
 using namespace rye;
 

@@ -5,7 +5,7 @@
 
 #include <rye/backend/scalar.hpp>
 
-#include "effect_sets.hpp"
+#include "../support/effect_sets.hpp"
 
 using namespace rye;
 using namespace rye::test;

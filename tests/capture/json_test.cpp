@@ -12,7 +12,7 @@
 
 #include <rye/core/random.hpp>
 
-#include "hostile.hpp"
+#include "../support/hostile.hpp"
 
 using namespace rye;
 

@@ -7,7 +7,7 @@
 
 #include <doctest/doctest.h>
 
-#include "hostile.hpp"
+#include "../support/hostile.hpp"
 
 using namespace rye;
 

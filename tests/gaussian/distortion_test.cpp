@@ -8,7 +8,7 @@
 #include <rye/backend/lanes.hpp>
 #include <rye/core/random.hpp>
 
-#include "projection_law.hpp"
+#include "../support/projection_law.hpp"
 
 using namespace rye;
 using namespace rye::test;

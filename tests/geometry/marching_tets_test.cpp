@@ -7,8 +7,8 @@
 
 #include <doctest/doctest.h>
 
-#include "../flush_to_zero.hpp"
-#include "../nn/adjoint.hpp"
+#include "../support/flush_to_zero.hpp"
+#include "../support/laws.hpp"
 
 using namespace rye;
 

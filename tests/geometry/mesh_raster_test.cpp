@@ -9,7 +9,7 @@
 #include <rye/backend/scalar.hpp>
 #include <rye/geometry/marching_tets.hpp>
 
-#include "../nn/adjoint.hpp"
+#include "../support/laws.hpp"
 
 using namespace rye;
 

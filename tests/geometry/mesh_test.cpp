@@ -5,7 +5,7 @@
 
 #include <doctest/doctest.h>
 
-#include "../nn/adjoint.hpp"
+#include "../support/laws.hpp"
 
 using namespace rye;
 

@@ -13,7 +13,7 @@
 #include <rye/backend/lanes.hpp>
 #include <rye/core/random.hpp>
 
-#include "../flush_to_zero.hpp"
+#include "../support/flush_to_zero.hpp"
 
 namespace rye::hard {
 

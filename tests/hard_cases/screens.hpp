@@ -5,6 +5,7 @@
 
 #include <rye/splat/lanes.hpp>
 
+#include "../support/scenes.hpp"
 #include "report.hpp"
 
 namespace rye::hard {
@@ -55,23 +56,8 @@ Screen<T> layers(Index n, Index channels, T opacity) {
 /// A random cloud of unit size, 3 in front of an uneven image.
 template <class T>
 Screen<T> cloud(Index n, Index channels, std::uint64_t seed, double size = 0.08) {
-    const Random random{seed, 1};
-    std::uint64_t k = 0;
-    Screen<T> s{Gaussians<T>(n, channels), {}, VecX<T>::Constant(channels, T(0.3))};
-    Gaussians<T>& g = s.gaussians;
-    for (Index i = 0; i < n; ++i) {
-        for (Index j = 0; j < 3; ++j) g.mean(j, i) = static_cast<T>(0.6 * random.normal(k++));
-        for (Index j = 0; j < 4; ++j) g.rotation(j, i) = static_cast<T>(random.normal(k++));
-        for (Index j = 0; j < 3; ++j)
-            g.scale(j, i) = static_cast<T>(size * std::exp(0.7 * random.normal(k++)));
-        g.opacity(0, i) = static_cast<T>(random.uniform(k++));
-        for (Index c = 0; c < channels; ++c) g.feature(c, i) = static_cast<T>(random.uniform(k++));
-    }
-    s.camera.fx = T(50), s.camera.fy = T(55);
-    s.camera.cx = T(20), s.camera.cy = T(11);
-    s.camera.width = 37, s.camera.height = 29;
-    s.camera.camera_from_world.translation = Vec3<T>(T(0.125), T(0.0625), T(3));
-    return s;
+    const test::Scenery<T> s = test::random_scene<T>(n, channels, seed, size);
+    return {s.gaussians, s.camera, VecX<T>::Constant(channels, T(0.3))};
 }
 
 template <class B, class T>

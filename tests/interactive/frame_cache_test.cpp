@@ -5,7 +5,7 @@
 #include <limits>
 #include <doctest/doctest.h>
 
-#include "../train/tiny_avatar.hpp"
+#include "../support/tiny_avatar.hpp"
 
 using namespace rye;
 using namespace rye::test;

@@ -7,7 +7,7 @@
 
 #include <rye/core/bits.hpp>
 
-#include "../splat/scenes.hpp"
+#include "../support/scenes.hpp"
 
 using namespace rye;
 using namespace rye::test;

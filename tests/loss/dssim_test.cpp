@@ -5,7 +5,7 @@
 
 #include <rye/backend/scalar.hpp>
 
-#include "../nn/adjoint.hpp"
+#include "../support/laws.hpp"
 
 using namespace rye;
 

@@ -4,7 +4,8 @@
 #include <doctest/doctest.h>
 
 #include <rye/autodiff/dual.hpp>
-#include <rye/core/random.hpp>
+
+#include "../support/random.hpp"
 
 using namespace rye;
 
@@ -17,13 +18,6 @@ struct ValueOnly {
     }
 };
 static_assert(!PerceptualLoss<ValueOnly>);
-
-Image<double> random_image(int width, int height, std::uint64_t seed) {
-    Image<double> image(width, height, 3);
-    for (Index i = 0; i < image.pixels.size(); ++i)
-        image.pixels(i) = Random{seed, 0}.uniform(static_cast<std::uint64_t>(i));
-    return image;
-}
 
 } // namespace
 
@@ -45,8 +39,8 @@ TEST_CASE("pyramid gradient: constants do not count, and an edge counts on every
 TEST_CASE("pyramid gradient: the gradient is that of duals, also for odd and thin images") {
     using D = Dual<double, 1>;
     for (const auto& [w, h] : {std::pair(37, 50), {16, 16}, {5, 3}, {1, 9}, {1, 1}}) {
-        const Image<double> a = random_image(w, h, 1), b = random_image(w, h, 2);
-        const Image<double> da = random_image(w, h, 3);
+        const Image<double> a = random_photograph(w, h, 3, 1), b = random_photograph(w, h, 3, 2);
+        const Image<double> da = random_photograph(w, h, 3, 3);
         Image<D> ad(w, h, 3), bd(w, h, 3);
         ad.pixels = a.pixels.binaryExpr(da.pixels, [](double x, double dx) {
             D d(x);
@@ -63,7 +57,7 @@ TEST_CASE("pyramid gradient: the gradient is that of duals, also for odd and thi
 }
 
 TEST_CASE("pyramid gradient: the same bits with any kind of threads") {
-    const Image<double> a = random_image(90, 70, 1), b = random_image(90, 70, 2);
+    const Image<double> a = random_photograph(90, 70, 3, 1), b = random_photograph(90, 70, 3, 2);
     const auto serial = PyramidGradientLoss()(ScalarBackend<Serial>{}, a, b);
     const auto parallel = PyramidGradientLoss()(ScalarBackend<DefaultThreads>{}, a, b);
     CHECK(serial.value == parallel.value);
@@ -72,6 +66,6 @@ TEST_CASE("pyramid gradient: the same bits with any kind of threads") {
 
 TEST_CASE("pyramid gradient: images of different shapes are refused") {
     CHECK_THROWS_AS(
-        PyramidGradientLoss()(ScalarBackend{}, random_image(4, 4, 1), random_image(4, 5, 1)),
+        PyramidGradientLoss()(ScalarBackend{}, random_photograph(4, 4, 3, 1), random_photograph(4, 5, 3, 1)),
         Error);
 }

@@ -5,7 +5,8 @@
 
 #include <rye/autodiff/dual.hpp>
 #include <rye/backend/scalar.hpp>
-#include <rye/core/random.hpp>
+
+#include "../support/random.hpp"
 
 using namespace rye;
 
@@ -13,12 +14,6 @@ using B = ScalarBackend<>;
 
 namespace {
 
-Columns<double> random_pixels(Index channels, Index pixels, std::uint64_t seed) {
-    Columns<double> a(channels, pixels);
-    for (Index i = 0; i < a.size(); ++i)
-        a(i) = Random{seed, 0}.uniform(static_cast<std::uint64_t>(i));
-    return a;
-}
 const Columns<double> no_mask;
 
 } // namespace

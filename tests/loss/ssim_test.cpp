@@ -4,7 +4,8 @@
 #include <doctest/doctest.h>
 
 #include <rye/backend/scalar.hpp>
-#include <rye/core/random.hpp>
+
+#include "../support/random.hpp"
 
 using namespace rye;
 
@@ -12,13 +13,6 @@ namespace {
 
 using B = ScalarBackend<>;
 const Columns<double> no_mask;
-
-Image<double> random_image(int width, int height, int channels, std::uint64_t seed) {
-    Image<double> image(width, height, channels);
-    for (Index i = 0; i < image.pixels.size(); ++i)
-        image.pixels(i) = Random{seed, 0}.uniform(static_cast<std::uint64_t>(i));
-    return image;
-}
 
 /// The published formula, window by window, with the window's own mean taken off first.
 double plain_ssim(const Image<double>& a, const Image<double>& b, int x0, int y0, int channel) {
@@ -41,8 +35,8 @@ double plain_ssim(const Image<double>& a, const Image<double>& b, int x0, int y0
 } // namespace
 
 TEST_CASE("ssim: equals the published formula over all windows inside") {
-    const Image<double> a = random_image(20, 17, 3, 1);
-    Image<double> b = random_image(20, 17, 3, 2);
+    const Image<double> a = random_photograph(20, 17, 3, 1);
+    Image<double> b = random_photograph(20, 17, 3, 2);
     b.pixels = 0.7 * a.pixels + 0.3 * b.pixels;
     double sum = 0;
     for (int y = 0; y < 7; ++y)
@@ -58,7 +52,7 @@ TEST_CASE("ssim: equals the published formula over all windows inside") {
 
 TEST_CASE("ssim: equal images give exactly 1, nothing gives more") {
     for (const double offset : {0.0, 0.5, 100.0}) {
-        Image<double> a = random_image(40, 30, 3, 1);
+        Image<double> a = random_photograph(40, 30, 3, 1);
         a.pixels = (1e-3 * a.pixels.array() + offset).matrix();
         CHECK(ssim(B{}, a, a, no_mask) == 1.0);
         Image<double> b = a;
@@ -68,12 +62,12 @@ TEST_CASE("ssim: equal images give exactly 1, nothing gives more") {
     CHECK(ssim(B{}, Image<float>(11, 11, 1, 0.3f), Image<float>(11, 11, 1, 0.3f), {}) == 1.0);
     CHECK(ssim(B{}, Image<float>(11, 11, 1, 1.0f), Image<float>(11, 11, 1, 0.0f), {}) ==
           doctest::Approx(1e-4 / (1 + 1e-4)));
-    CHECK(ssim(B{}, random_image(12, 12, 1, 1), random_image(12, 12, 1, 2),
+    CHECK(ssim(B{}, random_photograph(12, 12, 1, 1), random_photograph(12, 12, 1, 2),
                Columns<double>::Zero(1, 144)) == 1.0);
 }
 
 TEST_CASE("ssim: symmetric, and the same bits with any kind of threads") {
-    const Image<double> a = random_image(60, 50, 3, 1), b = random_image(60, 50, 3, 2);
+    const Image<double> a = random_photograph(60, 50, 3, 1), b = random_photograph(60, 50, 3, 2);
     CHECK(ssim(B{}, a, b, no_mask) == ssim(B{}, b, a, no_mask));
     CHECK(ssim(B{}, a, b, no_mask) == ssim(ScalarBackend<Serial>{}, a, b, no_mask));
 }

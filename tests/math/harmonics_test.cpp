@@ -8,7 +8,7 @@
 #include <rye/autodiff/check.hpp>
 #include <rye/backend/lanes.hpp>
 
-#include "samples.hpp"
+#include "../support/lane_samples.hpp"
 
 using namespace rye;
 using std::numbers::pi;

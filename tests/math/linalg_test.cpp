@@ -7,8 +7,8 @@
 
 #include <rye/autodiff/check.hpp>
 
-#include "../flush_to_zero.hpp"
-#include "samples.hpp"
+#include "../support/flush_to_zero.hpp"
+#include "../support/lane_samples.hpp"
 
 using namespace rye;
 

@@ -8,7 +8,7 @@
 #include <rye/autodiff/dual.hpp>
 #include <rye/backend/lanes.hpp>
 
-#include "../flush_to_zero.hpp"
+#include "../support/flush_to_zero.hpp"
 
 using namespace rye;
 

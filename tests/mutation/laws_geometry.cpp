@@ -4,7 +4,7 @@
 #include <rye/geometry/marching_tets.hpp>
 #include <rye/loss/mesh_terms.hpp>
 
-#include "laws.hpp"
+#include "../support/operator_laws.hpp"
 
 using namespace rye;
 using namespace rye::laws;

@@ -4,7 +4,7 @@
 #include <rye/nn/encoding.hpp>
 #include <rye/rig/influence.hpp>
 
-#include "laws.hpp"
+#include "../support/operator_laws.hpp"
 
 using namespace rye;
 using namespace rye::laws;

@@ -3,7 +3,7 @@
 #include <rye/gaussian/project.hpp>
 #include <rye/gaussian/sh_color.hpp>
 
-#include "laws.hpp"
+#include "../support/operator_laws.hpp"
 
 using namespace rye;
 using namespace rye::laws;

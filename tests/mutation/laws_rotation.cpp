@@ -2,7 +2,7 @@
 // math/linalg.hpp and math/rotation.hpp.
 #include <rye/math/rotation.hpp>
 
-#include "laws.hpp"
+#include "../support/operator_laws.hpp"
 
 using namespace rye;
 using namespace rye::laws;

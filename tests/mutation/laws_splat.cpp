@@ -3,7 +3,7 @@
 // loops and, since the two kinds of pixels round some products differently, in lanes.
 #include <rye/splat/lanes.hpp>
 
-#include "laws.hpp"
+#include "../support/operator_laws.hpp"
 
 using namespace rye;
 using namespace rye::laws;

@@ -6,7 +6,7 @@
 #include <rye/backend/lanes.hpp>
 #include <rye/backend/scalar.hpp>
 
-#include "adjoint.hpp"
+#include "../support/laws.hpp"
 
 using namespace rye;
 

@@ -3,7 +3,7 @@
 
 #include <doctest/doctest.h>
 
-#include "adjoint.hpp"
+#include "../support/laws.hpp"
 
 using namespace rye;
 

@@ -6,7 +6,7 @@
 #include <rye/backend/lanes.hpp>
 #include <rye/backend/scalar.hpp>
 
-#include "adjoint.hpp"
+#include "../support/random.hpp"
 
 using namespace rye;
 
@@ -34,36 +34,6 @@ Columns<T> plain_mlp(const Mlp<T>& m, const Columns<T>& points, const VecX<T>& f
         y.col(j) = h;
     }
     return y;
-}
-
-template <class B, class T>
-double mlp_dot_error(const MlpShape& s, Index n, std::uint64_t seed) {
-    const Mlp<T> m = Mlp<T>::init(s, Random{seed, 0}), dm = Mlp<T>::init(s, Random{seed + 1, 0});
-    const Columns<T> x = random_columns<T>(s.point_inputs(), n, seed + 2);
-    const Columns<T> dx = random_columns<T>(s.point_inputs(), n, seed + 3);
-    const Columns<T> f = random_columns<T>(s.frame_inputs, 1, seed + 4);
-    const Columns<T> df = random_columns<T>(s.frame_inputs, 1, seed + 5);
-    const Columns<T> w = random_columns<T>(s.outputs(), n, seed + 6);
-    Mlp<Dual<T, 1>> md(s);
-    lift_fields(md, m, dm);
-    const Columns<Dual<T, 1>> yd =
-        mlp_forward(ScalarBackend<>{}, md, lifted(x, dx), VecX<Dual<T, 1>>(lifted(f, df)), nullptr);
-
-    MlpTrace<T> trace;
-    const Columns<T> y = mlp_forward(B{}, m, x, VecX<T>(f), &trace);
-    Mlp<T> gm(s);
-    Columns<T> gx;
-    VecX<T> gf;
-    mlp_vjp(B{}, m, {x, VecX<T>(f), trace}, w, {gm, &gx, &gf});
-
-    DotProducts dots;
-    dots.add_forward(tangents(yd), w);
-    dots.add_reverse(gx, dx);
-    dots.add_reverse(gf, df);
-    dots.add_reverse_fields(gm, dm);
-    CHECK((y - values(yd)).cwiseAbs().maxCoeff() < T(1e-5));
-    CHECK(dots.terms > 0);
-    return dots.error();
 }
 
 const MlpShape small{{12, 16, 24, 16, 5}, 7};
@@ -108,16 +78,6 @@ TEST_CASE("mlp: equals the network written out, with and without frame inputs") 
               1e-13);
         CHECK((mlp_forward(XsimdBackend<>{}, m, x, f, &trace) - expected).cwiseAbs().maxCoeff() <
               1e-13);
-    }
-}
-
-TEST_CASE("mlp: the vjp is the adjoint of the forward derivative") {
-    for (std::uint64_t seed : {1U, 2U, 3U}) {
-        CHECK(mlp_dot_error<ScalarBackend<>, double>(small, 600, seed) < 1e-14);
-        CHECK(mlp_dot_error<XsimdBackend<>, double>(small, 600, seed) < 1e-14);
-        CHECK(mlp_dot_error<XsimdBackend<>, float>(small, 600, seed) < 2e-6);
-        CHECK(mlp_dot_error<XsimdBackend<>, double>({{6, 4}, 2}, 5, seed) < 1e-14);
-        CHECK(mlp_dot_error<XsimdBackend<>, double>({{6, 8, 3}, 6}, 100, seed) < 1e-14);
     }
 }
 

@@ -6,47 +6,11 @@
 #include <rye/backend/lanes.hpp>
 #include <rye/backend/scalar.hpp>
 
-#include "adjoint.hpp"
+#include "../support/random.hpp"
 
 using namespace rye;
 
 namespace {
-
-template <class T>
-Image<T> random_image(int width, int height, int channels, std::uint64_t seed) {
-    Image<T> image(width, height, channels);
-    image.pixels = random_columns<T>(channels, image.size(), seed);
-    return image;
-}
-
-template <class B, class T>
-double upsampler_dot_error(const UpsamplerShape& s, std::uint64_t seed) {
-    const int w = 7, h = 5;
-    Upsampler<T> u = Upsampler<T>::init(s, Random{seed, 0});
-    const Upsampler<T> du = Upsampler<T>::init(s, Random{seed + 1, 0});
-    if (s.skip) u.out_weight = random_columns<T>(3, s.capacity, seed + 5);
-    Image<T> in = random_image<T>(w, h, s.in_channels, seed + 2);
-    if (s.skip) in.pixels.topRows(3).array() += T(0.6); // inside and outside of (0, 1)
-    const Columns<T> din = random_columns<T>(s.in_channels, in.size(), seed + 3);
-    Upsampler<Dual<T, 1>> ud(s);
-    lift_fields(ud, u, du);
-    Image<Dual<T, 1>> ind(w, h, s.in_channels);
-    ind.pixels = lifted(in.pixels, din);
-    const Image<Dual<T, 1>> yd = upsampler_forward(ScalarBackend<>{}, ud, ind, nullptr);
-
-    UpsamplerTrace<T> trace;
-    const Image<T> y = upsampler_forward(B{}, u, in, &trace);
-    CHECK((y.pixels - values(yd.pixels)).cwiseAbs().maxCoeff() < T(1e-5));
-    const Columns<T> g = random_columns<T>(3, y.size(), seed + 4);
-    Upsampler<T> gu(s);
-    Columns<T> gin;
-    upsampler_vjp(B{}, u, in, trace, g, gu, &gin);
-    DotProducts dots;
-    dots.add_forward(tangents(yd.pixels), g);
-    dots.add_reverse(gin, din);
-    dots.add_reverse_fields(gu, du);
-    return dots.error();
-}
 
 UpsamplerShape shape(int in, int capacity, int doublings, Normalization norm, bool skip) {
     return {in, capacity, doublings, norm, skip};
@@ -74,19 +38,6 @@ TEST_CASE("upsampler: parameter counts of the published network") {
         {"upsampler.outc.conv.weight", 96},
         {"upsampler.outc.conv.bias", 3}};
     CHECK(sizes == expected);
-}
-
-TEST_CASE("upsampler: the vjp is the adjoint of the forward derivative") {
-    for (const Normalization norm : {Normalization::instance, Normalization::none})
-        for (const bool skip : {false, true})
-            for (const int doublings : {0, 1, 2}) {
-                CAPTURE(skip);
-                CAPTURE(doublings);
-                const UpsamplerShape s = shape(5, 4, doublings, norm, skip);
-                CHECK(upsampler_dot_error<ScalarBackend<>, double>(s, 1) < 1e-13);
-                CHECK(upsampler_dot_error<XsimdBackend<>, double>(s, 2) < 1e-13);
-                CHECK(upsampler_dot_error<XsimdBackend<>, float>(s, 3) < 5e-6);
-            }
 }
 
 TEST_CASE("upsampler: sizes, range, and a constant input") {

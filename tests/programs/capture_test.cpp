@@ -9,7 +9,7 @@
 
 #include <doctest/doctest.h>
 
-#include "../capture/hostile.hpp"
+#include "../support/hostile.hpp"
 #include "tiny_capture.hpp"
 
 using namespace rye;

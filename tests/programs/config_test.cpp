@@ -3,7 +3,7 @@
 
 #include <doctest/doctest.h>
 
-#include "../capture/hostile.hpp"
+#include "../support/hostile.hpp"
 #include "commands/options.hpp"
 #include "tiny_run.hpp"
 #include "training/run_size.hpp"

@@ -18,7 +18,7 @@
 #include <rye/capture/bytes.hpp>
 #include <rye/capture/inflate.hpp>
 
-#include "../capture/hostile.hpp"
+#include "../support/hostile.hpp"
 
 using namespace rye;
 using namespace rye::trainer;

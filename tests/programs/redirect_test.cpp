@@ -12,7 +12,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include "../capture/hostile.hpp"
+#include "../support/hostile.hpp"
 #include "commands/commands.hpp"
 #include "tiny_capture.hpp"
 #include "tiny_run.hpp"

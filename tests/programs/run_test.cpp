@@ -19,7 +19,7 @@
 #include <rye/avatar/hold.hpp>
 #include <rye/capture/safetensors.hpp>
 
-#include "../capture/hostile.hpp"
+#include "../support/hostile.hpp"
 #include "data/validate.hpp"
 #include "tiny_capture.hpp"
 #include "tiny_run.hpp"

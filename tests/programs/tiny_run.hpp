@@ -3,7 +3,7 @@
 /// the image.
 #pragma once
 
-#include "../train/tiny_avatar.hpp"
+#include "../support/tiny_avatar.hpp"
 #include "training/run.hpp"
 
 namespace rye::trainer {

@@ -11,7 +11,7 @@
 #include <doctest/doctest.h>
 #include <CLI/CLI.hpp>
 
-#include "../capture/hostile.hpp"
+#include "../support/hostile.hpp"
 #include "commands/commands.hpp"
 #include "tiny_capture.hpp"
 

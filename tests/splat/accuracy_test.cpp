@@ -10,7 +10,7 @@
 
 #include <doctest/doctest.h>
 
-#include "scenes.hpp"
+#include "../support/scenes.hpp"
 
 using namespace rye;
 using namespace rye::test;

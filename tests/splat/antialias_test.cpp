@@ -4,8 +4,7 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/autodiff/check.hpp>
-#include <rye/autodiff/dual.hpp>
+#include "../support/render_law.hpp"
 
 using namespace rye;
 
@@ -105,28 +104,10 @@ TEST_CASE("mip keeps the light of a speck when the picture grows; dilation does 
 
 TEST_CASE("mip: the render's vjp is the transpose of its duals; lanes agree with the plain walk") {
     using B = ScalarBackend<>;
-    using D = Dual<double, 1>;
     const Gaussians<double> g = specks(30);
     const Pinhole<double> c = camera();
-    const Raster<double> raster = draw<B, Mip>(g, c);
-    const Columns<double> w = random_columns<double>(3, raster.feature.size(), Random{6, 0});
-    const Rasterizer<Mip> rasterizer;
-    Gaussians<double> grad;
-    RasterScratch<double> scratch;
-    rasterizer.vjp_into(B{}, g, c, VecX<double>(VecX<double>::Zero(3)), raster,
-                        RasterCotangent<double>{w}, grad, &scratch);
-    const Gaussians<double> direction = random_like(g, Random{7, 0});
-    Gaussians<double> step = direction;
-    step.scale = direction.scale.cwiseProduct(g.scale);
-    Gaussians<D> dual(g.count(), 3);
-    seed_fields(dual, g, step);
-    const Raster<D> moved = draw<B, Mip>(dual, c.cast<D>());
-    DotSum by_vjp, by_dual;
-    by_vjp.add_all(grad, step);
-    Columns<double> slope = moved.feature.pixels.unaryExpr([](const D& x) { return x.d[0]; });
-    by_dual.add(slope, w);
-    CHECK(by_vjp.magnitude > 0.1);
-    CHECK(disagreement(by_vjp, by_dual) < 1e-11);
+    const test::Scenery<double> s{"specks", g, c, VecX<double>::Zero(3)};
+    CHECK(test::render_law_gap<B>(s, c, Mip{}, 6) < 1e-11);
 
     Gaussians<float> f;
     convert_fields(f, g, [](double x) { return float(x); });
@@ -134,12 +115,13 @@ TEST_CASE("mip: the render's vjp is the transpose of its duals; lanes agree with
     using X = XsimdBackend<>;
     const Raster<float> lanes = draw<X, Balance>(f, cf), plain = draw<B, Balance>(f, cf);
     CHECK((lanes.feature.pixels - plain.feature.pixels).cwiseAbs().maxCoeff() < 1e-4f);
-    const Columns<float> wf = w.cast<float>();
+    const Columns<float> wf = test::noise<float>(3, lanes.feature.size(), 6);
     Gaussians<float> gx, gs;
-    RasterScratch<float> s;
+    RasterScratch<float> scratch;
     const VecX<float> black = VecX<float>::Zero(3);
-    Rasterizer<Balance>{}.vjp_into(X{}, f, cf, black, lanes, RasterCotangent<float>{wf}, gx, &s);
-    Rasterizer<Balance>{}.vjp_into(B{}, f, cf, black, plain, RasterCotangent<float>{wf}, gs, &s);
+    const Rasterizer<Balance> balance;
+    balance.vjp_into(X{}, f, cf, black, lanes, RasterCotangent<float>{wf}, gx, &scratch);
+    balance.vjp_into(B{}, f, cf, black, plain, RasterCotangent<float>{wf}, gs, &scratch);
     CHECK((gx.scale - gs.scale).norm() < 1e-3f * gs.scale.norm());
     CHECK((gx.mean - gs.mean).norm() < 1e-3f * gs.mean.norm());
 }

@@ -5,7 +5,7 @@
 
 #include <doctest/doctest.h>
 
-#include "scenes.hpp"
+#include "../support/scenes.hpp"
 
 using namespace rye;
 using namespace rye::test;

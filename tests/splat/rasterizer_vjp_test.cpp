@@ -5,59 +5,16 @@
 
 #include <doctest/doctest.h>
 
-#include <rye/autodiff/dual.hpp>
-
-#include "scenes.hpp"
+#include "../support/render_law.hpp"
 
 using namespace rye;
 using namespace rye::test;
 
 namespace {
 
-/// The relative gap of the dot-product test.
 template <class B, class A, class T>
 double gap(const Scenery<T>& s, const A& accuracy, std::uint64_t seed) {
-    using D = Dual<T, 1>;
-    const Rasterizer<A> rasterizer{accuracy};
-    const Index pixels = Index(s.camera.width) * s.camera.height;
-    const Columns<T> wf = noise<T>(s.gaussians.channels(), pixels, seed + 1);
-    const Columns<T> wa = noise<T>(1, pixels, seed + 2), wd = noise<T>(1, pixels, seed + 3);
-    Gaussians<T> v = noise_like(s.gaussians, seed + 4);
-    v.scale = v.scale.cwiseProduct(s.gaussians.scale);
-
-    const Raster<T> raster = rasterizer.forward(B{}, s.gaussians, s.camera, s.background);
-    const Gaussians<T> g =
-        rasterizer.vjp(B{}, s.gaussians, s.camera, s.background, raster, wf, &wa, &wd);
-
-    Gaussians<D> dual;
-    convert_fields(dual, s.gaussians, [](T x) { return D(x); });
-    Gaussians<D>::fields(
-        [](const std::string&, Columns<D>& a, const Columns<T>& d) {
-            for (Index i = 0; i < a.size(); ++i) a.data()[i].d[0] = d.data()[i];
-        },
-        dual, v);
-    const VecX<D> background = s.background.template cast<D>();
-    const Raster<D> moved = Rasterizer<A>{accuracy}.forward(
-        ScalarBackend<>{}, dual, s.camera.template cast<D>(), background);
-    double forward = 0, reverse = 0, scale = 0;
-    const auto pair = [&](const Columns<D>& a, const Columns<T>& w) {
-        for (Index i = 0; i < a.size(); ++i)
-            forward += double(a.data()[i].d[0]) * double(w.data()[i]);
-    };
-    pair(moved.feature.pixels, wf);
-    pair(moved.alpha.pixels, wa);
-    pair(moved.depth.pixels, wd);
-    Gaussians<T>::fields(
-        [&](const std::string& name, const Columns<T>& a, const Columns<T>& d) {
-            CHECK_MESSAGE(a.allFinite(), s.name << ": gradient of " << name);
-            for (Index i = 0; i < a.size(); ++i) {
-                const double term = double(a.data()[i]) * double(d.data()[i]);
-                reverse += term;
-                scale += std::abs(term);
-            }
-        },
-        g, v);
-    return std::abs(forward - reverse) / (scale + 1e-30);
+    return render_law_gap<B>(s, s.camera, accuracy, seed);
 }
 
 } // namespace

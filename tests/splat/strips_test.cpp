@@ -8,7 +8,7 @@
 #include <doctest/doctest.h>
 
 #include "../support/array_lanes.hpp"
-#include "scenes.hpp"
+#include "../support/scenes.hpp"
 
 using namespace rye;
 using namespace rye::test;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/support/real_data.hpp: inputs that rye does not hold. A test without its input says so in a
-/// line of its output that cmake/check.sh repeats at its end.
+/// tests/support/real_data.hpp: inputs that rye does not hold. A test without its input says so in
+/// a line of its output that cmake/check.sh repeats at its end.
 #pragma once
 
 #include <cstdio>

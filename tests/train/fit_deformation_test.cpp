@@ -6,7 +6,7 @@
 #include <rye/backend/scalar.hpp>
 #include <rye/train/initialize.hpp>
 
-#include "tiny_avatar.hpp"
+#include "../support/tiny_avatar.hpp"
 
 using namespace rye;
 using namespace rye::test;

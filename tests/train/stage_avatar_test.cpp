@@ -3,7 +3,7 @@
 
 #include <doctest/doctest.h>
 
-#include "tiny_avatar.hpp"
+#include "../support/tiny_avatar.hpp"
 
 using namespace rye;
 using namespace rye::test;

@@ -5,7 +5,7 @@
 
 #include <doctest/doctest.h>
 
-#include "../splat/scenes.hpp"
+#include "../support/scenes.hpp"
 #include "../support/array_lanes.hpp"
 
 using namespace rye;

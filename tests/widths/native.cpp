@@ -3,29 +3,13 @@
 // has: a processor with AVX-512 runs vectors of 4, 8 and 16 floats.
 #include <algorithm>
 #include <cstdio>
-#include <tuple>
 
-#include <rye/backend/lanes.hpp>
-
-#include "splat.hpp"
+#include "../support/backends.hpp"
+#include "../support/splat_laws.hpp"
 
 namespace rye::test {
 
-using Native = XsimdBackend<DefaultArch, Serial>;
-#if defined(__AVX512F__) && defined(__AVX2__) && defined(__FMA__)
-using Backends = std::tuple<Native, XsimdBackend<xsimd::fma3<xsimd::avx2>, Serial>,
-                            XsimdBackend<xsimd::sse2, Serial>>;
-#elif defined(__AVX__)
-using Backends = std::tuple<Native, XsimdBackend<xsimd::sse2, Serial>>;
-#else
-using Backends = std::tuple<Native>;
-#endif
-TEST_CASE_TEMPLATE_APPLY(width_images, Backends);
-TEST_CASE_TEMPLATE_APPLY(width_hard_scenes, Backends);
-TEST_CASE_TEMPLATE_APPLY(width_presets, Backends);
-TEST_CASE_TEMPLATE_APPLY(width_outputs, Backends);
-TEST_CASE_TEMPLATE_APPLY(width_gradients, Backends);
-TEST_CASE_TEMPLATE_APPLY(width_duals, Backends);
+RYE_SPLAT_LAWS(ProcessorBackends);
 
 TEST_CASE("widths: vectors as wide as the processor has them") {
     std::size_t widest = 0;
@@ -35,7 +19,7 @@ TEST_CASE("widths: vectors as wide as the processor has them") {
         std::printf("the processor's own vectors of %zu floats: %s\n", lanes, Arch::name());
         widest = std::max(widest, lanes);
     };
-    std::apply([&](auto... backend) { (name(backend), ...); }, Backends());
+    std::apply([&](auto... backend) { (name(backend), ...); }, ProcessorBackends());
 #if defined(__AVX512F__)
     CHECK(widest == 16);
 #else

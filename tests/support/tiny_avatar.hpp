@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/train/tiny_avatar.hpp: an avatar and a guidance mesh of a few points and narrow networks,
-/// and their conversion to other scalars, for the derivative laws of whole stages.
+/// tests/support/tiny_avatar.hpp: an avatar and a guidance mesh of a few points and narrow
+/// networks, and their conversion to other scalars, for the derivative laws of whole stages.
 #pragma once
 
 #include <rye/autodiff/check.hpp>

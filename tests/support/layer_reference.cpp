@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "layers_reference.hpp"
+#include "layer_reference.hpp"
 
 #include <rye/backend/scalar.hpp>
 
-#include "../nn/adjoint.hpp"
+#include "laws.hpp"
 
 namespace rye::test {
 

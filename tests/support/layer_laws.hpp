@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/widths/layers.hpp: laws of all lane code but splatting, for any width: masks and sums of
-/// lanes, products and convolutions, networks, Adam, nearest landmarks, and the formulas of math
+/// tests/support/layer_laws.hpp: laws of all lane code but splatting, for any width: masks and sums
+/// of lanes, products and convolutions, networks, Adam, nearest landmarks, and the formulas of math
 /// and rig with a point in each lane.
 #pragma once
 
@@ -19,9 +19,9 @@
 #include <rye/rig/nearest_landmark.hpp>
 #include <rye/splat/lanes/registers.hpp>
 
-#include "../math/samples.hpp"
-#include "../nn/adjoint.hpp"
-#include "layers_reference.hpp"
+#include "lane_samples.hpp"
+#include "laws.hpp"
+#include "layer_reference.hpp"
 
 namespace rye::test {
 
@@ -166,6 +166,9 @@ TEST_CASE_TEMPLATE_DEFINE("widths: convolutions of every size and number of chan
     CHECK(convolution_gap<B, float>(8, 3, 16, 16) < 5e-5);
     CHECK(convolution_gap<B, float>(17, 3, 3, 48) < 5e-5);
     CHECK(convolution_gap<B, double>(11, 3, 4, 24) < 1e-12);
+    CHECK(convolution_gap<B, double>(40, 20, 16, 9) < 1e-12);  // several chunks
+    CHECK(convolution_gap<B, float>(64, 3, 32, 16) < 1e-4);
+    CHECK(convolution_gap<B, double>(1, 9, 1, 8) < 1e-12);
 }
 
 template <class T>
@@ -207,45 +210,61 @@ double mlp_gap(const MlpShape& shape, Index n) {
 TEST_CASE_TEMPLATE_DEFINE("widths: networks, and their gradients against duals", B,
                           width_networks) {
     const MlpShape shapes[] = {{{12, 16, 24, 16, 5}, 7}, {{9, 17, 15, 33, 3}, 2}, {{6, 4}, 2},
-                               {{7, 31, 1}, 0}};
+                               {{7, 31, 1}, 0}, {{6, 8, 3}, 6}};
     for (const MlpShape& s : shapes)
-        for (const Index n : {1, 17, 130}) {
+        for (const Index n : {1, 17, 600}) {
             CAPTURE(n);
             CHECK(mlp_gap<B, double>(s, n) < 1e-13);
             CHECK(mlp_gap<B, float>(s, n) < 2e-5);
         }
 }
 
-/// The same for an upsampler with this many inner channels.
-template <class B>
-double upsampler_gap(int capacity, bool skip) {
-    const UpsamplerShape shape{5, capacity, 1, Normalization::instance, skip};
+/// The same for an upsampler.
+template <class B, class T>
+double upsampler_gap(const UpsamplerShape& shape) {
     Probe<Upsampler<double>> p{Upsampler<double>::init(shape, Random{1, 0}),
                                Upsampler<double>::init(shape, Random{2, 0}), {}, {}, {}, {}, {}};
     p.width = 9, p.height = 4;
     p.in = random_columns<double>(5, 36, 3), p.d_in = random_columns<double>(5, 36, 4);
-    p.weights = random_columns<double>(3, 144, 5);
-    if (skip) p.network.out_weight = random_columns<double>(3, capacity, 6);
+    p.weights = random_columns<double>(3, Index(36) << (2 * shape.doublings), 5);
+    if (shape.skip) {
+        p.network.out_weight = random_columns<double>(3, shape.capacity, 6);
+        p.in.topRows(3).array() += 0.6;                     // inside and outside of (0, 1)
+    }
     const Answer expected = answer(p);
-    Image<double> in(p.width, p.height, 5);
-    in.pixels = p.in;
-    UpsamplerTrace<double> trace;
-    const Image<double> y = upsampler_forward(B{}, p.network, in, &trace);
-    Upsampler<double> g(shape);
-    Columns<double> g_in;
-    upsampler_vjp(B{}, p.network, in, trace, p.weights, g, &g_in);
-    CHECK((y.pixels - expected.out).cwiseAbs().maxCoeff() < 1e-12);
+    Upsampler<T> u(shape), g(shape);
+    convert_fields(u, p.network, [](double x) { return static_cast<T>(x); });
+    Image<T> in(p.width, p.height, 5);
+    in.pixels = as<T>(p.in);
+    UpsamplerTrace<T> trace;
+    const Image<T> y = upsampler_forward(B{}, u, in, &trace);
+    Columns<T> g_in;
+    upsampler_vjp(B{}, u, in, trace, as<T>(p.weights), g, &g_in);
+    CHECK((y.pixels.template cast<double>() - expected.out).cwiseAbs().maxCoeff() <
+          (sizeof(T) == 4 ? 1e-5 : 1e-12));
     DotProducts dots;
     dots.forward = expected.slope;
     dots.add_reverse(g_in, p.d_in);
-    dots.add_reverse_fields(g, p.d_network);
+    Upsampler<double> wide(shape);
+    convert_fields(wide, g, [](T v) { return static_cast<double>(v); });
+    dots.add_reverse_fields(wide, p.d_network);
     return dots.error();
 }
 
 TEST_CASE_TEMPLATE_DEFINE("widths: upsamplers, and their gradients against duals", B,
                           width_upsamplers) {
-    for (const int capacity : {3, 4, 8, 16})
-        for (const bool skip : {false, true}) CHECK(upsampler_gap<B>(capacity, skip) < 1e-12);
+    for (const bool skip : {false, true}) {
+        CAPTURE(skip);
+        for (const int capacity : {3, 4, 8, 16})
+            CHECK(upsampler_gap<B, double>({5, capacity, 1, Normalization::instance, skip}) <
+                  1e-12);
+        for (const Normalization norm : {Normalization::instance, Normalization::none})
+            for (const int doublings : {0, 1, 2}) {
+                CAPTURE(doublings);
+                CHECK(upsampler_gap<B, double>({5, 4, doublings, norm, skip}) < 1e-12);
+                CHECK(upsampler_gap<B, float>({5, 4, doublings, norm, skip}) < 1e-5);
+            }
+    }
 }
 
 template <class T>
@@ -354,5 +373,20 @@ TEST_CASE_TEMPLATE_DEFINE("widths: formulas of math and rig with a number in eac
         }
     });
 }
+
+/// The laws of layers, of which plain loops are one way, for each backend of a list.
+#define RYE_LAYER_LAWS(...)                                                                        \
+    TEST_CASE_TEMPLATE_APPLY(width_convolutions, __VA_ARGS__);                                     \
+    TEST_CASE_TEMPLATE_APPLY(width_networks, __VA_ARGS__);                                         \
+    TEST_CASE_TEMPLATE_APPLY(width_upsamplers, __VA_ARGS__);                                       \
+    TEST_CASE_TEMPLATE_APPLY(width_adam, __VA_ARGS__);                                             \
+    TEST_CASE_TEMPLATE_APPLY(width_dssim, __VA_ARGS__);                                            \
+    TEST_CASE_TEMPLATE_APPLY(width_nearest, __VA_ARGS__)
+
+/// The laws of lanes themselves, for each backend of a list.
+#define RYE_LANE_LAWS(...)                                                                         \
+    TEST_CASE_TEMPLATE_APPLY(width_lanes, __VA_ARGS__);                                            \
+    TEST_CASE_TEMPLATE_APPLY(width_products, __VA_ARGS__);                                         \
+    TEST_CASE_TEMPLATE_APPLY(width_formulas, __VA_ARGS__)
 
 } // namespace rye::test

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/splat/scenes.hpp: random and hard scenes for tests of splatting.
+/// tests/support/scenes.hpp: random and hard scenes for tests of splatting.
 #pragma once
 
 #include <cmath>
@@ -132,5 +132,13 @@ std::vector<Scenery<T>> hard_scenes(Index channels) {
     }
     return all;
 }
+
+// Compiled once, in scenes.cpp.
+extern template Scenery<float> random_scene(Index, Index, std::uint64_t, double);
+extern template Scenery<double> random_scene(Index, Index, std::uint64_t, double);
+extern template std::vector<Scenery<float>> hard_scenes(Index);
+extern template std::vector<Scenery<double>> hard_scenes(Index);
+extern template Gaussians<float> noise_like(const Gaussians<float>&, std::uint64_t);
+extern template Gaussians<double> noise_like(const Gaussians<double>&, std::uint64_t);
 
 } // namespace rye::test

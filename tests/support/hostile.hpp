@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/capture/hostile.hpp: shared by the tests of readers and writers.
+/// tests/support/hostile.hpp: shared by the tests of readers and writers.
 #pragma once
 
 #include <unistd.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "reference.hpp"
+#include "splat_reference.hpp"
 
 #include <rye/autodiff/dual.hpp>
 #include <rye/splat/rasterizer.hpp>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/math/samples.hpp: random directions and rotations, and lanes made of them.
+/// tests/support/lane_samples.hpp: random directions and rotations, and lanes made of them.
 #pragma once
 
 #include <rye/core/random.hpp>

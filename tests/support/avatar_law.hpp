@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/avatar/law.hpp: an avatar's vjp against its duals, for any list of effects.
+/// tests/support/avatar_law.hpp: an avatar's vjp against its duals, for any list of effects.
 #pragma once
 
 #include <doctest/doctest.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/widths/layers_reference.hpp: derivatives of networks by duals through plain loops, the
+/// tests/support/layer_reference.hpp: derivatives of networks by duals through plain loops, the
 /// reference of those in lanes. Compiled once, for all widths.
 #pragma once
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/mutation/laws.hpp: the laws of derivatives, operator by operator, over many draws: the dot
-/// product <J v, w> = <v, J'w>, every entry of J'w, the central difference, and the second
+/// tests/support/operator_laws.hpp: the laws of derivatives, operator by operator, over many draws:
+/// the dot product <J v, w> = <v, J'w>, every entry of J'w, the central difference, and the second
 /// derivative by nested duals. A draw has 16 points at once, so that its sums do not vanish by
 /// chance. Arguments of a program: the number of draws and --flush-to-zero.
 #pragma once
@@ -11,7 +11,7 @@
 #include <rye/autodiff/check.hpp>
 #include <rye/math/linalg.hpp>
 
-#include "../flush_to_zero.hpp"
+#include "flush_to_zero.hpp"
 
 namespace rye::laws {
 

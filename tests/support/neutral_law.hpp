@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/avatar/neutral.hpp: the law of neutral effects, for one scalar per program unit.
+/// tests/support/neutral_law.hpp: the law of neutral effects, for one scalar per program unit.
 #pragma once
 
 #include <cmath>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/flush_to_zero.hpp: the option --flush-to-zero of the test programs. A host program or a
-/// library built with -ffast-math may set this processor mode for the whole process.
+/// tests/support/flush_to_zero.hpp: the option --flush-to-zero of the test programs. A host program
+/// or a library built with -ffast-math may set this processor mode for the whole process.
 #pragma once
 
 #include <cstring>

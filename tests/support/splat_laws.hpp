@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/widths/splat.hpp: laws of the kernels in lanes, for any width: images against every
+/// tests/support/splat_laws.hpp: laws of the kernels in lanes, for any width: images against every
 /// Gaussian at every pixel, gradients against plain loops in double and against duals. Included
 /// once by the unit of each width, which names its backends.
 #pragma once
@@ -13,7 +13,7 @@
 #include <rye/splat/lanes/stage.hpp>
 #include <rye/splat/lanes/vjp.hpp>
 
-#include "reference.hpp"
+#include "splat_reference.hpp"
 
 namespace rye::test {
 
@@ -293,5 +293,14 @@ TEST_CASE_TEMPLATE_DEFINE("widths: gradients are those of duals", B, width_duals
     CHECK(dual_gap<B, 0>(s, Compatible3dgs()) < 1e-12);
     CHECK(dual_gap<B, 0>(s, Compatible3dgsFloor()) < 1e-12);
 }
+
+/// The laws of splatting for each backend of a list.
+#define RYE_SPLAT_LAWS(...)                                                                        \
+    TEST_CASE_TEMPLATE_APPLY(width_images, __VA_ARGS__);                                           \
+    TEST_CASE_TEMPLATE_APPLY(width_hard_scenes, __VA_ARGS__);                                      \
+    TEST_CASE_TEMPLATE_APPLY(width_presets, __VA_ARGS__);                                          \
+    TEST_CASE_TEMPLATE_APPLY(width_outputs, __VA_ARGS__);                                          \
+    TEST_CASE_TEMPLATE_APPLY(width_gradients, __VA_ARGS__);                                        \
+    TEST_CASE_TEMPLATE_APPLY(width_duals, __VA_ARGS__)
 
 } // namespace rye::test

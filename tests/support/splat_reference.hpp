@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/widths/reference.hpp: references for lanes, in double and without lanes. Compiled once,
-/// for all widths.
+/// tests/support/splat_reference.hpp: references for lanes, in double and without lanes. Compiled
+/// once, for all widths.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +8,7 @@
 #include <rye/splat/oracle.hpp>
 #include <rye/splat/raster.hpp>
 
-#include "../splat/scenes.hpp"
+#include "scenes.hpp"
 
 namespace rye::test {
 

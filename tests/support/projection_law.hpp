@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/gaussian/projection_law.hpp: the dot-product test of a projection, for pinholes and lenses
+/// tests/support/projection_law.hpp: the dot-product test of a projection, for pinholes and lenses
 /// with distortion.
 #pragma once
 

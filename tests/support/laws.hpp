@@ -1,24 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/nn/adjoint.hpp: random arrays, duals of arrays, and the dot-product test over them.
+/// tests/support/laws.hpp: duals of arrays, and the dot-product test over them.
 #pragma once
 
 #include <cmath>
 
 #include <rye/autodiff/dual.hpp>
 #include <rye/core/fields.hpp>
-#include <rye/core/random.hpp>
+
+#include "random.hpp"
 
 namespace rye {
-
-/// Uniform in (-1, 1).
-template <class T>
-Columns<T> random_columns(Index rows, Index cols, std::uint64_t seed) {
-    const Random r{seed, 3};
-    Columns<T> a(rows, cols);
-    for (Index i = 0; i < a.size(); ++i)
-        a(i) = T(2.0 * r.uniform(static_cast<std::uint64_t>(i)) - 1.0);
-    return a;
-}
 
 /// a + da e.
 template <class T>

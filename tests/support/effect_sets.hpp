@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/avatar/effect_sets.hpp: a tiny avatar with every effect, and its drivers.
+/// tests/support/effect_sets.hpp: a tiny avatar with every effect, and its drivers.
 #pragma once
 
 #include <rye/avatar/hold.hpp>
 #include <rye/avatar/neutral.hpp>
 
-#include "../train/tiny_avatar.hpp"
+#include "tiny_avatar.hpp"
 
 namespace rye::test {
 
