@@ -192,7 +192,9 @@ void step(benchmark::State& state) {
         state.counters[name] = seconds / times.step;
     }
 }
-BENCHMARK(step)->ArgName("threads")->Arg(1)->Arg(2)->Iterations(1);
+BENCHMARK(step)->ArgName("threads")->Apply([](auto* b) {
+    for (int t = 1; t <= std::max(2, ThreadPool().size()); t *= 2) b->Arg(t);
+})->Iterations(1);
 
 } // namespace
 
