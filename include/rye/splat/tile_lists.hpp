@@ -266,7 +266,7 @@ struct TileLists {
     /// Sorts each tile's list.
     template <Threads P, class IndexOf, class Key>
     void sort(const P& threads, const IndexOf& index, BinScratch<Key>& scratch) {
-        constexpr Index run = 32;        // tiles
+        constexpr Index run = 8;         // tiles: their lists differ in length
         entry.resize(scratch.binned.size());
         if (static_cast<Index>(scratch.buffers.size()) < chunk_count(tiles(), run))
             scratch.buffers.resize(static_cast<std::size_t>(chunk_count(tiles(), run)));
