@@ -169,7 +169,7 @@ struct SlotSums {
         scratch.slots.shape(lists.entries(), g.channels());
         std::vector<PixelContribution<T>> hits;
         for (Index t = 0; t < lists.tiles(); ++t)
-            blend_tile_vjp(scene, accuracy, RasterCotangent<T>{w}, t, scratch, hits);
+            blend_tile_vjp(scene, accuracy, {RasterCotangent<T>{w}, t}, scratch, hits);
         sums = Columns<double>::Zero(scratch.slots.stride, g.count());
         std::vector<S> sum(static_cast<std::size_t>(scratch.slots.stride));
         for (std::size_t m = 0; m < raster.trace.members.size(); ++m) {

@@ -117,15 +117,14 @@ std::vector<PriceRow> price_list(const Settings& settings) {
         const OracleCotangent cotangent{w.cast<double>(), wa.cast<double>()};
         std::map<Truth, std::pair<Columns<double>, Gaussians<double>>> truths;
         truths[Truth::float_depths] = {oracle(g, camera, background, order).feature.pixels,
-                                       oracle_vjp(g, camera, background, order, cotangent)};
+                                       oracle_vjp({g, camera, order, {}}, background, cotangent)};
         truths[Truth::double_depths] =
             fine_order == order
                 ? truths[Truth::float_depths]
                 : std::pair{oracle(g, camera, background, fine_order).feature.pixels,
-                            oracle_vjp(g, camera, background, fine_order, cotangent)};
-        truths[Truth::by_peak] = {
-            oracle(g, camera, background, order, own_order).feature.pixels,
-            oracle_vjp(g, camera, background, order, cotangent, own_order)};
+                            oracle_vjp({g, camera, fine_order, {}}, background, cotangent)};
+        truths[Truth::by_peak] = {oracle(g, camera, background, order, own_order).feature.pixels,
+                                  oracle_vjp({g, camera, order, own_order}, background, cotangent)};
 
         std::vector<Runner> runners;
         for (const Policy& p : policies) runners.push_back(p.bind(s, w, wa));

@@ -42,7 +42,7 @@ struct WholeFrame {
              const VecX<float>& background) {
         Gaussians<float> g;
         deform.time([&] {
-            drive(OneThread{}, s.avatar, s.config, s.roles, drivers, trace);
+            drive(OneThread{}, s.avatar, {s.config, s.roles, drivers}, trace);
             g = trace.gaussians;
         });
         render.time([&] {
@@ -94,7 +94,7 @@ LeastPairs least_pairs(const Raster<float>& before, const Cache& cache, const Sh
             for (int x = s.left(t); x < s.right(t); ++x) {
                 double pairs = 0, front = 0;
                 bool met = false;
-                walk_pixel(s, Balanced(), t, x, y, [&](const PixelContribution<float>& h) {
+                walk_pixel(s, Balanced(), {t, x, y}, [&](const PixelContribution<float>& h) {
                     met = met || moved[s.member(h.entry).source];
                     front += met ? 0 : 1;
                     ++pairs;

@@ -110,10 +110,10 @@ struct Driven {
         });
         gradient = zeros_like(avatar);
     }
-    void forward() { drive(B{}, avatar, config, roles, drivers, trace); }
+    void forward() { drive(B{}, avatar, {config, roles, drivers}, trace); }
     void backward() {
         g = trace.gaussians;  // any cotangents do; the vjp consumes them
-        drive_vjp(B{}, avatar, config, drivers, trace, g, gradient);
+        drive_vjp(B{}, avatar, {config, roles, drivers}, trace, {g, gradient});
     }
     /// Number of trained parameters, without the Gaussians' own.
     Index parameters() const {

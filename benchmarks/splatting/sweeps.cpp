@@ -26,18 +26,17 @@ void stages(benchmark::State& state) {
     using V = OneThread::batch<float>;
     Work<OneThread, HeadRules> w{head_scene(state.range(0), 3)};
     const Index n = w.scene.gaussians.count();
-    const HeadRules& rules = w.rasterizer.accuracy;
+    const SplatInput in{view_of(w.scene.gaussians), w.scene.camera, w.rasterizer.accuracy};
     Times best;
     double project = 1e30, lists = 1e30;
     for (auto _ : state)
         for (int round = 0; round < 9; ++round) {
             time_round(w, thread_seconds, best);
             project = std::min(project, least_time(1, [&] {
-                project_range_lanes<V>(w.scene.gaussians, w.scene.camera, rules, 0, n, w.scratch);
-            }));
+                                   project_range_lanes<V>(in, {0, n}, w.scratch);
+                               }));
             lists = std::min(lists, least_time(1, [&] {
-                                 bin_and_sort(OneThread{}, w.scene.gaussians, w.scene.camera, rules,
-                                         w.scratch, w.raster.trace);
+                                 bin_and_sort(OneThread{}, in, w.scratch, w.raster.trace);
                              }));
         }
     state.counters["project_ms"] = 1e3 * project;

@@ -41,7 +41,7 @@ struct Work {
         for (Index t = 0; t < raster.trace.lists.tiles(); ++t)
             for (int y = s.top(t); y < s.bottom(t); ++y)
                 for (int x = s.left(t); x < s.right(t); ++x)
-                    walk_pixel(s, rasterizer.accuracy, t, x, y,
+                    walk_pixel(s, rasterizer.accuracy, {t, x, y},
                                [&](const PixelContribution<float>&) { ++n; });
         return n;
     }

@@ -100,7 +100,7 @@ AvatarSample<float> sample_of(const Subject& s, const Rasterizer<Balanced>& rast
     other.pose[0] += 0.1F;
     TwoStreamTrace<float> trace;
     const B backend = on_threads(1);
-    drive(backend, s.avatar, s.config, s.roles, other, trace);
+    drive(backend, s.avatar, {s.config, s.roles, other}, trace);
     const Raster<float> shown = rasterizer.forward(
         backend, trace.gaussians, s.camera, s.background);
     const Raster<float> eyes =

@@ -92,21 +92,21 @@ TEST_CASE("a user's effects: parameters, tensors, value, vjp, and nothing at neu
     const Drivers<double, Mine> drivers = restricted<Mine>(drivers_of_all());
 
     TwoStreamTrace<double, Mine> trace;
-    drive(B{}, avatar, tiny_config(), tiny_roles(), drivers, trace);
+    drive(B{}, avatar, {tiny_config(), tiny_roles(), drivers}, trace);
     Gaussians<double> w = random_like(trace.gaussians, Random{4, 0});
     Gaussians<double>::fields([&](const std::string&, auto& a) { // the eyes have no own effects
         a.rightCols(trace.eye_columns().count).setZero();
     }, w);
     Gaussians<double> g = w;
     TwoStream<double, Mine> grad = zeros_like(avatar);
-    drive_vjp(B{}, avatar, tiny_config(), drivers, trace, g, grad);
+    drive_vjp(B{}, avatar, {tiny_config(), tiny_roles(), drivers}, trace, {g, grad});
     const TwoStream<double, Mine> direction = random_like(avatar, Random{5, 0});
     const auto moved = [&](double h) {
         TwoStream<double, Mine> a = avatar;
         TwoStream<double, Mine>::fields(
             [&](const std::string&, auto& x, const auto& d) { x += h * d; }, a, direction);
         TwoStreamTrace<double, Mine> t;
-        drive(B{}, a, tiny_config(), tiny_roles(), drivers, t);
+        drive(B{}, a, {tiny_config(), tiny_roles(), drivers}, t);
         DotSum sum;
         sum.add_all(t.gaussians, w);
         return sum.sum;

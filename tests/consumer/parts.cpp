@@ -199,7 +199,7 @@ struct Scene {
         for (Index i = 0; i < landmarks.size(); ++i)
             landmarks(i) = Random{3, 1}.uniform(std::uint64_t(i)) - 0.5;
         auto mesh = GuidanceMesh<double, Parts>::init(config, landmarks, Random{1, 0});
-        pretrain_sphere<double>(backend, mesh, config, Vec3<double>(0, 0, 0), 1.3, 20, 2e-2,
+        pretrain_sphere<double>(backend, mesh, config, {Vec3<double>(0, 0, 0), 1.3, 20, 2e-2},
                                 Random{2, 0});
         const Vec3<double> corner(1.3, 1.3, 1.3);
         AvatarInit<double, Parts> init{.grid = bcc_grid<double>(-corner, corner, 0.9),
@@ -208,7 +208,7 @@ struct Scene {
         avatar = initialize_avatar<double>(backend, mesh, config, init, Random{3, 0});
         const auto camera =
             look_at<double>(Vec3<double>(0.1, 0, 6), Vec3<double>(0, 0, 0), Vec3<double>(0, 1, 0),
-                            0.5, 12, 12);
+                            0.5, {12, 12});
         Image<double> truth(12, 12, 3);
         for (Index i = 0; i < truth.pixels.size(); ++i)
             truth.pixels(i) = Random{5, 0}.uniform(std::uint64_t(i));

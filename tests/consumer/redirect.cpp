@@ -69,7 +69,7 @@ int main() {
     const Vec3<float> middle(0, 0, 0), corner(1.3F, 1.3F, 1.3F), up(0, 1, 0);
     const Columns<float> landmarks = Columns<float>::Random(3, 66);
     auto mesh = GuidanceMesh<float, Mine>::init(config, landmarks, Random{1, 0});
-    pretrain_sphere<float>(backend, mesh, config, middle, 1.3F, 60, 1e-2, Random{2, 0});
+    pretrain_sphere<float>(backend, mesh, config, {middle, 1.3F, 60, 1e-2}, Random{2, 0});
     AvatarInit<float, Mine> init{.grid = bcc_grid<float>(-corner, corner, 0.3F), .mouth_points = 9};
     init.eye_centre = Columns<float>{{0.4F, -0.4F}, {0.2F, 0.2F}, {1.3F, 1.3F}};
     init.upsampler = {.in_channels = 3, .capacity = 2, .doublings = 0, .skip = true};
@@ -78,12 +78,12 @@ int main() {
         avatar.eyes.feature.col(i).fill(avatar.eyes.position(2, i) < 0.1F ? 1.F : 0.F);
     Avatar truth = avatar;
     truth.eyes.share.setConstant(1);
-    const auto camera = look_at<float>(Vec3<float>(0, 0, 6), middle, up, 0.3F, 64, 64);
+    const auto camera = look_at<float>(Vec3<float>(0, 0, 6), middle, up, 0.3F, {64, 64});
     auto drivers = neutral_drivers<float, Mine>(config);
     const auto picture = [&](const Avatar& of, float yaw) {
         drivers.gaze.fill(Vec3<float>(std::sin(yaw), 0, std::cos(yaw)));
         TwoStreamTrace<float, Mine> trace;
-        drive(backend, of, config, roles, drivers, trace);
+        drive(backend, of, {config, roles, drivers}, trace);
         return Rasterizer<>().forward(backend, trace.gaussians, camera, VecX<float>(up)).feature;
     };
     const Columns<float> unseen = picture(truth, 0.2F).pixels, first = picture(avatar, 0.2F).pixels;

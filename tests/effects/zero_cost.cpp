@@ -191,18 +191,16 @@ __attribute__((noinline)) void hand_face(const HandFace& face, const AvatarConfi
 #endif
     encode_points(B{}, seen, c.frequencies, t.code);
     tanh_into(B{}, face.feature, t.feature);
+    const InfluenceInput<T> in{c, seen, face.landmarks};
 #if !(WITHOUT_EXPRESSION && WITHOUT_POSE_RESIDUAL)
-    t.w_exp = detail::set_weights(B{}, c, c.exp_near, c.exp_far, seen, face.landmarks,
-                                  roles.expression, t.n_exp);
+    t.w_exp = detail::set_weights(B{}, {in, c.exp_near, c.exp_far}, roles.expression, t.n_exp);
     t.w_pose = Columns<T>::Ones(1, n) - t.w_exp;
 #endif
 #if LEFT_SKIN
-    t.w_left = detail::set_weights(B{}, c, c.gaze_near, c.gaze_far, seen, face.landmarks,
-                                   roles.eye[0], t.n_left);
+    t.w_left = detail::set_weights(B{}, {in, c.gaze_near, c.gaze_far}, roles.eye[0], t.n_left);
 #endif
 #if RIGHT_SKIN
-    t.w_right = detail::set_weights(B{}, c, c.gaze_near, c.gaze_far, seen, face.landmarks,
-                                    roles.eye[1], t.n_right);
+    t.w_right = detail::set_weights(B{}, {in, c.gaze_near, c.gaze_far}, roles.eye[1], t.n_right);
 #endif
     Gaussians<T>& g = t.gaussians;
 #if RESTS
@@ -211,47 +209,47 @@ __attribute__((noinline)) void hand_face(const HandFace& face, const AvatarConfi
     g.feature.leftCols(n).setZero();
 #endif
 #if !WITHOUT_EXPRESSION
-    add_field(B{}, face.exp_color, Squash::none, one, t.feature, t.w_exp, t.expression, g.feature,
-              t.exp_color);
+    add_field(B{}, Field{face.exp_color, Squash::none, one}, {t.feature, t.w_exp, t.expression},
+              g.feature, t.exp_color);
 #endif
 #if !WITHOUT_POSE_RESIDUAL
-    add_field(B{}, face.pose_color, Squash::none, one, t.feature, t.w_pose, t.pose, g.feature,
-              t.pose_color);
+    add_field(B{}, Field{face.pose_color, Squash::none, one}, {t.feature, t.w_pose, t.pose},
+              g.feature, t.pose_color);
 #endif
 #if LEFT_SKIN
-    add_field(B{}, face.left_color, Squash::none, one, t.feature, t.w_left, t.left_gaze, g.feature,
-              t.left_color);
+    add_field(B{}, Field{face.left_color, Squash::none, one}, {t.feature, t.w_left, t.left_gaze},
+              g.feature, t.left_color);
 #endif
 #if RIGHT_SKIN
-    add_field(B{}, face.right_color, Squash::none, one, t.feature, t.w_right, t.right_gaze,
+    add_field(B{}, Field{face.right_color, Squash::none, one}, {t.feature, t.w_right, t.right_gaze},
               g.feature, t.right_color);
 #endif
     g.mean.leftCols(n) = face.position;
 #if !WITHOUT_EXPRESSION
-    add_field(B{}, face.exp_deform, Squash::tanh, reach, t.code, t.w_exp, t.expression, g.mean,
-              t.exp_deform);
+    add_field(B{}, Field{face.exp_deform, Squash::tanh, reach}, {t.code, t.w_exp, t.expression},
+              g.mean, t.exp_deform);
 #endif
 #if !WITHOUT_POSE_RESIDUAL
-    add_field(B{}, face.pose_deform, Squash::tanh, reach, t.code, t.w_pose, t.pose, g.mean,
+    add_field(B{}, Field{face.pose_deform, Squash::tanh, reach}, {t.code, t.w_pose, t.pose}, g.mean,
               t.pose_deform);
 #endif
 #if LEFT_SKIN
-    add_field(B{}, face.left_deform, Squash::tanh, reach, t.code, t.w_left, t.left_gaze, g.mean,
-              t.left_deform);
+    add_field(B{}, Field{face.left_deform, Squash::tanh, reach}, {t.code, t.w_left, t.left_gaze},
+              g.mean, t.left_deform);
 #endif
 #if RIGHT_SKIN
-    add_field(B{}, face.right_deform, Squash::tanh, reach, t.code, t.w_right, t.right_gaze, g.mean,
-              t.right_deform);
+    add_field(B{}, Field{face.right_deform, Squash::tanh, reach}, {t.code, t.w_right, t.right_gaze},
+              g.mean, t.right_deform);
 #endif
 #if !(WITHOUT_EXPRESSION && WITHOUT_POSE_RESIDUAL)
     t.attributes = Columns<T>::Zero(8, n);
 #endif
 #if !WITHOUT_EXPRESSION
-    add_field(B{}, face.exp_attributes, Squash::none, step, t.feature, t.w_exp, t.expression,
-              t.attributes, t.exp_attributes);
+    add_field(B{}, Field{face.exp_attributes, Squash::none, step},
+              {t.feature, t.w_exp, t.expression}, t.attributes, t.exp_attributes);
 #endif
 #if !WITHOUT_POSE_RESIDUAL
-    add_field(B{}, face.pose_attributes, Squash::none, step, t.feature, t.w_pose, t.pose,
+    add_field(B{}, Field{face.pose_attributes, Squash::none, step}, {t.feature, t.w_pose, t.pose},
               t.attributes, t.pose_attributes);
 #endif
     const RawAttributes<T> raw{face.log_scale, face.rotation, face.opacity_logit};
@@ -374,7 +372,7 @@ struct Case {
 
 extern "C" __attribute__((noinline)) void by_types(void* with) {
     Case& c = *static_cast<Case*>(with);
-    drive(B{}, c.avatar, c.config, c.roles, c.drivers, c.trace);
+    drive(B{}, c.avatar, {c.config, c.roles, c.drivers}, c.trace);
 }
 
 extern "C" __attribute__((noinline)) void by_hand(void* with) {

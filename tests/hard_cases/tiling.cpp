@@ -135,7 +135,7 @@ void b7(Report& report) {
         camera.cx = camera.cy = T(8), camera.width = camera.height = 16;
         RasterScratch<T> scratch;
         scratch.shape(1);
-        project_range(g, camera, accuracy, 0, 1, scratch);
+        project_range(SplatInput{view_of(g), camera, accuracy}, {0, 1}, scratch);
         // At the threshold itself the footprint may be the centre alone; beyond, it is drawn.
         if (o < theta) declared = declared && scratch.state[0] == Visibility::hidden;
         if (o > theta * T(1 + 1e-5)) declared = declared && scratch.state[0] == Visibility::visible;
@@ -182,9 +182,11 @@ void b12_b13(Report& report) {
     try {
         BinScratch<std::uint32_t> scratch;
         lists.build<Support::ellipse, T>(
-            Serial{}, 64, 1 << 20, 3, [&](Index m) { return rows[std::size_t(m)]; },
-            [](Index m) { return static_cast<std::uint32_t>(m); }, [](Index m) { return m; },
-            all - 1, [&](Index) -> const Footprint<T>& { return f; }, scratch);
+            Serial{}, {64, 1 << 20},
+            BinInput{3, [&](Index m) { return rows[std::size_t(m)]; },
+                     [](Index m) { return static_cast<std::uint32_t>(m); },
+                     [](Index m) { return m; }, [&](Index) -> const Footprint<T>& { return f; }},
+            all - 1, scratch);
     } catch (const Error&) {
         told = true;
     }
@@ -215,12 +217,13 @@ void b12_b13(Report& report) {
         TileLists t;
         BinScratch<std::uint32_t> scratch;
         t.build<Support::ellipse, T>(
-            Serial{}, 100, 70, static_cast<Index>(feet.size()),
-            [&](Index m) { return spans[static_cast<std::size_t>(m)]; },
-            [](Index m) { return static_cast<std::uint32_t>(m); }, [](Index m) { return m; },
-            Index(1) << 30,
-            [&](Index i) -> const Footprint<T>& { return feet[static_cast<std::size_t>(i)]; },
-            scratch);
+            Serial{}, {100, 70},
+            BinInput{
+                static_cast<Index>(feet.size()),
+                [&](Index m) { return spans[static_cast<std::size_t>(m)]; },
+                [](Index m) { return static_cast<std::uint32_t>(m); }, [](Index m) { return m; },
+                [&](Index i) -> const Footprint<T>& { return feet[static_cast<std::size_t>(i)]; }},
+            Index(1) << 30, scratch);
         Index counted = 0;
         for (std::size_t m = 0; m + 1 < t.first.size(); ++m) counted += t.first[m + 1] - t.first[m];
         equal = equal && counted == t.entries() && static_cast<Index>(t.entry.size()) == counted;

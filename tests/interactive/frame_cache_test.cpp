@@ -44,7 +44,7 @@ inline UpsamplerShape local_shape(int capacity, bool skip) {
 template <class B, class A, class T>
 void check_frame(const B& backend, FrameCache<B, A, T>& cache, const Stage<T>& s) {
     TwoStreamTrace<T> trace;
-    drive(backend, s.avatar, s.config, s.roles, s.drivers, trace);
+    drive(backend, s.avatar, {s.config, s.roles, s.drivers}, trace);
     const Gaussians<T>& g = trace.gaussians;
     const Raster<T> whole = Rasterizer<A>().forward(backend, g, s.camera, s.background);
     const Raster<T>& kept = cache.update(s.drivers, s.camera, s.background);

@@ -131,8 +131,8 @@ TEST_CASE("run: what is drawn of one by lines of sight is what is trained, bit f
     const TrainState state = sight_state(), drawn = drawn_state(state);
     const Drivers<float> drivers = test::tiny_drivers<float>();
     TwoStreamTrace<float, VisualEffects> trace;
-    drive(train_backend(), state.visual->avatar, state.config.avatar, state.subject.roles,
-          restricted<VisualEffects>(drivers), trace);
+    drive(train_backend(), state.visual->avatar,
+          {state.config.avatar, state.subject.roles, restricted<VisualEffects>(drivers)}, trace);
     const Gaussians<float>& trained = trace.gaussians;
     Gaussians<float>::fields([](const std::string& name, const auto& a, const auto& b) {
         INFO(name);

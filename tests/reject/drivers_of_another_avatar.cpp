@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // An avatar is driven by what its own effects read.
-// expect: (conflicting types for|deduced conflicting|conflicting).*E
+// expect: (invalid initialization|cannot convert initializer list).*AvatarFrame
 #include <rye/avatar/two_stream.hpp>
 #include <rye/backend/scalar.hpp>
 
@@ -14,5 +14,5 @@ using Driven = Mine;
 void show(const rye::TwoStream<float, Mine>& avatar, const rye::AvatarConfig& config,
           const rye::LandmarkRoles& roles, const rye::Drivers<float, Driven>& drivers,
           rye::TwoStreamTrace<float, Mine>& trace) {
-    rye::drive(rye::ScalarBackend<>{}, avatar, config, roles, drivers, trace);
+    rye::drive(rye::ScalarBackend<>{}, avatar, {config, roles, drivers}, trace);
 }

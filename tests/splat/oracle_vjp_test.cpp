@@ -32,7 +32,7 @@ TEST_CASE("oracle: the gradient by duals and by the adjoint agree to 1e-11, most
         const auto r = exact.forward(ScalarBackend<>{}, s.gaussians, s.camera, s.background);
         const Columns<double> w = noise<double>(3, r.feature.size(), 1);
         const Columns<double> wa = noise<double>(1, r.feature.size(), 2);
-        const auto truth = oracle_vjp(s.gaussians, s.camera, s.background, order, {w, wa});
+        const auto truth = oracle_vjp({s.gaussians, s.camera, order, {}}, s.background, {w, wa});
         const auto g = exact.vjp(ScalarBackend<>{}, s.gaussians, s.camera, s.background, r, w, &wa);
         // Behind an opaque wall the rasterizer stops at 1e-14, the oracle never.
         const double bound = s.name == "opaque wall" ? 2e-11 : 1e-12;

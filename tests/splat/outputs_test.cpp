@@ -58,7 +58,7 @@ std::pair<std::vector<std::uint32_t>, std::vector<T>> by_hand(const Blobs<T>& s,
         for (int y = scene.top(t); y < scene.bottom(t); ++y)
             for (int x = scene.left(t); x < scene.right(t); ++x) {
                 std::vector<std::pair<T, std::uint32_t>> weights;
-                walk_pixel(scene, A{}, t, x, y, [&](const PixelContribution<T>& h) {
+                walk_pixel(scene, A{}, {t, x, y}, [&](const PixelContribution<T>& h) {
                     weights.push_back({h.weight, scene.member(h.entry).source});
                 });
                 if (weights.empty()) continue;

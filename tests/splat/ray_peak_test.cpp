@@ -129,8 +129,7 @@ TEST_CASE_TEMPLATE("order by peak: values and gradients are the oracle's", B, Sc
         if (s.gaussians.count() == 0 || s.name == "opaque wall") continue; // 0 / 0 behind alpha 1
         const Columns<double> w = noise<double>(3, r.feature.pixels.cols(), 5);
         const auto g = rasterizer.vjp(B{}, s.gaussians, s.camera, s.background, r, w);
-        const auto t =
-            oracle_vjp(s.gaussians, s.camera, s.background, order, {w}, model);
+        const auto t = oracle_vjp({s.gaussians, s.camera, order, model}, s.background, {w});
         Gaussians<double>::fields(
             [](const std::string& name, const Columns<double>& a, const Columns<double>& b) {
                 CAPTURE(name);

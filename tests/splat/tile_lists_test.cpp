@@ -59,8 +59,10 @@ struct Members {
             return [&v](Index m) -> const auto& { return v[static_cast<std::size_t>(m)]; };
         };
         out.build<Support::ellipse, float>(
-            threads, 96, 96, count(), of(rows), [&](Index m) { return key[std::size_t(m)]; },
-            of(index), Index(1) << 30, of(footprint), scratch);
+            threads, {96, 96},
+            BinInput{count(), of(rows), [&](Index m) { return key[std::size_t(m)]; }, of(index),
+                     of(footprint)},
+            Index(1) << 30, scratch);
         return out;
     }
 };
@@ -164,10 +166,12 @@ TileLists lists_of_covering(int side, Index n, Index max_entries,
     rows.begin = cover.rows().begin, rows.end = cover.rows().end;
     TileLists out;
     out.build<Support::ellipse, float>(
-        Serial{}, side, side, n, [&](Index) -> const TileRows& { return rows; },
-        [](Index m) { return static_cast<std::uint32_t>(m); },
-        [](Index m) { return static_cast<std::uint32_t>(m); }, max_entries,
-        [&](Index) -> const Footprint<float>& { return f; }, scratch);
+        Serial{}, {side, side},
+        BinInput{n, [&](Index) -> const TileRows& { return rows; },
+                 [](Index m) { return static_cast<std::uint32_t>(m); },
+                 [](Index m) { return static_cast<std::uint32_t>(m); },
+                 [&](Index) -> const Footprint<float>& { return f; }},
+        max_entries, scratch);
     return out;
 }
 

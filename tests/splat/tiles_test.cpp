@@ -50,9 +50,16 @@ TEST_CASE("tiles: no pixel that an ellipse reaches is missed") {
         TileLists lists;
         BinScratch<std::uint32_t> scratch;
         lists.build<Support::ellipse, float>(
-            Serial{}, width, height, rows.begin < rows.end ? 1 : 0, [&](Index) { return rows; },
-            [](Index) { return 0U; }, [](Index m) { return m; },
-            1000000, [&](Index) -> const auto& { return f; }, scratch);
+            Serial{}, {width, height},
+            BinInput{rows.begin < rows.end ? 1 : 0, [&](Index) {
+            return rows; },
+                     [](Index) {
+            return 0U; }, [](Index m) {
+            return m; },
+                     [&](Index) -> const auto& { return f;
+    }
+},
+            1000000, scratch);
         listed += lists.entries();
         for (Index t = 0; t < lists.tiles(); ++t) {
             const bool in_list = lists.begin[std::size_t(t)] < lists.begin[std::size_t(t) + 1];

@@ -19,12 +19,12 @@ double law_error(std::uint64_t seed) {
     const Drivers<double, E> drivers = restricted<E>(drivers_of_optics());
     const AvatarConfig config = tiny_config();
     TwoStreamTrace<double, E> trace;
-    drive(ScalarBackend<>{}, avatar, config, tiny_roles(), drivers, trace);
+    drive(ScalarBackend<>{}, avatar, {config, tiny_roles(), drivers}, trace);
     const Gaussians<double> w = random_like(trace.gaussians, Random{seed, 1});
     Gaussians<double> g = w;
     TwoStream<double, E> grad = zeros_like(avatar);
     const Vec<double, 6> g_pose =
-        drive_vjp(ScalarBackend<>{}, avatar, config, drivers, trace, g, grad);
+        drive_vjp(ScalarBackend<>{}, avatar, {config, tiny_roles(), drivers}, trace, {g, grad});
 
     const TwoStream<double, E> direction = random_like(avatar, Random{seed, 3});
     const Columns<double> pose_direction = random_columns<double>(6, 1, Random{seed, 4});
@@ -34,7 +34,7 @@ double law_error(std::uint64_t seed) {
     if constexpr (has_effect<E, ReadsHeadPose>)
         dual_drivers.pose = seeded(Columns<double>(drivers.pose), pose_direction);
     TwoStreamTrace<D, E> dual_trace;
-    drive(ScalarBackend<>{}, dual, config, tiny_roles(), dual_drivers, dual_trace);
+    drive(ScalarBackend<>{}, dual, {config, tiny_roles(), dual_drivers}, dual_trace);
     DotSum by_vjp, by_dual;
     by_vjp.add_all(grad, direction);
     if constexpr (has_effect<E, ReadsHeadPose>) by_vjp.add(g_pose, pose_direction);

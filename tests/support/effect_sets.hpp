@@ -52,7 +52,7 @@ inline Drivers<double, OpticsEffects> drivers_of_optics() {
 template <class T, EffectSet E>
 TwoStreamTrace<T, E> driven(const TwoStream<T, E>& avatar, const Drivers<T, E>& drivers) {
     TwoStreamTrace<T, E> trace;
-    drive(ScalarBackend<>{}, avatar, tiny_config(), tiny_roles(), drivers, trace);
+    drive(ScalarBackend<>{}, avatar, {tiny_config(), tiny_roles(), drivers}, trace);
     return trace;
 }
 

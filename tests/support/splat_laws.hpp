@@ -35,8 +35,9 @@ struct Walks {
     Walks(const Scenery<T>& scenery, const A& rules) : s(scenery), accuracy(rules) {
         const Index n = s.gaussians.count();
         scratch.shape(n);
-        project_range_lanes<V>(s.gaussians, s.camera, stage(), 0, n, scratch);
-        bin_and_sort(ScalarBackend<Serial>{}, s.gaussians, s.camera, stage(), scratch, r.trace);
+        const SplatInput in{view_of(s.gaussians), s.camera, stage()};
+        project_range_lanes<V>(in, {0, n}, scratch);
+        bin_and_sort(ScalarBackend<Serial>{}, in, scratch, r.trace);
         shape(r.feature, s.gaussians.channels());
         shape(r.alpha, 1);
         if constexpr (A::outputs.depth) shape(r.depth, 1);
@@ -46,7 +47,8 @@ struct Walks {
     template <int C>
     void forward() {
         const auto canvas = std::make_unique<LaneCanvas<V>>();
-        blend_tiles_lanes<V, C>(scene(), accuracy, {}, {0, r.trace.lists.tiles()}, r, *canvas);
+        blend_tiles_lanes<V, C>(scene(), accuracy, DrawnTiles().part(0, r.trace.lists.tiles()), r,
+                                *canvas);
     }
     template <int C, bool Extra>
     Gaussians<T> reverse(const Weights<T>& w) {
@@ -56,11 +58,11 @@ struct Walks {
         const RasterCotangent<T> g{w.feature, Extra ? &w.alpha : nullptr,
                                    Extra ? &w.depth : nullptr};
         for (Index t = 0; t < r.trace.lists.tiles(); ++t)
-            blend_tile_vjp_lanes<V, C, Extra>(scene(), accuracy, g, t, scratch, *tape);
+            blend_tile_vjp_lanes<V, C, Extra>(scene(), accuracy, {g, t}, scratch, *tape);
         LaneSums<V> sums;
         Gaussians<T> out(n, s.gaussians.channels());
-        project_vjp_range_lanes<V>(s.gaussians, s.camera, stage(), r.trace, scratch.slots, 0, n,
-                                 out, sums);
+        const SplatInput in{view_of(s.gaussians), s.camera, stage()};
+        project_vjp_range_lanes<V>(in, {r.trace, scratch.slots}, {0, n}, out, sums);
         return out;
     }
 

@@ -42,8 +42,8 @@ TEST_CASE("the deformations fit the landmarks of all frames, and nothing else is
     const auto frames = frames_of(mesh);
     const auto fit = [&](int steps) {
         mesh = before;
-        return fit_deformation<double>(B{}, mesh, config, tiny_roles(), true, frames,
-                                       {steps, 2, 5e-3}, Random{1, 0});
+        return fit_deformation<double>(B{}, mesh, {config, tiny_roles(), true}, frames,
+                                       {steps, 2, 5e-3, Random{1, 0}});
     };
     const double first = fit(6);
     const double last = fit(1500);

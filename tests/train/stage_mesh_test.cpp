@@ -30,7 +30,7 @@ GuidanceMesh<double> tiny_mesh() {
     Draw draw;
     GuidanceMesh<double> m =
         GuidanceMesh<double>::init(tiny_config(), tiny_landmarks(draw), Random{3, 0});
-    pretrain_sphere<double>(B{}, m, tiny_config(), Vec3<double>(0, 0.1, 0.1), 1.6, 60, 5e-3,
+    pretrain_sphere<double>(B{}, m, tiny_config(), {Vec3<double>(0, 0.1, 0.1), 1.6, 60, 5e-3},
                             Random{4, 0});
     m.eye_offset.mlp.weight.back() = draw.columns(6, m.eye_offset.mlp.weight.back().cols(), 0.3);
     return m;
@@ -70,17 +70,21 @@ double law_error(bool follow_gaze, ChosenMetric metric, std::uint64_t seed) {
     MeshLossConfig weights;
     weights.laplacian = 1;  // 100 would drown the others
     MeshTrace<T> trace;
-    const MeshLosses<T> l = mesh_losses(B{}, mesh, config, tiny_roles(), grid_in<T>(grid), weights,
-                                        follow_gaze, tiny_sample<T>(), trace);
+    const LandmarkRoles roles = tiny_roles();
+    const WeightedLandmarks landmarks{{config, roles, follow_gaze}, weights};
+    const TetGrid<T> own = grid_in<T>(grid);
+    const MeshStage<T> stage{landmarks, own};
+    const MeshLosses<T> l = mesh_losses(B{}, mesh, stage, tiny_sample<T>(), trace);
     CHECK(l.vertices > 50);
     GuidanceMesh<T> grad = zeros_like(mesh);
-    mesh_losses_vjp(B{}, mesh, config, follow_gaze, tiny_sample<T>(), trace, grad);
+    mesh_losses_vjp(B{}, mesh, stage, trace, grad);
     const GuidanceMesh<T> direction = random_like(mesh, Random{seed, 5});
     GuidanceMesh<D> dual = lifted<D>(mesh);
     seed_fields(dual, mesh, direction);
     MeshTrace<D> dual_trace;
-    const MeshLosses<D> dl = mesh_losses(B{}, dual, config, tiny_roles(), grid_in<D>(grid), weights,
-                                         follow_gaze, tiny_sample<D>(), dual_trace);
+    const TetGrid<D> dual_grid = grid_in<D>(grid);
+    const MeshStage<D> dual_stage{landmarks, dual_grid};
+    const MeshLosses<D> dl = mesh_losses(B{}, dual, dual_stage, tiny_sample<D>(), dual_trace);
     DotSum by_vjp, by_dual;
     by_vjp.add_all(grad, direction);
     by_dual.sum = static_cast<double>(dl.total.d[0]);
@@ -105,13 +109,16 @@ TEST_CASE("no surface: image terms are left out, the others train on") {
     GuidanceMesh<double> mesh = tiny_mesh();
     mesh.geometry.bias.back()(0, 0) += 50;  // everywhere outside
     MeshTrace<double> trace;
-    const MeshLosses<double> l = mesh_losses(B{}, mesh, config, tiny_roles(), tiny_grid(),
-                                             MeshLossConfig{}, true, tiny_sample<double>(), trace);
+    const LandmarkRoles roles = tiny_roles();
+    const MeshLossConfig weights;
+    const TetGrid<double> grid = tiny_grid();
+    const MeshStage<double> stage{{{config, roles, true}, weights}, grid};
+    const MeshLosses<double> l = mesh_losses(B{}, mesh, stage, tiny_sample<double>(), trace);
     CHECK(l.vertices == 0);
     CHECK(l.rgb == 0);
     CHECK(l.deform > 0);
     GuidanceMesh<double> grad = zeros_like(mesh);
-    mesh_losses_vjp(B{}, mesh, config, true, tiny_sample<double>(), trace, grad);
+    mesh_losses_vjp(B{}, mesh, stage, trace, grad);
     GuidanceMesh<double>::fields([](const std::string&, const auto& a) { CHECK(a.allFinite()); }, grad);
     CHECK_THROWS_WITH_AS(
         (initialize_avatar<double>(B{}, mesh, config, AvatarInit<double>{}, Random{})),

@@ -49,17 +49,19 @@ TetGrid<float> make_lattice(const TrainState& state) {
 
 void pretrain_mesh(TrainState& state) {
     const TrainConfig& c = state.config;
-    pretrain_sphere(
-        train_backend(), state.mesh, c.avatar, Vec3<float>(state.subject.head_centre.cast<float>()),
-        static_cast<float>(c.grid.half_side), c.mesh.pretrain_steps, 1e-3, seed_of(state).fork(3));
+    const SphereFit<float> fit{state.subject.head_centre.cast<float>(),
+                               static_cast<float>(c.grid.half_side), c.mesh.pretrain_steps, 1e-3};
+    pretrain_sphere(train_backend(), state.mesh, c.avatar, fit, seed_of(state).fork(3));
 }
 
 double fit_landmarks(TrainState& state, const std::vector<MeshSample<float>>& frames) {
     DeformationFit fit;
     fit.steps = state.config.mesh.fit_steps;
-    return fit_deformation(train_backend(), state.mesh, state.config.avatar, state.subject.roles,
-                           state.config.mesh.landmarks_follow_gaze, frames, fit,
-                           seed_of(state).fork(9));
+    fit.random = seed_of(state).fork(9);
+    return fit_deformation(
+        train_backend(), state.mesh,
+        {state.config.avatar, state.subject.roles, state.config.mesh.landmarks_follow_gaze}, frames,
+        fit);
 }
 
 AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
@@ -109,12 +111,14 @@ MeshStepper::~MeshStepper() = default;
 StepReport MeshStepper::step(TrainState& state, const TetGrid<float>& grid,
                              const MeshSample<float>& sample, double rate, const Probe& probe) {
     const TrainConfig& c = state.config;
+    const MeshStage<float, const Probe&> stage{
+        {{c.avatar, state.subject.roles, c.mesh.landmarks_follow_gaze}, c.mesh.weights},
+        grid,
+        probe};
     const MeshLosses<float> l =
-        mesh_losses(train_backend(), state.mesh, c.avatar, state.subject.roles, grid,
-                    c.mesh.weights, c.mesh.landmarks_follow_gaze, sample, memory_->trace, probe);
+        mesh_losses(train_backend(), state.mesh, stage, sample, memory_->trace);
     set_zero(memory_->grad);
-    mesh_losses_vjp(train_backend(), state.mesh, c.avatar, c.mesh.landmarks_follow_gaze, sample,
-                    memory_->trace, memory_->grad, probe);
+    mesh_losses_vjp(train_backend(), state.mesh, stage, memory_->trace, memory_->grad);
     const AdamReport report =
         adam_step(train_backend(), state.mesh, memory_->grad, state.mesh_adam,
                   [&](const std::string& name) { return rate * c.mesh.rates(name); });
@@ -151,8 +155,8 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
     const int factor = 1 << config.gaussians.upsampler.doublings;
     const Pinhole<float> small = reduced(camera, factor);
     TwoStreamTrace<float> trace;
-    drive(train_backend(), state.avatar, config.avatar, state.subject.roles,
-          optical_drivers(state, drivers), trace);
+    drive(train_backend(), state.avatar,
+          {config.avatar, state.subject.roles, optical_drivers(state, drivers)}, trace);
     require_drawable(trace.gaussians);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
     const TrainRasterizer rasterizer;
@@ -188,7 +192,7 @@ PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
     const Avatar& avatar = state.avatar;
     const Drivers<float> optical = optical_drivers(state, drivers);
     TwoStreamTrace<float> trace;
-    drive(train_backend(), avatar, state.config.avatar, state.subject.roles, optical, trace);
+    drive(train_backend(), avatar, {state.config.avatar, state.subject.roles, optical}, trace);
     const Columns<float> centre =
         avatar.eyes.centre + eye_offset<float>(train_backend(), avatar.eyes.offset,
                                                state.config.avatar, trace.code, trace.eyes.offset);
@@ -211,8 +215,8 @@ PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
 
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
     TwoStreamTrace<float> trace;
-    drive(train_backend(), state.avatar, state.config.avatar, state.subject.roles,
-          optical_drivers(state, drivers), trace);
+    drive(train_backend(), state.avatar,
+          {state.config.avatar, state.subject.roles, optical_drivers(state, drivers)}, trace);
     require_drawable(trace.gaussians);
     return std::move(trace.gaussians);
 }

@@ -28,7 +28,7 @@ FrameDriver driver_of(const Avatar& avatar, const AvatarConfig& config, const La
             held<E>(train_backend(), avatar, config, roles, at));
     return [own, &config, &roles](const Drivers<float>& drivers) {
         TwoStreamTrace<float, E> trace;
-        drive(train_backend(), *own, config, roles, restricted<E>(drivers), trace);
+        drive(train_backend(), *own, {config, roles, restricted<E>(drivers)}, trace);
         return std::move(trace.gaussians);
     };
 }

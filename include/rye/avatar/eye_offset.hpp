@@ -49,16 +49,31 @@ Columns<T> eye_offset(const B& backend, const EyeOffsetNetwork<T, N>& offset,
     return T(config.deform_scale) * trace.squashed.reshaped(3, 2);
 }
 
+/// An evaluation of the network.
+template <class T>
+struct EyeOffsetPass {
+    const AvatarConfig& config;
+    const EyeOffsetTrace<T>& trace;
+};
+
+/// What eye_offset_vjp adds to.
+template <class T, NetworkPolicy N>
+struct EyeOffsetGradients {
+    EyeOffsetNetwork<T, N>& network;
+    VecX<T>& pose_code;
+};
+
 template <class T, class N, Backend B>
 void eye_offset_vjp(const B& backend, const EyeOffsetNetwork<T, N>& offset,
-                    const AvatarConfig& config, const EyeOffsetTrace<T>& trace,
-                    const Columns<T>& g_offset, EyeOffsetNetwork<T, N>& grad,
-                    VecX<T>& g_pose_code) {
-    Columns<T> g = T(config.deform_scale) * g_offset.reshaped(6, 1);
+                    const std::type_identity_t<EyeOffsetPass<T>>& pass, const Columns<T>& g_offset,
+                    const std::type_identity_t<EyeOffsetGradients<T, N>>& gradients) {
+    const EyeOffsetTrace<T>& trace = pass.trace;
+    VecX<T>& g_pose_code = gradients.pose_code;
+    Columns<T> g = T(pass.config.deform_scale) * g_offset.reshaped(6, 1);
     squash_vjp(Squash::tanh, trace.squashed, g);
     Columns<T> g_input;
     mlp_vjp<T>(backend, offset.mlp, {trace.input, VecX<T>(), trace.mlp}, g,
-               {.params = grad.mlp, .points = &g_input});
+               {.params = gradients.network.mlp, .points = &g_input});
     g_pose_code += g_input.bottomRows(g_pose_code.size());
 }
 

@@ -112,19 +112,29 @@ struct OpticsCotangent {
     HeadTransformGradient<T> head;
 };
 
-/// Of one eye the points as they are seen, and, added to its columns of `feature`, which begin at
-/// `first`, the glints.
+/// An eye before a camera.
+template <class T>
+struct ViewedEye {
+    std::size_t eye;
+    const Vec3<T>& camera; ///< its centre, world
+    const EyeTransform<T>& placed;
+    const Columns<T>& points; ///< in the eye's frame, 3 x P
+    Index first;              ///< column of the eyes' features
+};
+
+/// Of one eye the points as they are seen, and, added to its columns of `feature`, the glints.
 template <class T, EffectSet E, Backend B>
-void look_into_eye(const B& backend, const EyeOptics<T, E>& optics, std::size_t eye,
-                   const Drivers<T, E>& drivers, const EyeTransform<T>& placed,
-                   const Columns<T>& points, [[maybe_unused]] Index first, OpticsTrace<T>& trace,
-                   Columns<T>& feature) {
+void look_into_eye(const B& backend, const EyeOptics<T, E>& optics,
+                   const std::type_identity_t<ViewedEye<T>>& viewed, OpticsTrace<T>& trace,
+                   [[maybe_unused]] Columns<T>& feature) {
     using std::isfinite;
-    require(isfinite(drivers.camera[0]) && isfinite(drivers.camera[1]) &&
-                isfinite(drivers.camera[2]),
+    const std::size_t eye = viewed.eye;
+    const EyeTransform<T>& placed = viewed.placed;
+    const Columns<T>& points = viewed.points;
+    require(isfinite(viewed.camera[0]) && isfinite(viewed.camera[1]) && isfinite(viewed.camera[2]),
             "eye_optics", "got drivers without a camera, expected its centre in the world");
     const Cornea<T> cornea = cornea_of(optics.cornea, eye);
-    const Vec3<T> camera = into_eye(placed, drivers.camera);
+    const Vec3<T> camera = into_eye(placed, viewed.camera);
     const Index n = points.cols();
     trace.placed[eye] = placed;
     trace.seen[eye] = points;
@@ -148,7 +158,7 @@ void look_into_eye(const B& backend, const EyeOptics<T, E>& optics, std::size_t 
             if (!image.seen) continue;
             const Index channels = optics.light_intensity.rows(), stride = feature.rows();
             const T* const intensity = optics.light_intensity.data() + l * channels;
-            T* colour = feature.data() + first * stride;
+            T* colour = feature.data() + viewed.first * stride;
             for (Index i = 0; i < n; ++i, colour += stride) {
                 const Vec3<T> x = point(at, i);
                 if (!(dot(x, cornea.axis) > T(0))) continue;  // the eyeball's back
@@ -175,17 +185,27 @@ struct IntoEye {
     }
 };
 
-/// One eye's part of eye_optics_vjp. `g_seen` and `g_feature` are cotangents of the points as they
-/// are seen, in the eye's frame, and of the colours.
+/// Cotangents of the points as they are seen, in the eye's frame, and of the colours.
+template <class T>
+struct SeenCotangent {
+    Columns<T>& seen;
+    const Columns<T>& feature;
+};
+
+/// One eye's part of eye_optics_vjp.
 template <class T, EffectSet E>
-IntoEye<T> look_into_eye_vjp(const EyeOptics<T, E>& optics, std::size_t eye,
-                             const Drivers<T, E>& drivers, const OpticsTrace<T>& trace,
-                             const Columns<T>& points, Columns<T>& g_seen,
-                             [[maybe_unused]] const Columns<T>& g_feature,
+IntoEye<T> look_into_eye_vjp(const EyeOptics<T, E>& optics,
+                             const std::type_identity_t<ViewedEye<T>>& viewed,
+                             const OpticsTrace<T>& trace,
+                             const std::type_identity_t<SeenCotangent<T>>& cotangent,
                              [[maybe_unused]] EyeOptics<T, E>& grad) {
-    const EyeTransform<T>& placed = trace.placed[eye];
+    const std::size_t eye = viewed.eye;
+    const EyeTransform<T>& placed = viewed.placed;
+    const Columns<T>& points = viewed.points;
+    Columns<T>& g_seen = cotangent.seen;
+    [[maybe_unused]] const Columns<T>& g_feature = cotangent.feature;
     const Cornea<T> cornea = cornea_of(optics.cornea, eye);
-    const Vec3<T> camera = into_eye(placed, drivers.camera);
+    const Vec3<T> camera = into_eye(placed, viewed.camera);
     Vec3<T> g_camera = Vec3<T>::Zero();
     IntoEye<T> sum;
     if constexpr (has_effect<E, Glint>)
@@ -215,22 +235,47 @@ IntoEye<T> look_into_eye_vjp(const EyeOptics<T, E>& optics, std::size_t eye,
         for (Index i = 0; i < points.cols(); ++i)
             seen_through_vjp<T>(refracting, camera, points.col(i), g_seen.col(i), g_camera);
     }
-    sum.add(placed, drivers.camera, g_camera);
+    sum.add(placed, viewed.camera, g_camera);
     return sum;
 }
 
 } // namespace detail
 
-/// Accumulates the lights' gradients from head-frame cotangents of the eyes' Gaussians, columns of
-/// `g` from `begin` on, and
-/// gives what the camera and the lights, taken into the eyes, add to those of the transforms.
-/// `position` holds both eyes' points, `head` is the HeadTransform of an avatar that has one.
+/// Both eyes before the camera.
+template <class T>
+struct ViewedEyes {
+    const Vec3<T>& camera;      ///< its centre, world
+    const Columns<T>& position; ///< both eyes' points
+    const OpticsTrace<T>& trace;
+};
+
+/// Head-frame cotangents of the eyes' Gaussians: columns of a cloud's from `begin` on.
+template <class T>
+struct EyesCotangent {
+    const Gaussians<T>& gaussians;
+    Index begin;
+};
+
+/// What eye_optics_vjp adds to, and what it gives.
+template <class T, EffectSet E>
+struct OpticsGradients {
+    EyeOptics<T, E>& lights;
+    OpticsCotangent<T>& eyes;
+};
+
+/// Accumulates the lights' gradients, and gives what the camera and the lights, taken into the
+/// eyes, add to those of the transforms. `head` is the HeadTransform of an avatar that has one.
 template <class T, EffectSet E, class... Head>
     requires has_effect<E, SeesCornea>
-void eye_optics_vjp(const EyeOptics<T, E>& optics, const Drivers<T, E>& drivers,
-                    const Columns<T>& position, const OpticsTrace<T>& trace,
-                    const Gaussians<T>& g, Index begin, EyeOptics<T, E>& grad,
-                    OpticsCotangent<T>& out, const Head&... head) {
+void eye_optics_vjp(const EyeOptics<T, E>& optics,
+                    const std::type_identity_t<ViewedEyes<T>>& viewed,
+                    const std::type_identity_t<EyesCotangent<T>>& cotangent,
+                    const std::type_identity_t<OpticsGradients<T, E>>& gradients,
+                    const Head&... head) {
+    const OpticsTrace<T>& trace = viewed.trace;
+    const Gaussians<T>& g = cotangent.gaussians;
+    const Index begin = cotangent.begin;
+    OpticsCotangent<T>& out = gradients.eyes;
     Index first = 0, n = 0;
     for (std::size_t eye = 0; eye < 2; ++eye, first += n) {
         n = trace.seen[eye].cols();
@@ -239,8 +284,8 @@ void eye_optics_vjp(const EyeOptics<T, E>& optics, const Drivers<T, E>& drivers,
         ((turn = head.rotation.transpose() * placed.rotation), ...);
         Columns<T> g_seen = turn.transpose() * g.mean.middleCols(begin + first, n);
         const detail::IntoEye<T> into = detail::look_into_eye_vjp<T, E>(
-            optics, eye, drivers, trace, position.middleCols(first, n), g_seen,
-            g.feature.middleCols(begin + first, n), grad);
+            optics, {eye, viewed.camera, placed, viewed.position.middleCols(first, n), first},
+            trace, {g_seen, g.feature.middleCols(begin + first, n)}, gradients.lights);
         out.turn[eye] = into.rotation;
         out.centre.col(static_cast<Index>(eye)) = into.translation;
         [[maybe_unused]] const auto by_head = [&](const auto& h) {

@@ -104,6 +104,14 @@ struct EyeTrace {
     [[no_unique_address]] Slot<E, SeesCornea, OpticsTrace<T>> optics;
 };
 
+/// What a frame's eyes are driven by.
+template <class T, EffectSet E>
+struct EyeFrame {
+    const AvatarConfig& config;
+    const Drivers<T, E>& drivers;
+    const FrameCode<T, E>& code;
+};
+
 /// f with what the eyes' appearance may read of a frame; prepared only where it is read.
 template <class T, EffectSet E, class F>
 void with_eye_inputs(const EyeStream<T, E>& eyes, const Drivers<T, E>& optical,
@@ -159,18 +167,30 @@ void place_eye(const EyeStream<T, E>& eyes, Index eye, const EyeTransform<T>& pl
     g.rotation.middleCols(begin, n) = eye_rotations<T>(placed, rotations);
 }
 
-/// Writes the eyeballs, in the world, into P columns of `g` from `begin` on. The drivers' gazes are
-/// optical axes; `head` is the HeadTransform of an avatar that has one.
+/// Where driven eyeballs go: P columns of a cloud from `begin` on.
+template <class T, EffectSet E>
+struct EyesInCloud {
+    EyeTrace<T, E>& trace;
+    Gaussians<T>& gaussians;
+    Index begin;
+};
+
+/// Writes the eyeballs, in the world. The drivers' gazes are optical axes; `head` is the
+/// HeadTransform of an avatar that has one.
 template <class T, EffectSet E, Backend B, class... Head>
     requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
-void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& config,
-                   const Drivers<T, E>& drivers, const FrameCode<T, E>& code,
-                   EyeTrace<T, E>& trace, Gaussians<T>& g, Index begin, const Head&... head) {
+void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
+                   const std::type_identity_t<EyeFrame<T, E>>& frame,
+                   const std::type_identity_t<EyesInCloud<T, E>>& to, const Head&... head) {
+    const Drivers<T, E>& drivers = frame.drivers;
+    [[maybe_unused]] EyeTrace<T, E>& trace = to.trace;
+    Gaussians<T>& g = to.gaussians;
+    const Index begin = to.begin;
     Columns<T> centre = eyes.centre;
     if constexpr (has_effect<E, EyeOffset>)
-        centre += eye_offset<T>(backend, eyes.offset, config, code, trace.offset);
+        centre += eye_offset<T>(backend, eyes.offset, frame.config, frame.code, trace.offset);
     const Index all = eyes.position.cols();
-    with_eye_inputs(eyes, drivers, code, [&](const EyeInputs<T>& inputs) {
+    with_eye_inputs(eyes, drivers, frame.code, [&](const EyeInputs<T>& inputs) {
         EyeAppearanceOf<E>::features(backend, eyes.appearance(), inputs,
                                      ColumnsSpan<T>(g.feature.middleCols(begin, all)));
     });
@@ -199,8 +219,9 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes, const AvatarCo
         if constexpr (has_effect<E, SeesCornea>) {
             const Index n = eyes.points_of(e);
             const Columns<T> points = eyes.position.middleCols(first, n);
-            look_into_eye(backend, eyes.optics, eye, drivers, placed, points, begin + first,
-                          trace.optics, g.feature);
+            look_into_eye(backend, eyes.optics,
+                          {eye, drivers.camera, placed, points, begin + first}, trace.optics,
+                          g.feature);
             g.mean.middleCols(begin + first, n) = eye_points<T>(placed, trace.optics.seen[eye]);
             const Columns<T> rotations = eyes.rotation.middleCols(first, n);
             g.rotation.middleCols(begin + first, n) = eye_rotations<T>(placed, rotations);
@@ -211,15 +232,17 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes, const AvatarCo
 }
 
 /// Accumulates the gradients of appearance and gaze mechanism from the features' cotangent, C x P.
-/// Returns the cotangents of the optical axes, as far as features depend on them.
+/// Returns the cotangents of the optical axes, which the frame's gazes are, as far as features
+/// depend on them.
 template <class T, EffectSet E, Backend B>
 std::array<Vec3<T>, 2> eye_features_vjp(const B& backend, const EyeStream<T, E>& eyes,
-                                        const Drivers<T, E>& optical, const FrameCode<T, E>& code,
+                                        const std::type_identity_t<EyeFrame<T, E>>& frame,
                                         const std::type_identity_t<ColumnsView<T>>& g,
                                         EyeStream<T, E>& grad) {
     using Appearance = EyeAppearanceOf<E>;
+    const Drivers<T, E>& optical = frame.drivers;
     std::array<Vec3<T>, 2> g_gaze{Vec3<T>::Zero(), Vec3<T>::Zero()};
-    with_eye_inputs(eyes, optical, code, [&](const EyeInputs<T>& inputs) {
+    with_eye_inputs(eyes, optical, frame.code, [&](const EyeInputs<T>& inputs) {
         if constexpr (GazeMechanismOf<E>::changes_features) {
             Columns<T> before(g.rows(), g.cols()), g_before = g;
             Appearance::features(backend, eyes.appearance(), inputs, ColumnsSpan<T>(before));
@@ -242,21 +265,42 @@ std::array<Vec3<T>, 2> eye_features_vjp(const B& backend, const EyeStream<T, E>&
     return g_gaze;
 }
 
-/// Accumulates parameter gradients from cotangents of the head-frame eyeballs, which to_world_vjp
-/// gives, columns of `g` from `begin` on; `world` is the cloud that eye_gaussians wrote to,
-/// `drivers` those of the frame, gazes as they came. g_frame.gaze holds the cotangents of the gaze
-/// codes when it is called, g_frame.optics what eye_optics_vjp gave.
+/// Driven eyes, as far as their vjp reads them.
+template <class T, EffectSet E>
+struct DrivenEyes {
+    EyeFrame<T, E> frame; ///< gazes as they came
+    const EyeTrace<T, E>& trace;
+    const Gaussians<T>& world; ///< the cloud that eye_gaussians wrote to
+    Index begin;
+};
+
+/// Cotangents of the head-frame eyeballs, which to_world_vjp gives, and what eye_vjp adds to.
+/// frame.gaze holds the cotangents of the gaze codes before, frame.optics what eye_optics_vjp gave.
+template <class T, EffectSet E>
+struct EyeGradients {
+    const Gaussians<T>& gaussians;
+    EyeStream<T, E>& eyes;
+    FrameCotangent<T, E>& frame;
+};
+
+/// Accumulates parameter gradients.
 template <class T, EffectSet E, Backend B, class... Head>
     requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
-void eye_vjp(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& config,
-             const Drivers<T, E>& drivers, const FrameCode<T, E>& code,
-             const EyeTrace<T, E>& trace,
-             const Gaussians<T>& world, const Gaussians<T>& g, Index begin, EyeStream<T, E>& grad,
-             FrameCotangent<T, E>& g_frame, const Head&... head) {
+void eye_vjp(const B& backend, const EyeStream<T, E>& eyes,
+             const std::type_identity_t<DrivenEyes<T, E>>& driven,
+             const std::type_identity_t<EyeGradients<T, E>>& gradients, const Head&... head) {
+    [[maybe_unused]] const AvatarConfig& config = driven.frame.config;
+    const Drivers<T, E>& drivers = driven.frame.drivers;
+    [[maybe_unused]] const EyeTrace<T, E>& trace = driven.trace;
+    const Gaussians<T>&world = driven.world, &g = gradients.gaussians;
+    const Index begin = driven.begin;
+    EyeStream<T, E>& grad = gradients.eyes;
+    [[maybe_unused]] FrameCotangent<T, E>& g_frame = gradients.frame;
     const Index all = eyes.position.cols();
     const auto of_eyes = [&](const Columns<T>& a) { return a.middleCols(begin, all); };
-    const std::array<Vec3<T>, 2> g_gaze = eye_features_vjp(
-        backend, eyes, optical_drivers(eyes, drivers), code, of_eyes(g.feature), grad);
+    const std::array<Vec3<T>, 2> g_gaze =
+        eye_features_vjp(backend, eyes, {config, optical_drivers(eyes, drivers), driven.frame.code},
+                         of_eyes(g.feature), grad);
     if constexpr (has_effect<E, HeadPose>)
         grad.log_scale += of_eyes(g.scale).cwiseProduct(of_eyes(world.scale)) / (head.scale, ...);
     else
@@ -315,8 +359,8 @@ void eye_vjp(const B& backend, const EyeStream<T, E>& eyes, const AvatarConfig& 
             for (Index i = first; i < end; ++i) g_offset.col(e) += g.mean.col(begin + i);
         }
         if constexpr (has_effect<E, SeesCornea>) g_offset += g_frame.optics.centre;
-        eye_offset_vjp<T>(backend, eyes.offset, config, trace.offset, g_offset, grad.offset,
-                          g_frame.pose);
+        eye_offset_vjp<T>(backend, eyes.offset, {config, trace.offset}, g_offset,
+                          {grad.offset, g_frame.pose});
     }
 }
 

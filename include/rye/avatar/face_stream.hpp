@@ -86,12 +86,22 @@ auto& head_scale(Trace& trace, Cloud& g) {
         return g.scale;
 }
 
+/// What a frame's face is driven by.
+template <class T, EffectSet E>
+struct FaceFrame {
+    const AvatarConfig& config;
+    const LandmarkRoles& roles;
+    const FrameCode<T, E>& code;
+};
+
 /// Writes the driven face, in the head frame, into the first N columns of `g`; its scales go to
 /// head_scale(trace, g).
 template <class T, EffectSet E, Backend B>
-void face_gaussians(const B& backend, const FaceStream<T, E>& face, const AvatarConfig& config,
-                    const LandmarkRoles& roles, const FrameCode<T, E>& code,
-                    FaceTrace<T, E>& trace, Gaussians<T>& g) {
+void face_gaussians(const B& backend, const FaceStream<T, E>& face,
+                    const std::type_identity_t<FaceFrame<T, E>>& frame, FaceTrace<T, E>& trace,
+                    Gaussians<T>& g) {
+    const AvatarConfig& config = frame.config;
+    [[maybe_unused]] const FrameCode<T, E>& code = frame.code;
     const Index n = face.position.cols();
     [[maybe_unused]] const T one = T(1), reach = T(config.deform_scale),
                              step = T(config.attribute_scale);
@@ -100,8 +110,8 @@ void face_gaussians(const B& backend, const FaceStream<T, E>& face, const Avatar
     if constexpr (has_effect<E, FaceDrivers>) {
         encode_points<EncodingOf<E>>(backend, face.seen(), config.frequencies, trace.code);
         tanh_into(backend, face.feature, trace.feature);
-        trace.weights =
-            face_weights<T>(backend, config, face.seen(), face.landmarks, roles, trace.nearest);
+        trace.weights = face_weights<T>(backend, {config, face.seen(), face.landmarks}, frame.roles,
+                                        trace.nearest);
     }
 
     if constexpr (face_rests<E>)
@@ -109,18 +119,19 @@ void face_gaussians(const B& backend, const FaceStream<T, E>& face, const Avatar
     else
         g.feature.leftCols(n).setZero();
     for_face_fields<E>([&](auto by) {
-        add_field(backend, by.color(nets), Squash::none, one, trace.feature, by.influence(w),
-                  by.code(code), g.feature, by.color(trace));
+        add_field(backend, Field{by.color(nets), Squash::none, one},
+                  {trace.feature, by.influence(w), by.code(code)}, g.feature, by.color(trace));
     });
     g.mean.leftCols(n) = face.position;
     for_face_fields<E>([&](auto by) {
-        add_field(backend, by.deform(nets), Squash::tanh, reach, trace.code, by.influence(w),
-                  by.code(code), g.mean, by.deform(trace));
+        add_field(backend, Field{by.deform(nets), Squash::tanh, reach},
+                  {trace.code, by.influence(w), by.code(code)}, g.mean, by.deform(trace));
     });
     if constexpr (has_effect<E, ReadsFaceRamp>) trace.attributes = Columns<T>::Zero(8, n);
     for_attribute_fields<E>([&](auto by) {
-        add_field(backend, by.attribute(face), Squash::none, step, trace.feature, by.influence(w),
-                  by.code(code), trace.attributes, by.attribute(trace));
+        add_field(backend, Field{by.attribute(face), Squash::none, step},
+                  {trace.feature, by.influence(w), by.code(code)}, trace.attributes,
+                  by.attribute(trace));
     });
 
     if constexpr (has_effect<E, HeadPose>) trace.scale.resize(3, n);
@@ -131,20 +142,34 @@ void face_gaussians(const B& backend, const FaceStream<T, E>& face, const Avatar
         activate_into(backend, raw_attributes(face), drawn);
 }
 
-/// Scales and opacities of the face as face_gaussians wrote them.
-template <class T>
+/// A driven face, as far as its vjp reads it: scales and opacities as face_gaussians wrote them.
+template <class T, EffectSet E>
 struct DrivenFace {
+    const AvatarConfig& config;
+    const FrameCode<T, E>& code;
+    const FaceTrace<T, E>& trace;
     const Columns<T>& scale;
     const Columns<T>& opacity;
 };
 
-/// Accumulates parameter gradients from head-frame cotangents, the first N columns of `g`. The
-/// cotangents of the codes are added to g_frame.
+/// What face_vjp adds to.
+template <class T, EffectSet E>
+struct FaceGradients {
+    FaceStream<T, E>& face;
+    FrameCotangent<T, E>& frame;
+};
+
+/// Accumulates the gradients of parameters and codes from head-frame cotangents, the first N
+/// columns of `g`.
 template <class T, EffectSet E, Backend B>
-void face_vjp(const B& backend, const FaceStream<T, E>& face, const AvatarConfig& config,
-              const FrameCode<T, E>& code, const FaceTrace<T, E>& trace,
-              const DrivenFace<T>& driven, const Gaussians<T>& g, FaceStream<T, E>& grad,
-              FrameCotangent<T, E>& g_frame) {
+void face_vjp(const B& backend, const FaceStream<T, E>& face,
+              const std::type_identity_t<DrivenFace<T, E>>& driven, const Gaussians<T>& g,
+              const std::type_identity_t<FaceGradients<T, E>>& gradients) {
+    [[maybe_unused]] const AvatarConfig& config = driven.config;
+    [[maybe_unused]] const FrameCode<T, E>& code = driven.code;
+    [[maybe_unused]] const FaceTrace<T, E>& trace = driven.trace;
+    FaceStream<T, E>& grad = gradients.face;
+    [[maybe_unused]] FrameCotangent<T, E>& g_frame = gradients.frame;
     const Index n = face.position.cols();
     const Columns<T> g_attributes = activate_vjp(backend, driven.scale, driven.opacity, n, g);
     grad.log_scale += g_attributes.topRows(3);
@@ -164,25 +189,25 @@ void face_vjp(const B& backend, const FaceStream<T, E>& face, const AvatarConfig
         const Weights<T, E>& w = trace.weights;
         const T one = T(1), reach = T(config.deform_scale), step = T(config.attribute_scale);
         for_face_fields<E>([&](auto by) {
-            field_vjp(backend, by.color(nets), Squash::none, one, by.influence(w), by.code(code),
-                      by.color(trace), g.feature,
+            field_vjp(backend, Field{by.color(nets), Squash::none, one},
+                      {by.influence(w), by.code(code), by.color(trace)}, g.feature,
                       {&by.color(gnets), &g_feature, &by.influence(g_w), g_frame.of(by)});
         });
         for_face_fields<E>([&](auto by) {
-            field_vjp(backend, by.deform(nets), Squash::tanh, reach, by.influence(w), by.code(code),
-                      by.deform(trace), g.mean,
+            field_vjp(backend, Field{by.deform(nets), Squash::tanh, reach},
+                      {by.influence(w), by.code(code), by.deform(trace)}, g.mean,
                       {&by.deform(gnets), &g_code, &by.influence(g_w), g_frame.of(by)});
         });
         for_attribute_fields<E>([&](auto by) {
-            field_vjp(backend, by.attribute(face), Squash::none, step, by.influence(w),
-                      by.code(code), by.attribute(trace), g_attributes,
+            field_vjp(backend, Field{by.attribute(face), Squash::none, step},
+                      {by.influence(w), by.code(code), by.attribute(trace)}, g_attributes,
                       {&by.attribute(grad), &g_feature, &by.influence(g_w), g_frame.of(by)});
         });
         if (&face.seen() == &face.position) {  // an anchor is fixed
             encode_points_vjp<EncodingOf<E>>(backend, trace.code, g_code, config.frequencies,
                                              grad.position);
-            face_weights_vjp<T>(backend, config, face.position, face.landmarks, trace.nearest, g_w,
-                                grad.position, nullptr);
+            face_weights_vjp<T>(backend, {config, face.position, face.landmarks}, trace.nearest,
+                                g_w, {grad.position, nullptr});
         }
         for_chunks(backend.threads, g_feature.size(), 16384, [&](Index b, Index e, Index) {
             T* const to = grad.feature.data() + b;

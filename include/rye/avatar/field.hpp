@@ -14,6 +14,24 @@
 
 namespace rye {
 
+/// A network with what its outputs go through.
+template <class T, class A = LeakyRelu>
+struct Field {
+    const Mlp<T, A>& mlp;
+    Squash squash;
+    T gain;
+};
+template <class T, class A>
+Field(const Mlp<T, A>&, Squash, const T&) -> Field<T, A>;
+
+/// What a field is evaluated on.
+template <class T>
+struct FieldInput {
+    const Columns<T>& inputs; ///< of the points, D x N
+    const Columns<T>& lambda; ///< their influence, 1 x N
+    const VecX<T>& frame;
+};
+
 /// What the vjp of one field needs of its forward.
 template <class T>
 struct FieldTrace {
@@ -67,24 +85,35 @@ void pick_into(const B& backend, const Columns<T>& all, const std::vector<Index>
 
 /// Squashed outputs of the network for the points of `input`.
 template <class T, class A, Backend B>
-void evaluate_field(const B& backend, const Mlp<T, A>& mlp, Squash squash, const Columns<T>& input,
-                    const VecX<T>& frame, Columns<T>& output,
-                    std::type_identity_t<MlpTrace<T>>* trace) {
-    output = mlp_forward<T>(backend, mlp, input, frame, trace);
-    if (squash == Squash::none) return;
+Columns<T> evaluate_field(const B& backend, const Field<T, A>& field, const Columns<T>& input,
+                          const VecX<T>& frame, std::type_identity_t<MlpTrace<T>>* trace) {
+    Columns<T> output = mlp_forward<T>(backend, field.mlp, input, frame, trace);
+    const Squash squash = field.squash;
+    if (squash == Squash::none) return output;
     for_chunks(backend.threads, input.cols(), 1024, [&](Index b, Index e, Index) {
         Columns<T> y = output.middleCols(b, e - b);
         squash_in_place(squash, y);
         output.middleCols(b, e - b) = y;
     });
+    return output;
 }
 
-/// out += gain lambda output, where column k of `output` belongs to point set[k]; of these ks all,
-/// or those listed.
+/// Outputs of a field: column k is that of point set[k].
+template <class T>
+struct FieldOutput {
+    T gain;
+    const Columns<T>& lambda;
+    const std::vector<Index>& set;
+    const Columns<T>& output;
+};
+
+/// out += gain lambda output, of all columns of `output`, or of those listed.
 template <class T, Backend B>
-void accumulate_field(const B& backend, const T& gain, const Columns<T>& lambda,
-                      const std::vector<Index>& set, const Columns<T>& output,
+void accumulate_field(const B& backend, const std::type_identity_t<FieldOutput<T>>& field,
                       const std::vector<Index>* listed, Columns<T>& out) {
+    const T gain = field.gain;
+    const Columns<T>&lambda = field.lambda, &output = field.output;
+    const std::vector<Index>& set = field.set;
     const Index n = static_cast<Index>(listed != nullptr ? listed->size() : set.size());
     const Index rows = out.rows();
     for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
@@ -100,16 +129,24 @@ void accumulate_field(const B& backend, const T& gain, const Columns<T>& lambda,
     });
 }
 
-/// Adds the field to `out` (rows x N). `inputs` are per-point inputs (D x N), `lambda` is 1 x N.
+/// Adds the field to `out` (rows x N).
 template <class T, class A, Backend B>
-void add_field(const B& backend, const Mlp<T, A>& mlp, Squash squash, const T& gain,
-               const Columns<T>& inputs, const Columns<T>& lambda, const VecX<T>& frame,
-               Columns<T>& out, FieldTrace<T>& trace) {
-    trace.set = influenced(lambda);
-    pick_into(backend, inputs, trace.set, trace.input);
-    evaluate_field(backend, mlp, squash, trace.input, frame, trace.output, &trace.mlp);
-    accumulate_field(backend, gain, lambda, trace.set, trace.output, nullptr, out);
+void add_field(const B& backend, const Field<T, A>& field,
+               const std::type_identity_t<FieldInput<T>>& x, Columns<T>& out,
+               FieldTrace<T>& trace) {
+    trace.set = influenced(x.lambda);
+    pick_into(backend, x.inputs, trace.set, trace.input);
+    trace.output = evaluate_field(backend, field, trace.input, x.frame, &trace.mlp);
+    accumulate_field(backend, {field.gain, x.lambda, trace.set, trace.output}, nullptr, out);
 }
+
+/// An evaluation, as far as its vjp reads it.
+template <class T>
+struct FieldPass {
+    const Columns<T>& lambda;
+    const VecX<T>& frame;
+    const FieldTrace<T>& trace;
+};
 
 /// Gradients of a field; each pointer may be null.
 template <class T, class A = LeakyRelu>
@@ -123,9 +160,13 @@ struct FieldGradients {
 
 /// Pulls g_out (rows x N) back through add_field.
 template <class T, class A, Backend B>
-void field_vjp(const B& backend, const Mlp<T, A>& mlp, Squash squash, const T& gain,
-               const Columns<T>& lambda, const VecX<T>& frame, const FieldTrace<T>& trace,
-               const Columns<T>& g_out, const std::type_identity_t<FieldGradients<T, A>>& g) {
+void field_vjp(const B& backend, const Field<T, A>& field,
+               const std::type_identity_t<FieldPass<T>>& pass, const Columns<T>& g_out,
+               const std::type_identity_t<FieldGradients<T, A>>& g) {
+    const T gain = field.gain;
+    const Squash squash = field.squash;
+    const Columns<T>& lambda = pass.lambda;
+    const FieldTrace<T>& trace = pass.trace;
     const Index n = static_cast<Index>(trace.set.size());
     if (n == 0) return;
     const Index rows = trace.output.rows();
@@ -152,7 +193,7 @@ void field_vjp(const B& backend, const Mlp<T, A>& mlp, Squash squash, const T& g
     });
     Columns<T> g_input;
     VecX<T> g_frame;
-    mlp_vjp<T>(backend, mlp, {trace.input, frame, trace.mlp}, g_y,
+    mlp_vjp<T>(backend, field.mlp, {trace.input, pass.frame, trace.mlp}, g_y,
                {*g.mlp, g.inputs != nullptr ? &g_input : nullptr,
                 g.frame != nullptr ? &g_frame : nullptr});
     if (g.inputs != nullptr) {

@@ -58,11 +58,21 @@ void geometry_at(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarC
     squash_in_place(Squash::tanh, trace.output);
 }
 
+/// The geometry at some points, and the cotangents of its outputs.
+template <class T>
+struct GeometryCotangent {
+    const GeometryTrace<T>& trace;
+    const Columns<T>& output;
+};
+
 /// Accumulates network gradients; returns the cotangent of the points.
 template <class T, EffectSet E, Backend B>
 Columns<T> geometry_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
-                        const AvatarConfig& config, const GeometryTrace<T>& trace,
-                        Columns<T> g_output, GuidanceMesh<T, E>& grad) {
+                        const AvatarConfig& config,
+                        const std::type_identity_t<GeometryCotangent<T>>& g,
+                        GuidanceMesh<T, E>& grad) {
+    const GeometryTrace<T>& trace = g.trace;
+    Columns<T> g_output = g.output;
     squash_vjp(Squash::tanh, trace.output, g_output);
     Columns<T> g_code;
     mlp_vjp<T>(backend, mesh.geometry, {trace.code, VecX<T>(), trace.mlp}, g_output,
@@ -119,14 +129,23 @@ NeutralSurface<T> neutral_surface(const B& backend, const GuidanceMesh<T, E>& me
     return n;
 }
 
+/// A neutral surface, and the cotangents of its vertices.
+template <class T>
+struct NeutralCotangent {
+    const NeutralSurface<T>& neutral;
+    const Columns<T>& positions; ///< 3 x M
+    const Columns<T>& feature;   ///< F x M
+};
+
 template <class T, EffectSet E, Backend B>
 void neutral_surface_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
-                         const AvatarConfig& config, const NeutralSurface<T>& n,
-                         const Columns<T>& g_positions, const Columns<T>& g_feature,
+                         const AvatarConfig& config,
+                         const std::type_identity_t<NeutralCotangent<T>>& cotangent,
                          GuidanceMesh<T, E>& grad) {
     using std::tanh;
-    const SurfaceGradient<T> g =
-        surface_vjp<T>(n.surface, {n.lattice, n.sdf, n.lattice_feature}, {g_positions, g_feature});
+    const NeutralSurface<T>& n = cotangent.neutral;
+    const SurfaceGradient<T> g = surface_vjp<T>(n.surface, {n.lattice, n.sdf, n.lattice_feature},
+                                                {cotangent.positions, cotangent.feature});
     Columns<T> g_output(n.geometry.output.rows(), n.geometry.output.cols());
     const T reach = T(config.vertex_offset);
     g_output.topRows(1) = g.sdf;
@@ -136,7 +155,7 @@ void neutral_surface_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
             return T(reach * (T(1) - t) * (T(1) + t));
         }));
     g_output.bottomRows(config.feature) = g.features;
-    geometry_vjp(backend, mesh, config, n.geometry, g_output, grad);
+    geometry_vjp(backend, mesh, config, {n.geometry, g_output}, grad);
 }
 
 /// One frame of the guidance mesh.
@@ -161,31 +180,33 @@ constexpr Squash mesh_colour_squash(GazeField<eye>) { return Squash::none; }
 
 /// Colours, then deforms one after the other (expression and gaze, then head pose), then poses.
 template <class T, EffectSet E, Backend B>
-void pose_mesh(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
-               const LandmarkRoles& roles, const Drivers<T, E>& drivers,
+void pose_mesh(const B& backend, const GuidanceMesh<T, E>& mesh,
+               const std::type_identity_t<AvatarFrame<T, E>>& frame,
                const NeutralSurface<T>& neutral, PosedMesh<T, E>& p) {
+    const AvatarConfig& config = frame.config;
+    const Drivers<T, E>& drivers = frame.drivers;
     const FaceNetworks<T, E>& nets = mesh.networks;
     const Columns<T>& x = neutral.surface.positions;
     const T one = T(1), reach = T(config.deform_scale);
     p.code = frame_code(config, drivers);
-    p.weights = face_weights<T>(backend, config, x, mesh.landmarks, roles, p.nearest);
+    p.weights = face_weights<T>(backend, {config, x, mesh.landmarks}, frame.roles, p.nearest);
     const Weights<T, E>& w = p.weights;
     p.color = Columns<T>::Zero(config.channels, x.cols());
     for_face_fields<E>([&](auto by) {
-        add_field(backend, by.color(nets), mesh_colour_squash(by), one, neutral.feature,
-                  by.influence(w), by.code(p.code), p.color, by.color(p));
+        add_field(backend, Field{by.color(nets), mesh_colour_squash(by), one},
+                  {neutral.feature, by.influence(w), by.code(p.code)}, p.color, by.color(p));
     });
     p.rest_code = EncodingOf<E>::encode(x, config.frequencies);
     p.moved = x;
     for_face_fields<Less<E, PoseResidual>>([&](auto by) {
-        add_field(backend, by.deform(nets), Squash::tanh, reach, p.rest_code, by.influence(w),
-                  by.code(p.code), p.moved, by.deform(p));
+        add_field(backend, Field{by.deform(nets), Squash::tanh, reach},
+                  {p.rest_code, by.influence(w), by.code(p.code)}, p.moved, by.deform(p));
     });
     p.canonical = p.moved;
     if constexpr (has_effect<E, PoseResidual>) {
         p.moved_code = EncodingOf<E>::encode(p.moved, config.frequencies);
-        add_field(backend, nets.pose_deform, Squash::tanh, reach, p.moved_code, w.pose, p.code.pose,
-                  p.canonical, p.pose_deform);
+        add_field(backend, Field{nets.pose_deform, Squash::tanh, reach},
+                  {p.moved_code, w.pose, p.code.pose}, p.canonical, p.pose_deform);
     }
     if constexpr (has_effect<E, HeadPose>) {
         p.head = head_transform(drivers);
@@ -204,13 +225,35 @@ struct DeformCotangents {
     [[no_unique_address]] SkinSlot<E, Columns<T>> gaze;
 };
 
-/// Accumulates gradients to networks, landmarks, and (through the neutral surface) the geometry.
+/// A posed mesh, and the cotangents of its vertices, colours and deformations.
+template <class T, EffectSet E>
+struct PosedCotangent {
+    const NeutralSurface<T>& neutral;
+    const PosedMesh<T, E>& posed;
+    const Columns<T>& world;
+    const Columns<T>& color;
+    const DeformCotangents<T, E>& raw;
+};
+
+/// What pose_mesh_vjp adds to: networks and landmarks, and the neutral surface's vertices, which
+/// lead to the geometry.
+template <class T, EffectSet E>
+struct PosedGradients {
+    GuidanceMesh<T, E>& mesh;
+    Columns<T>& positions;
+    Columns<T>& feature;
+};
+
 template <class T, EffectSet E, Backend B>
 void pose_mesh_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
-                   const NeutralSurface<T>& neutral, const PosedMesh<T, E>& p,
-                   const Columns<T>& g_world, const Columns<T>& g_color,
-                   const DeformCotangents<T, E>& g_raw, GuidanceMesh<T, E>& grad,
-                   Columns<T>& g_positions, Columns<T>& g_feature) {
+                   const std::type_identity_t<PosedCotangent<T, E>>& cotangent,
+                   const std::type_identity_t<PosedGradients<T, E>>& gradients) {
+    const NeutralSurface<T>& neutral = cotangent.neutral;
+    const PosedMesh<T, E>& p = cotangent.posed;
+    const Columns<T>&g_world = cotangent.world, &g_color = cotangent.color;
+    [[maybe_unused]] const DeformCotangents<T, E>& g_raw = cotangent.raw;
+    GuidanceMesh<T, E>& grad = gradients.mesh;
+    Columns<T>&g_positions = gradients.positions, &g_feature = gradients.feature;
     const FaceNetworks<T, E>& nets = mesh.networks;
     FaceNetworks<T, E>& gnets = grad.networks;
     const Columns<T>& x = neutral.surface.positions;
@@ -225,21 +268,21 @@ void pose_mesh_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Avata
     Columns<T> g_moved = g_canonical;
     Columns<T> g_code = Columns<T>::Zero(p.rest_code.rows(), x.cols());
     if constexpr (has_effect<E, PoseResidual>) {
-        field_vjp(backend, nets.pose_deform, Squash::tanh, reach, w.pose, p.code.pose,
-                  p.pose_deform, g_canonical,
+        field_vjp(backend, Field{nets.pose_deform, Squash::tanh, reach},
+                  {w.pose, p.code.pose, p.pose_deform}, g_canonical,
                   {&gnets.pose_deform, &g_code, &g_w.pose, nullptr, &g_raw.pose});
         g_moved += EncodingOf<E>::vjp(p.moved_code, g_code, config.frequencies);
         g_code.setZero();
     }
     // In the order that the gradients' sums have always had: each eye's two networks together.
     const auto deform_vjp = [&](auto by, const Columns<T>& g_deform) {
-        field_vjp(backend, by.deform(nets), Squash::tanh, reach, by.influence(w), by.code(p.code),
-                  by.deform(p), g_moved,
+        field_vjp(backend, Field{by.deform(nets), Squash::tanh, reach},
+                  {by.influence(w), by.code(p.code), by.deform(p)}, g_moved,
                   {&by.deform(gnets), &g_code, &by.influence(g_w), nullptr, &g_deform});
     };
     const auto color_vjp = [&](auto by) {
-        field_vjp(backend, by.color(nets), mesh_colour_squash(by), one, by.influence(w),
-                  by.code(p.code), by.color(p), g_color,
+        field_vjp(backend, Field{by.color(nets), mesh_colour_squash(by), one},
+                  {by.influence(w), by.code(p.code), by.color(p)}, g_color,
                   {&by.color(gnets), &g_feature, &by.influence(g_w)});
     };
     if constexpr (has_effect<E, Expression>) deform_vjp(ExpressionField{}, g_raw.exp);
@@ -252,8 +295,8 @@ void pose_mesh_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Avata
     if constexpr (has_effect<E, Expression>) color_vjp(ExpressionField{});
     if constexpr (has_effect<E, PoseResidual>) color_vjp(PoseField{});
     g_positions += g_moved + EncodingOf<E>::vjp(p.rest_code, g_code, config.frequencies);
-    face_weights_vjp<T>(backend, config, x, mesh.landmarks, p.nearest, g_w, g_positions,
-                        &grad.landmarks);
+    face_weights_vjp<T>(backend, {config, x, mesh.landmarks}, p.nearest, g_w,
+                        {g_positions, &grad.landmarks});
 }
 
 } // namespace rye

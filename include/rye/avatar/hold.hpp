@@ -91,7 +91,7 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
                          const LandmarkRoles& roles, const Drivers<T, E>& drivers) {
     TwoStream<T, Fewer> a = restricted<Fewer>(all);
     TwoStreamTrace<T, E> trace;
-    drive(backend, all, config, roles, drivers, trace);
+    drive(backend, all, {config, roles, drivers}, trace);
     [[maybe_unused]] const FaceTrace<T, E>& t = trace.face;
     FaceStream<T, Fewer>& face = a.face;
     if constexpr (face_rests<Fewer> && has_effect<Fewer, FaceDrivers>)

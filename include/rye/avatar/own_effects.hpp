@@ -102,16 +102,24 @@ void add_own_effects(const B& backend, const OwnParameters<T, E>& own, const Dri
     }, own);
 }
 
+/// A frame's own effects, as far as their vjps read them.
+template <class T, EffectSet E>
+struct OwnPass {
+    const Drivers<T, E>& drivers;
+    const OwnTrace<T, E>& before;
+};
+
 /// Turns the cotangent of the changed face into that of the face before its own effects.
 template <class T, EffectSet E, Backend B>
-void own_effects_vjp(const B& backend, const OwnParameters<T, E>& own, const Drivers<T, E>& drivers,
-                     const OwnTrace<T, E>& before, GaussianSpan<T> g_face,
+void own_effects_vjp(const B& backend, const OwnParameters<T, E>& own,
+                     const std::type_identity_t<OwnPass<T, E>>& pass, GaussianSpan<T> g_face,
                      OwnParameters<T, E>& grad) {
+    const OwnTrace<T, E>& before = pass.before;
     for (std::size_t last = before.size(); last-- > 0;) {
         std::size_t k = 0;
         OwnParameters<T, E>::each(
             [&]<class Y>(Y, const auto& p, auto& g) {
-                if (k++ == last) Y::vjp(backend, p, drivers, before[last], g_face, g);
+                if (k++ == last) Y::vjp(backend, p, pass.drivers, before[last], g_face, g);
             },
             own, grad);
     }

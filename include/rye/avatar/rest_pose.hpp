@@ -39,7 +39,8 @@ RestPose<T> rest_pose(const B& backend, const FaceStream<T>& face, const AvatarC
     RestPose<T> rest;
     rest.count = face.position.cols();
     WeightsTrace<T> nearest;
-    rest.weights = face_weights<T>(backend, config, face.position, face.landmarks, roles, nearest);
+    rest.weights =
+        face_weights<T>(backend, {config, face.position, face.landmarks}, roles, nearest);
     // Of all points, as in face_gaussians: a number's bits may depend on its place in a vector.
     Columns<T> code, feature;
     encode_points(backend, face.position, config.frequencies, code);

@@ -62,14 +62,15 @@ struct TwoStreamTrace : TwoStreamGaussians<T> {
 /// Drives both streams: the Gaussians are trace.gaussians. Without a head pose the head's frame is
 /// the world.
 template <class T, EffectSet E, Backend B>
-void drive(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
-           const LandmarkRoles& roles, const Drivers<T, E>& drivers, TwoStreamTrace<T, E>& trace) {
+void drive(const B& backend, const TwoStream<T, E>& avatar,
+           const std::type_identity_t<AvatarFrame<T, E>>& frame, TwoStreamTrace<T, E>& trace) {
+    const auto& [config, roles, drivers] = frame;
     const Drivers<T, E>& optical = optical_drivers(avatar.eyes, drivers);
     trace.code = frame_code(config, optical);
     const Index n = trace.face_count = avatar.face.position.cols();
     Gaussians<T>& g = trace.gaussians;
     g.resize(n + avatar.eyes.position.cols(), config.channels);
-    face_gaussians<T>(backend, avatar.face, config, roles, trace.code, trace.face, g);
+    face_gaussians<T>(backend, avatar.face, {config, roles, trace.code}, trace.face, g);
     if constexpr (has_own_effects<E>) {
         Columns<T>& scale = head_scale<T, E>(trace.face, g);
         add_own_effects<T, E>(backend, avatar, optical,
@@ -80,41 +81,58 @@ void drive(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& 
     if constexpr (has_effect<E, HeadPose>) {
         trace.head = head_transform(optical);
         to_world(backend, trace.head, trace.face.scale, g);
-        eye_gaussians<T>(backend, avatar.eyes, config, optical, trace.code, trace.eyes, g, n,
+        eye_gaussians<T>(backend, avatar.eyes, {config, optical, trace.code}, {trace.eyes, g, n},
                          trace.head);
     } else {
-        eye_gaussians<T>(backend, avatar.eyes, config, optical, trace.code, trace.eyes, g, n);
+        eye_gaussians<T>(backend, avatar.eyes, {config, optical, trace.code}, {trace.eyes, g, n});
     }
 }
 
-/// Accumulates parameter gradients (all but the upsampler's) from world cotangents, which are
-/// consumed. Returns the cotangent of the pose: 0 if nothing reads it.
+/// World cotangents of the Gaussians, which drive_vjp consumes, and the parameters' gradients,
+/// which it adds to.
+template <class T, EffectSet E>
+struct DriveGradients {
+    Gaussians<T>& gaussians;
+    TwoStream<T, E>& avatar;
+};
+
+/// Accumulates parameter gradients (all but the upsampler's). Returns the cotangent of the pose: 0
+/// if nothing reads it.
 template <class T, EffectSet E, Backend B>
-Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar, const AvatarConfig& config,
-                    const Drivers<T, E>& drivers, const TwoStreamTrace<T, E>& trace,
-                    Gaussians<T>& g, TwoStream<T, E>& grad) {
+Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
+                    const std::type_identity_t<AvatarFrame<T, E>>& frame,
+                    const TwoStreamTrace<T, E>& trace,
+                    const std::type_identity_t<DriveGradients<T, E>>& gradients) {
+    const AvatarConfig& config = frame.config;
+    const Drivers<T, E>& drivers = frame.drivers;
+    Gaussians<T>& g = gradients.gaussians;
+    TwoStream<T, E>& grad = gradients.avatar;
     Vec<T, 6> g_pose = Vec<T, 6>::Zero();
     FrameCotangent<T, E> g_frame(trace.code);
     const Index n = trace.face_count;
     [[maybe_unused]] const auto optics_vjp = [&](const auto&... head) {
         if constexpr (has_effect<E, SeesCornea>)
-            eye_optics_vjp(avatar.eyes.optics, drivers, avatar.eyes.position, trace.eyes.optics, g,
-                           n, grad.eyes.optics, g_frame.optics, head...);
+            eye_optics_vjp(avatar.eyes.optics,
+                           {drivers.camera, avatar.eyes.position, trace.eyes.optics}, {g, n},
+                           {grad.eyes.optics, g_frame.optics}, head...);
     };
-    const auto driven = [&]() -> DrivenFace<T> {
+    const auto driven = [&]() -> DrivenFace<T, E> {
         if constexpr (has_own_effects<E>)
-            return {trace.own.front().scale, trace.own.front().opacity};
+            return {config, trace.code, trace.face, trace.own.front().scale,
+                    trace.own.front().opacity};
         else
-            return {head_scale<T, E>(trace.face, trace.gaussians), trace.gaussians.opacity};
+            return {config, trace.code, trace.face, head_scale<T, E>(trace.face, trace.gaussians),
+                    trace.gaussians.opacity};
     };
     const auto streams_vjp = [&](const auto&... head) {
         if constexpr (has_own_effects<E>)
-            own_effects_vjp<T, E>(backend, avatar, optical_drivers(avatar.eyes, drivers),
-                                  trace.own, first_columns(g, n), grad);
-        face_vjp(backend, avatar.face, config, trace.code, trace.face, driven(), g, grad.face,
-                 g_frame);
-        eye_vjp(backend, avatar.eyes, config, drivers, trace.code, trace.eyes, trace.gaussians, g,
-                n, grad.eyes, g_frame, head...);
+            own_effects_vjp<T, E>(backend, avatar,
+                                  {optical_drivers(avatar.eyes, drivers), trace.own},
+                                  first_columns(g, n), grad);
+        face_vjp(backend, avatar.face, driven(), g, {grad.face, g_frame});
+        eye_vjp(backend, avatar.eyes,
+                {{config, drivers, trace.code}, trace.eyes, trace.gaussians, n},
+                {g, grad.eyes, g_frame}, head...);
     };
     if constexpr (has_effect<E, HeadPose>) {
         HeadTransformGradient<T> g_head =

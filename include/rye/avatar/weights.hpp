@@ -9,7 +9,7 @@
 #include <array>
 #include <vector>
 
-#include <rye/avatar/config.hpp>
+#include <rye/avatar/drivers.hpp>
 #include <rye/avatar/face_fields.hpp>
 #include <rye/rig/influence.hpp>
 #include <rye/rig/nearest_landmark.hpp>
@@ -20,6 +20,14 @@ namespace rye {
 struct LandmarkRoles {
     std::vector<Index> expression;          ///< P_0: all but the eyes'
     std::array<std::vector<Index>, 2> eye;  ///< P_eye, left and right
+};
+
+/// A frame, and what is the same in every one.
+template <class T, EffectSet E = PaperEffects>
+struct AvatarFrame {
+    const AvatarConfig& config;
+    const LandmarkRoles& roles;
+    const Drivers<T, E>& drivers;
 };
 
 template <class T, EffectSet E = PaperEffects>
@@ -52,7 +60,29 @@ struct WeightsTrace {
     [[no_unique_address]] SkinSlot<E, NearestTrace<T>, 3> gaze; ///< left, right
 };
 
+/// Points whose influences are computed.
+template <class T>
+struct InfluenceInput {
+    const AvatarConfig& config;
+    const Columns<T>& points;    ///< 3 x N
+    const Columns<T>& landmarks; ///< 3 x L
+};
+
+/// Their gradients, accumulated; the landmarks' may be null.
+template <class T>
+struct InfluenceGradients {
+    Columns<T>& points;
+    Columns<T>* landmarks;
+};
+
 namespace detail {
+
+/// Points, and the distances to landmarks between which influence falls off.
+template <class T>
+struct LandmarkRamp {
+    const InfluenceInput<T>& in;
+    double near, far;
+};
 
 /// f with the metric M, or with the one that the configuration names.
 template <class M, class F>
@@ -65,26 +95,27 @@ decltype(auto) with_metric(const AvatarConfig& config, F&& f) {
 
 /// The influence of one set of landmarks.
 template <class M = ConfiguredMetric, class T, Backend B>
-Columns<T> set_weights(const B& backend, const AvatarConfig& config, double near, double far,
-                       const Columns<T>& points, const Columns<T>& landmarks,
+Columns<T> set_weights(const B& backend, const std::type_identity_t<LandmarkRamp<T>>& of,
                        const std::vector<Index>& set, NearestTrace<T>& trace) {
-    trace.squared =
-        nearest_squared_distance<T>(backend, points, pick_columns(landmarks, set), &trace.nearest);
+    trace.squared = nearest_squared_distance<T>(backend, of.in.points,
+                                                pick_columns(of.in.landmarks, set), &trace.nearest);
     for (Index& k : trace.nearest)
         if (k >= 0) k = set[static_cast<std::size_t>(k)];
-    return with_metric<M>(config, [&](const auto& metric) {
-        return influence(metric, checked_ramp(T(near), T(far)), trace.squared);
+    return with_metric<M>(of.in.config, [&](const auto& metric) {
+        return influence(metric, checked_ramp(T(of.near), T(of.far)), trace.squared);
     });
 }
 
 /// `g` is the cotangent of one set's influence at a point.
 template <class M = ConfiguredMetric, class T, class G, Backend B>
-void set_weights_vjp(const B& backend, const AvatarConfig& config, double near, double far,
-                     const Columns<T>& points, const Columns<T>& landmarks,
-                     const NearestTrace<T>& trace, const G& g, Columns<T>& g_points,
-                     Columns<T>* g_landmarks) {
-    const Ramp<T> ramp = checked_ramp(T(near), T(far));
-    with_metric<M>(config, [&](const auto& metric) {
+void set_weights_vjp(const B& backend, const std::type_identity_t<LandmarkRamp<T>>& of,
+                     const NearestTrace<T>& trace, const G& g,
+                     const InfluenceGradients<T>& gradients) {
+    const Columns<T>&points = of.in.points, &landmarks = of.in.landmarks;
+    Columns<T>& g_points = gradients.points;
+    Columns<T>* const g_landmarks = gradients.landmarks;
+    const Ramp<T> ramp = checked_ramp(T(of.near), T(of.far));
+    with_metric<M>(of.in.config, [&](const auto& metric) {
         const auto range = [&](Index begin, Index end, Index) {
             for (Index i = begin; i < end; ++i) {
                 const T g_lambda = g(i);
@@ -111,18 +142,17 @@ inline constexpr bool one_face_metric =
     std::same_as<PoseInfluenceOf<E>, ExpressionInfluenceOf<E>>;
 
 template <class T, EffectSet E, Backend B>
-Weights<T, E> face_weights(const B& backend, const AvatarConfig& config, const Columns<T>& points,
-                           const Columns<T>& landmarks, const LandmarkRoles& roles,
-                           WeightsTrace<T, E>& trace) {
+Weights<T, E> face_weights(const B& backend, const std::type_identity_t<InfluenceInput<T>>& in,
+                           const LandmarkRoles& roles, WeightsTrace<T, E>& trace) {
+    [[maybe_unused]] const AvatarConfig& config = in.config;
     Weights<T, E> w;
     if constexpr (has_effect<E, ReadsFaceRamp>) {
         w.exp = detail::set_weights<ExpressionInfluenceOf<E>>(
-            backend, config, config.exp_near, config.exp_far, points, landmarks, roles.expression,
-            trace.exp);
+            backend, {in, config.exp_near, config.exp_far}, roles.expression, trace.exp);
         if constexpr (one_face_metric<E>)
-            w.pose = Columns<T>::Ones(1, points.cols()) - w.exp;
+            w.pose = Columns<T>::Ones(1, in.points.cols()) - w.exp;
         else
-            w.pose = Columns<T>::Ones(1, points.cols()) -
+            w.pose = Columns<T>::Ones(1, in.points.cols()) -
                      detail::with_metric<PoseInfluenceOf<E>>(config, [&](const auto& metric) {
                          return influence(metric,
                                           checked_ramp(T(config.exp_near), T(config.exp_far)),
@@ -132,35 +162,35 @@ Weights<T, E> face_weights(const B& backend, const AvatarConfig& config, const C
     for_eyes([&]<std::size_t eye>() {
         if constexpr (skin_follows<E, eye>)
             of_eye<eye>(w.gaze) = detail::set_weights<GazeInfluenceOf<E>>(
-                backend, config, config.gaze_near, config.gaze_far, points, landmarks,
-                roles.eye[eye], of_eye<eye>(trace.gaze));
+                backend, {in, config.gaze_near, config.gaze_far}, roles.eye[eye],
+                of_eye<eye>(trace.gaze));
     });
     return w;
 }
 
 /// Accumulates the gradients to points and landmarks of a cotangent of the weights (pose included).
 template <class T, EffectSet E, Backend B>
-void face_weights_vjp(const B& backend, const AvatarConfig& config, const Columns<T>& points,
-                      const Columns<T>& landmarks, const WeightsTrace<T, E>& trace,
-                      const Weights<T, E>& g, Columns<T>& g_points, Columns<T>* g_landmarks) {
+void face_weights_vjp(const B& backend, const std::type_identity_t<InfluenceInput<T>>& in,
+                      const WeightsTrace<T, E>& trace, const Weights<T, E>& g,
+                      const std::type_identity_t<InfluenceGradients<T>>& gradients) {
+    [[maybe_unused]] const AvatarConfig& config = in.config;
     if constexpr (has_effect<E, ReadsFaceRamp> && one_face_metric<E>)
         detail::set_weights_vjp<ExpressionInfluenceOf<E>>(
-            backend, config, config.exp_near, config.exp_far, points, landmarks, trace.exp,
-            [&](Index i) { return T(g.exp(0, i) - g.pose(0, i)); }, g_points, g_landmarks);
+            backend, {in, config.exp_near, config.exp_far}, trace.exp,
+            [&](Index i) { return T(g.exp(0, i) - g.pose(0, i)); }, gradients);
     if constexpr (has_effect<E, ReadsFaceRamp> && !one_face_metric<E>) {
         detail::set_weights_vjp<ExpressionInfluenceOf<E>>(
-            backend, config, config.exp_near, config.exp_far, points, landmarks, trace.exp,
-            [&](Index i) { return T(g.exp(0, i)); }, g_points, g_landmarks);
+            backend, {in, config.exp_near, config.exp_far}, trace.exp,
+            [&](Index i) { return T(g.exp(0, i)); }, gradients);
         detail::set_weights_vjp<PoseInfluenceOf<E>>(
-            backend, config, config.exp_near, config.exp_far, points, landmarks, trace.exp,
-            [&](Index i) { return T(-g.pose(0, i)); }, g_points, g_landmarks);
+            backend, {in, config.exp_near, config.exp_far}, trace.exp,
+            [&](Index i) { return T(-g.pose(0, i)); }, gradients);
     }
     for_eyes([&]<std::size_t eye>() {
         if constexpr (skin_follows<E, eye>)
             detail::set_weights_vjp<GazeInfluenceOf<E>>(
-                backend, config, config.gaze_near, config.gaze_far, points, landmarks,
-                of_eye<eye>(trace.gaze), [&](Index i) { return T(of_eye<eye>(g.gaze)(0, i)); },
-                g_points, g_landmarks);
+                backend, {in, config.gaze_near, config.gaze_far}, of_eye<eye>(trace.gaze),
+                [&](Index i) { return T(of_eye<eye>(g.gaze)(0, i)); }, gradients);
     });
 }
 

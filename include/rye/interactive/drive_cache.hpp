@@ -153,7 +153,8 @@ class DriveCache {
                                                              &code_.gaze[0], &code_.gaze[1]};
         const auto run = [&](const Mlp<T>& net, Squash squash, const Columns<T>& input,
                              std::size_t d, Columns<T>& output) {
-            evaluate_field(backend_, net, squash, input, *codes[d], output, nullptr);
+            output =
+                evaluate_field(backend_, rye::Field{net, squash, T(1)}, input, *codes[d], nullptr);
             ++work_.networks;
             work_.points += input.cols();
         };
@@ -184,8 +185,9 @@ class DriveCache {
                    });
         for (std::size_t d = 0; d < face_drivers; ++d) {
             const auto add = [&](double gain, const Columns<T>& output, Columns<T>& out) {
-                accumulate_field(backend_, T(gain), rest_->lambda(d), rest_->moved[d].points,
-                                 output, &r.listed[d], out);
+                accumulate_field(backend_,
+                                 {T(gain), rest_->lambda(d), rest_->moved[d].points, output},
+                                 &r.listed[d], out);
             };
             add(1, fields_[d].color, face_.feature);
             add(config_->deform_scale, fields_[d].deform, face_.mean);

@@ -324,10 +324,10 @@ class Redraw {
     }
 
     void blend(const Gaussians<T>& g, Index projected) {
-        rasterizer_.blend_into(backend_,
-                               rasterizer_.scene_of(g, camera_, background_, raster_.trace),
-                               {blended_.data(), drawn_strips_.data()},
-                               static_cast<Index>(blended_.size()), raster_, scratch_);
+        rasterizer_.blend_into(
+            backend_, rasterizer_.scene_of(g, camera_, background_, raster_.trace),
+            {blended_.data(), drawn_strips_.data(), 0, static_cast<Index>(blended_.size())},
+            raster_, scratch_);
         count(projected);
     }
 

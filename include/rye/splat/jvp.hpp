@@ -19,11 +19,10 @@ namespace rye {
 template <class B, class T>
 struct SplatJvp {
     template <class R, Distortion D>
-    static void run(const R& rasterizer, const B& backend, const GaussianView<T>& g,
-                    const RasterTangents<T, D>& tangents, const Pinhole<T, D>& camera,
-                    const VecX<T>& background, auto& out, RasterScratch<T>&) {
-        check_tangent(g, tangents);
-        jvp_by_duals(rasterizer, backend, g, tangents, camera, background, out);
+    static void run(const R& rasterizer, const B& backend, const RasterJvpInput<T, D>& in,
+                    auto& out, RasterScratch<T>&) {
+        check_tangent(in.gaussians, in.tangents);
+        jvp_by_duals(rasterizer, backend, in, out);
     }
 
     /// Throws unless the tangent has the Gaussians' shape.
@@ -51,17 +50,19 @@ struct SplatJvp<B, T> : SplatJvp<ScalarBackend<std::remove_cvref_t<decltype(B::t
     using V = typename B::template batch<T>;
 
     template <class R, Distortion D>
-    static void run(const R& rasterizer, const B& backend, const GaussianView<T>& g,
-                    const RasterTangents<T, D>& tangents, const Pinhole<T, D>& camera,
-                    const VecX<T>& background, auto& out, RasterScratch<T>& s) {
+    static void run(const R& rasterizer, const B& backend, const RasterJvpInput<T, D>& in,
+                    auto& out, RasterScratch<T>& s) {
         using A = std::remove_cvref_t<decltype(rasterizer.accuracy)>;
+        const GaussianView<T>& g = in.gaussians;
+        const RasterTangents<T, D>& tangents = in.tangents;
+        const Pinhole<T, D>& camera = in.camera;
         SplatJvp::check_tangent(g, tangents);
         if constexpr (D::distorts || A::order == BlendOrder::by_peak || A::outputs.contributor) {
-            jvp_by_duals(rasterizer, backend, g, tangents, camera, background, out);
+            jvp_by_duals(rasterizer, backend, in, out);
         } else {
             RasterTrace<T>& trace = out.value.trace;
             rasterizer.project_into(backend, g, camera, s);
-            bin_and_sort(backend, g, camera, rasterizer.accuracy, s, trace);
+            bin_and_sort(backend, SplatInput{g, camera, rasterizer.accuracy}, s, trace);
             const Index pixels = static_cast<Index>(camera.width) * camera.height;
             const auto shape = [&](Image<T>& image, Columns<T>& tangent, Index rows) {
                 image.width = camera.width;
@@ -77,14 +78,14 @@ struct SplatJvp<B, T> : SplatJvp<ScalarBackend<std::remove_cvref_t<decltype(B::t
             std::vector<SplatTangent<T>>& splats = out.splats;
             splats.resize(trace.members.size());
             const auto dual = dual_camera<V>(camera, tangents.camera);
+            const TangentInput<V, A> moves{g, tangents.gaussians, dual, rasterizer.accuracy};
             for_chunks(backend.threads, static_cast<Index>(splats.size()), 1024,
                        [&](Index b, Index e, Index) {
-                           project_tangents<V>(g, tangents.gaussians, dual, rasterizer.accuracy,
-                                               trace, b, e, splats.data());
+                           project_tangents(moves, trace, {b, e}, splats.data());
                        });
-            const Scene<T> scene = R::scene_of(g, camera, background, trace);
+            const Scene<T> scene = R::scene_of(g, camera, in.background, trace);
             const TangentScene<T> moving{
-                splats.data(),
+                scene, splats.data(),
                 tangents.gaussians != nullptr ? &tangents.gaussians->feature : nullptr,
                 tangents.camera != nullptr ? tangents.camera->cx : T(0),
                 tangents.camera != nullptr ? tangents.camera->cy : T(0)};
@@ -92,8 +93,7 @@ struct SplatJvp<B, T> : SplatJvp<ScalarBackend<std::remove_cvref_t<decltype(B::t
                 const auto canvas = s.workspaces.template acquire<LaneTangentCanvas<V>>();
                 dispatch_channels<1, 3, 4>(g.channels(), [&](auto c) {
                     for (Index t = b; t < e; ++t)
-                        blend_tile_jvp_lanes<V, c>(scene, moving, rasterizer.accuracy, t, out,
-                                                   *canvas);
+                        blend_tile_jvp_lanes<V, c>(moving, rasterizer.accuracy, t, out, *canvas);
                 });
             });
         }

@@ -28,19 +28,18 @@ struct SplatKernels<B, T> {
     using V = typename B::template batch<T>;
 
     template <class A, Distortion D>
-    static void project(const GaussianView<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
-                        ChunkRange r, RasterScratch<T>& s) {
+    static void project(const SplatInput<A, T, D>& in, ChunkRange r, RasterScratch<T>& s) {
         if constexpr (D::distorts)
-            project_range(g, camera, accuracy, r.begin, r.end, s);
+            project_range(in, r, s);
         else
-            project_range_lanes<V>(g, camera, accuracy, r.begin, r.end, s);
+            project_range_lanes<V>(in, r, s);
     }
     template <class A>
     static void blend(const Scene<T>& scene, const A& accuracy, const DrawnTiles& drawn,
-                      ChunkRange r, Raster<T, A::outputs>& out, Workspaces& workspaces) {
+                      Raster<T, A::outputs>& out, Workspaces& workspaces) {
         const auto canvas = workspaces.template acquire<LaneCanvas<V>>();
         dispatch_channels<1, 3, 4, 8>(scene.channels(), [&](auto c) {
-            blend_tiles_lanes<V, c>(scene, accuracy, drawn, {r.begin, r.end}, out, *canvas);
+            blend_tiles_lanes<V, c>(scene, accuracy, drawn, out, *canvas);
         });
     }
     template <class A>
@@ -51,21 +50,19 @@ struct SplatKernels<B, T> {
         dispatch_channels<1, 3, 4>(scene.channels(), [&](auto c) {
             for (Index t = r.begin; t < r.end; ++t)
                 if (extra)
-                    blend_tile_vjp_lanes<V, c, true>(scene, accuracy, g, t, s, *tape);
+                    blend_tile_vjp_lanes<V, c, true>(scene, accuracy, {g, t}, s, *tape);
                 else
-                    blend_tile_vjp_lanes<V, c, false>(scene, accuracy, g, t, s, *tape);
+                    blend_tile_vjp_lanes<V, c, false>(scene, accuracy, {g, t}, s, *tape);
         });
     }
     template <class A, Distortion D>
-    static void project_vjp(const GaussianView<T>& g, const Pinhole<T, D>& camera,
-                            const A& accuracy, const RasterTrace<T>& trace, ChunkRange r,
-                            RasterScratch<T>& s, Gaussians<T>& out) {
+    static void project_vjp(const SplatInput<A, T, D>& in, const RasterTrace<T>& trace,
+                            ChunkRange r, RasterScratch<T>& s, Gaussians<T>& out) {
         if constexpr (D::distorts) {
-            project_vjp_range(g, camera, accuracy, trace, s.slots, r.begin, r.end, out);
+            project_vjp_range(in, {trace, s.slots}, r, out);
         } else {
             const auto sums = s.workspaces.template acquire<LaneSums<V>>();
-            project_vjp_range_lanes<V>(g, camera, accuracy, trace, s.slots, r.begin, r.end, out,
-                                     *sums);
+            project_vjp_range_lanes<V>(in, {trace, s.slots}, r, out, *sums);
         }
     }
 };

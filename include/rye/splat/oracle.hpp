@@ -113,12 +113,22 @@ struct OracleScene {
     void pixel(int x, int y, std::vector<PixelContribution<T>>& hits) const;
 };
 
-/// Of a mean, a quaternion of any norm and three scales.
+/// A Gaussian as it is given: a quaternion of any norm.
 template <Scalar R>
-OracleEllipse<R> oracle_ellipse(Index index, const Vec3<R>& mean, const Vec4<R>& q,
-                                const Vec3<R>& s, const Pinhole<R>& lens,
+struct OracleGaussian {
+    Index index;
+    Vec3<R> mean;
+    Vec4<R> rotation;
+    Vec3<R> scale;
+};
+
+template <Scalar R>
+OracleEllipse<R> oracle_ellipse(const OracleGaussian<R>& g, const Pinhole<R>& lens,
                                 const OracleModel& model) {
     using std::sqrt;
+    const Index index = g.index;
+    const Vec3<R>&mean = g.mean, &s = g.scale;
+    const Vec4<R>& q = g.rotation;
     const auto limited = [](const R& x, const R& lo, const R& hi) {
         return x < lo ? lo : x > hi ? hi : x;
     };
@@ -159,7 +169,7 @@ inline std::vector<OracleEllipse<long double>> oracle_ellipses(
         const auto at = static_cast<Index>(i);
         const Vec3<R> mean = g.mean.col(at).cast<R>(), s = g.scale.col(at).cast<R>();
         const Vec4<R> q = g.rotation.col(at).cast<R>();
-        const auto e = oracle_ellipse<R>(at, mean, q, s, lens, model);
+        const auto e = oracle_ellipse<R>({at, mean, q, s}, lens, model);
         if (e.in_front) ellipses.push_back(e);
     }
     return ellipses;

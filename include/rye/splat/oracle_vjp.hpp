@@ -27,19 +27,24 @@ struct EllipseCotangent {
     double opacity = 0;
 };
 
+/// Of all ellipses, and of the Gaussians' features.
+struct OracleSums {
+    std::vector<EllipseCotangent> ellipses;
+    Columns<double>& feature;
+};
+
 /// One pixel: every alpha near to far, then the recursion far to near.
 inline void oracle_pixel_vjp(const OracleScene& scene, const VecX<double>& background,
-                             const OracleCotangent& w, int x, int y,
-                             std::vector<EllipseCotangent>& sums, Columns<double>& g_feature) {
+                             const OracleCotangent& w, Index p, OracleSums& sums) {
     std::vector<OracleScene::PixelContribution<double>> hits;
-    scene.pixel(x, y, hits);
+    const Index width = scene.camera.width;
+    scene.pixel(static_cast<int>(p % width), static_cast<int>(p / width), hits);
     std::vector<double> before;                        // transmittance in front of each hit
     double t = 1;
     for (const auto& h : hits) {
         before.push_back(t);
         t *= 1 - h.alpha;
     }
-    const Index p = Index(y) * scene.camera.width + x;
     const VecX<double> wp = w.feature.col(p);
     double behind = wp.dot(background);
     const double extra = w.alpha.size() > 0 ? w.alpha(0, p) : 0.0;
@@ -50,11 +55,11 @@ inline void oracle_pixel_vjp(const OracleScene& scene, const VecX<double>& backg
         const double more = mine - behind + extra * (1 - behind_alpha);
         t = before.back();
         before.pop_back();
-        g_feature.col(e.index) += t * h->alpha * wp;
+        sums.feature.col(e.index) += t * h->alpha * wp;
         behind += h->alpha * (mine - behind);
         behind_alpha += h->alpha * (1 - behind_alpha);
         const double g_alpha = t * more;
-        EllipseCotangent& s = sums[h->k];
+        EllipseCotangent& s = sums.ellipses[h->k];
         s.opacity += g_alpha * h->bell;
         const double g_form = -0.5 * g_alpha * h->alpha;
         const double a = static_cast<double>(e.a), b = static_cast<double>(e.b),
@@ -70,20 +75,18 @@ inline void oracle_pixel_vjp(const OracleScene& scene, const VecX<double>& backg
 
 } // namespace detail
 
-/// Gradients of everything in `g` for a cotangent of the image.
-inline Gaussians<double> oracle_vjp(const Gaussians<double>& g, const Pinhole<double>& camera,
-                                    const VecX<double>& background,
-                                    const std::vector<std::uint32_t>& order,
-                                    const OracleCotangent& w, const OracleModel& model = {}) {
+/// Gradients of everything in the scene's Gaussians for a cotangent of the image.
+inline Gaussians<double> oracle_vjp(const OracleScene& scene, const VecX<double>& background,
+                                    const OracleCotangent& w) {
     using D = Dual<long double, 10>;
-    require(!model.rays, "oracle_vjp", "got a model of rays, expected one of ellipses");
-    const OracleScene scene(g, camera, order, model);
+    const Gaussians<double>& g = scene.g;
+    const Pinhole<double>& camera = scene.camera;
+    require(!scene.model.rays, "oracle_vjp", "got a model of rays, expected one of ellipses");
     const auto& ellipses = scene.ellipses;
-    std::vector<detail::EllipseCotangent> sums(ellipses.size());
     Gaussians<double> out = zeros_like(g);
-    for (int y = 0; y < camera.height; ++y)
-        for (int x = 0; x < camera.width; ++x)
-            detail::oracle_pixel_vjp(scene, background, w, x, y, sums, out.feature);
+    detail::OracleSums sums{std::vector<detail::EllipseCotangent>(ellipses.size()), out.feature};
+    for (Index p = 0; p < Index(camera.width) * camera.height; ++p)
+        detail::oracle_pixel_vjp(scene, background, w, p, sums);
     const Pinhole<D> lens = camera.cast<long double>().cast<D>();
     for (std::size_t k = 0; k < ellipses.size(); ++k) {
         const Index i = ellipses[k].index;
@@ -94,12 +97,12 @@ inline Gaussians<double> oracle_vjp(const Gaussians<double>& g, const Pinhole<do
         for (int j = 0; j < 3; ++j) mean[j] = lift(g.mean(j, i));
         for (int j = 0; j < 4; ++j) q[j] = lift(g.rotation(j, i));
         for (int j = 0; j < 3; ++j) scale[j] = lift(g.scale(j, i));
-        const OracleEllipse<D> e = oracle_ellipse<D>(i, mean, q, scale, lens, model);
+        const OracleEllipse<D> e = oracle_ellipse<D>({i, mean, q, scale}, lens, scene.model);
         const std::array<const D*, 5> parts{&e.u, &e.v, &e.a, &e.b, &e.c};
         std::array<long double, 10> sum{};
         for (std::size_t part = 0; part < 5; ++part)
             for (std::size_t j = 0; j < 10; ++j)
-                sum[j] += static_cast<long double>(sums[k].part[part]) * parts[part]->d[j];
+                sum[j] += static_cast<long double>(sums.ellipses[k].part[part]) * parts[part]->d[j];
         for (std::size_t j = 0; j < 10; ++j) {
             const auto row = static_cast<Index>(j);
             double& to = j < 3   ? out.mean(row, i)
@@ -107,7 +110,7 @@ inline Gaussians<double> oracle_vjp(const Gaussians<double>& g, const Pinhole<do
                                  : out.scale(row - 7, i);
             to = static_cast<double>(sum[j]);
         }
-        out.opacity(0, i) = sums[k].opacity;
+        out.opacity(0, i) = sums.ellipses[k].opacity;
     }
     return out;
 }

@@ -71,11 +71,13 @@ struct StripMask {
 };
 inline constexpr StripMask all_strips{{~std::uint64_t(0), ~std::uint64_t(0)}};
 
-/// Tiles and strips to draw; null means all.
+/// Tiles tile(k) to draw, k in [begin, end), and their strips; null means all.
 struct DrawnTiles {
     const Index* tiles = nullptr;
     const StripMask* strips = nullptr;
+    Index begin = 0, end = 0;
 
+    DrawnTiles part(Index from, Index to) const { return {tiles, strips, from, to}; }
     Index tile(Index k) const { return tiles != nullptr ? tiles[k] : k; }
     const StripMask& mask(Index k) const { return strips != nullptr ? strips[k] : all_strips; }
 };
@@ -135,6 +137,18 @@ struct RasterScratch {
     Workspaces workspaces;
 };
 
+/// A tile and its strips to draw.
+struct DrawnTile {
+    Index tile;
+    const StripMask& strips;
+};
+
+/// A pixel (x, y) of the image, in a tile.
+struct TilePixel {
+    Index tile;
+    int x, y;
+};
+
 /// What a pixel walk reads.
 template <class T>
 struct Scene {
@@ -173,6 +187,13 @@ struct RasterCotangent {
     const Columns<T>& feature;           ///< C x pixels
     const Columns<T>* alpha = nullptr;   ///< 1 x pixels
     const Columns<T>* depth = nullptr;   ///< 1 x pixels
+};
+
+/// A tile, and the cotangents of the images that it is part of.
+template <class T>
+struct TileCotangent {
+    const RasterCotangent<T>& images;
+    Index tile;
 };
 
 } // namespace rye

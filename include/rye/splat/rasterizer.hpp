@@ -18,6 +18,8 @@ namespace rye {
 /// Of splat/jvp.hpp.
 template <class T, Distortion D>
 struct RasterTangents;
+template <class T, Distortion D>
+struct RasterJvpInput;
 template <class T, Outputs O>
 struct RasterJvp;
 template <class B, class T>
@@ -52,7 +54,7 @@ struct Rasterizer {
         RasterScratch<T>& s = scratch != nullptr ? *scratch : own;
         check(g, camera, background);
         project_into(backend, g, camera, s);
-        bin_and_sort(backend, g, camera, accuracy, s, out.trace);
+        bin_and_sort(backend, SplatInput<A, T, D>{g, camera, accuracy}, s, out.trace);
         shape_image(out.feature, camera, g.channels());
         shape_image(out.alpha, camera, 1);
         if constexpr (A::outputs.depth) shape_image(out.depth, camera, 1);
@@ -61,8 +63,8 @@ struct Rasterizer {
             shape_image(out.contributor, camera, 1);
         }
         out.trace.used.resize(static_cast<std::size_t>(out.trace.lists.tiles()));
-        blend_into(backend, scene_of(g, camera, background, out.trace), {}, out.trace.lists.tiles(),
-                   out, s);
+        blend_into(backend, scene_of(g, camera, background, out.trace),
+                   DrawnTiles().part(0, out.trace.lists.tiles()), out, s);
     }
 
     /// The first step of forward_into: candidate and state of every Gaussian.
@@ -70,17 +72,19 @@ struct Rasterizer {
     void project_into(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
                       const Pinhole<T, D>& camera, RasterScratch<T>& s) const {
         s.shape(g.count());
+        const SplatInput<A, T, D> in{g, camera, accuracy};
         for_chunks(backend.threads, g.count(), 1024, [&](Index b, Index e, Index) {
-            SplatKernels<B, T>::project(g, camera, accuracy, {b, e}, s);
+            SplatKernels<B, T>::project(in, {b, e}, s);
         });
     }
 
-    /// The last step: draws `count` tiles. The other pixels stay.
+    /// The last step: draws tiles. The other pixels stay.
     template <Backend B, class T>
-    void blend_into(const B& backend, const Scene<T>& scene, const DrawnTiles& drawn, Index count,
-                    Drawn<T>& out, RasterScratch<T>& s) const {
-        for_tiles(backend, count, [&](Index b, Index e) {
-            SplatKernels<B, T>::blend(scene, accuracy, drawn, {b, e}, out, s.workspaces);
+    void blend_into(const B& backend, const Scene<T>& scene, const DrawnTiles& drawn, Drawn<T>& out,
+                    RasterScratch<T>& s) const {
+        for_tiles(backend, drawn.end - drawn.begin, [&](Index b, Index e) {
+            SplatKernels<B, T>::blend(scene, accuracy, drawn.part(drawn.begin + b, drawn.begin + e),
+                                      out, s.workspaces);
         });
     }
 
@@ -123,8 +127,9 @@ struct Rasterizer {
             SplatKernels<B, T>::blend_vjp(scene, accuracy, cotangent, {b, e}, s);
         });
         out.resize(g.count(), g.channels());
+        const SplatInput<A, T, D> in{g, camera, accuracy};
         for_chunks(backend.threads, g.count(), 1024, [&](Index b, Index e, Index) {
-            SplatKernels<B, T>::project_vjp(g, camera, accuracy, trace, {b, e}, s, out);
+            SplatKernels<B, T>::project_vjp(in, trace, {b, e}, s, out);
         });
     }
 
@@ -146,8 +151,8 @@ struct Rasterizer {
                   RasterJvp<T, A::outputs>& out, RasterScratch<T>* scratch = nullptr) const {
         RasterScratch<T> own;
         check(g, camera, background);
-        SplatJvp<B, T>::run(*this, backend, g, tangents, camera, background, out,
-                            scratch != nullptr ? *scratch : own);
+        SplatJvp<B, T>::run(*this, backend, RasterJvpInput<T, D>{g, tangents, camera, background},
+                            out, scratch != nullptr ? *scratch : own);
     }
 
   private:

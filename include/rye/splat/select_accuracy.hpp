@@ -78,18 +78,19 @@ struct TileSample {
     RasterTrace<T> trace = {};
 
     void prepare() {
+        const SplatInput in{view_of(g), camera, accuracy};
         scratch.shape(g.count());
         for_chunks(backend.threads, g.count(), 1024, [&](Index b, Index e, Index) {
-            project_range(g, camera, accuracy, b, e, scratch);
+            project_range(in, {b, e}, scratch);
         });
-        bin_and_sort(backend, g, camera, accuracy, scratch, trace);
+        bin_and_sort(backend, in, scratch, trace);
     }
     Scene<T> scene() const {
         return {trace, g, background, camera.cx, camera.cy, camera.width, camera.height};
     }
     VecX<T> pixel(const Scene<T>& s, Index tile, int x, int y) const {
         VecX<T> sum = VecX<T>::Zero(g.channels());
-        const T end = walk_pixel(s, accuracy, tile, x, y, [&](const PixelContribution<T>& h) {
+        const T end = walk_pixel(s, accuracy, {tile, x, y}, [&](const PixelContribution<T>& h) {
             const T* feature = s.feature_of(h.entry);
             for (Index c = 0; c < sum.size(); ++c) sum[c] += h.weight * feature[c];
         });

@@ -14,6 +14,28 @@
 
 namespace rye {
 
+/// Indices [begin, end) of the Gaussians or tiles of one chunk.
+struct ChunkRange {
+    Index begin, end;
+};
+
+/// What is drawn, by which camera and by which rules.
+template <class A, class T, Distortion D>
+struct SplatInput {
+    GaussianView<T> gaussians;
+    const Pinhole<T, D>& camera;
+    const A& accuracy;
+};
+template <class A, class T, Distortion D>
+SplatInput(const GaussianView<T>&, const Pinhole<T, D>&, const A&) -> SplatInput<A, T, D>;
+
+/// The partial gradients of a render.
+template <class T>
+struct TracedSlots {
+    const RasterTrace<T>& trace;
+    const PartialGradients<T>& slots;
+};
+
 /// Completes candidate i, whose splat and footprint are known: it is visible if it has rows, of an
 /// image that has columns.
 template <class T, Distortion D>
@@ -46,8 +68,9 @@ double fine_depth(const GaussianView<T>& g, const Pinhole<T, D>& camera, Index i
 /// Visible candidates become members, in the order of the tiles that they lie in, there by index.
 /// Candidates are cut into as many chunks as there are threads, as in TileLists.
 template <Threads P, class A, class T, Distortion D>
-void gather_members(const P& threads, const GaussianView<T>& g, const Pinhole<T, D>& camera,
-                    const A& accuracy, RasterScratch<T>& scratch, RasterTrace<T>& trace) {
+void gather_members(const P& threads, const SplatInput<A, T, D>& in, RasterScratch<T>& scratch,
+                    RasterTrace<T>& trace) {
+    const Pinhole<T, D>& camera = in.camera;
     const auto tiles = static_cast<std::size_t>(tiles_across(camera.width)) *
                        static_cast<std::size_t>(tiles_across(camera.height));
     const Index n = static_cast<Index>(scratch.candidates.size());
@@ -69,7 +92,7 @@ void gather_members(const P& threads, const GaussianView<T>& g, const Pinhole<T,
     trace.non_finite = 0;
     for (std::size_t c = 0; c < chunks; ++c)
         trace.non_finite += static_cast<Index>(scratch.tile_counts[c][tiles]);
-    if (accuracy.non_finite == NonFinite::fail && trace.non_finite > 0)
+    if (in.accuracy.non_finite == NonFinite::fail && trace.non_finite > 0)
         throw Error("rasterizer: got " + std::to_string(trace.non_finite) +
                     " Gaussians with a number that is not finite, expected none");
     trace.members.resize(members);
@@ -82,7 +105,7 @@ void gather_members(const P& threads, const GaussianView<T>& g, const Pinhole<T,
             if (scratch.state[i] != Visibility::visible) continue;
             const std::uint32_t m = counts[scratch.first_tile[i]]++;
             if constexpr (A::order == BlendOrder::by_peak)
-                trace.peaks[m] = ray_peak(g, camera, static_cast<Index>(i));
+                trace.peaks[m] = ray_peak(in.gaussians, camera, static_cast<Index>(i));
             trace.members[m] = scratch.candidates[i];
             trace.member[i] = m;
         }
@@ -91,18 +114,18 @@ void gather_members(const P& threads, const GaussianView<T>& g, const Pinhole<T,
 
 /// Visible candidates become members and entries of tiles in the order of depth, ties by index.
 template <class A, class T, Distortion D, Backend B>
-void bin_and_sort(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
-                  const Pinhole<T, D>& camera, const A& accuracy, RasterScratch<T>& scratch,
+void bin_and_sort(const B& backend, const SplatInput<A, T, D>& in, RasterScratch<T>& scratch,
                   RasterTrace<T>& trace) {
     using R = real_t<T>;
     constexpr bool fine = A::depth_bits > 8 * static_cast<int>(sizeof(R));
-    gather_members(backend.threads, g, camera, accuracy, scratch, trace);
+    gather_members(backend.threads, in, scratch, trace);
     const auto member = [&](Index m) -> const VisibleGaussian<T>& {
         return trace.members[static_cast<std::size_t>(m)];
     };
     const auto key = [&](Index m) {
         if constexpr (fine)
-            return depth_key(fine_depth(g, camera, static_cast<Index>(member(m).source)));
+            return depth_key(
+                fine_depth(in.gaussians, in.camera, static_cast<Index>(member(m).source)));
         else
             return depth_key(static_cast<R>(value_of(member(m).splat.depth)));
     };
@@ -112,11 +135,13 @@ void bin_and_sort(const B& backend, const std::type_identity_t<GaussianView<T>>&
         else
             return scratch.bins;
     }();
-    trace.lists.template build<A::support, R>(
-        backend.threads, camera.width, camera.height, static_cast<Index>(trace.members.size()),
+    const BinInput members{
+        static_cast<Index>(trace.members.size()),
         [&](Index m) -> const TileRows& { return member(m).rows; }, key,
-        [&](Index m) { return member(m).source; }, accuracy.max_entries,
-        [&](Index m) -> const Footprint<R>& { return scratch.footprints[member(m).source]; }, bins);
+        [&](Index m) { return member(m).source; },
+        [&](Index m) -> const Footprint<R>& { return scratch.footprints[member(m).source]; }};
+    trace.lists.template build<A::support, R>(backend.threads, {in.camera.width, in.camera.height},
+                                              members, in.accuracy.max_entries, bins);
 }
 
 /// Adds a member's slots over its tiles, in the order of tiles, to sum[0 ... stride).

@@ -19,6 +19,15 @@ struct RasterTangents {
     const Pinhole<T, D>* camera = nullptr;
 };
 
+/// A render and the direction of its derivative.
+template <class T, Distortion D>
+struct RasterJvpInput {
+    const GaussianView<T>& gaussians;
+    const RasterTangents<T, D>& tangents;
+    const Pinhole<T, D>& camera;
+    const VecX<T>& background;
+};
+
 /// Tangents of a Splat's numbers, but the cut-off, which does not move.
 template <class T>
 struct SplatTangent {

@@ -16,6 +16,7 @@
 
 #include <rye/core/error.hpp>
 #include <rye/core/parallel.hpp>
+#include <rye/geometry/camera.hpp>
 #include <rye/splat/tiles.hpp>
 
 namespace rye {
@@ -108,6 +109,21 @@ struct BinScratch {
     std::vector<std::vector<Binned>> buffers;  ///< of each run of tiles
 };
 
+/// Members that are binned: key(m) says how far m is, of equal ones that with the lower index(m)
+/// comes first; footprint(m) is a Footprint, and pixel_rows(m) its rows of pixels, not empty.
+template <class PixelRows, class KeyOf, class IndexOf, class Footprints>
+    requires std::derived_from<std::remove_cvref_t<std::invoke_result_t<PixelRows, Index>>, Span>
+struct BinInput {
+    Index count;
+    PixelRows pixel_rows;
+    KeyOf key;
+    IndexOf index;
+    Footprints footprint;
+};
+template <class PixelRows, class KeyOf, class IndexOf, class Footprints>
+BinInput(Index, PixelRows, KeyOf, IndexOf, Footprints)
+    -> BinInput<PixelRows, KeyOf, IndexOf, Footprints>;
+
 /// For each tile its Gaussians, near to far. Visible Gaussians are members 0, 1, ... in the order
 /// of the tiles that they lie in, so that what a tile reads lies together.
 struct TileLists {
@@ -121,21 +137,14 @@ struct TileLists {
     Index tiles() const { return static_cast<Index>(columns) * rows; }
     Index entries() const { return begin.empty() ? 0 : begin.back(); }
 
-    /// Bins n members into the tiles of an image: key(m) says how far m is, of equal ones that with
-    /// the lower index(m) comes first; footprint(m) is a Footprint, and pixel_rows(m) its rows of
-    /// pixels, not empty.
-    template <Support support, Real R, Threads P, class PixelRows, class KeyOf, class IndexOf,
-              class Footprints, class Key = std::invoke_result_t<KeyOf, Index>>
-        requires std::derived_from<std::remove_cvref_t<std::invoke_result_t<PixelRows, Index>>,
-                                   Span>
-    void build(const P& threads, int width, int height, Index n, const PixelRows& pixel_rows,
-               const KeyOf& key, const IndexOf& index, std::int64_t max_entries,
-               const Footprints& footprint, BinScratch<Key>& scratch) {
-        columns = tiles_across(width);
-        rows = tiles_across(height);
-        bin<support, R>(threads, width, height, n, pixel_rows, key, max_entries, footprint,
-                         scratch);
-        sort(threads, index, scratch);
+    /// Bins members into the tiles of an image.
+    template <Support support, Real R, Threads P, class Members, class Key>
+    void build(const P& threads, ImageSize size, const Members& members, std::int64_t max_entries,
+               BinScratch<Key>& scratch) {
+        columns = tiles_across(size.width);
+        rows = tiles_across(size.height);
+        bin<support, R>(threads, size, members, max_entries, scratch);
+        sort(threads, members.index, scratch);
     }
 
     /// Throws if there are more entries than allowed.
@@ -160,11 +169,10 @@ struct TileLists {
 
     /// Members are cut into as many chunks as there are threads; where a chunk goes on in a tile's
     /// list follows from what the chunks before it have there. Lists do not depend on the chunks.
-    template <Support support, Real R, Threads P, class PixelRows, class KeyOf, class Footprints,
-              class Key>
-    void bin(const P& threads, int width, int height, Index n, const PixelRows& pixel_rows,
-              const KeyOf& key, std::int64_t max_entries, const Footprints& footprint,
-              BinScratch<Key>& scratch) {
+    template <Support support, Real R, Threads P, class Members, class Key>
+    void bin(const P& threads, ImageSize size, const Members& members, std::int64_t max_entries,
+             BinScratch<Key>& scratch) {
+        const Index n = members.count;
         using Chunk = typename BinScratch<Key>::Chunk;
         const Index grain = std::max<Index>(2048, (n + threads.size() - 1) / threads.size());
         const Index chunks = chunk_count(n, grain);
@@ -179,8 +187,7 @@ struct TileLists {
             chunk.used = 0;
             for (Index m = b; m < e; ++m) {
                 at(first, m) = static_cast<Index>(chunk.used);
-                mention<support, R>(width, height, m, pixel_rows(m), allowed,
-                                    [&]() -> const Footprint<R>& { return footprint(m); }, chunk);
+                mention<support, R>(size, members, m, allowed, chunk);
             }
             if (chunk.used > allowed) return;
             chunk.cursor.assign(static_cast<std::size_t>(tiles()), 0);
@@ -224,16 +231,18 @@ struct TileLists {
             const auto* const mentions = chunk.mentions.data();
             for (Index i = 0; i < chunk.used; ++i) {
                 const auto& [tile, member] = mentions[i];
-                to[cursor[tile]++] = {key(static_cast<Index>(member)),
+                to[cursor[tile]++] = {members.key(static_cast<Index>(member)),
                                       {member, static_cast<std::uint32_t>(before + i)}};
             }
         });
     }
 
     /// Appends the tiles of member m to its chunk's, or, beyond what is allowed, counts them.
-    template <Support support, Real R, class Rows, class Footprint, class Chunk>
-    void mention(int width, int height, Index m, const Rows& pixel_rows, std::int64_t max_entries,
-                 const Footprint& footprint, Chunk& chunk) const {
+    template <Support support, Real R, class Members, class Chunk>
+    void mention(ImageSize size, const Members& members, Index m, std::int64_t max_entries,
+                 Chunk& chunk) const {
+        const auto& pixel_rows = members.pixel_rows(m);
+        using Rows = std::remove_cvref_t<decltype(pixel_rows)>;
         constexpr int at_once = mention_slack;  // of a row of tiles, whether it has them or not
         const auto member = static_cast<std::uint32_t>(m);
         const auto append = [&](int row, int from, int count, int most) {
@@ -249,7 +258,7 @@ struct TileLists {
                 to[x] = {tile + static_cast<std::uint32_t>(x), member};
         };
         if constexpr (std::same_as<Rows, TileRows>)
-            if (pixel_rows.known(width)) {
+            if (pixel_rows.known(size.width)) {
                 // The few rows are taken without asking how many there are.
                 const int row = pixel_rows.first_row(), rows_here = pixel_rows.last_row() - row;
                 for (int y = 0; y < TileRows::most; ++y) {
@@ -258,9 +267,10 @@ struct TileLists {
                 }
                 return;
             }
-        each_tile_row<support, R>(width, height, pixel_rows, footprint, [&](const TileRowSpan& s) {
-            append(s.row, s.begin, s.end - s.begin, 0);
-        });
+        each_tile_row<support, R>(
+            size.width, size.height, pixel_rows,
+            [&]() -> const Footprint<R>& { return members.footprint(m); },
+            [&](const TileRowSpan& s) { append(s.row, s.begin, s.end - s.begin, 0); });
     }
 
     /// Sorts each tile's list.

@@ -10,6 +10,7 @@
 
 #include <rye/core/columns.hpp>
 #include <rye/core/random.hpp>
+#include <rye/geometry/camera.hpp>
 
 namespace rye {
 
@@ -29,14 +30,27 @@ inline Index resized_source(int x, int offset, int resized, int size) {
     return static_cast<Index>(at) * size / resized;
 }
 
-inline std::vector<Index> resized_map(int width, int height, int new_width, int new_height, int dx,
-                                      int dy) {
+/// A picture of a size, resized and moved by (dx, dy).
+struct Resizing {
+    ImageSize size, resized;
+    int dx, dy;
+
+    Resizing operator*(int factor) const {
+        return {{size.width * factor, size.height * factor},
+                {resized.width * factor, resized.height * factor},
+                dx * factor,
+                dy * factor};
+    }
+};
+
+inline std::vector<Index> resized_map(const Resizing& r) {
+    const auto [width, height] = r.size;
     std::vector<Index> map;
     map.reserve(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
     for (int y = 0; y < height; ++y)
         for (int x = 0; x < width; ++x) {
-            const Index sx = resized_source(x, dx, new_width, width);
-            const Index sy = resized_source(y, dy, new_height, height);
+            const Index sx = resized_source(x, r.dx, r.resized.width, width);
+            const Index sy = resized_source(y, r.dy, r.resized.height, height);
             map.push_back(sx < 0 || sy < 0 ? -1 : sy * width + sx);
         }
     return map;
@@ -56,9 +70,8 @@ inline Augmentation random_scale(int width, int height, int factor, const Random
         return resized <= size ? k : -k;
     };
     const int dx = offset(width, w, 1), dy = offset(height, h, 2);
-    return {detail::resized_map(width, height, w, h, dx, dy),
-            detail::resized_map(width * factor, height * factor, w * factor, h * factor,
-                                dx * factor, dy * factor)};
+    const detail::Resizing resizing{{width, height}, {w, h}, dx, dy};
+    return {detail::resized_map(resizing), detail::resized_map(resizing * factor)};
 }
 
 /// Columns of the source by the map; 1 where there is none.

@@ -49,8 +49,8 @@ namespace detail {
 /// Masked L1 of the first three rows; adds `weight` times its cotangent to theirs of g.
 template <class T, Backend B>
 T rgb_term(const B& backend, const Columns<T>& prediction, const Columns<T>& truth,
-           const Columns<T>& mask, double weight, Columns<T>& g) {
-    return add_masked_l1<T>(backend, prediction.topRows(3), truth, {mask, T(weight)}, g.topRows(3));
+           const std::type_identity_t<WeightedMask<T>>& mask, Columns<T>& g) {
+    return add_masked_l1<T>(backend, prediction.topRows(3), truth, mask, g.topRows(3));
 }
 
 /// f(begin, end) for chunks of the columns of an image.
@@ -245,11 +245,13 @@ AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
         moved_visible = gathered(sample.visible, sample.scale.full);
     }
     const Image<T>& truth = sample.scale.active() ? moved : sample.truth;
-    l.high_resolution = detail::rgb_term(backend, p.high.pixels, truth.pixels,
-                                         sample.scale.active() ? moved_visible : sample.visible,
-                                         weights.high_resolution, p.g_high);
-    l.low_resolution = detail::rgb_term(backend, p.final.feature.pixels, sample.truth_small.pixels,
-                                        sample.visible_small, weights.low_resolution, p.g_final);
+    l.high_resolution = detail::rgb_term(
+        backend, p.high.pixels, truth.pixels,
+        {sample.scale.active() ? moved_visible : sample.visible, T(weights.high_resolution)},
+        p.g_high);
+    l.low_resolution =
+        detail::rgb_term(backend, p.final.feature.pixels, sample.truth_small.pixels,
+                         {sample.visible_small, T(weights.low_resolution)}, p.g_final);
     const LossGradient<T> seen = perceptual(backend, p.high, truth);
     l.perceptual = seen.value;
     detail::add_weighted(backend, p.g_high, T(weights.perceptual), seen.gradient);
@@ -262,13 +264,13 @@ AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
 
     const double small_gain = detail::eye_gain(backend, weights.eye_average, sample.eyes_small);
     const double gain = detail::eye_gain(backend, weights.eye_average, sample.eyes);
-    l.eye_low =
-        T(small_gain) * detail::rgb_term(backend, p.eyes.feature.pixels, sample.truth_small.pixels,
-                                         sample.eyes_small, weights.eye_low * small_gain, p.g_eyes);
+    l.eye_low = T(small_gain) *
+                detail::rgb_term(backend, p.eyes.feature.pixels, sample.truth_small.pixels,
+                                 {sample.eyes_small, T(weights.eye_low * small_gain)}, p.g_eyes);
     const double eye_high = sample.eyes_high ? weights.eye_high * weights.eye_high_every : 0.0;
     if (sample.eyes_high)
         l.eye_high = T(gain) * detail::rgb_term(backend, p.eyes_high.pixels, sample.truth.pixels,
-                                                sample.eyes, eye_high * gain, p.g_eyes_high);
+                                                {sample.eyes, T(eye_high * gain)}, p.g_eyes_high);
     FaceTarget<T> alone(0);
     if (weights.blank_eyeballs || weights.face_alone > 0)
         alone = face_alone_target(backend, sample);
@@ -278,16 +280,16 @@ AvatarLosses<T> AvatarObjective<A, Perceptual>::value(
         const double blank_gain = detail::eye_gain(backend, weights.eye_average, blank.mask);
         l.blank =
             T(blank_gain) * detail::rgb_term(backend, p.face.feature.pixels, blank.picture,
-                                             blank.mask, weights.blank * blank_gain, p.g_face);
+                                             {blank.mask, T(weights.blank * blank_gain)}, p.g_face);
     } else {
         const Columns<T> blank = p.blank.replicate(1, p.face.feature.size());
-        l.blank = T(small_gain) * detail::rgb_term(backend, p.face.feature.pixels, blank,
-                                                   sample.eyes_small, weights.blank * small_gain,
-                                                   p.g_face);
+        l.blank = T(small_gain) *
+                  detail::rgb_term(backend, p.face.feature.pixels, blank,
+                                   {sample.eyes_small, T(weights.blank * small_gain)}, p.g_face);
     }
     if (weights.face_alone > 0)
-        l.face_alone = detail::rgb_term(backend, p.face.feature.pixels, alone.picture, alone.mask,
-                                        weights.face_alone, p.g_face);
+        l.face_alone = detail::rgb_term(backend, p.face.feature.pixels, alone.picture,
+                                        {alone.mask, T(weights.face_alone)}, p.g_face);
     l.total = T(weights.high_resolution) * l.high_resolution +
               T(weights.low_resolution) * l.low_resolution + T(weights.perceptual) * l.perceptual +
               T(weights.dssim) * l.dssim +

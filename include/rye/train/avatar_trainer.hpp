@@ -95,7 +95,7 @@ class AvatarTrainer {
     template <class Probe = NoProbe>
     AvatarLosses<T> losses(const Drivers<T, E>& drivers, const AvatarImages<T>& images,
                            Probe&& probe = {}) {
-        drive(backend, avatar_, training_.config, training_.roles, corrected(drivers, images),
+        drive(backend, avatar_, {training_.config, training_.roles, corrected(drivers, images)},
               trace_);
         probe("networks");
         return training_.objective.value(backend, avatar_.upsampler, images, trace_, pictures_,
@@ -107,9 +107,9 @@ class AvatarTrainer {
                       Probe&& probe = {}) {
         training_.objective.vjp(backend, avatar_.upsampler, images, trace_, pictures_,
                                 gradient.upsampler, probe);
-        const Vec<T, 6> g_pose =
-            drive_vjp(backend, avatar_, training_.config, corrected(drivers, images), trace_,
-                      pictures_.g_gaussians, gradient);
+        const Vec<T, 6> g_pose = drive_vjp(
+            backend, avatar_, {training_.config, training_.roles, corrected(drivers, images)},
+            trace_, {pictures_.g_gaussians, gradient});
         if constexpr (has_effect<E, ReadsHeadPose>)
             if (images.frame >= 0) gradient.delta_pose.col(images.frame) += g_pose;
         probe("networks vjp");

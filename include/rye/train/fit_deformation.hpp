@@ -18,15 +18,14 @@ struct DeformationFit {
     int steps = 0;
     int batch = 4;        ///< frames a step
     double rate = 2e-3;   ///< first learning rate; the last is a twentieth
+    Random random = {};   ///< draws the frames
 };
 
 /// `frames` need drivers and landmarks only. Returns the root mean square distance of a landmark's
 /// coordinate in the last steps (as many as there are frames), canonical units.
 template <Real T, EffectSet E, Backend B>
-double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
-                       const LandmarkRoles& roles, bool landmarks_follow_gaze,
-                       const std::vector<MeshSample<T, E>>& frames, const DeformationFit& fit,
-                       const Random& random) {
+double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const LandmarkStage& stage,
+                       const std::vector<MeshSample<T, E>>& frames, const DeformationFit& fit) {
     MeshLossConfig weights;
     weights.landmark = weights.eye_offset = 0;
     weights.deform = 1.0 / fit.batch;
@@ -39,11 +38,9 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const AvatarC
         for (int i = 0; i < fit.batch; ++i) {
             const auto draw = static_cast<std::uint64_t>(step * fit.batch + i);
             const MeshSample<T, E>& frame = frames[static_cast<std::size_t>(
-                random.below(draw, static_cast<Index>(frames.size())))];
-            MeshLosses<T> l;
-            landmark_losses(backend, mesh, config, roles, weights, landmarks_follow_gaze, frame,
-                            trace, l);
-            landmark_losses_vjp(backend, mesh, config, landmarks_follow_gaze, frame, trace, grad);
+                fit.random.below(draw, static_cast<Index>(frames.size())))];
+            const MeshLosses<T> l = landmark_losses(backend, mesh, {stage, weights}, frame, trace);
+            landmark_losses_vjp(backend, mesh, stage, trace, grad);
             if (step < fit.steps - static_cast<int>(frames.size())) continue;
             squares += static_cast<double>(l.deform);
             ++count;

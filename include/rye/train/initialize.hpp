@@ -16,30 +16,37 @@
 
 namespace rye {
 
-/// Fits the signed distance to a sphere of radius 1 at `centre`, over points of the cube of the
-/// given half side around it. Targets beyond 1 cannot be reached through tanh; they need not be.
+/// A fit of the signed distance to a sphere of radius 1, over points of the cube around it.
+template <class T>
+struct SphereFit {
+    Vec3<T> centre;
+    T half_side; ///< of the cube
+    int steps;
+    double rate;
+};
+
+/// Targets beyond 1 cannot be reached through tanh; they need not be.
 template <Real T, EffectSet E, Backend B>
 void pretrain_sphere(const B& backend, GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
-                     const Vec3<T>& centre, T half_side, int steps, double rate,
-                     const Random& random) {
+                     const std::type_identity_t<SphereFit<T>>& fit, const Random& random) {
     constexpr Index points = 8192;
     Adam<GuidanceMesh<T, E>> adam(mesh);
     GuidanceMesh<T, E> grad = zeros_like(mesh);
-    for (int step = 0; step < steps; ++step) {
+    for (int step = 0; step < fit.steps; ++step) {
         const Random r = random.fork(static_cast<std::uint64_t>(step));
         Columns<T> x(3, points), target(1, points);
         for (Index i = 0; i < x.size(); ++i)
-            x(i) = half_side * T(2 * r.uniform(static_cast<std::uint64_t>(i)) - 1);
+            x(i) = fit.half_side * T(2 * r.uniform(static_cast<std::uint64_t>(i)) - 1);
         target.row(0) = x.colwise().norm().array() - T(1);
-        x.colwise() += centre;
+        x.colwise() += fit.centre;
         GeometryTrace<T> trace;
         geometry_at(backend, mesh, config, x, trace);
         Columns<T> g = Columns<T>::Zero(trace.output.rows(), points);
         g.row(0) = T(2.0 / points) * (trace.output.row(0) - target.row(0));
         GuidanceMesh<T, E>::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
-        geometry_vjp(backend, mesh, config, trace, g, grad);
+        geometry_vjp(backend, mesh, config, {trace, g}, grad);
         adam_step(backend, mesh, grad, adam, [&](const std::string& name) {
-            return name.starts_with("geo_mlp.") ? rate : 0.0;
+            return name.starts_with("geo_mlp.") ? fit.rate : 0.0;
         });
     }
 }
@@ -80,10 +87,16 @@ Columns<T> mouth_points(const Columns<T>& lips, int count, const Random& random)
     return x;
 }
 
+/// Edges longer than spacing + slope * (distance to the nearest landmark) are halved.
+template <class T>
+struct EdgeBound {
+    T spacing, slope;
+};
+
 /// The neutral surface, with vertices close together around eyes and lips, where a coarse one could
 /// neither open nor close.
 template <Real T, Backend B>
-void refine_at_landmarks(const B& backend, const Columns<T>& landmarks, T spacing, T slope,
+void refine_at_landmarks(const B& backend, const Columns<T>& landmarks, const EdgeBound<T>& bound,
                          TriangleMesh<T>& mesh, Columns<T>& feature) {
     constexpr int passes = 6;  // 1/64 of the longest edge
     refine(
@@ -91,7 +104,7 @@ void refine_at_landmarks(const B& backend, const Columns<T>& landmarks, T spacin
         [&](const Vec3<T>& x) -> T {
             const Columns<T> d2 =
                 nearest_squared_distance<T>(backend, Columns<T>(x), landmarks, nullptr);
-            return spacing + slope * std::sqrt(d2(0, 0));
+            return bound.spacing + bound.slope * std::sqrt(d2(0, 0));
         },
         passes);
 }
@@ -123,8 +136,8 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     TriangleMesh<T> mesh_of{neutral.surface.positions, neutral.surface.topology.faces};
     Columns<T> feature = neutral.feature;
     if (init.spacing > T(0))
-        refine_at_landmarks<T>(backend, mesh.landmarks.middleCols(36, 30), init.spacing,
-                               init.spacing_slope, mesh_of, feature);
+        refine_at_landmarks<T>(backend, mesh.landmarks.middleCols(36, 30),
+                               {init.spacing, init.spacing_slope}, mesh_of, feature);
     const std::array<EyeballTemplate<T>, 2> eyeball{eyeball_template<T>(init.eyeball[0]),
                                                     eyeball_template<T>(init.eyeball[1])};
     for (Index eye = 0; eye < 2; ++eye)

@@ -20,6 +20,7 @@ struct MeshTrace {
     PosedMesh<T, E> posed;
     LandmarkTrace<T, E> landmarks;
     std::vector<MeshRaster<T>> rasters;
+    std::vector<Pinhole<real_t<T>>> cameras; ///< of the rasters
 
     // Weighted cotangents of what the losses read.
     std::vector<Columns<T>> g_image, g_silhouette;
@@ -27,28 +28,38 @@ struct MeshTrace {
     [[no_unique_address]] DeformCotangents<T, E> g_raw;
 };
 
-/// Renders and compares; see landmark_losses.hpp for landmarks_follow_gaze.
-template <class T, EffectSet E, class Probe = NoProbe, Backend B>
+/// What a step of stage 1 is made by; the probe is called at the end of each part.
+template <class T, class Probe = NoProbe>
+struct MeshStage : WeightedLandmarks {
+    const TetGrid<T>& grid;
+    Probe probe = {};
+};
+
+/// Renders and compares.
+template <class T, EffectSet E, class Probe, Backend B>
 MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
-                          const AvatarConfig& config, const LandmarkRoles& roles,
-                          const TetGrid<T>& grid, const MeshLossConfig& weights,
-                          bool landmarks_follow_gaze, const MeshSample<T, E>& sample,
-                          MeshTrace<T, E>& t, Probe&& probe = {}) {
+                          const MeshStage<T, Probe>& stage, const MeshSample<T, E>& sample,
+                          MeshTrace<T, E>& t) {
+    const AvatarConfig& config = stage.config;
+    const MeshLossConfig& weights = stage.weights;
+    const Probe& probe = stage.probe;
     MeshLosses<T> l;
-    t.neutral = neutral_surface(backend, mesh, config, grid);
+    t.neutral = neutral_surface(backend, mesh, config, stage.grid);
     probe("surface");
     t.rasters.clear();
+    t.cameras.clear();
     t.g_image.clear();
     t.g_silhouette.clear();
     if (!t.neutral.empty()) {
         l.vertices = t.neutral.surface.positions.cols();
-        pose_mesh(backend, mesh, config, roles, sample.drivers, t.neutral, t.posed);
+        pose_mesh(backend, mesh, {config, stage.roles, sample.drivers}, t.neutral, t.posed);
         probe("networks");
         const Columns<T> shown = t.posed.color.topRows(3);  // the other channels have no loss here
         const T share = T(1.0 / static_cast<double>(sample.views.size()));
         for (const MeshView<T>& view : sample.views) {
             t.rasters.push_back(rasterize_mesh<T>(
                 backend, {t.posed.world, t.neutral.surface.topology.faces, shown}, view.camera));
+            t.cameras.push_back(view.camera);
             const MeshRaster<T>& raster = t.rasters.back();
             const LossTerm<T> color =
                 color_term<T>(backend, raster.attributes.pixels, view.truth.pixels, view.visible);
@@ -77,8 +88,10 @@ MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
         });
     }
 
-    landmark_losses(backend, mesh, config, roles, weights, landmarks_follow_gaze, sample,
-                    t.landmarks, l);
+    const MeshLosses<T> at_landmarks = landmark_losses(backend, mesh, stage, sample, t.landmarks);
+    l.deform = at_landmarks.deform;
+    l.landmark = at_landmarks.landmark;
+    l.eye_offset = at_landmarks.eye_offset;
     l.total = T(weights.rgb) * l.rgb + T(weights.silhouette) * l.silhouette +
               T(weights.deform) * l.deform + T(weights.offset) * l.offset +
               T(weights.landmark) * l.landmark + T(weights.laplacian) * l.laplacian +
@@ -88,10 +101,12 @@ MeshLosses<T> mesh_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
 }
 
 /// Adds dL/dparameters to `grad`.
-template <class T, EffectSet E, class Probe = NoProbe, Backend B>
-void mesh_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
-                     bool landmarks_follow_gaze, const MeshSample<T, E>& sample,
-                     const MeshTrace<T, E>& t, GuidanceMesh<T, E>& grad, Probe&& probe = {}) {
+template <class T, EffectSet E, class Probe, Backend B>
+void mesh_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
+                     const MeshStage<T, Probe>& stage, const MeshTrace<T, E>& t,
+                     GuidanceMesh<T, E>& grad) {
+    const AvatarConfig& config = stage.config;
+    const Probe& probe = stage.probe;
     if (!t.neutral.empty()) {
         const std::vector<Face>& faces = t.neutral.surface.topology.faces;
         Columns<T> g_world = t.g_world;
@@ -100,22 +115,21 @@ void mesh_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const Ava
         for (std::size_t v = 0; v < t.rasters.size(); ++v) {
             const MeshRasterGradient<T> g =
                 rasterize_mesh_vjp<T>(backend, t.rasters[v], {t.posed.world, faces, shown},
-                                      sample.views[v].camera,
-                                      {&t.g_image[v], &t.g_silhouette[v], nullptr});
+                                      t.cameras[v], {&t.g_image[v], &t.g_silhouette[v], nullptr});
             g_world += g.vertices;
             g_color.topRows(3) += g.attributes;
         }
         probe("mesh render vjp");
         Columns<T> g_positions = Columns<T>::Zero(3, g_world.cols());
         Columns<T> g_feature = Columns<T>::Zero(t.neutral.feature.rows(), g_world.cols());
-        pose_mesh_vjp(backend, mesh, config, t.neutral, t.posed, g_world, g_color, t.g_raw, grad,
-                      g_positions, g_feature);
+        pose_mesh_vjp(backend, mesh, config, {t.neutral, t.posed, g_world, g_color, t.g_raw},
+                      {grad, g_positions, g_feature});
         probe("networks vjp");
-        neutral_surface_vjp(backend, mesh, config, t.neutral, g_positions, g_feature, grad);
+        neutral_surface_vjp(backend, mesh, config, {t.neutral, g_positions, g_feature}, grad);
         probe("surface vjp");
     }
 
-    landmark_losses_vjp(backend, mesh, config, landmarks_follow_gaze, sample, t.landmarks, grad);
+    landmark_losses_vjp(backend, mesh, stage, t.landmarks, grad);
     probe("landmarks vjp");
 }
 

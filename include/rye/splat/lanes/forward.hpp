@@ -35,13 +35,23 @@ struct LaneCanvas : Workspaces::Space {
     std::uint8_t of[std::size_t(most)];                       ///< their entries
 };
 
+/// A strip's visits: their weights, and the entries that they are of.
+template <class V>
+struct StripVisits {
+    const typename V::value_type (*weight)[V::size];
+    const std::uint8_t* of;
+    int count;
+};
+
 /// sums(pixel, channels) += sum_j weight[j][pixel] feature(of[j], channels) for the pixels of a
 /// strip and P vectors of channels; two pixels at a time keep their sums in registers.
 template <int P, class V>
-void blend_channels(const typename V::value_type (*weight)[V::size], const std::uint8_t* of,
-                    int visits, const typename V::value_type* feature, Index stride,
-                    typename V::value_type* sums) {
+void blend_channels(const StripVisits<V>& visits, const typename V::value_type* feature,
+                    Index stride, typename V::value_type* sums) {
     constexpr int lanes = static_cast<int>(V::size);
+    const auto* const weight = visits.weight;
+    const std::uint8_t* const of = visits.of;
+    const int count = visits.count;
     for (int p = 0; p < lanes; p += 2) {
         std::array<V, std::size_t(P)> a, b;
         typename V::value_type* const to = sums + p * stride;
@@ -49,7 +59,7 @@ void blend_channels(const typename V::value_type (*weight)[V::size], const std::
             a[i] = V::load_aligned(to + i * lanes);
             b[i] = V::load_aligned(to + stride + i * lanes);
         });
-        for (int j = 0; j < visits; ++j) {
+        for (int j = 0; j < count; ++j) {
             const V wa(weight[j][p]), wb(weight[j][p + 1]);
             const auto* f = feature + of[j] * stride;
             unrolled<P>([&](auto i) {
@@ -73,8 +83,8 @@ void blend_features(int strip, int visits, Index stride, LaneCanvas<V>& canvas) 
     Index c = 0;
     const auto blocks = [&]<int P>(std::integral_constant<int, P>) {
         for (; c + P * lanes <= stride; c += P * lanes)
-            blend_channels<P, V>(canvas.weight, canvas.of, visits, canvas.feature.lines[0].x + c,
-                                 stride, sums + c);
+            blend_channels<P>(StripVisits<V>{canvas.weight, canvas.of, visits},
+                              canvas.feature.lines[0].x + c, stride, sums + c);
     };
     blocks(std::integral_constant<int, 4>());
     blocks(std::integral_constant<int, 2>());
@@ -143,10 +153,10 @@ void draw_background(const Scene<T>& scene, Index first, Index last, Raster<T, O
 
 /// Completes a strip's pixels over the background, and puts them where they belong.
 template <class V, int C, class A>
-void write_strip(const Scene<typename V::value_type>& scene, const Strips<V>& strips, Index tile,
-                 int strip, LaneCanvas<V>& canvas,
-                 Raster<typename V::value_type, A::outputs>& out) {
+void write_strip(const Scene<typename V::value_type>& scene, const Strips<V>& strips, int strip,
+                 LaneCanvas<V>& canvas, Raster<typename V::value_type, A::outputs>& out) {
     using T = typename V::value_type;
+    const Index tile = strips.tile;
     using Tile = Strips<V>;
     using State = LaneState<A::outputs, C>;
     constexpr int lanes = Tile::lanes;
@@ -194,10 +204,12 @@ void write_strip(const Scene<typename V::value_type>& scene, const Strips<V>& st
 
 /// Draws strips of one tile, which holds Gaussians. C few channels, or any number for C = 0.
 template <class V, int C, class A>
-void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accuracy, Index tile,
-                      const StripMask& drawn, Raster<typename V::value_type, A::outputs>& out,
+void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accuracy,
+                      const DrawnTile& what, Raster<typename V::value_type, A::outputs>& out,
                       LaneCanvas<V>& canvas) {
     using T = typename V::value_type;
+    const Index tile = what.tile;
+    const StripMask& drawn = what.strips;
     using Tile = Strips<V>;
     if constexpr (A::order == BlendOrder::by_peak) return blend_tile(scene, accuracy, tile, out);
     constexpr int lanes = Tile::lanes, most = C > 0 ? LaneGroup<V>::usual : LaneGroup<V>::most;
@@ -238,19 +250,19 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
     out.trace.used[static_cast<std::size_t>(tile)] = k - begin;
 
     for (int strip = 0; strip < Tile::count; ++strip)
-        if (inside.has(strip)) write_strip<V, C, A>(scene, strips, tile, strip, canvas, out);
+        if (inside.has(strip)) write_strip<V, C, A>(scene, strips, strip, canvas, out);
 }
 
-/// Draws tiles drawn.tile(k) for the ks of a span.
+/// Draws tiles.
 template <class V, int C, class A>
 void blend_tiles_lanes(const Scene<typename V::value_type>& scene, const A& accuracy,
-                       const DrawnTiles& drawn, const std::array<Index, 2>& span,
-                       Raster<typename V::value_type, A::outputs>& out, LaneCanvas<V>& canvas) {
+                       const DrawnTiles& drawn, Raster<typename V::value_type, A::outputs>& out,
+                       LaneCanvas<V>& canvas) {
     const auto empty = [&](Index t) { return scene.begin(t) == scene.end(t); };
-    for (Index k = span[0]; k < span[1];) {
+    for (Index k = drawn.begin; k < drawn.end;) {
         const Index first = drawn.tile(k);
         Index last = first;
-        while (k < span[1] && drawn.tile(k) == last && empty(last) &&
+        while (k < drawn.end && drawn.tile(k) == last && empty(last) &&
                scene.top(last) == scene.top(first)) {
             ++k;
             ++last;
@@ -258,7 +270,7 @@ void blend_tiles_lanes(const Scene<typename V::value_type>& scene, const A& accu
         if (last > first)
             draw_background(scene, first, last, out);
         else
-            blend_tile_lanes<V, C>(scene, accuracy, first, drawn.mask(k++), out, canvas);
+            blend_tile_lanes<V, C>(scene, accuracy, {first, drawn.mask(k++)}, out, canvas);
     }
 }
 

@@ -34,10 +34,12 @@ struct Strips {
                                               ///< by lane
     alignas(64) T y[tile_edge];          ///< the same, by row
     int width, height;                   ///< of the part inside the image [px]
+    Index tile;
 
-    Strips(const Scene<T>& scene, Index tile)
-        : width(scene.right(tile) - scene.left(tile)),
-          height(scene.bottom(tile) - scene.top(tile)) {
+    Strips(const Scene<T>& scene, Index of)
+        : width(scene.right(of) - scene.left(of)),
+          height(scene.bottom(of) - scene.top(of)),
+          tile(of) {
         for (int i = 0; i < sides * lanes; ++i)
             x[i] = static_cast<T>(scene.left(tile) + i / high) + T(0.5) - scene.cx;
         for (int i = 0; i < tile_edge; ++i)

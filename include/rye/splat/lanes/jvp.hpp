@@ -10,18 +10,31 @@
 
 namespace rye {
 
-/// Tangents of the screen numbers of visible Gaussians [b, e).
+/// Gaussians, their tangents or null, and the camera with its own.
 template <class V, class A>
-void project_tangents(const GaussianView<typename V::value_type>& g,
-                      const Gaussians<typename V::value_type>* tangent,
-                      const Pinhole<Dual<V, 1>>& camera, const A& accuracy,
-                      const RasterTrace<typename V::value_type>& trace, Index b, Index e,
+struct TangentInput {
+    using T = typename V::value_type;
+    const GaussianView<T>& gaussians;
+    const Gaussians<T>* tangent;
+    const Pinhole<Dual<V, 1>>& camera;
+    const A& accuracy;
+};
+
+/// Tangents of the screen numbers of a range of visible Gaussians.
+template <class V, class A>
+void project_tangents(const TangentInput<V, A>& moves,
+                      const RasterTrace<typename V::value_type>& trace, ChunkRange r,
                       SplatTangent<typename V::value_type>* to) {
     using T = typename V::value_type;
+    const GaussianView<T>& g = moves.gaussians;
+    const Gaussians<T>* const tangent = moves.tangent;
+    const A& accuracy = moves.accuracy;
+    const Index e = r.end;
     using Number = Dual<V, 1>;
     constexpr int lanes = static_cast<int>(V::size);
-    const Projector<Number> projector(camera, accuracy.frustum_margin, screen_dilation(accuracy));
-    for (Index start = b; start < e; start += lanes) {
+    const Projector<Number> projector(moves.camera, accuracy.frustum_margin,
+                                      screen_dilation(accuracy));
+    for (Index start = r.begin; start < e; start += lanes) {
         const auto index = [&](int lane) {
             const Index m = std::min(start + lane, e - 1);
             return static_cast<Index>(trace.members[static_cast<std::size_t>(m)].source);
@@ -79,9 +92,10 @@ struct LaneTangentCanvas : Workspaces::Space {
     std::uint8_t of[std::size_t(LaneGroup<V>::usual)];
 };
 
-/// What a walk for tangents reads besides the scene.
+/// What a walk for tangents reads.
 template <class T>
 struct TangentScene {
+    const Scene<T>& scene;
     const SplatTangent<T>* splats;         ///< of each visible Gaussian
     const Columns<T>* feature;             ///< C x N, or null
     T cx, cy;                              ///< tangents of the principal point
@@ -113,14 +127,13 @@ void share_tangent(const Splat<typename V::value_type>& s,
 
 /// sums(pixel, channels) += sum_j weight[j][pixel] feature(of[j], channels) for a strip's pixels.
 template <class V>
-void blend_many(const typename V::value_type (*weight)[V::size], const std::uint8_t* of, int visits,
-                const typename V::value_type* feature, Index stride,
+void blend_many(const StripVisits<V>& visits, const typename V::value_type* feature, Index stride,
                 typename V::value_type* sums) {
     constexpr int lanes = static_cast<int>(V::size);
     Index c = 0;
     const auto blocks = [&]<int P>(std::integral_constant<int, P>) {
         for (; c + P * lanes <= stride; c += P * lanes)
-            blend_channels<P, V>(weight, of, visits, feature + c, stride, sums + c);
+            blend_channels<P>(visits, feature + c, stride, sums + c);
     };
     blocks(std::integral_constant<int, 4>());
     blocks(std::integral_constant<int, 2>());
@@ -129,11 +142,11 @@ void blend_many(const typename V::value_type (*weight)[V::size], const std::uint
 
 /// Draws a tile and its tangent. C few channels, or any number for C = 0.
 template <class V, int C, class A>
-void blend_tile_jvp_lanes(const Scene<typename V::value_type>& scene,
-                          const TangentScene<typename V::value_type>& moving, const A& accuracy,
+void blend_tile_jvp_lanes(const TangentScene<typename V::value_type>& moving, const A& accuracy,
                           Index tile, RasterJvp<typename V::value_type, A::outputs>& out,
                           LaneTangentCanvas<V>& canvas) {
     using T = typename V::value_type;
+    const Scene<T>& scene = moving.scene;
     using Tile = Strips<V>;
     constexpr int lanes = Tile::lanes, most = LaneGroup<V>::usual, own = 4;
     constexpr Index stride = (own + 2 * C) * lanes;
@@ -232,12 +245,11 @@ void blend_tile_jvp_lanes(const Scene<typename V::value_type>& scene,
             if constexpr (C == 0) {
                 const T* const f = canvas.feature.lines[0].x;
                 T* const to = sum_tangents + strip * lanes * row_of;
-                blend_many<V>(canvas.weight, canvas.of, visits, f, row_of,
-                              sums + strip * lanes * row_of);
-                blend_many<V>(canvas.weight_tangent, canvas.of, visits, f, row_of, to);
+                const StripVisits<V> weights{canvas.weight, canvas.of, visits};
+                blend_many(weights, f, row_of, sums + strip * lanes * row_of);
+                blend_many(StripVisits<V>{canvas.weight_tangent, canvas.of, visits}, f, row_of, to);
                 if (moving.feature != nullptr)
-                    blend_many<V>(canvas.weight, canvas.of, visits,
-                                  canvas.feature_tangent.lines[0].x, row_of, to);
+                    blend_many(weights, canvas.feature_tangent.lines[0].x, row_of, to);
             }
             if (!blend.any_open(sum[0])) open.clear(strip);
         }

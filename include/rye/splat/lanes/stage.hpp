@@ -65,16 +65,19 @@ bool finite_numbers(const typename V::value_type* x, Index n) {
 
 /// As project_range, as many Gaussians at a time as there are lanes.
 template <class V, class A>
-void project_range_lanes(const GaussianView<typename V::value_type>& g,
-                         const Pinhole<typename V::value_type>& camera, const A& accuracy, Index b,
-                         Index e, RasterScratch<typename V::value_type>& scratch) {
+void project_range_lanes(const SplatInput<A, typename V::value_type, NoDistortion>& from,
+                         ChunkRange r, RasterScratch<typename V::value_type>& scratch) {
     using T = typename V::value_type;
+    const GaussianView<T>& g = from.gaussians;
+    const Pinhole<T>& camera = from.camera;
+    const A& accuracy = from.accuracy;
+    const Index e = r.end;
     constexpr int lanes = static_cast<int>(V::size);
     const Projector<V> lens(
         Projector<T>(camera, accuracy.frustum_margin, screen_dilation(accuracy)));
     const V cx(camera.cx), cy(camera.cy), zero(T(0));
     const bool look = accuracy.non_finite != NonFinite::trust;
-    for (Index start = b; start < e; start += lanes) {
+    for (Index start = r.begin; start < e; start += lanes) {
         const LaneShapes<V> in(g, [&](int lane) { return std::min(start + lane, e - 1); });
         const Projected<V, A::antialias> s = project<A::antialias>(in.shape(), lens);
         const V o = in.opacity();
@@ -183,20 +186,22 @@ struct LaneSums : Workspaces::Space {
 
 /// As project_vjp_range, as many Gaussians at a time as there are lanes.
 template <class V, class A>
-void project_vjp_range_lanes(const GaussianView<typename V::value_type>& g,
-                           const Pinhole<typename V::value_type>& camera, const A& accuracy,
-                           const RasterTrace<typename V::value_type>& trace,
-                           const PartialGradients<typename V::value_type>& slots, Index b, Index e,
-                           Gaussians<typename V::value_type>& out, LaneSums<V>& memory) {
+void project_vjp_range_lanes(const SplatInput<A, typename V::value_type, NoDistortion>& from,
+                             const TracedSlots<typename V::value_type>& traced, ChunkRange range,
+                             Gaussians<typename V::value_type>& out, LaneSums<V>& memory) {
     using T = typename V::value_type;
     constexpr int lanes = static_cast<int>(V::size);
+    const GaussianView<T>& g = from.gaussians;
+    const RasterTrace<T>& trace = traced.trace;
+    const PartialGradients<T>& slots = traced.slots;
+    const Index e = range.end;
     const Projector<V> lens(
-        Projector<T>(camera, accuracy.frustum_margin, screen_dilation(accuracy)));
+        Projector<T>(from.camera, from.accuracy.frustum_margin, screen_dilation(from.accuracy)));
     const Index channels = g.channels();
     T* const sum = memory.sum.reserve(slots.stride);
     std::array<Index, static_cast<std::size_t>(lanes)> index{};
     LaneBlock<V, 10> in_slots;
-    for (Index i = b; i < e;) {
+    for (Index i = range.begin; i < e;) {
         int filled = 0;
         for (; i < e && filled < lanes; ++i) {
             if (i + 4 * lanes < e) {

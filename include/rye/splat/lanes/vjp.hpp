@@ -136,13 +136,20 @@ template <class V, int C>
     return sum;
 }
 
+/// The strips of an entry's visits.
+struct VisitedStrips {
+    const std::uint8_t* strip;
+    Index count;
+};
+
 /// The same of many channels for several strips: to[i] of strip[i], eight channels at a time, whose
 /// colours stay in registers.
 template <class V>
-void along_strips(const typename V::value_type* cotangent, const std::uint8_t* strip, Index visits,
+void along_strips(const typename V::value_type* cotangent, VisitedStrips visited,
                   const typename V::value_type* colour, Index stride,
                   typename V::value_type (*to)[V::size]) {
     constexpr int lanes = static_cast<int>(V::size);
+    const auto [strip, visits] = visited;
     for (Index c = 0; c < stride; c += 8) {
         std::array<V, 8> f;
         unrolled<8>([&](auto i) { f[i] = V(colour[c + i]); });
@@ -163,9 +170,10 @@ void along_strips(const typename V::value_type* cotangent, const std::uint8_t* s
 /// The cotangents of a tile's pixels, strip by strip, and that of the background seen through it.
 template <class V, int C>
 void load_cotangents(const Scene<typename V::value_type>& scene,
-                     const RasterCotangent<typename V::value_type>& g, Index tile,
-                     const Strips<V>& strips, Index stride, LaneTape<V>& tape) {
+                     const RasterCotangent<typename V::value_type>& g, const Strips<V>& strips,
+                     Index stride, LaneTape<V>& tape) {
     using T = typename V::value_type;
+    const Index tile = strips.tile;
     using Tile = Strips<V>;
     constexpr int lanes = Tile::lanes;
     const Index channels = C > 0 ? C : scene.channels();
@@ -199,7 +207,7 @@ void load_cotangents(const Scene<typename V::value_type>& scene,
         std::array<std::uint8_t, std::size_t(Tile::count)> all;
         for (int s = 0; s < Tile::count; ++s)
             all[static_cast<std::size_t>(s)] = static_cast<std::uint8_t>(s);
-        along_strips<V>(cotangent, all.data(), Tile::count, background, stride, tape.along);
+        along_strips<V>(cotangent, {all.data(), Tile::count}, background, stride, tape.along);
         std::copy_n(tape.along[0], tile_pixels, tape.behind);
     }
 }
@@ -236,7 +244,7 @@ struct LaneReverse {
         if constexpr (C > 0)
             unrolled<C>([&](auto c) { colour[c] = V(feature[c]); });
         else
-            along_strips<V>(cotangent, strip, visits, feature, stride, tape.along);
+            along_strips<V>(cotangent, {strip, visits}, feature, stride, tape.along);
         const struct {
             V floor, depth;
         } layer{V(s.floor), V(s.depth)};
@@ -326,14 +334,15 @@ template <class T>
 /// Gradients of one tile's pixels, into the slots of its entries.
 template <class V, int C, bool Extra, class A>
 void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& accuracy,
-                          const RasterCotangent<typename V::value_type>& g, Index tile,
+                          const TileCotangent<typename V::value_type>& cotangent,
                           RasterScratch<typename V::value_type>& scratch, LaneTape<V>& tape) {
     using T = typename V::value_type;
+    const Index tile = cotangent.tile;
     constexpr Index most = LaneGroup<V>::usual;
     if (scene.used(tile) == 0) return;
     if constexpr (A::order == BlendOrder::by_peak) {
         std::vector<PixelContribution<T>> hits;
-        return blend_tile_vjp(scene, accuracy, g, tile, scratch, hits);
+        return blend_tile_vjp(scene, accuracy, cotangent, scratch, hits);
     }
     const Strips<V> strips(scene, tile);
     const Index channels = scene.channels();
@@ -343,7 +352,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
     const Index last = (entries - 1) / most * most;
     fetch_features(scene, begin + last, begin + entries);
     fetch_slots(scene, scratch.slots, begin + last, begin + entries);
-    load_cotangents<V, C>(scene, g, tile, strips, stride, tape);
+    load_cotangents<V, C>(scene, cotangent.images, strips, stride, tape);
 
     LaneReverse<V, C, Extra, A> reverse{
         strips, tape, stride, LaneBlend<A, V>(accuracy), tape.cotangent.lines[0].x, {}};

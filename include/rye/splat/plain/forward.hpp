@@ -22,11 +22,13 @@ struct PixelContribution : Contribution<T> {
 template <class A, class T>
 using PlainBlend = Blend<A, T, SinglePixel, Exp2Library>;
 
-/// Visits the contributions to pixel (x, y) of a tile, near to far, and returns the transmittance
+/// Visits the contributions to a pixel, near to far, and returns the transmittance
 /// behind them all.
 template <class A, class T, class Visit>
-T walk_pixel(const Scene<T>& scene, const A& accuracy, Index tile, int x, int y, Visit&& visit) {
+T walk_pixel(const Scene<T>& scene, const A& accuracy, const TilePixel& at, Visit&& visit) {
     using R = real_t<T>;
+    const Index tile = at.tile;
+    const int x = at.x, y = at.y;
     const PlainBlend<A, T> blend(accuracy);
     const T px = T(static_cast<R>(x) + R(0.5)) - scene.cx;
     const T py = T(static_cast<R>(y) + R(0.5)) - scene.cy;
@@ -72,7 +74,7 @@ void blend_tile(const Scene<T>& scene, const A& accuracy, Index tile, Raster<T, 
             [[maybe_unused]] real_t<T> most = 0;
             [[maybe_unused]] std::uint32_t contributor = no_contributor;
             const T end =
-                walk_pixel(scene, accuracy, tile, x, y, [&](const PixelContribution<T>& h) {
+                walk_pixel(scene, accuracy, {tile, x, y}, [&](const PixelContribution<T>& h) {
                     const T* feature = scene.feature_of(h.entry);
                     for (Index c = 0; c < channels; ++c) sum[c] += h.weight * feature[c];
                     if constexpr (A::outputs.depth) depth += h.weight * scene.splat(h.entry).depth;

@@ -9,10 +9,11 @@ namespace rye {
 
 /// Rasterizer::jvp by plain loops. R: a Rasterizer<A>.
 template <class R, Backend B, class T, Distortion D, Outputs O>
-void jvp_by_duals(const R& rasterizer, const B& backend, const GaussianView<T>& g,
-                  const RasterTangents<T, D>& tangents, const Pinhole<T, D>& camera,
-                  const VecX<T>& background, RasterJvp<T, O>& out) {
+void jvp_by_duals(const R& rasterizer, const B& backend, const RasterJvpInput<T, D>& in,
+                  RasterJvp<T, O>& out) {
     using Number = Dual<T, 1>;
+    const GaussianView<T>& g = in.gaussians;
+    const RasterTangents<T, D>& tangents = in.tangents;
     Gaussians<Number> dual(g.count(), g.channels());
     const Gaussians<T>* const moves = tangents.gaussians;
     const auto lift = [&](Columns<Number>& to, Index i, const T* x, const Columns<T>* dx) {
@@ -27,8 +28,8 @@ void jvp_by_duals(const R& rasterizer, const B& backend, const GaussianView<T>& 
         lift(dual.feature, i, g.feature_of(i), moves != nullptr ? &moves->feature : nullptr);
     }
     const ScalarBackend plain{backend.threads};
-    const auto raster = rasterizer.forward(plain, dual, dual_camera<T>(camera, tangents.camera),
-                                           VecX<Number>(background.template cast<Number>()));
+    const auto raster = rasterizer.forward(plain, dual, dual_camera<T>(in.camera, tangents.camera),
+                                           VecX<Number>(in.background.template cast<Number>()));
     const auto split = [](const Image<Number>& x, Image<T>& value, Columns<T>& tangent) {
         value.width = x.width;
         value.height = x.height;

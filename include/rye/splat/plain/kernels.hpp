@@ -10,38 +10,31 @@
 
 namespace rye {
 
-/// Indices [begin, end) of the Gaussians or tiles of one chunk.
-struct ChunkRange {
-    Index begin, end;
-};
-
 template <class T>
 struct PlainSplatKernels {
     /// Projects Gaussians: candidate and state of each.
     template <class A, Distortion D>
-    static void project(const GaussianView<T>& g, const Pinhole<T, D>& camera, const A& accuracy,
-                        ChunkRange r, RasterScratch<T>& s) {
-        project_range(g, camera, accuracy, r.begin, r.end, s);
+    static void project(const SplatInput<A, T, D>& in, ChunkRange r, RasterScratch<T>& s) {
+        project_range(in, r, s);
     }
-    /// Draws tiles drawn.tile(k), k in r.
     template <class A>
     static void blend(const Scene<T>& scene, const A& accuracy, const DrawnTiles& drawn,
-                      ChunkRange r, Raster<T, A::outputs>& out, Workspaces&) {
-        for (Index k = r.begin; k < r.end; ++k) blend_tile(scene, accuracy, drawn.tile(k), out);
+                      Raster<T, A::outputs>& out, Workspaces&) {
+        for (Index k = drawn.begin; k < drawn.end; ++k)
+            blend_tile(scene, accuracy, drawn.tile(k), out);
     }
     /// Adds the partial gradients of tiles r to their slots.
     template <class A>
     static void blend_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotangent<T>& g,
                           ChunkRange r, RasterScratch<T>& s) {
         std::vector<PixelContribution<T>> hits;
-        for (Index t = r.begin; t < r.end; ++t) blend_tile_vjp(scene, accuracy, g, t, s, hits);
+        for (Index t = r.begin; t < r.end; ++t) blend_tile_vjp(scene, accuracy, {g, t}, s, hits);
     }
     /// Gradients of Gaussians from their slots.
     template <class A, Distortion D>
-    static void project_vjp(const GaussianView<T>& g, const Pinhole<T, D>& camera,
-                            const A& accuracy, const RasterTrace<T>& trace, ChunkRange r,
-                            RasterScratch<T>& s, Gaussians<T>& out) {
-        project_vjp_range(g, camera, accuracy, trace, s.slots, r.begin, r.end, out);
+    static void project_vjp(const SplatInput<A, T, D>& in, const RasterTrace<T>& trace,
+                            ChunkRange r, RasterScratch<T>& s, Gaussians<T>& out) {
+        project_vjp_range(in, {trace, s.slots}, r, out);
     }
 };
 

@@ -45,13 +45,15 @@ void store_shape(const Shape<T>& s, Gaussians<T>& g, Index i) {
     Eigen::Map<Vec3<T>>(g.scale.data() + 3 * i) = s.scale;
 }
 
-/// Fills candidate and state of Gaussians [b, e); one at a time, for any scalar.
+/// Fills candidate and state of a range of Gaussians; one at a time, for any scalar.
 template <class A, class T, Distortion D>
-void project_range(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
-                   const A& accuracy, Index b, Index e, RasterScratch<T>& scratch) {
+void project_range(const SplatInput<A, T, D>& in, ChunkRange r, RasterScratch<T>& scratch) {
+    const GaussianView<T>& g = in.gaussians;
+    const Pinhole<T, D>& camera = in.camera;
+    const A& accuracy = in.accuracy;
     const Projector<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
     const bool look = accuracy.non_finite != NonFinite::trust;
-    for (Index i = b; i < e; ++i) {
+    for (Index i = r.begin; i < r.end; ++i) {
         const auto at = static_cast<std::size_t>(i);
         scratch.state[at] = Visibility::non_finite;
         if (look && !usable(g, i)) continue;
@@ -74,14 +76,17 @@ void project_range(const std::type_identity_t<GaussianView<T>>& g, const Pinhole
     }
 }
 
-/// Gradients of Gaussians [b, e), from slots to world.
+/// Gradients of a range of Gaussians, from slots to world.
 template <class A, class T, Distortion D>
-void project_vjp_range(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
-                       const A& accuracy, const RasterTrace<T>& trace,
-                       const PartialGradients<T>& slots, Index b, Index e, Gaussians<T>& out) {
-    const Projector<T, D> lens(camera, accuracy.frustum_margin, screen_dilation(accuracy));
+void project_vjp_range(const SplatInput<A, T, D>& in,
+                       const std::type_identity_t<TracedSlots<T>>& traced, ChunkRange r,
+                       Gaussians<T>& out) {
+    const GaussianView<T>& g = in.gaussians;
+    const RasterTrace<T>& trace = traced.trace;
+    const PartialGradients<T>& slots = traced.slots;
+    const Projector<T, D> lens(in.camera, in.accuracy.frustum_margin, screen_dilation(in.accuracy));
     std::vector<T> sum(static_cast<std::size_t>(slots.stride));
-    for (Index i = b; i < e; ++i) {
+    for (Index i = r.begin; i < r.end; ++i) {
         const std::uint32_t m = trace.member[static_cast<std::size_t>(i)];
         if (m == no_member) {
             clear_gradient(out, i);

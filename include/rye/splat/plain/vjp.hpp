@@ -10,15 +10,17 @@ namespace rye {
 /// Adds the gradients of one tile's pixels to the slots of its entries, in the order of pixels.
 /// Slots may be of a wider type S than what is added to them.
 template <class A, class T, class S>
-void blend_tile_vjp(const Scene<T>& scene, const A& accuracy, const RasterCotangent<T>& g,
-                    Index tile, RasterScratch<S>& scratch,
-                    std::vector<PixelContribution<T>>& hits) {
+void blend_tile_vjp(const Scene<T>& scene, const A& accuracy,
+                    const std::type_identity_t<TileCotangent<T>>& cotangent,
+                    RasterScratch<S>& scratch, std::vector<PixelContribution<T>>& hits) {
+    const RasterCotangent<T>& g = cotangent.images;
+    const Index tile = cotangent.tile;
     const Index channels = scene.channels();
     const PlainBlend<A, T> blend(accuracy);
     for (int y = scene.top(tile); y < scene.bottom(tile); ++y)
         for (int x = scene.left(tile); x < scene.right(tile); ++x) {
             hits.clear();
-            walk_pixel(scene, accuracy, tile, x, y,
+            walk_pixel(scene, accuracy, {tile, x, y},
                        [&](const PixelContribution<T>& h) { hits.push_back(h); });
             const Index p = scene.pixel(x, y);
             const T* g_pixel = g.feature.data() + p * channels;
