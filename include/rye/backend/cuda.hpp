@@ -70,9 +70,9 @@ struct DeviceColumns {
     Index rows = 0, cols = 0;
 
     Index size() const { return rows * cols; }
-    operator DeviceColumns<const T>() const
-        requires(!std::is_const_v<T>)
-    {
+    template <class U>
+        requires(std::same_as<U, const T> && !std::is_const_v<T>)
+    operator DeviceColumns<U>() const {
         return {data, rows, cols};
     }
 };

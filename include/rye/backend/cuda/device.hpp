@@ -285,6 +285,11 @@ struct CudaDevice {
     void fill(const CudaQueue& queue, void* p, int byte, std::size_t bytes) const {
         if (bytes > 0) check_cuda(cudaMemsetAsync(p, byte, bytes, queue.stream), "device memory");
     }
+    void send(const CudaQueue& queue, void* to, const void* from, std::size_t bytes) const {
+        check_cuda(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, queue.stream),
+                   "device memory");
+        check_cuda(cudaStreamSynchronize(queue.stream), "device memory");
+    }
     void fetch(const CudaQueue& queue, void* to, const void* from, std::size_t bytes) const {
         check_cuda(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, queue.stream),
                    "device memory");

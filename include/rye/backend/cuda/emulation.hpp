@@ -345,7 +345,11 @@ struct EmulatedDevice {
     void fill(const CudaQueue&, void* p, int byte, std::size_t bytes) const {
         if (bytes > 0) std::memset(p, byte, bytes);
     }
-    /// Copies from the device and waits for it.
+    /// Copies to the device, and waits for that.
+    void send(const CudaQueue&, void* to, const void* from, std::size_t bytes) const {
+        if (bytes > 0) std::memcpy(to, from, bytes);
+    }
+    /// Copies from the device, and waits for that.
     void fetch(const CudaQueue&, void* to, const void* from, std::size_t bytes) const {
         if (bytes > 0) std::memcpy(to, from, bytes);
     }

@@ -3,25 +3,31 @@
 /// in registers whatever the compiler thinks of their size.
 #pragma once
 
-#include <type_traits>
 #include <utility>
 
 #include <rye/core/array.hpp>
 
 namespace rye {
 
+/// A number as a type: std::integral_constant, whose conversion device code may not call.
+template <int n>
+struct Constant {
+    static constexpr int value = n;
+    RYE_HD constexpr operator int() const { return n; }
+};
+
 namespace detail {
 
 #if defined(__CUDACC__)
 template <class F, int... I>
 __device__ __forceinline__ void unroll(F&& f, std::integer_sequence<int, I...>) {
-    (f(std::integral_constant<int, I>{}), ...);
+    (f(Constant<I>{}), ...);
 }
 #else
 /// The host has no use for it, and would compile for minutes.
 template <class F, int... I>
 [[gnu::noinline]] void unroll(F&& f, std::integer_sequence<int, I...>) {
-    (f(std::integral_constant<int, I>{}), ...);
+    (f(Constant<I>{}), ...);
 }
 #endif
 

@@ -28,7 +28,7 @@ template <class A, int C>
 struct BlendKernel {
     using Layout = ChannelLayout<C>;
     static constexpr const char* name = "blend";
-    static constexpr int threads = 128, blocks = Layout::products ? 4 : 6;
+    static constexpr int threads = 128, blocks = Layout::products ? 3 : 5;
     struct Shared {
         NearestKeys nearest;
         Staged<A, C> staged;
@@ -195,8 +195,8 @@ struct BlendKernel {
         if constexpr (Layout::products) {
             const FeaturesOverVisits<W, Staged<A, C>, C> features(shared.staged, w, g);
             unrolled<4>([&](auto m) {
-                const Taken<W> a = row(std::integral_constant<int, 2 * m>{});
-                const Taken<W> b = row(std::integral_constant<int, 2 * m + 1>{});
+                const Taken<W> a = row(Constant<2 * m>{});
+                const Taken<W> b = row(Constant<2 * m + 1>{});
                 Planes<W, Staged<A, C>::N, 4> weights;
                 split<W, Staged<A, C>::N>(weights, 0, a.weight[0], a.weight[1]);
                 split<W, Staged<A, C>::N>(weights, 1, b.weight[0], b.weight[1]);

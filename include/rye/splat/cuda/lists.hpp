@@ -4,6 +4,7 @@
 /// list, which is sorted where it is drawn, by keys that are unique.
 #pragma once
 
+#include <rye/splat/cuda/lens.hpp>
 #include <rye/splat/cuda/records.hpp>
 
 namespace rye {
@@ -41,7 +42,7 @@ struct ProjectKernel {
         std::uint32_t places[threads];
     };
     DeviceGaussians<const float> g;
-    Projector<float, D> lens;
+    DeviceLens<D> lens;
     A accuracy;
     float cx, cy;
     int width, height;
@@ -112,7 +113,10 @@ struct ProjectKernel {
 
     /// The record, and, if it is visible, its rows of tiles; returns the number of tiles.
     RYE_DEVICE std::uint32_t reach(std::uint32_t i, TileSpans& spans) const {
-        const Projected<float, A::antialias> s = project<A::antialias>(shape_of(g, i), lens);
+        typename DeviceLens<D>::Held held;
+        lens.put(held);
+        const Projected<float, A::antialias> s =
+            project<A::antialias>(shape_of(g, i), held.projector);
         const float opacity = g.opacity.data[i];
         if (!s.drawable || !(opacity > 0.0F)) return 0;
         const Splat<float> splat = make_splat(s, kept_opacity(s, opacity), accuracy);

@@ -19,7 +19,7 @@ struct MergeKernel {
     };
     DeviceGaussians<const float> g;
     DeviceGaussians<float> out;
-    Projector<float, D> lens;
+    DeviceLens<D> lens;
     FrameMemory memory;
     Index first_channel;
     int channels;
@@ -80,7 +80,9 @@ struct MergeKernel {
             splat.vx = s.place.w;
             splat.vy = s.shape.x;
             const SplatCotangent<float> c{sum[0], sum[1], sum[2], sum[3], sum[4], sum[5], sum[6]};
-            d = project_vjp<A::antialias>(ProjectKernel<A, D>::shape_of(g, i), lens,
+            typename DeviceLens<D>::Held held;
+            lens.put(held);
+            d = project_vjp<A::antialias>(ProjectKernel<A, D>::shape_of(g, i), held.projector,
                                           screen_cotangent(splat, c), c.alpha);
             opacity = c.alpha / g.opacity.data[i];
         }

@@ -232,7 +232,8 @@ struct DeviceRasterizer {
   private:
     template <Distortion D>
     auto lens(const Pinhole<float, D>& camera) const {
-        return Projector<float, D>(camera, accuracy.frustum_margin, screen_dilation(accuracy));
+        return DeviceLens<D>(
+            Projector<float, D>(camera, accuracy.frustum_margin, screen_dilation(accuracy)));
     }
     template <Distortion D>
     static DeviceScene scene(const DeviceGaussians<const float>& g, const float* background,

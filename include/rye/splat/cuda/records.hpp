@@ -17,9 +17,9 @@ struct DeviceGaussians {
 
     RYE_HD Index count() const { return mean.cols; }
     RYE_HD Index channels() const { return feature.rows; }
-    operator DeviceGaussians<const T>() const
-        requires(!std::is_const_v<T>)
-    {
+    template <class U>
+        requires(std::same_as<U, const T> && !std::is_const_v<T>)
+    operator DeviceGaussians<U>() const {
         return {mean, rotation, scale, opacity, feature};
     }
 };

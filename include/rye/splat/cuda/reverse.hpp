@@ -26,7 +26,7 @@ struct ReverseKernel {
     using Layout = ChannelLayout<C>;
     static constexpr const char* name = "reverse walk";
     static constexpr int N = planes_of<A>;
-    static constexpr int threads = 128, blocks = Layout::products ? (N < 3 ? 2 : 1) : 4;
+    static constexpr int threads = 128, blocks = Layout::products ? (N < 3 ? 2 : 1) : 3;
     /// Numbers of a visit that are summed over lanes, and of its row in shared memory.
     static constexpr int sums = Layout::products ? 8 : 7 + C;
     static constexpr int row = Layout::products ? Layout::stride : sums;
@@ -306,13 +306,13 @@ struct ReverseKernel {
             unrolled<4>([&](auto m) {
                 const auto product = along<W>(shared, w, m, features);
                 const auto one = [&](auto odd) {
-                    const std::integral_constant<int, 2 * m + odd> j;
+                    const Constant<2 * m + odd> j;
                     const Array<F, 4> of_row{{product[0][2 * odd], product[0][2 * odd + 1],
                                               product[1][2 * odd], product[1][2 * odd + 1]}};
                     return one_row<W>(s, sum, v, rules, j, before(j), of_row);
                 };
-                const Taken<W> a = one(std::integral_constant<int, 0>{});
-                const Taken<W> b = one(std::integral_constant<int, 1>{});
+                const Taken<W> a = one(Constant<0>{});
+                const Taken<W> b = one(Constant<1>{});
                 Planes<W, N, 4> weights;     // transposed: a row a position
                 split<W, N>(weights, 0, a.weight[0], a.weight[1]);
                 split<W, N>(weights, 1, a.weight[2], a.weight[3]);

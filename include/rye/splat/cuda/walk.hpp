@@ -196,7 +196,7 @@ RYE_DEVICE Array<V, 2> own_rows(const V (&x)[8]) {
         r = select(q == typename W::U(2), x[4 + odd], r);
         return select(q == typename W::U(3), x[6 + odd], r);
     };
-    return {{pick(std::integral_constant<int, 0>{}), pick(std::integral_constant<int, 1>{})}};
+    return {{pick(Constant<0>{}), pick(Constant<1>{})}};
 }
 
 } // namespace rye
