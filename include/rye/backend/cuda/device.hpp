@@ -230,18 +230,19 @@ struct DeviceBlock {
     __device__ static int leading_zeros(std::uint64_t x) {
         return __clzll(static_cast<long long>(x));
     }
-    __device__ std::uint32_t exclusive_sums(std::uint32_t* x) {
-        __shared__ std::uint32_t of_warp[32];
+    template <class T>
+    __device__ T exclusive_sums(T* x) {
+        __shared__ T of_warp[32];
         const unsigned t = threadIdx.x, lane = t % 32;
-        const std::uint32_t own = x[t];
-        std::uint32_t sum = own;
+        const T own = x[t];
+        T sum = own;
         for (unsigned k = 1; k < 32; k *= 2) {
-            const std::uint32_t before = __shfl_up_sync(0xFFFFFFFFU, sum, k);
+            const T before = __shfl_up_sync(0xFFFFFFFFU, sum, k);
             if (lane >= k) sum += before;
         }
         if (lane == 31) of_warp[t / 32] = sum;
         __syncthreads();
-        std::uint32_t before = 0, total = 0;
+        T before = 0, total = 0;
         for (unsigned w = 0; w < threads / 32; ++w) {
             if (w == t / 32) before = total;
             total += of_warp[w];

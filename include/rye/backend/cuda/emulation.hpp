@@ -288,10 +288,11 @@ class HostBlock {
     static int bits_set(std::uint32_t x) { return std::popcount(x); }
     static int leading_zeros(std::uint64_t x) { return std::countl_zero(x); }
     /// Sums of what is before each of the block's numbers; returns that of all.
-    std::uint32_t exclusive_sums(std::uint32_t* x) {
-        std::uint32_t sum = 0;
+    template <class T>
+    T exclusive_sums(T* x) {
+        T sum = 0;
         for (int t = 0; t < threads; ++t) {
-            const std::uint32_t own = x[t];
+            const T own = x[t];
             x[t] = sum;
             sum += own;
         }

@@ -25,11 +25,57 @@ RYE_DEVICE void each_span(const TileSpans& s, const Footprint<float>* footprint,
     }
 }
 
-/// Gaussians of a block whose tiles its threads take together.
-struct LargeGaussians {
-    static constexpr int few = 16;            ///< tiles that a thread takes by itself
-    std::uint32_t count;
-    std::uint32_t index[128];
+/// The tiles of a block's Gaussians as one row of tasks, so that its threads share them evenly;
+/// those of Gaussians in many rows of tiles are taken one Gaussian after the other.
+struct BlockTiles {
+    static constexpr int threads = 128;
+    TileSpans spans[threads];
+    std::uint32_t before[threads];           ///< tasks of Gaussians before each
+    std::uint32_t tall;                      ///< how many are in many rows
+    std::uint32_t index[threads];            ///< which
+
+    /// What Gaussian t has.
+    template <class Block>
+    RYE_DEVICE void put(Block& block, int t, const TileSpans& s, std::uint32_t places) {
+        const bool is_tall = s.rows > TileSpans::most;
+        spans[t] = s;
+        before[t] = is_tall ? 0U : places;
+        if (is_tall) index[block.add(&tall, 1U)] = static_cast<std::uint32_t>(t);
+    }
+
+    /// f(Gaussian, its tile's rank, row, column) for all tiles of the block.
+    template <Support support, class Block, class F>
+    RYE_DEVICE void each(Block& block, const Footprint<float>* footprints, int width, int height,
+                         const F& f) {
+        const std::uint32_t tasks = block.exclusive_sums(before);
+        block.each_thread([&](int t) {
+            for (std::uint32_t k = static_cast<std::uint32_t>(t); k < tasks; k += threads) {
+                int low = 0;                 // the last whose tasks begin at k or before
+                for (int step = threads / 2; step > 0; step /= 2)
+                    if (before[low + step] <= k) low += step;
+                const TileSpans& s = spans[low];
+                const std::uint32_t rank = k - before[low];
+                int row = 0, rest = static_cast<int>(rank);
+                for (int y = 0; y + 1 < TileSpans::most; ++y) {
+                    const int wide = s.end[y] - s.begin[y];
+                    if (row == y && y + 1 < s.rows && rest >= wide) rest -= wide, ++row;
+                }
+                f(low, rank, s.first + row, s.begin[row] + rest);
+            }
+        });
+        for (std::uint32_t k = 0; k < tall; ++k)
+            block.each_thread([&](int t) {
+                const int own = static_cast<int>(index[k]);
+                std::uint32_t rank = 0;
+                each_span<support>(spans[own], footprints + own, width, height,
+                                   [&](int row, int begin, int end) {
+                                       for (int x = begin + t; x < end; x += threads)
+                                           f(own, rank + static_cast<std::uint32_t>(x - begin),
+                                             row, x);
+                                       rank += static_cast<std::uint32_t>(end - begin);
+                                   });
+            });
+    }
 };
 
 /// Projects Gaussians, and counts the entries of tiles.
@@ -38,7 +84,7 @@ struct ProjectKernel {
     static constexpr const char* name = "project";
     static constexpr int threads = 128, blocks = 8;
     struct Shared {
-        LargeGaussians large;
+        BlockTiles tiles;
         std::uint32_t places[threads];
     };
     DeviceGaussians<const float> g;
@@ -52,20 +98,27 @@ struct ProjectKernel {
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         const auto base = static_cast<std::uint32_t>(block.index()) * threads;
         block.each_thread([&](int t) {
-            if (t == 0) shared.large.count = 0;
+            if (t == 0) shared.tiles.tall = 0;
         });
         block.each_thread([&](int t) {
             const std::uint32_t i = base + static_cast<std::uint32_t>(t);
-            shared.places[t] = i < memory.count ? one(block, shared, i) : 0;
+            TileSpans spans{};
+            std::uint32_t places = 0;
+            if (i < memory.count) {
+                if (accuracy.non_finite != NonFinite::trust && !usable(i))
+                    block.add(&memory.report->non_finite, 1U);
+                else
+                    places = reach(i, spans);
+                memory.spans[i] = spans;
+                memory.places[i] = places;
+            }
+            shared.places[t] = places;
+            shared.tiles.put(block, t, spans, places);
         });
-        for (std::uint32_t k = 0; k < shared.large.count; ++k)
-            block.each_thread([&](int t) {
-                const std::uint32_t i = shared.large.index[k];
-                each_span<A::support>(memory.spans[i], memory.footprint + i, width, height,
-                                      [&](int row, int begin, int end) {
-                                          for (int x = begin + t; x < end; x += threads)
-                                              block.add(memory.tile_count + row * columns() + x, 1U);
-                                      });
+        shared.tiles.template each<A::support>(
+            block, memory.footprint + base, width, height,
+            [&](int, std::uint32_t, int row, int column) {
+                block.add(memory.counter(row, column), 1U);
             });
         const std::uint32_t total = block.exclusive_sums(shared.places);
         block.each_thread([&](int t) {
@@ -74,29 +127,6 @@ struct ProjectKernel {
     }
 
   private:
-    RYE_DEVICE int columns() const { return static_cast<int>(memory.columns); }
-
-    /// How many tiles Gaussian i reaches.
-    template <class Block>
-    RYE_DEVICE std::uint32_t one(Block& block, Shared& shared, std::uint32_t i) const {
-        TileSpans spans{};
-        std::uint32_t places = 0;
-        if (accuracy.non_finite != NonFinite::trust && !usable(i))
-            block.add(&memory.report->non_finite, 1U);
-        else
-            places = reach(i, spans);
-        memory.spans[i] = spans;
-        memory.places[i] = places;
-        if (spans.rows > TileSpans::most || places > LargeGaussians::few) {
-            shared.large.index[block.add(&shared.large.count, 1U)] = i;
-        } else {
-            for (int y = 0; y < spans.rows; ++y)
-                for (int x = spans.begin[y]; x < spans.end[y]; ++x)
-                    block.add(memory.tile_count + (spans.first + y) * columns() + x, 1U);
-        }
-        return places;
-    }
-
     RYE_DEVICE bool usable(std::uint32_t i) const {
         bool finite = true;
         const auto look = [&](const float* x, Index n) {
@@ -160,58 +190,50 @@ struct ScanKernel {
     static constexpr int threads = 1024, blocks = 1;
     static constexpr std::uint32_t classes = 64;
     struct Shared {
+        std::uint64_t wide[threads];         // a sum of 32 bits would hide too many entries
         std::uint32_t sums[threads];
-        std::uint32_t in_class[classes];
-        std::uint32_t low, high;
+        std::uint32_t in_class[classes], first_of[classes];
     };
     FrameMemory memory;
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         const std::uint32_t run = (memory.tiles + threads - 1) / threads;
-        const auto range = [&](int t, std::uint32_t length, std::uint32_t n) {
-            const std::uint32_t b = static_cast<std::uint32_t>(t) * length;
-            return Array<std::uint32_t, 2>{{rye::min(b, n), rye::min(b + length, n)}};
-        };
-        // 64 bits in two halves: a sum of 32 bits would hide too many entries.
         block.each_thread([&](int t) {
             if (t < static_cast<int>(classes)) shared.in_class[t] = 0;
-            shared.sums[t] = static_cast<std::uint32_t>(sum(range(t, run, memory.tiles)) & 0xFFFFU);
         });
-        const std::uint64_t low = block.exclusive_sums(shared.sums);
         block.each_thread([&](int t) {
-            shared.sums[t] = static_cast<std::uint32_t>(sum(range(t, run, memory.tiles)) >> 16U);
+            std::uint64_t n = 0;
+            const std::uint32_t b = static_cast<std::uint32_t>(t) * run;
+            for (std::uint32_t k = b; k < b + run && k < memory.tiles; ++k) {
+                const std::uint32_t here = *memory.counter(k);
+                n += here;
+                block.add(shared.in_class + class_of(here), 1U);
+            }
+            shared.wide[t] = n;
         });
-        const std::uint64_t total = low + (std::uint64_t(block.exclusive_sums(shared.sums)) << 16U);
+        const std::uint64_t total = block.exclusive_sums(shared.wide);
         const bool fits = total <= memory.entries;
         block.each_thread([&](int t) {
-            shared.sums[t] = static_cast<std::uint32_t>(sum(range(t, run, memory.tiles)));
-            const auto r = range(t, run, memory.tiles);
-            for (std::uint32_t k = r[0]; k < r[1]; ++k)
-                block.add(shared.in_class + class_of(memory.tile_count[k]), 1U);
-        });
-        block.exclusive_sums(shared.sums);
-        block.each_thread([&](int t) {
-            if (t != 0) return;
-            std::uint32_t before = 0;
-            for (std::uint32_t c = classes; c-- > 0;) {
-                const std::uint32_t n = shared.in_class[c];
-                shared.in_class[c] = before;
-                before += n;
+            if (t < static_cast<int>(classes)) {
+                std::uint32_t before = 0;
+                for (int c = t + 1; c < static_cast<int>(classes); ++c) before += shared.in_class[c];
+                shared.first_of[t] = before;
             }
+            if (t != 0) return;
             memory.begin[memory.tiles] = fits ? static_cast<std::uint32_t>(total) : 0U;
             memory.report->entries_low = static_cast<std::uint32_t>(total);
             memory.report->entries_high = static_cast<std::uint32_t>(total >> 32U);
             memory.report->overflow = fits ? 0U : 1U;
         });
         block.each_thread([&](int t) {
-            std::uint32_t at = shared.sums[t];
-            const auto r = range(t, run, memory.tiles);
-            for (std::uint32_t k = r[0]; k < r[1]; ++k) {
-                const std::uint32_t n = fits ? memory.tile_count[k] : 0U;
-                memory.begin[k] = memory.cursor[k] = fits ? at : 0U;
+            auto at = static_cast<std::uint32_t>(shared.wide[t]);
+            const std::uint32_t b = static_cast<std::uint32_t>(t) * run;
+            for (std::uint32_t k = b; k < b + run && k < memory.tiles; ++k) {
+                const std::uint32_t here = *memory.counter(k), n = fits ? here : 0U;
+                memory.begin[k] = *memory.counter(k) = fits ? at : 0U;  // now where to put
                 at += n;
-                memory.order[block.add(shared.in_class + class_of(memory.tile_count[k]), 1U)] = k;
+                memory.order[block.add(shared.first_of + class_of(here), 1U)] = k;
             }
         });
         places(block, shared);
@@ -241,11 +263,6 @@ struct ScanKernel {
         });
     }
 
-    RYE_DEVICE std::uint64_t sum(const Array<std::uint32_t, 2>& range) const {
-        std::uint64_t n = 0;
-        for (std::uint32_t k = range[0]; k < range[1]; ++k) n += memory.tile_count[k];
-        return n;
-    }
     /// By halves of powers of two.
     RYE_DEVICE static std::uint32_t class_of(std::uint32_t n) {
         std::uint32_t log = 0;
@@ -260,8 +277,8 @@ struct BinKernel {
     static constexpr const char* name = "bin";
     static constexpr int threads = 128, blocks = 8;
     struct Shared {
-        LargeGaussians large;
-        std::uint32_t places[threads];
+        BlockTiles tiles;
+        std::uint32_t places[threads], key[threads];
     };
     int width, height;
     FrameMemory memory;
@@ -271,56 +288,36 @@ struct BinKernel {
         if (memory.report->overflow != 0) return;
         const auto base = static_cast<std::uint32_t>(block.index()) * threads;
         block.each_thread([&](int t) {
+            if (t == 0) shared.tiles.tall = 0;
+        });
+        block.each_thread([&](int t) {
             const std::uint32_t i = base + static_cast<std::uint32_t>(t);
-            shared.places[t] = i < memory.count ? memory.places[i] : 0U;
-            if (t == 0) shared.large.count = 0;
+            TileSpans spans{};
+            std::uint32_t places = 0, key = 0;
+            if (i < memory.count) {
+                places = memory.places[i];
+                spans = memory.spans[i];
+                if (spans.rows > 0) key = depth_key(memory.record[i].shape.z);
+            }
+            shared.places[t] = places;
+            shared.key[t] = key;
+            shared.tiles.put(block, t, spans, places);
         });
         block.exclusive_sums(shared.places);
         const std::uint32_t before = memory.block_places[block.index()];
+        shared.tiles.template each<A::support>(
+            block, memory.footprint + base, width, height,
+            [&](int own, std::uint32_t rank, int row, int column) {
+                const std::uint32_t place = before + shared.places[own] + rank;
+                const std::uint32_t at = block.add(memory.counter(row, column), 1U);
+                memory.owner[place] = base + static_cast<std::uint32_t>(own);
+                memory.slot[place] = no_slot;
+                memory.key[at] = std::uint64_t(shared.key[own]) << 32U | place;
+            });
         block.each_thread([&](int t) {
             const std::uint32_t i = base + static_cast<std::uint32_t>(t);
-            if (i >= memory.count) return;
-            std::uint32_t place = before + shared.places[t];
-            memory.first[i] = place;
-            const TileSpans spans = memory.spans[i];
-            if (spans.rows == 0) return;
-            if (spans.rows > TileSpans::most || memory.places[i] > LargeGaussians::few) {
-                shared.large.index[block.add(&shared.large.count, 1U)] = i;
-                return;
-            }
-            const std::uint32_t key = depth_key(memory.record[i].shape.z);
-            for (int y = 0; y < spans.rows; ++y)
-                for (int x = spans.begin[y]; x < spans.end[y]; ++x)
-                    put(block, tile(spans.first + y, x), key, place++, i);
+            if (i < memory.count) memory.first[i] = before + shared.places[t];
         });
-        for (std::uint32_t k = 0; k < shared.large.count; ++k)
-            block.each_thread([&](int t) {
-                const std::uint32_t i = shared.large.index[k];
-                std::uint32_t place = memory.first[i];
-                const std::uint32_t key = depth_key(memory.record[i].shape.z);
-                each_span<A::support>(
-                    memory.spans[i], memory.footprint + i, width, height,
-                    [&](int row, int begin, int end) {
-                        for (int x = begin + t; x < end; x += threads)
-                            put(block, tile(row, x), key,
-                                place + static_cast<std::uint32_t>(x - begin), i);
-                        place += static_cast<std::uint32_t>(end - begin);
-                    });
-            });
-    }
-
-  private:
-    RYE_DEVICE std::uint32_t tile(int row, int column) const {
-        return static_cast<std::uint32_t>(row) * memory.columns +
-               static_cast<std::uint32_t>(column);
-    }
-    template <class Block>
-    RYE_DEVICE void put(Block& block, std::uint32_t tile, std::uint32_t key, std::uint32_t place,
-                        std::uint32_t i) const {
-        const std::uint32_t at = block.add(memory.cursor + tile, 1U);
-        memory.key[at] = std::uint64_t(key) << 32U | place;
-        memory.owner[place] = i;
-        memory.slot[place] = no_slot;
     }
 };
 

@@ -69,15 +69,14 @@ struct DeviceFrame {
         place(queue, records_, m.record, count);
         place(queue, spans_, m.spans, count);
         place(queue, footprints_, m.footprint, count);
-        place(queue, words_, m.first, 2 * count + m.blocks + 5 * tiles + 2);
+        place(queue, words_, m.first, 2 * count + m.blocks + 3 * tiles + 2);
         m.places = m.first + count;
         m.block_places = m.places + count;
         m.begin = m.block_places + m.blocks;
-        m.cursor = m.begin + tiles + 1;
-        m.order = m.cursor + tiles;
+        m.order = m.begin + tiles + 1;
         m.last = m.order + tiles;
-        place(queue, counters_, m.tile_count, tiles + sizeof(FrameReport) / 4);
-        m.report = reinterpret_cast<FrameReport*>(m.tile_count + tiles);
+        place(queue, counters_, m.counters, tiles * FrameMemory::apart + sizeof(FrameReport) / 4);
+        m.report = reinterpret_cast<FrameReport*>(m.counters + tiles * FrameMemory::apart);
         place(queue, keys_, m.key, entries);
         place(queue, entry_words_, m.sorted_place, 4 * entries);
         m.sorted_owner = m.sorted_place + entries;
@@ -171,8 +170,9 @@ struct DeviceRasterizer {
         });
         const FrameMemory& m = frame.m;
         const Device& device = frame.device;
-        device.fill(queue, m.tile_count, 0,
-                    std::size_t(m.tiles) * sizeof(std::uint32_t) + sizeof(FrameReport));
+        device.fill(queue, m.counters, 0,
+                    std::size_t(m.tiles) * FrameMemory::apart * sizeof(std::uint32_t) +
+                        sizeof(FrameReport));
         device.launch(queue, m.blocks,
                       ProjectKernel<A, D>{g, lens(camera), accuracy, camera.cx, camera.cy,
                                           camera.width, camera.height, m});

@@ -80,9 +80,8 @@ struct FrameMemory {
     std::uint32_t* places;       ///< how many
     std::uint32_t* block_places; ///< of each block: how many, then how many before it
     // By tile.
-    std::uint32_t* tile_count;
+    std::uint32_t* counters;     ///< of entries, then where the next one goes
     std::uint32_t* begin;        ///< tile t has entries [begin[t], begin[t + 1])
-    std::uint32_t* cursor;
     std::uint32_t* order;        ///< tiles, the longest lists first
     std::uint32_t* last;         ///< its last batch that was walked, or no_batch
     // By entry.
@@ -98,6 +97,16 @@ struct FrameMemory {
     float* partial;              ///< slots of gradients
 
     FrameReport* report;
+
+    /// Counters lie apart: neighbours in a line of the cache would wait for one another.
+    static constexpr std::uint32_t apart = 8;
+    RYE_DEVICE std::uint32_t* counter(std::uint32_t tile) const {
+        return counters + std::size_t(tile) * apart;
+    }
+    RYE_DEVICE std::uint32_t* counter(int row, int column) const {
+        return counter(static_cast<std::uint32_t>(row) * columns +
+                       static_cast<std::uint32_t>(column));
+    }
 };
 
 /// Side of a strip of a tile: the pixels of a warp [px].
