@@ -154,15 +154,15 @@ void run(const bench::DeviceScenery& scene, Json& json) {
             sh_colors_vjp_into(queue, frame.device, s.sh, scene.eyes[camera], s.out.feature.data,
                                s.g_sh, &frame.m);
     };
-    double entries = 0, batches = 0;
+    double entries = 0, groups = 0;
     for (int k = 0; k < 16; ++k) {
         do forward(k);
         while (!frame.finish(queue));
         entries += double(frame.cost.entries) / 16;
-        batches += double(frame.cost.batches) / 16;
+        groups += double(frame.cost.groups) / 16;
         // Room for every camera before anything is captured.
         frame.entry_capacity = std::max(frame.entry_capacity, frame.cost.entries * 5 / 4);
-        frame.batch_capacity = std::max(frame.batch_capacity, frame.cost.batches * 5 / 4);
+        frame.group_capacity = std::max(frame.group_capacity, frame.cost.groups * 5 / 4);
     }
     forward(0);
     reverse(0);
@@ -191,11 +191,11 @@ void run(const bench::DeviceScenery& scene, Json& json) {
     const Stats eager = timed(stream, [&](int k) { forward(k), reverse(k); });
     if (!frame.finish(queue)) throw Error("raster: a camera did not fit");
     std::printf("%-14s %016llx | forward %.3f [%.3f-%.3f] | for vjp %.3f | both, graph %.3f "
-                "[%.3f-%.3f] | both, eager %.3f [%.3f-%.3f] | entries %.0f batches %.0f | "
+                "[%.3f-%.3f] | both, eager %.3f [%.3f-%.3f] | entries %.0f groups %.0f | "
                 "frame %.1f MB\n",
                 scene.name.c_str(), static_cast<unsigned long long>(bench::checksum(scene)),
                 alone.median, alone.least, alone.most, fwd.median, both.median, both.least,
-                both.most, eager.median, eager.least, eager.most, entries, batches,
+                both.most, eager.median, eager.least, eager.most, entries, groups,
                 double(frame.bytes()) / 1e6);
 
     // Kernel by kernel, launched one by one.

@@ -123,7 +123,7 @@ DeviceRender<A> render_on(const Device& device, const CudaQueue& queue, const A&
     if constexpr (A::outputs.contributor)
         images.contributor = {reinterpret_cast<std::uint32_t*>(who.buffer.data()), 1, pixels};
     DeviceFrame<Device> frame(device);
-    frame.entry_capacity = frame.batch_capacity = capacity;
+    frame.entry_capacity = frame.group_capacity = capacity;
     DeviceRender<A> r;
     do {
         rasterizer.forward_into(queue, cloud.view(), camera, bg.buffer.data(), images, frame);

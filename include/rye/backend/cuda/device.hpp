@@ -93,8 +93,30 @@ struct DeviceWarp {
     __device__ static void write_where(M m, T* p, U i, V v) {
         if (m) p[i] = static_cast<T>(v);
     }
-    __device__ static U read_word(const void* p, U i) {
-        return static_cast<const std::uint32_t*>(p)[i];
+    __device__ static Array<F, 4> read4_where(M m, const Quad4* p, U i) {
+        Quad4 q{0, 0, 0, 0};
+        if (m) q = p[i];
+        return {{q.x, q.y, q.z, q.w}};
+    }
+    __device__ static void write4_where(M m, Quad4* p, U i, const Array<F, 4>& v) {
+        if (m) p[i] = Quad4{v[0], v[1], v[2], v[3]};
+    }
+    __device__ static void write_word(void* p, U i, U v) {
+        static_cast<std::uint32_t*>(p)[i] = v;
+    }
+    template <int half>
+    __device__ static U read_half(const std::uint64_t* p, U i) {
+        return reinterpret_cast<const std::uint32_t*>(p)[2 * i + half];
+    }
+    __device__ static std::uint32_t take_one(std::uint32_t* counter) {
+        std::uint32_t r = 0;
+        if (lane() == 0) r = atomicAdd(counter, 1U);
+        return __shfl_sync(all_, r, 0);
+    }
+    __device__ static Array<F, 2> read2_where(M m, const float* p, U i) {
+        float2 v = make_float2(0, 0);
+        if (m) v = reinterpret_cast<const float2*>(p)[i];
+        return {{v.x, v.y}};
     }
     __device__ static F read_where(M m, const float* p, U i, float other) {
         return m ? p[i] : other;

@@ -49,6 +49,7 @@ struct Lanes {
     friend Lanes operator*(const Lanes& a, const Lanes& b) { return each([&](int l) { return T(a.x[l] * b.x[l]); }); }
     friend Lanes operator/(const Lanes& a, const Lanes& b) { return each([&](int l) { return T(a.x[l] / b.x[l]); }); }
     friend Lanes operator%(const Lanes& a, const Lanes& b) { return each([&](int l) { return T(a.x[l] % b.x[l]); }); }
+    friend Lanes operator|(const Lanes& a, const Lanes& b) { return each([&](int l) { return T(a.x[l] | b.x[l]); }); }
     friend Lanes operator>>(const Lanes& a, const Lanes& b) { return each([&](int l) { return T(a.x[l] >> b.x[l]); }); }
     friend Lanes operator&(const Lanes& a, const Lanes& b) { return each([&](int l) { return T(a.x[l] & b.x[l]); }); }
     friend Lanes operator-(const Lanes& a) { return each([&](int l) { return T(-a.x[l]); }); }
@@ -155,18 +156,42 @@ struct HostWarp {
         for (int l = 0; l < 32; ++l)
             if (m.x[l]) p[i.x[l]] = static_cast<T>(v.x[l]);
     }
+    /// Numbers 4 i ... 4 i + 3 where the mask holds; elsewhere 0.
+    static Array<F, 4> read4_where(const M& m, const Quad4* p, const U& i) {
+        const U at = select(m, i, U(0));
+        Array<F, 4> r;
+        for (int l = 0; l < 32; ++l) {
+            const Quad4 q = m.x[l] ? p[at.x[l]] : Quad4{0, 0, 0, 0};
+            r[0].x[l] = q.x, r[1].x[l] = q.y, r[2].x[l] = q.z, r[3].x[l] = q.w;
+        }
+        return r;
+    }
+    static void write4_where(const M& m, Quad4* p, const U& i, const Array<F, 4>& v) {
+        for (int l = 0; l < 32; ++l)
+            if (m.x[l]) p[i.x[l]] = {v[0].x[l], v[1].x[l], v[2].x[l], v[3].x[l]};
+    }
     /// Bytes 4 i ... 4 i + 3.
-    static U read_word(const void* p, const U& i) {
+    static void write_word(void* p, const U& i, const U& v) {
+        for (int l = 0; l < 32; ++l)
+            std::memcpy(static_cast<unsigned char*>(p) + 4 * i.x[l], &v.x[l], 4);
+    }
+    /// The low or the high half of each lane's number.
+    template <int half>
+    static U read_half(const std::uint64_t* p, const U& i) {
         return U::each([&](int l) {
-            std::uint32_t w;
-            std::memcpy(&w, static_cast<const unsigned char*>(p) + 4 * i.x[l], 4);
-            return w;
+            return static_cast<std::uint32_t>(p[i.x[l]] >> (32 * half));
         });
     }
+    /// Takes one from a counter, for the warp.
+    static std::uint32_t take_one(std::uint32_t* counter) { return (*counter)++; }
     static F read_where(const M& m, const float* p, const U& i, float other) {
         return F::each([&](int l) { return m.x[l] ? p[i.x[l]] : other; });
     }
-    /// Numbers 2 i and 2 i + 1, 8 bytes at once.
+    /// Numbers 2 i and 2 i + 1, 8 bytes at once; 0 where the mask does not hold.
+    static Array<F, 2> read2_where(const M& m, const float* p, const U& i) {
+        return {{F::each([&](int l) { return m.x[l] ? p[2 * i.x[l]] : 0.0F; }),
+                 F::each([&](int l) { return m.x[l] ? p[2 * i.x[l] + 1] : 0.0F; })}};
+    }
     static Array<F, 2> read2(const float* p, const U& i) {
         return {{F::each([&](int l) { return p[2 * i.x[l]]; }), F::each([&](int l) { return p[2 * i.x[l] + 1]; })}};
     }

@@ -311,7 +311,7 @@ struct BinKernel {
                 const std::uint32_t place = before + shared.places[own] + rank;
                 const std::uint32_t at = block.add(memory.counter(row, column), 1U);
                 memory.owner[place] = base + static_cast<std::uint32_t>(own);
-                memory.slot[place] = no_slot;
+                reinterpret_cast<std::uint32_t*>(memory.touched)[place] = 0;
                 memory.key[at] = std::uint64_t(shared.key[own]) << 32U | place;
             });
         block.each_thread([&](int t) {

@@ -48,26 +48,27 @@ struct MergeKernel {
         const auto* const partial = reinterpret_cast<const Quad4*>(memory.partial);
         Quad4 sum{0, 0, 0, 0};
         const std::uint32_t n = memory.places[i];
-        const std::uint32_t* const slot = memory.slot + (n > 0 ? memory.first[i] : 0U);
+        const std::size_t first = n > 0 ? memory.first[i] : 0U;
         for (std::uint32_t k = 0; k < n; ++k) {
-            if (slot[k] == no_slot) continue;
-            const Quad4 p = partial[std::size_t(slot[k]) * quads + static_cast<std::size_t>(quad)];
-            sum.x += p.x;
-            sum.y += p.y;
-            sum.z += p.z;
-            sum.w += p.w;
+            const std::uint8_t* const touched = memory.touched + (first + k) * strips;
+            for (int s = 0; s < strips; ++s) {
+                if (touched[s] == 0) continue;
+                const std::uint32_t slot = memory.slot[(first + k) * strips +
+                                                       static_cast<std::size_t>(s)];
+                const Quad4 p = partial[std::size_t(slot) * quads + static_cast<std::size_t>(quad)];
+                sum.x += p.x;
+                sum.y += p.y;
+                sum.z += p.z;
+                sum.w += p.w;
+            }
         }
-        if (quad < 2) {
-            float* const to = shared.sum[row] + 4 * quad;
-            to[0] = sum.x, to[1] = sum.y, to[2] = sum.z, to[3] = sum.w;
-            return;
+        const float numbers[4] = {sum.x, sum.y, sum.z, sum.w};
+        float* const features = out.feature.data + Index(i) * out.feature.rows + first_channel;
+        for (int k = 0; k < 4; ++k) {
+            const int at = 4 * quad + k, c = at - Layout::head;
+            if (at < 8) shared.sum[row][at] = numbers[k];
+            if (c >= 0 && c < channels) features[c] = numbers[k];
         }
-        const int c = 4 * quad - Layout::head;
-        float* const to = out.feature.data + Index(i) * out.feature.rows + first_channel + c;
-        if (c < channels) to[0] = sum.x;
-        if (c + 1 < channels) to[1] = sum.y;
-        if (c + 2 < channels) to[2] = sum.z;
-        if (c + 3 < channels) to[3] = sum.w;
     }
 
     RYE_DEVICE void pull_back(const float* sum, std::uint32_t i) const {

@@ -47,60 +47,66 @@ RYE_DEVICE void split(Planes<W, N, 4>& to, int r, typename W::F a, typename W::F
     });
 }
 
+/// Register r of a right operand's planes.
+template <class W, int N>
+RYE_DEVICE void split(Planes<W, N, 2>& to, int r, typename W::F a, typename W::F b) {
+    unrolled<N>([&](auto p) {
+        to[p][r] = W::pack(a, b);
+        if constexpr (p + 1 < N) {
+            a = a - W::low(to[p][r]);
+            b = b - W::high(to[p][r]);
+        }
+    });
+}
+
 /// The features of a group's visits as the right operand of products over visits (K) for channels
-/// (N): of 8 channels each.
-template <class W, class Shared, int channels>
-struct FeaturesOverVisits {
-    static constexpr int N = Shared::N;
-    Planes<W, N, 2> of[channels / 8];
+/// (N): 8 of them. owner[i]: the Gaussian of the lane's visit i, or none_of.
+template <class W, int N>
+RYE_DEVICE Planes<W, N, 2> features_over_visits(const DeviceScene& scene,
+                                                const typename W::U (&owner)[4], int eight) {
+    using F = typename W::F;
+    using U = typename W::U;
+    const U channel = W::lane() / U(4) + U(static_cast<std::uint32_t>(8 * eight));
+    const auto drawn = channel < U(static_cast<std::uint32_t>(scene.channels));
+    const U stride(static_cast<std::uint32_t>(scene.feature.rows));
+    const float* const from = scene.feature.data + scene.first_channel;
+    F x[4];
+    unrolled<4>([&](auto i) {
+        x[i] = W::read_where(drawn && owner[i] < U(none_of), from, owner[i] * stride + channel,
+                             0.0F);
+    });
+    Planes<W, N, 2> r;
+    split<W, N>(r, 0, x[0], x[1]);
+    split<W, N>(r, 1, x[2], x[3]);
+    return r;
+}
 
-    RYE_DEVICE FeaturesOverVisits(const Shared& from, int w, std::uint32_t g) {
-        using U = typename W::U;
-        // Tiles: positions 0-7 and 8-15 of channels 0-7, then of 8-15.
-        const U position = W::lane() % U(16);
-        const U entry = W::read(from.visit[w], U(16 * g) + visit_at<W>(position));
-        const U offset = entry * U(2 * Shared::row) + W::lane() / U(16) * U(16);
-        unrolled<N>([&](auto p) {
-            unrolled<(channels + 15) / 16>([&](auto c) {
-                const auto t = W::template tiles<true>(&from.plane[p][0][0], offset + U(32 * c));
-                of[2 * c][p] = {{t[0], t[1]}};
-                if constexpr (2 * c + 1 < channels / 8) of[2 * c + 1][p] = {{t[2], t[3]}};
-            });
-        });
-    }
-};
-
-/// The same as the right operand of products over channels (K) for visits (N): of 8 positions each.
-template <class W, class Shared>
-struct FeaturesOverChannels {
-    static constexpr int N = Shared::N;
-    static constexpr int steps = Shared::Layout::padded / 16;
-    Planes<W, N, 2> of[2][steps];
-
-    RYE_DEVICE FeaturesOverChannels() {}
-    /// Of a group; or, in all positions, of the entry that has the background's colour.
-    RYE_DEVICE FeaturesOverChannels(const Shared& from, int w, std::uint32_t g) {
-        using U = typename W::U;
-        const U position = W::lane() % U(8) + W::lane() / U(16) * U(8);
-        read(from, W::read(from.visit[w], U(16 * g) + visit_at<W>(position)));
-    }
-    RYE_DEVICE explicit FeaturesOverChannels(const Shared& from) {
-        read(from, typename W::U(static_cast<std::uint32_t>(Shared::none)));
-    }
-
-  private:
-    /// Tiles: channels 0-7 and 8-15 of positions 0-7, then of 8-15.
-    RYE_DEVICE void read(const Shared& from, const typename W::U& entry) {
-        using U = typename W::U;
-        const U offset = entry * U(2 * Shared::row) + W::lane() / U(8) % U(2) * U(16);
-        unrolled<N>([&](auto p) {
-            unrolled<steps>([&](auto c) {
-                const auto t = W::template tiles<false>(&from.plane[p][0][0], offset + U(32 * c));
-                of[0][c][p] = {{t[0], t[1]}};
-                of[1][c][p] = {{t[2], t[3]}};
-            });
-        });
-    }
-};
+/// The same as the right operand of products over channels (K), 16 of them, for visits (N). owner:
+/// the Gaussian of the visit at position lane / 4; or `from` is the background, and owner 0.
+template <class W, int N, int C>
+RYE_DEVICE Planes<W, N, 2> features_over_channels(const DeviceScene& scene, const float* from,
+                                                  const typename W::U& owner, int sixteen,
+                                                  bool in_pairs) {
+    using F = typename W::F;
+    using U = typename W::U;
+    const auto valid = owner < U(none_of);
+    const U base = owner * U(static_cast<std::uint32_t>(scene.feature.rows));
+    Planes<W, N, 2> r;
+    unrolled<2>([&](auto k) {
+        const U channel = W::lane() % U(4) * U(2) +
+                          U(static_cast<std::uint32_t>(16 * sixteen + 8 * k));
+        const U most(static_cast<std::uint32_t>(rye::min(scene.channels, C)));
+        F a, b;
+        if (in_pairs) {
+            const auto two = W::read2_where(valid && channel < most, from, (base + channel) / U(2));
+            a = two[0], b = two[1];
+        } else {
+            a = W::read_where(valid && channel < most, from, base + channel, 0.0F);
+            b = W::read_where(valid && channel + U(1) < most, from, base + channel + U(1), 0.0F);
+        }
+        split<W, N>(r, k, a, b);
+    });
+    return r;
+}
 
 } // namespace rye

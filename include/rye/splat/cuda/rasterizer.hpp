@@ -40,7 +40,7 @@ using AnyChannels = KernelChannels<1, 3, 4, 8, 16, 32>;
 /// What a frame has cost.
 struct DeviceFrameCost {
     std::int64_t entries = 0;    ///< pairs of a tile and a Gaussian
-    std::int64_t batches = 0;    ///< of entries that were walked
+    std::int64_t groups = 0;     ///< of 16 visits of a strip, and at most one a strip more
     std::int64_t non_finite = 0; ///< Gaussians left out
 };
 
@@ -51,25 +51,25 @@ struct DeviceFrame {
 
     Device device;
     bool for_vjp = true;         ///< whether a render keeps what its vjp reads
-    /// Room for entries and batches; it grows by `finish`.
-    std::int64_t entry_capacity = 0, batch_capacity = 0;
+    /// Room for entries and groups of visits; it grows by `finish`.
+    std::int64_t entry_capacity = 0, group_capacity = 0;
     DeviceFrameCost cost = {};   ///< of the last finished frame
 
-    /// Makes room for n Gaussians in an image, and guesses the number of entries.
-    void shape(const CudaQueue& queue, Index n, int width, int height, int channels) {
+    /// Makes room for n Gaussians in an image, with `stride` numbers a slot; guesses the number of
+    /// entries.
+    void shape(const CudaQueue& queue, Index n, int width, int height, int stride) {
         const auto count = static_cast<std::size_t>(n);
         m.count = static_cast<std::uint32_t>(n);
         m.columns = static_cast<std::uint32_t>(tiles_across(width));
         m.tiles = m.columns * static_cast<std::uint32_t>(tiles_across(height));
         m.blocks = static_cast<std::uint32_t>((n + 127) / 128);
         if (entry_capacity == 0) entry_capacity = 8 * n + 8 * std::int64_t(m.tiles) + 1024;
-        if (batch_capacity == 0) batch_capacity = entry_capacity / 64 + 2 * std::int64_t(m.tiles);
-        layout_ = channels;
+        if (group_capacity == 0) group_capacity = entry_capacity / 16 + 8 * std::int64_t(m.tiles);
         const std::size_t tiles = m.tiles, entries = static_cast<std::size_t>(entry_capacity);
         place(queue, records_, m.record, count);
         place(queue, spans_, m.spans, count);
         place(queue, footprints_, m.footprint, count);
-        place(queue, words_, m.first, 2 * count + m.blocks + 3 * tiles + 2);
+        place(queue, words_, m.first, 2 * count + m.blocks + (2 + strips) * tiles + 2);
         m.places = m.first + count;
         m.block_places = m.places + count;
         m.begin = m.block_places + m.blocks;
@@ -78,18 +78,17 @@ struct DeviceFrame {
         place(queue, counters_, m.counters, tiles * FrameMemory::apart + sizeof(FrameReport) / 4);
         m.report = reinterpret_cast<FrameReport*>(m.counters + tiles * FrameMemory::apart);
         place(queue, keys_, m.key, entries);
-        place(queue, entry_words_, m.sorted_place, 4 * entries);
-        m.sorted_owner = m.sorted_place + entries;
-        m.owner = m.sorted_owner + entries;
+        place(queue, entry_words_, m.sorted, (3 + strips) * entries);
+        m.owner = m.sorted + entries;
         m.slot = m.owner + entries;
+        m.touched = reinterpret_cast<std::uint8_t*>(m.slot + strips * entries);
         m.entries = static_cast<std::uint32_t>(entries);
-        m.batches = for_vjp ? static_cast<std::uint32_t>(batch_capacity) : 0U;
-        const auto batches = static_cast<std::size_t>(m.batches);
-        place(queue, walked_, m.walked, batches * walked_words());
-        place(queue, transmittance_, m.transmittance,
-              batches * static_cast<std::size_t>(strips * 4 * batch_entries()));
-        place(queue, partial_, m.partial,
-              batches * static_cast<std::size_t>(batch_entries() * slot_numbers()));
+        m.groups = for_vjp ? static_cast<std::uint32_t>(group_capacity) : 0U;
+        const std::size_t groups = m.groups;
+        place(queue, group_words_, m.visits, groups * (2 * group_visits + 1));
+        m.before = m.visits + groups * (2 * group_visits);
+        place(queue, transmittance_, m.transmittance, groups * 64);
+        place(queue, partial_, m.partial, groups * static_cast<std::size_t>(group_visits * stride));
     }
 
     /// Waits for the frame. Whether it had room; where it had none it has now, and the frame has to
@@ -99,7 +98,7 @@ struct DeviceFrame {
         FrameReport r{};
         device.fetch(queue, &r, m.report, sizeof r);
         cost = {static_cast<std::int64_t>(std::uint64_t(r.entries_high) << 32U | r.entries_low),
-                r.batches, r.non_finite};
+                r.groups, r.non_finite};
         if (non_finite == NonFinite::fail && cost.non_finite > 0)
             throw Error("rasterizer: got " + std::to_string(cost.non_finite) +
                         " Gaussians with a number that is not finite, expected none");
@@ -108,16 +107,16 @@ struct DeviceFrame {
                         " pairs of a tile and a Gaussian, expected at most " +
                         std::to_string(std::min(max_entries, most_entries)) +
                         ": the Gaussians are too large for the image");
-        const bool fits = cost.entries <= m.entries && (!for_vjp || cost.batches <= m.batches);
+        const bool fits = cost.entries <= m.entries && (!for_vjp || cost.groups <= m.groups);
         if (cost.entries > m.entries) entry_capacity = grown(cost.entries);
-        if (for_vjp && cost.batches > m.batches) batch_capacity = grown(cost.batches);
+        if (for_vjp && cost.groups > m.groups) group_capacity = grown(cost.groups);
         return fits;
     }
 
     /// Memory that is held [bytes].
     std::size_t bytes() const {
         return records_.bytes() + spans_.bytes() + footprints_.bytes() + words_.bytes() +
-               counters_.bytes() + keys_.bytes() + entry_words_.bytes() + walked_.bytes() +
+               counters_.bytes() + keys_.bytes() + entry_words_.bytes() + group_words_.bytes() +
                transmittance_.bytes() + partial_.bytes();
     }
 
@@ -127,22 +126,16 @@ struct DeviceFrame {
     static constexpr std::int64_t most_entries = 0xFFFFFFF0;
 
     static std::int64_t grown(std::int64_t need) { return need + need / 4 + 64; }
-    int batch_entries() const { return layout_ > 8 ? 64 : 128; }
-    int slot_numbers() const { return layout_ > 4 ? 8 + layout_ : 12; }
-    std::size_t walked_words() const {
-        return sizeof(WalkedBatch<4>) / 4;   // the larger
-    }
     template <class T>
     static void place(const CudaQueue& queue, DeviceBuffer<T>& buffer, T*& at, std::size_t n) {
         buffer.reserve(queue, n + 1);
         at = buffer.data();
     }
 
-    int layout_ = 1;
     DeviceBuffer<SplatRecord> records_;
     DeviceBuffer<TileSpans> spans_;
     DeviceBuffer<Footprint<float>> footprints_;
-    DeviceBuffer<std::uint32_t> words_, counters_, entry_words_, walked_;
+    DeviceBuffer<std::uint32_t> words_, counters_, entry_words_, group_words_;
     DeviceBuffer<std::uint64_t> keys_;
     DeviceBuffer<float> transmittance_, partial_;
 };
@@ -166,7 +159,8 @@ struct DeviceRasterizer {
                       const DeviceImages& images, Frame& frame) const {
         check(g, camera, images);
         Kernels::with(g.channels(), [&](auto C) {
-            frame.shape(queue, g.count(), camera.width, camera.height, C());
+            frame.shape(queue, g.count(), camera.width, camera.height,
+                        ChannelLayout<C()>::stride);
         });
         const FrameMemory& m = frame.m;
         const Device& device = frame.device;
@@ -179,7 +173,7 @@ struct DeviceRasterizer {
         device.launch(queue, 1, ScanKernel{m});
         device.launch(queue, m.blocks, BinKernel<A>{camera.width, camera.height, m});
         each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
-            if (first > 0) device.fill(queue, &m.report->batches, 0, sizeof(std::uint32_t));
+            if (first > 0) device.fill(queue, &m.report->groups, 0, sizeof(std::uint32_t));
             device.launch(queue, m.tiles,
                           BlendKernel<A, C()>{m, scene(g, background, camera, first, channels),
                                               images, accuracy});
@@ -205,10 +199,10 @@ struct DeviceRasterizer {
         each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
             const DeviceScene s = scene(g, background, camera, first, channels);
             if (extra && first == 0)
-                device.launch(queue, m.tiles,
+                device.launch(queue, Index(m.tiles) * strips,
                               ReverseKernel<A, C(), true>{m, s, cotangent, accuracy});
             else
-                device.launch(queue, m.tiles,
+                device.launch(queue, Index(m.tiles) * strips,
                               ReverseKernel<A, C(), false>{m, s, cotangent, accuracy});
             device.launch(queue, m.blocks,
                           MergeKernel<A, D, C()>{g, out, lens(camera), m, first, channels,
@@ -278,6 +272,10 @@ struct DeviceRasterizer {
         shaped("feature", g.feature.rows, g.feature.cols, g.channels(), n);
         expect(n < Index(1) << 31, [&] {
             return "got " + std::to_string(n) + " Gaussians, expected fewer than 2^31";
+        });
+        expect(n * std::max<Index>(g.channels(), 1) < Index(1) << 32, [&] {
+            return "got " + std::to_string(n) + " Gaussians of " + std::to_string(g.channels()) +
+                   " channels, expected fewer than 2^32 numbers";
         });
         expect(camera.width >= 0 && camera.height >= 0, [&] {
             return "got an image of " + std::to_string(camera.width) + " x " +

@@ -39,8 +39,7 @@ struct DeviceCotangent {
     DeviceColumns<const float> depth = {};
 };
 
-inline constexpr std::uint32_t no_slot = 0xFFFFFFFF;
-inline constexpr std::uint32_t no_batch = 0xFFFFFFFF;
+inline constexpr std::uint32_t none_of = 0xFFFFFFFF;  ///< no group, no Gaussian
 
 /// A visible Gaussian as pixels see it: Splat without what follows from the policy.
 struct SplatRecord {
@@ -60,7 +59,7 @@ struct alignas(16) TileSpans {
 struct FrameReport {
     std::uint32_t non_finite;    ///< Gaussians left out for a NaN, an infinity, no quaternion
     std::uint32_t entries_low, entries_high;  ///< pairs of a tile and a Gaussian, 64 bits
-    std::uint32_t batches;       ///< of entries that were walked
+    std::uint32_t groups;        ///< of visits, and at most one a strip more
     std::uint32_t overflow;      ///< entries did not fit: nothing was drawn
 };
 
@@ -70,7 +69,7 @@ struct FrameMemory {
     std::uint32_t tiles, columns;
     std::uint32_t blocks;        ///< of Gaussians
     std::uint32_t entries;       ///< capacity
-    std::uint32_t batches;       ///< capacity; 0: the render keeps nothing for a vjp
+    std::uint32_t groups;        ///< capacity; 0: the render keeps nothing for a vjp
 
     // By Gaussian.
     SplatRecord* record;
@@ -83,18 +82,19 @@ struct FrameMemory {
     std::uint32_t* counters;     ///< of entries, then where the next one goes
     std::uint32_t* begin;        ///< tile t has entries [begin[t], begin[t + 1])
     std::uint32_t* order;        ///< tiles, the longest lists first
-    std::uint32_t* last;         ///< its last batch that was walked, or no_batch
+    std::uint32_t* last;         ///< of each strip: its last group, or none_of
     // By entry.
     std::uint64_t* key;          ///< depth, then place; in the tile's list in any order
-    std::uint32_t* sorted_place; ///< near to far, as far as it was walked
-    std::uint32_t* sorted_owner;
+    std::uint32_t* sorted;       ///< Gaussians near to far, as far as they were sorted
     // By place: a pair of a Gaussian and a tile, in the order of Gaussians, then of tiles.
     std::uint32_t* owner;        ///< the Gaussian
-    std::uint32_t* slot;         ///< where its partial gradient is, or no_slot
-    // By batch.
-    std::uint32_t* walked;       ///< a WalkedBatch each
-    float* transmittance;        ///< of each strip and group, before it: 64 pixels
-    float* partial;              ///< slots of gradients
+    std::uint8_t* touched;       ///< of each strip: whether it has a slot
+    std::uint32_t* slot;         ///< of each strip: which, where it has one
+    // By group of visits of a strip.
+    std::uint32_t* before;       ///< the strip's group nearer to the eye, or none_of
+    std::uint32_t* visits;       ///< 16 Gaussians, then their 16 places
+    float* transmittance;        ///< of 64 pixels, in front of the group
+    float* partial;              ///< 16 slots: partial gradients of its visits
 
     FrameReport* report;
 
@@ -115,25 +115,13 @@ inline constexpr int strips = 4;
 /// Visits that a warp takes at once.
 inline constexpr int group_visits = 16;
 
-/// A batch of a tile's entries as the render walked it, so that its vjp walks the same.
-template <int words>
-struct WalkedBatch {
-    std::uint32_t before;        ///< the tile's batch nearer to the eye, or no_batch
-    std::uint32_t start, count;  ///< entries, from the tile's first
-    std::uint32_t groups;        ///< of visits that each strip walked, 8 bits each
-    std::uint32_t visits[strips][words];  ///< entries that a strip visits, a bit each
-};
-
 /// What depends on the number of channels C that a kernel is made for.
 template <int C>
 struct ChannelLayout {
     static constexpr bool products = C > 4;           ///< sums over channels are of matrices
     static constexpr int padded = products ? (C + 15) / 16 * 16 : 4;
-    static constexpr int batch = C > 8 ? 64 : 128;    ///< entries that are staged at once
-    static constexpr int groups = batch / group_visits;
-    static constexpr int words = batch / 32;
-    static constexpr int stride = products ? 8 + C : 12; ///< of a slot
-    static constexpr int head = 8;                    ///< features begin here in a slot
+    static constexpr int head = products ? 8 : 7;     ///< features begin here in a slot
+    static constexpr int stride = (head + C + 3) / 4 * 4; ///< of a slot
     static_assert(C >= 1 && (C <= 4 || C % 8 == 0) && C <= 32);
 };
 

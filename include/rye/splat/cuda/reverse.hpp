@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/cuda/reverse.hpp: the way back over tiles on a device, from far to near, as the blend
-/// walked them. Each group of visits begins with the transmittance that was kept; what is behind a
-/// visit is followed as its difference from what is behind the group, which is exactly 0 as long as
-/// colours are equal. Neither divides by 1 - alpha.
-/// A pair of a tile and a Gaussian owns a slot for its partial gradient, numbers of SplatCotangent
-/// and features; strips are added in order.
+/// rye/splat/cuda/reverse.hpp: the way back over strips on a device, from far to near, a warp a
+/// strip, by the groups of visits that the blend kept. What is behind a visit is followed as its
+/// difference from what is behind the group, which is exactly 0 as long as colours are equal;
+/// transmittance is that which was kept, and nothing is divided by 1 - alpha.
+/// A visit owns a slot for its partial gradient, numbers of SplatCotangent and features.
 #pragma once
 
 #include <rye/splat/cuda/products.hpp>
@@ -26,16 +25,12 @@ struct ReverseKernel {
     using Layout = ChannelLayout<C>;
     static constexpr const char* name = "reverse walk";
     static constexpr int N = planes_of<A>;
-    static constexpr int threads = 128, blocks = Layout::products ? (N < 3 ? 2 : 1) : 3;
-    /// Numbers of a visit that are summed over lanes, and of its row in shared memory.
+    static constexpr int threads = 32, blocks = Layout::products && N > 2 ? 8 : 12;
+    /// Numbers of a visit that are summed over lanes.
     static constexpr int sums = Layout::products ? 8 : 7 + C;
-    static constexpr int row = Layout::products ? Layout::stride : sums;
-    static constexpr int of_pixel = Staged<A, C>::row;  ///< halves
+    static constexpr int of_pixel = Layout::padded + 8;  ///< halves; rows begin in other banks
     struct Shared {
-        Staged<A, C> staged;
-        alignas(16) float visit[strips][Layout::batch * row];
-        alignas(16) std::uint16_t cotangent[Layout::products ? strips : 1][N]
-                                           [Layout::products ? 64 : 1][of_pixel];
+        alignas(16) std::uint16_t cotangent[N][Layout::products ? 64 : 1][of_pixel];
     };
     FrameMemory memory;
     DeviceScene scene;
@@ -46,70 +41,29 @@ struct ReverseKernel {
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         using W = typename Block::Warp;
         if (memory.report->overflow != 0) return;
-        const std::uint32_t tile = memory.order[block.index()];
-        std::uint32_t batch = memory.last[tile];
-        if (batch == no_batch) return;
-        const std::uint32_t begin = memory.begin[tile];
-        const Stager<A, C> stager(memory, scene, accuracy, tile);
-        auto state = block.template of_warps<StripCotangents<W, C, extra>>();
-        block.each_thread([&](int t) {
-            stager.template none<Block>(shared.staged, t);
-            cotangents<Block>(shared, tile, t);
+        const auto strip = static_cast<std::uint32_t>(block.index());
+        const std::uint32_t tile = memory.order[strip / strips];
+        const int w = static_cast<int>(strip % strips);
+        const std::uint32_t last =
+            memory.last[tile * strips + static_cast<std::uint32_t>(w)];
+        if (last == none_of) return;
+        block.each_warp([&](int) {
+            const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
+            const TileCentre centre(scene, tile, memory.columns);
+            const Transmittance<W, A> rules(accuracy);
+            StripCotangents<W, C, extra> s;
+            start<W>(shared, s, pixels);
+            for (std::uint32_t g = last; g != none_of; g = memory.before[g])
+                group<W>(shared, s, pixels, rules, centre, g, w);
         });
-        block.each_warp([&](int w) { start<W>(shared, state[w], tile, w); });
-        while (batch != no_batch) {
-            const auto& kept = reinterpret_cast<const Kept*>(memory.walked)[batch];
-            stage(block, shared, stager, kept, begin);
-            block.each_warp([&](int w) {
-                walk<W>(shared, state[w], tile, w, batch, kept.groups >> (8 * w) & 0xFFU);
-            });
-            block.each_thread([&](int t) {
-                write<Block>(shared, kept, begin, batch, t);
-            });
-            batch = kept.before;
-        }
     }
 
   private:
-    using Kept = WalkedBatch<Layout::words>;
-
-    /// The planes of the image's cotangent, pixel by pixel.
-    template <class Block>
-    RYE_DEVICE void cotangents(Shared& shared, std::uint32_t tile, int t) const {
-        if constexpr (Layout::products) {
-            constexpr int pairs = Layout::padded / 2;
-            for (int k = t; k < tile_pixels * pairs; k += threads) {
-                const int pixel = k / pairs, pair = k % pairs;
-                const int w = pixel / 64, x = w % 2 * strip_edge + pixel % 8,
-                          y = w / 2 * strip_edge + pixel / 8 % 8;
-                const int px = static_cast<int>(tile % memory.columns) * tile_edge + x;
-                const int py = static_cast<int>(tile / memory.columns) * tile_edge + y;
-                float two[2];
-                for (int i = 0; i < 2; ++i) {
-                    const int c = 2 * pair + i;
-                    two[i] = c < scene.channels && px < scene.width && py < scene.height
-                                 ? image.feature.data[(Index(py) * scene.width + px) *
-                                                      image.feature.rows +
-                                                  scene.first_channel + c]
-                                 : 0.0F;
-                }
-                unrolled<N>([&](auto p) {
-                    const std::uint32_t word = Block::pack(two[0], two[1]);
-                    reinterpret_cast<std::uint32_t*>(shared.cotangent[w][p][pixel % 64])[pair] =
-                        word;
-                    two[0] -= Block::low(word);
-                    two[1] -= Block::high(word);
-                });
-            }
-        }
-    }
-
     template <class W>
-    RYE_DEVICE void start(const Shared& shared, StripCotangents<W, C, extra>& s,
-                          std::uint32_t tile, int w) const {
+    RYE_DEVICE void start(Shared& shared, StripCotangents<W, C, extra>& s,
+                          const StripPixels<W>& pixels) const {
         using F = typename W::F;
         using U = typename W::U;
-        const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
         const auto of = [&](const DeviceColumns<const float>& from, auto j, int channel) {
             if (from.data == nullptr) return F(0.0F);
             return W::read_where(pixels.inside(U(j)), from.data,
@@ -118,9 +72,11 @@ struct ReverseKernel {
                                  0.0F);
         };
         if constexpr (Layout::products) {
-            const FeaturesOverChannels<W, Staged<A, C>> background(shared.staged);
+            planes<W>(shared, pixels);
+            const auto background = visits_over_channels<W>(
+                scene.background + scene.first_channel, U(0), U(0), false);
             unrolled<4>([&](auto m) {
-                const auto product = along<W>(shared, w, m, background);
+                const auto product = along<W>(shared, m, background);
                 s.behind[2 * m] = product[0][0];
                 s.behind[2 * m + 1] = product[0][2];
             });
@@ -151,21 +107,65 @@ struct ReverseKernel {
         unrolled<C - 1>([&](auto c) { s = W::fma(cotangent[c + 1], colour[c + 1], s); });
         return s;
     }
-    /// The same of two rows of pixels and 16 visits, by matrices.
+    /// The planes of the strip's cotangents: a row a pixel.
+    template <class W>
+    RYE_DEVICE void planes(Shared& shared, const StripPixels<W>& pixels) const {
+        using F = typename W::F;
+        using U = typename W::U;
+        constexpr std::uint32_t pairs = Layout::padded / 2;
+        const auto drawn = static_cast<std::uint32_t>(scene.channels);
+        for (std::uint32_t k = 0; k < 64 * pairs; k += 32) {
+            const U flat = U(k) + W::lane();
+            const U pixel = flat / U(pairs), channel = flat % U(pairs) * U(2);
+            const U x = pixel % U(8), y = pixel / U(8);
+            const auto inside = pixels.inside(x, y);
+            const U from = pixels.pixel(x, y) * U(static_cast<std::uint32_t>(image.feature.rows)) +
+                           U(static_cast<std::uint32_t>(scene.first_channel)) + channel;
+            F a = W::read_where(inside && channel < U(drawn), image.feature.data, from, 0.0F);
+            F b = W::read_where(inside && channel + U(1) < U(drawn), image.feature.data,
+                                from + U(1), 0.0F);
+            unrolled<N>([&](auto p) {
+                const U word = W::pack(a, b);
+                W::write_word(&shared.cotangent[p][0][0],
+                              pixel * U(of_pixel / 2) + flat % U(pairs), word);
+                a = a - W::low(word);
+                b = b - W::high(word);
+            });
+        }
+        W::sync();
+    }
+
+    static constexpr int steps = Layout::padded / 16;
+    template <class W>
+    using OverChannels = Array<Array<Planes<W, N, 2>, steps>, 2>;
+
+    /// Features as operands: of the visits at positions lane / 4 and 8 more.
+    template <class W>
+    RYE_DEVICE OverChannels<W> visits_over_channels(const float* from,
+                                                    const typename W::U& first,
+                                                    const typename W::U& second,
+                                                    bool in_pairs) const {
+        OverChannels<W> r;
+        unrolled<steps>([&](auto c) {
+            r[0][c] = features_over_channels<W, N, C>(scene, from, first, c, in_pairs);
+            r[1][c] = features_over_channels<W, N, C>(scene, from, second, c, in_pairs);
+        });
+        return r;
+    }
+
+    /// <cotangent, colour> of two rows of pixels and 16 visits, by matrices.
     template <class W, class M>
-    RYE_DEVICE Array<Array<typename W::F, 4>, 2> along(
-        const Shared& shared, int w, M m,
-        const FeaturesOverChannels<W, Staged<A, C>>& features) const {
+    RYE_DEVICE Array<Array<typename W::F, 4>, 2> along(const Shared& shared, M m,
+                                                       const OverChannels<W>& features) const {
         using F = typename W::F;
         Array<Array<F, 4>, 2> s;
         unrolled<2>([&](auto n) { unrolled<4>([&](auto k) { s[n][k] = F(0.0F); }); });
-        unrolled<Layout::padded / 16>([&](auto c) {
+        unrolled<steps>([&](auto c) {
             Planes<W, N, 4> pixels;
             unrolled<N>([&](auto p) {
-                pixels[p] = W::template tiles<false>(&shared.cotangent[w][p][0][0],
-                                                     tile_of<W>(m, c));
+                pixels[p] = W::template tiles<false>(&shared.cotangent[p][0][0], tile_of<W>(m, c));
             });
-            unrolled<2>([&](auto n) { multiply<W, N>(s[n], pixels, features.of[n][c]); });
+            unrolled<2>([&](auto n) { multiply<W, N>(s[n], pixels, features[n][c]); });
         });
         return s;
     }
@@ -175,41 +175,6 @@ struct ReverseKernel {
         using U = typename W::U;
         return (U(static_cast<std::uint32_t>(16 * m)) + W::lane() % U(16)) * U(2 * of_pixel) +
                W::lane() / U(16) * U(16) + U(static_cast<std::uint32_t>(32 * c));
-    }
-
-    template <class Block>
-    RYE_DEVICE void stage(Block& block, Shared& shared, const Stager<A, C>& stager,
-                          const Kept& kept, std::uint32_t begin) const {
-        block.each_thread([&](int t) {
-            stager.template entry<false>(shared.staged, t, kept.count, [&](std::uint32_t e) {
-                return memory.sorted_owner[begin + kept.start + e];
-            });
-            Stager<A, C>::again(shared.staged, t,
-                                [&](int s, int word) { return kept.visits[s][word]; });
-        });
-        if constexpr (Layout::products)
-            block.each_thread([&](int t) {
-                stager.template features<Block>(shared.staged, t, kept.count);
-            });
-        block.each_warp([&](int w) {
-            Stager<A, C>::template list<typename Block::Warp>(shared.staged, w);
-        });
-    }
-
-    template <class W>
-    RYE_DEVICE void walk(Shared& shared, StripCotangents<W, C, extra>& s, std::uint32_t tile,
-                         int w, std::uint32_t batch, std::uint32_t groups) const {
-        using U = typename W::U;
-        const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
-        const Transmittance<W, A> rules(accuracy);
-        for (std::uint32_t g = groups; g-- > 0;) {
-            const auto* const kept = reinterpret_cast<const Quad4*>(
-                memory.transmittance + (std::size_t(batch) * (strips * Layout::groups) +
-                                        static_cast<std::size_t>(w) * Layout::groups + g) * 64);
-            const U column = W::lane() / U(4) * U(2);
-            const auto low = W::read4(kept, column), high = W::read4(kept, column + U(1));
-            group<W>(shared, s, pixels, rules, w, g, low, high);
-        }
     }
 
     /// Sums over the pixels of each of a lane's visits.
@@ -234,7 +199,7 @@ struct ReverseKernel {
     /// One row of pixels: from <cotangent, colour> of its visits to their sums.
     template <class W, class J>
     RYE_DEVICE Taken<W> one_row(StripCotangents<W, C, extra>& s, Moments<W>& sum,
-                                const Visits<W, A, C>& v, const Transmittance<W, A>& rules, J j,
+                                const Visits<W, A>& v, const Transmittance<W, A>& rules, J j,
                                 const typename W::F& before,
                                 const Array<typename W::F, 4>& along_visit) const {
         using F = typename W::F;
@@ -285,26 +250,40 @@ struct ReverseKernel {
     }
 
     template <class W>
-    RYE_DEVICE void group(Shared& shared, StripCotangents<W, C, extra>& s,
-                          const StripPixels<W>& pixels, const Transmittance<W, A>& rules, int w,
-                          std::uint32_t g, const Array<typename W::F, 4>& low,
-                          const Array<typename W::F, 4>& high) const {
+    RYE_DEVICE void group(const Shared& shared, StripCotangents<W, C, extra>& s,
+                          const StripPixels<W>& pixels, const Transmittance<W, A>& rules,
+                          const TileCentre& centre, std::uint32_t g, int w) const {
         using F = typename W::F;
         using U = typename W::U;
-        const Visits<W, A, C> v(shared.staged, w, g, pixels.x, pixels.y, accuracy);
-        Moments<W> sum;
+        const auto* const kept = reinterpret_cast<const Quad4*>(memory.transmittance) +
+                                 std::size_t(g) * 16;
+        const std::uint32_t* const visits = memory.visits + std::size_t(g) * 32;
+        const U column = W::lane() / U(4) * U(2), first = W::lane() % U(4) * U(4);
+        U owner[4];
+        unrolled<4>([&](auto i) { owner[i] = W::read(visits, first + U(i)); });
+        const auto low = W::read4(kept, column), high = W::read4(kept, column + U(1));
         const auto before = [&](auto j) {
             if constexpr (j < 4)
                 return low[j];
             else
                 return high[j - 4];
         };
+        const Visits<W, A> v(
+            [&](auto i) {
+                return TileSplat<W>(memory, owner[i] < U(none_of), owner[i], centre.x, centre.y);
+            },
+            pixels.x, pixels.y, accuracy);
+        float* const partial = memory.partial + std::size_t(g) * (group_visits * Layout::stride);
+        Moments<W> sum;
         if constexpr (Layout::products) {
-            const FeaturesOverChannels<W, Staged<A, C>> features(shared.staged, w, g);
+            const U position = W::lane() / U(4);
+            const OverChannels<W> features = visits_over_channels<W>(
+                scene.feature.data + scene.first_channel, W::read(visits, visit_at<W>(position)),
+                W::read(visits, visit_at<W>(position + U(8))), scene.template in_pairs<C>());
             Array<F, 4> colour[C / 8];
             unrolled<C / 8>([&](auto n) { unrolled<4>([&](auto k) { colour[n][k] = F(0.0F); }); });
             unrolled<4>([&](auto m) {
-                const auto product = along<W>(shared, w, m, features);
+                const auto product = along<W>(shared, m, features);
                 const auto one = [&](auto odd) {
                     const Constant<2 * m + odd> j;
                     const Array<F, 4> of_row{{product[0][2 * odd], product[0][2 * odd + 1],
@@ -324,7 +303,7 @@ struct ReverseKernel {
                 unrolled<(C + 15) / 16>([&](auto c) {
                     Planes<W, N, 2> left, right;
                     unrolled<N>([&](auto p) {
-                        const auto t = W::template tiles<true>(&shared.cotangent[w][p][0][0],
+                        const auto t = W::template tiles<true>(&shared.cotangent[p][0][0],
                                                                tile_of<W>(m, c));
                         left[p] = {{t[0], t[1]}};
                         right[p] = {{t[2], t[3]}};
@@ -334,30 +313,44 @@ struct ReverseKernel {
                         multiply<W, N>(colour[2 * c + 1], weights, right);
                 });
             });
-            const U visit = U(16 * g) + visit_at<W>(W::lane() / U(4));
-            const U at = visit * U(row) + U(Layout::head) + W::lane() % U(4) * U(2);
+            const U at = visit_at<W>(position) * U(Layout::stride) + U(Layout::head) +
+                         W::lane() % U(4) * U(2);
             unrolled<C / 8>([&](auto n) {
-                W::write2(shared.visit[w], (at + U(8 * n)) / U(2), colour[n][0], colour[n][1]);
-                W::write2(shared.visit[w], (at + U(8 * n + 2 * row)) / U(2), colour[n][2],
+                W::write2(partial, (at + U(8 * n)) / U(2), colour[n][0], colour[n][1]);
+                W::write2(partial, (at + U(8 * n + 2 * Layout::stride)) / U(2), colour[n][2],
                           colour[n][3]);
             });
         } else {
             Array<F, 4> colour[4];
-            unrolled<4>([&](auto i) { colour[i] = W::read4(shared.staged.colour, v.entry[i]); });
+            const U stride(static_cast<std::uint32_t>(scene.feature.rows));
+            unrolled<4>([&](auto i) {
+                unrolled<C>([&](auto c) {
+                    colour[i][c] = W::read_where(
+                        owner[i] < U(none_of) && U(c) < U(static_cast<std::uint32_t>(scene.channels)),
+                        scene.feature.data + scene.first_channel, owner[i] * stride + U(c), 0.0F);
+                });
+            });
             unrolled<8>([&](auto j) {
                 Array<F, 4> of_row;
                 unrolled<4>([&](auto i) { of_row[i] = along<W>(s.colour[j], colour[i]); });
                 one_row<W>(s, sum, v, rules, j, before(j), of_row);
             });
         }
-        add_lanes<W>(shared, v, sum, w, g);
+        add_lanes<W>(v, sum, partial);
+        // Pairs of a Gaussian and a tile learn of their slots.
+        const U visit = W::lane() % U(group_visits);
+        const auto has = W::lane() < U(group_visits) && W::read(visits, visit) < U(none_of);
+        const U place = W::read(visits, visit + U(group_visits)) * U(strips) +
+                        U(static_cast<std::uint32_t>(w));
+        W::write_where(has, memory.touched, place, U(1));
+        W::write_where(has, memory.slot, place, U(g * group_visits) + visit);
     }
 
     /// From rows to offsets (u, v), and over the eight columns: by halves, each lane going on with
     /// one of them.
     template <class W>
-    RYE_DEVICE void add_lanes(Shared& shared, const Visits<W, A, C>& v, const Moments<W>& sum,
-                              int w, std::uint32_t g) const {
+    RYE_DEVICE void add_lanes(const Visits<W, A>& v, const Moments<W>& sum,
+                              float* partial) const {
         using F = typename W::F;
         using U = typename W::U;
         constexpr int count = (4 * sums + 7) / 8 * 8;
@@ -393,9 +386,9 @@ struct ReverseKernel {
         halve<W, 4, count / 4>(x);
         unrolled<count / 8>([&](auto k) {
             const U flat = W::lane() / U(4) * U(count / 8) + U(k);
-            const U first = (U(16 * g) + W::lane() % U(4) * U(4)) * U(row);
-            const U at = row == sums ? flat : flat / U(sums) * U(row) + flat % U(sums);
-            W::write_where(flat < U(4 * sums), shared.visit[w], first + at, x[k]);
+            const U at = (W::lane() % U(4) * U(4) + flat / U(sums)) * U(Layout::stride) +
+                         flat % U(sums);
+            W::write_where(flat < U(4 * sums), partial, at, x[k]);
         });
     }
     template <class W, int apart, int n, class F>
@@ -407,47 +400,6 @@ struct ReverseKernel {
             const F give = select(upper, x[k], x[k + n / 2]);
             x[k] = keep + W::template across<apart>(give);
         });
-    }
-
-    /// The slots of a batch: rows of the strips that visited an entry, in their order.
-    template <class Block>
-    RYE_DEVICE void write(const Shared& shared, const Kept& kept, std::uint32_t begin,
-                          std::uint32_t batch, int t) const {
-        constexpr int quads = Layout::stride / 4;
-        for (int k = t; k < static_cast<int>(kept.count) * quads; k += threads) {
-            const int e = k / quads, quad = k % quads;
-            Quad4 total{0, 0, 0, 0};
-            bool any = false;
-            for (int s = 0; s < strips; ++s) {
-                const std::uint32_t own = shared.staged.word[s][e / 32];
-                if ((own >> (e % 32) & 1U) == 0) continue;
-                int rank = Block::bits_set(own & ((1U << (e % 32)) - 1U));
-                for (int i = 0; i < e / 32; ++i) rank += Block::bits_set(shared.staged.word[s][i]);
-                if (rank >= static_cast<int>(kept.groups >> (8 * s) & 0xFFU) * group_visits)
-                    continue;
-                any = true;
-                const float* const from = shared.visit[s] + rank * row;
-                const auto at = [&](int i) {
-                    const int n = 4 * quad + i;
-                    if constexpr (Layout::products) return from[n];
-                    const int c = n - Layout::head;
-                    if (n < 7) return from[n];
-                    return c >= 0 && c < C ? from[7 + c] : 0.0F;
-                };
-                total.x += at(0);
-                total.y += at(1);
-                total.z += at(2);
-                total.w += at(3);
-            }
-            if (!any) continue;
-            const std::uint32_t slot = batch * static_cast<std::uint32_t>(Layout::batch) +
-                                       static_cast<std::uint32_t>(e);
-            reinterpret_cast<Quad4*>(memory.partial)[std::size_t(slot) * quads +
-                                                     static_cast<std::size_t>(quad)] = total;
-            if (quad == 0)
-                memory.slot[memory.sorted_place[begin + kept.start +
-                                                static_cast<std::uint32_t>(e)]] = slot;
-        }
     }
 };
 

@@ -7,18 +7,15 @@
 /// As in splat/blend.hpp, T_i+1 = T_i (1 - alpha_i), weight_i = alpha_i T_i.
 #pragma once
 
-#include <rye/splat/cuda/staged.hpp>
+#include <rye/splat/cuda/visits.hpp>
 
 namespace rye {
 
 /// The visits of each lane, in their column.
-template <class W, class A, int C>
+template <class W, class A>
 struct Visits {
     using F = typename W::F;
-    using U = typename W::U;
-    using Shared = Staged<A, C>;
 
-    U entry[4];
     F u[4];
     F v[4];                      ///< in the middle row of the strip
     F vy[4];
@@ -26,22 +23,19 @@ struct Visits {
     F depth[4];
     F floor[A::has_floor ? 4 : 1], cut[A::has_floor ? 4 : 1];
 
-    /// Group g of strip w, in column x and about row y, from the tile's centre.
-    RYE_DEVICE Visits(const Shared& from, int w, std::uint32_t g, const F& x, float y,
-                      const A& accuracy) {
-        const U words = W::read_word(from.visit[w], U(4 * g) + W::lane() % U(4));
+    /// splat(i): visit i of the lane; column x and middle row y, from the tile's centre.
+    template <class Splats>
+    RYE_DEVICE Visits(const Splats& splat, const F& x, float y, const A& accuracy) {
         unrolled<4>([&](auto i) {
-            entry[i] = (words >> U(8 * i)) & U(0xFF);
-            const Array<F, 4> place = W::read4(from.place, entry[i]);
-            const Array<F, 4> shape = W::read4(from.shape, entry[i]);
-            u[i] = W::fma(place[1], x, place[0]);
-            vy[i] = shape[0];
-            v[i] = W::fma(vy[i], F(y), W::fma(place[3], x, place[2]));
-            rest[i] = W::fma(-u[i], u[i], shape[1]);
-            depth[i] = shape[2];
+            const TileSplat<W> s = splat(i);
+            u[i] = W::fma(s.ux, x, s.u0);
+            vy[i] = s.vy;
+            v[i] = W::fma(vy[i], F(y), W::fma(s.vx, x, s.v0));
+            rest[i] = W::fma(-u[i], u[i], s.log2_opacity);
+            depth[i] = s.depth;
             if constexpr (A::has_floor) {
-                floor[i] = shape[3];
-                cut[i] = log2_of(F(static_cast<float>(accuracy.alpha_min)) + floor[i]);
+                floor[i] = s.floor;
+                cut[i] = W::log2(F(static_cast<float>(accuracy.alpha_min)) + floor[i]);
             }
         });
         static_cast<void>(accuracy);
@@ -59,9 +53,6 @@ struct Visits {
             return select(exponent >= least, W::min(alpha_max, a), F(0.0F));
         }
     }
-
-  private:
-    RYE_DEVICE static F log2_of(const F& x) { return W::log2(x); }
 };
 
 /// What a pixel's four visits of a lane take from it.
@@ -82,7 +73,7 @@ struct Transmittance {
 
     RYE_DEVICE explicit Transmittance(const A& a)
         : alpha_max(static_cast<float>(a.alpha_max)), stop(static_cast<float>(a.stop)),
-          least(Staged<A, 1>::cut_of(a, 0.0F)) {}
+          least(least_exponent(a)) {}
 
     /// Whether a pixel can still take something.
     RYE_DEVICE auto open(const F& t) const {
@@ -170,19 +161,20 @@ struct StripPixels {
           x(F(static_cast<float>(w % 2 * strip_edge) - 7.5F) + W::number(W::lane() / U(4))),
           y(static_cast<float>(w / 2 * strip_edge) - 4.0F) {}
 
-    /// Whether the pixel of row j is in the image.
-    RYE_DEVICE auto inside(const U& j) const {
-        return (W::lane() / U(4) < U(static_cast<std::uint32_t>(rye::max(width - left, 0)))) &&
+    /// Whether a pixel is in the image: that of the lane's column and row j, or of another column.
+    RYE_DEVICE auto inside(const U& column, const U& j) const {
+        return (column < U(static_cast<std::uint32_t>(rye::max(width - left, 0)))) &&
                (j < U(static_cast<std::uint32_t>(rye::max(height - top, 0))));
     }
+    RYE_DEVICE auto inside(const U& j) const { return inside(W::lane() / U(4), j); }
     /// Its number, 0 if it is outside.
-    RYE_DEVICE U pixel(const U& j) const {
+    RYE_DEVICE U pixel(const U& column, const U& j) const {
         const auto corner = static_cast<std::uint32_t>(top) * static_cast<std::uint32_t>(width) +
                             static_cast<std::uint32_t>(left);
-        return select(inside(j),
-                      U(corner) + j * U(static_cast<std::uint32_t>(width)) + W::lane() / U(4),
-                      U(0));
+        return select(inside(column, j),
+                      U(corner) + j * U(static_cast<std::uint32_t>(width)) + column, U(0));
     }
+    RYE_DEVICE U pixel(const U& j) const { return pixel(W::lane() / U(4), j); }
 };
 
 /// x of quad lane k in rows 2 k and 2 k + 1: of eight rows that all four lanes have, the two that
