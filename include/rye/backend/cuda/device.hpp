@@ -108,6 +108,39 @@ struct DeviceWarp {
     __device__ static U read_half(const std::uint64_t* p, U i) {
         return reinterpret_cast<const std::uint32_t*>(p)[2 * i + half];
     }
+    __device__ static void copy4_ahead(M m, Quad4* to, U i, const Quad4* from, U k) {
+#if !defined(__CUDA_ARCH__) || __CUDA_ARCH__ >= 800
+        if (m)
+            asm volatile("cp.async.cg.shared.global [%0], [%1], 16;" ::"r"(
+                             static_cast<U>(__cvta_generic_to_shared(to + i))),
+                         "l"(from + k)
+                         : "memory");
+#else
+        if (m) to[i] = from[k];
+#endif
+    }
+    __device__ static void copy_ahead(M m, float* to, U i, const float* from, U k) {
+#if !defined(__CUDA_ARCH__) || __CUDA_ARCH__ >= 800
+        if (m)
+            asm volatile("cp.async.ca.shared.global [%0], [%1], 4;" ::"r"(
+                             static_cast<U>(__cvta_generic_to_shared(to + i))),
+                         "l"(from + k)
+                         : "memory");
+#else
+        if (m) to[i] = from[k];
+#endif
+    }
+    __device__ static void end_copies() {
+#if !defined(__CUDA_ARCH__) || __CUDA_ARCH__ >= 800
+        asm volatile("cp.async.commit_group;" ::: "memory");
+#endif
+    }
+    __device__ static void wait_for_copies() {
+#if !defined(__CUDA_ARCH__) || __CUDA_ARCH__ >= 800
+        asm volatile("cp.async.wait_group 1;" ::: "memory");
+#endif
+        __syncwarp();
+    }
     __device__ static std::uint32_t take_one(std::uint32_t* counter) {
         std::uint32_t r = 0;
         if (lane() == 0) r = atomicAdd(counter, 1U);

@@ -182,6 +182,18 @@ struct HostWarp {
             return static_cast<std::uint32_t>(p[i.x[l]] >> (32 * half));
         });
     }
+    /// Copies to shared memory that go on beside what follows: of 16 bytes, of a number.
+    static void copy4_ahead(const M& m, Quad4* to, const U& i, const Quad4* from, const U& k) {
+        for (int l = 0; l < 32; ++l)
+            if (m.x[l]) to[i.x[l]] = from[k.x[l]];
+    }
+    static void copy_ahead(const M& m, float* to, const U& i, const float* from, const U& k) {
+        for (int l = 0; l < 32; ++l)
+            if (m.x[l]) to[i.x[l]] = from[k.x[l]];
+    }
+    /// Ends a batch of copies; waits for all but the last batch.
+    static void end_copies() {}
+    static void wait_for_copies() {}
     /// Takes one from a counter, for the warp.
     static std::uint32_t take_one(std::uint32_t* counter) { return (*counter)++; }
     static F read_where(const M& m, const float* p, const U& i, float other) {

@@ -43,7 +43,7 @@ template <class A, int C>
 struct BlendKernel {
     using Layout = ChannelLayout<C>;
     static constexpr const char* name = "blend";
-    static constexpr int threads = 128, blocks = Layout::products ? 3 : 5;
+    static constexpr int threads = 128, blocks = Layout::products ? 3 : 4;
     static constexpr int N = planes_of<A>;
     using Found = FoundVisits<!Layout::products>;
     struct Shared {
@@ -136,12 +136,22 @@ struct BlendKernel {
         const TileCentre centre(scene, tile, memory.columns);
         const float least = least_exponent(accuracy);
         Found& found = shared.found[w];
-        for (std::uint32_t at = 0; at < part && s.open; at += 32) {
+        const auto* const records = reinterpret_cast<const Quad4*>(memory.record);
+        Array<F, 4> place, shape;
+        U owner;
+        const auto fetch = [&](std::uint32_t at) {
             const U entry = U(at) + W::lane();
             const auto valid = entry < U(part);
-            const U own = select(valid, entry, U(0));
-            const U owner = W::template read_half<0>(shared.nearest.key, own);
-            const TileSplat<W> splat(memory, valid, owner, centre.x, centre.y);
+            owner = W::template read_half<0>(shared.nearest.key, select(valid, entry, U(0)));
+            place = W::read4_where(valid, records, owner * U(2));
+            shape = W::read4_where(valid, records, owner * U(2) + U(1));
+        };
+        fetch(0);
+        for (std::uint32_t at = 0; at < part && s.open; at += 32) {
+            const U entry = U(at) + W::lane(), own_owner = owner;
+            const auto valid = entry < U(part);
+            const TileSplat<W> splat(place, shape, centre.x, centre.y);
+            fetch(at + 32);                  // of the next 32, while these are walked
             const auto visited = valid && splat.reaches(w, accuracy, least);
             const std::uint32_t lanes = W::ballot(visited);
             if (lanes == 0) continue;
@@ -159,13 +169,13 @@ struct BlendKernel {
                         if (c < scene.channels)
                             colour[c] = W::read_where(
                                 visited, scene.feature.data + scene.first_channel,
-                                owner * stride + U(c), 0.0F);
+                                own_owner * stride + U(c), 0.0F);
                 });
                 W::write4_where(visited, found.colour, to, colour);
             }
-            W::write_where(visited, found.owner, to, owner);
+            W::write_where(visited, found.owner, to, own_owner);
             W::write_where(visited, found.place_of, to,
-                           W::template read_half<1>(shared.nearest.key, own));
+                           W::template read_half<1>(shared.nearest.key, select(valid, entry, U(0))));
             if constexpr (A::outputs.contributor)
                 W::write_where(visited, found.entry, to, U(before) + entry);
             s.found += W::bits_set(lanes);

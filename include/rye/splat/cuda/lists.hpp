@@ -34,11 +34,10 @@ struct BlockTiles {
     std::uint32_t tall;                      ///< how many are in many rows
     std::uint32_t index[threads];            ///< which
 
-    /// What Gaussian t has.
+    /// What Gaussian t has: its spans are there.
     template <class Block>
-    RYE_DEVICE void put(Block& block, int t, const TileSpans& s, std::uint32_t places) {
-        const bool is_tall = s.rows > TileSpans::most;
-        spans[t] = s;
+    RYE_DEVICE void put(Block& block, int t, std::uint32_t places) {
+        const bool is_tall = spans[t].rows > TileSpans::most;
         before[t] = is_tall ? 0U : places;
         if (is_tall) index[block.add(&tall, 1U)] = static_cast<std::uint32_t>(t);
     }
@@ -102,7 +101,8 @@ struct ProjectKernel {
         });
         block.each_thread([&](int t) {
             const std::uint32_t i = base + static_cast<std::uint32_t>(t);
-            TileSpans spans{};
+            TileSpans& spans = shared.tiles.spans[t];
+            spans.first = spans.rows = 0;
             std::uint32_t places = 0;
             if (i < memory.count) {
                 if (accuracy.non_finite != NonFinite::trust && !usable(i))
@@ -113,7 +113,7 @@ struct ProjectKernel {
                 memory.places[i] = places;
             }
             shared.places[t] = places;
-            shared.tiles.put(block, t, spans, places);
+            shared.tiles.put(block, t, places);
         });
         shared.tiles.template each<A::support>(
             block, memory.footprint + base, width, height,
@@ -292,7 +292,8 @@ struct BinKernel {
         });
         block.each_thread([&](int t) {
             const std::uint32_t i = base + static_cast<std::uint32_t>(t);
-            TileSpans spans{};
+            TileSpans& spans = shared.tiles.spans[t];
+            spans.first = spans.rows = 0;
             std::uint32_t places = 0, key = 0;
             if (i < memory.count) {
                 places = memory.places[i];
@@ -301,7 +302,7 @@ struct BinKernel {
             }
             shared.places[t] = places;
             shared.key[t] = key;
-            shared.tiles.put(block, t, spans, places);
+            shared.tiles.put(block, t, places);
         });
         block.exclusive_sums(shared.places);
         const std::uint32_t before = memory.block_places[block.index()];

@@ -49,18 +49,29 @@ struct MergeKernel {
         Quad4 sum{0, 0, 0, 0};
         const std::uint32_t n = memory.places[i];
         const std::size_t first = n > 0 ? memory.first[i] : 0U;
-        for (std::uint32_t k = 0; k < n; ++k) {
-            const std::uint8_t* const touched = memory.touched + (first + k) * strips;
-            for (int s = 0; s < strips; ++s) {
-                if (touched[s] == 0) continue;
-                const std::uint32_t slot = memory.slot[(first + k) * strips +
-                                                       static_cast<std::size_t>(s)];
-                const Quad4 p = partial[std::size_t(slot) * quads + static_cast<std::size_t>(quad)];
-                sum.x += p.x;
-                sum.y += p.y;
-                sum.z += p.z;
-                sum.w += p.w;
-            }
+        // Four places at a time: their loads are under way together.
+        constexpr int at_once = 4;
+        const auto* const touched = reinterpret_cast<const std::uint32_t*>(memory.touched);
+        for (std::uint32_t k = 0; k < n; k += at_once) {
+            std::uint32_t flags[at_once];
+            std::uint32_t slot[at_once * strips];
+            Quad4 p[at_once * strips];
+            unrolled<at_once>([&](auto e) { flags[e] = k + e < n ? touched[first + k + e] : 0U; });
+            unrolled<at_once * strips>([&](auto e) {
+                const bool has = (flags[e / strips] >> (8 * (e % strips)) & 1U) != 0;
+                slot[e] = has ? memory.slot[(first + k) * strips + e] : none_of;
+            });
+            unrolled<at_once * strips>([&](auto e) {
+                p[e] = slot[e] != none_of ? partial[std::size_t(slot[e]) * quads +
+                                                    static_cast<std::size_t>(quad)]
+                                          : Quad4{0, 0, 0, 0};
+            });
+            unrolled<at_once * strips>([&](auto e) {
+                sum.x += p[e].x;
+                sum.y += p[e].y;
+                sum.z += p[e].z;
+                sum.w += p[e].w;
+            });
         }
         const float numbers[4] = {sum.x, sum.y, sum.z, sum.w};
         float* const features = out.feature.data + Index(i) * out.feature.rows + first_channel;

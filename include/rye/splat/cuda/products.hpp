@@ -81,30 +81,18 @@ RYE_DEVICE Planes<W, N, 2> features_over_visits(const DeviceScene& scene,
     return r;
 }
 
-/// The same as the right operand of products over channels (K), 16 of them, for visits (N). owner:
-/// the Gaussian of the visit at position lane / 4; or `from` is the background, and owner 0.
-template <class W, int N, int C>
-RYE_DEVICE Planes<W, N, 2> features_over_channels(const DeviceScene& scene, const float* from,
-                                                  const typename W::U& owner, int sixteen,
-                                                  bool in_pairs) {
-    using F = typename W::F;
+/// The same as the right operand of products over channels (K), 16 of them, for visits (N). Rows
+/// of numbers in shared memory; `row`: that of the visit at position lane / 4.
+template <class W, int N>
+RYE_DEVICE Planes<W, N, 2> features_over_channels(const float* rows, int stride,
+                                                  const typename W::U& row, int sixteen) {
     using U = typename W::U;
-    const auto valid = owner < U(none_of);
-    const U base = owner * U(static_cast<std::uint32_t>(scene.feature.rows));
     Planes<W, N, 2> r;
     unrolled<2>([&](auto k) {
-        const U channel = W::lane() % U(4) * U(2) +
-                          U(static_cast<std::uint32_t>(16 * sixteen + 8 * k));
-        const U most(static_cast<std::uint32_t>(rye::min(scene.channels, C)));
-        F a, b;
-        if (in_pairs) {
-            const auto two = W::read2_where(valid && channel < most, from, (base + channel) / U(2));
-            a = two[0], b = two[1];
-        } else {
-            a = W::read_where(valid && channel < most, from, base + channel, 0.0F);
-            b = W::read_where(valid && channel + U(1) < most, from, base + channel + U(1), 0.0F);
-        }
-        split<W, N>(r, k, a, b);
+        const auto two = W::read2(rows, row * U(static_cast<std::uint32_t>(stride / 2)) +
+                                            U(static_cast<std::uint32_t>(8 * sixteen + 4 * k)) +
+                                            W::lane() % U(4));
+        split<W, N>(r, k, two[0], two[1]);
     });
     return r;
 }

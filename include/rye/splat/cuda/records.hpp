@@ -50,7 +50,7 @@ struct SplatRecord {
 /// The columns of tiles [begin, end) in each row of tiles that a Gaussian reaches; of more rows
 /// than `most` they follow from its footprint.
 struct alignas(16) TileSpans {
-    static constexpr int most = 3;
+    static constexpr int most = 7;
     std::uint16_t first, rows;   ///< of tiles; no rows: it is not visible
     std::uint16_t begin[most], end[most];
 };

@@ -29,7 +29,15 @@ struct ReverseKernel {
     /// Numbers of a visit that are summed over lanes.
     static constexpr int sums = Layout::products ? 8 : 7 + C;
     static constexpr int of_pixel = Layout::padded + 8;  ///< halves; rows begin in other banks
+    static constexpr int of_visit = Layout::products ? Layout::padded + 8 : 4;  ///< features
+    /// A group of visits, copied from device memory while another is walked.
+    struct Ahead {
+        Quad4 record[2 * group_visits];
+        Quad4 transmittance[16];
+        alignas(16) float feature[group_visits * of_visit];
+    };
     struct Shared {
+        Ahead ahead[2];
         alignas(16) std::uint16_t cotangent[N][Layout::products ? 64 : 1][of_pixel];
     };
     FrameMemory memory;
@@ -53,12 +61,83 @@ struct ReverseKernel {
             const Transmittance<W, A> rules(accuracy);
             StripCotangents<W, C, extra> s;
             start<W>(shared, s, pixels);
-            for (std::uint32_t g = last; g != none_of; g = memory.before[g])
-                group<W>(shared, s, pixels, rules, centre, g, w);
+            // A group's number is known two groups before it is walked, its Gaussians one.
+            Next<W> now = next<W>(last), soon = next<W>(memory.before[last]);
+            std::uint32_t late = soon.group != none_of ? memory.before[soon.group] : none_of;
+            copy<W>(shared.ahead[0], now);
+            for (int side = 0;; side ^= 1) {
+                if (soon.group != none_of) copy<W>(shared.ahead[side ^ 1], soon);
+                W::end_copies();
+                const Next<W> then = next<W>(late);
+                if (late != none_of) late = memory.before[late];
+                W::wait_for_copies();
+                group<W>(shared, shared.ahead[side], s, pixels, rules, centre, now, w);
+                W::sync();
+                if (soon.group == none_of) break;
+                now = soon;
+                soon = then;
+            }
         });
     }
 
   private:
+    /// A group, and the Gaussian and the place of visit lane % 16.
+    template <class W>
+    struct Next {
+        std::uint32_t group;
+        typename W::U owner, place;
+    };
+    template <class W>
+    RYE_DEVICE Next<W> next(std::uint32_t group) const {
+        using U = typename W::U;
+        if (group == none_of) return {group, U(none_of), U(0)};
+        const std::uint32_t* const visits = memory.visits + std::size_t(group) * 32;
+        const U visit = W::lane() % U(group_visits);
+        return {group, W::read(visits, visit), W::read(visits, visit + U(group_visits))};
+    }
+
+    template <class W>
+    RYE_DEVICE void copy(Ahead& to, const Next<W>& n) const {
+        using F = typename W::F;
+        using U = typename W::U;
+        const U visit = W::lane() % U(group_visits), half = W::lane() / U(group_visits);
+        const auto has = n.owner < U(none_of);
+        W::copy4_ahead(has, to.record, visit * U(2) + half,
+                       reinterpret_cast<const Quad4*>(memory.record), n.owner * U(2) + half);
+        W::write4_where(!has, to.record, visit * U(2) + half,
+                        Array<F, 4>{{F(0.0F), select(half > U(0), F(-1e30F), F(0.0F)), F(0.0F),
+                                     F(0.0F)}});
+        W::copy4_ahead(half == U(0), to.transmittance, visit,
+                       reinterpret_cast<const Quad4*>(memory.transmittance) +
+                           std::size_t(n.group) * 16,
+                       visit);
+        const float* const from = scene.feature.data + scene.first_channel;
+        const U stride(static_cast<std::uint32_t>(scene.feature.rows));
+        const bool quads = Layout::products && scene.channels % 4 == 0 &&
+                           scene.feature.rows % 4 == 0 &&
+                           reinterpret_cast<std::uintptr_t>(from) % 16 == 0;
+        if (quads) {
+            unrolled<Layout::padded / 8>([&](auto k) {
+                const U quad = half + U(2 * k);
+                const auto drawn = quad * U(4) < U(static_cast<std::uint32_t>(scene.channels));
+                const U at = visit * U(of_visit / 4) + quad;
+                W::copy4_ahead(has && drawn, reinterpret_cast<Quad4*>(to.feature), at,
+                               reinterpret_cast<const Quad4*>(from),
+                               n.owner * (stride / U(4)) + quad);
+                W::write4_where(!(has && drawn), reinterpret_cast<Quad4*>(to.feature), at,
+                                Array<F, 4>{{F(0.0F), F(0.0F), F(0.0F), F(0.0F)}});
+            });
+        } else {
+            for (int k = 0; k < Layout::padded / 2; ++k) {
+                const U channel = half + U(static_cast<std::uint32_t>(2 * k));
+                const auto drawn = channel < U(static_cast<std::uint32_t>(scene.channels));
+                const U at = visit * U(of_visit) + channel;
+                W::copy_ahead(has && drawn, to.feature, at, from, n.owner * stride + channel);
+                W::write_where(!(has && drawn), to.feature, at, F(0.0F));
+            }
+        }
+    }
+
     template <class W>
     RYE_DEVICE void start(Shared& shared, StripCotangents<W, C, extra>& s,
                           const StripPixels<W>& pixels) const {
@@ -73,8 +152,17 @@ struct ReverseKernel {
         };
         if constexpr (Layout::products) {
             planes<W>(shared, pixels);
-            const auto background = visits_over_channels<W>(
-                scene.background + scene.first_channel, U(0), U(0), false);
+            // As a visit of the background's colour.
+            float* const row = shared.ahead[0].feature;
+            for (std::uint32_t k = 0; k < static_cast<std::uint32_t>(Layout::padded); k += 32) {
+                const U channel = U(k) + W::lane();
+                const auto drawn = channel < U(static_cast<std::uint32_t>(scene.channels));
+                W::write_where(channel < U(Layout::padded), row, channel,
+                               W::read_where(drawn, scene.background + scene.first_channel, channel,
+                                             0.0F));
+            }
+            W::sync();
+            const auto background = over_channels<W>(row, U(0), U(0));
             unrolled<4>([&](auto m) {
                 const auto product = along<W>(shared, m, background);
                 s.behind[2 * m] = product[0][0];
@@ -141,14 +229,12 @@ struct ReverseKernel {
 
     /// Features as operands: of the visits at positions lane / 4 and 8 more.
     template <class W>
-    RYE_DEVICE OverChannels<W> visits_over_channels(const float* from,
-                                                    const typename W::U& first,
-                                                    const typename W::U& second,
-                                                    bool in_pairs) const {
+    RYE_DEVICE static OverChannels<W> over_channels(const float* rows, const typename W::U& first,
+                                                    const typename W::U& second) {
         OverChannels<W> r;
         unrolled<steps>([&](auto c) {
-            r[0][c] = features_over_channels<W, N, C>(scene, from, first, c, in_pairs);
-            r[1][c] = features_over_channels<W, N, C>(scene, from, second, c, in_pairs);
+            r[0][c] = features_over_channels<W, N>(rows, of_visit, first, c);
+            r[1][c] = features_over_channels<W, N>(rows, of_visit, second, c);
         });
         return r;
     }
@@ -250,18 +336,15 @@ struct ReverseKernel {
     }
 
     template <class W>
-    RYE_DEVICE void group(const Shared& shared, StripCotangents<W, C, extra>& s,
-                          const StripPixels<W>& pixels, const Transmittance<W, A>& rules,
-                          const TileCentre& centre, std::uint32_t g, int w) const {
+    RYE_DEVICE void group(const Shared& shared, const Ahead& ahead,
+                          StripCotangents<W, C, extra>& s, const StripPixels<W>& pixels,
+                          const Transmittance<W, A>& rules, const TileCentre& centre,
+                          const Next<W>& now, int w) const {
         using F = typename W::F;
         using U = typename W::U;
-        const auto* const kept = reinterpret_cast<const Quad4*>(memory.transmittance) +
-                                 std::size_t(g) * 16;
-        const std::uint32_t* const visits = memory.visits + std::size_t(g) * 32;
         const U column = W::lane() / U(4) * U(2), first = W::lane() % U(4) * U(4);
-        U owner[4];
-        unrolled<4>([&](auto i) { owner[i] = W::read(visits, first + U(i)); });
-        const auto low = W::read4(kept, column), high = W::read4(kept, column + U(1));
+        const auto low = W::read4(ahead.transmittance, column),
+                   high = W::read4(ahead.transmittance, column + U(1));
         const auto before = [&](auto j) {
             if constexpr (j < 4)
                 return low[j];
@@ -270,16 +353,18 @@ struct ReverseKernel {
         };
         const Visits<W, A> v(
             [&](auto i) {
-                return TileSplat<W>(memory, owner[i] < U(none_of), owner[i], centre.x, centre.y);
+                const U at = (first + U(i)) * U(2);
+                return TileSplat<W>(W::read4(ahead.record, at), W::read4(ahead.record, at + U(1)),
+                                    centre.x, centre.y);
             },
             pixels.x, pixels.y, accuracy);
-        float* const partial = memory.partial + std::size_t(g) * (group_visits * Layout::stride);
+        float* const partial =
+            memory.partial + std::size_t(now.group) * (group_visits * Layout::stride);
         Moments<W> sum;
         if constexpr (Layout::products) {
             const U position = W::lane() / U(4);
-            const OverChannels<W> features = visits_over_channels<W>(
-                scene.feature.data + scene.first_channel, W::read(visits, visit_at<W>(position)),
-                W::read(visits, visit_at<W>(position + U(8))), scene.template in_pairs<C>());
+            const OverChannels<W> features =
+                over_channels<W>(ahead.feature, visit_at<W>(position), visit_at<W>(position + U(8)));
             Array<F, 4> colour[C / 8];
             unrolled<C / 8>([&](auto n) { unrolled<4>([&](auto k) { colour[n][k] = F(0.0F); }); });
             unrolled<4>([&](auto m) {
@@ -322,13 +407,9 @@ struct ReverseKernel {
             });
         } else {
             Array<F, 4> colour[4];
-            const U stride(static_cast<std::uint32_t>(scene.feature.rows));
             unrolled<4>([&](auto i) {
-                unrolled<C>([&](auto c) {
-                    colour[i][c] = W::read_where(
-                        owner[i] < U(none_of) && U(c) < U(static_cast<std::uint32_t>(scene.channels)),
-                        scene.feature.data + scene.first_channel, owner[i] * stride + U(c), 0.0F);
-                });
+                colour[i] =
+                    W::read4(reinterpret_cast<const Quad4*>(ahead.feature), first + U(i));
             });
             unrolled<8>([&](auto j) {
                 Array<F, 4> of_row;
@@ -338,12 +419,10 @@ struct ReverseKernel {
         }
         add_lanes<W>(v, sum, partial);
         // Pairs of a Gaussian and a tile learn of their slots.
-        const U visit = W::lane() % U(group_visits);
-        const auto has = W::lane() < U(group_visits) && W::read(visits, visit) < U(none_of);
-        const U place = W::read(visits, visit + U(group_visits)) * U(strips) +
-                        U(static_cast<std::uint32_t>(w));
+        const auto has = W::lane() < U(group_visits) && now.owner < U(none_of);
+        const U place = now.place * U(strips) + U(static_cast<std::uint32_t>(w));
         W::write_where(has, memory.touched, place, U(1));
-        W::write_where(has, memory.slot, place, U(g * group_visits) + visit);
+        W::write_where(has, memory.slot, place, U(now.group * group_visits) + W::lane());
     }
 
     /// From rows to offsets (u, v), and over the eight columns: by halves, each lane going on with

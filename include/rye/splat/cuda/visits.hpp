@@ -56,23 +56,16 @@ struct TileSplat {
     /// u = u0 + ux x, v = v0 + vx x + vy y.
     F u0, ux, v0, vx, vy, log2_opacity, depth, floor;
 
-    RYE_DEVICE TileSplat() {}
-    /// Gaussian `owner`, or, where the mask does not hold, one that reaches no pixel.
-    RYE_DEVICE TileSplat(const FrameMemory& memory, const M& valid, const U& owner, float centre_x,
-                         float centre_y) {
-        const auto* const records = reinterpret_cast<const Quad4*>(memory.record);
-        const Array<F, 4> place = W::read4_where(valid, records, owner * U(2));
-        const Array<F, 4> shape = W::read4_where(valid, records, owner * U(2) + U(1));
+    /// Of a record's eight numbers.
+    RYE_DEVICE TileSplat(const Array<F, 4>& place, const Array<F, 4>& shape, float centre_x,
+                         float centre_y)
+        : ux(place[2]), vx(place[3]), vy(shape[0]), log2_opacity(shape[1]), depth(shape[2]),
+          floor(shape[3]) {
         const F dx = F(centre_x) - place[0], dy = F(centre_y) - place[1];
-        ux = place[2];
-        vx = place[3];
-        vy = shape[0];
         u0 = ux * dx;
         v0 = W::fma(vx, dx, vy * dy);
-        log2_opacity = select(valid, shape[1], F(-1e30F));
-        depth = shape[2];
-        floor = shape[3];
     }
+    RYE_DEVICE TileSplat() {}
 
     /// Whether strip w has a pixel whose exponent reaches the cut: exactly, but for what rounding
     /// may add, which this gives away. `least`: the exponent at the cut, without a floor.
