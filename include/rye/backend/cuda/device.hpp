@@ -32,6 +32,7 @@ inline void check_cuda(cudaError_t got, const char* who) {
 struct DeviceWarp {
     using F = float;
     using U = std::uint32_t;
+    using U64 = std::uint64_t;
     using M = bool;
 
     __device__ static U lane() { return threadIdx.x % 32; }
@@ -72,6 +73,14 @@ struct DeviceWarp {
     template <int mask, class T>
     __device__ static T across(T a) {
         return __shfl_xor_sync(all_, a, mask);
+    }
+
+    template <class T>
+    __device__ static T across(T a, int mask) {
+        return __shfl_xor_sync(all_, a, mask);
+    }
+    __device__ static U64 read64_where(M m, const U64* p, U i, U64 other) {
+        return m ? p[i] : other;
     }
 
     template <class T>

@@ -85,6 +85,7 @@ Lanes<T> select(const Lanes<bool>& c, const Lanes<T>& a, const Lanes<T>& b) {
 struct HostWarp {
     using F = Lanes<float>;
     using U = Lanes<std::uint32_t>;
+    using U64 = Lanes<std::uint64_t>;
     using M = Lanes<bool>;
 
     static U lane() { return U::each([](int l) { return static_cast<std::uint32_t>(l); }); }
@@ -135,6 +136,14 @@ struct HostWarp {
     template <int mask, class T>
     static Lanes<T> across(const Lanes<T>& a) {
         return Lanes<T>::each([&](int l) { return a.x[l ^ mask]; });
+    }
+
+    template <class T>
+    static Lanes<T> across(const Lanes<T>& a, int mask) {
+        return Lanes<T>::each([&](int l) { return a.x[l ^ mask]; });
+    }
+    static U64 read64_where(const M& m, const std::uint64_t* p, const U& i, std::uint64_t other) {
+        return U64::each([&](int l) { return m.x[l] ? p[i.x[l]] : other; });
     }
 
     template <class T>

@@ -37,21 +37,14 @@ struct NearestFirst {
     /// Sorts the next part into shared.key; returns how many keys, 0 at the end.
     RYE_DEVICE std::uint32_t next(Block& block) {
         if (taken >= n) return 0;
-        const std::uint32_t count = n <= most ? copy(block) : choose(block);
+        const bool whole = n <= most;
+        const std::uint32_t count = whole ? n : choose(block);
         taken += count;
-        sort(block, count);
+        sort(block, whole ? keys : shared.key, count);
         return count;
     }
 
   private:
-    RYE_DEVICE std::uint32_t copy(Block& block) {
-        block.each_thread([&](int t) {
-            for (std::uint32_t k = static_cast<std::uint32_t>(t); k < n; k += threads)
-                shared.key[k] = keys[k];
-        });
-        return n;
-    }
-
     /// The nearest buckets that hold no more than fit. A bucket that alone holds more is split by
     /// its next bits; as keys are unique, that ends.
     RYE_DEVICE std::uint32_t choose(Block& block) {
@@ -117,34 +110,127 @@ struct NearestFirst {
         return count;
     }
 
-    /// Bitonic. A warp's 32 pairs at a distance of up to 32 lie in 64 keys that no other touches.
-    RYE_DEVICE void sort(Block& block, std::uint32_t count) {
-        std::uint32_t size = 2;
-        while (size < count) size *= 2;
-        block.each_thread([&](int t) {
-            for (std::uint32_t k = count + static_cast<std::uint32_t>(t); k < size; k += threads)
-                shared.key[k] = ~std::uint64_t(0);
+    /// Keys of a lane, K of them: number ((32 warp + lane) K + k) in the end.
+    template <class W, int K>
+    struct LaneKeys {
+        typename W::U64 key[K];
+    };
+
+    RYE_DEVICE void sort(Block& block, const std::uint64_t* from, std::uint32_t count) {
+        if (count <= 128)
+            sort<1>(block, from, count);
+        else if (count <= 256)
+            sort<2>(block, from, count);
+        else if (count <= 512)
+            sort<4>(block, from, count);
+        else
+            sort<8>(block, from, count);
+    }
+
+    /// Bitonic, in registers: over distances within a lane, between lanes, and, in three steps of
+    /// all, between warps through shared memory.
+    template <int K>
+    RYE_DEVICE void sort(Block& block, const std::uint64_t* from, std::uint32_t count) {
+        using W = typename Block::Warp;
+        using U = typename W::U;
+        auto own = block.template of_warps<LaneKeys<W, K>>();
+        block.each_warp([&](int w) {
+            auto& key = own[w].key;
+            const U at = U(static_cast<std::uint32_t>(32 * w)) + W::lane();
+            unrolled<K>([&](auto k) {
+                const U i = at + U(128 * k);
+                key[k] = W::read64_where(i < U(count), from, i, ~std::uint64_t(0));
+            });
+            within_lane<W, K>(key);
+            for (std::uint32_t run = 2 * K; run <= 32 * K; run *= 2)
+                within_warp<W, K>(key, w, run, run / 2);
         });
-        for (std::uint32_t run = 2; run <= size; run *= 2)
-            for (std::uint32_t apart = run / 2; apart > 0; apart /= 2) {
-                const auto exchange = [&](int t) {
-                    for (std::uint32_t p = static_cast<std::uint32_t>(t); p < size / 2;
-                         p += threads) {
-                        const std::uint32_t low = p & (apart - 1);
-                        const std::uint32_t i = (p - low) * 2 + low;
-                        const std::uint64_t a = shared.key[i], b = shared.key[i + apart];
-                        if ((a > b) == ((i & run) == 0)) {
-                            shared.key[i] = b;
-                            shared.key[i + apart] = a;
-                        }
-                    }
+        for (std::uint32_t run = 64 * K; run <= 128 * K; run *= 2)
+            for (std::uint32_t apart = run / 2; apart >= 32 * K; apart /= 2) {
+                const auto place = [&](int w, int k) {
+                    return U(static_cast<std::uint32_t>(128 * k + 32 * w)) + W::lane();
                 };
-                if (apart > 32 || (apart == 1 && run >= 64))
-                    block.each_thread(exchange);
-                else
-                    block.each_lane(exchange);
+                block.each_warp([&](int w) {
+                    unrolled<K>([&](auto k) {
+                        W::write(shared.key, place(w, k), own[w].key[k]);
+                    });
+                });
+                block.each_warp([&](int w) {
+                    const int warps = static_cast<int>(apart / (32 * K));
+                    const bool up = (static_cast<std::uint32_t>(32 * K * w) & run) == 0;
+                    unrolled<K>([&](auto k) {
+                        const auto other = W::read64_where(W::lane() < U(32), shared.key,
+                                                           place(w ^ warps, k), 0);
+                        keep<W>(own[w].key[k], other, typename W::M(((w & warps) == 0) == up));
+                    });
+                    if (apart == 32 * K) within_warp<W, K>(own[w].key, w, run, 16 * K);
+                });
             }
-        block.each_thread([](int) {});
+        block.each_warp([&](int w) {
+            unrolled<K>([&](auto k) {
+                W::write(shared.key,
+                         (U(static_cast<std::uint32_t>(32 * w)) + W::lane()) * U(K) + U(k),
+                         own[w].key[k]);
+            });
+        });
+    }
+
+    template <class W>
+    RYE_DEVICE static void keep(typename W::U64& key, const typename W::U64& other,
+                                const typename W::M& least) {
+        key = select((key < other) == least, key, other);
+    }
+
+    /// Runs of up to K keys, in each lane; the last ascend and descend by turns.
+    template <class W, int K>
+    RYE_DEVICE static void within_lane(typename W::U64 (&key)[K]) {
+        unrolled<log2_of(K)>([&](auto level) {
+            constexpr int run = 2 << level;
+            unrolled<level + 1>([&](auto step) {
+                constexpr int apart = run >> (step + 1);
+                unrolled<K>([&](auto k) {
+                    if constexpr ((k & apart) == 0) {
+                        if constexpr (run < K)
+                            order<W>(key[k], key[k + apart], typename W::M((k & run) == 0));
+                        else
+                            order<W>(key[k], key[k + apart],
+                                     (W::lane() & typename W::U(1)) == typename W::U(0));
+                    }
+                });
+            });
+        });
+    }
+    RYE_HD static constexpr int log2_of(int k) { return k <= 1 ? 0 : 1 + log2_of(k / 2); }
+
+    template <class W>
+    RYE_DEVICE static void order(typename W::U64& a, typename W::U64& b,
+                                 const typename W::M& up) {
+        const auto swap = (b < a) == up;
+        const auto low = select(swap, b, a);
+        b = select(swap, a, b);
+        a = low;
+    }
+
+    /// Steps of a run at distances from `apart`, at most 16 K, down to 1.
+    template <class W, int K>
+    RYE_DEVICE static void within_warp(typename W::U64 (&key)[K], int w, std::uint32_t run,
+                                       std::uint32_t apart) {
+        using U = typename W::U;
+        const U thread = U(static_cast<std::uint32_t>(32 * w)) + W::lane();
+        const auto up = ((thread * U(K)) & U(run)) == U(0);
+        for (; apart >= static_cast<std::uint32_t>(K); apart /= 2) {
+            const std::uint32_t lanes = apart / static_cast<std::uint32_t>(K);
+            const auto least = ((W::lane() & U(lanes)) == U(0)) == up;
+            unrolled<K>([&](auto k) {
+                keep<W>(key[k], W::across(key[k], static_cast<int>(lanes)), least);
+            });
+        }
+        unrolled<log2_of(K)>([&](auto step) {
+            constexpr int near = K >> (step + 1);
+            unrolled<K>([&](auto k) {
+                if constexpr ((k & near) == 0) order<W>(key[k], key[k + near], up);
+            });
+        });
     }
 };
 
