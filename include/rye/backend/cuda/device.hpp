@@ -195,6 +195,7 @@ struct DeviceWarp {
             : "r"(a[0]), "r"(a[1]), "r"(a[2]), "r"(a[3]), "r"(b[0]), "r"(b[1]));
 #else
         // Units of matrices before sm_80 know no bf16: the same sums by lanes, which is slow.
+#pragma unroll 1
         for (int k = 0; k < 16; ++k) {
             const int from = k % 8 / 2;
             const auto of = [&](U r, int row) {
@@ -306,12 +307,15 @@ struct DeviceBlock {
         }
         if (lane == 31) of_warp[t / 32] = sum;
         __syncthreads();
-        T before = 0, total = 0;
-        for (unsigned w = 0; w < threads / 32; ++w) {
-            if (w == t / 32) before = total;
-            total += of_warp[w];
+        constexpr unsigned warps = threads / 32;
+        T of_warps = lane < warps ? of_warp[lane] : T(0);
+        for (unsigned k = 1; k < warps; k *= 2) {
+            const T before = __shfl_up_sync(0xFFFFFFFFU, of_warps, k);
+            if (lane >= k) of_warps += before;
         }
-        x[t] = before + sum - own;
+        const T total = __shfl_sync(0xFFFFFFFFU, of_warps, warps - 1);
+        const T before = __shfl_sync(0xFFFFFFFFU, of_warps, (t / 32 + 31) % 32);
+        x[t] = (t < 32 ? T(0) : before) + sum - own;
         __syncthreads();
         return total;
     }

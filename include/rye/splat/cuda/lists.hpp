@@ -184,42 +184,34 @@ struct ProjectKernel {
 };
 
 /// Where each tile's list begins, where each block's places begin, and the order in which tiles
-/// are drawn: by size classes, the longest first, so that no long list begins last.
+/// are drawn: by length, the longest first, so that no long list begins last.
 struct ScanKernel {
     static constexpr const char* name = "scan of tiles";
     static constexpr int threads = 1024, blocks = 1;
-    static constexpr std::uint32_t classes = 64;
     struct Shared {
         std::uint64_t wide[threads];         // a sum of 32 bits would hide too many entries
         std::uint32_t sums[threads];
-        std::uint32_t in_class[classes], first_of[classes];
+        std::uint32_t in_class[threads];     ///< tiles of each length, the longest first
     };
     FrameMemory memory;
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         const std::uint32_t run = (memory.tiles + threads - 1) / threads;
-        block.each_thread([&](int t) {
-            if (t < static_cast<int>(classes)) shared.in_class[t] = 0;
-        });
+        block.each_thread([&](int t) { shared.in_class[t] = 0; });
         block.each_thread([&](int t) {
             std::uint64_t n = 0;
-            const std::uint32_t b = static_cast<std::uint32_t>(t) * run;
-            for (std::uint32_t k = b; k < b + run && k < memory.tiles; ++k) {
-                const std::uint32_t here = *memory.counter(k);
-                n += here;
-                block.add(shared.in_class + class_of(here), 1U);
-            }
+            each(t, run, memory.tiles, [&](std::uint32_t k) { return *memory.counter(k); },
+                 [&](std::uint32_t, std::uint32_t here) {
+                     n += here;
+                     block.add(shared.in_class + class_of(here), 1U);
+                 });
             shared.wide[t] = n;
         });
         const std::uint64_t total = block.exclusive_sums(shared.wide);
         const bool fits = total <= memory.entries;
+        block.exclusive_sums(shared.in_class);
         block.each_thread([&](int t) {
-            if (t < static_cast<int>(classes)) {
-                std::uint32_t before = 0;
-                for (int c = t + 1; c < static_cast<int>(classes); ++c) before += shared.in_class[c];
-                shared.first_of[t] = before;
-            }
             if (t != 0) return;
             memory.begin[memory.tiles] = fits ? static_cast<std::uint32_t>(total) : 0U;
             memory.report->entries_low = static_cast<std::uint32_t>(total);
@@ -228,13 +220,12 @@ struct ScanKernel {
         });
         block.each_thread([&](int t) {
             auto at = static_cast<std::uint32_t>(shared.wide[t]);
-            const std::uint32_t b = static_cast<std::uint32_t>(t) * run;
-            for (std::uint32_t k = b; k < b + run && k < memory.tiles; ++k) {
-                const std::uint32_t here = *memory.counter(k), n = fits ? here : 0U;
-                memory.begin[k] = *memory.counter(k) = fits ? at : 0U;  // now where to put
-                at += n;
-                memory.order[block.add(shared.first_of + class_of(here), 1U)] = k;
-            }
+            each(t, run, memory.tiles, [&](std::uint32_t k) { return *memory.counter(k); },
+                 [&](std::uint32_t k, std::uint32_t here) {
+                     memory.begin[k] = *memory.counter(k) = fits ? at : 0U;  // now where to put
+                     at += fits ? here : 0U;
+                     memory.order[block.add(shared.in_class + class_of(here), 1U)] = k;
+                 });
         });
         places(block, shared);
     }
@@ -245,29 +236,40 @@ struct ScanKernel {
     RYE_DEVICE void places(Block& block, Shared& shared) const {
         const std::uint32_t run = (memory.blocks + threads - 1) / threads;
         block.each_thread([&](int t) {
-            const std::uint32_t b = static_cast<std::uint32_t>(t) * run;
             std::uint32_t n = 0;
-            for (std::uint32_t k = b; k < b + run && k < memory.blocks; ++k)
-                n += memory.block_places[k];
+            each(t, run, memory.blocks, [&](std::uint32_t k) { return memory.block_places[k]; },
+                 [&](std::uint32_t, std::uint32_t here) { n += here; });
             shared.sums[t] = n;
         });
         block.exclusive_sums(shared.sums);
         block.each_thread([&](int t) {
-            const std::uint32_t b = static_cast<std::uint32_t>(t) * run;
             std::uint32_t at = shared.sums[t];
-            for (std::uint32_t k = b; k < b + run && k < memory.blocks; ++k) {
-                const std::uint32_t n = memory.block_places[k];
-                memory.block_places[k] = at;
-                at += n;
-            }
+            each(t, run, memory.blocks, [&](std::uint32_t k) { return memory.block_places[k]; },
+                 [&](std::uint32_t k, std::uint32_t here) {
+                     memory.block_places[k] = at;
+                     at += here;
+                 });
         });
     }
 
-    /// By halves of powers of two.
+    /// f(k, read(k)) of the numbers of thread t, whose reads are under way together.
+    template <class Read, class F>
+    RYE_DEVICE static void each(int t, std::uint32_t run, std::uint32_t n, const Read& read,
+                                const F& f) {
+        constexpr int at_once = 8;
+        const std::uint32_t begin = static_cast<std::uint32_t>(t) * run;
+        const std::uint32_t end = rye::min(begin + run, n);
+        for (std::uint32_t b = begin; b < end; b += at_once) {
+            std::uint32_t x[at_once];
+            unrolled<at_once>([&](auto k) { x[k] = b + k < end ? read(b + k) : 0U; });
+            unrolled<at_once>([&](auto k) {
+                if (b + k < end) f(b + k, x[k]);
+            });
+        }
+    }
+    /// By fours of entries.
     RYE_DEVICE static std::uint32_t class_of(std::uint32_t n) {
-        std::uint32_t log = 0;
-        for (std::uint32_t x = n; x > 1; x >>= 1U) ++log;
-        return n < 2 ? n : rye::min(2 * log + (n >> (log - 1) & 1U), classes - 1);
+        return threads - 1 - rye::min(n / 4, std::uint32_t(threads - 1));
     }
 };
 

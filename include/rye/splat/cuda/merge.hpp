@@ -13,9 +13,16 @@ template <class A, class D, int C>
 struct MergeKernel {
     using Layout = ChannelLayout<C>;
     static constexpr const char* name = "merge of gradients";
-    static constexpr int threads = 128, blocks = 4;
+    static constexpr int threads = 128, blocks = 7;
+    static constexpr int quads = Layout::stride / 4;
+    /// Places that are looked at together, four a thread.
+    static constexpr std::uint32_t chunk = 4 * threads;
     struct Shared {
-        alignas(16) float sum[threads][8];
+        alignas(16) float sum[threads][Layout::stride];
+        std::uint32_t first[threads];                ///< place of each Gaussian, from the block's first
+        std::uint32_t found[threads];
+        std::uint32_t before[chunk + 1];             ///< slots of places before each
+        std::uint32_t slot[chunk * strips];
     };
     DeviceGaussians<const float> g;
     DeviceGaussians<float> out;
@@ -27,59 +34,95 @@ struct MergeKernel {
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
-        constexpr int quads = Layout::stride / 4;
         const auto base = static_cast<std::uint32_t>(block.index()) * threads;
         if (memory.report->overflow != 0) return;
         block.each_thread([&](int t) {
-            for (int k = t; k < threads * quads; k += threads) {
-                const std::uint32_t i = base + static_cast<std::uint32_t>(k / quads);
-                if (i < memory.count) slots(shared, i, k / quads, k % quads);
-            }
+            const std::uint32_t i = base + static_cast<std::uint32_t>(t);
+            shared.first[t] = i < memory.count ? memory.places[i] : 0U;
+            for (float& x : shared.sum[t]) x = 0;
         });
+        const std::uint32_t places = block.exclusive_sums(shared.first);
+        const std::size_t start = memory.block_places[block.index()];
+        for (std::uint32_t at = 0; at < places; at += chunk) {
+            find(block, shared, start + at, rye::min(places - at, std::uint32_t(chunk)));
+            block.each_thread([&](int t) {
+                for (int k = t; k < threads * quads; k += threads)
+                    add_slots(shared, k / quads, k % quads, at, places);
+            });
+        }
         block.each_thread([&](int t) {
+            for (int k = t; k < threads * channels; k += threads) {
+                const std::uint32_t i = base + static_cast<std::uint32_t>(k / channels);
+                if (i < memory.count)
+                    out.feature.data[Index(i) * out.feature.rows + first_channel + k % channels] =
+                        shared.sum[k / channels][Layout::head + k % channels];
+            }
             const std::uint32_t i = base + static_cast<std::uint32_t>(t);
             if (i < memory.count) pull_back(shared.sum[t], i);
         });
     }
 
   private:
-    RYE_DEVICE void slots(Shared& shared, std::uint32_t i, int row, int quad) const {
-        constexpr int quads = Layout::stride / 4;
+    /// The slots of a chunk of places, in the order of places, then of strips.
+    template <class Block>
+    RYE_DEVICE void find(Block& block, Shared& shared, std::size_t from,
+                         std::uint32_t count) const {
+        const auto* const touched = reinterpret_cast<const std::uint32_t*>(memory.touched) + from;
+        auto flags = block.template of_threads<Array<std::uint32_t, 4>>();
+        block.each_thread([&](int t) {
+            std::uint32_t n = 0;
+            unrolled<4>([&](auto e) {
+                const std::uint32_t place = 4 * static_cast<std::uint32_t>(t) + e;
+                flags[t][e] = place < count ? touched[place] : 0U;
+            });
+            unrolled<4>([&](auto e) {
+                n += static_cast<std::uint32_t>(Block::bits_set(flags[t][e]));
+            });
+            shared.found[t] = n;
+        });
+        const std::uint32_t total = block.exclusive_sums(shared.found);
+        block.each_thread([&](int t) {
+            std::uint32_t at = shared.found[t];
+            unrolled<4>([&](auto e) {
+                const std::uint32_t place = 4 * static_cast<std::uint32_t>(t) + e;
+                shared.before[place] = at;
+                unrolled<strips>([&](auto s) {
+                    if ((flags[t][e] >> (8 * s) & 1U) != 0)
+                        shared.slot[at++] = memory.slot[(from + place) * strips + s];
+                });
+            });
+            if (t == 0) shared.before[chunk] = total;
+        });
+    }
+
+    /// Adds four numbers of a Gaussian's slots among those found: of places from `at` on.
+    RYE_DEVICE void add_slots(Shared& shared, int own, int quad, std::uint32_t at,
+                              std::uint32_t places) const {
         const auto* const partial = reinterpret_cast<const Quad4*>(memory.partial);
-        Quad4 sum{0, 0, 0, 0};
-        const std::uint32_t n = memory.places[i];
-        const std::size_t first = n > 0 ? memory.first[i] : 0U;
-        // Four places at a time: their loads are under way together.
+        const std::uint32_t begin = rye::max(shared.first[own], at);
+        const std::uint32_t end =
+            rye::min(own + 1 < threads ? shared.first[own + 1] : places, at + chunk);
+        if (begin >= end) return;
+        auto* const to = reinterpret_cast<Quad4*>(shared.sum[own]) + quad;
+        Quad4 sum = *to;
+        const std::uint32_t last = shared.before[end - at];
+        // A few at a time: their loads are under way together.
         constexpr int at_once = 4;
-        const auto* const touched = reinterpret_cast<const std::uint32_t*>(memory.touched);
-        for (std::uint32_t k = 0; k < n; k += at_once) {
-            std::uint32_t flags[at_once];
-            std::uint32_t slot[at_once * strips];
-            Quad4 p[at_once * strips];
-            unrolled<at_once>([&](auto e) { flags[e] = k + e < n ? touched[first + k + e] : 0U; });
-            unrolled<at_once * strips>([&](auto e) {
-                const bool has = (flags[e / strips] >> (8 * (e % strips)) & 1U) != 0;
-                slot[e] = has ? memory.slot[(first + k) * strips + e] : none_of;
+        for (std::uint32_t k = shared.before[begin - at]; k < last; k += at_once) {
+            Quad4 p[at_once];
+            unrolled<at_once>([&](auto e) {
+                p[e] = k + e < last ? partial[std::size_t(shared.slot[k + e]) * quads +
+                                              static_cast<std::size_t>(quad)]
+                                    : Quad4{0, 0, 0, 0};
             });
-            unrolled<at_once * strips>([&](auto e) {
-                p[e] = slot[e] != none_of ? partial[std::size_t(slot[e]) * quads +
-                                                    static_cast<std::size_t>(quad)]
-                                          : Quad4{0, 0, 0, 0};
-            });
-            unrolled<at_once * strips>([&](auto e) {
+            unrolled<at_once>([&](auto e) {
                 sum.x += p[e].x;
                 sum.y += p[e].y;
                 sum.z += p[e].z;
                 sum.w += p[e].w;
             });
         }
-        const float numbers[4] = {sum.x, sum.y, sum.z, sum.w};
-        float* const features = out.feature.data + Index(i) * out.feature.rows + first_channel;
-        for (int k = 0; k < 4; ++k) {
-            const int at = 4 * quad + k, c = at - Layout::head;
-            if (at < 8) shared.sum[row][at] = numbers[k];
-            if (c >= 0 && c < channels) features[c] = numbers[k];
-        }
+        *to = sum;
     }
 
     RYE_DEVICE void pull_back(const float* sum, std::uint32_t i) const {

@@ -116,21 +116,21 @@ struct NearestFirst {
         typename W::U64 key[K];
     };
 
-    RYE_DEVICE void sort(Block& block, const std::uint64_t* from, std::uint32_t count) {
+    RYE_DEVICE void sort(Block& block, const std::uint64_t* source, std::uint32_t count) {
         if (count <= 128)
-            sort<1>(block, from, count);
+            sort<1>(block, source, count);
         else if (count <= 256)
-            sort<2>(block, from, count);
+            sort<2>(block, source, count);
         else if (count <= 512)
-            sort<4>(block, from, count);
+            sort<4>(block, source, count);
         else
-            sort<8>(block, from, count);
+            sort<8>(block, source, count);
     }
 
     /// Bitonic, in registers: over distances within a lane, between lanes, and, in three steps of
     /// all, between warps through shared memory.
     template <int K>
-    RYE_DEVICE void sort(Block& block, const std::uint64_t* from, std::uint32_t count) {
+    RYE_DEVICE void sort(Block& block, const std::uint64_t* source, std::uint32_t count) {
         using W = typename Block::Warp;
         using U = typename W::U;
         auto own = block.template of_warps<LaneKeys<W, K>>();
@@ -139,7 +139,7 @@ struct NearestFirst {
             const U at = U(static_cast<std::uint32_t>(32 * w)) + W::lane();
             unrolled<K>([&](auto k) {
                 const U i = at + U(128 * k);
-                key[k] = W::read64_where(i < U(count), from, i, ~std::uint64_t(0));
+                key[k] = W::read64_where(i < U(count), source, i, ~std::uint64_t(0));
             });
             within_lane<W, K>(key);
             for (std::uint32_t run = 2 * K; run <= 32 * K; run *= 2)

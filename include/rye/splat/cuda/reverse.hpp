@@ -27,7 +27,7 @@ struct ReverseKernel {
     static constexpr int N = planes_of<A>;
     static constexpr int threads = 32, blocks = Layout::products && N > 2 ? 8 : 12;
     /// Numbers of a visit that are summed over lanes.
-    static constexpr int sums = Layout::products ? 8 : 7 + C;
+    static constexpr int sums = Layout::products ? 8 : Layout::stride;
     static constexpr int of_pixel = Layout::padded + 8;  ///< halves; rows begin in other banks
     static constexpr int of_visit = Layout::products ? Layout::padded + 8 : 4;  ///< features
     /// A group of visits, copied from device memory while another is walked.
@@ -65,6 +65,7 @@ struct ReverseKernel {
             Next<W> now = next<W>(last), soon = next<W>(memory.before[last]);
             std::uint32_t late = soon.group != none_of ? memory.before[soon.group] : none_of;
             copy<W>(shared.ahead[0], now);
+            W::end_copies();
             for (int side = 0;; side ^= 1) {
                 if (soon.group != none_of) copy<W>(shared.ahead[side ^ 1], soon);
                 W::end_copies();
@@ -432,11 +433,10 @@ struct ReverseKernel {
                               float* partial) const {
         using F = typename W::F;
         using U = typename W::U;
-        constexpr int count = (4 * sums + 7) / 8 * 8;
+        constexpr int count = 4 * sums;
+        static_assert(count % 8 == 0);
         F x[count];
-        unrolled<count>([&](auto k) {
-            if constexpr (k >= 4 * sums) x[k] = F(0.0F);
-        });
+        unrolled<count>([&](auto k) { x[k] = F(0.0F); });
         unrolled<4>([&](auto i) {
             F* const to = x + i * sums;
             const F gv = W::fma(v.v[i], sum.one[i], v.vy[i] * sum.y[i]);
@@ -455,9 +455,7 @@ struct ReverseKernel {
                 to[6] = sum.depth[i];
             else
                 to[6] = F(0.0F);
-            if constexpr (Layout::products)
-                to[7] = F(0.0F);
-            else
+            if constexpr (!Layout::products)
                 unrolled<C>([&](auto c) { to[7 + c] = sum.colour[i][c]; });
         });
         halve<W, 16, count>(x);
@@ -467,7 +465,7 @@ struct ReverseKernel {
             const U flat = W::lane() / U(4) * U(count / 8) + U(k);
             const U at = (W::lane() % U(4) * U(4) + flat / U(sums)) * U(Layout::stride) +
                          flat % U(sums);
-            W::write_where(flat < U(4 * sums), partial, at, x[k]);
+            W::write(partial, at, x[k]);
         });
     }
     template <class W, int apart, int n, class F>
