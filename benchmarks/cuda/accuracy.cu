@@ -24,12 +24,13 @@ void row(const char* name, const CudaQueue& queue, const bench::DeviceScenery& s
     const Index pixels = Index(camera.width) * camera.height;
     const VecX<float> background = VecX<float>::Zero(C);
     const Cotangents w{noise<float>(C, pixels, 1), noise<float>(1, pixels, 2), {}};
-    const auto r = render_on<KernelChannels<C>>(CudaDevice(), queue, A(), g, camera, background, &w);
+    const auto r =
+        render_on<KernelChannels<C>>(CudaDevice(), queue, A(), g, camera, background, &w);
     const auto g64 = converted<double>(g);
     const auto camera64 = camera.cast<double>();
     const VecX<double> background64 = VecX<double>::Zero(C);
     const Columns<double> wf = w.feature.cast<double>(), wa = w.alpha.cast<double>();
-    const auto against = [&](const auto& rules, double (&e)[6]) {
+    const auto against = [&](const auto& rules, double(&e)[6]) {
         const Rasterizer<std::remove_cvref_t<decltype(rules)>> plain{rules};
         const auto truth = plain.forward(ScalarBackend<Serial>{}, g64, camera64, background64);
         const auto d =
@@ -44,10 +45,11 @@ void row(const char* name, const CudaQueue& queue, const bench::DeviceScenery& s
     double same[6], exact[6];
     against(A(), same);
     against(FeaturesOnly<Exact64>(), exact);
-    std::printf("%-10s C=%-2d planes %d | same rules: image %.1e, mean %.1e rotation %.1e scale %.1e "
-                "opacity %.1e feature %.1e | exact: image %.1e, mean %.1e rotation %.1e scale %.1e\n",
-                name, C, C > 4 ? planes_of<A> : 0, same[0], same[1], same[2], same[3], same[4],
-                same[5], exact[0], exact[1], exact[2], exact[3]);
+    std::printf(
+        "%-10s C=%-2d planes %d | same rules: image %.1e, mean %.1e rotation %.1e scale %.1e "
+        "opacity %.1e feature %.1e | exact: image %.1e, mean %.1e rotation %.1e scale %.1e\n",
+        name, C, C > 4 ? planes_of<A> : 0, same[0], same[1], same[2], same[3], same[4], same[5],
+        exact[0], exact[1], exact[2], exact[3]);
     char text[512];
     std::snprintf(text, sizeof text,
                   "%s  {\"name\": \"cuda_accuracy/%s/c:%d\", \"image\": %.3g, \"mean\": %.3g, "

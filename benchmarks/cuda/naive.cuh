@@ -16,16 +16,15 @@ namespace rye::bench {
 
 struct NaiveSplat {
     float x, y, ux, vx, vy, log2_opacity, depth;
-    int left, top, right, bottom;        // of tiles
+    int left, top, right, bottom; // of tiles
 };
 
 __device__ inline Shape<float> naive_shape(const DeviceGaussians<const float>& g, int i) {
     return ProjectKernel<Fast, NoDistortion>::shape_of(g, static_cast<std::uint32_t>(i));
 }
 
-static __global__ void naive_project(DeviceGaussians<const float> g,
-                                     DeviceLens<NoDistortion> lens, float cx,
-                                     float cy, int columns, int rows, NaiveSplat* splats,
+static __global__ void naive_project(DeviceGaussians<const float> g, DeviceLens<NoDistortion> lens,
+                                     float cx, float cy, int columns, int rows, NaiveSplat* splats,
                                      int* counts) {
     const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
     if (i >= g.count()) return;
@@ -39,8 +38,16 @@ static __global__ void naive_project(DeviceGaussians<const float> g,
     const auto tile = [](float a, int most) {
         return max(0, min(most, static_cast<int>(floorf(a / 16))));
     };
-    NaiveSplat n{p.x, p.y, p.ux, p.vx, p.vy, p.log2_opacity, p.depth, tile(p.x + cx - rx, columns),
-                 tile(p.y + cy - ry, rows), tile(p.x + cx + rx + 16, columns),
+    NaiveSplat n{p.x,
+                 p.y,
+                 p.ux,
+                 p.vx,
+                 p.vy,
+                 p.log2_opacity,
+                 p.depth,
+                 tile(p.x + cx - rx, columns),
+                 tile(p.y + cy - ry, rows),
+                 tile(p.x + cx + rx + 16, columns),
                  tile(p.y + cy + ry + 16, rows)};
     splats[i] = n;
     counts[i] = (n.right - n.left) * (n.bottom - n.top);
@@ -73,8 +80,11 @@ struct NaivePixel {
     float px, py;
     __device__ NaivePixel(int w, int h, float cx, float cy)
         : x(static_cast<int>(blockIdx.x * 16 + threadIdx.x)),
-          y(static_cast<int>(blockIdx.y * 16 + threadIdx.y)), width(w), height(h),
-          index(y * w + x), px(static_cast<float>(x) + 0.5F - cx),
+          y(static_cast<int>(blockIdx.y * 16 + threadIdx.y)),
+          width(w),
+          height(h),
+          index(y * w + x),
+          px(static_cast<float>(x) + 0.5F - cx),
           py(static_cast<float>(y) + 0.5F - cy) {}
     __device__ bool inside() const { return x < width && y < height; }
 };
@@ -86,9 +96,9 @@ __device__ inline float naive_alpha(const NaiveSplat& s, float dx, float dy, flo
 }
 
 template <int C>
-__global__ void naive_forward(int width, int height, float cx, float cy,
-                              const NaiveSplat* splats, const float* features, const int2* ranges,
-                              const int* values, float* image, float* end, int* last) {
+__global__ void naive_forward(int width, int height, float cx, float cy, const NaiveSplat* splats,
+                              const float* features, const int2* ranges, const int* values,
+                              float* image, float* end, int* last) {
     const NaivePixel p(width, height, cx, cy);
     if (!p.inside()) return;
     const int2 range = ranges[blockIdx.y * gridDim.x + blockIdx.x];
@@ -143,9 +153,9 @@ __global__ void naive_reverse(int width, int height, float cx, float cy, const N
 }
 
 static __global__ void naive_pull_back(DeviceGaussians<const float> g,
-                                       DeviceLens<NoDistortion> lens,
-                                       const NaiveSplat* splats, const float* g_splat,
-                                       DeviceGaussians<float> out, const int* counts) {
+                                       DeviceLens<NoDistortion> lens, const NaiveSplat* splats,
+                                       const float* g_splat, DeviceGaussians<float> out,
+                                       const int* counts) {
     const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
     if (i >= g.count()) return;
     Shape<float> d{Vec3<float>(0, 0, 0), Quat<float>(0, 0, 0, 0), Vec3<float>(0, 0, 0)};
@@ -155,9 +165,9 @@ static __global__ void naive_pull_back(DeviceGaussians<const float> g,
         const float* const m = g_splat + 8 * i;
         DeviceLens<NoDistortion>::Held held;
         lens.put(held);
-        d = project_vjp(naive_shape(g, i), held.projector,
-                        screen_cotangent(s, SplatCotangent<float>{m[0], m[1], m[2], m[3], m[4],
-                                                                  m[5], 0}));
+        d = project_vjp(
+            naive_shape(g, i), held.projector,
+            screen_cotangent(s, SplatCotangent<float>{m[0], m[1], m[2], m[3], m[4], m[5], 0}));
     }
     for (int k = 0; k < 3; ++k) out.mean.data[3 * i + k] = d.mean[k];
     for (int k = 0; k < 4; ++k) out.rotation.data[4 * i + k] = d.rotation[k];
@@ -169,8 +179,11 @@ static __global__ void naive_pull_back(DeviceGaussians<const float> g,
 class Naive {
   public:
     Naive(Index n, int channels, int width, int height, std::size_t most)
-        : n_(static_cast<int>(n)), channels_(channels), most_(most) {
-        const std::size_t pixels = std::size_t(width) * std::size_t(height), count = std::size_t(n_);
+        : n_(static_cast<int>(n)),
+          channels_(channels),
+          most_(most) {
+        const std::size_t pixels = std::size_t(width) * std::size_t(height),
+                          count = std::size_t(n_);
         get(splats_, count), get(counts_, count), get(ends_, count);
         get(keys_, 2 * most), get(values_, 2 * most), get(ranges_, pixels / 16 + 4096);
         get(end_, pixels), get(last_, pixels), get(g_splat_, 8 * count);
@@ -199,7 +212,8 @@ class Naive {
             const DeviceGaussians<float>& out) {
         const DeviceLens<NoDistortion> lens(
             Projector<float>(camera, Fast().frustum_margin, Fast().dilation));
-        const int w = camera.width, h = camera.height, columns = (w + 15) / 16, rows = (h + 15) / 16;
+        const int w = camera.width, h = camera.height, columns = (w + 15) / 16,
+                  rows = (h + 15) / 16;
         const int blocks = (n_ + 127) / 128;
         naive_project<<<blocks, 128, 0, stream>>>(g, lens, camera.cx, camera.cy, columns, rows,
                                                   splats_, counts_);
@@ -209,7 +223,8 @@ class Naive {
                    "naive");
         check_cuda(cudaStreamSynchronize(stream), "naive");
         if (std::size_t(total) > most_) throw Error("naive: too many pairs");
-        naive_emit<<<blocks, 128, 0, stream>>>(n_, columns, splats_, counts_, ends_, keys_, values_);
+        naive_emit<<<blocks, 128, 0, stream>>>(n_, columns, splats_, counts_, ends_, keys_,
+                                               values_);
         cub::DeviceRadixSort::SortPairs(scratch_, sort_bytes_, keys_, keys_ + most_, values_,
                                         values_ + most_, total, 0, 46, stream);
         check_cuda(cudaMemsetAsync(ranges_, 0, std::size_t(columns * rows) * 8, stream), "naive");
@@ -220,10 +235,9 @@ class Naive {
                                                      image, end_, last_);
         check_cuda(cudaMemsetAsync(g_splat_, 0, std::size_t(n_) * 32, stream), "naive");
         check_cuda(cudaMemsetAsync(out.feature.data, 0, std::size_t(n_) * C * 4, stream), "naive");
-        naive_reverse<C><<<grid, block, 0, stream>>>(w, h, camera.cx, camera.cy, splats_,
-                                                     g.feature.data, ranges_, values_ + most_,
-                                                     g_image, end_, last_, g_splat_,
-                                                     out.feature.data);
+        naive_reverse<C><<<grid, block, 0, stream>>>(
+            w, h, camera.cx, camera.cy, splats_, g.feature.data, ranges_, values_ + most_, g_image,
+            end_, last_, g_splat_, out.feature.data);
         naive_pull_back<<<blocks, 128, 0, stream>>>(g, lens, splats_, g_splat_, out, counts_);
         check_cuda(cudaPeekAtLastError(), "naive");
     }

@@ -190,13 +190,13 @@ void run(const bench::DeviceScenery& scene, Json& json) {
     const Stats both = timed(stream, captured([&](int k) { forward(k), reverse(k); }));
     const Stats eager = timed(stream, [&](int k) { forward(k), reverse(k); });
     if (!frame.finish(queue)) throw Error("raster: a camera did not fit");
-    std::printf("%-14s %016llx | forward %.3f [%.3f-%.3f] | for vjp %.3f | both, graph %.3f "
-                "[%.3f-%.3f] | both, eager %.3f [%.3f-%.3f] | entries %.0f groups %.0f | "
-                "frame %.1f MB\n",
-                scene.name.c_str(), static_cast<unsigned long long>(bench::checksum(scene)),
-                alone.median, alone.least, alone.most, fwd.median, both.median, both.least,
-                both.most, eager.median, eager.least, eager.most, entries, groups,
-                double(frame.bytes()) / 1e6);
+    std::printf(
+        "%-14s %016llx | forward %.3f [%.3f-%.3f] | for vjp %.3f | both, graph %.3f "
+        "[%.3f-%.3f] | both, eager %.3f [%.3f-%.3f] | entries %.0f groups %.0f | "
+        "frame %.1f MB\n",
+        scene.name.c_str(), static_cast<unsigned long long>(bench::checksum(scene)), alone.median,
+        alone.least, alone.most, fwd.median, both.median, both.least, both.most, eager.median,
+        eager.least, eager.most, entries, groups, double(frame.bytes()) / 1e6);
 
     // Kernel by kernel, launched one by one.
     TimedDevice::Times times;
@@ -223,28 +223,27 @@ void run(const bench::DeviceScenery& scene, Json& json) {
     }
     if (!harmonics) {
         bench::Naive naive(n, int(channels), first.width, first.height,
-                               std::size_t(entries * 3) + 1000000);
-            const Stats t = timed(
-                stream,
-                [&](int k) {
-                    const Set& s = sets[std::size_t(k) % sets.size()];
-                    naive.run(stream, s.in, scene.cameras[std::size_t(k) % 16],
-                              images.feature.data, cotangent.feature.data, s.out);
-                },
-                40);
-            std::printf("    %-22s %.3f: %.1f times the graph's\n", "naive, both", t.median,
-                        t.median / both.median);
-            numbers.push_back({"naive_ms", t.median});
-            numbers.push_back({"naive_ratio", t.median / both.median});
-        }
+                           std::size_t(entries * 3) + 1000000);
+        const Stats t = timed(
+            stream,
+            [&](int k) {
+                const Set& s = sets[std::size_t(k) % sets.size()];
+                naive.run(stream, s.in, scene.cameras[std::size_t(k) % 16], images.feature.data,
+                          cotangent.feature.data, s.out);
+            },
+            40);
+        std::printf("    %-22s %.3f: %.1f times the graph's\n", "naive, both", t.median,
+                    t.median / both.median);
+        numbers.push_back({"naive_ms", t.median});
+        numbers.push_back({"naive_ratio", t.median / both.median});
+    }
     json.add("cuda_raster/" + scene.name, numbers);
     std::fflush(stdout);
     for (const Set& s : sets)
         for (float* p : {s.in.mean.data, s.in.rotation.data, s.in.scale.data, s.in.opacity.data,
-                         s.in.feature.data, s.out.mean.data, s.out.rotation.data,
-                         s.out.scale.data, s.out.opacity.data, s.out.feature.data,
-                         s.sh.constant.data, s.sh.rest.data, s.g_sh.constant.data,
-                         s.g_sh.rest.data})
+                         s.in.feature.data, s.out.mean.data, s.out.rotation.data, s.out.scale.data,
+                         s.out.opacity.data, s.out.feature.data, s.sh.constant.data, s.sh.rest.data,
+                         s.g_sh.constant.data, s.g_sh.rest.data})
             static_cast<void>(cudaFree(p));
 }
 

@@ -106,15 +106,14 @@ inline DeviceScenery head(Index count, int channels, int size = 512, double foca
                                3.5 * std::cos(th) * std::cos(ph)};
         double f[3], right[3], down[3];
         for (int a = 0; a < 3; ++a) f[a] = -eye[a] / 3.5;
-        right[0] = -f[2], right[1] = 0, right[2] = f[0];              // f x (0, 1, 0)
+        right[0] = -f[2], right[1] = 0, right[2] = f[0]; // f x (0, 1, 0)
         const double n = std::sqrt(right[0] * right[0] + right[2] * right[2]);
         for (double& x : right) x /= n;
         down[0] = f[1] * right[2] - f[2] * right[1];
         down[1] = f[2] * right[0] - f[0] * right[2];
         down[2] = f[0] * right[1] - f[1] * right[0];
-        const double rotation[3][3] = {{right[0], right[1], right[2]},
-                                       {down[0], down[1], down[2]},
-                                       {f[0], f[1], f[2]}};
+        const double rotation[3][3] = {
+            {right[0], right[1], right[2]}, {down[0], down[1], down[2]}, {f[0], f[1], f[2]}};
         s.cameras.push_back(detail::camera(rotation, eye, size, size, focal));
         s.eyes.emplace_back(single(eye[0]), single(eye[1]), single(eye[2]));
     }
@@ -154,7 +153,8 @@ inline DeviceScenery frustum(Index count) {
         const double eye[3] = {0.05 * std::sin(t), 0.05 * (1 - std::cos(t)), 0};
         const double cy = std::cos(yaw), sy = std::sin(yaw), cp = std::cos(pitch),
                      sp = std::sin(pitch);
-        const double rotation[3][3] = {{cy, 0, sy}, {sp * sy, cp, -sp * cy}, {-cp * sy, sp, cp * cy}};
+        const double rotation[3][3] = {
+            {cy, 0, sy}, {sp * sy, cp, -sp * cy}, {-cp * sy, sp, cp * cy}};
         s.cameras.push_back(detail::camera(rotation, eye, 1920, 1080, 1660));
         s.eyes.emplace_back(single(eye[0]), single(eye[1]), single(eye[2]));
     }
@@ -170,8 +170,8 @@ inline std::uint64_t checksum(const DeviceScenery& s) {
             h = (h ^ bytes[i]) * 0x100000001B3ULL;
     };
     const Gaussians<float>& g = s.gaussians;
-    for (const auto* a : {&g.mean, &g.rotation, &g.scale, &g.opacity, &g.feature, &s.sh_constant,
-                          &s.sh_rest})
+    for (const auto* a :
+         {&g.mean, &g.rotation, &g.scale, &g.opacity, &g.feature, &s.sh_constant, &s.sh_rest})
         add(*a);
     return h;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/cuda/cases.hpp: what is demanded of a device's renders, the same of the emulated one and of
-/// a real one: images and gradients against the plain loops in double under the same rules, lists
-/// against TileLists, bad input, too little room.
+/// tests/cuda/cases.hpp: what is demanded of a device's renders, the same of the emulated one and
+/// of a real one: images and gradients against the plain loops in double under the same rules,
+/// lists against TileLists, bad input, too little room.
 #pragma once
 
 #include <doctest/doctest.h>
@@ -24,14 +24,14 @@ struct Bounds {
 /// A scene by rules A on a device, against plain loops of T.
 template <class T, class Kernels, class A, class Device>
 void against(const Device& device, const CudaQueue& queue, const Scenery<float>& s,
-                    const A& accuracy = {}, const Bounds& bounds = {}) {
+             const A& accuracy = {}, const Bounds& bounds = {}) {
     CAPTURE(s.name);
     CAPTURE(s.gaussians.channels());
     const Index pixels = Index(s.camera.width) * s.camera.height, c = s.gaussians.channels();
     Cotangents w{noise<float>(c, pixels, 1), noise<float>(1, pixels, 2), {}};
     if constexpr (A::outputs.depth) w.depth = noise<float>(1, pixels, 3);
-    const auto r = render_on<Kernels>(device, queue, accuracy, s.gaussians, s.camera, s.background,
-                                      &w);
+    const auto r =
+        render_on<Kernels>(device, queue, accuracy, s.gaussians, s.camera, s.background, &w);
     const Rasterizer<A> plain{accuracy};
     const auto g = converted<T>(s.gaussians);
     const auto camera = s.camera.template cast<T>();
@@ -57,10 +57,10 @@ template <class A, class Device>
 void lists_equal(const Device& device, const CudaQueue& queue, const Scenery<float>& s) {
     CAPTURE(s.name);
     const A accuracy;
-    const auto r = render_on<KernelChannels<3>>(device, queue, accuracy, s.gaussians, s.camera,
-                                                s.background);
-    const auto host =
-        Rasterizer<A>{accuracy}.forward(ScalarBackend<Serial>{}, s.gaussians, s.camera, s.background);
+    const auto r =
+        render_on<KernelChannels<3>>(device, queue, accuracy, s.gaussians, s.camera, s.background);
+    const auto host = Rasterizer<A>{accuracy}.forward(ScalarBackend<Serial>{}, s.gaussians,
+                                                      s.camera, s.background);
     const TileLists& lists = host.trace.lists;
     REQUIRE(Index(r.lists.size()) == lists.tiles());
     CHECK(r.cost.entries == lists.entries());
@@ -100,8 +100,8 @@ void bad_input(const Device& device, const CudaQueue& queue) {
     s.gaussians.opacity(0, 19) = 0;
     const Index pixels = Index(s.camera.width) * s.camera.height;
     const Cotangents w{noise<float>(3, pixels, 1), {}, {}};
-    const auto r = render_on<KernelChannels<3>>(device, queue, A(), s.gaussians, s.camera,
-                                                s.background, &w);
+    const auto r =
+        render_on<KernelChannels<3>>(device, queue, A(), s.gaussians, s.camera, s.background, &w);
     CHECK(r.cost.non_finite == 5);
     CHECK(r.feature.allFinite());
     CHECK(r.gradient.mean.allFinite());
@@ -112,14 +112,14 @@ void bad_input(const Device& device, const CudaQueue& queue) {
     CHECK(relative(r.feature, host.feature.pixels) < 2e-6);
     A strict;
     strict.non_finite = NonFinite::fail;
-    CHECK_THROWS_AS(render_on<KernelChannels<3>>(device, queue, strict, s.gaussians, s.camera,
-                                                 s.background),
-                    Error);
+    CHECK_THROWS_AS(
+        render_on<KernelChannels<3>>(device, queue, strict, s.gaussians, s.camera, s.background),
+        Error);
     A few;
     few.max_entries = 10;
-    CHECK_THROWS_AS(render_on<KernelChannels<3>>(device, queue, few, s.gaussians, s.camera,
-                                                 s.background),
-                    Error);
+    CHECK_THROWS_AS(
+        render_on<KernelChannels<3>>(device, queue, few, s.gaussians, s.camera, s.background),
+        Error);
     // No pixels, one, odd sides; no Gaussians.
     for (const auto& [width, height] : {std::pair{0, 0}, {0, 5}, {1, 1}, {16, 16}, {33, 1}}) {
         Scenery<float> small = random_scene<float>(20, 3, 5);
@@ -129,8 +129,8 @@ void bad_input(const Device& device, const CudaQueue& queue) {
     }
     Scenery<float> none = random_scene<float>(20, 3, 5);
     none.gaussians = Gaussians<float>(0, 3);
-    const auto empty = render_on<KernelChannels<3>>(device, queue, A(), none.gaussians,
-                                                    none.camera, none.background);
+    const auto empty = render_on<KernelChannels<3>>(device, queue, A(), none.gaussians, none.camera,
+                                                    none.background);
     CHECK(empty.alpha.isZero());
     CHECK(empty.feature.col(0) == none.background);
 }
@@ -162,12 +162,12 @@ void contributors(const Device& device, const CudaQueue& queue) {
     const Scenery<float> s = random_scene<float>(120, 3, 51);
     const auto r =
         render_on<KernelChannels<3>>(device, queue, Who(), s.gaussians, s.camera, s.background);
-    const auto host = Rasterizer<Who>{}.forward(ScalarBackend<Serial>{}, s.gaussians, s.camera,
-                                                s.background);
+    const auto host =
+        Rasterizer<Who>{}.forward(ScalarBackend<Serial>{}, s.gaussians, s.camera, s.background);
     Index different = 0;
     for (Index p = 0; p < r.contributor.cols(); ++p)
         different += r.contributor(0, p) != host.contributor.pixels(0, p);
-    CHECK(different <= r.contributor.cols() / 200);  // weights that are equal but for rounding
+    CHECK(different <= r.contributor.cols() / 200); // weights that are equal but for rounding
 }
 
 /// Colours that are the same before and behind give no gradient of shape, exactly.

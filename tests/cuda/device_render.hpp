@@ -22,14 +22,18 @@ struct DeviceArray {
     Index rows = 0, cols = 0;
 
     DeviceArray(const Device& d, const CudaQueue& q, const Columns<float>& from)
-        : device(d), queue(q), rows(from.rows()), cols(from.cols()) {
+        : device(d),
+          queue(q),
+          rows(from.rows()),
+          cols(from.cols()) {
         buffer.reserve(q, static_cast<std::size_t>(from.size()) + 1);
         device.send(q, buffer.data(), from.data(),
                     static_cast<std::size_t>(from.size()) * sizeof(float));
     }
     DeviceArray(const Device& d, const CudaQueue& q, Index r, Index c)
-        : DeviceArray(d, q, Columns<float>(Columns<float>::Constant(
-                                r, c, std::numeric_limits<float>::quiet_NaN()))) {}
+        : DeviceArray(d, q,
+                      Columns<float>(Columns<float>::Constant(
+                          r, c, std::numeric_limits<float>::quiet_NaN()))) {}
 
     DeviceColumns<float> view() const { return {buffer.data(), rows, cols}; }
     DeviceColumns<const float> read() const { return {buffer.data(), rows, cols}; }
@@ -47,11 +51,17 @@ struct DeviceCloud {
     DeviceArray<Device> mean, rotation, scale, opacity, feature;
 
     DeviceCloud(const Device& d, const CudaQueue& q, const Gaussians<float>& g)
-        : mean(d, q, g.mean), rotation(d, q, g.rotation), scale(d, q, g.scale),
-          opacity(d, q, g.opacity), feature(d, q, g.feature) {}
+        : mean(d, q, g.mean),
+          rotation(d, q, g.rotation),
+          scale(d, q, g.scale),
+          opacity(d, q, g.opacity),
+          feature(d, q, g.feature) {}
     /// As many, of no value yet.
     DeviceCloud(const Device& d, const CudaQueue& q, Index n, Index channels)
-        : mean(d, q, 3, n), rotation(d, q, 4, n), scale(d, q, 3, n), opacity(d, q, 1, n),
+        : mean(d, q, 3, n),
+          rotation(d, q, 4, n),
+          scale(d, q, 3, n),
+          opacity(d, q, 1, n),
           feature(d, q, channels, n) {}
 
     DeviceGaussians<float> view() const {
@@ -76,7 +86,7 @@ struct DeviceRender {
     Gaussians<float> gradient;
     Columns<float> g_background;
     DeviceFrameCost cost;
-    int draws = 0;                       ///< until there was room
+    int draws = 0; ///< until there was room
     std::size_t bytes = 0;
 
     /// Of each tile: Gaussians near to far.
@@ -116,8 +126,9 @@ DeviceRender<A> render_on(const Device& device, const CudaQueue& queue, const A&
     const Index pixels = Index(camera.width) * camera.height, channels = g.channels();
     const DeviceCloud<Device> cloud(device, queue, g);
     const DeviceArray<Device> bg(device, queue, Columns<float>(background));
-    const DeviceArray<Device> feature(device, queue, channels, pixels), alpha(device, queue, 1, pixels),
-        depth(device, queue, 1, pixels), who(device, queue, 1, pixels);
+    const DeviceArray<Device> feature(device, queue, channels, pixels),
+        alpha(device, queue, 1, pixels), depth(device, queue, 1, pixels),
+        who(device, queue, 1, pixels);
     DeviceImages images{feature.view(), alpha.view()};
     if constexpr (A::outputs.depth) images.depth = depth.view();
     if constexpr (A::outputs.contributor)
@@ -150,7 +161,8 @@ DeviceRender<A> render_on(const Device& device, const CudaQueue& queue, const A&
     rasterizer.vjp_into(queue, cloud.view(), camera, bg.buffer.data(), c, out.view(), frame);
     r.gradient = out.get();
     const DeviceArray<Device> partial(
-        device, queue, 1, DeviceRasterizer<A, Device, Kernels>::background_numbers(channels, pixels));
+        device, queue, 1,
+        DeviceRasterizer<A, Device, Kernels>::background_numbers(channels, pixels));
     const DeviceArray<Device> g_background(device, queue, channels, 1);
     rasterizer.background_vjp_into(queue, gf.read(), alpha.read(), partial.buffer.data(),
                                    g_background.buffer.data(), frame);
@@ -177,7 +189,7 @@ double relative(const Gaussians<float>& a, const Gaussians<T>& b) {
     double r = 0;
     const auto look = [&](const Columns<float>& x, const Columns<T>& y) {
         const double gap = relative(x, y);
-        r = gap <= r ? r : gap;          // a NaN is the largest
+        r = gap <= r ? r : gap; // a NaN is the largest
     };
     look(a.mean, b.mean);
     look(a.rotation, b.rotation);

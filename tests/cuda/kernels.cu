@@ -11,9 +11,14 @@ template <class K>
 const void* kernel() {
     return reinterpret_cast<const void*>(detail::run_kernel<K>);
 }
-const void* const kernels[] = {
-    kernel<ProjectKernel<Rules, NoDistortion>>(), kernel<ScanKernel>(), kernel<BinKernel<Rules>>(),
-    kernel<BlendKernel<Rules, 3>>(),              kernel<BlendKernel<Rules, 32>>(),
-    kernel<ReverseKernel<Rules, 3, false>>(),     kernel<ReverseKernel<Rules, 32, false>>(),
-    kernel<MergeKernel<Rules, NoDistortion, 3>>(), kernel<MergeKernel<Rules, NoDistortion, 32>>(),
-    kernel<ShColorKernel<3>>(),                   kernel<ShColorVjpKernel<3>>()};
+const void* const kernels[] = {kernel<ProjectKernel<Rules, NoDistortion>>(),
+                               kernel<ScanKernel>(),
+                               kernel<BinKernel<Rules>>(),
+                               kernel<BlendKernel<Rules, 3>>(),
+                               kernel<BlendKernel<Rules, 32>>(),
+                               kernel<ReverseKernel<Rules, 3, false>>(),
+                               kernel<ReverseKernel<Rules, 32, false>>(),
+                               kernel<MergeKernel<Rules, NoDistortion, 3>>(),
+                               kernel<MergeKernel<Rules, NoDistortion, 32>>(),
+                               kernel<ShColorKernel<3>>(),
+                               kernel<ShColorVjpKernel<3>>()};

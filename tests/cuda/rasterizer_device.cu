@@ -25,7 +25,7 @@ using Three = KernelChannels<3>;
 } // namespace
 
 TEST_CASE("device: any number of channels") {
-    for (const Index c : {1, 2, 3, 4, 7, 8, 16, 31, 32, 33})  // from 5 on products of two planes
+    for (const Index c : {1, 2, 3, 4, 7, 8, 16, 31, 32, 33}) // from 5 on products of two planes
         against<double, AnyChannels>(CudaDevice(), queue(), random_scene<float>(200, c, 5),
                                      Balanced(), {2e-6, c > 4 ? 2e-5 : 1e-5, 1e-5});
 }
@@ -64,14 +64,13 @@ TEST_CASE("device: a lens that bends") {
     const auto camera = with_lens(s.camera, lens);
     const Index pixels = Index(camera.width) * camera.height;
     const Cotangents w{noise<float>(3, pixels, 1), {}, {}};
-    const auto r = render_on<Three>(CudaDevice(), queue(), Balanced(), s.gaussians, camera,
-                                    s.background, &w);
+    const auto r =
+        render_on<Three>(CudaDevice(), queue(), Balanced(), s.gaussians, camera, s.background, &w);
     const Rasterizer<Balanced> plain;
     const auto truth = plain.forward(ScalarBackend<Serial>{}, s.gaussians, camera, s.background);
     CHECK(relative(r.feature, truth.feature.pixels) < 1e-5);
-    CHECK(relative(r.gradient,
-                   plain.vjp(ScalarBackend<Serial>{}, s.gaussians, camera, s.background, truth,
-                             w.feature)) < 2e-5);
+    CHECK(relative(r.gradient, plain.vjp(ScalarBackend<Serial>{}, s.gaussians, camera, s.background,
+                                         truth, w.feature)) < 2e-5);
 }
 TEST_CASE("device: the same bits again, while another stream is busy, and elsewhere in memory") {
     const Scenery<float> s = random_scene<float>(3000, 3, 5);

@@ -29,7 +29,7 @@ TEST_CASE("cuda, emulated: lists equal the host's") {
 
 TEST_CASE("cuda, emulated: a crowded tile") {
     against<double, Three>(EmulatedDevice{PhaseOrder::shuffled}, queue, crowded(2500, true),
-                          Balanced());
+                           Balanced());
 }
 
 TEST_CASE("cuda, emulated: rules") {
@@ -46,8 +46,8 @@ TEST_CASE("cuda, emulated: contributors") { contributors(EmulatedDevice{}, queue
 TEST_CASE("cuda, emulated: channels as products of matrices") {
     for (const Index c : {5, 16, 20})
         against<double, KernelChannels<16>>(EmulatedDevice{PhaseOrder::shuffled}, queue,
-                                           random_scene<float>(150, c, 5), Balanced(),
-                                           {4e-6, 2e-5, 2e-5});
+                                            random_scene<float>(150, c, 5), Balanced(),
+                                            {4e-6, 2e-5, 2e-5});
     equal_colours<KernelChannels<16>>(EmulatedDevice{}, queue, 16);
 }
 TEST_CASE("cuda, emulated: equal colours have no gradient of shape") {

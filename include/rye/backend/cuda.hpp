@@ -72,9 +72,7 @@ struct DeviceColumns {
     Index size() const { return rows * cols; }
     template <class U>
         requires(std::same_as<U, const T> && !std::is_const_v<T>)
-    operator DeviceColumns<U>() const {
-        return {data, rows, cols};
-    }
+    operator DeviceColumns<U>() const { return {data, rows, cols}; }
 };
 
 /// Memory that only grows, and goes back to its arena at the end. It belongs to one stream at a

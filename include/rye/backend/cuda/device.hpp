@@ -13,7 +13,6 @@
 
 #include <rye/backend/cuda.hpp>
 #include <rye/backend/cuda/unrolled.hpp>
-#include <rye/math/scalar.hpp>
 
 namespace rye {
 
@@ -110,9 +109,7 @@ struct DeviceWarp {
     __device__ static void write4_where(M m, Quad4* p, U i, const Array<F, 4>& v) {
         if (m) p[i] = Quad4{v[0], v[1], v[2], v[3]};
     }
-    __device__ static void write_word(void* p, U i, U v) {
-        static_cast<std::uint32_t*>(p)[i] = v;
-    }
+    __device__ static void write_word(void* p, U i, U v) { static_cast<std::uint32_t*>(p)[i] = v; }
     template <int half>
     __device__ static U read_half(const std::uint64_t* p, U i) {
         return reinterpret_cast<const std::uint32_t*>(p)[2 * i + half];

@@ -16,70 +16,9 @@
 
 #include <rye/backend/cuda.hpp>
 #include <rye/backend/cuda/unrolled.hpp>
-#include <rye/math/scalar.hpp>
+#include <rye/backend/cuda/warp_lanes.hpp>
 
 namespace rye {
-
-/// A number in each lane of a warp.
-template <class T>
-struct Lanes {
-    static constexpr int count = 32;
-    T x[count];
-
-    Lanes() = default;
-    Lanes(T same) {
-        for (T& l : x) l = same;
-    }
-    template <class U>
-        requires(!std::is_same_v<U, T>)
-    explicit Lanes(const Lanes<U>& o) {
-        for (int l = 0; l < count; ++l) x[l] = static_cast<T>(o.x[l]);
-    }
-
-    /// Never inlined: kernels are long, and the host's compiler would take minutes.
-    template <class F>
-    [[gnu::noinline]] static Lanes each(const F& f) {
-        Lanes r;
-        for (int l = 0; l < count; ++l) r.x[l] = f(l);
-        return r;
-    }
-
-    friend Lanes operator+(const Lanes& a, const Lanes& b) { return each([&](int l) { return T(a.x[l] + b.x[l]); }); }
-    friend Lanes operator-(const Lanes& a, const Lanes& b) { return each([&](int l) { return T(a.x[l] - b.x[l]); }); }
-    friend Lanes operator*(const Lanes& a, const Lanes& b) { return each([&](int l) { return T(a.x[l] * b.x[l]); }); }
-    friend Lanes operator/(const Lanes& a, const Lanes& b) { return each([&](int l) { return T(a.x[l] / b.x[l]); }); }
-    friend Lanes operator%(const Lanes& a, const Lanes& b) { return each([&](int l) { return T(a.x[l] % b.x[l]); }); }
-    friend Lanes operator|(const Lanes& a, const Lanes& b) { return each([&](int l) { return T(a.x[l] | b.x[l]); }); }
-    friend Lanes operator>>(const Lanes& a, const Lanes& b) { return each([&](int l) { return T(a.x[l] >> b.x[l]); }); }
-    friend Lanes operator&(const Lanes& a, const Lanes& b) { return each([&](int l) { return T(a.x[l] & b.x[l]); }); }
-    friend Lanes operator-(const Lanes& a) { return each([&](int l) { return T(-a.x[l]); }); }
-    Lanes& operator+=(const Lanes& b) { return *this = *this + b; }
-
-    friend Lanes<bool> operator<(const Lanes& a, const Lanes& b) { return Lanes<bool>::each([&](int l) { return a.x[l] < b.x[l]; }); }
-    friend Lanes<bool> operator>(const Lanes& a, const Lanes& b) { return Lanes<bool>::each([&](int l) { return a.x[l] > b.x[l]; }); }
-    friend Lanes<bool> operator>=(const Lanes& a, const Lanes& b) { return Lanes<bool>::each([&](int l) { return a.x[l] >= b.x[l]; }); }
-    friend Lanes<bool> operator==(const Lanes& a, const Lanes& b) { return Lanes<bool>::each([&](int l) { return a.x[l] == b.x[l]; }); }
-    friend Lanes<bool> operator&&(const Lanes& a, const Lanes& b)
-        requires std::is_same_v<T, bool>
-    {
-        return each([&](int l) { return a.x[l] && b.x[l]; });
-    }
-    friend Lanes<bool> operator||(const Lanes& a, const Lanes& b)
-        requires std::is_same_v<T, bool>
-    {
-        return each([&](int l) { return a.x[l] || b.x[l]; });
-    }
-    friend Lanes<bool> operator!(const Lanes& a)
-        requires std::is_same_v<T, bool>
-    {
-        return each([&](int l) { return !a.x[l]; });
-    }
-};
-
-template <class T>
-Lanes<T> select(const Lanes<bool>& c, const Lanes<T>& a, const Lanes<T>& b) {
-    return Lanes<T>::each([&](int l) { return c.x[l] ? a.x[l] : b.x[l]; });
-}
 
 /// A warp of the host: the functions of backend/cuda/device.hpp's.
 struct HostWarp {
@@ -88,15 +27,25 @@ struct HostWarp {
     using U64 = Lanes<std::uint64_t>;
     using M = Lanes<bool>;
 
-    static U lane() { return U::each([](int l) { return static_cast<std::uint32_t>(l); }); }
+    static U lane() {
+        return U::each([](int l) { return static_cast<std::uint32_t>(l); });
+    }
     static F number(const U& x) { return F(x); }
-    static F fma(const F& a, const F& b, const F& c) { return F::each([&](int l) { return std::fma(a.x[l], b.x[l], c.x[l]); }); }
-    static F min(const F& a, const F& b) { return F::each([&](int l) { return std::fmin(a.x[l], b.x[l]); }); }
-    static F max(const F& a, const F& b) { return F::each([&](int l) { return std::fmax(a.x[l], b.x[l]); }); }
+    static F fma(const F& a, const F& b, const F& c) {
+        return F::each([&](int l) { return std::fma(a.x[l], b.x[l], c.x[l]); });
+    }
+    static F min(const F& a, const F& b) {
+        return F::each([&](int l) { return std::fmin(a.x[l], b.x[l]); });
+    }
+    static F max(const F& a, const F& b) {
+        return F::each([&](int l) { return std::fmax(a.x[l], b.x[l]); });
+    }
     static F exp2(const F& a) {
         return F::each([&](int l) { return a.x[l] < -126 ? 0.0F : std::exp2(a.x[l]); });
     }
-    static F log2(const F& a) { return F::each([&](int l) { return std::log2(a.x[l]); }); }
+    static F log2(const F& a) {
+        return F::each([&](int l) { return std::log2(a.x[l]); });
+    }
     static bool any(const M& m) {
         bool r = false;
         for (const bool b : m.x) r = r || b;
@@ -153,8 +102,10 @@ struct HostWarp {
     }
     /// Numbers 4 i ... 4 i + 3.
     static Array<F, 4> read4(const Quad4* p, const U& i) {
-        return {{F::each([&](int l) { return p[i.x[l]].x; }), F::each([&](int l) { return p[i.x[l]].y; }),
-                 F::each([&](int l) { return p[i.x[l]].z; }), F::each([&](int l) { return p[i.x[l]].w; })}};
+        return {{F::each([&](int l) { return p[i.x[l]].x; }),
+                 F::each([&](int l) { return p[i.x[l]].y; }),
+                 F::each([&](int l) { return p[i.x[l]].z; }),
+                 F::each([&](int l) { return p[i.x[l]].w; })}};
     }
     template <class T, class V>
     static void write(T* p, const U& i, const Lanes<V>& v) {
@@ -187,9 +138,7 @@ struct HostWarp {
     /// The low or the high half of each lane's number.
     template <int half>
     static U read_half(const std::uint64_t* p, const U& i) {
-        return U::each([&](int l) {
-            return static_cast<std::uint32_t>(p[i.x[l]] >> (32 * half));
-        });
+        return U::each([&](int l) { return static_cast<std::uint32_t>(p[i.x[l]] >> (32 * half)); });
     }
     /// Copies to shared memory that go on beside what follows: of 16 bytes, of a number.
     static void copy4_ahead(const M& m, Quad4* to, const U& i, const Quad4* from, const U& k) {
@@ -214,7 +163,8 @@ struct HostWarp {
                  F::each([&](int l) { return m.x[l] ? p[2 * i.x[l] + 1] : 0.0F; })}};
     }
     static Array<F, 2> read2(const float* p, const U& i) {
-        return {{F::each([&](int l) { return p[2 * i.x[l]]; }), F::each([&](int l) { return p[2 * i.x[l] + 1]; })}};
+        return {{F::each([&](int l) { return p[2 * i.x[l]]; }),
+                 F::each([&](int l) { return p[2 * i.x[l] + 1]; })}};
     }
     static void write2(float* p, const U& i, const F& a, const F& b) {
         for (int l = 0; l < 32; ++l) p[2 * i.x[l]] = a.x[l], p[2 * i.x[l] + 1] = b.x[l];
@@ -229,8 +179,12 @@ struct HostWarp {
     static U pack(const F& a, const F& b) {
         return U::each([&](int l) { return half(a.x[l]) | half(b.x[l]) << 16U; });
     }
-    static F low(const U& a) { return F::each([&](int l) { return whole(a.x[l] & 0xFFFFU); }); }
-    static F high(const U& a) { return F::each([&](int l) { return whole(a.x[l] >> 16U); }); }
+    static F low(const U& a) {
+        return F::each([&](int l) { return whole(a.x[l] & 0xFFFFU); });
+    }
+    static F high(const U& a) {
+        return F::each([&](int l) { return whole(a.x[l] >> 16U); });
+    }
 
     /// d += a b, of 16 x 16 and 16 x 8 bf16.
     static void mma(Array<F, 4>& d, const Array<U, 4>& a, const Array<U, 2>& b) {
@@ -362,7 +316,7 @@ class HostBlock {
         for (int k = 0; k < n; ++k) {
             int at = k;
             if (order_ == PhaseOrder::backward) at = n - 1 - k;
-            if (order_ == PhaseOrder::shuffled)  // n is a power of two: a bijection
+            if (order_ == PhaseOrder::shuffled) // n is a power of two: a bijection
                 at = static_cast<int>((static_cast<unsigned>(k) * 5U + phase_ * 7U) %
                                       static_cast<unsigned>(n));
             f(at);

@@ -7,36 +7,20 @@
 
 #include <rye/splat/cuda/nearest.hpp>
 #include <rye/splat/cuda/products.hpp>
+#include <rye/splat/cuda/strip_output.hpp>
 
 namespace rye {
-
-/// What a warp keeps of its pixels while it draws them.
-template <class W, class A, int C>
-struct StripSums {
-    using F = typename W::F;
-    using U = typename W::U;
-    static constexpr bool products = ChannelLayout<C>::products;
-    F transmittance[8];
-    F colour[8][products ? 1 : C];           ///< of the lane's visits
-    Array<F, 4> sums[products ? 4 : 1][products ? C / 8 : 1];
-    F depth[A::outputs.depth ? 8 : 1];
-    F most[A::outputs.contributor ? 8 : 1];
-    U contributor[A::outputs.contributor ? 8 : 1]; ///< its number in the tile's list
-    bool open;
-    std::uint32_t found, done;               ///< visits: that there are, that were walked
-    std::uint32_t group, last;               ///< kept groups: the next, the one before it
-};
 
 /// Visits that a warp has found and not walked yet, in a ring.
 template <bool colours>
 struct FoundVisits {
     static constexpr std::uint32_t room = 64;
-    Quad4 place[room];                       ///< u0, ux, v0, vx
-    Quad4 shape[room];                       ///< vy, log2 o, depth, floor
+    Quad4 place[room]; ///< u0, ux, v0, vx
+    Quad4 shape[room]; ///< vy, log2 o, depth, floor
     Quad4 colour[colours ? room : 1];
     std::uint32_t owner[room];
-    std::uint32_t place_of[room];            ///< of (Gaussian, tile)
-    std::uint32_t entry[room];               ///< its number in the tile's list
+    std::uint32_t place_of[room]; ///< of (Gaussian, tile)
+    std::uint32_t entry[room];    ///< its number in the tile's list
 };
 
 template <class A, int C>
@@ -94,7 +78,7 @@ struct BlendKernel {
                 W::write_where(W::lane() == typename W::U(0), memory.last,
                                typename W::U(tile * strips + static_cast<std::uint32_t>(w)),
                                typename W::U(state[w].last));
-            finish<W>(state[w], tile, w, begin);
+            StripOutput<A, C>{memory, scene, images}.template write<W>(state[w], tile, w, begin);
         });
     }
 
@@ -106,8 +90,7 @@ struct BlendKernel {
         const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
         unrolled<8>([&](auto j) {
             s.transmittance[j] = select(pixels.inside(U(j)), F(1.0F), F(0.0F));
-            if constexpr (!Layout::products)
-                unrolled<C>([&](auto c) { s.colour[j][c] = F(0.0F); });
+            if constexpr (!Layout::products) unrolled<C>([&](auto c) { s.colour[j][c] = F(0.0F); });
             if constexpr (A::outputs.depth) s.depth[j] = F(0.0F);
             if constexpr (A::outputs.contributor) {
                 s.most[j] = F(0.0F);
@@ -116,9 +99,8 @@ struct BlendKernel {
         });
         if constexpr (Layout::products)
             unrolled<4>([&](auto m) {
-                unrolled<C / 8>([&](auto n) {
-                    unrolled<4>([&](auto k) { s.sums[m][n][k] = F(0.0F); });
-                });
+                unrolled<C / 8>(
+                    [&](auto n) { unrolled<4>([&](auto k) { s.sums[m][n][k] = F(0.0F); }); });
             });
         s.open = W::any(s.transmittance[0] > F(0.0F));
         s.found = s.done = 0;
@@ -151,7 +133,7 @@ struct BlendKernel {
             const U entry = U(at) + W::lane(), own_owner = owner;
             const auto valid = entry < U(part);
             const TileSplat<W> splat(place, shape, centre.x, centre.y);
-            fetch(at + 32);                  // of the next 32, while these are walked
+            fetch(at + 32); // of the next 32, while these are walked
             const auto visited = valid && splat.reaches(w, accuracy, least);
             const std::uint32_t lanes = W::ballot(visited);
             if (lanes == 0) continue;
@@ -167,15 +149,16 @@ struct BlendKernel {
                     colour[c] = F(0.0F);
                     if constexpr (c < C)
                         if (c < scene.channels)
-                            colour[c] = W::read_where(
-                                visited, scene.feature.data + scene.first_channel,
-                                own_owner * stride + U(c), 0.0F);
+                            colour[c] =
+                                W::read_where(visited, scene.feature.data + scene.first_channel,
+                                              own_owner * stride + U(c), 0.0F);
                 });
                 W::write4_where(visited, found.colour, to, colour);
             }
             W::write_where(visited, found.owner, to, own_owner);
-            W::write_where(visited, found.place_of, to,
-                           W::template read_half<1>(shared.nearest.key, select(valid, entry, U(0))));
+            W::write_where(
+                visited, found.place_of, to,
+                W::template read_half<1>(shared.nearest.key, select(valid, entry, U(0))));
             if constexpr (A::outputs.contributor)
                 W::write_where(visited, found.entry, to, U(before) + entry);
             s.found += W::bits_set(lanes);
@@ -199,8 +182,7 @@ struct BlendKernel {
         const U to = at % U(Found::room);
         const Array<F, 4> zero{{F(0.0F), F(0.0F), F(0.0F), F(0.0F)}};
         W::write4_where(idle, found.place, to, zero);
-        W::write4_where(idle, found.shape, to,
-                        Array<F, 4>{{F(0.0F), F(-1e30F), F(0.0F), F(0.0F)}});
+        W::write4_where(idle, found.shape, to, Array<F, 4>{{F(0.0F), F(-1e30F), F(0.0F), F(0.0F)}});
         if constexpr (!Layout::products) W::write4_where(idle, found.colour, to, zero);
         W::write_where(idle, found.owner, to, U(none_of));
         W::sync();
@@ -225,7 +207,7 @@ struct BlendKernel {
             W::write_where(W::lane() == U(0), memory.before, U(group), U(s.last));
             s.last = group;
         }
-        s.group = W::take_one(&memory.report->groups);  // of the next; it takes its time
+        s.group = W::take_one(&memory.report->groups); // of the next; it takes its time
     }
 
     template <class W>
@@ -253,9 +235,8 @@ struct BlendKernel {
             const Taken<W> t = rules.take(alpha, s.transmittance[j]);
             s.transmittance[j] = rules.behind(t, s.transmittance[j]);
             if constexpr (A::outputs.depth)
-                unrolled<4>([&](auto i) {
-                    s.depth[j] = W::fma(t.weight[i], v.depth[i], s.depth[j]);
-                });
+                unrolled<4>(
+                    [&](auto i) { s.depth[j] = W::fma(t.weight[i], v.depth[i], s.depth[j]); });
             if constexpr (A::outputs.contributor)
                 unrolled<4>([&](auto i) {
                     const auto more = t.weight[i] > s.most[j];
@@ -269,9 +250,8 @@ struct BlendKernel {
             U owner[4];
             unrolled<4>([&](auto i) { owner[i] = W::read(found.owner, first + U(i)); });
             Planes<W, N, 2> features[C / 8];
-            unrolled<C / 8>([&](auto n) {
-                features[n] = features_over_visits<W, N>(scene, owner, n);
-            });
+            unrolled<C / 8>(
+                [&](auto n) { features[n] = features_over_visits<W, N>(scene, owner, n); });
             unrolled<4>([&](auto m) {
                 const Taken<W> a = row(Constant<2 * m>{});
                 const Taken<W> b = row(Constant<2 * m + 1>{});
@@ -280,9 +260,8 @@ struct BlendKernel {
                 split<W, N>(weights, 1, b.weight[0], b.weight[1]);
                 split<W, N>(weights, 2, a.weight[2], a.weight[3]);
                 split<W, N>(weights, 3, b.weight[2], b.weight[3]);
-                unrolled<C / 8>([&](auto n) {
-                    multiply<W, N>(s.sums[m][n], weights, features[n]);
-                });
+                unrolled<C / 8>(
+                    [&](auto n) { multiply<W, N>(s.sums[m][n], weights, features[n]); });
             });
         } else {
             Array<F, 4> colour[4];
@@ -299,107 +278,6 @@ struct BlendKernel {
         auto open = rules.open(s.transmittance[0]);
         unrolled<7>([&](auto j) { open = open || rules.open(s.transmittance[j + 1]); });
         s.open = W::any(open);
-    }
-
-    template <class W>
-    RYE_DEVICE void finish(StripSums<W, A, C>& s, std::uint32_t tile, int w,
-                           [[maybe_unused]] std::uint32_t begin) const {
-        using F = typename W::F;
-        using U = typename W::U;
-        const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
-        unrolled<8>([&](auto j) {
-            s.transmittance[j] = W::max(s.transmittance[j], -s.transmittance[j]);
-        });
-        const U q = W::lane() % U(4);
-        const U row[2] = {q * U(2), q * U(2) + U(1)};
-        const auto quad = [](const F& x) {
-            const F pair = x + W::template across<1>(x);
-            return pair + W::template across<2>(pair);
-        };
-        const auto put = [&](const F(&x)[8], float* to, std::uint32_t stride, std::uint32_t at) {
-            const auto own = own_rows<W>(x);
-            unrolled<2>([&](auto k) {
-                W::write_where(pixels.inside(row[k]), to,
-                               pixels.pixel(row[k]) * U(stride) + U(at), own[k]);
-            });
-        };
-        const auto stride = static_cast<std::uint32_t>(images.feature.rows);
-        const auto from = static_cast<std::uint32_t>(scene.first_channel);
-        if constexpr (Layout::products) {
-            const bool pairs = scene.channels == C && stride % 2 == 0 && from % 2 == 0 &&
-                               reinterpret_cast<std::uintptr_t>(images.feature.data) % 8 == 0;
-            unrolled<4>([&](auto m) {
-                unrolled<C / 8>([&](auto n) {
-                    const U c = q * U(2) + U(8 * n);
-                    const auto of = [&](const U& channel) {
-                        return W::read_where(channel < U(static_cast<std::uint32_t>(scene.channels)),
-                                             scene.background + from, channel, 0.0F);
-                    };
-                    const F left = of(c), right = of(c + U(1));
-                    unrolled<2>([&](auto k) {
-                        const F end = s.transmittance[2 * m + k];
-                        const F a = W::fma(end, left, s.sums[m][n][2 * k]);
-                        const F b = W::fma(end, right, s.sums[m][n][2 * k + 1]);
-                        const auto in = pixels.inside(U(2 * m + k));
-                        const U to = pixels.pixel(U(2 * m + k)) * U(stride) + U(from) + c;
-                        const U channels(static_cast<std::uint32_t>(scene.channels));
-                        if (pairs) {
-                            W::write2_where(in, images.feature.data, to / U(2), a, b);
-                        } else {
-                            W::write_where(in && c < channels, images.feature.data, to, a);
-                            W::write_where(in && c + U(1) < channels, images.feature.data,
-                                           to + U(1), b);
-                        }
-                    });
-                });
-            });
-        } else {
-            unrolled<C>([&](auto c) {
-                F x[8];
-                unrolled<8>([&](auto j) {
-                    x[j] = W::fma(s.transmittance[j], F(scene.background_of(c)),
-                                  quad(s.colour[j][c]));
-                });
-                if (c < scene.channels) put(x, images.feature.data, stride, from + c);
-            });
-        }
-        if (scene.first_channel != 0) return;
-        F x[8];
-        unrolled<8>([&](auto j) { x[j] = F(1.0F) - s.transmittance[j]; });
-        put(x, images.alpha.data, 1, 0);
-        if constexpr (A::outputs.depth) {
-            unrolled<8>([&](auto j) { x[j] = quad(s.depth[j]); });
-            if (images.depth.data != nullptr) put(x, images.depth.data, 1, 0);
-        }
-        if constexpr (A::outputs.contributor) contributors<W>(s, pixels, begin);
-    }
-
-    /// Of the four lanes of a pixel the largest weight; of equal ones the nearest.
-    template <class W>
-    RYE_DEVICE void contributors(StripSums<W, A, C>& s, const StripPixels<W>& pixels,
-                                 std::uint32_t begin) const {
-        using F = typename W::F;
-        using U = typename W::U;
-        const auto better = [](F& most, U& who, const F& other, const U& other_who) {
-            const auto take = other > most || (other == most && other_who < who);
-            most = select(take, other, most);
-            who = select(take, other_who, who);
-        };
-        unrolled<8>([&](auto j) {
-            better(s.most[j], s.contributor[j], W::template across<1>(s.most[j]),
-                   W::template across<1>(s.contributor[j]));
-            better(s.most[j], s.contributor[j], W::template across<2>(s.most[j]),
-                   W::template across<2>(s.contributor[j]));
-        });
-        const auto own = own_rows<W>(s.contributor);
-        if (images.contributor.data == nullptr) return;
-        unrolled<2>([&](auto k) {
-            const U row = W::lane() % U(4) * U(2) + U(k);
-            const auto has = own[k] < U(no_contributor);
-            const U at = select(has, own[k] + U(begin), U(0));
-            const U who = select(has, W::read(memory.sorted, at), U(no_contributor));
-            W::write_where(pixels.inside(row), images.contributor.data, pixels.pixel(row), who);
-        });
     }
 };
 

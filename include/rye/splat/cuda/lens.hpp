@@ -15,7 +15,8 @@ struct LensNumbers {
     float fold;
 
     explicit LensNumbers(const Projector<float, D>& p)
-        : distortion(p.distortion), fold(p.reach.fold) {}
+        : distortion(p.distortion),
+          fold(p.reach.fold) {}
     RYE_HD void put(Projector<float, D>& p) const {
         p.distortion = distortion;
         p.reach.fold = fold;
@@ -34,8 +35,15 @@ struct DeviceLens {
     LensNumbers<D> lens;
 
     explicit DeviceLens(const Projector<float, D>& p)
-        : fx(p.fx), fy(p.fy), x_low(p.x_low), x_high(p.x_high), y_low(p.y_low), y_high(p.y_high),
-          near_depth(p.near_depth), dilation(p.dilation), lens(p) {
+        : fx(p.fx),
+          fy(p.fy),
+          x_low(p.x_low),
+          x_high(p.x_high),
+          y_low(p.y_low),
+          y_high(p.y_high),
+          near_depth(p.near_depth),
+          dilation(p.dilation),
+          lens(p) {
         for (int k = 0; k < 9; ++k) rotation[k] = p.camera_from_world.rotation.data()[k];
         for (int k = 0; k < 3; ++k) translation[k] = p.camera_from_world.translation[k];
     }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/cuda/lists.hpp: from Gaussians to the entries of tiles, on a device: project and count,
-/// scan, bin. Lists are those of TileLists; what is not decided here is the order within a tile's
-/// list, which is sorted where it is drawn, by keys that are unique.
+/// rye/splat/cuda/lists.hpp: from Gaussians to the entries of tiles, on a device: project and
+/// count, scan, bin. Lists are those of TileLists; what is not decided here is the order within a
+/// tile's list, which is sorted where it is drawn, by keys that are unique.
 #pragma once
 
 #include <rye/splat/cuda/lens.hpp>
@@ -30,9 +30,9 @@ RYE_DEVICE void each_span(const TileSpans& s, const Footprint<float>* footprint,
 struct BlockTiles {
     static constexpr int threads = 128;
     TileSpans spans[threads];
-    std::uint32_t before[threads];           ///< tasks of Gaussians before each
-    std::uint32_t tall;                      ///< how many are in many rows
-    std::uint32_t index[threads];            ///< which
+    std::uint32_t before[threads]; ///< tasks of Gaussians before each
+    std::uint32_t tall;            ///< how many are in many rows
+    std::uint32_t index[threads];  ///< which
 
     /// What Gaussian t has: its spans are there.
     template <class Block>
@@ -49,7 +49,7 @@ struct BlockTiles {
         const std::uint32_t tasks = block.exclusive_sums(before);
         block.each_thread([&](int t) {
             for (std::uint32_t k = static_cast<std::uint32_t>(t); k < tasks; k += threads) {
-                int low = 0;                 // the last whose tasks begin at k or before
+                int low = 0; // the last whose tasks begin at k or before
                 for (int step = threads / 2; step > 0; step /= 2)
                     if (before[low + step] <= k) low += step;
                 const TileSpans& s = spans[low];
@@ -66,13 +66,12 @@ struct BlockTiles {
             block.each_thread([&](int t) {
                 const int own = static_cast<int>(index[k]);
                 std::uint32_t rank = 0;
-                each_span<support>(spans[own], footprints + own, width, height,
-                                   [&](int row, int begin, int end) {
-                                       for (int x = begin + t; x < end; x += threads)
-                                           f(own, rank + static_cast<std::uint32_t>(x - begin),
-                                             row, x);
-                                       rank += static_cast<std::uint32_t>(end - begin);
-                                   });
+                each_span<support>(
+                    spans[own], footprints + own, width, height, [&](int row, int begin, int end) {
+                        for (int x = begin + t; x < end; x += threads)
+                            f(own, rank + static_cast<std::uint32_t>(x - begin), row, x);
+                        rank += static_cast<std::uint32_t>(end - begin);
+                    });
             });
     }
 };
@@ -115,11 +114,10 @@ struct ProjectKernel {
             shared.places[t] = places;
             shared.tiles.put(block, t, places);
         });
-        shared.tiles.template each<A::support>(
-            block, memory.footprint + base, width, height,
-            [&](int, std::uint32_t, int row, int column) {
-                block.add(memory.counter(row, column), 1U);
-            });
+        shared.tiles.template each<A::support>(block, memory.footprint + base, width, height,
+                                               [&](int, std::uint32_t, int row, int column) {
+                                                   block.add(memory.counter(row, column), 1U);
+                                               });
         const std::uint32_t total = block.exclusive_sums(shared.places);
         block.each_thread([&](int t) {
             if (t == 0) memory.block_places[block.index()] = total;
@@ -189,9 +187,9 @@ struct ScanKernel {
     static constexpr const char* name = "scan of tiles";
     static constexpr int threads = 1024, blocks = 1;
     struct Shared {
-        std::uint64_t wide[threads];         // a sum of 32 bits would hide too many entries
+        std::uint64_t wide[threads]; // a sum of 32 bits would hide too many entries
         std::uint32_t sums[threads];
-        std::uint32_t in_class[threads];     ///< tiles of each length, the longest first
+        std::uint32_t in_class[threads]; ///< tiles of each length, the longest first
     };
     FrameMemory memory;
 
@@ -201,11 +199,12 @@ struct ScanKernel {
         block.each_thread([&](int t) { shared.in_class[t] = 0; });
         block.each_thread([&](int t) {
             std::uint64_t n = 0;
-            each(t, run, memory.tiles, [&](std::uint32_t k) { return *memory.counter(k); },
-                 [&](std::uint32_t, std::uint32_t here) {
-                     n += here;
-                     block.add(shared.in_class + class_of(here), 1U);
-                 });
+            each(
+                t, run, memory.tiles, [&](std::uint32_t k) { return *memory.counter(k); },
+                [&](std::uint32_t, std::uint32_t here) {
+                    n += here;
+                    block.add(shared.in_class + class_of(here), 1U);
+                });
             shared.wide[t] = n;
         });
         const std::uint64_t total = block.exclusive_sums(shared.wide);
@@ -220,12 +219,13 @@ struct ScanKernel {
         });
         block.each_thread([&](int t) {
             auto at = static_cast<std::uint32_t>(shared.wide[t]);
-            each(t, run, memory.tiles, [&](std::uint32_t k) { return *memory.counter(k); },
-                 [&](std::uint32_t k, std::uint32_t here) {
-                     memory.begin[k] = *memory.counter(k) = fits ? at : 0U;  // now where to put
-                     at += fits ? here : 0U;
-                     memory.order[block.add(shared.in_class + class_of(here), 1U)] = k;
-                 });
+            each(
+                t, run, memory.tiles, [&](std::uint32_t k) { return *memory.counter(k); },
+                [&](std::uint32_t k, std::uint32_t here) {
+                    memory.begin[k] = *memory.counter(k) = fits ? at : 0U; // now where to put
+                    at += fits ? here : 0U;
+                    memory.order[block.add(shared.in_class + class_of(here), 1U)] = k;
+                });
         });
         places(block, shared);
     }
@@ -237,18 +237,20 @@ struct ScanKernel {
         const std::uint32_t run = (memory.blocks + threads - 1) / threads;
         block.each_thread([&](int t) {
             std::uint32_t n = 0;
-            each(t, run, memory.blocks, [&](std::uint32_t k) { return memory.block_places[k]; },
-                 [&](std::uint32_t, std::uint32_t here) { n += here; });
+            each(
+                t, run, memory.blocks, [&](std::uint32_t k) { return memory.block_places[k]; },
+                [&](std::uint32_t, std::uint32_t here) { n += here; });
             shared.sums[t] = n;
         });
         block.exclusive_sums(shared.sums);
         block.each_thread([&](int t) {
             std::uint32_t at = shared.sums[t];
-            each(t, run, memory.blocks, [&](std::uint32_t k) { return memory.block_places[k]; },
-                 [&](std::uint32_t k, std::uint32_t here) {
-                     memory.block_places[k] = at;
-                     at += here;
-                 });
+            each(
+                t, run, memory.blocks, [&](std::uint32_t k) { return memory.block_places[k]; },
+                [&](std::uint32_t k, std::uint32_t here) {
+                    memory.block_places[k] = at;
+                    at += here;
+                });
         });
     }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/cuda/merge.hpp: gradients of Gaussians from their slots, in the order of tiles, and back
-/// through the projection; and that of the background.
+/// rye/splat/cuda/merge.hpp: gradients of Gaussians from their slots, in the order of tiles, and
+/// back through the projection; and that of the background.
 #pragma once
 
 #include <rye/splat/cuda/lists.hpp>
@@ -19,9 +19,9 @@ struct MergeKernel {
     static constexpr std::uint32_t chunk = 4 * threads;
     struct Shared {
         alignas(16) float sum[threads][Layout::stride];
-        std::uint32_t first[threads];                ///< place of each Gaussian, from the block's first
+        std::uint32_t first[threads]; ///< place of each Gaussian in the block's
         std::uint32_t found[threads];
-        std::uint32_t before[chunk + 1];             ///< slots of places before each
+        std::uint32_t before[chunk + 1]; ///< slots of places before each
         std::uint32_t slot[chunk * strips];
     };
     DeviceGaussians<const float> g;
@@ -75,9 +75,8 @@ struct MergeKernel {
                 const std::uint32_t place = 4 * static_cast<std::uint32_t>(t) + e;
                 flags[t][e] = place < count ? touched[place] : 0U;
             });
-            unrolled<4>([&](auto e) {
-                n += static_cast<std::uint32_t>(Block::bits_set(flags[t][e]));
-            });
+            unrolled<4>(
+                [&](auto e) { n += static_cast<std::uint32_t>(Block::bits_set(flags[t][e])); });
             shared.found[t] = n;
         });
         const std::uint32_t total = block.exclusive_sums(shared.found);
@@ -154,12 +153,12 @@ struct MergeKernel {
 struct BackgroundKernel {
     static constexpr const char* name = "gradient of the background";
     static constexpr int threads = 128, blocks = 8;
-    static constexpr Index chunk = 4096;     ///< pixels
+    static constexpr Index chunk = 4096; ///< pixels
     struct Shared {
         float sum[threads];
     };
     DeviceColumns<const float> g_feature, alpha;
-    float* partial;                          ///< channels x chunks
+    float* partial; ///< channels x chunks
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {

@@ -29,10 +29,12 @@ struct NearestFirst {
     NearestKeys& shared;
     const std::uint64_t* keys;
     std::uint32_t n, taken = 0;
-    std::uint64_t from = 0, last = 0;      ///< keys in [from, last] are left, of a long list
+    std::uint64_t from = 0, last = 0; ///< keys in [from, last] are left, of a long list
 
     RYE_DEVICE NearestFirst(NearestKeys& s, const std::uint64_t* all, std::uint32_t count)
-        : shared(s), keys(all), n(count) {}
+        : shared(s),
+          keys(all),
+          n(count) {}
 
     /// Sorts the next part into shared.key; returns how many keys, 0 at the end.
     RYE_DEVICE std::uint32_t next(Block& block) {
@@ -151,16 +153,14 @@ struct NearestFirst {
                     return U(static_cast<std::uint32_t>(128 * k + 32 * w)) + W::lane();
                 };
                 block.each_warp([&](int w) {
-                    unrolled<K>([&](auto k) {
-                        W::write(shared.key, place(w, k), own[w].key[k]);
-                    });
+                    unrolled<K>([&](auto k) { W::write(shared.key, place(w, k), own[w].key[k]); });
                 });
                 block.each_warp([&](int w) {
                     const int warps = static_cast<int>(apart / (32 * K));
                     const bool up = (static_cast<std::uint32_t>(32 * K * w) & run) == 0;
                     unrolled<K>([&](auto k) {
-                        const auto other = W::read64_where(W::lane() < U(32), shared.key,
-                                                           place(w ^ warps, k), 0);
+                        const auto other =
+                            W::read64_where(W::lane() < U(32), shared.key, place(w ^ warps, k), 0);
                         keep<W>(own[w].key[k], other, typename W::M(((w & warps) == 0) == up));
                     });
                     if (apart == 32 * K) within_warp<W, K>(own[w].key, w, run, 16 * K);
@@ -203,8 +203,7 @@ struct NearestFirst {
     RYE_HD static constexpr int log2_of(int k) { return k <= 1 ? 0 : 1 + log2_of(k / 2); }
 
     template <class W>
-    RYE_DEVICE static void order(typename W::U64& a, typename W::U64& b,
-                                 const typename W::M& up) {
+    RYE_DEVICE static void order(typename W::U64& a, typename W::U64& b, const typename W::M& up) {
         const auto swap = (b < a) == up;
         const auto low = select(swap, b, a);
         b = select(swap, a, b);

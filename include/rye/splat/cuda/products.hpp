@@ -72,8 +72,8 @@ RYE_DEVICE Planes<W, N, 2> features_over_visits(const DeviceScene& scene,
     const float* const from = scene.feature.data + scene.first_channel;
     F x[4];
     unrolled<4>([&](auto i) {
-        x[i] = W::read_where(drawn && owner[i] < U(none_of), from, owner[i] * stride + channel,
-                             0.0F);
+        x[i] =
+            W::read_where(drawn && owner[i] < U(none_of), from, owner[i] * stride + channel, 0.0F);
     });
     Planes<W, N, 2> r;
     split<W, N>(r, 0, x[0], x[1]);

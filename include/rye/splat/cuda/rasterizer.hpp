@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/cuda/rasterizer.hpp: Rasterizer's verbs for Gaussians in device memory: it puts kernels
-/// on the caller's stream, and neither waits nor reads anything back, so a step can be captured as
-/// a CUDA graph. Memory is reserved when a frame is shaped, never while it is drawn.
+/// rye/splat/cuda/rasterizer.hpp: Rasterizer's verbs for Gaussians in device memory: it puts
+/// kernels on the caller's stream, and neither waits nor reads anything back, so a step can be
+/// captured as a CUDA graph. Memory is reserved when a frame is shaped, never while it is drawn.
 /// How many entries a frame has is known to the device alone. Where they do not fit, nothing is
 /// drawn and `finish`, the one function that waits, says so and makes room:
 ///     do { r.forward_into(...); } while (!frame.finish(queue));
@@ -17,8 +17,8 @@
 
 namespace rye {
 
-/// The numbers of channels that kernels are made for, ascending, of 1 to 4, 8, 16 and 32. Others are
-/// drawn by the next larger one, or by the largest several times.
+/// The numbers of channels that kernels are made for, ascending, of 1 to 4, 8, 16 and 32. Others
+/// are drawn by the next larger one, or by the largest several times.
 template <int... C>
 struct KernelChannels {
     static constexpr int largest = (std::max)({C...});
@@ -50,10 +50,10 @@ struct DeviceFrame {
     explicit DeviceFrame(const Device& on = {}) : device(on) {}
 
     Device device;
-    bool for_vjp = true;         ///< whether a render keeps what its vjp reads
+    bool for_vjp = true; ///< whether a render keeps what its vjp reads
     /// Room for entries and groups of visits; it grows by `finish`.
     std::int64_t entry_capacity = 0, group_capacity = 0;
-    DeviceFrameCost cost = {};   ///< of the last finished frame
+    DeviceFrameCost cost = {}; ///< of the last finished frame
 
     /// Makes room for n Gaussians in an image, with `stride` numbers a slot; guesses the number of
     /// entries.
@@ -159,8 +159,7 @@ struct DeviceRasterizer {
                       const DeviceImages& images, Frame& frame) const {
         check(g, camera, images);
         Kernels::with(g.channels(), [&](auto C) {
-            frame.shape(queue, g.count(), camera.width, camera.height,
-                        ChannelLayout<C()>::stride);
+            frame.shape(queue, g.count(), camera.width, camera.height, ChannelLayout<C()>::stride);
         });
         const FrameMemory& m = frame.m;
         const Device& device = frame.device;
@@ -190,8 +189,9 @@ struct DeviceRasterizer {
             return std::string("got a frame that keeps nothing for a vjp, expected one that does");
         });
         expect(A::outputs.depth || cotangent.depth.data == nullptr, [] {
-            return std::string("got a cotangent of depth, expected none: the policy's outputs "
-                               "have no depth");
+            return std::string(
+                "got a cotangent of depth, expected none: the policy's outputs "
+                "have no depth");
         });
         const FrameMemory& m = frame.m;
         const Device& device = frame.device;
@@ -204,9 +204,9 @@ struct DeviceRasterizer {
             else
                 device.launch(queue, Index(m.tiles) * strips,
                               ReverseKernel<A, C(), false>{m, s, cotangent, accuracy});
-            device.launch(queue, m.blocks,
-                          MergeKernel<A, D, C()>{g, out, lens(camera), m, first, channels,
-                                                 first > 0});
+            device.launch(
+                queue, m.blocks,
+                MergeKernel<A, D, C()>{g, out, lens(camera), m, first, channels, first > 0});
         });
     }
 
@@ -215,7 +215,8 @@ struct DeviceRasterizer {
     void background_vjp_into(const CudaQueue& queue, const DeviceColumns<const float>& g_feature,
                              const DeviceColumns<const float>& alpha, float* partial, float* out,
                              const Frame& frame) const {
-        const Index chunks = (g_feature.cols + BackgroundKernel::chunk - 1) / BackgroundKernel::chunk;
+        const Index chunks =
+            (g_feature.cols + BackgroundKernel::chunk - 1) / BackgroundKernel::chunk;
         frame.device.launch(queue, chunks, BackgroundKernel{g_feature, alpha, partial});
         frame.device.launch(queue, 1, BackgroundSumKernel{partial, g_feature.rows, chunks, out});
     }
@@ -232,8 +233,8 @@ struct DeviceRasterizer {
     template <Distortion D>
     static DeviceScene scene(const DeviceGaussians<const float>& g, const float* background,
                              const Pinhole<float, D>& camera, Index first, int channels) {
-        return {g.feature, background, first, channels, camera.cx, camera.cy, camera.width,
-                camera.height};
+        return {g.feature, background, first,        channels,
+                camera.cx, camera.cy,  camera.width, camera.height};
     }
 
     /// f(C, first, channels): channels [first, first + channels) by kernels of C channels.
@@ -270,9 +271,8 @@ struct DeviceRasterizer {
         shaped("scale", g.scale.rows, g.scale.cols, 3, n);
         shaped("opacity", g.opacity.rows, g.opacity.cols, 1, n);
         shaped("feature", g.feature.rows, g.feature.cols, g.channels(), n);
-        expect(n < Index(1) << 31, [&] {
-            return "got " + std::to_string(n) + " Gaussians, expected fewer than 2^31";
-        });
+        expect(n < Index(1) << 31,
+               [&] { return "got " + std::to_string(n) + " Gaussians, expected fewer than 2^31"; });
         expect(n * std::max<Index>(g.channels(), 1) < Index(1) << 32, [&] {
             return "got " + std::to_string(n) + " Gaussians of " + std::to_string(g.channels()) +
                    " channels, expected fewer than 2^32 numbers";

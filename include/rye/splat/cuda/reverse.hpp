@@ -7,29 +7,20 @@
 #pragma once
 
 #include <rye/splat/cuda/products.hpp>
+#include <rye/splat/cuda/reverse_step.hpp>
 
 namespace rye {
-
-/// What a warp keeps of its pixels on the way back.
-template <class W, int C, bool extra>
-struct StripCotangents {
-    using F = typename W::F;
-    F behind[8];                             ///< <cotangent, what is behind>
-    F colour[8][ChannelLayout<C>::products ? 1 : C];
-    F alpha[extra ? 8 : 1], depth[extra ? 8 : 1];
-};
 
 /// extra: cotangents of alpha or depth are given.
 template <class A, int C, bool extra>
 struct ReverseKernel {
     using Layout = ChannelLayout<C>;
+    using Step = ReverseStep<A, C, extra>;
     static constexpr const char* name = "reverse walk";
     static constexpr int N = planes_of<A>;
     static constexpr int threads = 32, blocks = Layout::products && N > 2 ? 8 : 12;
-    /// Numbers of a visit that are summed over lanes.
-    static constexpr int sums = Layout::products ? 8 : Layout::stride;
-    static constexpr int of_pixel = Layout::padded + 8;  ///< halves; rows begin in other banks
-    static constexpr int of_visit = Layout::products ? Layout::padded + 8 : 4;  ///< features
+    static constexpr int of_pixel = Layout::padded + 8; ///< halves; rows begin in other banks
+    static constexpr int of_visit = Layout::products ? Layout::padded + 8 : 4; ///< features
     /// A group of visits, copied from device memory while another is walked.
     struct Ahead {
         Quad4 record[2 * group_visits];
@@ -52,8 +43,7 @@ struct ReverseKernel {
         const auto strip = static_cast<std::uint32_t>(block.index());
         const std::uint32_t tile = memory.order[strip / strips];
         const int w = static_cast<int>(strip % strips);
-        const std::uint32_t last =
-            memory.last[tile * strips + static_cast<std::uint32_t>(w)];
+        const std::uint32_t last = memory.last[tile * strips + static_cast<std::uint32_t>(w)];
         if (last == none_of) return;
         block.each_warp([&](int) {
             const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
@@ -105,13 +95,13 @@ struct ReverseKernel {
         const auto has = n.owner < U(none_of);
         W::copy4_ahead(has, to.record, visit * U(2) + half,
                        reinterpret_cast<const Quad4*>(memory.record), n.owner * U(2) + half);
-        W::write4_where(!has, to.record, visit * U(2) + half,
-                        Array<F, 4>{{F(0.0F), select(half > U(0), F(-1e30F), F(0.0F)), F(0.0F),
-                                     F(0.0F)}});
-        W::copy4_ahead(half == U(0), to.transmittance, visit,
-                       reinterpret_cast<const Quad4*>(memory.transmittance) +
-                           std::size_t(n.group) * 16,
-                       visit);
+        W::write4_where(
+            !has, to.record, visit * U(2) + half,
+            Array<F, 4>{{F(0.0F), select(half > U(0), F(-1e30F), F(0.0F)), F(0.0F), F(0.0F)}});
+        W::copy4_ahead(
+            half == U(0), to.transmittance, visit,
+            reinterpret_cast<const Quad4*>(memory.transmittance) + std::size_t(n.group) * 16,
+            visit);
         const float* const from = scene.feature.data + scene.first_channel;
         const U stride(static_cast<std::uint32_t>(scene.feature.rows));
         const bool quads = Layout::products && scene.channels % 4 == 0 &&
@@ -158,9 +148,9 @@ struct ReverseKernel {
             for (std::uint32_t k = 0; k < static_cast<std::uint32_t>(Layout::padded); k += 32) {
                 const U channel = U(k) + W::lane();
                 const auto drawn = channel < U(static_cast<std::uint32_t>(scene.channels));
-                W::write_where(channel < U(Layout::padded), row, channel,
-                               W::read_where(drawn, scene.background + scene.first_channel, channel,
-                                             0.0F));
+                W::write_where(
+                    channel < U(Layout::padded), row, channel,
+                    W::read_where(drawn, scene.background + scene.first_channel, channel, 0.0F));
             }
             W::sync();
             const auto background = over_channels<W>(row, U(0), U(0));
@@ -178,7 +168,7 @@ struct ReverseKernel {
                                          : F(0.0F);
                     background[c] = F(scene.background_of(c));
                 });
-                s.behind[j] = along<W>(s.colour[j], background);
+                s.behind[j] = Step::template along<W>(s.colour[j], background);
             });
         }
         if constexpr (extra)
@@ -188,14 +178,6 @@ struct ReverseKernel {
             });
     }
 
-    /// <cotangent, colour>: one function for Gaussians and background, so that equal colours give
-    /// equal sums.
-    template <class W, class F>
-    RYE_DEVICE static F along(const F (&cotangent)[C], const Array<F, 4>& colour) {
-        F s = cotangent[0] * colour[0];
-        unrolled<C - 1>([&](auto c) { s = W::fma(cotangent[c + 1], colour[c + 1], s); });
-        return s;
-    }
     /// The planes of the strip's cotangents: a row a pixel.
     template <class W>
     RYE_DEVICE void planes(Shared& shared, const StripPixels<W>& pixels) const {
@@ -215,8 +197,8 @@ struct ReverseKernel {
                                 from + U(1), 0.0F);
             unrolled<N>([&](auto p) {
                 const U word = W::pack(a, b);
-                W::write_word(&shared.cotangent[p][0][0],
-                              pixel * U(of_pixel / 2) + flat % U(pairs), word);
+                W::write_word(&shared.cotangent[p][0][0], pixel * U(of_pixel / 2) + flat % U(pairs),
+                              word);
                 a = a - W::low(word);
                 b = b - W::high(word);
             });
@@ -264,83 +246,10 @@ struct ReverseKernel {
                W::lane() / U(16) * U(16) + U(static_cast<std::uint32_t>(32 * c));
     }
 
-    /// Sums over the pixels of each of a lane's visits.
     template <class W>
-    struct Moments {
-        using F = typename W::F;
-        F one[4], y[4], yy[4];               ///< of h, h y, h y^2; y in rows
-        F alpha[A::has_floor ? 4 : 1], depth[extra ? 4 : 1];
-        F colour[Layout::products ? 1 : 4][Layout::products ? 1 : C];
-
-        RYE_DEVICE Moments() {
-            unrolled<4>([&](auto i) {
-                one[i] = y[i] = yy[i] = F(0.0F);
-                if constexpr (A::has_floor) alpha[i] = F(0.0F);
-                if constexpr (extra) depth[i] = F(0.0F);
-                if constexpr (!Layout::products)
-                    unrolled<C>([&](auto c) { colour[i][c] = F(0.0F); });
-            });
-        }
-    };
-
-    /// One row of pixels: from <cotangent, colour> of its visits to their sums.
-    template <class W, class J>
-    RYE_DEVICE Taken<W> one_row(StripCotangents<W, C, extra>& s, Moments<W>& sum,
-                                const Visits<W, A>& v, const Transmittance<W, A>& rules, J j,
-                                const typename W::F& before,
-                                const Array<typename W::F, 4>& along_visit) const {
-        using F = typename W::F;
-        F alpha[4], more[4];
-        unrolled<4>([&](auto i) { alpha[i] = v.alpha(i, j, rules.least, rules.alpha_max); });
-        const Taken<W> t = rules.take(alpha, before);
-        unrolled<4>([&](auto i) {
-            more[i] = along_visit[i] - s.behind[j];
-            if constexpr (extra)
-                more[i] = more[i] + W::fma(s.depth[j], v.depth[i], s.alpha[j]);
-        });
-        // b, from its value behind the group: over the own visits from 0, then over the lanes.
-        F own = t.alpha[3] * more[3];
-        unrolled<3>([&](auto i) {
-            own = W::fma(t.alpha[2 - i], more[2 - i] - own, own);
-        });
-        const F third = W::template quad_down<3>(own, 0.0F);
-        const F second = W::fma(W::template quad_down<2>(t.product, 1.0F), third,
-                                W::template quad_down<2>(own, 0.0F));
-        F b = W::fma(W::template quad_down<1>(t.product, 1.0F), second,
-                     W::template quad_down<1>(own, 0.0F));
-        unrolled<4>([&](auto k) {
-            constexpr int i = 3 - k;
-            const F m = more[i] - b;
-            b = W::fma(t.alpha[i], m, b);
-            F h;
-            if constexpr (A::has_floor) {
-                const F slope = select(t.weight[i] > F(0.0F) && t.alpha[i] < rules.alpha_max,
-                                       t.before[i] * m, F(0.0F));
-                h = slope * t.alpha[i];
-                sum.alpha[i] = sum.alpha[i] + h;
-                h = W::fma(slope, v.floor[i], h);
-            } else {
-                h = select(t.alpha[i] < rules.alpha_max, t.weight[i] * m, F(0.0F));
-            }
-            constexpr float y = static_cast<float>(J()) - 3.5F;
-            sum.one[i] = sum.one[i] + h;
-            sum.y[i] = W::fma(h, F(y), sum.y[i]);
-            sum.yy[i] = W::fma(h, F(y * y), sum.yy[i]);
-            if constexpr (extra) sum.depth[i] = W::fma(t.weight[i], s.depth[j], sum.depth[i]);
-            if constexpr (!Layout::products)
-                unrolled<C>([&](auto c) {
-                    sum.colour[i][c] = W::fma(t.weight[i], s.colour[j][c], sum.colour[i][c]);
-                });
-        });
-        s.behind[j] = s.behind[j] + W::template of_quad<0>(b);
-        return t;
-    }
-
-    template <class W>
-    RYE_DEVICE void group(const Shared& shared, const Ahead& ahead,
-                          StripCotangents<W, C, extra>& s, const StripPixels<W>& pixels,
-                          const Transmittance<W, A>& rules, const TileCentre& centre,
-                          const Next<W>& now, int w) const {
+    RYE_DEVICE void group(const Shared& shared, const Ahead& ahead, StripCotangents<W, C, extra>& s,
+                          const StripPixels<W>& pixels, const Transmittance<W, A>& rules,
+                          const TileCentre& centre, const Next<W>& now, int w) const {
         using F = typename W::F;
         using U = typename W::U;
         const U column = W::lane() / U(4) * U(2), first = W::lane() % U(4) * U(4);
@@ -361,11 +270,11 @@ struct ReverseKernel {
             pixels.x, pixels.y, accuracy);
         float* const partial =
             memory.partial + std::size_t(now.group) * (group_visits * Layout::stride);
-        Moments<W> sum;
+        typename Step::template Moments<W> sum;
         if constexpr (Layout::products) {
             const U position = W::lane() / U(4);
-            const OverChannels<W> features =
-                over_channels<W>(ahead.feature, visit_at<W>(position), visit_at<W>(position + U(8)));
+            const OverChannels<W> features = over_channels<W>(ahead.feature, visit_at<W>(position),
+                                                              visit_at<W>(position + U(8)));
             Array<F, 4> colour[C / 8];
             unrolled<C / 8>([&](auto n) { unrolled<4>([&](auto k) { colour[n][k] = F(0.0F); }); });
             unrolled<4>([&](auto m) {
@@ -374,11 +283,11 @@ struct ReverseKernel {
                     const Constant<2 * m + odd> j;
                     const Array<F, 4> of_row{{product[0][2 * odd], product[0][2 * odd + 1],
                                               product[1][2 * odd], product[1][2 * odd + 1]}};
-                    return one_row<W>(s, sum, v, rules, j, before(j), of_row);
+                    return Step::template one_row<W>(s, sum, v, rules, j, before(j), of_row);
                 };
                 const Taken<W> a = one(Constant<0>{});
                 const Taken<W> b = one(Constant<1>{});
-                Planes<W, N, 4> weights;     // transposed: a row a position
+                Planes<W, N, 4> weights; // transposed: a row a position
                 split<W, N>(weights, 0, a.weight[0], a.weight[1]);
                 split<W, N>(weights, 1, a.weight[2], a.weight[3]);
                 split<W, N>(weights, 2, b.weight[0], b.weight[1]);
@@ -389,8 +298,8 @@ struct ReverseKernel {
                 unrolled<(C + 15) / 16>([&](auto c) {
                     Planes<W, N, 2> left, right;
                     unrolled<N>([&](auto p) {
-                        const auto t = W::template tiles<true>(&shared.cotangent[p][0][0],
-                                                               tile_of<W>(m, c));
+                        const auto t =
+                            W::template tiles<true>(&shared.cotangent[p][0][0], tile_of<W>(m, c));
                         left[p] = {{t[0], t[1]}};
                         right[p] = {{t[2], t[3]}};
                     });
@@ -409,74 +318,21 @@ struct ReverseKernel {
         } else {
             Array<F, 4> colour[4];
             unrolled<4>([&](auto i) {
-                colour[i] =
-                    W::read4(reinterpret_cast<const Quad4*>(ahead.feature), first + U(i));
+                colour[i] = W::read4(reinterpret_cast<const Quad4*>(ahead.feature), first + U(i));
             });
             unrolled<8>([&](auto j) {
                 Array<F, 4> of_row;
-                unrolled<4>([&](auto i) { of_row[i] = along<W>(s.colour[j], colour[i]); });
-                one_row<W>(s, sum, v, rules, j, before(j), of_row);
+                unrolled<4>(
+                    [&](auto i) { of_row[i] = Step::template along<W>(s.colour[j], colour[i]); });
+                Step::template one_row<W>(s, sum, v, rules, j, before(j), of_row);
             });
         }
-        add_lanes<W>(v, sum, partial);
+        Step::template add_lanes<W>(v, sum, partial);
         // Pairs of a Gaussian and a tile learn of their slots.
         const auto has = W::lane() < U(group_visits) && now.owner < U(none_of);
         const U place = now.place * U(strips) + U(static_cast<std::uint32_t>(w));
         W::write_where(has, memory.touched, place, U(1));
         W::write_where(has, memory.slot, place, U(now.group * group_visits) + W::lane());
-    }
-
-    /// From rows to offsets (u, v), and over the eight columns: by halves, each lane going on with
-    /// one of them.
-    template <class W>
-    RYE_DEVICE void add_lanes(const Visits<W, A>& v, const Moments<W>& sum,
-                              float* partial) const {
-        using F = typename W::F;
-        using U = typename W::U;
-        constexpr int count = 4 * sums;
-        static_assert(count % 8 == 0);
-        F x[count];
-        unrolled<count>([&](auto k) { x[k] = F(0.0F); });
-        unrolled<4>([&](auto i) {
-            F* const to = x + i * sums;
-            const F gv = W::fma(v.v[i], sum.one[i], v.vy[i] * sum.y[i]);
-            const F gu = v.u[i] * sum.one[i];
-            to[0] = gu;
-            to[1] = gv;
-            to[2] = gu * v.u[i];
-            to[3] = gv * v.u[i];
-            to[4] = W::fma(v.v[i], gv,
-                           v.vy[i] * W::fma(v.v[i], sum.y[i], v.vy[i] * sum.yy[i]));
-            if constexpr (A::has_floor)
-                to[5] = sum.alpha[i];
-            else
-                to[5] = sum.one[i];
-            if constexpr (extra)
-                to[6] = sum.depth[i];
-            else
-                to[6] = F(0.0F);
-            if constexpr (!Layout::products)
-                unrolled<C>([&](auto c) { to[7 + c] = sum.colour[i][c]; });
-        });
-        halve<W, 16, count>(x);
-        halve<W, 8, count / 2>(x);
-        halve<W, 4, count / 4>(x);
-        unrolled<count / 8>([&](auto k) {
-            const U flat = W::lane() / U(4) * U(count / 8) + U(k);
-            const U at = (W::lane() % U(4) * U(4) + flat / U(sums)) * U(Layout::stride) +
-                         flat % U(sums);
-            W::write(partial, at, x[k]);
-        });
-    }
-    template <class W, int apart, int n, class F>
-    RYE_DEVICE static void halve(F* x) {
-        using U = typename W::U;
-        const auto upper = (W::lane() & U(apart)) > U(0);
-        unrolled<n / 2>([&](auto k) {
-            const F keep = select(upper, x[k + n / 2], x[k]);
-            const F give = select(upper, x[k], x[k + n / 2]);
-            x[k] = keep + W::template across<apart>(give);
-        });
     }
 };
 

@@ -13,15 +13,13 @@ namespace rye {
 /// What colours depend on, in device memory.
 template <class T>
 struct DeviceHarmonics {
-    DeviceColumns<T> mean;       ///< 3 x N
-    DeviceColumns<T> constant;   ///< 3 x N
-    DeviceColumns<T> rest;       ///< 3 K x N: of red, of green, of blue
+    DeviceColumns<T> mean;     ///< 3 x N
+    DeviceColumns<T> constant; ///< 3 x N
+    DeviceColumns<T> rest;     ///< 3 K x N: of red, of green, of blue
 
     template <class U>
         requires(std::same_as<U, const T> && !std::is_const_v<T>)
-    operator DeviceHarmonics<U>() const {
-        return {mean, constant, rest};
-    }
+    operator DeviceHarmonics<U>() const { return {mean, constant, rest}; }
 };
 
 namespace detail {
@@ -30,7 +28,7 @@ template <int degree>
 struct ShBlock {
     static constexpr int threads = 128;
     static constexpr int row = 3 * (sh_count(degree) - 1);
-    static constexpr int room = row > 0 ? row * threads : 1;
+    static constexpr int room = row > 0 ? row* threads : 1;
 
     /// Copies the rows of a block's Gaussians, to shared memory or from it.
     RYE_DEVICE static void copy(float* to, const float* from, Index count, int t) {
@@ -57,9 +55,8 @@ struct ShColorKernel : detail::ShBlock<degree> {
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         const Index base = Index(block.index()) * Rows::threads;
         const Index count = rye::min(Index(Rows::threads), in.mean.cols - base);
-        block.each_thread([&](int t) {
-            Rows::copy(shared.rest, in.rest.data + base * Rows::row, count, t);
-        });
+        block.each_thread(
+            [&](int t) { Rows::copy(shared.rest, in.rest.data + base * Rows::row, count, t); });
         block.each_thread([&](int t) {
             if (t >= count) return;
             const Index i = base + t;
@@ -93,9 +90,8 @@ struct ShColorVjpKernel : detail::ShBlock<degree> {
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         const Index base = Index(block.index()) * Rows::threads;
         const Index count = rye::min(Index(Rows::threads), in.mean.cols - base);
-        block.each_thread([&](int t) {
-            Rows::copy(shared.rest, in.rest.data + base * Rows::row, count, t);
-        });
+        block.each_thread(
+            [&](int t) { Rows::copy(shared.rest, in.rest.data + base * Rows::row, count, t); });
         block.each_thread([&](int t) {
             if (t < count) one(shared, base + t, t);
         });
@@ -133,8 +129,8 @@ void sh_colors_into(const CudaQueue& queue, const Device& device,
     detail::with_sh_degree_up_to<most>(
         sh_degree(static_cast<int>(in.rest.rows / 3) + 1), [&](auto degree) {
             device.launch(queue, (n + 127) / 128,
-                          ShColorKernel<degree()>{{}, in, eye,
-                                                  seen != nullptr ? seen->places : nullptr, rgb});
+                          ShColorKernel<degree()>{
+                              {}, in, eye, seen != nullptr ? seen->places : nullptr, rgb});
         });
 }
 
@@ -149,9 +145,8 @@ void sh_colors_vjp_into(const CudaQueue& queue, const Device& device,
     detail::with_sh_degree_up_to<most>(
         sh_degree(static_cast<int>(in.rest.rows / 3) + 1), [&](auto degree) {
             device.launch(queue, (n + 127) / 128,
-                          ShColorVjpKernel<degree()>{{}, in, eye,
-                                                     seen != nullptr ? seen->places : nullptr,
-                                                     g_rgb, out});
+                          ShColorVjpKernel<degree()>{
+                              {}, in, eye, seen != nullptr ? seen->places : nullptr, g_rgb, out});
         });
 }
 

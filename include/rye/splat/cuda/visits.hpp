@@ -22,12 +22,12 @@ inline constexpr int planes_of = [] {
 
 /// What a walking kernel reads.
 struct DeviceScene {
-    DeviceColumns<const float> feature;  ///< C x N
-    const float* background;             ///< C numbers
-    Index first_channel;                 ///< channels [first, first + channels) are drawn
+    DeviceColumns<const float> feature; ///< C x N
+    const float* background;            ///< C numbers
+    Index first_channel;                ///< channels [first, first + channels) are drawn
     int channels;
-    float cx, cy;                        ///< [px]
-    int width, height;                   ///< [px]
+    float cx, cy;      ///< [px]
+    int width, height; ///< [px]
 
     RYE_DEVICE float background_of(int c) const {
         return c < channels ? background[first_channel + c] : 0.0F;
@@ -59,7 +59,11 @@ struct TileSplat {
     /// Of a record's eight numbers.
     RYE_DEVICE TileSplat(const Array<F, 4>& place, const Array<F, 4>& shape, float centre_x,
                          float centre_y)
-        : ux(place[2]), vx(place[3]), vy(shape[0]), log2_opacity(shape[1]), depth(shape[2]),
+        : ux(place[2]),
+          vx(place[3]),
+          vy(shape[0]),
+          log2_opacity(shape[1]),
+          depth(shape[2]),
           floor(shape[3]) {
         const F dx = F(centre_x) - place[0], dy = F(centre_y) - place[1];
         u0 = ux * dx;
@@ -80,7 +84,7 @@ struct TileSplat {
         const F right = left + side, bottom = top + side;
         const F du = F(1e-6F) * W::fma(F(8.0F), size(ux), size(u0));
         const F dv = F(1e-6F) * W::fma(F(8.0F), size(vx) + size(vy), size(v0));
-        // The least u^2 + v^2 of what lies between the strip's pixels: at the centre, or on an edge.
+        // The least u^2 + v^2 between the strip's pixels: at the centre, or on an edge.
         const F ul = W::fma(ux, left, u0), ur = W::fma(ux, right, u0);
         const F vl = W::fma(vx, left, v0), vr = W::fma(vx, right, v0);
         const F vt = vy * top, vb = vy * bottom;
@@ -90,10 +94,10 @@ struct TileSplat {
         const F inverse = F(1.0F) / W::max(W::fma(ux, ux, vx * vx), F(1e-30F));
         best = W::min(best, on_row(v0 + vt, inverse, left, right, du, dv));
         best = W::min(best, on_row(v0 + vb, inverse, left, right, du, dv));
-        const F x = -u0 / select(size(ux) > F(0.0F), ux, F(1.0F));        // of the centre
+        const F x = -u0 / select(size(ux) > F(0.0F), ux, F(1.0F)); // of the centre
         const F at = W::fma(vx, x, v0);
-        const auto inside = nearest(ul, ur, du) == F(0.0F) &&
-                            nearest(at + vt, at + vb, F(4.0F) * dv) == F(0.0F);
+        const auto inside =
+            nearest(ul, ur, du) == F(0.0F) && nearest(at + vt, at + vb, F(4.0F) * dv) == F(0.0F);
         return inside || reach >= best;
     }
 

@@ -17,9 +17,9 @@ struct Visits {
     using F = typename W::F;
 
     F u[4];
-    F v[4];                      ///< in the middle row of the strip
+    F v[4]; ///< in the middle row of the strip
     F vy[4];
-    F rest[4];                   ///< log2 o - u^2
+    F rest[4]; ///< log2 o - u^2
     F depth[4];
     F floor[A::has_floor ? 4 : 1], cut[A::has_floor ? 4 : 1];
 
@@ -59,20 +59,21 @@ struct Visits {
 template <class W>
 struct Taken {
     using F = typename W::F;
-    F alpha[4];                  ///< 0 where the pixel is full
-    F before[4];                 ///< transmittance in front of each
+    F alpha[4];  ///< 0 where the pixel is full
+    F before[4]; ///< transmittance in front of each
     F weight[4];
-    F product;                   ///< of 1 - alpha, where none is left out
+    F product; ///< of 1 - alpha, where none is left out
 };
 
 /// The rules by which a pixel gets full, for the scan of its transmittance.
 template <class W, class A>
 struct Transmittance {
     using F = typename W::F;
-    F alpha_max, stop, least;    ///< `least`: the exponent at the cut
+    F alpha_max, stop, least; ///< `least`: the exponent at the cut
 
     RYE_DEVICE explicit Transmittance(const A& a)
-        : alpha_max(static_cast<float>(a.alpha_max)), stop(static_cast<float>(a.stop)),
+        : alpha_max(static_cast<float>(a.alpha_max)),
+          stop(static_cast<float>(a.stop)),
           least(least_exponent(a)) {}
 
     /// Whether a pixel can still take something.
@@ -148,16 +149,17 @@ template <class W>
 struct StripPixels {
     using F = typename W::F;
     using U = typename W::U;
-    int left, top;               ///< of the strip [px]
-    int width, height;           ///< of the image [px]
-    F x;                         ///< of the lane's column, from the tile's centre [px]
-    float y;                     ///< of the middle row, likewise
+    int left, top;     ///< of the strip [px]
+    int width, height; ///< of the image [px]
+    F x;               ///< of the lane's column, from the tile's centre [px]
+    float y;           ///< of the middle row, likewise
 
     RYE_DEVICE StripPixels(std::uint32_t tile, std::uint32_t columns, int w, int image_width,
                            int image_height)
         : left(static_cast<int>(tile % columns) * tile_edge + w % 2 * strip_edge),
           top(static_cast<int>(tile / columns) * tile_edge + w / 2 * strip_edge),
-          width(image_width), height(image_height),
+          width(image_width),
+          height(image_height),
           x(F(static_cast<float>(w % 2 * strip_edge) - 7.5F) + W::number(W::lane() / U(4))),
           y(static_cast<float>(w / 2 * strip_edge) - 4.0F) {}
 
