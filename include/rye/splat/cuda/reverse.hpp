@@ -51,6 +51,7 @@ struct ReverseKernel {
             const Transmittance<W, A> rules(accuracy);
             StripCotangents<W, C, extra> s;
             start<W>(shared, s, pixels);
+            W::sync();                       // it read a row of what is copied to now
             // A group's number is known two groups before it is walked, its Gaussians one.
             Next<W> now = next<W>(last), soon = next<W>(memory.before[last]);
             std::uint32_t late = soon.group != none_of ? memory.before[soon.group] : none_of;
