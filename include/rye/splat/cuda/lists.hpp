@@ -84,6 +84,7 @@ struct ProjectKernel {
     struct Shared {
         BlockTiles tiles;
         std::uint32_t places[threads];
+        std::uint8_t finite[threads]; ///< whether the features are
     };
     DeviceGaussians<const float> g;
     DeviceLens<D> lens;
@@ -97,14 +98,18 @@ struct ProjectKernel {
         const auto base = static_cast<std::uint32_t>(block.index()) * threads;
         block.each_thread([&](int t) {
             if (t == 0) shared.tiles.tall = 0;
+            shared.finite[t] = 1;
         });
+        if (accuracy.non_finite != NonFinite::trust)
+            block.each_thread([&](int t) { look_at_features(shared, base, t); });
         block.each_thread([&](int t) {
             const std::uint32_t i = base + static_cast<std::uint32_t>(t);
             TileSpans& spans = shared.tiles.spans[t];
             spans.first = spans.rows = 0;
             std::uint32_t places = 0;
             if (i < memory.count) {
-                if (accuracy.non_finite != NonFinite::trust && !usable(i))
+                if (accuracy.non_finite != NonFinite::trust &&
+                    !(shared.finite[t] != 0 && usable(i)))
                     block.add(&memory.report->non_finite, 1U);
                 else
                     places = reach(i, spans);
@@ -125,6 +130,27 @@ struct ProjectKernel {
     }
 
   private:
+    /// Features of the block's Gaussians, neighbours by neighbouring threads.
+    RYE_DEVICE void look_at_features(Shared& shared, std::uint32_t base, int t) const {
+        const auto channels = static_cast<std::uint32_t>(g.channels());
+        const std::uint32_t count =
+            rye::min(memory.count - base, std::uint32_t(threads)) * channels;
+        const float* const x = g.feature.data + Index(base) * g.channels();
+        const auto look = [&](std::uint32_t k, float sum) {
+            if (!(sum == 0.0F)) shared.finite[k / channels] = 0;
+        };
+        if (channels % 4 == 0 && reinterpret_cast<std::uintptr_t>(x) % 16 == 0) {
+            const auto* const quads = reinterpret_cast<const Quad4*>(x);
+            for (std::uint32_t k = static_cast<std::uint32_t>(t); k < count / 4; k += threads) {
+                const Quad4 q = quads[k]; // a number that is not finite leaves a NaN
+                look(4 * k, (q.x - q.x) + (q.y - q.y) + (q.z - q.z) + (q.w - q.w));
+            }
+        } else {
+            for (std::uint32_t k = static_cast<std::uint32_t>(t); k < count; k += threads)
+                look(k, x[k] - x[k]);
+        }
+    }
+
     RYE_DEVICE bool usable(std::uint32_t i) const {
         bool finite = true;
         const auto look = [&](const float* x, Index n) {
@@ -134,7 +160,6 @@ struct ProjectKernel {
         look(g.rotation.data + 4 * Index(i), 4);
         look(g.scale.data + 3 * Index(i), 3);
         look(g.opacity.data + i, 1);
-        look(g.feature.data + Index(i) * g.channels(), g.channels());
         const float* const q = g.rotation.data + 4 * Index(i);
         return finite && (q[0] != 0.0F || q[1] != 0.0F || q[2] != 0.0F || q[3] != 0.0F);
     }
