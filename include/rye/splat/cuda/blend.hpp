@@ -249,7 +249,7 @@ struct BlendKernel {
         if constexpr (Layout::products) {
             U owner[4];
             unrolled<4>([&](auto i) { owner[i] = W::read(found.owner, first + U(i)); });
-            Planes<W, N, 2> features[C / 8];
+            Planes<W, N, 2> features[std::size_t(C / 8)];
             unrolled<C / 8>(
                 [&](auto n) { features[n] = features_over_visits<W, N>(scene, owner, n); });
             unrolled<4>([&](auto m) {

@@ -115,7 +115,7 @@ struct NearestFirst {
     /// Keys of a lane, K of them: number ((32 warp + lane) K + k) in the end.
     template <class W, int K>
     struct LaneKeys {
-        typename W::U64 key[K];
+        typename W::U64 key[std::size_t(K)];
     };
 
     RYE_DEVICE void sort(Block& block, const std::uint64_t* source, std::uint32_t count) {
@@ -183,7 +183,7 @@ struct NearestFirst {
 
     /// Runs of up to K keys, in each lane; the last ascend and descend by turns.
     template <class W, int K>
-    RYE_DEVICE static void within_lane(typename W::U64 (&key)[K]) {
+    RYE_DEVICE static void within_lane(typename W::U64 (&key)[std::size_t(K)]) {
         unrolled<log2_of(K)>([&](auto level) {
             constexpr int run = 2 << level;
             unrolled<level + 1>([&](auto step) {
@@ -212,8 +212,8 @@ struct NearestFirst {
 
     /// Steps of a run at distances from `apart`, at most 16 K, down to 1.
     template <class W, int K>
-    RYE_DEVICE static void within_warp(typename W::U64 (&key)[K], int w, std::uint32_t run,
-                                       std::uint32_t apart) {
+    RYE_DEVICE static void within_warp(typename W::U64 (&key)[std::size_t(K)], int w,
+                                       std::uint32_t run, std::uint32_t apart) {
         using U = typename W::U;
         const U thread = U(static_cast<std::uint32_t>(32 * w)) + W::lane();
         const auto up = ((thread * U(K)) & U(run)) == U(0);

@@ -18,7 +18,7 @@ RYE_DEVICE typename W::U visit_at(const typename W::U& p) {
 
 /// N planes of an operand of R registers.
 template <class W, int N, int R>
-using Planes = Array<Array<typename W::U, R>, N>;
+using Planes = Array<Array<typename W::U, std::size_t(R)>, std::size_t(N)>;
 
 /// d += the product of two sums of planes, without the terms below the last plane's.
 template <class W, int N>

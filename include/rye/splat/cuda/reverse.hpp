@@ -25,11 +25,12 @@ struct ReverseKernel {
     struct Ahead {
         Quad4 record[2 * group_visits];
         Quad4 transmittance[16];
-        alignas(16) float feature[group_visits * of_visit];
+        alignas(16) float feature[std::size_t(group_visits * of_visit)];
     };
     struct Shared {
         Ahead ahead[2];
-        alignas(16) std::uint16_t cotangent[N][Layout::products ? 64 : 1][of_pixel];
+        alignas(16) std::uint16_t
+            cotangent[std::size_t(N)][Layout::products ? 64 : 1][std::size_t(of_pixel)];
     };
     FrameMemory memory;
     DeviceScene scene;
@@ -51,7 +52,7 @@ struct ReverseKernel {
             const Transmittance<W, A> rules(accuracy);
             StripCotangents<W, C, extra> s;
             start<W>(shared, s, pixels);
-            W::sync();                       // it read a row of what is copied to now
+            W::sync(); // it read a row of what is copied to now
             // A group's number is known two groups before it is walked, its Gaussians one.
             Next<W> now = next<W>(last), soon = next<W>(memory.before[last]);
             std::uint32_t late = soon.group != none_of ? memory.before[soon.group] : none_of;
@@ -209,7 +210,7 @@ struct ReverseKernel {
 
     static constexpr int steps = Layout::padded / 16;
     template <class W>
-    using OverChannels = Array<Array<Planes<W, N, 2>, steps>, 2>;
+    using OverChannels = Array<Array<Planes<W, N, 2>, std::size_t(steps)>, 2>;
 
     /// Features as operands: of the visits at positions lane / 4 and 8 more.
     template <class W>
@@ -276,7 +277,7 @@ struct ReverseKernel {
             const U position = W::lane() / U(4);
             const OverChannels<W> features = over_channels<W>(ahead.feature, visit_at<W>(position),
                                                               visit_at<W>(position + U(8)));
-            Array<F, 4> colour[C / 8];
+            Array<F, 4> colour[std::size_t(C / 8)];
             unrolled<C / 8>([&](auto n) { unrolled<4>([&](auto k) { colour[n][k] = F(0.0F); }); });
             unrolled<4>([&](auto m) {
                 const auto product = along<W>(shared, m, features);

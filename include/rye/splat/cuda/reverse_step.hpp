@@ -26,7 +26,7 @@ struct ReverseStep {
     /// <cotangent, colour>: one function for Gaussians and background, so that equal colours give
     /// equal sums.
     template <class W, class F>
-    RYE_DEVICE static F along(const F (&cotangent)[C], const Array<F, 4>& colour) {
+    RYE_DEVICE static F along(const F (&cotangent)[std::size_t(C)], const Array<F, 4>& colour) {
         F s = cotangent[0] * colour[0];
         unrolled<C - 1>([&](auto c) { s = W::fma(cotangent[c + 1], colour[c + 1], s); });
         return s;
@@ -108,7 +108,7 @@ struct ReverseStep {
         using U = typename W::U;
         constexpr int count = 4 * sums;
         static_assert(count % 8 == 0);
-        F x[count];
+        F x[std::size_t(count)];
         unrolled<count>([&](auto k) { x[k] = F(0.0F); });
         unrolled<4>([&](auto i) {
             F* const to = x + i * sums;

@@ -14,8 +14,8 @@ struct StripSums {
     using U = typename W::U;
     static constexpr bool products = ChannelLayout<C>::products;
     F transmittance[8];
-    F colour[8][products ? 1 : C]; ///< of the lane's visits
-    Array<F, 4> sums[products ? 4 : 1][products ? C / 8 : 1];
+    F colour[8][std::size_t(products ? 1 : C)]; ///< of the lane's visits
+    Array<F, 4> sums[products ? 4 : 1][std::size_t(products ? C / 8 : 1)];
     F depth[A::outputs.depth ? 8 : 1];
     F most[A::outputs.contributor ? 8 : 1];
     U contributor[A::outputs.contributor ? 8 : 1]; ///< its number in the tile's list
