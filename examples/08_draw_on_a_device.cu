@@ -60,9 +60,8 @@ int main() {
     for (rye::Index p = 0; p < pixels; ++p) red[3 * p] = 1;
     const float* const cotangent = device_array(red);
     const std::vector<float> zeros(4 * n);
-    float* const g_mean = device_array(zeros);
     float* const g_opacity = device_array(zeros);
-    const rye::DeviceGaussians<float> gradient{{g_mean, 3, n},
+    const rye::DeviceGaussians<float> gradient{{device_array(zeros), 3, n},
                                                {device_array(zeros), 4, n},
                                                {device_array(zeros), 3, n},
                                                {g_opacity, 1, n},

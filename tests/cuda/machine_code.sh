@@ -39,7 +39,7 @@ for architecture in 75 80 90; do
             for (i = 1; i <= NF; ++i) if ($i == "Used") print sm, name, $(i + 1), spill[name]
         }' "$work/log" > "$work/registers"
     # A section of code is named after its kernel.
-    readelf -SW "$work/kernels.cubin" |
+    readelf -SW "$work/kernels.cubin" 2> /dev/null |
         sed -n 's/.* \.text\.\([^ ]*\) *PROGBITS *[0-9a-f]* [0-9a-f]* \([0-9a-f]*\) .*/\1 \2/p' |
         while read -r name size; do echo "$name $((0x$size / 16))"; done > "$work/sizes"
     awk 'NR == FNR { size[$1] = $2; next } { print $1, $2, $3, $4, size[$2] }' \
