@@ -19,6 +19,14 @@
 #define RYE_HD
 #endif
 
+/// Marks a part of a kernel: nvcc makes device code of it, any other compiler host code, which
+/// runs the same text by the emulation of backend/cuda/emulation.hpp.
+#if defined(__CUDACC__)
+#define RYE_DEVICE __device__
+#else
+#define RYE_DEVICE
+#endif
+
 /// Checks a precondition. Define RYE_ASSERT before including rye to handle a failure otherwise.
 #ifndef RYE_ASSERT
 #ifdef NDEBUG

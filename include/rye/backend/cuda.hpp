@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/backend/cuda.hpp: what device code is called with: the caller's stream, the caller's memory,
+/// views of the caller's arrays. Types only: this header needs neither nvcc nor CUDA's headers.
+/// Nothing here is found by itself: there is no default stream, no pool, no device that is chosen.
+#pragma once
+
+#include <concepts>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+
+#include <rye/backend/backend.hpp>
+#include <rye/core/columns.hpp>
+#include <rye/core/error.hpp>
+
+struct CUstream_st;
+
+namespace rye {
+
+/// What CUDA calls cudaStream_t.
+using CudaStream = CUstream_st*;
+
+/// Where device memory comes from: any type with these two. Memory is used on the stream that it
+/// was asked for. `allocate` returns null, or throws, where there is none.
+template <class M>
+concept DeviceMemory = requires(M& m, void* p, std::size_t bytes, CudaStream stream) {
+    { m.allocate(bytes, stream) } -> std::same_as<void*>;
+    m.release(p, stream);
+};
+
+/// A reference to somebody's device memory, of any type that is DeviceMemory.
+class DeviceArena {
+  public:
+    template <DeviceMemory M>
+        requires(!std::same_as<M, DeviceArena>)
+    DeviceArena(M& memory)
+        : memory_(&memory),
+          allocate_([](void* m, std::size_t bytes, CudaStream s) {
+              return static_cast<M*>(m)->allocate(bytes, s);
+          }),
+          release_([](void* m, void* p, CudaStream s) { static_cast<M*>(m)->release(p, s); }) {}
+
+    /// Throws an Error where there is not as much.
+    void* allocate(std::size_t bytes, CudaStream stream) const {
+        void* const p = allocate_(memory_, bytes, stream);
+        if (p == nullptr)
+            throw Error("device memory: got none of " + std::to_string(bytes) +
+                        " bytes that were asked for");
+        return p;
+    }
+    void release(void* p, CudaStream stream) const { release_(memory_, p, stream); }
+
+  private:
+    void* memory_;
+    void* (*allocate_)(void*, std::size_t, CudaStream);
+    void (*release_)(void*, void*, CudaStream);
+};
+
+/// Where device work goes: the caller's stream, with memory of the caller's. Passed, never found.
+struct CudaQueue {
+    CudaStream stream;
+    DeviceArena memory;
+};
+
+/// A view of columns in device memory, laid out as Columns: number r of column c is
+/// data[c * rows + r].
+template <class T>
+struct DeviceColumns {
+    T* data = nullptr;
+    Index rows = 0, cols = 0;
+
+    Index size() const { return rows * cols; }
+    template <class U>
+        requires(std::same_as<U, const T> && !std::is_const_v<T>)
+    operator DeviceColumns<U>() const { return {data, rows, cols}; }
+};
+
+/// Memory that only grows, and goes back to its arena at the end. It belongs to one stream at a
+/// time: that of the last reserve.
+template <class T>
+class DeviceBuffer {
+  public:
+    DeviceBuffer() = default;
+    DeviceBuffer(const DeviceBuffer&) = delete;
+    DeviceBuffer& operator=(const DeviceBuffer&) = delete;
+    ~DeviceBuffer() { clear(); }
+
+    /// Room for n numbers. What was held is lost where it grows.
+    void reserve(const CudaQueue& queue, std::size_t n) {
+        if (n <= size_) return;
+        clear();
+        arena_ = queue.memory;
+        stream_ = queue.stream;
+        data_ = static_cast<T*>(queue.memory.allocate(n * sizeof(T), queue.stream));
+        size_ = n;
+    }
+    void clear() noexcept {
+        if (data_ != nullptr) arena_.release(data_, stream_);
+        data_ = nullptr;
+        size_ = 0;
+    }
+    T* data() const { return data_; }
+    std::size_t size() const { return size_; }
+    std::size_t bytes() const { return size_ * sizeof(T); }
+
+  private:
+    /// The arena of nothing, until memory is asked for.
+    struct None {
+        void* allocate(std::size_t, CudaStream) { return nullptr; }
+        void release(void*, CudaStream) {}
+    };
+    static inline None none_;
+    DeviceArena arena_{none_};
+    CudaStream stream_ = nullptr;
+    T* data_ = nullptr;
+    std::size_t size_ = 0;
+};
+
+/// How partial gradients meet: each in its place, added in the order of tiles, so that the same
+/// build on the same architecture gives the same bits whatever the load.
+struct OrderedSums {};
+
+/// The backend of a device. What has no device version runs on the host's threads by the plain
+/// template.
+template <class Sums = OrderedSums, Threads P = DefaultThreads>
+struct CudaBackend {
+    using sums = Sums;
+    CudaQueue queue;
+    [[no_unique_address]] P threads{};
+};
+
+template <class B>
+concept DeviceBackend = Backend<B> && requires(const B& b) {
+    { b.queue } -> std::convertible_to<const CudaQueue&>;
+};
+static_assert(DeviceBackend<CudaBackend<>>);
+
+} // namespace rye

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/backend/cuda/unrolled.hpp: loops of a fixed length, written out: arrays that they index stay
+/// in registers whatever the compiler thinks of their size.
+#pragma once
+
+#include <utility>
+
+#include <rye/core/array.hpp>
+
+namespace rye {
+
+/// A number as a type: std::integral_constant, whose conversion device code may not call.
+template <int n>
+struct Constant {
+    static constexpr int value = n;
+    RYE_HD constexpr operator int() const { return n; }
+};
+
+namespace detail {
+
+#if defined(__CUDACC__)
+template <class F, int... I>
+__device__ __forceinline__ void unroll(F&& f, std::integer_sequence<int, I...>) {
+    (f(Constant<I>{}), ...);
+}
+#else
+/// The host has no use for it, and would compile for minutes.
+template <class F, int... I>
+[[gnu::noinline]] void unroll(F&& f, std::integer_sequence<int, I...>) {
+    (f(Constant<I>{}), ...);
+}
+#endif
+
+} // namespace detail
+
+/// f(0) ... f(n - 1), each with its number as a type.
+template <int n, class F>
+RYE_DEVICE inline void unrolled(F&& f) {
+    detail::unroll(f, std::make_integer_sequence<int, n>());
+}
+
+/// Four numbers that are read and written at once.
+struct alignas(16) Quad4 {
+    float x, y, z, w;
+};
+
+} // namespace rye

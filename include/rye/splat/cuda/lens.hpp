@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/cuda/lens.hpp: a Projector as the argument of a kernel. Its own members without an
+/// address are laid out differently by nvcc's two halves (seen in nvcc 13.0: 80 bytes more on the
+/// device), so its numbers travel plainly and are put together again there.
+#pragma once
+
+#include <rye/gaussian/project.hpp>
+
+namespace rye {
+
+/// The numbers of a lens that bends.
+template <class D>
+struct LensNumbers {
+    D distortion;
+    float fold;
+
+    explicit LensNumbers(const Projector<float, D>& p)
+        : distortion(p.distortion),
+          fold(p.reach.fold) {}
+    RYE_HD void put(Projector<float, D>& p) const {
+        p.distortion = distortion;
+        p.reach.fold = fold;
+    }
+};
+template <>
+struct LensNumbers<NoDistortion> {
+    explicit LensNumbers(const Projector<float, NoDistortion>&) {}
+    RYE_HD void put(Projector<float, NoDistortion>&) const {}
+};
+
+template <class D>
+struct DeviceLens {
+    float rotation[9], translation[3];
+    float fx, fy, x_low, x_high, y_low, y_high, near_depth, dilation;
+    LensNumbers<D> lens;
+
+    explicit DeviceLens(const Projector<float, D>& p)
+        : fx(p.fx),
+          fy(p.fy),
+          x_low(p.x_low),
+          x_high(p.x_high),
+          y_low(p.y_low),
+          y_high(p.y_high),
+          near_depth(p.near_depth),
+          dilation(p.dilation),
+          lens(p) {
+        for (int k = 0; k < 9; ++k) rotation[k] = p.camera_from_world.rotation.data()[k];
+        for (int k = 0; k < 3; ++k) translation[k] = p.camera_from_world.translation[k];
+    }
+
+    /// A Projector that is made of numbers that another had.
+    union Held {
+        Projector<float, D> projector;
+        RYE_HD Held() {}
+    };
+    RYE_HD void put(Held& to) const {
+        Projector<float, D>& p = to.projector;
+        for (int k = 0; k < 9; ++k) p.camera_from_world.rotation.data()[k] = rotation[k];
+        for (int k = 0; k < 3; ++k) p.camera_from_world.translation[k] = translation[k];
+        p.fx = fx;
+        p.fy = fy;
+        p.x_low = x_low;
+        p.x_high = x_high;
+        p.y_low = y_low;
+        p.y_high = y_high;
+        p.near_depth = near_depth;
+        p.dilation = dilation;
+        lens.put(p);
+    }
+};
+
+} // namespace rye

@@ -1,0 +1,297 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/cuda/rasterizer.hpp: Rasterizer's verbs for Gaussians in device memory: it puts
+/// kernels on the caller's stream, and neither waits nor reads anything back, so a step can be
+/// captured as a CUDA graph. Memory is reserved when a frame is shaped, never while it is drawn.
+/// How many entries a frame has is known to the device alone. Where they do not fit, nothing is
+/// drawn and `finish`, the one function that waits, says so and makes room:
+///     do { r.forward_into(...); } while (!frame.finish(queue));
+#pragma once
+
+#include <limits>
+#include <string>
+
+#include <rye/splat/cuda/blend.hpp>
+#include <rye/splat/cuda/lists.hpp>
+#include <rye/splat/cuda/merge.hpp>
+#include <rye/splat/cuda/reverse.hpp>
+
+namespace rye {
+
+/// The numbers of channels that kernels are made for, ascending, of 1 to 4, 8, 16 and 32. Others
+/// are drawn by the next larger one, or by the largest several times.
+template <int... C>
+struct KernelChannels {
+    static constexpr int largest = (std::max)({C...});
+
+    /// f(integral_constant) of the kernels for this many channels.
+    template <class F>
+    static auto with(Index channels, const F& f) {
+        bool done = false;
+        const auto attempt = [&](auto c) {
+            if (done || (channels > c() && c() != largest)) return;
+            done = true;
+            f(c);
+        };
+        (attempt(std::integral_constant<int, C>{}), ...);
+    }
+};
+using AnyChannels = KernelChannels<1, 3, 4, 8, 16, 32>;
+
+/// What a frame has cost.
+struct DeviceFrameCost {
+    std::int64_t entries = 0;    ///< pairs of a tile and a Gaussian
+    std::int64_t groups = 0;     ///< of 16 visits of a strip, and at most one a strip more
+    std::int64_t non_finite = 0; ///< Gaussians left out
+};
+
+/// A frame's memory, which a render fills and its vjp reads. Device: CudaDevice, or EmulatedDevice.
+template <class Device>
+struct DeviceFrame {
+    explicit DeviceFrame(const Device& on = {}) : device(on) {}
+
+    Device device;
+    bool for_vjp = true; ///< whether a render keeps what its vjp reads
+    /// Room for entries and groups of visits; it grows by `finish`.
+    std::int64_t entry_capacity = 0, group_capacity = 0;
+    DeviceFrameCost cost = {}; ///< of the last finished frame
+
+    /// Makes room for n Gaussians in an image, with `stride` numbers a slot; guesses the number of
+    /// entries.
+    void shape(const CudaQueue& queue, Index n, int width, int height, int stride) {
+        const auto count = static_cast<std::size_t>(n);
+        m.count = static_cast<std::uint32_t>(n);
+        m.columns = static_cast<std::uint32_t>(tiles_across(width));
+        m.tiles = m.columns * static_cast<std::uint32_t>(tiles_across(height));
+        m.blocks = static_cast<std::uint32_t>((n + 127) / 128);
+        if (entry_capacity == 0) entry_capacity = 8 * n + 8 * std::int64_t(m.tiles) + 1024;
+        if (group_capacity == 0) group_capacity = entry_capacity / 16 + 8 * std::int64_t(m.tiles);
+        const std::size_t tiles = m.tiles, entries = static_cast<std::size_t>(entry_capacity);
+        place(queue, records_, m.record, count);
+        place(queue, spans_, m.spans, count);
+        place(queue, footprints_, m.footprint, count);
+        place(queue, words_, m.first, 2 * count + m.blocks + (2 + strips) * tiles + 2);
+        m.places = m.first + count;
+        m.block_places = m.places + count;
+        m.begin = m.block_places + m.blocks;
+        m.order = m.begin + tiles + 1;
+        m.last = m.order + tiles;
+        place(queue, counters_, m.counters, tiles * FrameMemory::apart + sizeof(FrameReport) / 4);
+        m.report = reinterpret_cast<FrameReport*>(m.counters + tiles * FrameMemory::apart);
+        place(queue, keys_, m.key, entries);
+        place(queue, entry_words_, m.sorted, (3 + strips) * entries);
+        m.owner = m.sorted + entries;
+        m.slot = m.owner + entries;
+        m.touched = reinterpret_cast<std::uint8_t*>(m.slot + strips * entries);
+        m.entries = static_cast<std::uint32_t>(entries);
+        m.groups = for_vjp ? static_cast<std::uint32_t>(group_capacity) : 0U;
+        const std::size_t groups = m.groups;
+        place(queue, group_words_, m.visits, groups * (2 * group_visits + 1));
+        m.before = m.visits + groups * (2 * group_visits);
+        place(queue, transmittance_, m.transmittance, groups * 64);
+        place(queue, partial_, m.partial, groups * static_cast<std::size_t>(group_visits * stride));
+    }
+
+    /// Waits for the frame. Whether it had room; where it had none it has now, and the frame has to
+    /// be drawn again.
+    bool finish(const CudaQueue& queue, std::int64_t max_entries = std::int64_t(1) << 31,
+                NonFinite non_finite = NonFinite::cull) {
+        FrameReport r{};
+        device.fetch(queue, &r, m.report, sizeof r);
+        cost = {static_cast<std::int64_t>(std::uint64_t(r.entries_high) << 32U | r.entries_low),
+                r.groups, r.non_finite};
+        if (non_finite == NonFinite::fail && cost.non_finite > 0)
+            throw Error("rasterizer: got " + std::to_string(cost.non_finite) +
+                        " Gaussians with a number that is not finite, expected none");
+        if (cost.entries > std::min(max_entries, most_entries))
+            throw Error("rasterizer: got " + std::to_string(cost.entries) +
+                        " pairs of a tile and a Gaussian, expected at most " +
+                        std::to_string(std::min(max_entries, most_entries)) +
+                        ": the Gaussians are too large for the image");
+        const bool fits = cost.entries <= m.entries && (!for_vjp || cost.groups <= m.groups);
+        if (cost.entries > m.entries) entry_capacity = grown(cost.entries);
+        if (for_vjp && cost.groups > m.groups) group_capacity = grown(cost.groups);
+        return fits;
+    }
+
+    /// Memory that is held [bytes].
+    std::size_t bytes() const {
+        return records_.bytes() + spans_.bytes() + footprints_.bytes() + words_.bytes() +
+               counters_.bytes() + keys_.bytes() + entry_words_.bytes() + group_words_.bytes() +
+               transmittance_.bytes() + partial_.bytes();
+    }
+
+    FrameMemory m{};
+
+  private:
+    static constexpr std::int64_t most_entries = 0xFFFFFFF0;
+
+    static std::int64_t grown(std::int64_t need) { return need + need / 4 + 64; }
+    template <class T>
+    static void place(const CudaQueue& queue, DeviceBuffer<T>& buffer, T*& at, std::size_t n) {
+        buffer.reserve(queue, n + 1);
+        at = buffer.data();
+    }
+
+    DeviceBuffer<SplatRecord> records_;
+    DeviceBuffer<TileSpans> spans_;
+    DeviceBuffer<Footprint<float>> footprints_;
+    DeviceBuffer<std::uint32_t> words_, counters_, entry_words_, group_words_;
+    DeviceBuffer<std::uint64_t> keys_;
+    DeviceBuffer<float> transmittance_, partial_;
+};
+
+/// Draws Gaussians by the rules of A on a device, and differentiates the pictures.
+template <AccuracyPolicy A, class Device, class Kernels = AnyChannels>
+struct DeviceRasterizer {
+    A accuracy;
+
+    static_assert(A::order == BlendOrder::by_centre,
+                  "rasterizer: a device blends by the depths of centres; by_peak has plain loops");
+    static_assert(A::depth_bits == 32,
+                  "rasterizer: a device sorts by depths of 32 bits; more have the host's backends");
+
+    using Frame = DeviceFrame<Device>;
+
+    /// Puts a render on the stream. `background` has a number a channel, in device memory.
+    template <Distortion D>
+    void forward_into(const CudaQueue& queue, const DeviceGaussians<const float>& g,
+                      const Pinhole<float, D>& camera, const float* background,
+                      const DeviceImages& images, Frame& frame) const {
+        check(g, camera, images);
+        Kernels::with(g.channels(), [&](auto C) {
+            frame.shape(queue, g.count(), camera.width, camera.height, ChannelLayout<C()>::stride);
+        });
+        const FrameMemory& m = frame.m;
+        const Device& device = frame.device;
+        device.fill(queue, m.counters, 0,
+                    std::size_t(m.tiles) * FrameMemory::apart * sizeof(std::uint32_t) +
+                        sizeof(FrameReport));
+        device.launch(queue, m.blocks,
+                      ProjectKernel<A, D>{g, lens(camera), accuracy, camera.cx, camera.cy,
+                                          camera.width, camera.height, m});
+        device.launch(queue, 1, ScanKernel{m});
+        device.launch(queue, m.blocks, BinKernel<A>{camera.width, camera.height, m});
+        each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
+            if (first > 0) device.fill(queue, &m.report->groups, 0, sizeof(std::uint32_t));
+            device.launch(queue, m.tiles,
+                          BlendKernel<A, C()>{m, scene(g, background, camera, first, channels),
+                                              images, accuracy});
+        });
+    }
+
+    /// Puts the vjp of the frame's last render on the stream: gradients of everything in `g`.
+    template <Distortion D>
+    void vjp_into(const CudaQueue& queue, const DeviceGaussians<const float>& g,
+                  const Pinhole<float, D>& camera, const float* background,
+                  const DeviceCotangent& cotangent, const DeviceGaussians<float>& out,
+                  Frame& frame) const {
+        expect(frame.for_vjp, [] {
+            return std::string("got a frame that keeps nothing for a vjp, expected one that does");
+        });
+        expect(A::outputs.depth || cotangent.depth.data == nullptr, [] {
+            return std::string(
+                "got a cotangent of depth, expected none: the policy's outputs "
+                "have no depth");
+        });
+        const FrameMemory& m = frame.m;
+        const Device& device = frame.device;
+        const bool extra = cotangent.alpha.data != nullptr || cotangent.depth.data != nullptr;
+        each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
+            const DeviceScene s = scene(g, background, camera, first, channels);
+            if (extra && first == 0)
+                device.launch(queue, Index(m.tiles) * strips,
+                              ReverseKernel<A, C(), true>{m, s, cotangent, accuracy});
+            else
+                device.launch(queue, Index(m.tiles) * strips,
+                              ReverseKernel<A, C(), false>{m, s, cotangent, accuracy});
+            device.launch(
+                queue, m.blocks,
+                MergeKernel<A, D, C()>{g, out, lens(camera), m, first, channels, first > 0});
+        });
+    }
+
+    /// The gradient of the background, a number a channel; `partial` has room for as many numbers
+    /// as background_numbers says.
+    void background_vjp_into(const CudaQueue& queue, const DeviceColumns<const float>& g_feature,
+                             const DeviceColumns<const float>& alpha, float* partial, float* out,
+                             const Frame& frame) const {
+        const Index chunks =
+            (g_feature.cols + BackgroundKernel::chunk - 1) / BackgroundKernel::chunk;
+        frame.device.launch(queue, chunks, BackgroundKernel{g_feature, alpha, partial});
+        frame.device.launch(queue, 1, BackgroundSumKernel{partial, g_feature.rows, chunks, out});
+    }
+    static Index background_numbers(Index channels, Index pixels) {
+        return channels * ((pixels + BackgroundKernel::chunk - 1) / BackgroundKernel::chunk);
+    }
+
+  private:
+    template <Distortion D>
+    auto lens(const Pinhole<float, D>& camera) const {
+        return DeviceLens<D>(
+            Projector<float, D>(camera, accuracy.frustum_margin, screen_dilation(accuracy)));
+    }
+    template <Distortion D>
+    static DeviceScene scene(const DeviceGaussians<const float>& g, const float* background,
+                             const Pinhole<float, D>& camera, Index first, int channels) {
+        return {g.feature, background, first,        channels,
+                camera.cx, camera.cy,  camera.width, camera.height};
+    }
+
+    /// f(C, first, channels): channels [first, first + channels) by kernels of C channels.
+    template <class F>
+    static void each_block_of_channels(Index channels, const F& f) {
+        Kernels::with(channels, [&](auto C) {
+            Index first = 0;
+            do {
+                f(C, first, static_cast<int>(std::min<Index>(C(), channels - first)));
+                first += C();
+            } while (first < channels);
+        });
+    }
+
+    template <class Message>
+    static void expect(bool condition, const Message& message) {
+        if (!condition) throw Error("rasterizer: " + message());
+    }
+
+    template <Distortion D>
+    static void check(const DeviceGaussians<const float>& g, const Pinhole<float, D>& camera,
+                      const DeviceImages& images) {
+        const auto shaped = [&](const char* name, Index rows, Index cols, Index want_rows,
+                                Index want) {
+            expect(rows == want_rows && cols == want, [&] {
+                return "got " + std::string(name) + " of " + std::to_string(rows) + " x " +
+                       std::to_string(cols) + ", expected " + std::to_string(want_rows) + " x " +
+                       std::to_string(want);
+            });
+        };
+        const Index n = g.count();
+        shaped("mean", g.mean.rows, g.mean.cols, 3, n);
+        shaped("rotation", g.rotation.rows, g.rotation.cols, 4, n);
+        shaped("scale", g.scale.rows, g.scale.cols, 3, n);
+        shaped("opacity", g.opacity.rows, g.opacity.cols, 1, n);
+        shaped("feature", g.feature.rows, g.feature.cols, g.channels(), n);
+        expect(n < Index(1) << 31,
+               [&] { return "got " + std::to_string(n) + " Gaussians, expected fewer than 2^31"; });
+        expect(n * std::max<Index>(g.channels(), 1) < Index(1) << 32, [&] {
+            return "got " + std::to_string(n) + " Gaussians of " + std::to_string(g.channels()) +
+                   " channels, expected fewer than 2^32 numbers";
+        });
+        expect(camera.width >= 0 && camera.height >= 0, [&] {
+            return "got an image of " + std::to_string(camera.width) + " x " +
+                   std::to_string(camera.height) + " pixels, expected no negative size";
+        });
+        const Index pixels = static_cast<Index>(camera.width) * camera.height;
+        expect(pixels * std::max<Index>(g.channels(), 1) < Index(1) << 32, [&] {
+            return "got an image of " + std::to_string(pixels) + " pixels and " +
+                   std::to_string(g.channels()) + " channels, expected fewer than 2^32 numbers";
+        });
+        expect(camera.near_depth > 0, [] {
+            return std::string("got a near depth that is not positive, expected a positive one");
+        });
+        shaped("feature image", images.feature.rows, images.feature.cols, g.channels(), pixels);
+        shaped("alpha image", images.alpha.rows, images.alpha.cols, 1, pixels);
+    }
+};
+
+} // namespace rye

@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/cuda/records.hpp: what the kernels of a render hand to one another in device memory.
+#pragma once
+
+#include <cstdint>
+
+#include <rye/backend/cuda.hpp>
+#include <rye/backend/cuda/unrolled.hpp>
+#include <rye/splat/footprint.hpp>
+
+namespace rye {
+
+/// Gaussians in device memory, of as many numbers a column as Gaussians<T> has.
+template <class T>
+struct DeviceGaussians {
+    DeviceColumns<T> mean, rotation, scale, opacity, feature;
+
+    RYE_HD Index count() const { return mean.cols; }
+    RYE_HD Index channels() const { return feature.rows; }
+    template <class U>
+        requires(std::same_as<U, const T> && !std::is_const_v<T>)
+    operator DeviceGaussians<U>() const { return {mean, rotation, scale, opacity, feature}; }
+};
+
+/// The images of a render, in the caller's memory. Depth and contributor may be null.
+struct DeviceImages {
+    DeviceColumns<float> feature;                  ///< C x pixels
+    DeviceColumns<float> alpha;                    ///< 1 x pixels
+    DeviceColumns<float> depth = {};               ///< 1 x pixels
+    DeviceColumns<std::uint32_t> contributor = {}; ///< 1 x pixels
+};
+
+/// Cotangents of the images. Alpha's and depth's may be null.
+struct DeviceCotangent {
+    DeviceColumns<const float> feature;
+    DeviceColumns<const float> alpha = {};
+    DeviceColumns<const float> depth = {};
+};
+
+inline constexpr std::uint32_t none_of = 0xFFFFFFFF; ///< no group, no Gaussian
+
+/// A visible Gaussian as pixels see it: Splat without what follows from the policy.
+struct SplatRecord {
+    Quad4 place; ///< x, y [px], ux, vx
+    Quad4 shape; ///< vy, log2 o, depth, floor
+};
+
+/// The columns of tiles [begin, end) in each row of tiles that a Gaussian reaches; of more rows
+/// than `most` they follow from its footprint.
+struct alignas(16) TileSpans {
+    static constexpr int most = 7;
+    std::uint16_t first, rows; ///< of tiles; no rows: it is not visible
+    std::uint16_t begin[most], end[most];
+};
+
+/// What a render found out about itself. Sums are of all that it would have taken.
+struct FrameReport {
+    std::uint32_t non_finite; ///< Gaussians left out for a NaN, an infinity, no quaternion
+    std::uint32_t entries_low, entries_high; ///< pairs of a tile and a Gaussian, 64 bits
+    std::uint32_t groups;                    ///< of visits, and at most one a strip more
+    std::uint32_t overflow;                  ///< entries did not fit: nothing was drawn
+};
+
+/// Sizes and places of a frame's memory.
+struct FrameMemory {
+    std::uint32_t count; ///< Gaussians
+    std::uint32_t tiles, columns;
+    std::uint32_t blocks;  ///< of Gaussians
+    std::uint32_t entries; ///< capacity
+    std::uint32_t groups;  ///< capacity; 0: the render keeps nothing for a vjp
+
+    // By Gaussian.
+    SplatRecord* record;
+    TileSpans* spans;
+    Footprint<float>* footprint; ///< of those with more rows of tiles than spans hold
+    std::uint32_t* first;        ///< its places are [first, first + count)
+    std::uint32_t* places;       ///< how many
+    std::uint32_t* block_places; ///< of each block: how many, then how many before it
+    // By tile.
+    std::uint32_t* counters; ///< of entries, then where the next one goes
+    std::uint32_t* begin;    ///< tile t has entries [begin[t], begin[t + 1])
+    std::uint32_t* order;    ///< tiles, the longest lists first
+    std::uint32_t* last;     ///< of each strip: its last group, or none_of
+    // By entry.
+    std::uint64_t* key;    ///< depth, then place; in the tile's list in any order
+    std::uint32_t* sorted; ///< Gaussians near to far, as far as they were sorted
+    // By place: a pair of a Gaussian and a tile, in the order of Gaussians, then of tiles.
+    std::uint32_t* owner;  ///< the Gaussian
+    std::uint8_t* touched; ///< of each strip: whether it has a slot
+    std::uint32_t* slot;   ///< of each strip: which, where it has one
+    // By group of visits of a strip.
+    std::uint32_t* before; ///< the strip's group nearer to the eye, or none_of
+    std::uint32_t* visits; ///< 16 Gaussians, then their 16 places
+    float* transmittance;  ///< of 64 pixels, in front of the group
+    float* partial;        ///< 16 slots: partial gradients of its visits
+
+    FrameReport* report;
+
+    /// Counters lie apart: neighbours in a line of the cache would wait for one another.
+    static constexpr std::uint32_t apart = 8;
+    RYE_DEVICE std::uint32_t* counter(std::uint32_t tile) const {
+        return counters + std::size_t(tile) * apart;
+    }
+    RYE_DEVICE std::uint32_t* counter(int row, int column) const {
+        return counter(static_cast<std::uint32_t>(row) * columns +
+                       static_cast<std::uint32_t>(column));
+    }
+};
+
+/// Side of a strip of a tile: the pixels of a warp [px].
+inline constexpr int strip_edge = 8;
+inline constexpr int strips = 4;
+/// Visits that a warp takes at once.
+inline constexpr int group_visits = 16;
+
+/// What depends on the number of channels C that a kernel is made for.
+template <int C>
+struct ChannelLayout {
+    static constexpr bool products = C > 4; ///< sums over channels are of matrices
+    static constexpr int padded = products ? (C + 15) / 16 * 16 : 4;
+    static constexpr int head = products ? 8 : 7;         ///< features begin here in a slot
+    static constexpr int stride = (head + C + 3) / 4 * 4; ///< of a slot
+    static_assert(C >= 1 && (C <= 4 || C % 8 == 0) && C <= 32);
+};
+
+} // namespace rye

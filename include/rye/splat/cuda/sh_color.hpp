@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/splat/cuda/sh_color.hpp: colours from spherical harmonics on a device, and their gradients,
+/// by the formula of gaussian/sh_color.hpp. Coefficients go through shared memory, since a
+/// Gaussian's own lie far from its neighbour's. Where a frame is given, those that it does not show
+/// are left out: their colours are 0, and so are their gradients.
+#pragma once
+
+#include <rye/gaussian/sh_color.hpp>
+#include <rye/splat/cuda/rasterizer.hpp>
+
+namespace rye {
+
+/// What colours depend on, in device memory.
+template <class T>
+struct DeviceHarmonics {
+    DeviceColumns<T> mean;     ///< 3 x N
+    DeviceColumns<T> constant; ///< 3 x N
+    DeviceColumns<T> rest;     ///< 3 K x N: of red, of green, of blue
+
+    template <class U>
+        requires(std::same_as<U, const T> && !std::is_const_v<T>)
+    operator DeviceHarmonics<U>() const { return {mean, constant, rest}; }
+};
+
+namespace detail {
+
+template <int degree>
+struct ShBlock {
+    static constexpr int threads = 128;
+    static constexpr int row = 3 * (sh_count(degree) - 1);
+    static constexpr int room = row > 0 ? row* threads : 1;
+
+    /// Copies the rows of a block's Gaussians, to shared memory or from it.
+    RYE_DEVICE static void copy(float* to, const float* from, Index count, int t) {
+        for (Index k = t; k < count * row; k += threads) to[k] = from[k];
+    }
+};
+
+} // namespace detail
+
+template <int degree>
+struct ShColorKernel : detail::ShBlock<degree> {
+    using Rows = detail::ShBlock<degree>;
+    static constexpr const char* name = "harmonics";
+    static constexpr int blocks = 8;
+    struct Shared {
+        alignas(16) float rest[Rows::room];
+    };
+    DeviceHarmonics<const float> in;
+    Vec3<float> eye;
+    const std::uint32_t* places;
+    float* rgb;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+        const Index base = Index(block.index()) * Rows::threads;
+        const Index count = rye::min(Index(Rows::threads), in.mean.cols - base);
+        block.each_thread(
+            [&](int t) { Rows::copy(shared.rest, in.rest.data + base * Rows::row, count, t); });
+        block.each_thread([&](int t) {
+            if (t >= count) return;
+            const Index i = base + t;
+            Vec3<float> c(0, 0, 0);
+            if (places == nullptr || places[i] > 0) {
+                const float* const m = in.mean.data + 3 * i;
+                c = ShColor<float, degree>(Vec3<float>(m[0], m[1], m[2]), eye,
+                                           in.constant.data + 3 * i, shared.rest + t * Rows::row)
+                        .rgb();
+            }
+            for (int k = 0; k < 3; ++k) rgb[3 * i + k] = c[k];
+        });
+    }
+};
+
+template <int degree>
+struct ShColorVjpKernel : detail::ShBlock<degree> {
+    using Rows = detail::ShBlock<degree>;
+    static constexpr const char* name = "vjp of harmonics";
+    static constexpr int blocks = 4;
+    struct Shared {
+        alignas(16) float rest[Rows::room], gradient[Rows::room];
+    };
+    DeviceHarmonics<const float> in;
+    Vec3<float> eye;
+    const std::uint32_t* places;
+    const float* g_rgb;
+    DeviceHarmonics<float> out;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+        const Index base = Index(block.index()) * Rows::threads;
+        const Index count = rye::min(Index(Rows::threads), in.mean.cols - base);
+        block.each_thread(
+            [&](int t) { Rows::copy(shared.rest, in.rest.data + base * Rows::row, count, t); });
+        block.each_thread([&](int t) {
+            if (t < count) one(shared, base + t, t);
+        });
+        block.each_thread([&](int t) {
+            Rows::copy(out.rest.data + base * Rows::row, shared.gradient, count, t);
+        });
+    }
+
+  private:
+    RYE_DEVICE void one(Shared& shared, Index i, int t) const {
+        float* const g_rest = shared.gradient + t * Rows::row;
+        float* const g_constant = out.constant.data + 3 * i;
+        if (places != nullptr && places[i] == 0) {
+            for (int k = 0; k < Rows::row; ++k) g_rest[k] = 0;
+            for (int k = 0; k < 3; ++k) g_constant[k] = 0;
+            return;
+        }
+        const float* const m = in.mean.data + 3 * i;
+        const float* const rest = shared.rest + t * Rows::row;
+        const ShColor<float, degree> color(Vec3<float>(m[0], m[1], m[2]), eye,
+                                           in.constant.data + 3 * i, rest);
+        const float* const g = g_rgb + 3 * i;
+        const Vec3<float> g_mean =
+            color.vjp(Vec3<float>(g[0], g[1], g[2]), rest, g_constant, g_rest);
+        for (int k = 0; k < 3; ++k) out.mean.data[3 * i + k] += g_mean[k];
+    }
+};
+
+/// Puts the colours of harmonics, seen from `eye`, on the stream: 3 x N numbers.
+template <int most = 4, class Device>
+void sh_colors_into(const CudaQueue& queue, const Device& device,
+                    const DeviceHarmonics<const float>& in, const Vec3<float>& eye, float* rgb,
+                    const FrameMemory* seen = nullptr) {
+    const Index n = in.mean.cols;
+    detail::with_sh_degree_up_to<most>(
+        sh_degree(static_cast<int>(in.rest.rows / 3) + 1), [&](auto degree) {
+            device.launch(queue, (n + 127) / 128,
+                          ShColorKernel<degree()>{
+                              {}, in, eye, seen != nullptr ? seen->places : nullptr, rgb});
+        });
+}
+
+/// Puts the gradients on the stream: of `constant` and `rest` they are written, that of `mean` is
+/// added.
+template <int most = 4, class Device>
+void sh_colors_vjp_into(const CudaQueue& queue, const Device& device,
+                        const DeviceHarmonics<const float>& in, const Vec3<float>& eye,
+                        const float* g_rgb, const DeviceHarmonics<float>& out,
+                        const FrameMemory* seen = nullptr) {
+    const Index n = in.mean.cols;
+    detail::with_sh_degree_up_to<most>(
+        sh_degree(static_cast<int>(in.rest.rows / 3) + 1), [&](auto degree) {
+            device.launch(queue, (n + 127) / 128,
+                          ShColorVjpKernel<degree()>{
+                              {}, in, eye, seen != nullptr ? seen->places : nullptr, g_rgb, out});
+        });
+}
+
+} // namespace rye

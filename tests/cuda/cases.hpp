@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: Apache-2.0
+/// tests/cuda/cases.hpp: what is demanded of a device's renders, the same of the emulated one and
+/// of a real one: images and gradients against the plain loops in double under the same rules,
+/// lists against TileLists, bad input, too little room.
+#pragma once
+
+#include <doctest/doctest.h>
+
+#include <cstdint>
+#include <limits>
+#include <string>
+
+#include "../support/scenes.hpp"
+#include "device_render.hpp"
+
+namespace rye::test {
+
+/// Errors [relative]: of the image, of gradients, and of that of the background, which in float is
+/// a sum of 1 - alpha.
+struct Bounds {
+    double image = 2e-6, gradient = 1e-5, background = 1e-5;
+};
+
+/// A scene by rules A on a device, against plain loops of T.
+template <class T, class Kernels, class A, class Device>
+void against(const Device& device, const CudaQueue& queue, const Scenery<float>& s,
+             const A& accuracy = {}, const Bounds& bounds = {}) {
+    CAPTURE(s.name);
+    CAPTURE(s.gaussians.channels());
+    const Index pixels = Index(s.camera.width) * s.camera.height, c = s.gaussians.channels();
+    Cotangents w{noise<float>(c, pixels, 1), noise<float>(1, pixels, 2), {}};
+    if constexpr (A::outputs.depth) w.depth = noise<float>(1, pixels, 3);
+    const auto r =
+        render_on<Kernels>(device, queue, accuracy, s.gaussians, s.camera, s.background, &w);
+    const Rasterizer<A> plain{accuracy};
+    const auto g = converted<T>(s.gaussians);
+    const auto camera = s.camera.template cast<T>();
+    const VecX<T> background = s.background.template cast<T>();
+    const auto truth = plain.forward(ScalarBackend<Serial>{}, g, camera, background);
+    CHECK(relative(r.feature, truth.feature.pixels) < bounds.image);
+    CHECK(relative(r.alpha, truth.alpha.pixels) < bounds.image);
+    if constexpr (A::outputs.depth) CHECK(relative(r.depth, truth.depth.pixels) < bounds.image);
+    const Columns<T> wf = w.feature.cast<T>(), wa = w.alpha.cast<T>(), wd = w.depth.cast<T>();
+    const auto gradient = plain.vjp(ScalarBackend<Serial>{}, g, camera, background, truth, wf, &wa,
+                                    A::outputs.depth ? &wd : nullptr);
+    CHECK(relative(r.gradient.mean, gradient.mean) < bounds.gradient);
+    CHECK(relative(r.gradient.rotation, gradient.rotation) < bounds.gradient);
+    CHECK(relative(r.gradient.scale, gradient.scale) < bounds.gradient);
+    CHECK(relative(r.gradient.opacity, gradient.opacity) < bounds.gradient);
+    CHECK(relative(r.gradient.feature, gradient.feature) < bounds.gradient);
+    const VecX<T> gb = background_vjp(truth, wf);
+    CHECK(relative(r.g_background, Columns<T>(gb)) < bounds.background);
+}
+
+/// Lists equal TileLists', entry for entry.
+template <class A, class Device>
+void lists_equal(const Device& device, const CudaQueue& queue, const Scenery<float>& s) {
+    CAPTURE(s.name);
+    const A accuracy;
+    const auto r =
+        render_on<KernelChannels<3>>(device, queue, accuracy, s.gaussians, s.camera, s.background);
+    const auto host = Rasterizer<A>{accuracy}.forward(ScalarBackend<Serial>{}, s.gaussians,
+                                                      s.camera, s.background);
+    const TileLists& lists = host.trace.lists;
+    REQUIRE(Index(r.lists.size()) == lists.tiles());
+    CHECK(r.cost.entries == lists.entries());
+    int different = 0;
+    for (std::size_t t = 0; t < r.lists.size(); ++t) {
+        std::vector<std::uint32_t> of_host;
+        for (Index k = lists.begin[t]; k < lists.begin[t + 1]; ++k)
+            of_host.push_back(
+                host.trace.members[lists.entry[static_cast<std::size_t>(k)].member].source);
+        different += of_host != r.lists[t];
+    }
+    CHECK(different == 0);
+}
+
+/// More Gaussians in a tile than a block sorts at once, with many equal depths.
+inline Scenery<float> crowded(Index n, bool tied) {
+    Scenery<float> s = random_scene<float>(n, 3, 21, 0.02);
+    s.name = tied ? "a crowded tile of equal depths" : "a crowded tile";
+    for (Index i = 0; i < n; ++i) {
+        s.gaussians.opacity(0, i) *= 0.02F;
+        s.gaussians.mean.col(i).head(2) *= 0.2F;
+        if (tied && i % 3 != 0) s.gaussians.mean(2, i) = 0.25F;
+    }
+    return s;
+}
+
+template <class Device>
+void bad_input(const Device& device, const CudaQueue& queue) {
+    using A = Balanced;
+    Scenery<float> s = random_scene<float>(90, 3, 31);
+    constexpr float nan = std::numeric_limits<float>::quiet_NaN();
+    s.gaussians.mean(1, 3) = nan;
+    s.gaussians.rotation.col(7).setZero();
+    s.gaussians.scale(2, 11) = std::numeric_limits<float>::infinity();
+    s.gaussians.opacity(0, 13) = nan;
+    s.gaussians.feature(0, 17) = nan;
+    s.gaussians.opacity(0, 19) = 0;
+    const Index pixels = Index(s.camera.width) * s.camera.height;
+    const Cotangents w{noise<float>(3, pixels, 1), {}, {}};
+    const auto r =
+        render_on<KernelChannels<3>>(device, queue, A(), s.gaussians, s.camera, s.background, &w);
+    CHECK(r.cost.non_finite == 5);
+    CHECK(r.feature.allFinite());
+    CHECK(r.gradient.mean.allFinite());
+    CHECK(r.gradient.feature.col(17).isZero());
+    const auto host =
+        Rasterizer<A>{}.forward(ScalarBackend<Serial>{}, s.gaussians, s.camera, s.background);
+    CHECK(host.trace.non_finite == 5);
+    CHECK(relative(r.feature, host.feature.pixels) < 2e-6);
+    A strict;
+    strict.non_finite = NonFinite::fail;
+    CHECK_THROWS_AS(
+        render_on<KernelChannels<3>>(device, queue, strict, s.gaussians, s.camera, s.background),
+        Error);
+    A few;
+    few.max_entries = 10;
+    CHECK_THROWS_AS(
+        render_on<KernelChannels<3>>(device, queue, few, s.gaussians, s.camera, s.background),
+        Error);
+    // No pixels, one, odd sides; no Gaussians.
+    for (const auto& [width, height] : {std::pair{0, 0}, {0, 5}, {1, 1}, {16, 16}, {33, 1}}) {
+        Scenery<float> small = random_scene<float>(20, 3, 5);
+        small.camera.width = width;
+        small.camera.height = height;
+        against<float, KernelChannels<3>>(device, queue, small, A());
+    }
+    Scenery<float> none = random_scene<float>(20, 3, 5);
+    none.gaussians = Gaussians<float>(0, 3);
+    const auto empty = render_on<KernelChannels<3>>(device, queue, A(), none.gaussians, none.camera,
+                                                    none.background);
+    CHECK(empty.alpha.isZero());
+    CHECK(empty.feature.col(0) == none.background);
+}
+
+template <class Device>
+void too_little_room(const Device& device, const CudaQueue& queue) {
+    const Scenery<float> s = random_scene<float>(150, 3, 41);
+    const Index pixels = Index(s.camera.width) * s.camera.height;
+    const Cotangents w{noise<float>(3, pixels, 1), {}, {}};
+    const auto whole = render_on<KernelChannels<3>>(device, queue, Balanced(), s.gaussians,
+                                                    s.camera, s.background, &w);
+    CHECK(whole.draws == 1);
+    for (const std::int64_t capacity :
+         {std::int64_t(1), std::int64_t(100), whole.cost.entries - 1, whole.cost.entries}) {
+        CAPTURE(capacity);
+        const auto r = render_on<KernelChannels<3>>(device, queue, Balanced(), s.gaussians,
+                                                    s.camera, s.background, &w, capacity);
+        CHECK(r.draws >= (capacity < whole.cost.entries ? 2 : 1));
+        CHECK(r.feature == whole.feature);
+        CHECK(r.alpha == whole.alpha);
+        CHECK(r.gradient.mean == whole.gradient.mean);
+        CHECK(r.gradient.feature == whole.gradient.feature);
+    }
+}
+
+template <class Device>
+void contributors(const Device& device, const CudaQueue& queue) {
+    using Who = Drawing<Balanced, Outputs{.depth = true, .contributor = true}>;
+    const Scenery<float> s = random_scene<float>(120, 3, 51);
+    const auto r =
+        render_on<KernelChannels<3>>(device, queue, Who(), s.gaussians, s.camera, s.background);
+    const auto host =
+        Rasterizer<Who>{}.forward(ScalarBackend<Serial>{}, s.gaussians, s.camera, s.background);
+    Index different = 0;
+    for (Index p = 0; p < r.contributor.cols(); ++p)
+        different += r.contributor(0, p) != host.contributor.pixels(0, p);
+    CHECK(different <= r.contributor.cols() / 200); // weights that are equal but for rounding
+}
+
+/// Colours that are the same before and behind give no gradient of shape, exactly.
+template <class Kernels, class Device>
+void equal_colours(const Device& device, const CudaQueue& queue, Index channels) {
+    Scenery<float> s = random_scene<float>(80, channels, 61);
+    for (Index c = 0; c < channels; ++c) {
+        const float same = 0.3F + 0.07F * static_cast<float>(c);
+        s.gaussians.feature.row(c).setConstant(same);
+        s.background[c] = same;
+    }
+    const Index pixels = Index(s.camera.width) * s.camera.height;
+    const Cotangents w{noise<float>(channels, pixels, 1), {}, {}};
+    const auto r = render_on<Kernels>(device, queue, FeaturesOnly<Balanced>(), s.gaussians,
+                                      s.camera, s.background, &w);
+    CHECK(r.gradient.mean.isZero(0));
+    CHECK(r.gradient.scale.isZero(0));
+    CHECK(r.gradient.rotation.isZero(0));
+    CHECK(r.gradient.opacity.isZero(0));
+    CHECK(!r.gradient.feature.isZero());
+}
+
+} // namespace rye::test

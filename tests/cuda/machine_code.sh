@@ -1,0 +1,67 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# machine_code.sh [--record] FLAGS_FILE RECORD: compiles kernels.cu for sm_75, sm_80 and sm_90 where
+# nvcc is, with warnings as errors, and holds registers, spilled bytes and machine instructions of
+# each kernel against the record: at most 1.10 times, spills not at all more. An instruction is 16
+# bytes of a kernel's section. --record writes the record anew. nvcc: $NVCC, of the PATH, or of
+# /usr/local/cuda.
+set -eu
+write=no
+if [ "${1:-}" = --record ]; then
+    write=yes
+    shift
+fi
+here=$(cd "$(dirname "$0")" && pwd)
+for nvcc in "${NVCC:-}" nvcc /usr/local/cuda/bin/nvcc none; do
+    if [ -n "$nvcc" ] && command -v "$nvcc" > /dev/null; then break; fi
+done
+if [ "$nvcc" = none ]; then
+    echo "device_kernels: skipped, no nvcc is there, so no machine code was made for a device"
+    exit 77
+fi
+# nvcc reads -isystem and its folder as two words.
+includes="-isystem /usr/include/eigen3 $(sed -n 's/^-isystem/-isystem /p' "$1" | tr '\n' ' ')"
+record=$2
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+for architecture in 75 80 90; do
+    # shellcheck disable=SC2086 # the folders are several words
+    "$nvcc" -std=c++20 -O3 -DNDEBUG -DEIGEN_DONT_PARALLELIZE --fmad=false -Werror all-warnings \
+        -diag-suppress 20012,20015 -I"$here/../../include" $includes \
+        -gencode "arch=compute_$architecture,code=sm_$architecture" -cubin -Xptxas -v \
+        -o "$work/kernels.cubin" "$here/kernels.cu" 2> "$work/log" ||
+        { cat "$work/log"; exit 1; }
+    awk -v sm="sm_$architecture" '
+        /Compiling entry function/ { split($0, part, "\047"); name = part[2] }
+        /bytes stack frame/ { spill[name] = $5 }
+        /Used [0-9]+ registers/ {
+            for (i = 1; i <= NF; ++i) if ($i == "Used") print sm, name, $(i + 1), spill[name]
+        }' "$work/log" > "$work/registers"
+    # A section of code is named after its kernel.
+    readelf -SW "$work/kernels.cubin" 2> /dev/null |
+        sed -n 's/.* \.text\.\([^ ]*\) *PROGBITS *[0-9a-f]* [0-9a-f]* \([0-9a-f]*\) .*/\1 \2/p' |
+        while read -r name size; do echo "$name $((0x$size / 16))"; done > "$work/sizes"
+    awk 'NR == FNR { size[$1] = $2; next } { print $1, $2, $3, $4, size[$2] }' \
+        "$work/sizes" "$work/registers" | sort >> "$work/found"
+done
+if [ $write = yes ]; then
+    { echo "# architecture kernel registers spilled-bytes instructions"; cat "$work/found"; } \
+        > "$record"
+    echo "device_kernels: the record has $(wc -l < "$work/found") kernels"
+    exit 0
+fi
+awk '
+    /^#/ { next }
+    NR == FNR { registers[$1 $2] = $3; spill[$1 $2] = $4; size[$1 $2] = $5; next }
+    {
+        ++kernels; key = $1 $2
+        if (!(key in size)) { print "no record of " $1 " " $2; bad = 1; next }
+        if ($3 > 1.10 * registers[key]) {
+            print $1 " " $2 ": " $3 " registers, recorded " registers[key]; bad = 1 }
+        if ($4 > spill[key]) { print $1 " " $2 ": spills " $4 " bytes, recorded " spill[key]; bad = 1 }
+        if ($5 > 1.10 * size[key]) {
+            print $1 " " $2 ": " $5 " instructions, recorded " size[key]; bad = 1 }
+    }
+    END { if (!bad) print kernels " kernels of three architectures keep the record"; exit bad }
+' "$record" "$work/found"

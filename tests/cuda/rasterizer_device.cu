@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+// rasterizer_device: the cases of cases.hpp on a device; where there is none it says so.
+#define DOCTEST_CONFIG_IMPLEMENT
+#include "cases.hpp"
+
+#include <rye/backend/cuda/device.hpp>
+#include <rye/geometry/distortion.hpp>
+#include <rye/splat/cuda/sh_color.hpp>
+
+#include <cstdio>
+
+using namespace rye;
+using namespace rye::test;
+
+namespace {
+
+StreamMemory memory;
+cudaStream_t stream;
+const CudaQueue& queue() {
+    static const CudaQueue q{stream, memory};
+    return q;
+}
+using Three = KernelChannels<3>;
+
+} // namespace
+
+TEST_CASE("device: any number of channels") {
+    for (const Index c : {1, 2, 3, 4, 7, 8, 16, 31, 32, 33}) // from 5 on products of two planes
+        against<double, AnyChannels>(CudaDevice(), queue(), random_scene<float>(200, c, 5),
+                                     Balanced(), {2e-6, c > 4 ? 2e-5 : 1e-5, 1e-5});
+}
+TEST_CASE("device: presets and rules") {
+    const Scenery<float> s = random_scene<float>(200, 3, 5), wide = random_scene<float>(200, 32, 5);
+    against<float, Three>(CudaDevice(), queue(), s, Fast());
+    against<float, Three>(CudaDevice(), queue(), s, Compatible3dgsFloor());
+    against<double, KernelChannels<3, 32>>(CudaDevice(), queue(), s, Exact32());
+    against<double, KernelChannels<3, 32>>(CudaDevice(), queue(), wide, Exact32());
+}
+TEST_CASE("device: hard scenes") {
+    for (const auto& s : hard_scenes<float>(3))
+        against<float, Three>(CudaDevice(), queue(), s, Balanced(), {2e-6, 2e-5, 2e-2});
+}
+TEST_CASE("device: lists equal the host's") {
+    for (const auto& s : hard_scenes<float>(3)) lists_equal<Balanced>(CudaDevice(), queue(), s);
+    lists_equal<Balanced>(CudaDevice(), queue(), random_scene<float>(3000, 3, 5));
+    lists_equal<Balanced>(CudaDevice(), queue(), crowded(5000, true));
+}
+TEST_CASE("device: crowded tiles") {
+    against<double, Three>(CudaDevice(), queue(), crowded(5000, false), Balanced());
+    against<double, Three>(CudaDevice(), queue(), crowded(5000, true), Balanced());
+}
+TEST_CASE("device: bad input") { bad_input(CudaDevice(), queue()); }
+TEST_CASE("device: too little room") { too_little_room(CudaDevice(), queue()); }
+TEST_CASE("device: contributors") { contributors(CudaDevice(), queue()); }
+TEST_CASE("device: equal colours have no gradient of shape") {
+    equal_colours<Three>(CudaDevice(), queue(), 3);
+    equal_colours<KernelChannels<32>>(CudaDevice(), queue(), 32);
+}
+TEST_CASE("device: a lens that bends") {
+    const Scenery<float> s = random_scene<float>(150, 3, 71);
+    BrownConrady<float> lens;
+    lens.k1 = -0.1F;
+    lens.p1 = 0.01F;
+    const auto camera = with_lens(s.camera, lens);
+    const Index pixels = Index(camera.width) * camera.height;
+    const Cotangents w{noise<float>(3, pixels, 1), {}, {}};
+    const auto r =
+        render_on<Three>(CudaDevice(), queue(), Balanced(), s.gaussians, camera, s.background, &w);
+    const Rasterizer<Balanced> plain;
+    const auto truth = plain.forward(ScalarBackend<Serial>{}, s.gaussians, camera, s.background);
+    CHECK(relative(r.feature, truth.feature.pixels) < 1e-5);
+    CHECK(relative(r.gradient, plain.vjp(ScalarBackend<Serial>{}, s.gaussians, camera, s.background,
+                                         truth, w.feature)) < 2e-5);
+}
+TEST_CASE("device: the same bits again, while another stream is busy, and elsewhere in memory") {
+    const Scenery<float> s = random_scene<float>(3000, 3, 5);
+    const Index pixels = Index(s.camera.width) * s.camera.height;
+    const Cotangents w{noise<float>(3, pixels, 1), noise<float>(1, pixels, 2), {}};
+    const auto once = render_on<Three>(CudaDevice(), queue(), Balanced(), s.gaussians, s.camera,
+                                       s.background, &w);
+    cudaStream_t other;
+    check_cuda(cudaStreamCreate(&other), "test");
+    void* load = nullptr;
+    check_cuda(cudaMalloc(&load, std::size_t(1) << 30U), "test");
+    for (int k = 0; k < 100; ++k) {
+        check_cuda(cudaMemsetAsync(load, k, (std::size_t(1) << 30U) - std::size_t(k) * 4096, other),
+                   "test");
+        void* moved = nullptr;
+        check_cuda(cudaMallocAsync(&moved, std::size_t(k + 1) * 100000, stream), "test");
+        const auto r = render_on<Three>(CudaDevice(), queue(), Balanced(), s.gaussians, s.camera,
+                                        s.background, &w);
+        check_cuda(cudaFreeAsync(moved, stream), "test");
+        REQUIRE(r.feature == once.feature);
+        REQUIRE(r.gradient.mean == once.gradient.mean);
+        REQUIRE(r.gradient.rotation == once.gradient.rotation);
+        REQUIRE(r.gradient.scale == once.gradient.scale);
+        REQUIRE(r.gradient.opacity == once.gradient.opacity);
+        REQUIRE(r.gradient.feature == once.gradient.feature);
+    }
+    check_cuda(cudaStreamSynchronize(other), "test");
+    check_cuda(cudaFree(load), "test");
+    check_cuda(cudaStreamDestroy(other), "test");
+}
+TEST_CASE("device: a graph gives the bits of single launches") {
+    const Scenery<float> s = random_scene<float>(2000, 3, 5);
+    const CudaDevice device;
+    const DeviceRasterizer<Fast, CudaDevice, Three> rasterizer;
+    const DeviceCloud<CudaDevice> cloud(device, queue(), s.gaussians),
+        out(device, queue(), 2000, 3);
+    const Index pixels = Index(s.camera.width) * s.camera.height;
+    const DeviceArray<CudaDevice> bg(device, queue(), Columns<float>(s.background)),
+        w(device, queue(), noise<float>(3, pixels, 1)), feature(device, queue(), 3, pixels),
+        alpha(device, queue(), 1, pixels), depth(device, queue(), 1, pixels);
+    DeviceFrame<CudaDevice> frame(device);
+    const auto step = [&] {
+        rasterizer.forward_into(queue(), cloud.view(), s.camera, bg.buffer.data(),
+                                {feature.view(), alpha.view(), depth.view()}, frame);
+        rasterizer.vjp_into(queue(), cloud.view(), s.camera, bg.buffer.data(), {w.read()},
+                            out.view(), frame);
+    };
+    do step();
+    while (!frame.finish(queue()));
+    const Columns<float> image = feature.get();
+    const Gaussians<float> gradient = out.get();
+    cudaGraph_t graph;
+    cudaGraphExec_t exec;
+    check_cuda(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "test");
+    step();
+    check_cuda(cudaStreamEndCapture(stream, &graph), "test");
+    check_cuda(cudaGraphInstantiate(&exec, graph, 0), "test");
+    for (int k = 0; k < 10; ++k) check_cuda(cudaGraphLaunch(exec, stream), "test");
+    CHECK(feature.get() == image);
+    CHECK(out.get().mean == gradient.mean);
+    CHECK(out.get().feature == gradient.feature);
+}
+
+int main(int argc, char** argv) {
+    int devices = 0;
+    if (cudaGetDeviceCount(&devices) != cudaSuccess || devices == 0) {
+        std::puts("rasterizer_device: skipped, no device is there");
+        return 77;
+    }
+    check_cuda(cudaStreamCreate(&stream), "test");
+    return doctest::Context(argc, argv).run();
+}

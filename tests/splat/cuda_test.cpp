@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+// The kernels of a device, run by its emulation on the host: the same text with a warp as an array
+// of lanes. Phases run in order, backward and shuffled, so that a missing barrier shows.
+#include <rye/backend/cuda/emulation.hpp>
+
+#include <rye/splat/cuda/sh_color.hpp>
+
+#include "../cuda/cases.hpp"
+
+using namespace rye;
+using namespace rye::test;
+
+namespace {
+
+HostMemory memory;
+const CudaQueue queue{nullptr, memory};
+using Three = KernelChannels<3>;
+
+} // namespace
+
+TEST_CASE("cuda, emulated: hard scenes in every order of threads") {
+    for (const auto order : {PhaseOrder::forward, PhaseOrder::backward, PhaseOrder::shuffled})
+        for (const auto& s : hard_scenes<float>(3))
+            against<float, Three>(EmulatedDevice{order}, queue, s, Balanced(), {2e-6, 2e-5, 2e-2});
+}
+
+TEST_CASE("cuda, emulated: lists equal the host's") {
+    for (const auto& s : hard_scenes<float>(3)) lists_equal<Balanced>(EmulatedDevice{}, queue, s);
+    lists_equal<Balanced>(EmulatedDevice{}, queue, random_scene<float>(2000, 3, 5));
+}
+
+TEST_CASE("cuda, emulated: a crowded tile") {
+    against<double, Three>(EmulatedDevice{PhaseOrder::shuffled}, queue, crowded(2500, true),
+                           Balanced());
+}
+
+TEST_CASE("cuda, emulated: rules") {
+    against<float, Three>(EmulatedDevice{}, queue, random_scene<float>(200, 3, 5),
+                          Compatible3dgsFloor());
+}
+
+TEST_CASE("cuda, emulated: bad input") { bad_input(EmulatedDevice{}, queue); }
+
+TEST_CASE("cuda, emulated: too little room") { too_little_room(EmulatedDevice{}, queue); }
+
+TEST_CASE("cuda, emulated: contributors") { contributors(EmulatedDevice{}, queue); }
+
+TEST_CASE("cuda, emulated: channels as products of matrices") {
+    for (const Index c : {5, 16, 20})
+        against<double, KernelChannels<16>>(EmulatedDevice{PhaseOrder::shuffled}, queue,
+                                            random_scene<float>(150, c, 5), Balanced(),
+                                            {4e-6, 2e-5, 2e-5});
+    equal_colours<KernelChannels<16>>(EmulatedDevice{}, queue, 16);
+}
+TEST_CASE("cuda, emulated: equal colours have no gradient of shape") {
+    equal_colours<Three>(EmulatedDevice{}, queue, 3);
+}
+TEST_CASE("cuda, emulated: colours from harmonics are the host's") {
+    const Index n = 150;
+    GaussianCloud<float> cloud(n, 3), gradient(n, 3);
+    cloud.mean = noise<float>(3, n, 1);
+    cloud.sh_constant = noise<float>(3, n, 2);
+    cloud.sh_rest = noise<float>(45, n, 3);
+    const Vec3<float> eye(0.1F, 0.2F, -3);
+    const Columns<float> g_rgb = noise<float>(3, n, 4);
+    const EmulatedDevice device;
+    const DeviceArray<EmulatedDevice> mean(device, queue, cloud.mean),
+        constant(device, queue, cloud.sh_constant), rest(device, queue, cloud.sh_rest),
+        rgb(device, queue, 3, n), g(device, queue, g_rgb),
+        g_mean(device, queue, Columns<float>(Columns<float>::Zero(3, n))),
+        g_constant(device, queue, 3, n), g_rest(device, queue, 45, n);
+    const DeviceHarmonics<const float> in{mean.read(), constant.read(), rest.read()};
+    sh_colors_into<3>(queue, device, in, eye, rgb.buffer.data());
+    CHECK(rgb.get() == sh_colors<3>(cloud, eye));
+    sh_colors_vjp_into<3>(queue, device, in, eye, g.buffer.data(),
+                          {g_mean.view(), g_constant.view(), g_rest.view()});
+    gradient.mean.setZero();
+    sh_colors_vjp<3>(cloud, eye, g_rgb, gradient);
+    CHECK(relative(g_mean.get(), gradient.mean) < 1e-6);
+    CHECK(relative(g_constant.get(), gradient.sh_constant) < 1e-6);
+    CHECK(relative(g_rest.get(), gradient.sh_rest) < 1e-6);
+}
