@@ -35,7 +35,7 @@ template <class F, int... I>
 
 /// f(0) ... f(n - 1), each with its number as a type.
 template <int n, class F>
-RYE_DEVICE inline void unrolled(F&& f) {
+RYE_DEVICE inline void expanded(F&& f) {
     detail::unroll(f, std::make_integer_sequence<int, n>());
 }
 

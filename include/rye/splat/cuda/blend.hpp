@@ -88,9 +88,9 @@ struct BlendKernel {
         using F = typename W::F;
         using U = typename W::U;
         const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
-        unrolled<8>([&](auto j) {
+        expanded<8>([&](auto j) {
             s.transmittance[j] = select(pixels.inside(U(j)), F(1.0F), F(0.0F));
-            if constexpr (!Layout::products) unrolled<C>([&](auto c) { s.colour[j][c] = F(0.0F); });
+            if constexpr (!Layout::products) expanded<C>([&](auto c) { s.colour[j][c] = F(0.0F); });
             if constexpr (A::outputs.depth) s.depth[j] = F(0.0F);
             if constexpr (A::outputs.contributor) {
                 s.most[j] = F(0.0F);
@@ -98,9 +98,9 @@ struct BlendKernel {
             }
         });
         if constexpr (Layout::products)
-            unrolled<4>([&](auto m) {
-                unrolled<C / 8>(
-                    [&](auto n) { unrolled<4>([&](auto k) { s.sums[m][n][k] = F(0.0F); }); });
+            expanded<4>([&](auto m) {
+                expanded<C / 8>(
+                    [&](auto n) { expanded<4>([&](auto k) { s.sums[m][n][k] = F(0.0F); }); });
             });
         s.open = W::any(s.transmittance[0] > F(0.0F));
         s.found = s.done = 0;
@@ -145,7 +145,7 @@ struct BlendKernel {
             if constexpr (!Layout::products) {
                 const U stride(static_cast<std::uint32_t>(scene.feature.rows));
                 Array<F, 4> colour;
-                unrolled<4>([&](auto c) {
+                expanded<4>([&](auto c) {
                     colour[c] = F(0.0F);
                     if constexpr (c < C)
                         if (c < scene.channels)
@@ -231,14 +231,14 @@ struct BlendKernel {
             pixels.x, pixels.y, accuracy);
         const auto row = [&](auto j) {
             F alpha[4];
-            unrolled<4>([&](auto i) { alpha[i] = v.alpha(i, j, rules.least, rules.alpha_max); });
+            expanded<4>([&](auto i) { alpha[i] = v.alpha(i, j, rules.least, rules.alpha_max); });
             const Taken<W> t = rules.take(alpha, s.transmittance[j]);
             s.transmittance[j] = rules.behind(t, s.transmittance[j]);
             if constexpr (A::outputs.depth)
-                unrolled<4>(
+                expanded<4>(
                     [&](auto i) { s.depth[j] = W::fma(t.weight[i], v.depth[i], s.depth[j]); });
             if constexpr (A::outputs.contributor)
-                unrolled<4>([&](auto i) {
+                expanded<4>([&](auto i) {
                     const auto more = t.weight[i] > s.most[j];
                     s.most[j] = select(more, t.weight[i], s.most[j]);
                     s.contributor[j] =
@@ -248,11 +248,11 @@ struct BlendKernel {
         };
         if constexpr (Layout::products) {
             U owner[4];
-            unrolled<4>([&](auto i) { owner[i] = W::read(found.owner, first + U(i)); });
+            expanded<4>([&](auto i) { owner[i] = W::read(found.owner, first + U(i)); });
             Planes<W, N, 2> features[std::size_t(C / 8)];
-            unrolled<C / 8>(
+            expanded<C / 8>(
                 [&](auto n) { features[n] = features_over_visits<W, N>(scene, owner, n); });
-            unrolled<4>([&](auto m) {
+            expanded<4>([&](auto m) {
                 const Taken<W> a = row(Constant<2 * m>{});
                 const Taken<W> b = row(Constant<2 * m + 1>{});
                 Planes<W, N, 4> weights;
@@ -260,23 +260,23 @@ struct BlendKernel {
                 split<W, N>(weights, 1, b.weight[0], b.weight[1]);
                 split<W, N>(weights, 2, a.weight[2], a.weight[3]);
                 split<W, N>(weights, 3, b.weight[2], b.weight[3]);
-                unrolled<C / 8>(
+                expanded<C / 8>(
                     [&](auto n) { multiply<W, N>(s.sums[m][n], weights, features[n]); });
             });
         } else {
             Array<F, 4> colour[4];
-            unrolled<4>([&](auto i) { colour[i] = W::read4(found.colour, first + U(i)); });
-            unrolled<8>([&](auto j) {
+            expanded<4>([&](auto i) { colour[i] = W::read4(found.colour, first + U(i)); });
+            expanded<8>([&](auto j) {
                 const Taken<W> t = row(j);
-                unrolled<C>([&](auto c) {
-                    unrolled<4>([&](auto i) {
+                expanded<C>([&](auto c) {
+                    expanded<4>([&](auto i) {
                         s.colour[j][c] = W::fma(t.weight[i], colour[i][c], s.colour[j][c]);
                     });
                 });
             });
         }
         auto open = rules.open(s.transmittance[0]);
-        unrolled<7>([&](auto j) { open = open || rules.open(s.transmittance[j + 1]); });
+        expanded<7>([&](auto j) { open = open || rules.open(s.transmittance[j + 1]); });
         s.open = W::any(open);
     }
 };

@@ -71,21 +71,21 @@ struct MergeKernel {
         auto flags = block.template of_threads<Array<std::uint32_t, 4>>();
         block.each_thread([&](int t) {
             std::uint32_t n = 0;
-            unrolled<4>([&](auto e) {
+            expanded<4>([&](auto e) {
                 const std::uint32_t place = 4 * static_cast<std::uint32_t>(t) + e;
                 flags[t][e] = place < count ? touched[place] : 0U;
             });
-            unrolled<4>(
+            expanded<4>(
                 [&](auto e) { n += static_cast<std::uint32_t>(Block::bits_set(flags[t][e])); });
             shared.found[t] = n;
         });
         const std::uint32_t total = block.exclusive_sums(shared.found);
         block.each_thread([&](int t) {
             std::uint32_t at = shared.found[t];
-            unrolled<4>([&](auto e) {
+            expanded<4>([&](auto e) {
                 const std::uint32_t place = 4 * static_cast<std::uint32_t>(t) + e;
                 shared.before[place] = at;
-                unrolled<strips>([&](auto s) {
+                expanded<strips>([&](auto s) {
                     if ((flags[t][e] >> (8 * s) & 1U) != 0)
                         shared.slot[at++] = memory.slot[(from + place) * strips + s];
                 });
@@ -109,12 +109,12 @@ struct MergeKernel {
         constexpr int at_once = 4;
         for (std::uint32_t k = shared.before[begin - at]; k < last; k += at_once) {
             Quad4 p[at_once];
-            unrolled<at_once>([&](auto e) {
+            expanded<at_once>([&](auto e) {
                 p[e] = k + e < last ? partial[std::size_t(shared.slot[k + e]) * quads +
                                               static_cast<std::size_t>(quad)]
                                     : Quad4{0, 0, 0, 0};
             });
-            unrolled<at_once>([&](auto e) {
+            expanded<at_once>([&](auto e) {
                 sum.x += p[e].x;
                 sum.y += p[e].y;
                 sum.z += p[e].z;

@@ -139,7 +139,7 @@ struct NearestFirst {
         block.each_warp([&](int w) {
             auto& key = own[w].key;
             const U at = U(static_cast<std::uint32_t>(32 * w)) + W::lane();
-            unrolled<K>([&](auto k) {
+            expanded<K>([&](auto k) {
                 const U i = at + U(128 * k);
                 key[k] = W::read64_where(i < U(count), source, i, ~std::uint64_t(0));
             });
@@ -153,12 +153,12 @@ struct NearestFirst {
                     return U(static_cast<std::uint32_t>(128 * k + 32 * w)) + W::lane();
                 };
                 block.each_warp([&](int w) {
-                    unrolled<K>([&](auto k) { W::write(shared.key, place(w, k), own[w].key[k]); });
+                    expanded<K>([&](auto k) { W::write(shared.key, place(w, k), own[w].key[k]); });
                 });
                 block.each_warp([&](int w) {
                     const int warps = static_cast<int>(apart / (32 * K));
                     const bool up = (static_cast<std::uint32_t>(32 * K * w) & run) == 0;
-                    unrolled<K>([&](auto k) {
+                    expanded<K>([&](auto k) {
                         const auto other =
                             W::read64_where(W::lane() < U(32), shared.key, place(w ^ warps, k), 0);
                         keep<W>(own[w].key[k], other, typename W::M(((w & warps) == 0) == up));
@@ -167,7 +167,7 @@ struct NearestFirst {
                 });
             }
         block.each_warp([&](int w) {
-            unrolled<K>([&](auto k) {
+            expanded<K>([&](auto k) {
                 W::write(shared.key,
                          (U(static_cast<std::uint32_t>(32 * w)) + W::lane()) * U(K) + U(k),
                          own[w].key[k]);
@@ -184,11 +184,11 @@ struct NearestFirst {
     /// Runs of up to K keys, in each lane; the last ascend and descend by turns.
     template <class W, int K>
     RYE_DEVICE static void within_lane(typename W::U64 (&key)[std::size_t(K)]) {
-        unrolled<log2_of(K)>([&](auto level) {
+        expanded<log2_of(K)>([&](auto level) {
             constexpr int run = 2 << level;
-            unrolled<level + 1>([&](auto step) {
+            expanded<level + 1>([&](auto step) {
                 constexpr int apart = run >> (step + 1);
-                unrolled<K>([&](auto k) {
+                expanded<K>([&](auto k) {
                     if constexpr ((k & apart) == 0) {
                         if constexpr (run < K)
                             order<W>(key[k], key[k + apart], typename W::M((k & run) == 0));
@@ -220,13 +220,13 @@ struct NearestFirst {
         for (; apart >= static_cast<std::uint32_t>(K); apart /= 2) {
             const std::uint32_t lanes = apart / static_cast<std::uint32_t>(K);
             const auto least = ((W::lane() & U(lanes)) == U(0)) == up;
-            unrolled<K>([&](auto k) {
+            expanded<K>([&](auto k) {
                 keep<W>(key[k], W::across(key[k], static_cast<int>(lanes)), least);
             });
         }
-        unrolled<log2_of(K)>([&](auto step) {
+        expanded<log2_of(K)>([&](auto step) {
             constexpr int near = K >> (step + 1);
-            unrolled<K>([&](auto k) {
+            expanded<K>([&](auto k) {
                 if constexpr ((k & near) == 0) order<W>(key[k], key[k + near], up);
             });
         });

@@ -25,20 +25,20 @@ template <class W, int N>
 RYE_DEVICE void multiply(Array<typename W::F, 4>& d, const Planes<W, N, 4>& a,
                          const Planes<W, N, 2>& b) {
     if constexpr (N < 3) {
-        unrolled<N>([&](auto i) { unrolled<N - i>([&](auto k) { W::mma(d, a[i], b[k]); }); });
+        expanded<N>([&](auto i) { expanded<N - i>([&](auto k) { W::mma(d, a[i], b[k]); }); });
     } else {
         // Units of matrices cut their sums off: a long chain of them would drift.
         using F = typename W::F;
         Array<F, 4> part{{F(0.0F), F(0.0F), F(0.0F), F(0.0F)}};
-        unrolled<N>([&](auto i) { unrolled<N - i>([&](auto k) { W::mma(part, a[i], b[k]); }); });
-        unrolled<4>([&](auto k) { d[k] = d[k] + part[k]; });
+        expanded<N>([&](auto i) { expanded<N - i>([&](auto k) { W::mma(part, a[i], b[k]); }); });
+        expanded<4>([&](auto k) { d[k] = d[k] + part[k]; });
     }
 }
 
 /// Register r of a left operand's planes: numbers a and b of each lane.
 template <class W, int N>
 RYE_DEVICE void split(Planes<W, N, 4>& to, int r, typename W::F a, typename W::F b) {
-    unrolled<N>([&](auto p) {
+    expanded<N>([&](auto p) {
         to[p][r] = W::pack(a, b);
         if constexpr (p + 1 < N) {
             a = a - W::low(to[p][r]);
@@ -50,7 +50,7 @@ RYE_DEVICE void split(Planes<W, N, 4>& to, int r, typename W::F a, typename W::F
 /// Register r of a right operand's planes.
 template <class W, int N>
 RYE_DEVICE void split(Planes<W, N, 2>& to, int r, typename W::F a, typename W::F b) {
-    unrolled<N>([&](auto p) {
+    expanded<N>([&](auto p) {
         to[p][r] = W::pack(a, b);
         if constexpr (p + 1 < N) {
             a = a - W::low(to[p][r]);
@@ -71,7 +71,7 @@ RYE_DEVICE Planes<W, N, 2> features_over_visits(const DeviceScene& scene,
     const U stride(static_cast<std::uint32_t>(scene.feature.rows));
     const float* const from = scene.feature.data + scene.first_channel;
     F x[4];
-    unrolled<4>([&](auto i) {
+    expanded<4>([&](auto i) {
         x[i] =
             W::read_where(drawn && owner[i] < U(none_of), from, owner[i] * stride + channel, 0.0F);
     });
@@ -88,7 +88,7 @@ RYE_DEVICE Planes<W, N, 2> features_over_channels(const float* rows, int stride,
                                                   const typename W::U& row, int sixteen) {
     using U = typename W::U;
     Planes<W, N, 2> r;
-    unrolled<2>([&](auto k) {
+    expanded<2>([&](auto k) {
         const auto two = W::read2(rows, row * U(static_cast<std::uint32_t>(stride / 2)) +
                                             U(static_cast<std::uint32_t>(8 * sixteen + 4 * k)) +
                                             W::lane() % U(4));

@@ -110,7 +110,7 @@ struct ReverseKernel {
                            scene.feature.rows % 4 == 0 &&
                            reinterpret_cast<std::uintptr_t>(from) % 16 == 0;
         if (quads) {
-            unrolled<Layout::padded / 8>([&](auto k) {
+            expanded<Layout::padded / 8>([&](auto k) {
                 const U quad = half + U(2 * k);
                 const auto drawn = quad * U(4) < U(static_cast<std::uint32_t>(scene.channels));
                 const U at = visit * U(of_visit / 4) + quad;
@@ -156,15 +156,15 @@ struct ReverseKernel {
             }
             W::sync();
             const auto background = over_channels<W>(row, U(0), U(0));
-            unrolled<4>([&](auto m) {
+            expanded<4>([&](auto m) {
                 const auto product = along<W>(shared, m, background);
                 s.behind[2 * m] = product[0][0];
                 s.behind[2 * m + 1] = product[0][2];
             });
         } else {
-            unrolled<8>([&](auto j) {
+            expanded<8>([&](auto j) {
                 Array<F, 4> background;
-                unrolled<C>([&](auto c) {
+                expanded<C>([&](auto c) {
                     s.colour[j][c] = c < scene.channels
                                          ? of(image.feature, j, int(scene.first_channel) + c)
                                          : F(0.0F);
@@ -174,7 +174,7 @@ struct ReverseKernel {
             });
         }
         if constexpr (extra)
-            unrolled<8>([&](auto j) {
+            expanded<8>([&](auto j) {
                 s.alpha[j] = scene.first_channel == 0 ? of(image.alpha, j, 0) : F(0.0F);
                 s.depth[j] = scene.first_channel == 0 ? of(image.depth, j, 0) : F(0.0F);
             });
@@ -197,7 +197,7 @@ struct ReverseKernel {
             F a = W::read_where(inside && channel < U(drawn), image.feature.data, from, 0.0F);
             F b = W::read_where(inside && channel + U(1) < U(drawn), image.feature.data,
                                 from + U(1), 0.0F);
-            unrolled<N>([&](auto p) {
+            expanded<N>([&](auto p) {
                 const U word = W::pack(a, b);
                 W::write_word(&shared.cotangent[p][0][0], pixel * U(of_pixel / 2) + flat % U(pairs),
                               word);
@@ -217,7 +217,7 @@ struct ReverseKernel {
     RYE_DEVICE static OverChannels<W> over_channels(const float* rows, const typename W::U& first,
                                                     const typename W::U& second) {
         OverChannels<W> r;
-        unrolled<steps>([&](auto c) {
+        expanded<steps>([&](auto c) {
             r[0][c] = features_over_channels<W, N>(rows, of_visit, first, c);
             r[1][c] = features_over_channels<W, N>(rows, of_visit, second, c);
         });
@@ -230,13 +230,13 @@ struct ReverseKernel {
                                                        const OverChannels<W>& features) const {
         using F = typename W::F;
         Array<Array<F, 4>, 2> s;
-        unrolled<2>([&](auto n) { unrolled<4>([&](auto k) { s[n][k] = F(0.0F); }); });
-        unrolled<steps>([&](auto c) {
+        expanded<2>([&](auto n) { expanded<4>([&](auto k) { s[n][k] = F(0.0F); }); });
+        expanded<steps>([&](auto c) {
             Planes<W, N, 4> pixels;
-            unrolled<N>([&](auto p) {
+            expanded<N>([&](auto p) {
                 pixels[p] = W::template tiles<false>(&shared.cotangent[p][0][0], tile_of<W>(m, c));
             });
-            unrolled<2>([&](auto n) { multiply<W, N>(s[n], pixels, features[n][c]); });
+            expanded<2>([&](auto n) { multiply<W, N>(s[n], pixels, features[n][c]); });
         });
         return s;
     }
@@ -278,8 +278,8 @@ struct ReverseKernel {
             const OverChannels<W> features = over_channels<W>(ahead.feature, visit_at<W>(position),
                                                               visit_at<W>(position + U(8)));
             Array<F, 4> colour[std::size_t(C / 8)];
-            unrolled<C / 8>([&](auto n) { unrolled<4>([&](auto k) { colour[n][k] = F(0.0F); }); });
-            unrolled<4>([&](auto m) {
+            expanded<C / 8>([&](auto n) { expanded<4>([&](auto k) { colour[n][k] = F(0.0F); }); });
+            expanded<4>([&](auto m) {
                 const auto product = along<W>(shared, m, features);
                 const auto one = [&](auto odd) {
                     const Constant<2 * m + odd> j;
@@ -294,12 +294,12 @@ struct ReverseKernel {
                 split<W, N>(weights, 1, a.weight[2], a.weight[3]);
                 split<W, N>(weights, 2, b.weight[0], b.weight[1]);
                 split<W, N>(weights, 3, b.weight[2], b.weight[3]);
-                unrolled<N>([&](auto p) {
-                    unrolled<4>([&](auto k) { weights[p][k] = W::transpose(weights[p][k]); });
+                expanded<N>([&](auto p) {
+                    expanded<4>([&](auto k) { weights[p][k] = W::transpose(weights[p][k]); });
                 });
-                unrolled<(C + 15) / 16>([&](auto c) {
+                expanded<(C + 15) / 16>([&](auto c) {
                     Planes<W, N, 2> left, right;
-                    unrolled<N>([&](auto p) {
+                    expanded<N>([&](auto p) {
                         const auto t =
                             W::template tiles<true>(&shared.cotangent[p][0][0], tile_of<W>(m, c));
                         left[p] = {{t[0], t[1]}};
@@ -312,19 +312,19 @@ struct ReverseKernel {
             });
             const U at = visit_at<W>(position) * U(Layout::stride) + U(Layout::head) +
                          W::lane() % U(4) * U(2);
-            unrolled<C / 8>([&](auto n) {
+            expanded<C / 8>([&](auto n) {
                 W::write2(partial, (at + U(8 * n)) / U(2), colour[n][0], colour[n][1]);
                 W::write2(partial, (at + U(8 * n + 2 * Layout::stride)) / U(2), colour[n][2],
                           colour[n][3]);
             });
         } else {
             Array<F, 4> colour[4];
-            unrolled<4>([&](auto i) {
+            expanded<4>([&](auto i) {
                 colour[i] = W::read4(reinterpret_cast<const Quad4*>(ahead.feature), first + U(i));
             });
-            unrolled<8>([&](auto j) {
+            expanded<8>([&](auto j) {
                 Array<F, 4> of_row;
-                unrolled<4>(
+                expanded<4>(
                     [&](auto i) { of_row[i] = Step::template along<W>(s.colour[j], colour[i]); });
                 Step::template one_row<W>(s, sum, v, rules, j, before(j), of_row);
             });

@@ -28,7 +28,7 @@ struct ReverseStep {
     template <class W, class F>
     RYE_DEVICE static F along(const F (&cotangent)[std::size_t(C)], const Array<F, 4>& colour) {
         F s = cotangent[0] * colour[0];
-        unrolled<C - 1>([&](auto c) { s = W::fma(cotangent[c + 1], colour[c + 1], s); });
+        expanded<C - 1>([&](auto c) { s = W::fma(cotangent[c + 1], colour[c + 1], s); });
         return s;
     }
     /// Sums over the pixels of each of a lane's visits.
@@ -40,12 +40,12 @@ struct ReverseStep {
         F colour[Layout::products ? 1 : 4][Layout::products ? 1 : C];
 
         RYE_DEVICE Moments() {
-            unrolled<4>([&](auto i) {
+            expanded<4>([&](auto i) {
                 one[i] = y[i] = yy[i] = F(0.0F);
                 if constexpr (A::has_floor) alpha[i] = F(0.0F);
                 if constexpr (extra) depth[i] = F(0.0F);
                 if constexpr (!Layout::products)
-                    unrolled<C>([&](auto c) { colour[i][c] = F(0.0F); });
+                    expanded<C>([&](auto c) { colour[i][c] = F(0.0F); });
             });
         }
     };
@@ -58,21 +58,21 @@ struct ReverseStep {
                                        const Array<typename W::F, 4>& along_visit) {
         using F = typename W::F;
         F alpha[4], more[4];
-        unrolled<4>([&](auto i) { alpha[i] = v.alpha(i, j, rules.least, rules.alpha_max); });
+        expanded<4>([&](auto i) { alpha[i] = v.alpha(i, j, rules.least, rules.alpha_max); });
         const Taken<W> t = rules.take(alpha, before);
-        unrolled<4>([&](auto i) {
+        expanded<4>([&](auto i) {
             more[i] = along_visit[i] - s.behind[j];
             if constexpr (extra) more[i] = more[i] + W::fma(s.depth[j], v.depth[i], s.alpha[j]);
         });
         // b, from its value behind the group: over the own visits from 0, then over the lanes.
         F own = t.alpha[3] * more[3];
-        unrolled<3>([&](auto i) { own = W::fma(t.alpha[2 - i], more[2 - i] - own, own); });
+        expanded<3>([&](auto i) { own = W::fma(t.alpha[2 - i], more[2 - i] - own, own); });
         const F third = W::template quad_down<3>(own, 0.0F);
         const F second = W::fma(W::template quad_down<2>(t.product, 1.0F), third,
                                 W::template quad_down<2>(own, 0.0F));
         F b = W::fma(W::template quad_down<1>(t.product, 1.0F), second,
                      W::template quad_down<1>(own, 0.0F));
-        unrolled<4>([&](auto k) {
+        expanded<4>([&](auto k) {
             constexpr int i = 3 - k;
             const F m = more[i] - b;
             b = W::fma(t.alpha[i], m, b);
@@ -92,7 +92,7 @@ struct ReverseStep {
             sum.yy[i] = W::fma(h, F(y * y), sum.yy[i]);
             if constexpr (extra) sum.depth[i] = W::fma(t.weight[i], s.depth[j], sum.depth[i]);
             if constexpr (!Layout::products)
-                unrolled<C>([&](auto c) {
+                expanded<C>([&](auto c) {
                     sum.colour[i][c] = W::fma(t.weight[i], s.colour[j][c], sum.colour[i][c]);
                 });
         });
@@ -109,8 +109,8 @@ struct ReverseStep {
         constexpr int count = 4 * sums;
         static_assert(count % 8 == 0);
         F x[std::size_t(count)];
-        unrolled<count>([&](auto k) { x[k] = F(0.0F); });
-        unrolled<4>([&](auto i) {
+        expanded<count>([&](auto k) { x[k] = F(0.0F); });
+        expanded<4>([&](auto i) {
             F* const to = x + i * sums;
             const F gv = W::fma(v.v[i], sum.one[i], v.vy[i] * sum.y[i]);
             const F gu = v.u[i] * sum.one[i];
@@ -128,12 +128,12 @@ struct ReverseStep {
             else
                 to[6] = F(0.0F);
             if constexpr (!Layout::products)
-                unrolled<C>([&](auto c) { to[7 + c] = sum.colour[i][c]; });
+                expanded<C>([&](auto c) { to[7 + c] = sum.colour[i][c]; });
         });
         halve<W, 16, count>(x);
         halve<W, 8, count / 2>(x);
         halve<W, 4, count / 4>(x);
-        unrolled<count / 8>([&](auto k) {
+        expanded<count / 8>([&](auto k) {
             const U flat = W::lane() / U(4) * U(count / 8) + U(k);
             const U at =
                 (W::lane() % U(4) * U(4) + flat / U(sums)) * U(Layout::stride) + flat % U(sums);
@@ -144,7 +144,7 @@ struct ReverseStep {
     RYE_DEVICE static void halve(F* x) {
         using U = typename W::U;
         const auto upper = (W::lane() & U(apart)) > U(0);
-        unrolled<n / 2>([&](auto k) {
+        expanded<n / 2>([&](auto k) {
             const F keep = select(upper, x[k + n / 2], x[k]);
             const F give = select(upper, x[k], x[k + n / 2]);
             x[k] = keep + W::template across<apart>(give);

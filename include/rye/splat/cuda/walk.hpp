@@ -26,7 +26,7 @@ struct Visits {
     /// splat(i): visit i of the lane; column x and middle row y, from the tile's centre.
     template <class Splats>
     RYE_DEVICE Visits(const Splats& splat, const F& x, float y, const A& accuracy) {
-        unrolled<4>([&](auto i) {
+        expanded<4>([&](auto i) {
             const TileSplat<W> s = splat(i);
             u[i] = W::fma(s.ux, x, s.u0);
             vy[i] = s.vy;
@@ -96,7 +96,7 @@ struct Transmittance {
         r.before[1] = start * keep0;
         r.before[2] = start * two;
         r.before[3] = start * three;
-        unrolled<4>([&](auto i) {
+        expanded<4>([&](auto i) {
             r.alpha[i] = select(taken(r, i), alpha[i], F(0.0F));
             r.weight[i] = r.alpha[i] * r.before[i];
         });
@@ -110,7 +110,7 @@ struct Transmittance {
             return W::template of_quad<3>(last);
         } else {
             F least_taken = t;
-            unrolled<4>([&](auto i) {
+            expanded<4>([&](auto i) {
                 F next = last;
                 if constexpr (i < 3) next = r.before[i + 1];
                 least_taken = select(taken(r, i), next, least_taken);
