@@ -460,7 +460,7 @@ struct Eyes {
     }
 };
 
-struct Encoding {
+struct Encodings {
     static constexpr const char* name = "encoding";
     static constexpr int inputs = 1 + 9, outputs = 9 + 1;
     static constexpr double ulps = 16;

@@ -207,7 +207,7 @@ int main() {
     good &= run_real<Splats<Balanced>>() & run_float<Splats<Compatible3dgsFloor>>();
     good &= run_real<Blending<Balanced>>() & run_float<Blending<Compatible3dgsFloor>>();
     good &= run_all<Influences<SquaredDistance>>() & run_all<Influences<EuclideanDistance>>();
-    good &= run_all<Eyes>() & run_all<Encoding>() & run_all<Activations>();
+    good &= run_all<Eyes>() & run_all<Encodings>() & run_all<Activations>();
     good &= run_all<SsimWindow>() & run_all<Corneas>();
     return good ? 0 : 1;
 }
