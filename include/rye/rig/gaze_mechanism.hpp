@@ -10,6 +10,7 @@
 
 #include <rye/autodiff/dual.hpp>
 #include <rye/core/fields.hpp>
+#include <rye/core/random.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
