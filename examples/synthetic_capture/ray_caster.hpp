@@ -43,7 +43,7 @@ class RayCaster {
     Hit nearest(const Ray& ray) const;
     /// The closest intersection of each ray; several times as fast as one by one.
     std::array<Hit, 4> nearest(const RayBundle& rays) const;
-    /// Whether there is any intersection.
+    /// True if the ray meets a triangle.
     bool meets(const Ray& ray) const;
 
   private:

@@ -18,7 +18,7 @@ struct Photograph {
     Pinhole<double> camera;          ///< without the lens
     BrownConrady<double> lens;
 
-    /// Whether a distortion coefficient is not 0.
+    /// True if a distortion coefficient is not 0.
     bool bent() const;
 };
 

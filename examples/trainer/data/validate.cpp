@@ -498,7 +498,7 @@ void check_gaze(const Capture& c, double span, Findings& found) {
 
 // ---- pixels ------------------------------------------------------------------------------------
 
-/// Whether the eye labels fit the other eye's landmarks better.
+/// True if the eye labels fit the other eye's landmarks better.
 bool eyes_swapped(const Capture& c, ViewIndex v, const Image<float>& labels) {
     std::array<Vec2<double>, 2> lids, seen{Vec2<double>::Zero(), Vec2<double>::Zero()};
     std::array<double, 2> count{0, 0};

@@ -39,8 +39,8 @@ Capture read_valid_capture(const std::filesystem::path& folder, const CaptureOpt
 Capture read_valid_frame(const CaptureContents& contents, const std::string& frame,
                          const std::vector<std::string>& cameras);
 
-/// What a valid capture lacks for training, in whole sentences; rendering and measuring work
-/// without. Empty if it can be trained on.
+/// Missing data of a valid capture, in whole sentences, that training needs; rendering and
+/// measuring work without. Empty if it can be trained on.
 std::vector<std::string> training_faults(const Capture& capture);
 
 /// Throws Error with the first of training_faults.

@@ -23,7 +23,7 @@ concept Variant = std::default_initializable<V> && requires {
 /// Each variant is compiled whole: more than these are a mistake.
 inline constexpr std::size_t most_variants = 16;
 
-/// What a program is compiled for.
+/// Variants that a program is compiled for.
 template <Variant... V>
 struct Variants {
     static constexpr std::size_t count = sizeof...(V);
@@ -44,7 +44,7 @@ struct Variants {
 
 namespace detail {
 
-/// What no variant has together, for the error.
+/// Effects that no variant has together, for the error.
 template <class List>
 std::string nearest_variant(const EffectMask& called) {
     EffectMask missing = called;

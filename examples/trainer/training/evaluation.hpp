@@ -3,7 +3,7 @@
 /// head, face and eyes, and the gaze error by the paper's protocol, an estimator on the render
 /// against the same on the photograph.
 ///
-/// Which eyes count is the photograph's affair, not the run's: those of which the capture's eye mask
+/// The photograph decides which eyes count, not the run: those of which the capture's eye mask
 /// leaves the estimator min_eye_pixels or more. Each of them counts in every mean; where no iris is
 /// found, the error is missed_degrees.
 #pragma once
@@ -82,7 +82,7 @@ struct ViewResult {
     nlohmann::ordered_json json() const;
 };
 
-/// What the estimator is given of the eyes of one view.
+/// Inputs of the estimator: the eyes of one view.
 struct EyesOfView {
     std::array<EyeballGeometry, 2> ball;
     Image<float> area;  ///< channel e: 0.5 or more where eyeball e is visible
