@@ -46,7 +46,8 @@ struct ZipDirectory {
 inline ZipDirectory find_zip_directory(ByteSpan zip, const std::string& who) {
     // The end record has 22 bytes, then a comment of up to 65535.
     require(zip.size() >= 22, who,
-            "truncated: " + std::to_string(zip.size()) + " bytes are no zip file (npz)");
+            "truncated: got " + std::to_string(zip.size()) +
+                " bytes, expected a zip file (npz) of at least 22");
     std::uint64_t end = zip.size() - 22;
     const std::uint64_t lowest = end > 65535 ? end - 65535 : 0;
     while (read_at<std::uint32_t>(zip, end, who, "zip end") != 0x06054b50U)
