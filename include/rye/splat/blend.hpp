@@ -9,6 +9,8 @@
 /// which neither divides by 1 - alpha nor subtracts large sums: it is 0 where a Gaussian has the
 /// colour of what is behind it.
 /// Walks keep iteration, addressing and sums over pixels and channels; nothing of this is theirs.
+/// A walk that takes several Gaussians of a pixel at once (cuda/walk.hpp) has T and b in front of
+/// and behind each by scans over these steps.
 #pragma once
 
 #include <algorithm>
@@ -48,6 +50,8 @@ struct SinglePixel {
     static constexpr bool ends_when_full = true;
     static constexpr bool keeps_bell = true;     ///< for the way back; else alpha alone
     static constexpr bool mixed_from_u = true;   ///< g u v is (g u) v; else (g v) u
+    /// Without a floor, d / d exponent is alpha T (s - b), from the weight; else (T (s - b)) alpha.
+    static constexpr bool slope_from_weight = false;
 
     /// A condition that a branch of the walk has settled.
     template <class M>
@@ -78,6 +82,11 @@ struct SinglePixel {
     RYE_HD static V full(const V& transmittance) {
         return transmittance;
     }
+    /// c + a b.
+    template <class V>
+    [[gnu::always_inline]] RYE_HD static V add_product(const V& c, const V& a, const V& b) {
+        return c + a * b;
+    }
 };
 
 /// Pixels that are walked together, in lanes or threads, without a branch of their own: a pixel
@@ -88,6 +97,7 @@ struct PixelGroup {
     static constexpr bool ends_when_full = false;
     static constexpr bool keeps_bell = false;
     static constexpr bool mixed_from_u = false;
+    static constexpr bool slope_from_weight = false;
 
     template <class M>
     RYE_HD static const M& settled(const M& condition) {
@@ -110,6 +120,10 @@ struct PixelGroup {
         using std::abs;
         return -abs(transmittance);
     }
+    template <class V>
+    [[gnu::always_inline]] RYE_HD static V add_product(const V& c, const V& a, const V& b) {
+        return c + a * b;
+    }
 };
 
 /// What a Gaussian would add to a pixel with nothing in front of it.
@@ -129,6 +143,12 @@ struct Contribution : Coverage<V> {
 template <class V, class Mask>
 struct TakenContribution : Contribution<V> {
     Mask taken;
+};
+
+/// The cotangents of a Gaussian's exponent and of the logarithm of its opacity, from one pixel.
+template <class V>
+struct ResponseCotangent {
+    V exponent, opacity;
 };
 
 /// Cotangent of a pixel: s, the sum over channels of cotangent times the Gaussian's colour.
@@ -215,27 +235,58 @@ struct Blend {
         return weight;
     }
 
-    /// The step back over contribution c at offsets (u, v). g: a ColourCotangent or PixelCotangent.
-    /// `behind`, b, becomes that of what is in front of c. Cotangents of `gaussian`, of which floor
-    /// and depth are read, are added to `sum`: the numbers of SplatCotangent in their order.
+    /// s - b for a Gaussian: what a pixel would gain by more of it in place of what is behind it.
+    /// g: a ColourCotangent or PixelCotangent; depth is read of `gaussian`.
+    template <class Gaussian, class Cotangent>
+    [[gnu::always_inline]] RYE_HD static V excess(const Gaussian& gaussian, const Cotangent& g,
+                                                  const V& behind) {
+        V more = g.colour - behind;
+        if constexpr (requires { g.depth; })
+            more = more + Pixels::add_product(g.alpha, g.depth, gaussian.depth);
+        return more;
+    }
+    /// b in front of a Gaussian.
+    [[gnu::always_inline]] RYE_HD static V in_front(const V& behind, const V& alpha,
+                                                    const V& excess) {
+        return Pixels::add_product(behind, alpha, excess);
+    }
+
+    /// The step back over contribution c, whose excess is `more`; b becomes that in front of it.
+    [[gnu::always_inline]] RYE_HD ResponseCotangent<V> step_back(const Contribution<V>& c, V more,
+                                                                 const V& floor, V& b) const {
+        if constexpr (A::has_floor || !Pixels::slope_from_weight)
+            more = Pixels::when(Pixels::settled(c.weight > V(R(0))), more);
+        b = in_front(b, c.alpha, more);
+        if constexpr (Pixels::slope_from_weight && !A::has_floor) {
+            const V slope = Pixels::when(c.alpha < alpha_max, V(c.weight * more));
+            return {slope, slope};
+        }
+        // With the bell o e: d alpha / d exponent = o e, o d alpha / d o = o e - o f = alpha.
+        V g_alpha = c.before * more;
+        if constexpr (Pixels::keeps_bell) {
+            const V exponent = g_alpha * c.bell;
+            return {exponent, exponent - Pixels::when(c.bell > V(R(0)), V(g_alpha * floor))};
+        } else {
+            g_alpha = Pixels::when(c.alpha < alpha_max, g_alpha);
+            const V opacity = g_alpha * c.alpha;
+            if constexpr (A::has_floor)
+                return {Pixels::add_product(opacity, g_alpha, floor), opacity};
+            else
+                return {opacity, opacity};
+        }
+    }
+
+    /// The step back over contribution c at offsets (u, v), of g, a ColourCotangent or
+    /// PixelCotangent. `behind`, b, becomes that of what is in front of c. Cotangents of
+    /// `gaussian`, of which floor and depth are read, are added to `sum`: the numbers of
+    /// SplatCotangent in their order.
     template <class Gaussian, class Cotangent, class Sums>
     [[gnu::always_inline]] RYE_HD void take_vjp(const Contribution<V>& c, const V& u, const V& v,
                                                 const Gaussian& gaussian, const Cotangent& g,
                                                 V& behind, Sums&& sum) const {
         const V weight = c.weight;                         // sums may be stored beside c
-        V more = g.colour - behind;
-        if constexpr (requires { g.depth; }) more = more + (g.alpha + g.depth * gaussian.depth);
-        more = Pixels::when(Pixels::settled(weight > V(R(0))), more);
-        behind = behind + c.alpha * more;
-        // With the bell o e: d alpha / d exponent = o e, o d alpha / d o = o e - o f = alpha.
-        V g_alpha = c.before * more, g_exponent, g_opacity;
-        if constexpr (Pixels::keeps_bell) {
-            g_exponent = g_alpha * c.bell;
-        } else {
-            g_alpha = Pixels::when(c.alpha < alpha_max, g_alpha);
-            g_exponent = g_opacity = g_alpha * c.alpha;
-            if constexpr (A::has_floor) g_exponent = g_exponent + g_alpha * gaussian.floor;
-        }
+        const auto [g_exponent, g_opacity] =
+            step_back(c, excess(gaussian, g, behind), gaussian.floor, behind);
         const V gu = g_exponent * u, gv = g_exponent * v;
         sum[0] = sum[0] + gu;
         sum[1] = sum[1] + gv;
@@ -245,8 +296,6 @@ struct Blend {
         else
             sum[3] = sum[3] + gv * u;
         sum[4] = sum[4] + gv * v;
-        if constexpr (Pixels::keeps_bell)
-            g_opacity = g_exponent - Pixels::when(c.bell > V(R(0)), V(g_alpha * gaussian.floor));
         sum[5] = sum[5] + g_opacity;
         if constexpr (requires { g.depth; }) sum[6] = sum[6] + weight * g.depth;
     }

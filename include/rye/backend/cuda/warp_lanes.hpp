@@ -6,6 +6,8 @@
 
 #include <type_traits>
 
+#include <rye/core/concepts.hpp>
+
 namespace rye {
 
 /// A number in each lane of a warp.
@@ -88,5 +90,10 @@ template <class T>
 Lanes<T> select(const Lanes<bool>& c, const Lanes<T>& a, const Lanes<T>& b) {
     return Lanes<T>::each([&](int l) { return c.x[l] ? a.x[l] : b.x[l]; });
 }
+
+template <class T>
+struct RealOf<Lanes<T>> {
+    using type = T;
+};
 
 } // namespace rye

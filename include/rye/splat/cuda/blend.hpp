@@ -215,7 +215,7 @@ struct BlendKernel {
                           const StripPixels<W>& pixels) const {
         using F = typename W::F;
         using U = typename W::U;
-        const Transmittance<W, A> rules(accuracy);
+        const WarpBlend<W, A> rules(accuracy);
         const std::uint32_t at = s.done % Found::room;
         if (memory.groups > 0) keep<W>(found, s, at);
         const U first = U(at) + W::lane() % U(4) * U(4);
@@ -230,17 +230,15 @@ struct BlendKernel {
             },
             pixels.x, pixels.y, accuracy);
         const auto row = [&](auto j) {
-            F alpha[4];
-            expanded<4>([&](auto i) { alpha[i] = v.alpha(i, j, rules.least, rules.alpha_max); });
-            const Taken<W> t = rules.take(alpha, s.transmittance[j]);
+            const Taken<W> t = rules.take(v, j, s.transmittance[j]);
             s.transmittance[j] = rules.behind(t, s.transmittance[j]);
             if constexpr (A::outputs.depth)
                 expanded<4>(
-                    [&](auto i) { s.depth[j] = W::fma(t.weight[i], v.depth[i], s.depth[j]); });
+                    [&](auto i) { s.depth[j] = W::fma(t.visit[i].weight, v.depth[i], s.depth[j]); });
             if constexpr (A::outputs.contributor)
                 expanded<4>([&](auto i) {
-                    const auto more = t.weight[i] > s.most[j];
-                    s.most[j] = select(more, t.weight[i], s.most[j]);
+                    const auto more = t.visit[i].weight > s.most[j];
+                    s.most[j] = select(more, t.visit[i].weight, s.most[j]);
                     s.contributor[j] =
                         select(more, W::read(found.entry, first + U(i)), s.contributor[j]);
                 });
@@ -256,10 +254,10 @@ struct BlendKernel {
                 const Taken<W> a = row(Constant<2 * m>{});
                 const Taken<W> b = row(Constant<2 * m + 1>{});
                 Planes<W, N, 4> weights;
-                split<W, N>(weights, 0, a.weight[0], a.weight[1]);
-                split<W, N>(weights, 1, b.weight[0], b.weight[1]);
-                split<W, N>(weights, 2, a.weight[2], a.weight[3]);
-                split<W, N>(weights, 3, b.weight[2], b.weight[3]);
+                split<W, N>(weights, 0, a.visit[0].weight, a.visit[1].weight);
+                split<W, N>(weights, 1, b.visit[0].weight, b.visit[1].weight);
+                split<W, N>(weights, 2, a.visit[2].weight, a.visit[3].weight);
+                split<W, N>(weights, 3, b.visit[2].weight, b.visit[3].weight);
                 expanded<C / 8>(
                     [&](auto n) { multiply<W, N>(s.sums[m][n], weights, features[n]); });
             });
@@ -270,13 +268,13 @@ struct BlendKernel {
                 const Taken<W> t = row(j);
                 expanded<C>([&](auto c) {
                     expanded<4>([&](auto i) {
-                        s.colour[j][c] = W::fma(t.weight[i], colour[i][c], s.colour[j][c]);
+                        s.colour[j][c] = W::fma(t.visit[i].weight, colour[i][c], s.colour[j][c]);
                     });
                 });
             });
         }
-        auto open = rules.open(s.transmittance[0]);
-        expanded<7>([&](auto j) { open = open || rules.open(s.transmittance[j + 1]); });
+        auto open = rules.one_visit.open(s.transmittance[0]);
+        expanded<7>([&](auto j) { open = open || rules.one_visit.open(s.transmittance[j + 1]); });
         s.open = W::any(open);
     }
 };

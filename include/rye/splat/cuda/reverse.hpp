@@ -49,7 +49,7 @@ struct ReverseKernel {
         block.each_warp([&](int) {
             const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
             const TileCentre centre(scene, tile, memory.columns);
-            const Transmittance<W, A> rules(accuracy);
+            const WarpBlend<W, A> rules(accuracy);
             StripCotangents<W, C, extra> s;
             start<W>(shared, s, pixels);
             W::sync(); // it read a row of what is copied to now
@@ -250,7 +250,7 @@ struct ReverseKernel {
 
     template <class W>
     RYE_DEVICE void group(const Shared& shared, const Ahead& ahead, StripCotangents<W, C, extra>& s,
-                          const StripPixels<W>& pixels, const Transmittance<W, A>& rules,
+                          const StripPixels<W>& pixels, const WarpBlend<W, A>& rules,
                           const TileCentre& centre, const Next<W>& now, int w) const {
         using F = typename W::F;
         using U = typename W::U;
@@ -290,10 +290,10 @@ struct ReverseKernel {
                 const Taken<W> a = one(Constant<0>{});
                 const Taken<W> b = one(Constant<1>{});
                 Planes<W, N, 4> weights; // transposed: a row a position
-                split<W, N>(weights, 0, a.weight[0], a.weight[1]);
-                split<W, N>(weights, 1, a.weight[2], a.weight[3]);
-                split<W, N>(weights, 2, b.weight[0], b.weight[1]);
-                split<W, N>(weights, 3, b.weight[2], b.weight[3]);
+                split<W, N>(weights, 0, a.visit[0].weight, a.visit[1].weight);
+                split<W, N>(weights, 1, a.visit[2].weight, a.visit[3].weight);
+                split<W, N>(weights, 2, b.visit[0].weight, b.visit[1].weight);
+                split<W, N>(weights, 3, b.visit[2].weight, b.visit[3].weight);
                 expanded<N>([&](auto p) {
                     expanded<4>([&](auto k) { weights[p][k] = W::transpose(weights[p][k]); });
                 });

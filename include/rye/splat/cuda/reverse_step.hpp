@@ -53,20 +53,31 @@ struct ReverseStep {
     /// One row of pixels: from <cotangent, colour> of its visits to their sums.
     template <class W, class J>
     RYE_DEVICE static Taken<W> one_row(StripCotangents<W, C, extra>& s, Moments<W>& sum,
-                                       const Visits<W, A>& v, const Transmittance<W, A>& rules, J j,
+                                       const Visits<W, A>& v, const WarpBlend<W, A>& rules, J j,
                                        const typename W::F& before,
                                        const Array<typename W::F, 4>& along_visit) {
         using F = typename W::F;
-        F alpha[4], more[4];
-        expanded<4>([&](auto i) { alpha[i] = v.alpha(i, j, rules.least, rules.alpha_max); });
-        const Taken<W> t = rules.take(alpha, before);
+        const auto& one = rules.one_visit;
+        F more[4];
+        const Taken<W> t = rules.take(v, j, before);
         expanded<4>([&](auto i) {
-            more[i] = along_visit[i] - s.behind[j];
-            if constexpr (extra) more[i] = more[i] + W::fma(s.depth[j], v.depth[i], s.alpha[j]);
+            const ColourCotangent<F> colour{along_visit[i]};
+            const struct {
+                F depth;
+            } gaussian{v.depth[i]};
+            if constexpr (extra)
+                more[i] = one.excess(gaussian,
+                                       PixelCotangent<F>{colour, s.alpha[j], s.depth[j]},
+                                       s.behind[j]);
+            else
+                more[i] = one.excess(gaussian, colour, s.behind[j]);
         });
         // b, from its value behind the group: over the own visits from 0, then over the lanes.
-        F own = t.alpha[3] * more[3];
-        expanded<3>([&](auto i) { own = W::fma(t.alpha[2 - i], more[2 - i] - own, own); });
+        F own(0.0F);
+        expanded<4>([&](auto k) {
+            constexpr int i = 3 - k;
+            own = one.in_front(own, t.visit[i].alpha, more[i] - own);
+        });
         const F third = W::template quad_down<3>(own, 0.0F);
         const F second = W::fma(W::template quad_down<2>(t.product, 1.0F), third,
                                 W::template quad_down<2>(own, 0.0F));
@@ -74,26 +85,17 @@ struct ReverseStep {
                      W::template quad_down<1>(own, 0.0F));
         expanded<4>([&](auto k) {
             constexpr int i = 3 - k;
-            const F m = more[i] - b;
-            b = W::fma(t.alpha[i], m, b);
-            F h;
-            if constexpr (A::has_floor) {
-                const F slope = select(t.weight[i] > F(0.0F) && t.alpha[i] < rules.alpha_max,
-                                       t.before[i] * m, F(0.0F));
-                h = slope * t.alpha[i];
-                sum.alpha[i] = sum.alpha[i] + h;
-                h = W::fma(slope, v.floor[i], h);
-            } else {
-                h = select(t.alpha[i] < rules.alpha_max, t.weight[i] * m, F(0.0F));
-            }
+            const auto g = one.step_back(t.visit[i], more[i] - b, v.floor_of(i), b);
+            if constexpr (A::has_floor) sum.alpha[i] = sum.alpha[i] + g.opacity;
             constexpr float y = static_cast<float>(J()) - 3.5F;
-            sum.one[i] = sum.one[i] + h;
-            sum.y[i] = W::fma(h, F(y), sum.y[i]);
-            sum.yy[i] = W::fma(h, F(y * y), sum.yy[i]);
-            if constexpr (extra) sum.depth[i] = W::fma(t.weight[i], s.depth[j], sum.depth[i]);
+            sum.one[i] = sum.one[i] + g.exponent;
+            sum.y[i] = W::fma(g.exponent, F(y), sum.y[i]);
+            sum.yy[i] = W::fma(g.exponent, F(y * y), sum.yy[i]);
+            [[maybe_unused]] const F& weight = t.visit[i].weight;
+            if constexpr (extra) sum.depth[i] = W::fma(weight, s.depth[j], sum.depth[i]);
             if constexpr (!Layout::products)
                 expanded<C>([&](auto c) {
-                    sum.colour[i][c] = W::fma(t.weight[i], s.colour[j][c], sum.colour[i][c]);
+                    sum.colour[i][c] = W::fma(weight, s.colour[j][c], sum.colour[i][c]);
                 });
         });
         s.behind[j] = s.behind[j] + W::template of_quad<0>(b);

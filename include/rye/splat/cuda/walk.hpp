@@ -4,9 +4,10 @@
 /// and visits 4 q ... 4 q + 3: so a visit's offset u is computed once for a column, weights lie as
 /// the operands of matrix units want them, and what runs along visits, transmittance forward and
 /// the colour behind on the way back, is a scan over four lanes.
-/// As in splat/blend.hpp, T_i+1 = T_i (1 - alpha_i), weight_i = alpha_i T_i.
+/// What a Gaussian does at a pixel, forward and back, is splat/blend.hpp's; here are the scans.
 #pragma once
 
+#include <rye/splat/blend.hpp>
 #include <rye/splat/cuda/visits.hpp>
 
 namespace rye {
@@ -21,7 +22,7 @@ struct Visits {
     F vy[4];
     F rest[4]; ///< log2 o - u^2
     F depth[4];
-    F floor[A::has_floor ? 4 : 1], cut[A::has_floor ? 4 : 1];
+    F floor[A::has_floor ? 4 : 1], cuts[A::has_floor ? 4 : 1];
 
     /// splat(i): visit i of the lane; column x and middle row y, from the tile's centre.
     template <class Splats>
@@ -31,115 +32,105 @@ struct Visits {
             u[i] = W::fma(s.ux, x, s.u0);
             vy[i] = s.vy;
             v[i] = W::fma(vy[i], F(y), W::fma(s.vx, x, s.v0));
-            rest[i] = W::fma(-u[i], u[i], s.log2_opacity);
+            rest[i] = less(s.log2_opacity, u[i]);
             depth[i] = s.depth;
             if constexpr (A::has_floor) {
                 floor[i] = s.floor;
-                cut[i] = W::log2(F(static_cast<float>(accuracy.alpha_min)) + floor[i]);
+                cuts[i] = W::log2(F(static_cast<float>(accuracy.alpha_min)) + floor[i]);
             }
         });
         static_cast<void>(accuracy);
     }
 
-    /// alpha of visit i in row `row`; 0 where it is not reached.
-    RYE_DEVICE F alpha(int i, int row, const F& least, const F& alpha_max) const {
-        const F at = W::fma(vy[i], F(static_cast<float>(row) - 3.5F), v[i]);
-        const F exponent = W::fma(-at, at, rest[i]);
-        F a = W::exp2(exponent);
-        if constexpr (A::has_floor) {
-            a = a - floor[i];
-            return select(exponent >= cut[i], W::min(alpha_max, a), F(0.0F));
-        } else {
-            return select(exponent >= least, W::min(alpha_max, a), F(0.0F));
-        }
+    /// Of visit i in row `row`.
+    RYE_DEVICE F exponent(int i, int row) const {
+        return less(rest[i], W::fma(vy[i], F(static_cast<float>(row) - 3.5F), v[i]));
     }
+    RYE_DEVICE F cut(int i, const F& least) const {
+        if constexpr (A::has_floor)
+            return cuts[i];
+        else
+            return least;
+    }
+    RYE_DEVICE F floor_of(int i) const {
+        if constexpr (A::has_floor)
+            return floor[i];
+        else
+            return F(0.0F);
+    }
+
+  private:
+    /// less_square() in one rounding.
+    RYE_DEVICE static F less(const F& exponent, const F& w) { return W::fma(-w, w, exponent); }
+};
+
+/// The pixels of a warp, for splat/blend.hpp: as a group of them, with the instructions of a device.
+template <class W>
+struct WarpPixels : PixelGroup {
+    using F = typename W::F;
+    static constexpr bool slope_from_weight = true;
+
+    template <class M>
+    RYE_DEVICE static F when(const M& condition, const F& x) {
+        return select(condition, x, F(0.0F));
+    }
+    RYE_DEVICE static F at_most(const F& most, const F& x) { return W::min(most, x); }
+    RYE_DEVICE static F full(const F& t) { return -W::max(t, -t); }
+    RYE_DEVICE static F add_product(const F& c, const F& a, const F& b) { return W::fma(a, b, c); }
+};
+
+template <class W>
+struct WarpExp2 {
+    RYE_DEVICE typename W::F operator()(const typename W::F& x) const { return W::exp2(x); }
 };
 
 /// What a pixel's four visits of a lane take from it.
 template <class W>
 struct Taken {
     using F = typename W::F;
-    F alpha[4];  ///< 0 where the pixel is full
-    F before[4]; ///< transmittance in front of each
-    F weight[4];
-    F product; ///< of 1 - alpha, where none is left out
+    Contribution<F> visit[4]; ///< alpha and weight 0 where the pixel is full
+    F behind;                 ///< transmittance behind the four
+    F product;                ///< of 1 - alpha, where none is left out
 };
 
-/// The rules by which a pixel gets full, for the scan of its transmittance.
+/// The formulas of splat/blend.hpp for four visits of each of four lanes at once.
 template <class W, class A>
-struct Transmittance {
+struct WarpBlend {
     using F = typename W::F;
-    F alpha_max, stop, least; ///< `least`: the exponent at the cut
+    Blend<A, F, WarpPixels<W>, WarpExp2<W>> one_visit;
+    F least; ///< the exponent at the cut
 
-    RYE_DEVICE explicit Transmittance(const A& a)
-        : alpha_max(static_cast<float>(a.alpha_max)),
-          stop(static_cast<float>(a.stop)),
-          least(least_exponent(a)) {}
+    RYE_DEVICE explicit WarpBlend(const A& a) : one_visit(a), least(least_exponent(a)) {}
 
-    /// Whether a pixel can still take something.
-    RYE_DEVICE auto open(const F& t) const {
-        return t >= (A::stop_rule == Stop::inclusive ? stop : F(0.0F)) && t > F(0.0F);
-    }
-
-    /// Four visits of each of four lanes, of transmittance t in front of them all.
-    RYE_DEVICE Taken<W> take(const F (&alpha)[4], const F& t) const {
+    /// The visits v at row `row`, of transmittance t in front of all sixteen. That in front of each
+    /// lane's four is a scan of the products of 1 - alpha; along them it is taken one by one.
+    RYE_DEVICE Taken<W> take(const Visits<W, A>& v, int row, const F& t) const {
         Taken<W> r;
+        Coverage<F> given[4];
+        expanded<4>([&](auto i) {
+            given[i] = one_visit.coverage(v.exponent(i, row), v.cut(i, least), v.floor_of(i));
+        });
         const F one(1.0F);
-        const F keep0 = one - alpha[0], keep1 = one - alpha[1], keep2 = one - alpha[2],
-                keep3 = one - alpha[3];
-        const F two = keep0 * keep1, three = two * keep2;
-        r.product = three * keep3;
+        r.product = one - given[0].alpha;
+        expanded<3>([&](auto i) { r.product = r.product * (one - given[i + 1].alpha); });
         const F near = W::template quad_up<1>(r.product, 1.0F);
         const F nearer = near * W::template quad_up<1>(near, 1.0F);
-        const F start = t * (nearer * W::template quad_up<2>(near, 1.0F));
-        r.before[0] = start;
-        r.before[1] = start * keep0;
-        r.before[2] = start * two;
-        r.before[3] = start * three;
-        expanded<4>([&](auto i) {
-            r.alpha[i] = select(taken(r, i), alpha[i], F(0.0F));
-            r.weight[i] = r.alpha[i] * r.before[i];
-        });
+        r.behind = t * (nearer * W::template quad_up<2>(near, 1.0F));
+        expanded<4>([&](auto i) { r.visit[i] = one_visit.take(given[i], r.behind); });
         return r;
     }
 
-    /// The transmittance behind all of them.
+    /// The transmittance behind all of them, t being in front. Transmittance never rises: of a
+    /// pixel that got full in a lane, those of the lanes after it take nothing.
     RYE_DEVICE F behind(const Taken<W>& r, const F& t) const {
-        const F last = r.before[0] * r.product;
         if constexpr (A::stop_rule == Stop::never) {
-            return W::template of_quad<3>(last);
+            return W::template of_quad<3>(r.behind);
         } else {
-            F least_taken = t;
-            expanded<4>([&](auto i) {
-                F next = last;
-                if constexpr (i < 3) next = r.before[i + 1];
-                least_taken = select(taken(r, i), next, least_taken);
-            });
-            F end = W::min(least_taken, W::template across<1>(least_taken));
-            end = W::min(end, W::template across<2>(end));
-            if constexpr (A::stop_rule == Stop::exclusive) {
-                // Full before it falls below `stop`: its sign is turned.
-                const F lowest = W::template of_quad<3>(last);
-                end = select(lowest >= stop, end, -W::max(end, -end));
-            }
-            return end;
-        }
-    }
-
-  private:
-    /// Visits follow one another and transmittance never rises: what comes after one that is not
-    /// taken is not taken either.
-    template <class I>
-    RYE_DEVICE auto taken(const Taken<W>& r, I i) const {
-        if constexpr (A::stop_rule == Stop::inclusive) {
-            return r.before[i] >= stop;
-        } else if constexpr (A::stop_rule == Stop::exclusive) {
-            if constexpr (i < 3)
-                return r.before[i + 1] >= stop;
-            else
-                return r.before[0] * r.product >= stop;
-        } else {
-            return r.before[i] >= F(0.0F);
+            F end = r.behind;
+            if constexpr (A::stop_rule == Stop::inclusive)
+                end = select(r.visit[0].before >= one_visit.stop, end, t);
+            end = W::min(end, W::template across<1>(end));
+            return W::min(end, W::template across<2>(end));
         }
     }
 };
