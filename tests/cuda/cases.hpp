@@ -8,8 +8,10 @@
 
 #include <cstdint>
 #include <limits>
+#include <map>
 #include <string>
 
+#include "../support/hostile.hpp"
 #include "../support/scenes.hpp"
 #include "device_render.hpp"
 
@@ -154,6 +156,65 @@ void too_little_room(const Device& device, const CudaQueue& queue) {
         CHECK(r.gradient.mean == whole.gradient.mean);
         CHECK(r.gradient.feature == whole.gradient.feature);
     }
+}
+
+/// Memory of an arena, up to a number of bytes.
+struct LimitedMemory {
+    DeviceArena arena;
+    std::size_t left; ///< [bytes]
+    std::map<void*, std::size_t> held = {};
+
+    void* allocate(std::size_t bytes, CudaStream stream) {
+        if (bytes > left) return nullptr;
+        void* const p = arena.allocate(bytes, stream);
+        left -= bytes;
+        held[p] = bytes;
+        return p;
+    }
+    void release(void* p, CudaStream stream) {
+        left += held.at(p);
+        held.erase(p);
+        arena.release(p, stream);
+    }
+};
+
+/// A frame's memory is what its shape says; where there is less, an Error says how much was
+/// missing, and the same frame draws as soon as there is more.
+template <class Device>
+void too_little_memory(const Device& device, const CudaQueue& queue) {
+    const Scenery<float> s = random_scene<float>(150, 3, 41);
+    const Index pixels = Index(s.camera.width) * s.camera.height;
+    const auto whole = render_on<KernelChannels<3>>(device, queue, Balanced(), s.gaussians,
+                                                    s.camera, s.background);
+    const DeviceCloud<Device> cloud(device, queue, s.gaussians);
+    const DeviceArray<Device> bg(device, queue, Columns<float>(s.background)),
+        feature(device, queue, 3, pixels), alpha(device, queue, 1, pixels),
+        depth(device, queue, 1, pixels);
+    LimitedMemory memory{queue.memory, 100000};
+    const CudaQueue limited{queue.stream, memory};
+    {
+        DeviceFrame<Device> frame(device);
+        const DeviceRasterizer<Balanced, Device, KernelChannels<3>> rasterizer;
+        const auto draw = [&] {
+            do
+                rasterizer.forward_into(limited, cloud.view(), s.camera, bg.buffer.data(),
+                                        {feature.view(), alpha.view(), depth.view()}, frame);
+            while (!frame.finish(limited));
+        };
+        CHECK_FAULT(draw(), "device memory: no room for");
+        memory.left += std::size_t(1) << 30U;
+        draw();
+        CHECK(feature.get() == whole.feature);
+        std::size_t bytes = 0;
+        for (const auto& [p, n] : memory.held) bytes += n;
+        CHECK(bytes == frame.bytes());
+        const DeviceFrameShape shape{static_cast<std::size_t>(s.gaussians.count()), frame.m.tiles,
+                                     static_cast<std::size_t>(frame.entry_capacity),
+                                     static_cast<std::size_t>(frame.group_capacity),
+                                     ChannelLayout<3>::stride};
+        CHECK(bytes == shape.bytes());
+    }
+    CHECK(memory.held.empty());
 }
 
 template <class Device>

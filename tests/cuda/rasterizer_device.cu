@@ -50,6 +50,14 @@ TEST_CASE("device: crowded tiles") {
     against<double, Three>(CudaDevice(), queue(), crowded(5000, true), Balanced());
 }
 TEST_CASE("device: bad input") { bad_input(CudaDevice(), queue()); }
+TEST_CASE("device: a tile of 1e5 entries, and of 1e5 equal depths") {
+    // 1e5 in the plain loops' float: both take the nearest alone, by the stop rule.
+    for (const bool tied : {false, true})
+        against<float, Three>(CudaDevice(), queue(), crowded(100000, tied), Balanced(),
+                              {1e-5, 1e-4, 1e-3});
+    lists_equal<Balanced>(CudaDevice(), queue(), crowded(100000, true));
+}
+TEST_CASE("device: too little memory") { too_little_memory(CudaDevice(), queue()); }
 TEST_CASE("device: too little room") { too_little_room(CudaDevice(), queue()); }
 TEST_CASE("device: contributors") { contributors(CudaDevice(), queue()); }
 TEST_CASE("device: equal colours have no gradient of shape") {
@@ -72,12 +80,14 @@ TEST_CASE("device: a lens that bends") {
     CHECK(relative(r.gradient, plain.vjp(ScalarBackend<Serial>{}, s.gaussians, camera, s.background,
                                          truth, w.feature)) < 2e-5);
 }
-TEST_CASE("device: the same bits again, while another stream is busy, and elsewhere in memory") {
-    const Scenery<float> s = random_scene<float>(3000, 3, 5);
+TEST_CASE_TEMPLATE("device: the same bits again, beside a busy stream, elsewhere in memory", Kernels,
+                   Three, KernelChannels<32>) {
+    const Index channels = Kernels::largest;
+    const Scenery<float> s = random_scene<float>(3000, channels, 5);
     const Index pixels = Index(s.camera.width) * s.camera.height;
-    const Cotangents w{noise<float>(3, pixels, 1), noise<float>(1, pixels, 2), {}};
-    const auto once = render_on<Three>(CudaDevice(), queue(), Balanced(), s.gaussians, s.camera,
-                                       s.background, &w);
+    const Cotangents w{noise<float>(channels, pixels, 1), noise<float>(1, pixels, 2), {}};
+    const auto once = render_on<Kernels>(CudaDevice(), queue(), Balanced(), s.gaussians, s.camera,
+                                         s.background, &w);
     cudaStream_t other;
     check_cuda(cudaStreamCreate(&other), "test");
     void* load = nullptr;
@@ -87,8 +97,8 @@ TEST_CASE("device: the same bits again, while another stream is busy, and elsewh
                    "test");
         void* moved = nullptr;
         check_cuda(cudaMallocAsync(&moved, std::size_t(k + 1) * 100000, stream), "test");
-        const auto r = render_on<Three>(CudaDevice(), queue(), Balanced(), s.gaussians, s.camera,
-                                        s.background, &w);
+        const auto r = render_on<Kernels>(CudaDevice(), queue(), Balanced(), s.gaussians,
+                                          s.camera, s.background, &w);
         check_cuda(cudaFreeAsync(moved, stream), "test");
         REQUIRE(r.feature == once.feature);
         REQUIRE(r.gradient.mean == once.gradient.mean);
@@ -134,6 +144,27 @@ TEST_CASE("device: a graph gives the bits of single launches") {
     CHECK(out.get().feature == gradient.feature);
 }
 
+namespace {
+
+__global__ void fault() { __trap(); }
+
+/// Ends the context, and with it this process's use of the device.
+int lose_context() {
+    const Scenery<float> s = random_scene<float>(50, 3, 5);
+    fault<<<1, 1, 0, stream>>>();
+    try {
+        render_on<Three>(CudaDevice(), queue(), Balanced(), s.gaussians, s.camera, s.background);
+    } catch (const Error& e) {
+        std::puts(e.what());
+        return std::string(e.what()).find("context is lost") != std::string::npos ? 0 : 1;
+    }
+    std::puts("a render after the fault raised no error");
+    return 1;
+}
+
+} // namespace
+
+// rasterizer_device [lost]: the second shows what a lost context raises.
 int main(int argc, char** argv) {
     int devices = 0;
     if (cudaGetDeviceCount(&devices) != cudaSuccess || devices == 0) {
@@ -141,5 +172,6 @@ int main(int argc, char** argv) {
         return 77;
     }
     check_cuda(cudaStreamCreate(&stream), "test");
+    if (argc == 2 && std::string(argv[1]) == "lost") return lose_context();
     return doctest::Context(argc, argv).run();
 }

@@ -43,6 +43,8 @@ TEST_CASE("cuda, emulated: bad input") { bad_input(EmulatedDevice{}, queue); }
 
 TEST_CASE("cuda, emulated: too little room") { too_little_room(EmulatedDevice{}, queue); }
 
+TEST_CASE("cuda, emulated: too little memory") { too_little_memory(EmulatedDevice{}, queue); }
+
 TEST_CASE("cuda, emulated: contributors") { contributors(EmulatedDevice{}, queue); }
 
 TEST_CASE("cuda, emulated: channels as products of matrices") {

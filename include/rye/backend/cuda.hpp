@@ -44,8 +44,7 @@ class DeviceArena {
     void* allocate(std::size_t bytes, CudaStream stream) const {
         void* const p = allocate_(memory_, bytes, stream);
         if (p == nullptr)
-            throw Error("device memory: got none of " + std::to_string(bytes) +
-                        " bytes that were asked for");
+            throw Error("device memory: no room for " + std::to_string(bytes) + " bytes");
         return p;
     }
     void release(void* p, CudaStream stream) const { release_(memory_, p, stream); }

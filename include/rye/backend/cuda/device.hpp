@@ -372,8 +372,8 @@ struct StreamMemory {
         static_cast<void>(cudaGetLastError());
         std::size_t free = 0, total = 0;
         check_cuda(cudaMemGetInfo(&free, &total), "device memory");
-        throw Error("device memory: got " + std::to_string(free) + " of " + std::to_string(total) +
-                    " bytes that are free, expected " + std::to_string(bytes));
+        throw Error("device memory: no room for " + std::to_string(bytes) + " bytes: " +
+                    std::to_string(free) + " of " + std::to_string(total) + " are free");
     }
     void release(void* p, CudaStream stream) { static_cast<void>(cudaFreeAsync(p, stream)); }
 };

@@ -44,6 +44,33 @@ struct DeviceFrameCost {
     std::int64_t non_finite = 0; ///< Gaussians left out
 };
 
+/// What a frame is made for; its memory follows.
+struct DeviceFrameShape {
+    std::size_t gaussians, tiles;
+    std::size_t entries, groups; ///< that there is room for; no groups: no vjp
+    std::size_t stride;          ///< numbers of a slot, ChannelLayout<C>::stride
+
+    std::size_t blocks() const { return (gaussians + 127) / 128; }
+    /// Numbers of 32 bits: of Gaussians and tiles, counters, of entries, of groups.
+    std::size_t words() const { return 2 * gaussians + blocks() + std::size_t(2 + strips) * tiles + 2; }
+    std::size_t counters() const {
+        return tiles * FrameMemory::apart + sizeof(FrameReport) / 4;
+    }
+    std::size_t entry_words() const { return std::size_t(3 + strips) * entries; }
+    std::size_t group_words() const { return groups * std::size_t(2 * group_visits + 1); }
+    std::size_t transmittances() const { return groups * 64; }
+    std::size_t partials() const { return groups * std::size_t(group_visits) * stride; }
+
+    /// Device memory of the frame [bytes]; each array has one number more.
+    std::size_t bytes() const {
+        return (gaussians + 1) *
+                   (sizeof(SplatRecord) + sizeof(TileSpans) + sizeof(Footprint<float>)) +
+               (entries + 1) * sizeof(std::uint64_t) +
+               4 * (words() + counters() + entry_words() + group_words() + transmittances() +
+                    partials() + 6);
+    }
+};
+
 /// A frame's memory, which a render fills and its vjp reads. Device: CudaDevice, or EmulatedDevice.
 template <class Device>
 struct DeviceFrame {
@@ -58,37 +85,38 @@ struct DeviceFrame {
     /// Makes room for n Gaussians in an image, with `stride` numbers a slot; guesses the number of
     /// entries.
     void shape(const CudaQueue& queue, Index n, int width, int height, int stride) {
-        const auto count = static_cast<std::size_t>(n);
         m.count = static_cast<std::uint32_t>(n);
         m.columns = static_cast<std::uint32_t>(tiles_across(width));
         m.tiles = m.columns * static_cast<std::uint32_t>(tiles_across(height));
-        m.blocks = static_cast<std::uint32_t>((n + 127) / 128);
         if (entry_capacity == 0) entry_capacity = 8 * n + 8 * std::int64_t(m.tiles) + 1024;
         if (group_capacity == 0) group_capacity = entry_capacity / 16 + 8 * std::int64_t(m.tiles);
-        const std::size_t tiles = m.tiles, entries = static_cast<std::size_t>(entry_capacity);
-        place(queue, records_, m.record, count);
-        place(queue, spans_, m.spans, count);
-        place(queue, footprints_, m.footprint, count);
-        place(queue, words_, m.first, 2 * count + m.blocks + (2 + strips) * tiles + 2);
-        m.places = m.first + count;
-        m.block_places = m.places + count;
+        const DeviceFrameShape of{static_cast<std::size_t>(n), m.tiles,
+                                  static_cast<std::size_t>(entry_capacity),
+                                  for_vjp ? static_cast<std::size_t>(group_capacity) : 0U,
+                                  static_cast<std::size_t>(stride)};
+        m.blocks = static_cast<std::uint32_t>(of.blocks());
+        place(queue, records_, m.record, of.gaussians);
+        place(queue, spans_, m.spans, of.gaussians);
+        place(queue, footprints_, m.footprint, of.gaussians);
+        place(queue, words_, m.first, of.words());
+        m.places = m.first + of.gaussians;
+        m.block_places = m.places + of.gaussians;
         m.begin = m.block_places + m.blocks;
-        m.order = m.begin + tiles + 1;
-        m.last = m.order + tiles;
-        place(queue, counters_, m.counters, tiles * FrameMemory::apart + sizeof(FrameReport) / 4);
-        m.report = reinterpret_cast<FrameReport*>(m.counters + tiles * FrameMemory::apart);
-        place(queue, keys_, m.key, entries);
-        place(queue, entry_words_, m.sorted, (3 + strips) * entries);
-        m.owner = m.sorted + entries;
-        m.slot = m.owner + entries;
-        m.touched = reinterpret_cast<std::uint8_t*>(m.slot + strips * entries);
-        m.entries = static_cast<std::uint32_t>(entries);
-        m.groups = for_vjp ? static_cast<std::uint32_t>(group_capacity) : 0U;
-        const std::size_t groups = m.groups;
-        place(queue, group_words_, m.visits, groups * (2 * group_visits + 1));
-        m.before = m.visits + groups * (2 * group_visits);
-        place(queue, transmittance_, m.transmittance, groups * 64);
-        place(queue, partial_, m.partial, groups * static_cast<std::size_t>(group_visits * stride));
+        m.order = m.begin + of.tiles + 1;
+        m.last = m.order + of.tiles;
+        place(queue, counters_, m.counters, of.counters());
+        m.report = reinterpret_cast<FrameReport*>(m.counters + of.tiles * FrameMemory::apart);
+        place(queue, keys_, m.key, of.entries);
+        place(queue, entry_words_, m.sorted, of.entry_words());
+        m.owner = m.sorted + of.entries;
+        m.slot = m.owner + of.entries;
+        m.touched = reinterpret_cast<std::uint8_t*>(m.slot + std::size_t(strips) * of.entries);
+        m.entries = static_cast<std::uint32_t>(of.entries);
+        m.groups = static_cast<std::uint32_t>(of.groups);
+        place(queue, group_words_, m.visits, of.group_words());
+        m.before = m.visits + of.groups * std::size_t(2 * group_visits);
+        place(queue, transmittance_, m.transmittance, of.transmittances());
+        place(queue, partial_, m.partial, of.partials());
     }
 
     /// Waits for the frame. Whether it had room; where it had none it has now, and the frame has to
