@@ -13,6 +13,7 @@
 
 #include "../support/hostile.hpp"
 #include "../support/scenes.hpp"
+#include "decisions.hpp"
 #include "device_render.hpp"
 
 namespace rye::test {
@@ -52,6 +53,28 @@ void against(const Device& device, const CudaQueue& queue, const Scenery<float>&
     CHECK(relative(r.gradient.feature, gradient.feature) < bounds.gradient);
     const VecX<T> gb = background_vjp(truth, wf);
     CHECK(relative(r.g_background, Columns<T>(gb)) < bounds.background);
+}
+
+/// Fast against the same rules in double: equal but for rounding where no rule decides between
+/// numbers that rounding may swap.
+template <class Kernels, class Device>
+void fast_where_decided(const Device& device, const CudaQueue& queue, Index channels) {
+    using A = FeaturesOnly<Fast>;
+    const Scenery<float> s = random_scene<float>(300, channels, 5);
+    const Index pixels = Index(s.camera.width) * s.camera.height;
+    const auto g = converted<double>(s.gaussians);
+    const auto camera = s.camera.template cast<double>();
+    const VecX<double> background = s.background.template cast<double>();
+    const Rasterizer<A> plain;
+    const auto truth = plain.forward(ScalarBackend<Serial>{}, g, camera, background);
+    const Columns<float> clear = undecided_left_out(A(), g, camera, truth.trace);
+    CHECK(clear.mean() > 0.97);
+    const Cotangents w{
+        Columns<float>(noise<float>(channels, pixels, 1) * clear.row(0).asDiagonal()), {}, {}};
+    const auto r = render_on<Kernels>(device, queue, A(), s.gaussians, s.camera, s.background, &w);
+    const auto gradient = plain.vjp(ScalarBackend<Serial>{}, g, camera, background, truth,
+                                    Columns<double>(w.feature.template cast<double>()));
+    CHECK(relative(r.gradient, gradient) < 1e-5);
 }
 
 /// Lists equal TileLists', entry for entry.

@@ -36,6 +36,10 @@ TEST_CASE("device: presets and rules") {
     against<double, KernelChannels<3, 32>>(CudaDevice(), queue(), s, Exact32());
     against<double, KernelChannels<3, 32>>(CudaDevice(), queue(), wide, Exact32());
 }
+TEST_CASE("device: Fast where its rules decide clearly") {
+    fast_where_decided<Three>(CudaDevice(), queue(), 3);
+    fast_where_decided<KernelChannels<32>>(CudaDevice(), queue(), 32);
+}
 TEST_CASE("device: hard scenes") {
     for (const auto& s : hard_scenes<float>(3))
         against<float, Three>(CudaDevice(), queue(), s, Balanced(), {2e-6, 2e-5, 2e-2});

@@ -39,6 +39,10 @@ TEST_CASE("cuda, emulated: rules") {
                           Compatible3dgsFloor());
 }
 
+TEST_CASE("cuda, emulated: Fast where its rules decide clearly") {
+    fast_where_decided<Three>(EmulatedDevice{}, queue, 3);
+}
+
 TEST_CASE("cuda, emulated: bad input") { bad_input(EmulatedDevice{}, queue); }
 
 TEST_CASE("cuda, emulated: too little room") { too_little_room(EmulatedDevice{}, queue); }
