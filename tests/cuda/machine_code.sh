@@ -12,13 +12,8 @@ if [ "${1:-}" = --record ]; then
     shift
 fi
 here=$(cd "$(dirname "$0")" && pwd)
-for nvcc in "${NVCC:-}" nvcc /usr/local/cuda/bin/nvcc none; do
-    if [ -n "$nvcc" ] && command -v "$nvcc" > /dev/null; then break; fi
-done
-if [ "$nvcc" = none ]; then
-    echo "device_kernels: skipped, no nvcc is there, so no machine code was made for a device"
-    exit 77
-fi
+not_compiled="device_kernels: skipped, no nvcc is there, so no machine code was made for a device"
+. "$here/../device/find_nvcc.sh"
 # nvcc reads -isystem and its folder as two words.
 includes="-isystem /usr/include/eigen3 $(sed -n 's/^-isystem/-isystem /p' "$1" | tr '\n' ' ')"
 record=$2

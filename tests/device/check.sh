@@ -13,13 +13,8 @@ if [ "${1:-}" = --run ]; then
     shift
 fi
 here=$(cd "$(dirname "$0")" && pwd)
-for nvcc in "${NVCC:-}" nvcc /usr/local/cuda/bin/nvcc none; do
-    if [ -n "$nvcc" ] && command -v "$nvcc" > /dev/null; then break; fi
-done
-if [ "$nvcc" = none ]; then
-    echo "device_formulas: skipped, no nvcc is there, so the device formulas were not compiled"
-    exit 77
-fi
+not_compiled="device_formulas: skipped, no nvcc is there, so the device formulas were not compiled"
+. "$here/find_nvcc.sh"
 # nvcc reads -isystem and its folder as two words.
 includes="-isystem /usr/include/eigen3"
 if [ $# -gt 0 ]; then includes=$(sed -n 's/^-isystem/-isystem /p' "$1" | tr '\n' ' '); fi

@@ -89,7 +89,7 @@ struct SplatJvp<B, T> : SplatJvp<ScalarBackend<std::remove_cvref_t<decltype(B::t
                 tangents.gaussians != nullptr ? &tangents.gaussians->feature : nullptr,
                 tangents.camera != nullptr ? tangents.camera->cx : T(0),
                 tangents.camera != nullptr ? tangents.camera->cy : T(0)};
-            for_chunks(backend.threads, trace.lists.tiles(), 8, [&](Index b, Index e, Index) {
+            for_chunks(backend.threads, trace.lists.tiles(), 2, [&](Index b, Index e, Index) {
                 const auto canvas = s.workspaces.template acquire<LaneTangentCanvas<V>>();
                 dispatch_channels<1, 3, 4>(g.channels(), [&](auto c) {
                     for (Index t = b; t < e; ++t)

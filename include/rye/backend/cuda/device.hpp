@@ -110,6 +110,9 @@ struct DeviceWarp {
         if (m) p[i] = Quad4{v[0], v[1], v[2], v[3]};
     }
     __device__ static void write_word(void* p, U i, U v) { static_cast<std::uint32_t*>(p)[i] = v; }
+    __device__ static void write_word_where(M m, void* p, U i, U v) {
+        if (m) static_cast<std::uint32_t*>(p)[i] = v;
+    }
     template <int half>
     __device__ static U read_half(const std::uint64_t* p, U i) {
         return reinterpret_cast<const std::uint32_t*>(p)[2 * i + half];
@@ -162,6 +165,10 @@ struct DeviceWarp {
     }
     __device__ static Array<F, 2> read2(const float* p, U i) {
         const float2 v = reinterpret_cast<const float2*>(p)[i];
+        return {{v.x, v.y}};
+    }
+    __device__ static Array<U, 2> read_words2(const std::uint32_t* p, U i) {
+        const uint2 v = reinterpret_cast<const uint2*>(p)[i];
         return {{v.x, v.y}};
     }
     __device__ static void write2(float* p, U i, F a, F b) {

@@ -135,6 +135,10 @@ struct HostWarp {
         for (int l = 0; l < 32; ++l)
             std::memcpy(static_cast<unsigned char*>(p) + 4 * i.x[l], &v.x[l], 4);
     }
+    static void write_word_where(const M& m, void* p, const U& i, const U& v) {
+        for (int l = 0; l < 32; ++l)
+            if (m.x[l]) std::memcpy(static_cast<unsigned char*>(p) + 4 * i.x[l], &v.x[l], 4);
+    }
     /// The low or the high half of each lane's number.
     template <int half>
     static U read_half(const std::uint64_t* p, const U& i) {
@@ -173,6 +177,10 @@ struct HostWarp {
     static Array<F, 2> read2(const float* p, const U& i) {
         return {{F::each([&](int l) { return p[2 * i.x[l]]; }),
                  F::each([&](int l) { return p[2 * i.x[l] + 1]; })}};
+    }
+    static Array<U, 2> read_words2(const std::uint32_t* p, const U& i) {
+        return {{U::each([&](int l) { return p[2 * i.x[l]]; }),
+                 U::each([&](int l) { return p[2 * i.x[l] + 1]; })}};
     }
     static void write2(float* p, const U& i, const F& a, const F& b) {
         for (int l = 0; l < 32; ++l) p[2 * i.x[l]] = a.x[l], p[2 * i.x[l] + 1] = b.x[l];

@@ -233,8 +233,9 @@ struct BlendKernel {
             const Taken<W> t = rules.take(v, j, s.transmittance[j]);
             s.transmittance[j] = rules.behind(t, s.transmittance[j]);
             if constexpr (A::outputs.depth)
-                expanded<4>(
-                    [&](auto i) { s.depth[j] = W::fma(t.visit[i].weight, v.depth[i], s.depth[j]); });
+                expanded<4>([&](auto i) {
+                    s.depth[j] = W::fma(t.visit[i].weight, v.depth[i], s.depth[j]);
+                });
             if constexpr (A::outputs.contributor)
                 expanded<4>([&](auto i) {
                     const auto more = t.visit[i].weight > s.most[j];

@@ -5,6 +5,7 @@
 /// q's visits stand in an operand of m16n8k16.
 #pragma once
 
+#include <rye/backend/cuda/planes.hpp>
 #include <rye/splat/cuda/walk.hpp>
 
 namespace rye {
@@ -14,49 +15,6 @@ template <class W>
 RYE_DEVICE typename W::U visit_at(const typename W::U& p) {
     using U = typename W::U;
     return p % U(8) / U(2) * U(4) + p % U(2) + select(p < U(8), U(0), U(2));
-}
-
-/// N planes of an operand of R registers.
-template <class W, int N, int R>
-using Planes = Array<Array<typename W::U, std::size_t(R)>, std::size_t(N)>;
-
-/// d += the product of two sums of planes, without the terms below the last plane's.
-template <class W, int N>
-RYE_DEVICE void multiply(Array<typename W::F, 4>& d, const Planes<W, N, 4>& a,
-                         const Planes<W, N, 2>& b) {
-    if constexpr (N < 3) {
-        expanded<N>([&](auto i) { expanded<N - i>([&](auto k) { W::mma(d, a[i], b[k]); }); });
-    } else {
-        // Units of matrices cut their sums off: a long chain of them would drift.
-        using F = typename W::F;
-        Array<F, 4> part{{F(0.0F), F(0.0F), F(0.0F), F(0.0F)}};
-        expanded<N>([&](auto i) { expanded<N - i>([&](auto k) { W::mma(part, a[i], b[k]); }); });
-        expanded<4>([&](auto k) { d[k] = d[k] + part[k]; });
-    }
-}
-
-/// Register r of a left operand's planes: numbers a and b of each lane.
-template <class W, int N>
-RYE_DEVICE void split(Planes<W, N, 4>& to, int r, typename W::F a, typename W::F b) {
-    expanded<N>([&](auto p) {
-        to[p][r] = W::pack(a, b);
-        if constexpr (p + 1 < N) {
-            a = a - W::low(to[p][r]);
-            b = b - W::high(to[p][r]);
-        }
-    });
-}
-
-/// Register r of a right operand's planes.
-template <class W, int N>
-RYE_DEVICE void split(Planes<W, N, 2>& to, int r, typename W::F a, typename W::F b) {
-    expanded<N>([&](auto p) {
-        to[p][r] = W::pack(a, b);
-        if constexpr (p + 1 < N) {
-            a = a - W::low(to[p][r]);
-            b = b - W::high(to[p][r]);
-        }
-    });
 }
 
 /// The features of a group's visits as the right operand of products over visits (K) for channels

@@ -52,7 +52,9 @@ struct DeviceFrameShape {
 
     std::size_t blocks() const { return (gaussians + 127) / 128; }
     /// Numbers of 32 bits: of Gaussians and tiles, counters, of entries, of groups.
-    std::size_t words() const { return 2 * gaussians + blocks() + std::size_t(2 + strips) * tiles + 2; }
+    std::size_t words() const {
+        return 2 * gaussians + blocks() + std::size_t(2 + strips) * tiles + 2;
+    }
     std::size_t counters() const {
         return tiles * FrameMemory::apart + sizeof(FrameReport) / 4;
     }

@@ -64,7 +64,7 @@ struct Visits {
     RYE_DEVICE static F less(const F& exponent, const F& w) { return W::fma(-w, w, exponent); }
 };
 
-/// The pixels of a warp, for splat/blend.hpp: as a group of them, with the instructions of a device.
+/// The pixels of a warp, for splat/blend.hpp: a group of them, with the instructions of a device.
 template <class W>
 struct WarpPixels : PixelGroup {
     using F = typename W::F;

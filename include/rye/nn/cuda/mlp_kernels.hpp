@@ -1,0 +1,278 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/nn/cuda/mlp_kernels.hpp: a block of points through all layers of a network, forward and
+/// back, with what passes from layer to layer in shared memory. Eight warps: two halves of the
+/// points by four quarters of a layer's outputs. Weights stream from the cache, as operands.
+#pragma once
+
+#include <rye/nn/activations.hpp>
+#include <rye/nn/cuda/mlp_operands.hpp>
+
+namespace rye {
+
+/// Sizes of a block's work: widths at most `width`, inputs of points at most `inputs`, both
+/// multiples of 32; floats as N planes.
+template <int N_, int width_, int inputs_>
+struct MlpTiles {
+    static constexpr int N = N_, width = width_, inputs = inputs_;
+    static_assert(N >= 1 && N <= 3 && width % 32 == 0 && inputs % 32 == 0);
+    static constexpr int warps = 8, threads = 32 * warps;
+    static constexpr int points = N == 1 ? 128 : N == 2 ? 64 : 32; ///< of a block
+    static constexpr int high = points / 32;                       ///< operands of 16 points a warp
+    static constexpr int wide = (width > inputs ? width : inputs) / 32; ///< and of 8 columns
+
+    using Hidden = PlaneRows<N, points, width>;
+    using Input = PlaneRows<N, points, inputs>;
+
+    RYE_DEVICE static int first_row(int w) { return w / 4 * (points / 2); }
+    /// Columns of operands, of `count`, that warp w has: [first, first + own).
+    RYE_DEVICE static int own(int count) { return (count + 3) / 4; }
+    RYE_DEVICE static int first(int w, int count) { return w % 4 * own(count); }
+};
+
+/// A warp's sums, and what is done with them.
+template <class W, class Tiles>
+struct MlpSums {
+    using F = typename W::F;
+    using U = typename W::U;
+    Array<F, 4> sum[std::size_t(Tiles::high)][std::size_t(Tiles::wide)];
+
+    RYE_DEVICE void clear() {
+        expanded<Tiles::high>([&](auto m) {
+            expanded<Tiles::wide>(
+                [&](auto n) { expanded<4>([&](auto k) { sum[m][n][k] = F(0.0F); }); });
+        });
+    }
+
+    /// += rows times the operand; `depth` and `count`: its numbers along K and N.
+    template <class Rows>
+    RYE_DEVICE void add(const Rows& rows, const std::uint32_t* operand, int depth, int count,
+                        int w) {
+        const int tiles = padded_16(count) / 8, own = Tiles::own(tiles),
+                  first = Tiles::first(w, tiles);
+        for (int k = 0; k < padded_16(depth) / 16; ++k) {
+            Planes<W, Tiles::N, 4> left[std::size_t(Tiles::high)];
+            expanded<Tiles::high>(
+                [&](auto m) { left[m] = rows.template left<W>(Tiles::first_row(w) / 16 + m, k); });
+            expanded<Tiles::wide>([&](auto n) {
+                if (n < own && first + n < tiles) {
+                    const auto right = packed_tile<W, Tiles::N>(operand, k * tiles + first + n);
+                    expanded<Tiles::high>(
+                        [&](auto m) { multiply<W, Tiles::N>(sum[m][n], left[m], right); });
+                }
+            });
+        }
+    }
+
+    /// f(row, column, a, b): the numbers of a row of points, at an even column and the next.
+    template <class F2>
+    RYE_DEVICE void each_pair(int count, int w, const F2& f) const {
+        const int tiles = padded_16(count) / 8, own = Tiles::own(tiles),
+                  first = Tiles::first(w, tiles);
+        expanded<Tiles::high>([&](auto m) {
+            expanded<Tiles::wide>([&](auto n) {
+                if (n < own && first + n < tiles)
+                    expanded<2>([&](auto half) {
+                        const U row =
+                            U(static_cast<std::uint32_t>(Tiles::first_row(w) + 16 * m + 8 * half)) +
+                            W::lane() / U(4);
+                        const U column = U(static_cast<std::uint32_t>(8 * (first + n))) +
+                                         W::lane() % U(4) * U(2);
+                        f(row, column, sum[m][n][2 * half], sum[m][n][2 * half + 1]);
+                    });
+            });
+        });
+    }
+
+    /// Two numbers as planes.
+    template <class Rows>
+    RYE_DEVICE static void put(Rows& rows, const U& row, const U& column, F a, F b) {
+        expanded<Tiles::N>([&](auto p) {
+            const U both = W::pack(a, b);
+            W::write_word(&rows.at[p][0][0], (row * U(Rows::stride) + column) / U(2), both);
+            a = a - W::low(both);
+            b = b - W::high(both);
+        });
+    }
+};
+
+template <class Tiles, class A>
+struct MlpForwardKernel {
+    static constexpr const char* name = "network, forward";
+    static constexpr int threads = Tiles::threads, blocks = 1;
+    struct Shared {
+        typename Tiles::Hidden hidden;
+        typename Tiles::Input input;
+    };
+    DeviceMlpNetwork network;
+    DeviceColumns<const float> points; ///< inputs x N
+    DeviceColumns<float> out;          ///< outputs x N
+    bool keep;                         ///< what a vjp reads
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+        using W = typename Block::Warp;
+        const auto first = static_cast<std::uint32_t>(block.index()) * Tiles::points;
+        const int inputs = padded_16(network.inputs);
+        block.each_warp(
+            [&](int w) { shared.input.template load<W>(points, first, inputs, w, Tiles::warps); });
+        if (keep)
+            block.each_thread([&](int t) {
+                shared.input.store(network.input, first, network.points, inputs, t, threads);
+            });
+        auto sums = block.template of_warps<MlpSums<W, Tiles>>();
+        for (int l = 0; l < network.layers; ++l) {
+            const DeviceMlpLayer& layer = network.layer[l];
+            block.each_warp([&](int w) {
+                sums[w].clear();
+                if (layer.hidden > 0)
+                    sums[w].add(shared.hidden, layer.hidden_to_out, layer.hidden, layer.out, w);
+                if (layer.takes_input)
+                    sums[w].add(shared.input, layer.input_to_out, network.inputs, layer.out, w);
+            });
+            const bool last = l + 1 == network.layers;
+            block.each_warp([&](int w) {
+                if (last)
+                    finish(sums[w], layer, first, w);
+                else
+                    activate<W>(shared, sums[w], layer, w);
+            });
+            if (keep && !last)
+                block.each_thread([&](int t) {
+                    shared.hidden.store(layer.activated, first, network.points,
+                                        padded_16(layer.out), t, threads);
+                });
+        }
+    }
+
+  private:
+    template <class W>
+    RYE_DEVICE static void activate(Shared& shared, const MlpSums<W, Tiles>& sums,
+                                    const DeviceMlpLayer& layer, int w) {
+        using F = typename W::F;
+        using U = typename W::U;
+        const U out(static_cast<std::uint32_t>(layer.out));
+        sums.each_pair(layer.out, w, [&](const U& row, const U& column, const F& a, const F& b) {
+            const auto value = [&](const F& x, const U& c) {
+                const F y = A::value(F(x + W::read_where(c < out, layer.bias, c, 0.0F)));
+                return select(c < out, y, F(0.0F));
+            };
+            MlpSums<W, Tiles>::put(shared.hidden, row, column, value(a, column),
+                                   value(b, column + U(1)));
+        });
+    }
+    template <class W>
+    RYE_DEVICE void finish(const MlpSums<W, Tiles>& sums, const DeviceMlpLayer& layer,
+                           std::uint32_t first, int w) const {
+        using F = typename W::F;
+        using U = typename W::U;
+        const U rows(static_cast<std::uint32_t>(layer.out));
+        sums.each_pair(layer.out, w, [&](const U& row, const U& column, const F& a, const F& b) {
+            const U point = U(first) + row;
+            const auto one = [&](const F& x, const U& c) {
+                const auto there = c < rows && point < U(network.points);
+                W::write_where(there, out.data, point * rows + c,
+                               F(x + W::read_where(c < rows, layer.bias, c, 0.0F)));
+            };
+            one(a, column);
+            one(b, column + U(1));
+        });
+    }
+};
+
+/// Cotangents of the outputs of all layers, for the weights' gradients, and of the inputs.
+template <class Tiles, class A>
+struct MlpReverseKernel {
+    static constexpr const char* name = "network, reverse";
+    static constexpr int threads = Tiles::threads, blocks = 1;
+    struct Shared {
+        typename Tiles::Hidden cotangent;
+    };
+    DeviceMlpNetwork network;
+    DeviceColumns<const float> g_out; ///< outputs x N
+    DeviceColumns<float> g_points;    ///< inputs x N, or null
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+        using W = typename Block::Warp;
+        const auto first = static_cast<std::uint32_t>(block.index()) * Tiles::points;
+        block.each_warp([&](int w) {
+            shared.cotangent.template load<W>(g_out, first, padded_16(static_cast<int>(g_out.rows)),
+                                              w, Tiles::warps);
+        });
+        auto sums = block.template of_warps<MlpSums<W, Tiles>>();
+        bool again = false; // a layer above has written g_points
+        for (int l = network.layers - 1; l >= 0; --l) {
+            const DeviceMlpLayer& layer = network.layer[l];
+            block.each_thread([&](int t) {
+                shared.cotangent.store(layer.cotangent, first, network.points, padded_16(layer.out),
+                                       t, threads);
+            });
+            if (layer.takes_input && g_points.data != nullptr) {
+                block.each_warp([&](int w) {
+                    sums[w].clear();
+                    sums[w].add(shared.cotangent, layer.out_to_input, layer.out, network.inputs, w);
+                    to_points(sums[w], first, w, again);
+                });
+                again = true;
+            }
+            if (layer.hidden == 0) continue;
+            block.each_warp([&](int w) {
+                sums[w].clear();
+                sums[w].add(shared.cotangent, layer.out_to_hidden, layer.out, layer.hidden, w);
+            });
+            const std::uint16_t* const below = network.layer[l - 1].activated;
+            block.each_warp(
+                [&](int w) { through(shared, sums[w], layer.hidden, below, first, w); });
+        }
+    }
+
+  private:
+    template <class W>
+    RYE_DEVICE void to_points(const MlpSums<W, Tiles>& sums, std::uint32_t first, int w,
+                              bool again) const {
+        using F = typename W::F;
+        using U = typename W::U;
+        const U rows(static_cast<std::uint32_t>(network.inputs));
+        sums.each_pair(network.inputs, w,
+                       [&](const U& row, const U& column, const F& a, const F& b) {
+                           const U point = U(first) + row;
+                           const auto one = [&](const F& x, const U& c) {
+                               const auto there = c < rows && point < U(network.points);
+                               const U at = point * rows + c;
+                               F y = x;
+                               if (again) y = y + W::read_where(there, g_points.data, at, 0.0F);
+                               W::write_where(there, g_points.data, at, y);
+                           };
+                           one(a, column);
+                           one(b, column + U(1));
+                       });
+    }
+    /// Back through the activation whose outputs were kept.
+    template <class W>
+    RYE_DEVICE void through(Shared& shared, const MlpSums<W, Tiles>& sums, int hidden,
+                            const std::uint16_t* below, std::uint32_t first, int w) const {
+        using F = typename W::F;
+        using U = typename W::U;
+        const U width(static_cast<std::uint32_t>(padded_16(hidden)));
+        const U most(static_cast<std::uint32_t>(hidden));
+        sums.each_pair(hidden, w, [&](const U& row, const U& column, const F& a, const F& b) {
+            const U point = U(first) + row;
+            const auto there = point < U(network.points);
+            F low(0.0F), high(0.0F);
+            expanded<Tiles::N>([&](auto p) {
+                const auto* const plane = reinterpret_cast<const std::uint32_t*>(
+                    below + Index(p) * network.points * padded_16(hidden));
+                const U both = W::read(plane, select(there, (point * width + column) / U(2), U(0)));
+                low = low + W::low(both);
+                high = high + W::high(both);
+            });
+            const auto one = [&](const F& y, const F& g, const U& c) {
+                return select(there && c < most, F(A::vjp(y, g)), F(0.0F));
+            };
+            MlpSums<W, Tiles>::put(shared.cotangent, row, column, one(low, a, column),
+                                   one(high, b, column + U(1)));
+        });
+    }
+};
+
+} // namespace rye

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+/// tests/cuda/mlp_cases.hpp: networks on a device against the host's in double, for the emulated
+/// device and a real one.
+#pragma once
+
+#include <doctest/doctest.h>
+
+#include <rye/backend/scalar.hpp>
+#include <rye/nn/cuda/mlp.hpp>
+
+#include "../support/hostile.hpp"
+#include "../support/random.hpp"
+#include "../support/scenes.hpp"
+#include "device_render.hpp"
+
+namespace rye::test {
+
+/// Parameters in device memory.
+template <class Device>
+struct DeviceParameters {
+    std::vector<std::unique_ptr<DeviceArray<Device>>> arrays;
+    DeviceMlpParameters view;
+
+    DeviceParameters(const Device& device, const CudaQueue& queue, const Mlp<float>& m) {
+        const auto put = [&](const Columns<float>& a) {
+            arrays.push_back(std::make_unique<DeviceArray<Device>>(device, queue, a));
+            return arrays.back()->view();
+        };
+        for (std::size_t l = 0; l < m.weight.size(); ++l) {
+            view.weight.push_back(put(m.weight[l]));
+            view.bias.push_back(put(m.bias[l]));
+        }
+    }
+    Mlp<float> get(const MlpShape& shape) const {
+        Mlp<float> m(shape);
+        for (std::size_t l = 0; l < m.weight.size(); ++l) {
+            m.weight[l] = arrays[2 * l]->get();
+            m.bias[l] = arrays[2 * l + 1]->get();
+        }
+        return m;
+    }
+};
+
+struct MlpCase {
+    MlpShape shape;
+    Index points;
+    double outputs;   ///< relative error
+    double gradients; ///< with one plane, signs of activations near 0 differ
+};
+
+template <class Tiles, class Device>
+void mlp_against_host(const Device& device, const CudaQueue& queue, const MlpCase& c) {
+    CAPTURE(Tiles::N);
+    CAPTURE(c.points);
+    const MlpShape& s = c.shape;
+    const Mlp<float> m = Mlp<float>::init(s, Random(3));
+    const Columns<float> points = noise<float>(s.point_inputs(), c.points, 1),
+                         g_out = noise<float>(s.outputs(), c.points, 2),
+                         frame = noise<float>(s.frame_inputs, 1, 3);
+    Mlp<double> m64(s), g64(s);
+    for (std::size_t l = 0; l < m.weight.size(); ++l) {
+        m64.weight[l] = m.weight[l].cast<double>();
+        m64.bias[l] = m.bias[l].cast<double>();
+    }
+    const Columns<double> x = points.cast<double>(), g = g_out.cast<double>();
+    const VecX<double> f = frame.cast<double>();
+    MlpTrace<double> trace;
+    const ScalarBackend<Serial> host;
+    const Columns<double> y = mlp_forward<double>(host, m64, x, f, &trace);
+    Columns<double> g_points;
+    VecX<double> g_frame;
+    mlp_vjp<double>(host, m64, {x, f, trace}, g, {g64, &g_points, &g_frame});
+
+    const DeviceParameters<Device> parameters(device, queue, m),
+        gradient(device, queue, Mlp<float>(s));
+    const DeviceArray<Device> in(device, queue, points), cotangent(device, queue, g_out),
+        of_frame(device, queue, frame), out(device, queue, s.outputs(), c.points),
+        to_points(device, queue, s.point_inputs(), c.points),
+        to_frame(device, queue, s.frame_inputs, 1);
+    DeviceMlp<Device, Tiles> network(device, s);
+    network.set(queue, parameters.view, of_frame.buffer.data());
+    network.forward_into(queue, in.read(), out.view());
+    network.vjp_into(queue, cotangent.read(),
+                     {gradient.view, to_points.view(), to_frame.buffer.data()});
+    CHECK(relative(out.get(), y) < c.outputs);
+    CHECK(relative(to_points.get(), g_points) < c.gradients);
+    if (s.frame_inputs > 0) CHECK(relative(to_frame.get(), Columns<double>(g_frame)) < c.gradients);
+    const Mlp<float> found = gradient.get(s);
+    for (std::size_t l = 0; l < m.weight.size(); ++l) {
+        CAPTURE(l);
+        CHECK(relative(found.weight[l], g64.weight[l]) < c.gradients);
+        CHECK(relative(found.bias[l], g64.bias[l]) < c.gradients);
+    }
+    // Without what a vjp reads the outputs are the same bits.
+    const DeviceArray<Device> alone(device, queue, s.outputs(), c.points);
+    network.forward_into(queue, in.read(), alone.view(), false);
+    CHECK(alone.get() == out.get());
+}
+
+/// A network that does not fit says so.
+template <class Device>
+void mlp_too_wide(const Device& device) {
+    using Small = DeviceMlp<Device, MlpTiles<1, 64, 32>>;
+    CHECK_FAULT(Small(device, MlpShape{{8, 65, 3}}), "width of layer 0 is 65");
+    CHECK_FAULT(Small(device, MlpShape{{40, 16, 3}}), "number of point inputs is 40");
+    CHECK_FAULT(Small(device, MlpShape{{8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 3}}),
+                "number of layers is 10");
+}
+
+} // namespace rye::test

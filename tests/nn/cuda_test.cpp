@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// The networks' kernels of a device, run by its emulation on the host.
+#include <rye/backend/cuda/emulation.hpp>
+
+#include "../cuda/mlp_cases.hpp"
+
+using namespace rye;
+using namespace rye::test;
+
+namespace {
+
+HostMemory memory;
+const CudaQueue queue{nullptr, memory};
+
+} // namespace
+
+TEST_CASE("cuda, emulated: networks are the host's") {
+    for (const auto order : {PhaseOrder::forward, PhaseOrder::backward, PhaseOrder::shuffled}) {
+        const EmulatedDevice device{order};
+        mlp_against_host<MlpTiles<1, 64, 32>>(device, queue,
+                                              {{{21, 40, 33, 5}, 4}, 150, 1e-2, 0.1});
+    }
+    const EmulatedDevice device;
+    mlp_against_host<MlpTiles<2, 64, 32>>(device, queue, {{{21, 40, 33, 5}, 4}, 150, 2e-5, 2e-4});
+    mlp_against_host<MlpTiles<3, 64, 32>>(device, queue, {{{21, 40, 33, 5}, 4}, 70, 1e-6, 2e-6});
+}
+TEST_CASE("cuda, emulated: networks of one layer, without a skip, of one point and of none") {
+    const EmulatedDevice device;
+    mlp_against_host<MlpTiles<2, 64, 32>>(device, queue,
+                                          {{{7, 3}, 0, MlpShape::no_skip}, 33, 2e-5, 2e-5});
+    mlp_against_host<MlpTiles<2, 64, 32>>(device, queue,
+                                          {{{9, 16, 16, 4}, 2, MlpShape::no_skip}, 1, 2e-5, 2e-5});
+    mlp_against_host<MlpTiles<2, 64, 32>>(device, queue, {{{9, 16, 16, 4}, 2}, 0, 2e-5, 2e-5});
+}
+TEST_CASE("cuda, emulated: networks that do not fit") { mlp_too_wide(EmulatedDevice{}); }
