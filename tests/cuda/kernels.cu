@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernels whose machine code is counted (machine_code.sh): rules of Fast, features and alpha
-// alone, 3 and 32 channels.
+// alone, 3 and 32 channels; networks of width 256 by one plane of bf16.
 #include <rye/backend/cuda/device.hpp>
+#include <rye/nn/cuda/mlp.hpp>
 #include <rye/splat/cuda/sh_color.hpp>
 
 using namespace rye;
 using Rules = FeaturesOnly<Fast>;
+using Tiles = MlpTiles<1, 256, 128>;
 
 template <class K>
 const void* kernel() {
@@ -21,4 +23,7 @@ const void* const kernels[] = {kernel<ProjectKernel<Rules, NoDistortion>>(),
                                kernel<MergeKernel<Rules, NoDistortion, 3>>(),
                                kernel<MergeKernel<Rules, NoDistortion, 32>>(),
                                kernel<ShColorKernel<3>>(),
-                               kernel<ShColorVjpKernel<3>>()};
+                               kernel<ShColorVjpKernel<3>>(),
+                               kernel<MlpForwardKernel<Tiles, LeakyRelu>>(),
+                               kernel<MlpReverseKernel<Tiles, LeakyRelu>>(),
+                               kernel<MlpWeightKernel<1>>()};

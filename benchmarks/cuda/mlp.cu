@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+// mlp [--json FILE]: a network over points on this device: the colour network of the method,
+// 192 (64 of them of the frame) -> 256 -> 256 with the input again -> 32, and its deformation
+// network, over 100,000, 50,000 and 10,000 points, by 1, 2 and 3 planes: milliseconds of a CUDA
+// graph, median of 200 [least-most], and TFLOP/s of the network's own products, which more planes
+// take several times.
+#include <rye/backend/cuda/device.hpp>
+
+#include <algorithm>
+#include <cstdio>
+
+#include "../../tests/cuda/mlp_arrays.hpp"
+
+namespace {
+
+using namespace rye;
+using namespace rye::test;
+
+std::string json;
+
+struct Stats {
+    float median, least, most;
+};
+
+template <class F>
+Stats graph_time(cudaStream_t stream, const F& f) {
+    cudaGraph_t graph;
+    cudaGraphExec_t exec;
+    check_cuda(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "graph");
+    f();
+    check_cuda(cudaStreamEndCapture(stream, &graph), "graph");
+    check_cuda(cudaGraphInstantiate(&exec, graph, 0), "graph");
+    constexpr std::size_t count = 200;
+    std::vector<cudaEvent_t> events(count + 1);
+    for (auto& e : events) check_cuda(cudaEventCreate(&e), "event");
+    for (int k = 0; k < 20; ++k) check_cuda(cudaGraphLaunch(exec, stream), "graph");
+    check_cuda(cudaEventRecord(events[0], stream), "event");
+    for (std::size_t k = 0; k < count; ++k) {
+        check_cuda(cudaGraphLaunch(exec, stream), "graph");
+        check_cuda(cudaEventRecord(events[k + 1], stream), "event");
+    }
+    check_cuda(cudaStreamSynchronize(stream), "timed");
+    std::vector<float> ms(count);
+    for (std::size_t k = 0; k < count; ++k)
+        check_cuda(cudaEventElapsedTime(&ms[k], events[k], events[k + 1]), "event");
+    for (auto& e : events) check_cuda(cudaEventDestroy(e), "event");
+    check_cuda(cudaGraphExecDestroy(exec), "graph");
+    check_cuda(cudaGraphDestroy(graph), "graph");
+    std::sort(ms.begin(), ms.end());
+    return {ms[count / 2], ms.front(), ms.back()};
+}
+
+/// Multiply-adds of a point, forward.
+double products(const MlpShape& s) {
+    double sum = 0;
+    for (int l = 0; l < s.layers(); ++l)
+        sum +=
+            double(s.layer_out(l)) * (s.hidden_in(l) + (s.reads_input(l) ? s.point_inputs() : 0));
+    return sum;
+}
+
+template <class Tiles>
+void row(const char* name, const CudaQueue& queue, const MlpShape& s, Index n) {
+    const CudaDevice device;
+    const Mlp<float> m = Mlp<float>::init(s, Random(3));
+    const DeviceParameters<CudaDevice> parameters(device, queue, m),
+        gradient(device, queue, Mlp<float>(s));
+    const DeviceArray<CudaDevice> in(device, queue, noise<float>(s.point_inputs(), n, 1)),
+        cotangent(device, queue, noise<float>(s.outputs(), n, 2)),
+        frame(device, queue, noise<float>(s.frame_inputs, 1, 3)),
+        out(device, queue, s.outputs(), n), to_points(device, queue, s.point_inputs(), n),
+        to_frame(device, queue, s.frame_inputs, 1);
+    DeviceMlp<CudaDevice, Tiles> network(device, s);
+    const auto prepare = [&] { network.set(queue, parameters.view, frame.buffer.data()); };
+    const auto forward = [&] { network.forward_into(queue, in.read(), out.view()); };
+    const auto reverse = [&] {
+        network.vjp_into(queue, cotangent.read(),
+                         {gradient.view, to_points.view(), to_frame.buffer.data()});
+    };
+    prepare(), forward(), reverse();
+    check_cuda(cudaStreamSynchronize(queue.stream), "first");
+    const Stats setup = graph_time(queue.stream, prepare), fwd = graph_time(queue.stream, forward);
+    const Stats both = graph_time(queue.stream, [&] { prepare(), forward(), reverse(); });
+    const double flops = 2 * products(s) * double(n);
+    std::printf(
+        "%-12s N=%d %6lld points | operands %.3f | forward %.3f [%.3f-%.3f] %.0f TFLOP/s | "
+        "all %.3f [%.3f-%.3f] %.0f TFLOP/s | %.0f MB\n",
+        name, Tiles::N, static_cast<long long>(n), setup.median, fwd.median, fwd.least, fwd.most,
+        flops / fwd.median * 1e-9, both.median, both.least, both.most,
+        3 * flops / both.median * 1e-9, double(network.bytes()) / 1e6);
+    char text[256];
+    std::snprintf(text, sizeof text,
+                  "%s  {\"name\": \"cuda_mlp/%s/planes:%d/points:%lld\", \"operands_ms\": %.5g, "
+                  "\"forward_ms\": %.5g, \"all_ms\": %.5g}",
+                  json.empty() ? "" : ",\n", name, Tiles::N, static_cast<long long>(n),
+                  setup.median, fwd.median, both.median);
+    json += text;
+    std::fflush(stdout);
+}
+
+template <int N>
+void rows(const CudaQueue& queue) {
+    for (const Index n : {100000, 50000, 10000}) {
+        row<MlpTiles<N, 256, 128>>("colour", queue, {{192, 256, 256, 32}, 64}, n);
+        row<MlpTiles<N, 256, 64>>("deformation", queue, {{91, 256, 256, 256, 256, 256, 3}, 64}, n);
+    }
+}
+
+} // namespace
+
+int main(int argc, char** argv) {
+    int devices = 0;
+    if (cudaGetDeviceCount(&devices) != cudaSuccess || devices == 0) {
+        std::puts("cuda_mlp: skipped, no device is there");
+        return 0;
+    }
+    try {
+        cudaStream_t stream;
+        check_cuda(cudaStreamCreate(&stream), "stream");
+        StreamMemory memory;
+        const CudaQueue queue{stream, memory};
+        rows<1>(queue);
+        rows<2>(queue);
+        rows<3>(queue);
+    } catch (const std::exception& e) {
+        std::printf("failed: %s\n", e.what());
+        return 1;
+    }
+    if (argc == 3 && std::string(argv[1]) == "--json") {
+        std::FILE* const f = std::fopen(argv[2], "w");
+        if (f == nullptr) {
+            std::printf("failed: cannot write %s\n", argv[2]);
+            return 1;
+        }
+        std::fprintf(f, "{\"benchmarks\": [\n%s\n]}\n", json.c_str());
+        std::fclose(f);
+    }
+    return 0;
+}

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// networks_device: the cases of mlp_cases.hpp on a device; where there is none it says so.
+#define DOCTEST_CONFIG_IMPLEMENT
+#include "mlp_cases.hpp"
+
+#include <rye/backend/cuda/device.hpp>
+
+#include <cstdio>
+
+using namespace rye;
+using namespace rye::test;
+
+namespace {
+
+StreamMemory memory;
+cudaStream_t stream;
+const CudaQueue& queue() {
+    static const CudaQueue q{stream, memory};
+    return q;
+}
+
+} // namespace
+
+TEST_CASE("device: networks are the host's") {
+    const CudaDevice device;
+    const MlpShape colour{{192, 256, 256, 32}, 64}, odd{{21, 40, 33, 5}, 4};
+    mlp_against_host<MlpTiles<1, 256, 128>>(device, queue(), {colour, 5000, 1e-2, 0.1});
+    mlp_against_host<MlpTiles<2, 256, 128>>(device, queue(), {colour, 5000, 2e-5, 1e-3});
+    mlp_against_host<MlpTiles<3, 256, 128>>(device, queue(), {colour, 5000, 2e-6, 1e-4});
+    mlp_against_host<MlpTiles<2, 64, 32>>(device, queue(), {odd, 150, 2e-5, 2e-4});
+    mlp_against_host<MlpTiles<3, 64, 32>>(device, queue(), {odd, 70, 1e-6, 2e-6});
+    mlp_against_host<MlpTiles<2, 64, 32>>(device, queue(), {odd, 0, 2e-5, 2e-4});
+}
+TEST_CASE("device: networks that do not fit") { mlp_too_wide(CudaDevice()); }
+
+int main(int argc, char** argv) {
+    int devices = 0;
+    if (cudaGetDeviceCount(&devices) != cudaSuccess || devices == 0) {
+        std::puts("networks_device: skipped, no device is there");
+        return 77;
+    }
+    check_cuda(cudaStreamCreate(&stream), "test");
+    return doctest::Context(argc, argv).run();
+}
