@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // networks_device: the cases of mlp_cases.hpp on a device; where there is none it says so.
 #define DOCTEST_CONFIG_IMPLEMENT
+#include "adam_cases.hpp"
 #include "mlp_cases.hpp"
 
 #include <rye/backend/cuda/device.hpp>
@@ -31,6 +32,7 @@ TEST_CASE("device: networks are the host's") {
     mlp_against_host<MlpTiles<3, 64, 32>>(device, queue(), {odd, 70, 1e-6, 2e-6});
     mlp_against_host<MlpTiles<2, 64, 32>>(device, queue(), {odd, 0, 2e-5, 2e-4});
 }
+TEST_CASE("device: Adam is the host's") { adam_against_host(CudaDevice(), queue(), 1e-7); }
 TEST_CASE("device: networks that do not fit") { mlp_too_wide(CudaDevice()); }
 
 int main(int argc, char** argv) {

@@ -2,6 +2,7 @@
 // The networks' kernels of a device, run by its emulation on the host.
 #include <rye/backend/cuda/emulation.hpp>
 
+#include "../cuda/adam_cases.hpp"
 #include "../cuda/mlp_cases.hpp"
 
 using namespace rye;
@@ -33,3 +34,7 @@ TEST_CASE("cuda, emulated: networks of one layer, without a skip, of one point a
     mlp_against_host<MlpTiles<2, 64, 32>>(device, queue, {{{9, 16, 16, 4}, 2}, 0, 2e-5, 2e-5});
 }
 TEST_CASE("cuda, emulated: networks that do not fit") { mlp_too_wide(EmulatedDevice{}); }
+TEST_CASE("cuda, emulated: Adam is the host's, bit for bit") {
+    for (const auto order : {PhaseOrder::forward, PhaseOrder::shuffled})
+        adam_against_host(EmulatedDevice{order}, queue, 0);
+}

@@ -24,6 +24,50 @@ struct AdamConfig {
     double eps = 1e-8;
 };
 
+/// One number's step, for numbers and lanes.
+template <class T>
+struct AdamFormula {
+    T b1, d1, b2, d2, eps; ///< beta1, 1 - beta1, beta2, 1 - beta2
+
+    RYE_HD explicit AdamFormula(const AdamConfig& c)
+        : b1(T(c.beta1)),
+          d1(T(1.0 - c.beta1)),
+          b2(T(c.beta2)),
+          d2(T(1.0 - c.beta2)),
+          eps(T(c.eps)) {}
+
+    template <class V>
+    [[gnu::always_inline]] RYE_HD V mean(const V& m, const V& g) const {
+        return b1 * m + d1 * g;
+    }
+    template <class V>
+    [[gnu::always_inline]] RYE_HD V square(const V& v, const V& g) const {
+        return b2 * v + d2 * g * g;
+    }
+    /// The parameter after the step. size: rate / c1, root: 1 / sqrt(c2).
+    template <class V>
+    [[gnu::always_inline]] RYE_HD V moved(const V& p, const V& m, const V& v, const T& size,
+                                          const T& root) const {
+        using std::sqrt;
+        return p - size * m / (sqrt(v) * root + eps);
+    }
+};
+
+/// size and root of AdamFormula::moved for step t = 1, 2, ... at a rate.
+template <class T>
+struct AdamStep {
+    T size, root;
+
+    RYE_HD AdamStep(const AdamConfig& config, double rate, std::int64_t step) {
+        using std::expm1, std::log, std::sqrt;
+        const double t = static_cast<double>(step);
+        const double c1 = -expm1(t * log(config.beta1));
+        const double c2 = -expm1(t * log(config.beta2));
+        size = T(rate / c1);
+        root = T(1.0 / sqrt(c2));
+    }
+};
+
 /// The optimiser: its settings, and moments of the same shapes as the parameters.
 template <class P>
 struct Adam {
@@ -87,26 +131,21 @@ template <class P, class Rate, Backend B>
                 RYE_ASSERT(T(config.eps) > T(0), "adam_step: eps is 0 in this precision");
                 RYE_ASSERT(a.size() == ga.size() && a.size() == m.size() && a.size() == v.size(),
                            "adam_step: parameter, gradient and moments differ in shape");
-                const double t = static_cast<double>(++state.field_steps[i]);
-                const double c1 = -std::expm1(t * std::log(config.beta1));
-                const double c2 = -std::expm1(t * std::log(config.beta2));
-                const T b1 = T(config.beta1), d1 = T(1.0 - config.beta1);
-                const T b2 = T(config.beta2), d2 = T(1.0 - config.beta2);
-                const T size = T(rates[i] / c1), root = T(1.0 / std::sqrt(c2)), eps = T(config.eps);
+                const AdamStep<T> now(config, rates[i], ++state.field_steps[i]);
+                const AdamFormula<T> formula(config);
                 for_chunks(
                     backend.threads, a.size(), detail::adam_grain, [&](Index b, Index e, Index) {
                         const Index n = e - b;
                         T *pa = a.data() + b, *pm = m.data() + b, *pv = v.data() + b;
                         const T* pg = ga.data() + b;
                         transform_array<B>(
-                            n, pm, [&](auto x, auto y) { return b1 * x + d1 * y; }, pm, pg);
+                            n, pm, [&](auto x, auto y) { return formula.mean(x, y); }, pm, pg);
                         transform_array<B>(
-                            n, pv, [&](auto x, auto y) { return b2 * x + d2 * y * y; }, pv, pg);
+                            n, pv, [&](auto x, auto y) { return formula.square(x, y); }, pv, pg);
                         transform_array<B>(
                             n, pa,
                             [&](auto x, auto mi, auto vi) {
-                                using std::sqrt;
-                                return x - size * mi / (sqrt(vi) * root + eps);
+                                return formula.moved(x, mi, vi, now.size, now.root);
                             },
                             pa, pm, pv);
                     });

@@ -1,0 +1,242 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/nn/cuda/adam.hpp: Adam over parameters in device memory, by nn/adam.hpp's formula. Step
+/// numbers are on the device, so that a step can be captured as a CUDA graph and replayed. A
+/// gradient that is not finite cancels the whole step on the device before anything is changed;
+/// the host hears of it from `report`, the one function that waits.
+#pragma once
+
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <rye/backend/cuda/resident.hpp>
+#include <rye/backend/cuda/unrolled.hpp>
+#include <rye/nn/adam.hpp>
+
+namespace rye {
+
+/// What Adam keeps of a field.
+struct DeviceAdamField {
+    double rate;        ///< 0: it keeps its values and moments, and its gradient is not read
+    std::int64_t steps; ///< applied so far
+    float size, root;   ///< of the step under way
+};
+/// A range of one field, for a block.
+struct DeviceAdamRange {
+    Index begin;
+    int count, field;
+};
+struct DeviceAdamState {
+    std::uint32_t bad;      ///< the first field whose gradient is not finite, or none_bad
+    std::uint32_t last_bad; ///< that of the last step
+    std::int64_t steps;     ///< applied so far
+    static constexpr std::uint32_t none_bad = 0xFFFFFFFF;
+};
+
+/// Numbers of a range.
+inline constexpr int adam_range = 1024;
+
+struct AdamCheckKernel {
+    static constexpr const char* name = "Adam's finite check";
+    static constexpr int threads = 128, blocks = 8;
+    struct Shared {
+        std::uint32_t bad;
+    };
+    const DeviceAdamField* field;
+    const DeviceAdamRange* range;
+    const float* gradient;
+    DeviceAdamState* state;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+        const DeviceAdamRange r = range[block.index()];
+        if (field[r.field].rate == 0) return;
+        block.each_thread([&](int t) {
+            if (t == 0) shared.bad = 0;
+        });
+        block.each_thread([&](int t) {
+            float sum = 0; // 0 x is 0 for every finite x
+            for (int k = t; k < r.count; k += threads) sum += gradient[r.begin + k] * 0.0F;
+            if (!(sum == 0.0F)) Block::raise(&shared.bad, 1U);
+        });
+        block.each_thread([&](int t) {
+            // The largest of complements: the first field.
+            if (t == 0 && shared.bad != 0)
+                Block::raise(&state->bad, DeviceAdamState::none_bad - std::uint32_t(r.field));
+        });
+    }
+};
+
+/// Counts the step, and what follows from its number.
+struct AdamScheduleKernel {
+    static constexpr const char* name = "Adam's schedule";
+    static constexpr int threads = 128, blocks = 8;
+    struct Shared {};
+    AdamConfig config;
+    DeviceAdamField* field;
+    int fields;
+    DeviceAdamState* state;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        block.each_thread([&](int t) {
+            if (state->bad != 0) return;
+            for (int i = t; i < fields; i += threads) {
+                DeviceAdamField& f = field[i];
+                if (f.rate == 0) continue;
+                const AdamStep<float> now(config, f.rate, ++f.steps);
+                f.size = now.size;
+                f.root = now.root;
+            }
+        });
+        block.each_thread([&](int t) {
+            if (t != 0) return;
+            if (state->bad == 0) ++state->steps;
+            state->last_bad = state->bad == 0 ? DeviceAdamState::none_bad
+                                              : DeviceAdamState::none_bad - state->bad;
+        });
+    }
+};
+
+struct AdamStepKernel {
+    static constexpr const char* name = "Adam";
+    static constexpr int threads = 128, blocks = 8;
+    struct Shared {};
+    AdamConfig config;
+    const DeviceAdamField* field;
+    const DeviceAdamRange* range;
+    const DeviceAdamState* state;
+    const float* gradient;
+    float *parameter, *m, *v;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        if (state->bad != 0) return;
+        const DeviceAdamRange r = range[block.index()];
+        const DeviceAdamField f = field[r.field];
+        if (f.rate == 0) return;
+        const AdamFormula<float> formula(config);
+        block.each_thread([&](int t) {
+            for (int k = t; k < r.count; k += threads) {
+                const Index i = r.begin + k;
+                const float g = gradient[i], mean = formula.mean(m[i], g),
+                            square = formula.square(v[i], g);
+                m[i] = mean;
+                v[i] = square;
+                parameter[i] = formula.moved(parameter[i], mean, square, f.size, f.root);
+            }
+        });
+    }
+};
+
+/// The optimiser: moments and step numbers in device memory.
+template <class P, class Device>
+class DeviceAdam {
+  public:
+    DeviceAdam(const Device& device, const CudaQueue& queue, const ResidentLayout<P>& layout,
+               const AdamConfig& config = {})
+        : m(device, queue, layout),
+          v(device, queue, layout),
+          device_(device),
+          config_(config) {
+        RYE_ASSERT(float(config.eps) > 0.0F, "DeviceAdam: eps is 0 in float");
+        std::vector<DeviceAdamRange> ranges;
+        int field = 0;
+        for (const auto& s : layout.slices()) {
+            for (Index b = 0; b < s.size(); b += adam_range)
+                ranges.push_back({s.offset + b,
+                                  static_cast<int>(std::min<Index>(adam_range, s.size() - b)),
+                                  field});
+            ++field;
+        }
+        fields_.assign(layout.slices().size(), DeviceAdamField{0, 0, 0, 0});
+        range_.reserve(queue, ranges.size() + 1);
+        field_.reserve(queue, fields_.size() + 1);
+        state_.reserve(queue, 1);
+        ranges_ = static_cast<Index>(ranges.size());
+        device.send(queue, range_.data(), ranges.data(), ranges.size() * sizeof(DeviceAdamRange));
+        device.fill(queue, state_.data(), 0, sizeof(DeviceAdamState));
+    }
+
+    /// Sets the learning rates, by a field's name; step numbers stay. Waits.
+    template <class Rate>
+    void set_rates(const CudaQueue& queue, const Rate& rate) {
+        if (sent_)
+            device_.fetch(queue, fields_.data(), field_.data(),
+                          fields_.size() * sizeof(DeviceAdamField));
+        for (std::size_t i = 0; i < fields_.size(); ++i)
+            fields_[i].rate = rate(m.layout().slices()[i].name);
+        device_.send(queue, field_.data(), fields_.data(),
+                     fields_.size() * sizeof(DeviceAdamField));
+        sent_ = true;
+    }
+
+    /// Puts a step on the stream.
+    void step_into(const CudaQueue& queue, const Resident<P, Device>& parameters,
+                   const Resident<P, Device>& gradient) {
+        RYE_ASSERT(sent_, "DeviceAdam: rates were not set");
+        RYE_ASSERT(&parameters.layout() == &m.layout() && &gradient.layout() == &m.layout(),
+                   "DeviceAdam: parameters and gradient are of another layout");
+        device_.fill(queue, state_.data(), 0, sizeof(std::uint32_t)); // `bad`
+        device_.launch(
+            queue, ranges_,
+            AdamCheckKernel{field_.data(), range_.data(), gradient.data(), state_.data()});
+        device_.launch(queue, 1,
+                       AdamScheduleKernel{config_, field_.data(), static_cast<int>(fields_.size()),
+                                          state_.data()});
+        device_.launch(queue, ranges_,
+                       AdamStepKernel{config_, field_.data(), range_.data(), state_.data(),
+                                      gradient.data(), parameters.data(), m.data(), v.data()});
+    }
+
+    /// Of the last step. Waits.
+    AdamReport report(const CudaQueue& queue) const {
+        DeviceAdamState s{};
+        device_.fetch(queue, &s, state_.data(), sizeof s);
+        if (s.last_bad == DeviceAdamState::none_bad) return {};
+        return {false, m.layout().slices()[s.last_bad].name};
+    }
+
+    /// The host's optimiser in the same state, as checkpoints have it. Waits.
+    void fetch(const CudaQueue& queue, Adam<P>& to) const {
+        m.fetch(queue, to.m);
+        v.fetch(queue, to.v);
+        DeviceAdamState s{};
+        device_.fetch(queue, &s, state_.data(), sizeof s);
+        to.step = s.steps;
+        std::vector<DeviceAdamField> fields = fields_;
+        if (sent_)
+            device_.fetch(queue, fields.data(), field_.data(),
+                          fields.size() * sizeof(DeviceAdamField));
+        to.field_steps.clear();
+        for (const DeviceAdamField& f : fields) to.field_steps.push_back(f.steps);
+        to.config = config_;
+    }
+    /// Goes on from the host's optimiser. Waits.
+    void send(const CudaQueue& queue, const Adam<P>& from) {
+        m.send(queue, from.m);
+        v.send(queue, from.v);
+        config_ = from.config;
+        for (std::size_t i = 0; i < fields_.size(); ++i)
+            fields_[i].steps = i < from.field_steps.size() ? from.field_steps[i] : from.step;
+        const DeviceAdamState s{0, DeviceAdamState::none_bad, from.step};
+        device_.send(queue, state_.data(), &s, sizeof s);
+        device_.send(queue, field_.data(), fields_.data(),
+                     fields_.size() * sizeof(DeviceAdamField));
+        sent_ = true;
+    }
+
+    Resident<P, Device> m, v; ///< moments
+
+  private:
+    Device device_;
+    AdamConfig config_;
+    std::vector<DeviceAdamField> fields_;
+    DeviceBuffer<DeviceAdamRange> range_;
+    DeviceBuffer<DeviceAdamField> field_;
+    DeviceBuffer<DeviceAdamState> state_;
+    Index ranges_ = 0;
+    bool sent_ = false;
+};
+
+} // namespace rye
