@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// networks_device: the cases of mlp_cases.hpp on a device; where there is none it says so.
+// networks_device: the cases of networks, Adam and losses on a device; where there is none it says
+// so.
 #define DOCTEST_CONFIG_IMPLEMENT
 #include "adam_cases.hpp"
+#include "loss_cases.hpp"
 #include "mlp_cases.hpp"
 
 #include <rye/backend/cuda/device.hpp>
@@ -33,6 +35,9 @@ TEST_CASE("device: networks are the host's") {
     mlp_against_host<MlpTiles<2, 64, 32>>(device, queue(), {odd, 0, 2e-5, 2e-4});
 }
 TEST_CASE("device: Adam is the host's") { adam_against_host(CudaDevice(), queue(), 1e-7); }
+TEST_CASE("device: the masked L1 term is the host's") {
+    masked_l1_against_host(CudaDevice(), queue());
+}
 TEST_CASE("device: networks that do not fit") { mlp_too_wide(CudaDevice()); }
 
 int main(int argc, char** argv) {

@@ -50,6 +50,22 @@ struct WeightedMask {
     T weight;
 };
 
+/// One number of a masked difference: |d|, and its share of a cotangent of slope s: sign(d) s.
+template <class T>
+struct AbsoluteDifference {
+    T d;
+
+    RYE_HD AbsoluteDifference(const T& mask, const T& a, const T& b) : d(mask * (a - b)) {}
+    RYE_HD T value() const {
+        using std::abs;
+        return T(abs(d));
+    }
+    RYE_HD T cotangent(const T& slope) const {
+        const int sign = int(d > T(0)) - int(d < T(0)); // without a branch
+        return T(static_cast<real_t<T>>(sign)) * slope;
+    }
+};
+
 /// mean |mask (a - b)| over all pixels and channels, masked or not; its slope at 0 is 0. Adds
 /// `weight` times its cotangent of a to g. a, b, g: channels x pixels.
 template <class T, Backend B>
@@ -57,7 +73,6 @@ T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
                 const std::type_identity_t<ColumnsView<T>>& b,
                 const std::type_identity_t<WeightedMask<T>>& weighted,
                 std::type_identity_t<ColumnsSpan<T>> g) {
-    using std::abs;
     const Columns<T>& mask = weighted.mask;
     const T& weight = weighted.weight;
     using W = widened_t<T>;  // float does not resolve a mean over millions of values
@@ -77,10 +92,9 @@ T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
                 const T slope = weight * T(m * share);
                 W pixel(0);
                 for (Index i = 0; i < channels; ++i) {
-                    const T d = m * (p[i] - q[i]);
-                    pixel += scalar_cast<W>(T(abs(d)));
-                    const int sign = int(d > T(0)) - int(d < T(0)); // without a branch
-                    to[i] += T(static_cast<real_t<T>>(sign)) * slope;
+                    const AbsoluteDifference<T> d(m, p[i], q[i]);
+                    pixel += scalar_cast<W>(d.value());
+                    to[i] += d.cotangent(slope);
                 }
                 total += pixel;
             }
