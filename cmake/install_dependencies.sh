@@ -24,6 +24,7 @@ missing() {
     has_header png.h || echo libpng-dev
     has_header doctest/doctest.h || echo doctest-dev
     has_header benchmark/benchmark.h || echo libbenchmark-dev
+    has_header glm/glm.hpp || echo libglm-dev
 }
 
 packages=$(missing | tr '\n' ' ')

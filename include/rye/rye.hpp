@@ -66,6 +66,7 @@
 #include <rye/geometry/mesh.hpp>
 #include <rye/geometry/mesh_raster.hpp>
 #include <rye/geometry/neighbours.hpp>
+#include <rye/geometry/opengl.hpp>
 #include <rye/geometry/rigid.hpp>
 #include <rye/geometry/screen_mesh.hpp>
 #include <rye/geometry/silhouette.hpp>
