@@ -1,21 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye export`: the Gaussians of a trained head as a standard 3DGS PLY for splat viewers.
-/// A PLY cannot store the upsampler: colours are those of the low-resolution render.
+/// `rye export`: the Gaussians of a trained head as a file for splat viewers: PLY, .splat, SPZ or
+/// GLB, by the name's extension. None stores the upsampler: colours are those of the low-resolution
+/// render.
 #include <algorithm>
 #include <iostream>
 #include <memory>
-#include <sstream>
 
 #include <CLI/CLI.hpp>
 
 #include <rye/capture/atomic_file.hpp>
-#include <rye/gaussian/ply.hpp>
+#include <rye/capture/splats.hpp>
 #include <rye/math/harmonics.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/math/scalar.hpp>
 
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
+#include "data/deflate.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
 #include "training/steps.hpp"
@@ -24,7 +25,7 @@ namespace rye::trainer {
 namespace {
 
 struct ExportOptions {
-    std::filesystem::path run, capture, ply;
+    std::filesystem::path run, capture, out;
     std::string frame, stream = "both", axes = "ply";
     std::vector<double> left, right;  ///< pitch, yaw [deg]
     bool canonical = false;
@@ -36,8 +37,8 @@ struct ExportOptions {
 constexpr float sh_constant_value = 0.28209479177387814f;
 
 /// Stored form of activated Gaussians; `flip` turns y up, z toward the viewer into the PLY's y
-/// down, z forward (half a turn about x).
-GaussianCloud<float> cloud_of(const Gaussians<float>& g, bool flip) {
+/// down, z forward (half a turn about x). Harmonics up to `degree` are 0.
+GaussianCloud<float> cloud_of(const Gaussians<float>& g, bool flip, int degree) {
     GaussianCloud<float> c;
     c.mean = g.mean;
     c.rotation = g.rotation;
@@ -53,11 +54,32 @@ GaussianCloud<float> cloud_of(const Gaussians<float>& g, bool flip) {
     c.logit_opacity = g.opacity.unaryExpr(
         [](float a) { return logit(std::clamp(a, 6e-8f, 1 - 6e-8f)); });
     c.sh_constant = (g.feature.topRows(3).array() - 0.5f) / sh_constant_value;
-    c.sh_rest.resize(0, g.mean.cols());
+    c.sh_rest.setZero(3 * (sh_count(degree) - 1), g.mean.cols());
     return c;
 }
 
-void export_ply(const ExportOptions& o) {
+/// Throws Error for a combination of --out and --axes that would be upside down: SPZ and GLB state
+/// their axes, which a PLY and a .splat do not. A pipe or device gets a PLY.
+SplatFileOptions file_options(const ExportOptions& o) {
+    SplatFileOptions options;
+    std::error_code none;
+    const bool pipe = std::filesystem::exists(o.out, none) &&
+                      !std::filesystem::is_regular_file(o.out, none);
+    if (!pipe) options.kind = written_splat_kind(o.out, "rye export: --out");
+    require(o.axes == "ply" || options.kind == SplatKind::ply || options.kind == SplatKind::splat,
+            "rye export",
+            "--axes world: the format of " + o.out.string() +
+                " has axes of its own (y up, z toward the viewer), expected a .ply or .splat");
+    require(o.sh == 0 || options.kind != SplatKind::splat, "rye export",
+            "--sh " + std::to_string(o.sh) + ": a .splat has no harmonics, expected 0");
+    options.ply.degree = o.sh;
+    options.ply.comment = o.axes == "ply" ? "Vertical axis: y" : "axes: y up, z toward the viewer";
+    options.deflate = zlib_deflate;
+    return options;
+}
+
+void export_splats(const ExportOptions& o) {
+    const SplatFileOptions options = file_options(o);
     set_threads(o.threads);
     const TrainState state = load_trained(o.run);
     Drivers<float> drivers;
@@ -76,21 +98,16 @@ void export_ply(const ExportOptions& o) {
     const Index face = state.avatar.face.position.cols();
     if (o.stream == "face") g = copy_of(view_of(g).columns(0, face));
     if (o.stream == "eyes") g = copy_of(view_of(g).columns(face, g.count() - face));
-    PlyOptions options;
-    options.degree = o.sh;
-    options.comment = o.axes == "ply" ? "Vertical axis: y" : "axes: y up, z toward the viewer";
-    std::ostringstream text;
-    write_ply(text, cloud_of(g, o.axes == "ply"), options);
-    const std::string bytes = text.str();
-    write_atomic(o.ply, std::as_bytes(std::span(bytes)));
-    std::cout << o.ply.string() << ": " << g.count() << " Gaussians\n";
+    const Bytes bytes = splat_file_bytes(cloud_of(g, o.axes == "ply", o.sh), options);
+    write_atomic(o.out, bytes);
+    std::cout << o.out.string() << ": " << g.count() << " Gaussians, " << bytes.size() << " bytes\n";
 }
 
 } // namespace
 
 void add_export(CLI::App& app) {
     auto o = std::make_shared<ExportOptions>();
-    CLI::App* c = app.add_subcommand("export", "Write a trained head as a standard Gaussian PLY");
+    CLI::App* c = app.add_subcommand("export", "Write a trained head as a splat file");
     c->add_option("--run", o->run, "Folder of the run")->required();
     c->add_option("--capture", o->capture, "Folder of the capture (default: the one trained on)");
     c->add_option("--frame", o->frame, "Frame that drives the head (default: the first test frame)");
@@ -106,9 +123,9 @@ void add_export(CLI::App& app) {
     c->add_option("--sh", o->sh, "Degree of harmonics to pad with zeros, for readers that want 3")
         ->check(CLI::Range(0, 3))
         ->capture_default_str();
-    c->add_option("--ply", o->ply, "File to write")->required();
+    c->add_option("--out,--ply", o->out, "File to write: .ply, .splat, .spz or .glb")->required();
     add_threads(*c, o->threads);
-    c->callback([o] { export_ply(*o); });
+    c->callback([o] { export_splats(*o); });
 }
 
 } // namespace rye::trainer

@@ -7,8 +7,8 @@
 #include <filesystem>
 #include <iterator>
 
+#include <rye/capture/splats.hpp>
 #include <rye/gaussian/activate.hpp>
-#include <rye/gaussian/ply.hpp>
 #include <rye/math/rotation.hpp>
 
 #include "commands/options.hpp"
@@ -110,8 +110,8 @@ Pinhole<float> view_of(const GaussianCloud<float>& cloud) {
     return camera;
 }
 
-std::string explain_ply(const EffectsOptions& o, const ProfileBounds& bounds) {
-    const GaussianCloud<float> cloud = read_ply<float>(o.scene);
+std::string explain_splats(const EffectsOptions& o, const ProfileBounds& bounds) {
+    const GaussianCloud<float> cloud = read_splats<float>(o.scene);
     const Pinhole<float> camera = view_of(cloud);
     SceneFacts facts;
     add_sh(cloud, facts);
@@ -262,7 +262,7 @@ std::string explain_effects(const EffectsOptions& o) {
     const std::filesystem::path scene = o.scene;
     require(!o.scene.empty() || !o.run.empty(), "rye info",
             "--effects: neither a scene nor --run is given");
-    if (!std::filesystem::is_directory(scene) && !o.scene.empty()) return explain_ply(o, bounds);
+    if (!std::filesystem::is_directory(scene) && !o.scene.empty()) return explain_splats(o, bounds);
     if (o.run.empty() && std::filesystem::exists(scene / "transforms.json") &&
         !std::filesystem::exists(scene / "params"))
         return explain_photographs(scene, bounds);

@@ -11,8 +11,8 @@
 
 #include <CLI/CLI.hpp>
 
+#include <rye/capture/splats.hpp>
 #include <rye/gaussian/activate.hpp>
-#include <rye/gaussian/ply.hpp>
 #include <rye/splat/lanes.hpp>
 #include <rye/splat/select_accuracy.hpp>
 
@@ -143,7 +143,7 @@ void render(const RenderOptions& o) {
             "--alpha-floor needs --accuracy 3dgs, got --accuracy " + o.accuracy);
     Photograph view = view_of(o);
     view.camera.near_depth = o.near_depth;
-    const GaussianCloud<float> cloud = read_ply<float>(o.ply);
+    const GaussianCloud<float> cloud = read_splats<float>(o.ply);
 
     const auto begin = std::chrono::steady_clock::now();
     const Image<float> image = view.bent()
@@ -160,12 +160,12 @@ void render(const RenderOptions& o) {
 
 void add_render(CLI::App& app) {
     auto o = std::make_shared<RenderOptions>();
-    CLI::App* c = app.add_subcommand("render", "Render a PLY file of Gaussians to an image");
+    CLI::App* c = app.add_subcommand("render", "Render a splat file to an image");
     const auto finite = CLI::Range(-1e9, 1e9);
     const auto vector = [&](const char* name, std::vector<double>& v, const char* help) {
         return c->add_option(name, v, help)->delimiter(',')->expected(3)->check(finite);
     };
-    c->add_option("ply", o->ply, "PLY file, in the standard form")->required();
+    c->add_option("splats", o->ply, "Splat file: PLY in the standard form, .splat or SPZ")->required();
     vector("--eye", o->eye, "Position of the camera: X,Y,Z");
     vector("--target", o->target, "Point in the image centre: X,Y,Z");
     c->add_option("--cameras", o->cameras,

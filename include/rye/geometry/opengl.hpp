@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/geometry/opengl.hpp: the pinhole camera of an OpenGL, WebGPU or Direct3D renderer's matrices.
+/// rye/geometry/opengl.hpp: the pinhole camera of the matrices of an OpenGL, WebGPU or Direct3D
+/// renderer.
 /// Matrices multiply columns: clip = projection * view * (x_world, 1). Eye frame of `view`
 /// (OpenGL): x right, y up, z toward the viewer, right-handed. Normalised device coordinates clip /
 /// clip.w: x from -1 at the left edge of the image to 1 at the right, y from -1 at the bottom edge
-/// to 1 at the top; the range of z is ClipDepth. The result is in rye's frame (geometry/camera.hpp):
-/// x right, y down, z forward, pixels from the upper left corner. The world is the same.
+/// to 1 at the top; the range of z is ClipDepth. The result is in rye's frame (camera.hpp): x
+/// right, y down, z forward, pixels from the upper left corner. The world is the same.
 /// Eigen and OpenGL both store columns one after another, so memory is viewed without a copy:
 ///     pinhole_from_opengl<float>(Eigen::Map<const Mat<float, 4, 4>>(view), ...)
 /// Source: OpenGL 4.6 core specification, 13.8 and the perspective matrix of its compatibility
@@ -81,9 +82,9 @@ void check_projection(const Mat<T, 4, 4>& p) {
 
 /// The camera of a view (world to eye) and a perspective projection, for an image of width x height
 /// pixels; off-centre projections (glFrustum) give a principal point off the centre. The near
-/// plane, by `clip`, is the camera's near_depth [world units]; a far plane is not kept. A projection
-/// may be a positive multiple of the matrix of the specification, as clip coordinates are
-/// homogeneous. Throws Error, with the entry and its value, for an empty image, numbers that are
+/// plane, by `clip`, is the camera's near_depth [world units]; a far plane is not kept. A positive
+/// multiple of the specification's matrix is the same camera, as clip coordinates are homogeneous.
+/// Throws Error, with the entry and its value, for an empty image, numbers that are
 /// not finite, a view that is not rigid or mirrors, a projection that is orthographic, left-handed,
 /// skewed, mirrored or has an oblique near plane, and a near plane that is not in front.
 template <Real T>

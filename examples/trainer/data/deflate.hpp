@@ -1,0 +1,12 @@
+// SPDX-License-Identifier: Apache-2.0
+/// data/deflate.hpp: zlib as the compressor of SPZ files.
+#pragma once
+
+#include <rye/capture/bytes.hpp>
+
+namespace rye::trainer {
+
+/// A raw deflate stream of the bytes, at zlib's default level. Throws Error if zlib fails.
+Bytes zlib_deflate(ByteSpan raw);
+
+} // namespace rye::trainer

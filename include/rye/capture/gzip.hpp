@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/capture/gzip.hpp: gzip files of one member. Reading needs no library (inflate.hpp). Writing
+/// takes the compressor as a function, so that a program may pass its own library's; without one
+/// the data are stored uncompressed, which every reader of gzip accepts.
+/// Source: RFC 1952 (gzip), RFC 1951 (stored blocks).
+#pragma once
+
+#include <algorithm>
+#include <functional>
+#include <string>
+
+#include <rye/capture/inflate.hpp>
+
+namespace rye {
+
+/// Makes a raw deflate stream (RFC 1951, without zlib's header) of some bytes.
+using Deflate = std::function<Bytes(ByteSpan)>;
+
+/// A deflate stream of stored blocks: 5 bytes more for every 65535, no compression.
+inline Bytes stored_deflate(ByteSpan raw) {
+    constexpr std::size_t longest = 65535;
+    Bytes out;
+    out.reserve(raw.size() + 5 * (raw.size() / longest + 1));
+    do {
+        const ByteSpan block = raw.first(std::min(raw.size(), longest));
+        raw = raw.subspan(block.size());
+        const auto length = static_cast<std::uint16_t>(block.size());
+        append(out, static_cast<std::uint8_t>(raw.empty() ? 1 : 0));  // last block, type 0
+        append(out, length);
+        append(out, static_cast<std::uint16_t>(~length));
+        append(out, block);
+    } while (!raw.empty());
+    return out;
+}
+
+/// Whether bytes begin as a gzip file.
+inline bool is_gzip(ByteSpan bytes) {
+    return bytes.size() >= 2 && bytes[0] == std::byte(0x1F) && bytes[1] == std::byte(0x8B);
+}
+
+/// A gzip file of `raw`; throws Error from 4 GiB on, whose size the format does not hold.
+inline Bytes gzip_bytes(ByteSpan raw, const Deflate& deflate = stored_deflate) {
+    require(raw.size() < (std::uint64_t(1) << 32U), "gzip_bytes",
+            "got " + std::to_string(raw.size()) + " bytes, expected fewer than 2^32");
+    Bytes out;
+    for (const unsigned b : {0x1FU, 0x8BU, 8U, 0U, 0U, 0U, 0U, 0U, 0U, 255U})
+        append(out, static_cast<std::uint8_t>(b));   // deflate, no name, no time, unknown system
+    append(out, ByteSpan(deflate(raw)));
+    append(out, crc32(raw));
+    append(out, static_cast<std::uint32_t>(raw.size()));
+    return out;
+}
+
+/// The data of a gzip file of one member; messages begin with `who`. Allocates at most 1032 times
+/// the file. Throws Error for another format, a wrong size or checksum, and truncation.
+inline Bytes gunzip(ByteSpan file, const std::string& who) {
+    require(is_gzip(file), who, "not a gzip file: it does not begin with the bytes 1f 8b");
+    const auto method = read_at<std::uint8_t>(file, 2, who, "the gzip header");
+    const auto flags = read_at<std::uint8_t>(file, 3, who, "the gzip header");
+    require(method == 8, who,
+            "gzip: got method " + std::to_string(method) + ", expected 8 (deflate)");
+    require((flags & 0xE0U) == 0, who,
+            "gzip: got flags " + std::to_string(flags) + ", expected below 32");
+    std::uint64_t at = 10;
+    if ((flags & 4U) != 0) at += 2U + read_at<std::uint16_t>(file, at, who, "gzip's extra field");
+    for (const unsigned text : {8U, 16U}) {          // name, comment
+        if ((flags & text) == 0) continue;
+        while (read_at<std::uint8_t>(file, at++, who, "gzip's name or comment") != 0) {}
+    }
+    if ((flags & 2U) != 0) at += 2;
+    require(at + 8 <= file.size(), who,
+            "truncated: got " + std::to_string(file.size()) + " bytes, expected at least the " +
+                std::to_string(at + 8) + " of a gzip header and trailer");
+    const auto crc = read_at<std::uint32_t>(file, file.size() - 8, who, "gzip's checksum");
+    const auto size = read_at<std::uint32_t>(file, file.size() - 4, who, "gzip's size");
+    const ByteSpan deflated = file.subspan(static_cast<std::size_t>(at),
+                                           static_cast<std::size_t>(file.size() - 8 - at));
+    Bytes raw = inflate(deflated, size, who);
+    require(crc32(raw) == crc, who, "gzip: the checksum of the data is wrong: a damaged file");
+    return raw;
+}
+
+} // namespace rye

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/capture/splat_quantize.hpp: what the small splat formats (.splat, SPZ, GLB) have in common:
+/// numbers as bytes, the checks of numbers that cannot be stored, and the turn between the axes of
+/// a PLY (x right, y down, z forward for an upright subject) and those of SPZ and glTF (x right, y
+/// up, z toward the viewer): half a turn about x. Clouds as in gaussian/cloud.hpp.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include <rye/core/error.hpp>
+#include <rye/gaussian/cloud.hpp>
+#include <rye/math/rotation.hpp>
+
+namespace rye::detail {
+
+/// The nearest whole number in 0..255.
+template <Real T>
+std::uint8_t nearest_byte(T x) {
+    return static_cast<std::uint8_t>(std::lround(std::clamp(x, T(0), T(255))));
+}
+
+/// The logit of an opacity in 0..1, finite at both ends: those of the largest number below 1.
+template <Real T>
+T bounded_logit(T opacity) {
+    constexpr T u = std::numeric_limits<T>::epsilon() / 2;
+    return logit(std::clamp(opacity, u, T(1) - u));
+}
+
+/// Signs of the 15 coefficients above band 0, degrees 1 to 3, under half a turn about x.
+inline constexpr std::array<int, 15> sh_half_turn{-1, -1, 1, -1, 1,  1,  -1, 1,
+                                                  -1, 1,  -1, -1, 1, -1, 1};
+
+/// Throws Error, with the field and the Gaussian, unless every number is finite, every quaternion
+/// has a direction and no array has another shape than the cloud's.
+template <Real T>
+void check_storable(const GaussianCloud<T>& cloud, const std::string& who) {
+    GaussianCloud<T>::fields(
+        [&](const std::string& name, const Columns<T>& a) {
+            require(a.cols() == cloud.count(), who,
+                    name + " has " + std::to_string(a.cols()) + " columns, expected " +
+                        std::to_string(cloud.count()));
+            for (Index i = 0; i < a.cols(); ++i)
+                for (Index k = 0; k < a.rows(); ++k)
+                    if (!std::isfinite(a(k, i)))
+                        throw Error(who + ": " + name + " of Gaussian " + std::to_string(i) +
+                                    " is " + std::to_string(a(k, i)) + ", not finite");
+        },
+        cloud);
+    for (Index i = 0; i < cloud.count(); ++i)
+        if (!(cloud.rotation.col(i).squaredNorm() > T(0)))
+            throw Error(who + ": rotation of Gaussian " + std::to_string(i) +
+                        " is (0, 0, 0, 0), expected a direction");
+}
+
+} // namespace rye::detail
