@@ -7,7 +7,7 @@
 
 #include <rye/capture/npz.hpp>
 #include <rye/capture/safetensors.hpp>
-#include <rye/gaussian/ply.hpp>
+#include <rye/capture/splats.hpp>
 
 #include "data/config.hpp"
 #include "data/picture_codecs.hpp"
@@ -63,6 +63,20 @@ void ply() {
         words.push_back(type);
     seed("ply", "ascii", ascii + "end_header\n7\n1 2 3 .1 .2 .3 -1 -2 -3 1 0 0 0\n");
     dictionary("ply", words);
+}
+
+void splats() {
+    for (const int degree : {0, 3}) {
+        GaussianCloud<float> cloud(3, degree);
+        GaussianCloud<float>::fields(
+            [](const std::string&, Columns<float>& a) { a.setConstant(0.5F); }, cloud);
+        const std::string name = std::to_string(degree);
+        const Bytes spz = spz_bytes(cloud);
+        seed("splats", "splat" + name, splat_bytes(cloud));
+        seed("splats", "spz" + name, spz);
+        seed("splats", "data" + name, gunzip(spz, name));
+    }
+    dictionary("splats", {"NGSP", {'\x1F', '\x8B', '\x08', '\0'}, {'\3', '\0', '\0', '\0'}});
 }
 
 void arrays() {
@@ -170,6 +184,7 @@ int main(int count, char** words) try {
     out = words[1];
     fs::create_directories(out);
     ply();
+    splats();
     arrays();
     pictures();
     texts();

@@ -197,11 +197,23 @@ TEST_CASE("ply: a header of 65,000 properties is read in a moment") {
 TEST_CASE("ply: a number that is not finite is refused with its property and its vertex") {
     const std::string begin = "ply\nformat ascii 1.0\nelement vertex 2\n" + numbers +
                               "end_header\n0 0 0 0 0 0 0 0 0 1 0 0 0\n0 0 0 0 0 0 ";
+    CHECK(mentions(fault(begin + "nan 0 0 1 0 0 0\n"), "opacity of vertex 1"));
     for (const char* bad : {"nan", "inf", "-inf", "1e300"})
-        CHECK(mentions(fault(begin + bad + " 0 0 1 0 0 0\n"), "opacity of vertex 1"));
+        CHECK(mentions(fault(begin + "0 0 " + bad + " 1 0 0 0\n"), "scale_1 of vertex 1"));
     auto c = cloud_of(2, 0);
     c.mean(1, 1) = std::numeric_limits<float>::quiet_NaN();
     CHECK(mentions(fault(written(c)), "property y of vertex 1"));
+}
+
+TEST_CASE("ply: an infinite logit is an opacity of almost 1 or 0") {
+    const std::string begin = "ply\nformat ascii 1.0\nelement vertex 1\n" + numbers +
+                              "end_header\n0 0 0 0 0 0 ";
+    const float opaque = parsed(begin + "inf 0 0 1 0 0 0\n").logit_opacity(0, 0);
+    const float invisible = parsed(begin + "-inf 0 0 1 0 0 0\n").logit_opacity(0, 0);
+    CHECK(std::isfinite(opaque));
+    CHECK(sigmoid(opaque) >= 1 - std::numeric_limits<float>::epsilon());
+    CHECK(std::isfinite(invisible));
+    CHECK(sigmoid(invisible) <= std::numeric_limits<float>::epsilon());
 }
 
 TEST_CASE("ply: read through a pipe, which cannot tell its length") {

@@ -90,6 +90,19 @@ grep -q "yes  kappa" variant.txt || { cat variant.txt; fail "its kappa is not ca
     --background 1,1,1 --out render.png
 "$rye" render head.ply --eye 0,0,-10 --target 0,0,0 --up 0,-1,0 --fov 18 --size 64x64 \
     --max-error 1/255 --out chosen.png | grep -q "^accuracy" || fail "no word of the chosen accuracy"
+# The formats of viewers: written by the name's extension, two of them read back.
+for kind in splat spz glb; do
+    "$rye" export --run one --out head.$kind > export_$kind.txt
+done
+grep -q "^rounded: position by at most" export_spz.txt || fail "no word of an SPZ's rounding"
+for kind in splat spz; do
+    "$rye" render head.$kind --eye 0,0,-10 --target 0,0,0 --fov 18 --size 64x64 --out $kind.png
+done
+"$rye" info --effects head.spz | grep -q "^scene" || fail "rye info reads no SPZ"
+refuses "ends in .ply, .splat, .spz or .glb" "$rye" export --run one --out head.txt
+refuses "axes of its own" "$rye" export --run one --axes world --out never.spz
+refuses "has no harmonics" "$rye" export --run one --sh 3 --out never.splat
+refuses "glTF, which is not read" "$rye" render head.glb --eye 0,0,-10 --target 0,0,0 --out never.png
 # Through the camera of a photograph, whose lens bends or does not.
 lens() {
     cat << EOF

@@ -3,6 +3,8 @@
 /// GLB, by the name's extension. None stores the upsampler: colours are those of the low-resolution
 /// render.
 #include <algorithm>
+#include <array>
+#include <cstdio>
 #include <iostream>
 #include <memory>
 
@@ -78,6 +80,29 @@ SplatFileOptions file_options(const ExportOptions& o) {
     return options;
 }
 
+/// Largest differences that the file's rounding makes; empty for formats that hold floats.
+std::string rounding(const GaussianCloud<float>& cloud, const Bytes& bytes, SplatKind kind) {
+    if (kind != SplatKind::splat && kind != SplatKind::spz) return "";
+    const std::string who = "rye export";
+    const GaussianCloud<float> read = kind == SplatKind::splat ? parse_splat<float>(bytes, who)
+                                                               : parse_spz<float>(bytes, who);
+    const auto worst = [](const Columns<float>& a, const Columns<float>& b) {
+        return a.size() == 0 ? 0.0 : static_cast<double>((a - b).cwiseAbs().maxCoeff());
+    };
+    const auto changed = ((cloud.sh_constant - read.sh_constant).cwiseAbs().array() >
+                          0.5f / 127 / sh_constant_value)
+                             .colwise().any().count();
+    std::array<char, 200> text;
+    std::snprintf(text.data(), text.size(),
+                  "rounded: position by at most %.2g, log scale %.2g, colour %.2g; %td Gaussians "
+                  "have colours beyond the format's and are clamped\n",
+                  worst(cloud.mean, read.mean), worst(cloud.log_scale, read.log_scale),
+                  worst(cloud.sh_constant, read.sh_constant) *
+                      static_cast<double>(sh_constant_value),
+                  changed);
+    return text.data();
+}
+
 void export_splats(const ExportOptions& o) {
     const SplatFileOptions options = file_options(o);
     set_threads(o.threads);
@@ -98,9 +123,11 @@ void export_splats(const ExportOptions& o) {
     const Index face = state.avatar.face.position.cols();
     if (o.stream == "face") g = copy_of(view_of(g).columns(0, face));
     if (o.stream == "eyes") g = copy_of(view_of(g).columns(face, g.count() - face));
-    const Bytes bytes = splat_file_bytes(cloud_of(g, o.axes == "ply", o.sh), options);
+    const GaussianCloud<float> cloud = cloud_of(g, o.axes == "ply", o.sh);
+    const Bytes bytes = splat_file_bytes(cloud, options);
     write_atomic(o.out, bytes);
-    std::cout << o.out.string() << ": " << g.count() << " Gaussians, " << bytes.size() << " bytes\n";
+    std::cout << o.out.string() << ": " << g.count() << " Gaussians, " << bytes.size()
+              << " bytes\n" << rounding(cloud, bytes, options.kind);
 }
 
 } // namespace

@@ -12,7 +12,7 @@
 #include <string>
 
 #include <rye/core/error.hpp>
-#include <rye/gaussian/cloud.hpp>
+#include <rye/gaussian/ply.hpp>
 #include <rye/math/rotation.hpp>
 
 namespace rye::detail {
@@ -21,13 +21,6 @@ namespace rye::detail {
 template <Real T>
 std::uint8_t nearest_byte(T x) {
     return static_cast<std::uint8_t>(std::lround(std::clamp(x, T(0), T(255))));
-}
-
-/// The logit of an opacity in 0..1, finite at both ends: those of the largest number below 1.
-template <Real T>
-T bounded_logit(T opacity) {
-    constexpr T u = std::numeric_limits<T>::epsilon() / 2;
-    return logit(std::clamp(opacity, u, T(1) - u));
 }
 
 /// Signs of the 15 coefficients above band 0, degrees 1 to 3, under half a turn about x.

@@ -2,7 +2,8 @@
 /// rye/gaussian/ply.hpp: the PLY file of trained Gaussians, the format of 3DGS viewers.
 /// Little-endian floats: mean, normal (zeros), f_dc, f_rest channel by channel, logit opacity, log
 /// scale, quaternion w x y z. The reader accepts properties in any order, extra ones, ascii,
-/// double, and files without normals, f_rest or the third scale.
+/// double, and files without normals, f_rest or the third scale. An infinite opacity, which writers
+/// make of one of exactly 0 or 1, is read as the nearest one whose logit is finite.
 /// Source: the writer of "3D Gaussian Splatting" (Kerbl et al., 2023).
 #pragma once
 
@@ -20,6 +21,7 @@
 #include <rye/core/parse.hpp>
 #include <rye/gaussian/cloud.hpp>
 #include <rye/gaussian/ply_header.hpp>
+#include <rye/math/scalar.hpp>
 
 namespace rye {
 
@@ -32,6 +34,13 @@ struct PlyOptions {
 };
 
 namespace detail {
+
+/// The logit of an opacity in 0..1, finite at both ends: those of the largest number below 1.
+template <Real T>
+T bounded_logit(T opacity) {
+    constexpr T u = std::numeric_limits<T>::epsilon() / 2;
+    return logit(std::clamp(opacity, u, T(1) - u));
+}
 
 /// Destination of a property in a cloud: an array and its row.
 template <class T>
@@ -142,6 +151,8 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
     cloud = GaussianCloud<T>(h.count, degree);
     if (flat && h.count > 0) cloud.log_scale.row(2).setConstant(static_cast<T>(flat_log_scale));
     const auto finite = [&](T x, std::size_t property, Index vertex) {
+        if (std::isinf(x) && targets[property].array == &cloud.logit_opacity)
+            return bounded_logit(x > T(0) ? T(1) : T(0));
         if (!std::isfinite(x))
             throw Error(who + ": property " + h.properties[property].name + " of vertex " +
                         std::to_string(vertex) + " is " + std::to_string(x) + ", not finite");
