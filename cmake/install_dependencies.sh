@@ -26,6 +26,8 @@ missing() {
     has_header doctest/doctest.h || echo doctest-dev
     has_header benchmark/benchmark.h || echo libbenchmark-dev
     has_header glm/glm.hpp || echo libglm-dev
+    has_command pkg-config || echo pkg-config
+    has_command doxygen || echo doxygen
 }
 
 packages=$(missing | tr '\n' ' ')

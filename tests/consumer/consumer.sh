@@ -1,8 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # consumer.sh WAY SOURCE_DIR BUILD_DIR CMAKE GENERATOR COMPILER: a project of a user's, which gets
-# rye by WAY (find_package after an install, add_subdirectory or fetch_content), builds the program
-# that README.md shows, and runs it. After an install also the programs with a user's own parts.
+# rye by WAY (find_package or pkg_config after an install, add_subdirectory or fetch_content), builds
+# the program that README.md shows, and runs it. By find_package also the programs with a user's own
+# parts.
 set -eu
 way=$1 source=$2 build=$3 cmake=$4 generator=$5 cxx=$6
 work=$build/tests/consumer_$way
@@ -15,6 +16,17 @@ awk '/^```cpp/ { inside = 1; next } /^```/ { if (inside) exit } inside' "$source
 if [ "$way" = find_package ]; then
     cp "$source/tests/consumer/redirect.cpp" "$source/tests/consumer/parts.cpp" "$work/project/"
     "$cmake" --install "$build" --prefix "$work/prefix" --component Unspecified > "$work/install.txt"
+fi
+if [ "$way" = pkg_config ]; then
+    "$cmake" --install "$build" --prefix "$work/prefix" --component Unspecified > "$work/install.txt"
+    PKG_CONFIG_PATH=$(dirname "$(find "$work/prefix" -name rye.pc)")
+    export PKG_CONFIG_PATH
+    flags=$(pkg-config --cflags --libs rye)
+    echo "$cxx -std=c++20 -O1 main.cpp $flags"
+    # shellcheck disable=SC2086 # a list of options
+    "$cxx" -std=c++20 -O1 "$work/project/main.cpp" $flags -o "$work/consumer"
+    "$work/consumer"
+    exit 0
 fi
 "$cmake" -S "$work/project" -B "$work/build" -G "$generator" -DCMAKE_CXX_COMPILER="$cxx" \
     -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$work/prefix" -DWAY="$way" -DRYE_SOURCE="$source"

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+# ryePackage.cmake: Debian packages by `cpack -G DEB` in the build folder: librye-dev (the headers,
+# for every processor) and rye (the program, where it is built). Configure with -DRYE_NATIVE=OFF for
+# a program that runs on other machines; one that does not has "native" in the name of its file.
+set(RYE_MAINTAINER "The maintainers of rye" CACHE STRING
+    "Who answers for the packages: \"Name <address>\", as Debian wants it")
+set(CPACK_GENERATOR DEB)
+set(CPACK_PACKAGE_NAME rye)
+set(CPACK_PACKAGE_VENDOR "")
+set(CPACK_PACKAGE_CONTACT "${RYE_MAINTAINER}")
+set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "${PROJECT_DESCRIPTION}")
+set(CPACK_RESOURCE_FILE_LICENSE ${PROJECT_SOURCE_DIR}/LICENSE)
+set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
+set(CPACK_STRIP_FILES ON)
+set(CPACK_DEB_COMPONENT_INSTALL ON)
+set(CPACK_COMPONENTS_ALL Unspecified)
+if(RYE_BUILD_PROGRAMS)
+  list(APPEND CPACK_COMPONENTS_ALL programs)
+endif()
+set(CPACK_COMPONENTS_GROUPING IGNORE)
+set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEBIAN_PACKAGE_SECTION graphics)
+
+set(CPACK_COMPONENT_UNSPECIFIED_DESCRIPTION
+    "Headers of a C++20 toolkit for Gaussian splatting and head avatars whose eyes can be turned.")
+set(CPACK_DEBIAN_UNSPECIFIED_PACKAGE_NAME librye-dev)
+set(CPACK_DEBIAN_UNSPECIFIED_PACKAGE_ARCHITECTURE all)
+set(CPACK_DEBIAN_UNSPECIFIED_PACKAGE_SECTION libdevel)
+set(CPACK_DEBIAN_UNSPECIFIED_PACKAGE_DEPENDS
+    "libeigen3-dev (>= ${rye_least_Eigen3}), libxsimd-dev (>= ${rye_least_xsimd})")
+
+set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION
+    "Trainer of head avatars whose eyes can be turned: captures in, images and splat files out.")
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME rye)
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SHLIBDEPS ON)
+if(RYE_NATIVE)
+  execute_process(COMMAND dpkg --print-architecture OUTPUT_VARIABLE architecture
+                  OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
+  set(CPACK_DEBIAN_PROGRAMS_FILE_NAME rye_${PROJECT_VERSION}_native_${architecture}.deb)
+endif()
+include(CPack)
