@@ -39,6 +39,9 @@ else
     echo "not run: the Debian package, for there is no dpkg-deb"
 fi
 
+grep -qx "version: $version" "$source/CITATION.cff" ||
+    fail "CITATION.cff has another version than $version"
+
 # ---- vcpkg ---------------------------------------------------------------------------------------
 port=$source/packaging/vcpkg/rye
 grep -q "\"version\": \"$version\"" "$port/vcpkg.json" ||
