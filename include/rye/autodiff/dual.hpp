@@ -19,6 +19,8 @@ namespace rye {
 
 struct DefaultTag {};
 
+/// A number with its derivatives in N directions. `Tag` keeps the duals of nested derivatives
+/// apart.
 template <Scalar T, int N, class Tag = DefaultTag>
 struct Dual {
     T value = T(0);

@@ -7,6 +7,7 @@
 
 namespace rye {
 
+/// T in double: double for float, Dual<double, N> for Dual<float, N>; other types are the same.
 template <class T>
 struct WidenedOf {
     using type = T;
@@ -19,6 +20,7 @@ template <class T, int N, class Tag>
 struct WidenedOf<Dual<T, N, Tag>> {
     using type = Dual<typename WidenedOf<T>::type, N, Tag>;
 };
+/// See WidenedOf.
 template <class T>
 using widened_t = typename WidenedOf<T>::type;
 

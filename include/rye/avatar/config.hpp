@@ -30,6 +30,8 @@ struct NetworkConfig {
     std::vector<int> eye_offset{128, 128};
 };
 
+/// What fixes an avatar's shapes: widths of codes and features, layers, ranges of influence.
+/// Lengths in the head frame's units.
 struct AvatarConfig {
     int expression = 0;   ///< width of the expression code; decided by the capture
     int feature = 128;    ///< width of the per-point feature vector

@@ -16,8 +16,11 @@
 
 namespace rye {
 
+/// Present where an effect reads the expression.
 using ReadsExpression = ReaderOf<Reads::expression>;
+/// Present where an effect reads the head pose.
 using ReadsHeadPose = ReaderOf<Reads::head_pose>;
+/// Present where an effect reads the camera's position.
 using ReadsCamera = ReaderOf<Reads::camera>;
 
 /// A point that nobody has set, where V is one.
@@ -29,6 +32,7 @@ V unset_point() {
         return V::Constant(typename V::Scalar(std::numeric_limits<double>::quiet_NaN()));
 }
 
+/// What drives one frame of an avatar with the effects E; a driver that no effect reads is absent.
 template <class T, EffectSet E = PaperEffects>
 struct Drivers {
     /// Blendshape coefficients.

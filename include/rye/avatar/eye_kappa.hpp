@@ -10,6 +10,7 @@
 
 namespace rye {
 
+/// The angles of an eye (0: the subject's left) of the 2 x 2 parameter [rad].
 template <class T>
 KappaAngles<T> kappa_of(const Columns<T>& kappa, std::size_t eye) {
     const Index e = static_cast<Index>(eye);

@@ -30,6 +30,7 @@ struct EyeOffsetNetwork {
     }
 };
 
+/// What the vjp needs of the network of the eyes' offsets.
 template <class T>
 struct EyeOffsetTrace {
     Columns<T> input;    ///< [expression; pose code], one column
@@ -63,6 +64,7 @@ struct EyeOffsetGradients {
     VecX<T>& pose_code;
 };
 
+/// Adds the gradients of the network and of the pose code, given that of both offsets (3 x 2).
 template <class T, class N, Backend B>
 void eye_offset_vjp(const B& backend, const EyeOffsetNetwork<T, N>& offset,
                     const std::type_identity_t<EyeOffsetPass<T>>& pass, const Columns<T>& g_offset,

@@ -21,6 +21,8 @@ namespace rye {
 /// The effects that look at the cornea.
 using SeesCornea = AnyOf<CornealRefraction, Glint>;
 
+/// Corneas and lights of both eyes, for the effects that see them; fields of other effects are
+/// absent.
 template <class T, EffectSet E = PaperEffects>
 struct EyeOptics {
     /// Fixed, an eye a column: centre, radius, axis, rim of rig/cornea.hpp's Cornea, 8 x 2.
@@ -56,6 +58,7 @@ Cornea<T> cornea_of(const BasicEyeballShape<S>& shape) {
             static_cast<T>(shape.limbus_plane())};
 }
 
+/// The cornea of an eye (0: the subject's left) of the 8 x 2 parameter.
 template <class T>
 Cornea<T> cornea_of(const Columns<T>& cornea, std::size_t eye) {
     const Index e = static_cast<Index>(eye);
@@ -98,6 +101,7 @@ void turn_cornea(EyeOptics<T, E>& optics, std::size_t eye, const Mat3<T>& rotati
     }
 }
 
+/// What the vjp needs of the eyes' optics.
 template <class T>
 struct OpticsTrace {
     std::array<Columns<T>, 2> seen;        ///< each eye's points, its own frame, 3 x P

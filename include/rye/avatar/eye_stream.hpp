@@ -20,9 +20,12 @@ namespace rye {
 /// Parameters of the eyes' parts; those of the default ones: `feature`, C x P.
 template <class T, EffectSet E>
 using EyeAppearanceParameters = typename EyeAppearanceOf<E>::template Parameters<T>;
+/// Parameters of the gaze mechanism of E.
 template <class T, EffectSet E>
 using GazeMechanismParameters = typename GazeMechanismOf<E>::template Parameters<T>;
 
+/// Trained parameters of the eyeballs' P Gaussians, the left eye's first. Eyeball frame
+/// (rig/eyeball.hpp).
 template <class T, EffectSet E = PaperEffects>
 struct EyeStream : EyeAppearanceParameters<T, E>, GazeMechanismParameters<T, E> {
     Columns<T> log_scale;      ///< 3 x P
@@ -97,6 +100,7 @@ decltype(auto) optical_drivers(const EyeStream<T, E>& eyes, const Drivers<T, E>&
     }
 }
 
+/// What the vjp needs of a frame's eyeballs.
 template <class T, EffectSet E = PaperEffects>
 struct EyeTrace {
     [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetTrace<T>> offset;

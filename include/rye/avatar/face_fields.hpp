@@ -36,6 +36,7 @@ struct ExpressionField {
     static auto& influence(auto& weights) { return weights.exp; }
     static auto& code(auto& code) { return code.expression; }
 };
+/// The fields that the head pose drives.
 struct PoseField {
     static constexpr bool attributes = true;
     static auto& color(auto& fields) { return fields.pose_color; }
@@ -44,6 +45,7 @@ struct PoseField {
     static auto& influence(auto& weights) { return weights.pose; }
     static auto& code(auto& code) { return code.pose; }
 };
+/// The fields that the gaze of an eye (0: the subject's left) drives.
 template <std::size_t eye>
 struct GazeField {
     static constexpr bool attributes = false;
@@ -79,6 +81,7 @@ template <EffectSet E>
 inline constexpr bool face_rests = !has_effect<E, Expression> || !has_effect<E, PoseResidual> ||
                                    !skin_follows<E, 0> || !skin_follows<E, 1>;
 struct NothingLeftOut {};
+/// V where a driver of the face was left out, else absent.
 template <EffectSet E, class V, int number = 0>
 using RestSlot = std::conditional_t<face_rests<E>, V, Without<NothingLeftOut, number>>;
 

@@ -10,6 +10,7 @@
 
 namespace rye {
 
+/// The networks of a face's colours and deformations, one for each driver that E has.
 template <class T, EffectSet E = PaperEffects>
 struct FaceNetworks : FaceFields<NetworkOf<T, E>, E> {
     template <class F, class... P>

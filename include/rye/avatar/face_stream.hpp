@@ -13,6 +13,8 @@
 
 namespace rye {
 
+/// Trained parameters of the face: N Gaussians at rest in the head frame, and the networks that
+/// drive them.
 template <class T, EffectSet E = PaperEffects>
 struct FaceStream : AttributeFields<NetworkOf<T, E>, E> {
     Columns<T> position;       ///< X_0, 3 x N
@@ -72,6 +74,7 @@ struct FaceTrace : FaceFields<FieldTrace<T>, E>, AttributeFields<FieldTrace<T>, 
     [[no_unique_address]] Slot<E, HeadPose, Columns<T>> scale;
 };
 
+/// The attributes of the face at rest, as stored.
 template <class T, EffectSet E>
 RawAttributes<T> raw_attributes(const FaceStream<T, E>& face) {
     return {face.log_scale, face.rotation, face.opacity_logit};

@@ -10,6 +10,7 @@
 
 namespace rye {
 
+/// Cotangents of the codes of a frame that lead to trained parameters, and of the eyes' optics.
 template <class T, EffectSet E = PaperEffects>
 struct FrameCotangent {
     [[no_unique_address]] Slot<E, ReadsPoseCode, VecX<T>> pose;

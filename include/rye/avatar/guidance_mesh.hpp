@@ -14,6 +14,8 @@
 
 namespace rye {
 
+/// Trained parameters of the first stage's mesh: a signed distance in a lattice, and its colours
+/// and deformations.
 template <class T, EffectSet E = PaperEffects>
 struct GuidanceMesh {
     NetworkOf<T, E> geometry; ///< PE(x) -> tanh -> signed distance, vertex offset (3), feature
@@ -50,6 +52,7 @@ struct GeometryTrace {
     MlpTrace<T> mlp;
 };
 
+/// Evaluates the geometry network at points of the head frame (3 x N), into `trace`.
 template <class T, EffectSet E, Backend B>
 void geometry_at(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                  const Columns<T>& points, GeometryTrace<T>& trace) {
@@ -97,6 +100,7 @@ struct NeutralSurface {
 /// Lattice vertices whose code is held at once, to bound the memory of a fine lattice.
 inline constexpr Index signed_distance_block = 32768;
 
+/// The surface of signed distance 0 in the lattice, in the head frame, with each vertex's features.
 template <class T, EffectSet E, Backend B>
 NeutralSurface<T> neutral_surface(const B& backend, const GuidanceMesh<T, E>& mesh,
                                   const AvatarConfig& config, const TetGrid<T>& grid) {
@@ -137,6 +141,7 @@ struct NeutralCotangent {
     const Columns<T>& feature;   ///< F x M
 };
 
+/// Adds the gradient of the geometry network, given those of the neutral surface's vertices.
 template <class T, EffectSet E, Backend B>
 void neutral_surface_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
                          const AvatarConfig& config,
@@ -174,7 +179,9 @@ struct PosedMesh : FaceFields<FieldTrace<T>, E> {
 
 /// Colours by expression and head pose are in [0, 1]; the gaze's are added to them.
 constexpr Squash mesh_colour_squash(ExpressionField) { return Squash::sigmoid; }
+/// The same of the head pose.
 constexpr Squash mesh_colour_squash(PoseField) { return Squash::sigmoid; }
+/// The same of an eye's gaze.
 template <std::size_t eye>
 constexpr Squash mesh_colour_squash(GazeField<eye>) { return Squash::none; }
 
@@ -244,6 +251,7 @@ struct PosedGradients {
     Columns<T>& feature;
 };
 
+/// Adds the gradients of the networks, the neutral positions and the features of a posed mesh.
 template <class T, EffectSet E, Backend B>
 void pose_mesh_vjp(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                    const std::type_identity_t<PosedCotangent<T, E>>& cotangent,

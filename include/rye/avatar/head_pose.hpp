@@ -13,6 +13,7 @@
 
 namespace rye {
 
+/// The world from the head frame: x_world = scale rotation x + translation.
 template <class T>
 struct HeadTransform {
     Mat3<T> rotation;
@@ -25,6 +26,7 @@ struct HeadTransform {
 template <class T, EffectSet E = PaperEffects>
 using HeadSlot = Slot<E, HeadPose, HeadTransform<T>>;
 
+/// The transform of the drivers' head pose and scale.
 template <class T, EffectSet E>
     requires has_effect<E, HeadPose>
 HeadTransform<T> head_transform(const Drivers<T, E>& drivers) {

@@ -14,8 +14,11 @@ namespace rye {
 
 /// The drivers of the face's networks, in the order in which their fields are added.
 enum class FaceDriver : std::uint8_t { expression, pose, left_gaze, right_gaze };
+/// Number of the drivers of the face.
 inline constexpr std::size_t face_drivers = 4;
 
+/// What does not change while an avatar is driven: influences, and codes and features of the points
+/// that each driver moves.
 template <class T>
 struct RestPose {
     /// Points that one driver moves.
@@ -33,6 +36,7 @@ struct RestPose {
     }
 };
 
+/// The rest pose of a face, by its landmarks' roles.
 template <class T, Backend B>
 RestPose<T> rest_pose(const B& backend, const FaceStream<T>& face, const AvatarConfig& config,
                       const LandmarkRoles& roles) {
@@ -61,6 +65,7 @@ struct Reached {
     std::array<std::vector<Index>, face_drivers> listed;
 };
 
+/// The points that the changed drivers move.
 template <class T>
 Reached reached(const RestPose<T>& rest, const std::array<bool, face_drivers>& changed) {
     std::vector<bool> in(static_cast<std::size_t>(rest.count), false);

@@ -10,6 +10,8 @@
 
 namespace rye {
 
+/// Trained parameters of an avatar: its face, its eyes, its upsampler, corrections of the tracked
+/// head poses, and those of own effects.
 template <class T, EffectSet E = PaperEffects>
 struct TwoStream : OwnParameters<T, E> {
     FaceStream<T, E> face;

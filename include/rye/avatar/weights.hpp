@@ -30,6 +30,7 @@ struct AvatarFrame {
     const Drivers<T, E>& drivers;
 };
 
+/// Influences of the drivers on N points of the face, in 0..1.
 template <class T, EffectSet E = PaperEffects>
 struct Weights {
     [[no_unique_address]] Slot<E, ReadsFaceRamp, Columns<T>> exp;     ///< 1 x N
@@ -141,6 +142,7 @@ template <EffectSet E>
 inline constexpr bool one_face_metric =
     std::same_as<PoseInfluenceOf<E>, ExpressionInfluenceOf<E>>;
 
+/// Influences by distance to the landmarks of each role; the trace is for the vjp.
 template <class T, EffectSet E, Backend B>
 Weights<T, E> face_weights(const B& backend, const std::type_identity_t<InfluenceInput<T>>& in,
                            const LandmarkRoles& roles, WeightsTrace<T, E>& trace) {

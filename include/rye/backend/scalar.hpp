@@ -8,6 +8,7 @@
 
 namespace rye {
 
+/// The plain loops on threads P.
 template <Threads P = DefaultThreads>
 struct ScalarBackend {
     [[no_unique_address]] P threads{};

@@ -30,8 +30,11 @@
 
 namespace rye {
 
+/// Whether a written file survives a power cut, or is only replaced as a whole.
 enum class Durability { durable, atomic_only };
 
+/// A file that replaces another when it is committed. Throws Error, with the path, where the system
+/// refuses.
 class AtomicFile {
 public:
     explicit AtomicFile(const std::filesystem::path& path) : target_(path) {
@@ -180,6 +183,7 @@ private:
     int descriptor_ = -1;
 };
 
+/// Replaces a file by these bytes. Throws Error as AtomicFile does; the old file stays then.
 inline void write_atomic(const std::filesystem::path& path, ByteSpan bytes,
                          Durability durability = Durability::durable) {
     AtomicFile file(path);

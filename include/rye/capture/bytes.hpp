@@ -25,7 +25,9 @@ namespace rye {
 
 static_assert(std::endian::native == std::endian::little, "rye's readers assume little-endian");
 
+/// Bytes of a file.
 using Bytes = std::vector<std::byte>;
+/// A view of bytes.
 using ByteSpan = std::span<const std::byte>;
 
 namespace detail {
@@ -72,9 +74,11 @@ inline Bytes read_file(const std::filesystem::path& path, std::uint64_t max_byte
     return bytes;
 }
 
+/// The bytes of a text, without a copy.
 inline ByteSpan as_bytes(std::string_view text) {
     return {reinterpret_cast<const std::byte*>(text.data()), text.size()};
 }
+/// The text of bytes, without a copy.
 inline std::string_view as_text(ByteSpan bytes) {
     return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
@@ -98,6 +102,7 @@ T read_at(ByteSpan bytes, std::uint64_t offset, const std::string& who, const ch
     return value;
 }
 
+/// Appends the bytes of a number.
 template <class T>
     requires std::is_trivially_copyable_v<T>
 void append(Bytes& bytes, const T& value) {
@@ -105,6 +110,7 @@ void append(Bytes& bytes, const T& value) {
     bytes.resize(end + sizeof(T));
     std::memcpy(bytes.data() + end, &value, sizeof(T));
 }
+/// Appends bytes.
 inline void append(Bytes& bytes, ByteSpan more) {
     bytes.insert(bytes.end(), more.begin(), more.end());
 }

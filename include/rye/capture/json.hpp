@@ -23,10 +23,12 @@ namespace rye {
 
 struct JsonValue;
 struct JsonMember;
+/// Elements in the order of the text.
 using JsonArray = std::vector<JsonValue>;
 /// Members in the order of the text.
 using JsonObject = std::vector<JsonMember>;
 
+/// Any JSON value.
 struct JsonValue {
     /// Integers that fit 64 bits are kept exact.
     std::variant<std::nullptr_t, bool, std::int64_t, double, std::string, JsonArray, JsonObject>
@@ -40,6 +42,7 @@ struct JsonValue {
     const JsonValue* find(std::string_view name) const;
 };
 
+/// A name and its value.
 struct JsonMember {
     std::string name;
     JsonValue value;

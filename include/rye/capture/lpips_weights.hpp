@@ -11,6 +11,8 @@
 
 namespace rye {
 
+/// Reads the weights that cmake/convert_lpips_weights.py writes. Throws Error for a missing array
+/// or another shape.
 template <Real T>
 LpipsWeights<T> read_lpips_weights(const std::filesystem::path& path) {
     const Safetensors file = read_safetensors(path);

@@ -218,6 +218,7 @@ inline NpyArray parse_npy(ByteSpan bytes, const std::string& who) {
     return array;
 }
 
+/// Reads an npy file. Throws Error as parse_npy does, with the path.
 inline NpyArray read_npy(const std::filesystem::path& path) {
     return parse_npy(read_file(path), path.string());
 }
@@ -299,6 +300,7 @@ inline Bytes npy_bytes(const NpyArray& array) {
     return out;
 }
 
+/// Replaces an npy file.
 inline void write_npy(const std::filesystem::path& path, const NpyArray& array) {
     write_atomic(path, npy_bytes(array));
 }

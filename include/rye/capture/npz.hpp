@@ -179,6 +179,7 @@ inline NpzArrays parse_npz(ByteSpan zip, const std::string& who) {
     return arrays;
 }
 
+/// Reads the arrays of an npz file. Throws Error as parse_npz does, with the path.
 inline NpzArrays read_npz(const std::filesystem::path& path) {
     return parse_npz(read_file(path), path.string());
 }
@@ -234,6 +235,7 @@ inline Bytes npz_bytes(const NpzArrays& arrays) {
     return out;
 }
 
+/// Replaces an npz file; its members are stored uncompressed.
 inline void write_npz(const std::filesystem::path& path, const NpzArrays& arrays) {
     write_atomic(path, npz_bytes(arrays));
 }

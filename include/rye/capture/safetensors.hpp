@@ -31,15 +31,18 @@ namespace rye {
 /// Supported types; named F64, F32, I64 and U8 in files.
 enum class TensorType { f64, f32, i64, u8 };
 
+/// Name of a type in files, and its size.
 struct TensorTypeInfo {
     const char* name;
     std::size_t size;  ///< [bytes]
 };
+/// Name and size of a type.
 constexpr TensorTypeInfo info_of(TensorType type) {
     constexpr std::array<TensorTypeInfo, 4> infos{{{"F64", 8}, {"F32", 4}, {"I64", 8}, {"U8", 1}}};
     return infos[static_cast<std::size_t>(type)];
 }
 
+/// The type of tensors of T.
 template <class T>
 constexpr TensorType tensor_type() {
     if constexpr (std::is_same_v<T, double>) return TensorType::f64;
@@ -238,6 +241,7 @@ inline Safetensors parse_safetensors(ByteSpan file, const std::string& who) {
     return Safetensors(who, std::move(data), std::move(tensors), std::move(metadata));
 }
 
+/// Reads a safetensors file. Throws Error as parse_safetensors does, with the path.
 inline Safetensors read_safetensors(const std::filesystem::path& path) {
     return parse_safetensors(read_file(path), path.string());
 }

@@ -9,6 +9,7 @@
 
 namespace rye {
 
+/// N values, as std::array, whose members device code cannot call.
 template <class T, std::size_t N>
 struct Array {
     static_assert(N > 0, "Array: no entries");

@@ -17,6 +17,7 @@
 
 namespace rye {
 
+/// A column a point or pixel, a row a component; column-major.
 template <class T>
 using Columns = Eigen::Matrix<T, Eigen::Dynamic, Eigen::Dynamic>;
 
@@ -28,18 +29,25 @@ using ColumnsView = Eigen::Ref<const Columns<T>, 0, Eigen::OuterStride<>>;
 template <class T>
 using ColumnsSpan = Eigen::Ref<Columns<T>, 0, Eigen::OuterStride<>>;
 
+/// N numbers.
 template <class T, int N>
 using Vec = Eigen::Matrix<T, N, 1>;
+/// Two numbers.
 template <class T>
 using Vec2 = Vec<T, 2>;
+/// Three numbers.
 template <class T>
 using Vec3 = Vec<T, 3>;
+/// Four numbers.
 template <class T>
 using Vec4 = Vec<T, 4>;
+/// Numbers of a count known at run time.
 template <class T>
 using VecX = Eigen::Matrix<T, Eigen::Dynamic, 1>;
+/// R x C numbers, column-major.
 template <class T, int R, int C>
 using Mat = Eigen::Matrix<T, R, C>;
+/// 3 x 3 numbers, column-major.
 template <class T>
 using Mat3 = Mat<T, 3, 3>;
 

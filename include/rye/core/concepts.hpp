@@ -30,6 +30,7 @@ template <class T>
 struct RealOf {
     using type = T;
 };
+/// See RealOf.
 template <class T>
 using real_t = typename RealOf<T>::type;
 
@@ -39,6 +40,7 @@ template <Real T>
 RYE_HD constexpr T value_of(T x) {
     return x;
 }
+/// A batch is its own value.
 template <class V>
     requires requires { typename V::batch_bool_type; }
 constexpr const V& value_of(const V& x) {

@@ -83,8 +83,12 @@ struct OpenMp {
     int size() const { return count > 0 ? count : omp_get_max_threads(); }
 };
 static_assert(Threads<OpenMp>);
+/// The threads of a backend that names none: OpenMP's, or the caller's where the unit has no
+/// OpenMP.
 using DefaultThreads = OpenMp;
 #else
+/// The threads of a backend that names none: OpenMP's, or the caller's where the unit has no
+/// OpenMP.
 using DefaultThreads = Serial;
 #endif
 

@@ -20,6 +20,7 @@ struct Window {
     bool operator==(const Window&) const = default;
 };
 
+/// Dirty pixels of an image: one run in each row.
 class Region {
   public:
     /// An empty region of an image.

@@ -13,6 +13,8 @@
 
 namespace rye {
 
+/// Treatment of Gaussians that are small on the screen: unchanged, dilated, or dilated with the
+/// same integral.
 enum class Antialias { none, dilate, mip };
 
 /// sqrt(det Sigma / det(Sigma + d I)) in [0, 1], from the rows of the factor, never from the

@@ -9,6 +9,7 @@
 
 namespace rye {
 
+/// The scale that a stored logarithm stands for.
 template <Scalar T>
 RYE_HD T drawn_scale(const T& log_scale) {
     using std::exp;
@@ -20,6 +21,7 @@ RYE_HD T drawn_scale_vjp(const T& scale, const T& g) {
     return g * scale;
 }
 
+/// The opacity that a stored logit stands for.
 template <Scalar T>
 RYE_HD T drawn_opacity(const T& logit) {
     return sigmoid(logit);

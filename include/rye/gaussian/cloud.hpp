@@ -8,6 +8,7 @@
 
 namespace rye {
 
+/// N Gaussians as stored, with spherical harmonics of one degree.
 template <class T>
 struct GaussianCloud {
     Columns<T> mean;           ///< 3 x N  [world units]

@@ -10,6 +10,7 @@
 
 namespace rye {
 
+/// N Gaussians with C feature channels.
 template <class T>
 struct Gaussians {
     Columns<T> mean;      ///< 3 x N  [world units]

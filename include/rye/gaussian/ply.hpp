@@ -28,6 +28,7 @@ namespace rye {
 /// Log scale of the axis that flat Gaussians (2DGS) do not store: negligibly thin.
 inline constexpr double flat_log_scale = -20;
 
+/// How write_ply writes.
 struct PlyOptions {
     int degree = -1;           ///< of the harmonics, padded with zeros; -1: the cloud's
     std::string comment = {};  ///< a single line

@@ -20,14 +20,17 @@
 
 namespace rye {
 
+/// Number types of PLY.
 enum class PlyType { i8, u8, i16, u16, i32, u32, f32, f64 };
 
+/// A property of a vertex.
 struct PlyProperty {
     std::string name;
     PlyType type = PlyType::f32;
     Index offset = 0;                    ///< in the record [bytes]
 };
 
+/// What the header says of the vertices, and where they begin.
 struct PlyHeader {
     bool ascii = false;
     Index count = 0;                     ///< of vertices
@@ -44,6 +47,7 @@ struct PlyHeader {
     }
 };
 
+/// Bytes of a number in a binary file.
 inline Index ply_size(PlyType type) {
     constexpr std::array<Index, 8> bytes{1, 1, 2, 2, 4, 4, 4, 8};
     return bytes[static_cast<std::size_t>(type)];

@@ -131,6 +131,7 @@ template <Scalar T>
 struct MipGaussian : ScreenGaussian<T> {
     T share;                     ///< in [0, 1]
 };
+/// What project returns.
 template <Scalar T, Antialias how>
 using Projected = std::conditional_t<how == Antialias::mip, MipGaussian<T>, ScreenGaussian<T>>;
 
@@ -139,6 +140,7 @@ template <Scalar T>
 RYE_HD T kept_opacity(const ScreenGaussian<T>&, const T& opacity) {
     return opacity;
 }
+/// The opacity times the share.
 template <Scalar T>
 RYE_HD T kept_opacity(const MipGaussian<T>& s, const T& opacity) {
     return opacity * s.share;

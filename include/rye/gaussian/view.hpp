@@ -81,6 +81,7 @@ struct GaussianView {
     }
 };
 
+/// A view of a whole cloud.
 template <class T>
 GaussianView<T> view_of(const Gaussians<T>& g) {
     return g;

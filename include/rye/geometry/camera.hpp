@@ -17,6 +17,7 @@
 
 namespace rye {
 
+/// A pinhole camera: intrinsics, pose, near plane and lens. Frames and pixels as above.
 template <Scalar T, Distortion D = NoDistortion>
 struct Pinhole {
     using scalar = T;
@@ -89,6 +90,7 @@ Pinhole<T, D> with_lens(const Pinhole<T>& c, const D& lens) {
     return {c.fx, c.fy, c.cx, c.cy, c.width, c.height, c.camera_from_world, c.near_depth, lens};
 }
 
+/// Size of an image.
 struct ImageSize {
     int width, height;  ///< [px]
 };

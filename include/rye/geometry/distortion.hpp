@@ -32,6 +32,7 @@ struct NoDistortion {
     }
 };
 
+/// Radial and tangential distortion: k1, k2, k3, p1, p2 of OpenCV.
 template <Scalar T>
 struct BrownConrady {
     static constexpr bool distorts = true;

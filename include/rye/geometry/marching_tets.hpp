@@ -37,6 +37,7 @@ struct SurfaceTopology {
     Index vertex_count() const { return static_cast<Index>(edges.size()); }
 };
 
+/// A surface of zero signed distance, with where its vertices lie on the edges of the tetrahedra.
 template <Scalar T>
 struct Surface {
     Columns<T> positions;  ///< 3 x M
@@ -214,6 +215,7 @@ struct SurfaceCotangent {
     ColumnsView<T> features;   ///< C x M, interpolated
 };
 
+/// Gradients of what a surface was made from.
 template <Scalar T>
 struct SurfaceGradient {
     Columns<T> vertices;  ///< 3 x V

@@ -17,6 +17,7 @@ namespace rye {
 using Edge = std::array<Index, 2>;  ///< vertices (a, b)
 using Face = std::array<Index, 3>;  ///< vertices (a, b, c)
 
+/// Triangles over shared vertices.
 template <Scalar T>
 struct TriangleMesh {
     Columns<T> vertices;      ///< 3 x V

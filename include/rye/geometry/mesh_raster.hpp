@@ -27,6 +27,7 @@ enum class Culling {
     none
 };
 
+/// What a mesh's rasterizer draws, and how soft its silhouette is.
 struct MeshRasterSettings {
     Culling culling = Culling::back_faces;
     /// Smaller faces are skipped: barycentrics divide by the area, and a face that small covers a
@@ -35,6 +36,7 @@ struct MeshRasterSettings {
     SilhouetteSettings silhouette = {};
 };
 
+/// Images of a mesh, and what the vjp needs.
 template <Scalar T>
 struct MeshRaster {
     Image<T> attributes;         ///< C channels, 0 without a face
@@ -59,6 +61,7 @@ struct MeshRasterCotangent {
     const Columns<T>* depth = nullptr;       ///< 1 x pixels
 };
 
+/// Gradients of a mesh's vertices and attributes.
 template <Scalar T>
 struct MeshRasterGradient {
     Columns<T> vertices;    ///< 3 x M

@@ -15,6 +15,7 @@
 
 namespace rye {
 
+/// How soft a silhouette is, and how far it reaches.
 struct SilhouetteSettings {
     double sharpness = 7000;  ///< [1 / (half image width)^2]; .652 at one pixel of 256
     double reach = 0.02;      ///< margin around a face's box [half image widths]

@@ -18,6 +18,7 @@
 
 namespace rye {
 
+/// Where light crosses or is reflected by the sphere, and whether it does.
 template <Scalar T>
 struct SpherePath {
     Vec3<T> at;                  ///< Q

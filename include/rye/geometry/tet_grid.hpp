@@ -31,6 +31,7 @@ struct TetTopology {
     std::vector<std::array<Index, 6>> tet_edges;  ///< edge of each tetrahedron and tet_edge_corners
 };
 
+/// Tetrahedra with positions of their vertices.
 template <Scalar T>
 struct TetGrid {
     Columns<T> vertices;  ///< 3 x V

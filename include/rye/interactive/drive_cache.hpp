@@ -39,6 +39,7 @@ struct DriveWork {
     Index eyes = 0;       ///< eyeballs transformed again
 };
 
+/// An avatar's driven Gaussians, of which an update computes again only what changed drivers move.
 template <Backend B, Real T>
 class DriveCache {
   public:

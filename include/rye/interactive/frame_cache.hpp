@@ -24,6 +24,8 @@
 
 namespace rye {
 
+/// Driven Gaussians, their render and the upsampled image from frame to frame, each updated where
+/// it changed.
 template <Backend B, AccuracyPolicy A, Real T>
 class FrameCache {
   public:

@@ -24,6 +24,8 @@ struct RedrawWork {
     Index whole = 0;      ///< of these, whole
 };
 
+/// A render that is updated: only tiles whose Gaussians changed are drawn again, with the bits of a
+/// whole render.
 template <Backend B, AccuracyPolicy A, Real T>
 class Redraw {
     static_assert(A::order == BlendOrder::by_centre && A::depth_bits <= 8 * int(sizeof(T)),

@@ -19,6 +19,7 @@ inline bool is_local(const UpsamplerShape& s) {
     return s.norm == Normalization::none && s.doublings == 0;
 }
 
+/// An upsampled image that is updated around the pixels of its input that changed.
 template <Backend B, Real T>
 class UpsamplerCache {
   public:

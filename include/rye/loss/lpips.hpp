@@ -18,6 +18,7 @@ namespace rye {
 
 /// An image in -1..1 is normalised to (x - shift) / scale, channel by channel.
 inline constexpr std::array<double, 3> lpips_shift{-0.030, -0.088, -0.188};
+/// Divisors of red, green and blue after lpips_shift.
 inline constexpr std::array<double, 3> lpips_scale{0.458, 0.448, 0.450};
 /// Added to the norm of a feature vector.
 inline constexpr double lpips_eps = 1e-10;

@@ -103,6 +103,8 @@ T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
     return scalar_cast<T>(W(sum * W(1.0 / static_cast<double>(a.size()))));
 }
 
+/// Mean absolute difference over C channels, weighted by a mask (1 x pixels), and its gradient with
+/// respect to a.
 template <class T, Backend B>
 LossGradient<T> masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
                           const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask) {

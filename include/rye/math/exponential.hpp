@@ -16,7 +16,9 @@
 
 namespace rye {
 
+/// log2(e).
 inline constexpr double log2_e = 1.4426950408889634074;
+/// ln(2).
 inline constexpr double ln_2 = 0.69314718055994530942;
 
 namespace detail {

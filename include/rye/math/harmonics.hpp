@@ -41,6 +41,7 @@ RYE_HD inline double sh_factor(std::size_t k) {
     return factors[k];
 }
 
+/// A number for each basis function of degrees 0 to Degree.
 template <Scalar T, int Degree>
 using ShArray = Array<T, static_cast<std::size_t>(sh_count(Degree))>;
 

@@ -21,6 +21,7 @@ RYE_HD T dot(const Vec<T, N>& a, const Vec<T, N>& b) {
     return s;
 }
 
+/// The cross product a x b.
 template <Scalar T>
 RYE_HD Vec3<T> cross(const Vec3<T>& a, const Vec3<T>& b) {
     return Vec3<T>(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]);

@@ -12,11 +12,13 @@ namespace rye {
 template <Scalar T>
 using Quat = Vec4<T>;
 
+/// The rotation by nothing: (1, 0, 0, 0).
 template <Scalar T>
 RYE_HD Quat<T> quat_identity() {
     return Quat<T>(T(1), T(0), T(0), T(0));
 }
 
+/// The inverse rotation of a unit quaternion.
 template <Scalar T>
 RYE_HD Quat<T> quat_conjugate(const Quat<T>& q) {
     return Quat<T>(q[0], -q[1], -q[2], -q[3]);

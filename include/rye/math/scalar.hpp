@@ -34,6 +34,7 @@ template <class T>
 RYE_HD constexpr T min(const T& a, const T& b) {
     return b < a ? b : a;
 }
+/// As min.
 template <class T>
     requires std::is_arithmetic_v<T>
 RYE_HD constexpr T max(const T& a, const T& b) {
@@ -47,6 +48,7 @@ RYE_HD constexpr T select(bool condition, const T& a, const T& b) {
     return condition ? a : b;
 }
 
+/// x x.
 template <class T>
 RYE_HD constexpr T square(const T& x) {
     return x * x;

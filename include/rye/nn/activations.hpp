@@ -33,6 +33,7 @@ concept Activation = requires(const float x) {
     { A::vjp(x, x) } -> std::same_as<float>;
 };
 
+/// leaky_relu as an Activation.
 struct LeakyRelu {
     template <class T>
     RYE_HD static T value(const T& x) {
@@ -51,6 +52,7 @@ RYE_HD T relu(const T& x) {
     return select(x <= T(0), T(0), x);
 }
 
+/// Cotangent of x for relu, in terms of y = relu(x).
 template <class T>
 RYE_HD T relu_vjp(const T& y, const T& g) {
     return select(y > T(0), g, T(0));
@@ -72,10 +74,12 @@ template <Scalar T>
 RYE_HD T tanh_slope(const T& y) {
     return (T(1) - y) * (T(1) + y);
 }
+/// dy / dv of y = sigmoid(v), in terms of y.
 template <Scalar T>
 RYE_HD T sigmoid_slope(const T& y) {
     return y * (T(1) - y);
 }
+/// dy / dv of y = squash(v), in terms of y.
 template <Scalar T>
 RYE_HD T squash_slope(Squash squash, const T& y) {
     if (squash == Squash::tanh) return tanh_slope(y);

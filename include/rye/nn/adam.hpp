@@ -18,6 +18,7 @@
 
 namespace rye {
 
+/// Settings of Adam; its rate is an argument of each step.
 struct AdamConfig {
     double beta1 = 0.9;
     double beta2 = 0.999;
@@ -82,6 +83,7 @@ struct Adam {
         : m(zeros_like(p)), v(zeros_like(p)), config(c) {}
 };
 
+/// Whether a step was applied.
 struct AdamReport {
     bool applied = true;         ///< false: a gradient was not finite and nothing has changed
     std::string first_bad_field; ///< empty if applied

@@ -16,6 +16,7 @@ namespace rye {
 
 /// Interpolation weights along one axis.
 struct Doubling {
+    /// A pixel and its weight.
     struct Tap {
         Index at;
         double weight;
@@ -63,6 +64,7 @@ void double_into(const B& backend, const Image<T>& in, const F& f, const Row& ro
     });
 }
 
+/// The image at twice the size.
 template <class T, Backend B>
 Image<T> doubled(const B& backend, const Image<T>& in) {
     Image<T> out(2 * in.width, 2 * in.height, in.channels());

@@ -61,6 +61,7 @@ Padded<T> padded(const B& backend, const Image<T>& in, const F& f, const More&..
     });
     return out;
 }
+/// A copy with a border of zeros.
 template <class T, Backend B>
 Padded<T> padded(const B& backend, const Image<T>& in) {
     return padded(backend, in, [](const auto& x) { return x; });
@@ -126,6 +127,7 @@ template <class T, Backend B>
 Image<T> convolve3x3_vjp_input(const B& backend, const Columns<T>& weight, const Padded<T>& g) {
     return convolve3x3(backend, adjoint_weight3x3(weight), g);
 }
+/// The same for a cotangent without a border.
 template <class T, Backend B>
 Image<T> convolve3x3_vjp_input(const B& backend, const Columns<T>& weight, const Image<T>& g) {
     return convolve3x3_vjp_input(backend, weight, padded(backend, g));

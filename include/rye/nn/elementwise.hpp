@@ -23,6 +23,7 @@ V load_as(const T* from) {
     else
         return V::load_unaligned(from);
 }
+/// Stores a number, or a vector.
 template <class V, class T>
 void store_as(const V& v, T* to) {
     if constexpr (std::is_same_v<V, T>)

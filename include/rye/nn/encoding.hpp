@@ -17,6 +17,7 @@ namespace rye {
 /// Frequencies 1, 2, 4, 8, as in Gaussian Head Avatar.
 inline constexpr int default_frequencies = 4;
 
+/// Rows of the code of so many values.
 RYE_HD constexpr Index encoded_size(Index values, int frequencies) {
     return values * (1 + 2 * frequencies);
 }
@@ -95,6 +96,7 @@ concept Encoding = requires(const Columns<float>& x) {
     { C::vjp(x, x, 4) } -> std::convertible_to<Columns<float>>;
 };
 
+/// The default encoding: the numbers, and sines and cosines at frequencies 1, 2, 4, ...
 struct PositionalEncoding {
     static constexpr Index size(Index values, int frequencies) {
         return encoded_size(values, frequencies);

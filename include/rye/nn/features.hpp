@@ -20,12 +20,14 @@ namespace rye {
 /// Number of slices, each at half the size of the previous one.
 inline constexpr int vgg_slices = 5;
 
+/// Layers of the feature extractor; by default VGG16's.
 struct VggShape {
     int in_channels = 3;
     std::array<int, vgg_slices> channels{64, 128, 256, 512, 512};
     std::array<int, vgg_slices> convolutions{2, 2, 3, 3, 3};
 };
 
+/// Weights of the feature extractor.
 template <class T>
 struct Vgg {
     VggShape shape;
@@ -121,6 +123,8 @@ void add_bias_relu(const B& backend, Image<T>& image, const Columns<T>& bias) {
 
 } // namespace detail
 
+/// The features of each slice of an image. Throws Error for other channels, or fewer than 16 pixels
+/// a side.
 template <class T, Backend B>
 VggTrace<T> vgg_forward(const B& backend, const Vgg<T>& net, const Image<T>& in) {
     require(in.channels() == net.shape.in_channels && in.width >= 16 && in.height >= 16,

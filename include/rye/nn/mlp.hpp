@@ -24,6 +24,7 @@
 
 namespace rye {
 
+/// Sizes of the layers of an MLP.
 struct MlpShape {
     std::vector<int> dims; ///< sizes of the input, the hidden layers and the output
     int frame_inputs = 0;  ///< number of trailing inputs that all points share

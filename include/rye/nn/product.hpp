@@ -76,6 +76,7 @@ struct TileProducts {
 
 /// Eigen's products.
 struct EigenProducts {
+    /// out = a x, or a x^T.
     struct Sums {
         template <class T>
         void operator()(const Columns<T>& a, bool turned, const ColumnsView<T>& x,
@@ -106,6 +107,7 @@ struct StridedMatrix {
 /// reproducibility is up to the library.
 template <class Gemm>
 struct GemmProducts {
+    /// out = a x, or a x^T.
     struct Sums {
         template <class T>
         void operator()(const Columns<T>& a, bool turned, const ColumnsView<T>& x,

@@ -21,11 +21,13 @@
 
 namespace rye {
 
+/// What each block of the upsampler does to its channels' mean and variance.
 enum class Normalization {
     instance, ///< as published
     none      ///< a crop then gives the same pixels as the whole image
 };
 
+/// Layers of the upsampler.
 struct UpsamplerShape {
     int in_channels = 32;
     int capacity = 32; ///< channels before the last layer

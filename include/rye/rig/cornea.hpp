@@ -165,6 +165,7 @@ struct GlintGradient {
     Vec3<T> camera, light;
 };
 
+/// The image of a point light in the cornea, in the eyeball's frame.
 template <Scalar T>
 RYE_HD MirrorImage<T> mirror_image(const Cornea<T>& c, const GlintView<T>& view) {
     const Vec3<T> eye = view.camera - c.centre, source = view.light - c.centre;

@@ -8,6 +8,7 @@
 
 namespace rye {
 
+/// The effects of a set as bits.
 template <EffectSet S>
 inline constexpr EffectMask effect_mask{};
 template <class... E>

@@ -17,6 +17,7 @@
 
 namespace rye {
 
+/// Everything that a render may simulate: the effects, and choices of the renderer.
 enum class EffectName : std::uint8_t {
     expression,
     head_pose,
@@ -46,8 +47,10 @@ inline constexpr std::array<std::string_view, 19> effect_names{
     "corneal refraction", "glint",     "sh 1",             "sh 2",      "sh 3",
     "feature channels",   "antialias", "lens distortion",  "super-resolution",
     "extra outputs"};
+/// Number of names.
 inline constexpr std::size_t effect_count = effect_names.size();
 
+/// The name of an effect, as in the documents.
 constexpr std::string_view name_of(EffectName e) {
     return effect_names[static_cast<std::size_t>(e)];
 }

@@ -24,6 +24,7 @@ struct OnlyLeftEye {
     template <class U>
     void operator[](U&&) const = delete;
 };
+/// A value of the subject's right eye alone, without operator[], which is for two eyes.
 template <class V>
 struct OnlyRightEye {
     V right{};
@@ -72,7 +73,7 @@ constexpr V initial_slot([[maybe_unused]] double x) {
         return V(x);
 }
 
-/// Calls f.operator()<eye>() for eye 0, the left, and 1.
+/// Calls `f.operator()<eye>()` for eye 0, the left, and 1.
 template <class F>
 constexpr void for_eyes(F&& f) {
     f.template operator()<0>();

@@ -25,6 +25,7 @@ enum class Touches : unsigned {
 template <class F>
 concept EffectFlags = std::same_as<F, Reads> || std::same_as<F, Touches>;
 
+/// Both of two sets of flags.
 template <EffectFlags F>
 constexpr F operator|(F a, F b) {
     return static_cast<F>(static_cast<unsigned>(a) | static_cast<unsigned>(b));
@@ -224,6 +225,7 @@ struct Effects {
 using PaperEffects = Effects<Expression, HeadPose, PoseResidual, LeftGaze, RightGaze, EyeOffset,
                              Periocular, CornealBulge>;
 
+/// Whether S is Effects<...>.
 template <class S>
 inline constexpr bool is_effect_set = false;
 template <class... E>
@@ -232,12 +234,14 @@ template <class S>
 concept EffectSet = is_effect_set<S>;
 static_assert(EffectSet<PaperEffects> && EffectSet<Effects<>> && !EffectSet<Expression>);
 
+/// Whether the set S has the effect X.
 template <EffectSet S, class X>
 inline constexpr bool has_effect = S::template has<X>;
 
 /// Whether this eye (0: the subject's left) rotates, and whether the skin around it follows.
 template <EffectSet S, std::size_t eye>
 inline constexpr bool eye_turns = has_effect<S, std::conditional_t<eye == 0, LeftGaze, RightGaze>>;
+/// Whether the skin around an eye (0: the subject's left) follows its gaze.
 template <EffectSet S, std::size_t eye>
 inline constexpr bool skin_follows = eye_turns<S, eye> && has_effect<S, Periocular>;
 
@@ -280,6 +284,7 @@ struct MoreOf<Effects<E...>, X...> {
 template <EffectSet S, Effect... X>
 using Less = typename detail::LessOf<typename detail::ListOf<S>::type,
                                      detail::List<>>::template type<X...>;
+/// The effects with more.
 template <EffectSet S, Effect... X>
 using More = typename detail::MoreOf<S, X...>::type;
 static_assert(std::same_as<Less<Effects<Expression, HeadPose>, Expression>, Effects<HeadPose>>);

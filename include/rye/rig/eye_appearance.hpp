@@ -22,10 +22,12 @@ struct EyeInputs {
     const Columns<T>& gaze; ///< optical axes, head frame, 3 x 2; +z for an eye that does not rotate
 };
 
+/// The default appearance: a trained feature for each point.
 struct FreeFeatures {
     /// Whether features() reads its inputs; if not, they are not prepared.
     static constexpr bool reads_inputs = false;
 
+    /// Its trained parameters.
     template <class T>
     struct Parameters {
         Columns<T> feature;  ///< C x P: left eye, then right

@@ -29,6 +29,7 @@ struct EyeDrive {
     Vec3<T> gaze = Vec3<T>(T(0), T(0), T(1));         ///< direction, any length
 };
 
+/// The world from an eyeball's frame.
 template <Scalar T>
 struct EyeTransform {
     Mat3<T> rotation;       ///< world from eye, without the scale

@@ -120,10 +120,13 @@ struct BasicEyeballShape {
     }
 };
 
+/// The eyeball of the paper's effects.
 using EyeballShape = BasicEyeballShape<PaperEffects>;
 
+/// Part of the eyeball that a point lies on.
 enum class EyeLabel : std::uint8_t { pupil, iris, sclera, back };
 
+/// P points on the surface of an eyeball in its own frame.
 template <Real T>
 struct EyeballTemplate {
     Columns<T> points;                         ///< 3 x P [unit]

@@ -111,6 +111,7 @@ Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& poin
     return squared;
 }
 
+/// Gradients of the points and the landmarks.
 template <class T>
 struct NearestGradient {
     Columns<T> points;     ///< 3 x N

@@ -103,6 +103,7 @@ struct PartOf<Effects<E...>, Slot, Default> : FindPart<Slot, Default, E...> {};
 
 } // namespace detail
 
+/// The expression's influence is by the metric M.
 template <InfluenceMetric M>
 struct ExpressionInfluence : detail::PartEntry<detail::ExpressionInfluenceSlot, M> {
     static constexpr std::string_view name = "influence of the expression";
@@ -112,26 +113,32 @@ template <InfluenceMetric M>
 struct PoseInfluence : detail::PartEntry<detail::PoseInfluenceSlot, M> {
     static constexpr std::string_view name = "influence of the head pose";
 };
+/// The gaze's influence is by the metric M.
 template <InfluenceMetric M>
 struct GazeInfluence : detail::PartEntry<detail::GazeInfluenceSlot, M> {
     static constexpr std::string_view name = "influence of the gaze";
 };
+/// Eyes are turned by the mechanism M.
 template <GazeMechanism M>
 struct GazeBy : detail::PartEntry<detail::GazeSlotOfParts, M> {
     static constexpr std::string_view name = "gaze mechanism";
 };
+/// Features of the eyes' points are those of the appearance A.
 template <EyeAppearance A>
 struct EyesBy : detail::PartEntry<detail::EyesSlot, A> {
     static constexpr std::string_view name = "eye appearance";
 };
+/// Points of the eyeballs come from S.
 template <EyeballSource S>
 struct EyeballsBy : detail::PartEntry<detail::EyeballsSlot, S> {
     static constexpr std::string_view name = "eyeball template";
 };
+/// Networks have the activation and encoding of N.
 template <NetworkPolicy N>
 struct NetworksBy : detail::PartEntry<detail::NetworksSlot, N> {
     static constexpr std::string_view name = "networks";
 };
+/// The image is enlarged by the policy U.
 template <UpsamplerPolicy U>
 struct UpsampledBy : detail::PartEntry<detail::UpsamplerSlot, U> {
     static constexpr std::string_view name = "upsampler";
@@ -141,26 +148,35 @@ struct UpsampledBy : detail::PartEntry<detail::UpsamplerSlot, U> {
 template <EffectSet S>
 using ExpressionInfluenceOf =
     typename detail::PartOf<S, detail::ExpressionInfluenceSlot, ConfiguredMetric>::type;
+/// Metric of the head pose's influence; by default that of the expression's.
 template <EffectSet S>
 using PoseInfluenceOf =
     typename detail::PartOf<S, detail::PoseInfluenceSlot, ExpressionInfluenceOf<S>>::type;
+/// Metric of the gaze's influence.
 template <EffectSet S>
 using GazeInfluenceOf =
     typename detail::PartOf<S, detail::GazeInfluenceSlot, ConfiguredMetric>::type;
+/// What turns the eyes; by default ExplicitRotation.
 template <EffectSet S>
 using GazeMechanismOf =
     typename detail::PartOf<S, detail::GazeSlotOfParts, ExplicitRotation>::type;
+/// Features of the eyes' points; by default FreeFeatures.
 template <EffectSet S>
 using EyeAppearanceOf = typename detail::PartOf<S, detail::EyesSlot, FreeFeatures>::type;
+/// Where the eyeballs' points come from.
 template <EffectSet S>
 using EyeballSourceOf =
     typename detail::PartOf<S, detail::EyeballsSlot, BasicEyeballShape<S>>::type;
+/// Activation and encoding of the networks.
 template <EffectSet S>
 using NetworksOf = typename detail::PartOf<S, detail::NetworksSlot, PublishedNetworks>::type;
+/// Encoding of positions.
 template <EffectSet S>
 using EncodingOf = typename NetworksOf<S>::Encoding;
+/// The type of the networks.
 template <class T, EffectSet S>
 using NetworkOf = Mlp<T, typename NetworksOf<S>::Activation>;
+/// The type of the upsampler.
 template <class T, EffectSet S>
 using UpsamplerOf = typename detail::PartOf<S, detail::UpsamplerSlot,
                                             PublishedUpsampler>::type::template Network<T>;

@@ -19,6 +19,7 @@
 
 namespace rye {
 
+/// The terms of the second stage's objective, weighted; 0 for those that are off.
 template <class T>
 struct AvatarLosses {
     T high_resolution = T(0), low_resolution = T(0), perceptual = T(0), dssim = T(0);

@@ -34,12 +34,14 @@ struct AvatarTraining {
     EyeballBounds bounds = {};
 };
 
+/// What a step of training says of itself.
 template <class T>
 struct AvatarStepReport {
     AvatarLosses<T> losses;
     AdamReport adam;  ///< not applied if a gradient was not finite; nothing has changed then
 };
 
+/// Training of an avatar, a step at a time, on the caller's parameters and moments.
 template <Backend B, class T, EffectSet E, AccuracyPolicy A, class Perceptual, class Rates>
 class AvatarTrainer {
   public:

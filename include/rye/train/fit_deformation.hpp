@@ -14,6 +14,7 @@
 
 namespace rye {
 
+/// Settings of the fit of deformations to landmarks.
 struct DeformationFit {
     int steps = 0;
     int batch = 4;        ///< frames a step

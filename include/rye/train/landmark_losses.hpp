@@ -12,6 +12,7 @@
 
 namespace rye {
 
+/// The terms of the first stage's objective, weighted.
 template <class T>
 struct MeshLosses {
     T rgb = T(0), silhouette = T(0), deform = T(0), offset = T(0), landmark = T(0);
@@ -46,6 +47,7 @@ struct LandmarkStage {
     const LandmarkRoles& roles;
     bool landmarks_follow_gaze;
 };
+/// The same with the weights of the terms.
 struct WeightedLandmarks : LandmarkStage {
     const MeshLossConfig& weights;
 };

@@ -11,6 +11,7 @@
 
 namespace rye {
 
+/// A probe that measures nothing, at no cost.
 struct NoProbe {
     void operator()(const char*) const {}
 };
@@ -18,6 +19,7 @@ struct NoProbe {
 /// Sums wall time by part. Keep one for many steps; call start() before each.
 class TimeProbe {
   public:
+    /// Time spent in a part, and how often.
     struct Part {
         double seconds = 0;
         Index calls = 0;

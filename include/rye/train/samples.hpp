@@ -10,6 +10,7 @@
 
 namespace rye {
 
+/// A photograph of the first stage, with its masks and camera.
 template <class T>
 struct MeshView {
     Pinhole<real_t<T>> camera;

@@ -18,6 +18,7 @@ struct MeshLossConfig {
     double eye_offset = 0.1;
 };
 
+/// Learning rates of the first stage, by a parameter's name.
 struct MeshRates {
     double networks = 1e-3;
     double landmarks = 1e-4;
@@ -31,6 +32,7 @@ struct MeshRates {
 /// mask, which does not fade as eyes get smaller in the picture.
 enum class EyeAverage { image, mask };
 
+/// Weights of the terms of the second stage's objective.
 struct AvatarLossConfig {
     double high_resolution = 1.0;
     double low_resolution = 1.0;   ///< lambda_lr of the image loss

@@ -14,6 +14,7 @@
 
 namespace rye {
 
+/// What mesh_losses_vjp needs of the losses of a step.
 template <class T, EffectSet E = PaperEffects>
 struct MeshTrace {
     NeutralSurface<T> neutral;

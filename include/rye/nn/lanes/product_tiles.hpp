@@ -41,6 +41,7 @@ struct Panels {
     }
 };
 
+/// A matrix as the left factor of products, copied into panels of the height of a tile.
 template <class Batch>
 struct PackedMatrix : Panels<Batch> {
     using T = typename Batch::value_type;
