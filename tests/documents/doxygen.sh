@@ -11,7 +11,7 @@ command -v doxygen > /dev/null || { echo "not run: docstrings, for there is no d
 rm -rf "$work"
 mkdir -p "$work"
 sed -e "s|@PROJECT_SOURCE_DIR@|$source|g" -e "s|@RYE_DOCS_FOLDER@|$work|g" \
-    -e 's|@RYE_DOCS_HTML@|NO|; s|@PROJECT_[A-Z]*@||' -e 's|^\(INPUT .*\) [^ ]*README.md$|\1|' \
+    -e 's|@RYE_DOCS_HTML@|NO|; s|@PROJECT_[A-Z]*@||' -e '/^INPUT *+=/d' \
     "$source/docs/Doxyfile.in" > "$work/Doxyfile"
 printf 'GENERATE_XML = NO\nUSE_MDFILE_AS_MAINPAGE =\n' >> "$work/Doxyfile"
 doxygen "$work/Doxyfile" > "$work/said.txt" 2>&1 || { cat "$work/said.txt"; exit 1; }
