@@ -118,10 +118,10 @@ const report = (viewer, file, against, value, least) => {
     bad += low;
 };
 console.log('viewer            file        against              PSNR');
-for (const kind of ['ply', 'splat', 'spz']) {
+for (const kind of ['ply', 'splat', 'spz', 'scene']) {
     if (!existsSync(`transform_${kind}.webp`)) continue;
     for (const [floor, least] of [['', 35], ['_floor', 60]])
-        report('splat-transform', `head.${kind}`, `rye_${kind}${floor}.png`,
+        report('splat-transform', kind === 'scene' ? 'SCENE' : `head.${kind}`, `rye_${kind}${floor}.png`,
                await psnr(`transform_${kind}.webp`, `rye_${kind}${floor}.png`), least);
 }
 for (const [index, [viewer, file, against, least]] of cases.entries()) {

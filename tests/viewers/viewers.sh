@@ -4,7 +4,8 @@
 # PSNR of each picture against `rye render`. Run by hand, as it takes programs from the npm registry:
 # node and npm, chromium (or CHROMIUM=path) with its software drawing, and the packages below, which
 # are installed in WORK and nowhere else. RUN is a folder of `rye train`; EXPORT holds further options
-# of `rye export`, such as "--capture FOLDER". What a machine lacks is named in a line "not run: ...".
+# of `rye export`, such as "--capture FOLDER". SCENE names another splat file, which splat-transform
+# draws too, from EYE toward TARGET (X,Y,Z; by default 0,-1,-4 and 0,-1,0). What a machine lacks is named in a line "not run: ...".
 # The pictures stay in WORK. Fails if a picture is below the bound that view.mjs has for its viewer.
 set -eu
 [ $# -eq 3 ] || { echo "usage: viewers.sh RYE RUN WORK" >&2; exit 2; }
@@ -12,6 +13,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 rye=$(cd "$(dirname "$1")" && pwd)/$(basename "$1")
 run=$(cd "$2" && pwd)
 mkdir -p "$3"
+[ -z "${SCENE:-}" ] || SCENE=$(cd "$(dirname "$SCENE")" && pwd)/$(basename "$SCENE")
 cd "$3"
 chromium=${CHROMIUM:-$(command -v chromium || command -v chromium-browser || true)}
 for need in node npm; do
@@ -38,12 +40,22 @@ done
 driver=$(dirname "$(readlink -f "$chromium")")/vk_swiftshader_icd.json
 [ -f "$driver" ] || driver=/usr/lib/chromium/vk_swiftshader_icd.json
 transform=node_modules/@playcanvas/splat-transform/bin/cli.mjs
-for kind in ply splat spz; do
-    rm -f "transform_$kind.webp"
+rm -f transform_*.webp
+draw() { # NAME FILE EYE TARGET FOV: in its frame x and y are negated
     XDG_RUNTIME_DIR=${XDG_RUNTIME_DIR:-/tmp} VK_ICD_FILENAMES=${VK_ICD_FILENAMES:-$driver} \
-        node $transform -q -w -g 0 "head.$kind" --camera 0,0,-10 --look-at 0,0,0 --up 0,1,0 \
-        --fov 18 --resolution 512x512 "transform_$kind.webp" > "transform_$kind.txt" 2>&1 ||
-        echo "not run: splat-transform on head.$kind, see $PWD/transform_$kind.txt"
-done
+        node $transform -q -w -g 0 "$2" --camera "$(turned "$3")" --look-at "$(turned "$4")" \
+        --up 0,1,0 --fov "$5" --resolution 512x512 "transform_$1.webp" > "transform_$1.txt" 2>&1 ||
+        echo "not run: splat-transform on $2, see $PWD/transform_$1.txt"
+}
+turned() { echo "$1" | awk -F, '{ print -$1 "," (-$2) "," $3 }'; }
+for kind in ply splat spz; do draw "$kind" "head.$kind" 0,0,-10 0,0,0 18; done
+if [ "${SCENE:-}" ]; then
+    eye=${EYE:-0,-1,-4} target=${TARGET:-0,-1,0}
+    for floor in "" 0.0111; do
+        "$rye" render "$SCENE" --eye "$eye" --target "$target" --fov 40 --size 512x512 \
+            --alpha-floor "${floor:-0}" --out "rye_scene${floor:+_floor}.png"
+    done
+    draw scene "$SCENE" "$eye" "$target" 40
+fi
 cp "$here/view.mjs" view.mjs
 node view.mjs "$chromium"
