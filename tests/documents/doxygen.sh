@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # doxygen.sh SOURCE WORK [FOLDER...]: every name of namespace rye in the headers has a docstring: types,
 # concepts, functions, aliases, constants, by Doxygen's own warnings; and no docstring has a fault. Not
-# asked for: members, which their type describes where their names do not; specialisations and
+# asked for: members and types inside of types, which these describe; specialisations and
 # deduction guides, which are the primary template's. Nothing is asked of the FOLDERs named.
 set -eu
 source=$1 work=$2
@@ -16,8 +16,8 @@ sed -e "s|@PROJECT_SOURCE_DIR@|$source|g" -e "s|@RYE_DOCS_FOLDER@|$work|g" \
 printf 'GENERATE_XML = NO\nUSE_MDFILE_AS_MAINPAGE =\n' >> "$work/Doxyfile"
 doxygen "$work/Doxyfile" > "$work/said.txt" 2>&1 || { cat "$work/said.txt"; exit 1; }
 names=$(grep -c . "$work/warnings.txt" || true)
-# "Compound NAME" and "Member NAME ... of namespace rye"; a specialisation has " <" in its name.
-grep -E 'warning: (Compound [^<]*|Member .* of (namespace|file) .*) is not documented' \
+# "Compound rye::NAME" and "Member NAME ... of namespace rye"; a specialisation has "<" in its name.
+grep -E 'warning: (Compound [a-z]+::[^<:]*|Member .* of (namespace|file) .*) is not documented' \
     "$work/warnings.txt" | grep -vE -- ' -> |Member [A-Za-z_]+< ' > "$work/undocumented.txt" || true
 grep -v 'is not documented' "$work/warnings.txt" | grep . > "$work/faults.txt" || true
 for folder in "$@"; do

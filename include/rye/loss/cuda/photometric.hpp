@@ -15,6 +15,7 @@ struct DeviceImagePair {
     DeviceColumns<const float> a, b, mask = {};
 };
 
+/// The masked L1 term of a chunk of pixels, and its cotangent.
 struct MaskedL1Kernel {
     static constexpr const char* name = "masked L1";
     static constexpr int threads = 128, blocks = 8;

@@ -26,6 +26,7 @@ struct DeviceAdamRange {
     Index begin;
     int count, field;
 };
+/// Counts of steps and of what stopped the last one, in device memory.
 struct DeviceAdamState {
     std::uint32_t bad;      ///< the first field whose gradient is not finite, or none_bad
     std::uint32_t last_bad; ///< that of the last step
@@ -36,6 +37,7 @@ struct DeviceAdamState {
 /// Numbers of a range.
 inline constexpr int adam_range = 1024;
 
+/// Looks for gradients that are not finite.
 struct AdamCheckKernel {
     static constexpr const char* name = "Adam's finite check";
     static constexpr int threads = 128, blocks = 8;
@@ -98,6 +100,7 @@ struct AdamScheduleKernel {
     }
 };
 
+/// Applies a step, unless a gradient is not finite.
 struct AdamStepKernel {
     static constexpr const char* name = "Adam";
     static constexpr int threads = 128, blocks = 8;

@@ -30,6 +30,7 @@ struct DeviceMlpGradient {
     float* frame = nullptr;           ///< overwritten, frame inputs
 };
 
+/// A network in device memory with its forward pass and vjp, on the stream of each call.
 template <class Device, class Tiles = MlpTiles<1, 256, 128>, Activation A = LeakyRelu>
 class DeviceMlp {
   public:

@@ -95,6 +95,7 @@ struct MlpSums {
     }
 };
 
+/// All layers of a network, forward, for a block of points.
 template <class Tiles, class A>
 struct MlpForwardKernel {
     static constexpr const char* name = "network, forward";

@@ -29,6 +29,7 @@ struct DeviceMlpLayer {
     std::uint16_t* cotangent; ///< of the outputs, likewise
 };
 
+/// A network as kernels take it: its layers, and rows of points.
 struct DeviceMlpNetwork {
     static constexpr int most_layers = 8;
     DeviceMlpLayer layer[most_layers];

@@ -17,6 +17,7 @@ struct MlpColumns {
     RYE_HD int all() const { return one_at() + 16; }
 };
 
+/// Gradients of a layer's weights over a slice of the points.
 template <int N>
 struct MlpWeightKernel {
     static constexpr const char* name = "network's weights";
