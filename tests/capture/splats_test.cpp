@@ -24,11 +24,10 @@ GaussianCloud<double> cloud_of(Index n, int degree) {
     const Random random{3, 1};
     std::uint64_t k = 0;
     const auto fill = [&](Columns<double>& a, double from, double to) {
-        for (Index i = 0; i < a.size(); ++i)
-            a.data()[i] = from + (to - from) * random.uniform(k++);
+        for (Index i = 0; i < a.size(); ++i) a.data()[i] = from + (to - from) * random.uniform(k++);
     };
     fill(c.mean, -30, 30);
-    fill(c.sh_constant, -1.7, 1.7);  // colours 0.02 to 0.98
+    fill(c.sh_constant, -1.7, 1.7); // colours 0.02 to 0.98
     fill(c.sh_rest, -0.8, 0.8);
     fill(c.logit_opacity, -5, 5);
     fill(c.log_scale, -9, 3);
@@ -83,8 +82,8 @@ Bytes spz_data(std::uint32_t version, std::uint32_t count, std::array<int, 4> sm
 } // namespace
 
 TEST_CASE("gzip: what is written is read back, with any header, and checked") {
-    for (const std::size_t size : {std::size_t(0), std::size_t(1), std::size_t(65535),
-                                   std::size_t(200000)}) {
+    for (const std::size_t size :
+         {std::size_t(0), std::size_t(1), std::size_t(65535), std::size_t(200000)}) {
         Bytes raw(size);
         for (std::size_t i = 0; i < size; ++i) raw[i] = static_cast<std::byte>(i * i >> 3U);
         CHECK(gunzip(gzip_bytes(raw), "a") == raw);
@@ -96,9 +95,9 @@ TEST_CASE("gzip: what is written is read back, with any header, and checked") {
     append(full, ByteSpan(plain).subspan(10));
     CHECK(gunzip(full, "a") == raw);
     // As zlib compresses "rye rye rye rye" (fixed codes), with its checksum.
-    const Bytes packed = bytes_of({0x1F, 0x8B, 8,    0,    0,    0,    0,    0, 2,
-                                   255,  0x2B, 0xAA, 0x4C, 0x55, 0x28, 0x42, 0x60, 0,
-                                   0xE9, 0x54, 0x27, 0x47, 15,   0,    0,    0});
+    const Bytes packed =
+        bytes_of({0x1F, 0x8B, 8,    0,    0, 0,    0,    0,    2,    255, 0x2B, 0xAA, 0x4C,
+                  0x55, 0x28, 0x42, 0x60, 0, 0xE9, 0x54, 0x27, 0x47, 15,  0,    0,    0});
     CHECK(as_text(gunzip(packed, "a")) == "rye rye rye rye");
 
     const auto changed = [&](std::size_t at, int x) {
@@ -168,8 +167,8 @@ TEST_CASE("spz: the turn of its axes holds for harmonics and quaternions") {
     const Random random{5, 2};
     std::uint64_t k = 0;
     for (int t = 0; t < 20; ++t) {
-        const Vec3<double> d = normalized(
-            Vec3<double>(random.normal(k), random.normal(k + 1), random.normal(k + 2)));
+        const Vec3<double> d =
+            normalized(Vec3<double>(random.normal(k), random.normal(k + 1), random.normal(k + 2)));
         const Vec3<double> turned(d[0], -d[1], -d[2]);
         k += 3;
         const auto a = sh_basis<double, 3>(d), b = sh_basis<double, 3>(turned);
@@ -185,12 +184,12 @@ TEST_CASE("spz: the turn of its axes holds for harmonics and quaternions") {
 
 TEST_CASE("spz: a file as written down") {
     GaussianCloud<double> c(1, 1);
-    c.mean << 1, -2, 0.25;                                  // stored 1, 2, -0.25
+    c.mean << 1, -2, 0.25; // stored 1, 2, -0.25
     c.logit_opacity << logit(0.2);
     c.sh_constant << 0, 1, -100;
     c.log_scale << -10, 0, 100;
-    c.rotation << 0.5, -0.5, 0.5, -0.5;                     // stored w .5, x -.5, y -.5, z .5
-    c.sh_rest << 0.25, 0.25, 0.25, 0, 0, 0, -1, -1, -1;     // red, green, blue
+    c.rotation << 0.5, -0.5, 0.5, -0.5;                 // stored w .5, x -.5, y -.5, z .5
+    c.sh_rest << 0.25, 0.25, 0.25, 0, 0, 0, -1, -1, -1; // red, green, blue
     Bytes expected = spz_data(3, 1, {1, 12, 0, 0}, 0);
     append(expected, ByteSpan(bytes_of({0, 0x10, 0, 0, 0x20, 0, 0, 0xFC, 0xFF})));
     append(expected, ByteSpan(bytes_of({51})));
@@ -241,7 +240,7 @@ TEST_CASE("spz: distant clouds have fewer fractional bits, and their means are k
 
 TEST_CASE("spz: quaternions of version 2") {
     Bytes data = spz_data(2, 1, {0, 12, 0, 0}, 9 + 1 + 3 + 3);
-    append(data, ByteSpan(bytes_of({128, 204, 51})));       // x 0.004, y 0.6, z -0.6
+    append(data, ByteSpan(bytes_of({128, 204, 51}))); // x 0.004, y 0.6, z -0.6
     const auto c = parse_spz<double>(gzip_bytes(data), "a");
     CHECK(c.rotation(1, 0) == doctest::Approx(0.00392).epsilon(0.01));
     CHECK(c.rotation(2, 0) == doctest::Approx(-0.6));
@@ -255,7 +254,7 @@ TEST_CASE("spz: wrong files and clouds are named") {
     };
     constexpr std::size_t record_bytes = 20;
     CHECK(read(spz_data(3, 2, {0, 12, 0, 0}, 2 * record_bytes)).count() == 2);
-    CHECK(read(spz_data(3, 1, {0, 12, 2, 0}, record_bytes + 5)).count() == 1);  // an extension
+    CHECK(read(spz_data(3, 1, {0, 12, 2, 0}, record_bytes + 5)).count() == 1); // an extension
     CHECK_FAULT(parse_spz<float>(spz_data(3, 0, {0, 12, 0, 0}, 0), "some.spz"), "not a gzip file");
     CHECK_FAULT(read(bytes_of({1, 2, 3})), "some.spz: truncated: the SPZ header");
     CHECK_FAULT(read(Bytes(16)), "do not begin with \"NGSP\"");
@@ -285,10 +284,12 @@ TEST_CASE("glb: its chunks, and each array where the text says, as glTF's axes w
         if (const auto* whole = v.get<std::int64_t>()) return static_cast<double>(*whole);
         return *v.get<double>();
     };
-    const JsonValue& primitive = json.find("meshes")->get<JsonArray>()->at(0)
-                                     .find("primitives")->get<JsonArray>()->at(0);
+    const JsonValue& primitive =
+        json.find("meshes")->get<JsonArray>()->at(0).find("primitives")->get<JsonArray>()->at(0);
     CHECK(number(*primitive.find("mode")) == 0);
-    CHECK(*primitive.find("extensions")->find("KHR_gaussian_splatting")->find("kernel")
+    CHECK(*primitive.find("extensions")
+               ->find("KHR_gaussian_splatting")
+               ->find("kernel")
                ->get<std::string>() == "ellipse");
     const JsonArray& accessors = *json.find("accessors")->get<JsonArray>();
     const JsonArray& views = *json.find("bufferViews")->get<JsonArray>();
@@ -298,8 +299,9 @@ TEST_CASE("glb: its chunks, and each array where the text says, as glTF's axes w
         REQUIRE(index != nullptr);
         const JsonValue& accessor = accessors.at(static_cast<std::size_t>(number(*index)));
         CHECK(number(*accessor.find("count")) == 7);
-        CHECK(*accessor.find("type")->get<std::string>() ==
-              (rows == 1 ? "SCALAR" : rows == 3 ? "VEC3" : "VEC4"));
+        CHECK(*accessor.find("type")->get<std::string>() == (rows == 1   ? "SCALAR"
+                                                             : rows == 3 ? "VEC3"
+                                                                         : "VEC4"));
         const JsonValue& view =
             views.at(static_cast<std::size_t>(number(*accessor.find("bufferView"))));
         const auto offset = static_cast<std::size_t>(number(*view.find("byteOffset")));
@@ -327,8 +329,10 @@ TEST_CASE("glb: its chunks, and each array where the text says, as glTF's axes w
     }
     CHECK(largest(array(stem + "SH_DEGREE_0_COEF_0", 3) - c.sh_constant) <= 1e-6);
     for (const auto& [name, k] : {std::pair<const char*, Index>{"SH_DEGREE_1_COEF_0", 0},
-                                  {"SH_DEGREE_1_COEF_2", 2}, {"SH_DEGREE_2_COEF_4", 7},
-                                  {"SH_DEGREE_3_COEF_0", 8}, {"SH_DEGREE_3_COEF_6", 14}}) {
+                                  {"SH_DEGREE_1_COEF_2", 2},
+                                  {"SH_DEGREE_2_COEF_4", 7},
+                                  {"SH_DEGREE_3_COEF_0", 8},
+                                  {"SH_DEGREE_3_COEF_6", 14}}) {
         const Columns<double> a = array(stem + name, 3);
         const double sign = detail::sh_half_turn[static_cast<std::size_t>(k)];
         for (Index channel = 0; channel < 3; ++channel)
@@ -383,10 +387,12 @@ TEST_CASE("splats: what is known but not read is named, with the command that co
         CHECK_FAULT(read_splats<float>(path), words);
         CHECK_FAULT(read_splats<float>(path), path.string());
     };
-    const std::string command = ", which is not read; convert it with: npx "
-                                "@playcanvas/splat-transform ";
-    told("a.ply", "ply\nformat binary_little_endian 1.0\nelement chunk 1\nproperty float min_x\n"
-                  "element vertex 1\nproperty uint packed_position\nend_header\n",
+    const std::string command =
+        ", which is not read; convert it with: npx "
+        "@playcanvas/splat-transform ";
+    told("a.ply",
+         "ply\nformat binary_little_endian 1.0\nelement chunk 1\nproperty float min_x\n"
+         "element vertex 1\nproperty uint packed_position\nend_header\n",
          "a compressed PLY (PlayCanvas)" + command);
     told("a.spz", std::string_view("NGSP\x04\0\0\0", 8), "SPZ version 4" + command);
     told("a.sog", "PK\x03\x04", "SOG (PlayCanvas)" + command);
@@ -414,7 +420,7 @@ TEST_CASE("splats: three files that other programs wrote hold the same three Gau
     REQUIRE(c.count() == 3);
     CHECK(largest(b.mean - a.mean) <= 1e-6);
     CHECK(largest(b.log_scale - a.log_scale) <= 1e-5);
-    CHECK(largest_turn(a, b) <= 1.5);  // its writer rounds toward 0
+    CHECK(largest_turn(a, b) <= 1.5); // its writer rounds toward 0
     CHECK(largest(opacities(b) - opacities(a)) <= 1.0 / 255);
     CHECK(c.degree() == 3);
     CHECK(largest(c.mean - a.mean) <= 1.0 / 8192 + 1e-6);
@@ -422,6 +428,6 @@ TEST_CASE("splats: three files that other programs wrote hold the same three Gau
     CHECK(largest(c.sh_constant - a.sh_constant) <= 0.0131);
     CHECK(largest(c.log_scale - a.log_scale) <= 1.0 / 32 + 1e-6);
     REQUIRE(a.degree() == 3);
-    CHECK(largest(c.sh_rest - a.sh_rest) <= 1.0 / 16 + 1.0 / 256 + 1e-6);  // its writer rounds twice
+    CHECK(largest(c.sh_rest - a.sh_rest) <= 1.0 / 16 + 1.0 / 256 + 1e-6); // its writer rounds twice
     CHECK(largest_turn(a, c) <= 0.2);
 }

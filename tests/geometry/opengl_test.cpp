@@ -71,8 +71,8 @@ TEST_CASE("opengl: points are where the matrices put them, on and off the centre
     const Mat4 off = frustum(off_centre, 0.5, 50);
     for (const Mat4& projection : {centred, off, Mat4(3 * off)}) {
         const Pinhole<double> c = pinhole_from_opengl<double>(view, projection, 640, 480);
-        for (const Vec3<double>& x : {Vec3<double>(0, 0, 0), Vec3<double>(1, 0.5, -0.7),
-                                      Vec3<double>(-0.6, -1.1, 0.9)}) {
+        for (const Vec3<double>& x :
+             {Vec3<double>(0, 0, 0), Vec3<double>(1, 0.5, -0.7), Vec3<double>(-0.6, -1.1, 0.9)}) {
             const Vec3<double> p = c.project_point(x);
             const Vec2<double> w = in_window(view, projection, x, 640, 480);
             CHECK(std::abs(p[0] - w[0]) <= 1e-9);
@@ -93,9 +93,9 @@ TEST_CASE("opengl: the same camera from every clip range, with its near plane") 
     reversed(2, 2) = 0.5 / 49.5, reversed(2, 3) = 50 * 0.5 / 49.5;
     infinite(2, 2) = 0, infinite(2, 3) = 0.5;
     const auto a = pinhole_from_opengl<double>(view, gl, 64, 48);
-    for (const auto& [projection, clip] : {std::pair{zero, ClipDepth::zero_to_one},
-                                           std::pair{reversed, ClipDepth::one_to_zero},
-                                           std::pair{infinite, ClipDepth::one_to_zero}}) {
+    for (const auto& [projection, clip] :
+         {std::pair{zero, ClipDepth::zero_to_one}, std::pair{reversed, ClipDepth::one_to_zero},
+          std::pair{infinite, ClipDepth::one_to_zero}}) {
         const auto b = pinhole_from_opengl<double>(view, projection, 64, 48, clip);
         CHECK(b.near_depth == doctest::Approx(0.5).epsilon(1e-12));
         CHECK(b.fx == a.fx);
@@ -110,8 +110,8 @@ TEST_CASE("opengl: what is not a pinhole camera is named") {
         m(i, j) = x;
         return m;
     };
-    const auto camera = [&](const Mat4& v, const Mat4& p, ClipDepth clip =
-                                                              ClipDepth::minus_one_to_one) {
+    const auto camera = [&](const Mat4& v, const Mat4& p,
+                            ClipDepth clip = ClipDepth::minus_one_to_one) {
         return pinhole_from_opengl<double>(v, p, 64, 48, clip);
     };
     CHECK_FAULT(pinhole_from_opengl<double>(view, good, 0, 48), "the image is 0 x 48 pixels");
@@ -150,8 +150,8 @@ TEST_CASE("opengl: 1000 of GLM's cameras and its own projection, within 0.001 px
     int seen = 0;
     for (int i = 0; i < 1000; ++i) {
         const glm::dvec3 eye(number(-4, 4), number(-4, 4), number(3, 8));
-        const glm::dmat4 view = glm::lookAt(eye, glm::dvec3(number(-1, 1), number(-1, 1), 0),
-                                            glm::dvec3(0.1, 1, 0.05));
+        const glm::dmat4 view =
+            glm::lookAt(eye, glm::dvec3(number(-1, 1), number(-1, 1), 0), glm::dvec3(0.1, 1, 0.05));
         const double n = number(0.05, 1), f = n + number(10, 100), half = n * number(0.3, 0.8);
         const bool off = i % 2 == 1, zero = i % 4 >= 2;
         const double left = -half * (off ? number(0.6, 1.4) : 1), low = off ? -half * 0.3 : -half;
@@ -176,20 +176,21 @@ TEST_CASE("opengl: 1000 of GLM's cameras and its own projection, within 0.001 px
             const glm::dvec4 port(0, 0, width, height);
             const glm::dvec3 w = zero ? glm::projectZO(x, view, projection, port)
                                       : glm::projectNO(x, view, projection, port);
-            const double v = height - w.y;  // GLM's rows go up
+            const double v = height - w.y; // GLM's rows go up
             if (w.x < 0 || w.x > width || v < 0 || v > height) continue;
             ++seen;
             const Vec3<double> p = camera.project_point(Vec3<double>(x.x, x.y, x.z));
             worst = std::max({worst, std::abs(p[0] - w.x), std::abs(p[1] - v)});
-            const Vec3<float> q = camera_float.project_point(
-                Vec3<float>(static_cast<float>(x.x), static_cast<float>(x.y),
-                            static_cast<float>(x.z)));
-            worst_float = std::max({worst_float, std::abs(double(q[0]) - w.x),
-                                    std::abs(double(q[1]) - v)});
+            const Vec3<float> q = camera_float.project_point(Vec3<float>(
+                static_cast<float>(x.x), static_cast<float>(x.y), static_cast<float>(x.z)));
+            worst_float =
+                std::max({worst_float, std::abs(double(q[0]) - w.x), std::abs(double(q[1]) - v)});
         }
     }
-    std::printf("opengl: %d points of GLM's %d x %d windows: largest difference %.1e px in double, "
-                "%.1e px in float\n", seen, width, height, worst, worst_float);
+    std::printf(
+        "opengl: %d points of GLM's %d x %d windows: largest difference %.1e px in double, "
+        "%.1e px in float\n",
+        seen, width, height, worst, worst_float);
     REQUIRE(seen > 1000);
     CHECK(worst <= 1e-9);
     CHECK(worst_float <= 1e-3);

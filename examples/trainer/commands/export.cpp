@@ -65,8 +65,8 @@ GaussianCloud<float> cloud_of(const Gaussians<float>& g, bool flip, int degree) 
 SplatFileOptions file_options(const ExportOptions& o) {
     SplatFileOptions options;
     std::error_code none;
-    const bool pipe = std::filesystem::exists(o.out, none) &&
-                      !std::filesystem::is_regular_file(o.out, none);
+    const bool pipe =
+        std::filesystem::exists(o.out, none) && !std::filesystem::is_regular_file(o.out, none);
     if (!pipe) options.kind = written_splat_kind(o.out, "rye export: --out");
     require(o.axes == "ply" || options.kind == SplatKind::ply || options.kind == SplatKind::splat,
             "rye export",
@@ -84,22 +84,24 @@ SplatFileOptions file_options(const ExportOptions& o) {
 std::string rounding(const GaussianCloud<float>& cloud, const Bytes& bytes, SplatKind kind) {
     if (kind != SplatKind::splat && kind != SplatKind::spz) return "";
     const std::string who = "rye export";
-    const GaussianCloud<float> read = kind == SplatKind::splat ? parse_splat<float>(bytes, who)
-                                                               : parse_spz<float>(bytes, who);
+    const GaussianCloud<float> read =
+        kind == SplatKind::splat ? parse_splat<float>(bytes, who) : parse_spz<float>(bytes, who);
     const auto worst = [](const Columns<float>& a, const Columns<float>& b) {
         return a.size() == 0 ? 0.0 : static_cast<double>((a - b).cwiseAbs().maxCoeff());
     };
-    const auto changed = ((cloud.sh_constant - read.sh_constant).cwiseAbs().array() >
-                          0.5f / 127 / sh_constant_value)
-                             .colwise().any().count();
+    const auto changed =
+        ((cloud.sh_constant - read.sh_constant).cwiseAbs().array() > 0.5f / 127 / sh_constant_value)
+            .colwise()
+            .any()
+            .count();
     std::array<char, 200> text;
-    std::snprintf(text.data(), text.size(),
-                  "rounded: position by at most %.2g, log scale %.2g, colour %.2g; %td Gaussians "
-                  "have colours beyond the format's and are clamped\n",
-                  worst(cloud.mean, read.mean), worst(cloud.log_scale, read.log_scale),
-                  worst(cloud.sh_constant, read.sh_constant) *
-                      static_cast<double>(sh_constant_value),
-                  changed);
+    std::snprintf(
+        text.data(), text.size(),
+        "rounded: position by at most %.2g, log scale %.2g, colour %.2g; %td Gaussians "
+        "have colours beyond the format's and are clamped\n",
+        worst(cloud.mean, read.mean), worst(cloud.log_scale, read.log_scale),
+        worst(cloud.sh_constant, read.sh_constant) * static_cast<double>(sh_constant_value),
+        changed);
     return text.data();
 }
 
@@ -126,8 +128,8 @@ void export_splats(const ExportOptions& o) {
     const GaussianCloud<float> cloud = cloud_of(g, o.axes == "ply", o.sh);
     const Bytes bytes = splat_file_bytes(cloud, options);
     write_atomic(o.out, bytes);
-    std::cout << o.out.string() << ": " << g.count() << " Gaussians, " << bytes.size()
-              << " bytes\n" << rounding(cloud, bytes, options.kind);
+    std::cout << o.out.string() << ": " << g.count() << " Gaussians, " << bytes.size() << " bytes\n"
+              << rounding(cloud, bytes, options.kind);
 }
 
 } // namespace

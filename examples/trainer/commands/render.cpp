@@ -165,7 +165,8 @@ void add_render(CLI::App& app) {
     const auto vector = [&](const char* name, std::vector<double>& v, const char* help) {
         return c->add_option(name, v, help)->delimiter(',')->expected(3)->check(finite);
     };
-    c->add_option("splats", o->ply, "Splat file: PLY in the standard form, .splat or SPZ")->required();
+    c->add_option("splats", o->ply, "Splat file: PLY in the standard form, .splat or SPZ")
+        ->required();
     vector("--eye", o->eye, "Position of the camera: X,Y,Z");
     vector("--target", o->target, "Point in the image centre: X,Y,Z");
     c->add_option("--cameras", o->cameras,

@@ -13,7 +13,7 @@ namespace rye::trainer {
 
 Bytes zlib_deflate(ByteSpan raw) {
     z_stream stream{};
-    constexpr int raw_deflate = -15, memory = 8;  // windows of 32 KiB, without zlib's header
+    constexpr int raw_deflate = -15, memory = 8; // windows of 32 KiB, without zlib's header
     require(deflateInit2(&stream, Z_DEFAULT_COMPRESSION, Z_DEFLATED, raw_deflate, memory,
                          Z_DEFAULT_STRATEGY) == Z_OK,
             "zlib_deflate", "zlib cannot begin");
@@ -26,7 +26,7 @@ Bytes zlib_deflate(ByteSpan raw) {
             const std::size_t n =
                 std::min<std::size_t>(raw.size(), std::numeric_limits<uInt>::max());
             stream.next_in =
-                const_cast<Bytef*>(reinterpret_cast<const Bytef*>(raw.data()));  // it only reads
+                const_cast<Bytef*>(reinterpret_cast<const Bytef*>(raw.data())); // it only reads
             stream.avail_in = static_cast<uInt>(n);
             raw = raw.subspan(n);
         }

@@ -36,8 +36,9 @@ struct GlbArrays {
         const char* const kind = a.rows() == 1 ? "SCALAR" : a.rows() == 3 ? "VEC3" : "VEC4";
         const std::size_t bytes = sizeof(float) * static_cast<std::size_t>(a.size());
         attributes += comma + "\"" + name + "\":" + index;
-        accessors += comma + "{\"bufferView\":" + index + ",\"componentType\":5126,\"count\":" +
-                     std::to_string(a.cols()) + ",\"type\":\"" + kind + "\"" + bounds + "}";
+        accessors += comma + "{\"bufferView\":" + index +
+                     ",\"componentType\":5126,\"count\":" + std::to_string(a.cols()) +
+                     ",\"type\":\"" + kind + "\"" + bounds + "}";
         views += comma + "{\"buffer\":0,\"byteOffset\":" + std::to_string(data.size()) +
                  ",\"byteLength\":" + std::to_string(bytes) + ",\"target\":34962}";
         append(data, {reinterpret_cast<const std::byte*>(a.data()), bytes});
@@ -61,8 +62,9 @@ template <Real T>
 Bytes glb_bytes(const GaussianCloud<T>& cloud) {
     const std::string who = "glb_bytes";
     detail::check_storable(cloud, who);
-    require(cloud.count() > 0, who, "got no Gaussians, expected at least one: glTF has no empty "
-                                    "arrays");
+    require(cloud.count() > 0, who,
+            "got no Gaussians, expected at least one: glTF has no empty "
+            "arrays");
     require(cloud.degree() <= 3, who,
             "got harmonics of degree " + std::to_string(cloud.degree()) +
                 ", expected at most 3: see truncated()");
@@ -93,9 +95,9 @@ Bytes glb_bytes(const GaussianCloud<T>& cloud) {
             const auto sign = static_cast<T>(detail::sh_half_turn[static_cast<std::size_t>(k)]);
             part.resize(3, n);
             for (Index c = 0; c < 3; ++c) part.row(c) = sign * cloud.sh_rest.row(c * more + k);
-            arrays.add(stem + "SH_DEGREE_" + std::to_string(degree) + "_COEF_" +
-                           std::to_string(order),
-                       detail::glb_floats("sh_rest", part));
+            arrays.add(
+                stem + "SH_DEGREE_" + std::to_string(degree) + "_COEF_" + std::to_string(order),
+                detail::glb_floats("sh_rest", part));
         }
     std::string json =
         "{\"asset\":{\"version\":\"2.0\",\"generator\":\"rye\"},"
@@ -113,14 +115,14 @@ Bytes glb_bytes(const GaussianCloud<T>& cloud) {
             "got " + std::to_string(size) + " bytes, expected fewer than 2^32");
     Bytes out;
     out.reserve(static_cast<std::size_t>(size));
-    append(out, std::uint32_t(0x46546C67));                              // "glTF"
+    append(out, std::uint32_t(0x46546C67)); // "glTF"
     append(out, std::uint32_t(2));
     append(out, static_cast<std::uint32_t>(size));
     append(out, static_cast<std::uint32_t>(json.size()));
-    append(out, std::uint32_t(0x4E4F534A));                              // "JSON"
+    append(out, std::uint32_t(0x4E4F534A)); // "JSON"
     append(out, as_bytes(json));
     append(out, static_cast<std::uint32_t>(arrays.data.size()));
-    append(out, std::uint32_t(0x004E4942));                              // "BIN"
+    append(out, std::uint32_t(0x004E4942)); // "BIN"
     append(out, ByteSpan(arrays.data));
     return out;
 }

@@ -25,7 +25,7 @@ inline Bytes stored_deflate(ByteSpan raw) {
         const ByteSpan block = raw.first(std::min(raw.size(), longest));
         raw = raw.subspan(block.size());
         const auto length = static_cast<std::uint16_t>(block.size());
-        append(out, static_cast<std::uint8_t>(raw.empty() ? 1 : 0));  // last block, type 0
+        append(out, static_cast<std::uint8_t>(raw.empty() ? 1 : 0)); // last block, type 0
         append(out, length);
         append(out, static_cast<std::uint16_t>(~length));
         append(out, block);
@@ -44,7 +44,7 @@ inline Bytes gzip_bytes(ByteSpan raw, const Deflate& deflate = stored_deflate) {
             "got " + std::to_string(raw.size()) + " bytes, expected fewer than 2^32");
     Bytes out;
     for (const unsigned b : {0x1FU, 0x8BU, 8U, 0U, 0U, 0U, 0U, 0U, 0U, 255U})
-        append(out, static_cast<std::uint8_t>(b));   // deflate, no name, no time, unknown system
+        append(out, static_cast<std::uint8_t>(b)); // deflate, no name, no time, unknown system
     append(out, ByteSpan(deflate(raw)));
     append(out, crc32(raw));
     append(out, static_cast<std::uint32_t>(raw.size()));
@@ -63,7 +63,7 @@ inline Bytes gunzip(ByteSpan file, const std::string& who) {
             "gzip: got flags " + std::to_string(flags) + ", expected below 32");
     std::uint64_t at = 10;
     if ((flags & 4U) != 0) at += 2U + read_at<std::uint16_t>(file, at, who, "gzip's extra field");
-    for (const unsigned text : {8U, 16U}) {          // name, comment
+    for (const unsigned text : {8U, 16U}) { // name, comment
         if ((flags & text) == 0) continue;
         while (read_at<std::uint8_t>(file, at++, who, "gzip's name or comment") != 0) {}
     }
@@ -73,8 +73,8 @@ inline Bytes gunzip(ByteSpan file, const std::string& who) {
                 std::to_string(at + 8) + " of a gzip header and trailer");
     const auto crc = read_at<std::uint32_t>(file, file.size() - 8, who, "gzip's checksum");
     const auto size = read_at<std::uint32_t>(file, file.size() - 4, who, "gzip's size");
-    const ByteSpan deflated = file.subspan(static_cast<std::size_t>(at),
-                                           static_cast<std::size_t>(file.size() - 8 - at));
+    const ByteSpan deflated =
+        file.subspan(static_cast<std::size_t>(at), static_cast<std::size_t>(file.size() - 8 - at));
     Bytes raw = inflate(deflated, size, who);
     require(crc32(raw) == crc, who, "gzip: the checksum of the data is wrong: a damaged file");
     return raw;

@@ -39,8 +39,8 @@ Bytes splat_bytes(const GaussianCloud<T>& cloud) {
         for (Index k = 0; k < 3; ++k) put(cloud.mean(k, i), "mean", i);
         for (Index k = 0; k < 3; ++k) put(std::exp(cloud.log_scale(k, i)), "scale", i);
         for (Index k = 0; k < 3; ++k)
-            append(out, detail::nearest_byte(
-                            (T(0.5) + T(sh_factor(0)) * cloud.sh_constant(k, i)) * T(255)));
+            append(out, detail::nearest_byte((T(0.5) + T(sh_factor(0)) * cloud.sh_constant(k, i)) *
+                                             T(255)));
         append(out, detail::nearest_byte(sigmoid(cloud.logit_opacity(0, i)) * T(255)));
         const Quat<T> q = quat_normalized<T>(cloud.rotation.col(i));
         for (int k = 0; k < 4; ++k) append(out, detail::nearest_byte(q[k] * T(128) + T(128)));
@@ -64,17 +64,16 @@ GaussianCloud<T> parse_splat(ByteSpan bytes, const std::string& who) {
         for (int k = 0; k < 6; ++k) {
             const float x = number[static_cast<std::size_t>(k)];
             if (!std::isfinite(x) || (k >= 3 && x < 0))
-                throw Error(who + ": " + (k < 3 ? "position" : "scale") + " " +
-                            "xyz"[k % 3] + " of Gaussian " + std::to_string(i) + " is " +
-                            std::to_string(x) + ", expected a finite number" +
-                            (k < 3 ? "" : " of at least 0"));
+                throw Error(who + ": " + (k < 3 ? "position" : "scale") + " " + "xyz"[k % 3] +
+                            " of Gaussian " + std::to_string(i) + " is " + std::to_string(x) +
+                            ", expected a finite number" + (k < 3 ? "" : " of at least 0"));
         }
         const auto byte = [&](int k) { return static_cast<T>(std::to_integer<int>(at[24 + k])); };
         for (int k = 0; k < 3; ++k) {
             const auto s = static_cast<std::size_t>(k);
             cloud.mean(k, i) = static_cast<T>(number[s]);
-            cloud.log_scale(k, i) = std::log(
-                std::max(static_cast<T>(number[3 + s]), std::numeric_limits<T>::min()));
+            cloud.log_scale(k, i) =
+                std::log(std::max(static_cast<T>(number[3 + s]), std::numeric_limits<T>::min()));
             cloud.sh_constant(k, i) = (byte(k) / T(255) - T(0.5)) / T(sh_factor(0));
         }
         cloud.logit_opacity(0, i) = detail::bounded_logit(byte(3) / T(255));

@@ -24,7 +24,7 @@ std::uint8_t nearest_byte(T x) {
 }
 
 /// Signs of the 15 coefficients above band 0, degrees 1 to 3, under half a turn about x.
-inline constexpr std::array<int, 15> sh_half_turn{-1, -1, 1, -1, 1,  1,  -1, 1,
+inline constexpr std::array<int, 15> sh_half_turn{-1, -1, 1,  -1, 1, 1,  -1, 1,
                                                   -1, 1,  -1, -1, 1, -1, 1};
 
 /// Throws Error, with the field and the Gaussian, unless every number is finite, every quaternion

@@ -25,8 +25,16 @@ namespace rye {
 
 /// Kinds of splat files that are read, or written, or known by sight.
 enum class SplatKind {
-    ply, splat, spz, glb,                           ///< glb is written only
-    compressed_ply, spz4, sog, ksplat, lcc, gltf,   ///< known, neither read nor written
+    ply,
+    splat,
+    spz,
+    glb, ///< glb is written only
+    compressed_ply,
+    spz4,
+    sog,
+    ksplat,
+    lcc,
+    gltf, ///< known, neither read nor written
     unknown
 };
 
@@ -61,9 +69,9 @@ inline SplatKind splat_kind(const std::filesystem::path& path, ByteSpan beginnin
     if (begins("NGSP")) return SplatKind::spz4;
     if (begins("glTF")) return SplatKind::glb;
     const std::pair<std::string_view, SplatKind> by_name[]{
-        {".splat", SplatKind::splat}, {".ksplat", SplatKind::ksplat}, {".sog", SplatKind::sog},
-        {"meta.json", SplatKind::sog}, {".lcc", SplatKind::lcc}, {".lcc2", SplatKind::lcc},
-        {".gltf", SplatKind::gltf}, {".glb", SplatKind::glb}, {".spz", SplatKind::spz},
+        {".splat", SplatKind::splat},  {".ksplat", SplatKind::ksplat}, {".sog", SplatKind::sog},
+        {"meta.json", SplatKind::sog}, {".lcc", SplatKind::lcc},       {".lcc2", SplatKind::lcc},
+        {".gltf", SplatKind::gltf},    {".glb", SplatKind::glb},       {".spz", SplatKind::spz},
         {".ply", SplatKind::ply}};
     for (const auto& [end, kind] : by_name)
         if (name.ends_with(end)) return kind;
@@ -74,22 +82,35 @@ inline SplatKind splat_kind(const std::filesystem::path& path, ByteSpan beginnin
 inline std::string splat_advice(SplatKind kind, const std::string& path) {
     const char* name = "";
     switch (kind) {
-    case SplatKind::ply:
-    case SplatKind::splat:
-    case SplatKind::spz: return "";
-    case SplatKind::compressed_ply: name = "a compressed PLY (PlayCanvas)"; break;
-    case SplatKind::spz4: name = "SPZ version 4"; break;
-    case SplatKind::sog: name = "SOG (PlayCanvas)"; break;
-    case SplatKind::ksplat: name = "KSPLAT (GaussianSplats3D)"; break;
-    case SplatKind::lcc: name = "LCC (XGRIDS)"; break;
-    case SplatKind::glb:
-    case SplatKind::gltf:
-        return "glTF, which is not read; give the PLY, .splat or SPZ that it was made from";
-    case SplatKind::unknown:
-        return "no splat file that is known: expected a PLY, .splat or SPZ (version 2 or 3)";
+        case SplatKind::ply:
+        case SplatKind::splat:
+        case SplatKind::spz:
+            return "";
+        case SplatKind::compressed_ply:
+            name = "a compressed PLY (PlayCanvas)";
+            break;
+        case SplatKind::spz4:
+            name = "SPZ version 4";
+            break;
+        case SplatKind::sog:
+            name = "SOG (PlayCanvas)";
+            break;
+        case SplatKind::ksplat:
+            name = "KSPLAT (GaussianSplats3D)";
+            break;
+        case SplatKind::lcc:
+            name = "LCC (XGRIDS)";
+            break;
+        case SplatKind::glb:
+        case SplatKind::gltf:
+            return "glTF, which is not read; give the PLY, .splat or SPZ that it was made from";
+        case SplatKind::unknown:
+            return "no splat file that is known: expected a PLY, .splat or SPZ (version 2 or 3)";
     }
-    return std::string(name) + ", which is not read; convert it with: npx "
-                               "@playcanvas/splat-transform " + path + " converted.ply";
+    return std::string(name) +
+           ", which is not read; convert it with: npx "
+           "@playcanvas/splat-transform " +
+           path + " converted.ply";
 }
 
 /// Reads a PLY, .splat or SPZ file, or a PLY from a pipe. Throws Error, with the path, where it
@@ -101,8 +122,7 @@ GaussianCloud<T> read_splats(const std::filesystem::path& path) {
     std::error_code status;
     const bool folder = std::filesystem::is_directory(path, status);
     require(!folder, who, "a folder, expected a file: PLY, .splat or SPZ");
-    if (std::filesystem::exists(path, status) &&
-        !std::filesystem::is_regular_file(path, status))
+    if (std::filesystem::exists(path, status) && !std::filesystem::is_regular_file(path, status))
         return read_ply<T>(path.string());
     const SplatKind kind = splat_kind(path, read_beginning(path, 65536));
     const std::string advice = splat_advice(kind, path.string());
@@ -116,9 +136,10 @@ GaussianCloud<T> read_splats(const std::filesystem::path& path) {
 inline SplatKind written_splat_kind(const std::filesystem::path& path, const std::string& who) {
     const std::string name = detail::lower_name(path);
     const bool packed = name.ends_with(".compressed.ply");
-    const std::pair<std::string_view, SplatKind> written[]{
-        {".ply", SplatKind::ply}, {".splat", SplatKind::splat}, {".spz", SplatKind::spz},
-        {".glb", SplatKind::glb}};
+    const std::pair<std::string_view, SplatKind> written[]{{".ply", SplatKind::ply},
+                                                           {".splat", SplatKind::splat},
+                                                           {".spz", SplatKind::spz},
+                                                           {".glb", SplatKind::glb}};
     for (const auto& [end, kind] : written)
         if (!packed && name.ends_with(end)) return kind;
     throw Error(who + ": got the name " + path.string() +
@@ -128,8 +149,8 @@ inline SplatKind written_splat_kind(const std::filesystem::path& path, const std
 /// How splat_file_bytes writes.
 struct SplatFileOptions {
     SplatKind kind = SplatKind::ply;
-    PlyOptions ply = {};                ///< of a PLY
-    Deflate deflate = stored_deflate;   ///< compressor of an SPZ
+    PlyOptions ply = {};              ///< of a PLY
+    Deflate deflate = stored_deflate; ///< compressor of an SPZ
 };
 
 /// The bytes of a file of the given kind. Throws Error as write_ply, splat_bytes, spz_bytes and
@@ -137,18 +158,23 @@ struct SplatFileOptions {
 template <Real T>
 Bytes splat_file_bytes(const GaussianCloud<T>& cloud, const SplatFileOptions& options) {
     switch (options.kind) {
-    case SplatKind::splat: return splat_bytes(cloud);
-    case SplatKind::spz: return spz_bytes(cloud, options.deflate);
-    case SplatKind::glb: return glb_bytes(cloud);
-    case SplatKind::ply: {
-        std::ostringstream text;
-        write_ply(text, cloud, options.ply);
-        const std::string bytes = text.str();
-        const ByteSpan span = as_bytes(bytes);
-        return {span.begin(), span.end()};
-    }
-    default: throw Error("splat_file_bytes: got a kind that is not written, expected PLY, .splat, "
-                         "SPZ or GLB");
+        case SplatKind::splat:
+            return splat_bytes(cloud);
+        case SplatKind::spz:
+            return spz_bytes(cloud, options.deflate);
+        case SplatKind::glb:
+            return glb_bytes(cloud);
+        case SplatKind::ply: {
+            std::ostringstream text;
+            write_ply(text, cloud, options.ply);
+            const std::string bytes = text.str();
+            const ByteSpan span = as_bytes(bytes);
+            return {span.begin(), span.end()};
+        }
+        default:
+            throw Error(
+                "splat_file_bytes: got a kind that is not written, expected PLY, .splat, "
+                "SPZ or GLB");
     }
 }
 

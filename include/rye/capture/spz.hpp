@@ -24,16 +24,16 @@ namespace rye {
 /// What an SPZ file states before its arrays.
 struct SpzHeader {
     std::uint32_t version = 3;
-    std::uint32_t count = 0;            ///< Gaussians
-    int degree = 0;                     ///< of the harmonics, 0 to 3
-    int fractional_bits = 12;           ///< of positions
-    bool antialiased = false;           ///< trained with Antialias::mip
-    bool extended = false;              ///< other data follow the arrays
+    std::uint32_t count = 0;  ///< Gaussians
+    int degree = 0;           ///< of the harmonics, 0 to 3
+    int fractional_bits = 12; ///< of positions
+    bool antialiased = false; ///< trained with Antialias::mip
+    bool extended = false;    ///< other data follow the arrays
 };
 
 namespace detail {
 
-inline constexpr std::uint32_t spz_magic = 0x5053474E;  // "NGSP"
+inline constexpr std::uint32_t spz_magic = 0x5053474E; // "NGSP"
 inline constexpr std::size_t spz_header_size = 16;
 
 /// Bytes of a quaternion, by the version.
@@ -43,7 +43,7 @@ inline std::uint64_t spz_rotation_size(const SpzHeader& h) { return h.version ==
 template <Real T>
 std::uint8_t spz_harmonic(T x, int bits) {
     const int step = 1 << (8 - bits);
-    const T bounded = std::clamp(x, T(-2), T(2));                  // before lround, which may fail
+    const T bounded = std::clamp(x, T(-2), T(2)); // before lround, which may fail
     const int q = static_cast<int>(std::lround(bounded * T(128) / static_cast<T>(step))) * step;
     return static_cast<std::uint8_t>(std::clamp(q + 128, 0, 255));
 }
@@ -58,9 +58,8 @@ std::uint32_t spz_rotation(const Quat<T>& q) {
     auto packed = static_cast<std::uint32_t>(largest);
     for (std::size_t k = 0; k < 4; ++k) {
         if (k == largest) continue;
-        const T share = std::abs(xyzw[k]) * T(1.4142135623730951);  // of the largest it can be
-        const auto size = static_cast<std::uint32_t>(
-            std::lround(std::min(share, T(1)) * T(511)));
+        const T share = std::abs(xyzw[k]) * T(1.4142135623730951); // of the largest it can be
+        const auto size = static_cast<std::uint32_t>(std::lround(std::min(share, T(1)) * T(511)));
         const bool negative = (xyzw[k] < T(0)) != (xyzw[largest] < T(0));
         packed = packed << 10U | (negative ? 512U : 0U) | size;
     }
@@ -123,8 +122,8 @@ inline SpzHeader parse_spz_header(ByteSpan data, const std::string& who) {
     const std::uint64_t size = detail::spz_header_size + each * h.count;
     require(h.extended ? data.size() >= size : data.size() == size, who,
             "got " + std::to_string(data.size()) + " bytes of data, expected " +
-                std::to_string(size) + " for " + std::to_string(h.count) +
-                " Gaussians of degree " + std::to_string(h.degree));
+                std::to_string(size) + " for " + std::to_string(h.count) + " Gaussians of degree " +
+                std::to_string(h.degree));
     return h;
 }
 
@@ -207,8 +206,8 @@ Bytes spz_bytes(const GaussianCloud<T>& cloud, const Deflate& deflate = stored_d
     for (Index i = 0; i < cloud.count(); ++i)
         append(data, detail::nearest_byte(sigmoid(cloud.logit_opacity(0, i)) * T(255)));
     for (Index i = 0; i < cloud.sh_constant.size(); ++i)
-        append(data, detail::nearest_byte(
-                         cloud.sh_constant.data()[i] * (T(0.15) * T(255)) + T(127.5)));
+        append(data,
+               detail::nearest_byte(cloud.sh_constant.data()[i] * (T(0.15) * T(255)) + T(127.5)));
     for (Index i = 0; i < cloud.log_scale.size(); ++i)
         append(data, detail::nearest_byte((cloud.log_scale.data()[i] + T(10)) * T(16)));
     for (Index i = 0; i < cloud.count(); ++i) {
@@ -220,8 +219,7 @@ Bytes spz_bytes(const GaussianCloud<T>& cloud, const Deflate& deflate = stored_d
         for (Index k = 0; k < more; ++k)
             for (Index c = 0; c < 3; ++c)
                 append(data, detail::spz_harmonic(
-                                 static_cast<T>(
-                                     detail::sh_half_turn[static_cast<std::size_t>(k)]) *
+                                 static_cast<T>(detail::sh_half_turn[static_cast<std::size_t>(k)]) *
                                      cloud.sh_rest(c * more + k, i),
                                  k < 3 ? 5 : 4));
     return gzip_bytes(data, deflate);

@@ -23,9 +23,9 @@ namespace rye {
 
 /// Normalised device z of the near plane, which states what the third row of a projection means.
 enum class ClipDepth {
-    minus_one_to_one,  ///< near -1, far 1: OpenGL's default
-    zero_to_one,       ///< near 0, far 1: Direct3D, Metal, Vulkan, WebGPU, glClipControl
-    one_to_zero        ///< near 1, far 0: the same reversed, for precision; far may be infinite
+    minus_one_to_one, ///< near -1, far 1: OpenGL's default
+    zero_to_one,      ///< near 0, far 1: Direct3D, Metal, Vulkan, WebGPU, glClipControl
+    one_to_zero       ///< near 1, far 0: the same reversed, for precision; far may be infinite
 };
 
 /// Largest error of a view's rotation (entries of R R' - I), and of entries of a projection that a
@@ -118,7 +118,7 @@ Pinhole<T> pinhole_from_opengl(const Mat<T, 4, 4>& view, const Mat<T, 4, 4>& pro
                  : clip == ClipDepth::zero_to_one    ? T(0)
                                                      : T(1);
     const T near_depth = p(2, 3) / (at + p(2, 2));
-    const bool grows = clip != ClipDepth::one_to_zero;  // device z, with depth
+    const bool grows = clip != ClipDepth::one_to_zero; // device z, with depth
     require(std::isfinite(near_depth) && near_depth > T(0) && (p(2, 3) < T(0)) == grows, who,
             "projection(2, 2) is " + std::to_string(p(2, 2)) + " and projection(2, 3) " +
                 std::to_string(p(2, 3)) + ", which puts the near plane of device z " +
