@@ -27,7 +27,6 @@ missing() {
     has_header benchmark/benchmark.h || echo libbenchmark-dev
     has_header glm/glm.hpp || echo libglm-dev
     has_command pkg-config || echo pkg-config
-    has_command doxygen || echo doxygen
 }
 
 packages=$(missing | tr '\n' ' ')
