@@ -23,4 +23,19 @@ concept Backend = std::copy_constructible<B> && requires(const B& b) {
 template <class B, class T>
 concept LaneBackend = Backend<B> && Real<T> && requires { typename B::template batch<T>; };
 
+/// What a call without a backend has where no header of lanes, such as splat/lanes.hpp, is
+/// included. It is no Backend, so the call does not compile: include the header, or give
+/// ScalarBackend{}.
+struct NoDefaultBackend {};
+
+/// The backend of calls without one, for scalars T: completed by backend/lanes.hpp, so that those
+/// who give a ScalarBackend parse no xsimd. It is an argument of the template that is called, and
+/// so in its name: units built with other instructions can be linked.
+template <class T>
+struct DefaultBackendOf {
+    using type = NoDefaultBackend;
+};
+template <class T>
+using DefaultBackend = typename DefaultBackendOf<T>::type;
+
 } // namespace rye

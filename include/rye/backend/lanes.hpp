@@ -43,6 +43,12 @@ template <Threads P>
 XsimdBackend(P) -> XsimdBackend<DefaultArch, P>;
 static_assert(Backend<XsimdBackend<>>);
 
+/// This unit's best vectors on the default threads.
+template <Scalar T>
+struct DefaultBackendOf<T> {
+    using type = XsimdBackend<>;
+};
+
 template <class T, class A>
 struct RealOf<xsimd::batch<T, A>> {
     using type = T;

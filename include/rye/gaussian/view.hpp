@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/gaussian/view.hpp: views of Gaussians for a renderer: a whole cloud, a range of its columns,
-/// its first channels, or another program's buffers. Copies nothing. World frame, activated, as
-/// Gaussians (gaussian/gaussians.hpp); a column per Gaussian.
+/// its first channels, or another program's buffers, interleaved or apart. Copies nothing. World
+/// frame, activated, as Gaussians (gaussian/gaussians.hpp); a column per Gaussian.
 #pragma once
 
 #include <algorithm>
@@ -14,16 +14,44 @@
 
 namespace rye {
 
+/// Numbers of T from one Record of an array to the next, for views of interleaved memory.
+template <class T, class Record>
+constexpr Index stride_in() {
+    static_assert(sizeof(Record) % sizeof(T) == 0,
+                  "the size of a record is not a whole number of the view's numbers");
+    return static_cast<Index>(sizeof(Record) / sizeof(T));
+}
+
+/// Read-only columns of Rows numbers each, in memory of any stride. A pointer converts to it:
+/// columns one after another.
+template <class T, int Rows>
+struct ViewColumns {
+    const T* data = nullptr;     ///< the first column
+    Index stride = Rows;         ///< numbers from one column to the next, >= Rows or negative
+
+    ViewColumns() = default;
+    ViewColumns(const T* first, Index numbers = Rows) // NOLINT(google-explicit-constructor)
+        : data(first), stride(numbers) {}
+    /// The Rows numbers of column i.
+    const T* operator()(Index i) const { return data + stride * i; }
+    /// Columns from `begin` on.
+    ViewColumns from(Index begin) const { return {data + stride * begin, stride}; }
+};
+
 /// Read-only columns of Gaussians. The memory must outlive the view; functions take it by
 /// reference, and a Gaussians<T> converts to it:
 ///     rasterizer.forward(backend, cloud, camera, background);
 ///     rasterizer.forward(backend, view_of(cloud).columns(0, n).first_channels(3), camera, white);
+/// Records of a host program, without a copy:
+///     GaussianView<float> v;
+///     v.mean = {vertices[0].position, stride_in<float, Vertex>()};   // rotation, ... likewise
+///     v.feature = vertices[0].rgb, v.stride = stride_in<float, Vertex>(), v.rows = 3, v.size = n;
 template <class T>
 struct GaussianView {
-    const T* mean = nullptr;     ///< 3 x N  [world units]
-    const T* rotation = nullptr; ///< 4 x N  quaternions (w, x, y, z) of any norm but 0
-    const T* scale = nullptr;    ///< 3 x N  standard deviations along the own axes [world units]
-    const T* opacity = nullptr;  ///< 1 x N  in 0..1
+    ViewColumns<T, 3> mean;      ///< 3 x N  [world units]
+    ViewColumns<T, 4> rotation;  ///< 4 x N  quaternions (w, x, y, z) of any norm but 0
+    ViewColumns<T, 3> scale;     ///< 3 x N  standard deviations along the own axes [world units]
+    ViewColumns<T, 1> opacity;   ///< 1 x N  in 0..1
     const T* feature = nullptr;  ///< C x N, `stride` numbers from one Gaussian to the next
     Index size = 0;              ///< N
     Index rows = 0;              ///< C
@@ -52,10 +80,10 @@ struct GaussianView {
                 "got columns " + std::to_string(begin) + " to " + std::to_string(begin + n) +
                     " of " + std::to_string(size));
         GaussianView v = *this;
-        v.mean += 3 * begin;
-        v.rotation += 4 * begin;
-        v.scale += 3 * begin;
-        v.opacity += begin;
+        v.mean = mean.from(begin);
+        v.rotation = rotation.from(begin);
+        v.scale = scale.from(begin);
+        v.opacity = opacity.from(begin);
         v.feature += stride * begin;
         v.size = n;
         if (paint != nullptr) v.painted = std::max<Index>(painted - begin, 0);
@@ -91,12 +119,13 @@ GaussianView<T> view_of(const Gaussians<T>& g) {
 template <class T>
 Gaussians<T> copy_of(const GaussianView<T>& v) {
     Gaussians<T> g(v.count(), v.channels());
-    std::copy_n(v.mean, g.mean.size(), g.mean.data());
-    std::copy_n(v.rotation, g.rotation.size(), g.rotation.data());
-    std::copy_n(v.scale, g.scale.size(), g.scale.data());
-    std::copy_n(v.opacity, g.opacity.size(), g.opacity.data());
-    for (Index i = 0; i < v.count(); ++i)
+    for (Index i = 0; i < v.count(); ++i) {
+        std::copy_n(v.mean(i), 3, g.mean.data() + 3 * i);
+        std::copy_n(v.rotation(i), 4, g.rotation.data() + 4 * i);
+        std::copy_n(v.scale(i), 3, g.scale.data() + 3 * i);
+        std::copy_n(v.opacity(i), 1, g.opacity.data() + i);
         std::copy_n(v.feature_of(i), v.channels(), g.feature.data() + i * v.channels());
+    }
     return g;
 }
 

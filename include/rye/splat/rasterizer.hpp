@@ -26,7 +26,9 @@ template <class B, class T>
 struct SplatJvp;
 
 /// Draws Gaussians by the rules of A and differentiates the pictures, on any backend. The first
-/// argument of each call is the backend. For backends with lanes include splat/lanes.hpp.
+/// argument of each call is the backend. For backends with lanes include splat/lanes.hpp. With that
+/// header, forward, forward_into and vjp may be called without a backend: on DefaultBackend, the
+/// unit's best vectors and the default threads.
 /// Gaussians are a GaussianView: a Gaussians<T> as it is, a range of its columns, or any memory.
 template <AccuracyPolicy A = Balanced>
 struct Rasterizer {
@@ -43,6 +45,19 @@ struct Rasterizer {
         Drawn<T> out;
         forward_into(backend, g, camera, background, out, scratch);
         return out;
+    }
+
+    /// The same on the default backend.
+    template <class T, Distortion D, Backend B = DefaultBackend<T>>
+    Drawn<T> forward(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
+                     const VecX<T>& background, RasterScratch<T>* scratch = nullptr) const {
+        return forward(B{}, g, camera, background, scratch);
+    }
+    template <class T, Distortion D, Backend B = DefaultBackend<T>>
+    void forward_into(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
+                      const VecX<T>& background, Drawn<T>& out,
+                      RasterScratch<T>* scratch = nullptr) const {
+        forward_into(B{}, g, camera, background, out, scratch);
     }
 
     /// As forward, into the memory of an earlier result.
@@ -108,6 +123,14 @@ struct Rasterizer {
         vjp_into(backend, g, camera, background, raster,
                  RasterCotangent<T>{g_feature, g_alpha, g_depth}, out, scratch);
         return out;
+    }
+
+    /// The same on the default backend.
+    template <class T, Distortion D, Backend B = DefaultBackend<T>>
+    Gaussians<T> vjp(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
+                     const VecX<T>& background, const Drawn<T>& raster,
+                     const Columns<T>& g_feature) const {
+        return vjp(B{}, g, camera, background, raster, g_feature);
     }
 
     /// As vjp, into the memory of an earlier result.

@@ -64,10 +64,10 @@ RayPeak<real_t<T>> ray_peak(const std::type_identity_t<GaussianView<T>>& g,
         for (int j = 0; j < 3; ++j)
             pose.rotation(k, j) = value(camera.camera_from_world.rotation(k, j));
         pose.translation[k] = value(camera.camera_from_world.translation[k]);
-        shape.mean[k] = value(g.mean[3 * i + k]);
-        shape.scale[k] = value(g.scale[3 * i + k]);
+        shape.mean[k] = value(g.mean(i)[k]);
+        shape.scale[k] = value(g.scale(i)[k]);
     }
-    for (int k = 0; k < 4; ++k) shape.rotation[k] = value(g.rotation[4 * i + k]);
+    for (int k = 0; k < 4; ++k) shape.rotation[k] = value(g.rotation(i)[k]);
     return ray_peak(shape, pose, value(camera.fx), value(camera.fy));
 }
 

@@ -61,7 +61,7 @@ double fine_depth(const GaussianView<T>& g, const Pinhole<T, D>& camera, Index i
     double z = 0;
     for (int k = 0; k < 3; ++k)
         z += static_cast<double>(value_of(pose.rotation(2, k))) *
-             static_cast<double>(value_of(g.mean[3 * i + k]));
+             static_cast<double>(value_of(g.mean(i)[k]));
     return z + static_cast<double>(value_of(pose.translation[2]));
 }
 

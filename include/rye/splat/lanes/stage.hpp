@@ -29,10 +29,12 @@ struct LaneShapes {
     LaneShapes(const GaussianView<T>& g, const IndexOf& index) {
         for (int lane = 0; lane < LaneBlock<V, 11>::lanes; ++lane) {
             const Index i = opaque(index(lane));
-            for (int k = 0; k < 3; ++k) in.row[k][lane] = g.mean[3 * i + k];
-            for (int k = 0; k < 4; ++k) in.row[3 + k][lane] = g.rotation[4 * i + k];
-            for (int k = 0; k < 3; ++k) in.row[7 + k][lane] = g.scale[3 * i + k];
-            in.row[10][lane] = g.opacity[i];
+            const T *const mean = g.mean(i), *const rotation = g.rotation(i);
+            const T *const scale = g.scale(i), *const opacity = g.opacity(i);
+            for (int k = 0; k < 3; ++k) in.row[k][lane] = mean[k];
+            for (int k = 0; k < 4; ++k) in.row[3 + k][lane] = rotation[k];
+            for (int k = 0; k < 3; ++k) in.row[7 + k][lane] = scale[k];
+            in.row[10][lane] = *opacity;
         }
     }
     Shape<V> shape() const {

@@ -21,10 +21,10 @@ void jvp_by_duals(const R& rasterizer, const B& backend, const RasterJvpInput<T,
             to(k, i) = dual_of<T>(x[k], dx != nullptr ? (*dx)(k, i) : T(0));
     };
     for (Index i = 0; i < g.count(); ++i) {
-        lift(dual.mean, i, g.mean + 3 * i, moves != nullptr ? &moves->mean : nullptr);
-        lift(dual.rotation, i, g.rotation + 4 * i, moves != nullptr ? &moves->rotation : nullptr);
-        lift(dual.scale, i, g.scale + 3 * i, moves != nullptr ? &moves->scale : nullptr);
-        lift(dual.opacity, i, g.opacity + i, moves != nullptr ? &moves->opacity : nullptr);
+        lift(dual.mean, i, g.mean(i), moves != nullptr ? &moves->mean : nullptr);
+        lift(dual.rotation, i, g.rotation(i), moves != nullptr ? &moves->rotation : nullptr);
+        lift(dual.scale, i, g.scale(i), moves != nullptr ? &moves->scale : nullptr);
+        lift(dual.opacity, i, g.opacity(i), moves != nullptr ? &moves->opacity : nullptr);
         lift(dual.feature, i, g.feature_of(i), moves != nullptr ? &moves->feature : nullptr);
     }
     const ScalarBackend plain{backend.threads};

@@ -20,12 +20,12 @@ bool usable(const GaussianView<T>& g, Index i) {
             bad |= !(v - v == real_t<T>(0));                 // inf - inf is NaN
         }
     };
-    look(g.mean + 3 * i, 3);
-    look(g.rotation + 4 * i, 4);
-    look(g.scale + 3 * i, 3);
-    look(g.opacity + i, 1);
+    look(g.mean(i), 3);
+    look(g.rotation(i), 4);
+    look(g.scale(i), 3);
+    look(g.opacity(i), 1);
     look(g.feature_of(i), g.channels());
-    const T* q = g.rotation + 4 * i;
+    const T* q = g.rotation(i);
     const bool turned = q[0] != T(0) || q[1] != T(0) || q[2] != T(0) || q[3] != T(0);
     return bad == 0 && turned;
 }
@@ -33,9 +33,8 @@ bool usable(const GaussianView<T>& g, Index i) {
 /// Columns of fixed length; the compiler must not see a loop over a length it does not know.
 template <class T>
 Shape<T> load_shape(const GaussianView<T>& g, Index i) {
-    return {Eigen::Map<const Vec3<T>>(g.mean + 3 * i),
-            Eigen::Map<const Quat<T>>(g.rotation + 4 * i),
-            Eigen::Map<const Vec3<T>>(g.scale + 3 * i)};
+    return {Eigen::Map<const Vec3<T>>(g.mean(i)), Eigen::Map<const Quat<T>>(g.rotation(i)),
+            Eigen::Map<const Vec3<T>>(g.scale(i))};
 }
 
 template <class T>
@@ -59,9 +58,10 @@ void project_range(const SplatInput<A, T, D>& in, ChunkRange r, RasterScratch<T>
         if (look && !usable(g, i)) continue;
         const Projected<T, A::antialias> s = project<A::antialias>(load_shape(g, i), lens);
         scratch.state[at] = Visibility::hidden;
-        if (!s.drawable || !(g.opacity[i] > T(0))) continue;
+        const T opacity = *g.opacity(i);
+        if (!s.drawable || !(opacity > T(0))) continue;
         VisibleGaussian<T>& c = scratch.candidates[at];
-        c.splat = make_splat(s, kept_opacity(s, g.opacity[i]), accuracy);
+        c.splat = make_splat(s, kept_opacity(s, opacity), accuracy);
         if (!(c.splat.log2_opacity > c.splat.cut)) continue;
         scratch.footprints[at] = footprint_of<A>(s, c.splat, camera.cx, camera.cy);
         const Cover<A::support, real_t<T>> cover{scratch.footprints[at], camera.width,
@@ -99,7 +99,7 @@ void project_vjp_range(const SplatInput<A, T, D>& in,
         store_shape(project_vjp<A::antialias>(load_shape(g, i), lens,
                                               screen_cotangent(trace.members[m].splat, s), s.alpha),
                     out, i);
-        out.opacity(0, i) = s.alpha / g.opacity[i];
+        out.opacity(0, i) = s.alpha / *g.opacity(i);
     }
 }
 
