@@ -35,6 +35,7 @@ template <class T>
 struct DefaultBackendOf {
     using type = NoDefaultBackend;
 };
+/// See DefaultBackendOf.
 template <class T>
 using DefaultBackend = typename DefaultBackendOf<T>::type;
 

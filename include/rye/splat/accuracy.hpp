@@ -32,6 +32,7 @@ enum class BlendOrder { by_centre, by_peak };
 /// misused, but pixels and gradients may be NaN.
 enum class NonFinite { cull, fail, trust };
 
+/// The default policy: shortcuts whose error is below that of 8-bit pictures.
 struct Balanced {
     double alpha_min = 1.0 / 2550.0;   ///< contributions below are skipped
     double alpha_max = 0.999;          ///< alpha is clamped here; no gradient above

@@ -36,6 +36,7 @@ template <class V>
     return exponent - w * w;
 }
 
+/// The response of a Gaussian at an offset (dx, dy) from its centre [px].
 template <class T>
 RYE_HD Response<T> respond(const Splat<T>& s, const T& dx, const T& dy) {
     const T u = s.ux * dx;

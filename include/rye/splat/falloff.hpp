@@ -15,6 +15,7 @@ namespace rye {
 
 /// sqrt(log2(e) / 2) and its inverse: whitened offsets to folded ones and back.
 inline constexpr double fold = 0.84932180028801904272;
+/// The inverse of fold.
 inline constexpr double unfold = 1.17741002251547469101;
 
 /// A Gaussian as a pixel sees it.

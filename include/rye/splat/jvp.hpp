@@ -16,6 +16,7 @@
 
 namespace rye {
 
+/// Rasterizer::jvp on backend B for scalars T: by duals of plain loops.
 template <class B, class T>
 struct SplatJvp {
     template <class R, Distortion D>

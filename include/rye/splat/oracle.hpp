@@ -36,6 +36,7 @@ struct OracleModel {
 inline constexpr OracleModel physical_model{
     .dilation = 0, .order = BlendOrder::by_peak, .rays = true};
 
+/// Images of the oracle: C channels, opacity and depth.
 struct OracleImages {
     Image<double> feature, alpha, depth;
 };
@@ -66,6 +67,7 @@ struct OracleSolid {
     Mat3<double> whiten;       ///< of a ray's direction in the camera's frame
     Vec3<double> mean;         ///< whitened
 
+    /// Where a ray passes a Gaussian's densest point, and how far from its mean, whitened.
     struct Meeting {
         double depth, form;    ///< of the peak; the squared distance there
     };
@@ -77,6 +79,7 @@ struct OracleSolid {
     }
 };
 
+/// Gaussian i of a cloud as the rays of a camera see it.
 inline OracleSolid oracle_solid(const Gaussians<double>& g, const Pinhole<double>& camera,
                                 Index i) {
     const Vec4<double> q = g.rotation.col(i);
@@ -122,6 +125,7 @@ struct OracleGaussian {
     Vec3<R> scale;
 };
 
+/// A Gaussian's ellipse on the screen, by the model's rules.
 template <Scalar R>
 OracleEllipse<R> oracle_ellipse(const OracleGaussian<R>& g, const Pinhole<R>& lens,
                                 const OracleModel& model) {

@@ -15,6 +15,7 @@ namespace rye {
 struct DepthImage;
 struct ContributorImage;
 
+/// Images that a render has besides features and opacity.
 struct Outputs {
     bool depth = true;               ///< sum_i T_i a_i z_i
     bool contributor = false;        ///< the Gaussian that adds most to each pixel

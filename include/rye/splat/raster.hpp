@@ -15,6 +15,7 @@
 
 namespace rye {
 
+/// In the place of a member's number: the Gaussian is not visible.
 inline constexpr std::uint32_t no_member = 0xFFFFFFFF;
 
 /// A visible Gaussian, all that tiles read of it. In float it fills a line of the cache.
@@ -69,6 +70,7 @@ struct StripMask {
     std::uint64_t word(int strip) const { return words[static_cast<std::size_t>(strip / 64)]; }
     static std::uint64_t bit(int strip) { return std::uint64_t(1) << (strip % 64); }
 };
+/// Every strip of a tile.
 inline constexpr StripMask all_strips{{~std::uint64_t(0), ~std::uint64_t(0)}};
 
 /// Tiles tile(k) to draw, k in [begin, end), and their strips; null means all.
@@ -82,6 +84,7 @@ struct DrawnTiles {
     const StripMask& mask(Index k) const { return strips != nullptr ? strips[k] : all_strips; }
 };
 
+/// Whether a Gaussian is drawn, and if not, whether its numbers are finite.
 enum class Visibility : std::uint8_t { hidden, visible, non_finite };
 
 /// Partial gradients, one slot an entry, so that no two threads write to one: a SplatCotangent's
@@ -90,6 +93,7 @@ enum class Visibility : std::uint8_t { hidden, visible, non_finite };
 template <class T>
 struct PartialGradients {
     static constexpr Index head = 8;     ///< features begin here
+    /// Sixteen numbers, aligned to a line of the cache.
     struct alignas(64) Line {
         T x[16];
     };

@@ -15,6 +15,7 @@
 
 namespace rye {
 
+/// A Gaussian's densest point along rays, by the formula above.
 template <Real R>
 struct RayPeak {
     Mat3<R> axes;            ///< rows b_i, of which columns 0 and 1 are per pixel

@@ -47,6 +47,7 @@ inline constexpr std::array<AccuracyRung, 10> accuracy_ladder{{
     {"Exact32", 1e-9, 1e-8, 1},
 }};
 
+/// How select_accuracy samples.
 struct SelectSettings {
     Index random_tiles = 64;   ///< drawn at random; all, if there are no more
     Index worst_tiles = 64;    ///< those whose pixel was worst
@@ -54,6 +55,7 @@ struct SelectSettings {
     std::uint64_t seed = 1;
 };
 
+/// The policy that select_accuracy chose, and why.
 struct SelectedAccuracy {
     Balanced accuracy;
     std::string name;          ///< of the rung

@@ -96,9 +96,11 @@ struct Intersection {
 template <class Key>
 struct BinScratch {
     using Binned = Keyed<Key, Intersection>;
+    /// A tile and a member that reaches it.
     struct Mention {
         std::uint32_t tile, member;
     };
+    /// What one chunk of members counts and bins.
     struct Chunk {
         std::vector<Mention> mentions;    ///< member by member, in the order of tiles
         std::int64_t used;                ///< of these, or how many there would be

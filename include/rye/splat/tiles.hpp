@@ -17,6 +17,7 @@ namespace rye {
 
 /// Side of a tile [px]: 8 and 16 were tried; the larger halves the entries.
 inline constexpr int tile_edge = 16;
+/// Pixels of a tile.
 inline constexpr int tile_pixels = tile_edge * tile_edge;
 
 /// The region where a Gaussian's alpha can reach alpha_min: an ellipse, or a square.
@@ -49,10 +50,12 @@ RYE_HD PixelInterval<R> pixel_interval(const R& low, const R& high, int size) {
     const R e = floor(min(top, R(max(R(S(-1)), R(high - R(S(0.5))))))) + R(S(1));
     return {b, min(top, e)};
 }
+/// The interval in integers.
 template <Real R>
 RYE_HD Span whole(const PixelInterval<R>& r) {
     return {static_cast<int>(r.begin), static_cast<int>(r.end)};
 }
+/// The pixels of a row or column of `size` whose centres lie in [low, high].
 template <Real R>
 RYE_HD Span pixels_between(R low, R high, int size) {
     return whole(pixel_interval(low, high, size));

@@ -12,8 +12,10 @@
 
 namespace rye {
 
+/// Memory of threads between calls, each piece used by one thread at a time.
 class Workspaces {
   public:
+    /// Base of what is kept.
     struct Space {
         virtual ~Space() = default;
     };

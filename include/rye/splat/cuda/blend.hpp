@@ -23,6 +23,7 @@ struct FoundVisits {
     std::uint32_t entry[room];    ///< its number in the tile's list
 };
 
+/// Draws the pixels of a tile, near to far, C channels at a time.
 template <class A, int C>
 struct BlendKernel {
     using Layout = ChannelLayout<C>;
@@ -30,6 +31,7 @@ struct BlendKernel {
     static constexpr int threads = 128, blocks = Layout::products ? 3 : 4;
     static constexpr int N = planes_of<A>;
     using Found = FoundVisits<!Layout::products>;
+    /// Shared memory of a block.
     struct Shared {
         NearestKeys nearest;
         Found found[strips];

@@ -28,6 +28,7 @@ struct LensNumbers<NoDistortion> {
     RYE_HD void put(Projector<float, NoDistortion>&) const {}
 };
 
+/// A camera as kernels take it: projection and lens D in plain numbers.
 template <class D>
 struct DeviceLens {
     float rotation[9], translation[3];

@@ -81,6 +81,7 @@ template <class A, class D>
 struct ProjectKernel {
     static constexpr const char* name = "project";
     static constexpr int threads = 128, blocks = 8;
+    /// Shared memory of a block.
     struct Shared {
         BlockTiles tiles;
         std::uint32_t places[threads];
@@ -211,6 +212,7 @@ struct ProjectKernel {
 struct ScanKernel {
     static constexpr const char* name = "scan of tiles";
     static constexpr int threads = 1024, blocks = 1;
+    /// Shared memory of a block.
     struct Shared {
         std::uint64_t wide[threads]; // a sum of 32 bits would hide too many entries
         std::uint32_t sums[threads];
@@ -305,6 +307,7 @@ template <class A>
 struct BinKernel {
     static constexpr const char* name = "bin";
     static constexpr int threads = 128, blocks = 8;
+    /// Shared memory of a block.
     struct Shared {
         BlockTiles tiles;
         std::uint32_t places[threads], key[threads];

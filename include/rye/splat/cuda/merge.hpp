@@ -17,6 +17,7 @@ struct MergeKernel {
     static constexpr int quads = Layout::stride / 4;
     /// Places that are looked at together, four a thread.
     static constexpr std::uint32_t chunk = 4 * threads;
+    /// Shared memory of a block.
     struct Shared {
         alignas(16) float sum[threads][Layout::stride];
         std::uint32_t first[threads]; ///< place of each Gaussian in the block's
@@ -154,6 +155,7 @@ struct BackgroundKernel {
     static constexpr const char* name = "gradient of the background";
     static constexpr int threads = 128, blocks = 8;
     static constexpr Index chunk = 4096; ///< pixels
+    /// Shared memory of a block.
     struct Shared {
         float sum[threads];
     };

@@ -11,6 +11,7 @@
 
 namespace rye {
 
+/// The nearest keys of a tile's list that are not taken yet, sorted, in shared memory.
 struct NearestKeys {
     static constexpr std::uint32_t most = 1024;
 

@@ -35,6 +35,7 @@ struct KernelChannels {
         (attempt(std::integral_constant<int, C>{}), ...);
     }
 };
+/// Kernels for the usual numbers of channels.
 using AnyChannels = KernelChannels<1, 3, 4, 8, 16, 32>;
 
 /// What a frame has cost.

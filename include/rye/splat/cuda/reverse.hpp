@@ -27,6 +27,7 @@ struct ReverseKernel {
         Quad4 transmittance[16];
         alignas(16) float feature[std::size_t(group_visits * of_visit)];
     };
+    /// Shared memory of a block.
     struct Shared {
         Ahead ahead[2];
         alignas(16) std::uint16_t

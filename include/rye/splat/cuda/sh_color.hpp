@@ -38,11 +38,13 @@ struct ShBlock {
 
 } // namespace detail
 
+/// Colours of Gaussians from their harmonics of one degree.
 template <int degree>
 struct ShColorKernel : detail::ShBlock<degree> {
     using Rows = detail::ShBlock<degree>;
     static constexpr const char* name = "harmonics";
     static constexpr int blocks = 8;
+    /// Shared memory of a block.
     struct Shared {
         alignas(16) float rest[Rows::room];
     };
@@ -72,11 +74,13 @@ struct ShColorKernel : detail::ShBlock<degree> {
     }
 };
 
+/// Gradients of harmonics and means, given those of the colours.
 template <int degree>
 struct ShColorVjpKernel : detail::ShBlock<degree> {
     using Rows = detail::ShBlock<degree>;
     static constexpr const char* name = "vjp of harmonics";
     static constexpr int blocks = 4;
+    /// Shared memory of a block.
     struct Shared {
         alignas(16) float rest[Rows::room], gradient[Rows::room];
     };

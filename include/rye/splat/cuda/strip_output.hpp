@@ -24,6 +24,7 @@ struct StripSums {
     std::uint32_t group, last; ///< kept groups: the next, the one before it
 };
 
+/// Writes the pixels of a strip to the images.
 template <class A, int C>
 struct StripOutput {
     using Layout = ChannelLayout<C>;

@@ -79,6 +79,7 @@ struct WarpPixels : PixelGroup {
     RYE_DEVICE static F add_product(const F& c, const F& a, const F& b) { return W::fma(a, b, c); }
 };
 
+/// 2^x of a warp's numbers.
 template <class W>
 struct WarpExp2 {
     RYE_DEVICE typename W::F operator()(const typename W::F& x) const { return W::exp2(x); }

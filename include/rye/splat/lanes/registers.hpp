@@ -115,6 +115,7 @@ template <class V>
 /// back. Its numbers are anything.
 template <class T>
 struct Lines {
+    /// A line of the cache.
     struct alignas(64) Line {
         T x[64 / sizeof(T)];
     };

@@ -19,6 +19,7 @@ struct PixelContribution : Contribution<T> {
     T u, v;                  ///< folded offsets
 };
 
+/// Blending of one pixel at a time.
 template <class A, class T>
 using PlainBlend = Blend<A, T, SinglePixel, Exp2Library>;
 

@@ -10,6 +10,7 @@
 
 namespace rye {
 
+/// The kernels of Rasterizer as plain loops.
 template <class T>
 struct PlainSplatKernels {
     /// Projects Gaussians: candidate and state of each.

@@ -37,6 +37,7 @@ Shape<T> load_shape(const GaussianView<T>& g, Index i) {
             Eigen::Map<const Vec3<T>>(g.scale(i))};
 }
 
+/// Stores a shape in column i.
 template <class T>
 void store_shape(const Shape<T>& s, Gaussians<T>& g, Index i) {
     Eigen::Map<Vec3<T>>(g.mean.data() + 3 * i) = s.mean;
