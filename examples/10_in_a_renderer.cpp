@@ -15,7 +15,7 @@ struct Vertex {
     float age;
     float position[3];
     float opacity;
-    float rotation[4];                                              // (w, x, y, z)
+    float rotation[4]; // (w, x, y, z)
     float scale[3];
 };
 
@@ -55,7 +55,7 @@ int main() {
 
     const VecX<float> black = VecX<float>::Zero(3);
     const Rasterizer rasterizer;
-    const auto raster = rasterizer.forward(view, camera, black);    // lanes, on OpenMP's threads
+    const auto raster = rasterizer.forward(view, camera, black); // lanes, on OpenMP's threads
     const auto gradient = rasterizer.vjp(view, camera, black, raster, raster.feature.pixels);
     // y is up in the world: the red vertex is in the upper half of the picture.
     const float upper = raster.feature.at(32, 27)[0], lower = raster.feature.at(32, 38)[2];

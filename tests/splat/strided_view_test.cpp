@@ -38,7 +38,7 @@ std::vector<Vertex> interleaved(const Gaussians<float>& g) {
         }
         for (int k = 0; k < 4; ++k) v.rotation[k] = g.rotation(k, i);
         v.opacity = g.opacity(0, i);
-        v.padding = v.id = NAN;  // never read
+        v.padding = v.id = NAN; // never read
     }
     return all;
 }

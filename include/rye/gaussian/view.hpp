@@ -26,12 +26,13 @@ constexpr Index stride_in() {
 /// columns one after another.
 template <class T, int Rows>
 struct ViewColumns {
-    const T* data = nullptr;     ///< the first column
-    Index stride = Rows;         ///< numbers from one column to the next, >= Rows or negative
+    const T* data = nullptr; ///< the first column
+    Index stride = Rows;     ///< numbers from one column to the next, >= Rows or negative
 
     ViewColumns() = default;
     ViewColumns(const T* first, Index numbers = Rows) // NOLINT(google-explicit-constructor)
-        : data(first), stride(numbers) {}
+        : data(first),
+          stride(numbers) {}
     /// The Rows numbers of column i.
     const T* operator()(Index i) const { return data + stride * i; }
     /// Columns from `begin` on.
