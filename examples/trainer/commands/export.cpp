@@ -15,6 +15,7 @@
 #include <rye/math/scalar.hpp>
 
 #include "commands/commands.hpp"
+#include "commands/export_avatar.hpp"
 #include "commands/options.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
@@ -25,6 +26,7 @@ namespace {
 
 struct ExportOptions {
     std::filesystem::path run, capture, ply;
+    AvatarExportOptions avatar;
     std::string frame, stream = "both", axes = "ply";
     std::vector<double> left, right;  ///< pitch, yaw [deg]
     bool canonical = false;
@@ -59,6 +61,9 @@ GaussianCloud<float> cloud_of(const Gaussians<float>& g, bool flip) {
 
 void export_ply(const ExportOptions& o) {
     set_threads(o.threads);
+    if (o.ply.extension() == ".avatar")
+        return export_avatar({o.run, o.capture, o.ply, o.frame, o.avatar.camera,
+                              o.avatar.full_precision});
     const TrainState state = load_trained(o.run);
     Drivers<float> drivers;
     if (o.canonical) {
@@ -106,7 +111,12 @@ void add_export(CLI::App& app) {
     c->add_option("--sh", o->sh, "Degree of harmonics to pad with zeros, for readers that want 3")
         ->check(CLI::Range(0, 3))
         ->capture_default_str();
-    c->add_option("--ply", o->ply, "File to write")->required();
+    c->add_option("--camera", o->avatar.camera,
+                  "NAME.avatar: its default camera (default: the most frontal)");
+    c->add_flag("--full-precision", o->avatar.full_precision,
+                "NAME.avatar: 32 bits a number instead of 16 where that costs nothing visible");
+    c->add_option("--ply,--out", o->ply,
+                  "File to write: NAME.ply, or NAME.avatar with the whole avatar")->required();
     add_threads(*c, o->threads);
     c->callback([o] { export_ply(*o); });
 }
