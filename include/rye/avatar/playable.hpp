@@ -14,7 +14,7 @@
 #include <rye/avatar/two_stream.hpp>
 #include <rye/core/error.hpp>
 #include <rye/geometry/camera.hpp>
-#include <rye/math/rotation.hpp>
+#include <rye/math/linalg.hpp>
 
 namespace rye {
 
@@ -135,9 +135,10 @@ void check_camera(const std::string& who, const Pinhole<T>& c) {
     detail::require_all_finite(who, "camera.translation", c.camera_from_world.translation);
     const Mat3<T>& r = c.camera_from_world.rotation;
     const T apart = (r.transpose() * r - Mat3<T>::Identity()).cwiseAbs().maxCoeff();
-    require(apart <= T(1e-3) && r.determinant() > T(0), who,
+    const T volume = r.col(0).dot(cross(Vec3<T>(r.col(1)), Vec3<T>(r.col(2))));
+    require(apart <= T(1e-3) && volume > T(0), who,
             "camera: 'rotation' is no rotation: R^T R differs from 1 by " + std::to_string(apart) +
-                ", its determinant is " + std::to_string(r.determinant()));
+                ", its determinant is " + std::to_string(volume));
 }
 
 /// Throws Error("who: ...") with the first fault: shapes that do not belong together, indices of

@@ -59,6 +59,8 @@ class AvatarPlayer {
     }
 
     const PlayedWork& work() const { return work_; }
+    /// The Gaussians of the last picture, in the world, the face's first.
+    const Gaussians<T>& gaussians() const { return cache_.drive().gaussians(); }
     const PlayableAvatar<T>& playable() const { return *playable_; }
     /// Size of all cached data.
     std::size_t bytes() const { return cache_.bytes(); }
