@@ -79,6 +79,21 @@ Drivers<float> drivers_of(const rye_avatar& avatar, const rye_drivers* d) {
     return drivers;
 }
 
+/// As `rye` writes PNG: clamped, to the nearest of 256 levels; opaque.
+void to_bytes(const Image<float>& image, std::uint8_t* to) {
+    const float* from = image.pixels.data();
+    const auto level = [](float x) {
+        const float clamped = x > 0.0F ? (x < 1.0F ? x : 1.0F) : 0.0F;
+        return static_cast<std::uint8_t>(static_cast<int>(clamped * 255.0F + 0.5F));
+    };
+    for (Index i = 0; i < image.size(); ++i, from += 3, to += 4) {
+        to[0] = level(from[0]);
+        to[1] = level(from[1]);
+        to[2] = level(from[2]);
+        to[3] = 255;
+    }
+}
+
 void set_pair(const Columns<float>& from, float (&to)[2][2]) {
     for (Index eye = 0; eye < 2; ++eye)
         for (Index angle = 0; angle < 2; ++angle) to[eye][angle] = from(angle, eye);
@@ -167,15 +182,7 @@ rye_status rye_avatar_draw(rye_avatar* avatar, const rye_drivers* drivers,
         const Image<float>& image = avatar->player.draw(d, camera_of(camera), behind);
         if (picture->rgb != nullptr)
             std::copy_n(image.pixels.data(), image.pixels.size(), picture->rgb);
-        if (picture->rgba != nullptr) {
-            std::uint8_t* to = picture->rgba;
-            for (Index i = 0; i < image.size(); ++i, to += 4) {
-                for (Index c = 0; c < 3; ++c)  // as `rye` writes PNG
-                    to[c] = static_cast<std::uint8_t>(
-                        std::clamp(image.pixels(c, i), 0.0F, 1.0F) * 255.0F + 0.5F);
-                to[3] = 255;
-            }
-        }
+        if (picture->rgba != nullptr) to_bytes(image, picture->rgba);
         avatar->drawn = true;
     });
 }

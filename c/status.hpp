@@ -64,9 +64,9 @@ void check_struct(const S* s, const char* name) {
 
 inline void check_finite(const float* values, Index count, const char* name) {
     for (Index i = 0; i < count; ++i)
-        require(std::isfinite(values[i]), name,
-                "value " + std::to_string(i) + " is " + std::to_string(values[i]) +
-                    ", expected a finite number");
+        if (!std::isfinite(values[i]))
+            throw Error(std::string(name) + ": value " + std::to_string(i) + " is " +
+                        std::to_string(values[i]) + ", expected a finite number");
 }
 
 /// The largest number of threads that is accepted.

@@ -26,7 +26,7 @@ ln -sfn "$xsimd" "$out/objects/headers/xsimd"
 # xsimd before 11.2 has no vectors of WebAssembly, but emscripten has SSE4.1 in terms of them. Eigen
 # includes headers of x86 that emscripten lacks; rye's own lanes do the work.
 flags="-O2 -msimd128 -msse4.1 -fwasm-exceptions -DNDEBUG -DRYE_C_STATIC -DEIGEN_DONT_VECTORIZE"
-flags="$flags -DEIGEN_DONT_PARALLELIZE -I$root/include -isystem $out/objects/headers -isystem $eigen"
+flags="$flags -DEIGEN_DONT_PARALLELIZE -include $here/simd.h -I$root/include -isystem $out/objects/headers -isystem $eigen"
 # emscripten 3.1.6 looks for acorn where Debian's own node does; other nodes have to be told.
 NODE_PATH=${NODE_PATH:-}${NODE_PATH:+:}/usr/share/nodejs
 export NODE_PATH

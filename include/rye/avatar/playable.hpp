@@ -68,8 +68,10 @@ Pinhole<T> render_camera(const Pinhole<T>& camera, int factor) {
 
 namespace detail {
 
+/// The message is built only on failure: arrays are long, and drivers are checked each frame.
 template <class A>
 void require_all_finite(const std::string& who, const std::string& name, const A& a) {
+    if (a.allFinite()) return;
     for (Index i = 0; i < a.size(); ++i)
         require(std::isfinite(a(i)), who,
                 "'" + name + "': value " + std::to_string(i) + " is " + std::to_string(a(i)) +
@@ -94,18 +96,19 @@ void check_ranges(const std::string& who, const std::string& name, const Columns
 /// coefficients, finite numbers, a positive scale, and gazes of length 1 to 1e-3.
 template <Real T>
 void check_drivers(const std::string& who, const AvatarConfig& config, const Drivers<T>& d) {
-    require(d.expression.size() == config.expression, who,
-            "'expression': got " + std::to_string(d.expression.size()) +
-                " coefficients, expected " + std::to_string(config.expression));
+    if (d.expression.size() != config.expression)
+        throw Error(who + ": 'expression': got " + std::to_string(d.expression.size()) +
+                    " coefficients, expected " + std::to_string(config.expression));
     detail::require_all_finite(who, "expression", d.expression);
     detail::require_all_finite(who, "pose", d.pose);
-    require(std::isfinite(d.scale) && d.scale > T(0), who,
-            "'scale': got " + std::to_string(d.scale) + ", expected a positive number");
+    if (!(std::isfinite(d.scale) && d.scale > T(0)))
+        throw Error(who + ": 'scale': got " + std::to_string(d.scale) +
+                    ", expected a positive number");
     for (std::size_t eye = 0; eye < 2; ++eye) {
         const T length = norm(d.gaze[eye]);
-        require(std::abs(length - T(1)) <= T(1e-3), who,
-                std::string("'gaze': the ") + (eye == 0 ? "left" : "right") +
-                    " eye's has the length " + std::to_string(length) + ", expected 1");
+        if (!(std::abs(length - T(1)) <= T(1e-3)))
+            throw Error(who + ": 'gaze': the " + (eye == 0 ? "left" : "right") +
+                        " eye's has the length " + std::to_string(length) + ", expected 1");
     }
 }
 
@@ -118,27 +121,26 @@ inline constexpr int most_picture_side = 16384;
 template <Real T>
 void check_camera(const std::string& who, const Pinhole<T>& c) {
     const auto positive = [&](const char* name, T x) {
-        require(std::isfinite(x) && x > T(0), who,
-                std::string("camera: '") + name + "' is " + std::to_string(x) +
-                    ", expected a positive number");
+        if (!(std::isfinite(x) && x > T(0)))
+            throw Error(who + ": camera: '" + name + "' is " + std::to_string(x) +
+                        ", expected a positive number");
     };
     positive("fx", c.fx);
     positive("fy", c.fy);
     positive("near_depth", c.near_depth);
     require(std::isfinite(c.cx) && std::isfinite(c.cy), who,
             "camera: the principal point is not finite");
-    require(c.width >= 1 && c.height >= 1 && c.width <= most_picture_side &&
-                c.height <= most_picture_side,
-            who, "camera: the picture has " + std::to_string(c.width) + " x " +
-                     std::to_string(c.height) + " pixels, expected sides of 1 to " +
-                     std::to_string(most_picture_side));
+    if (c.width < 1 || c.height < 1 || c.width > most_picture_side || c.height > most_picture_side)
+        throw Error(who + ": camera: the picture has " + std::to_string(c.width) + " x " +
+                    std::to_string(c.height) + " pixels, expected sides of 1 to " +
+                    std::to_string(most_picture_side));
     detail::require_all_finite(who, "camera.translation", c.camera_from_world.translation);
     const Mat3<T>& r = c.camera_from_world.rotation;
     const T apart = (r.transpose() * r - Mat3<T>::Identity()).cwiseAbs().maxCoeff();
     const T volume = r.col(0).dot(cross(Vec3<T>(r.col(1)), Vec3<T>(r.col(2))));
-    require(apart <= T(1e-3) && volume > T(0), who,
-            "camera: 'rotation' is no rotation: R^T R differs from 1 by " + std::to_string(apart) +
-                ", its determinant is " + std::to_string(volume));
+    if (!(apart <= T(1e-3) && volume > T(0)))
+        throw Error(who + ": camera: 'rotation' is no rotation: R^T R differs from 1 by " +
+                    std::to_string(apart) + ", its determinant is " + std::to_string(volume));
 }
 
 /// Throws Error("who: ...") with the first fault: shapes that do not belong together, indices of
