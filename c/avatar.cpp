@@ -27,7 +27,9 @@ struct rye_avatar {
     bool drawn = false;
 
     rye_avatar(const rye_options& o, PlayableAvatar<float> p)
-        : pool(o.threads), playable(std::move(p)), player(LibraryBackend{pool.threads()}, playable) {
+        : pool(o.threads),
+          playable(std::move(p)),
+          player(LibraryBackend{pool.threads()}, playable) {
         for (const std::string& name : playable.expression_names) names.push_back(name.c_str());
         // The face's points at rest, by the neutral head pose.
         const Drivers<float>& d = playable.neutral;
@@ -67,8 +69,8 @@ Drivers<float> drivers_of(const rye_avatar& avatar, const rye_drivers* d) {
     drivers.expression = VecX<float>::Zero(width);
     if (width > 0) drivers.expression = Eigen::Map<const VecX<float>>(d->expression, width);
     for (std::size_t eye = 0; eye < 2; ++eye) {
-        check_finite(d->gaze[eye], 2, eye == 0 ? "drivers: gaze of the left eye"
-                                               : "drivers: gaze of the right eye");
+        check_finite(d->gaze[eye], 2,
+                     eye == 0 ? "drivers: gaze of the left eye" : "drivers: gaze of the right eye");
         for (const float angle : d->gaze[eye])
             require(std::abs(angle) <= 1.57F, "drivers: gaze",
                     "got " + std::to_string(angle) + " rad, expected at most 1.57 either way");
@@ -167,9 +169,8 @@ rye_status rye_avatar_neutral(const rye_avatar* avatar, rye_drivers* drivers, ry
     });
 }
 
-rye_status rye_avatar_draw(rye_avatar* avatar, const rye_drivers* drivers,
-                           const rye_camera* camera, const float* background,
-                           rye_picture* picture) {
+rye_status rye_avatar_draw(rye_avatar* avatar, const rye_drivers* drivers, const rye_camera* camera,
+                           const float* background, rye_picture* picture) {
     return guarded([&] {
         check_pointer(avatar, "avatar");
         check_struct(picture, "picture");
@@ -178,7 +179,7 @@ rye_status rye_avatar_draw(rye_avatar* avatar, const rye_drivers* drivers,
         VecX<float> behind = p.background;
         if (background != nullptr)
             behind = Eigen::Map<const VecX<float>>(background, p.config.channels);
-        avatar->drawn = false;  // until the picture is complete
+        avatar->drawn = false; // until the picture is complete
         const Image<float>& image = avatar->player.draw(d, camera_of(camera), behind);
         if (picture->rgb != nullptr)
             std::copy_n(image.pixels.data(), image.pixels.size(), picture->rgb);

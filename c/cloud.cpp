@@ -32,10 +32,14 @@ using AnyDrawing = std::variant<Drawing<WithDepth<Balanced>>, Drawing<WithDepth<
 
 AnyDrawing drawing_of(int accuracy) {
     switch (accuracy) {
-    case RYE_ACCURACY_FAST: return Drawing<WithDepth<Fast>>();
-    case RYE_ACCURACY_TIGHT: return Drawing<WithDepth<Tight>>();
-    case RYE_ACCURACY_3DGS: return Drawing<WithDepth<Compatible3dgs>>();
-    default: return Drawing<WithDepth<Balanced>>();
+        case RYE_ACCURACY_FAST:
+            return Drawing<WithDepth<Fast>>();
+        case RYE_ACCURACY_TIGHT:
+            return Drawing<WithDepth<Tight>>();
+        case RYE_ACCURACY_3DGS:
+            return Drawing<WithDepth<Compatible3dgs>>();
+        default:
+            return Drawing<WithDepth<Balanced>>();
     }
 }
 
@@ -98,11 +102,12 @@ struct rye_renderer {
     RasterScratch<float> scratch;
     Pinhole<float> camera;
     VecX<float> background;
-    Index count = -1;  ///< of the last image; negative: there is none
+    Index count = -1; ///< of the last image; negative: there is none
     Gaussians<float> gradient;
 
     explicit rye_renderer(const rye_options& o)
-        : pool(o.threads), drawing(drawing_of(o.accuracy)) {}
+        : pool(o.threads),
+          drawing(drawing_of(o.accuracy)) {}
     LibraryBackend backend() { return LibraryBackend{pool.threads()}; }
 };
 
@@ -147,17 +152,19 @@ rye_status rye_draw(rye_renderer* renderer, const rye_cloud* cloud, const rye_ca
         const Pinhole<float> pinhole = camera_of(camera);
         check_finite(background, view.rows, "background");
         rye_renderer& r = *renderer;
-        r.count = -1;  // until the image is complete
+        r.count = -1; // until the image is complete
         r.camera = pinhole;
         r.background = Eigen::Map<const VecX<float>>(background, view.rows);
-        std::visit([&](auto& d) {
-            d.rasterizer.forward_into(r.backend(), view, r.camera, r.background, d.raster,
-                                      &r.scratch);
-            copy_out(d.raster.feature.pixels, image->feature);
-            copy_out(d.raster.alpha.pixels, image->alpha);
-            copy_out(d.raster.depth.pixels, image->depth);
-            image->skipped = d.raster.trace.non_finite;
-        }, r.drawing);
+        std::visit(
+            [&](auto& d) {
+                d.rasterizer.forward_into(r.backend(), view, r.camera, r.background, d.raster,
+                                          &r.scratch);
+                copy_out(d.raster.feature.pixels, image->feature);
+                copy_out(d.raster.alpha.pixels, image->alpha);
+                copy_out(d.raster.depth.pixels, image->depth);
+                image->skipped = d.raster.trace.non_finite;
+            },
+            r.drawing);
         r.count = view.size;
     });
 }
@@ -172,21 +179,24 @@ rye_status rye_draw_gradient(rye_renderer* renderer, const rye_cloud* cloud,
         rye_renderer& r = *renderer;
         if (r.count != view.size || r.background.size() != view.rows)
             throw Failure(RYE_ERROR_STATE,
-                          r.count < 0 ? "rye_draw_gradient: rye_draw has not drawn an image"
-                                      : "rye_draw_gradient: got a cloud of " +
-                                            std::to_string(view.size) + " Gaussians, expected the " +
-                                            std::to_string(r.count) + " of the last rye_draw");
+                          r.count < 0
+                              ? "rye_draw_gradient: rye_draw has not drawn an image"
+                              : "rye_draw_gradient: got a cloud of " + std::to_string(view.size) +
+                                    " Gaussians, expected the " + std::to_string(r.count) +
+                                    " of the last rye_draw");
         const Index pixels = static_cast<Index>(r.camera.width) * r.camera.height;
-        const Columns<float> g_feature = copy_in(image->feature, view.rows, pixels,
-                                                 "image: feature");
+        const Columns<float> g_feature =
+            copy_in(image->feature, view.rows, pixels, "image: feature");
         const Columns<float> g_alpha = copy_in(image->alpha, 1, pixels, "image: alpha");
         const Columns<float> g_depth = copy_in(image->depth, 1, pixels, "image: depth");
-        std::visit([&](auto& d) {
-            d.rasterizer.vjp_into(r.backend(), view, r.camera, r.background, d.raster,
-                                  {g_feature, image->alpha != nullptr ? &g_alpha : nullptr,
-                                   image->depth != nullptr ? &g_depth : nullptr},
-                                  r.gradient, &r.scratch);
-        }, r.drawing);
+        std::visit(
+            [&](auto& d) {
+                d.rasterizer.vjp_into(r.backend(), view, r.camera, r.background, d.raster,
+                                      {g_feature, image->alpha != nullptr ? &g_alpha : nullptr,
+                                       image->depth != nullptr ? &g_depth : nullptr},
+                                      r.gradient, &r.scratch);
+            },
+            r.drawing);
         copy_out(r.gradient.mean, gradient->mean);
         copy_out(r.gradient.rotation, gradient->rotation);
         copy_out(r.gradient.scale, gradient->scale);

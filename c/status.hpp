@@ -8,9 +8,9 @@
 #include <new>
 #include <string>
 
+#include <rye/c/rye.h>
 #include <rye/avatar/playable.hpp>
 #include <rye/backend/lanes.hpp>
-#include <rye/c/rye.h>
 #include <rye/core/error.hpp>
 #if !defined(__EMSCRIPTEN__)
 #include <rye/core/thread_pool.hpp>
@@ -108,7 +108,8 @@ inline Pinhole<float> camera_of(const rye_camera* c) {
     p.near_depth = c->near_depth;
     const float* m = c->camera_from_world;
     for (Index row = 0; row < 3; ++row) {
-        for (Index col = 0; col < 3; ++col) p.camera_from_world.rotation(row, col) = m[4 * row + col];
+        for (Index col = 0; col < 3; ++col)
+            p.camera_from_world.rotation(row, col) = m[4 * row + col];
         p.camera_from_world.translation[row] = m[4 * row + 3];
     }
     require(m[12] == 0 && m[13] == 0 && m[14] == 0 && m[15] == 1, "camera: camera_from_world",
@@ -127,7 +128,8 @@ inline void set_camera(const Pinhole<float>& p, rye_camera& c) {
     c.near_depth = p.near_depth;
     float* m = c.camera_from_world;
     for (Index row = 0; row < 3; ++row) {
-        for (Index col = 0; col < 3; ++col) m[4 * row + col] = p.camera_from_world.rotation(row, col);
+        for (Index col = 0; col < 3; ++col)
+            m[4 * row + col] = p.camera_from_world.rotation(row, col);
         m[4 * row + 3] = p.camera_from_world.translation[row];
     }
     m[12] = m[13] = m[14] = 0;

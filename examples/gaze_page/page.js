@@ -60,9 +60,10 @@ function pose() {
 function gazeAt([across, up]) {
     const [right, above, toward] = orbit.axes();
     const p = pose(), r = rotation(p.slice(0, 3));
-    const reach = 3.2 * avatar.radius;
-    let target = plus(avatar.head, toward, reach);
-    target = plus(plus(target, right, 1.1 * reach * across), above, 1.1 * reach * up);
+    // On a screen before the face, about as wide as the picture is at the head.
+    const before = 2.6 * avatar.radius, half = 1.5 * avatar.radius;
+    let target = plus(avatar.head, toward, before);
+    target = plus(plus(target, right, half * across), above, half * up);
     const angles = [];
     for (const eye of [0, 1]) {
         const centre = plus(times(r, avatar.eyes.slice(3 * eye, 3 * eye + 3).map((x) => x * avatar.scale)),
@@ -201,17 +202,19 @@ function makeSliders() {
             want({ pose: pose() });
             follow();
         }));
-    const shown = 6;
-    expressionSliders = expression.map((value, i) => {
+    // Those of the widest ranges first.
+    const shown = 6, range = (i) => avatar.high[i] - avatar.low[i];
+    const order = expression.map((_, i) => i).sort((i, j) => range(j) - range(i));
+    expressionSliders = [];
+    order.forEach((i, place) => {
         const s = slider(element("expression"),
             { name: avatar.names[i] || `Coefficient ${i + 1}`, low: avatar.low[i],
-              high: avatar.high[i], value, digits: 2 }, (v) => {
+              high: avatar.high[i], value: expression[i], digits: 2 }, (v) => {
                 expression[i] = v;
                 want({ expression });
             });
-        s.label.hidden = i >= shown;
-        s.label.style.display = i >= shown ? "none" : "";
-        return s;
+        s.label.style.display = place >= shown ? "none" : "";
+        expressionSliders[i] = s;
     });
     const more = element("more");
     more.hidden = expression.length <= shown;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/c/c_test.cpp: what the C interface draws is what the headers draw, and every wrong argument
-/// is a code with a message. The calls of client.c are made by a C compiler.
+/// tests/c/c_test.cpp: what the C interface draws is what the headers draw, and every wrong
+/// argument is a code with a message. The calls of client.c are made by a C compiler.
 #include <rye/c/rye.h>
 
 #include <cmath>
@@ -92,7 +92,8 @@ rye_renderer* renderer_of(int threads) {
 
 } // namespace
 
-TEST_CASE("C interface: image and gradient of a cloud are those of the headers, whatever the threads") {
+TEST_CASE(
+    "C interface: image and gradient of a cloud are those of the headers, whatever the threads") {
     const CloudScene s;
     const rye_cloud cloud = s.cloud();
     const rye_camera camera = s.c_camera();
@@ -102,8 +103,8 @@ TEST_CASE("C interface: image and gradient of a cloud are those of the headers, 
     const Columns<float> g_feature = random_columns<float>(5, 48 * 40, 7),
                          g_alpha = random_columns<float>(1, 48 * 40, 8),
                          g_depth = random_columns<float>(1, 48 * 40, 9);
-    const auto gradient = rasterizer.vjp(backend, s.g, s.camera, s.background, raster, g_feature,
-                                         &g_alpha, &g_depth);
+    const auto gradient =
+        rasterizer.vjp(backend, s.g, s.camera, s.background, raster, g_feature, &g_alpha, &g_depth);
     for (const int threads : {1, 3}) {
         rye_renderer* renderer = renderer_of(threads);
         Columns<float> feature(5, 48 * 40), alpha(1, 48 * 40), depth(1, 48 * 40);
@@ -129,10 +130,12 @@ TEST_CASE("C interface: image and gradient of a cloud are those of the headers, 
         g_cloud.opacity = out.opacity.data();
         g_cloud.feature = out.feature.data();
         REQUIRE(rye_draw_gradient(renderer, &cloud, &g_image, &g_cloud) == RYE_OK);
-        Gaussians<float>::fields([](const std::string& name, const auto& a, const auto& b) {
-            INFO(name);
-            check_close(a, b);
-        }, out, gradient);
+        Gaussians<float>::fields(
+            [](const std::string& name, const auto& a, const auto& b) {
+                INFO(name);
+                check_close(a, b);
+            },
+            out, gradient);
         rye_renderer_destroy(renderer);
     }
 }
@@ -227,7 +230,8 @@ TEST_CASE("C interface: wrong arguments are refused by name and value, and nothi
     CHECK(rye_c_version() == RYE_C_VERSION);
 }
 
-TEST_CASE("C interface: a Gaussian that is not finite is counted, and no Gaussians are a background") {
+TEST_CASE(
+    "C interface: a Gaussian that is not finite is counted, and no Gaussians are a background") {
     CloudScene s;
     s.g.mean(1, 4) = std::nanf("");
     rye_cloud cloud = s.cloud();
@@ -246,7 +250,8 @@ TEST_CASE("C interface: a Gaussian that is not finite is counted, and no Gaussia
     rye_renderer_destroy(renderer);
 }
 
-TEST_CASE("C interface: an avatar by its drivers is the player's picture; gazes move a part of it") {
+TEST_CASE(
+    "C interface: an avatar by its drivers is the player's picture; gazes move a part of it") {
     const TemporaryFolder folder;
     const std::string path = (folder.path / "a.avatar").string();
     const PlayableAvatar<float> p = tiny_playable(true);
@@ -314,7 +319,9 @@ TEST_CASE("C interface: an avatar by its drivers is the player's picture; gazes 
     }
     rye_avatar_close(nullptr);
     rye_avatar* none = nullptr;
-    check_failed(rye_avatar_open("/nowhere/a.avatar", nullptr, &none), RYE_ERROR_FILE, "/nowhere/a");
-    check_failed(rye_avatar_open_memory("page", "rubbish", 7, nullptr, &none), RYE_ERROR_FILE, "page");
+    check_failed(rye_avatar_open("/nowhere/a.avatar", nullptr, &none), RYE_ERROR_FILE,
+                 "/nowhere/a");
+    check_failed(rye_avatar_open_memory("page", "rubbish", 7, nullptr, &none), RYE_ERROR_FILE,
+                 "page");
     CHECK(none == nullptr);
 }

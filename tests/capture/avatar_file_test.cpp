@@ -36,18 +36,23 @@ PlayableAvatar<float> parse(const Bytes& bytes) { return parse_avatar<float>(byt
 
 } // namespace
 
-TEST_CASE("avatar file: full precision is read back bit for bit, without what only training needs") {
+TEST_CASE(
+    "avatar file: full precision is read back bit for bit, without what only training needs") {
     const TemporaryFolder folder;
     for (const bool visual : {false, true}) {
         const PlayableAvatar<float> p = tiny_playable(visual);
         const std::filesystem::path path = folder.path / "a.avatar";
         write_avatar(path, p, AvatarPrecision::full);
         const PlayableAvatar<float> q = read_avatar<float>(path);
-        TwoStream<float>::fields([](const std::string& name, const auto& a, const auto& b) {
-            INFO(name);
-            if (name == "delta_poses") CHECK(b.size() == 0);
-            else CHECK(a == b);
-        }, p.avatar, q.avatar);
+        TwoStream<float>::fields(
+            [](const std::string& name, const auto& a, const auto& b) {
+                INFO(name);
+                if (name == "delta_poses")
+                    CHECK(b.size() == 0);
+                else
+                    CHECK(a == b);
+            },
+            p.avatar, q.avatar);
         CHECK(p.avatar.eyes.position == q.avatar.eyes.position);
         CHECK(p.avatar.eyes.centre == q.avatar.eyes.centre);
         CHECK(p.avatar.face.landmarks == q.avatar.face.landmarks);
@@ -81,7 +86,7 @@ TEST_CASE("avatar file: full precision is read back bit for bit, without what on
 TEST_CASE("avatar file: half precision rounds to 11 bits, and only what is no position") {
     const TemporaryFolder folder;
     PlayableAvatar<float> p = tiny_playable();
-    p.avatar.face.log_scale(0, 0) = 1e5F;  // no binary16
+    p.avatar.face.log_scale(0, 0) = 1e5F; // no binary16
     write_avatar(folder.path / "a", p);
     const PlayableAvatar<float> q = read_avatar<float>(folder.path / "a");
     CHECK(q.avatar.face.position == p.avatar.face.position);
@@ -139,7 +144,8 @@ TEST_CASE("avatar file: other files and damaged ones are refused by what is wron
     parse(bytes);
     bytes.back() ^= std::byte{1};
     CHECK_FAULT(parse(bytes), "the file is damaged");
-    CHECK_FAULT(parse(edited(folder.path, p, [](auto&, auto& m) { m["name"] = "b"; }, false)),
+    CHECK_FAULT(parse(edited(
+                    folder.path, p, [](auto&, auto& m) { m["name"] = "b"; }, false)),
                 "the file is damaged");
     bytes.resize(bytes.size() / 2);
     CHECK_FAULT(parse(bytes), "x.avatar");
@@ -149,7 +155,8 @@ TEST_CASE("avatar file: contents that no avatar has are refused by tensor and va
     const TemporaryFolder folder;
     const PlayableAvatar<float> p = tiny_playable();
     const auto without = [&](const std::string& name) {
-        return edited(folder.path, p, [&](auto& tensors, auto&) { REQUIRE(tensors.erase(name) == 1); });
+        return edited(folder.path, p,
+                      [&](auto& tensors, auto&) { REQUIRE(tensors.erase(name) == 1); });
     };
     for (const char* name : {"avatar.face.xyz", "avatar.eyes.centre", "roles.left_eye",
                              "camera.lens", "neutral.pose", "range.gaze", "background"})
@@ -177,7 +184,8 @@ TEST_CASE("avatar file: contents that no avatar has are refused by tensor and va
     CHECK_FAULT(parse(with("neutral.gaze", 2, 3.0)), "the left eye's has the length");
     CHECK_FAULT(parse(with("neutral.scale", 0, 0.0)), "'scale': got 0");
     CHECK_FAULT(parse(with("range.gaze", 0, 5.0)), "expected an end above its beginning");
-    CHECK_FAULT(parse(with("roles.left_eye", 0, std::int64_t{66})), "got landmark 66, expected 0 to 65");
+    CHECK_FAULT(parse(with("roles.left_eye", 0, std::int64_t{66})),
+                "got landmark 66, expected 0 to 65");
     CHECK_FAULT(parse(with("roles.left_eye", 0, std::int64_t{-1})), "got landmark -1");
 }
 

@@ -11,7 +11,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     using namespace rye;
     Bytes bytes(size);
     if (size > 0) std::memcpy(bytes.data(), data, size);
-    try {  // eight digits of a wrong checksum are replaced by the right ones
+    try { // eight digits of a wrong checksum are replaced by the right ones
         const Safetensors file = parse_safetensors(bytes, fuzz::name);
         const auto found = file.metadata().find("checksum");
         if (found != file.metadata().end() && found->second.size() == 8) {
@@ -20,14 +20,14 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
             const std::size_t at = text.find("\"" + found->second + "\"");
             if (at != std::string_view::npos) std::memcpy(bytes.data() + at + 1, right.data(), 8);
         }
-    } catch (const Error&) {  // parse_avatar says so again
+    } catch (const Error&) { // parse_avatar says so again
     }
     fuzz::attempt([&] {
         const PlayableAvatar<float> p = parse_avatar<float>(bytes, fuzz::name);
         check_playable(fuzz::name, p);
-        fuzz::demand(p.avatar.face.position.size() * Index(sizeof(float)) <=
-                         static_cast<Index>(size),
-                     "an avatar is no larger than its file");
+        fuzz::demand(
+            p.avatar.face.position.size() * Index(sizeof(float)) <= static_cast<Index>(size),
+            "an avatar is no larger than its file");
     });
     return 0;
 }

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # gaze_page.sh RYE WORK: builds examples/gaze_page with an avatar of the size that `--preset cpu`
-# trains, of a few steps, and has a headless Chromium visit it (test.js). Where emscripten, node or
+# trains, of a few steps (its skin moves more than that of a trained one), and has a headless Chromium visit it (test.js). Where emscripten, node or
 # Chromium is missing it says so and ends with 77. From the environment:
 #   CHROMIUM   the browser (default: chromium, chromium-browser or google-chrome)
 #   AVATAR and REFERENCE, DRIVERS   instead of its own: an avatar file, a picture of it by
@@ -30,7 +30,7 @@ if [ -z "${AVATAR:-}" ]; then
     "$rye" capture --out "$work/capture" --size 256 --cameras 3 --frames 6 --test-frames 1 \
         --apart-frames 1 --samples 1 --quiet
     cat > "$work/short.json" << 'EOF'
-{"mesh": {"steps": 30, "pretrain_steps": 150, "fit_steps": 50}, "gaussians": {"steps": 30}}
+{"mesh": {"steps": 60, "pretrain_steps": 200, "fit_steps": 100}, "gaussians": {"steps": 60}}
 EOF
     "$rye" train --capture "$work/capture" --preset cpu --config "$work/short.json" --quiet \
         --out "$work/run" > "$work/train.log"

@@ -19,12 +19,13 @@ Image<float> whole_picture(const PlayableAvatar<float>& p, const Drivers<float>&
     const XsimdBackend<> backend;
     TwoStreamTrace<float> trace;
     drive(backend, p.avatar, {p.config, p.roles, optical_drivers(p, drivers)}, trace);
-    const Pinhole<float> small =
-        render_camera(camera, 1 << p.avatar.upsampler.shape.doublings);
-    const Image<float> large = upsampler_forward(
-        backend, p.avatar.upsampler,
-        Rasterizer<FeaturesOnly<Balanced>>().forward(backend, trace.gaussians, small, background)
-            .feature, nullptr);
+    const Pinhole<float> small = render_camera(camera, 1 << p.avatar.upsampler.shape.doublings);
+    const Image<float> large =
+        upsampler_forward(backend, p.avatar.upsampler,
+                          Rasterizer<FeaturesOnly<Balanced>>()
+                              .forward(backend, trace.gaussians, small, background)
+                              .feature,
+                          nullptr);
     Image<float> out(camera.width, camera.height, 3);
     for (int y = 0; y < camera.height; ++y)
         for (int x = 0; x < camera.width; ++x) out.at(x, y) = large.at(x, y);
@@ -67,7 +68,9 @@ TEST_CASE("player: every picture is that of a whole render, bit for bit, at any 
         }
 }
 
-TEST_CASE("player: drivers, cameras and backgrounds that do not suit are refused, and the next is drawn") {
+TEST_CASE(
+    "player: drivers, cameras and backgrounds that do not suit are refused, and the next is "
+    "drawn") {
     const PlayableAvatar<float> p = tiny_playable();
     AvatarPlayer<XsimdBackend<>> player(XsimdBackend<>(), p);
     const Image<float> right = player.draw(p.neutral, p.camera, p.background);

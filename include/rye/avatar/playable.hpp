@@ -23,24 +23,24 @@ template <class T>
 struct DriverRanges {
     /// (pitch, yaw) [rad] of both gazes, 2 x 2: a column an eye.
     Columns<T> gaze_low = Columns<T>::Zero(2, 2), gaze_high = Columns<T>::Zero(2, 2);
-    VecX<T> expression_low, expression_high;  ///< E
+    VecX<T> expression_low, expression_high; ///< E
 };
 
 /// An avatar that can be shown without its run or capture.
 template <class T>
 struct PlayableAvatar {
-    std::string name;                           ///< of the subject, UTF-8, may be empty
+    std::string name; ///< of the subject, UTF-8, may be empty
     AvatarConfig config;
     LandmarkRoles roles;
     TwoStream<T> avatar;
-    Columns<T> kappa;                           ///< (pitch, yaw) [rad] an eye, 2 x 2; or empty
-    std::vector<std::string> expression_names;  ///< E, or empty
+    Columns<T> kappa;                          ///< (pitch, yaw) [rad] an eye, 2 x 2; or empty
+    std::vector<std::string> expression_names; ///< E, or empty
     /// The frame that the avatar is first shown at. Its gazes, and those of `ranges`, are visual
     /// axes if there is a kappa, else optical ones.
     Drivers<T> neutral;
     DriverRanges<T> ranges;
-    Pinhole<T> camera;                          ///< of the picture after super-resolution
-    VecX<T> background;                         ///< feature of what is behind the head, C
+    Pinhole<T> camera;  ///< of the picture after super-resolution
+    VecX<T> background; ///< feature of what is behind the head, C
 };
 
 /// The drivers, with gazes as PlayableAvatar's, with optical axes in their place.
@@ -53,8 +53,8 @@ Drivers<T> optical_drivers(const PlayableAvatar<T>& playable, const Drivers<T>& 
     return d;
 }
 
-/// The camera of the render whose super-resolution, `factor` times larger, has the first columns and
-/// rows of the camera's picture: the same view, of whole blocks of factor x factor pixels.
+/// The camera of the render whose super-resolution, `factor` times larger, has the first columns
+/// and rows of the camera's picture: the same view, of whole blocks of factor x factor pixels.
 template <Real T>
 Pinhole<T> render_camera(const Pinhole<T>& camera, int factor) {
     require(factor > 0, "render_camera",
@@ -156,7 +156,8 @@ void check_playable(const std::string& who, const PlayableAvatar<T>& p) {
     };
     const FaceStream<T>& f = p.avatar.face;
     const EyeStream<T>& e = p.avatar.eyes;
-    const Index n = std::max<Index>(f.position.cols(), 1), m = std::max<Index>(e.position.cols(), 2);
+    const Index n = std::max<Index>(f.position.cols(), 1),
+                m = std::max<Index>(e.position.cols(), 2);
     shape("face.xyz", f.position, 3, n);
     shape("face.feature", f.feature, c.feature, n);
     shape("face.scales", f.log_scale, 3, n);
@@ -199,10 +200,11 @@ void check_playable(const std::string& who, const PlayableAvatar<T>& p) {
     detail::check_ranges<T>(who, "range.expression", p.ranges.expression_low,
                             p.ranges.expression_high);
     detail::check_ranges<T>(who, "range.gaze", p.ranges.gaze_low, p.ranges.gaze_high);
-    require(p.expression_names.empty() ||
-                static_cast<Index>(p.expression_names.size()) == c.expression,
-            who, "got names of " + std::to_string(p.expression_names.size()) +
-                     " expression coefficients, expected " + std::to_string(c.expression));
+    require(
+        p.expression_names.empty() || static_cast<Index>(p.expression_names.size()) == c.expression,
+        who,
+        "got names of " + std::to_string(p.expression_names.size()) +
+            " expression coefficients, expected " + std::to_string(c.expression));
     check_camera(who, p.camera);
     shape("background", p.background, c.channels, 1);
     finite("background", p.background);

@@ -28,8 +28,8 @@ inline constexpr const char* avatar_version = "1";
 
 /// How an avatar file stores parameters other than positions.
 enum class AvatarPrecision {
-    half,  ///< F16, but F32 for an array with a number above 65504
-    full   ///< F32
+    half, ///< F16, but F32 for an array with a number above 65504
+    full  ///< F32
 };
 
 namespace detail {
@@ -57,7 +57,8 @@ void each_network(A& avatar, const AvatarConfig& c, F&& f) {
     const NetworkConfig& n = c.networks;
     auto& nets = avatar.face.networks;
     const int xyz = c.position_code(), pose = c.pose_code(), gaze = c.gaze_code();
-    f("face.exp_color_mlp", nets.exp_color, mlp_shape(c.feature, c.expression, n.exp_color, c.channels));
+    f("face.exp_color_mlp", nets.exp_color,
+      mlp_shape(c.feature, c.expression, n.exp_color, c.channels));
     f("face.exp_deform_mlp", nets.exp_deform, mlp_shape(xyz, c.expression, n.exp_deform, 3));
     f("face.pose_color_mlp", nets.pose_color, mlp_shape(c.feature, pose, n.pose_color, c.channels));
     f("face.pose_deform_mlp", nets.pose_deform, mlp_shape(xyz, pose, n.pose_deform, 3));
@@ -114,13 +115,15 @@ template <class A, class F>
 void avatar_arrays(A& avatar, F&& f) {
     using P = std::remove_const_t<A>;
     const auto visit = [&](const std::string& name, auto& a) {
-        if (name == "delta_poses" || name == "eyes.spacing") return;  // for training alone
+        if (name == "delta_poses" || name == "eyes.spacing") return; // for training alone
         f("avatar." + name, a, name.ends_with(".xyz"));
     };
     P::fields(visit, avatar);
-    P::buffers([&](const std::string& name, auto& a) {
-        if (name != "eyes.spacing") f("avatar." + name, a, true);
-    }, avatar);
+    P::buffers(
+        [&](const std::string& name, auto& a) {
+            if (name != "eyes.spacing") f("avatar." + name, a, true);
+        },
+        avatar);
 }
 
 /// The small arrays of a file, in one place for both directions, in double.
@@ -162,7 +165,7 @@ AvatarScalars scalars_of(const PlayableAvatar<T>& p) {
     const Pinhole<double> c = p.camera.template cast<double>();
     s.lens.resize(7, 1);
     s.lens << c.fx, c.fy, c.cx, c.cy, c.width, c.height, c.near_depth;
-    s.rotation = c.camera_from_world.rotation.transpose();  // a row of it is a column of the file
+    s.rotation = c.camera_from_world.rotation.transpose(); // a row of it is a column of the file
     s.translation = c.camera_from_world.translation;
     s.background = to(p.background.transpose());
     return s;
@@ -244,7 +247,7 @@ std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvat
     const std::string who = path.string() + ": not written";
     check_playable(who, p);
     detail::check_networks(who, p.avatar, p.config);
-    std::deque<Columns<float>> wide;  // what the entries refer to
+    std::deque<Columns<float>> wide; // what the entries refer to
     std::deque<Columns<Eigen::half>> narrow;
     std::deque<std::vector<std::int64_t>> lists;
     std::vector<TensorEntry> entries;
@@ -269,9 +272,9 @@ std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvat
     list("roles.left_eye", p.roles.eye[0]);
     list("roles.right_eye", p.roles.eye[1]);
     const detail::AvatarScalars scalars = detail::scalars_of(p);
-    detail::AvatarScalars::fields([&](const char* name, const Columns<double>& a, Index) {
-        entries.push_back(tensor_entry(name, a));
-    }, scalars);
+    detail::AvatarScalars::fields([&](const char* name, const Columns<double>& a,
+                                      Index) { entries.push_back(tensor_entry(name, a)); },
+                                  scalars);
     Columns<double> kappa = p.kappa.template cast<double>();
     if (kappa.size() > 0) entries.push_back(tensor_entry("kappa", kappa));
 
@@ -319,8 +322,8 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     const AvatarSettings settings =
         parse_settings(file.word("settings"), who + ": metadata 'settings'");
     p.config = settings.avatar;
-    p.expression_names = detail::parse_names(file.word("expression_names"),
-                                             who + ": metadata 'expression_names'");
+    p.expression_names =
+        detail::parse_names(file.word("expression_names"), who + ": metadata 'expression_names'");
     // Layers without arrays, which the file's take the place of.
     detail::each_network(p.avatar, p.config, [](const std::string&, auto& net, const MlpShape& s) {
         net.shape = s;
@@ -340,8 +343,9 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     require(!left.empty() && left.size() <= 9 &&
                 left.find_first_not_of("0123456789") == std::string::npos && std::stol(left) >= 1 &&
                 std::stol(left) < points,
-            who, "metadata 'left_eye_points': got '" + left + "', expected a whole number from 1 to " +
-                     std::to_string(points - 1));
+            who,
+            "metadata 'left_eye_points': got '" + left + "', expected a whole number from 1 to " +
+                std::to_string(points - 1));
     p.avatar.eyes.left_points = static_cast<Index>(std::stol(left));
     const auto list = [&](const char* name, std::vector<Index>& indices) {
         const std::vector<Index>& shape = file.at(name).shape;
@@ -358,12 +362,14 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     list("roles.left_eye", p.roles.eye[0]);
     list("roles.right_eye", p.roles.eye[1]);
     detail::AvatarScalars scalars;
-    detail::AvatarScalars::fields([&](const char* name, Columns<double>& a, Index rows) {
-        a = file.columns<double>(name);
-        require(a.rows() == rows, who + ": " + name,
-                "got " + std::to_string(a.rows()) + " rows, expected " + std::to_string(rows));
-        detail::require_all_finite(who, name, a);
-    }, scalars);
+    detail::AvatarScalars::fields(
+        [&](const char* name, Columns<double>& a, Index rows) {
+            a = file.columns<double>(name);
+            require(a.rows() == rows, who + ": " + name,
+                    "got " + std::to_string(a.rows()) + " rows, expected " + std::to_string(rows));
+            detail::require_all_finite(who, name, a);
+        },
+        scalars);
     detail::set_scalars(scalars, who, p);
     const bool visual = file.word("gaze_axis") == "visual";
     require(visual || file.word("gaze_axis") == "optical", who,

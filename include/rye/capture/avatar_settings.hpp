@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/capture/avatar_settings.hpp: the settings of an avatar as the JSON object that an avatar file
-/// has in its metadata, and back. Names and units are those of AvatarConfig and UpsamplerShape.
+/// rye/capture/avatar_settings.hpp: the settings of an avatar as the JSON object that an avatar
+/// file has in its metadata, and back. Names and units are those of AvatarConfig and
+/// UpsamplerShape.
 #pragma once
 
 #include <cmath>
@@ -97,8 +98,10 @@ struct SettingReader {
         const std::string where = who + ": '" + name + "'";
         require(found != nullptr, where, "is missing");
         if constexpr (std::is_same_v<V, ChosenMetric>) {
-            if (word(*found, where, "squared", "euclidean")) value = SquaredDistance{};
-            else value = EuclideanDistance{};
+            if (word(*found, where, "squared", "euclidean"))
+                value = SquaredDistance{};
+            else
+                value = EuclideanDistance{};
         } else if constexpr (std::is_same_v<V, Normalization>) {
             value = word(*found, where, "instance", "none") ? Normalization::instance
                                                             : Normalization::none;

@@ -16,10 +16,10 @@ namespace rye {
 
 /// What the last picture took.
 struct PlayedWork {
-    Index gaussians = 0;  ///< that moved
-    Index networks = 0;   ///< that were evaluated
-    Index tiles = 0;      ///< of the render, blended whole or in part
-    Index pixels = 0;     ///< of the picture after super-resolution, computed again
+    Index gaussians = 0; ///< that moved
+    Index networks = 0;  ///< that were evaluated
+    Index tiles = 0;     ///< of the render, blended whole or in part
+    Index pixels = 0;    ///< of the picture after super-resolution, computed again
 };
 
 /// The playable avatar must outlive the player and stay as it is.
@@ -40,16 +40,17 @@ class AvatarPlayer {
         check_drivers(who, playable_->config, drivers);
         check_camera(who, camera);
         require(background.size() == playable_->config.channels, who,
-                "'background': got " + std::to_string(background.size()) +
-                    " channels, expected " + std::to_string(playable_->config.channels));
+                "'background': got " + std::to_string(background.size()) + " channels, expected " +
+                    std::to_string(playable_->config.channels));
         detail::require_all_finite(who, "background", background);
         const int factor = 1 << playable_->avatar.upsampler.shape.doublings;
         cache_.update(optical_drivers(*playable_, drivers), render_camera(camera, factor),
                       background);
         check_drawn(who);
         const Image<T>& picture = cache_.picture();
-        work_ = {static_cast<Index>(cache_.drive().changed().size()), cache_.drive().work().networks,
-                 cache_.render().work().blended, cache_.upsampler().pixels()};
+        work_ = {static_cast<Index>(cache_.drive().changed().size()),
+                 cache_.drive().work().networks, cache_.render().work().blended,
+                 cache_.upsampler().pixels()};
         if (picture.width == camera.width && picture.height == camera.height) return picture;
         cropped_ = Image<T>(camera.width, camera.height, 3);
         for (int y = 0; y < camera.height; ++y)
