@@ -121,7 +121,8 @@ worker.onmessage = ({ data }) => {
         notice(data.error, true);
         state.errors.push(data.error);
         busy = false;
-        return;
+        for (const w of waiting.splice(0)) w.reject(new Error(data.error));
+        return ask();
     }
     if (data.opened) return begin(data.opened);
     busy = false;
@@ -140,9 +141,9 @@ worker.onerror = (fault) => {
 let lastStep = 0;
 function step(now) {
     requestAnimationFrame(step);
+    if (!avatar || busy) return;
     const share = 1 - Math.exp(-Math.min(now - lastStep, 100) / 45);
     lastStep = now;
-    if (!avatar || busy) return;
     const left = Math.max(...gaze.map((g, i) => Math.abs(goal[i] - g)));
     if (left === 0) return;
     gaze = left < 0.004 ? [...goal] : gaze.map((g, i) => g + share * (goal[i] - g));
@@ -355,9 +356,9 @@ const state = {
     show(parts, width = side) {
         side = width;
         if (parts.gaze) goal = gaze = [...parts.gaze];
-        return new Promise((resolve) => {
+        return new Promise((resolve, reject) => {
             Object.assign(wanted, parts.gaze ? {} : { gaze }, parts);
-            waiting.push({ id: pictures + 1, resolve });
+            waiting.push({ id: pictures + 1, resolve, reject });
             ask();
         });
     },

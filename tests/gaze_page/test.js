@@ -193,6 +193,15 @@ async function main() {
         })()`);
         figure("the slider of an eye moves both, and ends following", `${slid[0]}, ${slid[3]}`,
                slid[0] === false && slid[1] > 0 && slid[2] > 0 && slid[3] === 4, "false, 4");
+        const apart = await b.evaluate(`(() => {
+            document.getElementById("apart").checked = true;
+            const s = document.querySelectorAll("#eyes input[type=range]")[3], left = gaze[1];
+            s.value = gazePage.avatar.gazeLow[3];
+            s.dispatchEvent(new Event("input"));
+            document.getElementById("apart").checked = false;
+            return gaze[1] === left && gaze[3] < -0.1;
+        })()`);
+        figure("each eye by itself: one slider, one eye", String(apart), apart, "true");
         await b.until("!busy && Object.keys(wanted).length === 0", 20000);
         const mouse = (type, x, y) => b.call("Input.dispatchMouseEvent", { type, x: stage[0] + x * stage[2],
             y: stage[1] + y * stage[3], button: "left", buttons: 1, clickCount: 1 });
@@ -209,6 +218,16 @@ async function main() {
         await b.view(390, 844, true);
         const wide = await b.evaluate("document.documentElement.scrollWidth");
         figure("width of the page on a screen of 390 [px]", String(wide), wide <= 390, "at most 390");
+        await b.call("Emulation.setTouchEmulationEnabled", { enabled: true });
+        const looks = [];
+        for (const x of [0.15, 0.85]) {
+            await b.call("Input.dispatchTouchEvent", { type: "touchStart", touchPoints: [{ x: 390 * x, y: 120 }] });
+            await b.call("Input.dispatchTouchEvent", { type: "touchEnd", touchPoints: [] });
+            await b.until("gaze.every((g, i) => g === goal[i]) && !busy", 20000);
+            looks.push(await b.evaluate("gaze[1]"));
+        }
+        figure("turn of an eye by a finger [rad]", (looks[1] - looks[0]).toFixed(2),
+               looks[1] - looks[0] > 0.2, "above 0.2");
         await b.screenshot(path.join(out, "phone.png"));
         const lost = await b.evaluate(`(async () => { await fetch("head.avatar"); return gazePage.errors; })()`);
         figure("errors of the page and of the console", String(b.faults.length + lost.length),
