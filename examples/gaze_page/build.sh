@@ -40,10 +40,9 @@ for source in "$root/c/cloud.cpp" "$root/c/avatar.cpp" "$here/page.c"; do
         \( -name '*.[ch]pp' -o -name '*.[ch]' -o -name build.sh \) -print -quit)" ]; then
         continue
     fi
+    # shellcheck disable=SC2086 # a list of options
     case $source in
-        # shellcheck disable=SC2086 # a list of options
         *.cpp) em++ -std=c++20 $flags -c "$source" -o "$object" ;;
-        # shellcheck disable=SC2086 # a list of options
         *) emcc -std=c11 $flags -c "$source" -o "$object" ;;
     esac
 done

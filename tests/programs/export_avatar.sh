@@ -50,8 +50,8 @@ mkdir alone
 mv optical.avatar alone/head.avatar
 mv cap gone
 "$lesson" alone/head.avatar alone/head.ppm
-[ "$(head -c 2 alone/head.ppm)" = P6 ] && [ "$(wc -c < alone/head.ppm)" -eq $((64 * 64 * 3 + 13)) ] ||
-    fail "no picture of 64 x 64 pixels"
+[ "$(head -c 2 alone/head.ppm)" = P6 ] || fail "no PPM image"
+[ "$(wc -c < alone/head.ppm)" -eq $((64 * 64 * 3 + 13)) ] || fail "no picture of 64 x 64 pixels"
 [ "$(tail -c +14 alone/head.ppm | od -An -v -tx1 | tr -s ' ' '\n' | sort -u | wc -l)" -gt 30 ] ||
     fail "a picture of few levels"
 mv gone cap
