@@ -23,11 +23,15 @@
 #include <rye/avatar/hold.hpp>
 #include <rye/avatar/neutral.hpp>
 #include <rye/avatar/own_effects.hpp>
+#include <rye/avatar/playable.hpp>
 #include <rye/avatar/rest_pose.hpp>
 #include <rye/avatar/two_stream.hpp>
 #include <rye/avatar/weights.hpp>
+#include <rye/capture/avatar_file.hpp>
+#include <rye/capture/avatar_settings.hpp>
 #include <rye/interactive/drive_cache.hpp>
 #include <rye/interactive/frame_cache.hpp>
+#include <rye/interactive/player.hpp>
 #include <rye/interactive/redraw.hpp>
 #include <rye/interactive/tile_changes.hpp>
 #include <rye/interactive/upsampler_cache.hpp>

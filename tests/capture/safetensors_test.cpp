@@ -55,6 +55,13 @@ TEST_CASE("safetensors: what is written is read back, whatever the order and the
     for (const auto& [name, t] : file.tensors())
         CHECK(reinterpret_cast<std::uintptr_t>(t.bytes.data()) % info_of(t.type).size == 0);
 
+    const Columns<Eigen::half> half = weight.cast<Eigen::half>();
+    write_safetensors(folder.path / "h", {tensor_entry("h", half)});
+    const Safetensors halves = read_safetensors(folder.path / "h");
+    CHECK(info_of(halves.at("h").type).name == std::string("F16"));
+    CHECK(halves.columns<Eigen::half>("h").cast<float>() == half.cast<float>());
+    CHECK_FAULT(halves.columns<float>("h"), "h: got type F16, expected F32");
+
     CHECK_FAULT(file.columns<double>("w"), "w: got type F32, expected F64");
     CHECK_FAULT(file.columns<float>("w", 5, 3), "w: got shape (5, 3), expected (3, 5)");
     CHECK_FAULT(file.values<float>("w", {15}), "got shape (5, 3), expected (15,)");
@@ -100,8 +107,8 @@ TEST_CASE("safetensors: the reference's list of faults") {
     CHECK_FAULT(parse(u8("[4294967296,4294967296]", "[0,0]"), 0), "overflows");
     CHECK_FAULT(parse(u8("[4611686018427387904,2,0]", "[0,0]"), 0), "overflows");
     CHECK_FAULT(parse(u8("[2]", "[0]"), 2), "expected dtype, shape and two data_offsets");
-    CHECK_FAULT(parse(R"({"u":{"dtype":"F16","shape":[1],"data_offsets":[0,2]}})", 2),
-                "got type F16, expected F64, F32, I64 or U8");
+    CHECK_FAULT(parse(R"({"u":{"dtype":"BF16","shape":[1],"data_offsets":[0,2]}})", 2),
+                "got type BF16, expected F64, F32, F16, I64 or U8");
     CHECK_FAULT(parse(R"({"a":{"dtype":"U8","shape":[2],"data_offsets":[0,2]},)"
                       R"("b":{"dtype":"U8","shape":[2],"data_offsets":[1,3]}})",
                       3),

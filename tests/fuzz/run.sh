@@ -17,7 +17,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 minutes=${1:-0}
 [ $# -eq 0 ] || shift
 seconds=${SECONDS_EACH:-$((minutes * 60))}
-targets=${*:-ply splats npy npz safetensors capture config transforms picture}
+targets=${*:-ply splats npy npz safetensors avatar capture config transforms picture}
 build=${BUILD:-$here/../../build/fuzz}
 jobs=${JOBS:-$(nproc)}
 
@@ -51,6 +51,7 @@ out=$(cd "$out" && pwd)
 limits() {
     case $1 in
         picture) echo "-max_len=2048 -malloc_limit_mb=80" ;;
+        avatar) echo "-max_len=65536 -malloc_limit_mb=32" ;;
         npz | splats) echo "-max_len=8192 -malloc_limit_mb=32" ;;
         *) echo "-max_len=8192 -malloc_limit_mb=16" ;;
     esac

@@ -5,12 +5,15 @@
 #include <iostream>
 #include <sstream>
 
+#include <rye/capture/avatar_file.hpp>
 #include <rye/capture/npz.hpp>
 #include <rye/capture/safetensors.hpp>
 #include <rye/capture/splats.hpp>
 
 #include "data/config.hpp"
 #include "data/picture_codecs.hpp"
+
+#include "../support/tiny_playable.hpp"
 
 namespace {
 
@@ -124,6 +127,17 @@ void arrays() {
                                "U8", "[0,0]", "4294967296", "\\u00e9", "\\ud83d\\ude00"});
 }
 
+void avatars() {
+    for (const bool visual : {false, true}) {
+        write_avatar(out / "avatar_file", test::tiny_playable(visual),
+                     visual ? AvatarPrecision::full : AvatarPrecision::half);
+        seed("avatar", visual ? "visual" : "optical", read_file(out / "avatar_file"));
+    }
+    fs::remove(out / "avatar_file");
+    dictionary("avatar", {"checksum", "settings", "rye-avatar", "F16", "F32", "F64", "I64", "[0,0]",
+                          "feature", "channels", "upsampler_doublings", "left_eye_points", "kappa"});
+}
+
 void pictures() {
     std::vector<std::string> words{"IHDR", "PLTE", "tRNS", "IDAT", "IEND", "gAMA", "iCCP", "zTXt"};
     for (const int marker : {0xC0, 0xC1, 0xC2, 0xC4, 0xD8, 0xD9, 0xDA, 0xDB, 0xDD, 0xE0, 0xEE})
@@ -186,6 +200,7 @@ int main(int count, char** words) try {
     ply();
     splats();
     arrays();
+    avatars();
     pictures();
     texts();
     return 0;

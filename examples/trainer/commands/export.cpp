@@ -17,6 +17,7 @@
 #include <rye/math/scalar.hpp>
 
 #include "commands/commands.hpp"
+#include "commands/export_avatar.hpp"
 #include "commands/options.hpp"
 #include "data/deflate.hpp"
 #include "data/threads.hpp"
@@ -28,6 +29,7 @@ namespace {
 
 struct ExportOptions {
     std::filesystem::path run, capture, out;
+    AvatarExportOptions avatar;
     std::string frame, stream = "both", axes = "ply";
     std::vector<double> left, right;  ///< pitch, yaw [deg]
     bool canonical = false;
@@ -106,8 +108,11 @@ std::string rounding(const GaussianCloud<float>& cloud, const Bytes& bytes, Spla
 }
 
 void export_splats(const ExportOptions& o) {
-    const SplatFileOptions options = file_options(o);
     set_threads(o.threads);
+    if (o.out.extension() == ".avatar")
+        return export_avatar({o.run, o.capture, o.out, o.frame, o.avatar.camera,
+                              o.avatar.full_precision});
+    const SplatFileOptions options = file_options(o);
     const TrainState state = load_trained(o.run);
     Drivers<float> drivers;
     if (o.canonical) {
@@ -152,7 +157,13 @@ void add_export(CLI::App& app) {
     c->add_option("--sh", o->sh, "Degree of harmonics to pad with zeros, for readers that want 3")
         ->check(CLI::Range(0, 3))
         ->capture_default_str();
-    c->add_option("--out,--ply", o->out, "File to write: .ply, .splat, .spz or .glb")->required();
+    c->add_option("--camera", o->avatar.camera,
+                  "NAME.avatar: its default camera (default: the most frontal)");
+    c->add_flag("--full-precision", o->avatar.full_precision,
+                "NAME.avatar: 32 bits a number instead of 16 where that costs nothing visible");
+    c->add_option("--out,--ply", o->out,
+                  "File to write: .ply, .splat, .spz, .glb, or .avatar, the whole avatar")
+        ->required();
     add_threads(*c, o->threads);
     c->callback([o] { export_splats(*o); });
 }

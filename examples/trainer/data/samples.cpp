@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include <rye/avatar/playable.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 
@@ -156,10 +157,7 @@ Image<float> shrunk(const Image<float>& image, int factor, Border border) {
 }
 
 Pinhole<float> reduced(const Pinhole<float>& camera, int factor) {
-    Pinhole<float> whole = camera;
-    whole.width = rounded_up(camera.width, factor);
-    whole.height = rounded_up(camera.height, factor);
-    return scaled(whole, 1.0 / factor);
+    return render_camera(camera, factor);
 }
 
 AvatarSample<float> avatar_sample(const Capture& capture, const TrainConfig& config, int frame,

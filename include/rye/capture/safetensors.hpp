@@ -28,8 +28,9 @@
 
 namespace rye {
 
-/// Supported types; named F64, F32, I64 and U8 in files.
-enum class TensorType { f64, f32, i64, u8 };
+/// Supported types; named F64, F32, I64, U8 and F16 in files. F16 is IEEE's binary16, Eigen::half.
+enum class TensorType { f64, f32, i64, u8, f16 };
+inline constexpr int tensor_types = 5;
 
 /// Name of a type in files, and its size.
 struct TensorTypeInfo {
@@ -38,7 +39,8 @@ struct TensorTypeInfo {
 };
 /// Name and size of a type.
 constexpr TensorTypeInfo info_of(TensorType type) {
-    constexpr std::array<TensorTypeInfo, 4> infos{{{"F64", 8}, {"F32", 4}, {"I64", 8}, {"U8", 1}}};
+    constexpr std::array<TensorTypeInfo, tensor_types> infos{
+        {{"F64", 8}, {"F32", 4}, {"I64", 8}, {"U8", 1}, {"F16", 2}}};
     return infos[static_cast<std::size_t>(type)];
 }
 
@@ -48,8 +50,10 @@ constexpr TensorType tensor_type() {
     if constexpr (std::is_same_v<T, double>) return TensorType::f64;
     else if constexpr (std::is_same_v<T, float>) return TensorType::f32;
     else if constexpr (std::is_same_v<T, std::int64_t>) return TensorType::i64;
+    else if constexpr (std::is_same_v<T, Eigen::half>) return TensorType::f16;
     else {
-        static_assert(std::is_same_v<T, std::uint8_t>, "tensors hold double, float, int64, uint8");
+        static_assert(std::is_same_v<T, std::uint8_t>,
+                      "tensors hold double, float, Eigen::half, int64, uint8");
         return TensorType::u8;
     }
 }
@@ -171,14 +175,14 @@ inline TensorEntry parse_tensor(const std::string& name, const JsonValue& v, Byt
     TensorEntry t;
     t.name = name;
     bool known = false;
-    for (int i = 0; i < 4; ++i)
+    for (int i = 0; i < tensor_types; ++i)
         if (const auto type = static_cast<TensorType>(i);
             *dtype->get<std::string>() == info_of(type).name) {
             t.type = type;
             known = true;
         }
     require(known, who,
-            "got type " + *dtype->get<std::string>() + ", expected F64, F32, I64 or U8");
+            "got type " + *dtype->get<std::string>() + ", expected F64, F32, F16, I64 or U8");
     for (const JsonValue& extent : *shape->get<JsonArray>())
         t.shape.push_back(static_cast<Index>(tensor_count(extent, who)));
     const std::uint64_t size = checked_size(t.shape, info_of(t.type).size, who);

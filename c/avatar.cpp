@@ -1,0 +1,220 @@
+// SPDX-License-Identifier: Apache-2.0
+/// c/avatar.cpp: avatar files, drawn by drivers, as rye/c/rye.h has them.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <rye/capture/avatar_file.hpp>
+#include <rye/interactive/player.hpp>
+#include <rye/rig/gaze.hpp>
+
+#include "status.hpp"
+
+using namespace rye;
+using namespace rye::c;
+
+struct rye_avatar {
+    ObjectThreads pool;
+    PlayableAvatar<float> playable;
+    AvatarPlayer<LibraryBackend> player;
+    std::vector<const char*> names;
+    Vec3<float> head;
+    float radius = 0;
+    bool drawn = false;
+
+    rye_avatar(const rye_options& o, PlayableAvatar<float> p)
+        : pool(o.threads),
+          playable(std::move(p)),
+          player(LibraryBackend{pool.threads()}, playable) {
+        for (const std::string& name : playable.expression_names) names.push_back(name.c_str());
+        // The face's points at rest, by the neutral head pose.
+        const Drivers<float>& d = playable.neutral;
+        const Columns<float>& x = playable.avatar.face.position;
+        const Mat3<float> r = so3_exp(Vec3<float>(d.pose.head<3>()));
+        const Vec3<float> middle = 0.5F * (x.rowwise().minCoeff() + x.rowwise().maxCoeff());
+        head = d.scale * (r * middle) + Vec3<float>(d.pose.tail<3>());
+        std::vector<float> apart;
+        for (Index i = 0; i < x.cols(); ++i) apart.push_back((x.col(i) - middle).norm());
+        const auto tenth = apart.begin() + static_cast<std::ptrdiff_t>(apart.size() * 9 / 10);
+        std::nth_element(apart.begin(), tenth, apart.end());
+        radius = d.scale * *tenth;
+    }
+    rye_avatar(const rye_avatar&) = delete;
+    rye_avatar& operator=(const rye_avatar&) = delete;
+};
+
+namespace {
+
+/// f(), whose Errors are faults of a file.
+template <class F>
+auto of_file(F&& f) {
+    try {
+        return f();
+    } catch (const Error& e) {
+        throw Failure(RYE_ERROR_FILE, e.what());
+    }
+}
+
+Drivers<float> drivers_of(const rye_avatar& avatar, const rye_drivers* d) {
+    check_struct(d, "drivers");
+    const int width = avatar.playable.config.expression;
+    require(d->expression_count == width, "drivers: expression_count",
+            "got " + std::to_string(d->expression_count) + ", expected " + std::to_string(width));
+    if (width > 0) check_pointer(d->expression, "drivers: expression");
+    Drivers<float> drivers;
+    drivers.expression = VecX<float>::Zero(width);
+    if (width > 0) drivers.expression = Eigen::Map<const VecX<float>>(d->expression, width);
+    for (std::size_t eye = 0; eye < 2; ++eye) {
+        check_finite(d->gaze[eye], 2,
+                     eye == 0 ? "drivers: gaze of the left eye" : "drivers: gaze of the right eye");
+        for (const float angle : d->gaze[eye])
+            require(std::abs(angle) <= 1.57F, "drivers: gaze",
+                    "got " + std::to_string(angle) + " rad, expected at most 1.57 either way");
+        drivers.gaze[eye] = gaze_vector<float>(d->gaze[eye][0], d->gaze[eye][1]);
+    }
+    drivers.pose = Eigen::Map<const Vec<float, 6>>(d->pose);
+    drivers.scale = d->scale;
+    return drivers;
+}
+
+/// As `rye` writes PNG: clamped, to the nearest of 256 levels; opaque.
+void to_bytes(const Image<float>& image, std::uint8_t* to) {
+    const float* from = image.pixels.data();
+    const auto level = [](float x) {
+        const float clamped = x > 0.0F ? (x < 1.0F ? x : 1.0F) : 0.0F;
+        return static_cast<std::uint8_t>(static_cast<int>(clamped * 255.0F + 0.5F));
+    };
+    for (Index i = 0; i < image.size(); ++i, from += 3, to += 4) {
+        to[0] = level(from[0]);
+        to[1] = level(from[1]);
+        to[2] = level(from[2]);
+        to[3] = 255;
+    }
+}
+
+void set_pair(const Columns<float>& from, float (&to)[2][2]) {
+    for (Index eye = 0; eye < 2; ++eye)
+        for (Index angle = 0; angle < 2; ++angle) to[eye][angle] = from(angle, eye);
+}
+
+} // namespace
+
+extern "C" {
+
+rye_status rye_avatar_open(const char* path, const rye_options* options, rye_avatar** avatar) {
+    return guarded([&] {
+        check_pointer(path, "path");
+        check_pointer(avatar, "avatar");
+        const rye_options o = checked_options(options);
+        *avatar = new rye_avatar(o, of_file([&] { return read_avatar<float>(path); }));
+    });
+}
+
+rye_status rye_avatar_open_memory(const char* name, const void* bytes, size_t size,
+                                  const rye_options* options, rye_avatar** avatar) {
+    return guarded([&] {
+        check_pointer(name, "name");
+        check_pointer(bytes, "bytes");
+        check_pointer(avatar, "avatar");
+        const rye_options o = checked_options(options);
+        const ByteSpan span(static_cast<const std::byte*>(bytes), size);
+        *avatar = new rye_avatar(o, of_file([&] { return parse_avatar<float>(span, name); }));
+    });
+}
+
+void rye_avatar_close(rye_avatar* avatar) { delete avatar; }
+
+rye_status rye_avatar_describe(const rye_avatar* avatar, rye_avatar_info* info) {
+    return guarded([&] {
+        check_pointer(avatar, "avatar");
+        check_struct(info, "info");
+        const PlayableAvatar<float>& p = avatar->playable;
+        info->expression_count = p.config.expression;
+        info->channels = p.config.channels;
+        info->visual_axes = p.kappa.size() > 0 ? 1 : 0;
+        info->gaussians = p.avatar.face.position.cols() + p.avatar.eyes.position.cols();
+        info->name = p.name.c_str();
+        info->background = p.background.data();
+        info->expression_low = p.ranges.expression_low.data();
+        info->expression_high = p.ranges.expression_high.data();
+        info->expression_names = avatar->names.empty() ? nullptr : avatar->names.data();
+        set_pair(p.ranges.gaze_low, info->gaze_low);
+        set_pair(p.ranges.gaze_high, info->gaze_high);
+        for (Index eye = 0; eye < 2; ++eye)
+            std::copy_n(p.avatar.eyes.centre.col(eye).data(), 3, info->eye[eye]);
+        std::copy_n(avatar->head.data(), 3, info->head);
+        info->radius = avatar->radius;
+    });
+}
+
+rye_status rye_avatar_neutral(const rye_avatar* avatar, rye_drivers* drivers, rye_camera* camera) {
+    return guarded([&] {
+        check_pointer(avatar, "avatar");
+        check_struct(drivers, "drivers");
+        check_struct(camera, "camera");
+        const Drivers<float>& d = avatar->playable.neutral;
+        drivers->expression_count = static_cast<std::int32_t>(d.expression.size());
+        drivers->expression = d.expression.data();
+        for (std::size_t eye = 0; eye < 2; ++eye) {
+            const Vec2<float> angles = pitch_yaw(d.gaze[eye]);
+            std::copy_n(angles.data(), 2, drivers->gaze[eye]);
+        }
+        std::copy_n(d.pose.data(), 6, drivers->pose);
+        drivers->scale = d.scale;
+        set_camera(avatar->playable.camera, *camera);
+    });
+}
+
+rye_status rye_avatar_draw(rye_avatar* avatar, const rye_drivers* drivers, const rye_camera* camera,
+                           const float* background, rye_picture* picture) {
+    return guarded([&] {
+        check_pointer(avatar, "avatar");
+        check_struct(picture, "picture");
+        const Drivers<float> d = drivers_of(*avatar, drivers);
+        const PlayableAvatar<float>& p = avatar->playable;
+        VecX<float> behind = p.background;
+        if (background != nullptr)
+            behind = Eigen::Map<const VecX<float>>(background, p.config.channels);
+        avatar->drawn = false; // until the picture is complete
+        const Image<float>& image = avatar->player.draw(d, camera_of(camera), behind);
+        if (picture->rgb != nullptr)
+            std::copy_n(image.pixels.data(), image.pixels.size(), picture->rgb);
+        if (picture->rgba != nullptr) to_bytes(image, picture->rgba);
+        avatar->drawn = true;
+    });
+}
+
+rye_status rye_avatar_last_work(const rye_avatar* avatar, rye_avatar_work* work) {
+    return guarded([&] {
+        check_pointer(avatar, "avatar");
+        check_struct(work, "work");
+        if (!avatar->drawn) throw Failure(RYE_ERROR_STATE, "rye_avatar_draw has drawn no picture");
+        const PlayedWork& w = avatar->player.work();
+        work->networks = static_cast<std::int32_t>(w.networks);
+        work->gaussians = w.gaussians;
+        work->tiles = w.tiles;
+        work->pixels = w.pixels;
+    });
+}
+
+rye_status rye_avatar_gaussians(const rye_avatar* avatar, rye_cloud* cloud) {
+    return guarded([&] {
+        check_pointer(avatar, "avatar");
+        check_struct(cloud, "cloud");
+        if (!avatar->drawn) throw Failure(RYE_ERROR_STATE, "rye_avatar_draw has drawn no picture");
+        const Gaussians<float>& g = avatar->player.gaussians();
+        cloud->channels = static_cast<std::int32_t>(g.channels());
+        cloud->count = g.count();
+        cloud->mean = g.mean.data();
+        cloud->rotation = g.rotation.data();
+        cloud->scale = g.scale.data();
+        cloud->opacity = g.opacity.data();
+        cloud->feature = g.feature.data();
+    });
+}
+
+} // extern "C"

@@ -1,0 +1,63 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# build.sh [AVATAR [OUT]]: the gaze page as one folder of files, OUT (build/gaze_page), to put on any
+# host: the page, rye as WebAssembly with SIMD, and the avatar file. Without AVATAR, or with "-", the
+# avatar is left out, and the page asks for a file. Needs emscripten (Debian: apt-get install
+# emscripten), Eigen and xsimd; installs nothing. To look at it:
+#   python3 -m http.server -d build/gaze_page
+set -eu
+here=$(cd "$(dirname "$0")" && pwd)
+root=$here/../..
+avatar=${1:--}
+out=${2:-$root/build/gaze_page}
+
+fail() { echo "build.sh: $1" >&2; exit 1; }
+command -v em++ > /dev/null || fail "no em++; install emscripten"
+[ "$avatar" = - ] || [ -f "$avatar" ] || fail "got the avatar '$avatar', expected a file that \`rye export\` wrote"
+
+eigen=${EIGEN:-/usr/include/eigen3}
+xsimd=${XSIMD:-/usr/include/xsimd}
+[ -d "$eigen/Eigen" ] || fail "no Eigen in $eigen; name its folder in EIGEN"
+[ -d "$xsimd" ] || fail "no xsimd in $xsimd; name its folder in XSIMD"
+
+mkdir -p "$out/objects/headers"
+# The folder above xsimd's has headers of the host's C library, which must not be seen.
+ln -sfn "$xsimd" "$out/objects/headers/xsimd"
+# xsimd before 11.2 has no vectors of WebAssembly, but emscripten has SSE4.1 in terms of them. Eigen
+# includes headers of x86 that emscripten lacks; rye's own lanes do the work.
+flags="-O2 -msimd128 -msse4.1 -fwasm-exceptions -DNDEBUG -DRYE_C_STATIC -DEIGEN_DONT_VECTORIZE"
+flags="$flags -DEIGEN_DONT_PARALLELIZE -include $here/simd.h -I$root/include -isystem $out/objects/headers -isystem $eigen"
+# emscripten 3.1.6 looks for acorn where Debian's own node does; other nodes have to be told.
+NODE_PATH=${NODE_PATH:-}${NODE_PATH:+:}/usr/share/nodejs
+export NODE_PATH
+
+objects=
+for source in "$root/c/cloud.cpp" "$root/c/avatar.cpp" "$here/page.c"; do
+    object=$out/objects/$(basename "$source").o
+    objects="$objects $object"
+    # Once more only where a source or a header is newer.
+    if [ -f "$object" ] && [ -z "$(find "$root/include" "$root/c" "$here" -newer "$object" \
+        \( -name '*.[ch]pp' -o -name '*.[ch]' -o -name build.sh \) -print -quit)" ]; then
+        continue
+    fi
+    # shellcheck disable=SC2086 # a list of options
+    case $source in
+        *.cpp) em++ -std=c++20 $flags -c "$source" -o "$object" ;;
+        *) emcc -std=c11 $flags -c "$source" -o "$object" ;;
+    esac
+done
+# shellcheck disable=SC2086 # lists
+em++ $flags $objects -o "$out/rye.js" -sALLOW_MEMORY_GROWTH=1 -sINITIAL_MEMORY=67108864 \
+    -sENVIRONMENT=worker -sMODULARIZE=1 -sEXPORT_NAME=ryeModule -sFILESYSTEM=0 \
+    -sEXPORTED_FUNCTIONS=_malloc,_free -sEXPORTED_RUNTIME_METHODS=UTF8ToString,stringToUTF8
+
+for file in index.html style.css page.js worker.js camera.js; do
+    cp "$here/$file" "$out/$file"
+done
+rm -f "$out/head.avatar"
+[ "$avatar" = - ] || cp "$avatar" "$out/head.avatar"
+printf 'gaze page: %s\n' "$out"
+for file in rye.wasm rye.js head.avatar; do
+    [ ! -f "$out/$file" ] || printf '  %s %s bytes, %s compressed\n' "$file" \
+        "$(wc -c < "$out/$file")" "$(gzip -9c "$out/$file" | wc -c)"
+done

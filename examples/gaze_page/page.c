@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* page.c: what worker.js calls, flat functions over the interface for C: one avatar, its drivers,
+ * its camera and its picture, which stay in this module's memory. A function that fails returns a
+ * status other than 0; page_message() then says why. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <emscripten/emscripten.h>
+
+#include <rye/c/rye.h>
+
+enum { most_expressions = 1024 };
+
+static rye_avatar* avatar;
+static rye_drivers drivers;
+static rye_camera camera;
+static rye_avatar_info info;
+static rye_picture picture;
+static float expression[most_expressions];
+
+EMSCRIPTEN_KEEPALIVE const char* page_message(void) { return rye_message(); }
+
+/* Opens the bytes of an avatar file; a picture is then page_camera's to size. */
+EMSCRIPTEN_KEEPALIVE int page_open(const char* name, const void* bytes, int size) {
+    const rye_drivers no_drivers = RYE_INIT(rye_drivers);
+    const rye_camera no_camera = RYE_INIT(rye_camera);
+    const rye_avatar_info no_info = RYE_INIT(rye_avatar_info);
+    const rye_picture no_picture = RYE_INIT(rye_picture);
+    rye_avatar_close(avatar);
+    avatar = NULL;
+    free(picture.rgba);
+    drivers = no_drivers, camera = no_camera, info = no_info, picture = no_picture;
+    rye_status status = rye_avatar_open_memory(name, bytes, (size_t)size, NULL, &avatar);
+    if (status == RYE_OK) status = rye_avatar_describe(avatar, &info);
+    if (status == RYE_OK) status = rye_avatar_neutral(avatar, &drivers, &camera);
+    if (status != RYE_OK) return status;
+    if (info.expression_count > most_expressions) return -1;
+    if (info.expression_count > 0)
+        memcpy(expression, drivers.expression, sizeof(float) * (size_t)info.expression_count);
+    drivers.expression = expression;
+    return RYE_OK;
+}
+
+EMSCRIPTEN_KEEPALIVE const char* page_name(void) { return info.name; }
+EMSCRIPTEN_KEEPALIVE int page_expressions(void) { return info.expression_count; }
+EMSCRIPTEN_KEEPALIVE int page_gaussians(void) { return (int)info.gaussians; }
+EMSCRIPTEN_KEEPALIVE const char* page_expression_name(int i) {
+    return info.expression_names == NULL ? "" : info.expression_names[i];
+}
+EMSCRIPTEN_KEEPALIVE float* page_expression(void) { return expression; }
+EMSCRIPTEN_KEEPALIVE const float* page_expression_low(void) { return info.expression_low; }
+EMSCRIPTEN_KEEPALIVE const float* page_expression_high(void) { return info.expression_high; }
+EMSCRIPTEN_KEEPALIVE float* page_gaze(void) { return drivers.gaze[0]; }           /* 4 */
+EMSCRIPTEN_KEEPALIVE const float* page_gaze_low(void) { return info.gaze_low[0]; }   /* 4 */
+EMSCRIPTEN_KEEPALIVE const float* page_gaze_high(void) { return info.gaze_high[0]; } /* 4 */
+EMSCRIPTEN_KEEPALIVE float* page_pose(void) { return drivers.pose; }              /* 6 */
+EMSCRIPTEN_KEEPALIVE float page_scale(void) { return drivers.scale; }
+EMSCRIPTEN_KEEPALIVE const float* page_eyes(void) { return info.eye[0]; }         /* 6 */
+EMSCRIPTEN_KEEPALIVE const float* page_head(void) { return info.head; }           /* 3 */
+EMSCRIPTEN_KEEPALIVE float page_radius(void) { return info.radius; }
+/* camera_from_world, 16, then fx, fy, cx, cy. */
+EMSCRIPTEN_KEEPALIVE float* page_motion(void) { return camera.camera_from_world; }
+EMSCRIPTEN_KEEPALIVE float* page_lens(void) { return &camera.fx; }
+EMSCRIPTEN_KEEPALIVE int page_width(void) { return camera.width; }
+EMSCRIPTEN_KEEPALIVE int page_height(void) { return camera.height; }
+
+/* The picture's size in pixels; the field of view stays. */
+EMSCRIPTEN_KEEPALIVE int page_size(int width, int height) {
+    if (picture.rgba != NULL && width == camera.width && height == camera.height) return RYE_OK;
+    const float x = (float)width / (float)camera.width, y = (float)height / (float)camera.height;
+    camera.fx *= x, camera.cx *= x, camera.fy *= y, camera.cy *= y;
+    camera.width = width, camera.height = height;
+    free(picture.rgba);
+    picture.rgba = malloc((size_t)4 * (size_t)width * (size_t)height);
+    return picture.rgba == NULL ? RYE_ERROR_MEMORY : RYE_OK;
+}
+
+EMSCRIPTEN_KEEPALIVE int page_draw(void) {
+    return rye_avatar_draw(avatar, &drivers, &camera, NULL, &picture);
+}
+EMSCRIPTEN_KEEPALIVE const unsigned char* page_pixels(void) { return picture.rgba; }
+
+/* Of the last picture: Gaussians that moved, tiles blended, pixels computed. */
+EMSCRIPTEN_KEEPALIVE const int* page_work(void) {
+    static int numbers[3];
+    rye_avatar_work work = RYE_INIT(rye_avatar_work);
+    if (rye_avatar_last_work(avatar, &work) != RYE_OK) return NULL;
+    numbers[0] = (int)work.gaussians, numbers[1] = (int)work.tiles, numbers[2] = (int)work.pixels;
+    return numbers;
+}

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/playable.hpp"
+
+#include <rye/rig/gaze.hpp>
+
+namespace rye::trainer {
+namespace {
+
+/// The range of one more set of drivers.
+void extend(DriverRanges<float>& r, const Drivers<float>& d) {
+    r.expression_low = r.expression_low.cwiseMin(d.expression).eval();
+    r.expression_high = r.expression_high.cwiseMax(d.expression).eval();
+    for (std::size_t eye = 0; eye < 2; ++eye) {
+        const auto e = static_cast<Index>(eye);
+        const Vec2<float> angles = pitch_yaw(d.gaze[eye]);
+        r.gaze_low.col(e) = r.gaze_low.col(e).cwiseMin(angles).eval();
+        r.gaze_high.col(e) = r.gaze_high.col(e).cwiseMax(angles).eval();
+    }
+}
+
+} // namespace
+
+PlayableAvatar<float> playable_avatar(const TrainState& state, const Capture& capture, int frame,
+                                      int camera) {
+    const GazeAxis axis = state.config.gaze_axis;
+    PlayableAvatar<float> p;
+    p.name = capture.subject;
+    p.config = state.config.avatar;
+    p.roles = state.subject.roles;
+    p.avatar = state.avatar;
+    p.kappa = state.kappa;
+    p.expression_names = capture.expression_names;
+    p.neutral = frame_drivers(capture, frame, axis);
+    p.ranges.expression_low = p.ranges.expression_high = p.neutral.expression;
+    for (std::size_t eye = 0; eye < 2; ++eye) {
+        const auto e = static_cast<Index>(eye);
+        p.ranges.gaze_low.col(e) = p.ranges.gaze_high.col(e) = pitch_yaw(p.neutral.gaze[eye]);
+    }
+    for (const int f : capture.train) extend(p.ranges, frame_drivers(capture, f, axis));
+    p.camera = capture.camera(frame, camera).cast<float>();
+    p.background = VecX<float>::Ones(p.config.channels);
+    return p;
+}
+
+} // namespace rye::trainer

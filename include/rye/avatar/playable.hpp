@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/playable.hpp: a trained avatar together with what a program needs to show it: its
+/// settings, the drivers that it rests at, their ranges, a camera and a background.
+/// Frames: canonical units, head frame with +z out of the face; eye 0 is the subject's left;
+/// cameras as in geometry/camera.hpp. The file is capture/avatar_file.hpp's.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <rye/avatar/two_stream.hpp>
+#include <rye/core/error.hpp>
+#include <rye/geometry/camera.hpp>
+#include <rye/math/linalg.hpp>
+
+namespace rye {
+
+/// Ranges of drivers that the avatar was trained with: bounds of sliders, not of drive().
+template <class T>
+struct DriverRanges {
+    /// (pitch, yaw) [rad] of both gazes, 2 x 2: a column an eye.
+    Columns<T> gaze_low = Columns<T>::Zero(2, 2), gaze_high = Columns<T>::Zero(2, 2);
+    VecX<T> expression_low, expression_high; ///< E
+};
+
+/// An avatar that can be shown without its run or capture.
+template <class T>
+struct PlayableAvatar {
+    std::string name; ///< of the subject, UTF-8, may be empty
+    AvatarConfig config;
+    LandmarkRoles roles;
+    TwoStream<T> avatar;
+    Columns<T> kappa;                          ///< (pitch, yaw) [rad] an eye, 2 x 2; or empty
+    std::vector<std::string> expression_names; ///< E, or empty
+    /// The frame that the avatar is first shown at. Its gazes, and those of `ranges`, are visual
+    /// axes if there is a kappa, else optical ones.
+    Drivers<T> neutral;
+    DriverRanges<T> ranges;
+    Pinhole<T> camera;  ///< of the picture after super-resolution
+    VecX<T> background; ///< feature of what is behind the head, C
+};
+
+/// The drivers, with gazes as PlayableAvatar's, with optical axes in their place.
+template <class T>
+Drivers<T> optical_drivers(const PlayableAvatar<T>& playable, const Drivers<T>& drivers) {
+    Drivers<T> d = drivers;
+    if (playable.kappa.size() > 0)
+        for (std::size_t eye = 0; eye < 2; ++eye)
+            d.gaze[eye] = apply_kappa<T>(drivers.gaze[eye], kappa_of(playable.kappa, eye));
+    return d;
+}
+
+/// The camera of the render whose super-resolution, `factor` times larger, has the first columns
+/// and rows of the camera's picture: the same view, of whole blocks of factor x factor pixels.
+template <Real T>
+Pinhole<T> render_camera(const Pinhole<T>& camera, int factor) {
+    require(factor > 0, "render_camera",
+            "got the factor " + std::to_string(factor) + ", expected 1 or more");
+    const auto up = [factor](int side) { return (side + factor - 1) / factor * factor; };
+    Pinhole<T> whole = camera;
+    whole.width = up(camera.width);
+    whole.height = up(camera.height);
+    return scaled(whole, 1.0 / factor);
+}
+
+namespace detail {
+
+/// The message is built only on failure: arrays are long, and drivers are checked each frame.
+template <class A>
+void require_all_finite(const std::string& who, const std::string& name, const A& a) {
+    if (a.allFinite()) return;
+    for (Index i = 0; i < a.size(); ++i)
+        require(std::isfinite(a(i)), who,
+                "'" + name + "': value " + std::to_string(i) + " is " + std::to_string(a(i)) +
+                    ", expected a finite number");
+}
+
+template <class T>
+void check_ranges(const std::string& who, const std::string& name, const Columns<T>& low,
+                  const Columns<T>& high) {
+    require_all_finite(who, name, low);
+    require_all_finite(who, name, high);
+    for (Index i = 0; i < low.size(); ++i)
+        require(low(i) <= high(i), who,
+                "'" + name + "': range " + std::to_string(i) + " is from " +
+                    std::to_string(low(i)) + " to " + std::to_string(high(i)) +
+                    ", expected an end above its beginning");
+}
+
+} // namespace detail
+
+/// Throws Error("who: ...") unless the drivers suit the configuration: the number of expression
+/// coefficients, finite numbers, a positive scale, and gazes of length 1 to 1e-3.
+template <Real T>
+void check_drivers(const std::string& who, const AvatarConfig& config, const Drivers<T>& d) {
+    if (d.expression.size() != config.expression)
+        throw Error(who + ": 'expression': got " + std::to_string(d.expression.size()) +
+                    " coefficients, expected " + std::to_string(config.expression));
+    detail::require_all_finite(who, "expression", d.expression);
+    detail::require_all_finite(who, "pose", d.pose);
+    if (!(std::isfinite(d.scale) && d.scale > T(0)))
+        throw Error(who + ": 'scale': got " + std::to_string(d.scale) +
+                    ", expected a positive number");
+    for (std::size_t eye = 0; eye < 2; ++eye) {
+        const T length = norm(d.gaze[eye]);
+        if (!(std::abs(length - T(1)) <= T(1e-3)))
+            throw Error(who + ": 'gaze': the " + (eye == 0 ? "left" : "right") +
+                        " eye's has the length " + std::to_string(length) + ", expected 1");
+    }
+}
+
+/// Largest side of a picture that is accepted from outside [px].
+inline constexpr int most_picture_side = 16384;
+
+/// Throws Error("who: ...") unless the camera is one that can draw: focal lengths and near depth
+/// positive, sides of 1 to 16384 pixels, all numbers finite, and a rotation (orthonormal to 1e-3,
+/// right-handed).
+template <Real T>
+void check_camera(const std::string& who, const Pinhole<T>& c) {
+    const auto positive = [&](const char* name, T x) {
+        if (!(std::isfinite(x) && x > T(0)))
+            throw Error(who + ": camera: '" + name + "' is " + std::to_string(x) +
+                        ", expected a positive number");
+    };
+    positive("fx", c.fx);
+    positive("fy", c.fy);
+    positive("near_depth", c.near_depth);
+    require(std::isfinite(c.cx) && std::isfinite(c.cy), who,
+            "camera: the principal point is not finite");
+    if (c.width < 1 || c.height < 1 || c.width > most_picture_side || c.height > most_picture_side)
+        throw Error(who + ": camera: the picture has " + std::to_string(c.width) + " x " +
+                    std::to_string(c.height) + " pixels, expected sides of 1 to " +
+                    std::to_string(most_picture_side));
+    detail::require_all_finite(who, "camera.translation", c.camera_from_world.translation);
+    const Mat3<T>& r = c.camera_from_world.rotation;
+    const T apart = (r.transpose() * r - Mat3<T>::Identity()).cwiseAbs().maxCoeff();
+    const T volume = r.col(0).dot(cross(Vec3<T>(r.col(1)), Vec3<T>(r.col(2))));
+    if (!(apart <= T(1e-3) && volume > T(0)))
+        throw Error(who + ": camera: 'rotation' is no rotation: R^T R differs from 1 by " +
+                    std::to_string(apart) + ", its determinant is " + std::to_string(volume));
+}
+
+/// Throws Error("who: ...") with the first fault: shapes that do not belong together, indices of
+/// landmarks that do not exist, numbers that are not finite, bad drivers, ranges or camera.
+template <Real T>
+void check_playable(const std::string& who, const PlayableAvatar<T>& p) {
+    const AvatarConfig& c = p.config;
+    const auto shape = [&](const std::string& name, const auto& a, Index rows, Index cols) {
+        require(a.rows() == rows && a.cols() == cols, who,
+                "'" + name + "': got shape (" + std::to_string(a.cols()) + ", " +
+                    std::to_string(a.rows()) + "), expected (" + std::to_string(cols) + ", " +
+                    std::to_string(rows) + ")");
+    };
+    const FaceStream<T>& f = p.avatar.face;
+    const EyeStream<T>& e = p.avatar.eyes;
+    const Index n = std::max<Index>(f.position.cols(), 1),
+                m = std::max<Index>(e.position.cols(), 2);
+    shape("face.xyz", f.position, 3, n);
+    shape("face.feature", f.feature, c.feature, n);
+    shape("face.scales", f.log_scale, 3, n);
+    shape("face.rotation", f.rotation, 4, n);
+    shape("face.opacity", f.opacity_logit, 1, n);
+    shape("face.landmarks_3d_neutral", f.landmarks, 3, std::max<Index>(f.landmarks.cols(), 1));
+    shape("eyes.xyz", e.position, 3, m);
+    shape("eyes.feature", e.feature, c.channels, m);
+    shape("eyes.scales", e.log_scale, 3, m);
+    shape("eyes.rotation", e.rotation, 4, m);
+    shape("eyes.opacity", e.opacity_logit, 1, m);
+    shape("eyes.centre", e.centre, 3, 2);
+    require(e.points_of(0) >= 1 && e.points_of(1) >= 1, who,
+            "the left eyeball has " + std::to_string(e.points_of(0)) + " of " + std::to_string(m) +
+                " points, expected at least one in each");
+    const auto landmarks = [&](const char* name, const std::vector<Index>& list) {
+        require(!list.empty(), who, std::string("'") + name + "': got none, expected landmarks");
+        for (const Index i : list)
+            require(i >= 0 && i < f.landmarks.cols(), who,
+                    std::string("'") + name + "': got landmark " + std::to_string(i) +
+                        ", expected 0 to " + std::to_string(f.landmarks.cols() - 1));
+    };
+    landmarks("roles.expression", p.roles.expression);
+    landmarks("roles.left_eye", p.roles.eye[0]);
+    landmarks("roles.right_eye", p.roles.eye[1]);
+    const auto finite = [&](const std::string& name, const auto& a) {
+        detail::require_all_finite(who, name, a);
+    };
+    TwoStream<T>::fields(finite, p.avatar);
+    finite("face.landmarks_3d_neutral", f.landmarks);
+    finite("eyes.xyz", e.position);
+    finite("eyes.centre", e.centre);
+    if (p.kappa.size() > 0) shape("kappa", p.kappa, 2, 2);
+    finite("kappa", p.kappa);
+    check_drivers(who + ": neutral", c, p.neutral);
+    shape("range.expression", p.ranges.expression_low, c.expression, 1);
+    shape("range.expression", p.ranges.expression_high, c.expression, 1);
+    shape("range.gaze", p.ranges.gaze_low, 2, 2);
+    shape("range.gaze", p.ranges.gaze_high, 2, 2);
+    detail::check_ranges<T>(who, "range.expression", p.ranges.expression_low,
+                            p.ranges.expression_high);
+    detail::check_ranges<T>(who, "range.gaze", p.ranges.gaze_low, p.ranges.gaze_high);
+    require(
+        p.expression_names.empty() || static_cast<Index>(p.expression_names.size()) == c.expression,
+        who,
+        "got names of " + std::to_string(p.expression_names.size()) +
+            " expression coefficients, expected " + std::to_string(c.expression));
+    check_camera(who, p.camera);
+    shape("background", p.background, c.channels, 1);
+    finite("background", p.background);
+}
+
+} // namespace rye

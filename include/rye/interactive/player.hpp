@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/interactive/player.hpp: pictures of a playable avatar, one after another: only what differs
+/// from the picture before is computed (interactive/frame_cache.hpp). Pictures have three channels
+/// in 0..1, sRGB as trained, at the size of the camera; they equal those of drive(),
+/// Rasterizer::forward and upsampler_forward bit for bit.
+/// Memory: that of the frame cache.
+#pragma once
+
+#include <algorithm>
+#include <string>
+
+#include <rye/avatar/playable.hpp>
+#include <rye/interactive/frame_cache.hpp>
+
+namespace rye {
+
+/// What the last picture took.
+struct PlayedWork {
+    Index gaussians = 0; ///< that moved
+    Index networks = 0;  ///< that were evaluated
+    Index tiles = 0;     ///< of the render, blended whole or in part
+    Index pixels = 0;    ///< of the picture after super-resolution, computed again
+};
+
+/// The playable avatar must outlive the player and stay as it is.
+template <Backend B, Real T = float, AccuracyPolicy A = FeaturesOnly<Balanced>>
+class AvatarPlayer {
+  public:
+    AvatarPlayer(const B& backend, const PlayableAvatar<T>& playable)
+        : playable_(&playable),
+          cache_(backend, playable.avatar, playable.config, playable.roles) {}
+
+    /// The picture; valid until the next call. Gazes are as PlayableAvatar's, `camera` is that of
+    /// the picture, `background` the feature behind the head, C. Throws Error for drivers, a
+    /// camera or a background that do not suit the avatar (check_drivers, check_camera), and if the
+    /// drivers lead to Gaussians that are not finite.
+    const Image<T>& draw(const Drivers<T>& drivers, const Pinhole<T>& camera,
+                         const VecX<T>& background) {
+        const std::string who = "AvatarPlayer";
+        check_drivers(who, playable_->config, drivers);
+        check_camera(who, camera);
+        require(background.size() == playable_->config.channels, who,
+                "'background': got " + std::to_string(background.size()) + " channels, expected " +
+                    std::to_string(playable_->config.channels));
+        detail::require_all_finite(who, "background", background);
+        const int factor = 1 << playable_->avatar.upsampler.shape.doublings;
+        cache_.update(optical_drivers(*playable_, drivers), render_camera(camera, factor),
+                      background);
+        check_drawn(who);
+        const Image<T>& picture = cache_.picture();
+        work_ = {static_cast<Index>(cache_.drive().changed().size()),
+                 cache_.drive().work().networks, cache_.render().work().blended,
+                 cache_.upsampler().pixels()};
+        if (picture.width == camera.width && picture.height == camera.height) return picture;
+        cropped_ = Image<T>(camera.width, camera.height, 3);
+        for (int y = 0; y < camera.height; ++y)
+            cropped_.pixels.middleCols(static_cast<Index>(y) * camera.width, camera.width) =
+                picture.pixels.middleCols(static_cast<Index>(y) * picture.width, camera.width);
+        return cropped_;
+    }
+
+    const PlayedWork& work() const { return work_; }
+    /// The Gaussians of the last picture, in the world, the face's first.
+    const Gaussians<T>& gaussians() const { return cache_.drive().gaussians(); }
+    const PlayableAvatar<T>& playable() const { return *playable_; }
+    /// Size of all cached data.
+    std::size_t bytes() const { return cache_.bytes(); }
+
+  private:
+    /// Numbers that are not finite draw nothing, or anything: neither is a picture of the avatar.
+    void check_drawn(const std::string& who) {
+        const Gaussians<T>& g = cache_.drive().gaussians();
+        for (const Index i : cache_.drive().changed()) {
+            const bool finite = g.mean.col(i).allFinite() && g.rotation.col(i).allFinite() &&
+                                g.scale.col(i).allFinite() && g.opacity.col(i).allFinite() &&
+                                g.feature.col(i).allFinite();
+            if (finite) continue;
+            cache_.reset();
+            throw Error(who + ": Gaussian " + std::to_string(i) +
+                        " is not finite; the drivers are far from those of training");
+        }
+    }
+
+    const PlayableAvatar<T>* playable_;
+    FrameCache<B, A, T> cache_;
+    PlayedWork work_;
+    Image<T> cropped_;
+};
+
+} // namespace rye

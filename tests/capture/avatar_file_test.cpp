@@ -1,0 +1,210 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <rye/capture/avatar_file.hpp>
+
+#include <filesystem>
+#include <limits>
+#include <string>
+
+#include <doctest/doctest.h>
+
+#include "../support/hostile.hpp"
+#include "../support/tiny_playable.hpp"
+
+using namespace rye;
+using namespace rye::test;
+
+namespace {
+
+/// The file of an avatar after an edit of its tensors and its metadata, with a right checksum.
+template <class F>
+Bytes edited(const std::filesystem::path& folder, const PlayableAvatar<float>& p, F&& edit,
+             bool right_checksum = true) {
+    const std::filesystem::path path = folder / "edited.avatar";
+    write_avatar(path, p);
+    const Safetensors file = read_safetensors(path);
+    std::map<std::string, TensorEntry> tensors = file.tensors();
+    TensorMetadata metadata = file.metadata();
+    edit(tensors, metadata);
+    if (right_checksum) metadata["checksum"] = detail::avatar_checksum(tensors, metadata);
+    std::vector<TensorEntry> entries;
+    for (const auto& [name, t] : tensors) entries.push_back(t);
+    write_safetensors(path, entries, metadata);
+    return read_file(path);
+}
+
+PlayableAvatar<float> parse(const Bytes& bytes) { return parse_avatar<float>(bytes, "x.avatar"); }
+
+} // namespace
+
+TEST_CASE(
+    "avatar file: full precision is read back bit for bit, without what only training needs") {
+    const TemporaryFolder folder;
+    for (const bool visual : {false, true}) {
+        const PlayableAvatar<float> p = tiny_playable(visual);
+        const std::filesystem::path path = folder.path / "a.avatar";
+        write_avatar(path, p, AvatarPrecision::full);
+        const PlayableAvatar<float> q = read_avatar<float>(path);
+        TwoStream<float>::fields(
+            [](const std::string& name, const auto& a, const auto& b) {
+                INFO(name);
+                if (name == "delta_poses")
+                    CHECK(b.size() == 0);
+                else
+                    CHECK(a == b);
+            },
+            p.avatar, q.avatar);
+        CHECK(p.avatar.eyes.position == q.avatar.eyes.position);
+        CHECK(p.avatar.eyes.centre == q.avatar.eyes.centre);
+        CHECK(p.avatar.face.landmarks == q.avatar.face.landmarks);
+        CHECK(p.avatar.eyes.points_of(0) == q.avatar.eyes.points_of(0));
+        CHECK(q.avatar.upsampler.shape.doublings == 1);
+        CHECK(q.avatar.upsampler.shape.skip);
+        CHECK(p.roles.expression == q.roles.expression);
+        CHECK(p.roles.eye == q.roles.eye);
+        CHECK(p.kappa == q.kappa);
+        CHECK(p.name == q.name);
+        CHECK(p.expression_names == q.expression_names);
+        CHECK(p.neutral.expression == q.neutral.expression);
+        CHECK(p.neutral.pose == q.neutral.pose);
+        CHECK(p.neutral.scale == q.neutral.scale);
+        CHECK(p.neutral.gaze == q.neutral.gaze);
+        CHECK(p.ranges.gaze_low == q.ranges.gaze_low);
+        CHECK(p.ranges.gaze_high == q.ranges.gaze_high);
+        CHECK(p.ranges.expression_low == q.ranges.expression_low);
+        CHECK(p.ranges.expression_high == q.ranges.expression_high);
+        CHECK(p.camera.fx == q.camera.fx);
+        CHECK(p.camera.cy == q.camera.cy);
+        CHECK(p.camera.width == q.camera.width);
+        CHECK(p.camera.camera_from_world.rotation == q.camera.camera_from_world.rotation);
+        CHECK(p.camera.camera_from_world.translation == q.camera.camera_from_world.translation);
+        CHECK(p.background == q.background);
+        CHECK(settings_text({p.config, p.avatar.upsampler.shape}) ==
+              settings_text({q.config, q.avatar.upsampler.shape}));
+    }
+}
+
+TEST_CASE("avatar file: half precision rounds to 11 bits, and only what is no position") {
+    const TemporaryFolder folder;
+    PlayableAvatar<float> p = tiny_playable();
+    p.avatar.face.log_scale(0, 0) = 1e5F; // no binary16
+    write_avatar(folder.path / "a", p);
+    const PlayableAvatar<float> q = read_avatar<float>(folder.path / "a");
+    CHECK(q.avatar.face.position == p.avatar.face.position);
+    CHECK(q.avatar.eyes.position == p.avatar.eyes.position);
+    CHECK(q.avatar.face.log_scale == p.avatar.face.log_scale);
+    const Columns<float>&a = p.avatar.face.feature, &b = q.avatar.face.feature;
+    CHECK(a != b);
+    CHECK(((a - b).array().abs() <= a.array().abs() / 2048 + 1e-7F).all());
+    write_avatar(folder.path / "b", p, AvatarPrecision::full);
+    CHECK(std::filesystem::file_size(folder.path / "a") <
+          std::filesystem::file_size(folder.path / "b"));
+    // The same avatar gives the same bytes.
+    write_avatar(folder.path / "c", p);
+    CHECK(read_file(folder.path / "a") == read_file(folder.path / "c"));
+}
+
+TEST_CASE("avatar file: other files and damaged ones are refused by what is wrong with them") {
+    const TemporaryFolder folder;
+    const PlayableAvatar<float> p = tiny_playable();
+    const Columns<float> array = Columns<float>::Zero(3, 2);
+    write_safetensors(folder.path / "other", {tensor_entry("a", array)});
+    CHECK_FAULT(read_avatar<float>(folder.path / "other"),
+                "metadata 'format': got none, expected 'rye-avatar'; `rye export");
+    write_safetensors(folder.path / "run", {tensor_entry("a", array)},
+                      {{"format", "rye-checkpoint"}});
+    CHECK_FAULT(read_avatar<float>(folder.path / "run"), "got 'rye-checkpoint'");
+    const auto word = [&](const std::string& key, const std::string& value) {
+        return edited(folder.path, p, [&](auto&, auto& metadata) { metadata[key] = value; });
+    };
+    CHECK_FAULT(parse(word("version", "2")), "x.avatar: metadata 'version': got '2', expected '1'");
+    CHECK_FAULT(parse(word("gaze_axis", "up")), "got 'up', expected 'optical' or 'visual'");
+    CHECK_FAULT(parse(word("gaze_axis", "visual")), "the tensor 'kappa' is missing");
+    for (const char* points : {"", "0", "18", "-1", "8.5", "99999999999999999999"})
+        CHECK_FAULT(parse(word("left_eye_points", points)), "expected a whole number from 1 to 17");
+    CHECK_FAULT(parse(word("expression_names", "[1]")), "expected a list of names");
+    CHECK_FAULT(parse(word("expression_names", "[\"a\"]")), "names of 1 expression coefficients");
+    std::string settings = settings_text({p.config, p.avatar.upsampler.shape});
+    const auto setting = [&](const std::string& from, const std::string& to) {
+        std::string text = settings;
+        const std::size_t at = text.find(from);
+        REQUIRE(at != std::string::npos);
+        return word("settings", text.replace(at, from.size(), to));
+    };
+    CHECK_FAULT(parse(setting("\"feature\":4", "\"feature\":5000")),
+                "metadata 'settings': 'feature': got 5000, expected 1 to 4096");
+    CHECK_FAULT(parse(setting("\"feature\":4", "\"feature\":5")), "got shape (");
+    CHECK_FAULT(parse(setting("\"feature\":4,", "")), "'feature': is missing");
+    CHECK_FAULT(parse(setting("\"squared\"", "\"cubed\"")), "got 'cubed', expected 'squared'");
+    CHECK_FAULT(parse(setting("\"exp_color\":[6]", "\"exp_color\":[65536,65536]")),
+                "conv2.weight' is missing");
+    CHECK_FAULT(parse(setting("\"exp_near\":0.1", "\"exp_near\":9.1")), "'exp_near' is above");
+
+    // A bit of the data, and a word.
+    Bytes bytes = edited(folder.path, p, [](auto&, auto&) {});
+    parse(bytes);
+    bytes.back() ^= std::byte{1};
+    CHECK_FAULT(parse(bytes), "the file is damaged");
+    CHECK_FAULT(parse(edited(
+                    folder.path, p, [](auto&, auto& m) { m["name"] = "b"; }, false)),
+                "the file is damaged");
+    bytes.resize(bytes.size() / 2);
+    CHECK_FAULT(parse(bytes), "x.avatar");
+}
+
+TEST_CASE("avatar file: contents that no avatar has are refused by tensor and value") {
+    const TemporaryFolder folder;
+    const PlayableAvatar<float> p = tiny_playable();
+    const auto without = [&](const std::string& name) {
+        return edited(folder.path, p,
+                      [&](auto& tensors, auto&) { REQUIRE(tensors.erase(name) == 1); });
+    };
+    for (const char* name : {"avatar.face.xyz", "avatar.eyes.centre", "roles.left_eye",
+                             "camera.lens", "neutral.pose", "range.gaze", "background"})
+        CHECK_FAULT(parse(without(name)), std::string("the tensor '") + name + "' is missing");
+    /// A file whose array `name` has one value replaced.
+    const auto with = [&]<class T>(const std::string& name, Index i, T value) {
+        std::vector<T> values;
+        return edited(folder.path, p, [&](auto& tensors, auto&) {
+            TensorEntry& t = tensors.at(name);
+            REQUIRE(t.type == tensor_type<T>());
+            values.resize(t.bytes.size() / sizeof(T));
+            std::memcpy(values.data(), t.bytes.data(), t.bytes.size());
+            values.at(static_cast<std::size_t>(i)) = value;
+            t.bytes = std::as_bytes(std::span(values));
+        });
+    };
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    CHECK_FAULT(parse(with("avatar.face.xyz", 4, std::numeric_limits<float>::infinity())),
+                "'face.xyz': value 4 is inf, expected a finite number");
+    CHECK_FAULT(parse(with("camera.lens", 0, nan)), "x.avatar: 'camera.lens': value 0 is nan");
+    CHECK_FAULT(parse(with("camera.lens", 0, -1.0)), "'fx' is -1.0");
+    CHECK_FAULT(parse(with("camera.lens", 4, 20000.0)), "got a side of 20000");
+    CHECK_FAULT(parse(with("camera.lens", 5, 1.5)), "got a side of 1.5");
+    CHECK_FAULT(parse(with("camera.rotation", 0, 2.0)), "'rotation' is no rotation");
+    CHECK_FAULT(parse(with("neutral.gaze", 2, 3.0)), "the left eye's has the length");
+    CHECK_FAULT(parse(with("neutral.scale", 0, 0.0)), "'scale': got 0");
+    CHECK_FAULT(parse(with("range.gaze", 0, 5.0)), "expected an end above its beginning");
+    CHECK_FAULT(parse(with("roles.left_eye", 0, std::int64_t{66})),
+                "got landmark 66, expected 0 to 65");
+    CHECK_FAULT(parse(with("roles.left_eye", 0, std::int64_t{-1})), "got landmark -1");
+}
+
+TEST_CASE("avatar file: what could not be read is not written, and a file stays as it was") {
+    const TemporaryFolder folder;
+    const std::filesystem::path path = folder.path / "a.avatar";
+    PlayableAvatar<float> p = tiny_playable();
+    write_avatar(path, p);
+    const Bytes before = read_file(path);
+    p.avatar.eyes.log_scale(1, 2) = std::numeric_limits<float>::quiet_NaN();
+    CHECK_FAULT(write_avatar(path, p), "not written: 'eyes.scales': value 7 is nan");
+    p = tiny_playable();
+    p.config.channels = 6;
+    CHECK_FAULT(write_avatar(path, p), "got shape (");
+    p = tiny_playable();
+    p.neutral.expression.resize(2);
+    CHECK_FAULT(write_avatar(path, p), "got 2 coefficients, expected 3");
+    p = tiny_playable();
+    p.avatar.face.networks.exp_color.weight[0].resize(1, 1);
+    CHECK_FAULT(write_avatar(path, p), "face.exp_color_mlp.conv0.weight: got shape (1, 1)");
+    CHECK(read_file(path) == before);
+}

@@ -1,0 +1,42 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# gaze_page.sh RYE WORK: builds examples/gaze_page with an avatar of the size that `--preset cpu`
+# trains, of a few steps (its skin moves more than that of a trained one), and has a headless Chromium visit it (test.js). Where emscripten, node or
+# Chromium is missing it says so and ends with 77. From the environment:
+#   CHROMIUM   the browser (default: chromium, chromium-browser or google-chrome)
+#   AVATAR and REFERENCE, DRIVERS   instead of its own: an avatar file, a picture of it by
+#              `rye redirect`, and the gazes of that (left pitch, yaw, right pitch, yaw [degrees])
+set -eu
+rye=$1
+work=$2
+here=$(cd "$(dirname "$0")" && pwd)
+
+not_run() { echo "not run: gaze_page: $1"; exit 77; }
+command -v em++ > /dev/null || not_run "no em++ (Debian package emscripten)"
+command -v node > /dev/null || not_run "no node (Debian package nodejs)"
+chromium=${CHROMIUM:-}
+for name in chromium chromium-browser google-chrome; do
+    [ -n "$chromium" ] || chromium=$(command -v "$name" || true)
+done
+[ -n "$chromium" ] || not_run "no chromium (Debian package chromium)"
+
+mkdir -p "$work"
+work=$(cd "$work" && pwd)
+avatar=${AVATAR:-$work/head.avatar}
+reference=${REFERENCE:-$work/reference.png}
+drivers=${DRIVERS:-8,-12,4,-16}
+if [ -z "${AVATAR:-}" ]; then
+    rm -rf "$work/capture" "$work/run"
+    "$rye" capture --out "$work/capture" --size 256 --cameras 3 --frames 6 --test-frames 1 \
+        --apart-frames 1 --samples 1 --quiet
+    cat > "$work/short.json" << 'EOF'
+{"mesh": {"steps": 60, "pretrain_steps": 200, "fit_steps": 100}, "gaussians": {"steps": 60}}
+EOF
+    "$rye" train --capture "$work/capture" --preset cpu --config "$work/short.json" --quiet \
+        --out "$work/run" > "$work/train.log"
+    "$rye" export --run "$work/run" --out "$avatar"
+    "$rye" redirect --run "$work/run" --gaze-left "${drivers%,*,*}" --gaze-right "${drivers#*,*,}" \
+        --out "$reference"
+fi
+sh "$here/../../examples/gaze_page/build.sh" "$avatar" "$work/page"
+node "$here/test.js" "$chromium" "$work/page" "$reference" "$drivers" "$work/pictures"

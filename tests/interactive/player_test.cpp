@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <rye/interactive/player.hpp>
+
+#include <limits>
+
+#include <doctest/doctest.h>
+
+#include "../support/hostile.hpp"
+#include "../support/tiny_playable.hpp"
+
+using namespace rye;
+using namespace rye::test;
+
+namespace {
+
+/// The picture by the ordinary functions.
+Image<float> whole_picture(const PlayableAvatar<float>& p, const Drivers<float>& drivers,
+                           const Pinhole<float>& camera, const VecX<float>& background) {
+    const XsimdBackend<> backend;
+    TwoStreamTrace<float> trace;
+    drive(backend, p.avatar, {p.config, p.roles, optical_drivers(p, drivers)}, trace);
+    const Pinhole<float> small = render_camera(camera, 1 << p.avatar.upsampler.shape.doublings);
+    const Image<float> large =
+        upsampler_forward(backend, p.avatar.upsampler,
+                          Rasterizer<FeaturesOnly<Balanced>>()
+                              .forward(backend, trace.gaussians, small, background)
+                              .feature,
+                          nullptr);
+    Image<float> out(camera.width, camera.height, 3);
+    for (int y = 0; y < camera.height; ++y)
+        for (int x = 0; x < camera.width; ++x) out.at(x, y) = large.at(x, y);
+    return out;
+}
+
+} // namespace
+
+TEST_CASE("player: every picture is that of a whole render, bit for bit, at any size") {
+    for (const bool visual : {false, true})
+        for (const int doublings : {0, 1}) {
+            const PlayableAvatar<float> p = tiny_playable(visual, doublings);
+            AvatarPlayer<XsimdBackend<>> player(XsimdBackend<>(), p);
+            Drivers<float> drivers = p.neutral;
+            Pinhole<float> camera = p.camera;
+            VecX<float> background = p.background;
+            const auto check = [&] {
+                const Image<float>& picture = player.draw(drivers, camera, background);
+                CHECK(picture.width == camera.width);
+                CHECK(picture.height == camera.height);
+                CHECK(picture.pixels == whole_picture(p, drivers, camera, background).pixels);
+            };
+            check();
+            CHECK(player.work().gaussians == 78);
+            drivers.gaze[0] = gaze_vector<float>(0.1F, -0.2F);
+            check();
+            CHECK(player.work().gaussians > 0);
+            CHECK(player.work().gaussians < 78);
+            CHECK(player.work().networks == 2);
+            check();
+            CHECK(player.work().gaussians == 0);
+            CHECK(player.work().pixels == 0);
+            drivers.expression[1] += 0.5F;
+            check();
+            camera.width = 61;
+            camera.height = 64;
+            check();
+            background[0] = 0;
+            check();
+        }
+}
+
+TEST_CASE(
+    "player: drivers, cameras and backgrounds that do not suit are refused, and the next is "
+    "drawn") {
+    const PlayableAvatar<float> p = tiny_playable();
+    AvatarPlayer<XsimdBackend<>> player(XsimdBackend<>(), p);
+    const Image<float> right = player.draw(p.neutral, p.camera, p.background);
+    const float nan = std::numeric_limits<float>::quiet_NaN();
+    Drivers<float> d = p.neutral;
+    d.expression.resize(4);
+    CHECK_FAULT(player.draw(d, p.camera, p.background), "got 4 coefficients, expected 3");
+    d = p.neutral;
+    d.pose[2] = nan;
+    CHECK_FAULT(player.draw(d, p.camera, p.background), "'pose': value 2 is nan");
+    d = p.neutral;
+    d.gaze[1].setZero();
+    CHECK_FAULT(player.draw(d, p.camera, p.background), "the right eye's has the length 0.0");
+    Pinhole<float> c = p.camera;
+    c.near_depth = 0;
+    CHECK_FAULT(player.draw(p.neutral, c, p.background), "'near_depth' is 0.0");
+    CHECK_FAULT(player.draw(p.neutral, p.camera, VecX<float>::Zero(3)),
+                "'background': got 3 channels, expected 5");
+    d = p.neutral;
+    d.expression.setConstant(std::numeric_limits<float>::max());
+    CHECK_FAULT(player.draw(d, p.camera, p.background), "is not finite; the drivers are far");
+    CHECK(player.draw(p.neutral, p.camera, p.background).pixels == right.pixels);
+}

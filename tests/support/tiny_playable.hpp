@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+/// tests/support/tiny_playable.hpp: the tiny avatar with all that showing it takes.
+#pragma once
+
+#include <rye/avatar/playable.hpp>
+
+#include "tiny_avatar.hpp"
+
+namespace rye::test {
+
+inline PlayableAvatar<float> tiny_playable(bool visual = false, int doublings = 1) {
+    PlayableAvatar<float> p;
+    p.name = "tiny \"one\"";
+    p.config = tiny_config();
+    p.config.gaze_near = 0.02;
+    p.config.gaze_far = 0.06;
+    p.roles = tiny_roles();
+    Draw draw;
+    TwoStream<double> avatar = tiny_avatar(p.config, draw);
+    UpsamplerShape shape;
+    shape.in_channels = p.config.channels;
+    shape.capacity = 2;
+    shape.doublings = doublings;
+    shape.norm = Normalization::none;
+    shape.skip = true;
+    avatar.upsampler = Upsampler<double>::init(shape, Random{6, 0});
+    avatar.upsampler.out_weight = draw.columns(3, shape.capacity);
+    p.avatar = lifted<float>(avatar);
+    if (visual) p.kappa = Columns<float>::Constant(2, 2, 0.05F);
+    p.expression_names = {"jaw", "brow", "smile"};
+    p.neutral = tiny_drivers<float>();
+    p.ranges.expression_low = VecX<float>::Constant(3, -1);
+    p.ranges.expression_high = VecX<float>::Constant(3, 1);
+    p.ranges.gaze_low.setConstant(-0.4F);
+    p.ranges.gaze_high.setConstant(0.4F);
+    p.camera = tiny_camera(85, 69).cast<float>();
+    p.background = VecX<float>::Constant(p.config.channels, 0.75F);
+    return p;
+}
+
+} // namespace rye::test
