@@ -91,7 +91,8 @@ void write_json(const std::filesystem::path& path, const Json& json) {
 void evaluate(const EvaluateOptions& o) {
     set_threads(o.threads);
     const TrainState state = load_trained(o.run);
-    const Capture capture = read_valid_capture(o.capture.empty() ? std::filesystem::path(state.capture) : o.capture);
+    const Capture capture =
+        read_valid_capture(capture_folder(o.run, state, o.capture, "measuring"));
     require_same_subject(state, capture);
     std::vector<int> frames = o.split == "train" ? capture.train : capture.test;
     if (o.split == "novel") frames = capture.novel_gaze;

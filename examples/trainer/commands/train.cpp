@@ -22,6 +22,7 @@
 #include "data/threads.hpp"
 #include "data/validate.hpp"
 #include "training/run_folder.hpp"
+#include "training/run_frames.hpp"
 #include "training/run_size.hpp"
 #include "training/steps.hpp"
 
@@ -125,7 +126,10 @@ class Trainer {
     Trainer(const TrainOptions& options, Capture capture, TrainState state, Beginning beginning)
         : options_(options), capture_(std::move(capture)), state_(std::move(state)),
           random_{state_.config.seed, 0}, grid_(make_lattice(state_)),
-          folder_(options.out, state_, beginning) {}
+          folder_(options.out, state_, beginning, &capture_) {}
+
+    /// Writes the checkpoint as it is.
+    void save() { folder_.save(state_); }
 
     /// Returns true if the run is complete, false if it was stopped.
     bool run() {
@@ -371,7 +375,7 @@ int train(const TrainOptions& o) {
     std::filesystem::path folder = o.capture;
     if (o.resume) {
         state = load_checkpoint(o.out);
-        if (folder.empty()) folder = state.capture;
+        folder = capture_folder(o.out, state, folder, "training");
         take_steps(o, state.config);
     }
     require(!folder.empty(), "rye train", "--capture is missing, expected the folder of a capture");
@@ -393,11 +397,15 @@ int train(const TrainOptions& o) {
         std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
                      "VGG16 term is replaced by one of gradient pyramids\n";
     if (!o.quiet) std::cout << text_of(size) << "\n";
+    const std::string mark = frames_mark(capture);
+    const bool other_frames = o.resume && state.frames != mark;
+    state.frames = mark;
     std::signal(SIGXFSZ, SIG_IGN);  // exceeding the file size limit becomes an error, not a signal
     Trainer trainer(o, std::move(capture), std::move(state),
                     o.resume ? Beginning::resumed
                     : there  ? Beginning::replacing
                              : Beginning::fresh);
+    if (other_frames) trainer.save();  // so that it fits the frames that lie beside it now
     std::signal(SIGINT, request_stop);
     std::signal(SIGTERM, request_stop);
     const bool done = trainer.run();
