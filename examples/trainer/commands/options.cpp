@@ -143,6 +143,25 @@ ShownView shown_view(const std::filesystem::path& run, const TrainState& state,
     return v;
 }
 
+std::function<std::string(const std::string&)> out_check(std::vector<OutFormat> known) {
+    return [known = std::move(known)](const std::string& path) -> std::string {
+        try {
+            out_format(path, known, "");
+        } catch (const Error& e) {
+            return std::string(e.what()).substr(2);  // the caller names the option
+        }
+        return "";
+    };
+}
+
+std::function<std::string(const std::string&)> folder_check(const std::string& what) {
+    return [what](const std::string& path) -> std::string {
+        if (std::filesystem::is_directory(path)) return "";
+        return "got '" + path + "', which is " +
+               (std::filesystem::exists(path) ? "no folder" : "not there") + ", expected " + what;
+    };
+}
+
 void require_same_subject(const TrainState& state, const Capture& capture) {
     const int width = capture.expression_width();
     require(width == state.config.avatar.expression, capture.folder.string(),

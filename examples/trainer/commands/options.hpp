@@ -3,9 +3,11 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
+#include "data/out_format.hpp"
 #include "training/run.hpp"
 
 namespace CLI {
@@ -62,6 +64,12 @@ struct ShownView {
 ShownView shown_view(const std::filesystem::path& run, const TrainState& state,
                      const std::filesystem::path& option, const std::string& frame,
                      const std::string& camera);
+
+/// A check of an --out: its name asks for one of these formats (out_format.hpp).
+std::function<std::string(const std::string&)> out_check(std::vector<OutFormat> known);
+
+/// A check of a --capture or --run: a folder is there. `what` says what it is expected to hold.
+std::function<std::string(const std::string&)> folder_check(const std::string& what);
 
 /// Throws Error unless the capture's drivers fit the trained avatar.
 void require_same_subject(const TrainState& state, const Capture& capture);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// `rye train`: both stages, with progress, log, panels, checkpoints and resume.
 #include <csignal>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -47,13 +48,28 @@ struct TrainOptions {
     std::optional<std::int64_t> steps;
 };
 
-/// A progress line: rewritten in place on a terminal, printed now and then elsewhere.
+/// A number of the progress line, by its name in log.jsonl.
+std::string brief(const std::string& name, double value) {
+    char digits[32];
+    std::snprintf(digits, sizeof digits, "%.4f", value);
+    return name + " " + digits;
+}
+
+/// Columns of the terminal; 0 if it does not tell.
+std::size_t terminal_width() {
+    struct winsize size {};
+    return ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 ? size.ws_col : 0;
+}
+
+/// A progress line: rewritten in place on a terminal, printed now and then elsewhere. On a terminal
+/// the losses that its width has no room for are left out, the last ones first: a line that wraps
+/// could not be rewritten. log.jsonl has all of them.
 class Progress {
   public:
     Progress(std::string stage, Index total, bool quiet)
         : stage_(std::move(stage)), total_(total), quiet_(quiet), tty_(isatty(1) != 0) {}
 
-    void show(Index step, const std::string& losses, bool last) {
+    void show(Index step, const std::vector<std::string>& losses, bool last) {
         if (quiet_) return;
         const double now = seconds();
         if (first_step_ < 0) first_step_ = step - 1;
@@ -65,8 +81,17 @@ class Progress {
         char text[64];
         std::snprintf(text, sizeof text, "%4.0f ms/step, %lld:%02d left", 1e3 * now / done,
                       static_cast<long long>(left / 60), static_cast<int>(left % 60));
-        std::cout << (tty_ ? "\r\033[K" : "") << stage_ << " " << step << "/" << total_ << "  "
-                  << losses << "  " << text << (tty_ && !last ? "" : "\n") << std::flush;
+        const std::string begin = stage_ + " " + std::to_string(step) + "/" + std::to_string(total_);
+        const std::string end = "  " + std::string(text);
+        const std::size_t width = tty_ ? terminal_width() : 0;
+        std::string shown;
+        for (const std::string& loss : losses) {
+            const std::size_t all = begin.size() + shown.size() + 2 + loss.size() + end.size();
+            if (width > 0 && all >= width) break;
+            shown += "  " + loss;
+        }
+        std::cout << (tty_ ? "\r\033[K" : "") << begin << shown << end
+                  << (tty_ && !last ? "" : "\n") << std::flush;
     }
 
   private:
@@ -79,13 +104,6 @@ class Progress {
     std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
     double shown_ = -1e9;
 };
-
-/// A loss for the progress line, named by the initials of its words.
-std::string brief(const std::string& name, double value) {
-    char text[64];
-    std::snprintf(text, sizeof text, " %s %.4f", name.substr(0, name.find('_') + 2).c_str(), value);
-    return text;
-}
 
 constexpr Index log_every = 20;  ///< steps between lines of log.jsonl
 
@@ -214,7 +232,7 @@ class Trainer {
         const double left = fit_landmarks(state_, frames);
         folder_.log({{"stage", "mesh"}, {"step", state_.step}, {"landmark_rms", left}});
         if (!options_.quiet)
-            std::cout << "landmarks of all frames fitted to " << brief("", left) << "\n";
+            std::cout << brief("landmarks of all frames fitted: landmark_rms", left) << "\n";
     }
 
     /// Logs and shows a step.
@@ -225,9 +243,9 @@ class Trainer {
             if (report.vertices > 0) line["vertices"] = report.vertices;
             folder_.log(line);
         }
-        std::string text;
-        for (const auto& [name, value] : report.losses) text += brief(name, value);
-        progress.show(state_.step, text, last);
+        std::vector<std::string> shown;
+        for (const auto& [name, value] : report.losses) shown.push_back(brief(name, value));
+        progress.show(state_.step, shown, last);
     }
 
     AvatarSample<float> sample_of(Index step, const Random& order, const Random& views,
@@ -422,7 +440,8 @@ int train(const TrainOptions& o) {
 void add_train(CLI::App& app) {
     auto options = std::make_shared<TrainOptions>();
     CLI::App* c = app.add_subcommand("train", "Train a gaze-redirectable head avatar from a capture");
-    c->add_option("--capture", options->capture, "Folder of the capture (see `rye info`)");
+    c->add_option("--capture", options->capture, "Folder of the capture (see `rye info`)")
+        ->check(folder_check("the folder of a capture (`rye info` checks one)"));
     c->add_option("--out", options->out, "Folder of the run: checkpoint, log.jsonl, panels");
     c->add_option("--preset", options->preset,
                   "tiny: minutes on two cores; cpu: below an hour; paper: the paper's numbers")
