@@ -25,6 +25,7 @@ int main(int argc, char** argv) {
                  "A first tour: rye capture --out head; rye train --capture head --out run "
                  "--preset tiny;\nrye redirect --run run --sweep --out sweep.png; rye evaluate "
                  "--run run --capture head"};
+    app.name("rye");
     app.set_version_flag("--version", version);
     app.require_subcommand(1);
     app.footer("Exit codes: 0 done; 1 the command ran and its answer is no (rye info: not usable); "

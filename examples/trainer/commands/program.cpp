@@ -56,12 +56,12 @@ const CLI::App* command_of(const CLI::App& app, int argc, char** argv) {
 
 /// Of a command line that names no command; empty if it does, or begins with an option.
 std::string no_command(const CLI::App& app, int argc, char** argv) {
-    const std::string all = listed(names_of(app), " and ");
-    if (argc < 2) return "no command is given; there are " + all + ", and --help";
+    const std::string all = "; `rye --help` lists them";
+    if (argc < 2) return "no command is given" + all;
     const std::string word = argv[1];
     if (command_of(app, argc, argv) != nullptr || word.starts_with('-')) return "";
     const std::string near = meant(word, names_of(app));
-    return "'" + word + "' is no command" + (near.empty() ? "; there are " + all : near);
+    return "'" + word + "' is no command" + (near.empty() ? all : near);
 }
 
 const CLI::Option* option_named(const CLI::App& command, const std::string& name) {
@@ -97,6 +97,8 @@ std::string reworded(const CLI::App& command, const CLI::ParseError& e) {
         const std::string name = text.substr(convert.size(), equals - convert.size());
         const CLI::Option* o = option_named(command, name);
         const std::string type = o == nullptr ? "" : o->get_type_name();
+        if (o != nullptr && value_of(*o).kind == OptionValue::Kind::none)
+            return name + ": got '" + text.substr(equals + 3) + "', expected no value";
         return name + ": got '" + text.substr(equals + 3) + "', expected " +
                (type.starts_with("FLOAT") ? "a number" : "a whole number");
     }
@@ -122,8 +124,18 @@ std::string reworded(const CLI::App& command, const CLI::ParseError& e) {
         const CLI::Option* o = option_named(command, name);
         return name + " is missing" + (o == nullptr ? "" : ": " + text_of(*o));
     }
-    if (e.get_name() == "ArgumentMismatch" && text.find(" required ") != std::string::npos)
-        return text.substr(0, text.find(':')) + ": a value is missing after it";
+    if (e.get_name() == "ArgumentMismatch" && text.find(" required ") != std::string::npos) {
+        const std::string name = text.substr(0, text.find(':'));
+        const CLI::Option* o = option_named(command, name);
+        const int values = o == nullptr ? 1 : o->get_items_expected_min();
+        return name + (values > 1 ? ": got too few values, expected " + std::to_string(values) +
+                                        " with commas between them"
+                                  : ": a value is missing after it");
+    }
+    for (const std::string missing : {": Path does not exist: ", ": File does not exist: "})
+        if (const std::size_t at = text.find(missing); at != std::string::npos)
+            return text.substr(0, at) + ": got '" + text.substr(at + missing.size()) +
+                   "', which is not there";
     return text;
 }
 
@@ -176,7 +188,7 @@ OptionValue value_of(const CLI::Option& option) {
         return {Kind::number, {}};
     const std::string help = option.get_description();
     if (help.starts_with("Folder")) return {Kind::folder, {}};
-    for (const char* word : {"file", "folder", "File", "What to write"})
+    for (const char* word : {"file", "folder", "File", "npz", "What to write"})
         if (help.find(word) != std::string::npos) return {Kind::file, {}};
     return {Kind::word, {}};
 }
@@ -188,6 +200,12 @@ int run_program(CLI::App& app, int argc, char** argv) {
     const CLI::App& command = found == nullptr ? app : *found;
     const std::string name = found == nullptr ? "" : found->get_name();
     try {
+        if (argc > 1 && std::string(argv[1]) == "help") {
+            const CLI::App* about = argc > 2 ? command_of(app, argc - 1, argv + 1) : &app;
+            if (about == nullptr) return fault("", no_command(app, argc - 1, argv + 1));
+            std::cout << about->help(about == &app ? "" : "rye");
+            return 0;
+        }
         if (const std::string sentence = no_command(app, argc, argv); !sentence.empty())
             return fault("", sentence);
         app.parse(argc, argv);
