@@ -95,7 +95,7 @@ TEST_CASE("an animated PNG has the chunks of its specification, and its pictures
             CHECK(u32(c.data, 0) == sequence++);
             CHECK(u32(c.data, 4) == 5);
             CHECK(u32(c.data, 8) == 3);
-            CHECK(u32(c.data, 20) == (1001U << 16U | 30000U));  // seconds of a picture
+            CHECK(u32(c.data, 20) == (1001U << 16U | 30000U)); // seconds of a picture
         }
         if (c.type != "fdAT" && c.type != "IDAT") continue;
         if (c.type == "fdAT") CHECK(u32(c.data, 0) == sequence++);
@@ -126,15 +126,16 @@ TEST_CASE("Y4M has a header, a mark a frame, and the colours of Rec. 601") {
             const double expected[] = {16 + 219 * y, 128 + 224 * (b - y) / 1.772,
                                        128 + 224 * (r - y) / 1.402};
             for (std::size_t c = 0; c < 3; ++c)
-                CHECK(std::abs(static_cast<std::uint8_t>(frame[6 + 15 * c + i]) - expected[c]) < 0.51);
+                CHECK(std::abs(static_cast<std::uint8_t>(frame[6 + 15 * c + i]) - expected[c]) <
+                      0.51);
         }
     }
 }
 
 TEST_CASE("a video that is not finished leaves no file, and the old one as it was") {
     const TemporaryFolder folder;
-    for (const auto& [name, format] : {std::pair("a.apng", OutFormat::apng),
-                                       std::pair("a.y4m", OutFormat::y4m)}) {
+    for (const auto& [name, format] :
+         {std::pair("a.apng", OutFormat::apng), std::pair("a.y4m", OutFormat::y4m)}) {
         const fs::path out = folder.path / name;
         { moving_picture(out, format, {}, 3)->add(colours(0)); }
         CHECK_FALSE(fs::exists(out));
@@ -174,8 +175,9 @@ TEST_CASE("the name of --out decides") {
     CHECK(of("-") == OutFormat::y4m_stream);
     CHECK(of("b.c/pictures") == OutFormat::picture_folder);
     CHECK(of("pictures/") == OutFormat::picture_folder);
-    CHECK_FAULT(of("a.txt"), "--out: got 'a.txt', expected .png, .jpg, .apng, - (Y4M on standard "
-                             "output) or no extension (a folder of pictures)");
+    CHECK_FAULT(of("a.txt"),
+                "--out: got 'a.txt', expected .png, .jpg, .apng, - (Y4M on standard "
+                "output) or no extension (a folder of pictures)");
     CHECK_FAULT(out_format("-", {OutFormat::png, OutFormat::picture_folder}, "--out"), "got '-'");
     CHECK_FAULT(out_format("a", {OutFormat::png}, "--out"), "expected .png");
 }
@@ -183,7 +185,7 @@ TEST_CASE("the name of --out decides") {
 TEST_CASE("pictures a second") {
     CHECK(parsed_rate("25", "--fps").pictures == 25);
     CHECK(parsed_rate("30000/1001", "--fps").seconds == 1001);
-    for (const char* wrong : {"", "0", "-25", "25.5", "25/", "25/0", "1/2", "70000", "1001", "25x",
-                              "1001/1"})
+    for (const char* wrong :
+         {"", "0", "-25", "25.5", "25/", "25/0", "1/2", "70000", "1001", "25x", "1001/1"})
         CHECK_FAULT(parsed_rate(wrong, "--fps"), std::string("--fps: got '") + wrong + "'");
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The frames that a run keeps: the same bits back, and every damage named.
-#include "training/run_frames.hpp"
+#include "data/run_frames.hpp"
 
 #include <doctest/doctest.h>
 
@@ -66,7 +66,7 @@ struct StoredFrames {
     }
 };
 
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
 
 } // namespace
 
@@ -113,13 +113,13 @@ TEST_CASE("frames of a run come back with the bits of the capture") {
 
 TEST_CASE("the mark of frames follows their numbers and names, not their place") {
     const StoredFrames stored;
-    Capture other = stored.capture;
+    Capture other = read_capture(stored.files.folder);
     other.folder = "elsewhere";
     CHECK(frames_mark(other) == frames_mark(stored.capture));
     other.frames[0].expression[1] += 1e-6f;
     CHECK(frames_mark(other) != frames_mark(stored.capture));
     CHECK_FAULT(load_frames(stored.folder.path, frames_mark(other)), "--resume");
-    other = stored.capture;
+    other = read_capture(stored.files.folder);
     other.frames[0].id = "first";
     CHECK(frames_mark(other) != frames_mark(stored.capture));
 }
@@ -128,8 +128,8 @@ TEST_CASE("frames with a number that is not finite are not written") {
     const StoredFrames stored;
     std::ifstream in(frames_path(stored.folder.path), std::ios::binary);
     const std::string before{std::istreambuf_iterator<char>(in), {}};
-    Capture c = stored.capture;
-    c.frames[1].landmarks(2, 7) = nan;
+    Capture c = read_capture(stored.files.folder);
+    c.frames[1].landmarks(2, 7) = not_a_number;
     CHECK_FAULT(save_frames(stored.folder.path, c), "landmarks");
     std::ifstream again(frames_path(stored.folder.path), std::ios::binary);
     CHECK(std::string{std::istreambuf_iterator<char>(again), {}} == before);
@@ -143,11 +143,17 @@ TEST_CASE("damaged frames of a run are named by file and field") {
     const std::string kept{std::istreambuf_iterator<char>(in), {}};
     const auto restore = [&] { std::ofstream(path, std::ios::binary | std::ios::trunc) << kept; };
 
-    const std::vector<std::pair<std::string, std::string>> words{
-        {"version", "2"},     {"format", "rye-checkpoint"}, {"width", "0"},
-        {"height", "99999"},  {"train", "[0, 4]"},          {"test", "[-1]"},
-        {"frames", "{}"},     {"frames", "[3]"},            {"cameras", "[]"},
-        {"novel_gaze", "[["}, {"independent_gaze", "[1.5]"}};
+    const std::vector<std::pair<std::string, std::string>> words{{"version", "2"},
+                                                                 {"format", "rye-checkpoint"},
+                                                                 {"width", "0"},
+                                                                 {"height", "99999"},
+                                                                 {"train", "[0, 4]"},
+                                                                 {"test", "[-1]"},
+                                                                 {"frames", "{}"},
+                                                                 {"frames", "[3]"},
+                                                                 {"cameras", "[]"},
+                                                                 {"novel_gaze", "[["},
+                                                                 {"independent_gaze", "[1.5]"}};
     for (const auto& [key, value] : words) {
         CAPTURE(key);
         stored.word(key, value);
@@ -165,7 +171,7 @@ TEST_CASE("damaged frames of a run are named by file and field") {
     for (const char* name : {"pose", "scale", "landmarks", "gaze", "visual", "eye_centre",
                              "camera.intrinsic", "camera.extrinsic"}) {
         CAPTURE(name);
-        stored.set(name, 0, nan);
+        stored.set(name, 0, not_a_number);
         CHECK_FAULT(load(), name);
         restore();
     }

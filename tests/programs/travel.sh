@@ -150,6 +150,16 @@ same "$run/frames.safetensors" frames.kept
 same look.png look4.png
 "$rye" evaluate --run "$run" --capture kept_cap --json > results.txt
 same results.txt "$run/results.json"
+"$rye" info kept_cap --effects --json > info.txt
+grep -q '"called": true' info.txt || { cat info.txt; fail "no effect in --effects --json"; }
+"$rye" train --capture kept_cap --preset tiny --config small.json --steps 1000000 --quiet \
+    --out stopped > log.txt &
+pid=$!
+while [ ! -e stopped/checkpoint.safetensors ] && kill -0 $pid 2> /dev/null; do sleep 0.05; done
+kill -TERM $pid
+code=0
+wait $pid || code=$?
+[ $code -eq 143 ] || fail "a stopped training ends with $code, expected 128 and the signal's number"
 "$rye" info kept_cap --json > info.txt
 grep -q '"verdict": "usable"' info.txt || { cat info.txt; fail "no verdict in --json"; }
 echo "1 passed, 0 failed"

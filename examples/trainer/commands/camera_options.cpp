@@ -37,9 +37,9 @@ Pinhole<double> placed(const CameraOptions& o, const Pinhole<double>& usual,
         o.fov_deg > 0 ? o.fov_deg * degree : 2 * std::atan(0.5 * usual.height / usual.fy);
     const ImageSize size =
         o.size.empty() ? ImageSize{usual.width, usual.height} : parsed_size(o.size, "--size");
-    Pinhole<double> c = look_at<double>(
-        vector_of(o.eye), o.look_at.empty() ? middle : vector_of(o.look_at),
-        o.up.empty() ? usual_up : vector_of(o.up), fov, size);
+    Pinhole<double> c =
+        look_at<double>(vector_of(o.eye), o.look_at.empty() ? middle : vector_of(o.look_at),
+                        o.up.empty() ? usual_up : vector_of(o.up), fov, size);
     c.near_depth = usual.near_depth;
     return c;
 }
@@ -52,19 +52,26 @@ void add_camera_options(CLI::App& command, CameraOptions& o, const std::string& 
         return command.add_option(name, v, help)->delimiter(',')->expected(3)->check(finite);
     };
     CLI::Option* const eye = vector("--eye", o.eye, "A camera of one's own: its position X,Y,Z");
-    vector("--look-at,--target", o.look_at, "Point in the middle of its picture: X,Y,Z (default: the middle "
-                                   "of the face)")->needs(eye);
+    vector("--look-at,--target", o.look_at,
+           "Point in the middle of its picture: X,Y,Z (default: the middle "
+           "of the face)")
+        ->needs(eye);
     vector("--up", o.up, "Up direction of its picture: X,Y,Z (" + otherwise + ")")->needs(eye);
-    command.add_option("--fov", o.fov_deg, "Its vertical field of view in degrees (" + otherwise + ")")
-        ->check(CLI::Range(0.01, 179.0))->needs(eye);
+    command
+        .add_option("--fov", o.fov_deg, "Its vertical field of view in degrees (" + otherwise + ")")
+        ->check(CLI::Range(0.01, 179.0))
+        ->needs(eye);
     command.add_option("--size", o.size, "Size of the picture in pixels: WxH (" + otherwise + ")");
     CLI::Option* const file =
-        command.add_option("--cameras", o.file,
-                           "Cameras of a JSON file (rye's, or a transforms.json): the one of --view, "
-                           "or all of them in their order, as a video")
-            ->excludes(eye)->check(CLI::ExistingFile);
+        command
+            .add_option("--cameras", o.file,
+                        "Cameras of a JSON file (rye's, or a transforms.json): the one of --view, "
+                        "or all of them in their order, as a video")
+            ->excludes(eye)
+            ->check(CLI::ExistingFile);
     command.add_option("--view", o.view, "Index of a camera of --cameras, from 0")
-        ->needs(file)->check(CLI::NonNegativeNumber);
+        ->needs(file)
+        ->check(CLI::NonNegativeNumber);
 }
 
 std::vector<Pinhole<double>> own_cameras(const CameraOptions& o, const Pinhole<double>& usual,
@@ -88,8 +95,9 @@ std::vector<Pinhole<double>> own_cameras(const CameraOptions& o, const Pinhole<d
             all.back().near_depth = usual.near_depth;
         }
         if (bent)
-            std::cerr << "rye: note: " << o.file.string()
-                      << ": a lens bends (k1, k2, k3, p1 or p2 is not 0); a head is drawn without it\n";
+            std::cerr
+                << "rye: note: " << o.file.string()
+                << ": a lens bends (k1, k2, k3, p1 or p2 is not 0); a head is drawn without it\n";
     }
     if (!o.size.empty())
         for (Pinhole<double>& c : all) c = resized(c, parsed_size(o.size, "--size"));

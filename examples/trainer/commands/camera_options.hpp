@@ -17,11 +17,11 @@ namespace rye::trainer {
 
 /// What was given; the rest is as in a camera that the command chooses.
 struct CameraOptions {
-    std::vector<double> eye, look_at, up;  ///< world units; empty: not given
-    double fov_deg = 0;                    ///< vertical; 0: not given
-    std::string size;                      ///< WxH; empty: not given
-    std::filesystem::path file;            ///< of --cameras
-    int view = -1;                         ///< of --view; -1: not given
+    std::vector<double> eye, look_at, up; ///< world units; empty: not given
+    double fov_deg = 0;                   ///< vertical; 0: not given
+    std::string size;                     ///< WxH; empty: not given
+    std::filesystem::path file;           ///< of --cameras
+    int view = -1;                        ///< of --view; -1: not given
 
     bool given() const { return !eye.empty() || !file.empty(); }
 };
@@ -33,7 +33,7 @@ void add_camera_options(CLI::App& command, CameraOptions& options, const std::st
 /// of `usual`, and the point to look at `middle`; of none, `usual` itself, in the size of --size.
 /// Throws Error for what is out of range. A lens that bends is left out, with a note on standard
 /// error.
-std::vector<Pinhole<double>> own_cameras(const CameraOptions& options,
-                                         const Pinhole<double>& usual, const Vec3<double>& middle);
+std::vector<Pinhole<double>> own_cameras(const CameraOptions& options, const Pinhole<double>& usual,
+                                         const Vec3<double>& middle);
 
 } // namespace rye::trainer

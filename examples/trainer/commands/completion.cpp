@@ -38,7 +38,7 @@ std::string first_line(const std::string& text) { return text.substr(0, text.fin
 /// What the words after a command begin with: its options, and values of a choice without a name.
 struct Words {
     std::vector<std::string> options, choices;
-    bool files = false;  ///< it takes a file without a name
+    bool files = false; ///< it takes a file without a name
 };
 
 Words words_of(const CLI::App& command) {
@@ -92,14 +92,17 @@ std::string bash_completion(const CLI::App& app) {
            "    local word=${COMP_WORDS[COMP_CWORD]} before= command= words= files=\n"
            "    COMPREPLY=()\n"
            "    if [ \"$COMP_CWORD\" -eq 1 ]; then\n"
-           "        COMPREPLY=($(compgen -W " + quoted(names_of(app) + " --help --version") +
+           "        COMPREPLY=($(compgen -W " +
+           quoted(names_of(app) + " --help --version") +
            " -- \"$word\"))\n"
            "        return\n"
            "    fi\n"
            "    before=${COMP_WORDS[COMP_CWORD-1]} command=${COMP_WORDS[1]}\n"
-           "    case $command:$before in\n" + values +
+           "    case $command:$before in\n" +
+           values +
            "    esac\n"
-           "    case $command in\n" + words +
+           "    case $command in\n" +
+           words +
            "    *) return ;;\n"
            "    esac\n"
            "    COMPREPLY=($(compgen -W \"$words\" -- \"$word\"))\n"
@@ -118,42 +121,53 @@ std::string zsh_completion(const CLI::App& app) {
     };
     const auto action = [&](const OptionValue& v) -> std::string {
         switch (v.kind) {
-        case Kind::none: return "";
-        case Kind::choice: return ":value:(" + joined(v.choices) + ")";
-        case Kind::file: return ":file:_files";
-        case Kind::folder: return ":folder:_files -/";
-        default: return ":value: ";
+            case Kind::none:
+                return "";
+            case Kind::choice:
+                return ":value:(" + joined(v.choices) + ")";
+            case Kind::file:
+                return ":file:_files";
+            case Kind::folder:
+                return ":folder:_files -/";
+            default:
+                return ":value: ";
         }
     };
     std::string commands, cases;
     for (const CLI::App* c : commands_of(app)) {
-        commands += "        " + quoted(c->get_name() + ":" + replaced(first_line(c->get_description()), ":", "\\:")) + "\n";
+        commands +=
+            "        " +
+            quoted(c->get_name() + ":" + replaced(first_line(c->get_description()), ":", "\\:")) +
+            "\n";
         cases += "    " + c->get_name() + ")\n        _arguments";
         for (const CLI::Option* o : options_of(*c))
-            cases += " \\\n            " + quoted("--" + o->get_lnames().front() + "[" + plain(text_of(*o)) +
-                                                  "]" + action(value_of(*o)));
+            cases += " \\\n            " + quoted("--" + o->get_lnames().front() + "[" +
+                                                  plain(text_of(*o)) + "]" + action(value_of(*o)));
         for (const CLI::Option* o : c->get_options())
             if (o->get_positional())
-                cases += " \\\n            " +
-                         quoted(":" + replaced(o->get_name(true, false), ":", "") +
-                                (value_of(*o).kind == Kind::choice
-                                     ? ":(" + joined(value_of(*o).choices) + ")"
-                                     : ":_files"));
+                cases +=
+                    " \\\n            " + quoted(":" + replaced(o->get_name(true, false), ":", "") +
+                                                 (value_of(*o).kind == Kind::choice
+                                                      ? ":(" + joined(value_of(*o).choices) + ")"
+                                                      : ":_files"));
         cases += "\n        ;;\n";
     }
     return "#compdef rye\n# zsh completion for rye, written by `rye completion zsh`\n"
            "_rye() {\n"
-           "    local -a commands=(\n" + commands +
+           "    local -a commands=(\n" +
+           commands +
            "    )\n"
            "    if (( CURRENT == 2 )); then\n"
            "        _describe command commands\n"
-           "        _arguments '--help[Print the help and exit]' '--version[Print the version and exit]'\n"
+           "        _arguments '--help[Print the help and exit]' '--version[Print the version and "
+           "exit]'\n"
            "        return\n"
            "    fi\n"
            "    local command=$words[2]\n"
            "    shift words\n"
            "    (( CURRENT-- ))\n"
-           "    case $command in\n" + cases +
+           "    case $command in\n" +
+           cases +
            "    esac\n"
            "}\n"
            "if [ \"$funcstack[1]\" = _rye ]; then\n"
@@ -167,15 +181,17 @@ std::string fish_completion(const CLI::App& app) {
     const auto fish_quoted = [](const std::string& text) {
         return "'" + replaced(replaced(first_line(text), "\\", "\\\\"), "'", "\\'") + "'";
     };
-    std::string out = "# fish completion for rye, written by `rye completion fish`\n"
-                      "complete -c rye -f\n"
-                      "complete -c rye -n __fish_use_subcommand -l help -d 'Print the help and exit'\n"
-                      "complete -c rye -n __fish_use_subcommand -l version "
-                      "-d 'Print the version and exit'\n";
+    std::string out =
+        "# fish completion for rye, written by `rye completion fish`\n"
+        "complete -c rye -f\n"
+        "complete -c rye -n __fish_use_subcommand -l help -d 'Print the help and exit'\n"
+        "complete -c rye -n __fish_use_subcommand -l version "
+        "-d 'Print the version and exit'\n";
     for (const CLI::App* c : commands_of(app)) {
         out += "complete -c rye -n __fish_use_subcommand -a " + c->get_name() + " -d " +
                fish_quoted(c->get_description()) + "\n";
-        const std::string here = "complete -c rye -n '__fish_seen_subcommand_from " + c->get_name() + "'";
+        const std::string here =
+            "complete -c rye -n '__fish_seen_subcommand_from " + c->get_name() + "'";
         for (const CLI::Option* o : options_of(*c)) {
             const OptionValue v = value_of(*o);
             std::string value;
@@ -183,7 +199,8 @@ std::string fish_completion(const CLI::App& app) {
             if (v.kind == Kind::number || v.kind == Kind::word) value = " -x";
             if (v.kind == Kind::file) value = " -r -F";
             if (v.kind == Kind::folder) value = " -x -a '(__fish_complete_directories)'";
-            out += here + " -l " + o->get_lnames().front() + value + " -d " + fish_quoted(text_of(*o)) + "\n";
+            out += here + " -l " + o->get_lnames().front() + value + " -d " +
+                   fish_quoted(text_of(*o)) + "\n";
         }
         const Words w = words_of(*c);
         if (!w.choices.empty()) out += here + " -a " + quoted(joined(w.choices)) + "\n";
@@ -214,20 +231,26 @@ std::string roff(const std::string& text) {
 std::string placeholder(const CLI::Option& o) {
     const OptionValue v = value_of(o);
     switch (v.kind) {
-    case Kind::none: return "";
-    case Kind::choice: return replaced(joined(v.choices), " ", "|");
-    case Kind::number: return "NUMBER";
-    case Kind::file: return "FILE";
-    case Kind::folder: return "FOLDER";
-    case Kind::word: break;
+        case Kind::none:
+            return "";
+        case Kind::choice:
+            return replaced(joined(v.choices), " ", "|");
+        case Kind::number:
+            return "NUMBER";
+        case Kind::file:
+            return "FILE";
+        case Kind::folder:
+            return "FOLDER";
+        case Kind::word:
+            break;
     }
     return "VALUE";
 }
 
 std::string entry(const CLI::Option& o) {
     const std::string value = placeholder(o);
-    const std::string name = o.get_positional() ? o.get_name(true, false)
-                                                : "--" + o.get_lnames().front();
+    const std::string name =
+        o.get_positional() ? o.get_name(true, false) : "--" + o.get_lnames().front();
     std::string help = text_of(o);
     if (!o.get_default_str().empty()) help += " [" + o.get_default_str() + "]";
     if (o.get_required()) help += " (required)";
@@ -239,10 +262,12 @@ std::string entry(const CLI::Option& o) {
 } // namespace
 
 std::string manual_page(const CLI::App& app, const std::string& version) {
-    std::string out = ".TH RYE 1 \"\" \"rye " + version + "\" \"User Commands\"\n"
+    std::string out = ".TH RYE 1 \"\" \"rye " + version +
+                      "\" \"User Commands\"\n"
                       ".SH NAME\nrye \\- gaze-redirectable Gaussian head avatars\n"
                       ".SH SYNOPSIS\n.B rye\n.I COMMAND\n[\\fIOPTION\\fR ...]\n"
-                      ".SH DESCRIPTION\n" + roff(app.get_description()) + "\n.SH COMMANDS\n";
+                      ".SH DESCRIPTION\n" +
+                      roff(app.get_description()) + "\n.SH COMMANDS\n";
     for (const CLI::App* c : commands_of(app)) {
         out += ".SS rye " + c->get_name() + "\n" + roff(c->get_description()) + "\n";
         for (const CLI::Option* o : c->get_options())
@@ -253,7 +278,8 @@ std::string manual_page(const CLI::App& app, const std::string& version) {
     return out;
 }
 
-// ---- the commands ---------------------------------------------------------------------------------
+// ---- the commands
+// ---------------------------------------------------------------------------------
 
 namespace {
 
@@ -264,8 +290,10 @@ struct TextOptions {
 
 /// To --out, or else to standard output.
 void write_text(const std::string& text, const std::filesystem::path& out) {
-    if (out.empty()) std::cout << text;
-    else write_atomic(out, std::as_bytes(std::span(text)), Durability::atomic_only);
+    if (out.empty())
+        std::cout << text;
+    else
+        write_atomic(out, std::as_bytes(std::span(text)), Durability::atomic_only);
 }
 
 } // namespace
@@ -274,7 +302,8 @@ void add_completion(CLI::App& app) {
     auto o = std::make_shared<TextOptions>();
     CLI::App* c = app.add_subcommand("completion", "Print the completion script of a shell");
     c->add_option("shell", o->shell, "Shell that reads it")
-        ->required()->check(CLI::IsMember({"bash", "zsh", "fish"}));
+        ->required()
+        ->check(CLI::IsMember({"bash", "zsh", "fish"}));
     c->add_option("--out", o->out, "File to write, instead of standard output");
     c->callback([o, &app] {
         write_text(o->shell == "bash"  ? bash_completion(app)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// commands/completion.hpp: shell completion and the manual page, made of the same commands, options
-/// and sentences as --help.
+/// commands/completion.hpp: shell completion and the manual page, made of the same commands,
+/// options and sentences as --help.
 #pragma once
 
 #include <string>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye drivers`: the drivers of a run or a capture as a CSV file, to be edited, drawn as curves, or
-/// given to `rye redirect --driving`.
+/// `rye drivers`: the drivers of a run or a capture as a CSV file, to be edited, drawn as curves,
+/// or given to `rye redirect --driving`.
 #include <iostream>
 #include <memory>
 #include <span>
@@ -38,13 +38,17 @@ void write_drivers(const DriversOptions& o) {
 
 void add_drivers(CLI::App& app) {
     auto o = std::make_shared<DriversOptions>();
-    CLI::App* c = app.add_subcommand("drivers", "Write expressions, head poses and gazes as a table");
-    c->add_option("--run", o->run, "Folder of the run")->required()
+    CLI::App* c =
+        app.add_subcommand("drivers", "Write expressions, head poses and gazes as a table");
+    c->add_option("--run", o->run, "Folder of the run")
+        ->required()
         ->check(folder_check("the folder of a run with its checkpoint"));
-    c->add_option("--capture", o->capture, "Folder of a capture whose frames are written (default: the "
-                                           "run's own)")
+    c->add_option("--capture", o->capture,
+                  "Folder of a capture whose frames are written (default: the "
+                  "run's own)")
         ->check(folder_check("the folder of a capture"));
-    c->add_option("--out", o->out, "File to write (.csv)")->required()
+    c->add_option("--out", o->out, "File to write (.csv)")
+        ->required()
         ->check(out_check({OutFormat::csv}));
     c->callback([o] { write_drivers(*o); });
 }

@@ -11,8 +11,8 @@
 #include "commands/options.hpp"
 #include "data/driver_table.hpp"
 #include "data/out_format.hpp"
+#include "data/run_frames.hpp"
 #include "data/validate.hpp"
-#include "training/run_frames.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -42,15 +42,17 @@ std::vector<Drivers<float>> folder_drivers(const fs::path& folder, const TrainSt
 }
 
 /// The frames FIRST to LAST, for "FIRST:LAST".
-std::vector<Drivers<float>> ranged(const std::vector<Drivers<float>>& all, const std::string& range) {
+std::vector<Drivers<float>> ranged(const std::vector<Drivers<float>>& all,
+                                   const std::string& range) {
     if (range.empty()) return all;
     long first = 0, last = 0;
     int read = 0;
     const int found = std::sscanf(range.c_str(), "%9ld:%9ld%n", &first, &last, &read);
     require(found == 2 && static_cast<std::size_t>(read) == range.size() && first >= 0 &&
                 first <= last && last < static_cast<long>(all.size()),
-            "--range", "got " + range + ", expected FIRST:LAST within 0:" +
-                           std::to_string(all.size() - 1) + ", the frames of --driving");
+            "--range",
+            "got " + range + ", expected FIRST:LAST within 0:" + std::to_string(all.size() - 1) +
+                ", the frames of --driving");
     return {all.begin() + first, all.begin() + last + 1};
 }
 
@@ -76,17 +78,21 @@ void follow(const Drivers<float>& first, const Drivers<float>& own, Drivers<floa
 
 void add_driving_options(CLI::App& command, DrivingOptions& o) {
     CLI::Option* const driving =
-        command.add_option("--driving", o.path,
-                           "Expressions, head poses and gazes of a video: the folder of a capture or "
-                           "of a run, or a CSV file (`rye drivers` writes one)")
+        command
+            .add_option("--driving", o.path,
+                        "Expressions, head poses and gazes of a video: the folder of a capture or "
+                        "of a run, or a CSV file (`rye drivers` writes one)")
             ->check(CLI::ExistingPath);
-    command.add_option("--pose", o.pose,
-                       "Head poses of --driving: driving: as they are, in its world; relative: its "
-                       "motion since its first frame, from the frame's pose on; own: the frame's, "
-                       "still")
+    command
+        .add_option("--pose", o.pose,
+                    "Head poses of --driving: driving: as they are, in its world; relative: its "
+                    "motion since its first frame, from the frame's pose on; own: the frame's, "
+                    "still")
         ->check(CLI::IsMember({"driving", "relative", "own"}))
-        ->needs(driving)->capture_default_str();
-    command.add_option("--range", o.range, "Frames of --driving: FIRST:LAST, from 0 (default: all)")
+        ->needs(driving)
+        ->capture_default_str();
+    command
+        .add_option("--range", o.range, "Frames of --driving: FIRST:LAST, from 0 (default: all)")
         ->needs(driving);
 }
 

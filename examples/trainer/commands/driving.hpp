@@ -15,9 +15,9 @@ class App;
 namespace rye::trainer {
 
 struct DrivingOptions {
-    std::filesystem::path path;    ///< of --driving; empty: not given
-    std::string pose = "driving";  ///< driving, relative or own
-    std::string range;             ///< FIRST:LAST, both included, from 0; empty: all
+    std::filesystem::path path;   ///< of --driving; empty: not given
+    std::string pose = "driving"; ///< driving, relative or own
+    std::string range;            ///< FIRST:LAST, both included, from 0; empty: all
 };
 
 /// --driving, --pose and --range.

@@ -156,14 +156,16 @@ void evaluate(const EvaluateOptions& o) {
 void add_evaluate(CLI::App& app) {
     auto o = std::make_shared<EvaluateOptions>();
     CLI::App* c = app.add_subcommand("evaluate", "Measure image quality and gaze error");
-    c->add_option("--run", o->run, "Folder of the run")->required()
+    c->add_option("--run", o->run, "Folder of the run")
+        ->required()
         ->check(folder_check("the folder of a run with its checkpoint"));
     c->add_option("--capture", o->capture, "Folder of the capture (default: the one trained on)")
         ->check(folder_check("the folder of a capture"));
     c->add_option("--split", o->split, "Frames to measure")
         ->check(CLI::IsMember({"test", "train", "novel", "independent"}))
         ->capture_default_str();
-    c->add_flag("--json", o->json, "Print the results as JSON (as in results.json) instead of tables");
+    c->add_flag("--json", o->json,
+                "Print the results as JSON (as in results.json) instead of tables");
     c->add_option("--out", o->out, "Folder for results.json and per_view.json (default: the run's)");
     add_threads(*c, o->threads);
     c->callback([o] { evaluate(*o); });

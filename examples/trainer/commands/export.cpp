@@ -88,9 +88,11 @@ void export_ply(const ExportOptions& o) {
 void add_export(CLI::App& app) {
     auto o = std::make_shared<ExportOptions>();
     CLI::App* c = app.add_subcommand("export", "Write a trained head as a standard Gaussian PLY");
-    c->add_option("--run", o->run, "Folder of the run")->required()
+    c->add_option("--run", o->run, "Folder of the run")
+        ->required()
         ->check(folder_check("the folder of a run with its checkpoint"));
-    c->add_option("--capture", o->capture, "Folder of a capture whose frames drive (default: the run's own)");
+    c->add_option("--capture", o->capture,
+                  "Folder of a capture whose frames drive (default: the run's own)");
     c->add_option("--frame", o->frame, "Frame that drives the head (default: the first test frame)");
     c->add_flag("--canonical", o->canonical, "Neutral expression, no head pose, eyes ahead, instead");
     c->add_option("--gaze-left", o->left, "Subject's left eye: PITCH,YAW in degrees")->delimiter(',');

@@ -13,9 +13,9 @@
 
 #include <rye/rig/gaze.hpp>
 
+#include "commands/commands.hpp"
 #include "commands/info_effects.hpp"
 #include "commands/info_json.hpp"
-#include "commands/commands.hpp"
 #include "data/validate.hpp"
 
 namespace rye::trainer {
@@ -173,7 +173,10 @@ void add_info(CLI::App& app) {
     command->callback([arguments, effects] {
         if (effects->count() > 0) {
             arguments->options.scene = arguments->folder;
-            std::cout << explain_effects(arguments->options);
+            if (arguments->json)
+                std::cout << effects_json(arguments->options).dump(2) << "\n";
+            else
+                std::cout << explain_effects(arguments->options);
             return;
         }
         require(!arguments->folder.empty(), "rye info",

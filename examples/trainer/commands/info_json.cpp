@@ -47,7 +47,7 @@ Json info_json(const Capture& c, const std::vector<Problem>& problems) {
     std::vector<std::string> lacks;
     if (errors.empty()) lacks = training_faults(c);
     Json json = {{"capture", c.folder.string()},
-                 {"verdict", !errors.empty()  ? "not usable"
+                 {"verdict", !errors.empty() ? "not usable"
                              : lacks.empty() ? "usable"
                                              : "not trainable"},
                  {"errors", errors},
@@ -66,8 +66,8 @@ Json info_json(const Capture& c, const std::vector<Problem>& problems) {
                  {"eye_centres", !c.frames.empty() && c.has_centres()}};
     Json cameras = Json::array();
     for (int k = 0; k < c.camera_count() && c.frame_count() > 0; ++k)
-        cameras.push_back({{"id", c.camera_ids[static_cast<std::size_t>(k)]},
-                           {"frames", frames_seen(c, k)}});
+        cameras.push_back(
+            {{"id", c.camera_ids[static_cast<std::size_t>(k)]}, {"frames", frames_seen(c, k)}});
     json["cameras"] = cameras;
     json["gaze"] = nullptr;
     if (!c.frames.empty() && c.has_gaze())

@@ -12,8 +12,8 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/run_frames.hpp"
 #include "data/validate.hpp"
-#include "training/run_frames.hpp"
 
 namespace rye::trainer {
 
@@ -109,8 +109,10 @@ bool has_own_frames(const std::filesystem::path& run) {
 std::filesystem::path old_capture(const std::filesystem::path& run, const TrainState& state) {
     require(std::filesystem::is_directory(state.capture), run.string(),
             "holds no frames.safetensors (older versions wrote none), and its capture is not at '" +
-                state.capture + "' any more; name its folder by --capture, or let `rye train "
-                "--resume --out " + run.string() + " --capture FOLDER` add the file");
+                state.capture +
+                "' any more; name its folder by --capture, or let `rye train "
+                "--resume --out " +
+                run.string() + " --capture FOLDER` add the file");
     return state.capture;
 }
 
@@ -135,8 +137,8 @@ ShownView shown_view(const std::filesystem::path& run, const TrainState& state,
     } else {
         const CaptureContents contents =
             read_contents(option.empty() ? old_capture(run, state) : option);
-        v.capture = read_valid_frame(contents, frame_id(contents, frame),
-                                     camera_choices(contents, camera));
+        v.capture =
+            read_valid_frame(contents, frame_id(contents, frame), camera_choices(contents, camera));
         require_same_subject(state, v.capture);
     }
     v.camera = camera_index(v.capture, camera, v.frame);
@@ -148,7 +150,7 @@ std::function<std::string(const std::string&)> out_check(std::vector<OutFormat> 
         try {
             out_format(path, known, "");
         } catch (const Error& e) {
-            return std::string(e.what()).substr(2);  // the caller names the option
+            return std::string(e.what()).substr(2); // the caller names the option
         }
         return "";
     };

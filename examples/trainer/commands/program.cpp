@@ -74,14 +74,16 @@ const CLI::Option* option_named(const CLI::App& command, const std::string& name
 std::string unexpected(const CLI::App& app, const CLI::App& command) {
     std::vector<std::string> rest = command.remaining();
     if (rest.empty()) rest = app.remaining();
-    const auto option =
-        std::find_if(rest.begin(), rest.end(), [](const std::string& w) { return w.starts_with('-'); });
+    const auto option = std::find_if(rest.begin(), rest.end(),
+                                     [](const std::string& w) { return w.starts_with('-'); });
     if (rest.empty()) return "";
     if (option == rest.end())
-        return "'" + rest.front() + "' is one word more than the command takes; its options are named";
+        return "'" + rest.front() +
+               "' is one word more than the command takes; its options are named";
     const std::string word = option->substr(0, option->find('='));
     std::vector<std::string> names{"--help"};
-    for (const CLI::Option* o : options_of(command)) names.push_back("--" + o->get_lnames().front());
+    for (const CLI::Option* o : options_of(command))
+        names.push_back("--" + o->get_lnames().front());
     const std::string near = meant(word, names);
     const std::string program = &command == &app ? "rye" : "rye " + command.get_name();
     return word + " is no option" + (near.empty() ? "; `" + program + " --help` lists them" : near);
@@ -154,7 +156,7 @@ std::string near_miss(const std::string& word, const std::vector<std::string>& c
     for (const std::string& c : candidates)
         if (const std::size_t n = edits(word, c); n < least) least = n, best = c;
     if (!best.empty()) return best;
-    constexpr std::size_t enough = 3;  // letters of a beginning
+    constexpr std::size_t enough = 3; // letters of a beginning
     const std::size_t dashes = std::min(word.find_first_not_of('-'), word.size());
     if (word.size() < dashes + enough) return "";
     for (const std::string& c : candidates)
@@ -214,7 +216,7 @@ int run_program(CLI::App& app, int argc, char** argv) {
     } catch (const CLI::RuntimeError& e) {
         return e.get_exit_code();
     } catch (const CLI::ParseError& e) {
-        if (e.get_exit_code() == 0) return app.exit(e);  // help and version
+        if (e.get_exit_code() == 0) return app.exit(e); // help and version
         const std::string more = unexpected(app, command);
         return fault(name, more.empty() ? reworded(command, e) : more);
     } catch (const std::bad_alloc&) {

@@ -13,12 +13,12 @@
 namespace CLI {
 class App;
 class Option;
-}
+} // namespace CLI
 
 namespace rye::trainer {
 
-inline constexpr int exit_no = 1;     ///< the answer of the command is no
-inline constexpr int exit_fault = 2;  ///< it could not be done
+inline constexpr int exit_no = 1;    ///< the answer of the command is no
+inline constexpr int exit_fault = 2; ///< it could not be done
 
 /// Parses the command line, which runs the command; returns the exit code. Faults are one line on
 /// standard error, which begins with the program and the command.

@@ -36,12 +36,9 @@ struct RedirectOptions {
 };
 
 /// All that --out may be.
-const std::vector<OutFormat> formats{OutFormat::png,
-                                     OutFormat::jpeg,
-                                     OutFormat::apng,
-                                     OutFormat::y4m,
-                                     OutFormat::y4m_stream,
-                                     OutFormat::picture_folder};
+const std::vector<OutFormat> formats{OutFormat::png,        OutFormat::jpeg,
+                                     OutFormat::apng,       OutFormat::y4m,
+                                     OutFormat::y4m_stream, OutFormat::picture_folder};
 
 /// (pitch, yaw) of the left eye, of the right one [deg].
 struct Look {
@@ -124,10 +121,13 @@ Image<float> contact_sheet(const TrainState& state, const DrawnFrame& frame,
     return stacked(stack);
 }
 
-void write_picture(const std::filesystem::path& out, OutFormat format, const Image<float>& picture) {
+void write_picture(const std::filesystem::path& out, OutFormat format,
+                   const Image<float>& picture) {
     constexpr int quality = 95;
-    if (format == OutFormat::jpeg) write_jpeg(out, to_8bit(picture), quality);
-    else write_png(out, picture);
+    if (format == OutFormat::jpeg)
+        write_jpeg(out, to_8bit(picture), quality);
+    else
+        write_png(out, picture);
 }
 
 /// What is drawn: each picture's drivers and camera, and the photograph beside the only one.
@@ -179,7 +179,8 @@ void note_outside(const TrainState& state, const std::vector<DrawnFrame>& frames
     if (outside > 0)
         std::cerr << "rye: note: the middle of the head lies outside of " << outside << " of "
                   << frames.size() << " pictures"
-                  << (frames.size() > 1 ? "; --pose relative or own keeps it near the frame's\n" : "\n");
+                  << (frames.size() > 1 ? "; --pose relative or own keeps it near the frame's\n"
+                                        : "\n");
 }
 
 void write_video(const RedirectOptions& o, OutFormat format, const TrainState& state,
@@ -196,8 +197,8 @@ void write_video(const RedirectOptions& o, OutFormat format, const TrainState& s
     }
     if (terminal) std::cerr << "\n";
     video->finish();
-    say << o.out.string() << ": " << count << " pictures of " << frames.front().camera.width << " x "
-        << frames.front().camera.height << " pixels\n";
+    say << o.out.string() << ": " << count << " pictures of " << frames.front().camera.width
+        << " x " << frames.front().camera.height << " pixels\n";
 }
 
 /// Error for options that exclude each other, before anything is read.
@@ -205,8 +206,10 @@ OutFormat checked_format(const RedirectOptions& o) {
     const OutFormat format = out_format(o.out, formats, "--out");
     const bool many = !o.driving.path.empty() || (!o.own.file.empty() && o.own.view < 0);
     require(!moves(format) || many, "--out",
-            "got " + o.out.string() + ", a video, but nothing moves: expected --driving, or --cameras "
-            "without --view, or a single picture (" + list_of({OutFormat::png, OutFormat::jpeg}) + ")");
+            "got " + o.out.string() +
+                ", a video, but nothing moves: expected --driving, or --cameras "
+                "without --view, or a single picture (" +
+                list_of({OutFormat::png, OutFormat::jpeg}) + ")");
     require(moves(format) || o.driving.path.empty(), "--out",
             "got " + o.out.string() + ", one picture, but --driving makes a video, expected " +
                 list_of({formats.begin() + 2, formats.end()}));
@@ -229,7 +232,8 @@ void redirect(const RedirectOptions& o) {
     }
     require(shot.frames.size() == 1, "--out",
             "got " + o.out.string() + ", one picture, but " + o.own.file.string() + " has " +
-                std::to_string(shot.frames.size()) + " cameras: choose one by --view, or a video (" +
+                std::to_string(shot.frames.size()) +
+                " cameras: choose one by --view, or a video (" +
                 list_of({formats.begin() + 2, formats.end()}) + ")");
     std::string explained;
     Image<float> picture;
@@ -251,11 +255,14 @@ void redirect(const RedirectOptions& o) {
 void add_redirect(CLI::App& app) {
     auto o = std::make_shared<RedirectOptions>();
     CLI::App* c = app.add_subcommand(
-        "redirect", "Render a trained head with another gaze, camera or drivers: a picture or a video");
-    c->add_option("--run", o->run, "Folder of the run")->required()
+        "redirect",
+        "Render a trained head with another gaze, camera or drivers: a picture or a video");
+    c->add_option("--run", o->run, "Folder of the run")
+        ->required()
         ->check(folder_check("the folder of a run with its checkpoint"));
-    c->add_option("--capture", o->capture, "Folder of a capture whose frames and cameras are used "
-                                           "(default: the run's own, which lie in its folder)")
+    c->add_option("--capture", o->capture,
+                  "Folder of a capture whose frames and cameras are used "
+                  "(default: the run's own, which lie in its folder)")
         ->check(folder_check("the folder of a capture"));
     c->add_option("--frame", o->frame, "Frame whose expression and head pose are used "
                                        "(default: the first test frame)");
@@ -270,14 +277,20 @@ void add_redirect(CLI::App& app) {
     CLI::Option* const sweep =
         c->add_flag("--sweep", o->sweep, "A contact sheet of many gazes instead")
             ->excludes("--driving");
-    c->add_flag("--compare", o->compare, "Put the photograph of that frame beside it; needs the capture")
-        ->excludes(sweep)->excludes("--driving")->excludes("--eye")->excludes("--cameras");
+    c->add_flag("--compare", o->compare,
+                "Put the photograph of that frame beside it; needs the capture")
+        ->excludes(sweep)
+        ->excludes("--driving")
+        ->excludes("--eye")
+        ->excludes("--cameras");
     c->add_option("--effects", o->effects, "Draw by these effects, or by a variant: paper, talk, gaze "
                                            "or still (default: the fewest that the pictures call for)");
-    c->add_option("--out", o->out, "What to write: a picture (.png, .jpg), an animated PNG (.apng), "
-                                   "Y4M for video programs (.y4m, or - for standard output), or a "
-                                   "folder of numbered pictures (no extension)")
-        ->required()->check(out_check(formats));
+    c->add_option("--out", o->out,
+                  "What to write: a picture (.png, .jpg), an animated PNG (.apng), "
+                  "Y4M for video programs (.y4m, or - for standard output), or a "
+                  "folder of numbered pictures (no extension)")
+        ->required()
+        ->check(out_check(formats));
     add_threads(*c, o->threads);
     c->callback([o] { redirect(*o); });
 }

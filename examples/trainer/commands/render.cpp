@@ -129,15 +129,18 @@ Photograph view_of(const RenderOptions& o) {
         require(static_cast<std::size_t>(view) < all.size(), "rye render",
                 "--view: got " + std::to_string(view) + ", expected 0 to below " +
                     std::to_string(all.size()) + ", the cameras of " + o.own.file.string());
-        require(o.own.size.empty(), "rye render", "--size: the cameras of --cameras have their own");
+        require(o.own.size.empty(), "rye render",
+                "--size: the cameras of --cameras have their own");
         return all[static_cast<std::size_t>(view)];
     }
     require(!o.own.eye.empty() && !o.own.look_at.empty(), "rye render",
             "no view given, expected --eye and --look-at, or --cameras");
     const double fov = (o.own.fov_deg > 0 ? o.own.fov_deg : 40) * 3.14159265358979323846 / 180;
-    return {"", look_at<double>(vector_of(o.own.eye), vector_of(o.own.look_at),
-                                o.own.up.empty() ? Vec3<double>(0, -1, 0) : vector_of(o.own.up),
-                                fov, {width, height}), {}};
+    return {"",
+            look_at<double>(vector_of(o.own.eye), vector_of(o.own.look_at),
+                            o.own.up.empty() ? Vec3<double>(0, -1, 0) : vector_of(o.own.up), fov,
+                            {width, height}),
+            {}};
 }
 
 /// A picture of a run's head, at its first test frame: `rye redirect` has all other choices.
@@ -190,9 +193,11 @@ void add_render(CLI::App& app) {
     const auto vector = [&](const char* name, std::vector<double>& v, const char* help) {
         return c->add_option(name, v, help)->delimiter(',')->expected(3)->check(finite);
     };
-    c->add_option("ply", o->ply, "PLY file, in the standard form; or the folder of a run, whose head is "
-                               "drawn at its first test frame")
-        ->required()->check(CLI::ExistingPath);
+    c->add_option("ply", o->ply,
+                  "PLY file, in the standard form; or the folder of a run, whose head is "
+                  "drawn at its first test frame")
+        ->required()
+        ->check(CLI::ExistingPath);
     add_camera_options(*c, o->own, "default: 0,-1,0, 40 and 512x512; of a run, as its own camera");
     vector("--background", o->background, "R,G,B in 0 to 1")->check(CLI::Range(0.0, 1.0))
         ->capture_default_str();
@@ -209,7 +214,8 @@ void add_render(CLI::App& app) {
     c->add_option("--near", o->near_depth, "Closest depth that is drawn, in the file's units")
         ->check(CLI::Range(1e-9, 1e9))->capture_default_str();
     c->add_option("--out", o->out, "Picture to write (.png or .jpg)")
-        ->required()->check(out_check(formats));
+        ->required()
+        ->check(out_check(formats));
     add_threads(*c, o->threads);
     c->callback([o] { render(*o); });
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// `rye train`: both stages, with progress, log, panels, checkpoints and resume.
-#include <csignal>
 #include <sys/ioctl.h>
 #include <unistd.h>
+#include <csignal>
 
 #include <algorithm>
 #include <chrono>
@@ -20,10 +20,10 @@
 #include "commands/options.hpp"
 #include "data/json.hpp"
 #include "data/panel.hpp"
+#include "data/run_frames.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
 #include "training/run_folder.hpp"
-#include "training/run_frames.hpp"
 #include "training/run_size.hpp"
 #include "training/steps.hpp"
 
@@ -81,7 +81,8 @@ class Progress {
         char text[64];
         std::snprintf(text, sizeof text, "%4.0f ms/step, %lld:%02d left", 1e3 * now / done,
                       static_cast<long long>(left / 60), static_cast<int>(left % 60));
-        const std::string begin = stage_ + " " + std::to_string(step) + "/" + std::to_string(total_);
+        const std::string begin =
+            stage_ + " " + std::to_string(step) + "/" + std::to_string(total_);
         const std::string end = "  " + std::string(text);
         const std::size_t width = tty_ ? terminal_width() : 0;
         std::string shown;
@@ -142,8 +143,11 @@ constexpr int max_skipped_steps = 20;
 class Trainer {
   public:
     Trainer(const TrainOptions& options, Capture capture, TrainState state, Beginning beginning)
-        : options_(options), capture_(std::move(capture)), state_(std::move(state)),
-          random_{state_.config.seed, 0}, grid_(make_lattice(state_)),
+        : options_(options),
+          capture_(std::move(capture)),
+          state_(std::move(state)),
+          random_{state_.config.seed, 0},
+          grid_(make_lattice(state_)),
           folder_(options.out, state_, beginning, &capture_) {}
 
     /// Writes the checkpoint as it is.
@@ -423,7 +427,7 @@ int train(const TrainOptions& o) {
                     o.resume ? Beginning::resumed
                     : there  ? Beginning::replacing
                              : Beginning::fresh);
-    if (other_frames) trainer.save();  // so that it fits the frames that lie beside it now
+    if (other_frames) trainer.save(); // so that it fits the frames that lie beside it now
     std::signal(SIGINT, request_stop);
     std::signal(SIGTERM, request_stop);
     const bool done = trainer.run();

@@ -72,7 +72,8 @@ void require_known(const Json& from, const std::vector<std::string_view>& known)
     for (const auto& [key, value] : from.items())
         if (std::find(known.begin(), known.end(), key) == known.end()) {
             std::string all;
-            for (const std::string_view k : known) all += (all.empty() ? "" : ", ") + std::string(k);
+            for (const std::string_view k : known)
+                all += (all.empty() ? "" : ", ") + std::string(k);
             throw Error(key + ": is unknown here, expected some of " + all);
         }
 }
@@ -86,10 +87,10 @@ Pinhole<double> by_matrices(const Fields& of) {
             "intrinsic", "expected the rows (fx 0 cx), (0 fy cy), (0 0 1) with fx and fy > 0");
     const Mat3<double> r = m.leftCols<3>();
     const Vec3<double> x = r.row(0), y = r.row(1), z = r.row(2);
-    require((r * r.transpose() - Mat3<double>::Identity()).cwiseAbs().maxCoeff() <
-                    most_off_rotation &&
-                dot(cross(x, y), z) > 0,
-            "extrinsic", "its 3 x 3 part is no rotation, expected one");
+    require(
+        (r * r.transpose() - Mat3<double>::Identity()).cwiseAbs().maxCoeff() < most_off_rotation &&
+            dot(cross(x, y), z) > 0,
+        "extrinsic", "its 3 x 3 part is no rotation, expected one");
     Pinhole<double> c;
     c.fx = k(0, 0), c.fy = k(1, 1), c.cx = k(0, 2), c.cy = k(1, 2);
     c.width = width, c.height = height;
@@ -103,15 +104,16 @@ Pinhole<double> by_place(const Fields& of) {
         return matrix(of.at(key), 1, 3, key).transpose();
     };
     const double fov = finite(of.at("fov"), "fov");
-    require(fov > 0 && fov < 180, "fov", "got " + of.at("fov").dump() +
-                                             ", expected degrees between 0 and 180");
+    require(fov > 0 && fov < 180, "fov",
+            "got " + of.at("fov").dump() + ", expected degrees between 0 and 180");
     return look_at<double>(point("eye"), point("look_at"), point("up"), fov * degree,
                            size_of(of.at("size")));
 }
 
 Photograph camera_of(const Json& file, const Json& camera) {
     require(camera.is_object(), "a camera", "got " + camera.dump() + ", expected an object");
-    require_known(camera, {"name", "eye", "look_at", "up", "fov", "size", "intrinsic", "extrinsic"});
+    require_known(camera,
+                  {"name", "eye", "look_at", "up", "fov", "size", "intrinsic", "extrinsic"});
     const Fields of{file, camera};
     const bool matrices = camera.contains("extrinsic");
     require(matrices != camera.contains("eye"), "a camera",
@@ -127,10 +129,11 @@ Photograph camera_of(const Json& file, const Json& camera) {
 ImageSize parsed_size(const std::string& text, const std::string& who) {
     int width = 0, height = 0, read = 0;
     const int found = std::sscanf(text.c_str(), "%5dx%5d%n", &width, &height, &read);
-    require(found == 2 && static_cast<std::size_t>(read) == text.size() && width > 0 &&
-                height > 0 && width <= max_image_edge && height <= max_image_edge,
-            who, "got " + text + ", expected WxH, each 1 to " + std::to_string(max_image_edge) +
-                     " pixels");
+    require(
+        found == 2 && static_cast<std::size_t>(read) == text.size() && width > 0 && height > 0 &&
+            width <= max_image_edge && height <= max_image_edge,
+        who,
+        "got " + text + ", expected WxH, each 1 to " + std::to_string(max_image_edge) + " pixels");
     return {width, height};
 }
 

@@ -15,8 +15,8 @@ namespace rye::trainer {
 /// WxH, each 1 to max_image_edge pixels; throws Error, which begins with `who`, for anything else.
 ImageSize parsed_size(const std::string& text, const std::string& who);
 
-/// All cameras, at least one; throws Error with file, camera and field for anything missing, unknown
-/// or out of range. parse_cameras takes the text of the file; its errors begin with `name`.
+/// All cameras, at least one; throws Error with file, camera and field for anything missing,
+/// unknown or out of range. parse_cameras takes the text of the file; its errors begin with `name`.
 std::vector<Photograph> parse_cameras(std::string_view text, const std::string& name);
 std::vector<Photograph> read_cameras(const std::filesystem::path& path);
 

@@ -17,7 +17,7 @@ namespace {
 
 constexpr double degree = 3.14159265358979323846 / 180;
 constexpr std::uint64_t most_bytes = 1ULL << 30U;
-constexpr double most_gaze_degrees = 70;   // as of --gaze-left
+constexpr double most_pitch = 90, most_yaw = 180; // of any direction
 constexpr double most_number = 1e9;
 
 constexpr const char* sides[] = {"left", "right"};
@@ -41,7 +41,7 @@ struct Row {
 struct Column {
     std::string name;
     double least = -most_number, most = most_number;
-    std::function<void(Row&, double)> set;  ///< empty: text that is not read
+    std::function<void(Row&, double)> set; ///< empty: text that is not read
 };
 
 std::map<std::string, Column> known_columns(const DriverNames& names) {
@@ -64,9 +64,9 @@ std::map<std::string, Column> known_columns(const DriverNames& names) {
     add({"scale", 1e-9, most_number,
          [](Row& r, double x) { r.drivers.scale = static_cast<float>(x); }});
     for (std::size_t e = 0; e < 2; ++e) {
-        add({gaze_column(e, false), -most_gaze_degrees, most_gaze_degrees,
+        add({gaze_column(e, false), -most_pitch, most_pitch,
              [e](Row& r, double x) { r.gaze.pitch[e] = x; }});
-        add({gaze_column(e, true), -most_gaze_degrees, most_gaze_degrees,
+        add({gaze_column(e, true), -most_yaw, most_yaw,
              [e](Row& r, double x) { r.gaze.yaw[e] = x; }});
     }
     return all;
@@ -173,7 +173,7 @@ Angles angles_of(const Drivers<float>& d) {
 std::vector<Drivers<float>> parse_drivers(std::string_view text, const std::string& name,
                                           const DriverNames& names,
                                           const Drivers<float>& otherwise) {
-    if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);  // as spreadsheets begin a file
+    if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3); // as spreadsheets begin a file
     require(!text.empty(), name, "is empty, expected a line of names of columns");
     const std::vector<Column> columns = header_of(take_line(text), name, names);
     const Row usual{otherwise, angles_of(otherwise)};
@@ -188,7 +188,8 @@ std::vector<Drivers<float>> parse_drivers(std::string_view text, const std::stri
     return frames;
 }
 
-std::vector<Drivers<float>> read_drivers(const std::filesystem::path& path, const DriverNames& names,
+std::vector<Drivers<float>> read_drivers(const std::filesystem::path& path,
+                                         const DriverNames& names,
                                          const Drivers<float>& otherwise) {
     const Bytes bytes = read_file(path, most_bytes);
     return parse_drivers(as_text(bytes), path.string(), names, otherwise);
@@ -210,7 +211,7 @@ std::string text_of_drivers(const std::vector<Drivers<float>>& frames,
     const auto add = [&](double x, const char* format) {
         char digits[40];
         std::snprintf(digits, sizeof digits, format, x);
-        std::replace(digits, digits + sizeof digits, ',', '.');  // of a locale
+        std::replace(digits, digits + sizeof digits, ',', '.'); // of a locale
         text += std::string(",") + digits;
     };
     for (std::size_t f = 0; f < frames.size(); ++f) {

@@ -20,11 +20,12 @@ struct DriverNames {
 
 /// Frames of a file: for each, the drivers of `otherwise` with the file's columns in their place.
 /// Gazes are along the axis of the run. Throws Error with file, line, column and value.
-std::vector<Drivers<float>> read_drivers(const std::filesystem::path& path, const DriverNames& names,
-                                         const Drivers<float>& otherwise);
+std::vector<Drivers<float>> read_drivers(const std::filesystem::path& path,
+                                         const DriverNames& names, const Drivers<float>& otherwise);
 /// The same from the text of a file; errors begin with `name`.
 std::vector<Drivers<float>> parse_drivers(std::string_view text, const std::string& name,
-                                          const DriverNames& names, const Drivers<float>& otherwise);
+                                          const DriverNames& names,
+                                          const Drivers<float>& otherwise);
 
 /// All columns of these frames, with the ids of the frames first, as read_drivers takes them.
 std::string text_of_drivers(const std::vector<Drivers<float>>& frames,

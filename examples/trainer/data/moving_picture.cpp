@@ -23,18 +23,18 @@ namespace {
 namespace fs = std::filesystem;
 
 void check_picture(const Image8& picture, const Image8& first, const std::string& who) {
-    require(picture.channels == 3 && picture.width == first.width &&
-                picture.height == first.height,
-            who, "got a picture of " + std::to_string(picture.width) + " x " +
-                     std::to_string(picture.height) + " x " + std::to_string(picture.channels) +
-                     ", expected " + std::to_string(first.width) + " x " +
-                     std::to_string(first.height) + " x 3 as of the first one");
+    require(picture.channels == 3 && picture.width == first.width && picture.height == first.height,
+            who,
+            "got a picture of " + std::to_string(picture.width) + " x " +
+                std::to_string(picture.height) + " x " + std::to_string(picture.channels) +
+                ", expected " + std::to_string(first.width) + " x " + std::to_string(first.height) +
+                " x 3 as of the first one");
 }
 
 // ---- a folder ----------------------------------------------------------------------------------
 
 class PictureFolder : public MovingPicture {
-public:
+  public:
     PictureFolder(fs::path folder, int count) : folder_(std::move(folder)), count_(count) {
         std::error_code fault;
         require(!fs::exists(folder_, fault) || fs::is_directory(folder_, fault), folder_.string(),
@@ -51,7 +51,7 @@ public:
     }
     void finish() override {}
 
-private:
+  private:
     fs::path folder_;
     int count_, next_ = 0;
 };
@@ -92,9 +92,12 @@ Bytes data_of(ByteSpan png, std::string_view type) {
 }
 
 class AnimatedPng : public MovingPicture {
-public:
+  public:
     AnimatedPng(const fs::path& path, FrameRate rate, int count)
-        : path_(path), file_(path), rate_(rate), count_(count) {}
+        : path_(path),
+          file_(path),
+          rate_(rate),
+          count_(count) {}
 
     void add(const Image8& picture) override {
         if (added_ == 0) begin(picture);
@@ -104,7 +107,7 @@ public:
             file_.write(chunk("IHDR", data_of(png, "IHDR")));
             Bytes all;
             append_u32(all, static_cast<std::uint32_t>(count_));
-            append_u32(all, 0);  // plays: without end
+            append_u32(all, 0); // plays: without end
             file_.write(chunk("acTL", all));
         }
         file_.write(chunk("fcTL", frame_control()));
@@ -125,7 +128,7 @@ public:
         file_.commit(Durability::atomic_only);
     }
 
-private:
+  private:
     void begin(const Image8& picture) {
         first_ = {picture.width, picture.height, 3, {}};
         file_.write(as_bytes(std::string_view("\x89PNG\r\n\x1a\n", 8)));
@@ -140,8 +143,8 @@ private:
         append_u32(b, 0);
         append_u16(b, rate_.seconds);
         append_u16(b, rate_.pictures);
-        b.push_back(std::byte{0});  // is not disposed of
-        b.push_back(std::byte{0});  // overwrites
+        b.push_back(std::byte{0}); // is not disposed of
+        b.push_back(std::byte{0}); // overwrites
         return b;
     }
 
@@ -150,14 +153,14 @@ private:
     FrameRate rate_;
     int count_, added_ = 0;
     std::uint32_t sequence_ = 0;
-    Image8 first_;  // its size
+    Image8 first_; // its size
 };
 
 // ---- Y4M ---------------------------------------------------------------------------------------
 
 /// Standard output, unbuffered.
 class StandardOutput {
-public:
+  public:
     StandardOutput() {
         require(isatty(STDOUT_FILENO) == 0, "--out",
                 "got -, and standard output is a terminal, expected a pipe or a file behind it");
@@ -191,10 +194,12 @@ std::array<std::uint8_t, 3> yuv_of(const std::uint8_t* rgb) {
 
 template <class Output>
 class Y4m : public MovingPicture {
-public:
+  public:
     template <class... Arguments>
     explicit Y4m(std::string who, FrameRate rate, Arguments&&... to)
-        : who_(std::move(who)), rate_(rate), output_(to...) {}
+        : who_(std::move(who)),
+          rate_(rate),
+          output_(to...) {}
 
     void add(const Image8& picture) override {
         if (first_.width == 0) {
@@ -219,11 +224,11 @@ public:
     }
     void finish() override { output_.commit(Durability::atomic_only); }
 
-private:
+  private:
     std::string who_;
     FrameRate rate_;
     Output output_;
-    Image8 first_;  // its size
+    Image8 first_; // its size
 };
 
 } // namespace
@@ -237,21 +242,23 @@ FrameRate parsed_rate(const std::string& text, const std::string& who) {
         const auto [stop, bad] = std::from_chars(at + 1, end, r.seconds);
         read = *at == '/' && bad == std::errc() && stop == end;
     }
-    constexpr int most = 65535;  // as APNG stores them
+    constexpr int most = 65535; // as APNG stores them
     require(read && r.pictures >= 1 && r.pictures <= most && r.seconds >= 1 && r.seconds <= most &&
                 r.pictures >= r.seconds && r.pictures / r.seconds <= 1000,
-            who, "got '" + text + "', expected 1 to 1000 pictures a second, such as 25 or 30000/1001");
+            who,
+            "got '" + text + "', expected 1 to 1000 pictures a second, such as 25 or 30000/1001");
     return r;
 }
 
 std::string numbered_picture(int number, int count) {
-    const std::size_t digits = std::max<std::size_t>(4, std::to_string(std::max(0, count - 1)).size());
+    const std::size_t digits =
+        std::max<std::size_t>(4, std::to_string(std::max(0, count - 1)).size());
     const std::string text = std::to_string(number);
     return "frame_" + std::string(digits - std::min(digits, text.size()), '0') + text + ".png";
 }
 
-std::unique_ptr<MovingPicture> moving_picture(const fs::path& path, OutFormat format, FrameRate rate,
-                                              int count) {
+std::unique_ptr<MovingPicture> moving_picture(const fs::path& path, OutFormat format,
+                                              FrameRate rate, int count) {
     RYE_ASSERT(moves(format) && count > 0, "moving_picture: a format or count of no video");
     if (format == OutFormat::picture_folder) return std::make_unique<PictureFolder>(path, count);
     if (format == OutFormat::apng) return std::make_unique<AnimatedPng>(path, rate, count);

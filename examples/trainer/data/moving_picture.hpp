@@ -2,10 +2,10 @@
 /// data/moving_picture.hpp: pictures of one size in their order, as a folder of numbered PNG files,
 /// an animated PNG, or Y4M for video programs. Files appear whole or not at all.
 ///
-/// APNG: the chunks acTL, fcTL and fdAT of the PNG specification's third edition, around images that
-/// libpng encodes: without loss, all colours, endless repetition; programs that know PNG alone show
-/// the first picture. Y4M: YUV4MPEG2, C444 (no loss of resolution, odd sides allowed), luma and
-/// chroma by Rec. 601 in the limited range, as video programs assume of Y4M.
+/// APNG: the chunks acTL, fcTL and fdAT of the PNG specification's third edition, around images
+/// that libpng encodes: without loss, all colours, endless repetition; programs that know PNG alone
+/// show the first picture. Y4M: YUV4MPEG2, C444 (no loss of resolution, odd sides allowed), luma
+/// and chroma by Rec. 601 in the limited range, as video programs assume of Y4M.
 #pragma once
 
 #include <cstdint>
@@ -29,7 +29,7 @@ FrameRate parsed_rate(const std::string& text, const std::string& who);
 
 /// Takes pictures of three channels, of the size of the first.
 class MovingPicture {
-public:
+  public:
     virtual ~MovingPicture() = default;
     virtual void add(const Image8& picture) = 0;
     /// After the last one. Without it no file is left (pictures of a folder stay).

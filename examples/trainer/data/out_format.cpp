@@ -11,13 +11,20 @@ namespace {
 /// Every way to name it; the first one is shown.
 std::vector<std::string_view> names_of(OutFormat format) {
     switch (format) {
-    case OutFormat::png: return {".png"};
-    case OutFormat::jpeg: return {".jpg", ".jpeg"};
-    case OutFormat::apng: return {".apng"};
-    case OutFormat::y4m: return {".y4m"};
-    case OutFormat::y4m_stream: return {"- (Y4M on standard output)"};
-    case OutFormat::picture_folder: return {"no extension (a folder of pictures)"};
-    case OutFormat::csv: return {".csv"};
+        case OutFormat::png:
+            return {".png"};
+        case OutFormat::jpeg:
+            return {".jpg", ".jpeg"};
+        case OutFormat::apng:
+            return {".apng"};
+        case OutFormat::y4m:
+            return {".y4m"};
+        case OutFormat::y4m_stream:
+            return {"- (Y4M on standard output)"};
+        case OutFormat::picture_folder:
+            return {"no extension (a folder of pictures)"};
+        case OutFormat::csv:
+            return {".csv"};
     }
     return {};
 }
@@ -37,8 +44,9 @@ std::string list_of(const std::vector<OutFormat>& formats) {
 
 std::string extension_of(const std::filesystem::path& path) {
     std::string e = path.extension().string();
-    std::transform(e.begin(), e.end(), e.begin(),
-                   [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
+    std::transform(e.begin(), e.end(), e.begin(), [](char c) {
+        return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+    });
     return e;
 }
 

@@ -15,7 +15,7 @@
 #include <rye/capture/atomic_file.hpp>
 
 #include "data/picture.hpp"
-#include "training/run_frames.hpp"
+#include "data/run_frames.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -61,7 +61,9 @@ std::string kept_log(const fs::path& log, const TrainState& state, int& damaged)
 
 RunFolder::RunFolder(fs::path folder, const TrainState& state, Beginning beginning,
                      const Capture* capture)
-    : folder_(std::move(folder)), capture_(capture), replacing_(beginning == Beginning::replacing) {
+    : folder_(std::move(folder)),
+      capture_(capture),
+      replacing_(beginning == Beginning::replacing) {
     make_folder(folder_);
     make_folder(folder_ / "panels");
     AtomicFile(checkpoint_path(folder_)).write(bytes_of("trial"));  // gone again without a commit
@@ -87,8 +89,10 @@ void RunFolder::write_inputs(const TrainState& state) const {
     const std::string text = to_json(state.config).dump(2) + "\n";
     write_atomic(folder_ / "config.json", bytes_of(text));
     std::error_code ignored;
-    if (capture_ != nullptr) save_frames(folder_, *capture_);
-    else fs::remove(frames_path(folder_), ignored);  // of a run that was here
+    if (capture_ != nullptr)
+        save_frames(folder_, *capture_);
+    else
+        fs::remove(frames_path(folder_), ignored); // of a run that was here
 }
 
 void RunFolder::open_log(const std::string& lines) {

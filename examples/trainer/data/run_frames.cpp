@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "training/run_frames.hpp"
+#include "data/run_frames.hpp"
 
 #include <algorithm>
 #include <array>
@@ -20,8 +20,8 @@ using Json = nlohmann::json;
 constexpr const char* format_name = "rye-frames";
 constexpr const char* format_version = "1";
 constexpr Index landmark_count = 66;
-constexpr double most_off_unit = 1e-3;      // as in the checks of a capture
-constexpr double most_off_rotation = 1e-3;  // as in the reader of cameras
+constexpr double most_off_unit = 1e-3;     // as in the checks of a capture
+constexpr double most_off_rotation = 1e-3; // as in the reader of cameras
 
 /// Fourteen to sixteen numbers of a camera.
 constexpr Index intrinsic_numbers = 4, extrinsic_numbers = 12;
@@ -134,13 +134,12 @@ std::string mark_of(std::vector<TensorEntry> entries, const TensorMetadata& word
         for (const std::byte b : bytes)
             hash = (hash ^ static_cast<std::uint64_t>(b)) * 0x100000001b3U;
     };
-    const auto add_text = [&](const std::string& text) {
-        add(as_bytes(text + '\n'));
-    };
+    const auto add_text = [&](const std::string& text) { add(as_bytes(text + '\n')); };
     for (const auto& [key, word] : words) add_text(key), add_text(word);
     std::sort(entries.begin(), entries.end(),
               [](const TensorEntry& a, const TensorEntry& b) { return a.name < b.name; });
-    for (const TensorEntry& e : entries) add_text(e.name), add_text(shape_text(e.shape)), add(e.bytes);
+    for (const TensorEntry& e : entries)
+        add_text(e.name), add_text(shape_text(e.shape)), add(e.bytes);
     char digits[17] = "";
     const auto end = std::to_chars(digits, digits + 16, hash, 16).ptr;
     return {digits, end};
@@ -187,9 +186,9 @@ struct Source {
         for (const Json& item : list(key)) {
             if (!item.is_number_integer() || item.get<std::int64_t>() < 0 ||
                 item.get<std::int64_t>() >= count)
-                throw fault("metadata '" + key + "'", "got " + item.dump() +
-                                                          ", expected 0 to below " +
-                                                          std::to_string(count));
+                throw fault(
+                    "metadata '" + key + "'",
+                    "got " + item.dump() + ", expected 0 to below " + std::to_string(count));
             all.push_back(item.get<int>());
         }
         return all;
@@ -260,10 +259,10 @@ Pinhole<double> camera_of(const Source& from, const double* intrinsic, const dou
     Pinhole<double> c;
     c.fx = intrinsic[0], c.fy = intrinsic[1], c.cx = intrinsic[2], c.cy = intrinsic[3];
     if (!(c.fx > 0 && c.fy > 0))
-        throw from.fault("tensor 'camera.intrinsic'",
-                         "camera " + std::to_string(number) + " has focal lengths " +
-                             std::to_string(c.fx) + " and " + std::to_string(c.fy) +
-                             ", expected > 0");
+        throw from.fault("tensor 'camera.intrinsic'", "camera " + std::to_string(number) +
+                                                          " has focal lengths " +
+                                                          std::to_string(c.fx) + " and " +
+                                                          std::to_string(c.fy) + ", expected > 0");
     const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> m(extrinsic);
     const Mat3<double> r = m.leftCols<3>();
     const Vec3<double> x = r.row(0), y = r.row(1), z = r.row(2);
@@ -289,15 +288,49 @@ void read_views(const Source& from, Capture& c, Index frames) {
         all.back().width = c.width;
         all.back().height = c.height;
     }
-    for (const std::int64_t k : from.file.values<std::int64_t>("camera.of_view", {frames, cameras})) {
+    for (const std::int64_t k :
+         from.file.values<std::int64_t>("camera.of_view", {frames, cameras})) {
         if (k < -1 || k >= poses)
-            throw from.fault("tensor 'camera.of_view'", "got " + std::to_string(k) +
-                                                            ", expected -1 to below " +
-                                                            std::to_string(poses));
+            throw from.fault(
+                "tensor 'camera.of_view'",
+                "got " + std::to_string(k) + ", expected -1 to below " + std::to_string(poses));
         CaptureView& view = c.views.emplace_back();
         view.present = k >= 0;
         if (view.present) view.camera = all[static_cast<std::size_t>(k)];
     }
+}
+
+/// The capture of a file that is read.
+Capture capture_of(const Source& from) {
+    const auto expect = [&](const char* key, const std::string& expected) {
+        const std::string& got = from.file.word(key);
+        if (got != expected)
+            throw from.fault(std::string("metadata '") + key + "'",
+                             "got '" + got + "', expected '" + expected + "'");
+    };
+    expect("format", format_name);
+    expect("version", format_version);
+    Capture c;
+    c.folder = from.who;
+    c.subject = from.file.word("subject");
+    c.width = from.side("width");
+    c.height = from.side("height");
+    c.camera_ids = from.names("cameras");
+    c.expression_names = from.names("expression_names");
+    const std::vector<std::string> ids = from.names("frames");
+    require(!ids.empty() && !c.camera_ids.empty(), from.who,
+            "got no frames or no cameras, expected both");
+    // Frames are made only if the file has numbers for them.
+    from.numbers<double>("landmarks", {static_cast<Index>(ids.size()), landmark_count, 3});
+    for (const std::string& id : ids) c.frames.emplace_back().id = id;
+    const int frames = c.frame_count();
+    c.train = from.indices("train", frames);
+    c.test = from.indices("test", frames);
+    c.novel_gaze = from.indices("novel_gaze", frames);
+    c.independent_gaze = from.indices("independent_gaze", frames);
+    read_frames(from, c, frames);
+    read_views(from, c, frames);
+    return c;
 }
 
 } // namespace
@@ -329,39 +362,21 @@ void save_frames(const fs::path& run, const Capture& capture) {
 
 Capture load_frames(const fs::path& run, const std::string& mark) {
     const fs::path path = frames_path(run);
-    Source from{path.string(), read_safetensors(path)};
-    const auto expect = [&](const char* key, const std::string& expected) {
-        const std::string& got = from.file.word(key);
-        if (got != expected)
-            throw from.fault(std::string("metadata '") + key + "'",
-                             "got '" + got + "', expected '" + expected + "'");
-    };
-    expect("format", format_name);
-    expect("version", format_version);
+    const Source from{path.string(), read_safetensors(path)};
     std::vector<TensorEntry> entries;
     for (const auto& [name, entry] : from.file.tensors()) entries.push_back(entry);
     if (!mark.empty() && mark_of(entries, from.file.metadata()) != mark)
-        throw Error(from.who + ": is damaged, or of another run than the checkpoint beside it; "
-                    "`rye train --out " + run.string() + " --resume` writes it anew from the "
+        throw Error(from.who +
+                    ": is damaged, or of another run than the checkpoint beside it; "
+                    "`rye train --out " +
+                    run.string() +
+                    " --resume` writes it anew from the "
                     "capture, and --capture draws without it");
-    Capture c;
-    c.folder = path;
-    c.subject = from.file.word("subject");
-    c.width = from.side("width");
-    c.height = from.side("height");
-    c.camera_ids = from.names("cameras");
-    c.expression_names = from.names("expression_names");
-    for (const std::string& id : from.names("frames")) c.frames.emplace_back().id = id;
-    require(!c.frames.empty() && !c.camera_ids.empty(), from.who,
-            "got no frames or no cameras, expected both");
-    const int frames = c.frame_count();
-    c.train = from.indices("train", frames);
-    c.test = from.indices("test", frames);
-    c.novel_gaze = from.indices("novel_gaze", frames);
-    c.independent_gaze = from.indices("independent_gaze", frames);
-    read_frames(from, c, frames);
-    read_views(from, c, frames);
-    return c;
+    return capture_of(from);
+}
+
+Capture parse_frames(ByteSpan bytes, const std::string& who) {
+    return capture_of({who, parse_safetensors(bytes, who)});
 }
 
 } // namespace rye::trainer

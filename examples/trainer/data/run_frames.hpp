@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/run_frames.hpp: the frames of the capture that a run was trained on, without pixels:
+/// data/run_frames.hpp: the frames of the capture that a run was trained on, without pixels:
 /// drivers, landmarks, cameras, names. They lie in the run's folder, so that drawing needs no
 /// capture. One safetensors file, of numbers as the capture has them: a picture drawn from it has
 /// the bits of one drawn from the capture. The layout is in docs/formats.md.
@@ -7,6 +7,8 @@
 
 #include <filesystem>
 #include <string>
+
+#include <rye/capture/bytes.hpp>
 
 #include "data/capture.hpp"
 
@@ -28,5 +30,8 @@ void save_frames(const std::filesystem::path& run, const Capture& capture);
 /// for anything missing, of another version, type or shape, out of range or not finite, and if
 /// `mark` is not empty and not that of the file.
 Capture load_frames(const std::filesystem::path& run, const std::string& mark);
+
+/// The same from the bytes of a file, of any mark; errors begin with `who`.
+Capture parse_frames(ByteSpan bytes, const std::string& who);
 
 } // namespace rye::trainer
