@@ -213,6 +213,8 @@ OutFormat checked_format(const RedirectOptions& o) {
     require(moves(format) || o.driving.path.empty(), "--out",
             "got " + o.out.string() + ", one picture, but --driving makes a video, expected " +
                 list_of({formats.begin() + 2, formats.end()}));
+    require(format != OutFormat::y4m_stream || isatty(STDOUT_FILENO) == 0, "--out",
+            "got -, and standard output is a terminal, expected a pipe or a file behind it");
     parsed_rate(o.rate, "--fps");
     for (const auto* gaze : {&o.left, &o.right})
         if (!gaze->empty()) gaze_option(*gaze, gaze == &o.left ? "--gaze-left" : "--gaze-right");

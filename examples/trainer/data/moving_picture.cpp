@@ -161,10 +161,6 @@ class AnimatedPng : public MovingPicture {
 /// Standard output, unbuffered.
 class StandardOutput {
   public:
-    StandardOutput() {
-        require(isatty(STDOUT_FILENO) == 0, "--out",
-                "got -, and standard output is a terminal, expected a pipe or a file behind it");
-    }
     void write(ByteSpan bytes) {
         while (!bytes.empty()) {
             const ::ssize_t n = ::write(STDOUT_FILENO, bytes.data(), bytes.size());

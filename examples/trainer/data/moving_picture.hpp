@@ -37,7 +37,7 @@ class MovingPicture {
 };
 
 /// A writer of `count` pictures in this format, which moves(). A folder is made; Error if it holds
-/// frame_* files already, and if standard output is a terminal.
+/// frame_* files already.
 std::unique_ptr<MovingPicture> moving_picture(const std::filesystem::path& path, OutFormat format,
                                               FrameRate rate, int count);
 
