@@ -195,6 +195,9 @@ void travel() {
     capture.train = {0};
     fs::create_directories(out / "frames");
     trainer::save_frames(out / "frames", capture);
+    dictionary("frames", {"\"expression\":", "\"landmarks\":", "\"camera.of_view\":", "\"visual\":",
+                          "\"frames\":\"[\\\"a\\\"]\"", "\"train\":\"[0]\"", "\"shape\":[1,66,3]",
+                          "\"shape\":[0,4]", "rye-frames", "\"I64\"", "-1"});
 }
 
 } // namespace
