@@ -193,7 +193,7 @@ void add_render(CLI::App& app) {
     const auto vector = [&](const char* name, std::vector<double>& v, const char* help) {
         return c->add_option(name, v, help)->delimiter(',')->expected(3)->check(finite);
     };
-    c->add_option("ply", o->ply,
+    c->add_option("splats", o->ply,
                   "PLY file, in the standard form; or the folder of a run, whose head is "
                   "drawn at its first test frame")
         ->required()
