@@ -1,17 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye: capture, train, redirect, evaluate, export and render gaze-redirectable head avatars.
-#include <iostream>
-#include <new>
-
 #include <CLI/CLI.hpp>
 #ifdef __GLIBC__
 #include <malloc.h>
 #endif
 
 #include <rye/core/config.hpp>
-#include <rye/core/error.hpp>
 
 #include "commands/commands.hpp"
+#include "commands/program.hpp"
 
 int main(int argc, char** argv) {
     using namespace rye::trainer;
@@ -28,8 +25,12 @@ int main(int argc, char** argv) {
                  "A first tour: rye capture --out head; rye train --capture head --out run "
                  "--preset tiny;\nrye redirect --run run --sweep --out sweep.png; rye evaluate "
                  "--run run --capture head"};
+    app.name("rye");
     app.set_version_flag("--version", version);
     app.require_subcommand(1);
+    app.footer(
+        "Exit codes: 0 done; 1 the command ran and its answer is no (rye info: not usable); "
+        "2 a wrong command line, an unusable input, or no memory or disk for the work.");
     add_capture(app);
     add_info(app);
     add_train(app);
@@ -37,19 +38,8 @@ int main(int argc, char** argv) {
     add_evaluate(app);
     add_export(app);
     add_render(app);
-    try {
-        app.parse(argc, argv);
-    } catch (const CLI::ParseError& e) {
-        return app.exit(e);
-    } catch (const rye::Error& e) {
-        std::cerr << "rye: " << e.what() << "\n";
-        return 2;
-    } catch (const std::bad_alloc&) {
-        std::cerr << "rye: out of memory\n";
-        return 3;
-    } catch (const std::exception& e) {
-        std::cerr << "rye: " << e.what() << "\n";
-        return 2;
-    }
-    return 0;
+    add_drivers(app);
+    add_completion(app);
+    add_manual(app);
+    return run_program(app, argc, argv);
 }

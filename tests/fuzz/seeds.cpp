@@ -11,7 +11,9 @@
 #include <rye/capture/splats.hpp>
 
 #include "data/config.hpp"
+#include "data/driver_table.hpp"
 #include "data/picture_codecs.hpp"
+#include "data/run_frames.hpp"
 
 #include "../support/tiny_playable.hpp"
 
@@ -188,6 +190,44 @@ void texts() {
                               "\"OPENCV\"", "\"camera_angle_x\":", "\"fl_x\":", "\"k4\":", "1e308"});
 }
 
+/// What a run that travels reads.
+void travel() {
+    const std::string place =
+        R"({"size":[8,6],"fov":30,"up":[0,1,0],"look_at":[0,0,0],"cameras":[)";
+    seed("cameras", "places", place + R"({"eye":[0,0,9]},{"eye":[1,0,9],"fov":40,"name":"b"}]})");
+    seed("cameras", "matrices",
+         place + R"({"intrinsic":[[9,0,4],[0,9,3],[0,0,1]],"extrinsic":[[1,0,0,0],[0,1,0,0],)" +
+             R"([0,0,1,2]]}]})");
+    dictionary("cameras", {"\"cameras\":", "\"eye\":", "\"look_at\":", "\"up\":", "\"fov\":",
+                           "\"size\":", "\"intrinsic\":", "\"extrinsic\":", "1e308", "[8,6]"});
+    Drivers<float> d;
+    d.expression.setConstant(2, 0.5F);
+    d.pose.setConstant(0.1F);
+    d.gaze = {gaze_vector(0.1F, 0.2F), gaze_vector(0.0F, -0.3F)};
+    seed("drivers", "all", trainer::text_of_drivers({d, d}, {"a", "b"}));
+    seed("drivers", "some", std::string("blink,scale\n0.5,1\n-1,2\n"));
+    dictionary("drivers", {"expression_0", "smile", "rotation_x,rotation_y,rotation_z", "scale",
+                           "translation_x,translation_y,translation_z", "\n", ",", "frame",
+                           "gaze_left_pitch,gaze_left_yaw", "1e-300", "nan"});
+    trainer::Capture capture;
+    capture.camera_ids = {"c"};
+    capture.width = capture.height = 16;
+    capture.frames.resize(1);
+    trainer::CaptureFrame& frame = capture.frames.front();
+    frame.id = "a";
+    frame.expression = {0.5F};
+    frame.landmarks = Columns<double>::Constant(3, 66, 0.5);
+    frame.has_gaze = true;
+    capture.views.resize(1);
+    capture.views.front().present = true;
+    capture.train = {0};
+    fs::create_directories(out / "frames");
+    trainer::save_frames(out / "frames", capture);
+    dictionary("frames", {"\"expression\":", "\"landmarks\":", "\"camera.of_view\":", "\"visual\":",
+                          "\"frames\":\"[\\\"a\\\"]\"", "\"train\":\"[0]\"", "\"shape\":[1,66,3]",
+                          "\"shape\":[0,4]", "rye-frames", "\"I64\"", "-1"});
+}
+
 } // namespace
 
 int main(int count, char** words) try {
@@ -203,6 +243,7 @@ int main(int count, char** words) try {
     avatars();
     pictures();
     texts();
+    travel();
     return 0;
 } catch (const std::exception& e) {
     std::cerr << "seeds: " << e.what() << "\n";

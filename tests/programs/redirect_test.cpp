@@ -14,6 +14,7 @@
 
 #include "../support/hostile.hpp"
 #include "commands/commands.hpp"
+#include "data/run_frames.hpp"
 #include "tiny_capture.hpp"
 #include "tiny_run.hpp"
 
@@ -163,4 +164,19 @@ TEST_CASE("redirect: what is wrong with the frame that is drawn is still told") 
     CHECK_FAULT(scene.draw({"--frame", "0000", "--camera", "c2"}),
                 "camera 'c2' has no image of frame '0000'");
     CHECK_FAULT(scene.draw({"--frame", "0003", "--gaze-left", "80,0"}), "at most 70");
+}
+
+TEST_CASE("redirect: an older run is drawn by its capture, and asks for it when it is gone") {
+    const DrawnScene scene;
+    const std::string before = scene.draw({});
+    const fs::path away = scene.folder.path / "away";
+    fs::rename(scene.capture.folder, away);
+    CHECK_FAULT(scene.draw({}), "holds no frames.safetensors");
+    CHECK_FAULT(scene.draw({}), "--capture");
+    CHECK(scene.draw({"--capture", away.string()}) == before);
+    CHECK_FAULT(scene.draw({"--compare"}), "--capture");
+    // With its frames beside it, it needs no capture.
+    save_frames(scene.folder.path / "run", read_capture(away));
+    fs::remove_all(away);
+    CHECK(scene.draw({}) == before);
 }

@@ -15,5 +15,8 @@ void add_redirect(CLI::App& app);
 void add_evaluate(CLI::App& app);
 void add_export(CLI::App& app);
 void add_render(CLI::App& app);
+void add_drivers(CLI::App& app);
+void add_completion(CLI::App& app);
+void add_manual(CLI::App& app);
 
 } // namespace rye::trainer

@@ -3,6 +3,7 @@
 /// protocol, with two controls for scale; writes results.json and per_view.json.
 #include <algorithm>
 #include <cstdio>
+#include <iostream>
 #include <map>
 #include <memory>
 #include <span>
@@ -25,6 +26,7 @@ using Json = nlohmann::ordered_json;
 struct EvaluateOptions {
     std::filesystem::path run, capture, out;
     std::string split = "test";
+    bool json = false;
     int threads = 0;
 };
 
@@ -91,7 +93,8 @@ void write_json(const std::filesystem::path& path, const Json& json) {
 void evaluate(const EvaluateOptions& o) {
     set_threads(o.threads);
     const TrainState state = load_trained(o.run);
-    const Capture capture = read_valid_capture(o.capture.empty() ? std::filesystem::path(state.capture) : o.capture);
+    const Capture capture =
+        read_valid_capture(capture_folder(o.run, state, o.capture, "measuring"));
     require_same_subject(state, capture);
     std::vector<int> frames = o.split == "train" ? capture.train : capture.test;
     if (o.split == "novel") frames = capture.novel_gaze;
@@ -136,6 +139,10 @@ void evaluate(const EvaluateOptions& o) {
     write_json(out / "results.json", results);
     write_json(out / "per_view.json", per_view);
 
+    if (o.json) {
+        std::cout << results.dump(2) << "\n";
+        return;
+    }
     std::vector<Row> rows{{"all " + o.split + " frames", all}};
     rows.insert(rows.end(), groups.begin(), groups.end());
     print_tables(rows);
@@ -149,11 +156,16 @@ void evaluate(const EvaluateOptions& o) {
 void add_evaluate(CLI::App& app) {
     auto o = std::make_shared<EvaluateOptions>();
     CLI::App* c = app.add_subcommand("evaluate", "Measure image quality and gaze error");
-    c->add_option("--run", o->run, "Folder of the run")->required();
-    c->add_option("--capture", o->capture, "Folder of the capture (default: the one trained on)");
+    c->add_option("--run", o->run, "Folder of the run")
+        ->required()
+        ->check(folder_check("the folder of a run with its checkpoint"));
+    c->add_option("--capture", o->capture, "Folder of the capture (default: the one trained on)")
+        ->check(folder_check("the folder of a capture"));
     c->add_option("--split", o->split, "Frames to measure")
         ->check(CLI::IsMember({"test", "train", "novel", "independent"}))
         ->capture_default_str();
+    c->add_flag("--json", o->json,
+                "Print the results as JSON (as in results.json) instead of tables");
     c->add_option("--out", o->out, "Folder for results.json and per_view.json (default: the run's)");
     add_threads(*c, o->threads);
     c->callback([o] { evaluate(*o); });

@@ -21,7 +21,6 @@
 #include "commands/options.hpp"
 #include "data/deflate.hpp"
 #include "data/threads.hpp"
-#include "data/validate.hpp"
 #include "training/steps.hpp"
 
 namespace rye::trainer {
@@ -118,9 +117,7 @@ void export_splats(const ExportOptions& o) {
     if (o.canonical) {
         drivers = neutral_drivers<float>(state.config.avatar);
     } else {
-        const Capture capture =
-            read_valid_capture(o.capture.empty() ? std::filesystem::path(state.capture) : o.capture);
-        require_same_subject(state, capture);
+        const Capture capture = driving_capture(o.run, state, o.capture);
         drivers = frame_drivers(capture, frame_index(capture, o.frame),
                                 state.config.gaze_axis);
     }
@@ -142,8 +139,11 @@ void export_splats(const ExportOptions& o) {
 void add_export(CLI::App& app) {
     auto o = std::make_shared<ExportOptions>();
     CLI::App* c = app.add_subcommand("export", "Write a trained head as a splat file");
-    c->add_option("--run", o->run, "Folder of the run")->required();
-    c->add_option("--capture", o->capture, "Folder of the capture (default: the one trained on)");
+    c->add_option("--run", o->run, "Folder of the run")
+        ->required()
+        ->check(folder_check("the folder of a run with its checkpoint"));
+    c->add_option("--capture", o->capture,
+                  "Folder of a capture whose frames drive (default: the run's own)");
     c->add_option("--frame", o->frame, "Frame that drives the head (default: the first test frame)");
     c->add_flag("--canonical", o->canonical, "Neutral expression, no head pose, eyes ahead, instead");
     c->add_option("--gaze-left", o->left, "Subject's left eye: PITCH,YAW in degrees")->delimiter(',');

@@ -13,8 +13,9 @@
 
 #include <rye/rig/gaze.hpp>
 
-#include "commands/info_effects.hpp"
 #include "commands/commands.hpp"
+#include "commands/info_effects.hpp"
+#include "commands/info_json.hpp"
 #include "data/validate.hpp"
 
 namespace rye::trainer {
@@ -149,7 +150,7 @@ std::string describe(const Capture& c) {
 void add_info(CLI::App& app) {
     struct Arguments {
         std::string folder;
-        bool all = false;
+        bool all = false, json = false;
         EffectsOptions options;
     };
     CLI::App* command = app.add_subcommand("info", "Describe a capture and check it; or say which "
@@ -159,6 +160,7 @@ void add_info(CLI::App& app) {
                         "Folder of the capture; with --effects also a PLY file of Gaussians, or a "
                         "folder of photographs with a transforms.json");
     command->add_flag("--all-images", arguments->all, "Decode every image, not a sample");
+    command->add_flag("--json", arguments->json, "Print the description and all faults as JSON");
     auto* effects = command->add_flag("--effects{auto}", arguments->options.variant,
                                       "Say which effects the scene calls for, and why; with "
                                       "--run, --effects=NAMES draws the avatar by these effects, "
@@ -171,7 +173,10 @@ void add_info(CLI::App& app) {
     command->callback([arguments, effects] {
         if (effects->count() > 0) {
             arguments->options.scene = arguments->folder;
-            std::cout << explain_effects(arguments->options);
+            if (arguments->json)
+                std::cout << effects_json(arguments->options).dump(2) << "\n";
+            else
+                std::cout << explain_effects(arguments->options);
             return;
         }
         require(!arguments->folder.empty(), "rye info",
@@ -181,6 +186,12 @@ void add_info(CLI::App& app) {
         const std::vector<Problem> more =
             validate(capture, arguments->all ? ImagesToDecode::all : ImagesToDecode::sample);
         problems.insert(problems.end(), more.begin(), more.end());
+        if (arguments->json) {
+            const nlohmann::ordered_json json = info_json(capture, problems);
+            std::cout << json.dump(2) << "\n";
+            if (!json.at("errors").empty()) throw CLI::RuntimeError(1);
+            return;
+        }
         std::cout << describe(capture);
         int errors = 0;
         for (const Problem& p : problems) {

@@ -28,6 +28,13 @@ std::string number(double x) {
     return text;
 }
 
+/// The answer in its parts.
+struct Explanation {
+    std::string scene; ///< what was looked at, without the label and the end of its line
+    SceneProfile profile;
+    std::string checks; ///< further lines
+};
+
 std::string explain(const SceneProfile& p) {
     std::string out = "effects that are called for, so that no colour changes by more than " +
                       number(p.bound) + ":\n";
@@ -110,7 +117,7 @@ Pinhole<float> view_of(const GaussianCloud<float>& cloud) {
     return camera;
 }
 
-std::string explain_splats(const EffectsOptions& o, const ProfileBounds& bounds) {
+Explanation explain_splats(const EffectsOptions& o, const ProfileBounds& bounds) {
     const GaussianCloud<float> cloud = read_splats<float>(o.scene);
     const Pinhole<float> camera = view_of(cloud);
     SceneFacts facts;
@@ -120,9 +127,10 @@ std::string explain_splats(const EffectsOptions& o, const ProfileBounds& bounds)
     add_splats(activate(cloud, Vec3<float>(camera.centre())), camera, bounds.pixel, render);
     facts.render = render;
     const SceneProfile p = profile(facts, bounds);
-    std::string out = "scene          " + std::to_string(cloud.count()) +
-                      " Gaussians of a file, harmonics of degree " +
-                      std::to_string(cloud.degree()) + ", seen in 512 x 512 px\n" + explain(p);
+    const std::string scene = std::to_string(cloud.count()) +
+                              " Gaussians of a file, harmonics of degree " +
+                              std::to_string(cloud.degree()) + ", seen in 512 x 512 px";
+    std::string out;
     const Image<float> all = AllOfSplats::draw(cloud, camera);
     dispatch(SplatVariants(), p.effects, [&]<class V>(V) {
         const Image<float> chosen = V::draw(cloud, camera);
@@ -133,12 +141,12 @@ std::string explain_splats(const EffectsOptions& o, const ProfileBounds& bounds)
                number(static_cast<double>(worst)) +
                (worst <= bounds.color ? ", within the bound\n" : ", NOT within the bound\n");
     });
-    return out;
+    return {scene, p, out};
 }
 
 // ---- photographs --------------------------------------------------------------------------------
 
-std::string explain_photographs(const std::filesystem::path& folder, const ProfileBounds& bounds) {
+Explanation explain_photographs(const std::filesystem::path& folder, const ProfileBounds& bounds) {
     const std::filesystem::path path = folder / "transforms.json";
     SceneFacts facts;
     RenderFacts render;
@@ -154,11 +162,12 @@ std::string explain_photographs(const std::filesystem::path& folder, const Profi
     render.distortion = lens_coefficients(path);
     facts.render = render;
     const SceneProfile p = profile(facts, bounds);
-    return "scene          " + std::to_string(frames) +
-           " photographs with cameras; no drivers: what is seen stands still\n" + explain(p) +
-           (p.effects.has(EffectName::lens_distortion)
-                ? "               rye render --cameras draws through this lens, if it is OPENCV's\n"
-                : "");
+    return {
+        std::to_string(frames) + " photographs with cameras; no drivers: what is seen stands still",
+        p,
+        (p.effects.has(EffectName::lens_distortion)
+             ? "               rye render --cameras draws through this lens, if it is OPENCV's\n"
+             : "")};
 }
 
 // ---- captures -----------------------------------------------------------------------------------
@@ -220,10 +229,12 @@ std::string check_avatar(const TrainState& state, const Capture& c, const Effect
            (worst <= bound ? ", within the bound\n" : ", NOT within the bound\n");
 }
 
-std::string explain_capture(const EffectsOptions& o, const ProfileBounds& bounds) {
+Explanation explain_capture(const EffectsOptions& o, const ProfileBounds& bounds) {
     std::optional<TrainState> state;
     if (!o.run.empty()) state = load_trained(o.run);
-    const Capture c = read_capture(o.scene.empty() ? state->capture : o.scene);
+    const Capture c =
+        read_capture(o.scene.empty() ? capture_folder(o.run, *state, {}, "counting the effects")
+                                     : std::filesystem::path(o.scene));
     require(c.frame_count() > 0, "rye info", "the capture has no frames");
     SceneFacts facts;
     if (state) require_same_subject(*state, c);
@@ -245,18 +256,14 @@ std::string explain_capture(const EffectsOptions& o, const ProfileBounds& bounds
     }
     facts.render = render;
     const SceneProfile p = profile(facts, bounds);
-    std::string out = "scene          a head in " + std::to_string(c.frame_count()) +
-                      " frames and " + std::to_string(c.camera_count()) + " cameras" +
-                      (state ? ", and the avatar that was trained of it\n"
-                             : "; no run was given, so only the capture is judged\n") +
-                      explain(p);
-    if (state) out += check_avatar(*state, c, o, p.bound);
-    return out;
+    const std::string scene = "a head in " + std::to_string(c.frame_count()) + " frames and " +
+                              std::to_string(c.camera_count()) + " cameras" +
+                              (state ? ", and the avatar that was trained of it"
+                                     : "; no run was given, so only the capture is judged");
+    return {scene, p, state ? check_avatar(*state, c, o, p.bound) : ""};
 }
 
-} // namespace
-
-std::string explain_effects(const EffectsOptions& o) {
+Explanation explained(const EffectsOptions& o) {
     ProfileBounds bounds;
     bounds.color = parsed_error(o.bound, "rye info", "--bound");
     const std::filesystem::path scene = o.scene;
@@ -267,6 +274,25 @@ std::string explain_effects(const EffectsOptions& o) {
         !std::filesystem::exists(scene / "params"))
         return explain_photographs(scene, bounds);
     return explain_capture(o, bounds);
+}
+
+} // namespace
+
+std::string explain_effects(const EffectsOptions& o) {
+    const Explanation e = explained(o);
+    return "scene          " + e.scene + "\n" + explain(e.profile) + e.checks;
+}
+
+nlohmann::ordered_json effects_json(const EffectsOptions& o) {
+    using Json = nlohmann::ordered_json;
+    const Explanation e = explained(o);
+    Json effects = Json::array();
+    for (const Finding& f : e.profile.findings)
+        effects.push_back({{"effect", std::string(name_of(f.effect))},
+                           {"called", f.called},
+                           {"reason", f.reason}});
+    return {
+        {"scene", e.scene}, {"bound", e.profile.bound}, {"effects", effects}, {"checks", e.checks}};
 }
 
 } // namespace rye::trainer

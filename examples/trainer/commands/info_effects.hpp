@@ -6,6 +6,8 @@
 
 #include <string>
 
+#include <nlohmann/json.hpp>
+
 namespace rye::trainer {
 
 /// Inputs of the report; scene or run may be empty.
@@ -18,5 +20,8 @@ struct EffectsOptions {
 
 /// The choice, one line per effect, and the difference of its renders from those of all effects.
 std::string explain_effects(const EffectsOptions& options);
+
+/// The same as JSON; docs/program.md has the schema.
+nlohmann::ordered_json effects_json(const EffectsOptions& options);
 
 } // namespace rye::trainer

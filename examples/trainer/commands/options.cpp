@@ -12,6 +12,9 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/run_frames.hpp"
+#include "data/validate.hpp"
+
 namespace rye::trainer {
 
 namespace {
@@ -85,6 +88,80 @@ Vec3<float> gaze_option(const std::vector<double>& pitch_yaw_deg, const std::str
                 "got " + std::to_string(a) + " degrees, expected at most 70 either way");
     constexpr double degree = 3.14159265358979323846 / 180;
     return gaze_vector(pitch_yaw_deg[0] * degree, pitch_yaw_deg[1] * degree).cast<float>();
+}
+
+std::filesystem::path capture_folder(const std::filesystem::path& run, const TrainState& state,
+                                     const std::filesystem::path& option, const std::string& use) {
+    if (!option.empty()) return option;
+    require(std::filesystem::is_directory(state.capture), run.string(),
+            use + " needs the photographs of its capture, which is not at '" + state.capture +
+                "' any more; name its folder by --capture");
+    return state.capture;
+}
+
+namespace {
+
+bool has_own_frames(const std::filesystem::path& run) {
+    return std::filesystem::exists(frames_path(run));
+}
+
+/// The capture of an older run.
+std::filesystem::path old_capture(const std::filesystem::path& run, const TrainState& state) {
+    require(std::filesystem::is_directory(state.capture), run.string(),
+            "holds no frames.safetensors (older versions wrote none), and its capture is not at '" +
+                state.capture +
+                "' any more; name its folder by --capture, or let `rye train "
+                "--resume --out " +
+                run.string() + " --capture FOLDER` add the file");
+    return state.capture;
+}
+
+} // namespace
+
+Capture driving_capture(const std::filesystem::path& run, const TrainState& state,
+                        const std::filesystem::path& option) {
+    Capture c = option.empty() && has_own_frames(run)
+                    ? load_frames(run, state.frames)
+                    : read_valid_capture(option.empty() ? old_capture(run, state) : option);
+    require_same_subject(state, c);
+    return c;
+}
+
+ShownView shown_view(const std::filesystem::path& run, const TrainState& state,
+                     const std::filesystem::path& option, const std::string& frame,
+                     const std::string& camera) {
+    ShownView v;
+    if (option.empty() && has_own_frames(run)) {
+        v.capture = driving_capture(run, state, option);
+        v.frame = frame_index(v.capture, frame);
+    } else {
+        const CaptureContents contents =
+            read_contents(option.empty() ? old_capture(run, state) : option);
+        v.capture =
+            read_valid_frame(contents, frame_id(contents, frame), camera_choices(contents, camera));
+        require_same_subject(state, v.capture);
+    }
+    v.camera = camera_index(v.capture, camera, v.frame);
+    return v;
+}
+
+std::function<std::string(const std::string&)> out_check(std::vector<OutFormat> known) {
+    return [known = std::move(known)](const std::string& path) -> std::string {
+        try {
+            out_format(path, known, "");
+        } catch (const Error& e) {
+            return std::string(e.what()).substr(2); // the caller names the option
+        }
+        return "";
+    };
+}
+
+std::function<std::string(const std::string&)> folder_check(const std::string& what) {
+    return [what](const std::string& path) -> std::string {
+        if (std::filesystem::is_directory(path)) return "";
+        return "got '" + path + "', which is " +
+               (std::filesystem::exists(path) ? "no folder" : "not there") + ", expected " + what;
+    };
 }
 
 void require_same_subject(const TrainState& state, const Capture& capture) {

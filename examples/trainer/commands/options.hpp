@@ -3,9 +3,11 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
+#include "data/out_format.hpp"
 #include "training/run.hpp"
 
 namespace CLI {
@@ -41,6 +43,33 @@ inline constexpr int most_threads = 1024;
 
 /// --threads, 0 (all) to most_threads.
 void add_threads(CLI::App& command, int& threads, const std::string& help = "Threads (0: all)");
+
+/// The folder of the capture with its photographs: `option` if given, or else where the run was
+/// trained; throws Error, which says what is done with it, where that is not there any more.
+std::filesystem::path capture_folder(const std::filesystem::path& run, const TrainState& state,
+                                     const std::filesystem::path& option, const std::string& use);
+
+/// Frames, drivers and cameras that the run's head is drawn by, without images: of `option`, a
+/// capture, if given; or else the run's own; or else, for a run that was trained before runs kept
+/// them, those of the capture it was trained on. Throws Error unless they fit the trained avatar.
+Capture driving_capture(const std::filesystem::path& run, const TrainState& state,
+                        const std::filesystem::path& option);
+
+/// The same for one frame, by the ids of frame_index and camera_index. With a capture, only files
+/// of that frame are read. `frame` and `camera` index the result.
+struct ShownView {
+    Capture capture;
+    int frame = 0, camera = 0;
+};
+ShownView shown_view(const std::filesystem::path& run, const TrainState& state,
+                     const std::filesystem::path& option, const std::string& frame,
+                     const std::string& camera);
+
+/// A check of an --out: its name asks for one of these formats (out_format.hpp).
+std::function<std::string(const std::string&)> out_check(std::vector<OutFormat> known);
+
+/// A check of a --capture or --run: a folder is there. `what` says what it is expected to hold.
+std::function<std::string(const std::string&)> folder_check(const std::string& what);
 
 /// Throws Error unless the capture's drivers fit the trained avatar.
 void require_same_subject(const TrainState& state, const Capture& capture);

@@ -1,18 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye redirect`: renders a trained head with another gaze for each eye.
+/// `rye redirect`: renders a trained head with another gaze for each eye, from another camera, by
+/// other drivers: one picture, a contact sheet, or a video.
+#include <unistd.h>
+
+#include <algorithm>
 #include <array>
 #include <iostream>
 #include <memory>
+#include <optional>
 
 #include <CLI/CLI.hpp>
 
 #include <rye/math/rotation.hpp>
 
+#include "commands/camera_options.hpp"
 #include "commands/commands.hpp"
+#include "commands/driving.hpp"
 #include "commands/options.hpp"
+#include "data/moving_picture.hpp"
 #include "data/panel.hpp"
 #include "data/threads.hpp"
-#include "data/validate.hpp"
 #include "training/variants.hpp"
 
 namespace rye::trainer {
@@ -20,11 +27,18 @@ namespace {
 
 struct RedirectOptions {
     std::filesystem::path run, capture, out;
-    std::string frame, camera, effects;
+    std::string frame, camera, effects, rate = "25";
     std::vector<double> left, right;  ///< pitch, yaw [deg]
+    CameraOptions own;
+    DrivingOptions driving;
     bool sweep = false, compare = false;
     int threads = 0;
 };
+
+/// All that --out may be.
+const std::vector<OutFormat> formats{OutFormat::png,        OutFormat::jpeg,
+                                     OutFormat::apng,       OutFormat::y4m,
+                                     OutFormat::y4m_stream, OutFormat::picture_folder};
 
 /// (pitch, yaw) of the left eye, of the right one [deg].
 struct Look {
@@ -84,15 +98,15 @@ Image<float> around_eyes(const Image<float>& whole, const TrainState& state,
                             static_cast<int>(middle.y()) - h / 2, w, h), whole.width);
 }
 
-/// A contact sheet of many gazes of one frame.
+/// A contact sheet of many gazes of one frame; `explained` receives the choice of the effects.
 Image<float> contact_sheet(const TrainState& state, const DrawnFrame& frame,
-                           const std::string& effects) {
+                           const std::string& effects, std::string& explained) {
     std::vector<DrawnFrame> all;
     for (const auto* rows : {&sheet_of_heads(), &sheet_of_eyes()})
         for (const std::vector<Look>& row : *rows)
             for (const Look& look : row) all.push_back(looking(frame, look));
     const FrameDrawer drawer(state, all, effects, "--effects", 1.0 / 255);
-    std::cout << drawer.explanation();
+    explained = drawer.explanation();
     std::vector<Image<float>> stack;
     for (const auto* rows : {&sheet_of_heads(), &sheet_of_eyes()})
         for (const std::vector<Look>& row : *rows) {
@@ -107,52 +121,178 @@ Image<float> contact_sheet(const TrainState& state, const DrawnFrame& frame,
     return stacked(stack);
 }
 
-void redirect(const RedirectOptions& o) {
-    set_threads(o.threads);
-    require(!o.out.empty(), "rye redirect", "--out is missing, expected a PNG file");
-    const TrainState state = load_trained(o.run);
-    const CaptureContents contents =
-        read_contents(o.capture.empty() ? std::filesystem::path(state.capture) : o.capture);
-    const Capture capture = read_valid_frame(contents, frame_id(contents, o.frame),
-                                             camera_choices(contents, o.camera));
-    require_same_subject(state, capture);
-    const int frame = 0, cam = camera_index(capture, o.camera, frame);
-    DrawnFrame shown{frame_drivers(capture, frame, state.config.gaze_axis),
-                     capture.camera(frame, cam).cast<float>()};
-    if (o.sweep) {
-        write_png(o.out, contact_sheet(state, shown, o.effects));
-    } else {
-        if (!o.left.empty()) shown.drivers.gaze[0] = gaze_option(o.left, "--gaze-left");
-        if (!o.right.empty()) shown.drivers.gaze[1] = gaze_option(o.right, "--gaze-right");
-        const FrameDrawer drawer(state, {shown}, o.effects, "--effects", 1.0 / 255);
-        if (!o.effects.empty()) std::cout << drawer.explanation();
-        const Image<float> picture = drawer.picture(shown);
-        write_png(o.out, o.compare ? side_by_side({on_background(capture.image(frame, cam),
-                                                                 capture.mask(frame, cam), 1.0f),
-                                                   picture})
-                                   : picture);
+void write_picture(const std::filesystem::path& out, OutFormat format,
+                   const Image<float>& picture) {
+    constexpr int quality = 95;
+    if (format == OutFormat::jpeg)
+        write_jpeg(out, to_8bit(picture), quality);
+    else
+        write_png(out, picture);
+}
+
+/// What is drawn: each picture's drivers and camera, and the photograph beside the only one.
+struct Shot {
+    std::vector<DrawnFrame> frames;
+    std::optional<Image<float>> photograph;
+};
+
+/// As many pictures as there are drivers or cameras; one of either stays through all of them.
+Shot shot_of(const RedirectOptions& o, const TrainState& state) {
+    const std::filesystem::path source =
+        o.compare ? capture_folder(o.run, state, o.capture, "--compare") : o.capture;
+    const ShownView view = shown_view(o.run, state, source, o.frame, o.camera);
+    const Capture& capture = view.capture;
+    const Drivers<float> base = frame_drivers(capture, view.frame, state.config.gaze_axis);
+    const Vec3<double> middle =
+        capture.frames[static_cast<std::size_t>(view.frame)].landmarks.rowwise().mean();
+    const std::vector<Pinhole<double>> cameras =
+        own_cameras(o.own, capture.camera(view.frame, view.camera), middle);
+    std::vector<Drivers<float>> drivers{base};
+    if (!o.driving.path.empty()) drivers = driving_frames(o.driving, state, capture, base);
+    const std::size_t d = drivers.size(), c = cameras.size();
+    require(d == c || d == 1 || c == 1, "rye redirect",
+            "got " + std::to_string(d) + " frames of --driving and " + std::to_string(c) +
+                " cameras of --cameras, expected as many of both, or one of either (--view)");
+    Shot shot;
+    for (std::size_t i = 0; i < std::max(d, c); ++i) {
+        DrawnFrame f{drivers[d == 1 ? 0 : i], cameras[c == 1 ? 0 : i].cast<float>()};
+        if (!o.left.empty()) f.drivers.gaze[0] = gaze_option(o.left, "--gaze-left");
+        if (!o.right.empty()) f.drivers.gaze[1] = gaze_option(o.right, "--gaze-right");
+        shot.frames.push_back(std::move(f));
     }
-    std::cout << o.out.string() << "\n";
+    if (o.compare)
+        shot.photograph = on_background(capture.image(view.frame, view.camera),
+                                        capture.mask(view.frame, view.camera), 1.0f);
+    return shot;
+}
+
+/// Says in how many pictures the head is not: cameras and poses of two worlds rarely meet.
+void note_outside(const TrainState& state, const std::vector<DrawnFrame>& frames) {
+    std::size_t outside = 0;
+    for (const DrawnFrame& f : frames) {
+        const Vec3<float> at = f.camera.project_point(head_middle(state, f.drivers));
+        const bool seen = at.z() > f.camera.near_depth && at.x() >= 0 && at.y() >= 0 &&
+                          at.x() <= static_cast<float>(f.camera.width) &&
+                          at.y() <= static_cast<float>(f.camera.height);
+        outside += seen ? 0 : 1;
+    }
+    if (outside > 0)
+        std::cerr << "rye: note: the middle of the head lies outside of " << outside << " of "
+                  << frames.size() << " pictures"
+                  << (frames.size() > 1 ? "; --pose relative or own keeps it near the frame's\n"
+                                        : "\n");
+}
+
+void write_video(const RedirectOptions& o, OutFormat format, const TrainState& state,
+                 const std::vector<DrawnFrame>& frames, std::ostream& say) {
+    const int count = static_cast<int>(frames.size());
+    const FrameDrawer drawer(state, frames, o.effects, "--effects", 1.0 / 255);
+    say << drawer.explanation();
+    const std::unique_ptr<MovingPicture> video =
+        moving_picture(o.out, format, parsed_rate(o.rate, "--fps"), count);
+    const bool terminal = isatty(STDERR_FILENO) != 0;
+    for (int i = 0; i < count; ++i) {
+        video->add(to_8bit(drawer.picture(frames[static_cast<std::size_t>(i)])));
+        if (terminal) std::cerr << "\rpicture " << i + 1 << " of " << count << std::flush;
+    }
+    if (terminal) std::cerr << "\n";
+    video->finish();
+    say << o.out.string() << ": " << count << " pictures of " << frames.front().camera.width
+        << " x " << frames.front().camera.height << " pixels\n";
+}
+
+/// Error for options that exclude each other, before anything is read.
+OutFormat checked_format(const RedirectOptions& o) {
+    const OutFormat format = out_format(o.out, formats, "--out");
+    const bool many = !o.driving.path.empty() || (!o.own.file.empty() && o.own.view < 0);
+    require(!moves(format) || many, "--out",
+            "got " + o.out.string() +
+                ", a video, but nothing moves: expected --driving, or --cameras "
+                "without --view, or a single picture (" +
+                list_of({OutFormat::png, OutFormat::jpeg}) + ")");
+    require(moves(format) || o.driving.path.empty(), "--out",
+            "got " + o.out.string() + ", one picture, but --driving makes a video, expected " +
+                list_of({formats.begin() + 2, formats.end()}));
+    require(format != OutFormat::y4m_stream || isatty(STDOUT_FILENO) == 0, "--out",
+            "got -, and standard output is a terminal, expected a pipe or a file behind it");
+    parsed_rate(o.rate, "--fps");
+    for (const auto* gaze : {&o.left, &o.right})
+        if (!gaze->empty()) gaze_option(*gaze, gaze == &o.left ? "--gaze-left" : "--gaze-right");
+    return format;
+}
+
+void redirect(const RedirectOptions& o) {
+    const OutFormat format = checked_format(o);
+    set_threads(o.threads);
+    std::ostream& say = format == OutFormat::y4m_stream ? std::cerr : std::cout;
+    const TrainState state = load_trained(o.run);
+    Shot shot = shot_of(o, state);
+    note_outside(state, shot.frames);
+    if (moves(format)) {
+        write_video(o, format, state, shot.frames, say);
+        return;
+    }
+    require(shot.frames.size() == 1, "--out",
+            "got " + o.out.string() + ", one picture, but " + o.own.file.string() + " has " +
+                std::to_string(shot.frames.size()) +
+                " cameras: choose one by --view, or a video (" +
+                list_of({formats.begin() + 2, formats.end()}) + ")");
+    std::string explained;
+    Image<float> picture;
+    if (o.sweep) {
+        picture = contact_sheet(state, shot.frames.front(), o.effects, explained);
+    } else {
+        const FrameDrawer drawer(state, shot.frames, o.effects, "--effects", 1.0 / 255);
+        if (!o.effects.empty()) explained = drawer.explanation();
+        picture = drawer.picture(shot.frames.front());
+        if (shot.photograph) picture = side_by_side({*shot.photograph, picture});
+    }
+    say << explained;
+    write_picture(o.out, format, picture);
+    say << o.out.string() << "\n";
 }
 
 } // namespace
 
 void add_redirect(CLI::App& app) {
     auto o = std::make_shared<RedirectOptions>();
-    CLI::App* c = app.add_subcommand("redirect", "Render a trained head with another gaze");
-    c->add_option("--run", o->run, "Folder of the run")->required();
-    c->add_option("--capture", o->capture, "Folder of the capture (default: the one trained on)");
+    CLI::App* c = app.add_subcommand(
+        "redirect",
+        "Render a trained head with another gaze, camera or drivers: a picture or a video");
+    c->add_option("--run", o->run, "Folder of the run")
+        ->required()
+        ->check(folder_check("the folder of a run with its checkpoint"));
+    c->add_option("--capture", o->capture,
+                  "Folder of a capture whose frames and cameras are used "
+                  "(default: the run's own, which lie in its folder)")
+        ->check(folder_check("the folder of a capture"));
     c->add_option("--frame", o->frame, "Frame whose expression and head pose are used "
                                        "(default: the first test frame)");
-    c->add_option("--camera", o->camera, "Camera (default: the most frontal)");
+    c->add_option("--camera", o->camera, "Camera of that frame (default: the most frontal)");
+    add_camera_options(*c, o->own, "default: as of --camera");
     c->add_option("--gaze-left", o->left, "Subject's left eye: PITCH,YAW in degrees, head frame; "
                                           "+ is up and toward the subject's left")->delimiter(',');
     c->add_option("--gaze-right", o->right, "Subject's right eye: PITCH,YAW in degrees")->delimiter(',');
-    c->add_flag("--sweep", o->sweep, "A contact sheet of many gazes instead");
-    c->add_flag("--compare", o->compare, "Put the photograph of that frame beside it");
+    add_driving_options(*c, o->driving);
+    c->add_option("--fps", o->rate, "Pictures a second of a video: 25, or 30000/1001")
+        ->capture_default_str();
+    CLI::Option* const sweep =
+        c->add_flag("--sweep", o->sweep, "A contact sheet of many gazes instead")
+            ->excludes("--driving");
+    c->add_flag("--compare", o->compare,
+                "Put the photograph of that frame beside it; needs the capture")
+        ->excludes(sweep)
+        ->excludes("--driving")
+        ->excludes("--eye")
+        ->excludes("--cameras");
     c->add_option("--effects", o->effects, "Draw by these effects, or by a variant: paper, talk, gaze "
                                            "or still (default: the fewest that the pictures call for)");
-    c->add_option("--out", o->out, "PNG file to write")->required();
+    c->add_option("--out", o->out,
+                  "What to write: a picture (.png, .jpg), an animated PNG (.apng), "
+                  "Y4M for video programs (.y4m, or - for standard output), or a "
+                  "folder of numbered pictures (no extension)")
+        ->required()
+        ->check(out_check(formats));
     add_threads(*c, o->threads);
     c->callback([o] { redirect(*o); });
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye render`: an image of a splat file of any program, as its viewer would render it.
+/// `rye render`: an image of a splat file of any program, as its viewer would render it; or of a
+/// run's head.
 /// The file's own axes and units; for an upright capture in OpenCV's axes, up is -y.
 #include <chrono>
 #include <cstdio>
@@ -16,12 +17,13 @@
 #include <rye/splat/lanes.hpp>
 #include <rye/splat/select_accuracy.hpp>
 
+#include "commands/camera_options.hpp"
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
-#include "data/photographs.hpp"
+#include "data/cameras_file.hpp"
 #include "data/picture.hpp"
 #include "data/threads.hpp"
-#include "training/types.hpp"
+#include "training/steps.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -30,28 +32,26 @@ namespace {
 constexpr double viewer_near_depth = 0.2;
 
 struct RenderOptions {
-    std::string ply, out, size = "512x512", accuracy = "3dgs", max_error;
-    std::string cameras;
-    int view = 0;
-    std::vector<double> eye, target, up{0, -1, 0}, background{0, 0, 0};
-    double fov_deg = 40;
+    std::string ply, out, accuracy = "3dgs", max_error;
+    CameraOptions own;
+    std::vector<double> background{0, 0, 0};
     double alpha_floor = 0;
     double near_depth = viewer_near_depth;
     int threads = 0;
 };
 
+void write_picture(const std::string& out, const Image<float>& picture) {
+    constexpr int quality = 95;
+    if (out_format(out, {OutFormat::png, OutFormat::jpeg}, "--out") == OutFormat::jpeg)
+        write_jpeg(out, to_8bit(picture), quality);
+    else
+        write_png(out, picture);
+}
+
 Vec3<double> vector_of(const std::vector<double>& v) { return {v[0], v[1], v[2]}; }
 
-/// WxH.
-std::pair<int, int> parsed_size(const std::string& text) {
-    int width = 0, height = 0, read = 0;
-    const int found = std::sscanf(text.c_str(), "%5dx%5d%n", &width, &height, &read);
-    require(found == 2 && static_cast<std::size_t>(read) == text.size() && width > 0 &&
-                height > 0 && width <= max_image_edge && height <= max_image_edge,
-            "rye render", "--size: got " + text + ", expected WxH, each 1 to " +
-                              std::to_string(max_image_edge) + " pixels");
-    return {width, height};
-}
+/// What --out may be.
+const std::vector<OutFormat> formats{OutFormat::png, OutFormat::jpeg};
 
 template <Backend B, Real T, AccuracyPolicy A, Distortion D>
 Image<float> picture(const B& backend, const A& accuracy, const Gaussians<T>& g,
@@ -122,25 +122,53 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
 
 /// The camera of the options: from the file of cameras, or from --eye.
 Photograph view_of(const RenderOptions& o) {
-    if (!o.cameras.empty()) {
-        const std::vector<Photograph> all = read_photographs(o.cameras);
-        require(o.view >= 0 && static_cast<std::size_t>(o.view) < all.size(), "rye render",
-                "--view: got " + std::to_string(o.view) + ", expected 0 to below " +
-                    std::to_string(all.size()) + ", the frames of " + o.cameras);
-        return all[static_cast<std::size_t>(o.view)];
+    const auto [width, height] = parsed_size(o.own.size.empty() ? "512x512" : o.own.size, "--size");
+    if (!o.own.file.empty()) {
+        const std::vector<Photograph> all = read_cameras(o.own.file);
+        const int view = std::max(0, o.own.view);
+        require(static_cast<std::size_t>(view) < all.size(), "rye render",
+                "--view: got " + std::to_string(view) + ", expected 0 to below " +
+                    std::to_string(all.size()) + ", the cameras of " + o.own.file.string());
+        require(o.own.size.empty(), "rye render",
+                "--size: the cameras of --cameras have their own");
+        return all[static_cast<std::size_t>(view)];
     }
-    require(!o.eye.empty() && !o.target.empty(), "rye render",
-            "no view given, expected --eye and --target, or --cameras");
-    const auto [width, height] = parsed_size(o.size);
-    const double fov = o.fov_deg * 3.14159265358979323846 / 180;
-    return {"", look_at<double>(vector_of(o.eye), vector_of(o.target), vector_of(o.up), fov,
-                                {width, height}), {}};
+    require(!o.own.eye.empty() && !o.own.look_at.empty(), "rye render",
+            "no view given, expected --eye and --look-at, or --cameras");
+    const double fov = (o.own.fov_deg > 0 ? o.own.fov_deg : 40) * 3.14159265358979323846 / 180;
+    return {"",
+            look_at<double>(vector_of(o.own.eye), vector_of(o.own.look_at),
+                            o.own.up.empty() ? Vec3<double>(0, -1, 0) : vector_of(o.own.up), fov,
+                            {width, height}),
+            {}};
+}
+
+/// A picture of a run's head, at its first test frame: `rye redirect` has all other choices.
+void render_run(const RenderOptions& o) {
+    const TrainState state = load_trained(o.ply);
+    const ShownView view = shown_view(o.ply, state, {}, "", "");
+    CameraOptions own = o.own;
+    own.view = std::max(0, own.view);
+    const Vec3<double> middle =
+        view.capture.frames[static_cast<std::size_t>(view.frame)].landmarks.rowwise().mean();
+    const Pinhole<double> camera =
+        own_cameras(own, view.capture.camera(view.frame, view.camera), middle).front();
+    const Drivers<float> drivers = frame_drivers(view.capture, view.frame, state.config.gaze_axis);
+    const Image<float> image = render_avatar(state, drivers, camera.cast<float>()).high;
+    write_picture(o.out, image);
+    std::printf("%s: the head of %s, frame %s, %d x %d pixels\n", o.out.c_str(), o.ply.c_str(),
+                view.capture.frames[static_cast<std::size_t>(view.frame)].id.c_str(), image.width,
+                image.height);
 }
 
 void render(const RenderOptions& o) {
     set_threads(o.threads);
     require(o.alpha_floor == 0 || o.accuracy == "3dgs", "rye render",
             "--alpha-floor needs --accuracy 3dgs, got --accuracy " + o.accuracy);
+    if (std::filesystem::is_directory(o.ply)) {
+        render_run(o);
+        return;
+    }
     Photograph view = view_of(o);
     view.camera.near_depth = o.near_depth;
     const GaussianCloud<float> cloud = read_splats<float>(o.ply);
@@ -151,7 +179,7 @@ void render(const RenderOptions& o) {
                                    : picture(o, cloud, view.camera);
     const double seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    write_png(o.out, image);
+    write_picture(o.out, image);
     std::printf("%s: %td Gaussians, %d x %d pixels%s, %.3f s\n", o.out.c_str(), cloud.count(),
                 image.width, image.height, view.bent() ? " through a lens that bends" : "", seconds);
 }
@@ -165,18 +193,12 @@ void add_render(CLI::App& app) {
     const auto vector = [&](const char* name, std::vector<double>& v, const char* help) {
         return c->add_option(name, v, help)->delimiter(',')->expected(3)->check(finite);
     };
-    c->add_option("splats", o->ply, "Splat file: PLY in the standard form, .splat or SPZ")
-        ->required();
-    vector("--eye", o->eye, "Position of the camera: X,Y,Z");
-    vector("--target", o->target, "Point in the image centre: X,Y,Z");
-    c->add_option("--cameras", o->cameras,
-                  "Instead of --eye: a transforms.json; its lens (k1, k2, k3, p1, p2) is drawn through")
-        ->excludes("--eye")->excludes("--target");
-    c->add_option("--view", o->view, "Index of a frame of --cameras, from 0")->needs("--cameras");
-    vector("--up", o->up, "Up direction of the image: X,Y,Z")->capture_default_str();
-    c->add_option("--fov", o->fov_deg, "Vertical field of view in degrees")
-        ->check(CLI::Range(0.01, 179.0))->capture_default_str();
-    c->add_option("--size", o->size, "Pixels: WxH")->capture_default_str();
+    c->add_option("splats", o->ply,
+                  "Splat file: PLY in the standard form, .splat or SPZ; or the folder of a run, "
+                  "whose head is drawn at its first test frame")
+        ->required()
+        ->check(CLI::ExistingPath);
+    add_camera_options(*c, o->own, "default: 0,-1,0, 40 and 512x512; of a run, as its own camera");
     vector("--background", o->background, "R,G,B in 0 to 1")->check(CLI::Range(0.0, 1.0))
         ->capture_default_str();
     c->add_option("--accuracy", o->accuracy, "3dgs (as viewers draw), fast, balanced, tight or "
@@ -191,7 +213,9 @@ void add_render(CLI::App& app) {
         ->check(CLI::Range(0.0, 0.99))->capture_default_str();
     c->add_option("--near", o->near_depth, "Closest depth that is drawn, in the file's units")
         ->check(CLI::Range(1e-9, 1e9))->capture_default_str();
-    c->add_option("--out", o->out, "PNG file to write")->required();
+    c->add_option("--out", o->out, "Picture to write (.png or .jpg)")
+        ->required()
+        ->check(out_check(formats));
     add_threads(*c, o->threads);
     c->callback([o] { render(*o); });
 }

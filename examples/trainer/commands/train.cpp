@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// `rye train`: both stages, with progress, log, panels, checkpoints and resume.
-#include <csignal>
+#include <sys/ioctl.h>
 #include <unistd.h>
+#include <csignal>
 
 #include <algorithm>
 #include <chrono>
@@ -19,6 +20,7 @@
 #include "commands/options.hpp"
 #include "data/json.hpp"
 #include "data/panel.hpp"
+#include "data/run_frames.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
 #include "training/run_folder.hpp"
@@ -46,13 +48,28 @@ struct TrainOptions {
     std::optional<std::int64_t> steps;
 };
 
-/// A progress line: rewritten in place on a terminal, printed now and then elsewhere.
+/// A number of the progress line, by its name in log.jsonl.
+std::string brief(const std::string& name, double value) {
+    char digits[32];
+    std::snprintf(digits, sizeof digits, "%.4f", value);
+    return name + " " + digits;
+}
+
+/// Columns of the terminal; 0 if it does not tell.
+std::size_t terminal_width() {
+    struct winsize size {};
+    return ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 ? size.ws_col : 0;
+}
+
+/// A progress line: rewritten in place on a terminal, printed now and then elsewhere. On a terminal
+/// the losses that its width has no room for are left out, the last ones first: a line that wraps
+/// could not be rewritten. log.jsonl has all of them.
 class Progress {
   public:
     Progress(std::string stage, Index total, bool quiet)
         : stage_(std::move(stage)), total_(total), quiet_(quiet), tty_(isatty(1) != 0) {}
 
-    void show(Index step, const std::string& losses, bool last) {
+    void show(Index step, const std::vector<std::string>& losses, bool last) {
         if (quiet_) return;
         const double now = seconds();
         if (first_step_ < 0) first_step_ = step - 1;
@@ -64,8 +81,18 @@ class Progress {
         char text[64];
         std::snprintf(text, sizeof text, "%4.0f ms/step, %lld:%02d left", 1e3 * now / done,
                       static_cast<long long>(left / 60), static_cast<int>(left % 60));
-        std::cout << (tty_ ? "\r\033[K" : "") << stage_ << " " << step << "/" << total_ << "  "
-                  << losses << "  " << text << (tty_ && !last ? "" : "\n") << std::flush;
+        const std::string begin =
+            stage_ + " " + std::to_string(step) + "/" + std::to_string(total_);
+        const std::string end = "  " + std::string(text);
+        const std::size_t width = tty_ ? terminal_width() : 0;
+        std::string shown;
+        for (const std::string& loss : losses) {
+            const std::size_t all = begin.size() + shown.size() + 2 + loss.size() + end.size();
+            if (width > 0 && all >= width) break;
+            shown += "  " + loss;
+        }
+        std::cout << (tty_ ? "\r\033[K" : "") << begin << shown << end
+                  << (tty_ && !last ? "" : "\n") << std::flush;
     }
 
   private:
@@ -78,13 +105,6 @@ class Progress {
     std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
     double shown_ = -1e9;
 };
-
-/// A loss for the progress line, named by the initials of its words.
-std::string brief(const std::string& name, double value) {
-    char text[64];
-    std::snprintf(text, sizeof text, " %s %.4f", name.substr(0, name.find('_') + 2).c_str(), value);
-    return text;
-}
 
 constexpr Index log_every = 20;  ///< steps between lines of log.jsonl
 
@@ -123,9 +143,15 @@ constexpr int max_skipped_steps = 20;
 class Trainer {
   public:
     Trainer(const TrainOptions& options, Capture capture, TrainState state, Beginning beginning)
-        : options_(options), capture_(std::move(capture)), state_(std::move(state)),
-          random_{state_.config.seed, 0}, grid_(make_lattice(state_)),
-          folder_(options.out, state_, beginning) {}
+        : options_(options),
+          capture_(std::move(capture)),
+          state_(std::move(state)),
+          random_{state_.config.seed, 0},
+          grid_(make_lattice(state_)),
+          folder_(options.out, state_, beginning, &capture_) {}
+
+    /// Writes the checkpoint as it is.
+    void save() { folder_.save(state_); }
 
     /// Returns true if the run is complete, false if it was stopped.
     bool run() {
@@ -210,7 +236,7 @@ class Trainer {
         const double left = fit_landmarks(state_, frames);
         folder_.log({{"stage", "mesh"}, {"step", state_.step}, {"landmark_rms", left}});
         if (!options_.quiet)
-            std::cout << "landmarks of all frames fitted to " << brief("", left) << "\n";
+            std::cout << brief("landmarks of all frames fitted: landmark_rms", left) << "\n";
     }
 
     /// Logs and shows a step.
@@ -221,9 +247,9 @@ class Trainer {
             if (report.vertices > 0) line["vertices"] = report.vertices;
             folder_.log(line);
         }
-        std::string text;
-        for (const auto& [name, value] : report.losses) text += brief(name, value);
-        progress.show(state_.step, text, last);
+        std::vector<std::string> shown;
+        for (const auto& [name, value] : report.losses) shown.push_back(brief(name, value));
+        progress.show(state_.step, shown, last);
     }
 
     AvatarSample<float> sample_of(Index step, const Random& order, const Random& views,
@@ -371,7 +397,7 @@ int train(const TrainOptions& o) {
     std::filesystem::path folder = o.capture;
     if (o.resume) {
         state = load_checkpoint(o.out);
-        if (folder.empty()) folder = state.capture;
+        folder = capture_folder(o.out, state, folder, "training");
         take_steps(o, state.config);
     }
     require(!folder.empty(), "rye train", "--capture is missing, expected the folder of a capture");
@@ -393,11 +419,15 @@ int train(const TrainOptions& o) {
         std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
                      "VGG16 term is replaced by one of gradient pyramids\n";
     if (!o.quiet) std::cout << text_of(size) << "\n";
+    const std::string mark = frames_mark(capture);
+    const bool other_frames = o.resume && state.frames != mark;
+    state.frames = mark;
     std::signal(SIGXFSZ, SIG_IGN);  // exceeding the file size limit becomes an error, not a signal
     Trainer trainer(o, std::move(capture), std::move(state),
                     o.resume ? Beginning::resumed
                     : there  ? Beginning::replacing
                              : Beginning::fresh);
+    if (other_frames) trainer.save(); // so that it fits the frames that lie beside it now
     std::signal(SIGINT, request_stop);
     std::signal(SIGTERM, request_stop);
     const bool done = trainer.run();
@@ -414,7 +444,8 @@ int train(const TrainOptions& o) {
 void add_train(CLI::App& app) {
     auto options = std::make_shared<TrainOptions>();
     CLI::App* c = app.add_subcommand("train", "Train a gaze-redirectable head avatar from a capture");
-    c->add_option("--capture", options->capture, "Folder of the capture (see `rye info`)");
+    c->add_option("--capture", options->capture, "Folder of the capture (see `rye info`)")
+        ->check(folder_check("the folder of a capture (`rye info` checks one)"));
     c->add_option("--out", options->out, "Folder of the run: checkpoint, log.jsonl, panels");
     c->add_option("--preset", options->preset,
                   "tiny: minutes on two cores; cpu: below an hour; paper: the paper's numbers")

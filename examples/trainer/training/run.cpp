@@ -324,6 +324,7 @@ void save_checkpoint(const std::filesystem::path& run, const TrainState& state) 
         {"measured_eyes", state.subject.measured_eyes ? "true" : "false"},
         {"config", to_json(state.config).dump()},
     };
+    if (!state.frames.empty()) metadata["frames"] = state.frames;
     if (state.stage == Stage::mesh) append_adam("mesh_adam", state.mesh_adam, entries);
     for_avatar(state, [&](const auto& avatar, const auto& adam) {
         append_fields("avatar", avatar, entries);
@@ -356,6 +357,7 @@ TrainState load_checkpoint(const std::filesystem::path& run) {
     s.stage = word.first("stage", "mesh", "avatar") ? Stage::mesh : Stage::avatar;
     s.step = word.number("step", most_steps);
     s.capture = word("capture");
+    if (file.metadata().contains("frames")) s.frames = word("frames");
     s.config.avatar.expression = static_cast<int>(word.number("expression", most_expressions));
 
     // Shapes of what the rest depends on, then ranges, then finiteness.
@@ -421,6 +423,7 @@ TrainState drawn_state(const TrainState& state) {
     s.step = state.step;
     s.config = state.config;
     s.capture = state.capture;
+    s.frames = state.frames;
     s.subject = state.subject;
     s.train_frames = state.train_frames;
     if (state.visual) {

@@ -30,6 +30,7 @@ struct TrainState {
     Index step = 0;          ///< steps done in this stage
     TrainConfig config;
     std::string capture;     ///< the capture's folder, as given
+    std::string frames;      ///< frames_mark of the run's frames; empty for a run without them
     Subject subject;
     std::vector<int> train_frames;  ///< columns of delta_pose
     Mesh mesh;

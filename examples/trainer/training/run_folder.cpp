@@ -15,6 +15,7 @@
 #include <rye/capture/atomic_file.hpp>
 
 #include "data/picture.hpp"
+#include "data/run_frames.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -58,8 +59,11 @@ std::string kept_log(const fs::path& log, const TrainState& state, int& damaged)
     return kept;
 }
 
-RunFolder::RunFolder(fs::path folder, const TrainState& state, Beginning beginning)
-    : folder_(std::move(folder)), replacing_(beginning == Beginning::replacing) {
+RunFolder::RunFolder(fs::path folder, const TrainState& state, Beginning beginning,
+                     const Capture* capture)
+    : folder_(std::move(folder)),
+      capture_(capture),
+      replacing_(beginning == Beginning::replacing) {
     make_folder(folder_);
     make_folder(folder_ / "panels");
     AtomicFile(checkpoint_path(folder_)).write(bytes_of("trial"));  // gone again without a commit
@@ -73,7 +77,7 @@ RunFolder::RunFolder(fs::path folder, const TrainState& state, Beginning beginni
             std::cerr << "rye: warning: " << log.string() << ": " << damaged
                       << " lines are no log lines and are left out\n";
     }
-    write_config(state);
+    write_inputs(state);
     open_log(lines);
 }
 
@@ -81,9 +85,14 @@ RunFolder::~RunFolder() {
     if (log_ >= 0) ::close(log_);
 }
 
-void RunFolder::write_config(const TrainState& state) const {
+void RunFolder::write_inputs(const TrainState& state) const {
     const std::string text = to_json(state.config).dump(2) + "\n";
     write_atomic(folder_ / "config.json", bytes_of(text));
+    std::error_code ignored;
+    if (capture_ != nullptr)
+        save_frames(folder_, *capture_);
+    else
+        fs::remove(frames_path(folder_), ignored); // of a run that was here
 }
 
 void RunFolder::open_log(const std::string& lines) {
@@ -130,7 +139,7 @@ void RunFolder::replace_old_run(const TrainState& state) {
     for (const fs::directory_entry& entry : fs::directory_iterator(folder_ / "panels", ignored))
         if (entry.path().filename().string().starts_with("step_")) panels.push_back(entry.path());
     for (const fs::path& panel : panels) fs::remove(panel, ignored);
-    write_config(state);
+    write_inputs(state);
     open_log(pending_);
     pending_.clear();
 }

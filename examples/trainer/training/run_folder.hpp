@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/run_folder.hpp: what a training run writes: config.json, log.jsonl, panels and
-/// the checkpoint. A run that replaces another one leaves all of it as it was until its own first
-/// checkpoint is complete. A checkpoint that cannot be written ends the run with an Error, and the
-/// one before it stays; a log line or a panel that cannot be written is left out, with a warning.
+/// training/run_folder.hpp: what a training run writes: config.json, frames.safetensors, log.jsonl,
+/// panels and the checkpoint. A run that replaces another one leaves all of it as it was until its
+/// own first checkpoint is complete. A checkpoint that cannot be written ends the run with an
+/// Error, and the one before it stays; a log line or a panel that cannot be written is left out,
+/// with a warning.
 #pragma once
 
 #include <filesystem>
@@ -24,9 +25,11 @@ std::string kept_log(const std::filesystem::path& log, const TrainState& state, 
 
 class RunFolder {
   public:
-    /// Makes the folder; Error if it cannot be written to. Writes config.json and log.jsonl, unless
-    /// a run is replaced.
-    RunFolder(std::filesystem::path folder, const TrainState& state, Beginning beginning);
+    /// Makes the folder; Error if it cannot be written to. Writes config.json, frames.safetensors
+    /// and log.jsonl, unless a run is replaced. Without a capture there is no frames.safetensors;
+    /// else it must outlive the folder.
+    RunFolder(std::filesystem::path folder, const TrainState& state, Beginning beginning,
+              const Capture* capture = nullptr);
     ~RunFolder();
     RunFolder(const RunFolder&) = delete;
     RunFolder& operator=(const RunFolder&) = delete;
@@ -37,13 +40,14 @@ class RunFolder {
     void panel(const std::string& name, const std::function<Image<float>()>& draw);
 
   private:
-    void write_config(const TrainState& state) const;
+    void write_inputs(const TrainState& state) const;
     void open_log(const std::string& lines);
     void append(const std::string& text);
     void replace_old_run(const TrainState& state);
     void warn(bool& told, const std::string& sentence) const;
 
     std::filesystem::path folder_;
+    const Capture* capture_;
     bool replacing_;
     std::string pending_;  ///< log lines of a run that has not replaced the old one yet
     int log_ = -1;         ///< descriptor

@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "commands/driving.hpp"
+
+#include <cstdio>
+#include <iostream>
+
+#include <CLI/CLI.hpp>
+
+#include <rye/math/rotation.hpp>
+
+#include "commands/options.hpp"
+#include "data/driver_table.hpp"
+#include "data/out_format.hpp"
+#include "data/run_frames.hpp"
+#include "data/validate.hpp"
+
+namespace rye::trainer {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// The frames of a folder: of a run, also of an older one, or of a capture.
+Capture folder_frames(const fs::path& folder) {
+    if (fs::exists(frames_path(folder))) return load_frames(folder, "");
+    if (fs::exists(checkpoint_path(folder)))
+        return driving_capture(folder, load_checkpoint(folder), {});
+    return read_valid_capture(folder);
+}
+
+std::vector<Drivers<float>> folder_drivers(const fs::path& folder, const TrainState& state,
+                                           const Capture& own) {
+    const Capture from = folder_frames(folder);
+    require_same_subject(state, from);
+    if (!own.expression_names.empty() && !from.expression_names.empty() &&
+        own.expression_names != from.expression_names)
+        std::cerr << "rye: note: the coefficients of " << folder.string()
+                  << " have other names than those of the run; they drive it in their order\n";
+    std::vector<Drivers<float>> all;
+    for (int f = 0; f < from.frame_count(); ++f)
+        all.push_back(frame_drivers(from, f, state.config.gaze_axis));
+    return all;
+}
+
+/// The frames FIRST to LAST, for "FIRST:LAST".
+std::vector<Drivers<float>> ranged(const std::vector<Drivers<float>>& all,
+                                   const std::string& range) {
+    if (range.empty()) return all;
+    long first = 0, last = 0;
+    int read = 0;
+    const int found = std::sscanf(range.c_str(), "%9ld:%9ld%n", &first, &last, &read);
+    require(found == 2 && static_cast<std::size_t>(read) == range.size() && first >= 0 &&
+                first <= last && last < static_cast<long>(all.size()),
+            "--range",
+            "got " + range + ", expected FIRST:LAST within 0:" + std::to_string(all.size() - 1) +
+                ", the frames of --driving");
+    return {all.begin() + first, all.begin() + last + 1};
+}
+
+/// The motion of `now` since `first`, in the head's axes of `first`, from the pose of `own` on.
+void follow(const Drivers<float>& first, const Drivers<float>& own, Drivers<float>& now) {
+    const auto rotation = [](const Drivers<float>& d) {
+        return so3_exp(Vec3<double>(d.pose.head<3>().cast<double>()));
+    };
+    const auto place = [](const Drivers<float>& d) -> Vec3<double> {
+        return d.pose.tail<3>().cast<double>();
+    };
+    const Mat3<double> back = rotation(first).transpose();
+    const double units = static_cast<double>(own.scale) / static_cast<double>(first.scale);
+    const Mat3<double> r = rotation(own) * back * rotation(now);
+    const Vec3<double> t =
+        place(own) + units * (rotation(own) * (back * (place(now) - place(first))));
+    now.pose.head<3>() = so3_log(r).cast<float>();
+    now.pose.tail<3>() = t.cast<float>();
+    now.scale = own.scale;
+}
+
+} // namespace
+
+void add_driving_options(CLI::App& command, DrivingOptions& o) {
+    CLI::Option* const driving =
+        command
+            .add_option("--driving", o.path,
+                        "Expressions, head poses and gazes of a video: the folder of a capture or "
+                        "of a run, or a CSV file (`rye drivers` writes one)")
+            ->check(CLI::ExistingPath);
+    command
+        .add_option("--pose", o.pose,
+                    "Head poses of --driving: driving: as they are, in its world; relative: its "
+                    "motion since its first frame, from the frame's pose on; own: the frame's, "
+                    "still")
+        ->check(CLI::IsMember({"driving", "relative", "own"}))
+        ->needs(driving)
+        ->capture_default_str();
+    command
+        .add_option("--range", o.range, "Frames of --driving: FIRST:LAST, from 0 (default: all)")
+        ->needs(driving);
+}
+
+std::vector<Drivers<float>> driving_frames(const DrivingOptions& o, const TrainState& state,
+                                           const Capture& capture, const Drivers<float>& own) {
+    std::vector<Drivers<float>> all;
+    if (fs::is_directory(o.path)) {
+        all = folder_drivers(o.path, state, capture);
+    } else {
+        require(extension_of(o.path) == ".csv", o.path.string(),
+                "expected the folder of a capture or of a run, or a file that ends in .csv");
+        all = read_drivers(o.path, {state.config.avatar.expression, capture.expression_names}, own);
+    }
+    all = ranged(all, o.range);
+    const Drivers<float> first = all.front();
+    for (Drivers<float>& d : all) {
+        if (o.pose == "relative") follow(first, own, d);
+        if (o.pose != "own") continue;
+        d.pose = own.pose;
+        d.scale = own.scale;
+    }
+    return all;
+}
+
+Vec3<float> head_middle(const TrainState& state, const Drivers<float>& drivers) {
+    const Mat3<float> r = so3_exp(Vec3<float>(drivers.pose.head<3>()));
+    return r * (drivers.scale * state.subject.head_centre.cast<float>()) + drivers.pose.tail<3>();
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,233 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "data/driver_table.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <map>
+#include <set>
+
+#include <rye/capture/bytes.hpp>
+#include <rye/core/error.hpp>
+#include <rye/core/parse.hpp>
+
+namespace rye::trainer {
+namespace {
+
+constexpr double degree = 3.14159265358979323846 / 180;
+constexpr std::uint64_t most_bytes = 1ULL << 30U;
+constexpr double most_pitch = 90, most_yaw = 180; // of any direction
+constexpr double most_number = 1e9;
+
+constexpr const char* sides[] = {"left", "right"};
+constexpr const char* axes[] = {"x", "y", "z"};
+
+std::string gaze_column(std::size_t eye, bool yaw) {
+    return std::string("gaze_") + sides[eye] + (yaw ? "_yaw" : "_pitch");
+}
+
+/// Pitch and yaw of both eyes [deg].
+struct Angles {
+    double pitch[2], yaw[2];
+};
+
+struct Row {
+    Drivers<float> drivers;
+    Angles gaze;
+};
+
+/// Where a column's number goes, and between which bounds it lies.
+struct Column {
+    std::string name;
+    double least = -most_number, most = most_number;
+    std::function<void(Row&, double)> set; ///< empty: text that is not read
+};
+
+std::map<std::string, Column> known_columns(const DriverNames& names) {
+    std::map<std::string, Column> all;
+    const auto add = [&](Column c) { all.emplace(c.name, std::move(c)); };
+    add({"frame", 0, 0, {}});
+    for (int k = 0; k < names.expression; ++k) {
+        const auto set = [k](Row& r, double x) { r.drivers.expression[k] = static_cast<float>(x); };
+        add({"expression_" + std::to_string(k), -most_number, most_number, set});
+        if (static_cast<std::size_t>(k) < names.coefficients.size())
+            add({names.coefficients[static_cast<std::size_t>(k)], -most_number, most_number, set});
+    }
+    for (int k = 0; k < 3; ++k) {
+        const std::string axis = axes[k];
+        add({"rotation_" + axis, -10, 10,
+             [k](Row& r, double x) { r.drivers.pose[k] = static_cast<float>(x); }});
+        add({"translation_" + axis, -most_number, most_number,
+             [k](Row& r, double x) { r.drivers.pose[3 + k] = static_cast<float>(x); }});
+    }
+    add({"scale", 1e-9, most_number,
+         [](Row& r, double x) { r.drivers.scale = static_cast<float>(x); }});
+    for (std::size_t e = 0; e < 2; ++e) {
+        add({gaze_column(e, false), -most_pitch, most_pitch,
+             [e](Row& r, double x) { r.gaze.pitch[e] = x; }});
+        add({gaze_column(e, true), -most_yaw, most_yaw,
+             [e](Row& r, double x) { r.gaze.yaw[e] = x; }});
+    }
+    return all;
+}
+
+/// The fields of a line, without spaces around them. Names and numbers need no quotes.
+std::vector<std::string_view> fields_of(std::string_view line) {
+    std::vector<std::string_view> fields;
+    for (;;) {
+        const std::size_t comma = line.find(',');
+        std::string_view f = line.substr(0, comma);
+        while (!f.empty() && (f.front() == ' ' || f.front() == '\t')) f.remove_prefix(1);
+        while (!f.empty() && (f.back() == ' ' || f.back() == '\t')) f.remove_suffix(1);
+        if (f.size() >= 2 && f.front() == '"' && f.back() == '"') f = f.substr(1, f.size() - 2);
+        fields.push_back(f);
+        if (comma == std::string_view::npos) return fields;
+        line.remove_prefix(comma + 1);
+    }
+}
+
+/// What columns there are, of the first line.
+std::vector<Column> header_of(std::string_view line, const std::string& who,
+                              const DriverNames& names) {
+    const std::map<std::string, Column> known = known_columns(names);
+    std::vector<Column> columns;
+    std::set<std::string> seen;
+    for (const std::string_view field : fields_of(line)) {
+        const std::string name(field);
+        const auto found = known.find(name);
+        require(found != known.end(), who + ": line 1",
+                "column " + std::to_string(columns.size() + 1) + " is '" + name +
+                    "', expected frame, expression_0 to expression_" +
+                    std::to_string(std::max(0, names.expression - 1)) +
+                    (names.coefficients.empty() ? "" : " (or the coefficients' names)") +
+                    ", rotation_x, _y, _z, translation_x, _y, _z, scale, gaze_left_pitch, "
+                    "gaze_left_yaw, gaze_right_pitch or gaze_right_yaw");
+        require(seen.insert(name).second, who + ": line 1", "names '" + name + "' twice");
+        columns.push_back(found->second);
+    }
+    const auto together = [&](const std::vector<std::string>& group) {
+        std::size_t there = 0;
+        std::string missing;
+        for (const std::string& name : group) {
+            there += seen.count(name);
+            if (!seen.contains(name) && missing.empty()) missing = name;
+        }
+        require(there == 0 || there == group.size(), who + ": line 1",
+                "the column '" + missing + "' is missing beside " +
+                    (group.front() == missing ? group.back() : group.front()));
+    };
+    together({"rotation_x", "rotation_y", "rotation_z"});
+    together({"translation_x", "translation_y", "translation_z"});
+    for (std::size_t e = 0; e < 2; ++e) together({gaze_column(e, false), gaze_column(e, true)});
+    return columns;
+}
+
+/// Up to the end of the line, which is removed from the text.
+std::string_view take_line(std::string_view& text) {
+    const std::size_t end = text.find('\n');
+    std::string_view line = text.substr(0, end);
+    text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
+    if (line.ends_with('\r')) line.remove_suffix(1);
+    return line;
+}
+
+Drivers<float> drivers_of(std::string_view line, const std::string& who,
+                          const std::vector<Column>& columns, const Row& otherwise) {
+    const std::vector<std::string_view> fields = fields_of(line);
+    require(fields.size() == columns.size(), who,
+            "got " + std::to_string(fields.size()) + " fields, expected " +
+                std::to_string(columns.size()) + " as line 1 has");
+    Row row = otherwise;
+    std::array<bool, 2> looks{};
+    for (std::size_t i = 0; i < columns.size(); ++i) {
+        const Column& c = columns[i];
+        if (!c.set) continue;
+        const std::optional<double> x = parse_double(fields[i]);
+        require(x && *x >= c.least && *x <= c.most, who,
+                "column '" + c.name + "': got '" + std::string(fields[i]) +
+                    "', expected a number from " + std::to_string(c.least) + " to " +
+                    std::to_string(c.most));
+        c.set(row, *x);
+        for (std::size_t e = 0; e < 2; ++e) looks[e] = looks[e] || c.name == gaze_column(e, true);
+    }
+    for (std::size_t e = 0; e < 2; ++e)
+        if (looks[e])
+            row.drivers.gaze[e] =
+                gaze_vector(row.gaze.pitch[e] * degree, row.gaze.yaw[e] * degree).cast<float>();
+    return row.drivers;
+}
+
+Angles angles_of(const Drivers<float>& d) {
+    Angles a{};
+    for (std::size_t e = 0; e < 2; ++e) {
+        const Vec2<double> angles = pitch_yaw(Vec3<double>(d.gaze[e].cast<double>()));
+        a.pitch[e] = angles[0] / degree;
+        a.yaw[e] = angles[1] / degree;
+    }
+    return a;
+}
+
+} // namespace
+
+std::vector<Drivers<float>> parse_drivers(std::string_view text, const std::string& name,
+                                          const DriverNames& names,
+                                          const Drivers<float>& otherwise) {
+    if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3); // as spreadsheets begin a file
+    require(!text.empty(), name, "is empty, expected a line of names of columns");
+    const std::vector<Column> columns = header_of(take_line(text), name, names);
+    const Row usual{otherwise, angles_of(otherwise)};
+    std::vector<Drivers<float>> frames;
+    for (std::size_t number = 2; !text.empty(); ++number) {
+        const std::string_view line = take_line(text);
+        if (line.empty()) continue;
+        frames.push_back(
+            drivers_of(line, name + ": line " + std::to_string(number), columns, usual));
+    }
+    require(!frames.empty(), name, "has no line after its names of columns, expected one a frame");
+    return frames;
+}
+
+std::vector<Drivers<float>> read_drivers(const std::filesystem::path& path,
+                                         const DriverNames& names,
+                                         const Drivers<float>& otherwise) {
+    const Bytes bytes = read_file(path, most_bytes);
+    return parse_drivers(as_text(bytes), path.string(), names, otherwise);
+}
+
+std::string text_of_drivers(const std::vector<Drivers<float>>& frames,
+                            const std::vector<std::string>& ids) {
+    RYE_ASSERT(!frames.empty() && frames.size() == ids.size(),
+               "text_of_drivers: no frames, or not an id for each");
+    std::string text = "frame";
+    for (Index k = 0; k < frames.front().expression.size(); ++k)
+        text += ",expression_" + std::to_string(k);
+    for (const char* what : {"rotation_", "translation_"})
+        for (const char* axis : axes) text += std::string(",") + what + axis;
+    text += ",scale";
+    for (std::size_t e = 0; e < 2; ++e)
+        text += "," + gaze_column(e, false) + "," + gaze_column(e, true);
+    text += "\n";
+    const auto add = [&](double x, const char* format) {
+        char digits[40];
+        std::snprintf(digits, sizeof digits, format, x);
+        std::replace(digits, digits + sizeof digits, ',', '.'); // of a locale
+        text += std::string(",") + digits;
+    };
+    for (std::size_t f = 0; f < frames.size(); ++f) {
+        const Drivers<float>& d = frames[f];
+        std::string id = ids[f];
+        std::replace(id.begin(), id.end(), ',', '_');
+        text += id;
+        for (Index k = 0; k < d.expression.size(); ++k)
+            add(static_cast<double>(d.expression[k]), "%.9g");
+        for (Index k = 0; k < 6; ++k) add(static_cast<double>(d.pose[k]), "%.9g");
+        add(static_cast<double>(d.scale), "%.9g");
+        const Angles a = angles_of(d);
+        for (std::size_t e = 0; e < 2; ++e) add(a.pitch[e], "%.7f"), add(a.yaw[e], "%.7f");
+        text += "\n";
+    }
+    return text;
+}
+
+} // namespace rye::trainer
