@@ -182,19 +182,14 @@ void add_info(CLI::App& app) {
             validate(capture, arguments->all ? ImagesToDecode::all : ImagesToDecode::sample);
         problems.insert(problems.end(), more.begin(), more.end());
         std::cout << describe(capture);
-        int errors = 0;
         for (const Problem& p : problems) {
             const bool error = p.severity == Problem::Severity::error;
-            errors += error ? 1 : 0;
             std::cout << (error ? "error:   " : "warning: ") << p.message << "\n";
         }
-        const std::vector<std::string> faults = training_faults(capture);
-        std::cout << line("verdict",
-                          errors > 0       ? std::to_string(errors) + " errors: not usable"
-                          : faults.empty() ? "usable"
-                                           : "usable to draw and measure, not to train: " +
-                                                 faults.front());
-        if (errors > 0) throw CLI::RuntimeError(1);
+        const Verdict verdict = judge(capture, problems);
+        for (const std::string& words : verdict.expect) std::cout << "warning: " << words << "\n";
+        std::cout << line("verdict", verdict.text());
+        if (verdict.errors > 0) throw CLI::RuntimeError(1);
     });
 }
 
