@@ -31,6 +31,7 @@ int main(int argc, char** argv) {
     app.set_version_flag("--version", version);
     app.require_subcommand(1);
     add_capture(app);
+    add_import(app);
     add_info(app);
     add_train(app);
     add_redirect(app);
