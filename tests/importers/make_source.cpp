@@ -28,6 +28,10 @@ int main(int argc, char** argv) {
         else if (kind == "gha") write_gha_source(truth, source, 0.1);
         else if (kind == "transforms") write_transforms_source(truth, source, true);
         else if (kind == "colmap") write_colmap_source(truth, source, ColmapFiles::binary, true);
+        else if (kind == "xgaze")
+            write_xgaze_source(truth, source, folder / "calibration", XgazeFields::normalization);
+        else if (kind == "gazenerf")
+            write_xgaze_source(truth, source, {}, XgazeFields::gazenerf);
         else throw rye::Error("make_import_source: got the kind '" + kind + "'");
         std::cout << source.string() << "\n";
     } catch (const std::exception& e) {

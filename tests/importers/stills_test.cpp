@@ -62,7 +62,7 @@ double camera_difference(const Capture& truth, const fs::path& out) {
             read_npz(out / "cameras/0000" / ("camera_" + id.get<std::string>() + ".npz"));
         const Pinhole<double>& c = truth.camera(0, k++);
         const std::vector<double> in = a.at("intrinsic").values<double>("intrinsic");
-        for (const auto [got, expected] : {std::pair{in[0], c.fx}, {in[4], c.fy}, {in[2], c.cx}, {in[5], c.cy}})
+        for (const auto& [got, expected] : {std::pair{in[0], c.fx}, {in[4], c.fy}, {in[2], c.cx}, {in[5], c.cy}})
             most = std::max(most, std::abs(got - expected));
         const std::vector<double> ex = a.at("extrinsic").values<double>("extrinsic");
         for (Index r = 0; r < 3; ++r) {

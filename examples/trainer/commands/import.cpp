@@ -90,6 +90,14 @@ void add_import(CLI::App& app) {
     gha->add_option("--gaze", a->options.gaze,
                     "Gazes: CSV `frame,left_pitch,left_yaw,right_pitch,right_yaw` [degrees, head "
                     "frame], or npz with gaze_left and gaze_right; without it the iris is searched");
+    CLI::App* xgaze = add_kind(*command, a, "xgaze",
+                               "An HDF5 file of one subject of ETH-XGaze, normalised, or of "
+                               "GazeNeRF", import_xgaze);
+    xgaze->add_option("--calibration", a->options.calibration,
+                      "Folder of the cameras' calibration, cam00.xml to cam17.xml");
+    xgaze->add_option("--normalization", a->options.normalization,
+                      "Focal length [px], distance [mm] and side [px] of the normalisation; "
+                      "ETH-XGaze's are 960 300 448");
     add_kind(*command, a, "colmap", "Pictures of a COLMAP model (sparse/0 and images)",
              import_colmap);
     add_kind(*command, a, "transforms", "Photographs with a transforms.json (nerfstudio)",
