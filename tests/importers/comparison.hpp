@@ -30,7 +30,7 @@ inline CaptureSettings small_settings() {
 
 /// Largest differences; frames and cameras are compared in their order.
 struct Comparison {
-    double gaze_deg = 0;        ///< of optical axes in the world, after the similarity
+    double gaze_deg = 0; ///< of optical axes in the world, after the similarity
     double mean_gaze_deg = 0;
     double landmarks = 0;       ///< true world units
     double centres = 0;         ///< of eyeballs
@@ -65,9 +65,10 @@ inline Comparison compare(const Capture& truth, const Capture& got) {
     for (int f = 0; f < std::min(truth.frame_count(), got.frame_count()); ++f) {
         const CaptureFrame& a = truth.frames[static_cast<std::size_t>(f)];
         const CaptureFrame& b = got.frames[static_cast<std::size_t>(f)];
-        const Vec3<double> mean_a = a.landmarks.rowwise().mean(), mean_b = b.landmarks.rowwise().mean();
-        const double size = (a.landmarks.colwise() - mean_a).norm() /
-                            (b.landmarks.colwise() - mean_b).norm();
+        const Vec3<double> mean_a = a.landmarks.rowwise().mean(),
+                           mean_b = b.landmarks.rowwise().mean();
+        const double size =
+            (a.landmarks.colwise() - mean_a).norm() / (b.landmarks.colwise() - mean_b).norm();
         const Columns<double> sized = size * b.landmarks;
         const Rigid<double> to_truth = fit_rigid(sized, a.landmarks);
         const auto moved = [&](const Vec3<double>& x) {
@@ -75,20 +76,20 @@ inline Comparison compare(const Capture& truth, const Capture& got) {
         };
         for (Index i = 0; i < a.landmarks.cols(); ++i)
             c.landmarks = std::max(
-                c.landmarks,
-                (moved(b.landmarks.col(i)) - Vec3<double>(a.landmarks.col(i))).norm());
+                c.landmarks, (moved(b.landmarks.col(i)) - Vec3<double>(a.landmarks.col(i))).norm());
         for (std::size_t e = 0; e < 2; ++e) {
             const auto world = [&](const CaptureFrame& frame) {
                 return Vec3<double>(so3_exp(Vec3<double>(frame.pose.head<3>())) *
                                     frame.eyes[e].optical);
             };
-            const double off = 57.29577951308232 *
-                               angular_error<double>(world(a), to_truth.rotation * world(b));
+            const double off =
+                57.29577951308232 * angular_error<double>(world(a), to_truth.rotation * world(b));
             c.gaze_deg = std::max(c.gaze_deg, off);
             c.mean_gaze_deg += off;
             ++gazes;
             if (a.eyes[e].centre && b.eyes[e].centre)
-                c.centres = std::max(c.centres, (moved(*b.eyes[e].centre) - *a.eyes[e].centre).norm());
+                c.centres =
+                    std::max(c.centres, (moved(*b.eyes[e].centre) - *a.eyes[e].centre).norm());
         }
         for (int k = 0; k < std::min(truth.camera_count(), got.camera_count()); ++k) {
             if (!got.view(f, k).present) continue;
@@ -99,8 +100,7 @@ inline Comparison compare(const Capture& truth, const Capture& got) {
             }
             const Image<float> m = truth.mask(f, k), n = got.mask(f, k);
             c.mask_difference = std::max(
-                c.mask_difference,
-                static_cast<double>((m.pixels - n.pixels).cwiseAbs().mean()));
+                c.mask_difference, static_cast<double>((m.pixels - n.pixels).cwiseAbs().mean()));
             for (Index e = 0; e < 2; ++e) {
                 double pixels = 0;
                 const double share = overlap(truth.eye_mask(f, k), got.eye_mask(f, k), e, pixels);

@@ -24,15 +24,20 @@ int main(int argc, char** argv) {
         s.independent_frames = 1;
         const TrueScene truth = true_scene(folder / "truth", s);
         const std::filesystem::path source = folder / "source";
-        if (kind == "vhap") write_vhap_source(truth, source);
-        else if (kind == "gha") write_gha_source(truth, source, 0.1);
-        else if (kind == "transforms") write_transforms_source(truth, source, true);
-        else if (kind == "colmap") write_colmap_source(truth, source, ColmapFiles::binary, true);
+        if (kind == "vhap")
+            write_vhap_source(truth, source);
+        else if (kind == "gha")
+            write_gha_source(truth, source, 0.1);
+        else if (kind == "transforms")
+            write_transforms_source(truth, source, true);
+        else if (kind == "colmap")
+            write_colmap_source(truth, source, ColmapFiles::binary, true);
         else if (kind == "xgaze")
             write_xgaze_source(truth, source, folder / "calibration", XgazeFields::normalization);
         else if (kind == "gazenerf")
             write_xgaze_source(truth, source, {}, XgazeFields::gazenerf);
-        else throw rye::Error("make_import_source: got the kind '" + kind + "'");
+        else
+            throw rye::Error("make_import_source: got the kind '" + kind + "'");
         std::cout << source.string() << "\n";
     } catch (const std::exception& e) {
         std::cerr << e.what() << "\n";

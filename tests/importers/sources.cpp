@@ -63,15 +63,15 @@ Image8 over_white(const Capture& c, int f, int k) {
 
 /// Vertices of the synthetic head in the slots of FLAME's topology.
 struct FlameShape {
-    std::vector<Index> vertex;  ///< of the model, for each of the first 3931 slots
+    std::vector<Index> vertex; ///< of the model, for each of the first 3931 slots
     std::vector<Face> faces;
 };
 
 /// Clusters vertices, finely around the eyes, until they fit into the slots.
 FlameShape flame_shape(const HeadModel& model) {
-    const Points rest = model.vertices(VecX<double>::Zero(static_cast<Index>(
-                                           model.expression_names.size())),
-                                       VecX<double>::Zero(8));
+    const Points rest =
+        model.vertices(VecX<double>::Zero(static_cast<Index>(model.expression_names.size())),
+                       VecX<double>::Zero(8));
     constexpr Index slots = 3931;
     const std::set<Index> marks(model.landmarks.begin(), model.landmarks.end());
     for (double scale = 0.25;; scale *= 1.1) {
@@ -79,10 +79,11 @@ FlameShape flame_shape(const HeadModel& model) {
         std::vector<Index> leader(static_cast<std::size_t>(rest.cols()));
         for (Index i = 0; i < rest.cols(); ++i) {
             const V3 p = rest.col(i);
-            const double away = std::min((p - model.eyes[0].centre).norm(),
-                                         (p - model.eyes[1].centre).norm());
+            const double away =
+                std::min((p - model.eyes[0].centre).norm(), (p - model.eyes[1].centre).norm());
             const int level = away < 0.24 ? 0 : away < 0.6 ? 1 : 2;
-            const double cell = scale * std::array{0.02, 0.08, 0.2}[static_cast<std::size_t>(level)];
+            const double cell =
+                scale * std::array{0.02, 0.08, 0.2}[static_cast<std::size_t>(level)];
             const auto place = [&](double x) { return static_cast<Index>(std::floor(x / cell)); };
             auto key = std::make_tuple(level, place(p.x()), place(p.y()), place(p.z()));
             if (marks.contains(i)) key = {3, i, 0, 0};
@@ -116,7 +117,7 @@ FlameShape flame_shape(const HeadModel& model) {
     }
 }
 
-constexpr int rings = 17, sectors = 32;  // with two poles the 546 vertices of an eyeball
+constexpr int rings = 17, sectors = 32; // with two poles the 546 vertices of an eyeball
 
 void add_eyeball(const Eyeball& eye, Index first, Points& vertices, std::vector<Face>& faces) {
     const auto at = [&](double angle, double turn) {
@@ -158,12 +159,18 @@ std::string obj_text(const Points& vertices, const std::vector<Face>& faces) {
 
 } // namespace
 
+Columns<double> true_landmarks(const Capture& c, const std::string& frame) {
+    const NpyArray points = read_npy(c.folder / "params" / frame / "lmk_3d.npy");
+    const std::vector<double> v = points.values<double>("lmk_3d");
+    return Eigen::Map<const Columns<double>>(v.data(), 3, 68);
+}
+
 BrownConrady<double> source_lens() {
     BrownConrady<double> lens;
-    lens.k1 = -0.8;
-    lens.k2 = 0.5;
-    lens.p1 = 0.004;
-    lens.p2 = -0.003;
+    lens.k1 = -4;
+    lens.k2 = 3;
+    lens.p1 = 0.02;
+    lens.p2 = -0.015;
     return lens;
 }
 
@@ -198,11 +205,11 @@ void write_vhap_source(const TrueScene& truth, const fs::path& out) {
             add_eyeball(truth.model.eyes[e], first, all, faces);
             const Mat3<double> turn =
                 quat_matrix(shortest_arc(V3(0, 0, 1), scene.state.optical[e]));
-            const Points ball = (turn * all.middleCols(first, 546)).colwise() +
-                                truth.model.eyes[e].centre;
+            const Points ball =
+                (turn * all.middleCols(first, 546)).colwise() + truth.model.eyes[e].centre;
             all.middleCols(first, 546) = ball;
         }
-        for (Index i = flame_vertices; i < 5143; ++i) all.col(i) = V3(0, -0.3, 0.6);  // teeth
+        for (Index i = flame_vertices; i < 5143; ++i) all.col(i) = V3(0, -0.3, 0.6); // teeth
         const Rigid<double>& pose = scene.state.world_from_head;
         all = (((pose.rotation * all).colwise() + pose.translation) * metre).colwise() - origin;
         write_text(out / "meshes" / (id + ".obj"), obj_text(all, faces));
@@ -215,17 +222,17 @@ void write_vhap_source(const TrueScene& truth, const fs::path& out) {
             for (int d = 0; d < 3; ++d) eyes.push_back(turn[d]);
         }
         fs::create_directories(out / "flame_param");
-        write_npz(out / "flame_param" / (id + ".npz"),
-                  {{"expr", array<float>({1, 100}, expr)},
-                   {"rotation", array<float>({1, 3}, list_of(so3_log<double>(
-                                                         pose.rotation * neck.transpose())))},
-                   {"neck_pose", array<float>({1, 3}, list_of(so3_log(neck)))},
-                   {"jaw_pose", array<float>({1, 3}, {0.1, 0, 0})},
-                   {"eyes_pose", array<float>({1, 6}, eyes)},
-                   {"translation",
-                    array<float>({1, 3}, list_of(V3(metre * pose.translation - origin)))},
-                   {"shape", array<float>({300}, std::vector<double>(300, 0.1))},
-                   {"static_offset", array<float>({1, 5143, 3}, std::vector<double>(5143 * 3, 0))}});
+        write_npz(
+            out / "flame_param" / (id + ".npz"),
+            {{"expr", array<float>({1, 100}, expr)},
+             {"rotation",
+              array<float>({1, 3}, list_of(so3_log<double>(pose.rotation * neck.transpose())))},
+             {"neck_pose", array<float>({1, 3}, list_of(so3_log(neck)))},
+             {"jaw_pose", array<float>({1, 3}, {0.1, 0, 0})},
+             {"eyes_pose", array<float>({1, 6}, eyes)},
+             {"translation", array<float>({1, 3}, list_of(V3(metre * pose.translation - origin)))},
+             {"shape", array<float>({300}, std::vector<double>(300, 0.1))},
+             {"static_offset", array<float>({1, 5143, 3}, std::vector<double>(5143 * 3, 0))}});
         for (int k = 0; k < c.camera_count(); ++k) {
             const std::string name = id + "_" + number("%02d", k) + ".png";
             Pinhole<double> camera = c.camera(f, k);
@@ -289,7 +296,8 @@ void write_gha_source(const TrueScene& truth, const fs::path& out, double unit) 
         for (int k = 0; k < c.camera_count(); ++k) {
             const std::string id = c.camera_ids[static_cast<std::size_t>(k)];
             const Image8 picture = to_8bit(c.image(f, k)), mask = to_8bit(c.mask(f, k));
-            const Image8 visible{c.width, c.height, 1, std::vector<std::uint8_t>(mask.values.size(), 255)};
+            const Image8 visible{c.width, c.height, 1,
+                                 std::vector<std::uint8_t>(mask.values.size(), 255)};
             for (const char* size : {"", "lowres_"}) {
                 write_jpeg(images / (std::string("image_") + size + id + ".jpg"), picture, 95);
                 write_jpeg(images / (std::string("mask_") + size + id + ".jpg"), mask, 95);
@@ -319,13 +327,15 @@ Image8 through_lens(const Image8& picture, const Pinhole<double>& camera,
     for (int y = 0; y < out.height; ++y)
         for (int x = 0; x < out.width; ++x) {
             const Undistorted<double> s = undistort(
-                lens, Vec2<double>((x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy));
+                lens,
+                Vec2<double>((x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy));
             const int u = clamped(camera.fx * s.slope[0] + camera.cx, out.width);
             const int v = clamped(camera.fy * s.slope[1] + camera.cy, out.height);
             for (std::size_t ch = 0; ch < 3; ++ch) {
                 const auto at = [&](int px, int py) {
                     return 3 * (static_cast<std::size_t>(py) * static_cast<std::size_t>(out.width) +
-                                static_cast<std::size_t>(px)) + ch;
+                                static_cast<std::size_t>(px)) +
+                           ch;
                 };
                 out.values[at(x, y)] = picture.values[at(u, v)];
             }
@@ -412,11 +422,12 @@ void write_colmap_source(const TrueScene& truth, const fs::path& out, ColmapFile
         append(images, id);
         append(images, as_bytes(still_name(k)));
         append(images, '\0');
-        append(images, std::uint64_t(1));  // one point of the picture
+        append(images, std::uint64_t(1)); // one point of the picture
         append(images, 1.5);
         append(images, 2.5);
         append(images, std::uint64_t(7));
-        image_text += " " + std::to_string(id) + " " + still_name(k) + (k == 0 ? "\n\n" : "\n1.5 2.5 7\n");
+        image_text +=
+            " " + std::to_string(id) + " " + still_name(k) + (k == 0 ? "\n\n" : "\n1.5 2.5 7\n");
         write_still(c, k, out / "images" / still_name(k), lens);
     }
     fs::create_directories(model);

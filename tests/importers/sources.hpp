@@ -46,6 +46,9 @@ enum class XgazeFields { normalization, gazenerf };
 void write_xgaze_source(const TrueScene& truth, const std::filesystem::path& file,
                         const std::filesystem::path& calibration, XgazeFields fields);
 
+/// All 68 landmarks of a frame, of which a Capture keeps 66; 3 x 68, world.
+Columns<double> true_landmarks(const Capture& capture, const std::string& frame);
+
 /// The lens of the sources with one.
 BrownConrady<double> source_lens();
 

@@ -57,12 +57,14 @@ ImportSummary import(const std::string& kind, const fs::path& source, const fs::
 double camera_difference(const Capture& truth, const fs::path& out) {
     double most = 0;
     int k = 0;
-    for (const auto& id : read_json(out / "capture.json").at("camera_ids")) {
+    const nlohmann::json description = read_json(out / "capture.json");
+    for (const auto& id : description.at("camera_ids")) {
         const NpzArrays a =
             read_npz(out / "cameras/0000" / ("camera_" + id.get<std::string>() + ".npz"));
         const Pinhole<double>& c = truth.camera(0, k++);
         const std::vector<double> in = a.at("intrinsic").values<double>("intrinsic");
-        for (const auto& [got, expected] : {std::pair{in[0], c.fx}, {in[4], c.fy}, {in[2], c.cx}, {in[5], c.cy}})
+        for (const auto& [got, expected] :
+             {std::pair{in[0], c.fx}, {in[4], c.fy}, {in[2], c.cx}, {in[5], c.cy}})
             most = std::max(most, std::abs(got - expected));
         const std::vector<double> ex = a.at("extrinsic").values<double>("extrinsic");
         for (Index r = 0; r < 3; ++r) {
@@ -157,7 +159,8 @@ TEST_CASE("stills: a lens is straightened") {
             bent += off(raw);
             ++n;
         }
-        INFO("mean differences of 255: straightened ", straight / n, ", as photographed ", bent / n);
+        INFO("mean differences of 255: straightened ", straight / n, ", as photographed ",
+             bent / n);
         CHECK(n > 0.9 * static_cast<double>(got.values.size()));
         CHECK(straight < 0.4 * bent);
     }
@@ -207,11 +210,11 @@ TEST_CASE("transforms: wrong sources are refused by file, field and value") {
            [](nlohmann::json& j) { j.at("frames").at(2).at("transform_matrix").at(0).at(0) = 3; });
     refused("images/photo_01.png: no such file, named by file_path",
             [](const fs::path& s) { fs::remove(s / "images/photo_01.png"); });
-    refused("images/photo_00.png: got 8 x 8 pixels, expected 160 x 160 as its camera has",
-            [](const fs::path& s) {
-                write_png(s / "images/photo_00.png",
-                          Image8{8, 8, 1, std::vector<std::uint8_t>(64)});
-            });
+    refused(
+        "images/photo_00.png: got 8 x 8 pixels, expected 160 x 160 as its camera has",
+        [](const fs::path& s) {
+            write_png(s / "images/photo_00.png", Image8{8, 8, 1, std::vector<std::uint8_t>(64)});
+        });
 }
 
 TEST_CASE("colmap: wrong sources are refused by file, field and value") {
@@ -241,10 +244,9 @@ TEST_CASE("colmap: wrong sources are refused by file, field and value") {
             [](const fs::path& s) { fs::remove(s / "images/photo_02.png"); });
     text("cameras.txt: line 2: model: got 'PINHOL', expected SIMPLE_PINHOLE",
          [](const fs::path& s) { replace_in(s / "sparse/0/cameras.txt", "PINHOLE", "PINHOL"); });
-    text("cameras.txt: line 3: WIDTH: got 'x160', expected a finite number",
-         [](const fs::path& s) {
-             replace_in(s / "sparse/0/cameras.txt", "2 PINHOLE 160", "2 PINHOLE x160");
-         });
+    text("cameras.txt: line 3: WIDTH: got 'x160', expected a finite number", [](const fs::path& s) {
+        replace_in(s / "sparse/0/cameras.txt", "2 PINHOLE 160", "2 PINHOLE x160");
+    });
 }
 
 TEST_CASE("stills: real photographs, as transforms.json and as a COLMAP model") {

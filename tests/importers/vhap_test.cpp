@@ -108,8 +108,9 @@ TEST_CASE("vhap: an interrupted import goes on, and repeats no complete frame") 
     CHECK_NOTHROW(read_trainable_capture(out));
 
     o.eyeballs = {3931, 4470, 4477, 5022};
-    CHECK_FAULT(import_vhap(o), "import.json: eyeballs was [3931,4476,4477,5022] in the import "
-                                "that began this folder, and is [3931,4470,4477,5022] now");
+    CHECK_FAULT(import_vhap(o),
+                "import.json: eyeballs was [3931,4476,4477,5022] in the import "
+                "that began this folder, and is [3931,4470,4477,5022] now");
     const fs::path other = folder.path / "other";
     fs::create_directories(other);
     std::ofstream(other / "mine.txt") << "x";
@@ -157,11 +158,10 @@ TEST_CASE("vhap: wrong sources are refused by file, field and value") {
         arrays["rotation"] = npy_array<float>({1, 3}, std::span<const float>(turned));
         write_npz(file, arrays);
     });
-    check_refused("images/00000_00.png: got 16 x 16 pixels, expected 160 x 160",
-                  [](const fs::path& s) {
-                      write_png(s / "images/00000_00.png",
-                                Image8{16, 16, 1, std::vector<std::uint8_t>(256)});
-                  });
+    check_refused(
+        "images/00000_00.png: got 16 x 16 pixels, expected 160 x 160", [](const fs::path& s) {
+            write_png(s / "images/00000_00.png", Image8{16, 16, 1, std::vector<std::uint8_t>(256)});
+        });
     check_refused("meshes/00000.obj: line 3: got the coordinate 'x', expected a finite number",
                   [](const fs::path& s) {
                       std::ofstream(s / "meshes/00000.obj") << "# one\nv 0 0 0\nv 1 x 0\n";

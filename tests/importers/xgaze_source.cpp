@@ -11,7 +11,6 @@
 #include <cstdio>
 #include <fstream>
 
-#include <rye/capture/npz.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
@@ -24,7 +23,7 @@ namespace fs = std::filesystem;
 using V3 = Vec3<double>;
 using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
-constexpr double mm = 100;  // of a unit of the capture
+constexpr double mm = 100; // of a unit of the capture
 
 /// LZF without search: runs of one byte as copies of the byte before, the rest as literals.
 std::vector<std::uint8_t> encoded_lzf(const std::vector<std::uint8_t>& data) {
@@ -41,7 +40,8 @@ std::vector<std::uint8_t> encoded_lzf(const std::vector<std::uint8_t>& data) {
     };
     while (at < data.size()) {
         std::size_t run = 0;
-        while (at > 0 && at + run < data.size() && run < 264 && data[at + run] == data[at - 1]) ++run;
+        while (at > 0 && at + run < data.size() && run < 264 && data[at + run] == data[at - 1])
+            ++run;
         if (run < 3) {
             ++at, ++literals;
             continue;
@@ -54,7 +54,7 @@ std::vector<std::uint8_t> encoded_lzf(const std::vector<std::uint8_t>& data) {
             out.push_back(7U << 5U);
             out.push_back(static_cast<std::uint8_t>(length - 7));
         }
-        out.push_back(0);  // one byte back
+        out.push_back(0); // one byte back
         at += run;
     }
     flush();
@@ -73,8 +73,8 @@ class Writer {
 
     void numbers(const char* name, std::vector<hsize_t> shape, const std::vector<double>& values) {
         const hid_t space = H5Screate_simple(static_cast<int>(shape.size()), shape.data(), nullptr);
-        const hid_t set = H5Dcreate2(file_, name, H5T_IEEE_F64LE, space, H5P_DEFAULT, H5P_DEFAULT,
-                                     H5P_DEFAULT);
+        const hid_t set =
+            H5Dcreate2(file_, name, H5T_IEEE_F64LE, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
         H5Dwrite(set, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data());
         H5Dclose(set);
         H5Sclose(space);
@@ -89,8 +89,8 @@ class Writer {
         H5Pset_chunk(properties, static_cast<int>(chunk.size()), chunk.data());
         const std::array<unsigned, 3> values{4, 261, static_cast<unsigned>(rows.front().size())};
         H5Pset_filter(properties, 32000, H5Z_FLAG_OPTIONAL, values.size(), values.data());
-        const hid_t set = H5Dcreate2(file_, name, H5T_STD_U8LE, space, H5P_DEFAULT, properties,
-                                     H5P_DEFAULT);
+        const hid_t set =
+            H5Dcreate2(file_, name, H5T_STD_U8LE, space, H5P_DEFAULT, properties, H5P_DEFAULT);
         require(set >= 0, name, "cannot be made");
         for (std::size_t i = 0; i < rows.size(); ++i) {
             std::vector<hsize_t> at(shape.size(), 0);
@@ -100,7 +100,8 @@ class Writer {
             const bool shrinks = packed.size() < rows[i].size();
             const std::vector<std::uint8_t>& data = shrinks ? packed : rows[i];
             require(H5Dwrite_chunk(set, H5P_DEFAULT, shrinks ? 0U : 1U, at.data(), data.size(),
-                                   data.data()) >= 0, name, "cannot be written");
+                                   data.data()) >= 0,
+                    name, "cannot be written");
         }
         H5Dclose(set);
         H5Pclose(properties);
@@ -135,11 +136,12 @@ Image8 turned(const Image8& picture, const Pinhole<double>& from, const Pinhole<
     for (int y = 0; y < to.height; ++y)
         for (int x = 0; x < to.width; ++x) {
             const V3 p = from.project_point(from.centre() + to.ray(Vec2<double>(x + 0.5, y + 0.5)));
-            if (!(p.z() > 0 && p.x() >= 0 && p.y() >= 0 && p.x() < from.width && p.y() < from.height))
+            if (!(p.z() > 0 && p.x() >= 0 && p.y() >= 0 && p.x() < from.width &&
+                  p.y() < from.height))
                 continue;
-            const auto at = static_cast<std::size_t>(3 * (static_cast<int>(p.y()) * from.width +
-                                                          static_cast<int>(p.x())));
-            for (std::size_t c = 0; c < 3; ++c)  // the background is not black, as in a room
+            const auto at = static_cast<std::size_t>(
+                3 * (static_cast<int>(p.y()) * from.width + static_cast<int>(p.x())));
+            for (std::size_t c = 0; c < 3; ++c) // the background is not black, as in a room
                 out.values[static_cast<std::size_t>(3 * (y * to.width + x)) + c] =
                     std::max<std::uint8_t>(picture.values[at + c], 12);
         }
@@ -186,16 +188,11 @@ Pinhole<double> normalized_camera(const Pinhole<double>& real, const V3& face, c
     return c;
 }
 
-Columns<double> true_landmarks(const Capture& c, const std::string& frame) {
-    const NpyArray points = read_npy(c.folder / "params" / frame / "lmk_3d.npy");
-    const std::vector<double> v = points.values<double>("lmk_3d");
-    return Eigen::Map<const Columns<double>>(v.data(), 3, 68);
-}
-
-void add_landmarks(std::vector<double>& to, const Columns<double>& points, const Pinhole<double>& c) {
+void add_landmarks(std::vector<double>& to, const Columns<double>& points,
+                   const Pinhole<double>& c) {
     for (Index i = 0; i < 68; ++i) {
         const V3 p = c.project_point(points.col(i));
-        to.push_back(p.x() - 0.5);  // OpenCV's pixels
+        to.push_back(p.x() - 0.5); // OpenCV's pixels
         to.push_back(p.y() - 0.5);
     }
 }
@@ -221,7 +218,7 @@ void write_xgaze_source(const TrueScene& truth, const fs::path& file, const fs::
             const Pinhole<double>& real = c.camera(f, k);
             const Image8 picture = to_8bit(c.image(f, k));
             rows.cam.push_back(k);
-            rows.frame.push_back(f == 1 ? 255 : f);  // numbers of frames wrap in these files
+            rows.frame.push_back(f == 1 ? 255 : f); // numbers of frames wrap in these files
             if (gazenerf) {
                 Pinhole<double> camera = real;
                 camera.camera_from_world.rotation = real.camera_from_world.rotation * head;
@@ -269,7 +266,7 @@ void write_xgaze_source(const TrueScene& truth, const fs::path& file, const fs::
             }
         }
     }
-    if (!gazenerf)  // ETH-XGaze makes room for more patches than it writes
+    if (!gazenerf) // ETH-XGaze makes room for more patches than it writes
         for (int i = 0; i < 3; ++i) {
             rows.cam.push_back(0);
             rows.frame.push_back(0);

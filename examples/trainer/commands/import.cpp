@@ -77,8 +77,8 @@ void add_import(CLI::App& app) {
         "import", "Make a capture of other programs' data; an interrupted import is continued");
     command->require_subcommand(1);
     const auto a = std::make_shared<Arguments>();
-    CLI::App* vhap = add_kind(*command, a, "vhap",
-                              "FLAME tracking that VHAP exported, with meshes", import_vhap);
+    CLI::App* vhap = add_kind(*command, a, "vhap", "FLAME tracking that VHAP exported, with meshes",
+                              import_vhap);
     vhap->add_option("--eyeballs", a->options.eyeballs,
                      "First and last vertex of the left and of the right eyeball, for another "
                      "topology than FLAME's (3931 4476 4477 5022)");
@@ -86,13 +86,16 @@ void add_import(CLI::App& app) {
                      "File of 68 vertices in the order of iBUG, for another topology");
     CLI::App* gha = add_kind(*command, a, "gha",
                              "A folder of Gaussian Head Avatar, or a capture that lacks gaze or "
-                             "eye masks", import_gha);
-    gha->add_option("--gaze", a->options.gaze,
-                    "Gazes: CSV `frame,left_pitch,left_yaw,right_pitch,right_yaw` [degrees, head "
-                    "frame], or npz with gaze_left and gaze_right; without it the iris is searched");
+                             "eye masks",
+                             import_gha);
+    gha->add_option(
+        "--gaze", a->options.gaze,
+        "Gazes: CSV `frame,left_pitch,left_yaw,right_pitch,right_yaw` [degrees, head "
+        "frame], or npz with gaze_left and gaze_right; without it the iris is searched");
     CLI::App* xgaze = add_kind(*command, a, "xgaze",
                                "An HDF5 file of one subject of ETH-XGaze, normalised, or of "
-                               "GazeNeRF", import_xgaze);
+                               "GazeNeRF",
+                               import_xgaze);
     xgaze->add_option("--calibration", a->options.calibration,
                       "Folder of the cameras' calibration, cam00.xml to cam17.xml");
     xgaze->add_option("--normalization", a->options.normalization,

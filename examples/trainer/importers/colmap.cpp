@@ -28,11 +28,16 @@ struct Model {
     std::size_t parameters;
 };
 /// Those that a BrownConrady lens covers come first.
-constexpr std::array models{Model{0, "SIMPLE_PINHOLE", 3}, Model{1, "PINHOLE", 4},
-                            Model{2, "SIMPLE_RADIAL", 4},  Model{3, "RADIAL", 5},
-                            Model{4, "OPENCV", 8},         Model{5, "OPENCV_FISHEYE", 8},
-                            Model{6, "FULL_OPENCV", 12},   Model{7, "FOV", 5},
-                            Model{8, "SIMPLE_RADIAL_FISHEYE", 4}, Model{9, "RADIAL_FISHEYE", 5},
+constexpr std::array models{Model{0, "SIMPLE_PINHOLE", 3},
+                            Model{1, "PINHOLE", 4},
+                            Model{2, "SIMPLE_RADIAL", 4},
+                            Model{3, "RADIAL", 5},
+                            Model{4, "OPENCV", 8},
+                            Model{5, "OPENCV_FISHEYE", 8},
+                            Model{6, "FULL_OPENCV", 12},
+                            Model{7, "FOV", 5},
+                            Model{8, "SIMPLE_RADIAL_FISHEYE", 4},
+                            Model{9, "RADIAL_FISHEYE", 5},
                             Model{10, "THIN_PRISM_FISHEYE", 12}};
 
 struct Picture {
@@ -45,8 +50,9 @@ using Cameras = std::map<std::uint32_t, Photograph>;
 
 void require_known(bool known, const std::string& model, const std::string& who) {
     require(known, who + ": model",
-            "got " + model + ", expected SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV: "
-            "`colmap image_undistorter` makes pinhole pictures of others");
+            "got " + model +
+                ", expected SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV: "
+                "`colmap image_undistorter` makes pinhole pictures of others");
 }
 
 /// The camera of COLMAP's parameters.
@@ -54,9 +60,9 @@ Photograph camera_of(const Model& model, ImageSize size, const std::vector<doubl
                      const std::string& who) {
     require_known(model.id <= 4, model.name, who);
     for (std::size_t i = 0; i < p.size(); ++i)
-        require(std::isfinite(p[i]), who + ": params", "number " + std::to_string(i) + " is " +
-                                                           std::to_string(p[i]) +
-                                                           ", expected a finite number");
+        require(std::isfinite(p[i]), who + ": params",
+                "number " + std::to_string(i) + " is " + std::to_string(p[i]) +
+                    ", expected a finite number");
     const bool one_focal = model.id == 0 || model.id == 2 || model.id == 3;
     const std::size_t at = one_focal ? 1 : 2;
     Photograph photo;
@@ -83,9 +89,9 @@ ImageSize checked_size(double w, double h, const std::string& who) {
 
 Rigid<double> pose_of(const std::array<double, 7>& v, const std::string& who) {
     for (std::size_t i = 0; i < v.size(); ++i)
-        require(std::isfinite(v[i]), who + ": pose", "number " + std::to_string(i) + " is " +
-                                                         std::to_string(v[i]) +
-                                                         ", expected a finite number");
+        require(std::isfinite(v[i]), who + ": pose",
+                "number " + std::to_string(i) + " is " + std::to_string(v[i]) +
+                    ", expected a finite number");
     const Quat<double> q(v[0], v[1], v[2], v[3]);
     require(std::abs(q.norm() - 1) < 1e-3, who + ": pose",
             "got a quaternion of length " + std::to_string(q.norm()) + ", expected 1");
@@ -182,7 +188,7 @@ std::vector<Picture> binary_pictures(const fs::path& path) {
 // ---- text --------------------------------------------------------------------------------------
 
 struct Line {
-    std::string who;                  ///< file and number of the line
+    std::string who; ///< file and number of the line
     std::vector<std::string> words;
 };
 
@@ -226,12 +232,13 @@ Cameras text_cameras(const fs::path& path) {
         const auto* model = std::find_if(models.begin(), models.end(),
                                          [&](const Model& m) { return name == m.name; });
         require_known(model != models.end(), "'" + name + "'", line.who);
-        require(line.words.size() == 4 + model->parameters, line.who + ": PARAMS",
-                "got " + std::to_string(line.words.size() - std::min<std::size_t>(
-                                                                4, line.words.size())) +
-                    " numbers, expected " + std::to_string(model->parameters) + " of " + name);
-        const ImageSize size = checked_size(number_of(line, 2, "WIDTH"),
-                                            number_of(line, 3, "HEIGHT"), line.who);
+        require(
+            line.words.size() == 4 + model->parameters, line.who + ": PARAMS",
+            "got " +
+                std::to_string(line.words.size() - std::min<std::size_t>(4, line.words.size())) +
+                " numbers, expected " + std::to_string(model->parameters) + " of " + name);
+        const ImageSize size =
+            checked_size(number_of(line, 2, "WIDTH"), number_of(line, 3, "HEIGHT"), line.who);
         std::vector<double> p;
         for (std::size_t i = 4; i < line.words.size(); ++i)
             p.push_back(number_of(line, i, "PARAMS"));
@@ -245,7 +252,7 @@ std::vector<Picture> text_pictures(const fs::path& path) {
     std::vector<Picture> pictures;
     for (std::size_t i = 0; i < lines.size(); i += 2) {
         const Line& line = lines[i];
-        if (line.words.empty()) continue;  // an empty line at the end
+        if (line.words.empty()) continue; // an empty line at the end
         id_of(line, 0, "IMAGE_ID");
         std::array<double, 7> v{};
         constexpr std::array names{"QW", "QX", "QY", "QZ", "TX", "TY", "TZ"};
@@ -307,9 +314,9 @@ ImportSummary import_colmap(const ImportOptions& options) {
         still.photograph.file = p.name;
         still.photograph.camera.camera_from_world = p.camera_from_world;
         still.image = options.source / "images" / p.name;
-        require(fs::is_regular_file(still.image), still.image.string(),
-                "no such file, expected the picture '" + p.name + "' of " +
-                    file("images").string());
+        require(
+            fs::is_regular_file(still.image), still.image.string(),
+            "no such file, expected the picture '" + p.name + "' of " + file("images").string());
         // COLMAP's own names of masks.
         if (const fs::path mask = options.source / "masks" / (p.name + ".png"); fs::exists(mask))
             still.mask = mask;

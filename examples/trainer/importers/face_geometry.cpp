@@ -152,7 +152,8 @@ Image8 lid_eye_mask(const Columns<double>& landmarks, const Pinhole<double>& cam
             mesh.labels.push_back(eye_mask_value(e));
         }
     }
-    // Flanks of the nose, between its ridge (27 to 30), its wings and the inner corners of the eyes.
+    // Flanks of the nose, between its ridge (27 to 30), its wings and the inner corners of the
+    // eyes.
     for (const Face& f : {Face{27, 28, 39}, Face{28, 29, 39}, Face{29, 31, 39}, Face{29, 30, 31},
                           Face{27, 28, 42}, Face{28, 29, 42}, Face{29, 35, 42}, Face{29, 30, 35}}) {
         mesh.faces.push_back(f);
@@ -215,9 +216,9 @@ Straightened straightened(const Image8& picture, const Pinhole<double>& camera,
             for (int c = 0; c < channels; ++c) {
                 const auto at = [&](int px, int py) {
                     return static_cast<double>(
-                        picture.values[pixel_of(picture, px, py) *
-                                           static_cast<std::size_t>(channels) +
-                                       static_cast<std::size_t>(c)]);
+                        picture
+                            .values[pixel_of(picture, px, py) * static_cast<std::size_t>(channels) +
+                                    static_cast<std::size_t>(c)]);
                 };
                 const double value = (1 - ay) * ((1 - ax) * at(x0, y0) + ax * at(x1, y0)) +
                                      ay * ((1 - ax) * at(x0, y1) + ax * at(x1, y1));

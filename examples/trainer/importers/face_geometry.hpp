@@ -21,7 +21,7 @@ inline constexpr std::uint8_t eye_mask_value(int eye) { return eye == 0 ? 85 : 1
 struct Sphere {
     Vec3<double> centre;
     double radius;
-    double error;  ///< root mean square distance of the points from the surface
+    double error; ///< root mean square distance of the points from the surface
 };
 
 /// The sphere nearest to at least 4 points, by linear least squares on |x|^2 = 2 c.x + const.
@@ -33,15 +33,15 @@ Rigid<double> fit_rigid(const Columns<double>& from, const Columns<double>& to);
 /// The point nearest to lines through `origins` along unit `directions`, both 3 x N, N >= 2.
 struct NearestPoint {
     Vec3<double> point;
-    double error;  ///< root mean square distance from the lines
+    double error; ///< root mean square distance from the lines
 };
 NearestPoint nearest_to_lines(const Columns<double>& origins, const Columns<double>& directions);
 
 /// A triangle mesh with a label per face.
 struct LabelledMesh {
-    Columns<double> vertices;           ///< 3 x V, world
+    Columns<double> vertices; ///< 3 x V, world
     std::vector<Face> faces;
-    std::vector<std::uint8_t> labels;   ///< per face, not 255
+    std::vector<std::uint8_t> labels; ///< per face, not 255
 };
 
 /// Label of the nearest face at each pixel's centre, 255 where there is none; 1 channel.

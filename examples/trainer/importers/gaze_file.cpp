@@ -51,12 +51,13 @@ std::map<std::string, GazeRow> from_csv(const std::filesystem::path& path) {
             continue;
         }
         if (field.empty()) continue;
-        require(field.size() == 5, who, "got " + std::to_string(field.size()) +
-                                            " fields, expected 5: " + header);
+        require(field.size() == 5, who,
+                "got " + std::to_string(field.size()) + " fields, expected 5: " + header);
         std::array<double, 4> angle{};
         for (std::size_t i = 0; i < 4; ++i) {
             const std::optional<double> x = parse_double(field[i + 1]);
-            require(x && std::isfinite(*x) && std::abs(*x) <= 90, who + ": " + fields(header)[i + 1],
+            require(x && std::isfinite(*x) && std::abs(*x) <= 90,
+                    who + ": " + fields(header)[i + 1],
                     "got '" + field[i + 1] + "', expected degrees, -90 to 90");
             angle[i] = *x / degrees;
         }
@@ -80,8 +81,8 @@ std::map<std::string, GazeRow> from_npz(const std::filesystem::path& path,
         require(found != arrays.end(), who, "is missing");
         const std::vector<Index> shape{count, 3};
         require(found->second.shape == shape, who,
-                "got shape " + shape_text(found->second.shape) + ", expected " +
-                    shape_text(shape) + ", one row a frame");
+                "got shape " + shape_text(found->second.shape) + ", expected " + shape_text(shape) +
+                    ", one row a frame");
         const std::vector<double> v = found->second.values<double>(who);
         for (std::size_t i = 0; i < frames.size(); ++i) {
             const Vec3<double> gaze(v[3 * i], v[3 * i + 1], v[3 * i + 2]);

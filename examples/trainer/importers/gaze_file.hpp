@@ -17,7 +17,7 @@
 
 namespace rye::trainer {
 
-using GazeRow = std::array<Vec3<double>, 2>;  ///< unit, left and right eye, head frame
+using GazeRow = std::array<Vec3<double>, 2>; ///< unit, left and right eye, head frame
 
 /// Gazes of these frames, sorted by name; further ones of a CSV are ignored. Throws Error, with
 /// file, line and value, for anything else, for a missing frame, and beyond the range of an eye.

@@ -24,7 +24,7 @@ std::vector<std::uint8_t> decode_lzf(const std::uint8_t* data, std::size_t count
     };
     while (at < count) {
         const std::uint8_t control = take();
-        if (control < 32) {  // literals
+        if (control < 32) { // literals
             const std::size_t run = std::size_t(control) + 1;
             require(run <= count - at && run <= size - out.size(), who, "its LZF data are damaged");
             out.insert(out.end(), data + at, data + at + run);
@@ -38,23 +38,24 @@ std::vector<std::uint8_t> decode_lzf(const std::uint8_t* data, std::size_t count
         require(back <= out.size() && length <= size - out.size(), who, "its LZF data are damaged");
         for (std::size_t i = 0; i < length; ++i) out.push_back(out[out.size() - back]);
     }
-    require(out.size() == size, who, "its LZF data make " + std::to_string(out.size()) +
-                                         " bytes, expected " + std::to_string(size));
+    require(out.size() == size, who,
+            "its LZF data make " + std::to_string(out.size()) + " bytes, expected " +
+                std::to_string(size));
     return out;
 }
 
 #ifdef RYE_HDF5
 namespace {
 
-constexpr H5Z_filter_t lzf_filter = 32000;  // h5py's, registered with the HDF Group
+constexpr H5Z_filter_t lzf_filter = 32000; // h5py's, registered with the HDF Group
 
 /// Reads only; cd_values[2] is the size of a chunk.
 std::size_t undo_lzf(unsigned flags, std::size_t parameters, const unsigned values[],
                      std::size_t count, std::size_t* room, void** buffer) {
     if ((flags & H5Z_FLAG_REVERSE) == 0 || parameters < 3) return 0;
     try {
-        const std::vector<std::uint8_t> out = decode_lzf(
-            static_cast<const std::uint8_t*>(*buffer), count, values[2], "chunk");
+        const std::vector<std::uint8_t> out =
+            decode_lzf(static_cast<const std::uint8_t*>(*buffer), count, values[2], "chunk");
         void* memory = H5allocate_memory(out.size(), false);
         if (memory == nullptr) return 0;
         std::memcpy(memory, out.data(), out.size());
@@ -63,14 +64,15 @@ std::size_t undo_lzf(unsigned flags, std::size_t parameters, const unsigned valu
         *room = out.size();
         return out.size();
     } catch (const std::exception&) {
-        return 0;  // the library reports a filter that failed
+        return 0; // the library reports a filter that failed
     }
 }
 
 void prepare_library() {
     static const bool once = [] {
         H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
-        const H5Z_class2_t lzf{H5Z_CLASS_T_VERS, lzf_filter, 0, 1, "lzf", nullptr, nullptr, undo_lzf};
+        const H5Z_class2_t lzf{H5Z_CLASS_T_VERS, lzf_filter, 0,       1, "lzf",
+                               nullptr,          nullptr,    undo_lzf};
         H5Zregister(&lzf);
         return true;
     }();
@@ -142,7 +144,7 @@ std::vector<Index> Hdf5File::shape(const std::string& array) const {
 }
 
 std::vector<double> Hdf5File::numbers(const std::string& array) const {
-    constexpr std::uint64_t most = 1ULL << 30U;  // bytes
+    constexpr std::uint64_t most = 1ULL << 30U; // bytes
     const Id set(handle_->open(array), H5Dclose);
     const std::vector<hsize_t> shape = handle_->extents(set.id, array);
     const std::uint64_t size = checked_size(shape, 8, name_ + ": " + array);
@@ -166,7 +168,8 @@ std::vector<std::uint8_t> Hdf5File::bytes(const std::string& array, Index row) c
     std::vector<hsize_t> start(shape.size(), 0);
     start[0] = static_cast<hsize_t>(row);
     const Id file_space(H5Dget_space(set.id), H5Sclose);
-    H5Sselect_hyperslab(file_space.id, H5S_SELECT_SET, start.data(), nullptr, shape.data(), nullptr);
+    H5Sselect_hyperslab(file_space.id, H5S_SELECT_SET, start.data(), nullptr, shape.data(),
+                        nullptr);
     const Id memory(H5Screate_simple(static_cast<int>(shape.size()), shape.data(), nullptr),
                     H5Sclose);
     std::vector<std::int32_t> values(static_cast<std::size_t>(size));
@@ -189,8 +192,9 @@ struct Hdf5File::Handle {};
 bool has_hdf5() { return false; }
 
 Hdf5File::Hdf5File(const std::filesystem::path& path) : name_(path.string()) {
-    throw Error(name_ + ": this rye was built without HDF5: install libhdf5-dev (Debian), configure "
-                        "and build again");
+    throw Error(name_ +
+                ": this rye was built without HDF5: install libhdf5-dev (Debian), configure "
+                "and build again");
 }
 Hdf5File::~Hdf5File() = default;
 bool Hdf5File::has(const std::string&) const { return false; }

@@ -40,7 +40,7 @@ class Hdf5File {
 };
 
 /// Undoes LZF (LibLZF's format): throws Error, with `who`, unless it makes exactly `size` bytes.
-std::vector<std::uint8_t> decode_lzf(const std::uint8_t* data, std::size_t count,
-                                     std::size_t size, const std::string& who);
+std::vector<std::uint8_t> decode_lzf(const std::uint8_t* data, std::size_t count, std::size_t size,
+                                     const std::string& who);
 
 } // namespace rye::trainer

@@ -131,8 +131,8 @@ void add_lines(std::string& text, const char* label, const std::vector<std::stri
 
 std::string ImportSummary::text() const {
     std::string text = "frames    " + std::to_string(frames) + " (" + std::to_string(written) +
-                       " written now, " + std::to_string(frames - written) +
-                       " complete before), " + std::to_string(cameras) + " cameras\n";
+                       " written now, " + std::to_string(frames - written) + " complete before), " +
+                       std::to_string(cameras) + " cameras\n";
     add_lines(text, "found", found);
     add_lines(text, "derived", derived);
     add_lines(text, "missing", missing);
@@ -187,15 +187,17 @@ void ImportFolder::write(const ImportFrame& frame, const Json& facts) {
 }
 
 void ImportFolder::finish(Json description, const ImportSummary& summary) {
-    description["import"] = {{"kind", job_.at("kind")},       {"source", job_.at("source")},
-                             {"found", summary.found},        {"derived", summary.derived},
+    description["import"] = {{"kind", job_.at("kind")},
+                             {"source", job_.at("source")},
+                             {"found", summary.found},
+                             {"derived", summary.derived},
                              {"missing", summary.missing}};
     const std::string text = description.dump(1) + "\n";
     write_bytes(out_ / "capture.json", as_bytes(text));
 }
 
 double unit_factor(double landmark_span) {
-    constexpr double head = 2.2;  // of an adult's landmarks [dm]
+    constexpr double head = 2.2; // of an adult's landmarks [dm]
     if (landmark_span > 0.7 && landmark_span < 7) return 1;
     return std::pow(10.0, std::round(std::log10(head / landmark_span)));
 }

@@ -25,13 +25,13 @@ namespace rye::trainer {
 
 /// What `rye import` is given. Options of other kinds are refused by the command.
 struct ImportOptions {
-    std::filesystem::path source;       ///< folder or file, by kind
-    std::filesystem::path out;          ///< folder of the capture
-    std::filesystem::path gaze;         ///< gha: CSV or npz of gazes; empty: from the iris
-    std::filesystem::path calibration;  ///< xgaze: folder of cam00.xml to cam17.xml
-    std::filesystem::path landmarks;    ///< vhap: file of 68 vertices; empty: FLAME's
-    std::vector<int> eyeballs;          ///< vhap: first and last vertex, left, then right
-    std::vector<double> normalization;  ///< xgaze: focal length [px], distance [mm], side [px]
+    std::filesystem::path source;      ///< folder or file, by kind
+    std::filesystem::path out;         ///< folder of the capture
+    std::filesystem::path gaze;        ///< gha: CSV or npz of gazes; empty: from the iris
+    std::filesystem::path calibration; ///< xgaze: folder of cam00.xml to cam17.xml
+    std::filesystem::path landmarks;   ///< vhap: file of 68 vertices; empty: FLAME's
+    std::vector<int> eyeballs;         ///< vhap: first and last vertex, left, then right
+    std::vector<double> normalization; ///< xgaze: focal length [px], distance [mm], side [px]
     /// Called after each frame: frames done, frames of the source.
     std::function<void(int, int)> progress = [](int, int) {};
 };
@@ -39,28 +39,28 @@ struct ImportOptions {
 /// What an import found, derived and did not find, in sentences.
 struct ImportSummary {
     int frames = 0, cameras = 0;
-    int written = 0;                    ///< frames of this run; the others were complete before
+    int written = 0; ///< frames of this run; the others were complete before
     std::vector<std::string> found, derived, missing;
     std::string text() const;
 };
 
 /// A picture of a frame. Empty images are not written.
 struct ImportView {
-    std::string camera;                 ///< name of the camera
-    Pinhole<double> pinhole;            ///< of the picture, after undistortion
-    std::filesystem::path copy_of;      ///< picture whose bytes are taken; else `picture`
+    std::string camera;            ///< name of the camera
+    Pinhole<double> pinhole;       ///< of the picture, after undistortion
+    std::filesystem::path copy_of; ///< picture whose bytes are taken; else `picture`
     Image8 picture, mask, eyes, visible;
 };
 
 /// The head in a frame; a still scene has none.
 struct ImportHead {
     std::vector<double> expression;
-    Vec<double, 6> pose = Vec<double, 6>::Zero();  ///< axis-angle [rad], translation
-    double scale = 1;                   ///< head to world
-    Columns<double> landmarks;          ///< 3 x 66 or 68, world
-    Columns<double> vertices;           ///< 3 x V, world; V may be 0
+    Vec<double, 6> pose = Vec<double, 6>::Zero(); ///< axis-angle [rad], translation
+    double scale = 1;                             ///< head to world
+    Columns<double> landmarks;                    ///< 3 x 66 or 68, world
+    Columns<double> vertices;                     ///< 3 x V, world; V may be 0
     bool has_gaze = false;
-    std::array<CaptureEye, 2> eyes;     ///< valid where has_gaze
+    std::array<CaptureEye, 2> eyes; ///< valid where has_gaze
 };
 
 struct ImportFrame {

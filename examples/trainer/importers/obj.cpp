@@ -32,8 +32,9 @@ Index corner(std::string_view text, Index count, const std::string& who) {
     const long long vertex = i > 0 ? i - 1 : static_cast<long long>(count) + i;
     require(status == std::errc() && end == digits.data() + digits.size() && i != 0 &&
                 vertex >= 0 && vertex < static_cast<long long>(count),
-            who, "got the corner '" + std::string(text) + "', expected a vertex, 1 to " +
-                     std::to_string(count));
+            who,
+            "got the corner '" + std::string(text) + "', expected a vertex, 1 to " +
+                std::to_string(count));
     return static_cast<Index>(vertex);
 }
 
@@ -54,9 +55,9 @@ TriangleMesh<double> read_obj(const std::filesystem::path& path) {
             for (int d = 0; d < 3; ++d) {
                 const std::string_view digits = word(line);
                 const std::optional<double> x = parse_double(digits);
-                require(x && std::isfinite(*x), who,
-                        "got the coordinate '" + std::string(digits) +
-                            "', expected a finite number");
+                require(
+                    x && std::isfinite(*x), who,
+                    "got the coordinate '" + std::string(digits) + "', expected a finite number");
                 xyz.push_back(*x);
             }
             continue;
@@ -71,8 +72,8 @@ TriangleMesh<double> read_obj(const std::filesystem::path& path) {
             mesh.faces.push_back({polygon[0], polygon[k], polygon[k + 1]});
     }
     require(!xyz.empty(), path.string(), "has no vertices, expected an OBJ mesh");
-    mesh.vertices = Eigen::Map<const Columns<double>>(xyz.data(), 3,
-                                                      static_cast<Index>(xyz.size() / 3));
+    mesh.vertices =
+        Eigen::Map<const Columns<double>>(xyz.data(), 3, static_cast<Index>(xyz.size() / 3));
     return mesh;
 }
 

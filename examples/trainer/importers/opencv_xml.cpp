@@ -42,8 +42,8 @@ std::vector<double> read_opencv_matrix(const std::filesystem::path& path, const 
         values.push_back(*x);
     }
     require(values.size() == static_cast<std::size_t>(rows * cols), who,
-            "got " + std::to_string(values.size()) + " numbers, expected " +
-                std::to_string(rows) + " x " + std::to_string(cols));
+            "got " + std::to_string(values.size()) + " numbers, expected " + std::to_string(rows) +
+                " x " + std::to_string(cols));
     return values;
 }
 
@@ -53,8 +53,9 @@ Rigid<double> read_opencv_pose(const std::filesystem::path& path) {
     Rigid<double> pose;
     pose.rotation = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data());
     pose.translation = Vec3<double>(t[0], t[1], t[2]);
-    const double off =
-        (pose.rotation * pose.rotation.transpose() - Mat3<double>::Identity()).cwiseAbs().maxCoeff();
+    const double off = (pose.rotation * pose.rotation.transpose() - Mat3<double>::Identity())
+                           .cwiseAbs()
+                           .maxCoeff();
     require(off < 1e-3 && pose.rotation.determinant() > 0, path.string() + ": cam_rotation",
             "is no rotation: R R^T differs from the identity by " + std::to_string(off));
     return pose;

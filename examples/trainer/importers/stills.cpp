@@ -76,10 +76,9 @@ ImportView view_of(const Still& still, const std::string& name, ImageSize size) 
     if (!still.mask.empty()) {
         view.mask = read_image8(still.mask, 1);
         require(view.mask.width == stored.width && view.mask.height == stored.height,
-                still.mask.string(), "got " + size_text(view.mask.width, view.mask.height) +
-                                         " pixels, expected " +
-                                         size_text(stored.width, stored.height) +
-                                         " as the picture has");
+                still.mask.string(),
+                "got " + size_text(view.mask.width, view.mask.height) + " pixels, expected " +
+                    size_text(stored.width, stored.height) + " as the picture has");
     } else if (stored.channels == 2 || stored.channels == 4) {
         view.mask = alpha_of(stored);
     }
@@ -149,18 +148,20 @@ ImportSummary import_stills(const std::vector<Still>& stills, const Json& job,
     if (smaller > 0)
         summary.derived.push_back(std::to_string(smaller) + " pictures extended to " +
                                   size_text(size.width, size.height) + " pixels (`visible`)");
-    summary.missing = {"pose, expression, landmarks, gaze and eye masks of a head: for an avatar "
-                       "track it with VHAP and use `rye import vhap`"};
+    summary.missing = {
+        "pose, expression, landmarks, gaze and eye masks of a head: for an avatar "
+        "track it with VHAP and use `rye import vhap`"};
     if (masks < summary.cameras)
-        summary.missing.insert(summary.missing.begin(),
-                               std::to_string(summary.cameras - masks) +
-                                   " masks of the subject (mask_<camera>.png)");
+        summary.missing.insert(
+            summary.missing.begin(),
+            std::to_string(summary.cameras - masks) + " masks of the subject (mask_<camera>.png)");
     folder.finish({{"subject", options.source.filename().string()},
                    {"image_size", {size.width, size.height}},
                    {"train_frames", {frame_id}},
                    {"camera_ids", names},
-                   {"conventions", {{"image", "photographs; multiplied by the mask when read"},
-                                    {"world", "that of the source"}}}},
+                   {"conventions",
+                    {{"image", "photographs; multiplied by the mask when read"},
+                     {"world", "that of the source"}}}},
                   summary);
     return summary;
 }

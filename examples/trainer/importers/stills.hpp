@@ -13,7 +13,7 @@
 namespace rye::trainer {
 
 struct Still {
-    std::filesystem::path image, mask;  ///< mask may be empty
+    std::filesystem::path image, mask; ///< mask may be empty
     Photograph photograph;
 };
 

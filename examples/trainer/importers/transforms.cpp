@@ -25,8 +25,8 @@ fs::path picture_of(const fs::path& folder, const std::string& path) {
 
 ImportSummary import_transforms(const ImportOptions& options) {
     const Json job = import_job("transforms", options);
-    const fs::path file = fs::is_directory(options.source) ? options.source / "transforms.json"
-                                                           : options.source;
+    const fs::path file =
+        fs::is_directory(options.source) ? options.source / "transforms.json" : options.source;
     require(fs::exists(file), file.string(),
             "no such file, expected transforms.json of photographs (nerfstudio, instant-ngp)");
     Json json = read_json<Json>(file);
@@ -38,9 +38,9 @@ ImportSummary import_transforms(const ImportOptions& options) {
     for (std::size_t i = 0; i < json.at("frames").size(); ++i) {
         Json& frame = json.at("frames").at(i);
         const std::string who = name + ": frame " + std::to_string(i);
-        require(frame.is_object() && frame.contains("file_path") &&
-                    frame.at("file_path").is_string(),
-                who + ": file_path", "is missing, expected the path of a picture");
+        require(
+            frame.is_object() && frame.contains("file_path") && frame.at("file_path").is_string(),
+            who + ": file_path", "is missing, expected the path of a picture");
         Still still;
         still.image = picture_of(file.parent_path(), frame.at("file_path").get<std::string>());
         require(fs::is_regular_file(still.image), still.image.string(),

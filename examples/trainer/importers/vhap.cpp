@@ -55,9 +55,9 @@ struct VhapSource {
 
 /// Numbers of a frame's flame_param file.
 struct FlameParams {
-    std::vector<double> expression;  ///< expr, then jaw_pose
-    Mat3<double> rotation;           ///< of the head: of the root, then of the neck
-    std::array<Vec3<double>, 2> gaze;  ///< unit, head frame
+    std::vector<double> expression;   ///< expr, then jaw_pose
+    Mat3<double> rotation;            ///< of the head: of the root, then of the neck
+    std::array<Vec3<double>, 2> gaze; ///< unit, head frame
 };
 
 std::string padded(Index number, std::size_t digits) {
@@ -93,9 +93,10 @@ std::array<int, 68> read_landmark_vertices(const fs::path& path) {
     std::size_t n = 0;
     for (std::string word; in >> word; ++n) {
         require(n < all.size(), path.string(), "got more than 68 vertices, expected 68");
-        require(word.size() < 7 && word.find_first_not_of("0123456789") == std::string::npos,
-                path.string(), "landmark " + std::to_string(n) + ": got '" + word +
-                                   "', expected a vertex from 0 on");
+        require(
+            word.size() < 7 && word.find_first_not_of("0123456789") == std::string::npos,
+            path.string(),
+            "landmark " + std::to_string(n) + ": got '" + word + "', expected a vertex from 0 on");
         all[n] = std::stoi(word);
     }
     require(n == all.size(), path.string(), "got " + std::to_string(n) + " vertices, expected 68");
@@ -138,8 +139,8 @@ VhapSource read_source(const ImportOptions& o) {
         const std::string number = padded(time, 5);
         VhapFrame& frame = frames[time];
         frame.id = number;
-        frame.params = s.folder / file_of(view, "flame_param_path",
-                                          "flame_param/" + number + ".npz", who);
+        frame.params =
+            s.folder / file_of(view, "flame_param_path", "flame_param/" + number + ".npz", who);
         frame.mesh = s.folder / file_of(view, "mesh_path", "meshes/" + number + ".obj", who);
         VhapView v{padded(camera, 2), s.folder / photographs[i].file, {}, photographs[i].camera};
         require(fs::is_regular_file(v.image), v.image.string(),
@@ -176,8 +177,8 @@ std::vector<double> array_of(const NpzArrays& arrays, const char* name, std::siz
     require(found != arrays.end(), who, "is missing, expected FLAME parameters of VHAP");
     std::vector<double> values = found->second.values<double>(who);
     require(count == 0 || values.size() == count, who,
-            "got shape " + shape_text(found->second.shape) + ", expected " +
-                std::to_string(count) + " numbers of one frame");
+            "got shape " + shape_text(found->second.shape) + ", expected " + std::to_string(count) +
+                " numbers of one frame");
     require_finite_numbers(values, who);
     return values;
 }
@@ -214,16 +215,17 @@ TriangleMesh<double> read_mesh(const VhapSource& s, const fs::path& path) {
     const bool flame = s.eyeballs == flame_eyeballs && s.landmarks == flame_landmarks;
     if (flame)
         require(count == flame_vertices || count == flame_vertices_with_teeth, path.string(),
-                "got " + std::to_string(count) + " vertices, expected FLAME's 5023, or 5143 with "
-                "VHAP's teeth; for another topology give --eyeballs and --landmarks");
+                "got " + std::to_string(count) +
+                    " vertices, expected FLAME's 5023, or 5143 with "
+                    "VHAP's teeth; for another topology give --eyeballs and --landmarks");
     for (const int i : s.eyeballs)
-        require(i < count, path.string(), "has " + std::to_string(count) +
-                                              " vertices, expected vertex " + std::to_string(i) +
-                                              " of --eyeballs in it");
+        require(i < count, path.string(),
+                "has " + std::to_string(count) + " vertices, expected vertex " + std::to_string(i) +
+                    " of --eyeballs in it");
     for (const int i : s.landmarks)
-        require(i < count, path.string(), "has " + std::to_string(count) +
-                                              " vertices, expected vertex " + std::to_string(i) +
-                                              " of --landmarks in it");
+        require(i < count, path.string(),
+                "has " + std::to_string(count) + " vertices, expected vertex " + std::to_string(i) +
+                    " of --landmarks in it");
     require(!mesh.faces.empty(), path.string(), "has no faces, expected a triangle mesh");
     return mesh;
 }
@@ -242,8 +244,8 @@ double span_of(const Columns<double>& points) {
 std::array<Sphere, 2> eyeballs_of(const VhapSource& s, const Columns<double>& vertices) {
     std::array<Sphere, 2> balls;
     for (std::size_t e = 0; e < 2; ++e)
-        balls[e] = fit_sphere(vertices.middleCols(s.eyeballs[2 * e],
-                                                  s.eyeballs[2 * e + 1] - s.eyeballs[2 * e] + 1));
+        balls[e] = fit_sphere(
+            vertices.middleCols(s.eyeballs[2 * e], s.eyeballs[2 * e + 1] - s.eyeballs[2 * e] + 1));
     return balls;
 }
 
@@ -252,10 +254,10 @@ constexpr std::array<int, 13> stable{27, 28, 29, 30, 31, 32, 33, 34, 35, 36, 39,
 
 /// What all frames share: the first frame's mesh decides it.
 struct Shared {
-    double factor = 1;             ///< from the export's unit to rye's
-    std::vector<int> dense;        ///< vertices of the narrow face
-    Columns<double> stable_in_head;  ///< of the first frame, about their mean
-    std::vector<std::uint8_t> labels;  ///< of the faces: eye masks' values
+    double factor = 1;                ///< from the export's unit to rye's
+    std::vector<int> dense;           ///< vertices of the narrow face
+    Columns<double> stable_in_head;   ///< of the first frame, about their mean
+    std::vector<std::uint8_t> labels; ///< of the faces: eye masks' values
     std::vector<Face> faces;
 };
 
@@ -320,10 +322,11 @@ ImportHead head_of(const VhapSource& s, const Shared& shared, const VhapFrame& f
     head.pose.tail<3>() = middle - p.rotation * eyes_in_head;
     head.has_gaze = true;
     for (std::size_t e = 0; e < 2; ++e) {
-        require(balls[e].error < 0.1 * balls[e].radius, frame.mesh.string(),
-                "the vertices of the " + std::string(e == 0 ? "left" : "right") +
-                    " eyeball are " + factor_text(balls[e].error / balls[e].radius * 100) +
-                    " % of a radius off a sphere, expected below 10: another topology than FLAME's?");
+        require(
+            balls[e].error < 0.1 * balls[e].radius, frame.mesh.string(),
+            "the vertices of the " + std::string(e == 0 ? "left" : "right") + " eyeball are " +
+                factor_text(balls[e].error / balls[e].radius * 100) +
+                " % of a radius off a sphere, expected below 10: another topology than FLAME's?");
         head.eyes[e].optical = p.gaze[e];
         head.eyes[e].centre = balls[e].centre;
         head.eyes[e].radius = balls[e].radius;
@@ -382,8 +385,7 @@ Json description(const VhapSource& s, const Shared& shared, std::size_t expressi
         for (std::size_t i = train.size() - tests; i < train.size(); ++i) test.push_back(train[i]);
         train.erase(train.end() - static_cast<std::ptrdiff_t>(tests), train.end());
     }
-    for (std::size_t i = 0; i + 3 < expression; ++i)
-        names.push_back("expr_" + std::to_string(i));
+    for (std::size_t i = 0; i + 3 < expression; ++i) names.push_back("expr_" + std::to_string(i));
     for (const char* axis : {"jaw_x", "jaw_y", "jaw_z"}) names.push_back(axis);
     const Pinhole<double>& first = s.frames.front().views.front().pinhole;
     return {{"subject", s.folder.filename().string()},
@@ -433,15 +435,17 @@ ImportSummary import_vhap(const ImportOptions& o) {
         o.progress(++summary.frames, static_cast<int>(s.frames.size()));
     }
     summary.cameras = static_cast<int>(s.cameras.size());
-    summary.found = {std::to_string(s.views) + " pictures and cameras, " +
-                         std::to_string(s.masks) + " masks",
-                     std::to_string(expression) + " expression coefficients (expr, jaw_pose), "
-                     "head poses (rotation, neck_pose)"};
+    summary.found = {
+        std::to_string(s.views) + " pictures and cameras, " + std::to_string(s.masks) + " masks",
+        std::to_string(expression) +
+            " expression coefficients (expr, jaw_pose), "
+            "head poses (rotation, neck_pose)"};
     summary.derived = {
         "gaze of both eyes from eyes_pose",
         "68 landmarks, " + std::to_string(shared.dense.size()) +
             " vertices, eyeballs' centres and radii from the meshes (which agree with the "
-            "parameters' rotations to " + factor_text(worst) + " degrees)",
+            "parameters' rotations to " +
+            factor_text(worst) + " degrees)",
         "eye masks from the meshes' eyeballs, where lids and nose do not hide them",
         "lengths times " + factor_text(shared.factor) + ", so that a head spans about 2 units"};
     if (s.masks < s.views)

@@ -45,27 +45,27 @@ constexpr std::array upside_down{3, 6, 13};
 struct Patch {
     Index row = 0;
     int camera = 0;
-    Pinhole<double> pinhole;             ///< of the patch, in the world
-    Columns<double> landmarks;           ///< 2 x 68 [px]
-    std::optional<Vec3<double>> gaze_world;  ///< from face_gaze
+    Pinhole<double> pinhole;                ///< of the patch, in the world
+    Columns<double> landmarks;              ///< 2 x 68 [px]
+    std::optional<Vec3<double>> gaze_world; ///< from face_gaze
 };
 
 struct XgazeFrame {
     std::string id;
     std::vector<Patch> patches;
     std::vector<double> expression;
-    std::optional<Vec3<double>> gaze_head;  ///< from pitchyaw_head
+    std::optional<Vec3<double>> gaze_head; ///< from pitchyaw_head
 };
 
 struct XgazeSource {
     const Hdf5File* file = nullptr;
-    int side = 0;                        ///< of the patches [px]
+    int side = 0; ///< of the patches [px]
     bool gazenerf = false, masks = false;
     std::vector<XgazeFrame> frames;
     std::set<int> cameras;
     Index empty_rows = 0;
-    std::string calibration;             ///< how the calibration was read
-    double factor = 1;                   ///< lengths of the file to rye's
+    std::string calibration; ///< how the calibration was read
+    double factor = 1;       ///< lengths of the file to rye's
 };
 
 /// An array with one entry a patch; `per_patch` numbers each, or any number if 0.
@@ -99,8 +99,8 @@ class Rows {
             Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(finite(i));
         const double off = (r * r.transpose() - Mat3<double>::Identity()).cwiseAbs().maxCoeff();
         require(off < 1e-3 && r.determinant() > 0, who_,
-                "row " + std::to_string(i) + " is no rotation: R R^T differs from the identity by " +
-                    std::to_string(off));
+                "row " + std::to_string(i) +
+                    " is no rotation: R R^T differs from the identity by " + std::to_string(off));
         return r;
     }
     const std::string& who() const { return who_; }
@@ -128,7 +128,7 @@ std::vector<XgazeFrame> frames_of(const Hdf5File& file, Index rows, const Rows& 
     std::set<int> seen;
     Index last = -1;
     for (Index i = 0; i < rows; ++i) {
-        bool empty = true;  // the file is made for more patches than were written
+        bool empty = true; // the file is made for more patches than were written
         for (Index k = 0; k < rotations.width(); ++k) empty = empty && rotations.row(i)[k] == 0;
         if (empty) {
             ++empty_rows;
@@ -167,7 +167,8 @@ struct Reading {
 
 Rigid<double> camera_pose(const Rigid<double>& stored, int camera, const Reading& reading) {
     Rigid<double> pose = reading.to_camera ? stored : stored.inverse();
-    const bool hangs = std::find(upside_down.begin(), upside_down.end(), camera) != upside_down.end();
+    const bool hangs =
+        std::find(upside_down.begin(), upside_down.end(), camera) != upside_down.end();
     if (reading.turned && hangs) {
         const Vec3<double> half(-1, -1, 1);
         pose.rotation = half.asDiagonal() * pose.rotation;
@@ -197,8 +198,9 @@ void place_normalized(XgazeSource& s, const Rows& rotations, const ImportOptions
     const std::vector<double> usual{960, 300, 448};
     const std::vector<double>& norm = o.normalization.empty() ? usual : o.normalization;
     require(norm.size() == 3, "--normalization",
-            "got " + std::to_string(norm.size()) + " numbers, expected 3: focal length [px], "
-            "distance [mm], side [px]");
+            "got " + std::to_string(norm.size()) +
+                " numbers, expected 3: focal length [px], "
+                "distance [mm], side [px]");
     for (const double x : norm)
         require(std::isfinite(x) && x > 0, "--normalization",
                 "got " + std::to_string(x) + ", expected > 0");
@@ -206,22 +208,25 @@ void place_normalized(XgazeSource& s, const Rows& rotations, const ImportOptions
     for (const XgazeFrame& f : s.frames)
         for (const Patch& p : f.patches)
             if (!stored.contains(p.camera))
-                stored[p.camera] = read_opencv_pose(
-                    o.calibration / ("cam" + std::string(p.camera < 10 ? "0" : "") +
-                                     std::to_string(p.camera) + ".xml"));
+                stored[p.camera] = read_opencv_pose(o.calibration /
+                                                    ("cam" + std::string(p.camera < 10 ? "0" : "") +
+                                                     std::to_string(p.camera) + ".xml"));
     // The calibration's files do not state these, so that the reading by which the axes meet holds.
     Reading best{true, false};
     double least = std::numeric_limits<double>::infinity();
-    for (const Reading& reading : {Reading{true, false}, Reading{true, true},
-                                   Reading{false, false}, Reading{false, true}}) {
+    for (const Reading& reading :
+         {Reading{true, false}, Reading{true, true}, Reading{false, false}, Reading{false, true}}) {
         double sum = 0;
         for (const XgazeFrame& f : s.frames) {
             if (f.patches.size() < 2) continue;
             const NearestPoint at = face_middle(f, rotations, stored, reading);
             double distance = 0;
             for (const Patch& p : f.patches)
-                distance += (camera_pose(stored.at(p.camera), p.camera, reading).inverse().translation -
-                             at.point).norm() / static_cast<double>(f.patches.size());
+                distance +=
+                    (camera_pose(stored.at(p.camera), p.camera, reading).inverse().translation -
+                     at.point)
+                        .norm() /
+                    static_cast<double>(f.patches.size());
             sum += at.error / distance / static_cast<double>(s.frames.size());
         }
         if (sum < least) {
@@ -347,8 +352,10 @@ XgazeSource read_source(const Hdf5File& file, const ImportOptions& o) {
     const Rows landmarks(file, "facial_landmarks", rows, 2 * landmark_count);
     for (XgazeFrame& f : s.frames)
         for (Patch& p : f.patches) {
-            p.landmarks = Eigen::Map<const Columns<double>>(landmarks.finite(p.row), 2,
-                                                            landmark_count).array() + 0.5;
+            p.landmarks =
+                Eigen::Map<const Columns<double>>(landmarks.finite(p.row), 2, landmark_count)
+                    .array() +
+                0.5;
             p.pinhole.width = p.pinhole.height = s.side;
             s.cameras.insert(p.camera);
         }
@@ -362,7 +369,7 @@ XgazeSource read_source(const Hdf5File& file, const ImportOptions& o) {
 
 /// 3D landmarks of a frame and their mean distance from those of the patches [px].
 struct Triangulated {
-    Columns<double> points;  ///< 3 x 68
+    Columns<double> points; ///< 3 x 68
     double error = 0;
 };
 
@@ -393,7 +400,8 @@ Triangulated triangulated(const XgazeFrame& f) {
         point = nearest_to_lines(near_from, near_along).point;
         t.points.col(i) = point;
         for (Index k = 0; k < kept; ++k) {
-            const Patch& p = f.patches[static_cast<std::size_t>(off[static_cast<std::size_t>(k)].second)];
+            const Patch& p =
+                f.patches[static_cast<std::size_t>(off[static_cast<std::size_t>(k)].second)];
             t.error += (p.pinhole.project_point(point).head<2>() - p.landmarks.col(i)).norm() /
                        static_cast<double>(kept * landmark_count);
         }
@@ -428,7 +436,7 @@ Rigid<double> head_of(const Columns<double>& points) {
 
 /// What all frames share.
 struct Shared {
-    Columns<double> reference;  ///< stable landmarks of the first frame, head frame
+    Columns<double> reference; ///< stable landmarks of the first frame, head frame
 };
 
 // ---- pictures ----------------------------------------------------------------------------------
@@ -444,8 +452,8 @@ Image8 padding_of(const Image8& picture) {
     std::vector<std::size_t> open;
     const auto visit = [&](int x, int y) {
         if (x < 0 || y < 0 || x >= w || y >= h) return;
-        const std::size_t i = static_cast<std::size_t>(y) * static_cast<std::size_t>(w) +
-                              static_cast<std::size_t>(x);
+        const std::size_t i =
+            static_cast<std::size_t>(y) * static_cast<std::size_t>(w) + static_cast<std::size_t>(x);
         if (visible.values[i] == 0 || !black(i)) return;
         visible.values[i] = 0;
         open.push_back(i);
@@ -521,11 +529,11 @@ ImportView view_of(const XgazeSource& s, const Patch& p, const Columns<double>& 
     view.camera = "cam" + std::string(p.camera < 10 ? "0" : "") + std::to_string(p.camera);
     view.pinhole = p.pinhole;
     view.picture = {s.side, s.side, 3, s.file->bytes("face_patch", p.row)};
-    for (std::size_t i = 0; i + 2 < view.picture.values.size(); i += 3)  // stored as BGR
+    for (std::size_t i = 0; i + 2 < view.picture.values.size(); i += 3) // stored as BGR
         std::swap(view.picture.values[i], view.picture.values[i + 2]);
     view.visible = padding_of(view.picture);
-    view.mask = s.masks ? mask_of(*s.file, "head_mask", p.row, s.side)
-                        : face_mask(points, p.pinhole);
+    view.mask =
+        s.masks ? mask_of(*s.file, "head_mask", p.row, s.side) : face_mask(points, p.pinhole);
     view.eyes = s.masks ? stored_eyes(s, p, points) : lid_eye_mask(points, p.pinhole);
     for (std::size_t i = 0; i < view.mask.values.size(); ++i)
         if (view.visible.values[i] == 0) view.mask.values[i] = view.eyes.values[i] = 0;
@@ -533,10 +541,28 @@ ImportView view_of(const XgazeSource& s, const Patch& p, const Columns<double>& 
     return view;
 }
 
+/// Throws Error for a patch whose landmarks are far from those that the other cameras see: its
+/// camera is another one.
+void require_landmarks(const XgazeSource& s, const XgazeFrame& f, const Columns<double>& points) {
+    constexpr double most = 0.1; // of the side of a patch
+    for (const Patch& p : f.patches) {
+        double off = 0;
+        for (Index i = 0; i < landmark_count; ++i)
+            off += (p.pinhole.project_point(points.col(i)).head<2>() - p.landmarks.col(i)).norm() /
+                   static_cast<double>(landmark_count);
+        require(off < most * s.side, s.file->name() + ": facial_landmarks",
+                "row " + std::to_string(p.row) + ": its landmarks are " + factor_text(off) +
+                    " pixels from those that the other cameras of frame " + f.id +
+                    " see, expected below " + factor_text(most * s.side) + ": the camera " +
+                    std::to_string(p.camera) + " of the calibration is not that of the patch");
+    }
+}
+
 ImportFrame frame_of(const XgazeSource& s, const Shared& shared, const XgazeFrame& f, Json& facts) {
     const Triangulated t = triangulated(f);
-    const Rigid<double> pose = s.gazenerf ? Rigid<double>{}
-                                          : fit_rigid(shared.reference, stable_of(t.points));
+    require_landmarks(s, f, t.points);
+    const Rigid<double> pose =
+        s.gazenerf ? Rigid<double>{} : fit_rigid(shared.reference, stable_of(t.points));
     ImportHead head;
     head.expression = f.expression.empty() ? std::vector<double>{0} : f.expression;
     head.landmarks = t.points;
@@ -557,8 +583,7 @@ ImportFrame frame_of(const XgazeSource& s, const Shared& shared, const XgazeFram
                       angular_error(gaze, Vec3<double>(pose.rotation.transpose() * *p.gaze_world)) /
                       static_cast<double>(f.patches.size());
     require(!beyond_gaze_range(gaze), s.file->name() + ": frame " + f.id,
-            "its gaze is " +
-                factor_text(degrees * angular_error(gaze, Vec3<double>(0, 0, 1))) +
+            "its gaze is " + factor_text(degrees * angular_error(gaze, Vec3<double>(0, 0, 1))) +
                 " degrees from straight ahead, expected at most " +
                 factor_text(degrees * gaze_range));
     for (CaptureEye& eye : head.eyes) eye.optical = gaze;
@@ -591,10 +616,10 @@ struct Totals {
 void summarize(const XgazeSource& s, const Totals& t, ImportSummary& summary) {
     const double frames = summary.frames;
     const bool codes = !s.frames.front().expression.empty();
-    summary.found.push_back(std::to_string(t.views) + " patches of " + std::to_string(s.side) +
-                            " x " + std::to_string(s.side) + " pixels" +
-                            (s.empty_rows > 0 ? ", " + std::to_string(s.empty_rows) + " empty rows"
-                                              : ""));
+    summary.found.push_back(
+        std::to_string(t.views) + " patches of " + std::to_string(s.side) + " x " +
+        std::to_string(s.side) + " pixels" +
+        (s.empty_rows > 0 ? ", " + std::to_string(s.empty_rows) + " empty rows" : ""));
     summary.found.push_back(s.gazenerf ? "a camera of each patch (w2c, inmat)"
                                        : "the calibration, read as " + s.calibration);
     if (s.masks) summary.found.push_back("masks of the head and of both eyes");
@@ -606,27 +631,30 @@ void summarize(const XgazeSource& s, const Totals& t, ImportSummary& summary) {
             ? "head poses: the world of GazeNeRF's fit is the head; gaze of both eyes: that of the "
               "face, in the frame of ETH-XGaze's face model, which may differ by a few degrees"
             : "head poses from nose and eyes; gaze of both eyes: that of the face, on which the "
-              "cameras agree to " + factor_text(t.spread / frames) + " degrees");
+              "cameras agree to " +
+                  factor_text(t.spread / frames) + " degrees");
     if (!s.masks)
-        summary.derived.push_back("masks: the face inside the landmarks, without hair, ears and "
-                                  "neck; eye masks: the polygons of the lids");
+        summary.derived.push_back(
+            "masks: the face inside the landmarks, without hair, ears and "
+            "neck; eye masks: the polygons of the lids");
     summary.derived.push_back("`visible`: black pixels that reach the border are padding");
     if (s.factor != 1)
         summary.derived.push_back("lengths times " + factor_text(s.factor) +
                                   ", so that a head spans about 2 units");
     if (!codes)
-        summary.missing.push_back("expression coefficients: one that is 0; face, eyes and what "
-                                  "follows pose and gaze are trained, expressions are averaged");
-    summary.missing.push_back("eyeballs' centres, size of the iris and kappa: placed by the lids, of "
-                              "an average eye; the gaze is a line of sight, not an optical axis");
+        summary.missing.push_back(
+            "expression coefficients: one that is 0; face, eyes and what "
+            "follows pose and gaze are trained, expressions are averaged");
+    summary.missing.push_back(
+        "eyeballs' centres, size of the iris and kappa: placed by the lids, of "
+        "an average eye; the gaze is a line of sight, not an optical axis");
 }
 
 } // namespace
 
 ImportSummary import_xgaze(const ImportOptions& o) {
     Json job = import_job("xgaze", o);
-    job["calibration"] =
-        o.calibration.empty() ? "" : fs::weakly_canonical(o.calibration).string();
+    job["calibration"] = o.calibration.empty() ? "" : fs::weakly_canonical(o.calibration).string();
     job["normalization"] = o.normalization;
     require(fs::is_regular_file(o.source), o.source.string(),
             "is a folder, expected one HDF5 file, of one subject");
@@ -648,7 +676,8 @@ ImportSummary import_xgaze(const ImportOptions& o) {
         totals.error += facts.value("error", 0.0);
         totals.spread += facts.value("spread", 0.0);
         totals.views += facts.value("views", 0);
-        const std::size_t tests = s.frames.size() > 1 ? std::max<std::size_t>(1, s.frames.size() / 5) : 0;
+        const std::size_t tests =
+            s.frames.size() > 1 ? std::max<std::size_t>(1, s.frames.size() / 5) : 0;
         (static_cast<std::size_t>(summary.frames) + tests < s.frames.size() ? train : test)
             .push_back(f.id);
         o.progress(++summary.frames, static_cast<int>(s.frames.size()));
@@ -659,9 +688,9 @@ ImportSummary import_xgaze(const ImportOptions& o) {
                    {"image_size", {s.side, s.side}},
                    {"train_frames", train},
                    {"test_frames", test},
-                   {"conventions", {{"image", "photographs; multiplied by the mask when read"},
-                                    {"world", "that of the source, lengths times " +
-                                                  factor_text(s.factor)}}}},
+                   {"conventions",
+                    {{"image", "photographs; multiplied by the mask when read"},
+                     {"world", "that of the source, lengths times " + factor_text(s.factor)}}}},
                   summary);
     return summary;
 }
