@@ -15,6 +15,7 @@
 #include "../support/real_data.hpp"
 #include "comparison.hpp"
 #include "data/json.hpp"
+#include "data/photographs.hpp"
 #include "data/validate.hpp"
 #include "importers/import_folder.hpp"
 #include "sources.hpp"
@@ -129,6 +130,11 @@ TEST_CASE("stills: cameras and pictures of each layout are those of the scene") 
               read_file(source.folder.path / name / "images/photo_01.png"));
         CHECK(fs::exists(out / "images/0000/mask_photo_01.png") == (name == "transforms"));
         CHECK_FAULT(read_trainable_capture(out), "params: no such folder");
+        const std::vector<Photograph> again = read_photographs(out / "transforms.json");
+        REQUIRE(again.size() == 3);
+        CHECK(fs::exists(out / again[2].file));
+        CHECK((again[2].camera.centre() - truth.camera(0, 2).centre()).norm() < 1e-9);
+        CHECK(!summary.has_head);
         CHECK(import(kind, source.folder.path / name, out).written == 0);
     }
 }

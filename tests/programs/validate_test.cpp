@@ -408,7 +408,8 @@ TEST_CASE("validate: few cameras or frames are usable, and the verdict states wh
     const TinyCapture tiny(folder.path);
     for (int f = 0; f < TinyCapture::frames; ++f)
         for (int c = 1; c < TinyCapture::cameras; ++c) {
-            for (const char* stem : {"image", "mask", "eye_mask"}) fs::remove(tiny.image(f, c, stem));
+            for (const char* stem : {"image", "mask", "eye_mask"})
+                fs::remove(tiny.image(f, c, stem));
             fs::remove(tiny.camera_file(f, c));
         }
     std::vector<std::string> expect;

@@ -40,6 +40,13 @@ void run(const Arguments& a, Importer import) {
     const ImportSummary summary = import(options);
     if (a.quiet) return;
     std::cout << summary.text();
+    if (!summary.has_head) {
+        const std::string cameras = (options.out / "transforms.json").string();
+        std::cout << "verdict   pictures and cameras of a still scene, without a head to train\n"
+                  << "next      `rye render GAUSSIANS.ply --cameras " << cameras
+                  << " --view 0 --out view.png`\n";
+        return;
+    }
     // The verdict of `rye info`, so that the next command is known.
     std::vector<Problem> problems;
     const Capture capture = read_capture(options.out, {}, &problems);

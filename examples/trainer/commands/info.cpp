@@ -125,7 +125,9 @@ std::string describe_gaze(const Capture& c) {
 std::string describe(const Capture& c) {
     const std::string subject = c.subject.empty() ? "" : " (subject " + c.subject + ")";
     std::string out = line("capture", c.folder.string() + subject);
-    if (c.frames.empty()) return out + line("frames", "none could be read");
+    if (c.frames.empty())
+        return out + line("frames", "none could be read") +
+               line("cameras", std::to_string(c.camera_count()));
     const LandmarkFit fit = fit_landmarks(c);
     out += line("frames", std::to_string(c.frame_count()));
     out += line("  training", frame_list(c, c.train));

@@ -610,8 +610,9 @@ std::vector<std::string> training_faults(const Capture& c) {
         faults.push_back(where +
                          "some images have no eye_mask_<camera>.png, expected one for every view: "
                          "`rye import gha " +
-                         c.folder.string() + " --out CAPTURE` makes them from the landmarks of the "
-                                             "lids");
+                         c.folder.string() +
+                         " --out CAPTURE` makes them from the landmarks of the "
+                         "lids");
     for (const int f : c.train) {
         bool seen = false;
         for (int k = 0; k < c.camera_count(); ++k) seen = seen || c.view(f, k).present;

@@ -47,11 +47,11 @@ std::vector<std::string> training_faults(const Capture& capture);
 
 /// Use of a capture; `rye info` prints it and `rye train` follows it.
 struct Verdict {
-    int errors = 0;                    ///< of reading and validation
-    std::vector<std::string> lacks;    ///< training_faults, of a capture without errors
-    std::vector<std::string> expect;   ///< quality to expect of few cameras or frames
+    int errors = 0;                  ///< of reading and validation
+    std::vector<std::string> lacks;  ///< training_faults, of a capture without errors
+    std::vector<std::string> expect; ///< quality to expect of few cameras or frames
     bool trainable() const { return errors == 0 && lacks.empty(); }
-    std::string text() const;          ///< one line: "usable", or what is not
+    std::string text() const; ///< one line: "usable", or what is not
 };
 
 /// The verdict on a capture, given all problems that reading and validation found.

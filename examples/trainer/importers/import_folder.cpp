@@ -186,6 +186,10 @@ void ImportFolder::write(const ImportFrame& frame, const Json& facts) {
     save_progress();
 }
 
+void ImportFolder::write_file(const std::string& name, const std::string& text) const {
+    write_bytes(out_ / name, as_bytes(text));
+}
+
 void ImportFolder::finish(Json description, const ImportSummary& summary) {
     description["import"] = {{"kind", job_.at("kind")},
                              {"source", job_.at("source")},

@@ -39,7 +39,8 @@ struct ImportOptions {
 /// What an import found, derived and did not find, in sentences.
 struct ImportSummary {
     int frames = 0, cameras = 0;
-    int written = 0; ///< frames of this run; the others were complete before
+    int written = 0;      ///< frames of this run; the others were complete before
+    bool has_head = true; ///< false: a still scene
     std::vector<std::string> found, derived, missing;
     std::string text() const;
 };
@@ -87,6 +88,9 @@ class ImportFolder {
 
     /// Writes all files of a frame, then lists it as complete with its facts.
     void write(const ImportFrame& frame, const Json& facts);
+
+    /// Replaces a further file of the folder.
+    void write_file(const std::string& name, const std::string& text) const;
 
     /// Writes capture.json: the description, and the summary under "import".
     void finish(Json description, const ImportSummary& summary);

@@ -105,6 +105,31 @@ ImportView view_of(const Still& still, const std::string& name, ImageSize size) 
     return view;
 }
 
+/// transforms.json of the capture's pinholes, for `rye render --cameras` and other programs.
+std::string transforms_text(const std::vector<Still>& stills, const std::vector<std::string>& names,
+                            const fs::path& out, ImageSize size) {
+    Json json = {{"camera_model", "PINHOLE"}, {"w", size.width}, {"h", size.height}};
+    json["frames"] = Json::array();
+    for (std::size_t i = 0; i < stills.size(); ++i) {
+        const Pinhole<double>& c = stills[i].photograph.camera;
+        const Mat3<double> axes = c.camera_from_world.rotation.transpose();
+        const Vec3<double> centre = c.centre();
+        Json matrix = Json::array();
+        for (Index r = 0; r < 3; ++r) // OpenGL's y and z are opposite
+            matrix.push_back({axes(r, 0), -axes(r, 1), -axes(r, 2), centre[r]});
+        matrix.push_back({0, 0, 0, 1});
+        std::string picture = "images/" + frame_id + "/image_" + names[i] + ".png";
+        if (!fs::exists(out / picture)) picture.replace(picture.size() - 3, 3, "jpg");
+        json["frames"].push_back({{"file_path", picture},
+                                  {"fl_x", c.fx},
+                                  {"fl_y", c.fy},
+                                  {"cx", c.cx},
+                                  {"cy", c.cy},
+                                  {"transform_matrix", matrix}});
+    }
+    return json.dump(1) + "\n";
+}
+
 } // namespace
 
 ImportSummary import_stills(const std::vector<Still>& stills, const Json& job,
@@ -127,6 +152,7 @@ ImportSummary import_stills(const std::vector<Still>& stills, const Json& job,
     ImportFolder folder(options.out, job);
     ImportSummary summary;
     summary.frames = 1;
+    summary.has_head = false;
     summary.cameras = static_cast<int>(stills.size());
     if (!folder.has(frame_id)) {
         ImportFrame frame{frame_id, {}, {}};
@@ -155,6 +181,7 @@ ImportSummary import_stills(const std::vector<Still>& stills, const Json& job,
         summary.missing.insert(
             summary.missing.begin(),
             std::to_string(summary.cameras - masks) + " masks of the subject (mask_<camera>.png)");
+    folder.write_file("transforms.json", transforms_text(stills, names, options.out, size));
     folder.finish({{"subject", options.source.filename().string()},
                    {"image_size", {size.width, size.height}},
                    {"train_frames", {frame_id}},

@@ -84,6 +84,13 @@ fs::path file_of(const Json& frame, const char* key, const std::string& otherwis
     return frame.at(key).get<std::string>();
 }
 
+/// The file of a frame in a sister folder of another file of it, or of the export's own folder.
+fs::path beside(const fs::path& other, const char* folder, const std::string& number,
+                const char* suffix) {
+    const std::string stem = other.empty() ? number : other.stem().string();
+    return other.parent_path().parent_path() / folder / (stem + suffix);
+}
+
 std::array<int, 68> read_landmark_vertices(const fs::path& path) {
     std::array<int, 68> all{};
     const Bytes bytes = read_file(path, 1U << 20U);
@@ -139,9 +146,13 @@ VhapSource read_source(const ImportOptions& o) {
         const std::string number = padded(time, 5);
         VhapFrame& frame = frames[time];
         frame.id = number;
-        frame.params =
-            s.folder / file_of(view, "flame_param_path", "flame_param/" + number + ".npz", who);
-        frame.mesh = s.folder / file_of(view, "mesh_path", "meshes/" + number + ".obj", who);
+        // An export names one of the two; the other export of the same folder has the other.
+        const fs::path mesh = file_of(view, "mesh_path", "", who);
+        const fs::path params =
+            file_of(view, "flame_param_path",
+                    beside(mesh, "flame_param", number, ".npz").generic_string(), who);
+        frame.params = s.folder / params;
+        frame.mesh = s.folder / (mesh.empty() ? beside(params, "meshes", number, ".obj") : mesh);
         VhapView v{padded(camera, 2), s.folder / photographs[i].file, {}, photographs[i].camera};
         require(fs::is_regular_file(v.image), v.image.string(),
                 "no such file, expected the picture of frame " + std::to_string(i) + " of " +
