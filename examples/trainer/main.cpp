@@ -32,6 +32,7 @@ int main(int argc, char** argv) {
         "Exit codes: 0 done; 1 the command ran and its answer is no (rye info: not usable); "
         "2 a wrong command line, an unusable input, or no memory or disk for the work.");
     add_capture(app);
+    add_import(app);
     add_info(app);
     add_train(app);
     add_redirect(app);

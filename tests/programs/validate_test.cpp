@@ -379,7 +379,7 @@ TEST_CASE("validate: two eyes that differ are usable") {
     const Outcome outcome = info(folder.path);
     CHECK(outcome.code == 0);
     CHECK(outcome.printed.find("verdict       usable\n") != std::string::npos);
-    CHECK_NOTHROW(require_trainable(read_valid_capture(folder.path)));
+    CHECK_NOTHROW(read_trainable_capture(folder.path));
 }
 
 TEST_CASE("validate: a capture that can be drawn but not trained on is not called usable") {
@@ -387,8 +387,9 @@ TEST_CASE("validate: a capture that can be drawn but not trained on is not calle
         const TemporaryFolder folder;
         const TinyCapture tiny(folder.path);
         damage(tiny);
-        const Capture capture = read_valid_capture(folder.path);
-        CHECK_FAULT(require_trainable(capture), words);
+        CHECK_NOTHROW(read_valid_capture(folder.path));
+        CHECK_FAULT(read_trainable_capture(folder.path), words);
+        CHECK_FAULT(read_trainable_capture(folder.path), "`rye import gha ");
         const Outcome outcome = info(folder.path);
         INFO(outcome.printed);
         CHECK(outcome.code == 0);
@@ -400,6 +401,39 @@ TEST_CASE("validate: a capture that can be drawn but not trained on is not calle
           [](const TinyCapture& t) { fs::remove(t.params(1, "gaze.npz")); });
     check("some images have no eye_mask_<camera>.png",
           [](const TinyCapture& t) { fs::remove(t.image(0, 0, "eye_mask")); });
+}
+
+TEST_CASE("validate: few cameras or frames are usable, and the verdict states what to expect") {
+    const TemporaryFolder folder;
+    const TinyCapture tiny(folder.path);
+    for (int f = 0; f < TinyCapture::frames; ++f)
+        for (int c = 1; c < TinyCapture::cameras; ++c) {
+            for (const char* stem : {"image", "mask", "eye_mask"})
+                fs::remove(tiny.image(f, c, stem));
+            fs::remove(tiny.camera_file(f, c));
+        }
+    std::vector<std::string> expect;
+    const Capture capture = read_trainable_capture(folder.path, &expect);
+    CHECK(capture.camera_count() == 1);
+    REQUIRE(expect.size() == 2);
+    CHECK(expect[0].find("1 camera: sides of the head that no image shows") != std::string::npos);
+    CHECK(expect[1].find("3 training frames: ") != std::string::npos);
+    const Outcome outcome = info(folder.path);
+    CHECK(outcome.code == 0);
+    for (const std::string& words : expect)
+        CHECK(outcome.printed.find("warning: " + words + "\n") != std::string::npos);
+    CHECK(outcome.printed.find("verdict       usable\n") != std::string::npos);
+}
+
+TEST_CASE("validate: pictures without a tracked head name the command that makes the rest") {
+    const TemporaryFolder folder;
+    const TinyCapture tiny(folder.path);
+    fs::remove_all(folder.path / "params");
+    CHECK_FAULT(read_trainable_capture(folder.path), "params: no such folder");
+    CHECK_FAULT(read_trainable_capture(folder.path), "`rye import vhap TRACKED --out CAPTURE`");
+    const Outcome outcome = info(folder.path);
+    CHECK(outcome.code == 1);
+    CHECK(outcome.printed.find("verdict       1 errors: not usable") != std::string::npos);
 }
 
 TEST_CASE("validate: many faults are told together, repeated ones once with their number") {

@@ -9,6 +9,7 @@ class App;
 namespace rye::trainer {
 
 void add_capture(CLI::App& app);
+void add_import(CLI::App& app);
 void add_info(CLI::App& app);
 void add_train(CLI::App& app);
 void add_redirect(CLI::App& app);

@@ -11,7 +11,6 @@
 #include <rye/rig/gaze.hpp>
 
 #include "commands/options.hpp"
-#include "data/validate.hpp"
 #include "training/playable.hpp"
 
 namespace rye::trainer {
@@ -45,9 +44,7 @@ double least_psnr(const PlayableAvatar<float>& exported, const PlayableAvatar<fl
 
 void export_avatar(const AvatarExportOptions& o) {
     const TrainState state = load_trained(o.run);
-    const Capture capture =
-        read_valid_capture(o.capture.empty() ? std::filesystem::path(state.capture) : o.capture);
-    require_same_subject(state, capture);
+    const Capture capture = driving_capture(o.run, state, o.capture);
     const int frame = frame_index(capture, o.frame);
     const PlayableAvatar<float> playable =
         playable_avatar(state, capture, frame, camera_index(capture, o.camera, frame));

@@ -126,7 +126,9 @@ std::string describe_gaze(const Capture& c) {
 std::string describe(const Capture& c) {
     const std::string subject = c.subject.empty() ? "" : " (subject " + c.subject + ")";
     std::string out = line("capture", c.folder.string() + subject);
-    if (c.frames.empty()) return out + line("frames", "none could be read");
+    if (c.frames.empty())
+        return out + line("frames", "none could be read") +
+               line("cameras", std::to_string(c.camera_count()));
     const LandmarkFit fit = fit_landmarks(c);
     out += line("frames", std::to_string(c.frame_count()));
     out += line("  training", frame_list(c, c.train));
@@ -193,19 +195,14 @@ void add_info(CLI::App& app) {
             return;
         }
         std::cout << describe(capture);
-        int errors = 0;
         for (const Problem& p : problems) {
             const bool error = p.severity == Problem::Severity::error;
-            errors += error ? 1 : 0;
             std::cout << (error ? "error:   " : "warning: ") << p.message << "\n";
         }
-        const std::vector<std::string> faults = training_faults(capture);
-        std::cout << line("verdict",
-                          errors > 0       ? std::to_string(errors) + " errors: not usable"
-                          : faults.empty() ? "usable"
-                                           : "usable to draw and measure, not to train: " +
-                                                 faults.front());
-        if (errors > 0) throw CLI::RuntimeError(1);
+        const Verdict verdict = judge(capture, problems);
+        for (const std::string& words : verdict.expect) std::cout << "warning: " << words << "\n";
+        std::cout << line("verdict", verdict.text());
+        if (verdict.errors > 0) throw CLI::RuntimeError(1);
     });
 }
 

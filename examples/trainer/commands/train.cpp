@@ -402,8 +402,9 @@ int train(const TrainOptions& o) {
     }
     require(!folder.empty(), "rye train", "--capture is missing, expected the folder of a capture");
     const TrainConfig config = o.resume ? state.config : config_of(o);
-    Capture capture = read_valid_capture(folder);
-    require_trainable(capture);
+    std::vector<std::string> expect;
+    Capture capture = read_trainable_capture(folder, &expect);
+    for (const std::string& words : expect) std::cerr << "rye: warning: " << words << "\n";
     if (o.resume) check_resumed(o, state, capture);
     else state = first_state(config, capture, folder);
     const RunSize size = run_size(state.config, state.subject, capture.width, capture.height);

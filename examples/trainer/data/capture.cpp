@@ -253,7 +253,9 @@ void read_view(Capture& c, const std::string& frame, const std::string& camera, 
         return path.string() + suffixes + ": no such file";
     };
     if (view.image.empty()) faults.error(missing(images / ("image_" + camera), ".jpg or .png"));
-    if (view.mask.empty()) faults.error(missing(images / ("mask_" + camera), ".png or .jpg"));
+    if (view.mask.empty())
+        faults.error(missing(images / ("mask_" + camera), ".png or .jpg") +
+                     ", expected the subject's mask, as matting programs make it");
     bool whole = !view.image.empty() && !view.mask.empty();
     whole &= faults.attempt([&] { view.camera = read_camera(camera_file); });
     if (!view.image.empty())
@@ -484,6 +486,9 @@ void finish(Capture& c, const CaptureContents& contents, Faults& faults) {
 void read_everything(Capture& c, const CaptureOptions& options, Faults& faults) {
     const CaptureContents contents = list_contents(c.folder, options, faults);
     begin(c, contents);
+    require(fs::is_directory(c.folder / "params"), (c.folder / "params").string(),
+            "no such folder, expected the head's pose, expression and landmarks of each frame: "
+            "track the head with VHAP, and `rye import vhap TRACKED --out CAPTURE` makes them");
     for (const std::string& id : contents.frames) add_frame(c, id, true, faults);
     for (int k = 0; k < c.camera_count() && c.frame_count() > 0; ++k) {
         int f = 0;

@@ -28,12 +28,19 @@ constexpr double usual_distance = 4.5; ///< of a camera, in spans of the head
 constexpr int max_sampled_views = 64;
 constexpr double max_expression = 1000; ///< larger values overflow the networks
 constexpr int min_side = 16;            ///< of an image [px]; SSIM has a window of 11
+constexpr int few_cameras = 3;          ///< fewer see one side of a head only
+constexpr int few_frames = 8;           ///< fewer do not cover the gazes of an eye
 
 /// With three significant digits.
 std::string text(double x) {
     char digits[32];
     std::snprintf(digits, sizeof digits, "%.3g", x);
     return digits;
+}
+
+/// "1 camera", "2 cameras".
+std::string count_text(int n, const char* what) {
+    return std::to_string(n) + " " + what + (n == 1 ? "" : "s");
 }
 
 /// The nearest power of ten: units differ by powers of ten.
@@ -287,9 +294,6 @@ void check_cameras(const Capture& c, double span, Findings& found) {
             found.warning("aspect", where + ": intrinsic: focal lengths " + text(camera.fx) +
                                         " and " + text(camera.fy) + " differ by more than 10 %");
     }
-    if (c.camera_count() < 3)
-        found.warning("few", c.folder.string() + ": got " + std::to_string(c.camera_count()) +
-                                 " cameras; views far from them will not be learned");
 }
 
 // ---- values that leave no space for a head ----
@@ -596,12 +600,19 @@ std::vector<std::string> training_faults(const Capture& c) {
     for (const CaptureFrame& f : c.frames)
         if (!f.has_gaze) {
             faults.push_back(file_of(c, f, "gaze.npz") +
-                             ": no such file, expected the gaze of every frame");
+                             ": no such file, expected the gaze of every frame: `rye import gha " +
+                             c.folder.string() +
+                             " --out CAPTURE` takes it from a file (--gaze) or estimates it from "
+                             "the iris");
             break;
         }
     if (!c.has_eye_masks)
-        faults.push_back(where + "some images have no eye_mask_<camera>.png, expected one for every "
-                                 "view");
+        faults.push_back(where +
+                         "some images have no eye_mask_<camera>.png, expected one for every view: "
+                         "`rye import gha " +
+                         c.folder.string() +
+                         " --out CAPTURE` makes them from the landmarks of the "
+                         "lids");
     for (const int f : c.train) {
         bool seen = false;
         for (int k = 0; k < c.camera_count(); ++k) seen = seen || c.view(f, k).present;
@@ -612,11 +623,6 @@ std::vector<std::string> training_faults(const Capture& c) {
         break;
     }
     return faults;
-}
-
-void require_trainable(const Capture& c) {
-    const std::vector<std::string> faults = training_faults(c);
-    if (!faults.empty()) throw Error(faults.front());
 }
 
 namespace {
@@ -645,6 +651,41 @@ Capture read_valid_capture(const fs::path& folder, const CaptureOptions& options
         for (const Problem& p : problems)
             if (p.severity == Problem::Severity::warning) warnings->push_back(p);
     require_none(problems, folder);
+    return capture;
+}
+
+std::string Verdict::text() const {
+    if (errors > 0) return std::to_string(errors) + " errors: not usable";
+    return lacks.empty() ? "usable" : "usable to draw and measure, not to train: " + lacks.front();
+}
+
+Verdict judge(const Capture& c, const std::vector<Problem>& problems) {
+    Verdict v;
+    for (const Problem& p : problems) v.errors += p.severity == Problem::Severity::error ? 1 : 0;
+    if (v.errors > 0) return v;
+    v.lacks = training_faults(c);
+    if (c.camera_count() < few_cameras)
+        v.expect.push_back(c.folder.string() + ": " + count_text(c.camera_count(), "camera") +
+                           ": sides of the head that no image shows stay empty or blurred, and "
+                           "depth comes from the head's own turns alone; expect a likeness from "
+                           "the directions in which it was filmed, not around it");
+    const int frames = static_cast<int>(c.train.size());
+    if (frames > 0 && frames < few_frames)
+        v.expect.push_back(c.folder.string() + ": " + count_text(frames, "training frame") +
+                           ": expressions, poses and gazes unlike these are guesses; expect lids "
+                           "and irises to blur away from the gazes of these frames");
+    return v;
+}
+
+Capture read_trainable_capture(const fs::path& folder, std::vector<std::string>* expect) {
+    std::vector<Problem> problems;
+    Capture capture = read_capture(folder, {}, &problems);
+    const std::vector<Problem> more = validate(capture);
+    problems.insert(problems.end(), more.begin(), more.end());
+    require_none(problems, folder);
+    const Verdict verdict = judge(capture, problems);
+    if (!verdict.lacks.empty()) throw Error(verdict.lacks.front());
+    if (expect) expect->insert(expect->end(), verdict.expect.begin(), verdict.expect.end());
     return capture;
 }
 

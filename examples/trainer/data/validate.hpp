@@ -5,6 +5,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include "data/capture.hpp"
@@ -40,10 +41,25 @@ Capture read_valid_frame(const CaptureContents& contents, const std::string& fra
                          const std::vector<std::string>& cameras);
 
 /// Missing data of a valid capture, in whole sentences, that training needs; rendering and
-/// measuring work without. Empty if it can be trained on.
+/// measuring work without. Each names the command that makes what is missing. Empty if it can be
+/// trained on.
 std::vector<std::string> training_faults(const Capture& capture);
 
-/// Throws Error with the first of training_faults.
-void require_trainable(const Capture& capture);
+/// Use of a capture; `rye info` prints it and `rye train` follows it.
+struct Verdict {
+    int errors = 0;                  ///< of reading and validation
+    std::vector<std::string> lacks;  ///< training_faults, of a capture without errors
+    std::vector<std::string> expect; ///< quality to expect of few cameras or frames
+    bool trainable() const { return errors == 0 && lacks.empty(); }
+    std::string text() const; ///< one line: "usable", or what is not
+};
+
+/// The verdict on a capture, given all problems that reading and validation found.
+Verdict judge(const Capture& capture, const std::vector<Problem>& problems);
+
+/// Reads, validates and judges; throws Error with the first fault unless it is trainable. Adds the
+/// quality to expect to the list.
+Capture read_trainable_capture(const std::filesystem::path& folder,
+                               std::vector<std::string>* expect = nullptr);
 
 } // namespace rye::trainer

@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+/// `rye import KIND SOURCE --out CAPTURE`: makes a capture of other programs' data.
+#include <unistd.h>
+
+#include <cstdio>
+#include <iostream>
+#include <memory>
+
+#include <CLI/CLI.hpp>
+
+#include <rye/core/error.hpp>
+
+#include "commands/commands.hpp"
+#include "commands/options.hpp"
+#include "data/threads.hpp"
+#include "data/validate.hpp"
+#include "importers/import_folder.hpp"
+
+namespace rye::trainer {
+namespace {
+
+struct Arguments {
+    ImportOptions options;
+    int threads = 0;
+    bool quiet = false;
+};
+
+using Importer = ImportSummary (*)(const ImportOptions&);
+
+void run(const Arguments& a, Importer import) {
+    set_threads(a.threads);
+    ImportOptions options = a.options;
+    const bool terminal = isatty(1) != 0;
+    options.progress = [&](int done, int of) {
+        if (a.quiet || (!terminal && done != of && done % 50 != 0)) return;
+        std::printf("%sframe %d of %d%s", terminal ? "\r" : "", done, of,
+                    terminal && done != of ? "" : "\n");
+        std::fflush(stdout);
+    };
+    const ImportSummary summary = import(options);
+    if (a.quiet) return;
+    std::cout << summary.text();
+    if (!summary.has_head) {
+        const std::string cameras = (options.out / "transforms.json").string();
+        std::cout << "verdict   pictures and cameras of a still scene, without a head to train\n"
+                  << "next      `rye render GAUSSIANS.ply --cameras " << cameras
+                  << " --view 0 --out view.png`\n";
+        return;
+    }
+    // The verdict of `rye info`, so that the next command is known.
+    std::vector<Problem> problems;
+    const Capture capture = read_capture(options.out, {}, &problems);
+    const std::vector<Problem> more = validate(capture);
+    problems.insert(problems.end(), more.begin(), more.end());
+    const Verdict verdict = judge(capture, problems);
+    for (const Problem& p : problems)
+        if (p.severity == Problem::Severity::error) std::cout << "error     " << p.message << "\n";
+    for (const std::string& words : verdict.expect) std::cout << "warning   " << words << "\n";
+    std::cout << "verdict   " << verdict.text() << "\n"
+              << "next      `rye info " << options.out.string() << "`"
+              << (verdict.trainable() ? ", `rye train --capture " + options.out.string() +
+                                            " --out RUN --preset tiny`"
+                                      : "")
+              << "\n";
+}
+
+CLI::App* add_kind(CLI::App& command, const std::shared_ptr<Arguments>& a, const char* name,
+                   const char* help, Importer import) {
+    CLI::App* kind = command.add_subcommand(name, help);
+    kind->add_option("SOURCE", a->options.source, "Folder or file to read")->required();
+    kind->add_option("--out", a->options.out,
+                     "Folder of the capture: a new one, or one that this command began")
+        ->required();
+    add_threads(*kind, a->threads, "Threads; the files do not depend on it (0: all)");
+    kind->add_flag("--quiet", a->quiet, "No progress lines and no summary");
+    kind->callback([a, import] { run(*a, import); });
+    return kind;
+}
+
+} // namespace
+
+void add_import(CLI::App& app) {
+    CLI::App* command = app.add_subcommand(
+        "import", "Make a capture of other programs' data; an interrupted import is continued");
+    command->require_subcommand(1);
+    const auto a = std::make_shared<Arguments>();
+    CLI::App* vhap = add_kind(*command, a, "vhap", "FLAME tracking that VHAP exported, with meshes",
+                              import_vhap);
+    vhap->add_option("--eyeballs", a->options.eyeballs,
+                     "First and last vertex of the left and of the right eyeball, for another "
+                     "topology than FLAME's (3931 4476 4477 5022)");
+    vhap->add_option("--landmarks", a->options.landmarks,
+                     "File of 68 vertices in the order of iBUG, for another topology");
+    CLI::App* gha = add_kind(*command, a, "gha",
+                             "A folder of Gaussian Head Avatar, or a capture that lacks gaze or "
+                             "eye masks",
+                             import_gha);
+    gha->add_option(
+        "--gaze", a->options.gaze,
+        "Gazes: CSV `frame,left_pitch,left_yaw,right_pitch,right_yaw` [degrees, head "
+        "frame], or npz with gaze_left and gaze_right; without it the iris is searched");
+    CLI::App* xgaze = add_kind(*command, a, "xgaze",
+                               "An HDF5 file of one subject of ETH-XGaze, normalised, or of "
+                               "GazeNeRF",
+                               import_xgaze);
+    xgaze->add_option("--calibration", a->options.calibration,
+                      "Folder of the cameras' calibration, cam00.xml to cam17.xml");
+    xgaze->add_option("--normalization", a->options.normalization,
+                      "Focal length [px], distance [mm] and side [px] of the normalisation; "
+                      "ETH-XGaze's are 960 300 448");
+    add_kind(*command, a, "colmap", "Pictures of a COLMAP model (sparse/0 and images)",
+             import_colmap);
+    add_kind(*command, a, "transforms", "Photographs with a transforms.json (nerfstudio)",
+             import_transforms);
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+/// importers/gaze_file.hpp: gazes of all frames in one file.
+///
+/// CSV: a line `frame,left_pitch,left_yaw,right_pitch,right_yaw`, then one line a frame: its name
+/// and the angles of both optical axes in the head frame [degrees], pitch + up, yaw + towards the
+/// subject's left. npz: gaze_left and gaze_right, N x 3 unit vectors in the head frame, one row a
+/// frame in the order of the frames' names.
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include <rye/math/linalg.hpp>
+
+namespace rye::trainer {
+
+using GazeRow = std::array<Vec3<double>, 2>; ///< unit, left and right eye, head frame
+
+/// Gazes of these frames, sorted by name; further ones of a CSV are ignored. Throws Error, with
+/// file, line and value, for anything else, for a missing frame, and beyond the range of an eye.
+std::map<std::string, GazeRow> read_gaze_file(const std::filesystem::path& path,
+                                              const std::vector<std::string>& frames);
+
+} // namespace rye::trainer

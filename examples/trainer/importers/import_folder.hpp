@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+/// importers/import_folder.hpp: options and summary of an import, and the capture folder that it
+/// writes, frame by frame. A frame counts as complete once import.json lists it; all files are
+/// replaced atomically, so an interrupted import is continued and repeats no complete frame.
+/// World, head and camera conventions of data/capture.hpp.
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include <rye/core/columns.hpp>
+#include <rye/geometry/camera.hpp>
+
+#include "data/capture.hpp"
+#include "data/picture.hpp"
+
+namespace rye::trainer {
+
+/// What `rye import` is given. Options of other kinds are refused by the command.
+struct ImportOptions {
+    std::filesystem::path source;      ///< folder or file, by kind
+    std::filesystem::path out;         ///< folder of the capture
+    std::filesystem::path gaze;        ///< gha: CSV or npz of gazes; empty: from the iris
+    std::filesystem::path calibration; ///< xgaze: folder of cam00.xml to cam17.xml
+    std::filesystem::path landmarks;   ///< vhap: file of 68 vertices; empty: FLAME's
+    std::vector<int> eyeballs;         ///< vhap: first and last vertex, left, then right
+    std::vector<double> normalization; ///< xgaze: focal length [px], distance [mm], side [px]
+    /// Called after each frame: frames done, frames of the source.
+    std::function<void(int, int)> progress = [](int, int) {};
+};
+
+/// What an import found, derived and did not find, in sentences.
+struct ImportSummary {
+    int frames = 0, cameras = 0;
+    int written = 0;      ///< frames of this run; the others were complete before
+    bool has_head = true; ///< false: a still scene
+    std::vector<std::string> found, derived, missing;
+    std::string text() const;
+};
+
+/// A picture of a frame. Empty images are not written.
+struct ImportView {
+    std::string camera;            ///< name of the camera
+    Pinhole<double> pinhole;       ///< of the picture, after undistortion
+    std::filesystem::path copy_of; ///< picture whose bytes are taken; else `picture`
+    Image8 picture, mask, eyes, visible;
+};
+
+/// The head in a frame; a still scene has none.
+struct ImportHead {
+    std::vector<double> expression;
+    Vec<double, 6> pose = Vec<double, 6>::Zero(); ///< axis-angle [rad], translation
+    double scale = 1;                             ///< head to world
+    Columns<double> landmarks;                    ///< 3 x 66 or 68, world
+    Columns<double> vertices;                     ///< 3 x V, world; V may be 0
+    bool has_gaze = false;
+    std::array<CaptureEye, 2> eyes; ///< valid where has_gaze
+};
+
+struct ImportFrame {
+    std::string id;
+    std::optional<ImportHead> head;
+    std::vector<ImportView> views;
+};
+
+class ImportFolder {
+  public:
+    using Json = nlohmann::ordered_json;
+
+    /// A new folder, or one that the same job began. `job` has what determines the result: kind,
+    /// source, options. Throws Error if the folder holds anything else.
+    ImportFolder(const std::filesystem::path& out, const Json& job);
+
+    bool has(const std::string& frame) const { return frames_.contains(frame); }
+    /// Facts that were stored with a complete frame.
+    const Json& facts(const std::string& frame) const { return frames_.at(frame); }
+    int complete() const { return static_cast<int>(frames_.size()); }
+
+    /// Writes the files of views alone: for frames whose pictures do not fit into memory together.
+    void write_views(const ImportFrame& frame) const;
+
+    /// Writes all files of a frame, then lists it as complete with its facts.
+    void write(const ImportFrame& frame, const Json& facts);
+
+    /// Replaces a further file of the folder.
+    void write_file(const std::string& name, const std::string& text) const;
+
+    /// Writes capture.json: the description, and the summary under "import".
+    void finish(Json description, const ImportSummary& summary);
+
+  private:
+    void save_progress() const;
+    std::filesystem::path out_;
+    Json job_;
+    std::map<std::string, Json> frames_;
+};
+
+/// Importers of each kind of source; each throws Error, with file, field and value, for a source
+/// that is not of its kind.
+ImportSummary import_vhap(const ImportOptions& options);
+ImportSummary import_gha(const ImportOptions& options);
+ImportSummary import_xgaze(const ImportOptions& options);
+ImportSummary import_colmap(const ImportOptions& options);
+ImportSummary import_transforms(const ImportOptions& options);
+
+/// Power of ten that brings a head whose landmarks span this length to about 2 units.
+double unit_factor(double landmark_span);
+
+/// A factor for people: "10", "0.001".
+std::string factor_text(double x);
+
+/// The keys job_of writes, common to all kinds: kind, and the source as an absolute path.
+ImportFolder::Json import_job(const std::string& kind, const ImportOptions& options);
+
+/// Throws Error if a vector holds a number that is not finite.
+void require_finite_numbers(const std::vector<double>& values, const std::string& who);
+
+} // namespace rye::trainer

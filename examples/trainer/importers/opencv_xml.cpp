@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "importers/opencv_xml.hpp"
+
+#include <cmath>
+#include <optional>
+#include <sstream>
+
+#include <rye/capture/bytes.hpp>
+#include <rye/core/error.hpp>
+#include <rye/core/parse.hpp>
+
+namespace rye::trainer {
+namespace {
+
+/// Text between <name ...> and </name>; empty if there is none.
+std::string element(const std::string& text, const std::string& name) {
+    for (std::size_t at = text.find("<" + name); at != std::string::npos;
+         at = text.find("<" + name, at + 1)) {
+        const std::size_t after = at + 1 + name.size();
+        if (after >= text.size() || (text[after] != '>' && text[after] != ' ')) continue;
+        const std::size_t begin = text.find('>', after);
+        const std::size_t end = text.find("</" + name + ">", after);
+        if (begin == std::string::npos || end == std::string::npos || end < begin) return {};
+        return text.substr(begin + 1, end - begin - 1);
+    }
+    return {};
+}
+
+} // namespace
+
+std::vector<double> read_opencv_matrix(const std::filesystem::path& path, const std::string& name,
+                                       int rows, int cols) {
+    const Bytes bytes = read_file(path, 1U << 24U);
+    const std::string who = path.string() + ": " + name;
+    const std::string matrix = element(std::string(as_text(bytes)), name);
+    require(!matrix.empty(), who, "is missing, expected a matrix of OpenCV's XML");
+    std::istringstream in(element(matrix, "data"));
+    std::vector<double> values;
+    for (std::string word; in >> word;) {
+        const std::optional<double> x = parse_double(word);
+        require(x && std::isfinite(*x), who, "got '" + word + "', expected a finite number");
+        values.push_back(*x);
+    }
+    require(values.size() == static_cast<std::size_t>(rows * cols), who,
+            "got " + std::to_string(values.size()) + " numbers, expected " + std::to_string(rows) +
+                " x " + std::to_string(cols));
+    return values;
+}
+
+Rigid<double> read_opencv_pose(const std::filesystem::path& path) {
+    const std::vector<double> r = read_opencv_matrix(path, "cam_rotation", 3, 3);
+    const std::vector<double> t = read_opencv_matrix(path, "cam_translation", 3, 1);
+    Rigid<double> pose;
+    pose.rotation = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data());
+    pose.translation = Vec3<double>(t[0], t[1], t[2]);
+    const double off = (pose.rotation * pose.rotation.transpose() - Mat3<double>::Identity())
+                           .cwiseAbs()
+                           .maxCoeff();
+    require(off < 1e-3 && pose.rotation.determinant() > 0, path.string() + ": cam_rotation",
+            "is no rotation: R R^T differs from the identity by " + std::to_string(off));
+    return pose;
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+// `rye import` as a user runs it: its summary ends with the verdict of `rye info`.
+#include <algorithm>
+#include <filesystem>
+#include <iostream>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include <doctest/doctest.h>
+#include <CLI/CLI.hpp>
+
+#include <rye/core/error.hpp>
+
+#include "../support/hostile.hpp"
+#include "commands/commands.hpp"
+#include "comparison.hpp"
+#include "sources.hpp"
+
+using namespace rye;
+using namespace rye::trainer;
+namespace fs = std::filesystem;
+
+namespace {
+
+struct Outcome {
+    std::string printed, fault;
+};
+
+Outcome run(std::vector<std::string> words) {
+    CLI::App app{"rye"};
+    add_import(app);
+    std::reverse(words.begin(), words.end());
+    std::ostringstream text;
+    std::streambuf* const before = std::cout.rdbuf(text.rdbuf());
+    Outcome o;
+    try {
+        app.parse(words);
+    } catch (const CLI::ParseError& e) {
+        o.fault = e.what();
+    } catch (const Error& e) {
+        o.fault = e.what();
+    }
+    std::cout.rdbuf(before);
+    o.printed = text.str();
+    return o;
+}
+
+} // namespace
+
+TEST_CASE("import: the summary has what was found, derived and missing, and the verdict") {
+    const TemporaryFolder folder;
+    CaptureSettings s = small_settings();
+    s.cameras = 1;
+    const TrueScene truth = true_scene(folder.path / "truth", s);
+    const std::string source = (folder.path / "source").string();
+    const std::string out = (folder.path / "out").string();
+    write_vhap_source(truth, source);
+    const Outcome o = run({"import", "vhap", source, "--out", out});
+    INFO(o.fault, o.printed);
+    CHECK(o.fault.empty());
+    for (const char* words :
+         {"frames    4 (4 written now, 0 complete before), 1 cameras\n", "found     4 pictures",
+          "derived   gaze of both eyes from eyes_pose\n", "missing   size of the iris",
+          "warning   ", "1 camera: sides of the head that no image shows", "verdict   usable\n"})
+        CHECK(o.printed.find(words) != std::string::npos);
+    CHECK(run({"import", "vhap", source, "--out", out})
+              .printed.find("frames    4 (0 written now, 4 complete before)") == 0);
+    CHECK(run({"import", "vhap", source, "--out", out, "--quiet"}).printed.empty());
+}
+
+TEST_CASE("import: wrong words on the command line") {
+    const TemporaryFolder folder;
+    const std::string out = (folder.path / "out").string();
+    CHECK(run({"import"}).fault.find("subcommand is required") != std::string::npos);
+    CHECK(run({"import", "vhap", "x"}).fault.find("--out is required") != std::string::npos);
+    CHECK(run({"import", "vhap", "x", "--out", out, "--gaze", "g.csv"}).fault.find("--gaze") !=
+          std::string::npos);
+    for (const char* kind : {"vhap", "gha", "xgaze", "colmap", "transforms"}) {
+        const Outcome o = run({"import", kind, (folder.path / "none").string(), "--out", out});
+        CHECK(o.fault.find("none: no such file or folder") != std::string::npos);
+        CHECK(!fs::exists(out));
+    }
+}
