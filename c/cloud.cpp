@@ -59,10 +59,10 @@ GaussianView<float> view_of(const rye_cloud* cloud) {
     v.size = static_cast<Index>(cloud->count);
     v.rows = v.stride = cloud->channels;
     if (v.size > 0) {
-        check_pointer(v.mean, "cloud: mean");
-        check_pointer(v.rotation, "cloud: rotation");
-        check_pointer(v.scale, "cloud: scale");
-        check_pointer(v.opacity, "cloud: opacity");
+        check_pointer(v.mean.data, "cloud: mean");
+        check_pointer(v.rotation.data, "cloud: rotation");
+        check_pointer(v.scale.data, "cloud: scale");
+        check_pointer(v.opacity.data, "cloud: opacity");
         check_pointer(v.feature, "cloud: feature");
     }
     return v;
