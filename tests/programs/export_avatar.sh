@@ -56,7 +56,7 @@ mv cap gone
     fail "a picture of few levels"
 mv gone cap
 
-refuses "there is no checkpoint here" "$rye" export --run nowhere --out x.avatar
+refuses "nowhere" "$rye" export --run nowhere --out x.avatar
 refuses "no-such-frame" "$rye" export --run optical --frame no-such-frame --out x.avatar
 refuses "no-such-camera" "$rye" export --run optical --camera no-such-camera --out x.avatar
 refuses "nowhere/x.avatar" "$rye" export --run optical --out nowhere/x.avatar
