@@ -1,17 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 /// make_import_source KIND FOLDER [FRAMES CAMERAS SIZE]: writes a synthetic capture to FOLDER/truth
 /// and a source of that kind, made from it, to FOLDER/source.
+/// make_import_source compare TRUTH CAPTURE: prints the largest differences of an import.
 #include <cstdlib>
 #include <iostream>
 #include <string>
 
 #include <rye/core/error.hpp>
 
+#include "comparison.hpp"
 #include "sources.hpp"
 
 int main(int argc, char** argv) {
     using namespace rye::trainer;
     try {
+        if (argc == 4 && std::string(argv[1]) == "compare") {
+            std::cout << compare(read_capture(argv[2]), read_capture(argv[3])).text() << "\n";
+            return 0;
+        }
         rye::require(argc == 3 || argc == 6, "make_import_source",
                      "expected KIND FOLDER [FRAMES CAMERAS SIZE]");
         const std::string kind = argv[1];

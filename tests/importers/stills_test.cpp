@@ -255,6 +255,37 @@ TEST_CASE("colmap: wrong sources are refused by file, field and value") {
     });
 }
 
+TEST_CASE("colmap: any damage of a model is an Error or a result") {
+    const TemporaryFolder folder;
+    const fs::path source = folder.path / "source";
+    fs::copy(Source::one().folder.path / "colmap_lens", source, fs::copy_options::recursive);
+    std::uint32_t random = 1;
+    int faults = 0, results = 0;
+    for (const char* name : {"cameras.bin", "images.bin"}) {
+        const fs::path file = source / "sparse/0" / name;
+        const Bytes whole = read_file(file);
+        for (int trial = 0; trial < 60; ++trial) {
+            random = random * 1664525U + 1013904223U;
+            Bytes bytes = whole;
+            const std::size_t at = (random >> 8U) % bytes.size();
+            if (trial % 2 == 0)
+                bytes.resize(at);
+            else
+                bytes[at] = static_cast<std::byte>(random >> 3U);
+            write_atomic(file, bytes, Durability::atomic_only);
+            try {
+                import("colmap", source, folder.path / ("out" + std::to_string(results)));
+                ++results;
+            } catch (const Error&) {
+                ++faults;
+            }
+        }
+        write_atomic(file, whole, Durability::atomic_only);
+    }
+    CHECK(faults > 60);
+    CHECK(faults + results == 120);
+}
+
 TEST_CASE("stills: real photographs, as transforms.json and as a COLMAP model") {
     const auto folder = test::real_data("buddha");
     if (!folder) return;
