@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# documents.sh SOURCE_DIR: what README.md, CHANGELOG.md and docs/*.md link to or name as a header
-# exists.
+# documents.sh SOURCE_DIR: what README.md, CHANGELOG.md and docs/*.md link to, or name as a header or
+# as a file of a folder of the project, exists.
 set -eu
 cd "$1"
 bad=0
@@ -17,6 +17,11 @@ for page in README.md CHANGELOG.md docs/*.md; do
     # `rye/folder/name.hpp` or <rye/folder/name.hpp>
     for header in $(grep -o '[`<]rye/[a-z0-9_/]*\.hpp[`>]' "$page" | tr -d '`<>' | sort -u); do
         [ -e "include/$header" ] || { echo "$page: no such header: $header"; bad=1; }
+    done
+    # `folder/name`
+    for file in $(grep -oE '`(benchmarks|c|cmake|docs|examples|include|packaging|tests)/[A-Za-z0-9_./-]+' "$page" |
+                  tr -d '`' | sort -u); do
+        [ -e "$file" ] || { echo "$page: no such file: $file"; bad=1; }
     done
 done
 [ $bad -eq 0 ] && echo "the documents name what exists"
