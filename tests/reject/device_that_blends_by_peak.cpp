@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A device blends by the depths of centres.
-// expect: a device blends by the depths of centres; by_peak has plain loops
+// expect: BlendsByCentre
 #include <rye/backend/cuda/emulation.hpp>
 #include <rye/splat/cuda/rasterizer.hpp>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A device sorts by depths of 32 bits.
-// expect: a device sorts by depths of 32 bits
+// expect: DepthsOf32Bits
 #include <rye/backend/cuda/emulation.hpp>
 #include <rye/splat/cuda/rasterizer.hpp>
 

@@ -23,7 +23,9 @@
 
 namespace rye {
 
+/// Name of the format in the file's metadata.
 inline constexpr const char* avatar_format = "rye-avatar";
+/// Version of the format; readers refuse others.
 inline constexpr const char* avatar_version = "1";
 
 /// How an avatar file stores parameters other than positions.

@@ -30,6 +30,7 @@ namespace rye {
 
 /// Supported types; named F64, F32, I64, U8 and F16 in files. F16 is IEEE's binary16, Eigen::half.
 enum class TensorType { f64, f32, i64, u8, f16 };
+/// Number of supported types.
 inline constexpr int tensor_types = 5;
 
 /// Name of a type in files, and its size.

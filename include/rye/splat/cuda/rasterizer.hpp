@@ -171,15 +171,20 @@ struct DeviceFrame {
     DeviceBuffer<float> transmittance_, partial_;
 };
 
+/// Pixels blend in the order of centres' depths; by_peak has plain loops alone.
+template <class A>
+concept BlendsByCentre = A::order == BlendOrder::by_centre;
+/// Depths are compared as 32 bits; more have the host's backends.
+template <class A>
+concept DepthsOf32Bits = A::depth_bits == 32;
+/// An accuracy policy that has kernels on a device.
+template <class A>
+concept DeviceAccuracy = AccuracyPolicy<A> && BlendsByCentre<A> && DepthsOf32Bits<A>;
+
 /// Draws Gaussians by the rules of A on a device, and differentiates the pictures.
-template <AccuracyPolicy A, class Device, class Kernels = AnyChannels>
+template <DeviceAccuracy A, class Device, class Kernels = AnyChannels>
 struct DeviceRasterizer {
     A accuracy;
-
-    static_assert(A::order == BlendOrder::by_centre,
-                  "rasterizer: a device blends by the depths of centres; by_peak has plain loops");
-    static_assert(A::depth_bits == 32,
-                  "rasterizer: a device sorts by depths of 32 bits; more have the host's backends");
 
     using Frame = DeviceFrame<Device>;
 
