@@ -404,7 +404,6 @@ int train(const TrainOptions& o) {
     const TrainConfig config = o.resume ? state.config : config_of(o);
     std::vector<std::string> expect;
     Capture capture = read_trainable_capture(folder, &expect);
-    for (const std::string& words : expect) std::cerr << "rye: warning: " << words << "\n";
     if (o.resume) check_resumed(o, state, capture);
     else state = first_state(config, capture, folder);
     const RunSize size = run_size(state.config, state.subject, capture.width, capture.height);
@@ -416,10 +415,6 @@ int train(const TrainOptions& o) {
                                 Random{state.config.seed, 0});
         state.mesh_adam = Adam<Mesh>(state.mesh);
     }
-    if (config.preset == "paper" && o.perceptual_weights.empty())
-        std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
-                     "VGG16 term is replaced by one of gradient pyramids\n";
-    if (!o.quiet) std::cout << text_of(size) << "\n";
     const std::string mark = frames_mark(capture);
     const bool other_frames = o.resume && state.frames != mark;
     state.frames = mark;
@@ -428,6 +423,12 @@ int train(const TrainOptions& o) {
                     o.resume ? Beginning::resumed
                     : there  ? Beginning::replacing
                              : Beginning::fresh);
+    // Behind all that may refuse: an error is one line.
+    for (const std::string& words : expect) std::cerr << "rye: warning: " << words << "\n";
+    if (config.preset == "paper" && o.perceptual_weights.empty())
+        std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
+                     "VGG16 term is replaced by one of gradient pyramids\n";
+    if (!o.quiet) std::cout << text_of(size) << "\n";
     if (other_frames) trainer.save(); // so that it fits the frames that lie beside it now
     std::signal(SIGINT, request_stop);
     std::signal(SIGTERM, request_stop);
