@@ -1,8 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # gaze_page.sh RYE WORK: builds examples/gaze_page with an avatar of the size that `--preset cpu`
-# trains, of a few steps (its skin moves more than that of a trained one), and has a headless Chromium visit it (test.js). Where emscripten, node or
-# Chromium is missing it says so and ends with 77. From the environment:
+# trains, of a few steps (its skin moves more than that of a trained one), and has a headless Chromium
+# visit it (test.js). Where emscripten, node or Chromium is missing it says so and ends with 77. From
+# the environment:
 #   CHROMIUM   the browser (default: chromium, chromium-browser or google-chrome)
 #   AVATAR and REFERENCE, DRIVERS   instead of its own: an avatar file, a picture of it by
 #              `rye redirect`, and the gazes of that (left pitch, yaw, right pitch, yaw [degrees])
