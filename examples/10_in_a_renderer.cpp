@@ -9,7 +9,7 @@
 
 using namespace rye;
 
-/// What the renderer holds of a splat, in its own order, with fields that rye does not read.
+/// A splat as the renderer stores it: in its own order, with fields that rye does not read.
 struct Vertex {
     float rgb[3];
     float age;

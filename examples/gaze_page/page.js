@@ -74,7 +74,7 @@ function gazeAt([across, up]) {
     }
     return angles;
 }
-/// What training has seen.
+/// Angles clamped to the ranges of the training frames.
 const within = (eye, pitch, yaw) =>
     [clamp(pitch, avatar.gazeLow[2 * eye], avatar.gazeHigh[2 * eye]),
      clamp(yaw, avatar.gazeLow[2 * eye + 1], avatar.gazeHigh[2 * eye + 1])];

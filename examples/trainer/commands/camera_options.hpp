@@ -15,7 +15,7 @@ class App;
 
 namespace rye::trainer {
 
-/// What was given; the rest is as in a camera that the command chooses.
+/// Options that were given; the command chooses the camera that the rest comes from.
 struct CameraOptions {
     std::vector<double> eye, look_at, up; ///< world units; empty: not given
     double fov_deg = 0;                   ///< vertical; 0: not given

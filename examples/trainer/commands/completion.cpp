@@ -35,7 +35,7 @@ std::string joined(const std::vector<std::string>& words) {
 
 std::string first_line(const std::string& text) { return text.substr(0, text.find('\n')); }
 
-/// What the words after a command begin with: its options, and values of a choice without a name.
+/// Candidates for the words after a command: its options, and values of a choice without a name.
 struct Words {
     std::vector<std::string> options, choices;
     bool files = false; ///< it takes a file without a name
@@ -228,7 +228,7 @@ std::string roff(const std::string& text) {
 }
 
 /// Words in upper case that stand for the value, such as FILE or PITCH,YAW.
-std::string placeholder(const CLI::Option& o) {
+std::string value_word(const CLI::Option& o) {
     const OptionValue v = value_of(o);
     switch (v.kind) {
         case Kind::none:
@@ -248,7 +248,7 @@ std::string placeholder(const CLI::Option& o) {
 }
 
 std::string entry(const CLI::Option& o) {
-    const std::string value = placeholder(o);
+    const std::string value = value_word(o);
     const std::string name =
         o.get_positional() ? o.get_name(true, false) : "--" + o.get_lnames().front();
     std::string help = text_of(o);

@@ -32,7 +32,7 @@ std::string near_miss(const std::string& word, const std::vector<std::string>& c
 std::vector<const CLI::App*> commands_of(const CLI::App& app);
 std::vector<const CLI::Option*> options_of(const CLI::App& command);
 
-/// What an option takes after it.
+/// Kind of value that an option takes.
 struct OptionValue {
     enum class Kind { none, word, choice, number, file, folder } kind = Kind::none;
     std::vector<std::string> choices;

@@ -130,13 +130,13 @@ void write_picture(const std::filesystem::path& out, OutFormat format,
         write_png(out, picture);
 }
 
-/// What is drawn: each picture's drivers and camera, and the photograph beside the only one.
+/// Drawing of a command: each picture's drivers and camera, and the photograph beside the only one.
 struct Shot {
     std::vector<DrawnFrame> frames;
     std::optional<Image<float>> photograph;
 };
 
-/// As many pictures as there are drivers or cameras; one of either stays through all of them.
+/// Pictures to draw, as many as there are drivers or cameras; one of either stays through all.
 Shot shot_of(const RedirectOptions& o, const TrainState& state) {
     const std::filesystem::path source =
         o.compare ? capture_folder(o.run, state, o.capture, "--compare") : o.capture;

@@ -50,7 +50,7 @@ void write_picture(const std::string& out, const Image<float>& picture) {
 
 Vec3<double> vector_of(const std::vector<double>& v) { return {v[0], v[1], v[2]}; }
 
-/// What --out may be.
+/// Formats of --out.
 const std::vector<OutFormat> formats{OutFormat::png, OutFormat::jpeg};
 
 template <Backend B, Real T, AccuracyPolicy A, Distortion D>

@@ -13,7 +13,7 @@
 namespace rye {
 
 /// Where the arrays of a struct of parameters lie in device memory. The struct stays where it is:
-/// its arrays are told apart by their addresses.
+/// its arrays are found by their addresses.
 template <class P>
 class ResidentLayout {
   public:

@@ -2,7 +2,7 @@
 /// rye/nn/cuda/adam.hpp: Adam over parameters in device memory, by nn/adam.hpp's formula. Step
 /// numbers are on the device, so that a step can be captured as a CUDA graph and replayed. A
 /// gradient that is not finite cancels the whole step on the device before anything is changed;
-/// the host hears of it from `report`, the one function that waits.
+/// `report`, which waits, names its field.
 #pragma once
 
 #include <cmath>
