@@ -7,9 +7,10 @@
 /// Source: glTF 2.0 specification, 4.4; KHR_gaussian_splatting, release candidate of 2026.
 #pragma once
 
-#include <array>
-#include <charconv>
 #include <cmath>
+#include <limits>
+#include <locale>
+#include <sstream>
 #include <string>
 
 #include <rye/capture/bytes.hpp>
@@ -25,10 +26,13 @@ struct GlbArrays {
     std::string attributes, accessors, views;
     int count = 0;
 
+    /// A number as JSON has it, in any locale; std::to_chars of floats is not in every libc++.
     static std::string number(float x) {
-        std::array<char, 32> text;
-        const auto end = std::to_chars(text.data(), text.data() + text.size(), x).ptr;
-        return {text.data(), end};
+        std::ostringstream text;
+        text.imbue(std::locale::classic());
+        text.precision(std::numeric_limits<float>::max_digits10);
+        text << x;
+        return text.str();
     }
     /// N columns of 1, 3 or 4 floats; `bounds` is empty or ,"min":[..],"max":[..].
     void add(const std::string& name, const Columns<float>& a, const std::string& bounds = "") {

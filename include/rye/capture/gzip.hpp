@@ -40,7 +40,7 @@ inline bool is_gzip(ByteSpan bytes) {
 
 /// A gzip file of `raw`; throws Error from 4 GiB on, whose size the format does not hold.
 inline Bytes gzip_bytes(ByteSpan raw, const Deflate& deflate = stored_deflate) {
-    require(raw.size() < (std::uint64_t(1) << 32U), "gzip_bytes",
+    require(std::uint64_t{raw.size()} < (std::uint64_t(1) << 32U), "gzip_bytes",
             "got " + std::to_string(raw.size()) + " bytes, expected fewer than 2^32");
     Bytes out;
     for (const unsigned b : {0x1FU, 0x8BU, 8U, 0U, 0U, 0U, 0U, 0U, 0U, 255U})

@@ -107,7 +107,8 @@ class DeviceMlp {
                       const DeviceColumns<float>& out, bool keep = true) {
         shaped("points", points.rows, points.cols, shape_.point_inputs(), points.cols);
         shaped("outputs", out.rows, out.cols, shape_.outputs(), points.cols);
-        require(points.cols * Tiles::width < Index(1) << 32, "DeviceMlp",
+        require(static_cast<std::uint64_t>(points.cols) * Tiles::width < std::uint64_t(1) << 32U,
+                "DeviceMlp",
                 "number of points is " + std::to_string(points.cols) +
                     ", 2^32 numbers of a layer are the most");
         network_.points = static_cast<std::uint32_t>(points.cols);

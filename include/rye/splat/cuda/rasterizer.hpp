@@ -307,9 +307,13 @@ struct DeviceRasterizer {
         shaped("scale", g.scale.rows, g.scale.cols, 3, n);
         shaped("opacity", g.opacity.rows, g.opacity.cols, 1, n);
         shaped("feature", g.feature.rows, g.feature.cols, g.channels(), n);
-        expect(n < Index(1) << 31,
+        expect(static_cast<std::uint64_t>(n) < std::uint64_t(1) << 31U,
                [&] { return "got " + std::to_string(n) + " Gaussians, expected fewer than 2^31"; });
-        expect(n * std::max<Index>(g.channels(), 1) < Index(1) << 32, [&] {
+        const auto numbers = [&](Index columns) { // in 64 bits: an index may have 32
+            return static_cast<std::uint64_t>(columns) *
+                   static_cast<std::uint64_t>(std::max<Index>(g.channels(), 1));
+        };
+        expect(numbers(n) < std::uint64_t(1) << 32U, [&] {
             return "got " + std::to_string(n) + " Gaussians of " + std::to_string(g.channels()) +
                    " channels, expected fewer than 2^32 numbers";
         });
@@ -318,7 +322,7 @@ struct DeviceRasterizer {
                    std::to_string(camera.height) + " pixels, expected no negative size";
         });
         const Index pixels = static_cast<Index>(camera.width) * camera.height;
-        expect(pixels * std::max<Index>(g.channels(), 1) < Index(1) << 32, [&] {
+        expect(numbers(pixels) < std::uint64_t(1) << 32U, [&] {
             return "got an image of " + std::to_string(pixels) + " pixels and " +
                    std::to_string(g.channels()) + " channels, expected fewer than 2^32 numbers";
         });
