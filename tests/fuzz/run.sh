@@ -17,7 +17,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 minutes=${1:-0}
 [ $# -eq 0 ] || shift
 seconds=${SECONDS_EACH:-$((minutes * 60))}
-targets=${*:-ply splats npy npz safetensors avatar capture config transforms picture cameras drivers frames}
+targets=${*:-ply splats npy npz safetensors avatar capture config transforms picture cameras drivers frames sources}
 build=${BUILD:-$here/../../build/fuzz}
 jobs=${JOBS:-$(nproc)}
 

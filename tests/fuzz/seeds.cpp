@@ -228,6 +228,36 @@ void travel() {
                           "\"shape\":[0,4]", "rye-frames", "\"I64\"", "-1"});
 }
 
+/// The files of other programs, after a byte that states their kind (sources.cpp).
+void sources() {
+    const auto add = [](char kind, const std::string& name, const std::string& text) {
+        seed("sources", name, std::string(1, kind) + text);
+    };
+    const auto raw = [](auto... values) {
+        std::string text;
+        (text.append(reinterpret_cast<const char*>(&values), sizeof values), ...);
+        return text;
+    };
+    add(0, "cameras.bin",
+        raw(std::uint64_t{1}, std::uint32_t{3}, std::int32_t{1}, std::uint64_t{64},
+            std::uint64_t{48}, 60.0, 60.0, 32.0, 24.0));
+    add(1, "cameras.txt", "# comment\n1 OPENCV 64 48 60 60 32 24 .1 .01 0 0\n");
+    add(2, "images.bin",
+        raw(std::uint64_t{1}, std::uint32_t{1}, 1.0, 0.0, 0.0, 0.0, 0.1, 0.2, 2.0,
+            std::uint32_t{3}) +
+            std::string("a.png\0", 6) + raw(std::uint64_t{1}, 1.0, 2.0, std::int64_t{-1}));
+    add(3, "images.txt", "1 1 0 0 0 .1 .2 2 3 a b.png\n1 2 -1\n");
+    add(4, "mesh.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1/1 2//1 -2 4\n");
+    add(5, "gaze.csv", "frame,left_pitch,left_yaw,right_pitch,right_yaw\n0001,1,2.5,-3,4\n");
+    add(6, "camera.xml",
+        "<opencv_storage><cam_rotation type_id=\"opencv-matrix\"><rows>3</rows><data>1 0 0 0 1 0 "
+        "0 0 1</data></cam_rotation><cam_translation><data>1 2 3</data></cam_translation>");
+    add(7, "lzf", std::string("\x10\x00\x00\x41\xe0\x06\x00", 7));
+    dictionary("sources",
+               {"SIMPLE_PINHOLE", "PINHOLE", "RADIAL", "OPENCV", "FULL_OPENCV", "\nv ", "\nf ",
+                "cam_rotation", "cam_translation", "<data>", "</data>", "nan", "1e300", ",90"});
+}
+
 } // namespace
 
 int main(int count, char** words) try {
@@ -244,6 +274,7 @@ int main(int count, char** words) try {
     pictures();
     texts();
     travel();
+    sources();
     return 0;
 } catch (const std::exception& e) {
     std::cerr << "seeds: " << e.what() << "\n";

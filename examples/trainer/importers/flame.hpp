@@ -8,6 +8,8 @@
 
 #include <array>
 #include <filesystem>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include <rye/geometry/mesh.hpp>
@@ -29,7 +31,8 @@ inline constexpr std::array<int, 68> flame_landmarks{
     1802, 3503, 2905, 2881, 2845, 2787, 3531, 1670, 1730, 1804, 3504, 2907};
 
 /// Vertices and triangles of an OBJ file; polygons are cut into fans, normals and texture ignored.
-/// Throws Error, with file, line and value, for anything that is not such a mesh.
+/// Throws Error, with file (`name`), line and value, for anything that is not such a mesh.
+TriangleMesh<double> parse_obj(std::string_view text, const std::string& name);
 TriangleMesh<double> read_obj(const std::filesystem::path& path);
 
 } // namespace rye::trainer

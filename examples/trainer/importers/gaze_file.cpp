@@ -37,13 +37,14 @@ Vec3<double> in_range(const Vec3<double>& gaze, const std::string& who) {
     return gaze;
 }
 
-std::map<std::string, GazeRow> from_csv(const std::filesystem::path& path) {
-    const Bytes bytes = read_file(path, 1ULL << 26U);
-    std::istringstream in{std::string(as_text(bytes))};
+} // namespace
+
+std::map<std::string, GazeRow> parse_gaze_csv(std::string_view text, const std::string& name) {
+    std::istringstream in{std::string(text)};
     std::map<std::string, GazeRow> rows;
     std::string line;
     for (int number = 1; std::getline(in, line); ++number) {
-        const std::string who = path.string() + ": line " + std::to_string(number);
+        const std::string who = name + ": line " + std::to_string(number);
         const std::vector<std::string> field = fields(line);
         if (number == 1) {
             require(field == fields(header), who,
@@ -67,6 +68,13 @@ std::map<std::string, GazeRow> from_csv(const std::filesystem::path& path) {
                 "names the frame '" + field[0] + "' twice");
     }
     return rows;
+}
+
+namespace {
+
+std::map<std::string, GazeRow> from_csv(const std::filesystem::path& path) {
+    const Bytes bytes = read_file(path, 1ULL << 26U);
+    return parse_gaze_csv(as_text(bytes), path.string());
 }
 
 std::map<std::string, GazeRow> from_npz(const std::filesystem::path& path,

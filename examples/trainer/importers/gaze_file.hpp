@@ -11,6 +11,7 @@
 #include <filesystem>
 #include <map>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <rye/math/linalg.hpp>
@@ -18,6 +19,9 @@
 namespace rye::trainer {
 
 using GazeRow = std::array<Vec3<double>, 2>; ///< unit, left and right eye, head frame
+
+/// Gazes of a CSV by the names of their frames; errors begin with `name`, and are as below.
+std::map<std::string, GazeRow> parse_gaze_csv(std::string_view text, const std::string& name);
 
 /// Gazes of these frames, sorted by name; further ones of a CSV are ignored. Throws Error, with
 /// file, line and value, for anything else, for a missing frame, and beyond the range of an eye.

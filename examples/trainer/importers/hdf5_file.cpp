@@ -15,6 +15,10 @@ namespace rye::trainer {
 
 std::vector<std::uint8_t> decode_lzf(const std::uint8_t* data, std::size_t count, std::size_t size,
                                      const std::string& who) {
+    // The longest copy, 264 bytes, takes 3: a small file cannot state a large size.
+    require(size / 88 <= count, who,
+            "states " + std::to_string(size) + " bytes from " + std::to_string(count) +
+                " of LZF data, expected at most 88 times as many");
     std::vector<std::uint8_t> out;
     out.reserve(size);
     std::size_t at = 0;

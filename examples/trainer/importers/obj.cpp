@@ -40,9 +40,7 @@ Index corner(std::string_view text, Index count, const std::string& who) {
 
 } // namespace
 
-TriangleMesh<double> read_obj(const std::filesystem::path& path) {
-    const Bytes bytes = read_file(path, 1ULL << 28U);
-    std::string_view text = as_text(bytes);
+TriangleMesh<double> parse_obj(std::string_view text, const std::string& name) {
     std::vector<double> xyz;
     TriangleMesh<double> mesh;
     for (int number = 1; !text.empty(); ++number) {
@@ -50,7 +48,7 @@ TriangleMesh<double> read_obj(const std::filesystem::path& path) {
         text.remove_prefix(std::min(line.size() + 1, text.size()));
         const std::string_view kind = word(line);
         if (kind != "v" && kind != "f") continue;
-        const std::string who = path.string() + ": line " + std::to_string(number);
+        const std::string who = name + ": line " + std::to_string(number);
         if (kind == "v") {
             for (int d = 0; d < 3; ++d) {
                 const std::string_view digits = word(line);
@@ -71,10 +69,15 @@ TriangleMesh<double> read_obj(const std::filesystem::path& path) {
         for (std::size_t k = 1; k + 1 < polygon.size(); ++k)
             mesh.faces.push_back({polygon[0], polygon[k], polygon[k + 1]});
     }
-    require(!xyz.empty(), path.string(), "has no vertices, expected an OBJ mesh");
+    require(!xyz.empty(), name, "has no vertices, expected an OBJ mesh");
     mesh.vertices =
         Eigen::Map<const Columns<double>>(xyz.data(), 3, static_cast<Index>(xyz.size() / 3));
     return mesh;
+}
+
+TriangleMesh<double> read_obj(const std::filesystem::path& path) {
+    const Bytes bytes = read_file(path, 1ULL << 28U);
+    return parse_obj(as_text(bytes), path.string());
 }
 
 } // namespace rye::trainer

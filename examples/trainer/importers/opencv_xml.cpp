@@ -5,6 +5,8 @@
 #include <optional>
 #include <sstream>
 
+#include <Eigen/LU>
+
 #include <rye/capture/bytes.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/parse.hpp>
@@ -28,11 +30,14 @@ std::string element(const std::string& text, const std::string& name) {
 
 } // namespace
 
-std::vector<double> read_opencv_matrix(const std::filesystem::path& path, const std::string& name,
-                                       int rows, int cols) {
+OpencvXml read_opencv_xml(const std::filesystem::path& path) {
     const Bytes bytes = read_file(path, 1U << 24U);
-    const std::string who = path.string() + ": " + name;
-    const std::string matrix = element(std::string(as_text(bytes)), name);
+    return {std::string(as_text(bytes)), path.string()};
+}
+
+std::vector<double> OpencvXml::matrix(const std::string& name, int rows, int cols) const {
+    const std::string who = who_ + ": " + name;
+    const std::string matrix = element(text_, name);
     require(!matrix.empty(), who, "is missing, expected a matrix of OpenCV's XML");
     std::istringstream in(element(matrix, "data"));
     std::vector<double> values;
@@ -47,16 +52,16 @@ std::vector<double> read_opencv_matrix(const std::filesystem::path& path, const 
     return values;
 }
 
-Rigid<double> read_opencv_pose(const std::filesystem::path& path) {
-    const std::vector<double> r = read_opencv_matrix(path, "cam_rotation", 3, 3);
-    const std::vector<double> t = read_opencv_matrix(path, "cam_translation", 3, 1);
+Rigid<double> OpencvXml::pose() const {
+    const std::vector<double> r = matrix("cam_rotation", 3, 3);
+    const std::vector<double> t = matrix("cam_translation", 3, 1);
     Rigid<double> pose;
     pose.rotation = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data());
     pose.translation = Vec3<double>(t[0], t[1], t[2]);
     const double off = (pose.rotation * pose.rotation.transpose() - Mat3<double>::Identity())
                            .cwiseAbs()
                            .maxCoeff();
-    require(off < 1e-3 && pose.rotation.determinant() > 0, path.string() + ": cam_rotation",
+    require(off < 1e-3 && pose.rotation.determinant() > 0, who_ + ": cam_rotation",
             "is no rotation: R R^T differs from the identity by " + std::to_string(off));
     return pose;
 }

@@ -4,17 +4,28 @@
 
 #include <filesystem>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <rye/geometry/rigid.hpp>
 
 namespace rye::trainer {
 
-/// A matrix, row by row, of `rows` x `cols` finite numbers. Throws Error, with file and name.
-std::vector<double> read_opencv_matrix(const std::filesystem::path& path, const std::string& name,
-                                       int rows, int cols);
+/// The text of a file. Errors begin with its name.
+class OpencvXml {
+  public:
+    OpencvXml(std::string text, std::string name) : text_(std::move(text)), who_(std::move(name)) {}
 
-/// cam_rotation and cam_translation of a calibration of ETH-XGaze, as stored.
-Rigid<double> read_opencv_pose(const std::filesystem::path& path);
+    /// A matrix, row by row, of `rows` x `cols` finite numbers. Throws Error, with file and name.
+    std::vector<double> matrix(const std::string& name, int rows, int cols) const;
+    /// cam_rotation and cam_translation of a calibration of ETH-XGaze, as stored. Throws Error for
+    /// anything that is not a rotation.
+    Rigid<double> pose() const;
+
+  private:
+    std::string text_, who_;
+};
+
+OpencvXml read_opencv_xml(const std::filesystem::path& path);
 
 } // namespace rye::trainer

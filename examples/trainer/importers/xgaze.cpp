@@ -208,9 +208,10 @@ void place_normalized(XgazeSource& s, const Rows& rotations, const ImportOptions
     for (const XgazeFrame& f : s.frames)
         for (const Patch& p : f.patches)
             if (!stored.contains(p.camera))
-                stored[p.camera] = read_opencv_pose(o.calibration /
-                                                    ("cam" + std::string(p.camera < 10 ? "0" : "") +
-                                                     std::to_string(p.camera) + ".xml"));
+                stored[p.camera] =
+                    read_opencv_xml(o.calibration / ("cam" + std::string(p.camera < 10 ? "0" : "") +
+                                                     std::to_string(p.camera) + ".xml"))
+                        .pose();
     // The calibration's files do not state these, so that the reading by which the axes meet holds.
     Reading best{true, false};
     double least = std::numeric_limits<double>::infinity();

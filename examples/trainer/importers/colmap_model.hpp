@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+/// importers/colmap_model.hpp: cameras and pictures of a COLMAP model, binary or text. World to
+/// camera, quaternions (w, x, y, z), corner-based pixels: rye's conventions, so that nothing is
+/// converted but the lens.
+/// Source of the layout: COLMAP's documentation, "Output Format".
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include <rye/capture/bytes.hpp>
+#include <rye/geometry/rigid.hpp>
+
+#include "data/photographs.hpp"
+
+namespace rye::trainer {
+
+enum class ColmapFormat { binary, text }; ///< .bin, .txt
+
+/// A picture of a model.
+struct ColmapPicture {
+    std::string name;
+    std::uint32_t camera = 0; ///< id in ColmapCameras
+    Rigid<double> camera_from_world;
+};
+
+/// Cameras by their ids, with their lenses.
+using ColmapCameras = std::map<std::uint32_t, Photograph>;
+
+/// Cameras of a file cameras.bin or cameras.txt. Throws Error, which begins with `who`, for models
+/// beyond OPENCV, for numbers that are not finite or in range, and for truncation.
+ColmapCameras parse_colmap_cameras(ByteSpan bytes, ColmapFormat format, const std::string& who);
+
+/// Pictures of a file images.bin or images.txt, likewise.
+std::vector<ColmapPicture> parse_colmap_pictures(ByteSpan bytes, ColmapFormat format,
+                                                 const std::string& who);
+
+} // namespace rye::trainer
