@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # ryePackage.cmake: Debian packages by `cpack -G DEB` in the build folder: librye-dev (the headers,
-# for every processor) and rye (the program, where it is built). Configure with -DRYE_NATIVE=OFF for
+# for every processor), and where they are built rye (the program) and librye-c-dev (for C). Configure with -DRYE_NATIVE=OFF for
 # a program that runs on other machines; one that does not has "native" in the name of its file.
 set(RYE_MAINTAINER "The maintainers of rye" CACHE STRING
     "Who answers for the packages: \"Name <address>\", as Debian wants it")
@@ -16,6 +16,9 @@ set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_COMPONENTS_ALL Unspecified)
 if(RYE_BUILD_PROGRAMS)
   list(APPEND CPACK_COMPONENTS_ALL programs)
+endif()
+if(RYE_BUILD_C)
+  list(APPEND CPACK_COMPONENTS_ALL c)
 endif()
 set(CPACK_COMPONENTS_GROUPING IGNORE)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
@@ -33,9 +36,19 @@ set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION
     "Trainer of head avatars whose eyes can be turned: captures in, images and splat files out.")
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME rye)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SHLIBDEPS ON)
+
+set(CPACK_COMPONENT_C_DESCRIPTION
+    "The interface for C of rye: draws Gaussians and head avatars whose eyes can be turned.")
+set(CPACK_DEBIAN_C_PACKAGE_NAME librye-c-dev)
+set(CPACK_DEBIAN_C_PACKAGE_SECTION libdevel)
+set(CPACK_DEBIAN_C_PACKAGE_SHLIBDEPS ON)
+# The header is one of those of the other package.
+set(CPACK_DEBIAN_C_PACKAGE_DEPENDS "librye-dev (= ${PROJECT_VERSION})")
+
 if(RYE_NATIVE)
   execute_process(COMMAND dpkg --print-architecture OUTPUT_VARIABLE architecture
                   OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
   set(CPACK_DEBIAN_PROGRAMS_FILE_NAME rye_${PROJECT_VERSION}_native_${architecture}.deb)
+  set(CPACK_DEBIAN_C_FILE_NAME librye-c-dev_${PROJECT_VERSION}_native_${architecture}.deb)
 endif()
 include(CPack)

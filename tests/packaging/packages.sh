@@ -18,7 +18,7 @@ headers=$(find "$source/include/rye" -name '*.hpp' | wc -l)
 if command -v dpkg-deb > /dev/null; then
     "$cmake" -S "$source" -B build -G "$generator" -DCMAKE_CXX_COMPILER="$cxx" \
         -DRYE_BUILD_PROGRAMS=OFF -DRYE_BUILD_EXAMPLES=OFF -DRYE_BUILD_TESTS=OFF \
-        -DRYE_BUILD_BENCHMARKS=OFF > configure.txt || { cat configure.txt; exit 1; }
+        -DRYE_BUILD_BENCHMARKS=OFF -DRYE_BUILD_C=OFF > configure.txt || { cat configure.txt; exit 1; }
     (cd build && "$(dirname "$cmake")/cpack" -G DEB > ../cpack.txt) || { cat cpack.txt; exit 1; }
     package=build/librye-dev_${version}_all.deb
     [ -f "$package" ] || fail "no $package"
