@@ -43,10 +43,14 @@ struct TrainOptions {
     std::filesystem::path capture, out, config, perceptual_weights;
     std::string preset = "cpu";
     bool resume = false, overwrite = false, profile = false, quiet = false, print_config = false;
+    bool json = false;
     int threads = 0;
     std::optional<std::string> seed;  // as text: the option parser would accept -3 and 1e23
     std::optional<std::int64_t> steps;
 };
+
+/// Whether standard output stays without progress.
+bool quiet(const TrainOptions& o) { return o.quiet || o.json; }
 
 /// A number of the progress line, by its name in log.jsonl.
 std::string brief(const std::string& name, double value) {
@@ -160,7 +164,7 @@ class Trainer {
             fit_to_landmarks();
             const AvatarSize size = begin_avatar(state_, grid_);
             folder_.save(state_);
-            if (!options_.quiet)
+            if (!quiet(options_))
                 std::cout << "stage 2 begins with " << size.face << " face and " << size.eyes
                           << " eye Gaussians\n";
         }
@@ -195,7 +199,7 @@ class Trainer {
         const Random order = random_.fork(1), views = random_.fork(2);
         if (state_.step == 0) pretrain_mesh(state_);
         MeshStepper stepper(state_);
-        Progress progress("stage 1", total, options_.quiet);
+        Progress progress("stage 1", total, quiet(options_));
         int empty = 0;
         while (state_.step < total) {
             probe_.start();
@@ -235,7 +239,7 @@ class Trainer {
             frames.push_back(mesh_sample(capture_, state_.subject, state_.config, frame, {}));
         const double left = fit_landmarks(state_, frames);
         folder_.log({{"stage", "mesh"}, {"step", state_.step}, {"landmark_rms", left}});
-        if (!options_.quiet)
+        if (!quiet(options_))
             std::cout << brief("landmarks of all frames fitted: landmark_rms", left) << "\n";
     }
 
@@ -276,7 +280,7 @@ class Trainer {
         const Index total = total_steps(g.steps, g.epochs, capture_);
         const Random order = random_.fork(5), views = random_.fork(6), colors = random_.fork(7);
         const std::unique_ptr<AvatarSteps> steps = avatar_steps(state_, options_.perceptual_weights);
-        Progress progress("stage 2", total, options_.quiet);
+        Progress progress("stage 2", total, quiet(options_));
         while (state_.step < total) {
             probe_.start();
             const Index step = state_.step;
@@ -321,15 +325,35 @@ class Trainer {
     int skipped_ = 0;
 
   public:
-    void print_profile() const {
+    /// Parts of a step: name, calls, milliseconds a call, share of the time.
+    Json profile() const {
         double all = 0;
         for (const auto& [name, part] : probe_.parts()) all += part.seconds;
-        std::printf("%-22s %10s %10s %7s\n", "part of a step", "calls", "ms a call", "share");
+        Json parts = Json::array();
         for (const auto& [name, part] : probe_.parts())
-            std::printf("%-22s %10td %10.3f %6.1f%%\n", name.c_str(), part.calls,
-                        1e3 * part.seconds / static_cast<double>(part.calls), 100 * part.seconds / all);
+            parts.push_back({{"part", name},
+                             {"calls", part.calls},
+                             {"ms", 1e3 * part.seconds / static_cast<double>(part.calls)},
+                             {"share", part.seconds / all}});
+        return parts;
+    }
+    Json summary(bool done) const {
+        Json result{{"run", options_.out.string()},
+                    {"done", done},
+                    {"stage", state_.stage == Stage::mesh ? "mesh" : "avatar"},
+                    {"step", state_.step}};
+        if (options_.profile) result["profile"] = profile();
+        return result;
     }
 };
+
+void print_profile(const Json& parts) {
+    std::printf("%-22s %10s %10s %7s\n", "part of a step", "calls", "ms a call", "share");
+    for (const Json& part : parts)
+        std::printf("%-22s %10td %10.3f %6.1f%%\n", part["part"].get<std::string>().c_str(),
+                    part["calls"].get<std::ptrdiff_t>(), part["ms"].get<double>(),
+                    100 * part["share"].get<double>());
+}
 
 /// Applies --steps, within the bounds of the configuration file.
 void take_steps(const TrainOptions& o, TrainConfig& config) {
@@ -428,13 +452,14 @@ int train(const TrainOptions& o) {
     if (config.preset == "paper" && o.perceptual_weights.empty())
         std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
                      "VGG16 term is replaced by one of gradient pyramids\n";
-    if (!o.quiet) std::cout << text_of(size) << "\n";
+    if (!quiet(o)) std::cout << text_of(size) << "\n";
     if (other_frames) trainer.save(); // so that it fits the frames that lie beside it now
     std::signal(SIGINT, request_stop);
     std::signal(SIGTERM, request_stop);
     const bool done = trainer.run();
-    if (o.profile) trainer.print_profile();
-    if (done && !o.quiet)
+    if (o.json) std::cout << trainer.summary(done).dump(2) << "\n";
+    else if (o.profile) print_profile(trainer.profile());
+    if (done && !quiet(o))
         std::cout << "done: " << checkpoint_path(o.out).string() << "\npanels: "
                   << (o.out / "panels").string()
                   << " (truth, final, low resolution, face over white eyeballs, eyes alone)\n";
@@ -466,6 +491,8 @@ void add_train(CLI::App& app) {
     c->add_flag("--resume", options->resume, "Go on from the run's checkpoint, bit for bit");
     c->add_flag("--overwrite", options->overwrite, "Replace a run that is in --out");
     c->add_flag("--profile", options->profile, "Print where a step's time went");
+    c->add_flag("--json", options->json,
+                "Print what was done, and the --profile, as JSON instead of progress");
     c->add_flag("--quiet", options->quiet, "No progress line");
     c->callback([options] {
         const int code = train(*options);
