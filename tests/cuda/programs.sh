@@ -1,0 +1,25 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# programs.sh FLAGS_FILE: compiles the programs for a device, unoptimised, where nvcc is: tests,
+# benchmarks and lesson. So a change that breaks one is seen where there is no device.
+set -eu
+here=$(cd "$(dirname "$0")" && pwd)
+root=$here/../..
+not_compiled="device_programs: skipped, no nvcc is there, so no program for a device was compiled"
+. "$here/../device/find_nvcc.sh"
+includes="-isystem /usr/include/eigen3 $(sed -n 's/^-isystem/-isystem /p' "$1" | tr '\n' ' ')"
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+bad=0
+for source in "$here"/*_device.cu "$root"/benchmarks/cuda/*.cu "$root"/examples/*.cu; do
+    # shellcheck disable=SC2086 # the folders are several words
+    if "$nvcc" -std=c++20 -G -ptx -arch=sm_80 --fmad=false -Werror all-warnings \
+        -diag-suppress 20012,20015 -DEIGEN_DONT_PARALLELIZE -I"$root/include" -I"$root/tests" \
+        -I"$root/benchmarks" $includes -o "$work/program.ptx" "$source" > "$work/log" 2>&1; then
+        echo "compiled ${source##*/}"
+    else
+        cat "$work/log"
+        bad=1
+    fi
+done
+exit $bad
