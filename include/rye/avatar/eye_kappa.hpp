@@ -6,6 +6,7 @@
 
 #include <rye/autodiff/dual.hpp>
 #include <rye/avatar/drivers.hpp>
+#include <rye/avatar/head_pose.hpp>
 #include <rye/math/rotation.hpp>
 
 namespace rye {
@@ -22,6 +23,12 @@ template <class T>
 struct TurnCotangent {
     Mat3<T> rotation = Mat3<T>::Zero();
     Quat<T> quaternion = Quat<T>::Zero();
+
+    /// Adds those of one point and its rotation.
+    RYE_HD void add(const MovedPoint<T>& at_rest, const MovedPoint<T>& g) {
+        rotation += g.mean * at_rest.mean.transpose();
+        quaternion += quat_product_vjp_left<T>(at_rest.rotation, g.rotation);
+    }
 };
 
 /// From those of its turned points and rotations.
@@ -29,10 +36,8 @@ template <class T>
 TurnCotangent<T> turn_cotangent(const Columns<T>& points, const Columns<T>& rotations,
                                 const Columns<T>& g_points, const Columns<T>& g_rotations) {
     TurnCotangent<T> sum;
-    for (Index i = 0; i < points.cols(); ++i) {
-        sum.rotation += g_points.col(i) * points.col(i).transpose();
-        sum.quaternion += quat_product_vjp_left<T>(rotations.col(i), g_rotations.col(i));
-    }
+    for (Index i = 0; i < points.cols(); ++i)
+        sum.add({points.col(i), rotations.col(i)}, {g_points.col(i), g_rotations.col(i)});
     return sum;
 }
 
@@ -45,24 +50,44 @@ struct OpticalCotangent {
     const VecX<T>* code;
 };
 
+/// The optical axis and the turn to it, with their derivatives by (pitch, yaw) of kappa.
+template <class T>
+struct KappaTangent {
+    using D = Dual<T, 2>;
+    Vec3<D> optical;
+    Quat<D> turn;
+    Mat3<D> matrix;
+
+    RYE_HD KappaTangent(const Vec3<T>& visual, const KappaAngles<T>& kappa)
+        : optical(apply_kappa<D>(
+              Vec3<D>(D(visual[0]), D(visual[1]), D(visual[2])),
+              KappaAngles<D>{D::variable(kappa.pitch, 0), D::variable(kappa.yaw, 1)})),
+          turn(shortest_arc<D>(Vec3<D>(D(0), D(0), D(1)), normalized(optical))),
+          matrix(quat_matrix(turn)) {}
+
+    /// The turn's part of the cotangent of an angle, 0 or 1.
+    RYE_HD T of_turn(const TurnCotangent<T>& g, std::size_t angle) const {
+        T s = T(0);
+        for (Index i = 0; i < 9; ++i)
+            s += g.rotation(i / 3, i % 3) * matrix(i / 3, i % 3).d[angle];
+        for (Index i = 0; i < 4; ++i) s += g.quaternion(i) * turn(i).d[angle];
+        return s;
+    }
+};
+
 /// The cotangent of (pitch, yaw) of kappa.
 template <Encoding C = PositionalEncoding, class T>
 Vec2<T> kappa_vjp(const AvatarConfig& config, const Vec3<T>& visual, const KappaAngles<T>& kappa,
                   const std::type_identity_t<OpticalCotangent<T>>& g) {
-    using D = Dual<T, 2>;
-    const KappaAngles<D> k{D::variable(kappa.pitch, 0), D::variable(kappa.yaw, 1)};
-    const Vec3<D> optical = apply_kappa<D>(visual.template cast<D>(), k);
-    const Quat<D> turn = shortest_arc<D>(Vec3<D>(D(0), D(0), D(1)), normalized(optical));
-    const Mat3<D> r = quat_matrix(turn);
-    const Columns<D> code = C::encode(pitch_yaw(optical), config.gaze_frequencies);
+    const KappaTangent<T> tangent(visual, kappa);
+    const Columns<Dual<T, 2>> code =
+        C::encode(pitch_yaw(tangent.optical), config.gaze_frequencies);
     Vec2<T> sum;
     for (std::size_t a = 0; a < 2; ++a) {
-        T s = T(0);
-        for (Index i = 0; i < 9; ++i) s += g.turn.rotation(i / 3, i % 3) * r(i / 3, i % 3).d[a];
-        for (Index i = 0; i < 4; ++i) s += g.turn.quaternion(i) * turn(i).d[a];
+        T s = tangent.of_turn(g.turn, a);
         if (g.code != nullptr)
             for (Index i = 0; i < g.code->size(); ++i) s += (*g.code)(i) * code(i, 0).d[a];
-        for (int i = 0; i < 3; ++i) s += g.axis[i] * optical[i].d[a];
+        for (int i = 0; i < 3; ++i) s += g.axis[i] * tangent.optical[i].d[a];
         sum[static_cast<Index>(a)] = s;
     }
     return sum;

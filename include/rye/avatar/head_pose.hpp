@@ -22,6 +22,13 @@ struct HeadTransform {
     T scale;
 };
 
+/// The transform of a pose (axis-angle, translation) and a scale.
+template <class T>
+RYE_HD HeadTransform<T> head_transform(const Vec<T, 6>& pose, const T& scale) {
+    const Mat3<T> rotation = so3_exp(Vec3<T>(pose[0], pose[1], pose[2]));
+    return {rotation, matrix_quat(rotation), Vec3<T>(pose[3], pose[4], pose[5]), scale};
+}
+
 /// The head's transform of an avatar that has one.
 template <class T, EffectSet E = PaperEffects>
 using HeadSlot = Slot<E, HeadPose, HeadTransform<T>>;
@@ -30,8 +37,14 @@ using HeadSlot = Slot<E, HeadPose, HeadTransform<T>>;
 template <class T, EffectSet E>
     requires has_effect<E, HeadPose>
 HeadTransform<T> head_transform(const Drivers<T, E>& drivers) {
-    const Mat3<T> rotation = so3_exp(Vec3<T>(drivers.pose.template head<3>()));
-    return {rotation, matrix_quat(rotation), drivers.pose.template tail<3>(), drivers.scale};
+    return head_transform<T>(drivers.pose, drivers.scale);
+}
+
+/// One Gaussian's mean in the world; `scaled`: the head's scale times its rotation.
+template <class T>
+RYE_HD Vec3<T> mean_to_world(const HeadTransform<T>& head, const Mat3<T>& scaled,
+                             const Vec3<T>& mean) {
+    return scaled * mean + head.translation;
 }
 
 /// Moves the first N means and rotations to the world, in place, and sets their scales there from
@@ -44,12 +57,19 @@ void to_world(const B& backend, const HeadTransform<T>& head, const Columns<T>& 
         for (Index i = b; i < e; ++i) {
             const Vec3<T> x = g.mean.col(i);
             const Vec4<T> q = g.rotation.col(i);
-            g.mean.col(i) = sr * x + head.translation;
+            g.mean.col(i) = mean_to_world(head, sr, x);
             g.rotation.col(i) = quat_product<T>(head.quaternion, q);
         }
         g.scale.middleCols(b, e - b) = scale.middleCols(b, e - b) * head.scale;
     });
 }
+
+/// What the head's motion moves of a Gaussian.
+template <class T>
+struct MovedPoint {
+    Vec3<T> mean;
+    Vec4<T> rotation;
+};
 
 /// Cotangents of a HeadTransform's parts.
 template <class T>
@@ -64,6 +84,18 @@ struct HeadTransformGradient {
         translation += b.translation;
         return *this;
     }
+    /// Adds one Gaussian's, whose cotangents it takes from the world into the head's frame.
+    RYE_HD void add(const HeadTransform<T>& head, const MovedPoint<T>& world, MovedPoint<T>& g) {
+        const Vec3<T> gx = g.mean;
+        const Vec3<T> centred = world.mean - head.translation;
+        const Vec3<T> scaled = head.rotation.transpose() * centred; // S x
+        rotation += gx * scaled.transpose();
+        translation += gx;
+        const Vec4<T> q = quat_product<T>(quat_conjugate<T>(head.quaternion), world.rotation);
+        quaternion += quat_product_vjp_left<T>(q, g.rotation);
+        g.rotation = quat_product_vjp_right<T>(head.quaternion, g.rotation);
+        g.mean = head.scale * (head.rotation.transpose() * gx);
+    }
 };
 
 /// Turns the range's world cotangents in `g` into head-frame ones, in place. Returns the cotangent
@@ -72,21 +104,14 @@ template <class T, Backend B>
 HeadTransformGradient<T> to_world_vjp(const B& backend, const HeadTransform<T>& head,
                                       const Gaussians<T>& world, ColumnRange range,
                                       Gaussians<T>& g) {
-    const Vec4<T> conjugate = quat_conjugate<T>(head.quaternion);
     return sum_chunks(backend.threads, range.count, 4096, HeadTransformGradient<T>{},
                       [&](Index b, Index e) {
                           HeadTransformGradient<T> sum;
                           for (Index i = range.begin + b; i < range.begin + e; ++i) {
-                              const Vec3<T> gx = g.mean.col(i);
-                              const Vec4<T> gq = g.rotation.col(i);
-                              const Vec3<T> centred = world.mean.col(i) - head.translation;
-                              const Vec3<T> scaled = head.rotation.transpose() * centred; // S x
-                              sum.rotation += gx * scaled.transpose();
-                              sum.translation += gx;
-                              const Vec4<T> q = quat_product<T>(conjugate, world.rotation.col(i));
-                              g.rotation.col(i) = quat_product_vjp_right<T>(head.quaternion, gq);
-                              sum.quaternion += quat_product_vjp_left<T>(q, gq);
-                              g.mean.col(i) = head.scale * (head.rotation.transpose() * gx);
+                              MovedPoint<T> own{g.mean.col(i), g.rotation.col(i)};
+                              sum.add(head, {world.mean.col(i), world.rotation.col(i)}, own);
+                              g.mean.col(i) = own.mean;
+                              g.rotation.col(i) = own.rotation;
                           }
                           g.scale.middleCols(range.begin + b, e - b) *= head.scale;
                           return sum;
@@ -94,12 +119,11 @@ HeadTransformGradient<T> to_world_vjp(const B& backend, const HeadTransform<T>& 
 }
 
 /// Cotangent of pose from that of the transform: the Jacobian of the exponential map by duals.
-template <class T, EffectSet E>
-    requires has_effect<E, HeadPose>
-Vec<T, 6> head_pose_vjp(const Drivers<T, E>& drivers, const HeadTransformGradient<T>& g) {
+template <class T>
+RYE_HD Vec<T, 6> head_pose_vjp(const Vec<T, 6>& pose, const HeadTransformGradient<T>& g) {
     using D = Dual<T, 3>;
     Vec3<D> w;
-    for (int i = 0; i < 3; ++i) w(i) = D::variable(drivers.pose(i), i);
+    for (int i = 0; i < 3; ++i) w(i) = D::variable(pose(i), static_cast<std::size_t>(i));
     const Mat3<D> r = so3_exp(w);
     const Vec4<D> q = matrix_quat(r);
     Vec<T, 6> g_pose;
@@ -110,8 +134,14 @@ Vec<T, 6> head_pose_vjp(const Drivers<T, E>& drivers, const HeadTransformGradien
         for (int i = 0; i < 4; ++i) sum += g.quaternion(i) * q(i).d[kk];
         g_pose(k) = sum;
     }
-    g_pose.template tail<3>() = g.translation;
+    for (int k = 0; k < 3; ++k) g_pose(3 + k) = g.translation(k);
     return g_pose;
+}
+/// The same, of drivers.
+template <class T, EffectSet E>
+    requires has_effect<E, HeadPose>
+Vec<T, 6> head_pose_vjp(const Drivers<T, E>& drivers, const HeadTransformGradient<T>& g) {
+    return head_pose_vjp<T>(drivers.pose, g);
 }
 
 } // namespace rye

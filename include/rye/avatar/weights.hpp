@@ -123,7 +123,8 @@ void set_weights_vjp(const B& backend, const std::type_identity_t<LandmarkRamp<T
                 const T slope = metric.slope(ramp, trace.squared(0, i));
                 if (slope == T(0)) continue;
                 const Index k = trace.nearest[static_cast<std::size_t>(i)];
-                const Vec3<T> d = (T(2) * g_lambda * slope) * (points.col(i) - landmarks.col(k));
+                const Vec3<T> d =
+                    influence_pull<T>(g_lambda * slope, points.col(i) - landmarks.col(k));
                 g_points.col(i) += d;
                 if (g_landmarks != nullptr) g_landmarks->col(k) -= d;
             }

@@ -100,6 +100,14 @@ RYE_HD T influence_slope(const M& metric, const Ramp<T>& ramp, const T& squared)
     return metric.slope(ramp, squared);
 }
 
+/// Cotangent of a point, given that of its influence times the slope there, and the point's place
+/// from its nearest landmark; the landmark's is the opposite.
+template <Scalar T>
+RYE_HD Vec3<T> influence_pull(const T& g_squared, const Vec3<T>& from_landmark) {
+    const T twice = T(2) * g_squared;
+    return Vec3<T>(twice * from_landmark[0], twice * from_landmark[1], twice * from_landmark[2]);
+}
+
 /// Weights, 1 x N, at squared distances, 1 x N. lambda_pose is the complement, 1 minus the weight.
 template <InfluenceMetric M, Scalar T>
 Columns<T> influence(const M& metric, const Ramp<T>& ramp, const Columns<T>& squared) {

@@ -17,6 +17,22 @@
 
 namespace rye {
 
+/// The nearest of the landmarks that were offered, the first one of a tie.
+template <class T>
+struct NearestSoFar {
+    T squared = constant<T>(Limits<double>::infinity); ///< distance
+    Index which = -1;                                  ///< none
+
+    /// A landmark, by the differences of its coordinates from the point's.
+    RYE_HD void offer(const T& a, const T& b, const T& c, Index k) {
+        const T d = a * a + b * b + c * c;
+        if (d < squared) {
+            squared = d;
+            which = k;
+        }
+    }
+};
+
 namespace detail {
 
 /// Destination of distances and, unless null, indices, one per point.
@@ -93,18 +109,12 @@ Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& poin
                                                 {squared.data(), indices});
         } else {
             for (Index i = begin; i < end; ++i) {
-                T best = constant<T>(std::numeric_limits<double>::infinity());
-                for (Index k = 0; k < landmarks.cols(); ++k) {
-                    const T a = points(0, i) - landmarks(0, k);
-                    const T b = points(1, i) - landmarks(1, k);
-                    const T c = points(2, i) - landmarks(2, k);
-                    const T d = a * a + b * b + c * c;
-                    if (d < best) {
-                        best = d;
-                        if (indices) indices[i] = k;
-                    }
-                }
-                squared(0, i) = best;
+                NearestSoFar<T> best;
+                for (Index k = 0; k < landmarks.cols(); ++k)
+                    best.offer(points(0, i) - landmarks(0, k), points(1, i) - landmarks(1, k),
+                               points(2, i) - landmarks(2, k), k);
+                if (indices) indices[i] = best.which;
+                squared(0, i) = best.squared;
             }
         }
     });
