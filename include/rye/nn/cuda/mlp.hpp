@@ -23,11 +23,39 @@ struct DeviceMlpParameters {
     std::vector<DeviceColumns<float>> weight, bias;
 };
 
+/// The arrays of a network of the host in device memory; `of` gives an array's, as Resident::of.
+template <class A, class Of>
+DeviceMlpParameters device_parameters(const Mlp<float, A>& m, const Of& of) {
+    DeviceMlpParameters p;
+    for (std::size_t l = 0; l < m.weight.size(); ++l) {
+        p.weight.push_back(of(m.weight[l]));
+        p.bias.push_back(of(m.bias[l]));
+    }
+    return p;
+}
+
+/// Points that pass a network: all columns of an array, or those that a list in device memory
+/// names, of which there is room for `room`.
+struct DeviceMlpPoints {
+    DeviceColumns<const float> inputs; ///< point inputs x N
+    DevicePoints of = {};
+    Index room = inputs.cols;
+};
+
 /// Destinations of gradients; null pointers skip one.
 struct DeviceMlpGradient {
     DeviceMlpParameters params;       ///< added to
-    DeviceColumns<float> points = {}; ///< overwritten, point inputs x N
-    float* frame = nullptr;           ///< overwritten, frame inputs
+    DeviceColumns<float> points = {}; ///< point inputs x N, of points that passed
+    float* frame = nullptr;           ///< frame inputs
+    bool add = false;                 ///< to `points` and `frame`, which else are overwritten
+};
+
+/// Memory that a vjp needs while it runs. Networks of one stream may share it.
+struct DeviceMlpScratch {
+    DeviceBuffer<std::uint16_t> cotangents;
+    DeviceBuffer<float> partial;
+
+    std::size_t bytes() const { return cotangents.bytes() + partial.bytes(); }
 };
 
 /// A network in device memory with its forward pass and vjp, on the stream of each call.
@@ -47,19 +75,24 @@ class DeviceMlp {
             within("width of layer " + std::to_string(l), shape.layer_out(l), Tiles::width);
     }
 
+    DeviceMlp(const DeviceMlp&) = delete;
+    DeviceMlp& operator=(const DeviceMlp&) = delete;
+
     const MlpShape& shape() const { return shape_; }
+
+    /// Vjps take their memory there; it must live as long as the network.
+    void share(DeviceMlpScratch& scratch) { scratch_ = &scratch; }
 
     /// Takes weights and biases, with frame inputs of the given values (null if there are none).
     void set(const CudaQueue& queue, const DeviceMlpParameters& p, const float* frame) {
         check(p);
         parameters_ = p;
-        frame_ = frame;
         const int count = shape_.layers(), inputs = shape_.point_inputs();
         Index words = 0, biases = 0;
         for (int l = 0; l < count; ++l) {
             const int out = shape_.layer_out(l), hidden = shape_.hidden_in(l);
-            words += 2 * MlpPackKernel::words(hidden, out, Tiles::N);
-            if (shape_.reads_input(l)) words += 2 * MlpPackKernel::words(inputs, out, Tiles::N);
+            words += 2 * MlpPackJob::words(hidden, out, Tiles::N);
+            if (shape_.reads_input(l)) words += 2 * MlpPackJob::words(inputs, out, Tiles::N);
             biases += out;
         }
         packed_.reserve(queue, static_cast<std::size_t>(words) + 1);
@@ -68,6 +101,8 @@ class DeviceMlp {
         float* bias = numbers_.data();
         network_.layers = count;
         network_.inputs = inputs;
+        MlpPackKernel pack{};
+        pack.planes = Tiles::N;
         for (int l = 0; l < count; ++l) {
             const auto i = static_cast<std::size_t>(l);
             const int out = shape_.layer_out(l), hidden = shape_.hidden_in(l);
@@ -76,85 +111,97 @@ class DeviceMlp {
                 hidden,  out,    shape_.reads_input(l), nullptr, nullptr, nullptr, nullptr, bias,
                 nullptr, nullptr};
             const float* const w = p.weight[i].data;
-            const auto pack = [&](const std::uint32_t*& to, const float* from, int k, int n,
-                                  Index k_apart, Index n_apart) {
-                const MlpPackKernel kernel{from, k_apart, n_apart, k, n, Tiles::N, word};
-                device_.launch(queue, kernel.blocks_of(), kernel);
-                to = word;
-                word += MlpPackKernel::words(k, n, Tiles::N);
+            const auto operand = [&](const float* from, int k, int n, Index k_apart,
+                                     Index n_apart) {
+                return pack.add({from, k_apart, n_apart, k, n, nullptr, 0}, word);
             };
-            pack(layer.hidden_to_out, w, hidden, out, out, 1);
-            pack(layer.out_to_hidden, w, out, hidden, 1, out);
+            layer.hidden_to_out = operand(w, hidden, out, out, 1);
+            layer.out_to_hidden = operand(w, out, hidden, 1, out);
             const float* const of_input = w + Index(hidden) * out;
             if (layer.takes_input) {
-                pack(layer.input_to_out, of_input, inputs, out, out, 1);
-                pack(layer.out_to_input, of_input, out, inputs, 1, out);
+                layer.input_to_out = operand(of_input, inputs, out, out, 1);
+                layer.out_to_input = operand(of_input, out, inputs, 1, out);
             }
-            const MlpBiasKernel kernel{p.bias[i].data,
-                                       of_input + Index(inputs) * out,
-                                       frame,
-                                       out,
-                                       layer.takes_input ? shape_.frame_inputs : 0,
-                                       bias};
-            device_.launch(queue, kernel.blocks_of(), kernel);
             bias += out;
         }
+        device_.launch(queue, pack.all, pack);
+        set_frame(queue, frame);
     }
 
-    /// out (outputs x N) of points (point inputs x N), before any output activation. `keep`: what
-    /// a vjp reads.
+    /// Other frame inputs for the weights and biases that were taken.
+    void set_frame(const CudaQueue& queue, const float* frame) {
+        frame_ = frame;
+        MlpBiasKernel biases{};
+        biases.frame = frame;
+        float* bias = numbers_.data();
+        for (int l = 0; l < network_.layers; ++l) {
+            const auto i = static_cast<std::size_t>(l);
+            const DeviceMlpLayer& layer = network_.layer[l];
+            biases.add(
+                {parameters_.bias[i].data,
+                 parameters_.weight[i].data + Index(layer.hidden + network_.inputs) * layer.out,
+                 layer.out, layer.takes_input ? shape_.frame_inputs : 0, bias, 0});
+            bias += layer.out;
+        }
+        device_.launch(queue, biases.all, biases);
+    }
+
+    /// out (outputs x room) of points, before any output activation. `keep`: what a vjp reads.
+    void forward_into(const CudaQueue& queue, const DeviceMlpPoints& points,
+                      const DeviceColumns<float>& out, bool keep = true) {
+        const Index room = points.room;
+        shaped("points", points.inputs.rows, room, shape_.point_inputs(), room);
+        shaped("outputs", out.rows, out.cols, shape_.outputs(), room);
+        require(static_cast<std::uint64_t>(rye::max(room, points.inputs.cols)) *
+                        static_cast<std::uint64_t>(rye::max(Tiles::width, Tiles::inputs)) <
+                    std::uint64_t(1) << 32U,
+                "DeviceMlp",
+                "number of points is " + std::to_string(rye::max(room, points.inputs.cols)) +
+                    ", 2^32 numbers of a layer are the most");
+        network_.points = static_cast<std::uint32_t>(room);
+        network_.of = points.of;
+        if (keep) place(queue);
+        device_.launch(queue, blocks(),
+                       MlpForwardKernel<Tiles, A>{network_, points.inputs, out, keep});
+    }
+    /// Of all columns.
     void forward_into(const CudaQueue& queue, const DeviceColumns<const float>& points,
                       const DeviceColumns<float>& out, bool keep = true) {
-        shaped("points", points.rows, points.cols, shape_.point_inputs(), points.cols);
-        shaped("outputs", out.rows, out.cols, shape_.outputs(), points.cols);
-        require(static_cast<std::uint64_t>(points.cols) * Tiles::width < std::uint64_t(1) << 32U,
-                "DeviceMlp",
-                "number of points is " + std::to_string(points.cols) +
-                    ", 2^32 numbers of a layer are the most");
-        network_.points = static_cast<std::uint32_t>(points.cols);
-        if (keep) place(queue);
-        device_.launch(queue, blocks(), MlpForwardKernel<Tiles, A>{network_, points, out, keep});
+        forward_into(queue, DeviceMlpPoints{points}, out, keep);
     }
 
-    /// Gradients for the cotangent g_out (outputs x N) of the last forward pass, which kept what
-    /// is read here.
+    /// Gradients for the cotangent g_out (outputs x room) of the last forward pass, which kept
+    /// what is read here.
     void vjp_into(const CudaQueue& queue, const DeviceColumns<const float>& g_out,
                   const DeviceMlpGradient& g) {
         const Index n = network_.points;
         check(g.params);
         shaped("cotangents", g_out.rows, g_out.cols, shape_.outputs(), n);
         if (g.points.data != nullptr)
-            shaped("gradient of points", g.points.rows, g.points.cols, shape_.point_inputs(), n);
-        device_.launch(queue, blocks(), MlpReverseKernel<Tiles, A>{network_, g_out, g.points});
+            shaped("gradient of points", g.points.rows, network_.of.which ? n : g.points.cols,
+                   shape_.point_inputs(), n);
+        place_cotangents(queue);
+        device_.launch(queue, blocks(),
+                       MlpReverseKernel<Tiles, A>{network_, g_out, g.points, g.add});
         using Weights = MlpWeightKernel<Tiles::N>;
-        bool again = false;
+        bool again = g.add;
         float* sum = numbers_.data();
         for (int l = 0; l < network_.layers; ++l) sum += network_.layer[l].out;
         for (int l = 0; l < network_.layers; ++l) {
             const auto i = static_cast<std::size_t>(l);
             const DeviceMlpLayer& layer = network_.layer[l];
             const MlpColumns columns{layer.hidden, layer.takes_input ? network_.inputs : 0};
-            partial_.reserve(queue, std::size_t(Weights::slices) *
-                                        static_cast<std::size_t>(columns.all()) *
-                                        static_cast<std::size_t>(padded_16(layer.out)));
-            const Weights weights{columns,
-                                  layer.out,
-                                  network_.points,
-                                  layer.cotangent,
-                                  l > 0 ? network_.layer[l - 1].activated : nullptr,
-                                  network_.input,
-                                  partial_.data()};
+            float* const partial = scratch_->partial.data();
+            const Weights weights{
+                columns,        layer.out,       network_.points,
+                network_.of,    layer.cotangent, l > 0 ? network_.layer[l - 1].activated : nullptr,
+                network_.input, partial};
             device_.launch(queue, weights.blocks_of(), weights);
             const int of_frame = layer.takes_input ? shape_.frame_inputs : 0;
-            const MlpMergeKernel merge{columns,
-                                       layer.out,
-                                       Weights::slices,
-                                       of_frame,
-                                       partial_.data(),
-                                       frame_,
-                                       g.params.weight[i].data,
-                                       g.params.bias[i].data,
-                                       sum};
+            const MlpMergeKernel merge{
+                columns, layer.out, Weights::slices,         of_frame,
+                partial, frame_,    g.params.weight[i].data, g.params.bias[i].data,
+                sum};
             device_.launch(queue, merge.blocks_of(), merge);
             if (g.frame != nullptr && of_frame > 0) {
                 const Index before = Index(layer.hidden + network_.inputs) * layer.out;
@@ -167,35 +214,45 @@ class DeviceMlp {
         }
     }
 
-    /// Memory that is held [bytes].
+    /// Memory that is held, without what is shared [bytes].
     std::size_t bytes() const {
-        return packed_.bytes() + numbers_.bytes() + kept_.bytes() + partial_.bytes();
+        return packed_.bytes() + numbers_.bytes() + kept_.bytes() + own_scratch_.bytes();
     }
 
   private:
     Index blocks() const { return (Index(network_.points) + Tiles::points - 1) / Tiles::points; }
+    /// Numbers of a layer's outputs for all points, in planes.
+    std::size_t halves(int width) const {
+        return std::size_t(Tiles::N) * network_.points * static_cast<std::size_t>(padded_16(width));
+    }
     void place(const CudaQueue& queue) {
-        const std::size_t n = network_.points;
-        std::size_t halves =
-            std::size_t(Tiles::N) * n * static_cast<std::size_t>(padded_16(network_.inputs));
-        const auto of = [&](int l) {
-            return std::size_t(Tiles::N) * n *
-                   static_cast<std::size_t>(padded_16(network_.layer[l].out));
-        };
-        for (int l = 0; l < network_.layers; ++l)
-            halves += (l + 1 < network_.layers ? 2 : 1) * of(l);
-        kept_.reserve(queue, halves + 8);
+        std::size_t all = halves(network_.inputs);
+        for (int l = 0; l + 1 < network_.layers; ++l) all += halves(network_.layer[l].out);
+        kept_.reserve(queue, all + 8);
         std::uint16_t* at = kept_.data();
-        const auto next = [&](std::size_t size) {
-            std::uint16_t* const own = at;
-            at += size;
-            return own;
-        };
-        network_.input =
-            next(std::size_t(Tiles::N) * n * static_cast<std::size_t>(padded_16(network_.inputs)));
+        network_.input = at;
+        at += halves(network_.inputs);
+        for (int l = 0; l + 1 < network_.layers; ++l) {
+            network_.layer[l].activated = at;
+            at += halves(network_.layer[l].out);
+        }
+    }
+    void place_cotangents(const CudaQueue& queue) {
+        std::size_t all = 0, partial = 0;
         for (int l = 0; l < network_.layers; ++l) {
-            network_.layer[l].cotangent = next(of(l));
-            network_.layer[l].activated = l + 1 < network_.layers ? next(of(l)) : nullptr;
+            const DeviceMlpLayer& layer = network_.layer[l];
+            const MlpColumns columns{layer.hidden, layer.takes_input ? network_.inputs : 0};
+            all += halves(layer.out);
+            partial = rye::max(partial, std::size_t(MlpWeightKernel<Tiles::N>::slices) *
+                                            static_cast<std::size_t>(columns.all()) *
+                                            static_cast<std::size_t>(padded_16(layer.out)));
+        }
+        scratch_->cotangents.reserve(queue, all + 8);
+        scratch_->partial.reserve(queue, partial + 1);
+        std::uint16_t* at = scratch_->cotangents.data();
+        for (int l = 0; l < network_.layers; ++l) {
+            network_.layer[l].cotangent = at;
+            at += halves(network_.layer[l].out);
         }
     }
     void check(const DeviceMlpParameters& p) const {
@@ -224,9 +281,10 @@ class DeviceMlp {
     const float* frame_ = nullptr;
     DeviceMlpNetwork network_{};
     DeviceBuffer<std::uint32_t> packed_;
-    DeviceBuffer<float> numbers_; ///< biases, then sums of cotangents
-    DeviceBuffer<std::uint16_t> kept_;
-    DeviceBuffer<float> partial_;
+    DeviceBuffer<float> numbers_;      ///< biases, then sums of cotangents
+    DeviceBuffer<std::uint16_t> kept_; ///< inputs, and outputs of hidden layers
+    DeviceMlpScratch own_scratch_;
+    DeviceMlpScratch* scratch_ = &own_scratch_;
 };
 
 } // namespace rye

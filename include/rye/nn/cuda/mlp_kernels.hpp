@@ -113,9 +113,12 @@ struct MlpForwardKernel {
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         using W = typename Block::Warp;
         const auto first = static_cast<std::uint32_t>(block.index()) * Tiles::points;
+        const std::uint32_t count = network.of.among(network.points);
+        if (first >= count) return;
         const int inputs = padded_16(network.inputs);
+        const PointRows rows{points, count, network.of.which};
         block.each_warp(
-            [&](int w) { shared.input.template load<W>(points, first, inputs, w, Tiles::warps); });
+            [&](int w) { shared.input.template load<W>(rows, first, inputs, w, Tiles::warps); });
         if (keep)
             block.each_thread([&](int t) {
                 shared.input.store(network.input, first, network.points, inputs, t, threads);
@@ -133,7 +136,7 @@ struct MlpForwardKernel {
             const bool last = l + 1 == network.layers;
             block.each_warp([&](int w) {
                 if (last)
-                    finish(sums[w], layer, first, w);
+                    finish(sums[w], layer, {first, count}, w);
                 else
                     activate<W>(shared, sums[w], layer, w);
             });
@@ -146,6 +149,9 @@ struct MlpForwardKernel {
     }
 
   private:
+    struct Rows {
+        std::uint32_t first, end; ///< points
+    };
     template <class W>
     RYE_DEVICE static void activate(Shared& shared, const MlpSums<W, Tiles>& sums,
                                     const DeviceMlpLayer& layer, int w) {
@@ -163,14 +169,14 @@ struct MlpForwardKernel {
     }
     template <class W>
     RYE_DEVICE void finish(const MlpSums<W, Tiles>& sums, const DeviceMlpLayer& layer,
-                           std::uint32_t first, int w) const {
+                           const Rows& of, int w) const {
         using F = typename W::F;
         using U = typename W::U;
         const U rows(static_cast<std::uint32_t>(layer.out));
         sums.each_pair(layer.out, w, [&](const U& row, const U& column, const F& a, const F& b) {
-            const U point = U(first) + row;
+            const U point = U(of.first) + row;
             const auto one = [&](const F& x, const U& c) {
-                const auto there = c < rows && point < U(network.points);
+                const auto there = c < rows && point < U(of.end);
                 W::write_where(there, out.data, point * rows + c,
                                F(x + W::read_where(c < rows, layer.bias, c, 0.0F)));
             };
@@ -190,18 +196,22 @@ struct MlpReverseKernel {
     };
     DeviceMlpNetwork network;
     DeviceColumns<const float> g_out; ///< outputs x N
-    DeviceColumns<float> g_points;    ///< inputs x N, or null
+    DeviceColumns<float> g_points;    ///< inputs x N, at the points' columns, or null
+    bool add;                         ///< to g_points
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         using W = typename Block::Warp;
         const auto first = static_cast<std::uint32_t>(block.index()) * Tiles::points;
+        const std::uint32_t count = network.of.among(network.points);
+        if (first >= count) return;
         block.each_warp([&](int w) {
-            shared.cotangent.template load<W>(g_out, first, padded_16(static_cast<int>(g_out.rows)),
-                                              w, Tiles::warps);
+            shared.cotangent.template load<W>(PointRows{g_out, count}, first,
+                                              padded_16(static_cast<int>(g_out.rows)), w,
+                                              Tiles::warps);
         });
         auto sums = block.template of_warps<MlpSums<W, Tiles>>();
-        bool again = false; // a layer above has written g_points
+        bool again = add; // a layer above has written g_points
         for (int l = network.layers - 1; l >= 0; --l) {
             const DeviceMlpLayer& layer = network.layer[l];
             block.each_thread([&](int t) {
@@ -237,9 +247,13 @@ struct MlpReverseKernel {
         sums.each_pair(network.inputs, w,
                        [&](const U& row, const U& column, const F& a, const F& b) {
                            const U point = U(first) + row;
+                           const auto inside = point < U(network.of.among(network.points));
+                           U to = point;
+                           if (network.of.which != nullptr)
+                               to = W::read(network.of.which, select(inside, point, U(0)));
                            const auto one = [&](const F& x, const U& c) {
-                               const auto there = c < rows && point < U(network.points);
-                               const U at = point * rows + c;
+                               const auto there = c < rows && inside;
+                               const U at = to * rows + c;
                                F y = x;
                                if (again) y = y + W::read_where(there, g_points.data, at, 0.0F);
                                W::write_where(there, g_points.data, at, y);
@@ -258,7 +272,7 @@ struct MlpReverseKernel {
         const U most(static_cast<std::uint32_t>(hidden));
         sums.each_pair(hidden, w, [&](const U& row, const U& column, const F& a, const F& b) {
             const U point = U(first) + row;
-            const auto there = point < U(network.points);
+            const auto there = point < U(network.of.among(network.points));
             F low(0.0F), high(0.0F);
             expanded<Tiles::N>([&](auto p) {
                 const auto* const plane = reinterpret_cast<const std::uint32_t*>(

@@ -29,43 +29,77 @@ struct DeviceMlpLayer {
     std::uint16_t* cotangent; ///< of the outputs, likewise
 };
 
+/// Points of which the device alone knows how many there are: columns of arrays that have more.
+struct DevicePoints {
+    const std::uint32_t* which = nullptr; ///< column of each, or null: the first ones
+    const std::uint32_t* count = nullptr; ///< or null: all that there is room for
+
+    RYE_DEVICE std::uint32_t among(std::uint32_t room) const {
+        return count != nullptr ? rye::min(*count, room) : room;
+    }
+    RYE_DEVICE std::uint32_t column(std::uint32_t k) const {
+        return which != nullptr ? which[k] : k;
+    }
+};
+
 /// A network as kernels take it: its layers, and rows of points.
 struct DeviceMlpNetwork {
     static constexpr int most_layers = 8;
     DeviceMlpLayer layer[most_layers];
-    int layers, inputs; ///< inputs of points, without those of the frame
-    std::uint32_t points;
+    int layers, inputs;   ///< inputs of points, without those of the frame
+    std::uint32_t points; ///< that there is room for
+    DevicePoints of;
     std::uint16_t* input; ///< planes x points x padded_16(inputs)
 };
 
-/// Element (k, n) of an operand is from[k * k_apart + n * n_apart].
-struct MlpPackKernel {
-    static constexpr const char* name = "network's operands";
-    static constexpr int threads = 128, blocks = 8;
-    struct Shared {};
+/// An operand, whose element (k, n) is from[k * k_apart + n * n_apart].
+struct MlpPackJob {
     const float* from;
     Index k_apart, n_apart;
-    int k_count, n_count, planes;
+    int k_count, n_count;
     std::uint32_t* to;
+    int first; ///< block
 
     static Index words(int k_count, int n_count, int planes) {
         return Index(padded_16(k_count)) * padded_16(n_count) / 2 * planes;
     }
-    Index blocks_of() const { return (words(k_count, n_count, 1) + threads - 1) / threads; }
+};
+
+/// All operands of a network.
+struct MlpPackKernel {
+    static constexpr const char* name = "network's operands";
+    static constexpr int threads = 128, blocks = 8;
+    struct Shared {};
+    MlpPackJob job[4 * DeviceMlpNetwork::most_layers];
+    int jobs, planes;
+    Index all; ///< blocks
+
+    /// Returns where the operand lies, and moves `word` behind it.
+    const std::uint32_t* add(const MlpPackJob& of, std::uint32_t*& word) {
+        MlpPackJob& own = job[jobs++] = of;
+        own.to = word;
+        own.first = static_cast<int>(all);
+        all += (MlpPackJob::words(of.k_count, of.n_count, 1) + threads - 1) / threads;
+        word += MlpPackJob::words(of.k_count, of.n_count, planes);
+        return own.to;
+    }
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
-        const int columns = padded_16(n_count) / 8;
-        const int words = padded_16(k_count) / 16 * columns * 64;
+        int j = 0;
+        while (j + 1 < jobs && job[j + 1].first <= block.index()) ++j;
+        const MlpPackJob& own = job[j];
+        const int columns = padded_16(own.n_count) / 8;
+        const int words = padded_16(own.k_count) / 16 * columns * 64;
         block.each_thread([&](int t) {
-            const int word = block.index() * threads + t;
+            const int word = (block.index() - own.first) * threads + t;
             if (word >= words) return;
             const int tile = word / 64, lane = word % 64 / 2, half = word % 2;
             const int k = tile / columns * 16 + lane % 4 * 2 + half * 8;
             const int n = tile % columns * 8 + lane / 4;
-            float a = at(k, n), b = at(k + 1, n);
+            float a = at(own, k, n), b = at(own, k + 1, n);
             for (int p = 0; p < planes; ++p) {
                 const std::uint32_t both = Block::pack(a, b);
-                to[(Index(tile) * planes + p) * 64 + word % 64] = both;
+                own.to[(Index(tile) * planes + p) * 64 + word % 64] = both;
                 a = a - Block::low(both);
                 b = b - Block::high(both);
             }
@@ -73,33 +107,57 @@ struct MlpPackKernel {
     }
 
   private:
-    RYE_DEVICE float at(int k, int n) const {
-        return k < k_count && n < n_count ? from[k * k_apart + n * n_apart] : 0.0F;
+    RYE_DEVICE static float at(const MlpPackJob& own, int k, int n) {
+        return k < own.k_count && n < own.n_count ? own.from[k * own.k_apart + n * own.n_apart]
+                                                  : 0.0F;
     }
 };
 
-/// bias + W frame, over the frame's columns of the weights.
+/// Biases of a layer with the products of the frame inputs.
+struct MlpBiasJob {
+    const float* bias;   ///< out
+    const float* weight; ///< of the frame inputs, out x frame_inputs
+    int out, frame_inputs;
+    float* to;
+    int first; ///< block
+};
+
+/// ... of all layers of a network.
 struct MlpBiasKernel {
     static constexpr const char* name = "network's biases";
     static constexpr int threads = 128, blocks = 8;
     struct Shared {};
-    const float* bias;
-    const float* weight; ///< out x frame inputs
+    MlpBiasJob job[DeviceMlpNetwork::most_layers];
+    int jobs;
+    Index all; ///< blocks
     const float* frame;
-    int out, frame_inputs;
-    float* to;
 
-    Index blocks_of() const { return (out + threads - 1) / threads; }
+    void add(const MlpBiasJob& of) {
+        MlpBiasJob& own = job[jobs++] = of;
+        own.first = static_cast<int>(all);
+        all += (of.out + threads - 1) / threads;
+    }
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
+        int j = 0;
+        while (j + 1 < jobs && job[j + 1].first <= block.index()) ++j;
+        const MlpBiasJob& own = job[j];
         block.each_thread([&](int t) {
-            const int o = block.index() * threads + t;
-            if (o >= out) return;
-            float sum = bias[o];
-            for (int f = 0; f < frame_inputs; ++f) sum += weight[Index(f) * out + o] * frame[f];
-            to[o] = sum;
+            const int o = (block.index() - own.first) * threads + t;
+            if (o >= own.out) return;
+            float sum = own.bias[o];
+            for (int f = 0; f < own.frame_inputs; ++f)
+                sum += own.weight[Index(f) * own.out + o] * frame[f];
+            own.to[o] = sum;
         });
     }
+};
+
+/// Columns of floats that a block loads as rows of planes.
+struct PointRows {
+    DeviceColumns<const float> from;
+    std::uint32_t count;                  ///< points there are
+    const std::uint32_t* which = nullptr; ///< their columns, or null: the first ones
 };
 
 /// Rows of planes in shared memory: `width` numbers of each point, in other banks row by row.
@@ -111,15 +169,18 @@ struct PlaneRows {
     /// Columns [0, padded) of points [first, first + rows) from columns of floats; zeros beside
     /// what there is. By warp w of `warps`.
     template <class W>
-    RYE_DEVICE void load(const DeviceColumns<const float>& from, std::uint32_t first, int padded,
-                         int w, int warps) {
+    RYE_DEVICE void load(const PointRows& points, std::uint32_t first, int padded, int w,
+                         int warps) {
         using F = typename W::F;
         using U = typename W::U;
-        const auto height = static_cast<std::uint32_t>(from.rows);
+        const auto height = static_cast<std::uint32_t>(points.from.rows);
         for (int r = w; r < rows; r += warps) {
             const std::uint32_t point = first + static_cast<std::uint32_t>(r);
-            const bool there = point < static_cast<std::uint32_t>(from.cols);
-            const float* const column = from.data + (there ? Index(point) : Index(0)) * from.rows;
+            const bool there = point < points.count;
+            const std::uint32_t at_column = !there                    ? 0U
+                                            : points.which != nullptr ? points.which[point]
+                                                                      : point;
+            const float* const column = points.from.data + Index(at_column) * points.from.rows;
             for (int k = 0; k < padded / 2; k += 32) {
                 const U word = U(static_cast<std::uint32_t>(k)) + W::lane();
                 const U row = word * U(2);

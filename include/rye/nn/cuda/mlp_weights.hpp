@@ -30,7 +30,8 @@ struct MlpWeightKernel {
     };
     MlpColumns columns;
     int out;
-    std::uint32_t points;
+    std::uint32_t points; ///< that there is room for
+    DevicePoints of;
     const std::uint16_t* cotangent; ///< planes x points x padded_16(out)
     const std::uint16_t* hidden;
     const std::uint16_t* input;
@@ -40,8 +41,8 @@ struct MlpWeightKernel {
     RYE_HD int tiles_wide() const { return (columns.all() + wide - 1) / wide; }
     Index blocks_of() const { return Index(tiles_high()) * tiles_wide() * slices; }
     /// Points of a slice.
-    RYE_HD std::uint32_t slice() const {
-        const std::uint32_t parts = (points + depth - 1) / depth;
+    RYE_HD static std::uint32_t slice(std::uint32_t count) {
+        const std::uint32_t parts = (count + depth - 1) / depth;
         return (parts + slices - 1) / slices * depth;
     }
 
@@ -50,8 +51,9 @@ struct MlpWeightKernel {
         using W = typename Block::Warp;
         const int tile = block.index() / slices, s = block.index() % slices;
         const int row = tile / tiles_wide() * high, column = tile % tiles_wide() * wide;
-        const std::uint32_t begin = static_cast<std::uint32_t>(s) * slice();
-        const std::uint32_t end = rye::min(begin + slice(), points);
+        const std::uint32_t count = of.among(points);
+        const std::uint32_t begin = static_cast<std::uint32_t>(s) * slice(count);
+        const std::uint32_t end = rye::min(begin + slice(count), count);
         auto sums = block.template of_warps<Sums<W>>();
         block.each_warp([&](int w) { sums[w].clear(); });
         for (std::uint32_t at = begin; at < end; at += depth) {
@@ -104,7 +106,7 @@ struct MlpWeightKernel {
             const int c = left ? corner.row + 8 * quad : corner.column + 8 * quad - high;
             Quad4 x{0, 0, 0, 0};
             if (point < end)
-                x = left ? of(cotangent, plane, point, c, padded_16(out))
+                x = left ? row_of(cotangent, plane, point, c, padded_16(out))
                          : of_column(plane, point, c);
             std::uint16_t* const to = left ? &shared.cotangent.at[plane][r][8 * quad]
                                            : &shared.input.at[plane][r][8 * quad - high];
@@ -112,17 +114,18 @@ struct MlpWeightKernel {
         }
     }
     RYE_DEVICE Quad4 of_column(int plane, std::uint32_t point, int c) const {
-        if (c < columns.input_at()) return of(hidden, plane, point, c, padded_16(columns.hidden));
+        if (c < columns.input_at())
+            return row_of(hidden, plane, point, c, padded_16(columns.hidden));
         if (c < columns.one_at())
-            return of(input, plane, point, c - columns.input_at(), padded_16(columns.input));
+            return row_of(input, plane, point, c - columns.input_at(), padded_16(columns.input));
         // Eight numbers of bf16, the first of them 1 = 0x3F80.
         Quad4 one{0, 0, 0, 0};
         if (c == columns.one_at() && plane == 0)
             reinterpret_cast<std::uint16_t*>(&one)[0] = std::uint16_t(0x3F80);
         return one;
     }
-    RYE_DEVICE Quad4 of(const std::uint16_t* from, int plane, std::uint32_t point, int c,
-                        int width) const {
+    RYE_DEVICE Quad4 row_of(const std::uint16_t* from, int plane, std::uint32_t point, int c,
+                            int width) const {
         if (c >= width) return {0, 0, 0, 0};
         return *reinterpret_cast<const Quad4*>(from + (Index(plane) * points + point) * width + c);
     }
