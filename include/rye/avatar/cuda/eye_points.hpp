@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/cuda/eye_points.hpp: the eyeballs of a frame in device memory: where each lies, what
+/// that does to its Gaussians, and back, by the formulas of rig/eye_transform.hpp,
+/// avatar/eye_stream.hpp and avatar/eye_kappa.hpp.
+#pragma once
+
+#include <rye/avatar/cuda/face_points.hpp>
+
+namespace rye {
+
+/// The eye offset's network in device memory, where the effect is on.
+struct DeviceEyeOffset {
+    const float* output; ///< of the network, 6, or null
+    float* squashed;     ///< tanh of it
+    float scale;         ///< AvatarConfig::deform_scale
+};
+
+/// Where both eyes lie: neutral centres, their offset, the turn to their gaze, the head's motion.
+template <EffectSet E>
+struct PlaceEyesKernel {
+    static constexpr const char* name = "eyes' transforms";
+    static constexpr int threads = 32, blocks = 1;
+    struct Shared {};
+    const float* centre; ///< 3 x 2
+    DeviceEyeOffset offset;
+    DeviceFrameState* frame;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        block.each_thread([&](int t) {
+            if (t == 0) place<0>();
+            if (t == 1) place<1>();
+        });
+    }
+
+  private:
+    template <int eye>
+    RYE_DEVICE void place() const {
+        Vec3<float> at = column3(centre, eye);
+        if constexpr (has_effect<E, EyeOffset>)
+            for (int k = 0; k < 3; ++k) {
+                const float y = squash_value(Squash::tanh, offset.output[3 * eye + k]);
+                offset.squashed[3 * eye + k] = y;
+                at[k] += offset.scale * y;
+            }
+        EyeTransform<float> placed = eye_at<float>(at);
+        if constexpr (eye_turns<E, std::size_t(eye)>) {
+            turn_eye_to<float>(placed, normalized(frame->optical[eye]));
+            frame->turn[eye] = placed.quaternion;
+        }
+        if constexpr (has_effect<E, HeadPose>) {
+            const HeadTransform<float>& head = frame->head;
+            carry_eye<float>(
+                placed,
+                HeadPlacement<float>{Rigid<float>{head.rotation, head.translation}, head.scale});
+        }
+        frame->eye[eye] = placed;
+    }
+};
+
+/// Arrays of the eyes, in device memory.
+struct DeviceEyeArrays {
+    float* log_scale;     ///< 3 x P
+    float* rotation;      ///< 4 x P
+    float* opacity_logit; ///< 1 x P
+};
+
+/// Sets what Gaussian i of the eyes has beside its feature. `to`: the eyes' columns of a cloud.
+template <EffectSet E>
+struct DriveEyePoint {
+    static constexpr const char* name = "eyes";
+    DeviceEyeArrays raw;
+    const float* position; ///< 3 x P
+    Index left;            ///< points of the left eye, which come first
+    DeviceGaussians<float> to;
+    const DeviceFrameState* frame;
+
+    RYE_DEVICE void operator()(Index i) const {
+        const EyeTransform<float>& eye = frame->eye[i < left ? 0 : 1];
+        put_column<3>(eye.apply(column3(position, i)), to.mean.data, i);
+        put_column<4>(quat_product<float>(eye.quaternion, column4(raw.rotation, i)),
+                      to.rotation.data, i);
+        for (int k = 0; k < 3; ++k) {
+            const float scale = drawn_scale(raw.log_scale[3 * i + k]);
+            to.scale.data[3 * i + k] = has_effect<E, HeadPose> ? scale * frame->head.scale : scale;
+        }
+        to.opacity.data[i] = drawn_opacity(raw.opacity_logit[i]);
+    }
+};
+
+/// What an eye's points are summed for: the head's transform, the eye's turn (a matrix and a
+/// quaternion), its centre; as far as something trained follows.
+template <EffectSet E, int eye>
+struct EyeSums {
+    static constexpr bool turn = has_effect<E, Kappa> && eye_turns<E, std::size_t(eye)>;
+    static constexpr int head_at = 0;
+    static constexpr int turn_at = has_effect<E, HeadPose> ? head_sums : 0;
+    static constexpr int centre_at = turn_at + (turn ? 13 : 0);
+    static constexpr int count = centre_at + (has_effect<E, EyeOffset> ? 3 : 0);
+    static constexpr int room = 32; ///< numbers that an eye's sums are apart
+};
+
+/// Adds the gradients of point i of an eye, and sums. Arrays begin at that eye's first point.
+template <EffectSet E, int eye>
+struct EyePointVjp {
+    using Places = EyeSums<E, eye>;
+    static constexpr const char* name = "eyes, reverse";
+    static constexpr int sums = Places::count > 0 ? Places::count : 1;
+    DeviceEyeArrays raw, gradient;
+    const float* position;
+    DeviceGaussians<float> world, g; ///< g's means are left in the head's frame
+    const DeviceFrameState* frame;
+
+    template <class Sums>
+    RYE_DEVICE void operator()(Index i, [[maybe_unused]] Sums& sum) const {
+        MovedPoint<float> own{column3(g.mean.data, i), column4(g.rotation.data, i)};
+        const Vec4<float> rotation = column4(raw.rotation, i);
+        if constexpr (has_effect<E, HeadPose>) {
+            HeadTransformGradient<float> part;
+            part.add(frame->head, {column3(world.mean.data, i), column4(world.rotation.data, i)},
+                     own);
+            add_head_sums(part, sum, Places::head_at);
+        }
+        // Scales in the world are proportional to the head's, so it cancels here.
+        for (int k = 0; k < 3; ++k)
+            gradient.log_scale[3 * i + k] +=
+                drawn_scale_vjp<float>(world.scale.data[3 * i + k], g.scale.data[3 * i + k]);
+        const float a = world.opacity.data[i];
+        gradient.opacity_logit[i] += drawn_opacity_vjp<float>(a, 1.0F - a, g.opacity.data[i]);
+        if constexpr (eye_turns<E, std::size_t(eye)>)
+            add_column<4>(quat_product_vjp_right<float>(frame->turn[eye], own.rotation),
+                          gradient.rotation, i);
+        else
+            add_column<4>(own.rotation, gradient.rotation, i);
+        if constexpr (Places::turn) {
+            TurnCotangent<float> turn;
+            turn.add({column3(position, i), rotation}, own);
+            for (int k = 0; k < 9; ++k)
+                sum[std::size_t(Places::turn_at + k)] += turn.rotation.data()[k];
+            for (int k = 0; k < 4; ++k)
+                sum[std::size_t(Places::turn_at + 9 + k)] += turn.quaternion[k];
+        }
+        if constexpr (has_effect<E, EyeOffset>)
+            for (int k = 0; k < 3; ++k) sum[std::size_t(Places::centre_at + k)] += own.mean[k];
+    }
+};
+
+/// What the eyes' sums are for: cotangents of the offset network's outputs, and kappa's gradient.
+template <EffectSet E>
+struct EyeFrameVjpKernel {
+    static constexpr const char* name = "eyes' transforms, reverse";
+    static constexpr int threads = 64, blocks = 1;
+    struct Shared {};
+    DeviceFrameNumbers frame;
+    const float* sums; ///< of each eye, EyeSums::room apart
+    DeviceEyeOffset offset;
+    float* g_offset; ///< 6, of the network's outputs, overwritten
+    CodePlaces<E> places;
+    const float* g_codes; ///< of the gaze codes
+    int gaze_frequencies;
+    float* g_kappa; ///< 2 x 2, added to
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        block.each_thread([&](int t) {
+            if constexpr (has_effect<E, EyeOffset>)
+                if (t < 6) {
+                    const float* const own = sums + t / 3 * EyeSums<E, 0>::room;
+                    const int at = (t < 3 ? EyeSums<E, 0>::centre_at : EyeSums<E, 1>::centre_at);
+                    g_offset[t] = offset.scale * own[at + t % 3] * tanh_slope(offset.squashed[t]);
+                }
+            if (t == 32) kappa_of_eye<0>();
+            if (t == 33) kappa_of_eye<1>();
+        });
+    }
+
+  private:
+    template <int eye>
+    RYE_DEVICE void kappa_of_eye() const {
+        using Places = EyeSums<E, eye>;
+        if constexpr (Places::turn) {
+            const float* const own = sums + eye * Places::room + Places::turn_at;
+            TurnCotangent<float> turn;
+            for (int k = 0; k < 9; ++k) turn.rotation.data()[k] = own[k];
+            for (int k = 0; k < 4; ++k) turn.quaternion[k] = own[9 + k];
+            const KappaTangent<float> tangent(
+                frame.state->visual[eye],
+                KappaAngles<float>{frame.kappa[2 * eye], frame.kappa[2 * eye + 1]});
+            for (int a = 0; a < 2; ++a) {
+                float s = tangent.of_turn(turn, std::size_t(a));
+                if constexpr (skin_follows<E, std::size_t(eye)>) {
+                    const float *const code = frame.codes + places.gaze[eye], *const g =
+                                                                                  g_codes +
+                                                                                  places.gaze[eye];
+                    const auto angles = pitch_yaw(tangent.optical);
+                    for (int k = 0; k < 2; ++k)
+                        s += encode_number_vjp(code + k, g + k, gaze_frequencies, 2) *
+                             angles[k].d[std::size_t(a)];
+                }
+                g_kappa[2 * eye + a] += s;
+            }
+        }
+    }
+};
+
+} // namespace rye

@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/cuda/eye_stream.hpp: the driven eyeballs (avatar/eye_stream.hpp) in device memory:
+/// the offset's network, one transform an eye, and what it does to each Gaussian; with the vjp to
+/// all parameters and to the pose's code.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include <rye/avatar/cuda/eye_points.hpp>
+#include <rye/nn/cuda/mlp_column.hpp>
+
+namespace rye {
+
+/// World cotangents of the eyes' Gaussians, which the vjp consumes, and the codes' cotangents.
+struct DeviceEyeCotangent {
+    DeviceGaussians<float> world, g;
+    float* g_codes; ///< the pose's added to; the gazes' read
+};
+
+/// The eyes of an avatar on a device. `of` gives where each array of the host's struct lies in
+/// device memory, as Resident::of does.
+template <DeviceEffects E, class Device>
+class DeviceEyeStream {
+    using A = typename NetworksOf<E>::Activation;
+
+  public:
+    /// Throws an Error for an offset network that does not fit its kernels.
+    DeviceEyeStream(const Device& device, const AvatarConfig& config,
+                    const EyeStream<float, E>& host)
+        : device_(device),
+          config_(config),
+          host_(&host),
+          codes_(config),
+          sums_(device) {
+        if constexpr (has_effect<E, EyeOffset>)
+            offset_ = std::make_unique<DeviceMlpColumn<Device, A>>(device, host.offset.mlp.shape);
+    }
+
+    Index count() const { return host_->position.cols(); }
+
+    /// Takes what is not trained: the template's points and the neutral centres. Waits.
+    void set_fixed(const CudaQueue& queue) {
+        const auto put = [&](DeviceBuffer<float>& to, const Columns<float>& a) {
+            to.reserve(queue, static_cast<std::size_t>(a.size()) + 1);
+            device_.send(queue, to.data(), a.data(),
+                         static_cast<std::size_t>(a.size()) * sizeof(float));
+        };
+        require(host_->centre.rows() == 3 && host_->centre.cols() == 2, "DeviceEyeStream",
+                "centre is " + std::to_string(host_->centre.rows()) + " x " +
+                    std::to_string(host_->centre.cols()) + ", expected 3 x 2");
+        put(position_, host_->position);
+        put(centre_, host_->centre);
+        const std::size_t inputs =
+            static_cast<std::size_t>(codes_.pose - codes_.expression) +
+            static_cast<std::size_t>(encoded_size(6, config_.pose_frequencies));
+        numbers_.reserve(queue, 12 + 2 * std::size_t(EyeSums<E, 0>::room) + inputs);
+    }
+
+    /// Takes the offset's network, and where the frame's codes lie.
+    template <class Of>
+    void set(const CudaQueue& queue, [[maybe_unused]] const Of& of,
+             [[maybe_unused]] const float* codes) {
+        if constexpr (has_effect<E, EyeOffset>)
+            offset_->set(queue, device_parameters(host_->offset.mlp, of),
+                         codes + codes_.expression);
+    }
+
+    /// Places the eyes and puts their Gaussians into `to`, in the world: P columns.
+    template <class Of>
+    void drive_into(const CudaQueue& queue, const Of& of, DeviceFrameState* frame,
+                    const DeviceGaussians<float>& to) {
+        if constexpr (has_effect<E, EyeOffset>) offset_->forward_into(queue);
+        device_.launch(queue, 1, PlaceEyesKernel<E>{centre_.data(), offset(), frame});
+        launch_each(
+            device_, queue, count(),
+            DriveEyePoint<E>{arrays_at(of), position_.data(), host_->points_of(0), to, frame});
+        launch_each(device_, queue, to.feature.size(),
+                    CopyNumbers{of(host_->feature).data, to.feature.data});
+    }
+
+    /// Adds the gradients of the last drive_into to arrays that `to` gives.
+    template <class Of, class To>
+    void vjp_into(const CudaQueue& queue, const Of& of, const To& to,
+                  const DeviceFrameNumbers& frame, const DeviceEyeCotangent& cotangent) {
+        const DeviceGaussians<float>& g = cotangent.g;
+        launch_each(device_, queue, g.feature.size(),
+                    AddNumbers{g.feature.data, to(host_->feature).data});
+        points_vjp<0>(queue, {arrays_at(of), arrays_at(to)}, frame.state, cotangent);
+        points_vjp<1>(queue, {arrays_at(of), arrays_at(to)}, frame.state, cotangent);
+        if constexpr (has_effect<E, AnyOf<EyeOffset, Kappa>>) {
+            float* g_kappa = nullptr;
+            if constexpr (has_effect<E, Kappa>) g_kappa = to(host_->kappa).data;
+            device_.launch(
+                queue, 1,
+                EyeFrameVjpKernel<E>{frame, sums(0), offset(), g_offset(), codes_,
+                                     cotangent.g_codes, config_.gaze_frequencies, g_kappa});
+        }
+        if constexpr (has_effect<E, EyeOffset>) {
+            offset_->vjp_into(queue, g_offset(), device_parameters(host_->offset.mlp, to),
+                              g_input());
+            const Index before = codes_.pose - codes_.expression;
+            launch_each(device_, queue, offset_->shape().inputs() - before,
+                        AddNumbers{g_input() + before, cotangent.g_codes + codes_.pose});
+        }
+    }
+    /// Sums over an eye's points, the head's first (EyeSums).
+    const float* sums(int eye) const { return numbers_.data() + 12 + eye * EyeSums<E, 0>::room; }
+
+    /// Memory that is held [bytes].
+    std::size_t bytes() const {
+        std::size_t sum = position_.bytes() + centre_.bytes() + numbers_.bytes() + sums_.bytes();
+        if constexpr (has_effect<E, EyeOffset>) sum += offset_->bytes();
+        return sum;
+    }
+
+  private:
+    struct BothArrays {
+        DeviceEyeArrays raw, gradient;
+    };
+    template <class Of>
+    DeviceEyeArrays arrays_at(const Of& of) const {
+        return {of(host_->log_scale).data, of(host_->rotation).data, of(host_->opacity_logit).data};
+    }
+    DeviceEyeOffset offset() const {
+        const float* output = nullptr;
+        if constexpr (has_effect<E, EyeOffset>) output = offset_->outputs();
+        return {output, numbers_.data(), static_cast<float>(config_.deform_scale)};
+    }
+    float* g_offset() const { return numbers_.data() + 6; }
+    float* g_input() const { return numbers_.data() + 12 + 2 * EyeSums<E, 0>::room; }
+
+    template <int eye>
+    void points_vjp(const CudaQueue& queue, const BothArrays& all, const DeviceFrameState* frame,
+                    const DeviceEyeCotangent& cotangent) {
+        const Index first = host_->first_point(eye), n = host_->points_of(eye);
+        const auto from = [&](const DeviceEyeArrays& a) -> DeviceEyeArrays {
+            return {a.log_scale + 3 * first, a.rotation + 4 * first, a.opacity_logit + first};
+        };
+        sums_.launch(
+            queue, n,
+            EyePointVjp<E, eye>{from(all.raw), from(all.gradient), position_.data() + 3 * first,
+                                columns_from(cotangent.world, {first, n}),
+                                columns_from(cotangent.g, {first, n}), frame},
+            {const_cast<float*>(sums(eye))});
+    }
+
+    Device device_;
+    AvatarConfig config_;
+    const EyeStream<float, E>* host_;
+    CodePlaces<E> codes_;
+    DeviceSums<Device> sums_;
+    [[no_unique_address]] Slot<E, EyeOffset, std::unique_ptr<DeviceMlpColumn<Device, A>>> offset_;
+    DeviceBuffer<float> position_, centre_;
+    DeviceBuffer<float> numbers_; ///< squashed offsets, their cotangents, sums, of the inputs
+};
+
+} // namespace rye

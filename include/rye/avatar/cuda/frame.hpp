@@ -1,0 +1,251 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/cuda/frame.hpp: what drives a frame of an avatar, in device memory: the drivers'
+/// numbers, their codes as networks read them, and the head's transform, by the formulas of
+/// avatar/drivers.hpp and avatar/head_pose.hpp. Drivers are read on the device, so a captured frame
+/// runs again with others.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <rye/avatar/eye_stream.hpp>
+#include <rye/avatar/own_effects.hpp>
+#include <rye/backend/cuda/each.hpp>
+
+namespace rye {
+
+/// The encoding that kernels know; another one has the host alone.
+template <class E>
+concept EncodedByDevice = std::same_as<EncodingOf<E>, PositionalEncoding>;
+/// Effects that have kernels on a device: all of rye's but those that see the cornea, with default
+/// parts but metrics and the networks' activation. A list of others does not compile.
+template <class E>
+concept DeviceEffects = EffectSet<E> && EncodedByDevice<E> && !has_effect<E, SeesCornea> &&
+                        !has_own_effects<E> && std::same_as<GazeMechanismOf<E>, ExplicitRotation> &&
+                        std::same_as<EyeAppearanceOf<E>, FreeFeatures>;
+
+/// Where the numbers of a frame's drivers lie, one after the other, as far as effects read them:
+/// expression, pose, scale, gaze of each eye that turns, and the column of delta_pose, -1 for none.
+template <EffectSet E>
+struct DriverPlaces {
+    Index expression = 0, pose = 0, scale = 0, gaze[2] = {0, 0}, column = 0, size = 0;
+
+    explicit DriverPlaces(const AvatarConfig& config) {
+        const auto next = [&](Index& place, bool present, Index count) {
+            place = size;
+            if (present) size += count;
+        };
+        next(expression, has_effect<E, ReadsExpression>, config.expression);
+        next(pose, has_effect<E, ReadsHeadPose>, 6);
+        next(scale, has_effect<E, HeadPose>, 1);
+        next(gaze[0], eye_turns<E, 0>, 3);
+        next(gaze[1], eye_turns<E, 1>, 3);
+        next(column, has_effect<E, ReadsHeadPose>, 1);
+    }
+
+    /// The numbers of a frame's drivers; `column` is the frame's in delta_pose, -1: none. Throws an
+    /// Error for an expression of another width, and for a gaze without a direction.
+    std::vector<float> packed(const Drivers<float, E>& drivers, Index frame_column) const {
+        std::vector<float> r(static_cast<std::size_t>(size));
+        [[maybe_unused]] const auto put = [&](Index at, const auto& numbers) {
+            for (Index k = 0; k < numbers.size(); ++k)
+                r[static_cast<std::size_t>(at + k)] = numbers[k];
+        };
+        if constexpr (has_effect<E, ReadsExpression>) {
+            require(drivers.expression.size() == pose - expression, "DeviceTwoStream",
+                    "expression has " + std::to_string(drivers.expression.size()) +
+                        " numbers, the avatar's networks read " +
+                        std::to_string(pose - expression));
+            put(expression, drivers.expression);
+        }
+        if constexpr (has_effect<E, ReadsHeadPose>) {
+            put(pose, drivers.pose);
+            r[static_cast<std::size_t>(column)] = static_cast<float>(frame_column);
+        }
+        if constexpr (has_effect<E, HeadPose>) r[static_cast<std::size_t>(scale)] = drivers.scale;
+        for_eyes([&]<std::size_t eye>() {
+            if constexpr (eye_turns<E, eye>) {
+                static_cast<void>(checked_gaze(of_eye<eye>(drivers.gaze)));
+                put(gaze[eye], of_eye<eye>(drivers.gaze));
+            }
+        });
+        return r;
+    }
+};
+
+/// Where the codes of a frame lie: expression and pose code, which the eye offset reads as one
+/// column, then the gaze codes.
+template <EffectSet E>
+struct CodePlaces {
+    Index expression = 0, pose = 0, gaze[2] = {0, 0}, size = 0;
+
+    explicit CodePlaces(const AvatarConfig& config) {
+        const auto next = [&](Index& place, bool present, Index count) {
+            place = size;
+            if (present) size += count;
+        };
+        next(expression, has_effect<E, ReadsExpression>, config.expression);
+        next(pose, has_effect<E, ReadsPoseCode>, encoded_size(6, config.pose_frequencies));
+        next(gaze[0], skin_follows<E, 0>, encoded_size(2, config.gaze_frequencies));
+        next(gaze[1], skin_follows<E, 1>, encoded_size(2, config.gaze_frequencies));
+    }
+    Index of(ExpressionField) const { return expression; }
+    Index of(PoseField) const { return pose; }
+    template <std::size_t eye>
+    Index of(GazeField<eye>) const {
+        return gaze[eye];
+    }
+};
+
+/// What follows from a frame's drivers, in device memory.
+struct DeviceFrameState {
+    HeadTransform<float> head;
+    EyeTransform<float> eye[2]; ///< to the world
+    Quat<float> turn[2];        ///< rest (+z) to gaze
+    Vec<float, 6> pose;         ///< with its correction
+    Vec3<float> visual[2], optical[2];
+    std::uint32_t bad_gaze; ///< a bit an eye whose gaze has no direction
+};
+
+/// A frame in device memory.
+struct DeviceFrameNumbers {
+    const float* drivers;
+    float* codes;
+    DeviceFrameState* state;
+    const float* delta_pose; ///< 6 x frames, or null
+    const float* kappa;      ///< 2 x 2, or null
+};
+
+/// Codes, the head's transform, and optical axes.
+template <EffectSet E>
+struct FrameCodesKernel {
+    static constexpr const char* name = "codes of a frame";
+    static constexpr int threads = 128, blocks = 1;
+    struct Shared {};
+    DriverPlaces<E> from;
+    CodePlaces<E> to;
+    int expression, pose_frequencies, gaze_frequencies;
+    DeviceFrameNumbers frame;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        block.each_thread([&](int t) {
+            if constexpr (has_effect<E, ReadsExpression>)
+                for (int k = t; k < expression; k += threads)
+                    frame.codes[to.expression + k] = frame.drivers[from.expression + k];
+            if (t == 0) frame.state->bad_gaze = 0;
+            if constexpr (has_effect<E, ReadsHeadPose>)
+                if (t == 0) take_pose();
+        });
+        block.each_thread([&](int t) {
+            if constexpr (has_effect<E, ReadsPoseCode>)
+                if (t < 6)
+                    encode_number(frame.state->pose[t], pose_frequencies, 6,
+                                  frame.codes + to.pose + t);
+            if constexpr (has_effect<E, AnyOf<LeftGaze, RightGaze>>)
+                if (t == 32) take_gazes();
+        });
+    }
+
+  private:
+    RYE_DEVICE void take_pose() const {
+        Vec<float, 6>& pose = frame.state->pose;
+        for (int k = 0; k < 6; ++k) pose[k] = frame.drivers[from.pose + k];
+        const float column = frame.drivers[from.column];
+        if (frame.delta_pose != nullptr && column >= 0.0F)
+            for (int k = 0; k < 6; ++k) pose[k] += frame.delta_pose[6 * Index(column) + k];
+        if constexpr (has_effect<E, HeadPose>)
+            frame.state->head = head_transform<float>(pose, frame.drivers[from.scale]);
+    }
+    RYE_DEVICE void take_gazes() const {
+        if constexpr (eye_turns<E, 0>) take_gaze<0>();
+        if constexpr (eye_turns<E, 1>) take_gaze<1>();
+    }
+    template <int eye>
+    RYE_DEVICE void take_gaze() const {
+        const float* const g = frame.drivers + from.gaze[eye];
+        const Vec3<float> visual(g[0], g[1], g[2]);
+        Vec3<float> optical = visual;
+        if constexpr (has_effect<E, Kappa>)
+            optical = apply_kappa<float>(
+                visual, KappaAngles<float>{frame.kappa[2 * eye], frame.kappa[2 * eye + 1]});
+        frame.state->visual[eye] = visual;
+        frame.state->optical[eye] = optical;
+        const float length = norm(optical);
+        if (!(length >= 1e-6F) || !(length < Limits<float>::infinity))
+            frame.state->bad_gaze |= 1U << eye;
+        if constexpr (skin_follows<E, std::size_t(eye)>) {
+            const Vec2<float> angles = pitch_yaw(optical);
+            for (int k = 0; k < 2; ++k)
+                encode_number(angles[k], gaze_frequencies, 2, frame.codes + to.gaze[eye] + k);
+        }
+    }
+};
+
+/// Numbers of the sums that a HeadTransformGradient is made of: rotation, quaternion, translation.
+inline constexpr int head_sums = 16;
+
+/// Adds a gradient to sums, from the first on.
+template <class Sums>
+RYE_HD void add_head_sums(const HeadTransformGradient<float>& g, Sums& sum, int from) {
+    const auto at = [from](int k) { return static_cast<std::size_t>(from + k); };
+    for (int k = 0; k < 9; ++k) sum[at(k)] += g.rotation.data()[k];
+    for (int k = 0; k < 4; ++k) sum[at(9 + k)] += g.quaternion[k];
+    for (int k = 0; k < 3; ++k) sum[at(13 + k)] += g.translation[k];
+}
+/// Adds such sums to a gradient.
+RYE_HD inline void take_head_sums(const float* sum, HeadTransformGradient<float>& g) {
+    for (int k = 0; k < 9; ++k) g.rotation.data()[k] += sum[k];
+    for (int k = 0; k < 4; ++k) g.quaternion[k] += sum[9 + k];
+    for (int k = 0; k < 3; ++k) g.translation[k] += sum[13 + k];
+}
+
+/// Where the sums of a frame's reverse pass lie: of the head's transform over the face and over
+/// each eye, and cotangents of the codes, as CodePlaces has them.
+struct DeviceFrameSums {
+    const float* face;   ///< head_sums, or null
+    const float* eye[2]; ///< head_sums first, or null
+    const float* codes;  ///< or null
+    float* pose;         ///< 6, overwritten: the cotangent of the pose
+    float* delta_pose;   ///< 6 x frames, added to, or null
+};
+
+/// The cotangent of the pose.
+template <EffectSet E>
+struct FramePoseKernel {
+    static constexpr const char* name = "pose, reverse";
+    static constexpr int threads = 32, blocks = 1;
+    struct Shared {};
+    DriverPlaces<E> from;
+    CodePlaces<E> to;
+    int pose_frequencies;
+    DeviceFrameNumbers frame;
+    DeviceFrameSums sums;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        block.each_thread([&](int t) {
+            if (t != 0) return;
+            Vec<float, 6> g;
+            for (int k = 0; k < 6; ++k) g[k] = 0.0F;
+            if constexpr (has_effect<E, HeadPose>) {
+                HeadTransformGradient<float> head;
+                take_head_sums(sums.face, head);
+                for (int eye = 0; eye < 2; ++eye) take_head_sums(sums.eye[eye], head);
+                g = head_pose_vjp<float>(frame.state->pose, head);
+            }
+            if constexpr (has_effect<E, ReadsPoseCode>)
+                for (int k = 0; k < 6; ++k)
+                    g[k] += encode_number_vjp(frame.codes + to.pose + k, sums.codes + to.pose + k,
+                                              pose_frequencies, 6);
+            const float column = frame.drivers[from.column];
+            for (int k = 0; k < 6; ++k) {
+                sums.pose[k] = g[k];
+                if (sums.delta_pose != nullptr && column >= 0.0F)
+                    sums.delta_pose[6 * Index(column) + k] += g[k];
+            }
+        });
+    }
+};
+
+} // namespace rye

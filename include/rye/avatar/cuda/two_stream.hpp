@@ -1,0 +1,238 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/avatar/cuda/two_stream.hpp: the whole avatar (avatar/two_stream.hpp) on a device: parameters
+/// in one piece of memory, drivers in device memory, the driven cloud where a DeviceRasterizer
+/// reads it, and the vjp from the cloud's cotangents to all parameters. The upsampler's parameters
+/// are in the same piece, and its part of a step is elsewhere.
+///     DeviceTwoStream<E, CudaDevice, DeviceNetworks<1>> avatar(device, queue, {host, config,
+///     roles}); avatar.set_drivers(queue, drivers); do { avatar.drive_into(queue); } while
+///     (!avatar.finish(queue)); rasterizer.forward_into(queue, avatar.cloud(), ...);   // and its
+///     vjp into avatar.g_cloud() avatar.vjp_into(queue, gradient);
+/// But for set_drivers, finish, upload and download nothing waits. Sums have a fixed order: the
+/// same build gives the same bits.
+#pragma once
+
+#include <rye/avatar/cuda/eye_stream.hpp>
+#include <rye/avatar/cuda/face_stream.hpp>
+#include <rye/backend/cuda/resident.hpp>
+
+namespace rye {
+
+/// A cloud of Gaussians in device memory of its own.
+class DeviceCloudBuffer {
+  public:
+    void reserve(const CudaQueue& queue, Index count, Index channels) {
+        const Index rows[] = {3, 4, 3, 1, channels};
+        for (int k = 0; k < 5; ++k)
+            buffer_[k].reserve(queue, static_cast<std::size_t>(rows[k] * count) + 1);
+        view_ = {{buffer_[0].data(), 3, count},
+                 {buffer_[1].data(), 4, count},
+                 {buffer_[2].data(), 3, count},
+                 {buffer_[3].data(), 1, count},
+                 {buffer_[4].data(), channels, count}};
+    }
+    const DeviceGaussians<float>& view() const { return view_; }
+    std::size_t bytes() const {
+        std::size_t sum = 0;
+        for (const auto& b : buffer_) sum += b.bytes();
+        return sum;
+    }
+
+  private:
+    DeviceBuffer<float> buffer_[5];
+    DeviceGaussians<float> view_;
+};
+
+/// An avatar of the host and what is the same in every frame.
+template <EffectSet E>
+struct AvatarOnHost {
+    const TwoStream<float, E>& avatar;
+    const AvatarConfig& config;
+    const LandmarkRoles& roles;
+};
+
+/// An avatar on a device.
+template <DeviceEffects E, class Device, class Networks = DeviceNetworks<1>>
+class DeviceTwoStream {
+    using Host = TwoStream<float, E>;
+
+  public:
+    using Parameters = Resident<Host, Device>;
+
+    /// Takes the shapes of the host's avatar, and its numbers. Waits. Throws an Error for networks
+    /// that do not fit the tiles, and for landmarks that are not finite.
+    DeviceTwoStream(const Device& device, const CudaQueue& queue, const AvatarOnHost<E>& of)
+        : device_(device),
+          config_(of.config),
+          host_(of.avatar),
+          layout_(host_),
+          parameters_(device, queue, layout_),
+          drivers_(of.config),
+          codes_(of.config),
+          face_(device, config_, host_.face, scratch_),
+          eyes_(device, config_, host_.eyes) {
+        parameters_.send(queue, host_);
+        face_.set_fixed(queue, of.roles);
+        eyes_.set_fixed(queue);
+        const Index n = face_.count() + eyes_.count();
+        cloud_.reserve(queue, n, config_.channels);
+        driver_numbers_.reserve(queue, static_cast<std::size_t>(drivers_.size) + 1);
+        codes_numbers_.reserve(queue, 2 * static_cast<std::size_t>(codes_.size) + 2);
+        state_.reserve(queue, 1);
+        sums_.reserve(queue, std::size_t(head_sums) + 6);
+        device.fill(queue, sums_.data(), 0, sums_.bytes());
+        face_.place_into(queue, at(parameters_));
+        static_cast<void>(face_.finish(queue));
+    }
+    DeviceTwoStream(const DeviceTwoStream&) = delete;
+    DeviceTwoStream& operator=(const DeviceTwoStream&) = delete;
+
+    /// Where every array lies; gradients and moments of an optimiser have the same layout.
+    const ResidentLayout<Host>& layout() const { return layout_; }
+    const Parameters& parameters() const { return parameters_; }
+    Index face_count() const { return face_.count(); }
+    Index eye_count() const { return eyes_.count(); }
+
+    /// Takes the parameters of an avatar of the same shapes. Waits.
+    void upload(const CudaQueue& queue, const Host& from) { parameters_.send(queue, from); }
+    /// Gives them: the host's avatar, as its checkpoints have it. Waits.
+    void download(const CudaQueue& queue, Host& to) const { parameters_.fetch(queue, to); }
+
+    /// Takes what the next frames are driven by; `column`: the frame's in delta_pose, which is
+    /// added to the pose, -1 for none. Waits. Throws an Error for an expression of another width,
+    /// a gaze without direction, a column that is not there.
+    void set_drivers(const CudaQueue& queue, const Drivers<float, E>& drivers, Index column = -1) {
+        if constexpr (has_effect<E, ReadsHeadPose>)
+            require(column >= -1 && column < host_.delta_pose.cols(), "DeviceTwoStream",
+                    "column of delta_pose is " + std::to_string(column) + ", expected -1 to " +
+                        std::to_string(host_.delta_pose.cols() - 1));
+        const std::vector<float> numbers = drivers_.packed(drivers, column);
+        device_.send(queue, driver_numbers_.data(), numbers.data(), numbers.size() * sizeof(float));
+    }
+    /// The drivers' numbers in device memory (DriverPlaces), for kernels that write them.
+    float* drivers() const { return driver_numbers_.data(); }
+
+    /// Puts a frame on the stream. Parameters may have changed. `keep`: what a vjp reads.
+    void drive_into(const CudaQueue& queue, bool keep = true) {
+        const auto of = at(parameters_);
+        code(queue);
+        face_.set(queue, of, codes_numbers_.data());
+        eyes_.set(queue, of, codes_numbers_.data());
+        face_.place_into(queue, of);
+        drive_streams(queue, of, keep);
+    }
+    /// The same with the parameters of the last drive_into: only what the drivers change is redone.
+    void redrive_into(const CudaQueue& queue) {
+        code(queue);
+        face_.set_frame(queue);
+        drive_streams(queue, at(parameters_), false);
+    }
+    /// Waits for the last frame. Whether its lists had room; where they had none they have now, and
+    /// the frame has to be driven again: the gradient of one that had none is not a number. Throws
+    /// an Error for a gaze without a direction.
+    bool finish(const CudaQueue& queue) {
+        if constexpr (has_effect<E, AnyOf<LeftGaze, RightGaze>>) {
+            std::uint32_t bad = 0;
+            device_.fetch(queue, &bad, &state_.data()->bad_gaze, sizeof bad);
+            require(bad == 0, "DeviceTwoStream",
+                    std::string("gaze of the ") +
+                        (bad == 1U   ? "left"
+                         : bad == 2U ? "right"
+                                     : "left and the right") +
+                        " eye is not finite or has no direction");
+        }
+        return face_.finish(queue);
+    }
+
+    /// The driven Gaussians in the world: the face's columns first, then the eyes'.
+    const DeviceGaussians<float>& cloud() const { return cloud_.view(); }
+    DeviceGaussians<float> face_gaussians() const {
+        return columns_from(cloud(), {0, face_.count()});
+    }
+    DeviceGaussians<float> eye_gaussians() const {
+        return columns_from(cloud(), {face_.count(), eyes_.count()});
+    }
+    /// Where cotangents of the cloud go, which vjp_into consumes. Memory is taken at the first
+    /// call.
+    const DeviceGaussians<float>& g_cloud(const CudaQueue& queue) {
+        g_cloud_.reserve(queue, cloud().count(), config_.channels);
+        return g_cloud_.view();
+    }
+
+    /// Adds the gradients of the last drive_into, given the cotangents in g_cloud, which it
+    /// consumes: of all parameters but the upsampler's; that of the frame's column of delta_pose,
+    /// if it has one.
+    void vjp_into(const CudaQueue& queue, const Parameters& gradient) {
+        require(&gradient.layout() == &layout_, "DeviceTwoStream", "gradient is of another layout");
+        const auto of = at(parameters_), to = at(gradient);
+        const DeviceGaussians<float>& g = g_cloud(queue);
+        const Index n = face_.count(), p = eyes_.count();
+        float* const g_codes = codes_numbers_.data() + codes_.size;
+        device_.fill(queue, g_codes, 0, static_cast<std::size_t>(codes_.size) * sizeof(float));
+        face_.vjp_into(queue, of, to, {codes_numbers_.data(), g_codes, state_.data()},
+                       {face_gaussians(), columns_from(g, {0, n}), sums_.data()});
+        eyes_.vjp_into(queue, of, to, numbers(),
+                       {eye_gaussians(), columns_from(g, {n, p}), g_codes});
+        if constexpr (has_effect<E, ReadsHeadPose>)
+            device_.launch(queue, 1,
+                           FramePoseKernel<E>{drivers_,
+                                              codes_,
+                                              config_.pose_frequencies,
+                                              numbers(),
+                                              {sums_.data(),
+                                               {eyes_.sums(0), eyes_.sums(1)},
+                                               g_codes,
+                                               sums_.data() + head_sums,
+                                               to(host_.delta_pose).data}});
+    }
+    /// The cotangent of the pose after vjp_into: 6 numbers in device memory.
+    const float* g_pose() const { return sums_.data() + head_sums; }
+
+    /// Memory that is held, of parameters, the streams and the clouds [bytes].
+    std::size_t bytes() const {
+        return parameters_.bytes() + face_.bytes() + eyes_.bytes() + scratch_.bytes() +
+               cloud_.bytes() + g_cloud_.bytes() + driver_numbers_.bytes() +
+               codes_numbers_.bytes() + state_.bytes() + sums_.bytes();
+    }
+
+  private:
+    static auto at(const Parameters& p) {
+        return [&p](const Columns<float>& array) { return p.of(array); };
+    }
+    DeviceFrameNumbers numbers() const {
+        DeviceFrameNumbers r{driver_numbers_.data(), codes_numbers_.data(), state_.data(), nullptr,
+                             nullptr};
+        if constexpr (has_effect<E, ReadsHeadPose>)
+            r.delta_pose = parameters_.of(host_.delta_pose).data;
+        if constexpr (has_effect<E, Kappa>) r.kappa = parameters_.of(host_.eyes.kappa).data;
+        return r;
+    }
+    void code(const CudaQueue& queue) {
+        device_.launch(
+            queue, 1,
+            FrameCodesKernel<E>{drivers_, codes_, config_.expression, config_.pose_frequencies,
+                                config_.gaze_frequencies, numbers()});
+    }
+    template <class Of>
+    void drive_streams(const CudaQueue& queue, const Of& of, bool keep) {
+        face_.drive_into(queue, of, {codes_numbers_.data(), nullptr, state_.data()},
+                         face_gaussians(), keep);
+        eyes_.drive_into(queue, of, state_.data(), eye_gaussians());
+    }
+
+    Device device_;
+    AvatarConfig config_;
+    Host host_; ///< its shapes, and the addresses that arrays are found by
+    ResidentLayout<Host> layout_;
+    Parameters parameters_;
+    DriverPlaces<E> drivers_;
+    CodePlaces<E> codes_;
+    DeviceFieldScratch scratch_;
+    DeviceFaceStream<E, Device, Networks> face_;
+    DeviceEyeStream<E, Device> eyes_;
+    DeviceCloudBuffer cloud_, g_cloud_;
+    DeviceBuffer<float> driver_numbers_, codes_numbers_; ///< codes, then their cotangents
+    DeviceBuffer<DeviceFrameState> state_;
+    DeviceBuffer<float> sums_; ///< over the face for the head; the pose's cotangent
+};
+
+} // namespace rye

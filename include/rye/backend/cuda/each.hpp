@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/backend/cuda/each.hpp: kernels of a function of an index: a thread for each index, and sums
+/// over all of them in a fixed order. The function is a struct with a name and an operator().
+#pragma once
+
+#include <cstdint>
+
+#include <rye/backend/cuda.hpp>
+#include <rye/backend/cuda/unrolled.hpp>
+
+namespace rye {
+
+/// f(i) for i in [0, count).
+template <class F>
+struct EachKernel {
+    static constexpr const char* name = F::name;
+    static constexpr int threads = 128, blocks = 8;
+    struct Shared {};
+    F f;
+    Index count;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        block.each_thread([&](int t) {
+            const Index i = Index(block.index()) * threads + t;
+            if (i < count) f(i);
+        });
+    }
+};
+
+/// Puts f(i), for i in [0, count), on the stream: in any order, at once.
+template <class Device, class F>
+void launch_each(const Device& device, const CudaQueue& queue, Index count, const F& f) {
+    device.launch(queue, (count + EachKernel<F>::threads - 1) / EachKernel<F>::threads,
+                  EachKernel<F>{f, count});
+}
+
+/// Sums of F::sums numbers over blocks of indices: f(i, sum) adds those of index i. Threads add in
+/// pairs, so that rounding grows with the logarithm of their number.
+template <class F>
+struct SumsKernel {
+    static constexpr const char* name = F::name;
+    static constexpr int threads = 128, blocks = 4;
+    static constexpr int sums = F::sums;
+    struct Shared {
+        float sum[sums][threads];
+    };
+    F f;
+    Index count;
+    float* partial; ///< sums x blocks
+
+    static Index blocks_of(Index count) { return (count + threads - 1) / threads; }
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+        block.each_thread([&](int t) {
+            const Index i = Index(block.index()) * threads + t;
+            Array<float, std::size_t(sums)> own;
+            for (int k = 0; k < sums; ++k) own[std::size_t(k)] = 0.0F;
+            if (i < count) f(i, own);
+            for (int k = 0; k < sums; ++k) shared.sum[k][t] = own[std::size_t(k)];
+        });
+        for (int apart = threads / 2; apart > 0; apart /= 2)
+            block.each_thread([&](int t) {
+                for (int at = t; at < sums * apart; at += threads)
+                    shared.sum[at / apart][at % apart] +=
+                        shared.sum[at / apart][at % apart + apart];
+            });
+        block.each_thread([&](int t) {
+            if (t < sums) partial[Index(block.index()) * sums + t] = shared.sum[t][0];
+        });
+    }
+};
+
+/// Adds the blocks' sums, in their order, in double.
+struct MergeSumsKernel {
+    static constexpr const char* name = "merge of sums";
+    static constexpr int threads = 256, blocks = 1;
+    static constexpr int most = 32, ways = threads / most; ///< sums; parts that add at once
+    struct Shared {
+        double part[most][ways];
+    };
+    const float* partial; ///< sums x blocks
+    Index count;          ///< blocks
+    int sums;
+    bool again; ///< whether to add to what is there
+    float* to;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+        block.each_thread([&](int t) {
+            const int k = t / ways, way = t % ways;
+            double sum = 0;
+            if (k < sums)
+                for (Index b = way; b < count; b += ways)
+                    sum += static_cast<double>(partial[b * sums + k]);
+            shared.part[k][way] = sum;
+        });
+        block.each_thread([&](int t) {
+            if (t >= sums) return;
+            double sum = again ? static_cast<double>(to[t]) : 0.0;
+            for (int way = 0; way < ways; ++way) sum += shared.part[t][way];
+            to[t] = static_cast<float>(sum);
+        });
+    }
+};
+
+/// Where sums go: F::sums numbers in device memory, which they replace, or add to.
+struct SumsTo {
+    float* numbers;
+    bool again = false;
+};
+
+/// Sums on a device, and the memory that they need meanwhile.
+template <class Device>
+class DeviceSums {
+  public:
+    explicit DeviceSums(const Device& device) : device_(device) {}
+
+    /// Puts the sums of f over [0, count) on the stream: F::sums numbers, at most 32.
+    template <class F>
+    void launch(const CudaQueue& queue, Index count, const F& f, const SumsTo& to) {
+        static_assert(F::sums >= 1 && F::sums <= MergeSumsKernel::most);
+        using Kernel = SumsKernel<F>;
+        const Index blocks = Kernel::blocks_of(count);
+        partial_.reserve(queue, static_cast<std::size_t>(blocks) * F::sums + 1);
+        device_.launch(queue, blocks, Kernel{f, count, partial_.data()});
+        device_.launch(queue, 1,
+                       MergeSumsKernel{partial_.data(), blocks, F::sums, to.again, to.numbers});
+    }
+    std::size_t bytes() const { return partial_.bytes(); }
+
+  private:
+    Device device_;
+    DeviceBuffer<float> partial_;
+};
+
+/// to[i] = from[i], between arrays of the device.
+struct CopyNumbers {
+    static constexpr const char* name = "copy";
+    const float* from;
+    float* to;
+    RYE_DEVICE void operator()(Index i) const { to[i] = from[i]; }
+};
+
+/// to[i] += from[i].
+struct AddNumbers {
+    static constexpr const char* name = "sum of arrays";
+    const float* from;
+    float* to;
+    RYE_DEVICE void operator()(Index i) const { to[i] += from[i]; }
+};
+
+} // namespace rye

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/nn/cuda/encoding.hpp: positional encoding of points in device memory and its vjp, by
+/// nn/encoding.hpp's formula of one number, and the bounded features of points.
+#pragma once
+
+#include <rye/backend/cuda/each.hpp>
+#include <rye/nn/activations.hpp>
+#include <rye/nn/encoding.hpp>
+
+namespace rye {
+
+/// Number i of columns of `rows` numbers, and its codes.
+struct EncodeNumber {
+    static constexpr const char* name = "encoding";
+    const float* x; ///< rows x N
+    Index rows;
+    int frequencies;
+    float* code; ///< encoded_size(rows, frequencies) x N
+
+    RYE_DEVICE void operator()(Index i) const {
+        const Index point = i / rows, row = i % rows;
+        encode_number(x[i], frequencies, rows,
+                      code + point * encoded_size(rows, frequencies) + row);
+    }
+};
+
+/// Adds the cotangent of number i.
+struct EncodeNumberVjp {
+    static constexpr const char* name = "encoding, reverse";
+    const float* code;
+    const float* g; ///< of the code
+    Index rows;
+    int frequencies;
+    float* g_x; ///< rows x N, added to
+
+    RYE_DEVICE void operator()(Index i) const {
+        const Index at = i / rows * encoded_size(rows, frequencies) + i % rows;
+        g_x[i] += encode_number_vjp(code + at, g + at, frequencies, rows);
+    }
+};
+
+/// tanh of number i.
+struct TanhNumber {
+    static constexpr const char* name = "tanh";
+    const float* x;
+    float* y;
+    RYE_DEVICE void operator()(Index i) const { y[i] = squash_value(Squash::tanh, x[i]); }
+};
+
+/// Adds the cotangent of number i, in terms of its tanh.
+struct TanhNumberVjp {
+    static constexpr const char* name = "tanh, reverse";
+    const float* y;
+    const float* g;
+    float* g_x; ///< added to
+    RYE_DEVICE void operator()(Index i) const { g_x[i] += g[i] * tanh_slope(y[i]); }
+};
+
+} // namespace rye
