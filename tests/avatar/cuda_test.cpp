@@ -65,3 +65,31 @@ TEST_CASE("cuda, emulated: influences by two metrics") {
     const AvatarCase<Two> c{restricted<Two>(avatar_of_all()), restricted<Two>(drivers_of_all())};
     avatar_against_host<Fine>(EmulatedDevice{}, queue, c);
 }
+TEST_CASE("cuda, emulated: effects that are off launch nothing and hold nothing") {
+    using Launches = std::map<std::string, int>;
+    const EmulatedDevice device;
+    const AvatarWork none = avatar_work<Fine>(device, queue, case_of<Effects<>>());
+    CHECK(none.launched == Launches{{"copy", 3},
+                                    {"face, activation and head", 1},
+                                    {"eyes' transforms", 1},
+                                    {"eyes", 1},
+                                    {"face, activation and head, reverse", 1},
+                                    {"sum of arrays", 2},
+                                    {"eyes, reverse", 2}});
+    const AvatarWork head = avatar_work<Fine>(device, queue, case_of<Effects<HeadPose>>());
+    Launches more = none.launched;
+    more["codes of a frame"] = more["pose, reverse"] = 1;
+    more["merge of sums"] = 3;
+    CHECK(head.launched == more);
+    const AvatarWork all = avatar_work<Fine>(device, queue, case_of_all());
+    using NoGaze = Less<AllEffects, Periocular, Kappa, LeftGaze, RightGaze>;
+    const AvatarWork fewer = avatar_work<Fine>(device, queue, case_of<NoGaze>());
+    CHECK(all.launched.at("network, forward") == 10);
+    CHECK(fewer.launched.at("network, forward") == 6);
+    CHECK(all.launched.at("influence") == 3);
+    CHECK(fewer.launched.at("influence") == 1);
+    CHECK(none.bytes < 8000);
+    CHECK(none.bytes < head.bytes);
+    CHECK(head.bytes < fewer.bytes);
+    CHECK(fewer.bytes < all.bytes);
+}

@@ -7,6 +7,7 @@
 
 #include <cmath>
 #include <limits>
+#include <map>
 #include <string>
 #include <utility>
 
@@ -275,6 +276,52 @@ void avatar_bad_input(const Device& device, const CudaQueue& queue, const Avatar
     const ResidentLayout<TwoStream<float, E>> elsewhere(c.avatar);
     const Resident<TwoStream<float, E>, Device> gradient(device, queue, elsewhere);
     CHECK_FAULT(avatar.vjp_into(queue, gradient), "of another layout");
+}
+
+/// A device that writes down what it launches.
+template <class Device>
+struct WritesDown {
+    Device device;
+    std::map<std::string, int>* launched = nullptr;
+
+    template <class Kernel>
+    void launch(const CudaQueue& queue, Index blocks, const Kernel& kernel) const {
+        if (launched != nullptr && blocks > 0) ++(*launched)[Kernel::name];
+        device.launch(queue, blocks, kernel);
+    }
+    void fill(const CudaQueue& q, void* p, int byte, std::size_t bytes) const {
+        device.fill(q, p, byte, bytes);
+    }
+    void send(const CudaQueue& q, void* to, const void* from, std::size_t bytes) const {
+        device.send(q, to, from, bytes);
+    }
+    void fetch(const CudaQueue& q, void* to, const void* from, std::size_t bytes) const {
+        device.fetch(q, to, from, bytes);
+    }
+};
+
+/// The kernels of a frame and its vjp, and how often each is launched; the memory beside the
+/// parameters and clouds.
+struct AvatarWork {
+    std::map<std::string, int> launched;
+    std::size_t bytes;
+};
+template <class Networks, EffectSet E, class Device>
+AvatarWork avatar_work(const Device& on, const CudaQueue& queue, const AvatarCase<E>& c) {
+    AvatarWork work{};
+    const WritesDown<Device> device{on, &work.launched};
+    DeviceTwoStream<E, WritesDown<Device>, Networks> avatar(device, queue,
+                                                            {c.avatar, c.config, c.roles});
+    Resident<TwoStream<float, E>, WritesDown<Device>> gradient(device, queue, avatar.layout());
+    avatar.set_drivers(queue, c.drivers);
+    const std::size_t clouds = avatar.parameters().bytes() + 2 * avatar.cloud_bytes();
+    send_cloud(device, queue, noise_like(avatar.cloud().count(), c.config.channels),
+               avatar.g_cloud(queue));
+    work.launched.clear();
+    avatar.drive_into(queue);
+    avatar.vjp_into(queue, gradient);
+    work.bytes = avatar.bytes() - clouds;
+    return work;
 }
 
 /// Drawn and differentiated: the image and all gradients against the host's in double.

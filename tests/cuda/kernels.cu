@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernels whose machine code is counted (machine_code.sh): rules of Fast, features and alpha
-// alone, 3 and 32 channels; networks of width 256 by one plane of bf16.
+// alone, 3 and 32 channels; networks of width 256 by one plane of bf16; points of avatars.
+#include <rye/avatar/cuda/two_stream.hpp>
 #include <rye/backend/cuda/device.hpp>
 #include <rye/nn/cuda/mlp.hpp>
 #include <rye/splat/cuda/sh_color.hpp>
@@ -8,6 +9,7 @@
 using namespace rye;
 using Rules = FeaturesOnly<Fast>;
 using Tiles = MlpTiles<1, 256, 128>;
+using All = More<PaperEffects, Kappa>;
 
 template <class K>
 const void* kernel() {
@@ -26,4 +28,27 @@ const void* const kernels[] = {kernel<ProjectKernel<Rules, NoDistortion>>(),
                                kernel<ShColorVjpKernel<3>>(),
                                kernel<MlpForwardKernel<Tiles, LeakyRelu>>(),
                                kernel<MlpReverseKernel<Tiles, LeakyRelu>>(),
-                               kernel<MlpWeightKernel<1>>()};
+                               kernel<MlpWeightKernel<1>>(),
+                               kernel<MlpPackKernel>(),
+                               kernel<MlpBiasKernel>(),
+                               kernel<MlpColumnForwardKernel<LeakyRelu>>(),
+                               kernel<MlpColumnReverseKernel<LeakyRelu>>(),
+                               kernel<EachKernel<MlpColumnWeight>>(),
+                               kernel<ListCountKernel>(),
+                               kernel<ListScanKernel>(),
+                               kernel<ListPlaceKernel>(),
+                               kernel<EachKernel<InfluenceOfPoint<SquaredDistance>>>(),
+                               kernel<EachKernel<InfluencePull<SquaredDistance>>>(),
+                               kernel<EachKernel<EncodeNumber>>(),
+                               kernel<EachKernel<EncodeNumberVjp>>(),
+                               kernel<EachKernel<FieldAdd>>(),
+                               kernel<FieldCotangentKernel>(),
+                               kernel<FrameCodesKernel<All>>(),
+                               kernel<FramePoseKernel<All>>(),
+                               kernel<EachKernel<FinishFacePoint<All>>>(),
+                               kernel<SumsKernel<FacePointVjp<All>>>(),
+                               kernel<PlaceEyesKernel<All>>(),
+                               kernel<EachKernel<DriveEyePoint<All>>>(),
+                               kernel<SumsKernel<EyePointVjp<All, 0>>>(),
+                               kernel<EyeFrameVjpKernel<All>>(),
+                               kernel<MergeSumsKernel>()};

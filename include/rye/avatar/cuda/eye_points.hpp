@@ -105,7 +105,7 @@ template <EffectSet E, int eye>
 struct EyePointVjp {
     using Places = EyeSums<E, eye>;
     static constexpr const char* name = "eyes, reverse";
-    static constexpr int sums = Places::count > 0 ? Places::count : 1;
+    static constexpr int sums = Places::count;
     DeviceEyeArrays raw, gradient;
     const float* position;
     DeviceGaussians<float> world, g; ///< g's means are left in the head's frame

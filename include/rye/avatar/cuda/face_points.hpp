@@ -104,7 +104,7 @@ struct DeviceRooms {
 template <EffectSet E>
 struct FacePointVjp {
     static constexpr const char* name = "face, activation and head, reverse";
-    static constexpr int sums = has_effect<E, HeadPose> ? head_sums : 1;
+    static constexpr int sums = has_effect<E, HeadPose> ? head_sums : 0;
     DeviceFaceArrays raw, gradient;
     const float* steps;
     float* g_steps; ///< 8 x N, overwritten, or null

@@ -154,20 +154,21 @@ class DeviceFaceStream {
     /// Waits for place_into. Whether its lists had room; where they had none they have now.
     bool finish(const CudaQueue& queue) {
         bool fits = true;
-        if constexpr (has_effect<E, FaceDrivers>) {
-            std::uint32_t found[DeviceListArrays::most] = {};
-            lists_.fetch_counts(queue, found);
-            for (int k = 0; k < drivers; ++k) {
-                const Index need = found[k];
-                if (need <= room_[k]) continue;
-                fits = false;
-                room_[k] = rye::min(count(), need + need / 4 + 64);
-            }
+        int k = 0;
+        for (const Index need : listed(queue)) {
+            Index& room = room_[k++];
+            if (need <= room) continue;
+            fits = false;
+            room = rye::min(count(), need + need / 4 + 64);
         }
         return fits;
     }
-    /// Points that there is room for, of each driver that is on.
-    Index room(int driver) const { return room_[driver]; }
+    /// Points that each driver that is on moves, in the order of for_face_fields. Waits.
+    std::vector<std::uint32_t> listed(const CudaQueue& queue) const {
+        std::vector<std::uint32_t> found(static_cast<std::size_t>(drivers));
+        if constexpr (drivers > 0) lists_.fetch_counts(queue, found.data());
+        return found;
+    }
 
     /// Puts the driven face into `to`, in the world: N columns. place_into has been.
     template <class Of>

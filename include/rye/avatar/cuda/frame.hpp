@@ -17,12 +17,19 @@ namespace rye {
 /// The encoding that kernels know; another one has the host alone.
 template <class E>
 concept EncodedByDevice = std::same_as<EncodingOf<E>, PositionalEncoding>;
-/// Effects that have kernels on a device: all of rye's but those that see the cornea, with default
-/// parts but metrics and the networks' activation. A list of others does not compile.
+/// What is seen through a cornea, and on it, has the host alone.
 template <class E>
-concept DeviceEffects = EffectSet<E> && EncodedByDevice<E> && !has_effect<E, SeesCornea> &&
-                        !has_own_effects<E> && std::same_as<GazeMechanismOf<E>, ExplicitRotation> &&
-                        std::same_as<EyeAppearanceOf<E>, FreeFeatures>;
+concept SeesNoCornea = !has_effect<E, SeesCornea>;
+/// The parts of an avatar that a device has no kernels for: own effects, mechanisms, appearances.
+template <class E>
+concept HasPartsOfDevice =
+    !has_own_effects<E> && std::same_as<GazeMechanismOf<E>, ExplicitRotation> &&
+    std::same_as<EyeAppearanceOf<E>, FreeFeatures>;
+/// Effects that have kernels on a device: a list of others does not compile. Metrics of influence
+/// and the networks' activation may be a user's.
+template <class E>
+concept DeviceEffects =
+    EffectSet<E> && EncodedByDevice<E> && SeesNoCornea<E> && HasPartsOfDevice<E>;
 
 /// Where the numbers of a frame's drivers lie, one after the other, as far as effects read them:
 /// expression, pose, scale, gaze of each eye that turns, and the column of delta_pose, -1 for none.

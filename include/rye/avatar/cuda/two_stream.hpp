@@ -143,6 +143,10 @@ class DeviceTwoStream {
         return face_.finish(queue);
     }
 
+    /// Points of the face that each driver that is on moves, in the order of for_face_fields.
+    /// Waits.
+    std::vector<std::uint32_t> listed(const CudaQueue& queue) const { return face_.listed(queue); }
+
     /// The driven Gaussians in the world: the face's columns first, then the eyes'.
     const DeviceGaussians<float>& cloud() const { return cloud_.view(); }
     DeviceGaussians<float> face_gaussians() const {
@@ -187,6 +191,8 @@ class DeviceTwoStream {
     /// The cotangent of the pose after vjp_into: 6 numbers in device memory.
     const float* g_pose() const { return sums_.data() + head_sums; }
 
+    /// Memory of a cloud [bytes].
+    std::size_t cloud_bytes() const { return cloud_.bytes(); }
     /// Memory that is held, of parameters, the streams and the clouds [bytes].
     std::size_t bytes() const {
         return parameters_.bytes() + face_.bytes() + eyes_.bytes() + scratch_.bytes() +
@@ -207,10 +213,12 @@ class DeviceTwoStream {
         return r;
     }
     void code(const CudaQueue& queue) {
-        device_.launch(
-            queue, 1,
-            FrameCodesKernel<E>{drivers_, codes_, config_.expression, config_.pose_frequencies,
-                                config_.gaze_frequencies, numbers()});
+        using Read = ReaderOf<Reads::expression | Reads::head_pose | Reads::gaze>;
+        if constexpr (has_effect<E, Read>)
+            device_.launch(
+                queue, 1,
+                FrameCodesKernel<E>{drivers_, codes_, config_.expression, config_.pose_frequencies,
+                                    config_.gaze_frequencies, numbers()});
     }
     template <class Of>
     void drive_streams(const CudaQueue& queue, const Of& of, bool keep) {

@@ -110,22 +110,38 @@ struct SumsTo {
     bool again = false;
 };
 
+/// A function of an index that could add to sums, and has none to add to.
+template <class F>
+struct WithoutSums {
+    static constexpr const char* name = F::name;
+    struct None {};
+    F f;
+    RYE_DEVICE void operator()(Index i) const {
+        None none;
+        f(i, none);
+    }
+};
+
 /// Sums on a device, and the memory that they need meanwhile.
 template <class Device>
 class DeviceSums {
   public:
     explicit DeviceSums(const Device& device) : device_(device) {}
 
-    /// Puts the sums of f over [0, count) on the stream: F::sums numbers, at most 32.
+    /// Puts f over [0, count) on the stream, and its sums: F::sums numbers, at most 32, or none.
     template <class F>
     void launch(const CudaQueue& queue, Index count, const F& f, const SumsTo& to) {
-        static_assert(F::sums >= 1 && F::sums <= MergeSumsKernel::most);
-        using Kernel = SumsKernel<F>;
-        const Index blocks = Kernel::blocks_of(count);
-        partial_.reserve(queue, static_cast<std::size_t>(blocks) * F::sums + 1);
-        device_.launch(queue, blocks, Kernel{f, count, partial_.data()});
-        device_.launch(queue, 1,
-                       MergeSumsKernel{partial_.data(), blocks, F::sums, to.again, to.numbers});
+        static_assert(F::sums >= 0 && F::sums <= MergeSumsKernel::most);
+        if constexpr (F::sums == 0) {
+            launch_each(device_, queue, count, WithoutSums<F>{f});
+        } else {
+            using Kernel = SumsKernel<F>;
+            const Index blocks = Kernel::blocks_of(count);
+            partial_.reserve(queue, static_cast<std::size_t>(blocks) * F::sums + 1);
+            device_.launch(queue, blocks, Kernel{f, count, partial_.data()});
+            device_.launch(queue, 1,
+                           MergeSumsKernel{partial_.data(), blocks, F::sums, to.again, to.numbers});
+        }
     }
     std::size_t bytes() const { return partial_.bytes(); }
 

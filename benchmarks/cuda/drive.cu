@@ -1,0 +1,284 @@
+// SPDX-License-Identifier: Apache-2.0
+// drive [--json FILE]: an avatar on this device: 100,000 points of the face and 4,096 of the eyes,
+// 32 channels, the paper's effects and networks, a picture of 512 x 512; by 1, 2 and 3 planes.
+// Milliseconds of a CUDA graph, median of 100 [least-most], of a frame with new parameters, of one
+// with other drivers alone, of a frame and its vjp, and of these with the picture; then the parts
+// of a frame and its vjp, kernel by kernel, launched one after the other with an event between, and
+// the memory that is held.
+#include <rye/backend/cuda/device.hpp>
+
+#include <algorithm>
+#include <cstdio>
+#include <map>
+#include <string>
+#include <vector>
+
+#include <rye/avatar/cuda/two_stream.hpp>
+#include <rye/splat/cuda/rasterizer.hpp>
+
+#include "scenes.hpp"
+
+namespace {
+
+using namespace rye;
+using E = PaperEffects;
+
+std::string json;
+
+/// What launches of each kernel took.
+struct Parts {
+    struct Part {
+        std::string name;
+        cudaEvent_t begin, end;
+    };
+    std::vector<Part> parts;
+    bool on = false;
+};
+
+/// A device that puts events around what it launches, while it is asked to.
+struct TimedDevice {
+    Parts* timed = nullptr;
+    CudaDevice device = {};
+
+    template <class Kernel>
+    void launch(const CudaQueue& queue, Index blocks, const Kernel& kernel) const {
+        if (timed == nullptr || !timed->on) return device.launch(queue, blocks, kernel);
+        Parts::Part part{Kernel::name, nullptr, nullptr};
+        check_cuda(cudaEventCreate(&part.begin), "event");
+        check_cuda(cudaEventCreate(&part.end), "event");
+        check_cuda(cudaEventRecord(part.begin, queue.stream), "event");
+        device.launch(queue, blocks, kernel);
+        check_cuda(cudaEventRecord(part.end, queue.stream), "event");
+        timed->parts.push_back(part);
+    }
+    void fill(const CudaQueue& q, void* p, int byte, std::size_t bytes) const {
+        device.fill(q, p, byte, bytes);
+    }
+    void send(const CudaQueue& q, void* to, const void* from, std::size_t bytes) const {
+        device.send(q, to, from, bytes);
+    }
+    void fetch(const CudaQueue& q, void* to, const void* from, std::size_t bytes) const {
+        device.fetch(q, to, from, bytes);
+    }
+};
+
+/// A face of points on a shell, with landmarks in front as many as a tracker gives.
+struct Subject {
+    AvatarConfig config;
+    LandmarkRoles roles;
+    TwoStream<float, E> avatar;
+    Drivers<float, E> drivers;
+
+    explicit Subject(Index points, Index of_an_eye) {
+        config.expression = 64;
+        const Random random(5);
+        const bench::DeviceScenery head = bench::head(points, config.channels);
+        const auto noise = [&](Index rows, Index cols, double size, std::uint64_t key) {
+            Columns<float> x(rows, cols);
+            const Random own = random.fork(key);
+            for (Index i = 0; i < x.size(); ++i)
+                x(i) =
+                    static_cast<float>(size * (2 * own.uniform(static_cast<std::uint64_t>(i)) - 1));
+            return x;
+        };
+        FaceStream<float, E>& f = avatar.face;
+        f.position = head.gaussians.mean;
+        f.rotation = head.gaussians.rotation;
+        f.log_scale = head.gaussians.scale.array().log();
+        f.opacity_logit = noise(1, points, 2, 1);
+        f.feature = noise(config.feature, points, 1, 2);
+        f.networks = FaceNetworks<float, E>::init(config, random.fork(3));
+        f.exp_attributes = Mlp<float>::init(
+            mlp_shape(config.feature, config.expression, config.networks.exp_attributes, 8),
+            random.fork(4));
+        f.pose_attributes = Mlp<float>::init(
+            mlp_shape(config.feature, config.pose_code(), config.networks.pose_attributes, 8),
+            random.fork(5));
+        // Landmarks on the front: 6 around each eye, the others over the face.
+        f.landmarks = noise(3, 66, 1, 6);
+        for (Index k = 0; k < 66; ++k) {
+            const bool eye = k >= 36 && k < 48;
+            float x = 0.6F * f.landmarks(0, k), y = 0.7F * f.landmarks(1, k);
+            if (eye) {
+                x = (k < 42 ? -0.3F : 0.3F) + 0.12F * f.landmarks(0, k);
+                y = 0.25F + 0.05F * f.landmarks(1, k);
+            }
+            f.landmarks.col(k) << x, y, 0.92F * std::sqrt(1 - std::min(0.9F, x * x + y * y));
+            (eye ? roles.eye[k < 42 ? 1U : 0U] : roles.expression).push_back(k);
+        }
+        EyeStream<float, E>& e = avatar.eyes;
+        const Index all = 2 * of_an_eye;
+        e.feature = noise(config.channels, all, 1, 7);
+        e.log_scale = noise(3, all, 0.3, 8).array() - 5.0F;
+        e.rotation = noise(4, all, 1, 9);
+        e.opacity_logit = noise(1, all, 2, 10);
+        e.offset = EyeOffsetNetwork<float>::init(config, random.fork(11));
+        e.position = noise(3, all, 1, 12).colwise().normalized() * 0.12F;
+        e.spacing = Columns<float>::Constant(1, all, 0.01F);
+        e.centre.resize(3, 2);
+        e.centre << 0.3F, -0.3F, 0.25F, 0.25F, 0.8F, 0.8F;
+        avatar.delta_pose = Columns<float>::Zero(6, 1);
+        drivers.expression = noise(config.expression, 1, 0.5, 13);
+        drivers.pose << 0.1F, -0.1F, 0.05F, 0.02F, 0.0F, 0.01F;
+        drivers.gaze = {Vec3<float>(0.2F, 0.1F, 0.97F), Vec3<float>(0.15F, 0.1F, 0.98F)};
+    }
+};
+
+struct Stats {
+    float median, least, most;
+};
+
+template <class F>
+Stats graph_time(cudaStream_t stream, const F& f) {
+    cudaGraph_t graph;
+    cudaGraphExec_t exec;
+    check_cuda(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "graph");
+    f();
+    check_cuda(cudaStreamEndCapture(stream, &graph), "graph");
+    check_cuda(cudaGraphInstantiate(&exec, graph, 0), "graph");
+    constexpr std::size_t count = 100;
+    std::vector<cudaEvent_t> events(count + 1);
+    for (auto& e : events) check_cuda(cudaEventCreate(&e), "event");
+    for (int k = 0; k < 10; ++k) check_cuda(cudaGraphLaunch(exec, stream), "graph");
+    check_cuda(cudaEventRecord(events[0], stream), "event");
+    for (std::size_t k = 0; k < count; ++k) {
+        check_cuda(cudaGraphLaunch(exec, stream), "graph");
+        check_cuda(cudaEventRecord(events[k + 1], stream), "event");
+    }
+    check_cuda(cudaStreamSynchronize(stream), "timed");
+    std::vector<float> ms(count);
+    for (std::size_t k = 0; k < count; ++k)
+        check_cuda(cudaEventElapsedTime(&ms[k], events[k], events[k + 1]), "event");
+    for (auto& e : events) check_cuda(cudaEventDestroy(e), "event");
+    check_cuda(cudaGraphExecDestroy(exec), "graph");
+    check_cuda(cudaGraphDestroy(graph), "graph");
+    std::sort(ms.begin(), ms.end());
+    return {ms[count / 2], ms.front(), ms.back()};
+}
+
+void print_parts(Parts& timed) {
+    struct Sum {
+        double ms = 0;
+        int launches = 0;
+    };
+    std::map<std::string, Sum> sums;
+    double all = 0;
+    for (const Parts::Part& p : timed.parts) {
+        float ms = 0;
+        check_cuda(cudaEventElapsedTime(&ms, p.begin, p.end), "event");
+        check_cuda(cudaEventDestroy(p.begin), "event");
+        check_cuda(cudaEventDestroy(p.end), "event");
+        sums[p.name].ms += double(ms);
+        ++sums[p.name].launches;
+        all += double(ms);
+    }
+    timed.parts.clear();
+    std::vector<std::pair<std::string, Sum>> order(sums.begin(), sums.end());
+    std::sort(order.begin(), order.end(),
+              [](const auto& a, const auto& b) { return a.second.ms > b.second.ms; });
+    std::printf("  %-38s %9s %9s %7s\n", "kernel", "launches", "ms", "share");
+    for (const auto& [name, sum] : order)
+        std::printf("  %-38s %9d %9.4f %6.1f%%\n", name.c_str(), sum.launches, sum.ms,
+                    100 * sum.ms / all);
+    std::printf("  %-38s %9s %9.4f\n", "all, one after the other", "", all);
+}
+
+template <int N>
+void rows(const CudaQueue& queue, const Subject& subject) {
+    using Networks = DeviceNetworks<N>;
+    Parts timed;
+    const TimedDevice device{&timed};
+    DeviceTwoStream<E, TimedDevice, Networks> avatar(
+        device, queue, {subject.avatar, subject.config, subject.roles});
+    avatar.set_drivers(queue, subject.drivers, 0);
+    Resident<TwoStream<float, E>, TimedDevice> gradient(device, queue, avatar.layout());
+    const Pinhole<float> camera =
+        bench::head(2000, 3).cameras.front(); // 512 x 512, in front of the face
+    const Index channels = subject.config.channels, pixels = Index(camera.width) * camera.height;
+    DeviceBuffer<float> images, weights;
+    images.reserve(queue, static_cast<std::size_t>((channels + 1) * pixels + channels));
+    weights.reserve(queue, static_cast<std::size_t>(channels * pixels));
+    device.fill(queue, images.data(), 0, images.bytes());
+    device.fill(queue, weights.data(), 0x3C, weights.bytes()); // 0.0115 everywhere
+    const DeviceColumns<float> feature{images.data(), channels, pixels},
+        alpha{images.data() + channels * pixels, 1, pixels};
+    const float* const background = images.data() + (channels + 1) * pixels;
+    const DeviceRasterizer<FeaturesOnly<Fast>, TimedDevice, KernelChannels<32>> rasterizer{};
+    DeviceFrame<TimedDevice> frame(device);
+    const auto draw = [&] {
+        rasterizer.forward_into(queue, avatar.cloud(), camera, background, {feature, alpha}, frame);
+    };
+    const auto pull = [&] {
+        rasterizer.vjp_into(queue, avatar.cloud(), camera, background,
+                            {DeviceColumns<const float>{weights.data(), channels, pixels}},
+                            avatar.g_cloud(queue), frame);
+        avatar.vjp_into(queue, gradient);
+    };
+    do {
+        avatar.drive_into(queue);
+        draw();
+    } while (!avatar.finish(queue) || !frame.finish(queue));
+    pull();
+    check_cuda(cudaStreamSynchronize(queue.stream), "first");
+    std::printf("%d planes: points that drivers move:", N);
+    for (const std::uint32_t n : avatar.listed(queue)) std::printf(" %u", n);
+    std::printf("; memory %.0f MB, of a frame's picture %.0f MB\n", double(avatar.bytes()) / 1e6,
+                double(frame.bytes()) / 1e6);
+    const auto row = [&](const char* name, const auto& f) {
+        const Stats s = graph_time(queue.stream, f);
+        std::printf("  %-38s %.3f ms [%.3f-%.3f]\n", name, double(s.median), double(s.least),
+                    double(s.most));
+        char text[192];
+        std::snprintf(text, sizeof text,
+                      "%s  {\"name\": \"cuda_drive/%s/planes:%d\", \"ms\": %.5g}",
+                      json.empty() ? "" : ",\n", name, N, double(s.median));
+        json += text;
+        std::fflush(stdout);
+    };
+    row("drive", [&] { avatar.drive_into(queue); });
+    row("drive, not for a vjp", [&] { avatar.drive_into(queue, false); });
+    row("drive by other drivers", [&] { avatar.redrive_into(queue); });
+    row("drive by other drivers and draw", [&] { avatar.redrive_into(queue), draw(); });
+    row("drive and vjp", [&] { avatar.drive_into(queue), avatar.vjp_into(queue, gradient); });
+    row("drive, draw, and vjp of both", [&] { avatar.drive_into(queue), draw(), pull(); });
+    for (const bool warm : {true, false}) {
+        timed.on = !warm;
+        avatar.drive_into(queue), draw(), pull();
+        check_cuda(cudaStreamSynchronize(queue.stream), "parts");
+    }
+    timed.on = false;
+    print_parts(timed);
+}
+
+} // namespace
+
+int main(int argc, char** argv) {
+    int devices = 0;
+    if (cudaGetDeviceCount(&devices) != cudaSuccess || devices == 0) {
+        std::puts("cuda_drive: skipped, no device is there");
+        return 0;
+    }
+    try {
+        cudaStream_t stream;
+        check_cuda(cudaStreamCreate(&stream), "stream");
+        StreamMemory memory;
+        const CudaQueue queue{stream, memory};
+        const Subject subject(100000, 2048);
+        rows<1>(queue, subject);
+        rows<2>(queue, subject);
+        rows<3>(queue, subject);
+    } catch (const std::exception& e) {
+        std::printf("failed: %s\n", e.what());
+        return 1;
+    }
+    if (argc == 3 && std::string(argv[1]) == "--json") {
+        std::FILE* const f = std::fopen(argv[2], "w");
+        if (f == nullptr) {
+            std::printf("failed: cannot write %s\n", argv[2]);
+            return 1;
+        }
+        std::fprintf(f, "{\"benchmarks\": [\n%s\n]}\n", json.c_str());
+        std::fclose(f);
+    }
+    return 0;
+}

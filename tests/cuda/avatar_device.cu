@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+// avatar_device: the cases of avatars, and of what they are made of, on a device; where there is
+// none it says so.
+#define DOCTEST_CONFIG_IMPLEMENT
+#include "avatar_cases.hpp"
+#include "point_cases.hpp"
+
+#include <rye/backend/cuda/device.hpp>
+
+#include <cstdio>
+
+using namespace rye;
+using namespace rye::test;
+
+namespace {
+
+StreamMemory memory;
+cudaStream_t stream;
+const CudaQueue& queue() {
+    static const CudaQueue q{stream, memory};
+    return q;
+}
+using Fine = DeviceNetworks<3, 32, 32, 32>;
+
+AvatarCase<AllEffects> case_of_all() { return {avatar_of_all(), drivers_of_all()}; }
+
+/// Captured once, launched with the drivers of another frame: the bits of a frame that was not.
+void graph_case() {
+    const AvatarCase<AllEffects> c = case_of_all();
+    AvatarCase<AllEffects> before = c;
+    before.drivers.expression = -before.drivers.expression;
+    before.drivers.pose = -before.drivers.pose;
+    const Gaussians<float> cotangent = noise_like(78, c.config.channels);
+    const DrivenOnDevice<AllEffects> expected = drive_on<Fine>(CudaDevice(), queue(), c, cotangent);
+    DeviceTwoStream<AllEffects, CudaDevice, Fine> avatar(CudaDevice(), queue(),
+                                                         {c.avatar, c.config, c.roles});
+    Resident<TwoStream<float, AllEffects>, CudaDevice> gradient(CudaDevice(), queue(),
+                                                                avatar.layout());
+    const auto step = [&] {
+        avatar.drive_into(queue());
+        avatar.vjp_into(queue(), gradient);
+    };
+    avatar.set_drivers(queue(), before.drivers);
+    send_cloud(CudaDevice(), queue(), cotangent, avatar.g_cloud(queue()));
+    step(); // takes the memory
+    REQUIRE(avatar.finish(queue()));
+    cudaGraph_t graph;
+    cudaGraphExec_t exec;
+    check_cuda(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "graph");
+    step();
+    check_cuda(cudaStreamEndCapture(stream, &graph), "graph");
+    check_cuda(cudaGraphInstantiate(&exec, graph, 0), "graph");
+    avatar.set_drivers(queue(), c.drivers);
+    send_cloud(CudaDevice(), queue(), cotangent, avatar.g_cloud(queue()));
+    gradient.clear(queue());
+    check_cuda(cudaGraphLaunch(exec, stream), "graph");
+    REQUIRE(avatar.finish(queue()));
+    TwoStream<float, AllEffects> found = zeros_like(c.avatar);
+    gradient.fetch(queue(), found);
+    CHECK(fetch_cloud(CudaDevice(), queue(), avatar.cloud()).mean == expected.cloud.mean);
+    CHECK(gradients_apart(found, expected.gradient, 0.0) == "");
+    check_cuda(cudaGraphExecDestroy(exec), "graph");
+    check_cuda(cudaGraphDestroy(graph), "graph");
+}
+
+} // namespace
+
+TEST_CASE("device: lists are the host's") { lists_against_host(CudaDevice(), queue()); }
+TEST_CASE("device: sums are the host's") { sums_against_host(CudaDevice(), queue()); }
+TEST_CASE("device: influences are the host's") {
+    influences_against_host(CudaDevice(), queue(), SquaredDistance{});
+    influences_against_host(CudaDevice(), queue(), EuclideanDistance{});
+}
+TEST_CASE("device: codes are the host's") { codes_against_host(CudaDevice(), queue()); }
+TEST_CASE("device: networks over the points of a list") {
+    mlp_of_a_list<MlpTiles<2, 64, 32>>(CudaDevice(), queue(), 150);
+    mlp_of_a_list<MlpTiles<2, 64, 32>>(CudaDevice(), queue(), 1);
+}
+TEST_CASE("device: networks of one column are the host's") {
+    mlp_column_against_host(CudaDevice(), queue(), {{21, 300, 33, 5}});
+    mlp_column_against_host(CudaDevice(), queue(), {{7, 6}, 0, MlpShape::no_skip});
+}
+TEST_CASE("device: an avatar of every effect is the host's") {
+    AvatarCase<AllEffects> c = case_of_all();
+    avatar_against_host<Fine>(CudaDevice(), queue(), c);
+    c.column = 1;
+    c.config.metric = EuclideanDistance{};
+    avatar_against_host<Fine>(CudaDevice(), queue(), c);
+}
+TEST_CASE("device: an avatar gives the same bits again") {
+    avatar_again<Fine>(CudaDevice(), queue(), case_of_all());
+}
+TEST_CASE("device: lists of an avatar's points grow") {
+    avatar_lists_grow<Fine>(CudaDevice(), queue(), case_of_all());
+}
+TEST_CASE("device: what an avatar's device refuses") {
+    avatar_bad_input<Fine>(CudaDevice(), queue(), case_of_all());
+}
+TEST_CASE("device: an avatar is driven, drawn and differentiated as on the host") {
+    avatar_drawn<Fine>(CudaDevice(), queue(), case_of_all());
+}
+TEST_CASE("device: an avatar driven by a graph, with drivers that change between launches") {
+    graph_case();
+}
+
+int main(int argc, char** argv) {
+    int devices = 0;
+    if (cudaGetDeviceCount(&devices) != cudaSuccess || devices == 0) {
+        std::puts("avatar_device: skipped, no device is there");
+        return 77;
+    }
+    check_cuda(cudaStreamCreate(&stream), "test");
+    return doctest::Context(argc, argv).run();
+}
