@@ -257,6 +257,9 @@ void avatar_bad_input(const Device& device, const CudaQueue& queue, const Avatar
     drivers.expression = VecX<float>::Zero(7);
     CHECK_FAULT(avatar.set_drivers(queue, drivers), "expression has 7 numbers");
     drivers = c.drivers;
+    drivers.pose[2] = std::nanf("");
+    CHECK_FAULT(avatar.set_drivers(queue, drivers), "number 5 of the drivers");
+    drivers = c.drivers;
     drivers.gaze[0].setZero();
     CHECK_FAULT(avatar.set_drivers(queue, drivers), "expected a finite direction");
     CHECK_FAULT(avatar.set_drivers(queue, c.drivers, 2), "column of delta_pose is 2");

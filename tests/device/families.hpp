@@ -9,6 +9,7 @@
 #include <type_traits>
 
 #include <rye/autodiff/widen.hpp>
+#include <rye/avatar/eye_kappa.hpp>
 #include <rye/gaussian/attributes.hpp>
 #include <rye/gaussian/sh_color.hpp>
 #include <rye/geometry/sphere_path.hpp>
@@ -456,6 +457,42 @@ struct Eyes {
         out(e.apply(point), into_eye(e, e.apply(point)), eye_offset_cotangent(e, g));
         out(quat_product(e.quaternion, q), quat_product_vjp_right(e.quaternion, q));
         out(gaze_in_head(e.rotation, gaze), gaze_in_world(e.rotation, gaze)[0]);
+        return {in.at, out.at};
+    }
+};
+
+/// What the head's motion, and kappa, do to points, and back.
+struct Motions {
+    static constexpr const char* name = "motions of head and eyes";
+    static constexpr int inputs = 6 + 3 + 4 + 3 + 4 + 2, outputs = 16 + 3 + 7 + 16 + 6 + 4 + 2;
+    static constexpr double ulps = 512;
+
+    template <class S>
+    RYE_HD static Ends<S> evaluate(const S* x, S* y) {
+        Reader<S> in{x};
+        Writer<S> out{y};
+        const Vec<S, 6> pose = in.template vector<6>();
+        const HeadTransform<S> head = head_transform<S>(pose, constant<S>(1.1));
+        const Mat3<S> scaled = head.scale * head.rotation;
+        MovedPoint<S> world{in.template vector<3>(), in.template vector<4>(0.1, 1)};
+        MovedPoint<S> g{in.template vector<3>(), in.template vector<4>()};
+        const Vec3<S> at_rest = world.mean;
+        world.mean = mean_to_world<S>(head, scaled, at_rest);
+        out(head.rotation, head.quaternion, head.translation, world.mean);
+        HeadTransformGradient<S> sum;
+        sum.add(head, world, g);
+        out(g.mean, g.rotation, sum.rotation, sum.quaternion, sum.translation);
+        out(head_pose_vjp<S>(pose, sum));
+        NearestSoFar<S> nearest;
+        nearest.offer(at_rest[0], at_rest[1], at_rest[2], 0);
+        nearest.offer(world.mean[0], world.mean[1], world.mean[2], 1);
+        out(nearest.squared, influence_pull<S>(nearest.squared, at_rest));
+        TurnCotangent<S> turn;
+        turn.add({at_rest, world.rotation}, g);
+        const S pitch = in.number(-0.8, 0.8), yaw = in.number(-0.8, 0.8);
+        const KappaTangent<S> tangent(gaze_vector(pitch, yaw),
+                                      KappaAngles<S>{constant<S>(0.03), constant<S>(0.09)});
+        out(tangent.of_turn(turn, 0), tangent.of_turn(turn, 1));
         return {in.at, out.at};
     }
 };

@@ -209,5 +209,6 @@ int main() {
     good &= run_all<Influences<SquaredDistance>>() & run_all<Influences<EuclideanDistance>>();
     good &= run_all<Eyes>() & run_all<Encodings>() & run_all<Activations>();
     good &= run_all<SsimWindow>() & run_all<Corneas>();
+    good &= run_real<Motions>();
     return good ? 0 : 1;
 }

@@ -28,13 +28,15 @@ struct FieldAdd {
     float* out;                  ///< rows x N, added to
 
     RYE_DEVICE void operator()(Index i) const {
-        const auto k = static_cast<std::uint32_t>(i / output.rows);
+        const auto rows =
+            static_cast<std::uint32_t>(output.rows); // DeviceMlp: 2^32 numbers at most
+        const std::uint32_t k = static_cast<std::uint32_t>(i) / rows;
         if (k >= set.points.among(static_cast<std::uint32_t>(set.room))) return;
         const Index point = set.points.column(k);
         const float w = gain * set.lambda[point];
         const float y = squash_value(squash, output.data[i]);
         if (squash != Squash::none) output.data[i] = y;
-        out[point * output.rows + i % output.rows] += w * y;
+        out[point * rows + static_cast<std::uint32_t>(i) % rows] += w * y;
     }
 };
 

@@ -5,6 +5,7 @@
 /// runs again with others.
 #pragma once
 
+#include <cmath>
 #include <string>
 #include <vector>
 
@@ -76,6 +77,10 @@ struct DriverPlaces {
                 put(gaze[eye], of_eye<eye>(drivers.gaze));
             }
         });
+        for (std::size_t k = 0; k < r.size(); ++k)
+            require(std::isfinite(r[k]), "DeviceTwoStream",
+                    "number " + std::to_string(k) + " of the drivers (expression, pose, scale, " +
+                        "gazes) is " + std::to_string(r[k]) + ", expected a finite one");
         return r;
     }
 };

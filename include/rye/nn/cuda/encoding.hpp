@@ -12,15 +12,15 @@ namespace rye {
 /// Number i of columns of `rows` numbers, and its codes.
 struct EncodeNumber {
     static constexpr const char* name = "encoding";
-    const float* x; ///< rows x N
-    Index rows;
+    const float* x;     ///< rows x N
+    std::uint32_t rows; ///< numbers are fewer than 2^32
     int frequencies;
     float* code; ///< encoded_size(rows, frequencies) x N
 
     RYE_DEVICE void operator()(Index i) const {
-        const Index point = i / rows, row = i % rows;
+        const auto at = static_cast<std::uint32_t>(i);
         encode_number(x[i], frequencies, rows,
-                      code + point * encoded_size(rows, frequencies) + row);
+                      code + at / rows * encoded_size(rows, frequencies) + at % rows);
     }
 };
 
@@ -28,13 +28,14 @@ struct EncodeNumber {
 struct EncodeNumberVjp {
     static constexpr const char* name = "encoding, reverse";
     const float* code;
-    const float* g; ///< of the code
-    Index rows;
+    const float* g;     ///< of the code
+    std::uint32_t rows; ///< numbers are fewer than 2^32
     int frequencies;
     float* g_x; ///< rows x N, added to
 
     RYE_DEVICE void operator()(Index i) const {
-        const Index at = i / rows * encoded_size(rows, frequencies) + i % rows;
+        const auto k = static_cast<std::uint32_t>(i);
+        const Index at = k / rows * encoded_size(rows, frequencies) + k % rows;
         g_x[i] += encode_number_vjp(code + at, g + at, frequencies, rows);
     }
 };

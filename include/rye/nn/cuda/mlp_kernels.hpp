@@ -222,7 +222,7 @@ struct MlpReverseKernel {
                 block.each_warp([&](int w) {
                     sums[w].clear();
                     sums[w].add(shared.cotangent, layer.out_to_input, layer.out, network.inputs, w);
-                    to_points(sums[w], first, w, again);
+                    to_points(sums[w], {first, count}, w, again);
                 });
                 again = true;
             }
@@ -232,22 +232,30 @@ struct MlpReverseKernel {
                 sums[w].add(shared.cotangent, layer.out_to_hidden, layer.out, layer.hidden, w);
             });
             const std::uint16_t* const below = network.layer[l - 1].activated;
-            block.each_warp(
-                [&](int w) { through(shared, sums[w], layer.hidden, below, first, w); });
+            block.each_warp([&](int w) {
+                through(shared, sums[w], {layer.hidden, below}, {first, count}, w);
+            });
         }
     }
 
   private:
+    struct Rows {
+        std::uint32_t first, end; ///< points
+    };
+    struct Below {
+        int hidden;
+        const std::uint16_t* activated;
+    };
     template <class W>
-    RYE_DEVICE void to_points(const MlpSums<W, Tiles>& sums, std::uint32_t first, int w,
+    RYE_DEVICE void to_points(const MlpSums<W, Tiles>& sums, const Rows& of, int w,
                               bool again) const {
         using F = typename W::F;
         using U = typename W::U;
         const U rows(static_cast<std::uint32_t>(network.inputs));
         sums.each_pair(network.inputs, w,
                        [&](const U& row, const U& column, const F& a, const F& b) {
-                           const U point = U(first) + row;
-                           const auto inside = point < U(network.of.among(network.points));
+                           const U point = U(of.first) + row;
+                           const auto inside = point < U(of.end);
                            U to = point;
                            if (network.of.which != nullptr)
                                to = W::read(network.of.which, select(inside, point, U(0)));
@@ -264,19 +272,20 @@ struct MlpReverseKernel {
     }
     /// Back through the activation whose outputs were kept.
     template <class W>
-    RYE_DEVICE void through(Shared& shared, const MlpSums<W, Tiles>& sums, int hidden,
-                            const std::uint16_t* below, std::uint32_t first, int w) const {
+    RYE_DEVICE void through(Shared& shared, const MlpSums<W, Tiles>& sums, const Below& layer,
+                            const Rows& of, int w) const {
         using F = typename W::F;
         using U = typename W::U;
+        const int hidden = layer.hidden;
         const U width(static_cast<std::uint32_t>(padded_16(hidden)));
         const U most(static_cast<std::uint32_t>(hidden));
         sums.each_pair(hidden, w, [&](const U& row, const U& column, const F& a, const F& b) {
-            const U point = U(first) + row;
-            const auto there = point < U(network.of.among(network.points));
+            const U point = U(of.first) + row;
+            const auto there = point < U(of.end);
             F low(0.0F), high(0.0F);
             expanded<Tiles::N>([&](auto p) {
                 const auto* const plane = reinterpret_cast<const std::uint32_t*>(
-                    below + Index(p) * network.points * padded_16(hidden));
+                    layer.activated + Index(p) * network.points * padded_16(hidden));
                 const U both = W::read(plane, select(there, (point * width + column) / U(2), U(0)));
                 low = low + W::low(both);
                 high = high + W::high(both);
