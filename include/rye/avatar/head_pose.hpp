@@ -123,7 +123,7 @@ template <class T>
 RYE_HD Vec<T, 6> head_pose_vjp(const Vec<T, 6>& pose, const HeadTransformGradient<T>& g) {
     using D = Dual<T, 3>;
     Vec3<D> w;
-    for (int i = 0; i < 3; ++i) w(i) = D::variable(pose(i), static_cast<std::size_t>(i));
+    for (int i = 0; i < 3; ++i) w(i) = D::variable(pose(i), i);
     const Mat3<D> r = so3_exp(w);
     const Vec4<D> q = matrix_quat(r);
     Vec<T, 6> g_pose;
