@@ -6,7 +6,7 @@
 
 #include <rye/avatar/cuda/frame.hpp>
 #include <rye/gaussian/attributes.hpp>
-#include <rye/splat/cuda/records.hpp>
+#include <rye/splat/cuda/gaussians.hpp>
 
 namespace rye {
 

@@ -6,21 +6,10 @@
 
 #include <rye/backend/cuda.hpp>
 #include <rye/backend/cuda/unrolled.hpp>
+#include <rye/splat/cuda/gaussians.hpp>
 #include <rye/splat/footprint.hpp>
 
 namespace rye {
-
-/// Gaussians in device memory, of as many numbers a column as Gaussians<T> has.
-template <class T>
-struct DeviceGaussians {
-    DeviceColumns<T> mean, rotation, scale, opacity, feature;
-
-    RYE_HD Index count() const { return mean.cols; }
-    RYE_HD Index channels() const { return feature.rows; }
-    template <class U>
-        requires(std::same_as<U, const T> && !std::is_const_v<T>)
-    operator DeviceGaussians<U>() const { return {mean, rotation, scale, opacity, feature}; }
-};
 
 /// The images of a render, in the caller's memory. Depth and contributor may be null.
 struct DeviceImages {
