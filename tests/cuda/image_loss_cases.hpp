@@ -7,6 +7,8 @@
 
 #include <rye/backend/scalar.hpp>
 #include <rye/loss/cuda/dssim.hpp>
+#include <rye/loss/cuda/pyramid.hpp>
+#include <rye/loss/cuda/smoothness.hpp>
 
 #include "../support/hostile.hpp"
 #include "pictures.hpp"
@@ -67,6 +69,47 @@ void dssim_against_host(const Device& device, const CudaQueue& queue) {
     CHECK_FAULT(dssim_of.into(queue, a.read(), b.read(), 1.0, a.view()),
                 "second picture has 3 channels of 8 x 9 pixels in 72 columns, expected 3 channels "
                 "of 9 x 8");
+}
+
+template <class Device>
+void pyramid_against_host(const Device& device, const CudaQueue& queue) {
+    const PyramidGradientLoss loss{{1.0, 0.5, 2.0}};
+    DevicePyramidLoss<Device> own(device, loss);
+    for (const auto [w, h] : {ImageSize{1, 1}, ImageSize{7, 2}, ImageSize{33, 29}}) {
+        CAPTURE(w);
+        const Image<float> a = float_picture(w, h, 3, 3), b = byte_picture(w, h, 3, 4);
+        const DeviceFloats<Device> da(device, queue, a), db(device, queue, b);
+        const DeviceBytes<Device> bytes(device, queue, b);
+        const LossGradient<double> host =
+            loss(ScalarBackend<Serial>{}, in_double(a), in_double(b));
+        term_against_host(device, queue, host, a, 1e-6, [&](double weight, const auto& to) {
+            return own.into(queue, da.read(), db.read(), weight, to);
+        });
+        term_against_host(device, queue, host, a, 1e-6, [&](double weight, const auto& to) {
+            return own.into(queue, da.read(), bytes.read(), weight, to);
+        });
+    }
+}
+
+template <class Device>
+void smoothness_against_host(const Device& device, const CudaQueue& queue) {
+    const Columns<float> values = noise<float>(5, 60, 8);
+    const NeighbourGraph graph = four_nearest(noise<float>(3, 60, 9));
+    Image<float> like(60, 1, 5);
+    like.pixels = values;
+    const LossGradient<double> host = smoothness<double>(values.cast<double>(), graph);
+    DeviceSmoothness<Device> own(device);
+    own.set(queue, graph);
+    const DeviceFloats<Device> v(device, queue, like);
+    term_against_host(device, queue, host, like, 1e-6, [&](double weight, const auto& to) {
+        return own.into(queue, v.read().pixels, weight, to.pixels);
+    });
+    NeighbourGraph wrong = graph;
+    wrong[7][2] = 60;
+    CHECK_FAULT(own.set(queue, wrong), "neighbour 2 of point 7 is 60, the graph has 60 points");
+    own.set(queue, NeighbourGraph(3));
+    CHECK_FAULT(own.into(queue, v.read().pixels, 1.0, v.view().pixels),
+                "the graph has 3 points, the values 60");
 }
 
 /// A term that is not finite is named by its place, and the others keep their values.

@@ -22,6 +22,12 @@ TEST_CASE("cuda, emulated: the masked L1 term is the host's") {
 TEST_CASE("cuda, emulated: D-SSIM is the host's") {
     for (const auto order : orders) dssim_against_host(EmulatedDevice{order}, queue);
 }
+TEST_CASE("cuda, emulated: the pyramid of differences is the host's") {
+    for (const auto order : orders) pyramid_against_host(EmulatedDevice{order}, queue);
+}
+TEST_CASE("cuda, emulated: the smoothness prior is the host's") {
+    for (const auto order : orders) smoothness_against_host(EmulatedDevice{order}, queue);
+}
 TEST_CASE("cuda, emulated: the report names a term that is not finite") {
     report_of_bad_terms(EmulatedDevice{}, queue);
 }
