@@ -36,7 +36,7 @@ struct PyramidLevel {
 template <class Source>
 struct HalveKernel {
     static constexpr const char* name = "half a picture";
-    static constexpr int threads = 256, blocks = 8;
+    static constexpr int threads = 256, blocks = 4;
     struct Shared {};
     PyramidLevel fine, coarse;
     Source from;
@@ -62,7 +62,7 @@ struct HalveKernel {
 template <class Source>
 struct PyramidKernel {
     static constexpr const char* name = "differences of a level";
-    static constexpr int threads = 256, blocks = 8;
+    static constexpr int threads = 256, blocks = 4;
     static constexpr Index chunk = 4 * threads; ///< numbers
     struct Shared {
         double sum[threads];

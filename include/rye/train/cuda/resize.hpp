@@ -23,7 +23,7 @@ RYE_HD P unit_of() {
 template <class P>
 struct ResizeKernel {
     static constexpr const char* name = "resized picture";
-    static constexpr int threads = 256, blocks = 8;
+    static constexpr int threads = 256, blocks = 4;
     struct Shared {};
     DeviceColumns<const P> from;
     const detail::Resizing* resizing; ///< in device memory
@@ -52,7 +52,7 @@ struct ResizeKernel {
 /// The cotangent of the source, added to what is there.
 struct ResizeVjpKernel {
     static constexpr const char* name = "gradient of a resized picture";
-    static constexpr int threads = 256, blocks = 8;
+    static constexpr int threads = 256, blocks = 4;
     struct Shared {};
     DeviceColumns<const float> g;
     const detail::Resizing* resizing;
