@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include <rye/loss/cuda/terms.hpp>
+#include <rye/backend/cuda/picture.hpp>
 
 #include "../support/scenes.hpp"
 #include "device_render.hpp"

@@ -1,61 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/loss/cuda/terms.hpp: what the losses of pictures in device memory share: pictures of floats
-/// or of bytes, sums of doubles in a fixed order, and the report of an objective: the values of its
-/// terms, their weighted total, and the first of them that is not finite. The report stays on the
-/// device until it is fetched.
+/// rye/loss/cuda/terms.hpp: what the losses of pictures in device memory share: partial sums of
+/// doubles, and the report of an objective: the values of its terms, their weighted total, and the
+/// first of them that is not finite. The report stays on the device until it is fetched.
 #pragma once
 
-#include <cmath>
 #include <cstdint>
-#include <limits>
 #include <string>
 #include <vector>
 
-#include <rye/backend/cuda.hpp>
-#include <rye/core/error.hpp>
+#include <rye/backend/cuda/picture.hpp>
+#include <rye/backend/cuda/sums.hpp>
 #include <rye/math/scalar.hpp>
 
 namespace rye {
-
-/// A number of a picture in 0..1: a float as it is, a byte as a share of 255.
-RYE_HD inline float unit_value(float x) { return x; }
-RYE_HD inline float unit_value(std::uint8_t x) { return static_cast<float>(x) / 255.0F; }
-
-/// A picture in device memory, channels x (width height), pixel (x, y) in column y width + x.
-/// P: const float, const std::uint8_t (shares of 255), or float for one that is written.
-template <class P>
-struct DevicePicture {
-    DeviceColumns<P> pixels;
-    int width = 0, height = 0; ///< [px]
-
-    template <class Q>
-        requires(std::same_as<Q, const P> && !std::is_const_v<P>)
-    operator DevicePicture<Q>() const { return {pixels, width, height}; }
-};
-
-/// Throws an Error unless a picture has that many channels of width x height pixels.
-template <class P>
-void require_picture(const char* who, const char* what, const DevicePicture<P>& p, Index channels,
-                     int width, int height) {
-    const auto text = [](Index c, Index w, Index h) {
-        return std::to_string(c) + " channels of " + std::to_string(w) + " x " + std::to_string(h);
-    };
-    require(p.pixels.rows == channels && p.width == width && p.height == height &&
-                p.pixels.cols == Index(width) * height,
-            who,
-            std::string(what) + " has " + text(p.pixels.rows, p.width, p.height) + " pixels in " +
-                std::to_string(p.pixels.cols) + " columns, expected " +
-                text(channels, width, height));
-}
-
-/// What a block's threads have summed, added in one order; the result is in sum[0] afterwards.
-template <class Block, class T>
-RYE_DEVICE void add_up(Block& block, T* sum) {
-    for (int apart = Block::threads / 2; apart > 0; apart /= 2)
-        block.each_thread([&](int t) {
-            if (t < apart) sum[t] += sum[t + apart];
-        });
-}
 
 /// A term of an objective: its value is offset + factor gain (sum of `chunks` partial sums).
 struct LossTerm {

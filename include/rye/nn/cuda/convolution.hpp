@@ -41,6 +41,9 @@ class DeviceConvolution {
                     " outputs, expected at least 1");
     }
 
+    /// Blocks that the gradient of the weights is cut into, about; its rounding depends on it.
+    int weight_blocks = 256;
+
     int inputs() const { return inputs_; }
     int outputs() const { return outputs_; }
 
@@ -80,7 +83,8 @@ class DeviceConvolution {
                     ", its cotangent of " + std::to_string(g.width) + " x " +
                     std::to_string(g.height));
         if (in.pixels() == 0) return;
-        const ConvolutionSlices cut{in.width, in.height, inputs_, outputs_};
+        const ConvolutionSlices cut{in.width, in.height, inputs_, outputs_,
+                                    ConvolutionWeightKernel<N>::tall, weight_blocks};
         partial.reserve(queue, cut.numbers());
         const ConvolutionWeightKernel<N> kernel{cut, in, g, partial.data()};
         device_.launch(queue, kernel.blocks_of(), kernel);

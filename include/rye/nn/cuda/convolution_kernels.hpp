@@ -7,7 +7,7 @@
 #pragma once
 
 #include <rye/backend/cuda/planes.hpp>
-#include <rye/nn/cuda/image_planes.hpp>
+#include <rye/nn/cuda/tile_quads.hpp>
 
 namespace rye {
 
@@ -111,8 +111,8 @@ struct ConvolutionKernel {
         block.each_warp([&](int w) {
             for (int part = 0; part < 9; ++part) {
                 Part<W> p;
-                p.read(*this, corner, 0, part, w);
-                p.write(shared, 0);
+                p.read(in, place(corner, 0), part * ninth, w);
+                p.write(&shared.image[0][0][0][0]);
             }
             Weights<W> first;
             first.read(own, w);
@@ -127,10 +127,10 @@ struct ConvolutionKernel {
                 Weights<W> next;
                 Part<W> part;
                 if (more) next.read(own + Index(s + 1) * Tiles::tap_words, w);
-                if (another) part.read(*this, corner, chunk + 1, tap, w);
+                if (another) part.read(in, place(corner, chunk + 1), tap * ninth, w);
                 if (works(corner, w)) sums[w].add(shared, chunk % 2, s % 2, tap, w);
                 if (more) next.write(shared, (s + 1) % 2);
-                if (another) part.write(shared, (chunk + 1) % 2);
+                if (another) part.write(&shared.image[(chunk + 1) % 2][0][0][0]);
             });
         }
         block.each_warp([&](int w) {
@@ -173,47 +173,14 @@ struct ConvolutionKernel {
         }
     };
 
-    /// A warp's share of a ninth of 32 channels of the block's pixels on its way.
+    using Around = TileShape<N, Tiles::around, Tiles::around, Tiles::chunk / 8, Tiles::stride>;
+    static constexpr int ninth = Around::quads / 9;
+    static_assert(ninth * 9 == Around::quads);
     template <class W>
-    struct Part {
-        using U = typename W::U;
-        static constexpr int of_pixel = Tiles::chunk / 8;
-        static constexpr int quads = N * Tiles::rows * of_pixel / 9;
-        static_assert(quads * 9 == N * Tiles::rows * of_pixel);
-        static constexpr int own = (quads + threads - 1) / threads;
-        Array<typename W::F, 4> quad[std::size_t(own)];
-        U place[std::size_t(own)]; ///< in shared memory
-        typename W::M there[std::size_t(own)];
-
-        RYE_DEVICE void read(const ConvolutionKernel& k, const Corner& corner, int chunk, int part,
-                             int w) {
-            const auto number = [](int x) { return U(static_cast<std::uint32_t>(x)); };
-            const auto pixels = static_cast<std::uint32_t>(k.in.pixels());
-            const int groups = k.in.padded() / 8;
-            const auto* const all = reinterpret_cast<const Quad4*>(k.in.data);
-            expanded<own>([&](auto i) {
-                const U index = number(i * threads + 32 * w) + W::lane();
-                const U at = number(part * quads) + index;
-                const U row = at / number(of_pixel) % number(Tiles::rows);
-                const U plane = at / number(of_pixel * Tiles::rows), group = at % number(of_pixel);
-                // One more than the place in the image, whose border is outside.
-                const U x = number(corner.x) + row % number(Tiles::around);
-                const U y = number(corner.y) + row / number(Tiles::around);
-                const auto inside = x > U(0U) && x < number(k.in.width + 1) && y > U(0U) &&
-                                    y < number(k.in.height + 1);
-                const U pixel = (y - U(1U)) * number(k.in.width) + x - U(1U);
-                const U from = (plane * U(pixels) + pixel) * number(groups) +
-                               number(chunk * of_pixel) + group;
-                there[i] = index < number(quads);
-                quad[i] = W::read4_where(there[i] && inside, all, from);
-                place[i] = (plane * number(Tiles::rows) + row) * number(Tiles::stride / 8) + group;
-            });
-        }
-        RYE_DEVICE void write(Shared& shared, int buffer) const {
-            auto* const to = reinterpret_cast<Quad4*>(&shared.image[buffer][0][0][0]);
-            expanded<own>([&](auto i) { W::write4_where(there[i], to, place[i], quad[i]); });
-        }
-    };
+    using Part = TileQuads<W, Around, ninth, threads>;
+    RYE_DEVICE static TilePlace place(const Corner& c, int chunk) {
+        return {c.x, c.y, 1, chunk * (Tiles::chunk / 8)};
+    }
 
     /// A warp's sums.
     template <class W>

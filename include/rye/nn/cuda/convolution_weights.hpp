@@ -1,23 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/nn/cuda/convolution_weights.hpp: gradients of a convolution's weights: products over pixels
 /// of the cotangent and of the image moved by each tap, over fixed slices of the pixels whose sums
-/// are added in order. A block has 64 outputs by 32 inputs by nine taps, 16 x 8 pixels at a time.
+/// are added in order. A block has 64 outputs by 32 inputs by nine taps, and takes 16 x 8 pixels, or
+/// 16 x 4, at a time; while it multiplies, the next are on their way.
 #pragma once
 
 #include <algorithm>
 
 #include <rye/backend/cuda/planes.hpp>
 #include <rye/math/scalar.hpp>
-#include <rye/nn/cuda/image_planes.hpp>
+#include <rye/nn/cuda/tile_quads.hpp>
 
 namespace rye {
 
 /// What the gradient of a convolution's weights is cut into.
 struct ConvolutionSlices {
-    static constexpr int wide = 16, tall = 8;         ///< pixels at a time
+    static constexpr int wide = 16;                   ///< pixels at a time, of a row
     static constexpr int high = 64, chunk = 32;       ///< outputs and inputs of a block
-    static constexpr int most = 256;                  ///< blocks that are aimed at
     int width, height, inputs, outputs;               ///< of the convolution
+    int tall;                                         ///< rows at a time
+    int most;                                         ///< blocks that are aimed at
 
     RYE_HD int across() const { return (width + wide - 1) / wide; }
     RYE_HD int tiles() const { return across() * ((height + tall - 1) / tall); }
@@ -44,14 +46,20 @@ struct ConvolutionSlices {
 template <int N>
 struct ConvolutionWeightKernel {
     static constexpr const char* name = "convolution's weights";
-    static constexpr int threads = 256, blocks = 2;
+    static constexpr int threads = 256, blocks = 1;
     using Cut = ConvolutionSlices;
-    static constexpr int around = Cut::wide + 2, rows = around * (Cut::tall + 2);
-    static constexpr int in_stride = Cut::chunk + 8, g_stride = Cut::high + 8;
+    static constexpr int tall = N == 1 ? 8 : 4; ///< rows of pixels at a time
+    static constexpr int around = Cut::wide + 2;
+    using Image = TileShape<N, around, tall + 2, Cut::chunk / 8, Cut::chunk + 8>;
+    using Cotangent = TileShape<N, Cut::wide, tall, Cut::high / 8, Cut::high + 8>;
+    template <class Shape>
+    struct Planed {
+        alignas(16) std::uint16_t at[std::size_t(N)][std::size_t(Shape::rows)]
+                                    [std::size_t(Shape::stride)];
+    };
     struct Shared {
-        alignas(16) std::uint16_t image[std::size_t(N)][std::size_t(rows)][std::size_t(in_stride)];
-        alignas(16) std::uint16_t g[std::size_t(N)][std::size_t(Cut::wide * Cut::tall)]
-                                   [std::size_t(g_stride)];
+        Planed<Image> image[2];
+        Planed<Cotangent> g[2];
     };
     Cut cut;
     DeviceImagePlanes in, g; ///< of the inputs, of the cotangent of the outputs
@@ -68,52 +76,47 @@ struct ConvolutionWeightKernel {
         const int begin = s * per_slice, end = rye::min(begin + per_slice, cut.tiles());
         auto sums = block.template of_warps<Sums<W>>();
         block.each_warp([&](int w) { sums[w].clear(); });
+        block.each_warp([&](int w) {
+            if (begin >= end) return;
+            Next<W> next;
+            next.read(*this, begin, chunk, first, w);
+            next.write(shared, 0);
+        });
         for (int tile = begin; tile < end; ++tile) {
-            const Corner corner{tile % cut.across() * Cut::wide, tile / cut.across() * Cut::tall};
-            block.each_thread([&](int t) {
-                fetch_image(shared, corner, chunk, t);
-                fetch_cotangent(shared, corner, first, t);
-            });
+            const int rest = cut.height - tile / cut.across() * tall, now = (tile - begin) % 2;
             block.each_warp([&](int w) {
+                Next<W> next;
+                if (tile + 1 < end) next.read(*this, tile + 1, chunk, first, w);
                 if (works(chunk, first, w))
-                    sums[w].add(shared, rye::min(Cut::tall, cut.height - corner.y), w);
+                    sums[w].add(shared.image[now], shared.g[now], rest < tall ? rest : tall, w);
+                if (tile + 1 < end) next.write(shared, 1 - now);
             });
         }
         block.each_warp([&](int w) { write(sums[w], s, chunk, first, w); });
     }
 
   private:
-    struct Corner {
-        int x, y;
-    };
     /// Whether a warp has outputs and inputs.
     RYE_DEVICE bool works(int chunk, int first, int w) const {
         return first + w / 4 * 32 < cut.outputs && chunk * Cut::chunk + w % 4 * 8 < cut.inputs;
     }
-    RYE_DEVICE static Quad4 quad_of(const DeviceImagePlanes& from, int plane, int x, int y, int c) {
-        if (x < 0 || x >= from.width || y < 0 || y >= from.height || c >= from.padded())
-            return {0, 0, 0, 0};
-        const Index pixel = plane * from.pixels() + Index(y) * from.width + x;
-        return *reinterpret_cast<const Quad4*>(from.data + pixel * from.padded() + c);
-    }
-    RYE_DEVICE void fetch_image(Shared& shared, const Corner& corner, int chunk, int t) const {
-        constexpr int quads = Cut::chunk / 8;
-        for (int k = t; k < N * rows * quads; k += threads) {
-            const int plane = k / (rows * quads), row = k / quads % rows, c = k % quads * 8;
-            *reinterpret_cast<Quad4*>(&shared.image[plane][row][c]) =
-                quad_of(in, plane, corner.x + row % around - 1, corner.y + row / around - 1,
-                        chunk * Cut::chunk + c);
+    /// A warp's share of the next pixels on their way.
+    template <class W>
+    struct Next {
+        TileQuads<W, Image, Image::quads, threads> image;
+        TileQuads<W, Cotangent, Cotangent::quads, threads> g;
+
+        RYE_DEVICE void read(const ConvolutionWeightKernel& k, int tile, int chunk, int first,
+                             int w) {
+            const int x = tile % k.cut.across() * Cut::wide, y = tile / k.cut.across() * tall;
+            image.read(k.in, {x, y, 1, chunk * (Cut::chunk / 8)}, 0, w);
+            g.read(k.g, {x, y, 0, first / 8}, 0, w);
         }
-    }
-    RYE_DEVICE void fetch_cotangent(Shared& shared, const Corner& corner, int first, int t) const {
-        constexpr int quads = Cut::high / 8, pixels = Cut::wide * Cut::tall;
-        for (int k = t; k < N * pixels * quads; k += threads) {
-            const int plane = k / (pixels * quads), row = k / quads % pixels, c = k % quads * 8;
-            *reinterpret_cast<Quad4*>(&shared.g[plane][row][c]) =
-                quad_of(g, plane, corner.x + row % Cut::wide, corner.y + row / Cut::wide,
-                        first + c);
+        RYE_DEVICE void write(Shared& shared, int buffer) const {
+            image.write(&shared.image[buffer].at[0][0][0]);
+            g.write(&shared.g[buffer].at[0][0][0]);
         }
-    }
+    };
 
     /// A warp's 32 outputs by 8 inputs by nine taps.
     template <class W>
@@ -127,12 +130,13 @@ struct ConvolutionWeightKernel {
                 expanded<9>([&](auto n) { expanded<4>([&](auto k) { sum[m][n][k] = F(0.0F); }); });
             });
         }
-        RYE_DEVICE void add(const Shared& shared, int tall, int w) {
-            for (int y = 0; y < tall; ++y) {
+        RYE_DEVICE void add(const Planed<Image>& image, const Planed<Cotangent>& g, int count,
+                            int w) {
+            for (int y = 0; y < count; ++y) {
                 Planes<W, N, 4> left[2];
-                expanded<2>([&](auto m) { left[m] = cotangent(shared, y, w / 4 * 2 + m); });
+                expanded<2>([&](auto m) { left[m] = cotangent(g, y, w / 4 * 2 + m); });
                 expanded<5>([&](auto pair) {
-                    const auto right = taps<2 * pair>(shared, y, w % 4);
+                    const auto right = taps<2 * pair>(image, y, w % 4);
                     expanded<2>([&](auto m) {
                         multiply<W, N>(sum[m][2 * pair], left[m], right[0]);
                         if constexpr (2 * pair + 1 < 9)
@@ -142,35 +146,35 @@ struct ConvolutionWeightKernel {
             }
         }
         /// Sixteen outputs of a row of pixels, transposed.
-        RYE_DEVICE static Planes<W, N, 4> cotangent(const Shared& shared, int y, int m) {
+        RYE_DEVICE static Planes<W, N, 4> cotangent(const Planed<Cotangent>& g, int y, int m) {
             const U matrix = W::lane() / U(8U);
             const U row = U(static_cast<std::uint32_t>(16 * y)) + matrix / U(2U) * U(8U) +
                           W::lane() % U(8U);
-            const U place = row * U(2U * g_stride) + matrix % U(2U) * U(16U) +
+            const U place = row * U(2U * Cotangent::stride) + matrix % U(2U) * U(16U) +
                             U(static_cast<std::uint32_t>(32 * m));
             Planes<W, N, 4> r;
             expanded<N>(
-                [&](auto p) { r[p] = W::template tiles<true>(&shared.g[p][0][0], place); });
+                [&](auto p) { r[p] = W::template tiles<true>(&g.at[p][0][0], place); });
             return r;
         }
         /// Eight inputs of a row of pixels, moved by `tap` and by the next.
         template <int tap>
-        RYE_DEVICE static Array<Planes<W, N, 2>, 2> taps(const Shared& shared, int y, int group) {
+        RYE_DEVICE static Array<Planes<W, N, 2>, 2> taps(const Planed<Image>& image, int y, int group) {
             constexpr int next = tap + 1 < 9 ? tap + 1 : tap;
             constexpr auto apart = static_cast<std::uint32_t>(offset(next) - offset(tap));
             const U matrix = W::lane() / U(8U);
             const U row = U(static_cast<std::uint32_t>(y * around + offset(tap))) +
                           matrix % U(2U) * U(8U) + W::lane() % U(8U) + matrix / U(2U) * U(apart);
-            const U place = row * U(2U * in_stride) + U(static_cast<std::uint32_t>(16 * group));
+            const U place = row * U(2U * Image::stride) + U(static_cast<std::uint32_t>(16 * group));
             Array<Planes<W, N, 2>, 2> r;
             expanded<N>([&](auto p) {
-                const auto t = W::template tiles<true>(&shared.image[p][0][0], place);
+                const auto t = W::template tiles<true>(&image.at[p][0][0], place);
                 r[0][p] = {{t[0], t[1]}};
                 r[1][p] = {{t[2], t[3]}};
             });
             return r;
         }
-        static constexpr int offset(int tap) { return tap / 3 * around + tap % 3; }
+        RYE_HD static constexpr int offset(int tap) { return tap / 3 * around + tap % 3; }
     };
 
     template <class W>
