@@ -13,6 +13,7 @@
 #include <rye/core/error.hpp>
 #include <rye/nn/activations.hpp>
 #include <rye/nn/bilinear.hpp>
+#include <rye/nn/features.hpp>
 #include <rye/nn/instance_norm.hpp>
 
 namespace rye {
@@ -144,10 +145,10 @@ struct PooledPixels {
         Index row;
         int channels;
         RYE_HD float at(int c) const {
-            float best = p[c];
-            for (const Index i : {Index(channels), row, row + channels})
-                if (p[i + c] > best) best = p[i + c];
-            return best;
+            const float *const top = p + c, *const bottom = top + row;
+            const int best = detail::largest_of_four(top[0], top[channels], bottom[0],
+                                                     bottom[channels]);
+            return (best < 2 ? top : bottom)[best % 2 * channels];
         }
     };
     RYE_HD Pixel pixel(int x, int y) const {
