@@ -16,13 +16,14 @@ namespace rye {
 
 namespace detail {
 
-/// The mean over the window of numbers at(0) ... at(10): the middle, then pairs from the ends on.
-template <class V, class W, class F>
-[[gnu::always_inline]] RYE_HD inline V along_window(const W& weight, const F& at) {
-    constexpr Index reach = ssim_window / 2;
-    V sum = V(weight[reach]) * at(reach);
-    for (Index k = 0; k < reach; ++k)
-        sum += V(weight[static_cast<std::size_t>(k)]) * (at(k) + at(ssim_window - 1 - k));
+/// The mean over the window of its numbers: the middle, then pairs from the ends on.
+template <class V, class W>
+[[gnu::always_inline]] RYE_HD inline V along_window(const W& weight,
+                                                    const Array<V, ssim_window>& x) {
+    constexpr std::size_t reach = ssim_window / 2;
+    V sum = V(weight[reach]) * x[reach];
+    for (std::size_t k = 0; k < reach; ++k)
+        sum += V(weight[k]) * (x[k] + x[ssim_window - 1 - k]);
     return sum;
 }
 
@@ -60,7 +61,10 @@ struct Window {
     /// The mean along a row; `from` points to the start of the window.
     template <class V>
     V along(const T* from) const {
-        return along_window<V>(weight, [&](Index k) { return load_as<V>(from + k * channels); });
+        Array<V, ssim_window> x;
+        for (Index k = 0; k < ssim_window; ++k)
+            x[static_cast<std::size_t>(k)] = load_as<V>(from + k * channels);
+        return along_window<V>(weight, x);
     }
 };
 

@@ -61,7 +61,9 @@ struct DssimTiles {
     }
     /// The mean along a row of a line.
     RYE_DEVICE float along(const float* line) const {
-        return detail::along_window<float>(weight, [&](Index k) { return line[k]; });
+        Array<float, ssim_window> x{};
+        for (std::size_t k = 0; k < ssim_window; ++k) x[k] = line[k];
+        return detail::along_window<float>(weight, x);
     }
 };
 
