@@ -60,8 +60,7 @@ Stats graph_time(cudaStream_t stream, const F& f) {
 void report(const std::string& name, const Stats& ms, double flops) {
     std::printf("%-36s %8.3f ms [%.3f-%.3f]", name.c_str(), static_cast<double>(ms.median),
                 static_cast<double>(ms.least), static_cast<double>(ms.most));
-    if (flops > 0)
-        std::printf(" %6.0f TFLOP/s", flops / static_cast<double>(ms.median) * 1e-9);
+    if (flops > 0) std::printf(" %6.0f TFLOP/s", flops / static_cast<double>(ms.median) * 1e-9);
     std::printf("\n");
     std::fflush(stdout);
     char text[256];
@@ -157,10 +156,12 @@ void convolution_rows(const CudaQueue& queue, int side, int channels) {
     report(name + "/forward",
            graph_time(queue.stream, [&] { layer.forward_into(queue, planes, out.buffer.data()); }),
            flops);
-    report(name + "/weights", graph_time(queue.stream, [&] {
-               layer.vjp_weight_into(queue, planes, planes, g_weight.buffer.data(), partial);
-           }),
-           flops);
+    report(
+        name + "/weights",
+        graph_time(
+            queue.stream,
+            [&] { layer.vjp_weight_into(queue, planes, planes, g_weight.buffer.data(), partial); }),
+        flops);
 }
 
 void loss_rows(const CudaQueue& queue) {
@@ -174,17 +175,13 @@ void loss_rows(const CudaQueue& queue) {
     DevicePyramidLoss<CudaDevice> pyramid(device);
     DeviceRgbTerm<CudaDevice> rgb(device);
     const PictureTarget<float> target{b.buffer.data(), nullptr};
-    report("losses/512/dssim", graph_time(queue.stream, [&] {
-               dssim_of.into(queue, picture, truth, 1.0, to);
-           }),
-           0);
-    report("losses/512/pyramid", graph_time(queue.stream, [&] {
-               pyramid.into(queue, picture, truth, 1.0, to);
-           }),
-           0);
-    report("losses/512/l1", graph_time(queue.stream, [&] {
-               rgb.into(queue, picture.pixels, target, {1.0}, to.pixels);
-           }),
+    report("losses/512/dssim",
+           graph_time(queue.stream, [&] { dssim_of.into(queue, picture, truth, 1.0, to); }), 0);
+    report("losses/512/pyramid",
+           graph_time(queue.stream, [&] { pyramid.into(queue, picture, truth, 1.0, to); }), 0);
+    report("losses/512/l1",
+           graph_time(queue.stream,
+                      [&] { rgb.into(queue, picture.pixels, target, {1.0}, to.pixels); }),
            0);
     LpipsWeights<float> weights;
     std::uint64_t k = 0;
@@ -197,14 +194,14 @@ void loss_rows(const CudaQueue& queue) {
         weights);
     DeviceLpips<CudaDevice, 1> lpips(device, queue, weights);
     DeviceLpipsTruth kept;
-    report("losses/512/lpips, features of a truth", graph_time(queue.stream, [&] {
-               lpips.truth_into(queue, truth, {side, side}, kept);
-           }),
+    report("losses/512/lpips, features of a truth",
+           graph_time(queue.stream,
+                      [&] {
+                          lpips.truth_into(queue, truth, {side, side}, kept);
+                      }),
            0);
-    report("losses/512/lpips", graph_time(queue.stream, [&] {
-               lpips.into(queue, picture, kept, 1.0, to);
-           }),
-           0);
+    report("losses/512/lpips",
+           graph_time(queue.stream, [&] { lpips.into(queue, picture, kept, 1.0, to); }), 0);
 }
 
 } // namespace

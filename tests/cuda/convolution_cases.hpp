@@ -55,7 +55,8 @@ void convolution_against_host(const Device& device, const CudaQueue& queue,
                        cotangent = noise_image(c.width, c.height, c.outputs, 2);
     const Columns<float> weight = noise<float>(c.outputs, 9 * c.inputs, 3),
                          before = noise<float>(c.outputs, 9 * c.inputs, 4);
-    const Padded<double> in = padded(host, in_double(image)), g = padded(host, in_double(cotangent));
+    const Padded<double> in = padded(host, in_double(image)),
+                         g = padded(host, in_double(cotangent));
     const Columns<double> w = weight.cast<double>();
     const Image<double> out = convolve3x3(host, w, in), g_in = convolve3x3_vjp_input(host, w, g);
     Columns<double> g_weight = Columns<double>::Zero(c.outputs, 9 * c.inputs);
@@ -67,8 +68,8 @@ void convolution_against_host(const Device& device, const CudaQueue& queue,
                                              {nullptr, c.width, c.height, c.inputs}),
         y_planes(device, queue, PlainPixels{y.array.buffer.data(), c.width, c.outputs},
                  {nullptr, c.width, c.height, c.outputs});
-    const DeviceArray<Device> weights(device, queue, weight), to(device, queue, c.outputs, x.width *
-                                                                                    x.height),
+    const DeviceArray<Device> weights(device, queue, weight),
+        to(device, queue, c.outputs, x.width * x.height),
         to_in(device, queue, c.inputs, x.width * x.height), to_weight(device, queue, before),
         again(device, queue, before), bias(device, queue, noise<float>(c.outputs, 1, 5));
     DeviceConvolution<Device, N> layer(device, c.inputs, c.outputs);

@@ -31,8 +31,7 @@ void term_against_host(const Device& device, const CudaQueue& queue,
     const LossReport r = report.fetch(queue);
     CHECK(r.finite());
     CHECK(std::abs(double(r.value[0]) - host.value) <= bound * std::abs(host.value) + 1e-7);
-    CHECK(std::abs(double(r.total) - weight * host.value) <=
-          bound * std::abs(host.value) + 1e-7);
+    CHECK(std::abs(double(r.total) - weight * host.value) <= bound * std::abs(host.value) + 1e-7);
     const Columns<double> own = g.array.get().template cast<double>() - before.cast<double>();
     const double rounding = 2e-7 * before.cast<double>().norm();
     CHECK((own - weight * host.gradient).norm() <=
@@ -80,8 +79,7 @@ void pyramid_against_host(const Device& device, const CudaQueue& queue) {
         const Image<float> a = float_picture(w, h, 3, 3), b = byte_picture(w, h, 3, 4);
         const DeviceFloats<Device> da(device, queue, a), db(device, queue, b);
         const DeviceBytes<Device> bytes(device, queue, b);
-        const LossGradient<double> host =
-            loss(ScalarBackend<Serial>{}, in_double(a), in_double(b));
+        const LossGradient<double> host = loss(ScalarBackend<Serial>{}, in_double(a), in_double(b));
         term_against_host(device, queue, host, a, 1e-6, [&](double weight, const auto& to) {
             return own.into(queue, da.read(), db.read(), weight, to);
         });

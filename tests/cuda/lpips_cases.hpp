@@ -39,11 +39,9 @@ void lpips_against_host(const Device& device, const CudaQueue& queue, const Lpip
     CAPTURE(c.width);
     const LpipsWeights<float> weights = small_lpips();
     LpipsVgg<double> host{LpipsWeights<double>(weights.net.shape)};
-    LpipsWeights<double>::fields(
-        [](const std::string&, Columns<double>& a, const Columns<float>& b) {
-            a = b.cast<double>();
-        },
-        host.weights, weights);
+    LpipsWeights<double>::fields([](const std::string&, Columns<double>& a,
+                                    const Columns<float>& b) { a = b.cast<double>(); },
+                                 host.weights, weights);
     const Image<float> a = float_picture(c.width, c.height, 3, 1),
                        b = byte_picture(c.width, c.height, 3, 2);
     const auto cropped = [&](const Image<float>& from) {

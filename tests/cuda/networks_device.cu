@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// networks_device: the cases of networks, layers of images, Adam and losses on a device; where there
-// is none it says so.
+// networks_device: the cases of networks, layers of images, Adam and losses on a device; where
+// there is none it says so.
 #define DOCTEST_CONFIG_IMPLEMENT
 #include "adam_cases.hpp"
 #include "loss_cases.hpp"

@@ -118,12 +118,9 @@ void image_losses_against_host(const Device& device, const CudaQueue& queue,
     resizing.reserve(queue, 1);
     device.send(queue, resizing.data(), &scene.resizing, sizeof scene.resizing);
 
-    DeviceAvatarImages<std::uint8_t> images{truth.read(),
-                                            truth_small.read(),
-                                            visible.buffer.data(),
-                                            visible_small.buffer.data(),
-                                            eyes.buffer.data(),
-                                            eyes_small.buffer.data(),
+    DeviceAvatarImages<std::uint8_t> images{truth.read(),          truth_small.read(),
+                                            visible.buffer.data(), visible_small.buffer.data(),
+                                            eyes.buffer.data(),    eyes_small.buffer.data(),
                                             subject.buffer.data()};
     images.eyes_high = c.eyes_high;
     images.scale = c.scale ? resizing.data() : nullptr;
@@ -189,8 +186,9 @@ void resizing_against_host(const Device& device, const CudaQueue& queue) {
         DeviceBuffer<detail::Resizing> resizing;
         resizing.reserve(queue, 1);
         device.send(queue, resizing.data(), &r, sizeof r);
-        resize_into(device, queue,
-                    ResizeKernel<float>{from.read().pixels, resizing.data(), 1, to.view().pixels.data});
+        resize_into(
+            device, queue,
+            ResizeKernel<float>{from.read().pixels, resizing.data(), 1, to.view().pixels.data});
         CHECK(to.array.get() == gathered(source.pixels, map));
         resize_vjp_into(device, queue,
                         ResizeVjpKernel{from.read().pixels, resizing.data(), g.view().pixels.data});

@@ -14,15 +14,16 @@ namespace rye::test {
 /// A picture of numbers in 0..1, rounded to bytes.
 inline Image<float> byte_picture(int width, int height, int channels, std::uint64_t seed) {
     Image<float> p(width, height, channels);
-    p.pixels = noise<float>(channels, p.size(), seed).unaryExpr(
-        [](float x) { return std::round((0.5F * x + 0.5F) * 255.0F) / 255.0F; });
+    p.pixels = noise<float>(channels, p.size(), seed).unaryExpr([](float x) {
+        return std::round((0.5F * x + 0.5F) * 255.0F) / 255.0F;
+    });
     return p;
 }
 /// A picture of any floats in 0..1.
 inline Image<float> float_picture(int width, int height, int channels, std::uint64_t seed) {
     Image<float> p(width, height, channels);
-    p.pixels = noise<float>(channels, p.size(), seed).unaryExpr(
-        [](float x) { return 0.5F * x + 0.5F; });
+    p.pixels =
+        noise<float>(channels, p.size(), seed).unaryExpr([](float x) { return 0.5F * x + 0.5F; });
     return p;
 }
 inline Image<double> in_double(const Image<float>& p) {
@@ -58,8 +59,7 @@ struct DeviceBytes {
           height(from.height) {
         std::vector<std::uint8_t> bytes(static_cast<std::size_t>(from.pixels.size()));
         for (std::size_t i = 0; i < bytes.size(); ++i)
-            bytes[i] = static_cast<std::uint8_t>(
-                std::lround(from.pixels.data()[i] * 255.0F));
+            bytes[i] = static_cast<std::uint8_t>(std::lround(from.pixels.data()[i] * 255.0F));
         buffer.reserve(queue, bytes.size() + 1);
         device.send(queue, buffer.data(), bytes.data(), bytes.size());
     }

@@ -44,8 +44,7 @@ void upsampler_against_host(const Device& device, const CudaQueue& queue, const 
     const Upsampler<double> exact = upsampler_as<double>(u);
     Upsampler<double> g_exact(s);
     UpsamplerTrace<double> host_trace;
-    const Image<double> x = in_double(in),
-                        picture = upsampler_forward(host, exact, x, &host_trace);
+    const Image<double> x = in_double(in), picture = upsampler_forward(host, exact, x, &host_trace);
     Columns<double> g_in;
     upsampler_vjp(host, exact, x, host_trace, cotangent.pixels.cast<double>(), g_exact, &g_in);
 

@@ -35,14 +35,13 @@ TEST_CASE("cuda, emulated: super-resolution is the host's") {
     upsampler_against_host<3>(device, queue, {{5, 3, 2}, 7, 5, 1e-5, 1e-5});
     upsampler_against_host<3>(device, queue, {{5, 6, 1, none}, 9, 8, 1e-5, 1e-5});
     upsampler_against_host<3>(device, queue, {{4, 5, 0}, 18, 7, 1e-5, 1e-5});
-    upsampler_against_host<3>(
-        device, queue, {{6, 3, 2, Normalization::instance, true}, 6, 7, 1e-5, 1e-5});
+    upsampler_against_host<3>(device, queue,
+                              {{6, 3, 2, Normalization::instance, true}, 6, 7, 1e-5, 1e-5});
     upsampler_against_host<3>(device, queue, {{4, 5, 0, none, true}, 9, 8, 1e-5, 1e-5});
     upsampler_against_host<2>(device, queue, {{5, 6, 1}, 9, 8, 2e-5, 1e-3});
     for (const auto order : orders)
-        upsampler_against_host<1>(
-            EmulatedDevice{order}, queue,
-            {{5, 6, 1, Normalization::instance, true}, 9, 8, 2e-2, 0.3});
+        upsampler_against_host<1>(EmulatedDevice{order}, queue,
+                                  {{5, 6, 1, Normalization::instance, true}, 9, 8, 2e-2, 0.3});
 }
 TEST_CASE("cuda, emulated: super-resolution that does not fit") {
     upsampler_faults(EmulatedDevice{}, queue);

@@ -22,8 +22,7 @@ template <class V, class W>
                                                     const Array<V, ssim_window>& x) {
     constexpr std::size_t reach = ssim_window / 2;
     V sum = V(weight[reach]) * x[reach];
-    for (std::size_t k = 0; k < reach; ++k)
-        sum += V(weight[k]) * (x[k] + x[ssim_window - 1 - k]);
+    for (std::size_t k = 0; k < reach; ++k) sum += V(weight[k]) * (x[k] + x[ssim_window - 1 - k]);
     return sum;
 }
 
@@ -178,10 +177,10 @@ LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
                 });
                 each_vector<B, T>(0, row, [&]<class V>(std::type_identity<V>, Index i) {
                     const Index at = r * row + i;
-                    const V g = detail::ssim_pull<V>(
-                        load_as<V>(x + at), load_as<V>(y + at), window.template along<V>(line_x + i),
-                        window.template along<V>(line_xx + i),
-                        window.template along<V>(line_xy + i));
+                    const V g = detail::ssim_pull<V>(load_as<V>(x + at), load_as<V>(y + at),
+                                                     window.template along<V>(line_x + i),
+                                                     window.template along<V>(line_xx + i),
+                                                     window.template along<V>(line_xy + i));
                     store_as(g, loss.gradient.data() + at);
                 });
             }

@@ -66,7 +66,8 @@ LossGradient<T> lpips_slice(const B& backend, const Columns<T>& fa, const Column
         T total(0);
         for (Index j = first; j < last; ++j) {
             const T ra = sqrt(fa.col(j).squaredNorm()), rb = sqrt(fb.col(j).squaredNorm());
-            const VecX<T> d = of_unit_length(fa.col(j), ra + eps) - of_unit_length(fb.col(j), rb + eps);
+            const VecX<T> d =
+                of_unit_length(fa.col(j), ra + eps) - of_unit_length(fb.col(j), rb + eps);
             const VecX<T> wd = weight.col(0).cwiseProduct(d);
             total += d.dot(wd);
             // Features of norm 0 come from a ReLU whose slope is 0.

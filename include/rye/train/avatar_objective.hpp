@@ -147,8 +147,8 @@ FaceTarget<T> face_alone_target(const B& backend, const AvatarImages<T>& sample)
             for (Index c = 0; c < 3; ++c)
                 t.picture(c, i) = detail::face_alone_colour<T>(sample.truth_small.pixels(c, i),
                                                                change(c), beyond);
-            t.mask(0, i) = detail::face_alone_weight<T>(sample.eyes_small(0, i),
-                                                        sample.visible_small(0, i));
+            t.mask(0, i) =
+                detail::face_alone_weight<T>(sample.eyes_small(0, i), sample.visible_small(0, i));
         }
     });
     return t;

@@ -120,8 +120,8 @@ struct DssimSlopesKernel {
                         return tiles.along(&shared.line[k][row][column]);
                     };
                     const float u = mean(0), v = mean(1), uu_vv = u * u + v * v;
-                    const auto s = detail::ssim_slopes<float>(u, v, mean(3) - u * v,
-                                                              mean(2) - uu_vv, share);
+                    const auto s =
+                        detail::ssim_slopes<float>(u, v, mean(3) - u * v, mean(2) - uu_vv, share);
                     const Index at = tiles.at(x, y, c);
                     by_x[at] = s.by_x;
                     by_xx[at] = s.by_xx;
@@ -180,11 +180,11 @@ struct DssimPullKernel {
             block.each_thread([&](int t) {
                 tiles.each_pixel(block.index(), t, [&](int row, int column, int x, int y) {
                     const Index at = tiles.at(x, y, c);
-                    g[at] += weight * detail::ssim_pull<float>(
-                                          a[at], unit_value(b[at]),
-                                          tiles.along(&shared.line[0][row][column]),
-                                          tiles.along(&shared.line[1][row][column]),
-                                          tiles.along(&shared.line[2][row][column]));
+                    g[at] += weight *
+                             detail::ssim_pull<float>(a[at], unit_value(b[at]),
+                                                      tiles.along(&shared.line[0][row][column]),
+                                                      tiles.along(&shared.line[1][row][column]),
+                                                      tiles.along(&shared.line[2][row][column]));
                 });
             });
         }
@@ -210,14 +210,14 @@ class DeviceDssim {
         float *const by_x = maps_.data(), *const by_xx = by_x + size, *const by_xy = by_xx + size;
         const double share = -1.0 / static_cast<double>(std::max<Index>(size, 1));
         double* const partial = sums_.reserve(queue, tiles.blocks_of());
-        device_.launch(queue, tiles.blocks_of(),
-                       DssimSlopesKernel<P>{tiles, a.pixels.data, b.pixels.data,
-                                            static_cast<float>(share), by_x, by_xx, by_xy,
-                                            partial});
-        device_.launch(queue, tiles.blocks_of(),
-                       DssimPullKernel<P>{tiles, a.pixels.data, b.pixels.data,
-                                          static_cast<float>(weight), by_x, by_xx, by_xy,
-                                          g.pixels.data});
+        device_.launch(
+            queue, tiles.blocks_of(),
+            DssimSlopesKernel<P>{tiles, a.pixels.data, b.pixels.data, static_cast<float>(share),
+                                 by_x, by_xx, by_xy, partial});
+        device_.launch(
+            queue, tiles.blocks_of(),
+            DssimPullKernel<P>{tiles, a.pixels.data, b.pixels.data, static_cast<float>(weight),
+                               by_x, by_xx, by_xy, g.pixels.data});
         return {partial, tiles.blocks_of(), share, 1.0, nullptr, weight};
     }
     /// Memory that is held [bytes].

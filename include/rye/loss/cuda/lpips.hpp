@@ -19,7 +19,7 @@ namespace rye {
 
 /// A part of a picture: its size, and in device memory where it begins: x, y.
 struct DeviceCrop {
-    int width, height;               ///< [px]
+    int width, height;                ///< [px]
     const std::int32_t* at = nullptr; ///< or null for (0, 0); inside the picture
 };
 
@@ -286,8 +286,8 @@ class DeviceLpips {
     LpipsSliceKernel slice(const DeviceLpipsTruth& truth, std::size_t s) const {
         const auto feature = net_.feature(trace_, static_cast<int>(s)).pixels;
         const double share = 1.0 / static_cast<double>(feature.cols);
-        return {{},      feature, truth.slice[s].data(), linear_[s].data(),
-                float(share), nullptr, nullptr, false};
+        return {{},      feature, truth.slice[s].data(), linear_[s].data(), float(share), nullptr,
+                nullptr, false};
     }
     template <class P>
     void look(const CudaQueue& queue, const DevicePicture<const P>& picture,

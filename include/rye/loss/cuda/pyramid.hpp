@@ -69,7 +69,7 @@ struct PyramidKernel {
     };
     PyramidLevel level;
     Source d;
-    float across, down; ///< shares of a difference in the loss
+    float across, down;  ///< shares of a difference in the loss
     const float* coarse; ///< slopes of the next level, or null
     bool add;            ///< whether to add `weight` times the slope to g, else to write it
     float weight;
@@ -133,8 +133,7 @@ class DevicePyramidLoss {
         require_picture("PyramidGradientLoss", "gradient", g, a.pixels.rows, a.width, a.height);
         const PyramidLevel first{a.width, a.height, static_cast<int>(a.pixels.rows)};
         const PyramidLevel second = first.next(), third = second.next();
-        levels_.reserve(queue,
-                        2 * static_cast<std::size_t>(second.size() + third.size()) + 1);
+        levels_.reserve(queue, 2 * static_cast<std::size_t>(second.size() + third.size()) + 1);
         float *const d1 = levels_.data(), *const g1 = d1 + second.size(),
                      *const d2 = g1 + second.size(), *const g2 = d2 + third.size();
         using Top = PictureDifference<P>;
@@ -170,8 +169,8 @@ class DevicePyramidLoss {
             return static_cast<float>(n > 0 ? loss_.weight[index] / static_cast<double>(n) : 0.0);
         };
         const Index w = l.width, h = l.height, c = l.channels;
-        return {l,     d,    share((w - 1) * h * c), share(w * (h - 1) * c), nullptr,
-                false, 0.0F, g,                      nullptr};
+        return {l, d,      share((w - 1) * h * c), share(w * (h - 1) * c), nullptr, false, 0.0F,
+                g, nullptr};
     }
 
     Device device_;

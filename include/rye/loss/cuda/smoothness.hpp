@@ -68,7 +68,8 @@ class DeviceSmoothness {
     void set(const CudaQueue& queue, const NeighbourGraph& graph) {
         const std::size_t n = graph.size();
         require(std::uint64_t(n) * 5 < std::uint64_t(std::numeric_limits<std::int32_t>::max()),
-                "smoothness", "the graph has " + std::to_string(n) + " points, 2^31 / 5 is the most");
+                "smoothness",
+                "the graph has " + std::to_string(n) + " points, 2^31 / 5 is the most");
         std::vector<std::int32_t> words(9 * n + 1, 0);
         std::int32_t *const neighbour = words.data(), *const begin = neighbour + 4 * n,
                             *const namer = begin + n + 1;
@@ -103,8 +104,7 @@ class DeviceSmoothness {
                     ", expected " + std::to_string(values.rows) + " x " +
                     std::to_string(values.cols));
         const double share = 1.0 / static_cast<double>(std::max<Index>(values.size(), 1));
-        const std::int32_t *const neighbour = words_.data(),
-                                  *const begin = neighbour + 4 * points_;
+        const std::int32_t *const neighbour = words_.data(), *const begin = neighbour + 4 * points_;
         SmoothnessKernel kernel{values,
                                 neighbour,
                                 begin,

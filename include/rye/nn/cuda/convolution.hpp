@@ -51,8 +51,7 @@ class DeviceConvolution {
     void set(const CudaQueue& queue, const DeviceColumns<const float>& weight) {
         require(weight.rows == outputs_ && weight.cols == Index(9) * inputs_, "DeviceConvolution",
                 "weights are " + std::to_string(weight.rows) + " x " + std::to_string(weight.cols) +
-                    ", expected " + std::to_string(outputs_) + " x " +
-                    std::to_string(9 * inputs_));
+                    ", expected " + std::to_string(outputs_) + " x " + std::to_string(9 * inputs_));
         const Index in = inputs_, out = outputs_;
         // The adjoint's taps are turned by 180 degrees.
         pack(queue, {weight.data, 0, in * out, out, 1, inputs_, outputs_, 0, N, nullptr}, forward_);
@@ -83,8 +82,9 @@ class DeviceConvolution {
                     ", its cotangent of " + std::to_string(g.width) + " x " +
                     std::to_string(g.height));
         if (in.pixels() == 0) return;
-        const ConvolutionSlices cut{in.width, in.height, inputs_, outputs_,
-                                    ConvolutionWeightKernel<N>::tall, weight_blocks};
+        const ConvolutionSlices cut{
+            in.width,     in.height, inputs_, outputs_, ConvolutionWeightKernel<N>::tall,
+            weight_blocks};
         partial.reserve(queue, cut.numbers());
         const ConvolutionWeightKernel<N> kernel{cut, in, g, partial.data()};
         device_.launch(queue, kernel.blocks_of(), kernel);

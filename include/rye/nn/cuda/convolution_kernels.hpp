@@ -71,8 +71,9 @@ struct ConvolutionPackKernel {
 
   private:
     RYE_DEVICE float at(int tap, int k, int n) const {
-        return k < k_count && n < n_count ? from[first + tap * tap_apart + k * k_apart + n * n_apart]
-                                          : 0.0F;
+        return k < k_count && n < n_count
+                   ? from[first + tap * tap_apart + k * k_apart + n * n_apart]
+                   : 0.0F;
     }
 };
 
@@ -83,8 +84,8 @@ struct ConvolutionKernel {
     static constexpr int N = Tiles::N, threads = Tiles::threads;
     static constexpr int blocks = N == 1 && Tiles::outputs <= 64 ? 2 : 1;
     struct Shared {
-        alignas(16) std::uint16_t image[2][std::size_t(N)][std::size_t(Tiles::rows)]
-                                       [std::size_t(Tiles::stride)];
+        alignas(16) std::uint16_t
+            image[2][std::size_t(N)][std::size_t(Tiles::rows)][std::size_t(Tiles::stride)];
         alignas(16) std::uint32_t weight[2][std::size_t(Tiles::tap_words)];
     };
     DeviceImagePlanes in;
@@ -106,8 +107,7 @@ struct ConvolutionKernel {
         const Corner corner{at % across() * Tiles::side, at / across() * Tiles::side,
                             of_outputs * Tiles::outputs};
         const int chunks = in.padded() / Tiles::chunk;
-        const std::uint32_t* const own =
-            weight + Index(of_outputs) * chunks * 9 * Tiles::tap_words;
+        const std::uint32_t* const own = weight + Index(of_outputs) * chunks * 9 * Tiles::tap_words;
         block.each_warp([&](int w) {
             for (int part = 0; part < 9; ++part) {
                 Part<W> p;
@@ -197,11 +197,11 @@ struct ConvolutionKernel {
         }
         RYE_DEVICE void add(const Shared& shared, int image, int weights, int tap, int w) {
             const U lane = W::lane();
-            const U first = (lane % U(16U) +
-                             U(static_cast<std::uint32_t>((first_row(w) + tap / 3) * Tiles::around +
-                                                          tap % 3))) *
-                                U(2U * Tiles::stride) +
-                            lane / U(16U) * U(16U);
+            const U first =
+                (lane % U(16U) + U(static_cast<std::uint32_t>(
+                                     (first_row(w) + tap / 3) * Tiles::around + tap % 3))) *
+                    U(2U * Tiles::stride) +
+                lane / U(16U) * U(16U);
             expanded<2>([&](auto step) {
                 Planes<W, N, 4> left[std::size_t(Tiles::high)];
                 expanded<Tiles::high>([&](auto m) {
@@ -214,11 +214,11 @@ struct ConvolutionKernel {
                 });
                 expanded<Tiles::wide>([&](auto n) {
                     const std::uint32_t* const operand =
-                        &shared.weight[weights]
-                                      [(step * (Tiles::outputs / 8) + first_column(w) + n) * N * 64];
+                        &shared
+                             .weight[weights]
+                                    [(step * (Tiles::outputs / 8) + first_column(w) + n) * N * 64];
                     Planes<W, N, 2> right;
-                    expanded<N>(
-                        [&](auto p) { right[p] = W::read_words2(operand + p * 64, lane); });
+                    expanded<N>([&](auto p) { right[p] = W::read_words2(operand + p * 64, lane); });
                     expanded<Tiles::high>(
                         [&](auto m) { multiply<W, N>(sum[m][n], left[m], right); });
                 });
@@ -237,13 +237,12 @@ struct ConvolutionKernel {
             float* const row = out + Index(y) * in.width * outputs;
             expanded<Tiles::wide>([&](auto n) {
                 expanded<4>([&](auto k) {
-                    const U x = U(static_cast<std::uint32_t>(corner.x + k / 2 * 8)) +
-                                W::lane() / U(4U);
-                    const U c = U(static_cast<std::uint32_t>(
-                                    corner.output + 8 * (first_column(w) + n) + k % 2)) +
+                    const U x =
+                        U(static_cast<std::uint32_t>(corner.x + k / 2 * 8)) + W::lane() / U(4U);
+                    const U c = U(static_cast<std::uint32_t>(corner.output +
+                                                             8 * (first_column(w) + n) + k % 2)) +
                                 W::lane() % U(4U) * U(2U);
-                    const auto there =
-                        x < U(static_cast<std::uint32_t>(in.width)) && c < channels;
+                    const auto there = x < U(static_cast<std::uint32_t>(in.width)) && c < channels;
                     F value = sums.sum[m][n][k];
                     if (bias != nullptr)
                         value = relu(F(value + W::read_where(there, bias, c, 0.0F)));

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/nn/cuda/convolution_weights.hpp: gradients of a convolution's weights: products over pixels
 /// of the cotangent and of the image moved by each tap, over fixed slices of the pixels whose sums
-/// are added in order. A block has 64 outputs by 32 inputs by nine taps, and takes 16 x 8 pixels, or
-/// 16 x 4, at a time; while it multiplies, the next are on their way.
+/// are added in order. A block has 64 outputs by 32 inputs by nine taps, and takes 16 x 8 pixels,
+/// or 16 x 4, at a time; while it multiplies, the next are on their way.
 #pragma once
 
 #include <algorithm>
@@ -15,11 +15,11 @@ namespace rye {
 
 /// What the gradient of a convolution's weights is cut into.
 struct ConvolutionSlices {
-    static constexpr int wide = 16;                   ///< pixels at a time, of a row
-    static constexpr int high = 64, chunk = 32;       ///< outputs and inputs of a block
-    int width, height, inputs, outputs;               ///< of the convolution
-    int tall;                                         ///< rows at a time
-    int most;                                         ///< blocks that are aimed at
+    static constexpr int wide = 16;             ///< pixels at a time, of a row
+    static constexpr int high = 64, chunk = 32; ///< outputs and inputs of a block
+    int width, height, inputs, outputs;         ///< of the convolution
+    int tall;                                   ///< rows at a time
+    int most;                                   ///< blocks that are aimed at
 
     RYE_HD int across() const { return (width + wide - 1) / wide; }
     RYE_HD int tiles() const { return across() * ((height + tall - 1) / tall); }
@@ -54,8 +54,8 @@ struct ConvolutionWeightKernel {
     using Cotangent = TileShape<N, Cut::wide, tall, Cut::high / 8, Cut::high + 8>;
     template <class Shape>
     struct Planed {
-        alignas(16) std::uint16_t at[std::size_t(N)][std::size_t(Shape::rows)]
-                                    [std::size_t(Shape::stride)];
+        alignas(16)
+            std::uint16_t at[std::size_t(N)][std::size_t(Shape::rows)][std::size_t(Shape::stride)];
     };
     struct Shared {
         Planed<Image> image[2];
@@ -148,18 +148,18 @@ struct ConvolutionWeightKernel {
         /// Sixteen outputs of a row of pixels, transposed.
         RYE_DEVICE static Planes<W, N, 4> cotangent(const Planed<Cotangent>& g, int y, int m) {
             const U matrix = W::lane() / U(8U);
-            const U row = U(static_cast<std::uint32_t>(16 * y)) + matrix / U(2U) * U(8U) +
-                          W::lane() % U(8U);
+            const U row =
+                U(static_cast<std::uint32_t>(16 * y)) + matrix / U(2U) * U(8U) + W::lane() % U(8U);
             const U place = row * U(2U * Cotangent::stride) + matrix % U(2U) * U(16U) +
                             U(static_cast<std::uint32_t>(32 * m));
             Planes<W, N, 4> r;
-            expanded<N>(
-                [&](auto p) { r[p] = W::template tiles<true>(&g.at[p][0][0], place); });
+            expanded<N>([&](auto p) { r[p] = W::template tiles<true>(&g.at[p][0][0], place); });
             return r;
         }
         /// Eight inputs of a row of pixels, moved by `tap` and by the next.
         template <int tap>
-        RYE_DEVICE static Array<Planes<W, N, 2>, 2> taps(const Planed<Image>& image, int y, int group) {
+        RYE_DEVICE static Array<Planes<W, N, 2>, 2> taps(const Planed<Image>& image, int y,
+                                                         int group) {
             constexpr int next = tap + 1 < 9 ? tap + 1 : tap;
             constexpr auto apart = static_cast<std::uint32_t>(offset(next) - offset(tap));
             const U matrix = W::lane() / U(8U);
@@ -186,13 +186,13 @@ struct ConvolutionWeightKernel {
         expanded<2>([&](auto m) {
             expanded<9>([&](auto tap) {
                 expanded<4>([&](auto k) {
-                    const U o = U(static_cast<std::uint32_t>(first + w / 4 * 32 + 16 * m +
-                                                             k / 2 * 8)) +
-                                W::lane() / U(4U);
-                    const U i = U(static_cast<std::uint32_t>(tap) * inputs +
-                                  static_cast<std::uint32_t>(chunk * Cut::chunk + w % 4 * 8 +
-                                                             k % 2)) +
-                                W::lane() % U(4U) * U(2U);
+                    const U o =
+                        U(static_cast<std::uint32_t>(first + w / 4 * 32 + 16 * m + k / 2 * 8)) +
+                        W::lane() / U(4U);
+                    const U i =
+                        U(static_cast<std::uint32_t>(tap) * inputs +
+                          static_cast<std::uint32_t>(chunk * Cut::chunk + w % 4 * 8 + k % 2)) +
+                        W::lane() % U(4U) * U(2U);
                     W::write(to, i * U(outs) + o, sums.sum[m][tap][k]);
                 });
             });

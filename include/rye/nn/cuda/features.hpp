@@ -35,7 +35,7 @@ struct PoolVjpKernel {
                 return;
             }
             const float *const top = image + y / 2 * 2 * row + x / 2 * 2 * channels + c,
-                        *const bottom = top + row;
+                               *const bottom = top + row;
             const int best =
                 detail::largest_of_four(top[0], top[channels], bottom[0], bottom[channels]);
             const bool own = best == y % 2 * 2 + x % 2;
@@ -122,17 +122,16 @@ class DeviceVgg {
         trace.layer.resize(layers_.size());
         for (std::size_t l = 0; l < layers_.size(); ++l) {
             const Layer& layer = layers_[l];
-            if (trace.layer[l] == nullptr)
-                trace.layer[l] = std::make_unique<DeviceBuffer<float>>();
+            if (trace.layer[l] == nullptr) trace.layer[l] = std::make_unique<DeviceBuffer<float>>();
             const int w = width >> layer.slice, h = height >> layer.slice;
             const DeviceImagePlanes in = shaped(queue, {nullptr, w, h, layer.in});
             if (l == 0)
                 image_planes_into<N>(device_, queue, source, in);
             else if (layer.pooled)
-                image_planes_into<N>(device_, queue,
-                                     PooledPixels{trace.layer[l - 1]->data(),
-                                                  width >> (layer.slice - 1), layer.in},
-                                     in);
+                image_planes_into<N>(
+                    device_, queue,
+                    PooledPixels{trace.layer[l - 1]->data(), width >> (layer.slice - 1), layer.in},
+                    in);
             else
                 image_planes_into<N>(device_, queue,
                                      PlainPixels{trace.layer[l - 1]->data(), w, layer.in}, in);
@@ -199,8 +198,8 @@ class DeviceVgg {
     void reserve(const CudaQueue& queue, const DeviceVggTrace& t) {
         Index most = 0;
         for (const Layer& l : layers_)
-            most = std::max(most, Index(t.width >> l.slice) * (t.height >> l.slice) *
-                                      std::max(l.in, l.out));
+            most = std::max(
+                most, Index(t.width >> l.slice) * (t.height >> l.slice) * std::max(l.in, l.out));
         for (auto& b : g_) b.reserve(queue, static_cast<std::size_t>(most));
     }
 

@@ -44,9 +44,7 @@ struct PlainPixels {
         const float* p;
         RYE_HD float at(int c) const { return p[c]; }
     };
-    RYE_HD Pixel pixel(int x, int y) const {
-        return {from + (Index(y) * width + x) * channels};
-    }
+    RYE_HD Pixel pixel(int x, int y) const { return {from + (Index(y) * width + x) * channels}; }
 };
 
 /// Mean and gain of an image's channels; null: it is not normalised.
@@ -146,8 +144,8 @@ struct PooledPixels {
         int channels;
         RYE_HD float at(int c) const {
             const float *const top = p + c, *const bottom = top + row;
-            const int best = detail::largest_of_four(top[0], top[channels], bottom[0],
-                                                     bottom[channels]);
+            const int best =
+                detail::largest_of_four(top[0], top[channels], bottom[0], bottom[channels]);
             return (best < 2 ? top : bottom)[best % 2 * channels];
         }
     };
@@ -179,8 +177,8 @@ struct ImagePlanesKernel {
             const Index j = i / groups;
             if (j >= to.pixels()) return;
             const int first = static_cast<int>(i % groups) * 8;
-            const auto pixel = source.pixel(static_cast<int>(j % to.width),
-                                            static_cast<int>(j / to.width));
+            const auto pixel =
+                source.pixel(static_cast<int>(j % to.width), static_cast<int>(j / to.width));
             Eight plane[std::size_t(N)];
             expanded<4>([&](auto k) {
                 const int c = first + 2 * k;
@@ -206,16 +204,14 @@ struct DoublingVjpKernel {
     static constexpr const char* name = "gradient of a doubled image";
     static constexpr int threads = 256, blocks = 4;
     struct Shared {};
-    const float* g;  ///< channels x (4 width height)
+    const float* g;              ///< channels x (4 width height)
     int width, height, channels; ///< of the result
     const DoublingGather *across, *down;
     float* to;
     int to_channels; ///< of the pixels of `to`, whose first are written
     bool add;
 
-    Index blocks_of() const {
-        return (Index(width) * height * channels + threads - 1) / threads;
-    }
+    Index blocks_of() const { return (Index(width) * height * channels + threads - 1) / threads; }
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
         block.each_thread([&](int t) {
@@ -229,8 +225,8 @@ struct DoublingVjpKernel {
                 float line = 0;
                 for (int l = 0; l < 4; ++l)
                     if (v.weight[l] != 0.0F)
-                        line += v.weight[l] *
-                                g[(Index(v.at[l]) * 2 * width + u.at[k]) * channels + c];
+                        line +=
+                            v.weight[l] * g[(Index(v.at[l]) * 2 * width + u.at[k]) * channels + c];
                 sum += u.weight[k] * line;
             }
             float& own = to[j * to_channels + c];

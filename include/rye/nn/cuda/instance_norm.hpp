@@ -79,7 +79,8 @@ struct ChannelMomentsKernel {
         };
         sum_of([](double x, int) { return x; });
         block.each_thread([&](int t) {
-            if (t < ChannelChunks::wide) shared.mean[t] = total(t) / static_cast<double>(end - begin);
+            if (t < ChannelChunks::wide)
+                shared.mean[t] = total(t) / static_cast<double>(end - begin);
         });
         sum_of([&](double x, int t) {
             const double apart = x - shared.mean[t % ChannelChunks::wide];
@@ -219,9 +220,9 @@ class DeviceInstanceNorm {
         moments_.reserve(queue, static_cast<std::size_t>(chunks.chunks() * image.rows) + 1);
         device_.launch(queue, chunks.blocks_of(),
                        ChannelMomentsKernel{chunks, image.data, moments_.data()});
-        device_.launch(queue, image.rows,
-                       NormMergeKernel{moments_.data(), chunks.chunks(), chunks.channels, mean,
-                                       gain});
+        device_.launch(
+            queue, image.rows,
+            NormMergeKernel{moments_.data(), chunks.chunks(), chunks.channels, mean, gain});
     }
     /// What CotangentPixels reads: 2 x channels means, of the cotangent through relu and of its
     /// product with the normalised image.
@@ -230,9 +231,8 @@ class DeviceInstanceNorm {
         const ChannelChunks chunks{image.cols, static_cast<int>(image.rows)};
         const int count = 2 * chunks.channels;
         sums_.reserve(queue, static_cast<std::size_t>(chunks.chunks() * count) + 1);
-        device_.launch(
-            queue, chunks.blocks_of(),
-            ChannelCotangentKernel{chunks, g, image.data, norm, sums_.data()});
+        device_.launch(queue, chunks.blocks_of(),
+                       ChannelCotangentKernel{chunks, g, image.data, norm, sums_.data()});
         const double share = 1.0 / static_cast<double>(std::max<Index>(image.cols, 1));
         device_.launch(queue, count,
                        OrderedSumKernel{sums_.data(), chunks.chunks(), count, share, false, means});

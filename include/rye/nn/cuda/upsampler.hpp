@@ -83,7 +83,8 @@ class DeviceUpsampler {
     void set(const CudaQueue& queue, const DeviceUpsamplerParameters& p) {
         check(p);
         parameters_ = p;
-        for (std::size_t l = 0; l < convolution_.size(); ++l) convolution_[l]->set(queue, p.conv[l]);
+        for (std::size_t l = 0; l < convolution_.size(); ++l)
+            convolution_[l]->set(queue, p.conv[l]);
     }
 
     /// out (3 channels, 2^doublings times the size) of in (in_channels). Waits where the size is
@@ -129,8 +130,9 @@ class DeviceUpsampler {
                     ", expected 3 x " + std::to_string(trace.out.pixels.cols));
         require(to.in.data == nullptr ||
                     (to.in.rows == shape_.in_channels && to.in.cols == trace.in.pixels.cols),
-                who, "gradient of the input is " + std::to_string(to.in.rows) + " x " +
-                         std::to_string(to.in.cols));
+                who,
+                "gradient of the input is " + std::to_string(to.in.rows) + " x " +
+                    std::to_string(to.in.cols));
         if (trace.in.pixels.cols == 0) return;
         reserve(queue, trace);
         float *g = g_[0].data(), *other = g_[1].data();
@@ -210,21 +212,20 @@ class DeviceUpsampler {
         else if (l % 2 == 1)
             image_planes_into<N>(device_, queue, activated(t, l - 1), to);
         else
-            image_planes_into<N>(
-                device_, queue,
-                doubled(activated(t, l - 1), static_cast<std::size_t>(l / 2 - 1)), to);
+            image_planes_into<N>(device_, queue,
+                                 doubled(activated(t, l - 1), static_cast<std::size_t>(l / 2 - 1)),
+                                 to);
         return to;
     }
     /// The cotangent of layer l's convolution, from g, that of relu's output.
-    DeviceImagePlanes cotangent_planes(const CudaQueue& queue, const DeviceUpsamplerTrace& t,
-                                       int l, const float* g) {
+    DeviceImagePlanes cotangent_planes(const CudaQueue& queue, const DeviceUpsamplerTrace& t, int l,
+                                       const float* g) {
         const ActivatedPixels own = activated(t, l);
         const Layer s = size_of(t, l);
         const DeviceImagePlanes to = shaped(queue, 1, s, own.channels);
         CotangentPixels source{g, own.from, own.width, own.channels, own.norm, nullptr, nullptr};
         if (own.norm.mean != nullptr) {
-            norm_.vjp_into(queue, {own.from, own.channels, s.pixels()}, g, own.norm,
-                           means_.data());
+            norm_.vjp_into(queue, {own.from, own.channels, s.pixels()}, g, own.norm, means_.data());
             source.mean_g = means_.data();
             source.mean_gy = means_.data() + own.channels;
         }
@@ -262,8 +263,8 @@ class DeviceUpsampler {
     void last_layer_vjp(const CudaQueue& queue, const DeviceUpsamplerTrace& t,
                         const DeviceColumns<const float>& g_out, const DeviceUpsamplerGradient& to,
                         float* g) {
-        LastLayerVjpKernel kernel{last_layer(t), t.out.pixels.data, g_out.data, g,
-                                  g_base_[0].data(), nullptr};
+        LastLayerVjpKernel kernel{
+            last_layer(t), t.out.pixels.data, g_out.data, g, g_base_[0].data(), nullptr};
         const int numbers = kernel.numbers();
         sums_.reserve(queue, static_cast<std::size_t>(kernel.blocks_of() * numbers));
         kernel.partial = sums_.data();
@@ -342,8 +343,8 @@ class DeviceUpsampler {
                 "parameters are of " + std::to_string(p.conv.size()) + " layers, its shape has " +
                     std::to_string(convolution_.size()));
         for (std::size_t l = 0; l < convolution_.size(); ++l)
-            shaped_as("weight of layer " + std::to_string(l), p.conv[l],
-                      convolution_[l]->outputs(), Index(9) * convolution_[l]->inputs());
+            shaped_as("weight of layer " + std::to_string(l), p.conv[l], convolution_[l]->outputs(),
+                      Index(9) * convolution_[l]->inputs());
         shaped_as("last weight", p.out_weight, 3, shape_.capacity);
         shaped_as("last bias", p.out_bias, 3, 1);
     }

@@ -98,8 +98,7 @@ struct BlankTarget {
 template <class Device, class Perceptual = DevicePyramidLoss<Device>>
 class DeviceImageLosses {
   public:
-    DeviceImageLosses(const Device& device, const AvatarLossConfig& config,
-                      Perceptual& perceptual)
+    DeviceImageLosses(const Device& device, const AvatarLossConfig& config, Perceptual& perceptual)
         : weights(config),
           device_(device),
           perceptual_(&perceptual),
@@ -127,12 +126,11 @@ class DeviceImageLosses {
         const DeviceAvatarImages<P> seen = images.scale != nullptr ? moved(queue, images) : images;
         terms_.assign(terms, LossTerm{});
         terms_[0] =
-            high_.into(queue, p.high.pixels,
-                       PictureTarget<P>{seen.truth.pixels.data, seen.visible},
+            high_.into(queue, p.high.pixels, PictureTarget<P>{seen.truth.pixels.data, seen.visible},
                        {weights.high_resolution}, g.high.pixels);
-        terms_[1] = low_.into(queue, p.final,
-                              PictureTarget<P>{images.truth_small.pixels.data, images.visible_small},
-                              {weights.low_resolution}, g.final);
+        terms_[1] = low_.into(
+            queue, p.final, PictureTarget<P>{images.truth_small.pixels.data, images.visible_small},
+            {weights.low_resolution}, g.final);
         terms_[2] = perceptual_->into(queue, p.high, seen.truth, weights.perceptual, g.high);
         if (weights.dssim > 0)
             terms_[3] = dssim_.into(queue, p.high, seen.truth, weights.dssim, g.high);
@@ -176,9 +174,9 @@ class DeviceImageLosses {
         terms_[4] = eye_low_.into(queue, p.eyes, small, {weights.eye_low, small_}, g.eyes);
         if (!images.eyes_high) return;
         const double* const whole = gain(queue, full_gain_, full, p.eyes_high.pixels.cols);
-        terms_[5] = eye_high_.into(queue, p.eyes_high.pixels, full,
-                                   {weights.eye_high * weights.eye_high_every, whole},
-                                   g.eyes_high.pixels);
+        terms_[5] =
+            eye_high_.into(queue, p.eyes_high.pixels, full,
+                           {weights.eye_high * weights.eye_high_every, whole}, g.eyes_high.pixels);
     }
     template <class P>
     void face_terms(const CudaQueue& queue, const DeviceAvatarImages<P>& images,

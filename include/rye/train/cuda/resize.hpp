@@ -43,8 +43,8 @@ struct ResizeKernel {
                                                    r.resized.width * factor, width);
             const Index y = detail::resized_source(static_cast<int>(pixel / width), r.dy * factor,
                                                    r.resized.height * factor, height);
-            to[i] = x < 0 || y < 0 ? detail::unit_of<P>()
-                                   : from.data[(y * width + x) * from.rows + c];
+            to[i] =
+                x < 0 || y < 0 ? detail::unit_of<P>() : from.data[(y * width + x) * from.rows + c];
         });
     }
 };
