@@ -218,9 +218,9 @@ class DeviceLpips {
     /// crop is larger than the picture, or less than 16 pixels a side.
     template <class P>
     void truth_into(const CudaQueue& queue, const DevicePicture<const P>& picture,
-                    const DeviceCrop& crop, DeviceLpipsTruth& to) {
-        look(queue, picture, crop);
-        to.crop = crop;
+                    const DeviceCrop& where, DeviceLpipsTruth& to) {
+        look(queue, picture, where);
+        to.crop = where;
         for (std::size_t s = 0; s < vgg_slices; ++s) {
             const auto feature = net_.feature(trace_, static_cast<int>(s)).pixels;
             to.slice[s].reserve(queue, static_cast<std::size_t>(feature.size()));
@@ -291,18 +291,18 @@ class DeviceLpips {
     }
     template <class P>
     void look(const CudaQueue& queue, const DevicePicture<const P>& picture,
-              const DeviceCrop& crop) {
+              const DeviceCrop& where) {
         require_picture("DeviceLpips", "picture", picture, 3, picture.width, picture.height);
-        require(crop.width <= picture.width && crop.height <= picture.height, "DeviceLpips",
-                "crop of " + std::to_string(crop.width) + " x " + std::to_string(crop.height) +
+        require(where.width <= picture.width && where.height <= picture.height, "DeviceLpips",
+                "crop of " + std::to_string(where.width) + " x " + std::to_string(where.height) +
                     " from a picture of " + std::to_string(picture.width) + " x " +
                     std::to_string(picture.height));
-        LpipsPixels<P> source{picture.pixels.data, picture.width, crop.at, {}, {}};
+        LpipsPixels<P> source{picture.pixels.data, picture.width, where.at, {}, {}};
         for (std::size_t c = 0; c < 3; ++c) {
             source.gain[c] = static_cast<float>(2.0 / lpips_scale[c]);
             source.offset[c] = static_cast<float>((-1.0 - lpips_shift[c]) / lpips_scale[c]);
         }
-        net_.forward_into(queue, source, crop.width, crop.height, trace_);
+        net_.forward_into(queue, source, where.width, where.height, trace_);
     }
 
     Device device_;

@@ -21,7 +21,10 @@ namespace rye {
 template <int N, class Device, class Source>
 void image_planes_into(const Device& device, const CudaQueue& queue, const Source& source,
                        const DeviceImagePlanes& to) {
-    require(static_cast<std::uint64_t>(to.halves(N)) / 8 < std::uint64_t(1) << 32U, "image planes",
+    const std::uint64_t eights =
+        static_cast<std::uint64_t>(N) * static_cast<std::uint64_t>(to.width) *
+        static_cast<std::uint64_t>(to.height) * static_cast<std::uint64_t>(to.padded() / 8);
+    require(eights < std::uint64_t(1) << 32U, "image planes",
             "image of " + std::to_string(to.width) + " x " + std::to_string(to.height) + " x " +
                 std::to_string(to.channels) + " is too large, 2^35 numbers are the most");
     const ImagePlanesKernel<N, Source> kernel{source, to};
