@@ -1,10 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernels whose machine code is counted (machine_code.sh): rules of Fast, features and alpha
-// alone, 3 and 32 channels; networks of width 256 by one plane of bf16; points of avatars.
+// alone, 3 and 32 channels; networks of width 256 by one plane of bf16; points of avatars; of layers
+// and losses of images one of each.
 #include <rye/avatar/cuda/two_stream.hpp>
 #include <rye/backend/cuda/device.hpp>
+#include <rye/loss/cuda/lpips.hpp>
+#include <rye/loss/cuda/smoothness.hpp>
 #include <rye/nn/cuda/mlp.hpp>
+#include <rye/nn/cuda/upsampler.hpp>
 #include <rye/splat/cuda/sh_color.hpp>
+#include <rye/train/cuda/image_losses.hpp>
 
 using namespace rye;
 using Rules = FeaturesOnly<Fast>;
@@ -52,3 +57,44 @@ const void* const kernels[] = {kernel<ProjectKernel<Rules, NoDistortion>>(),
                                kernel<SumsKernel<EyePointVjp<All, 0>>>(),
                                kernel<EyeFrameVjpKernel<All>>(),
                                kernel<MergeSumsKernel>()};
+
+using Byte = std::uint8_t;
+using Below = DoubledPixels<ActivatedPixels>;
+const void* const image_kernels[] = {kernel<ConvolutionPackKernel>(),
+                                     kernel<ConvolutionKernel<ConvolutionTiles<1, 32>>>(),
+                                     kernel<ConvolutionKernel<ConvolutionTiles<1, 64>>>(),
+                                     kernel<ConvolutionKernel<ConvolutionTiles<1, 128>>>(),
+                                     kernel<ConvolutionKernel<ConvolutionTiles<2, 128>>>(),
+                                     kernel<ConvolutionKernel<ConvolutionTiles<3, 64>>>(),
+                                     kernel<ConvolutionWeightKernel<1>>(),
+                                     kernel<ConvolutionWeightKernel<3>>(),
+                                     kernel<ConvolutionMergeKernel>(),
+                                     kernel<ImagePlanesKernel<1, Below>>(),
+                                     kernel<ImagePlanesKernel<1, CotangentPixels>>(),
+                                     kernel<ImagePlanesKernel<1, PooledPixels>>(),
+                                     kernel<ImagePlanesKernel<1, LpipsPixels<Byte>>>(),
+                                     kernel<DoublingVjpKernel>(),
+                                     kernel<ChannelMomentsKernel>(),
+                                     kernel<NormMergeKernel>(),
+                                     kernel<ChannelCotangentKernel>(),
+                                     kernel<OrderedSumKernel>(),
+                                     kernel<FirstChannelsKernel<DoubledPixels<PlainPixels>>>(),
+                                     kernel<AddChannelsKernel>(),
+                                     kernel<LastLayerKernel>(),
+                                     kernel<LastLayerVjpKernel>(),
+                                     kernel<PoolVjpKernel>(),
+                                     kernel<LpipsTruthKernel>(),
+                                     kernel<LpipsSliceKernel>(),
+                                     kernel<LpipsAddKernel>(),
+                                     kernel<DssimSlopesKernel<Byte>>(),
+                                     kernel<DssimPullKernel<Byte>>(),
+                                     kernel<HalveKernel<PictureDifference<Byte>>>(),
+                                     kernel<PyramidKernel<PictureDifference<Byte>>>(),
+                                     kernel<SmoothnessKernel>(),
+                                     kernel<RgbTermKernel<PictureTarget<Byte>>>(),
+                                     kernel<RgbTermKernel<BlankEyeballTarget<Byte>>>(),
+                                     kernel<MaskSumKernel<BlankEyeballTarget<Byte>>>(),
+                                     kernel<MaskGainKernel<detail::EyeGain>>(),
+                                     kernel<ResizeKernel<Byte>>(),
+                                     kernel<ResizeVjpKernel>(),
+                                     kernel<LossReportKernel>()};

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// networks_device: the cases of networks, Adam and losses on a device; where there is none it says
-// so.
+// networks_device: the cases of networks, layers of images, Adam and losses on a device; where
+// there is none it says so.
 #define DOCTEST_CONFIG_IMPLEMENT
 #include "adam_cases.hpp"
 #include "loss_cases.hpp"
+#include "lpips_cases.hpp"
 #include "mlp_cases.hpp"
+#include "objective_cases.hpp"
+#include "upsampler_cases.hpp"
 
 #include <rye/backend/cuda/device.hpp>
 
@@ -39,6 +42,43 @@ TEST_CASE("device: the masked L1 term is the host's") {
     masked_l1_against_host(CudaDevice(), queue());
 }
 TEST_CASE("device: networks that do not fit") { mlp_too_wide(CudaDevice()); }
+TEST_CASE("device: convolutions are the host's") {
+    const CudaDevice device;
+    for (const int outputs : {32, 64, 128}) {
+        convolution_against_host<1>(device, queue(), {70, 33, 64, outputs, 4e-3});
+        convolution_against_host<2>(device, queue(), {70, 33, 64, outputs, 1e-5});
+        convolution_against_host<3>(device, queue(), {70, 33, 64, outputs, 2e-6});
+    }
+    convolution_against_host<2>(device, queue(), {5, 33, 3, 40, 1e-5});
+    convolution_against_host<3>(device, queue(), {1, 1, 1, 1, 1e-6});
+    convolution_faults(device, queue());
+}
+TEST_CASE("device: super-resolution is the host's") {
+    const CudaDevice device;
+    constexpr auto instance = Normalization::instance, none = Normalization::none;
+    upsampler_against_host<3>(device, queue(), {{32, 32, 2}, 24, 20, 1e-5, 1e-5});
+    upsampler_against_host<3>(device, queue(), {{5, 6, 1, none}, 9, 8, 1e-5, 1e-5});
+    upsampler_against_host<3>(device, queue(), {{6, 3, 2, instance, true}, 16, 17, 1e-5, 1e-5});
+    upsampler_against_host<2>(device, queue(), {{5, 6, 1}, 19, 18, 2e-5, 1e-3});
+    upsampler_against_host<1>(device, queue(), {{5, 6, 1, instance, true}, 19, 18, 2e-2, 0.3});
+    upsampler_faults(device, queue());
+}
+TEST_CASE("device: losses of images are the host's") {
+    const CudaDevice device;
+    dssim_against_host(device, queue());
+    pyramid_against_host(device, queue());
+    smoothness_against_host(device, queue());
+    report_of_bad_terms(device, queue());
+    lpips_against_host<3>(device, queue(), {40, 37, 33, 32, {3, 4}, 1e-5});
+    resizing_against_host(device, queue());
+    image_losses_against_host(device, queue(), {});
+    image_losses_against_host(device, queue(),
+                              {.average = EyeAverage::mask,
+                               .blank_eyeballs = true,
+                               .scale = true,
+                               .face_alone = 0.7,
+                               .dssim = 0.3});
+}
 
 int main(int argc, char** argv) {
     int devices = 0;

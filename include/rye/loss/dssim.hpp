@@ -16,6 +16,16 @@ namespace rye {
 
 namespace detail {
 
+/// The mean over the window of its numbers: the middle, then pairs from the ends on.
+template <class V, class W>
+[[gnu::always_inline]] RYE_HD inline V along_window(const W& weight,
+                                                    const Array<V, ssim_window>& x) {
+    constexpr std::size_t reach = ssim_window / 2;
+    V sum = V(weight[reach]) * x[reach];
+    for (std::size_t k = 0; k < reach; ++k) sum += V(weight[k]) * (x[k] + x[ssim_window - 1 - k]);
+    return sum;
+}
+
 /// Separable means over the window, first down a column, then along a row, zero-padded. Pixels are
 /// `channels` adjacent numbers.
 template <class T>
@@ -50,12 +60,10 @@ struct Window {
     /// The mean along a row; `from` points to the start of the window.
     template <class V>
     V along(const T* from) const {
-        V sum = V(weight[reach]) * load_as<V>(from + reach * channels);
-        for (Index k = 0; k < reach; ++k)
-            sum += V(weight[static_cast<std::size_t>(k)]) *
-                   (load_as<V>(from + k * channels) +
-                    load_as<V>(from + (ssim_window - 1 - k) * channels));
-        return sum;
+        Array<V, ssim_window> x;
+        for (Index k = 0; k < ssim_window; ++k)
+            x[static_cast<std::size_t>(k)] = load_as<V>(from + k * channels);
+        return along_window<V>(weight, x);
     }
 };
 
@@ -79,6 +87,13 @@ template <class V>
     const V d1 = a2 * inverse, d2 = a1 * inverse, e1 = s / b1, e2 = s / b2;
     return {s, V(share * two * (v * (d1 - d2) - u * (e1 - e2))), V(-share * e2),
             V(share * two * d2)};
+}
+
+/// The cotangent of x, from the windowed means of the slopes by the means of x, x^2 and x y.
+template <class V>
+[[gnu::always_inline]] RYE_HD inline V ssim_pull(const V& x, const V& y, const V& by_x,
+                                                 const V& by_xx, const V& by_xy) {
+    return by_x + V(2) * x * by_xx + y * by_xy;
 }
 
 /// Rows of a chunk.
@@ -162,9 +177,10 @@ LossGradient<T> dssim(const B& backend, const Image<T>& a, const Image<T>& b) {
                 });
                 each_vector<B, T>(0, row, [&]<class V>(std::type_identity<V>, Index i) {
                     const Index at = r * row + i;
-                    const V g = window.template along<V>(line_x + i) +
-                                V(2) * load_as<V>(x + at) * window.template along<V>(line_xx + i) +
-                                load_as<V>(y + at) * window.template along<V>(line_xy + i);
+                    const V g = detail::ssim_pull<V>(load_as<V>(x + at), load_as<V>(y + at),
+                                                     window.template along<V>(line_x + i),
+                                                     window.template along<V>(line_xx + i),
+                                                     window.template along<V>(line_xy + i));
                     store_as(g, loss.gradient.data() + at);
                 });
             }

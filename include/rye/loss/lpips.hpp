@@ -43,6 +43,17 @@ struct LpipsWeights {
 
 namespace detail {
 
+/// A feature, or a vector of them, divided by s, the vector's norm plus lpips_eps.
+template <class X, class S>
+RYE_HD auto of_unit_length(const X& f, const S& s) {
+    return f / s;
+}
+/// The cotangent of f, given g, that of f / s, and dot = <f, g>; s = r + lpips_eps, r = |f|.
+template <class X, class G, class S>
+RYE_HD auto unit_length_vjp(const X& f, const G& g, const S& dot, const S& r, const S& s) {
+    return g / s - f * (dot / (r * s * s));
+}
+
 /// Contribution of one slice: the value, and the cotangent of the first features.
 template <class T, Backend B>
 LossGradient<T> lpips_slice(const B& backend, const Columns<T>& fa, const Columns<T>& fb,
@@ -55,15 +66,15 @@ LossGradient<T> lpips_slice(const B& backend, const Columns<T>& fa, const Column
         T total(0);
         for (Index j = first; j < last; ++j) {
             const T ra = sqrt(fa.col(j).squaredNorm()), rb = sqrt(fb.col(j).squaredNorm());
-            const VecX<T> d = fa.col(j) / (ra + eps) - fb.col(j) / (rb + eps);
+            const VecX<T> d =
+                of_unit_length(fa.col(j), ra + eps) - of_unit_length(fb.col(j), rb + eps);
             const VecX<T> wd = weight.col(0).cwiseProduct(d);
             total += d.dot(wd);
-            // y = f / s, s = |f| + eps: g_f = g / s - f <f, g> / (|f| s^2). Features of norm 0
-            // come from a ReLU whose slope is 0.
+            // Features of norm 0 come from a ReLU whose slope is 0.
             const T s = ra + eps;
             const VecX<T> g = T(2 * share) * wd;
             if (ra > T(0))
-                loss.gradient.col(j) = g / s - fa.col(j) * (fa.col(j).dot(g) / (ra * s * s));
+                loss.gradient.col(j) = unit_length_vjp(fa.col(j), g, fa.col(j).dot(g), ra, s);
             else
                 loss.gradient.col(j).setZero();
         }

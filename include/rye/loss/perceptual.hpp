@@ -51,6 +51,28 @@ Image<T> unwritten(int width, int height, Index channels) {
     return image;
 }
 
+/// A number of the next level of the pyramid; its slope by each of the four is 1/4.
+template <class T>
+RYE_HD T average_of_four(const T& a, const T& b, const T& c, const T& d) {
+    return T(0.25f) * (a + b + c + d);
+}
+
+/// The differences of a number to its neighbours: those to the next ones are its share of the
+/// loss, and all of them its slope.
+template <class V>
+struct DifferenceSum {
+    V value = V(0), slope = V(0);
+
+    RYE_HD void next(const V& here, const V& there, const V& share) {
+        using std::abs;
+        value += share * abs(there - here);
+        slope += share * sign_of<V>(here - there);
+    }
+    RYE_HD void last(const V& here, const V& there, const V& share) {
+        slope += share * sign_of<V>(here - there);
+    }
+};
+
 template <class T, Backend B>
 Image<T> halved(const B& backend, const Image<T>& in) {
     Image<T> out = unwritten<T>(in.width / 2, in.height / 2, in.channels());
@@ -61,7 +83,7 @@ Image<T> halved(const B& backend, const Image<T>& in) {
             T* to = out.pixels.data() + y * out.width * c;
             for (Index x = 0; x < out.width; ++x, p += 2 * c, to += c)
                 for (Index i = 0; i < c; ++i)
-                    to[i] = T(0.25f) * (p[i] + p[c + i] + p[below + i] + p[below + c + i]);
+                    to[i] = average_of_four<T>(p[i], p[c + i], p[below + i], p[below + c + i]);
         }
     });
     return out;
@@ -70,7 +92,6 @@ Image<T> halved(const B& backend, const Image<T>& in) {
 /// weight times mean |d(i + 1) - d(i)| along both axes; sets g to its slope.
 template <class T, Backend B>
 T difference_l1(const B& backend, const Image<T>& d, double weight, Image<T>& g) {
-    using std::abs;
     const Index w = d.width, h = d.height, c = d.channels(), row = w * c;
     // Mean over existing differences; an axis of one pixel has none.
     const auto share = [&](Index n) {
@@ -87,21 +108,13 @@ T difference_l1(const B& backend, const Image<T>& d, double weight, Image<T>& g)
             const auto run = [&](Index begin, Index end, bool left, bool right) {
                 each_vector<B, T>(begin, end, [&]<class V>(std::type_identity<V>, Index i) {
                     const V here = load_as<V>(p + i), one(across), other(down);
-                    V value(0), slope(0);
-                    if (right) {
-                        const V next = load_as<V>(p + i + c);
-                        value += one * abs(next - here);
-                        slope += one * sign_of<V>(here - next);
-                    }
-                    if (left) slope += one * sign_of<V>(here - load_as<V>(p + i - c));
-                    if (y + 1 < h) {
-                        const V next = load_as<V>(p + i + row);
-                        value += other * abs(next - here);
-                        slope += other * sign_of<V>(here - next);
-                    }
-                    if (y > 0) slope += other * sign_of<V>(here - load_as<V>(p + i - row));
-                    store_as(value, values.data() + i);
-                    store_as(slope, to + i);
+                    DifferenceSum<V> sum;
+                    if (right) sum.next(here, load_as<V>(p + i + c), one);
+                    if (left) sum.last(here, load_as<V>(p + i - c), one);
+                    if (y + 1 < h) sum.next(here, load_as<V>(p + i + row), other);
+                    if (y > 0) sum.last(here, load_as<V>(p + i - row), other);
+                    store_as(sum.value, values.data() + i);
+                    store_as(sum.slope, to + i);
                 });
             };
             if (w > 0) run(0, c, false, w > 1);

@@ -37,6 +37,16 @@ NeighbourGraph four_nearest(const Columns<T>& points, Index first = 0) {
     return graph;
 }
 
+namespace detail {
+
+/// The slope of share d^2.
+template <class T>
+RYE_HD T square_slope(const T& share, const T& d) {
+    return T(2) * share * d;
+}
+
+} // namespace detail
+
 /// The mean over points and channels of the squared differences to the neighbours, and its
 /// gradient. values: C x N, one entry of the graph per column.
 template <class T>
@@ -57,7 +67,7 @@ LossGradient<T> smoothness(const Columns<T>& values, const NeighbourGraph& graph
             T* const g_there = l.gradient.data() + k * channels;
             T squares(0);
             for (Index c = 0; c < channels; ++c) {
-                const T d = here[c] - there[c], slope = T(2) * share * d;
+                const T d = here[c] - there[c], slope = detail::square_slope(share, d);
                 squares += d * d;
                 g_here[c] += slope;
                 g_there[c] -= slope;

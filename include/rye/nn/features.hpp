@@ -75,13 +75,21 @@ struct VggTrace {
 
 namespace detail {
 
+/// Which of four numbers is the largest, 0 to 3; the first on a tie.
+template <class T>
+RYE_HD int largest_of_four(const T& a, const T& b, const T& c, const T& d) {
+    int best = b > a ? 1 : 0;
+    if (c > (best == 1 ? b : a)) best = 2;
+    return d > (best == 2 ? c : best == 1 ? b : a) ? 3 : best;
+}
+
 /// The column of the largest of four pixels, the first on a tie.
 template <class T>
 Index largest_of_four(const Image<T>& in, Index x, Index y, Index channel) {
-    Index best = 2 * y * in.width + 2 * x;
-    for (const Index i : {best + 1, best + in.width, best + in.width + 1})
-        if (in.pixels(channel, i) > in.pixels(channel, best)) best = i;
-    return best;
+    const Index first = 2 * y * in.width + 2 * x, below = first + in.width;
+    const int best = largest_of_four<T>(in.pixels(channel, first), in.pixels(channel, first + 1),
+                                        in.pixels(channel, below), in.pixels(channel, below + 1));
+    return (best < 2 ? first : below) + best % 2;
 }
 
 /// 2 x 2 max pooling; drops an odd last row or column.

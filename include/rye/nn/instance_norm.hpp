@@ -16,6 +16,24 @@ namespace rye {
 /// Bounds the gain of a channel that is nearly constant.
 inline constexpr double norm_eps = 1e-5;
 
+/// x with mean 0 and variance 1: of numbers, or of Eigen's arrays number by number.
+template <class X, class M, class G>
+RYE_HD auto normalized(const X& x, const M& mean, const G& gain) {
+    return (x - mean) * gain;
+}
+/// The cotangent of x, from g that of y = normalized(x) and the means over pixels of g and g y.
+template <class X, class Y, class M, class N, class G>
+RYE_HD auto normalized_vjp(const X& g, const Y& y, const M& mean_g, const N& mean_gy,
+                           const G& gain) {
+    return (g - mean_g - y * mean_gy) * gain;
+}
+/// The gain of a channel of that variance.
+template <class T>
+RYE_HD T norm_gain(const T& variance) {
+    using std::sqrt;
+    return T(1) / sqrt(variance + T(real_t<T>(norm_eps)));
+}
+
 namespace detail {
 
 /// Pixels per partial sum: nested sums keep long sums accurate in float.
@@ -42,7 +60,6 @@ VecX<T> pixel_mean(const B& backend, Index channels, Index pixels, const F& f) {
 /// Normalises in place; returns 1 / sqrt(variance + eps) of each channel.
 template <class T, Backend B>
 VecX<T> instance_norm(const B& backend, Columns<T>& x) {
-    using std::sqrt;
     const VecX<T> mean = detail::pixel_mean<T>(
         backend, x.rows(), x.cols(),
         [&](Index b, Index n) -> VecX<T> { return x.middleCols(b, n).rowwise().sum(); });
@@ -52,10 +69,12 @@ VecX<T> instance_norm(const B& backend, Columns<T>& x) {
             for (Index j = b; j < b + n; ++j) s += (x.col(j) - mean).cwiseAbs2();
             return s;
         });
-    const VecX<T> gain =
-        variance.unaryExpr([](const T& v) { return T(T(1) / sqrt(v + T(real_t<T>(norm_eps)))); });
+    const VecX<T> gain = variance.unaryExpr([](const T& v) { return norm_gain<T>(v); });
     for_chunks(backend.threads, x.cols(), 4096, [&](Index b, Index e, Index) {
-        for (Index j = b; j < e; ++j) x.col(j) = (x.col(j) - mean).cwiseProduct(gain);
+        for (Index j = b; j < e; ++j) {
+            auto column = x.col(j).array();
+            column = normalized(column, mean.array(), gain.array());
+        }
     });
     return gain;
 }
@@ -73,8 +92,11 @@ void instance_norm_vjp(const B& backend, const Columns<T>& y, const VecX<T>& gai
             return s;
         });
     for_chunks(backend.threads, y.cols(), 4096, [&](Index b, Index e, Index) {
-        for (Index j = b; j < e; ++j)
-            g.col(j) = (g.col(j) - mean_g - y.col(j).cwiseProduct(mean_gy)).cwiseProduct(gain);
+        for (Index j = b; j < e; ++j) {
+            auto column = g.col(j).array();
+            column = normalized_vjp(column, y.col(j).array(), mean_g.array(), mean_gy.array(),
+                                    gain.array());
+        }
     });
 }
 

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cmath>
+#include <cstdint>
 #include <vector>
 
 #include <rye/core/columns.hpp>
@@ -24,10 +25,23 @@ struct Augmentation {
 namespace detail {
 
 /// Pixel x of `size` pixels shows pixel nearest to (x - offset) / scale of the source.
-inline Index resized_source(int x, int offset, int resized, int size) {
+RYE_HD inline Index resized_source(int x, int offset, int resized, int size) {
     const int at = x - offset;
     if (at < 0 || at >= resized) return -1;
     return static_cast<Index>(at) * size / resized;
+}
+
+/// Pixels that show one of the source.
+struct PixelRange {
+    int begin, end;
+};
+/// The inverse of resized_source: pixels that show pixel `from`.
+RYE_HD inline PixelRange resized_range(int from, int offset, int resized, int size) {
+    const auto first = [&](int k) { // the least `at` with at * size / resized >= k
+        return static_cast<int>((static_cast<std::int64_t>(k) * resized + size - 1) / size);
+    };
+    const int begin = offset + first(from), end = offset + first(from + 1);
+    return {begin < 0 ? 0 : begin, end > size ? size : end};
 }
 
 /// A picture of a size, resized and moved by (dx, dy).
@@ -58,8 +72,10 @@ inline std::vector<Index> resized_map(const Resizing& r) {
 
 } // namespace detail
 
-/// width, height: of the feature map; the picture is `factor` times as large.
-inline Augmentation random_scale(int width, int height, int factor, const Random& random) {
+namespace detail {
+
+/// How a map of a size is resized and moved.
+inline Resizing random_resizing(int width, int height, const Random& random) {
     const double scale = 0.8 + 0.45 * random.uniform(0);
     const int w = std::max(1, static_cast<int>(width * scale));
     const int h = std::max(1, static_cast<int>(height * scale));
@@ -70,7 +86,14 @@ inline Augmentation random_scale(int width, int height, int factor, const Random
         return resized <= size ? k : -k;
     };
     const int dx = offset(width, w, 1), dy = offset(height, h, 2);
-    const detail::Resizing resizing{{width, height}, {w, h}, dx, dy};
+    return {{width, height}, {w, h}, dx, dy};
+}
+
+} // namespace detail
+
+/// width, height: of the feature map; the picture is `factor` times as large.
+inline Augmentation random_scale(int width, int height, int factor, const Random& random) {
+    const detail::Resizing resizing = detail::random_resizing(width, height, random);
     return {detail::resized_map(resizing), detail::resized_map(resizing * factor)};
 }
 

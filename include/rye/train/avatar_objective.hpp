@@ -13,6 +13,7 @@
 #include <rye/loss/perceptual.hpp>
 #include <rye/loss/photometric.hpp>
 #include <rye/splat/rasterizer.hpp>
+#include <rye/train/face_pixels.hpp>
 #include <rye/train/probe.hpp>
 #include <rye/train/samples.hpp>
 #include <rye/train/settings.hpp>
@@ -122,7 +123,7 @@ double eye_gain(const B& backend, EyeAverage average, const Columns<T>& mask) {
         return sum;
     };
     const double sum = sum_chunks(backend.threads, mask.size(), 4096, 0.0, part);
-    return sum > 0 ? static_cast<double>(mask.size()) / std::max(sum, 8.0) : 0.0;
+    return EyeGain{mask.size()}(sum);
 }
 
 } // namespace detail
@@ -144,8 +145,10 @@ FaceTarget<T> face_alone_target(const B& backend, const AvatarImages<T>& sample)
         for (Index i = b; i < e; ++i) {
             const T beyond = T(1) - sample.mask_small(0, i);
             for (Index c = 0; c < 3; ++c)
-                t.picture(c, i) = sample.truth_small.pixels(c, i) + change(c) * beyond;
-            t.mask(0, i) = sample.eyes_small(0, i) > T(0) ? T(0) : sample.visible_small(0, i);
+                t.picture(c, i) = detail::face_alone_colour<T>(sample.truth_small.pixels(c, i),
+                                                               change(c), beyond);
+            t.mask(0, i) =
+                detail::face_alone_weight<T>(sample.eyes_small(0, i), sample.visible_small(0, i));
         }
     });
     return t;
@@ -160,12 +163,11 @@ FaceTarget<T> blank_eyeball_target(const B& backend, const AvatarImages<T>& samp
     detail::over_pixels(backend, t.mask.cols(), [&](Index b, Index e) {
         for (Index i = b; i < e; ++i) {
             const T eye = sample.eyes_small(0, i);
-            for (Index c = 0; c < 3; ++c) {
-                const T shown = alone.picture(c, i);
-                t.picture(c, i) = shown + eye * (sample.blank(c) - shown);
-            }
-            const bool seen = eye > T(0) || eyeball_alpha(0, i) > T(0.5);
-            t.mask(0, i) = seen ? sample.visible_small(0, i) : T(0);
+            for (Index c = 0; c < 3; ++c)
+                t.picture(c, i) =
+                    detail::blank_eyeball_colour<T>(alone.picture(c, i), eye, sample.blank(c));
+            t.mask(0, i) = detail::blank_eyeball_weight<T>(eye, eyeball_alpha(0, i),
+                                                           sample.visible_small(0, i));
         }
     });
     return t;

@@ -69,6 +69,9 @@ struct Lanes {
     friend Lanes<bool> operator>(const Lanes& a, const Lanes& b) {
         return Lanes<bool>::each([&](int l) { return a.x[l] > b.x[l]; });
     }
+    friend Lanes<bool> operator<=(const Lanes& a, const Lanes& b) {
+        return Lanes<bool>::each([&](int l) { return a.x[l] <= b.x[l]; });
+    }
     friend Lanes<bool> operator>=(const Lanes& a, const Lanes& b) {
         return Lanes<bool>::each([&](int l) { return a.x[l] >= b.x[l]; });
     }

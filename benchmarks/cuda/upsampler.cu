@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: Apache-2.0
+// upsampler [--json FILE]: what a training step does with images on this device, by 1, 2 and 3
+// planes: super-resolution 128 -> 512 and 512 -> 2048 (32 channels, capacity 32, two doublings),
+// forward and with its vjp, and losses of a picture at 512 x 512. Milliseconds of a CUDA graph,
+// median of 50 [least-most], and TFLOP/s of the convolutions' own products, which more planes take
+// several times.
+#include <rye/backend/cuda/device.hpp>
+
+#include <algorithm>
+#include <cstdio>
+#include <string>
+#include <vector>
+
+#include <rye/loss/cuda/dssim.hpp>
+#include <rye/loss/cuda/lpips.hpp>
+#include <rye/loss/cuda/pyramid.hpp>
+#include <rye/loss/cuda/rgb_term.hpp>
+#include <rye/nn/cuda/upsampler.hpp>
+
+namespace {
+
+using namespace rye;
+
+std::string json;
+
+struct Stats {
+    float median, least, most;
+};
+
+template <class F>
+Stats graph_time(cudaStream_t stream, const F& f) {
+    f(); // what grows, grows here
+    check_cuda(cudaStreamSynchronize(stream), "first");
+    cudaGraph_t graph;
+    cudaGraphExec_t exec;
+    check_cuda(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "graph");
+    f();
+    check_cuda(cudaStreamEndCapture(stream, &graph), "graph");
+    check_cuda(cudaGraphInstantiate(&exec, graph, 0), "graph");
+    constexpr std::size_t count = 50;
+    std::vector<cudaEvent_t> events(count + 1);
+    for (auto& e : events) check_cuda(cudaEventCreate(&e), "event");
+    for (int k = 0; k < 5; ++k) check_cuda(cudaGraphLaunch(exec, stream), "graph");
+    check_cuda(cudaEventRecord(events[0], stream), "event");
+    for (std::size_t k = 0; k < count; ++k) {
+        check_cuda(cudaGraphLaunch(exec, stream), "graph");
+        check_cuda(cudaEventRecord(events[k + 1], stream), "event");
+    }
+    check_cuda(cudaStreamSynchronize(stream), "timed");
+    std::vector<float> ms(count);
+    for (std::size_t k = 0; k < count; ++k)
+        check_cuda(cudaEventElapsedTime(&ms[k], events[k], events[k + 1]), "event");
+    for (auto& e : events) check_cuda(cudaEventDestroy(e), "event");
+    check_cuda(cudaGraphExecDestroy(exec), "graph");
+    check_cuda(cudaGraphDestroy(graph), "graph");
+    std::sort(ms.begin(), ms.end());
+    return {ms[count / 2], ms.front(), ms.back()};
+}
+
+void report(const std::string& name, const Stats& ms, double flops) {
+    std::printf("%-36s %8.3f ms [%.3f-%.3f]", name.c_str(), static_cast<double>(ms.median),
+                static_cast<double>(ms.least), static_cast<double>(ms.most));
+    if (flops > 0) std::printf(" %6.0f TFLOP/s", flops / static_cast<double>(ms.median) * 1e-9);
+    std::printf("\n");
+    std::fflush(stdout);
+    char text[256];
+    std::snprintf(text, sizeof text,
+                  "%s  {\"name\": \"cuda_images/%s\", \"median_ms\": %.5g, \"tflops\": %.5g}",
+                  json.empty() ? "" : ",\n", name.c_str(), static_cast<double>(ms.median),
+                  flops / static_cast<double>(ms.median) * 1e-9);
+    json += text;
+}
+
+/// Numbers in 0..1 in device memory.
+struct Numbers {
+    DeviceBuffer<float> buffer;
+    Index rows, cols;
+
+    Numbers(const CudaQueue& queue, Index r, Index c, std::uint64_t seed) : rows(r), cols(c) {
+        std::vector<float> host(static_cast<std::size_t>(r * c));
+        std::uint64_t x = seed;
+        for (float& h : host) {
+            x = x * 6364136223846793005U + 1442695040888963407U;
+            h = static_cast<float>(x >> 40U) / 16777216.0F;
+        }
+        buffer.reserve(queue, host.size() + 1);
+        CudaDevice().send(queue, buffer.data(), host.data(), host.size() * sizeof(float));
+    }
+    DeviceColumns<float> view() const { return {buffer.data(), rows, cols}; }
+};
+
+/// Multiply-adds of all convolutions, twice, of a picture of w x h features.
+double flops_of(const UpsamplerShape& s, double w, double h) {
+    double sum = 0;
+    for (int l = 0; l < s.layers(); ++l) {
+        const double pixels = w * h * static_cast<double>(1 << l / 2 * 2);
+        sum += 2 * 9.0 * pixels * s.layer_in(l) * s.block_out(l / 2);
+    }
+    return sum;
+}
+
+template <int N>
+void upsampler_rows(const CudaQueue& queue, int side) {
+    const CudaDevice device;
+    const UpsamplerShape s;
+    const Upsampler<float> host = Upsampler<float>::init(s, Random(1));
+    const ResidentLayout<Upsampler<float>> layout(host);
+    Resident<Upsampler<float>, CudaDevice> parameters(device, queue, layout),
+        gradient(device, queue, layout);
+    parameters.send(queue, host);
+    const Index small = Index(side) * side, full = 16 * small;
+    const Numbers in(queue, 32, small, 1), out(queue, 3, full, 2), g(queue, 3, full, 3),
+        g_in(queue, 32, small, 4);
+    DeviceUpsampler<CudaDevice, N> network(device, s);
+    DeviceUpsamplerTrace trace;
+    const auto forward = [&] {
+        network.set(queue, device_upsampler(parameters, host));
+        network.forward_into(queue, {in.view(), side, side}, {out.view(), 4 * side, 4 * side},
+                             trace);
+    };
+    const auto both = [&] {
+        forward();
+        network.vjp_into(queue, trace, g.view(), {device_upsampler(gradient, host), g_in.view()});
+    };
+    const double flops = flops_of(s, side, side);
+    const std::string name = "upsampler/" + std::to_string(side) + "-" + std::to_string(4 * side) +
+                             "/planes:" + std::to_string(N);
+    report(name + "/forward", graph_time(queue.stream, forward), flops);
+    report(name + "/both", graph_time(queue.stream, both), 3 * flops);
+    std::printf("%-36s %8.0f MB beside %.0f MB of a trace\n", "", double(network.bytes()) / 1e6,
+                double(trace.bytes()) / 1e6);
+}
+
+/// A convolution of as many outputs as inputs.
+template <int N>
+void convolution_rows(const CudaQueue& queue, int side, int channels) {
+    const CudaDevice device;
+    const Index pixels = Index(side) * side;
+    const Numbers x(queue, channels, pixels, 1), out(queue, channels, pixels, 2),
+        weight(queue, channels, Index(9) * channels, 3),
+        g_weight(queue, channels, Index(9) * channels, 4);
+    DeviceImagePlanes planes{nullptr, side, side, channels};
+    DeviceBuffer<std::uint16_t> memory;
+    memory.reserve(queue, planes.halves(N));
+    planes.data = memory.data();
+    DeviceConvolution<CudaDevice, N> layer(device, channels, channels);
+    layer.set(queue, weight.view());
+    DeviceBuffer<float> partial;
+    const double flops = 2.0 * 9 * double(pixels) * channels * channels;
+    const std::string name = "convolution/" + std::to_string(side) + "x" +
+                             std::to_string(channels) + "/planes:" + std::to_string(N);
+    const auto split = [&] {
+        image_planes_into<N>(device, queue, PlainPixels{x.buffer.data(), side, channels}, planes);
+    };
+    report(name + "/planes", graph_time(queue.stream, split), 0);
+    report(name + "/forward",
+           graph_time(queue.stream, [&] { layer.forward_into(queue, planes, out.buffer.data()); }),
+           flops);
+    report(
+        name + "/weights",
+        graph_time(
+            queue.stream,
+            [&] { layer.vjp_weight_into(queue, planes, planes, g_weight.buffer.data(), partial); }),
+        flops);
+}
+
+void loss_rows(const CudaQueue& queue) {
+    const CudaDevice device;
+    constexpr int side = 512;
+    const Index pixels = Index(side) * side;
+    const Numbers a(queue, 3, pixels, 1), b(queue, 3, pixels, 2), g(queue, 3, pixels, 3);
+    const DevicePicture<const float> picture{a.view(), side, side}, truth{b.view(), side, side};
+    const DevicePicture<float> to{g.view(), side, side};
+    DeviceDssim<CudaDevice> dssim_of(device);
+    DevicePyramidLoss<CudaDevice> pyramid(device);
+    DeviceRgbTerm<CudaDevice> rgb(device);
+    const PictureTarget<float> target{b.buffer.data(), nullptr};
+    report("losses/512/dssim",
+           graph_time(queue.stream, [&] { dssim_of.into(queue, picture, truth, 1.0, to); }), 0);
+    report("losses/512/pyramid",
+           graph_time(queue.stream, [&] { pyramid.into(queue, picture, truth, 1.0, to); }), 0);
+    report("losses/512/l1",
+           graph_time(queue.stream,
+                      [&] { rgb.into(queue, picture.pixels, target, {1.0}, to.pixels); }),
+           0);
+    LpipsWeights<float> weights;
+    std::uint64_t k = 0;
+    const Random random(5);
+    LpipsWeights<float>::fields(
+        [&](const std::string&, Columns<float>& w) {
+            for (Index i = 0; i < w.size(); ++i)
+                w.data()[i] = static_cast<float>(0.06 * (random.uniform(k++) - 0.45));
+        },
+        weights);
+    DeviceLpips<CudaDevice, 1> lpips(device, queue, weights);
+    DeviceLpipsTruth kept;
+    report("losses/512/lpips, features of a truth",
+           graph_time(queue.stream,
+                      [&] {
+                          lpips.truth_into(queue, truth, {side, side}, kept);
+                      }),
+           0);
+    report("losses/512/lpips",
+           graph_time(queue.stream, [&] { lpips.into(queue, picture, kept, 1.0, to); }), 0);
+}
+
+} // namespace
+
+int main(int argc, char** argv) {
+    int devices = 0;
+    if (cudaGetDeviceCount(&devices) != cudaSuccess || devices == 0) {
+        std::puts("not run: cuda_upsampler: no device is there");
+        return 0;
+    }
+    try {
+        cudaStream_t stream;
+        check_cuda(cudaStreamCreate(&stream), "stream");
+        StreamMemory memory;
+        const CudaQueue queue{stream, memory};
+        for (const int side : {128, 512}) {
+            upsampler_rows<1>(queue, side);
+            upsampler_rows<2>(queue, side);
+            if (side == 128) upsampler_rows<3>(queue, side);
+        }
+        for (const int channels : {32, 64, 128}) convolution_rows<1>(queue, 512, channels);
+        convolution_rows<2>(queue, 512, 128);
+        convolution_rows<3>(queue, 512, 128);
+        loss_rows(queue);
+    } catch (const std::exception& e) {
+        std::printf("failed: %s\n", e.what());
+        return 1;
+    }
+    if (argc == 3 && std::string(argv[1]) == "--json") {
+        std::FILE* const f = std::fopen(argv[2], "w");
+        if (f == nullptr) {
+            std::printf("failed: cannot write %s\n", argv[2]);
+            return 1;
+        }
+        std::fprintf(f, "{\"benchmarks\": [\n%s\n]}\n", json.c_str());
+        std::fclose(f);
+    }
+    return 0;
+}

@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/loss/cuda/pyramid.hpp: PyramidGradientLoss of pictures in device memory, value and
+/// cotangent, by loss/perceptual.hpp's formulas. The difference of the pictures is taken where it
+/// is read; its two halvings are kept. Slopes go from the coarsest level to the finest.
+#pragma once
+
+#include <algorithm>
+
+#include <rye/loss/cuda/terms.hpp>
+#include <rye/loss/perceptual.hpp>
+
+namespace rye {
+
+/// The first level: a - b.
+template <class P>
+struct PictureDifference {
+    const float* a;
+    const P* b;
+    RYE_HD float at(Index i) const { return a[i] - unit_value(b[i]); }
+};
+/// A level that is kept.
+struct KeptLevel {
+    const float* d;
+    RYE_HD float at(Index i) const { return d[i]; }
+};
+
+/// Sizes of a level.
+struct PyramidLevel {
+    int width, height, channels;
+    RYE_HD Index row() const { return Index(width) * channels; }
+    RYE_HD Index size() const { return row() * height; }
+    PyramidLevel next() const { return {width / 2, height / 2, channels}; }
+};
+
+/// The next level of a pyramid.
+template <class Source>
+struct HalveKernel {
+    static constexpr const char* name = "half a picture";
+    static constexpr int threads = 256, blocks = 4;
+    struct Shared {};
+    PyramidLevel fine, coarse;
+    Source from;
+    float* to;
+
+    Index blocks_of() const { return (coarse.size() + threads - 1) / threads; }
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        block.each_thread([&](int t) {
+            const Index i = Index(block.index()) * threads + t;
+            if (i >= coarse.size()) return;
+            const Index y = i / coarse.row(), x = i % coarse.row() / coarse.channels,
+                        c = i % coarse.channels;
+            const Index p = 2 * y * fine.row() + 2 * x * fine.channels + c;
+            to[i] = detail::average_of_four<float>(from.at(p), from.at(p + fine.channels),
+                                                   from.at(p + fine.row()),
+                                                   from.at(p + fine.row() + fine.channels));
+        });
+    }
+};
+
+/// Differences along both axes of a level, their slopes, and those of the level below.
+template <class Source>
+struct PyramidKernel {
+    static constexpr const char* name = "differences of a level";
+    static constexpr int threads = 256, blocks = 4;
+    static constexpr Index chunk = 4 * threads; ///< numbers
+    struct Shared {
+        double sum[threads];
+    };
+    PyramidLevel level;
+    Source d;
+    float across, down;  ///< shares of a difference in the loss
+    const float* coarse; ///< slopes of the next level, or null
+    bool add;            ///< whether to add `weight` times the slope to g, else to write it
+    float weight;
+    float* g;
+    double* partial;
+
+    Index blocks_of() const { return (level.size() + chunk - 1) / chunk; }
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+        const Index begin = block.index() * chunk, end = rye::min(begin + chunk, level.size());
+        block.each_thread([&](int t) {
+            double sum = 0;
+            for (Index i = begin + t; i < end; i += threads) sum += one(i);
+            shared.sum[t] = sum;
+        });
+        add_up(block, shared.sum);
+        block.each_thread([&](int t) {
+            if (t == 0) partial[block.index()] = shared.sum[0];
+        });
+    }
+
+  private:
+    /// Number i: writes its slope, returns its value.
+    RYE_DEVICE double one(Index i) const {
+        const Index row = level.row(), c = level.channels;
+        const Index y = i / row, x = i % row / c;
+        const float here = d.at(i);
+        detail::DifferenceSum<float> sum;
+        if (x + 1 < level.width) sum.next(here, d.at(i + c), across);
+        if (x > 0) sum.last(here, d.at(i - c), across);
+        if (y + 1 < level.height) sum.next(here, d.at(i + row), down);
+        if (y > 0) sum.last(here, d.at(i - row), down);
+        if (coarse != nullptr) {
+            const PyramidLevel below{level.width / 2, level.height / 2, level.channels};
+            if (x / 2 < below.width && y / 2 < below.height)
+                sum.slope += 0.25F * coarse[y / 2 * below.row() + x / 2 * c + i % c];
+        }
+        if (add)
+            g[i] += weight * sum.slope;
+        else
+            g[i] = sum.slope;
+        return static_cast<double>(sum.value);
+    }
+};
+
+/// The pyramid's loss of pictures in device memory, with its levels.
+template <class Device>
+class DevicePyramidLoss {
+  public:
+    explicit DevicePyramidLoss(const Device& device, const PyramidGradientLoss& loss = {})
+        : device_(device),
+          loss_(loss) {}
+
+    /// The loss of a and b (floats or bytes) as a term of weight `weight`, which times its
+    /// cotangent of a is added to g. a, b, g: of one shape; an Error else.
+    template <class P>
+    LossTerm into(const CudaQueue& queue, const DevicePicture<const float>& a,
+                  const DevicePicture<const P>& b, double weight, const DevicePicture<float>& g) {
+        require_picture("PyramidGradientLoss", "second picture", b, a.pixels.rows, a.width,
+                        a.height);
+        require_picture("PyramidGradientLoss", "gradient", g, a.pixels.rows, a.width, a.height);
+        const PyramidLevel first{a.width, a.height, static_cast<int>(a.pixels.rows)};
+        const PyramidLevel second = first.next(), third = second.next();
+        levels_.reserve(queue, 2 * static_cast<std::size_t>(second.size() + third.size()) + 1);
+        float *const d1 = levels_.data(), *const g1 = d1 + second.size(),
+                     *const d2 = g1 + second.size(), *const g2 = d2 + third.size();
+        using Top = PictureDifference<P>;
+        const Top top{a.pixels.data, b.pixels.data};
+        const HalveKernel<Top> half{first, second, top, d1};
+        device_.launch(queue, half.blocks_of(), half);
+        const HalveKernel<KeptLevel> quarter{second, third, {d1}, d2};
+        device_.launch(queue, quarter.blocks_of(), quarter);
+        auto coarsest = level(third, KeptLevel{d2}, 2, g2);
+        auto middle = level(second, KeptLevel{d1}, 1, g1);
+        auto finest = level(first, top, 0, g.pixels.data);
+        middle.coarse = g2;
+        finest.coarse = g1;
+        finest.add = true;
+        finest.weight = static_cast<float>(weight);
+        const Index chunks = finest.blocks_of() + middle.blocks_of() + coarsest.blocks_of();
+        finest.partial = sums_.reserve(queue, chunks);
+        middle.partial = finest.partial + finest.blocks_of();
+        coarsest.partial = middle.partial + middle.blocks_of();
+        device_.launch(queue, coarsest.blocks_of(), coarsest);
+        device_.launch(queue, middle.blocks_of(), middle);
+        device_.launch(queue, finest.blocks_of(), finest);
+        return {finest.partial, chunks, 1.0, 0.0, nullptr, weight};
+    }
+    /// Memory that is held [bytes].
+    std::size_t bytes() const { return levels_.bytes() + sums_.bytes(); }
+
+  private:
+    template <class Source>
+    PyramidKernel<Source> level(const PyramidLevel& l, const Source& d, std::size_t index,
+                                float* g) const {
+        const auto share = [&](Index n) {
+            return static_cast<float>(n > 0 ? loss_.weight[index] / static_cast<double>(n) : 0.0);
+        };
+        const Index w = l.width, h = l.height, c = l.channels;
+        return {l, d,      share((w - 1) * h * c), share(w * (h - 1) * c), nullptr, false, 0.0F,
+                g, nullptr};
+    }
+
+    Device device_;
+    PyramidGradientLoss loss_;
+    DeviceBuffer<float> levels_;
+    LossSums sums_;
+};
+
+} // namespace rye

@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/loss/cuda/rgb_term.hpp: the masked L1 term of a picture's red, green and blue in device
+/// memory, by loss/photometric.hpp's formula, against a target that is made pixel by pixel: a
+/// picture, a colour, or what a caller's target computes. Value and cotangent in one pass.
+#pragma once
+
+#include <algorithm>
+
+#include <rye/loss/cuda/terms.hpp>
+#include <rye/loss/photometric.hpp>
+
+namespace rye {
+
+/// What a pixel should show, and how much it counts. Where `mask` is 0 the colour is not read.
+struct RgbTarget {
+    float mask;
+    Array<float, 3> colour;
+};
+
+/// A target of kernels: at(pixel), and mask(pixel) alone.
+template <class G>
+concept RgbTargetSource = requires(const G& target, Index pixel) {
+    { target.at(pixel) } -> std::same_as<RgbTarget>;
+    { target.mask(pixel) } -> std::same_as<float>;
+};
+
+/// A picture (three channels) and a mask, null for 1 everywhere.
+template <class P>
+struct PictureTarget {
+    const P* picture;
+    const P* weights;
+
+    RYE_HD float mask(Index i) const { return weights != nullptr ? unit_value(weights[i]) : 1.0F; }
+    RYE_HD RgbTarget at(Index i) const {
+        return {mask(i),
+                {{unit_value(picture[3 * i]), unit_value(picture[3 * i + 1]),
+                  unit_value(picture[3 * i + 2])}}};
+    }
+};
+/// One colour, and a mask.
+template <class P>
+struct ColourTarget {
+    Array<float, 3> colour;
+    const P* weights;
+
+    RYE_HD float mask(Index i) const { return unit_value(weights[i]); }
+    RYE_HD RgbTarget at(Index i) const { return {mask(i), colour}; }
+};
+static_assert(RgbTargetSource<PictureTarget<float>> && RgbTargetSource<ColourTarget<float>>);
+
+/// Pixels of a block's partial sum.
+inline constexpr Index rgb_chunk = 1024;
+inline Index rgb_chunks(Index pixels) { return (pixels + rgb_chunk - 1) / rgb_chunk; }
+
+/// The sum of a target's mask over a chunk of pixels.
+template <RgbTargetSource G>
+struct MaskSumKernel {
+    static constexpr const char* name = "sum of a mask";
+    static constexpr int threads = 128, blocks = 8;
+    struct Shared {
+        double sum[threads];
+    };
+    G target;
+    Index pixels;
+    double* partial;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+        const Index begin = block.index() * rgb_chunk, end = rye::min(begin + rgb_chunk, pixels);
+        block.each_thread([&](int t) {
+            double sum = 0;
+            for (Index j = begin + t; j < end; j += threads)
+                sum += static_cast<double>(target.mask(j));
+            shared.sum[t] = sum;
+        });
+        add_up(block, shared.sum);
+        block.each_thread([&](int t) {
+            if (t == 0) partial[block.index()] = shared.sum[0];
+        });
+    }
+};
+
+/// f(sum of the chunks), a number in device memory. F: a device function object.
+template <class F>
+struct MaskGainKernel {
+    static constexpr const char* name = "gain of a mask";
+    static constexpr int threads = 128, blocks = 1;
+    struct Shared {
+        double sum[threads];
+    };
+    const double* partial;
+    Index chunks;
+    F f;
+    double* gain;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+        block.each_thread([&](int t) {
+            const Index share = (chunks + threads - 1) / threads;
+            const Index end = rye::min(chunks, (t + 1) * share);
+            double sum = 0;
+            for (Index i = t * share; i < end; ++i) sum += partial[i];
+            shared.sum[t] = sum;
+        });
+        add_up(block, shared.sum);
+        block.each_thread([&](int t) {
+            if (t == 0) *gain = f(shared.sum[0]);
+        });
+    }
+};
+
+/// The term over a chunk of pixels, and its cotangent.
+template <RgbTargetSource G>
+struct RgbTermKernel {
+    static constexpr const char* name = "masked L1 of colours";
+    static constexpr int threads = 128, blocks = 8;
+    struct Shared {
+        double sum[threads];
+    };
+    DeviceColumns<const float> picture; ///< at least 3 x pixels
+    G target;
+    double weight;
+    const double* gain; ///< or null for 1
+    float share;        ///< 1 / number of values
+    float* g;           ///< of the picture's shape; added to its first three rows
+    double* partial;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+        const Index begin = block.index() * rgb_chunk,
+                    end = rye::min(begin + rgb_chunk, picture.cols);
+        const auto own = static_cast<float>(weight * (gain != nullptr ? *gain : 1.0));
+        block.each_thread([&](int t) {
+            double sum = 0;
+            for (Index j = begin + t; j < end; j += threads) {
+                if (target.mask(j) == 0.0F) continue; // masked pixels may hold NaN
+                const RgbTarget want = target.at(j);
+                const float slope = own * (want.mask * share);
+                double pixel = 0;
+                for (int c = 0; c < 3; ++c) {
+                    const Index i = j * picture.rows + c;
+                    const AbsoluteDifference<float> d(want.mask, picture.data[i],
+                                                      want.colour[static_cast<std::size_t>(c)]);
+                    pixel += static_cast<double>(d.value());
+                    g[i] += d.cotangent(slope);
+                }
+                sum += pixel;
+            }
+            shared.sum[t] = sum;
+        });
+        add_up(block, shared.sum);
+        block.each_thread([&](int t) {
+            if (t == 0) partial[block.index()] = shared.sum[0];
+        });
+    }
+};
+
+/// Weight of a term in the objective, and what its mask is averaged by.
+struct TermWeight {
+    double weight = 1;
+    const double* gain = nullptr; ///< a number in device memory, or null for 1
+};
+
+/// mean |mask (picture - target)| over all pixels and the first three channels, times the gain, as
+/// a term; adds `weight` times its cotangent to g's first three rows. Throws an Error for fewer
+/// channels, or another shape of g.
+template <class Device>
+class DeviceRgbTerm {
+  public:
+    explicit DeviceRgbTerm(const Device& device) : device_(device) {}
+
+    template <RgbTargetSource G>
+    LossTerm into(const CudaQueue& queue, const DeviceColumns<const float>& picture,
+                  const G& target, const TermWeight& w, const DeviceColumns<float>& g) {
+        require(picture.rows >= 3 && g.rows == picture.rows && g.cols == picture.cols, "rgb term",
+                "picture is " + std::to_string(picture.rows) + " x " +
+                    std::to_string(picture.cols) + ", its gradient " + std::to_string(g.rows) +
+                    " x " + std::to_string(g.cols) + ", expected one shape of at least 3 rows");
+        const Index chunks = rgb_chunks(picture.cols);
+        double* const partial = sums_.reserve(queue, chunks);
+        const double share = 1.0 / static_cast<double>(std::max<Index>(3 * picture.cols, 1));
+        device_.launch(queue, chunks,
+                       RgbTermKernel<G>{picture, target, w.weight, w.gain,
+                                        static_cast<float>(share), g.data, partial});
+        return {partial, chunks, share, 0.0, w.gain, w.weight};
+    }
+    std::size_t bytes() const { return sums_.bytes(); }
+
+  private:
+    Device device_;
+    LossSums sums_;
+};
+
+/// f(sum of a target's mask over its pixels) as a number in device memory.
+template <class Device>
+class DeviceMaskGain {
+  public:
+    explicit DeviceMaskGain(const Device& device) : device_(device) {}
+
+    template <RgbTargetSource G, class F>
+    const double* into(const CudaQueue& queue, const G& target, Index pixels, const F& f) {
+        const Index chunks = rgb_chunks(pixels);
+        double* const partial = sums_.reserve(queue, chunks + 1);
+        double* const gain = partial + chunks;
+        device_.launch(queue, chunks, MaskSumKernel<G>{target, pixels, partial});
+        device_.launch(queue, 1, MaskGainKernel<F>{partial, chunks, f, gain});
+        return gain;
+    }
+    std::size_t bytes() const { return sums_.bytes(); }
+
+  private:
+    Device device_;
+    LossSums sums_;
+};
+
+} // namespace rye

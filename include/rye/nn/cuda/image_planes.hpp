@@ -1,0 +1,278 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/nn/cuda/image_planes.hpp: images in device memory as the products of a convolution read
+/// them: a pixel's channels as N planes of bf16, in whole groups of 32. What makes a pixel (a copy,
+/// the normalisation and ReLU of the layer below, that doubled in size, a cotangent through them)
+/// is part of the kernel that splits it, so none of it passes through memory as floats.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include <rye/backend/cuda.hpp>
+#include <rye/backend/cuda/unrolled.hpp>
+#include <rye/core/error.hpp>
+#include <rye/nn/activations.hpp>
+#include <rye/nn/bilinear.hpp>
+#include <rye/nn/features.hpp>
+#include <rye/nn/instance_norm.hpp>
+
+namespace rye {
+
+/// x in whole groups of 32.
+RYE_HD constexpr int padded_32(int x) { return (x + 31) / 32 * 32; }
+
+/// Planes of an image: number c of pixel j and plane p is data[(p pixels + j) padded_32(channels) +
+/// c], zero from `channels` on.
+struct DeviceImagePlanes {
+    std::uint16_t* data = nullptr;
+    int width = 0, height = 0, channels = 0;
+
+    RYE_HD Index pixels() const { return Index(width) * height; }
+    RYE_HD int padded() const { return padded_32(channels); }
+    std::size_t halves(int planes) const {
+        return static_cast<std::size_t>(planes) * static_cast<std::size_t>(pixels()) *
+               static_cast<std::size_t>(padded());
+    }
+};
+
+/// Floats of an image.
+struct PlainPixels {
+    const float* from;
+    int width, channels;
+
+    struct Pixel {
+        const float* p;
+        RYE_HD float at(int c) const { return p[c]; }
+    };
+    RYE_HD Pixel pixel(int x, int y) const { return {from + (Index(y) * width + x) * channels}; }
+};
+
+/// Mean and gain of an image's channels; null: it is not normalised.
+struct DeviceNorm {
+    const float *mean = nullptr, *gain = nullptr;
+
+    /// x, normalised.
+    RYE_HD float of(float x, int c) const {
+        return mean != nullptr ? normalized(x, mean[c], gain[c]) : x;
+    }
+};
+
+/// relu of what a convolution gave, normalised.
+struct ActivatedPixels {
+    const float* from;
+    int width, channels;
+    DeviceNorm norm;
+
+    struct Pixel {
+        const float* p;
+        DeviceNorm norm;
+        RYE_HD float at(int c) const { return relu(norm.of(p[c], c)); }
+    };
+    RYE_HD Pixel pixel(int x, int y) const {
+        return {from + (Index(y) * width + x) * channels, norm};
+    }
+};
+
+/// Interpolation along one axis as kernels read it, made of nn/bilinear.hpp's Doubling.
+struct DoublingTaps {
+    std::int32_t at[2];
+    float weight[2];
+};
+/// The outputs that sample an input.
+struct DoublingGather {
+    std::int32_t at[4];
+    float weight[4]; ///< 0 where there are fewer
+};
+
+/// Pixels of another source at twice its size.
+template <class Source>
+struct DoubledPixels {
+    Source from;
+    const DoublingTaps *across, *down;
+
+    struct Pixel {
+        typename Source::Pixel corner[2][2]; ///< [row][column]
+        float left, right, top, bottom;
+        RYE_HD float at(int c) const {
+            const float l = top * corner[0][0].at(c) + bottom * corner[1][0].at(c);
+            const float r = top * corner[0][1].at(c) + bottom * corner[1][1].at(c);
+            return left * l + right * r;
+        }
+    };
+    RYE_HD Pixel pixel(int x, int y) const {
+        const DoublingTaps &u = across[x], &v = down[y];
+        return {{{from.pixel(u.at[0], v.at[0]), from.pixel(u.at[1], v.at[0])},
+                 {from.pixel(u.at[0], v.at[1]), from.pixel(u.at[1], v.at[1])}},
+                u.weight[0],
+                u.weight[1],
+                v.weight[0],
+                v.weight[1]};
+    }
+};
+
+/// The cotangent of a convolution's output, from that of relu of its normalisation.
+struct CotangentPixels {
+    const float *g, *from;
+    int width, channels;
+    DeviceNorm norm;
+    const float *mean_g, *mean_gy; ///< of the channels; not read without a normalisation
+
+    struct Pixel {
+        const float *g, *p;
+        DeviceNorm norm;
+        const float *mean_g, *mean_gy;
+        RYE_HD float at(int c) const {
+            const float y = norm.of(p[c], c), through = relu_vjp(y, g[c]);
+            if (norm.mean == nullptr) return through;
+            return normalized_vjp(through, y, mean_g[c], mean_gy[c], norm.gain[c]);
+        }
+    };
+    RYE_HD Pixel pixel(int x, int y) const {
+        const Index at = (Index(y) * width + x) * channels;
+        return {g + at, from + at, norm, mean_g, mean_gy};
+    }
+};
+
+/// The largest of each 2 x 2 pixels; an odd last row or column is dropped.
+struct PooledPixels {
+    const float* from;
+    int width, channels; ///< of the image that is pooled
+
+    struct Pixel {
+        const float* p;
+        Index row;
+        int channels;
+        RYE_HD float at(int c) const {
+            const float *const top = p + c, *const bottom = top + row;
+            const int best =
+                detail::largest_of_four(top[0], top[channels], bottom[0], bottom[channels]);
+            return (best < 2 ? top : bottom)[best % 2 * channels];
+        }
+    };
+    RYE_HD Pixel pixel(int x, int y) const {
+        const Index row = Index(width) * channels;
+        return {from + 2 * y * row + Index(2) * x * channels, row, channels};
+    }
+};
+
+/// An image of a source, as planes.
+template <int N, class Source>
+struct ImagePlanesKernel {
+    static constexpr const char* name = "image's planes";
+    static constexpr int threads = 256, blocks = 4;
+    struct Shared {};
+    /// Eight numbers that are written at once.
+    struct alignas(16) Eight {
+        std::uint32_t pair[4];
+    };
+    Source source;
+    DeviceImagePlanes to;
+
+    Index blocks_of() const { return (to.pixels() * (to.padded() / 8) + threads - 1) / threads; }
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        block.each_thread([&](int t) {
+            const Index i = Index(block.index()) * threads + t;
+            const int groups = to.padded() / 8;
+            const Index j = i / groups;
+            if (j >= to.pixels()) return;
+            const int first = static_cast<int>(i % groups) * 8;
+            const auto pixel =
+                source.pixel(static_cast<int>(j % to.width), static_cast<int>(j / to.width));
+            Eight plane[std::size_t(N)];
+            expanded<4>([&](auto k) {
+                const int c = first + 2 * k;
+                float a = c < to.channels ? pixel.at(c) : 0.0F;
+                float b = c + 1 < to.channels ? pixel.at(c + 1) : 0.0F;
+                expanded<N>([&](auto p) {
+                    const std::uint32_t both = Block::pack(a, b);
+                    plane[p].pair[k] = both;
+                    a = a - Block::low(both);
+                    b = b - Block::high(both);
+                });
+            });
+            expanded<N>([&](auto p) {
+                std::uint16_t* const at = to.data + (p * to.pixels() + j) * to.padded() + first;
+                *reinterpret_cast<Eight*>(at) = plane[p];
+            });
+        });
+    }
+};
+
+/// The cotangent of an image from that of it at twice the size, added to what is there or written.
+struct DoublingVjpKernel {
+    static constexpr const char* name = "gradient of a doubled image";
+    static constexpr int threads = 256, blocks = 4;
+    struct Shared {};
+    const float* g;              ///< channels x (4 width height)
+    int width, height, channels; ///< of the result
+    const DoublingGather *across, *down;
+    float* to;
+    int to_channels; ///< of the pixels of `to`, whose first are written
+    bool add;
+
+    Index blocks_of() const { return (Index(width) * height * channels + threads - 1) / threads; }
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        block.each_thread([&](int t) {
+            const Index i = Index(block.index()) * threads + t;
+            const Index j = i / channels, c = i % channels;
+            if (j >= Index(width) * height) return;
+            const DoublingGather u = across[j % width], v = down[j / width];
+            float sum = 0;
+            for (int k = 0; k < 4; ++k) {
+                if (u.weight[k] == 0.0F) continue;
+                float line = 0;
+                for (int l = 0; l < 4; ++l)
+                    if (v.weight[l] != 0.0F)
+                        line +=
+                            v.weight[l] * g[(Index(v.at[l]) * 2 * width + u.at[k]) * channels + c];
+                sum += u.weight[k] * line;
+            }
+            float& own = to[j * to_channels + c];
+            own = add ? own + sum : sum;
+        });
+    }
+};
+
+/// Taps of one axis in device memory.
+template <class Device>
+class DeviceDoubling {
+  public:
+    /// Of n pixels; waits where n is new.
+    void set(const Device& device, const CudaQueue& queue, int n) {
+        if (n == size_) return;
+        const Doubling exact(n);
+        std::vector<DoublingTaps> from;
+        std::vector<DoublingGather> to;
+        for (const auto& [low, high] : exact.from)
+            from.push_back({{static_cast<std::int32_t>(low.at), static_cast<std::int32_t>(high.at)},
+                            {static_cast<float>(low.weight), static_cast<float>(high.weight)}});
+        for (const auto& taps : exact.to) {
+            DoublingGather gather{};
+            std::size_t count = 0;
+            for (const auto& tap : taps) {
+                if (tap.weight == 0) continue;
+                require(count < 4, "DeviceDoubling", "more than 4 pixels sample one");
+                gather.at[count] = static_cast<std::int32_t>(tap.at);
+                gather.weight[count++] = static_cast<float>(tap.weight);
+            }
+            to.push_back(gather);
+        }
+        taps_.reserve(queue, from.size() + 1);
+        gather_.reserve(queue, to.size() + 1);
+        device.send(queue, taps_.data(), from.data(), from.size() * sizeof(DoublingTaps));
+        device.send(queue, gather_.data(), to.data(), to.size() * sizeof(DoublingGather));
+        size_ = n;
+    }
+    const DoublingTaps* taps() const { return taps_.data(); }
+    const DoublingGather* gather() const { return gather_.data(); }
+    std::size_t bytes() const { return taps_.bytes() + gather_.bytes(); }
+
+  private:
+    DeviceBuffer<DoublingTaps> taps_;
+    DeviceBuffer<DoublingGather> gather_;
+    int size_ = -1;
+};
+
+} // namespace rye

@@ -1,0 +1,269 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/cuda/image_losses.hpp: the image terms of stage 2's objective over renders in device
+/// memory: what train/avatar_objective.hpp computes between super-resolution and its vjp, value and
+/// cotangent together. Truth and masks are floats or the bytes that pictures have on disk.
+///     DeviceImageLosses<CudaDevice> losses(device, weights);
+///     losses.into(queue, images, pictures, cotangents);      // nothing waits
+///     losses.report_into(queue);
+///     AvatarLosses<float> l = losses.fetch(queue);           // waits
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <rye/loss/cuda/dssim.hpp>
+#include <rye/loss/cuda/pyramid.hpp>
+#include <rye/loss/cuda/rgb_term.hpp>
+#include <rye/train/avatar_objective.hpp>
+#include <rye/train/cuda/resize.hpp>
+
+namespace rye {
+
+/// AvatarImages in device memory; P: float, or std::uint8_t for shares of 255. Masks: 1 x pixels.
+template <class P>
+struct DeviceAvatarImages {
+    DevicePicture<const P> truth, truth_small; ///< RGB on the final background
+    const P *visible, *visible_small;
+    const P *eyes, *eyes_small;
+    const P* mask_small;
+    bool eyes_high = true;
+    const detail::Resizing* scale = nullptr; ///< of the small image, in device memory; or null
+    const float* background = nullptr;       ///< the first three of the final render's
+    const float* blank = nullptr;            ///< of the face alone, 3
+};
+
+/// Renders and their super-resolution; eyes_high has no pixels where that term is not taken.
+struct DeviceAvatarPictures {
+    DeviceColumns<const float> final, face, eyes; ///< at least three channels x pixels
+    const float* eyes_alpha;                      ///< 1 x pixels
+    DevicePicture<const float> high, eyes_high;
+};
+/// Their cotangents, of the same shapes; overwritten.
+struct DeviceAvatarCotangents {
+    DeviceColumns<float> final, face, eyes;
+    DevicePicture<float> high, eyes_high;
+};
+
+/// face_alone_target, pixel by pixel.
+template <class P>
+struct FaceAloneTarget {
+    const P *truth, *visible, *eyes, *subject;
+    const float *background, *blank;
+
+    RYE_HD float mask(Index i) const {
+        return detail::face_alone_weight<float>(unit_value(eyes[i]), unit_value(visible[i]));
+    }
+    RYE_HD Array<float, 3> colour(Index i) const {
+        const float beyond = 1.0F - unit_value(subject[i]);
+        Array<float, 3> r{};
+        for (std::size_t c = 0; c < 3; ++c)
+            r[c] = detail::face_alone_colour<float>(unit_value(truth[3 * i + Index(c)]),
+                                                    blank[c] - background[c], beyond);
+        return r;
+    }
+    RYE_HD RgbTarget at(Index i) const { return {mask(i), colour(i)}; }
+};
+
+/// blank_eyeball_target, pixel by pixel.
+template <class P>
+struct BlankEyeballTarget {
+    FaceAloneTarget<P> alone;
+    const float* eyes_alpha;
+
+    RYE_HD float mask(Index i) const {
+        return detail::blank_eyeball_weight<float>(unit_value(alone.eyes[i]), eyes_alpha[i],
+                                                   unit_value(alone.visible[i]));
+    }
+    RYE_HD RgbTarget at(Index i) const {
+        RgbTarget r{mask(i), alone.colour(i)};
+        const float eye = unit_value(alone.eyes[i]);
+        for (std::size_t c = 0; c < 3; ++c)
+            r.colour[c] = detail::blank_eyeball_colour<float>(r.colour[c], eye, alone.blank[c]);
+        return r;
+    }
+};
+
+/// The blank's background in the eyes.
+template <class P>
+struct BlankTarget {
+    const P* eyes;
+    const float* blank;
+
+    RYE_HD float mask(Index i) const { return unit_value(eyes[i]); }
+    RYE_HD RgbTarget at(Index i) const { return {mask(i), {{blank[0], blank[1], blank[2]}}}; }
+};
+
+/// Terms of the objective with their memory. Perceptual: a term of two pictures, as
+/// DevicePyramidLoss.
+template <class Device, class Perceptual = DevicePyramidLoss<Device>>
+class DeviceImageLosses {
+  public:
+    DeviceImageLosses(const Device& device, const AvatarLossConfig& config, Perceptual& perceptual)
+        : weights(config),
+          device_(device),
+          perceptual_(&perceptual),
+          dssim_(device),
+          high_(device),
+          low_(device),
+          eye_low_(device),
+          eye_high_(device),
+          blank_(device),
+          alone_(device),
+          small_gain_(device),
+          full_gain_(device),
+          blank_gain_(device),
+          report_(device) {}
+
+    AvatarLossConfig weights;
+
+    /// All image terms and their cotangents. Throws an Error for shapes that do not fit.
+    template <class P>
+    void into(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
+              const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
+        check(images, p, g);
+        clear(queue, g.high.pixels), clear(queue, g.eyes_high.pixels);
+        clear(queue, g.final), clear(queue, g.face), clear(queue, g.eyes);
+        const DeviceAvatarImages<P> seen = images.scale != nullptr ? moved(queue, images) : images;
+        terms_.assign(terms, LossTerm{});
+        terms_[0] =
+            high_.into(queue, p.high.pixels, PictureTarget<P>{seen.truth.pixels.data, seen.visible},
+                       {weights.high_resolution}, g.high.pixels);
+        terms_[1] = low_.into(
+            queue, p.final, PictureTarget<P>{images.truth_small.pixels.data, images.visible_small},
+            {weights.low_resolution}, g.final);
+        terms_[2] = perceptual_->into(queue, p.high, seen.truth, weights.perceptual, g.high);
+        if (weights.dssim > 0)
+            terms_[3] = dssim_.into(queue, p.high, seen.truth, weights.dssim, g.high);
+        eye_terms(queue, images, p, g);
+        face_terms(queue, images, p, g);
+    }
+    /// A term that is not of images, such as the smoothness of the eyes' colours; between into()
+    /// and report_into().
+    void add_eye_smooth(const LossTerm& term) { terms_[8] = term; }
+    /// Values and total, on the device.
+    void report_into(const CudaQueue& queue) { report_.sum_into(queue, terms_); }
+
+    /// The values of the last report; waits. `bad` gets the name of the first term that is not
+    /// finite, or becomes empty.
+    AvatarLosses<float> fetch(const CudaQueue& queue, std::string& bad) const {
+        const LossReport r = report_.fetch(queue);
+        bad = r.finite() ? "" : names[r.bad];
+        AvatarLosses<float> l;
+        float* const to[terms] = {&l.high_resolution, &l.low_resolution, &l.perceptual,
+                                  &l.dssim,           &l.eye_low,        &l.eye_high,
+                                  &l.blank,           &l.face_alone,     &l.eye_smooth};
+        for (int k = 0; k < terms; ++k) *to[k] = r.value[k];
+        l.total = r.total;
+        return l;
+    }
+    /// The report in device memory.
+    const LossReport* report() const { return report_.data(); }
+
+  private:
+    static constexpr int terms = 9;
+    static constexpr const char* names[terms] = {"high_resolution", "low_resolution", "perceptual",
+                                                 "dssim",           "eye_low",        "eye_high",
+                                                 "blank",           "face_alone",     "eye_smooth"};
+
+    template <class P>
+    void eye_terms(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
+                   const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
+        const PictureTarget<P> small{images.truth_small.pixels.data, images.eyes_small};
+        const PictureTarget<P> full{images.truth.pixels.data, images.eyes};
+        small_ = gain(queue, small_gain_, small, p.eyes.cols);
+        terms_[4] = eye_low_.into(queue, p.eyes, small, {weights.eye_low, small_}, g.eyes);
+        if (!images.eyes_high) return;
+        const double* const whole = gain(queue, full_gain_, full, p.eyes_high.pixels.cols);
+        terms_[5] =
+            eye_high_.into(queue, p.eyes_high.pixels, full,
+                           {weights.eye_high * weights.eye_high_every, whole}, g.eyes_high.pixels);
+    }
+    template <class P>
+    void face_terms(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
+                    const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
+        const FaceAloneTarget<P> alone{images.truth_small.pixels.data,
+                                       images.visible_small,
+                                       images.eyes_small,
+                                       images.mask_small,
+                                       images.background,
+                                       images.blank};
+        if (weights.blank_eyeballs) {
+            const BlankEyeballTarget<P> target{alone, p.eyes_alpha};
+            const double* const own = gain(queue, blank_gain_, target, p.face.cols);
+            terms_[6] = blank_.into(queue, p.face, target, {weights.blank, own}, g.face);
+        } else {
+            const BlankTarget<P> target{images.eyes_small, images.blank};
+            terms_[6] = blank_.into(queue, p.face, target, {weights.blank, small_}, g.face);
+        }
+        if (weights.face_alone > 0)
+            terms_[7] = alone_.into(queue, p.face, alone, {weights.face_alone}, g.face);
+    }
+    template <class G>
+    const double* gain(const CudaQueue& queue, DeviceMaskGain<Device>& of, const G& target,
+                       Index pixels) {
+        if (weights.eye_average == EyeAverage::image) return nullptr;
+        return of.into(queue, target, pixels, detail::EyeGain{pixels});
+    }
+
+    /// Truth and visibility of the picture by the random scale.
+    template <class P>
+    DeviceAvatarImages<P> moved(const CudaQueue& queue, const DeviceAvatarImages<P>& images) {
+        DeviceAvatarImages<P> r = images;
+        const Index pixels = images.truth.pixels.cols;
+        moved_.reserve(queue, 4 * static_cast<std::size_t>(pixels) * sizeof(P) + 1);
+        P* const truth = reinterpret_cast<P*>(moved_.data());
+        P* const visible = truth + 3 * pixels;
+        const int factor = images.truth.width / images.truth_small.width;
+        resize_into(device_, queue,
+                    ResizeKernel<P>{images.truth.pixels, images.scale, factor, truth});
+        resize_into(device_, queue,
+                    ResizeKernel<P>{{images.visible, 1, pixels}, images.scale, factor, visible});
+        r.truth.pixels.data = truth;
+        r.visible = visible;
+        return r;
+    }
+    void clear(const CudaQueue& queue, const DeviceColumns<float>& g) {
+        device_.fill(queue, g.data, 0, static_cast<std::size_t>(g.size()) * sizeof(float));
+    }
+    template <class P>
+    static void check(const DeviceAvatarImages<P>& images, const DeviceAvatarPictures& p,
+                      const DeviceAvatarCotangents& g) {
+        const char* const who = "image losses";
+        const auto& [t, s] = std::tie(images.truth, images.truth_small);
+        require_picture(who, "truth", t, 3, t.width, t.height);
+        require_picture(who, "small truth", s, 3, s.width, s.height);
+        require_picture(who, "final picture", p.high, 3, t.width, t.height);
+        require_picture(who, "its gradient", g.high, 3, t.width, t.height);
+        if (images.eyes_high) {
+            require_picture(who, "picture of the eyes", p.eyes_high, 3, t.width, t.height);
+            require_picture(who, "its gradient", g.eyes_high, 3, t.width, t.height);
+        }
+        const auto render = [&](const char* what, Index cols) {
+            require(cols == s.pixels.cols, who,
+                    std::string(what) + " has " + std::to_string(cols) + " pixels, expected " +
+                        std::to_string(s.pixels.cols));
+        };
+        render("final render", p.final.cols);
+        render("render of the face", p.face.cols);
+        render("render of the eyes", p.eyes.cols);
+        require(images.scale == nullptr ||
+                    (s.width > 0 && s.height > 0 && t.width % s.width == 0 &&
+                     t.height / s.height == t.width / s.width && t.height % s.height == 0),
+                who,
+                "truth of " + std::to_string(t.width) + " x " + std::to_string(t.height) +
+                    " is no multiple of the render's " + std::to_string(s.width) + " x " +
+                    std::to_string(s.height) + ", as a random scale needs");
+    }
+
+    Device device_;
+    Perceptual* perceptual_;
+    DeviceDssim<Device> dssim_;
+    DeviceRgbTerm<Device> high_, low_, eye_low_, eye_high_, blank_, alone_;
+    DeviceMaskGain<Device> small_gain_, full_gain_, blank_gain_;
+    const double* small_ = nullptr;
+    DeviceBuffer<unsigned char> moved_;
+    std::vector<LossTerm> terms_ = std::vector<LossTerm>(terms);
+    DeviceLossReport<Device> report_;
+};
+
+} // namespace rye
