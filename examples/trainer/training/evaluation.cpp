@@ -20,6 +20,7 @@ struct Areas {
     Columns<float> head;  ///< the subject's mask
     Columns<float> face;  ///< the head inside the convex hull of the projected landmarks
     Columns<float> eyes;  ///< rectangles around the visible eyeballs, half as wide again
+    Columns<float> skin;  ///< all but the visible eyeballs
 };
 
 /// Convex hull of points [px], counter-clockwise (Andrew's monotone chain).
@@ -62,6 +63,7 @@ Areas areas_of(const Capture& capture, int frame, int camera) {
                 if ((q.x() - p.x()) * (y + 0.5 - p.y()) - (q.y() - p.y()) * (x + 0.5 - p.x()) < 0)
                     a.face(0, static_cast<Index>(y) * mask.width + x) = 0;
             }
+    a.skin = (eyes.pixels.topRows(2).colwise().maxCoeff().array() < 0.5f).cast<float>();
     a.eyes = Columns<float>::Zero(1, mask.size());
     for (int eye = 0; eye < 2; ++eye) {
         int x0 = mask.width, x1 = -1, y0 = mask.height, y1 = -1;
@@ -148,12 +150,14 @@ Json GazeTable::json() const {
 }
 
 void ViewResult::add(const ViewResult& v) {
-    head.add(v.head), face.add(v.face), eyes.add(v.eyes);
+    head.add(v.head), face.add(v.face), eyes.add(v.eyes), eye_skin.add(v.eye_skin);
+    lpips.add(v.lpips);
     eyes_in_view += v.eyes_in_view, eyes_visible += v.eyes_visible;
     measured.add(v.measured), own.add(v.own);
 }
 Json ViewResult::json() const {
     return {{"head", head.json()}, {"face", face.json()}, {"eyes", eyes.json()},
+            {"eyes_painted_white", eye_skin.json()}, {"lpips", lpips.json()},
             {"eyes_in_view", eyes_in_view}, {"eyes_visible", eyes_visible},
             {"gaze", measured.json()}, {"gaze_without_labels", own.json()}};
 }
@@ -220,6 +224,11 @@ ViewResult Evaluation::view(int frame, int camera, Image<float>& picture) const 
     r.head = quality(shown.image, truth, areas.head);
     r.face = quality(shown.image, truth, areas.face);
     r.eyes = quality(shown.image, truth, areas.eyes);
+    r.eye_skin = quality(white_outside(shown.image, areas.skin),
+                         white_outside(truth, areas.skin), areas.eyes);
+    if (lpips_)
+        r.lpips.add(lpips_(white_outside(shown.image, areas.head),
+                           white_outside(truth, areas.head)));
     for (std::size_t e = 0; e < 2; ++e) {
         ++r.eyes_in_view;
         if (usable_eye_pixels(area_of(measured, e), truth.width) < min_eye_pixels) continue;

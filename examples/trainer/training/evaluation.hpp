@@ -69,6 +69,10 @@ struct GazeTable {
 
 struct ViewResult {
     Quality head, face, eyes;
+    /// Of the same rectangles as `eyes`, with the capture's eyeballs painted white on both pictures:
+    /// what the skin around the eyes is worth.
+    Quality eye_skin;
+    Mean lpips;  ///< over the picture, white outside the head; without weights nothing
     int eyes_in_view = 0;  ///< two
     int eyes_visible = 0;  ///< those that count
     /// The estimator is given the capture's eyeball centre, radii and eye mask of this frame, and on
@@ -91,7 +95,9 @@ struct EyesOfView {
 /// Measures views of a run that is drawn (run.hpp). Both arguments must outlive it.
 class Evaluation {
   public:
-    Evaluation(const TrainState& state, const Capture& capture) : state_(state), capture_(capture) {}
+    /// `lpips` is asked for the LPIPS of two pictures (lpips_of), if it is given.
+    Evaluation(const TrainState& state, const Capture& capture, PictureDistance lpips = {})
+        : state_(state), capture_(capture), lpips_(std::move(lpips)) {}
 
     /// One view; `picture` receives photograph, render, and render with the gaze at rest.
     ViewResult view(int frame, int camera, Image<float>& picture) const;
@@ -106,6 +112,7 @@ class Evaluation {
 
     const TrainState& state_;
     const Capture& capture_;
+    PictureDistance lpips_;
 };
 
 } // namespace rye::trainer
