@@ -9,6 +9,7 @@
 #include <rye/rig/eyeball.hpp>
 
 #include "../support/hostile.hpp"
+#include "tiny_capture.hpp"
 #include "tiny_run.hpp"
 #include "training/playable.hpp"
 #include "training/steps.hpp"
@@ -170,7 +171,10 @@ TEST_CASE("what a run by another gaze mechanism cannot do is refused by name") {
     CHECK(FrameDrawer(drawn, frames, "paper", "--effects", 0.004).variant() == "paper");
     CHECK_FAULT(FrameDrawer(drawn, frames, "gaze", "--effects", 0.004),
                 "--effects: got 'gaze', expected auto or paper");
-    CHECK_FAULT(playable_avatar(drawn, Capture{}, 0, 0),
+    const TemporaryFolder folder;
+    const TinyCapture files(folder.path);
+    const Capture capture = read_capture(folder.path);
+    CHECK_FAULT(playable_avatar(drawn, capture, 0, 0),
                 "avatar.gaze_mechanism is 'condition', expected 'rotation'");
 }
 
