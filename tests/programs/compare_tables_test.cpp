@@ -54,8 +54,9 @@ TEST_CASE("tables: means, deviations and paired differences by hand") {
     has(text, "## cap, new directions");
     CHECK(text.find("eyes apart") == std::string::npos);
     // Of 20 and 22: 21 and sqrt(2). Columns that no run has are left out, and named below.
-    has(text, "| | PSNR, head [dB] | gaze error [deg] | irises found [%] | gaze error beyond the "
-              "first row's [deg] | runs |");
+    has(text,
+        "| | PSNR, head [dB] | gaze error [deg] | irises found [%] | gaze error beyond the "
+        "first row's [deg] | runs |");
     has(text, "| first | 21.00 ± 1.41 | 5.50 ± 2.12 | 90.0 ± 14.1 | | 2 |");
     // Of one run: no spread; its difference to the run with the same seed, 10 - 4.
     has(text, "| second, \"so\" | 19.50 | 10.00 | 50.0 | 6.00 | 1 |");
@@ -99,8 +100,10 @@ TEST_CASE("contact sheet: the photograph, then each row's render") {
     CHECK(sheet.columns == std::vector<std::string>{"photograph", "first", "second, \"so\""});
     CHECK(sheet.frames == std::vector<std::string>{"frame_7.png"});
     for (int k = 0; k < 3; ++k)
-        CHECK(row_part(sheet.picture, k, 3).at(2, 2)(0) ==
-              doctest::Approx(k == 0 ? 1 : k == 1 ? 0 : 0.4).epsilon(0.01));
+        CHECK(row_part(sheet.picture, k, 3).at(2, 2)(0) == doctest::Approx(k == 0   ? 1
+                                                                           : k == 1 ? 0
+                                                                                    : 0.4)
+                                                               .epsilon(0.01));
     CHECK(contact_sheet(e.experiment, e.runs, "nowhere", "x").picture.size() == 0);
     CHECK_FAULT(row_part(Image<float>(8, 2, 3), 0, 3), "width 8");
 }
@@ -137,7 +140,8 @@ TEST_CASE("lists: the built-in ones are valid for each preset, and come back fro
 
 TEST_CASE("lists: what all rows are given is given before what the row says") {
     Experiment e = built_in_experiment("deformation");
-    const nlohmann::ordered_json base = {{"avatar", {{"gaze_far", 0.5}}}, {"gaussians", {{"steps", 9}}}};
+    const nlohmann::ordered_json base = {{"avatar", {{"gaze_far", 0.5}}},
+                                         {"gaussians", {{"steps", 9}}}};
     configure(e, {"tiny", base, "base.json", 1});
     CHECK(e.rows[0].effective.avatar.gaze_far == 0.5);
     CHECK(e.rows[1].effective.avatar.gaze_far == 0);

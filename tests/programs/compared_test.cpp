@@ -22,8 +22,7 @@ namespace {
 
 using Name = GazeMechanismName;
 constexpr std::array<Name, 5> compared{Name::feature_rotation, Name::condition,
-                                       Name::latent_rotation, Name::learned_quaternion,
-                                       Name::none};
+                                       Name::latent_rotation, Name::learned_quaternion, Name::none};
 
 /// Eyeballs of two hundred Gaussians without a face, of the same grey.
 TrainState eyes_alone() {
@@ -147,16 +146,19 @@ TEST_CASE("a run by another gaze mechanism comes back from its checkpoint and dr
         const TrainState back = load_checkpoint(folder.path);
         CHECK(back.config.gaze_mechanism == m);
         REQUIRE(back.compared.has_value());
-        ComparedAvatar::fields([](const std::string& name, const auto& a, const auto& b) {
-            INFO(name);
-            CHECK((a.array() == b.array()).all());
-        }, back.compared->avatar, state.compared->avatar);
+        ComparedAvatar::fields(
+            [](const std::string& name, const auto& a, const auto& b) {
+                INFO(name);
+                CHECK((a.array() == b.array()).all());
+            },
+            back.compared->avatar, state.compared->avatar);
         const Drivers<float> d = looking(state, 0.2f, -0.3f);
         const TrainState drawn = drawn_state(state), drawn_back = drawn_state(back);
         CHECK((render_avatar(drawn, d, camera()).high.pixels ==
                render_avatar(drawn_back, d, camera()).high.pixels));
         // The gaze is seen in all but one.
-        const Columns<float> other = render_avatar(drawn, looking(state, 0, 0), camera()).high.pixels;
+        const Columns<float> other =
+            render_avatar(drawn, looking(state, 0, 0), camera()).high.pixels;
         const bool same = render_avatar(drawn, d, camera()).high.pixels == other;
         CHECK(same == (m == Name::none || m == Name::learned_quaternion));
     }
@@ -187,7 +189,8 @@ TEST_CASE("a checkpoint whose mechanism does not fit its eyes is refused by the 
         save_checkpoint(folder.path, s);
     };
     saved(Name::feature_rotation, [](ComparedAvatar& a) {
-        std::get<RotatedFeatures::Parameters<float>>(a.eyes.appearance().held).latent.setZero(30, 7);
+        std::get<RotatedFeatures::Parameters<float>>(a.eyes.appearance().held)
+            .latent.setZero(30, 7);
     });
     CHECK_FAULT(load_checkpoint(folder.path), "tensor 'avatar.eyes.latent': got shape (7, 30)");
     saved(Name::latent_rotation, [](ComparedAvatar& a) {

@@ -48,7 +48,7 @@ class NotedStops {
 
   private:
     static constexpr std::array<int, 2> signals{SIGINT, SIGTERM};
-    std::array<struct sigaction, 2> before_ {};
+    std::array<struct sigaction, 2> before_{};
 };
 
 /// Starts a command. Its process has a group of its own, so that the terminal's SIGINT reaches this
@@ -67,7 +67,7 @@ pid_t start(const std::vector<std::string>& command, const fs::path& log) {
             std::string("cannot be written: ") + std::strerror(errno));
     const pid_t parent = ::getpid();
     const pid_t child = ::fork();
-    if (child == 0) {  // between fork and exec only what is safe in a signal handler
+    if (child == 0) { // between fork and exec only what is safe in a signal handler
 #ifdef __linux__
         ::prctl(PR_SET_PDEATHSIG, SIGTERM);
 #endif
@@ -95,9 +95,7 @@ std::string last_line(const fs::path& path) {
     return last;
 }
 
-int code_of(int status) {
-    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-}
+int code_of(int status) { return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status); }
 
 } // namespace
 
@@ -148,7 +146,7 @@ int run_children(const std::vector<ChildJob>& jobs, int at_once,
             continue;
         }
         const bool done = code == 0 && r.command + 1 == job.commands.size();
-        if (stop_signal != 0 && !done) continue;  // stopped, which is no failure
+        if (stop_signal != 0 && !done) continue; // stopped, which is no failure
         const fs::path errors = job.log.string() + ".errors";
         ended(r.job, {code, code == 0 ? "" : last_line(errors),
                       std::chrono::duration<double>(Clock::now() - r.began).count()});
@@ -161,7 +159,7 @@ FolderLock::FolderLock(const fs::path& folder) {
     // Not closed by exec: children hold it too, so that one whose parent was killed is waited for.
     file_ = ::open(path.c_str(), O_RDWR | O_CREAT, 0666);
     require(file_ >= 0, path.string(), std::string("cannot be written: ") + std::strerror(errno));
-    constexpr int tries = 300;  // of 0.1 s
+    constexpr int tries = 300; // of 0.1 s
     for (int i = 0; i < tries; ++i) {
         if (::flock(file_, LOCK_EX | LOCK_NB) == 0) return;
         ::usleep(100000);

@@ -14,18 +14,18 @@ namespace rye::trainer {
 /// Command lines of `rye`, one after the other: the next one starts if this one ends with code 0.
 struct ChildJob {
     std::string name;
-    std::vector<std::vector<std::string>> commands;  ///< without the program's name
-    std::filesystem::path log;  ///< takes the commands' output; written anew
+    std::vector<std::vector<std::string>> commands; ///< without the program's name
+    std::filesystem::path log;                      ///< takes the commands' output; written anew
 };
 
 struct ChildResult {
-    int code = 0;         ///< 128 + signal for a process that a signal ended
-    std::string message;  ///< the last line of standard error
+    int code = 0;        ///< 128 + signal for a process that a signal ended
+    std::string message; ///< the last line of standard error
     double seconds = 0;
 };
 
-/// Runs them, `at_once` at a time and in their order; `ended` is called with the index and result of
-/// each as it ends. Returns the signal that stopped all, or 0.
+/// Runs them, `at_once` at a time and in their order; `ended` is called with the index and result
+/// of each as it ends. Returns the signal that stopped all, or 0.
 int run_children(const std::vector<ChildJob>& jobs, int at_once,
                  const std::function<void(std::size_t, const ChildResult&)>& ended);
 

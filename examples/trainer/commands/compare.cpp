@@ -42,9 +42,9 @@ void write_text(const fs::path& path, const std::string& text) {
 /// "a.b: got X, expected Y" of the first field in which two configurations differ; empty if none.
 std::string first_difference(const Json& got, const Json& wanted, const std::string& path = "") {
     if (!got.is_object() || !wanted.is_object())
-        return got == wanted ? ""
-                             : "field '" + path + "': got " + got.dump() + ", expected " +
-                                   wanted.dump();
+        return got == wanted
+                   ? ""
+                   : "field '" + path + "': got " + got.dump() + ", expected " + wanted.dump();
     for (const auto& [key, value] : wanted.items()) {
         const std::string here = path.empty() ? key : path + "." + key;
         if (!got.contains(key)) return "field '" + here + "' is missing";
@@ -57,7 +57,7 @@ std::string first_difference(const Json& got, const Json& wanted, const std::str
 /// A configuration, seed and capture, which rows of several tables may share.
 struct PlannedRun {
     fs::path folder, capture_folder;
-    std::string capture, name;  ///< name: for messages
+    std::string capture, name; ///< name: for messages
     TrainConfig config;
     std::string failure;
 };
@@ -109,7 +109,8 @@ class Comparison {
                     run.failure = result.message.empty()
                                       ? "ended with code " + std::to_string(result.code)
                                       : result.message;
-                    std::cerr << "rye compare: " << place << run.name << ": " << run.failure << "\n";
+                    std::cerr << "rye compare: " << place << run.name << ": " << run.failure
+                              << "\n";
                 }
                 write_tables(false);
             });
@@ -119,13 +120,13 @@ class Comparison {
         }
         write_tables(true);
         if (o_.json) std::cout << json().dump(2) << "\n";
-        const auto failed = std::count_if(runs_.begin(), runs_.end(), [](const auto& r) {
-            return !r.second.failure.empty();
-        });
-        require(failed == 0, o_.out.string(),
-                std::to_string(failed) + " of " + std::to_string(runs_.size()) +
-                    " runs failed; the tables name them, and their last words are in log.txt.errors "
-                    "of their folders");
+        const auto failed = std::count_if(runs_.begin(), runs_.end(),
+                                          [](const auto& r) { return !r.second.failure.empty(); });
+        require(
+            failed == 0, o_.out.string(),
+            std::to_string(failed) + " of " + std::to_string(runs_.size()) +
+                " runs failed; the tables name them, and their last words are in log.txt.errors "
+                "of their folders");
         return 0;
     }
 
@@ -194,9 +195,12 @@ class Comparison {
                             "got two captures named '" + name + "': " + known->second.string() +
                                 " and " + whole.string());
                     for (const ExperimentRow& row : e.rows) {
-                        PlannedRun run{folder_of(name, row, seed), capture, name,
+                        PlannedRun run{folder_of(name, row, seed),
+                                       capture,
+                                       name,
                                        row.name + ", " + name + ", seed " + std::to_string(seed),
-                                       row.effective, ""};
+                                       row.effective,
+                                       ""};
                         run.config.seed = seed;
                         const auto [there, added] = runs_.try_emplace(run.folder, run);
                         if (added) order_.push_back(run.folder);
@@ -242,17 +246,29 @@ class Comparison {
         const int all = static_cast<int>(std::thread::hardware_concurrency());
         const std::string threads = std::to_string(
             o_.threads > 0 || o_.jobs == 1 ? o_.threads : std::max(1, all / o_.jobs));
-        std::vector<std::string> train{"train", "--capture", run.capture_folder.string(), "--out",
-                                       run.folder.string(), "--quiet", "--threads", threads};
-        std::vector<std::string> evaluate{
-            "evaluate", "--run",   run.folder.string(), "--capture", run.capture_folder.string(),
-            "--split",  o_.split,  "--out",  evaluation_folder(run.folder).string(),
-            "--threads", threads};
+        std::vector<std::string> train{"train",
+                                       "--capture",
+                                       run.capture_folder.string(),
+                                       "--out",
+                                       run.folder.string(),
+                                       "--quiet",
+                                       "--threads",
+                                       threads};
+        std::vector<std::string> evaluate{"evaluate",
+                                          "--run",
+                                          run.folder.string(),
+                                          "--capture",
+                                          run.capture_folder.string(),
+                                          "--split",
+                                          o_.split,
+                                          "--out",
+                                          evaluation_folder(run.folder).string(),
+                                          "--threads",
+                                          threads};
         if (fs::exists(checkpoint_path(run.folder)))
             train.push_back("--resume");
         else
-            train.insert(train.end(),
-                         {"--preset", run.config.preset, "--config", config.string()});
+            train.insert(train.end(), {"--preset", run.config.preset, "--config", config.string()});
         if (!o_.perceptual_weights.empty())
             for (std::vector<std::string>* words : {&train, &evaluate})
                 words->insert(words->end(),
@@ -267,8 +283,8 @@ class Comparison {
                 for (const std::uint64_t seed : seeds_of(e)) {
                     const std::string name = name_of(capture);
                     const PlannedRun& run = runs_.at(folder_of(name, e.rows[row], seed));
-                    ComparedRun c{row, name, seed, evaluation_folder(run.folder), nullptr,
-                                  run.failure};
+                    ComparedRun c{row,     name,       seed, evaluation_folder(run.folder),
+                                  nullptr, run.failure};
                     if (run.failure.empty() && is_complete(run))
                         c.results = read_json(evaluation_folder(run.folder) / "results.json");
                     all.push_back(c);
@@ -358,13 +374,16 @@ void add_compare(CLI::App& app) {
     c->add_option("--split", o->split, "Frames to measure")
         ->check(CLI::IsMember({"test", "train", "novel", "independent"}))
         ->capture_default_str();
-    c->add_option("--jobs", o->jobs, "Runs at once")->check(CLI::Range(1, 64))->capture_default_str();
+    c->add_option("--jobs", o->jobs, "Runs at once")
+        ->check(CLI::Range(1, 64))
+        ->capture_default_str();
     add_threads(*c, o->threads, "Threads of each run (0: the machine's, shared by the jobs)");
     c->add_option("--perceptual-weights", o->perceptual_weights,
                   "VGG16 + LPIPS weights, a safetensors file, for training and for LPIPS");
     c->add_flag("--json", o->json, "Print the tables as JSON instead of Markdown");
     c->add_flag("--quiet", o->quiet, "No line for each run that ends");
-    c->add_flag("--print-list", o->print_list, "Print the list as JSON, as --list reads it, and stop");
+    c->add_flag("--print-list", o->print_list,
+                "Print the list as JSON, as --list reads it, and stop");
     c->callback([o] {
         const int code = compare(*o);
         if (code != 0) throw CLI::RuntimeError(code);

@@ -38,9 +38,8 @@ const Metric& metric_named(const std::string& name) {
 }
 
 /// Groups of results.json, and what a table calls them.
-constexpr std::array<std::array<const char*, 2>, 3> groups{{{"all", "all frames"},
-                                                            {"novel gaze", "new directions"},
-                                                            {"independent eyes", "eyes apart"}}};
+constexpr std::array<std::array<const char*, 2>, 3> groups{
+    {{"all", "all frames"}, {"novel gaze", "new directions"}, {"independent eyes", "eyes apart"}}};
 
 const nlohmann::json* group_of(const ComparedRun& run, const std::string& group) {
     if (!run.results.is_object()) return nullptr;
@@ -91,7 +90,8 @@ std::vector<double> metric_of(const nlohmann::json& group, const Metric& metric)
 }
 
 ExperimentTables::ExperimentTables(const Experiment& experiment, std::vector<ComparedRun> runs)
-    : experiment_(experiment), runs_(std::move(runs)) {}
+    : experiment_(experiment),
+      runs_(std::move(runs)) {}
 
 std::vector<ExperimentTables::Part> ExperimentTables::parts() const {
     std::vector<std::string> captures;
@@ -140,9 +140,8 @@ std::string ExperimentTables::markdown() const {
     std::string out = "# " + experiment_.title + "\n";
     const Metric& gaze = metric_named("gaze");
     for (const Part& part : parts()) {
-        const auto title = std::find_if(groups.begin(), groups.end(), [&](const auto& g) {
-            return g[0] == part.group;
-        });
+        const auto title = std::find_if(groups.begin(), groups.end(),
+                                        [&](const auto& g) { return g[0] == part.group; });
         out += "\n## " + (part.capture.empty() ? "all captures" : part.capture) + ", " +
                (*title)[1] + "\n\n| |";
         std::string line = "|---|";
@@ -171,9 +170,10 @@ std::string ExperimentTables::markdown() const {
             out += " " + std::to_string(most) + " |\n";
         }
     }
-    out += "\nMean ± sample standard deviation over the runs of a row: seeds, and captures where "
-           "there are several. Differences are of runs with the same seed and capture. An eye in "
-           "which no iris is found counts 90 degrees in a gaze error.\n";
+    out +=
+        "\nMean ± sample standard deviation over the runs of a row: seeds, and captures where "
+        "there are several. Differences are of runs with the same seed and capture. An eye in "
+        "which no iris is found counts 90 degrees in a gaze error.\n";
     std::string absent;
     for (const std::string& name : experiment_.columns) {
         bool any = false;
@@ -186,9 +186,11 @@ std::string ExperimentTables::markdown() const {
     out += "\n";
     if (!absent.empty())
         out += "not run: " + absent +
-               (absent.find("LPIPS") != std::string::npos ? ", which needs --perceptual-weights" : "") +
+               (absent.find("LPIPS") != std::string::npos ? ", which needs --perceptual-weights"
+                                                          : "") +
                "\n";
-    out += "not run: FID, identity and the gaze network of the paper, whose weights are not rye's\n";
+    out +=
+        "not run: FID, identity and the gaze network of the paper, whose weights are not rye's\n";
     for (const ComparedRun& r : runs_)
         if (!r.failure.empty())
             out += "not run: " + experiment_.rows[r.row].name + ", " + r.capture + ", seed " +
@@ -203,9 +205,10 @@ std::string ExperimentTables::csv() const {
             for (const std::string& name : experiment_.columns) {
                 const Spread s = spread(part, row, metric_named(name));
                 if (s.values.empty()) continue;
-                out += experiment_.name + "," + quoted(part.capture.empty() ? "all" : part.capture) +
-                       "," + part.group + "," + quoted(experiment_.rows[row].name) + "," + name +
-                       "," + Json(s.mean()).dump() + "," + Json(s.deviation()).dump() + "," +
+                out += experiment_.name + "," +
+                       quoted(part.capture.empty() ? "all" : part.capture) + "," + part.group +
+                       "," + quoted(experiment_.rows[row].name) + "," + name + "," +
+                       Json(s.mean()).dump() + "," + Json(s.deviation()).dump() + "," +
                        std::to_string(s.values.size()) + "\n";
             }
     return out;
@@ -232,18 +235,25 @@ Json ExperimentTables::json() const {
             Json metrics = Json::object();
             for (const std::string& name : experiment_.columns)
                 metrics[name] = spread(part, row, metric_named(name)).json();
-            rows.push_back({{"name", experiment_.rows[row].name}, {"metrics", metrics},
-                            {"gaze_beyond_first", difference(part, row, metric_named("gaze")).json()}});
+            rows.push_back(
+                {{"name", experiment_.rows[row].name},
+                 {"metrics", metrics},
+                 {"gaze_beyond_first", difference(part, row, metric_named("gaze")).json()}});
         }
         tables.push_back({{"capture", part.capture.empty() ? Json(nullptr) : Json(part.capture)},
-                          {"group", part.group}, {"rows", rows}});
+                          {"group", part.group},
+                          {"rows", rows}});
     }
     Json failed = Json::array();
     for (const ComparedRun& r : runs_)
         if (!r.failure.empty())
-            failed.push_back({{"row", experiment_.rows[r.row].name}, {"capture", r.capture},
-                              {"seed", r.seed}, {"reason", r.failure}});
-    return {{"name", experiment_.name}, {"title", experiment_.title}, {"tables", tables},
+            failed.push_back({{"row", experiment_.rows[r.row].name},
+                              {"capture", r.capture},
+                              {"seed", r.seed},
+                              {"reason", r.failure}});
+    return {{"name", experiment_.name},
+            {"title", experiment_.title},
+            {"tables", tables},
             {"failed", failed}};
 }
 

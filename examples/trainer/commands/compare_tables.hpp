@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// commands/compare_tables.hpp: tables of `rye compare`: the numbers of `rye evaluate` of many runs,
-/// by rows of an experiment, with mean and spread.
+/// commands/compare_tables.hpp: tables of `rye compare`: the numbers of `rye evaluate` of many
+/// runs, by rows of an experiment, with mean and spread.
 #pragma once
 
 #include <filesystem>
@@ -16,12 +16,12 @@ namespace rye::trainer {
 
 /// A run that was trained and evaluated, or could not be.
 struct ComparedRun {
-    std::size_t row;                 ///< of the experiment
+    std::size_t row; ///< of the experiment
     std::string capture;
     std::uint64_t seed;
     std::filesystem::path folder;
-    nlohmann::json results;          ///< of results.json; null where there is none
-    std::string failure;             ///< why there is none
+    nlohmann::json results; ///< of results.json; null where there is none
+    std::string failure;    ///< why there is none
 };
 
 /// Mean and spread over runs.

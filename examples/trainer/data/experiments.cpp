@@ -38,13 +38,14 @@ Experiment mechanisms() {
     row("learned quaternion", "learned_quaternion");
     row("none", "none");
     e.rows.front().run = "rye";
-    e.columns = {"head_ssim", "head_psnr", "lpips", "face_ssim", "face_psnr", "eyes_psnr", "gaze",
-                 "gaze_without_labels", "irises"};
+    e.columns = {"head_ssim", "head_psnr",           "lpips", "face_ssim", "face_psnr", "eyes_psnr",
+                 "gaze",      "gaze_without_labels", "irises"};
     return e;
 }
 
 Experiment losses() {
-    Experiment e{"losses", "Losses of stage 2 (table 2 of the paper), and additions to the paper's"};
+    Experiment e{"losses",
+                 "Losses of stage 2 (table 2 of the paper), and additions to the paper's"};
     const Json paper = paper_losses();
     const auto row = [&](const std::string& name, const std::string& run, const Json& weights) {
         e.rows.push_back({name, run, with_weights(paper, weights)});
@@ -76,10 +77,12 @@ Experiment losses() {
 }
 
 Experiment deformation() {
-    Experiment e{"deformation", "Gaze-guided deformation of the skin (table 3 of the paper), on eye "
-                                "crops with the eyeballs painted white"};
+    Experiment e{"deformation",
+                 "Gaze-guided deformation of the skin (table 3 of the paper), on eye "
+                 "crops with the eyeballs painted white"};
     e.rows.push_back({"with", "rye", Json::object()});
-    e.rows.push_back({"without", "no_deformation", {{"avatar", {{"gaze_near", 0}, {"gaze_far", 0}}}}});
+    e.rows.push_back(
+        {"without", "no_deformation", {{"avatar", {{"gaze_near", 0}, {"gaze_far", 0}}}}});
     e.columns = {"skin_ssim", "skin_psnr", "eyes_psnr", "gaze", "gaze_without_labels"};
     return e;
 }
@@ -102,7 +105,9 @@ std::string listed(const std::vector<std::string>& words) {
 class Fields {
   public:
     Fields(const Json& json, std::string who, std::string path)
-        : json_(json), who_(std::move(who)), path_(std::move(path)) {
+        : json_(json),
+          who_(std::move(who)),
+          path_(std::move(path)) {
         if (!json.is_object()) fail("", json, "an object");
     }
     /// Calls read(value, where) if the field is there.
@@ -222,7 +227,8 @@ Experiment read_experiment(const std::filesystem::path& path) {
     f.text("preset", e.preset);
     f.object("base", e.base);
     f.list("captures", [&](const Json& v, const std::string& where) {
-        require(v.is_string(), who, "field '" + where + "': got " + v.dump() + ", expected a folder");
+        require(v.is_string(), who,
+                "field '" + where + "': got " + v.dump() + ", expected a folder");
         const std::filesystem::path folder = v.get<std::string>();
         e.captures.push_back(folder.is_absolute() ? folder : path.parent_path() / folder);
     });
@@ -238,19 +244,22 @@ Experiment read_experiment(const std::filesystem::path& path) {
                 "field '" + where + "': got " + v.dump() + ", expected " + listed(names));
         e.columns.push_back(v.get<std::string>());
     });
-    f.list("rows", [&](const Json& v, const std::string& where) {
-        ExperimentRow row{"", "", Json::object()};
-        Fields r(v, who, where + ".");
-        r.text("name", row.name, true);
-        row.run = folder_name(row.name);
-        r.text("run", row.run);
-        require(row.run == folder_name(row.run) && row.run.front() != '.', who,
-                "field '" + where + ".run': got '" + row.run +
-                    "', expected letters, digits, '-', '_' and '.', no '.' first");
-        r.object("config", row.config);
-        r.all_known();
-        e.rows.push_back(row);
-    }, true);
+    f.list(
+        "rows",
+        [&](const Json& v, const std::string& where) {
+            ExperimentRow row{"", "", Json::object()};
+            Fields r(v, who, where + ".");
+            r.text("name", row.name, true);
+            row.run = folder_name(row.name);
+            r.text("run", row.run);
+            require(row.run == folder_name(row.run) && row.run.front() != '.', who,
+                    "field '" + where + ".run': got '" + row.run +
+                        "', expected letters, digits, '-', '_' and '.', no '.' first");
+            r.object("config", row.config);
+            r.all_known();
+            e.rows.push_back(row);
+        },
+        true);
     f.all_known();
     if (e.columns.empty())
         for (const Metric& m : all_metrics()) e.columns.push_back(m.name);
@@ -273,13 +282,12 @@ Json to_json(const Experiment& e) {
 
 void configure(Experiment& e, const ExperimentSettings& settings) {
     if (!settings.preset.empty()) e.preset = settings.preset;
-    std::map<std::string, std::pair<std::string, std::string>> runs;  // configuration, row
+    std::map<std::string, std::pair<std::string, std::string>> runs; // configuration, row
     for (ExperimentRow& row : e.rows) {
         const std::string who = e.name + ": row '" + row.name + "'";
         row.effective = preset(e.preset);
         from_json(e.base, e.name + ": base", row.effective);
-        if (!settings.base.is_null())
-            from_json(settings.base, settings.base_source, row.effective);
+        if (!settings.base.is_null()) from_json(settings.base, settings.base_source, row.effective);
         from_json(row.config, who, row.effective);
         row.effective.seed = settings.seed;
         const std::string text = to_json(row.effective).dump();

@@ -14,30 +14,30 @@ namespace rye::trainer {
 
 /// A number of results.json (of `rye evaluate`) that a table has as a column.
 struct Metric {
-    std::string name;     ///< in lists and CSV files
-    std::string title;    ///< in tables
-    std::string pointer;  ///< where it is in a group of results.json; empty: found of visible eyes
-    int digits;           ///< after the point
+    std::string name;    ///< in lists and CSV files
+    std::string title;   ///< in tables
+    std::string pointer; ///< where it is in a group of results.json; empty: found of visible eyes
+    int digits;          ///< after the point
 };
 const std::vector<Metric>& all_metrics();
 
 /// A row of a table: one configuration.
 struct ExperimentRow {
-    std::string name;                ///< in the table
-    std::string run;                 ///< of the folder of its runs; rows may share one
-    nlohmann::ordered_json config;   ///< fields that replace those of preset and base
-    TrainConfig effective = {};      ///< of preset, base and config; with the first seed
+    std::string name;              ///< in the table
+    std::string run;               ///< of the folder of its runs; rows may share one
+    nlohmann::ordered_json config; ///< fields that replace those of preset and base
+    TrainConfig effective = {};    ///< of preset, base and config; with the first seed
 };
 
 /// A table: rows, the first of which the others are compared with.
 struct Experiment {
-    std::string name;                ///< of its files
+    std::string name; ///< of its files
     std::string title;
     std::string preset = "cpu";
     nlohmann::ordered_json base = nlohmann::ordered_json::object();
     std::vector<ExperimentRow> rows = {};
     std::vector<std::string> columns = {};            ///< names of metrics
-    std::vector<std::filesystem::path> captures = {};  ///< of a file; those of the command line win
+    std::vector<std::filesystem::path> captures = {}; ///< of a file; those of the command line win
     std::vector<std::uint64_t> seeds = {};            ///< the same
 };
 
@@ -53,9 +53,9 @@ nlohmann::ordered_json to_json(const Experiment& experiment);
 
 /// What all rows of an experiment are given besides.
 struct ExperimentSettings {
-    std::string preset;                 ///< instead of the list's; empty: the list's
-    nlohmann::ordered_json base;        ///< after the list's base; null: nothing
-    std::string base_source;            ///< named in errors
+    std::string preset;          ///< instead of the list's; empty: the list's
+    nlohmann::ordered_json base; ///< after the list's base; null: nothing
+    std::string base_source;     ///< named in errors
     std::uint64_t seed = 1;
 };
 

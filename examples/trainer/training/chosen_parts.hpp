@@ -53,9 +53,8 @@ struct OneMechanism : ExplicitRotation {
 
     template <class P, class T>
     static Quat<T> turn(const P& p, std::size_t eye, const Vec3<T>& gaze) {
-        return P::visit(p, [&]<std::size_t k>() {
-            return At<k>::turn(std::get<k>(p.held), eye, gaze);
-        });
+        return P::visit(
+            p, [&]<std::size_t k>() { return At<k>::turn(std::get<k>(p.held), eye, gaze); });
     }
     template <class P, class T>
     static Vec3<T> turn_vjp(const P& p, std::size_t eye, const Vec3<T>& gaze, const Quat<T>& g_turn,

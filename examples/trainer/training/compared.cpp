@@ -20,24 +20,24 @@ ComparedAvatar compared_avatar(const Avatar& avatar, GazeMechanismName mechanism
     ComparedAvatar c = restricted<ComparedEffects>(avatar);
     using Name = GazeMechanismName;
     switch (mechanism) {
-    case Name::learned_quaternion:
-        c.eyes.mechanism().held =
-            LearnedQuaternion::init<LearnedQuaternion::Parameters<float>>(channels, random);
-        [[fallthrough]];
-    case Name::none:
-        hold<FreeFeatures>(c, channels, random);
-        break;
-    case Name::feature_rotation:
-        hold<RotatedFeatures>(c, channels, random);
-        break;
-    case Name::condition:
-        hold<ConditionedFeatures>(c, channels, random);
-        break;
-    case Name::latent_rotation:
-        hold<RotatedCode>(c, channels, random);
-        break;
-    case Name::rotation:
-        throw Error("compared_avatar: explicit rotation is the default avatar's");
+        case Name::learned_quaternion:
+            c.eyes.mechanism().held =
+                LearnedQuaternion::init<LearnedQuaternion::Parameters<float>>(channels, random);
+            [[fallthrough]];
+        case Name::none:
+            hold<FreeFeatures>(c, channels, random);
+            break;
+        case Name::feature_rotation:
+            hold<RotatedFeatures>(c, channels, random);
+            break;
+        case Name::condition:
+            hold<ConditionedFeatures>(c, channels, random);
+            break;
+        case Name::latent_rotation:
+            hold<RotatedCode>(c, channels, random);
+            break;
+        case Name::rotation:
+            throw Error("compared_avatar: explicit rotation is the default avatar's");
     }
     return c;
 }

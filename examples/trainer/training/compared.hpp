@@ -18,8 +18,7 @@ namespace rye::trainer {
 using ComparedMechanism = OneMechanism<FixedEye, LearnedQuaternion>;
 using ComparedAppearance =
     OneAppearance<FreeFeatures, RotatedFeatures, ConditionedFeatures, RotatedCode>;
-using ComparedEffects =
-    More<TrainEffects, GazeBy<ComparedMechanism>, EyesBy<ComparedAppearance>>;
+using ComparedEffects = More<TrainEffects, GazeBy<ComparedMechanism>, EyesBy<ComparedAppearance>>;
 using ComparedAvatar = TwoStream<float, ComparedEffects>;
 
 /// What stage 2 of such a run trains.

@@ -95,7 +95,7 @@ struct EyesOfView {
 /// Measures views of a run that is drawn (run.hpp). Both arguments must outlive it.
 class Evaluation {
   public:
-    /// `lpips` is asked for the LPIPS of two pictures (lpips_of), if it is given.
+    /// `lpips` gives the LPIPS of two pictures (lpips_of); without it there is none.
     Evaluation(const TrainState& state, const Capture& capture, PictureDistance lpips = {})
         : state_(state), capture_(capture), lpips_(std::move(lpips)) {}
 
