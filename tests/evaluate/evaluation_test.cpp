@@ -111,8 +111,8 @@ TEST_CASE("evaluation: crops around the eyes count the skin alone, whatever the 
                 const bool eye = std::max(mask.at(x, y)(0), mask.at(x, y)(1)) >= 0.5f;
                 if (eye ? eyes : skin)
                     for (int c = 0; c < 3; ++c) {
-                        std::uint8_t& v = changed.values[static_cast<std::size_t>(
-                            3 * (y * mask.width + x) + c)];
+                        std::uint8_t& v =
+                            changed.values[static_cast<std::size_t>(3 * (y * mask.width + x) + c)];
                         v = static_cast<std::uint8_t>(v < 128 ? v + 90 : v - 90);
                     }
             }

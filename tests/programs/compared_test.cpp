@@ -137,6 +137,28 @@ TEST_CASE("each gaze mechanism fits eyes that look about better than eyes that d
     }
 }
 
+TEST_CASE("features of the eyes are smoothed as they are driven, whatever makes them") {
+    TrainState grey = eyes_alone();
+    grey.config.gaussians.weights.eye_low = 0;
+    grey.config.gaussians.weights.eye_smooth = 1;
+    const AvatarSample<float> sample = sample_of(grey, 0.2f, -0.1f);
+    for (const Name m : compared) {
+        INFO(word_of(m));
+        TrainState s = with(m, grey);
+        const std::unique_ptr<AvatarSteps> steps = avatar_steps(s, {});
+        double first = 0, last = 0;
+        for (int k = 0; k < 40; ++k)
+            for (const auto& [name, value] :
+                 steps->step(s, sample, 1, [](const char*) {}).losses) {
+                if (name != "eye_smooth") continue;
+                last = value;
+                if (k == 0) first = value;
+            }
+        CHECK(first > 0);
+        CHECK(last < 0.7 * first);
+    }
+}
+
 TEST_CASE("a run by another gaze mechanism comes back from its checkpoint and draws the same") {
     const TemporaryFolder folder;
     for (const Name m : compared) {

@@ -42,16 +42,17 @@ using Row = std::pair<std::string, ViewResult>;
 
 void print_quality(const std::vector<Row>& rows) {
     std::printf("%-20s %7s %7s %7s %7s %7s %7s %7s\n%-20s %7s %7s %7s %7s %7s %7s %7s\n", "",
-                "head", "head", "face", "eyes", "skin", "skin", "head", "", "PSNR", "SSIM",
-                "PSNR", "PSNR", "PSNR", "SSIM", "LPIPS");
+                "head", "head", "face", "eyes", "skin", "skin", "head", "", "PSNR", "SSIM", "PSNR",
+                "PSNR", "PSNR", "SSIM", "LPIPS");
     for (const auto& [name, r] : rows)
         std::printf("%-20s %7s %7s %7s %7s %7s %7s %7s\n", name.c_str(),
                     cell(r.head.psnr, "%.2f").c_str(), cell(r.head.ssim, "%.3f").c_str(),
                     cell(r.face.psnr, "%.2f").c_str(), cell(r.eyes.psnr, "%.2f").c_str(),
                     cell(r.eye_skin.psnr, "%.2f").c_str(), cell(r.eye_skin.ssim, "%.3f").c_str(),
                     cell(r.lpips, "%.3f").c_str());
-    std::printf("PSNR [dB] over the pixels of the area, SSIM over the area. Eye skin: the rectangles\n"
-                "around the eyes with the capture's eyeballs painted white on both pictures.\n");
+    std::printf(
+        "PSNR [dB] over the pixels of the area, SSIM over the area. Eye skin: the rectangles\n"
+        "around the eyes with the capture's eyeballs painted white on both pictures.\n");
     if (rows.front().second.lpips.count == 0)
         std::printf("not run: LPIPS, which needs --perceptual-weights\n");
 }
@@ -172,8 +173,9 @@ void add_evaluate(CLI::App& app) {
         ->capture_default_str();
     c->add_flag("--json", o->json,
                 "Print the results as JSON (as in results.json) instead of tables");
-    c->add_option("--perceptual-weights", o->perceptual_weights,
-                  "VGG16 + LPIPS weights for the LPIPS column, a safetensors file as for `rye train`");
+    c->add_option(
+        "--perceptual-weights", o->perceptual_weights,
+        "VGG16 + LPIPS weights for the LPIPS column, a safetensors file as for `rye train`");
     c->add_option("--out", o->out, "Folder for results.json and per_view.json (default: the run's)");
     add_threads(*c, o->threads);
     c->callback([o] { evaluate(*o); });

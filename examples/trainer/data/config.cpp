@@ -310,8 +310,9 @@ void check(const TrainConfig& c, const std::string& source) {
     ordered("avatar.gaze_far", c.avatar.gaze_far, "avatar.gaze_near", c.avatar.gaze_near);
     ordered("grid.half_side", c.grid.half_side, "grid.cell", c.grid.cell);
     require(c.gaze_mechanism == GazeMechanismName::rotation || c.gaze_axis == GazeAxis::optical,
-            source, "field 'avatar.gaze_mechanism': got \"" + word_of(c.gaze_mechanism) +
-                        "\", expected \"rotation\", as gaze_axis is \"visual\"");
+            source,
+            "field 'avatar.gaze_mechanism': got \"" + word_of(c.gaze_mechanism) +
+                "\", expected \"rotation\", as gaze_axis is \"visual\"");
 }
 
 /// Networks with fewer operations: the shapes of the paper's, narrower.

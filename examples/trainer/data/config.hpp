@@ -69,12 +69,12 @@ enum class GazeAxis { optical, visual };
 /// the mechanisms of rye/rig/gaze_mechanisms.hpp and rye/rig/gaze_features.hpp. With `none` the
 /// eyeballs do not follow the gaze; the skin around them does in each.
 enum class GazeMechanismName {
-    rotation,            ///< ExplicitRotation
-    feature_rotation,    ///< RotatedFeatures
-    condition,           ///< ConditionedFeatures
-    latent_rotation,     ///< RotatedCode
-    learned_quaternion,  ///< LearnedQuaternion
-    none                 ///< FixedEye
+    rotation,           ///< ExplicitRotation
+    feature_rotation,   ///< RotatedFeatures
+    condition,          ///< ConditionedFeatures
+    latent_rotation,    ///< RotatedCode
+    learned_quaternion, ///< LearnedQuaternion
+    none                ///< FixedEye
 };
 
 /// Its name in a configuration.
@@ -87,7 +87,7 @@ struct TrainConfig {
     bool measured_eyes = true;  ///< eyeball centres and radii from gaze.npz where it has them, else
                                 ///< from the landmarks around the eyes, as the paper has it
     AvatarConfig avatar;
-    GazeMechanismName gaze_mechanism = GazeMechanismName::rotation;  ///< in JSON a field of avatar
+    GazeMechanismName gaze_mechanism = GazeMechanismName::rotation; ///< in JSON a field of avatar
     GridConfig grid;
     MeshTrainConfig mesh;
     AvatarTrainConfig gaussians;

@@ -156,10 +156,15 @@ void ViewResult::add(const ViewResult& v) {
     measured.add(v.measured), own.add(v.own);
 }
 Json ViewResult::json() const {
-    return {{"head", head.json()}, {"face", face.json()}, {"eyes", eyes.json()},
-            {"eyes_painted_white", eye_skin.json()}, {"lpips", lpips.json()},
-            {"eyes_in_view", eyes_in_view}, {"eyes_visible", eyes_visible},
-            {"gaze", measured.json()}, {"gaze_without_labels", own.json()}};
+    return {{"head", head.json()},
+            {"face", face.json()},
+            {"eyes", eyes.json()},
+            {"eyes_painted_white", eye_skin.json()},
+            {"lpips", lpips.json()},
+            {"eyes_in_view", eyes_in_view},
+            {"eyes_visible", eyes_visible},
+            {"gaze", measured.json()},
+            {"gaze_without_labels", own.json()}};
 }
 
 EyesOfView Evaluation::measured_eyes(int frame, int camera) const {
@@ -224,11 +229,11 @@ ViewResult Evaluation::view(int frame, int camera, Image<float>& picture) const 
     r.head = quality(shown.image, truth, areas.head);
     r.face = quality(shown.image, truth, areas.face);
     r.eyes = quality(shown.image, truth, areas.eyes);
-    r.eye_skin = quality(white_outside(shown.image, areas.skin),
-                         white_outside(truth, areas.skin), areas.eyes);
+    r.eye_skin = quality(white_outside(shown.image, areas.skin), white_outside(truth, areas.skin),
+                         areas.eyes);
     if (lpips_)
-        r.lpips.add(lpips_(white_outside(shown.image, areas.head),
-                           white_outside(truth, areas.head)));
+        r.lpips.add(
+            lpips_(white_outside(shown.image, areas.head), white_outside(truth, areas.head)));
     for (std::size_t e = 0; e < 2; ++e) {
         ++r.eyes_in_view;
         if (usable_eye_pixels(area_of(measured, e), truth.width) < min_eye_pixels) continue;

@@ -69,10 +69,10 @@ struct GazeTable {
 
 struct ViewResult {
     Quality head, face, eyes;
-    /// Of the same rectangles as `eyes`, with the capture's eyeballs painted white on both pictures:
-    /// what the skin around the eyes is worth.
+    /// Of the same rectangles as `eyes`, with the capture's eyeballs painted white on both
+    /// pictures: what the skin around the eyes is worth.
     Quality eye_skin;
-    Mean lpips;  ///< over the picture, white outside the head; without weights nothing
+    Mean lpips;            ///< over the picture, white outside the head; without weights nothing
     int eyes_in_view = 0;  ///< two
     int eyes_visible = 0;  ///< those that count
     /// The estimator is given the capture's eyeball centre, radii and eye mask of this frame, and on
@@ -97,7 +97,9 @@ class Evaluation {
   public:
     /// `lpips` gives the LPIPS of two pictures (lpips_of); without it there is none.
     Evaluation(const TrainState& state, const Capture& capture, PictureDistance lpips = {})
-        : state_(state), capture_(capture), lpips_(std::move(lpips)) {}
+        : state_(state),
+          capture_(capture),
+          lpips_(std::move(lpips)) {}
 
     /// One view; `picture` receives photograph, render, and render with the gaze at rest.
     ViewResult view(int frame, int camera, Image<float>& picture) const;

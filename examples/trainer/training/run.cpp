@@ -80,7 +80,8 @@ template <class F>
 void for_avatar(const TrainState& state, F&& f) {
     if (state.stage == Stage::mesh) return;
     if (state.visual) f(state.visual->avatar, state.visual->adam);
-    else if (state.compared) f(state.compared->avatar, state.compared->adam);
+    else if (state.compared)
+        f(state.compared->avatar, state.compared->adam);
     else f(state.avatar, state.avatar_adam);
 }
 

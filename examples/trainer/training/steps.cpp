@@ -158,8 +158,7 @@ TwoStreamGaussians<float> driven(const TrainState& state, const Drivers<float>& 
     const Drivers<float> optical = optical_drivers(state, drivers);
     const AvatarConfig& config = state.config.avatar;
     const LandmarkRoles& roles = state.subject.roles;
-    if (state.compared)
-        return driven_compared(state.compared->avatar, config, roles, optical);
+    if (state.compared) return driven_compared(state.compared->avatar, config, roles, optical);
     TwoStreamTrace<float> trace;
     drive(train_backend(), state.avatar, {config, roles, optical}, trace);
     return trace;

@@ -34,10 +34,12 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
         require(all, option,
                 "got '" + wanted + "', expected auto or " + std::string(PaperVariant::name) +
                     ": effects are left out only where avatar.gaze_mechanism is 'rotation', and "
-                    "that of this run is '" + word_of(state.config.gaze_mechanism) + "'");
+                    "that of this run is '" +
+                    word_of(state.config.gaze_mechanism) + "'");
         variant_ = PaperVariant::name;
         driver_ = [&state](const Drivers<float>& d) { return driven_gaussians(state, d); };
-        explanation_ = "variant        " + variant_ + ": all that is trained, as of every run by "
+        explanation_ = "variant        " + variant_ +
+                       ": all that is trained, as of every run by "
                        "another gaze mechanism than rotation\n";
         return;
     }

@@ -74,8 +74,8 @@ class AvatarTrainer {
         if constexpr (smooths_driven)
             if (weights.eye_smooth > 0) {
                 const Index all = avatar_.eyes.position.cols();
-                LossGradient<T> term = smoothness<T>(
-                    Columns<T>(trace_.gaussians.feature.rightCols(all)), neighbours_);
+                LossGradient<T> term =
+                    smoothness<T>(Columns<T>(trace_.gaussians.feature.rightCols(all)), neighbours_);
                 driven_smoothness_ = T(weights.eye_smooth) * term.gradient;
                 r.losses.eye_smooth = term.value;
                 r.losses.total += T(weights.eye_smooth) * term.value;
@@ -158,7 +158,7 @@ class AvatarTrainer {
     TwoStreamTrace<T, E> trace_;
     AvatarPictures<T, UpsamplerOf<T, E>> pictures_;
     NeighbourGraph neighbours_;  ///< of both eyeballs' points, if their colours are smoothed
-    Columns<T> driven_smoothness_ = {};  ///< for the next add_gradient: of features, C x P
+    Columns<T> driven_smoothness_ = {}; ///< for the next add_gradient: of features, C x P
 };
 
 template <Backend B, class T, EffectSet E, AccuracyPolicy A = Balanced,
