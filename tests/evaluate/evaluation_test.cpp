@@ -125,6 +125,10 @@ TEST_CASE("evaluation: crops around the eyes count the skin alone, whatever the 
     const ViewResult before = measured(false, false), eyes = measured(true, false),
                      skin = measured(false, true);
     REQUIRE(before.eye_skin.psnr.count == 1);
+    // Two discs of 10 pixels, and 3 pixels more on each side.
+    CHECK(before.eyes_box[2] > 16);
+    CHECK(before.eyes_box[3] >= 10);
+    CHECK(before.eyes_box[1] + before.eyes_box[3] <= TinyCapture::size);
     CHECK(eyes.eye_skin.psnr.value() == before.eye_skin.psnr.value());
     CHECK(eyes.eye_skin.ssim.value() == before.eye_skin.ssim.value());
     CHECK(eyes.eyes.psnr.value() != before.eyes.psnr.value());

@@ -99,12 +99,20 @@ TEST_CASE("contact sheet: the photograph, then each row's render") {
     const ContactSheet sheet = contact_sheet(e.experiment, e.runs, "cap", "evaluate_test");
     CHECK(sheet.columns == std::vector<std::string>{"photograph", "first", "second, \"so\""});
     CHECK(sheet.frames == std::vector<std::string>{"frame_7.png"});
+    CHECK(sheet.picture.height == 4);
     for (int k = 0; k < 3; ++k)
         CHECK(row_part(sheet.picture, k, 3).at(2, 2)(0) == doctest::Approx(k == 0   ? 1
                                                                            : k == 1 ? 0
                                                                                     : 0.4)
                                                                .epsilon(0.01));
     CHECK(contact_sheet(e.experiment, e.runs, "nowhere", "x").picture.size() == 0);
+    // With the place of the eyes there is a line of close-ups: 2 of 6 columns, three times as large.
+    std::ofstream(e.runs[0].folder / "per_view.json")
+        << R"([{"picture": "frame_7.png", "eyes_box": [3, 1, 2, 1]}, {"frame": "7"}])";
+    const ContactSheet close = contact_sheet(e.experiment, e.runs, "cap", "evaluate_test");
+    CHECK(close.picture.width == sheet.picture.width);
+    CHECK(close.picture.height == 4 + 2 + 12);
+    CHECK(row_part(close.picture, 2, 3).at(2, 10)(0) == doctest::Approx(0.4).epsilon(0.01));
     CHECK_FAULT(row_part(Image<float>(8, 2, 3), 0, 3), "width 8");
 }
 

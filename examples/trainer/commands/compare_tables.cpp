@@ -9,6 +9,7 @@
 
 #include <rye/core/error.hpp>
 
+#include "data/json.hpp"
 #include "data/panel.hpp"
 
 namespace rye::trainer {
@@ -51,6 +52,39 @@ const nlohmann::json* group_of(const ComparedRun& run, const std::string& group)
 std::array<Image<float>, 2> photograph_and_render(const fs::path& path) {
     const Image<float> all = to_float(read_image8(path, 3));
     return {row_part(all, 0, 3), row_part(all, 1, 3)};
+}
+
+/// A part of a picture around a rectangle, enlarged to the picture's width.
+Image<float> close_up(const Image<float>& picture, const std::array<int, 4>& box) {
+    const auto [x, y, w, h] = box;
+    const int zoom = std::clamp(picture.width / std::max(w, 1), 1, 8);
+    const int width = picture.width / zoom, height = std::min(h + 4, picture.height);
+    const int left = std::clamp(x + w / 2 - width / 2, 0, picture.width - width);
+    const int top = std::clamp(y + h / 2 - height / 2, 0, picture.height - height);
+    const Image<float> part = enlarged(cropped(picture, left, top, width, height), width * zoom);
+    Image<float> out(picture.width, part.height, part.channels(), 1.0f);
+    for (int row = 0; row < part.height; ++row)
+        for (int column = 0; column < part.width; ++column)
+            out.at(column, row) = part.at(column, row);
+    return out;
+}
+
+/// Where the eyes are on the pictures of an evaluation, by their names; those without eyes are not
+/// there.
+std::map<std::string, std::array<int, 4>> eye_boxes(const fs::path& evaluation) {
+    std::map<std::string, std::array<int, 4>> boxes;
+    const fs::path path = evaluation / "per_view.json";
+    if (!fs::exists(path)) return boxes;
+    try {
+        for (const nlohmann::json& view : read_json(path)) {
+            if (!view.contains("picture") || !view.contains("eyes_box")) continue;
+            const auto box = view.at("eyes_box").get<std::array<int, 4>>();
+            if (box[2] > 0) boxes[view.at("picture").get<std::string>()] = box;
+        }
+    } catch (const nlohmann::json::exception& e) {
+        throw Error(path.string() + ": fields 'picture' and 'eyes_box': " + e.what());
+    }
+    return boxes;
 }
 
 } // namespace
@@ -274,6 +308,7 @@ ContactSheet contact_sheet(const Experiment& experiment, const std::vector<Compa
     for (const fs::directory_entry& entry : fs::directory_iterator(folders.front(), ignored))
         sheet.frames.push_back(entry.path().filename().string());
     std::sort(sheet.frames.begin(), sheet.frames.end());
+    const std::map<std::string, std::array<int, 4>> boxes = eye_boxes(folders.front().parent_path());
     std::vector<Image<float>> lines;
     for (const std::string& frame : sheet.frames) {
         std::vector<Image<float>> line;
@@ -282,6 +317,10 @@ ContactSheet contact_sheet(const Experiment& experiment, const std::vector<Compa
             if (line.empty()) line.push_back(std::move(photograph));
             line.push_back(std::move(render));
         }
+        lines.push_back(side_by_side(line));
+        const auto box = boxes.find(frame);
+        if (box == boxes.end()) continue;
+        for (Image<float>& picture : line) picture = close_up(picture, box->second);
         lines.push_back(side_by_side(line));
     }
     if (!lines.empty()) sheet.picture = stacked(lines);

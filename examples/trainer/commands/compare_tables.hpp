@@ -65,7 +65,7 @@ class ExperimentTables {
 };
 
 /// One line of pictures for each frame: the photograph, then the render of each row's first run
-/// that has pictures, from what `rye evaluate` wrote to `pictures` in each run's folder; and the
+/// that has pictures, and below it close-ups of the eyes, from what `rye evaluate` wrote to `pictures` in each run's folder; and the
 /// names in that order. Empty without any.
 struct ContactSheet {
     Image<float> picture;

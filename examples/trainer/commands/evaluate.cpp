@@ -130,10 +130,14 @@ void evaluate(const EvaluateOptions& o) {
             Json line = {{"frame", capture.frames[static_cast<std::size_t>(f)].id},
                          {"camera", capture.camera_ids[static_cast<std::size_t>(c)]}};
             line.update(r.json());
+            if (c == frontal) {
+                const std::string name =
+                    "frame_" + capture.frames[static_cast<std::size_t>(f)].id + ".png";
+                write_png(pictures / name, picture);
+                line["picture"] = name;
+                line["eyes_box"] = r.eyes_box;
+            }
             per_view.push_back(line);
-            if (c == frontal)
-                write_png(pictures / ("frame_" + capture.frames[static_cast<std::size_t>(f)].id + ".png"),
-                          picture);
         }
         all.add(frame);
         if (in(capture.novel_gaze, f)) groups["novel gaze"].add(frame);

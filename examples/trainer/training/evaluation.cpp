@@ -103,6 +103,19 @@ Quality quality(const Image<float>& shown, const Image<float>& truth, const Colu
     return q;
 }
 
+/// The rectangle around an area: x, y, width, height.
+std::array<int, 4> box_of(const Columns<float>& area, int width) {
+    int x0 = width, x1 = -1, y0 = -1, y1 = -1;
+    for (Index p = 0; p < area.cols(); ++p) {
+        if (area(0, p) < 0.5f) continue;
+        const int x = static_cast<int>(p % width);
+        y1 = static_cast<int>(p / width);
+        if (y0 < 0) y0 = y1;
+        x0 = std::min(x0, x), x1 = std::max(x1, x);
+    }
+    return x1 < 0 ? std::array<int, 4>{} : std::array<int, 4>{x0, y0, x1 - x0 + 1, y1 - y0 + 1};
+}
+
 Columns<float> area_of(const EyesOfView& eyes, std::size_t eye) {
     return eyes.area.pixels.row(static_cast<Index>(eye));
 }
@@ -229,6 +242,7 @@ ViewResult Evaluation::view(int frame, int camera, Image<float>& picture) const 
     r.head = quality(shown.image, truth, areas.head);
     r.face = quality(shown.image, truth, areas.face);
     r.eyes = quality(shown.image, truth, areas.eyes);
+    r.eyes_box = box_of(areas.eyes, truth.width);
     r.eye_skin = quality(white_outside(shown.image, areas.skin), white_outside(truth, areas.skin),
                          areas.eyes);
     if (lpips_)

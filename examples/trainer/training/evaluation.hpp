@@ -73,6 +73,8 @@ struct ViewResult {
     /// pictures: what the skin around the eyes is worth.
     Quality eye_skin;
     Mean lpips;            ///< over the picture, white outside the head; without weights nothing
+    /// Of one view: x, y, width, height [px] around `eyes`; widths of 0 without visible eyes.
+    std::array<int, 4> eyes_box{};
     int eyes_in_view = 0;  ///< two
     int eyes_visible = 0;  ///< those that count
     /// The estimator is given the capture's eyeball centre, radii and eye mask of this frame, and on
