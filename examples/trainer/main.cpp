@@ -37,6 +37,7 @@ int main(int argc, char** argv) {
     add_train(app);
     add_redirect(app);
     add_evaluate(app);
+    add_compare(app);
     add_export(app);
     add_render(app);
     add_drivers(app);

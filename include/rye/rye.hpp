@@ -114,7 +114,9 @@
 #include <rye/rig/eye_transform.hpp>
 #include <rye/rig/eyeball.hpp>
 #include <rye/rig/gaze.hpp>
+#include <rye/rig/gaze_features.hpp>
 #include <rye/rig/gaze_mechanism.hpp>
+#include <rye/rig/gaze_mechanisms.hpp>
 #include <rye/rig/influence.hpp>
 #include <rye/rig/nearest_landmark.hpp>
 #include <rye/rig/parts.hpp>

@@ -95,6 +95,73 @@ TEST_CASE("evaluation: each visible eye counts, and no other, whatever the run s
     CHECK(small.measured.render.to_photograph.count == 0);
 }
 
+TEST_CASE("evaluation: crops around the eyes count the skin alone, whatever the eyeballs show") {
+    const Folder folder;
+    const TinyCapture files(folder.path);
+    draw_eyes(files, 0, 0, 5);
+    for (int f = 0; f < TinyCapture::frames; ++f)
+        TinyCapture::set(files.params(f, "params.npz"), "exp_coeff", {1, 3},
+                         std::vector<float>{0.1f, 0.2f, 0.3f});
+    const Image<float> mask = read_capture(folder.path).eye_mask(0, 0);
+    const Image8 photograph = read_image8(files.image(0, 0), 3);
+    const auto measured = [&](bool eyes, bool skin) { // after a change of photograph
+        Image8 changed = photograph;
+        for (int y = 0; y < mask.height; ++y)
+            for (int x = 0; x < mask.width; ++x) {
+                const bool eye = std::max(mask.at(x, y)(0), mask.at(x, y)(1)) >= 0.5f;
+                if (eye ? eyes : skin)
+                    for (int c = 0; c < 3; ++c) {
+                        std::uint8_t& v =
+                            changed.values[static_cast<std::size_t>(3 * (y * mask.width + x) + c)];
+                        v = static_cast<std::uint8_t>(v < 128 ? v + 90 : v - 90);
+                    }
+            }
+        write_png(files.image(0, 0), changed);
+        const Capture capture = read_capture(folder.path);
+        const TrainState run = drawn_state(tiny_state());
+        Image<float> picture;
+        return Evaluation(run, capture).view(0, 0, picture);
+    };
+    const ViewResult before = measured(false, false), eyes = measured(true, false),
+                     skin = measured(false, true);
+    REQUIRE(before.eye_skin.psnr.count == 1);
+    // Two discs of 10 pixels, and 3 pixels more on each side.
+    CHECK(before.eyes_box[2] > 16);
+    CHECK(before.eyes_box[3] >= 10);
+    CHECK(before.eyes_box[1] + before.eyes_box[3] <= TinyCapture::size);
+    CHECK(eyes.eye_skin.psnr.value() == before.eye_skin.psnr.value());
+    CHECK(eyes.eye_skin.ssim.value() == before.eye_skin.ssim.value());
+    CHECK(eyes.eyes.psnr.value() != before.eyes.psnr.value());
+    CHECK(skin.eye_skin.psnr.value() != before.eye_skin.psnr.value());
+    CHECK(before.json()["eyes_painted_white"]["psnr"] == before.eye_skin.psnr.value());
+}
+
+TEST_CASE("evaluation: LPIPS of what is white outside the head, where a distance is given") {
+    const Folder folder;
+    const TinyCapture files(folder.path);
+    for (int f = 0; f < TinyCapture::frames; ++f)
+        TinyCapture::set(files.params(f, "params.npz"), "exp_coeff", {1, 3},
+                         std::vector<float>{0.1f, 0.2f, 0.3f});
+    const Capture capture = read_capture(folder.path);
+    const TrainState run = drawn_state(tiny_state());
+    Image<float> picture;
+    CHECK(Evaluation(run, capture).view(0, 0, picture).json()["lpips"].is_null());
+    int asked = 0;
+    const Columns<float> head = capture.mask(0, 0).pixels;
+    const Evaluation evaluation(run, capture, [&](const Image<float>& a, const Image<float>& b) {
+        ++asked;
+        for (Index p = 0; p < a.size(); ++p)
+            if (head(0, p) < 0.5f) {
+                CHECK(a.pixels.col(p) == Vec3<float>(1, 1, 1));
+                CHECK(b.pixels.col(p) == Vec3<float>(1, 1, 1));
+            }
+        return 0.25;
+    });
+    CHECK(evaluation.view(0, 0, picture).json()["lpips"] == 0.25);
+    CHECK(asked == 1);
+    CHECK(!lpips_of({}));
+}
+
 TEST_CASE("evaluation: the geometry is the capture's in one row, the rig's in the other") {
     const Folder folder;
     const TinyCapture files(folder.path);

@@ -114,6 +114,7 @@ TEST_CASE("lpips: equals the definition, also for odd sizes; 0 for equal images"
         const Image<double> a = random_image<double>(w, h, 1), b = random_image<double>(w, h, 2);
         CHECK(loss(lanes, a, b).value ==
               doctest::Approx(plain_lpips(loss.weights, a, b)).epsilon(1e-12));
+        CHECK(loss.value(lanes, a, b) == loss(lanes, a, b).value);
         CHECK(loss(lanes, a, a).value == 0);
         CHECK(loss(lanes, a, a).gradient.isZero(0));
     }

@@ -14,6 +14,7 @@ void add_info(CLI::App& app);
 void add_train(CLI::App& app);
 void add_redirect(CLI::App& app);
 void add_evaluate(CLI::App& app);
+void add_compare(CLI::App& app);
 void add_export(CLI::App& app);
 void add_render(CLI::App& app);
 void add_drivers(CLI::App& app);

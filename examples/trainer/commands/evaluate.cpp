@@ -24,7 +24,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct EvaluateOptions {
-    std::filesystem::path run, capture, out;
+    std::filesystem::path run, capture, out, perceptual_weights;
     std::string split = "test";
     bool json = false;
     int threads = 0;
@@ -41,13 +41,20 @@ std::string cell(const Mean& m, const char* format) {
 using Row = std::pair<std::string, ViewResult>;
 
 void print_quality(const std::vector<Row>& rows) {
-    std::printf("%-20s %7s %7s %7s %7s\n%-20s %7s %7s %7s %7s\n", "", "head", "head", "face",
-                "eyes", "", "PSNR", "SSIM", "PSNR", "PSNR");
+    std::printf("%-20s %7s %7s %7s %7s %7s %7s %7s\n%-20s %7s %7s %7s %7s %7s %7s %7s\n", "",
+                "head", "head", "face", "eyes", "skin", "skin", "head", "", "PSNR", "SSIM", "PSNR",
+                "PSNR", "PSNR", "SSIM", "LPIPS");
     for (const auto& [name, r] : rows)
-        std::printf("%-20s %7s %7s %7s %7s\n", name.c_str(), cell(r.head.psnr, "%.2f").c_str(),
-                    cell(r.head.ssim, "%.3f").c_str(), cell(r.face.psnr, "%.2f").c_str(),
-                    cell(r.eyes.psnr, "%.2f").c_str());
-    std::printf("PSNR [dB] over the pixels of the area, SSIM over the area.\n");
+        std::printf("%-20s %7s %7s %7s %7s %7s %7s %7s\n", name.c_str(),
+                    cell(r.head.psnr, "%.2f").c_str(), cell(r.head.ssim, "%.3f").c_str(),
+                    cell(r.face.psnr, "%.2f").c_str(), cell(r.eyes.psnr, "%.2f").c_str(),
+                    cell(r.eye_skin.psnr, "%.2f").c_str(), cell(r.eye_skin.ssim, "%.3f").c_str(),
+                    cell(r.lpips, "%.3f").c_str());
+    std::printf(
+        "PSNR [dB] over the pixels of the area, SSIM over the area. Eye skin: the rectangles\n"
+        "around the eyes with the capture's eyeballs painted white on both pictures.\n");
+    if (rows.front().second.lpips.count == 0)
+        std::printf("not run: LPIPS, which needs --perceptual-weights\n");
 }
 
 void print_gaze(const std::vector<Row>& rows, GazeTable ViewResult::*table) {
@@ -105,7 +112,7 @@ void evaluate(const EvaluateOptions& o) {
     const std::filesystem::path pictures = out / ("evaluate_" + o.split);
     std::filesystem::create_directories(pictures);
 
-    const Evaluation evaluation(state, capture);
+    const Evaluation evaluation(state, capture, lpips_of(o.perceptual_weights));
     std::map<std::string, ViewResult> groups;
     ViewResult all;
     Json per_view = Json::array();
@@ -123,10 +130,14 @@ void evaluate(const EvaluateOptions& o) {
             Json line = {{"frame", capture.frames[static_cast<std::size_t>(f)].id},
                          {"camera", capture.camera_ids[static_cast<std::size_t>(c)]}};
             line.update(r.json());
+            if (c == frontal) {
+                const std::string name =
+                    "frame_" + capture.frames[static_cast<std::size_t>(f)].id + ".png";
+                write_png(pictures / name, picture);
+                line["picture"] = name;
+                line["eyes_box"] = r.eyes_box;
+            }
             per_view.push_back(line);
-            if (c == frontal)
-                write_png(pictures / ("frame_" + capture.frames[static_cast<std::size_t>(f)].id + ".png"),
-                          picture);
         }
         all.add(frame);
         if (in(capture.novel_gaze, f)) groups["novel gaze"].add(frame);
@@ -166,6 +177,9 @@ void add_evaluate(CLI::App& app) {
         ->capture_default_str();
     c->add_flag("--json", o->json,
                 "Print the results as JSON (as in results.json) instead of tables");
+    c->add_option(
+        "--perceptual-weights", o->perceptual_weights,
+        "VGG16 + LPIPS weights for the LPIPS column, a safetensors file as for `rye train`");
     c->add_option("--out", o->out, "Folder for results.json and per_view.json (default: the run's)");
     add_threads(*c, o->threads);
     c->callback([o] { evaluate(*o); });

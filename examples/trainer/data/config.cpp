@@ -48,6 +48,7 @@ void walk(F& f, TrainConfig& c) {
         f("attribute_scale", a.attribute_scale, Range{0, 100});
         f("vertex_offset", a.vertex_offset, Range{0, 100});
         f("drivers_from_zero", a.drivers_from_zero);
+        f("gaze_mechanism", c.gaze_mechanism);
         f("networks", [&] {
             NetworkConfig& n = a.networks;
             f("geometry", n.geometry);
@@ -163,6 +164,12 @@ const std::vector<std::string>& words<Normalization>() {
 template <>
 const std::vector<std::string>& words<GazeAxis>() {
     static const std::vector<std::string> w{"optical", "visual"};
+    return w;
+}
+template <>
+const std::vector<std::string>& words<GazeMechanismName>() {
+    static const std::vector<std::string> w{"rotation",        "feature_rotation",   "condition",
+                                            "latent_rotation", "learned_quaternion", "none"};
     return w;
 }
 const std::vector<std::string>& metric_words() {
@@ -302,6 +309,10 @@ void check(const TrainConfig& c, const std::string& source) {
     ordered("avatar.exp_far", c.avatar.exp_far, "avatar.exp_near", c.avatar.exp_near);
     ordered("avatar.gaze_far", c.avatar.gaze_far, "avatar.gaze_near", c.avatar.gaze_near);
     ordered("grid.half_side", c.grid.half_side, "grid.cell", c.grid.cell);
+    require(c.gaze_mechanism == GazeMechanismName::rotation || c.gaze_axis == GazeAxis::optical,
+            source,
+            "field 'avatar.gaze_mechanism': got \"" + word_of(c.gaze_mechanism) +
+                "\", expected \"rotation\", as gaze_axis is \"visual\"");
 }
 
 /// Networks with fewer operations: the shapes of the paper's, narrower.
@@ -321,6 +332,10 @@ NetworkConfig narrow_networks(int wide, int narrow) {
 }
 
 } // namespace
+
+const std::string& word_of(GazeMechanismName mechanism) {
+    return words<GazeMechanismName>()[static_cast<std::size_t>(mechanism)];
+}
 
 nlohmann::ordered_json to_json(const TrainConfig& config) {
     TrainConfig copy = config;

@@ -65,6 +65,21 @@ struct AvatarTrainConfig {
 /// the effect Kappa, which learns that constant from 0.
 enum class GazeAxis { optical, visual };
 
+/// How an eye looks as its gaze asks: the paper's rotation of the eyeball, and, to compare it with,
+/// the mechanisms of rye/rig/gaze_mechanisms.hpp and rye/rig/gaze_features.hpp. With `none` the
+/// eyeballs do not follow the gaze; the skin around them does in each.
+enum class GazeMechanismName {
+    rotation,           ///< ExplicitRotation
+    feature_rotation,   ///< RotatedFeatures
+    condition,          ///< ConditionedFeatures
+    latent_rotation,    ///< RotatedCode
+    learned_quaternion, ///< LearnedQuaternion
+    none                ///< FixedEye
+};
+
+/// Its name in a configuration.
+const std::string& word_of(GazeMechanismName mechanism);
+
 struct TrainConfig {
     std::string preset;
     std::uint64_t seed = 1;
@@ -72,6 +87,7 @@ struct TrainConfig {
     bool measured_eyes = true;  ///< eyeball centres and radii from gaze.npz where it has them, else
                                 ///< from the landmarks around the eyes, as the paper has it
     AvatarConfig avatar;
+    GazeMechanismName gaze_mechanism = GazeMechanismName::rotation; ///< in JSON a field of avatar
     GridConfig grid;
     MeshTrainConfig mesh;
     AvatarTrainConfig gaussians;

@@ -14,6 +14,9 @@ Image<float> enlarged(const Image<float>& image, int width);
 /// Places images of one height side by side, with a thin gap.
 Image<float> side_by_side(const std::vector<Image<float>>& images);
 
+/// One of `count` images of one width that side_by_side has placed; Error if it cannot be that.
+Image<float> row_part(const Image<float>& row, int part, int count);
+
 /// Stacks images of one width, with a thin gap.
 Image<float> stacked(const std::vector<Image<float>>& images);
 

@@ -73,12 +73,31 @@ std::unique_ptr<AvatarSteps> avatar_steps(TrainState& state,
     if (state.visual)
         return std::make_unique<StepsOf<VisualEffects>>(state.visual->avatar, state.visual->adam,
                                                         state, perceptual_weights);
+    if (state.compared)
+        return std::make_unique<StepsOf<ComparedEffects>>(
+            state.compared->avatar, state.compared->adam, state, perceptual_weights);
     return std::make_unique<StepsOf<TrainEffects>>(state.avatar, state.avatar_adam, state,
                                                    perceptual_weights);
 }
 
+TwoStreamGaussians<float> driven_compared(const ComparedAvatar& avatar, const AvatarConfig& config,
+                                          const LandmarkRoles& roles,
+                                          const Drivers<float>& drivers) {
+    TwoStreamTrace<float, ComparedEffects> trace;
+    drive(train_backend(), avatar, {config, roles, restricted<ComparedEffects>(drivers)}, trace);
+    return trace;
+}
+
 void check_perceptual_weights(const std::filesystem::path& perceptual_weights) {
     if (!perceptual_weights.empty()) read_lpips_weights<float>(perceptual_weights);
+}
+
+PictureDistance lpips_of(const std::filesystem::path& perceptual_weights) {
+    if (perceptual_weights.empty()) return {};
+    const LpipsVgg<float> lpips{read_lpips_weights<float>(perceptual_weights)};
+    return [lpips](const Image<float>& a, const Image<float>& b) {
+        return static_cast<double>(lpips.value(train_backend(), a, b));
+    };
 }
 
 } // namespace rye::trainer

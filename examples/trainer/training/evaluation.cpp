@@ -20,6 +20,7 @@ struct Areas {
     Columns<float> head;  ///< the subject's mask
     Columns<float> face;  ///< the head inside the convex hull of the projected landmarks
     Columns<float> eyes;  ///< rectangles around the visible eyeballs, half as wide again
+    Columns<float> skin;  ///< all but the visible eyeballs
 };
 
 /// Convex hull of points [px], counter-clockwise (Andrew's monotone chain).
@@ -62,6 +63,7 @@ Areas areas_of(const Capture& capture, int frame, int camera) {
                 if ((q.x() - p.x()) * (y + 0.5 - p.y()) - (q.y() - p.y()) * (x + 0.5 - p.x()) < 0)
                     a.face(0, static_cast<Index>(y) * mask.width + x) = 0;
             }
+    a.skin = (eyes.pixels.topRows(2).colwise().maxCoeff().array() < 0.5f).cast<float>();
     a.eyes = Columns<float>::Zero(1, mask.size());
     for (int eye = 0; eye < 2; ++eye) {
         int x0 = mask.width, x1 = -1, y0 = mask.height, y1 = -1;
@@ -99,6 +101,19 @@ Quality quality(const Image<float>& shown, const Image<float>& truth, const Colu
     q.psnr_full.add(finite(psnr<float>(a.pixels, b.pixels, Columns<float>())));
     q.ssim.add(masked_ssim(a, b, area));
     return q;
+}
+
+/// The rectangle around an area: x, y, width, height.
+std::array<int, 4> box_of(const Columns<float>& area, int width) {
+    int x0 = width, x1 = -1, y0 = -1, y1 = -1;
+    for (Index p = 0; p < area.cols(); ++p) {
+        if (area(0, p) < 0.5f) continue;
+        const int x = static_cast<int>(p % width);
+        y1 = static_cast<int>(p / width);
+        if (y0 < 0) y0 = y1;
+        x0 = std::min(x0, x), x1 = std::max(x1, x);
+    }
+    return x1 < 0 ? std::array<int, 4>{} : std::array<int, 4>{x0, y0, x1 - x0 + 1, y1 - y0 + 1};
 }
 
 Columns<float> area_of(const EyesOfView& eyes, std::size_t eye) {
@@ -148,14 +163,21 @@ Json GazeTable::json() const {
 }
 
 void ViewResult::add(const ViewResult& v) {
-    head.add(v.head), face.add(v.face), eyes.add(v.eyes);
+    head.add(v.head), face.add(v.face), eyes.add(v.eyes), eye_skin.add(v.eye_skin);
+    lpips.add(v.lpips);
     eyes_in_view += v.eyes_in_view, eyes_visible += v.eyes_visible;
     measured.add(v.measured), own.add(v.own);
 }
 Json ViewResult::json() const {
-    return {{"head", head.json()}, {"face", face.json()}, {"eyes", eyes.json()},
-            {"eyes_in_view", eyes_in_view}, {"eyes_visible", eyes_visible},
-            {"gaze", measured.json()}, {"gaze_without_labels", own.json()}};
+    return {{"head", head.json()},
+            {"face", face.json()},
+            {"eyes", eyes.json()},
+            {"eyes_painted_white", eye_skin.json()},
+            {"lpips", lpips.json()},
+            {"eyes_in_view", eyes_in_view},
+            {"eyes_visible", eyes_visible},
+            {"gaze", measured.json()},
+            {"gaze_without_labels", own.json()}};
 }
 
 EyesOfView Evaluation::measured_eyes(int frame, int camera) const {
@@ -220,6 +242,12 @@ ViewResult Evaluation::view(int frame, int camera, Image<float>& picture) const 
     r.head = quality(shown.image, truth, areas.head);
     r.face = quality(shown.image, truth, areas.face);
     r.eyes = quality(shown.image, truth, areas.eyes);
+    r.eyes_box = box_of(areas.eyes, truth.width);
+    r.eye_skin = quality(white_outside(shown.image, areas.skin), white_outside(truth, areas.skin),
+                         areas.eyes);
+    if (lpips_)
+        r.lpips.add(
+            lpips_(white_outside(shown.image, areas.head), white_outside(truth, areas.head)));
     for (std::size_t e = 0; e < 2; ++e) {
         ++r.eyes_in_view;
         if (usable_eye_pixels(area_of(measured, e), truth.width) < min_eye_pixels) continue;

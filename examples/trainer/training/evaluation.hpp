@@ -69,6 +69,12 @@ struct GazeTable {
 
 struct ViewResult {
     Quality head, face, eyes;
+    /// Of the same rectangles as `eyes`, with the capture's eyeballs painted white on both
+    /// pictures: what the skin around the eyes is worth.
+    Quality eye_skin;
+    Mean lpips;            ///< over the picture, white outside the head; without weights nothing
+    /// Of one view: x, y, width, height [px] around `eyes`; widths of 0 without visible eyes.
+    std::array<int, 4> eyes_box{};
     int eyes_in_view = 0;  ///< two
     int eyes_visible = 0;  ///< those that count
     /// The estimator is given the capture's eyeball centre, radii and eye mask of this frame, and on
@@ -91,7 +97,11 @@ struct EyesOfView {
 /// Measures views of a run that is drawn (run.hpp). Both arguments must outlive it.
 class Evaluation {
   public:
-    Evaluation(const TrainState& state, const Capture& capture) : state_(state), capture_(capture) {}
+    /// `lpips` gives the LPIPS of two pictures (lpips_of); without it there is none.
+    Evaluation(const TrainState& state, const Capture& capture, PictureDistance lpips = {})
+        : state_(state),
+          capture_(capture),
+          lpips_(std::move(lpips)) {}
 
     /// One view; `picture` receives photograph, render, and render with the gaze at rest.
     ViewResult view(int frame, int camera, Image<float>& picture) const;
@@ -106,6 +116,7 @@ class Evaluation {
 
     const TrainState& state_;
     const Capture& capture_;
+    PictureDistance lpips_;
 };
 
 } // namespace rye::trainer

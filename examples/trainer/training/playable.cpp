@@ -22,6 +22,9 @@ void extend(DriverRanges<float>& r, const Drivers<float>& d) {
 
 PlayableAvatar<float> playable_avatar(const TrainState& state, const Capture& capture, int frame,
                                       int camera) {
+    require(!state.compared, "rye export",
+            "got a run whose avatar.gaze_mechanism is '" + word_of(state.config.gaze_mechanism) +
+                "', expected 'rotation': a .avatar holds eyes that rotate");
     const GazeAxis axis = state.config.gaze_axis;
     PlayableAvatar<float> p;
     p.name = capture.subject;

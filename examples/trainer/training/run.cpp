@@ -80,6 +80,8 @@ template <class F>
 void for_avatar(const TrainState& state, F&& f) {
     if (state.stage == Stage::mesh) return;
     if (state.visual) f(state.visual->avatar, state.visual->adam);
+    else if (state.compared)
+        f(state.compared->avatar, state.compared->adam);
     else f(state.avatar, state.avatar_adam);
 }
 
@@ -270,7 +272,10 @@ void check_clouds(const std::string& who, const A& avatar, const TrainState& s) 
     agree("face.rotation", f.rotation, 4, n);
     agree("face.opacity", f.opacity_logit, 1, n);
     agree("eyes.xyz", e.position, 3, m);
-    agree("eyes.feature", e.feature, c.channels, m);
+    if constexpr (requires { e.feature; })
+        agree("eyes.feature", e.feature, c.channels, m);
+    else
+        require_mechanism_fits(avatar, c.channels, who);
     agree("eyes.scales", e.log_scale, 3, m);
     agree("eyes.rotation", e.rotation, 4, m);
     agree("eyes.opacity", e.opacity_logit, 1, m);
@@ -397,6 +402,11 @@ TrainState load_checkpoint(const std::filesystem::path& run) {
             t.avatar = restricted<VisualEffects>(avatar);
             t.avatar.eyes.kappa = Columns<float>::Zero(2, 2);
             load_avatar(file, word, s, t.avatar, t.adam);
+        } else if (s.config.gaze_mechanism != GazeMechanismName::rotation) {
+            ComparedTraining& t = s.compared.emplace();
+            t.avatar = compared_avatar(avatar, s.config.gaze_mechanism, s.config.avatar.channels,
+                                       Random{0, 0});
+            load_avatar(file, word, s, t.avatar, t.adam);
         } else {
             s.avatar = avatar;
             load_avatar(file, word, s, s.avatar, s.avatar_adam);
@@ -429,6 +439,9 @@ TrainState drawn_state(const TrainState& state) {
     if (state.visual) {
         s.avatar = restricted<TrainEffects>(state.visual->avatar);
         s.kappa = state.visual->avatar.eyes.kappa;
+    } else if (state.compared) {
+        s.avatar = without_mechanism(state.compared->avatar);
+        s.compared.emplace().avatar = state.compared->avatar;
     } else {
         s.avatar = state.avatar;
         s.kappa = state.kappa;

@@ -12,7 +12,7 @@
 
 #include "data/config.hpp"
 #include "data/samples.hpp"
-#include "training/types.hpp"
+#include "training/compared.hpp"
 
 namespace rye::trainer {
 
@@ -38,6 +38,9 @@ struct TrainState {
     Avatar avatar;           ///< empty in stage 1
     Adam<Avatar> avatar_adam;
     std::optional<VisualTraining> visual;  ///< of a run by visual axes instead of these two
+    /// Of a run by another gaze mechanism than rotation instead of these two. Where it is only
+    /// drawn, without what the optimiser keeps, and `avatar` is all of it but the mechanism.
+    std::optional<ComparedTraining> compared;
     Columns<float> kappa;    ///< of a run by visual axes that is only drawn; else empty
 };
 

@@ -69,6 +69,11 @@ std::unique_ptr<AvatarSteps> avatar_steps(TrainState& state,
 /// Error if the file of weights, if any, cannot be read.
 void check_perceptual_weights(const std::filesystem::path& perceptual_weights);
 
+/// How far two RGB pictures of one size are apart.
+using PictureDistance = std::function<double(const Image<float>&, const Image<float>&)>;
+/// LPIPS by the weights of such a file; empty without one.
+PictureDistance lpips_of(const std::filesystem::path& perceptual_weights);
+
 /// What an avatar shows: the feature renders, and the image after super-resolution on white.
 struct AvatarView {
     Image<float> final, face, eyes;  ///< feature renders; the last two if the streams were asked for

@@ -28,6 +28,21 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
                          const std::string& wanted, const std::string& option, double bound)
     : state_(&state) {
     require(!frames.empty(), "FrameDrawer", "got no frames, expected at least one");
+    if (state.compared) {
+        const bool all = wanted.empty() || wanted == "auto" ||
+                         parsed(wanted, option).contains(effect_mask<TrainEffects>);
+        require(all, option,
+                "got '" + wanted + "', expected auto or " + std::string(PaperVariant::name) +
+                    ": effects are left out only where avatar.gaze_mechanism is 'rotation', and "
+                    "that of this run is '" +
+                    word_of(state.config.gaze_mechanism) + "'");
+        variant_ = PaperVariant::name;
+        driver_ = [&state](const Drivers<float>& d) { return driven_gaussians(state, d); };
+        explanation_ = "variant        " + variant_ +
+                       ": all that is trained, as of every run by "
+                       "another gaze mechanism than rotation\n";
+        return;
+    }
     std::vector<DrawnFrame> optical = frames;
     std::vector<Drivers<float>> drivers;
     for (DrawnFrame& f : optical) {

@@ -104,13 +104,22 @@ template <class T>
 struct LpipsVgg {
     LpipsWeights<T> weights;
 
+    /// The distance alone, without its gradient.
+    template <Backend B>
+    T value(const B& backend, const Image<T>& a, const Image<T>& b) const {
+        const auto [ta, tb] = traces(backend, a, b);
+        T sum(0);
+        for (std::size_t s = 0; s < vgg_slices; ++s) {
+            const int slice = static_cast<int>(s);
+            sum += detail::lpips_slice<T>(backend, ta.feature(slice).pixels,
+                                          tb.feature(slice).pixels, weights.linear[s])
+                       .value;
+        }
+        return sum;
+    }
     template <Backend B>
     LossGradient<T> operator()(const B& backend, const Image<T>& a, const Image<T>& b) const {
-        detail::require_same_shape<T>("LpipsVgg", a.pixels, b.pixels, Columns<T>());
-        require(a.channels() == 3, "LpipsVgg",
-                "got " + std::to_string(a.channels()) + " channels, expected 3");
-        const VggTrace<T> ta = vgg_forward(backend, weights.net, detail::lpips_input(a));
-        const VggTrace<T> tb = vgg_forward(backend, weights.net, detail::lpips_input(b));
+        const auto [ta, tb] = traces(backend, a, b);
         LossGradient<T> loss;
         std::array<Columns<T>, vgg_slices> g;
         for (std::size_t s = 0; s < vgg_slices; ++s) {
@@ -125,6 +134,17 @@ struct LpipsVgg {
             loss.gradient.row(static_cast<Index>(c)) *=
                 T(static_cast<real_t<T>>(2.0 / lpips_scale[c]));
         return loss;
+    }
+
+  private:
+    template <Backend B>
+    std::array<VggTrace<T>, 2> traces(const B& backend, const Image<T>& a,
+                                      const Image<T>& b) const {
+        detail::require_same_shape<T>("LpipsVgg", a.pixels, b.pixels, Columns<T>());
+        require(a.channels() == 3, "LpipsVgg",
+                "got " + std::to_string(a.channels()) + " channels, expected 3");
+        return {vgg_forward(backend, weights.net, detail::lpips_input(a)),
+                vgg_forward(backend, weights.net, detail::lpips_input(b))};
     }
 };
 

@@ -53,7 +53,7 @@ class AvatarTrainer {
                   AvatarTraining<A, Perceptual, Rates> training)
         : backend(on), avatar_(avatar), adam_(adam), training_(std::move(training)),
           gradient_(zeros_like(avatar)) {
-        if constexpr (smooths)
+        if constexpr (Real<T>)
             if (training_.objective.weights.eye_smooth > 0)
                 for (Index e = 0; e < 2; ++e) {
                     const Index first = avatar.eyes.first_point(e);
@@ -70,8 +70,17 @@ class AvatarTrainer {
                              double rate = 1, Probe&& probe = {}) {
         AvatarStepReport<T> r{losses(drivers, images, probe), {}};
         Avatar::fields([](const std::string&, auto& a) { a.setZero(); }, gradient_);
-        add_gradient(drivers, images, gradient_, probe);
         const AvatarLossConfig& weights = training_.objective.weights;
+        if constexpr (smooths_driven)
+            if (weights.eye_smooth > 0) {
+                const Index all = avatar_.eyes.position.cols();
+                LossGradient<T> term =
+                    smoothness<T>(Columns<T>(trace_.gaussians.feature.rightCols(all)), neighbours_);
+                driven_smoothness_ = T(weights.eye_smooth) * term.gradient;
+                r.losses.eye_smooth = term.value;
+                r.losses.total += T(weights.eye_smooth) * term.value;
+            }
+        add_gradient(drivers, images, gradient_, probe);
         if constexpr (smooths)
             if (weights.eye_smooth > 0) {
                 const LossGradient<T> term = smoothness(avatar_.eyes.feature, neighbours_);
@@ -109,6 +118,12 @@ class AvatarTrainer {
                       Probe&& probe = {}) {
         training_.objective.vjp(backend, avatar_.upsampler, images, trace_, pictures_,
                                 gradient.upsampler, probe);
+        if constexpr (smooths_driven)
+            if (driven_smoothness_.size() > 0) {
+                pictures_.g_gaussians.feature.rightCols(driven_smoothness_.cols()) +=
+                    driven_smoothness_;
+                driven_smoothness_.resize(0, 0);
+            }
         const Vec<T, 6> g_pose = drive_vjp(
             backend, avatar_, {training_.config, training_.roles, corrected(drivers, images)},
             trace_, {pictures_.g_gaussians, gradient});
@@ -121,7 +136,10 @@ class AvatarTrainer {
     const AvatarPictures<T, UpsamplerOf<T, E>>& pictures() const { return pictures_; }
 
   private:
+    /// Where features are constants, their smoothness is that of the parameters; else that of what
+    /// is generated for the frame.
     static constexpr bool smooths = requires(const Avatar& a) { a.eyes.feature; } && Real<T>;
+    static constexpr bool smooths_driven = !smooths && Real<T>;
 
     /// Drivers with the frame's delta pose and the camera.
     Drivers<T, E> corrected(const Drivers<T, E>& tracked, const AvatarImages<T>& images) const {
@@ -140,6 +158,7 @@ class AvatarTrainer {
     TwoStreamTrace<T, E> trace_;
     AvatarPictures<T, UpsamplerOf<T, E>> pictures_;
     NeighbourGraph neighbours_;  ///< of both eyeballs' points, if their colours are smoothed
+    Columns<T> driven_smoothness_ = {}; ///< for the next add_gradient: of features, C x P
 };
 
 template <Backend B, class T, EffectSet E, AccuracyPolicy A = Balanced,

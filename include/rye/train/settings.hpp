@@ -66,14 +66,14 @@ struct AvatarLossConfig {
 struct AvatarRates {
     double upsampler = 1e-4, networks = 1e-4, opacity = 1e-4, scale = 3e-5;
     double position = 1e-5, feature = 1e-5, rotation = 1e-5, delta_pose = 1e-5;
-    double eye_feature = 1e-4;  ///< free colours of the eyeballs; GHA has none
+    double eye_feature = 1e-4;  ///< free colours or latents of the eyeballs; GHA has none
     double eye_offset = 1e-4;   ///< 0 keeps the eyeball centres that stage 1 has learned
     double kappa = 1e-4;        ///< of avatars with Kappa; 0 keeps the angles as they are [rad]
 
     double operator()(const std::string& name) const {
         if (name.starts_with("upsampler.")) return upsampler;
         if (name == "delta_poses") return delta_pose;
-        if (name == "eyes.feature") return eye_feature;
+        if (name == "eyes.feature" || name == "eyes.latent") return eye_feature;
         if (name.starts_with("eyes.eye_offset_mlp.")) return eye_offset;
         if (name == "eyes.kappa") return kappa;
         const std::string last = name.substr(name.rfind('.') + 1);

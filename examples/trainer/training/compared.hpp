@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+/// training/compared.hpp: the avatar of a run whose gaze mechanism is not explicit rotation
+/// (TrainConfig::gaze_mechanism). All of them are one type, so that a mechanism more costs no
+/// compilation of the whole avatar; avatar_steps.cpp alone trains and drives it.
+#pragma once
+
+#include <rye/avatar/two_stream.hpp>
+#include <rye/nn/adam.hpp>
+#include <rye/rig/gaze_features.hpp>
+#include <rye/rig/gaze_mechanisms.hpp>
+
+#include "data/config.hpp"
+#include "training/chosen_parts.hpp"
+#include "training/types.hpp"
+
+namespace rye::trainer {
+
+using ComparedMechanism = OneMechanism<FixedEye, LearnedQuaternion>;
+using ComparedAppearance =
+    OneAppearance<FreeFeatures, RotatedFeatures, ConditionedFeatures, RotatedCode>;
+using ComparedEffects = More<TrainEffects, GazeBy<ComparedMechanism>, EyesBy<ComparedAppearance>>;
+using ComparedAvatar = TwoStream<float, ComparedEffects>;
+
+/// What stage 2 of such a run trains.
+struct ComparedTraining {
+    ComparedAvatar avatar;
+    Adam<ComparedAvatar> adam;
+};
+
+/// A compared avatar that is `avatar` but for the mechanism, whose parameters are initialised;
+/// without points they have the shapes that do not depend on the number of points.
+ComparedAvatar compared_avatar(const Avatar& avatar, GazeMechanismName mechanism, int channels,
+                               const Random& random);
+
+/// All of a compared avatar but its mechanism. Its eyes have no features, so it is not driven.
+Avatar without_mechanism(const ComparedAvatar& avatar);
+
+/// The driven Gaussians; the drivers' gazes are optical axes.
+TwoStreamGaussians<float> driven_compared(const ComparedAvatar& avatar, const AvatarConfig& config,
+                                          const LandmarkRoles& roles,
+                                          const Drivers<float>& drivers);
+
+/// Error, beginning with `who`, unless the mechanism's parameters fit the eyes' points.
+void require_mechanism_fits(const ComparedAvatar& avatar, int channels, const std::string& who);
+
+} // namespace rye::trainer

@@ -1,0 +1,167 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# compare.sh RYE WORK: `rye compare` in small: every gaze mechanism trains, tables have the numbers
+# of `rye evaluate`, what is there is not done again, a comparison that is killed or stopped goes on
+# to the same bits, and wrong lists get one sentence.
+set -eu
+rye=$1
+work=$2
+rm -rf "$work"
+mkdir -p "$work"
+cd "$work"
+
+fail() { echo "FAILED: $*" >&2; exit 1; }
+same() { cmp "$1" "$2" || fail "$1 and $2 differ"; }
+refuses() { # WORDS COMMAND...: it must fail with one line that holds the words
+    words=$1
+    shift
+    if "$@" > out.txt 2> err.txt; then fail "accepted: $*"; fi
+    grep -q -- "$words" err.txt || { cat out.txt err.txt; fail "no word of '$words' from: $*"; }
+    [ "$(wc -l < err.txt)" -eq 1 ] || { cat err.txt; fail "more than a line from: $*"; }
+}
+
+"$rye" capture --out cap --size 64 --cameras 3 --frames 3 --test-frames 1 --apart-frames 1 \
+    --samples 2 --quiet
+cat > small.json << 'JSON'
+{"avatar": {"feature": 8, "channels": 8,
+  "networks": {"geometry": [16, 16], "exp_color": [16], "pose_color": [8], "exp_deform": [16, 16],
+    "pose_deform": [8], "exp_attributes": [8], "pose_attributes": [8], "gaze_deform": [8],
+    "gaze_color": [8], "eye_offset": [8]}},
+ "grid": {"cell": 0.35},
+ "mesh": {"steps": 8, "image_size": 32, "pretrain_steps": 40, "fit_steps": 20},
+ "gaussians": {"steps": 12, "mouth_points": 20, "panel_every": 0, "checkpoint_every": 3,
+  "spacing": 0, "eyeball": {"points": 120}, "upsampler": {"capacity": 2}}}
+JSON
+
+# ---- a list of one's own -------------------------------------------------------------------------
+cat > mine.json << 'JSON'
+{"title": "Two rows", "preset": "tiny", "captures": ["cap"], "seeds": [1, 5],
+ "columns": ["head_psnr", "skin_ssim", "gaze", "irises"],
+ "rows": [{"name": "as it is"},
+          {"name": "no blank loss", "run": "blank0", "config": {"gaussians": {"weights": {"blank": 0}}}}]}
+JSON
+"$rye" compare --list mine.json --config small.json --out one --jobs 2 > one.txt
+grep -q "^4 runs, 4 of them to do, 2 at once" one.txt || { cat one.txt; fail "runs to do"; }
+grep -q "± " one/mine.md || fail "no spread over seeds"
+grep -q "^not run: FID" one/mine.md || fail "nothing is said of what is not measured"
+[ -s one/mine_cap.png ] || fail "no contact sheet"
+# A run and its numbers are those of rye train and rye evaluate.
+run=one/runs/cap/as_it_is/seed_5
+"$rye" train --capture cap --preset tiny --config small.json --seed 5 --quiet --out alone > log.txt
+same alone/checkpoint.safetensors $run/checkpoint.safetensors
+"$rye" evaluate --run alone --split test > log.txt
+same alone/results.json $run/evaluation_test/results.json
+psnr() { awk '/^  "all"/ { a = 1 } a && /"head"/ { h = 1 }
+    h && /"psnr":/ { gsub(/[^0-9.]/, ""); print; exit }' "$1"; }
+a=$(psnr one/runs/cap/as_it_is/seed_1/evaluation_test/results.json)
+b=$(psnr $run/evaluation_test/results.json)
+awk -F, -v a="$a" -v b="$b" '
+    $3 == "all" && $4 == "as it is" && $5 == "head_psnr" {
+        mean = (a + b) / 2; dev = a > b ? (a - b) / sqrt(2) : (b - a) / sqrt(2)
+        if ($6 - mean < 1e-6 && mean - $6 < 1e-6 && $7 - dev < 1e-6 && dev - $7 < 1e-6 && $8 == 2) good = 1
+    }
+    END { exit !good }' one/mine.csv || { cat one/mine.csv; fail "mean and deviation of $a and $b"; }
+grep -q "^mine,cap,as it is,5,all,head_psnr,$b" one/mine_runs.csv || fail "the number of one run"
+
+# Nothing is done twice, and the tables stay.
+cp one/mine.md before.md
+stamp=$(ls -l --time-style=full-iso $run/checkpoint.safetensors)
+"$rye" compare --list mine.json --config small.json --out one > two.txt
+grep -q "^4 runs, 0 of them to do" two.txt || { cat two.txt; fail "done again"; }
+[ "$stamp" = "$(ls -l --time-style=full-iso $run/checkpoint.safetensors)" ] || fail "trained again"
+same before.md one/mine.md
+"$rye" compare --list mine.json --config small.json --out one --json > one.json
+grep -q '"name": "no blank loss"' one.json || fail "no row in --json"
+
+# ---- killed, stopped, gone on with ---------------------------------------------------------------
+interrupted() { # SIGNAL SECONDS: the exit code of a comparison that gets it after so long
+    rm -rf cut
+    "$rye" compare --list mine.json --config small.json --out cut --jobs 2 > cut.txt 2> cut.err &
+    pid=$!
+    sleep "$2"
+    kill -"$1" "$pid" 2> /dev/null || true
+    code=0
+    wait "$pid" 2> /dev/null || code=$?
+}
+go_on() {
+    "$rye" compare --list mine.json --config small.json --out cut --jobs 2 > cut.txt
+    for r in as_it_is blank0; do
+        for s in 1 5; do
+            same one/runs/cap/$r/seed_$s/checkpoint.safetensors cut/runs/cap/$r/seed_$s/checkpoint.safetensors
+        done
+    done
+    same one/mine.csv cut/mine.csv
+    same one/mine.md cut/mine.md
+}
+for seconds in 0.3 0.8; do
+    interrupted KILL $seconds
+    go_on
+done
+interrupted TERM 0.6
+if [ $code != 0 ]; then
+    [ $code = 143 ] || fail "code $code of a comparison that is asked to stop, expected 143"
+    grep -q "stopped; the same command goes on" cut.err || { cat cut.err; fail "no word of the stop"; }
+fi
+go_on
+
+# ---- what is wrong is named ----------------------------------------------------------------------
+compare() { "$rye" compare --capture cap --out bad --config small.json "$@"; }
+refuses "got neither --table nor --list" compare
+refuses "did you mean 'losses'" compare --table lossses
+echo '{"rows": [{"name": "a", "config": {"avatar": {"gaze_mechanism": "turn"}}}]}' > list.json
+refuses "row 'a': field 'avatar.gaze_mechanism': got \"turn\"" compare --list list.json
+echo '{"rows": [{"name": "a"}], "row": 1}' > list.json
+refuses "list.json: field 'row' is unknown" compare --list list.json
+echo '{"rows": [{"name": "a"}, {"name": "a"}]}' > list.json
+refuses "field 'rows\[1\].name': got 'a'" compare --list list.json
+echo '{"rows": [{"name": "a", "run": "../b"}]}' > list.json
+refuses "field 'rows\[0\].run': got '../b'" compare --list list.json
+echo '{"rows": [{"name": "a"}], "columns": ["psnr"]}' > list.json
+refuses "field 'columns\[0\]': got \"psnr\"" compare --list list.json
+echo '{"rows": [{"name": "a"}], "seeds": [-1]}' > list.json
+refuses "field 'seeds\[0\]': got -1" compare --list list.json
+echo '{"rows": [{"name": "a"}], "captures": ["nowhere"]}' > list.json
+refuses "which is no folder" "$rye" compare --list list.json --out bad
+refuses "the tables\|which is no folder\|--capture is missing" "$rye" compare --table losses --out bad
+[ ! -e bad ] || fail "a refused comparison wrote something"
+refuses "config.json: field 'gaussians.weights.blank': got 0.0, expected" sh -c \
+    "cp -r one/runs/cap/blank0/seed_1/. one/runs/cap/as_it_is/seed_1/ && exec '$rye' compare --list mine.json --config small.json --out one"
+
+# A run that fails is named, and the others are done.
+cp -r cap broken && rm broken/capture.json broken/params/*/gaze.npz
+echo '{"preset": "tiny", "captures": ["cap", "broken"], "seeds": [1], "rows": [{"name": "a"}]}' > list.json
+if "$rye" compare --list list.json --config small.json --out half > half.txt 2> half.err; then
+    fail "a comparison with a failed run has code 0"
+fi
+grep -q "1 of 2 runs failed" half.err || { cat half.err; fail "the number of failed runs"; }
+grep -q "^not run: a, broken, seed 1: rye train: " half/list.md || { cat half/list.md; fail "the reason"; }
+grep -q "^list,cap,all,a,head_psnr," half/list.csv || { cat half/list.csv; fail "the run that is sound"; }
+
+# ---- every gaze mechanism ------------------------------------------------------------------------
+"$rye" compare --table mechanisms,deformation --preset tiny --config small.json --capture cap \
+    --seeds 1 --out tables --jobs 2 > tables.txt
+grep -q "^7 runs, 7 of them to do" tables.txt || { cat tables.txt; fail "runs that tables share"; }
+for name in rotation feature_rotation condition latent_rotation learned_quaternion none; do
+    run=tables/runs/cap/$name/seed_1
+    [ $name != rotation ] || run=tables/runs/cap/rye/seed_1
+    grep -q "\"gaze_mechanism\": \"$name\"" $run/config.json || fail "$name is not in config.json"
+    "$rye" redirect --run $run --gaze-left 5,10 --gaze-right -5,-10 --out $name.png > log.txt
+    "$rye" redirect --run $run --sweep --out sweep.png > log.txt
+    "$rye" export --run $run --out $name.ply > log.txt
+    "$rye" info cap --effects --run $run > log.txt
+    if [ $name != rotation ]; then
+        cmp -s rotation.png $name.png && fail "$name draws what rotation does"
+        refuses "avatar.gaze_mechanism is '$name'" "$rye" export --run $run --out $name.avatar
+        refuses "got 'gaze', expected auto or paper" "$rye" redirect --run $run --sweep \
+            --effects gaze --out sweep.png
+    fi
+done
+echo '{"avatar": {"gaze_mechanism": "condition"}}' > other.json
+refuses "field 'avatar.gaze_mechanism': got \"condition\", expected \"none\"" \
+    "$rye" train --out tables/runs/cap/none/seed_1 --resume --config other.json
+grep -q "eye crops, eyeballs white" tables/deformation.md || fail "table 3 has no eye crops"
+"$rye" compare --table losses --print-list > losses.json
+"$rye" compare --list losses.json --print-list > again.json
+[ "$(grep -c '"run"' losses.json)" = 12 ] || fail "rows of the table of losses"
+same losses.json again.json
+echo "comparisons are whole, go on where they were, and refuse what is wrong"
