@@ -106,6 +106,7 @@
 #include <rye/nn/product.hpp>
 #include <rye/nn/upsampler.hpp>
 #include <rye/rig/cornea.hpp>
+#include <rye/rig/driven_features.hpp>
 #include <rye/rig/effect_mask.hpp>
 #include <rye/rig/effect_names.hpp>
 #include <rye/rig/effect_slots.hpp>

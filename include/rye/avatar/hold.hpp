@@ -64,6 +64,8 @@ TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
     const EyeStream<T, E>& eyes = all.eyes;
     if constexpr (std::same_as<EyeAppearanceOf<Fewer>, EyeAppearanceOf<E>>)
         a.eyes.appearance() = eyes.appearance();
+    else if constexpr (requires { a.eyes.feature = eyes.feature; })
+        a.eyes.feature = eyes.feature; // constants; what is generated has no parameters then
     if constexpr (std::same_as<GazeMechanismOf<Fewer>, GazeMechanismOf<E>>)
         a.eyes.mechanism() = eyes.mechanism();
     a.eyes.log_scale = eyes.log_scale;
@@ -123,7 +125,8 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
         });
     if constexpr (has_effect<E, CornealRefraction> && !has_effect<Fewer, CornealRefraction>)
         a.eyes.position << trace.eyes.optics.seen[0], trace.eyes.optics.seen[1];
-    if constexpr (has_effect<E, Glint> && !has_effect<Fewer, Glint>)
+    if constexpr ((has_effect<E, Glint> && !has_effect<Fewer, Glint>) ||
+                  (EyeAppearanceOf<E>::reads_inputs && !EyeAppearanceOf<Fewer>::reads_inputs))
         a.eyes.feature = trace.gaussians.feature.rightCols(a.eyes.position.cols());
     const Drivers<T, E>& optical = optical_drivers(all.eyes, drivers);
     for_eyes([&]<std::size_t eye>() {

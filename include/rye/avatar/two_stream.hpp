@@ -151,6 +151,7 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
     if constexpr (has_effect<E, ReadsPoseCode>)
         g_pose +=
             EncodingOf<E>::vjp(trace.code.pose, g_frame.pose, config.pose_frequencies);
+    if constexpr (eyes_read_pose<E>) g_pose += g_frame.eye_pose;
     return g_pose;
 }
 
