@@ -20,6 +20,7 @@
 #include <rye/avatar/frame_cotangent.hpp>
 #include <rye/avatar/guidance_mesh.hpp>
 #include <rye/avatar/head_pose.hpp>
+#include <rye/avatar/head_shading.hpp>
 #include <rye/avatar/hold.hpp>
 #include <rye/avatar/neutral.hpp>
 #include <rye/avatar/own_effects.hpp>

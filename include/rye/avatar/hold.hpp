@@ -3,7 +3,9 @@
 /// one frame's drivers is kept in the canonical attributes, so that the avatar looks as it did
 /// there, whatever the effects that are left do.
 /// The head pose has nothing to keep: without it the avatar is in the head's frame, and the camera
-/// (and lights) move instead. Without Kappa the gazes that drive it are optical axes.
+/// (and lights) move instead. The face without HeadShading has the colours of the head at rotation
+/// 0, which no constant added to its networks' colours can change. Without Kappa the gazes that
+/// drive it are optical axes.
 #pragma once
 
 #include <rye/avatar/two_stream.hpp>
@@ -84,6 +86,7 @@ TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
     copy_slot(eyes.optics.light_width, a.eyes.optics.light_width);
     a.upsampler = all.upsampler;
     copy_slot(all.delta_pose, a.delta_pose);
+    copy_slot(all.shading, a.shading);
     return a;
 }
 
