@@ -86,7 +86,7 @@ struct Driven {
         if constexpr (has_effect<E, Kappa>) e.kappa = noise(2, 2, 0.1, 0, 15);
         if constexpr (EyeAppearanceOf<E>::reads_inputs)
             e.appearance() = init_eye_appearance<EyeAppearanceOf<E>, float>(
-                eye_sizes<E>(config, n), Random{4, 0});
+                appearance_sizes<E>(config, n), Random{4, 0});
         if constexpr (has_effect<E, HeadShading>)
             avatar.shading = {noise(8, 3, 0.3, 0, 21), noise(3, face_points, 1, 0, 22),
                               noise(3, 2, 1, 0, 23)};

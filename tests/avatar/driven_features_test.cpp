@@ -22,7 +22,7 @@ using Driven = EyesBy<DrivenFeatures>;
 template <EffectSet E>
 TwoStream<double, E> driven_eyes(std::uint64_t seed) {
     TwoStream<double, E> a = restricted<E>(avatar_of_all(seed));
-    const EyeSizes sizes = eye_sizes<E>(tiny_config(), a.eyes.position.cols());
+    const AppearanceSizes sizes = appearance_sizes<E>(tiny_config(), a.eyes.position.cols());
     for (std::size_t eye = 0; eye < 2; ++eye)
         a.eyes.networks[eye] =
             Mlp<double>::init(DrivenFeatures::shape(sizes), Random{seed, 3 + eye});
@@ -72,7 +72,8 @@ TEST_CASE("driven features: a new avatar's equal the constants, to the bit") {
                driven(free, at).gaussians.feature;
     };
     CHECK(equal());
-    const EyeSizes sizes = eye_sizes<More<PaperEffects, Driven>>(config, with.eyes.position.cols());
+    const AppearanceSizes sizes =
+        appearance_sizes<More<PaperEffects, Driven>>(config, with.eyes.position.cols());
     CHECK(sizes.pose == 6);
     with.eyes.networks = init_eye_appearance<DrivenFeatures, double>(sizes, Random{5, 0}).networks;
     CHECK_FALSE(with.eyes.networks[0].weight.empty());

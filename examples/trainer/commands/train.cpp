@@ -306,8 +306,9 @@ class Trainer {
             const int factor = 1 << state_.config.gaussians.upsampler.doublings;
             const Pinhole<float> full = scaled(sample.camera, factor);
             const AvatarView v =
-                state_.visual ? render_avatar(drawn_state(state_), sample.drivers, full, true)
-                              : render_avatar(state_, sample.drivers, full, true);
+                state_.visual || state_.appearance
+                    ? render_avatar(drawn_state(state_), sample.drivers, full, true)
+                    : render_avatar(state_, sample.drivers, full, true);
             const int width = sample.truth.width;
             return side_by_side({sample.truth, v.high, enlarged(rgb_of(v.final), width),
                                  enlarged(rgb_of(v.face), width),
@@ -378,10 +379,20 @@ TrainConfig config_of(const TrainOptions& o) {
 /// Checks that the checkpoint in the folder fits the options and the capture.
 void check_resumed(const TrainOptions& o, const TrainState& state, const Capture& capture) {
     const std::string who = capture.folder.string();
-    if (!o.config.empty())
-        require(config_of(o).gaze_axis == state.config.gaze_axis, o.config.string(),
+    if (!o.config.empty()) {
+        const TrainConfig config = config_of(o);
+        require(config.gaze_axis == state.config.gaze_axis, o.config.string(),
                 "field 'gaze_axis': differs from that of the run in " + o.out.string() +
                     ", whose checkpoint has a kappa or has none");
+        const auto same = [&](const char* field, const auto& got, const auto& begun) {
+            require(got == begun, o.config.string(),
+                    "field 'avatar." + std::string(field) + "': got \"" + word_of(got) +
+                        "\", expected \"" + word_of(begun) + "\", as the run in " +
+                        o.out.string() + " began with");
+        };
+        same("eye_appearance", config.eye_appearance, state.config.eye_appearance);
+        same("shading", config.shading, state.config.shading);
+    }
     require(state.train_frames == capture.train, who,
             "its training frames differ from those this run began with");
     require_same_subject(state, capture);

@@ -48,6 +48,8 @@ void walk(F& f, TrainConfig& c) {
         f("attribute_scale", a.attribute_scale, Range{0, 100});
         f("vertex_offset", a.vertex_offset, Range{0, 100});
         f("drivers_from_zero", a.drivers_from_zero);
+        f("eye_appearance", c.eye_appearance);
+        f("shading", c.shading);
         f("networks", [&] {
             NetworkConfig& n = a.networks;
             f("geometry", n.geometry);
@@ -137,6 +139,7 @@ void walk(F& f, TrainConfig& c) {
             f("eye_feature", g.rates.eye_feature, rate);
             f("eye_offset", g.rates.eye_offset, rate);
             f("kappa", g.rates.kappa, rate);
+            f("shading", g.rates.shading, rate);
         });
         f("upsampler", [&] {
             f("capacity", g.upsampler.capacity, Range{1, 1024});
@@ -163,6 +166,16 @@ const std::vector<std::string>& words<Normalization>() {
 template <>
 const std::vector<std::string>& words<GazeAxis>() {
     static const std::vector<std::string> w{"optical", "visual"};
+    return w;
+}
+template <>
+const std::vector<std::string>& words<EyeAppearanceName>() {
+    static const std::vector<std::string> w{"free", "driven"};
+    return w;
+}
+template <>
+const std::vector<std::string>& words<ShadingName>() {
+    static const std::vector<std::string> w{"none", "head_pose"};
     return w;
 }
 const std::vector<std::string>& metric_words() {
@@ -322,6 +335,13 @@ NetworkConfig narrow_networks(int wide, int narrow) {
 
 } // namespace
 
+const std::string& word_of(EyeAppearanceName appearance) {
+    return words<EyeAppearanceName>()[static_cast<std::size_t>(appearance)];
+}
+const std::string& word_of(ShadingName shading) {
+    return words<ShadingName>()[static_cast<std::size_t>(shading)];
+}
+
 nlohmann::ordered_json to_json(const TrainConfig& config) {
     TrainConfig copy = config;
     Writer writer;
@@ -388,6 +408,7 @@ TrainConfig preset(const std::string& name) {
     g.rates.delta_pose = 1e-5;
     g.rates.eye_feature = 1e-2;
     g.rates.kappa = 1e-3;
+    g.rates.shading = 1e-2;
     g.rates.eye_offset = 0;
     g.upsampler.capacity = 8;
     g.upsampler.doublings = tiny ? 1 : 0;

@@ -65,6 +65,13 @@ struct AvatarTrainConfig {
 /// the effect Kappa, which learns that constant from 0.
 enum class GazeAxis { optical, visual };
 
+/// Features of the eyes' Gaussians: trained constants, or driven by gaze, head rotation and
+/// expression (rye/rig/driven_features.hpp). Not set by any preset.
+enum class EyeAppearanceName { free, driven };
+/// Light on the head: colours do not depend on it, or by the head's rotation under lights that stay
+/// (rye/avatar/head_shading.hpp). Not in the paper; not set by any preset.
+enum class ShadingName { none, head_pose };
+
 struct TrainConfig {
     std::string preset;
     std::uint64_t seed = 1;
@@ -72,6 +79,8 @@ struct TrainConfig {
     bool measured_eyes = true;  ///< eyeball centres and radii from gaze.npz where it has them, else
                                 ///< from the landmarks around the eyes, as the paper has it
     AvatarConfig avatar;
+    EyeAppearanceName eye_appearance = EyeAppearanceName::free;  ///< avatar.eye_appearance
+    ShadingName shading = ShadingName::none;                     ///< avatar.shading
     GridConfig grid;
     MeshTrainConfig mesh;
     AvatarTrainConfig gaussians;
@@ -79,6 +88,10 @@ struct TrainConfig {
 
 /// "tiny", "cpu" or "paper"; throws Error for another name.
 TrainConfig preset(const std::string& name);
+
+/// The words of a configuration for them.
+const std::string& word_of(EyeAppearanceName appearance);
+const std::string& word_of(ShadingName shading);
 
 nlohmann::ordered_json to_json(const TrainConfig& config);
 

@@ -12,7 +12,7 @@
 
 #include "data/config.hpp"
 #include "data/samples.hpp"
-#include "training/types.hpp"
+#include "training/appearance.hpp"
 
 namespace rye::trainer {
 
@@ -38,6 +38,10 @@ struct TrainState {
     Avatar avatar;           ///< empty in stage 1
     Adam<Avatar> avatar_adam;
     std::optional<VisualTraining> visual;  ///< of a run by visual axes instead of these two
+    /// Of a run with driven eyes or shading (training/appearance.hpp) instead of these. Where it is
+    /// only drawn, without what the optimiser keeps and with a kappa of 0, and `avatar` is
+    /// without_appearance of it.
+    std::optional<AppearanceTraining> appearance;
     Columns<float> kappa;    ///< of a run by visual axes that is only drawn; else empty
 };
 
@@ -58,7 +62,7 @@ TrainState load_checkpoint(const std::filesystem::path& run);
 TrainState load_trained(const std::filesystem::path& run);
 
 /// What draws as the state does, but is not trained: for all runs an avatar that optical axes drive,
-/// with the kappa that leads to them. Without the mesh and what the optimisers keep.
+/// with the kappa that leads to them. Pictures are of `appearance`, where there is one. Without the mesh and what the optimisers keep.
 TrainState drawn_state(const TrainState& state);
 
 /// The drivers, whose gazes are of the run's gaze_axis, with optical axes in their place.

@@ -85,7 +85,15 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     state.avatar =
         initialize_avatar(train_backend(), state.mesh, config.avatar, init, seed_of(state).fork(4));
     const AvatarSize size{state.avatar.face.position.cols(), state.avatar.eyes.position.cols()};
-    if (config.gaze_axis == GazeAxis::visual) {
+    if (has_appearance(config)) {
+        const Random random = seed_of(state);
+        const Columns<float> normals =
+            face_points(train_backend(), state.mesh, config.avatar, init, random.fork(4)).normals();
+        AppearanceTraining& t = state.appearance.emplace();
+        t.avatar = appearance_avatar(state.avatar, config, normals, random.fork(11));
+        t.adam = Adam<AppearanceAvatar>(t.avatar);
+        state.avatar = {};
+    } else if (config.gaze_axis == GazeAxis::visual) {
         VisualTraining& t = state.visual.emplace();
         t.avatar = restricted<VisualEffects>(state.avatar);
         t.avatar.eyes.kappa = Columns<float>::Zero(2, 2);
@@ -147,6 +155,18 @@ void require_drawable(const Gaussians<float>& g) {
     }, g);
 }
 
+/// The driven Gaussians of what the state draws with.
+TwoStreamGaussians<float> driven(const TrainState& state, const Drivers<float>& drivers) {
+    const Drivers<float> optical = optical_drivers(state, drivers);
+    const AvatarConfig& config = state.config.avatar;
+    const LandmarkRoles& roles = state.subject.roles;
+    if (state.appearance)
+        return driven_appearance(state.appearance->avatar, config, roles, optical);
+    TwoStreamTrace<float> trace;
+    drive(train_backend(), state.avatar, {config, roles, optical}, trace);
+    return trace;
+}
+
 } // namespace
 
 AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
@@ -154,9 +174,7 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
     const TrainConfig& config = state.config;
     const int factor = 1 << config.gaussians.upsampler.doublings;
     const Pinhole<float> small = reduced(camera, factor);
-    TwoStreamTrace<float> trace;
-    drive(train_backend(), state.avatar,
-          {config.avatar, state.subject.roles, optical_drivers(state, drivers)}, trace);
+    const TwoStreamGaussians<float> trace = driven(state, drivers);
     require_drawable(trace.gaussians);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
     const TrainRasterizer rasterizer;
@@ -190,23 +208,24 @@ Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
 PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
                      const Pinhole<float>& camera) {
     const Avatar& avatar = state.avatar;
+    const AvatarConfig& config = state.config.avatar;
     const Drivers<float> optical = optical_drivers(state, drivers);
-    TwoStreamTrace<float> trace;
-    drive(train_backend(), avatar, {state.config.avatar, state.subject.roles, optical}, trace);
+    const HeadTransform<float> head = head_transform(optical);
+    TwoStreamGaussians<float> shown = driven(state, drivers);
+    EyeOffsetTrace<float> offset;
     const Columns<float> centre =
-        avatar.eyes.centre + eye_offset<float>(train_backend(), avatar.eyes.offset,
-                                               state.config.avatar, trace.code, trace.eyes.offset);
-    Gaussians<float>& both = trace.gaussians;
-    const Index face = trace.face_count;
+        avatar.eyes.centre + eye_offset<float>(train_backend(), avatar.eyes.offset, config,
+                                               frame_code(config, optical), offset);
+    Gaussians<float>& both = shown.gaussians;
+    const Index face = shown.face_count;
     both.feature = Columns<float>::Zero(2, both.count());
     PosedEyes eyes;
     for (Index e = 0; e < 2; ++e) {
         both.feature.row(e)
             .segment(face + avatar.eyes.first_point(e), avatar.eyes.points_of(e))
             .setOnes();
-        const Vec3<float> c = trace.head.scale * (trace.head.rotation * centre.col(e));
-        eyes.centre[static_cast<std::size_t>(e)] =
-            (c + trace.head.translation).cast<double>();
+        const Vec3<float> c = head.scale * (head.rotation * centre.col(e));
+        eyes.centre[static_cast<std::size_t>(e)] = (c + head.translation).cast<double>();
     }
     const VecX<float> nothing = VecX<float>::Zero(2);
     eyes.area = TrainRasterizer().forward(train_backend(), both, camera, nothing).feature;
@@ -214,11 +233,9 @@ PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
 }
 
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {
-    TwoStreamTrace<float> trace;
-    drive(train_backend(), state.avatar,
-          {state.config.avatar, state.subject.roles, optical_drivers(state, drivers)}, trace);
-    require_drawable(trace.gaussians);
-    return std::move(trace.gaussians);
+    TwoStreamGaussians<float> shown = driven(state, drivers);
+    require_drawable(shown.gaussians);
+    return std::move(shown.gaussians);
 }
 
 Image<float> rgb_of(const Image<float>& feature) {

@@ -26,7 +26,7 @@ using GazeMechanismParameters = typename GazeMechanismOf<E>::template Parameters
 
 /// Sizes of the eye appearance of an avatar with so many eye points.
 template <EffectSet E>
-EyeSizes eye_sizes(const AvatarConfig& config, Index points) {
+AppearanceSizes appearance_sizes(const AvatarConfig& config, Index points) {
     return {config.channels, points, has_effect<E, ReadsExpression> ? config.expression : 0,
             has_effect<E, ReadsHeadPose> ? 6 : 0};
 }

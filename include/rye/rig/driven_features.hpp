@@ -43,13 +43,13 @@ struct DrivenFeatures {
     /// and turned.
     static constexpr Index point_inputs() { return 2 * encoded_size(3, frequencies); }
     /// The shape of each network.
-    static MlpShape shape(const EyeSizes& sizes) {
+    static MlpShape shape(const AppearanceSizes& sizes) {
         const int frame = 3 + (sizes.pose > 0 ? 3 : 0) + sizes.expression;
         return {{static_cast<int>(point_inputs()) + frame, width, width, sizes.channels}, frame};
     }
     /// Constants as FreeFeatures has them, and networks of which nothing is seen yet.
     template <class P>
-    static P init(const EyeSizes& sizes, const Random& random) {
+    static P init(const AppearanceSizes& sizes, const Random& random) {
         using T = typename decltype(P::feature)::Scalar;
         P p;
         p.feature =

@@ -36,7 +36,7 @@ struct EyeInputsCotangent {
 };
 
 /// Sizes of an eye appearance and of its inputs.
-struct EyeSizes {
+struct AppearanceSizes {
     int channels;   ///< C, features of a Gaussian
     Index points;   ///< P, of both eyes
     int expression; ///< size of EyeInputs::expression
@@ -83,7 +83,7 @@ struct FreeFeatures {
 };
 
 /// FreeFeatures documents each function. Parameters<T> is a struct with fields(). An appearance
-/// whose networks read the frame is initialised by init(EyeSizes, Random) instead, and its
+/// whose networks read the frame is initialised by init(AppearanceSizes, Random) instead, and its
 /// features_vjp returns an EyeInputsCotangent<T> where features depend on gaze or head pose.
 template <class A>
 concept EyeAppearance =
@@ -95,7 +95,7 @@ concept EyeAppearance =
             {
                 A::template init<typename A::template Parameters<float>>(3, Index(1), random)
             } -> std::same_as<typename A::template Parameters<float>>;
-        } || requires(const EyeSizes& sizes) {
+        } || requires(const AppearanceSizes& sizes) {
             {
                 A::template init<typename A::template Parameters<float>>(sizes, random)
             } -> std::same_as<typename A::template Parameters<float>>;
@@ -107,7 +107,7 @@ static_assert(EyeAppearance<FreeFeatures>);
 
 /// The first parameters of an appearance.
 template <EyeAppearance A, class T>
-typename A::template Parameters<T> init_eye_appearance(const EyeSizes& sizes,
+typename A::template Parameters<T> init_eye_appearance(const AppearanceSizes& sizes,
                                                        const Random& random) {
     using P = typename A::template Parameters<T>;
     if constexpr (requires { A::template init<P>(sizes, random); })

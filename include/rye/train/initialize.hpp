@@ -218,8 +218,8 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     e.position.resize(3, points);
     e.position << eyeball[0].points, eyeball[1].points;
     e.centre = init.eye_centre;
-    e.appearance() =
-        init_eye_appearance<EyeAppearanceOf<E>, T>(eye_sizes<E>(config, points), random.fork(24));
+    e.appearance() = init_eye_appearance<EyeAppearanceOf<E>, T>(
+        appearance_sizes<E>(config, points), random.fork(24));
     e.mechanism() = GazeMechanismOf<E>::template init<GazeMechanismParameters<T, E>>(
         config.channels, random.fork(26));
     e.spacing.resize(1, points);
