@@ -10,6 +10,7 @@
 /// Irradiance Environment Maps", 2001; here of its logarithm, so that no colour becomes negative.
 #pragma once
 
+#include <algorithm>
 #include <array>
 
 #include <rye/backend/backend.hpp>
