@@ -397,12 +397,14 @@ TrainState load_checkpoint(const std::filesystem::path& run) {
     } else {
         const bool appearance = has_appearance(s.config);
         require((visual || appearance) == file.has("avatar.eyes.kappa"), who,
-                appearance ? "there is no tensor 'avatar.eyes.kappa', expected one, as of every run "
-                             "with driven eyes or shading"
-                : visual ? "there is no tensor 'avatar.eyes.kappa', expected one: the run's gaze_axis "
-                         "is 'visual'"
-                       : "got a tensor 'avatar.eyes.kappa', expected none: the run's gaze_axis is "
-                         "'optical'");
+                appearance
+                    ? "there is no tensor 'avatar.eyes.kappa', expected one, as of every run with "
+                      "driven eyes or shading"
+                : visual
+                    ? "there is no tensor 'avatar.eyes.kappa', expected one: the run's gaze_axis is "
+                      "'visual'"
+                    : "got a tensor 'avatar.eyes.kappa', expected none: the run's gaze_axis is "
+                      "'optical'");
         const Avatar avatar = avatar_shape(s);
         if (appearance) {
             AppearanceTraining& t = s.appearance.emplace();
