@@ -96,7 +96,13 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
                          const LandmarkRoles& roles, const Drivers<T, E>& drivers) {
     TwoStream<T, Fewer> a = restricted<Fewer>(all);
     TwoStreamTrace<T, E> trace;
-    drive(backend, all, {config, roles, drivers}, trace);
+    if constexpr (has_effect<E, HeadShading> && has_effect<Fewer, HeadShading>) {
+        TwoStream<T, E> unshaded = all;  // what is kept is shaded again
+        unshaded.shading = {};
+        drive(backend, unshaded, {config, roles, drivers}, trace);
+    } else {
+        drive(backend, all, {config, roles, drivers}, trace);
+    }
     [[maybe_unused]] const FaceTrace<T, E>& t = trace.face;
     FaceStream<T, Fewer>& face = a.face;
     if constexpr (face_rests<Fewer> && has_effect<Fewer, FaceDrivers>)
