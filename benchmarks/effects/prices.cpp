@@ -10,6 +10,7 @@
 
 #include <rye/avatar/two_stream.hpp>
 #include <rye/backend/lanes.hpp>
+#include <rye/rig/driven_features.hpp>
 
 #include "turns.hpp"
 
@@ -21,8 +22,11 @@ using namespace rye::bench;
 using B = XsimdBackend<DefaultArch, Serial>;
 using All = More<PaperEffects, Kappa>;
 using AllOptics = More<All, CornealRefraction, Glint>;
+using AllShaded = More<All, HeadShading>;
+using DrivenEyes = EyesBy<DrivenFeatures>;
 /// An avatar without networks, which only rotates its eyes and head, with the cornea's optics.
 using Turning = Effects<HeadPose, LeftGaze, RightGaze, CornealRefraction, Glint>;
+using TurningShaded = Effects<HeadPose, LeftGaze, RightGaze, HeadShading>;
 constexpr Index face_points = 600, eye_points_each = 100;
 constexpr int rounds = 12, turns_a_round = 4;
 
@@ -80,6 +84,12 @@ struct Driven {
         if constexpr (has_effect<E, EyeOffset>)
             e.offset = EyeOffsetNetwork<float>::init(config, Random{3, 0});
         if constexpr (has_effect<E, Kappa>) e.kappa = noise(2, 2, 0.1, 0, 15);
+        if constexpr (EyeAppearanceOf<E>::reads_inputs)
+            e.appearance() = init_eye_appearance<EyeAppearanceOf<E>, float>(
+                appearance_sizes<E>(config, n), Random{4, 0});
+        if constexpr (has_effect<E, HeadShading>)
+            avatar.shading = {noise(8, 3, 0.3, 0, 21), noise(3, face_points, 1, 0, 22),
+                              noise(3, 2, 1, 0, 23)};
         if constexpr (has_effect<E, SeesCornea>) {
             // Two fifths of the points are an iris behind the cornea, as in eyeball_template.
             const EyeballShape shape{.iris_plane = 0.1};
@@ -120,7 +130,7 @@ struct Driven {
         Index n = 0;
         TwoStream<float, E>::fields([&](const std::string& name, const auto& a) {
             if (name.find("_mlp") != std::string::npos || name == "eyes.kappa" ||
-                name.starts_with("eyes.light_"))
+                name == "shading.light" || name.starts_with("eyes.light_"))
                 n += a.size();
         }, avatar);
         return n;
@@ -170,6 +180,11 @@ BENCHMARK(price<All, Periocular>)->Name("price/periocular")->Iterations(1);
 BENCHMARK(price<All, CornealBulge>)->Name("price/corneal_bulge")->Iterations(1);
 BENCHMARK(price<AllOptics, CornealRefraction>)->Name("price/corneal_refraction")->Iterations(1);
 BENCHMARK(price<AllOptics, Glint>)->Name("price/glint")->Iterations(1);
+BENCHMARK(price<AllShaded, HeadShading>)->Name("price/head_shading")->Iterations(1);
+BENCHMARK(price<More<All, DrivenEyes>, DrivenEyes>)->Name("price/driven_eyes")->Iterations(1);
+BENCHMARK(price<TurningShaded, HeadShading>)
+    ->Name("price/head_shading_of_no_networks")
+    ->Iterations(1);
 BENCHMARK(price<Turning>)->Name("price/nothing_of_no_networks")->Iterations(1);
 BENCHMARK(price<Turning, CornealRefraction>)
     ->Name("price/corneal_refraction_of_no_networks")

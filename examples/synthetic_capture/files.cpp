@@ -183,13 +183,20 @@ Json frame_json(const HeadModel& model, const SceneFrame& f, const std::array<in
     for (std::size_t i = 0; i < model.expression_names.size(); ++i)
         if (const double w = f.state.expression[static_cast<Index>(i)]; w != 0)
             expression[model.expression_names[i]] = rounded(w, 3);
-    return {{"frame", f.id},
+    Json frame{{"frame", f.id},
             {"kind", kinds[static_cast<std::size_t>(f.kind)]},
             {"fixation_yaw_pitch_deg", f.fixation_deg ? pair(*f.fixation_deg) : Json()},
             {"optical_left_deg", pair(f.optical_deg[0])},
             {"optical_right_deg", pair(f.optical_deg[1])},
             {"expression", expression},
             {"eye_pixels_max_over_cameras", eye_pixels}};
+    if (f.state.eye_offset[0].isZero(0) && f.state.eye_offset[1].isZero(0)) return frame;
+    for (std::size_t e = 0; e < 2; ++e) {
+        Json mm = Json::array();
+        for (int k = 0; k < 3; ++k) mm.push_back(rounded(f.state.eye_offset[e][k] / unit_per_mm, 3));
+        frame[e == 0 ? "eye_offset_left_mm" : "eye_offset_right_mm"] = mm;
+    }
+    return frame;
 }
 
 Json description(const HeadModel& model, const CaptureScene& scene, const Json& frames) {
@@ -213,7 +220,7 @@ Json description(const HeadModel& model, const CaptureScene& scene, const Json& 
     Json identity = Json::array();
     for (Index i = 0; i < model.identity.size(); ++i) identity.push_back(model.identity[i]);
     using enum FrameKind;
-    return {
+    Json all{
         {"subject", "seed " + std::to_string(s.seed)},
         {"image_size", {s.size, s.size}},
         {"lowres_size", {s.size / 2, s.size / 2}},
@@ -237,6 +244,8 @@ Json description(const HeadModel& model, const CaptureScene& scene, const Json& 
         {"generator", "rye capture"},
         {"seed", s.seed},
         {"samples_per_pixel", s.samples}};
+    if (s.eye_translation_mm > 0) all["eye_translation_mm"] = s.eye_translation_mm;
+    return all;
 }
 
 } // namespace

@@ -7,6 +7,8 @@
 
 #include <rye/math/linalg.hpp>
 
+#include "synthetic_capture/noise.hpp"
+
 namespace rye::trainer {
 namespace {
 
@@ -89,6 +91,15 @@ void clear_eyeballs(Points& vertices, const std::array<Eyeball, 2>& eyes,
             const double least = eyes[e].surface(angle) + gap;
             if (length < least) vertices.col(i) = eyes[e].centre + arm * (least / length);
         }
+}
+
+void displace_eye(Points& vertices, Eyeball& eye, const Vec3<double>& by) {
+    if (by.isZero(0)) return;
+    for (Index i = 0; i < vertices.cols(); ++i) {
+        const double distance = (vertices.col(i) - eye.centre).norm() / eye.radius;
+        vertices.col(i) += smooth_step(2.4, 1.4, distance) * by;
+    }
+    eye.centre += by;
 }
 
 } // namespace rye::trainer

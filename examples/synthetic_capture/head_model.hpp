@@ -90,6 +90,10 @@ struct HeadModel {
 void clear_eyeballs(Points& vertices, const std::array<Eyeball, 2>& eyes,
                     const std::array<Vec3<double>, 2>& gaze, double gap);
 
+/// Displaces an eyeball and the skin around it: all of the displacement up to the lids, none of it
+/// from 2.4 radii from the centre on.
+void displace_eye(Points& vertices, Eyeball& eye, const Vec3<double>& by);
+
 /// The procedural head, from the seed alone.
 HeadModel procedural_head(std::uint64_t seed);
 

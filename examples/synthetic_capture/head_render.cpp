@@ -120,10 +120,12 @@ PosedHead::PosedHead(const HeadModel& model, const HeadState& state)
       parts_(model.parts),
       caster_(Columns<double>(3, 0), {}) {
     Points head = model.vertices(state.expression, state.lids);
-    clear_eyeballs(head, model.eyes, state.optical, lid_gap);
+    std::array<Eyeball, 2> eyes = model.eyes;
+    for (std::size_t e = 0; e < 2; ++e) displace_eye(head, eyes[e], state.eye_offset[e]);
+    clear_eyeballs(head, eyes, state.optical, lid_gap);
     vertices_ =
         (state.world_from_head.rotation * head).colwise() + state.world_from_head.translation;
-    for (int e = 0; e < 2; ++e) add_eyeball(model.eyes[static_cast<std::size_t>(e)], state, e);
+    for (int e = 0; e < 2; ++e) add_eyeball(eyes[static_cast<std::size_t>(e)], state, e);
     find_normals();
     caster_ = RayCaster(vertices_, faces_);
     gather_light();

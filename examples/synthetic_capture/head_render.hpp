@@ -21,6 +21,8 @@ struct HeadState {
     VecX<double> expression;             ///< weights in [0, 1]
     VecX<double> lids;                   ///< lid_coefficients of the gaze
     std::array<Vec3<double>, 2> optical; ///< unit optical axes, head frame
+    /// Displacements of the eyeballs, which carry their lids along, head frame.
+    std::array<Vec3<double>, 2> eye_offset{Vec3<double>::Zero(), Vec3<double>::Zero()};
     Rigid<double> world_from_head = {};
 };
 

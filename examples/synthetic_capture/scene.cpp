@@ -39,6 +39,7 @@ constexpr double rig_distance = 10.2;
 constexpr double focal_share = 0.3555;
 
 /// Reach of the fixations [deg] and their distance from the eyes.
+constexpr double most_eye_translation_mm = 5; // a third of an eyeball's radius here
 constexpr double reach_yaw_deg = 30, reach_pitch_deg = 22, target_distance = 7.6;
 
 /// Typical kappa: angles between the optical axis and the line of sight.
@@ -137,13 +138,42 @@ void set_pose(SceneFrame& f, const Random& r) {
                     (2 * r.uniform(200 + static_cast<std::uint64_t>(i)) - 1);
 }
 
+/// Displaces the eyeballs by expression and head pose: smooth functions of both, 0 at rest and below
+/// the bound. The expression's displacements of the two eyes mirror each other; the pose's are the
+/// same, as gravity's would be.
+void displace_eyes(SceneFrame& f, const CaptureSettings& s) {
+    if (s.eye_translation_mm == 0) return;
+    const Random random{s.seed, 107};
+    const auto towards = [&](std::uint64_t k) {
+        const Random r = random.fork(k);
+        return normalized(Vec3<double>(r.normal(0), r.normal(1), r.normal(2)));
+    };
+    Vec3<double> by_expression = Vec3<double>::Zero(), by_pose = by_expression;
+    for (Index k = 0; k < f.state.expression.size(); ++k)
+        by_expression +=
+            0.8 * f.state.expression[k] * towards(static_cast<std::uint64_t>(100 + k));
+    for (int k = 0; k < 3; ++k)
+        by_pose += 8 * f.pose[k] * towards(static_cast<std::uint64_t>(k));
+    for (std::size_t e = 0; e < 2; ++e) {
+        const Vec3<double> mirror(e == 0 ? 1 : -1, 1, 1);
+        const Vec3<double> sum = mirror.cwiseProduct(by_expression) + by_pose;
+        f.state.eye_offset[e] =
+            s.eye_translation_mm * unit_per_mm / std::sqrt(1 + sum.squaredNorm()) * sum;
+    }
+}
+
+/// The centre of an eyeball in this frame, head frame.
+Vec3<double> centre_of(const SceneFrame& f, const HeadModel& model, std::size_t eye) {
+    return model.eyes[eye].centre + f.state.eye_offset[eye];
+}
+
 /// Rotates the eyes towards the frame's fixation.
 void fixate(SceneFrame& f, const HeadModel& model, const CaptureScene& scene) {
     const Vec3<double> between = 0.5 * (model.eyes[0].centre + model.eyes[1].centre);
     const Vec3<double> target = between + target_distance * direction(*f.fixation_deg);
     f.target = f.state.world_from_head.apply(target);
     for (std::size_t e = 0; e < 2; ++e) {
-        f.visual[e] = normalized(Vec3<double>(target - model.eyes[e].centre));
+        f.visual[e] = normalized(Vec3<double>(target - centre_of(f, model, e)));
         f.optical_deg[e] = yaw_pitch_deg(f.visual[e]) + scene.kappa_deg[e];
     }
 }
@@ -178,6 +208,9 @@ CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& s) {
     check("the test frames", s.novel_frames, 0, 900);
     check("the frames with eyes apart", s.independent_frames, 0, 90);
     check("the samples", s.samples, 1, 1024);
+    require(s.eye_translation_mm >= 0 && s.eye_translation_mm <= most_eye_translation_mm, "capture",
+            "got " + std::to_string(s.eye_translation_mm) + " for the eye translation [mm], "
+            "expected 0 to " + std::to_string(most_eye_translation_mm));
 
     CaptureScene scene{s, make_cameras(s), {}, kappas, cells};
     const int total = s.train_frames + s.novel_frames + s.independent_frames;
@@ -194,6 +227,7 @@ CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& s) {
             set_pose(f, r);
             f.state.expression = random_expression(model.expression_names, r);
         }
+        displace_eyes(f, s);
         f.state.world_from_head = {so3_exp(Vec3<double>(f.pose.head<3>())), f.pose.tail<3>()};
         if (f.kind == FrameKind::train) {
             Vec2<double> at(0, 0);

@@ -25,6 +25,9 @@ struct CaptureSettings {
     int independent_frames = 2; ///< tests with independent gazes of both eyes
     int samples = 4;            ///< rays a pixel
     std::uint64_t seed = 1;     ///< of the subject and of all frames
+    /// Bound of the distance by which expression and head pose displace an eyeball in the head [mm],
+    /// where a unit is 100 mm; 0: eyeballs only rotate.
+    double eye_translation_mm = 0;
 };
 
 /// A camera of the rig.
@@ -63,6 +66,9 @@ struct CaptureScene {
     std::array<Vec2<double>, 2> kappa_deg; ///< optical - visual, of left and right eye
     std::vector<GazeCell> held_out;        ///< fixations that no training frame has
 };
+
+/// Units of the head frame in a millimetre.
+inline constexpr double unit_per_mm = 0.01;
 
 /// The centre of the rig.
 inline const Vec3<double> head_centre(0, 0.32, 0.25);

@@ -20,6 +20,7 @@
 #include <rye/avatar/frame_cotangent.hpp>
 #include <rye/avatar/guidance_mesh.hpp>
 #include <rye/avatar/head_pose.hpp>
+#include <rye/avatar/head_shading.hpp>
 #include <rye/avatar/hold.hpp>
 #include <rye/avatar/neutral.hpp>
 #include <rye/avatar/own_effects.hpp>
@@ -106,6 +107,7 @@
 #include <rye/nn/product.hpp>
 #include <rye/nn/upsampler.hpp>
 #include <rye/rig/cornea.hpp>
+#include <rye/rig/driven_features.hpp>
 #include <rye/rig/effect_mask.hpp>
 #include <rye/rig/effect_names.hpp>
 #include <rye/rig/effect_slots.hpp>

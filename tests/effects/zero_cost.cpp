@@ -42,6 +42,9 @@
 #ifndef WITHOUT_GLINT
 #define WITHOUT_GLINT 0
 #endif
+#ifndef WITHOUT_HEAD_SHADING
+#define WITHOUT_HEAD_SHADING 0
+#endif
 #define LEFT_SKIN (!WITHOUT_LEFT_GAZE && !WITHOUT_PERIOCULAR)
 #define RIGHT_SKIN (!WITHOUT_RIGHT_GAZE && !WITHOUT_PERIOCULAR)
 #define RESTS (WITHOUT_EXPRESSION || WITHOUT_POSE_RESIDUAL || !LEFT_SKIN || !RIGHT_SKIN)
@@ -97,6 +100,9 @@ using E = Joined<detail::List<>
 #endif
 #if !WITHOUT_GLINT
     , detail::List<Glint>
+#endif
+#if !WITHOUT_HEAD_SHADING
+    , detail::List<HeadShading>
 #endif
     >::type;
 // clang-format on
@@ -176,6 +182,9 @@ struct HandTrace {
     std::array<Columns<T>, 2> seen;
     std::array<EyeTransform<T>, 2> placed;
     Columns<T> scale;
+#if !WITHOUT_HEAD_SHADING
+    ShadingTrace<T> shading;
+#endif
     Gaussians<T> gaussians;
 };
 
@@ -364,6 +373,9 @@ struct Case {
     TwoStreamTrace<T, E> trace;
     HandFace face;
     HandEyes eyes;
+#if !WITHOUT_HEAD_SHADING
+    Shading<T> shading;
+#endif
     HandDrivers hand;
     HandTrace hand_trace;
 };
@@ -406,6 +418,10 @@ extern "C" __attribute__((noinline)) void by_hand(void* with) {
     to_world(B{}, t.head, t.scale, t.gaussians);
 #endif
     hand_eyes(c.eyes, c.config, d, n, t);
+#if !WITHOUT_HEAD_SHADING
+    const Index left = c.eyes.left_points < 0 ? c.eyes.position.cols() / 2 : c.eyes.left_points;
+    shade(B{}, c.shading, {d.pose.head<3>(), n, left}, t.gaussians.feature, t.shading);
+#endif
 }
 
 namespace {
@@ -488,6 +504,10 @@ void fill(Case& c, Index n, Index per_eye) {
     e.optics.light_position = c.eyes.light_position = numbers(3, 2, 3, 6, 19);
     e.optics.light_intensity = c.eyes.light_intensity = numbers(3, 2, 0.2, 0.5, 20);
     e.optics.light_width = c.eyes.light_width = Columns<T>::Constant(1, 2, 0.03f);
+#endif
+#if !WITHOUT_HEAD_SHADING
+    c.shading = {numbers(8, 3, 0.5, 0, 21), numbers(3, n, 1, 0, 22), numbers(3, 2, 1, 0, 23)};
+    c.avatar.shading = c.shading;
 #endif
     c.drivers.camera = c.hand.camera = Vec3<T>(0.5f, 0.3f, 8.0f);
     c.drivers.expression = c.hand.expression = numbers(k.expression, 1, 1, 0, 17).col(0);

@@ -49,7 +49,7 @@ check() {
 }
 
 check EXPRESSION 'Expression'
-check HEAD_POSE 'rye::HeadPose|HeadTransform|to_world|carry_eye|so3_exp'
+check HEAD_POSE 'rye::HeadPose|HeadTransform|to_world|carry_eye|matrix_quat'
 check POSE_RESIDUAL 'PoseResidual|PoseField'
 check LEFT_GAZE 'LeftGaze|GazeField<0'
 check RIGHT_GAZE 'RightGaze|GazeField<1'
@@ -59,4 +59,5 @@ check PERIOCULAR 'Periocular|GazeField'
 check CORNEAL_BULGE 'CornealBulge|cornea_offset'
 check CORNEAL_REFRACTION 'CornealRefraction|seen_through'
 check GLINT 'Glint|glint_at|mirror_image'
+check HEAD_SHADING 'Shading|ShadedFrame|LogLight'
 exit $bad

@@ -23,8 +23,9 @@ inline Drivers<double, AllEffects> drivers_of_all() {
     return restricted<AllEffects>(tiny_drivers<double>());
 }
 
-/// And with what a camera sees through and on the corneas: some of the points are behind them.
-using OpticsEffects = More<AllEffects, CornealRefraction, Glint>;
+/// And with what a camera sees through and on the corneas, with some of the points behind them, and
+/// shading by the head's rotation.
+using OpticsEffects = More<AllEffects, CornealRefraction, Glint, HeadShading>;
 
 inline TwoStream<double, OpticsEffects> avatar_of_optics(std::uint64_t seed = 7) {
     TwoStream<double, OpticsEffects> a = restricted<OpticsEffects>(avatar_of_all(seed));
@@ -40,6 +41,9 @@ inline TwoStream<double, OpticsEffects> avatar_of_optics(std::uint64_t seed = 7)
     o.light_intensity << 0.9, 0.3, 0.7, 0.5, 0.4, 0.8;
     o.light_width.resize(1, 2);
     o.light_width << 0.05, 0.08;
+    Draw draw{{seed, 5}};
+    a.shading = {draw.columns(8, 3, 0.5), draw.columns(3, a.face.position.cols()),
+                 draw.columns(3, 2)};
     return a;
 }
 

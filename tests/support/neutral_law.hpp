@@ -80,7 +80,7 @@ void check_all_pairs(double most) {
     check_pairs_of<T, Periocular, Periocular>(most);
 }
 
-/// X by itself, and with each of Y, among all effects and those of the cornea.
+/// X by itself, and with each of Y, among all effects, those of the cornea and shading.
 template <class T, Effect X, Effect... Y>
 void check_optics_pairs_of(double most) {
     check_neutral<T, OpticsEffects, X>(most);
@@ -92,6 +92,11 @@ void check_optics_pairs(double most) {
                           LeftGaze, RightGaze, EyeOffset, Kappa, Periocular>(most);
     check_optics_pairs_of<T, Glint, Expression, HeadPose, PoseResidual, LeftGaze, RightGaze,
                           EyeOffset, Kappa, Periocular>(most);
+}
+template <class T>
+void check_shading_pairs(double most) {
+    check_optics_pairs_of<T, HeadShading, Expression, HeadPose, PoseResidual, LeftGaze, RightGaze,
+                          EyeOffset, Kappa, Periocular, CornealRefraction, Glint>(most);
 }
 
 } // namespace rye::test

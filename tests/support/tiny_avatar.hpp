@@ -132,6 +132,9 @@ TwoStream<U, E> lifted(const TwoStream<T, E>& a) {
         if constexpr (by.attributes) by.attribute(b.face) = shaped<U>(by.attribute(a.face));
     });
     if constexpr (has_effect<E, EyeOffset>) b.eyes.offset.mlp = shaped<U>(a.eyes.offset.mlp);
+    if constexpr (requires { a.eyes.networks; })
+        for (std::size_t eye = 0; eye < 2; ++eye)
+            b.eyes.networks[eye] = shaped<U>(a.eyes.networks[eye]);
     b.upsampler = Upsampler<U>(a.upsampler.shape);
     const auto convert = [](const T& x) { return U(static_cast<real_t<U>>(x)); };
     convert_fields(b, a, convert);

@@ -103,6 +103,9 @@ void add_capture(CLI::App& app) {
     c->add_option("--cameras", s.cameras, "Cameras, 1 to 18")->capture_default_str();
     c->add_option("--samples", s.samples, "Rays a pixel")->capture_default_str();
     c->add_option("--seed", s.seed, "Seed of the subject and of all frames")->capture_default_str();
+    c->add_option("--eye-translation", s.eye_translation_mm,
+                  "Expression and head pose displace the eyeballs in the head, by less than this [mm]")
+        ->capture_default_str();
     c->add_option("--model", o->model,
                   "The ICT face model (light) as an npz, instead of rye's own head");
     add_threads(*c, o->threads, "Threads; the files do not depend on it (0: all)");

@@ -306,7 +306,7 @@ class Trainer {
             const int factor = 1 << state_.config.gaussians.upsampler.doublings;
             const Pinhole<float> full = scaled(sample.camera, factor);
             const AvatarView v =
-                state_.visual || state_.compared
+                state_.visual || state_.compared || state_.appearance
                     ? render_avatar(drawn_state(state_), sample.drivers, full, true)
                     : render_avatar(state_, sample.drivers, full, true);
             const int width = sample.truth.width;
@@ -384,10 +384,15 @@ void check_resumed(const TrainOptions& o, const TrainState& state, const Capture
         require(config.gaze_axis == state.config.gaze_axis, o.config.string(),
                 "field 'gaze_axis': differs from that of the run in " + o.out.string() +
                     ", whose checkpoint has a kappa or has none");
-        require(config.gaze_mechanism == state.config.gaze_mechanism, o.config.string(),
-                "field 'avatar.gaze_mechanism': got \"" + word_of(config.gaze_mechanism) +
-                    "\", expected \"" + word_of(state.config.gaze_mechanism) +
-                    "\", as the run in " + o.out.string() + " began with");
+        const auto same = [&](const char* field, const auto& got, const auto& begun) {
+            require(got == begun, o.config.string(),
+                    "field 'avatar." + std::string(field) + "': got \"" + word_of(got) +
+                        "\", expected \"" + word_of(begun) + "\", as the run in " +
+                        o.out.string() + " began with");
+        };
+        same("eye_appearance", config.eye_appearance, state.config.eye_appearance);
+        same("shading", config.shading, state.config.shading);
+        same("gaze_mechanism", config.gaze_mechanism, state.config.gaze_mechanism);
     }
     require(state.train_frames == capture.train, who,
             "its training frames differ from those this run began with");

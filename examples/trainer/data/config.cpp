@@ -49,6 +49,8 @@ void walk(F& f, TrainConfig& c) {
         f("vertex_offset", a.vertex_offset, Range{0, 100});
         f("drivers_from_zero", a.drivers_from_zero);
         f("gaze_mechanism", c.gaze_mechanism);
+        f("eye_appearance", c.eye_appearance);
+        f("shading", c.shading);
         f("networks", [&] {
             NetworkConfig& n = a.networks;
             f("geometry", n.geometry);
@@ -138,6 +140,7 @@ void walk(F& f, TrainConfig& c) {
             f("eye_feature", g.rates.eye_feature, rate);
             f("eye_offset", g.rates.eye_offset, rate);
             f("kappa", g.rates.kappa, rate);
+            f("shading", g.rates.shading, rate);
         });
         f("upsampler", [&] {
             f("capacity", g.upsampler.capacity, Range{1, 1024});
@@ -170,6 +173,16 @@ template <>
 const std::vector<std::string>& words<GazeMechanismName>() {
     static const std::vector<std::string> w{"rotation",        "feature_rotation",   "condition",
                                             "latent_rotation", "learned_quaternion", "none"};
+    return w;
+}
+template <>
+const std::vector<std::string>& words<EyeAppearanceName>() {
+    static const std::vector<std::string> w{"free", "driven"};
+    return w;
+}
+template <>
+const std::vector<std::string>& words<ShadingName>() {
+    static const std::vector<std::string> w{"none", "head_pose"};
     return w;
 }
 const std::vector<std::string>& metric_words() {
@@ -313,6 +326,12 @@ void check(const TrainConfig& c, const std::string& source) {
             source,
             "field 'avatar.gaze_mechanism': got \"" + word_of(c.gaze_mechanism) +
                 "\", expected \"rotation\", as gaze_axis is \"visual\"");
+    require(c.gaze_mechanism == GazeMechanismName::rotation ||
+                (c.eye_appearance == EyeAppearanceName::free && c.shading == ShadingName::none),
+            source,
+            "field 'avatar.gaze_mechanism': got \"" + word_of(c.gaze_mechanism) +
+                "\", expected \"rotation\", as eye_appearance is \"" + word_of(c.eye_appearance) +
+                "\" and shading \"" + word_of(c.shading) + "\"");
 }
 
 /// Networks with fewer operations: the shapes of the paper's, narrower.
@@ -335,6 +354,12 @@ NetworkConfig narrow_networks(int wide, int narrow) {
 
 const std::string& word_of(GazeMechanismName mechanism) {
     return words<GazeMechanismName>()[static_cast<std::size_t>(mechanism)];
+}
+const std::string& word_of(EyeAppearanceName appearance) {
+    return words<EyeAppearanceName>()[static_cast<std::size_t>(appearance)];
+}
+const std::string& word_of(ShadingName shading) {
+    return words<ShadingName>()[static_cast<std::size_t>(shading)];
 }
 
 nlohmann::ordered_json to_json(const TrainConfig& config) {
@@ -403,6 +428,7 @@ TrainConfig preset(const std::string& name) {
     g.rates.delta_pose = 1e-5;
     g.rates.eye_feature = 1e-2;
     g.rates.kappa = 1e-3;
+    g.rates.shading = 1e-2;
     g.rates.eye_offset = 0;
     g.upsampler.capacity = 8;
     g.upsampler.doublings = tiny ? 1 : 0;

@@ -77,8 +77,17 @@ enum class GazeMechanismName {
     none                ///< FixedEye
 };
 
-/// Its name in a configuration.
+/// Features of the eyes' Gaussians: trained constants, or driven by gaze, head rotation and
+/// expression (rye/rig/driven_features.hpp). Not set by any preset.
+enum class EyeAppearanceName { free, driven };
+/// Light on the head: colours do not depend on it, or by the head's rotation under lights that stay
+/// (rye/avatar/head_shading.hpp). Not in the paper; not set by any preset.
+enum class ShadingName { none, head_pose };
+
+/// The words of a configuration for them.
 const std::string& word_of(GazeMechanismName mechanism);
+const std::string& word_of(EyeAppearanceName appearance);
+const std::string& word_of(ShadingName shading);
 
 struct TrainConfig {
     std::string preset;
@@ -88,6 +97,8 @@ struct TrainConfig {
                                 ///< from the landmarks around the eyes, as the paper has it
     AvatarConfig avatar;
     GazeMechanismName gaze_mechanism = GazeMechanismName::rotation; ///< in JSON a field of avatar
+    EyeAppearanceName eye_appearance = EyeAppearanceName::free;  ///< avatar.eye_appearance
+    ShadingName shading = ShadingName::none;                     ///< avatar.shading
     GridConfig grid;
     MeshTrainConfig mesh;
     AvatarTrainConfig gaussians;

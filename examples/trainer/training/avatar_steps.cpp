@@ -34,6 +34,7 @@ AvatarTraining<Balanced, ChosenPerceptual> training_of(
         t.objective.perceptual.loss =
             LpipsVgg<float>{read_lpips_weights<float>(perceptual_weights)};
     t.rates = c.gaussians.rates;
+    if (c.gaze_axis == GazeAxis::optical) t.rates.kappa = 0; // where there is one, it stays 0
     t.bounds = {c.gaussians.eyeball.max_growth, c.gaussians.eyeball.thickness};
     return t;
 }
@@ -70,6 +71,9 @@ class StepsOf : public AvatarSteps {
 
 std::unique_ptr<AvatarSteps> avatar_steps(TrainState& state,
                                           const std::filesystem::path& perceptual_weights) {
+    if (state.appearance)
+        return std::make_unique<StepsOf<AppearanceEffects>>(
+            state.appearance->avatar, state.appearance->adam, state, perceptual_weights);
     if (state.visual)
         return std::make_unique<StepsOf<VisualEffects>>(state.visual->avatar, state.visual->adam,
                                                         state, perceptual_weights);

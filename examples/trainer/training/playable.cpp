@@ -31,6 +31,10 @@ PlayableAvatar<float> playable_avatar(const TrainState& state, const Capture& ca
     p.config = state.config.avatar;
     p.roles = state.subject.roles;
     p.avatar = state.avatar;
+    if (state.appearance)
+        p.avatar = held_appearance(
+            state.appearance->avatar, state.config.avatar, state.subject.roles,
+            optical_drivers(state, frame_drivers(capture, frame, axis)));
     p.kappa = state.kappa;
     p.expression_names = capture.expression_names;
     p.neutral = frame_drivers(capture, frame, axis);

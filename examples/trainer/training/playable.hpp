@@ -10,7 +10,8 @@
 
 namespace rye::trainer {
 
-/// The avatar of a state that is drawn (run.hpp). Its neutral drivers and its camera are those of
+/// The avatar of a state that is drawn (run.hpp), of the paper's effects: driven eyes have their
+/// features of that frame, and nothing is shaded. Its neutral drivers and its camera are those of
 /// this frame and camera of the capture; the ranges are those of the capture's training frames,
 /// which the neutral drivers extend; the background is white.
 PlayableAvatar<float> playable_avatar(const TrainState& state, const Capture& capture, int frame,

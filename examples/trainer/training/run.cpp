@@ -82,6 +82,7 @@ void for_avatar(const TrainState& state, F&& f) {
     if (state.visual) f(state.visual->avatar, state.visual->adam);
     else if (state.compared)
         f(state.compared->avatar, state.compared->adam);
+    else if (state.appearance) f(state.appearance->avatar, state.appearance->adam);
     else f(state.avatar, state.avatar_adam);
 }
 
@@ -140,6 +141,12 @@ double network_numbers(const TrainConfig& config, bool with_avatar) {
     }
     add(c.expression + pose, 0, n.eye_offset, 6);
     if (!with_avatar) return sum;
+    if (config.eye_appearance == EyeAppearanceName::driven)
+        for (int eye = 0; eye < 2; ++eye) {
+            const MlpShape s = DrivenFeatures::shape({c.channels, 0, c.expression, 6});
+            for (int l = 0; l < s.layers(); ++l)
+                sum += (static_cast<double>(s.fan_in(l)) + 1) * s.layer_out(l);
+        }
     add(c.feature, c.expression, n.exp_attributes, 8);
     add(c.feature, pose, n.pose_attributes, 8);
     UpsamplerShape u = config.gaussians.upsampler;
@@ -282,6 +289,8 @@ void check_clouds(const std::string& who, const A& avatar, const TrainState& s) 
     agree("eyes.centre", e.centre, 3, 2);
     agree("eyes.spacing", e.spacing, 1, m);
     agree("face.landmarks_3d_neutral", f.landmarks, 3, s.subject.neutral.cols());
+    if constexpr (std::same_as<A, AppearanceAvatar>)
+        require_appearance_fits(avatar, s.config, who);
 }
 
 /// Points of the left eyeball: written where the two differ.
@@ -391,13 +400,22 @@ TrainState load_checkpoint(const std::filesystem::path& run) {
         load_adam(file, "mesh_adam", s.mesh_adam);
         check_counts(who, "mesh_adam", s.mesh, s.mesh_adam);
     } else {
-        require(visual == file.has("avatar.eyes.kappa"), who,
-                visual ? "there is no tensor 'avatar.eyes.kappa', expected one: the run's gaze_axis "
-                         "is 'visual'"
-                       : "got a tensor 'avatar.eyes.kappa', expected none: the run's gaze_axis is "
-                         "'optical'");
+        const bool appearance = has_appearance(s.config);
+        require((visual || appearance) == file.has("avatar.eyes.kappa"), who,
+                appearance
+                    ? "there is no tensor 'avatar.eyes.kappa', expected one, as of every run with "
+                      "driven eyes or shading"
+                : visual
+                    ? "there is no tensor 'avatar.eyes.kappa', expected one: the run's gaze_axis is "
+                      "'visual'"
+                    : "got a tensor 'avatar.eyes.kappa', expected none: the run's gaze_axis is "
+                      "'optical'");
         const Avatar avatar = avatar_shape(s);
-        if (visual) {
+        if (appearance) {
+            AppearanceTraining& t = s.appearance.emplace();
+            t.avatar = appearance_avatar(avatar, s.config, Columns<float>(3, 0), Random{0, 0});
+            load_avatar(file, word, s, t.avatar, t.adam);
+        } else if (visual) {
             VisualTraining& t = s.visual.emplace();
             t.avatar = restricted<VisualEffects>(avatar);
             t.avatar.eyes.kappa = Columns<float>::Zero(2, 2);
@@ -442,6 +460,14 @@ TrainState drawn_state(const TrainState& state) {
     } else if (state.compared) {
         s.avatar = without_mechanism(state.compared->avatar);
         s.compared.emplace().avatar = state.compared->avatar;
+    } else if (state.appearance) {
+        AppearanceAvatar& drawn = s.appearance.emplace().avatar;
+        drawn = state.appearance->avatar;
+        s.avatar = without_appearance(drawn);
+        s.kappa = state.config.gaze_axis == GazeAxis::visual && state.kappa.size() == 0
+                      ? drawn.eyes.kappa
+                      : state.kappa;
+        drawn.eyes.kappa.setZero();
     } else {
         s.avatar = state.avatar;
         s.kappa = state.kappa;

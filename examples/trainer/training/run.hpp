@@ -12,6 +12,7 @@
 
 #include "data/config.hpp"
 #include "data/samples.hpp"
+#include "training/appearance.hpp"
 #include "training/compared.hpp"
 
 namespace rye::trainer {
@@ -41,6 +42,10 @@ struct TrainState {
     /// Of a run by another gaze mechanism than rotation instead of these two. Where it is only
     /// drawn, without what the optimiser keeps, and `avatar` is all of it but the mechanism.
     std::optional<ComparedTraining> compared;
+    /// Of a run with driven eyes or shading (training/appearance.hpp) instead of these. Where it is
+    /// only drawn, without what the optimiser keeps and with a kappa of 0, and `avatar` is
+    /// without_appearance of it.
+    std::optional<AppearanceTraining> appearance;
     Columns<float> kappa;    ///< of a run by visual axes that is only drawn; else empty
 };
 
@@ -61,7 +66,7 @@ TrainState load_checkpoint(const std::filesystem::path& run);
 TrainState load_trained(const std::filesystem::path& run);
 
 /// What draws as the state does, but is not trained: for all runs an avatar that optical axes drive,
-/// with the kappa that leads to them. Without the mesh and what the optimisers keep.
+/// with the kappa that leads to them. Pictures are of `appearance`, where there is one. Without the mesh and what the optimisers keep.
 TrainState drawn_state(const TrainState& state);
 
 /// The drivers, whose gazes are of the run's gaze_axis, with optical axes in their place.

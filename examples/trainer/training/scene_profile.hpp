@@ -102,6 +102,7 @@ struct AvatarFacts {
     int channels = 3;
     bool refines = false;        ///< its super-resolution network changes the picture
     bool corneas = false;        ///< its eyes have irises behind corneas
+    bool shaded = false;         ///< its colours depend on the head's rotation
 };
 
 /// What drawing says: splats on the screen, and the sizes of pictures.
@@ -210,7 +211,7 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
     if (!drivers)
         for (const EffectName e :
              {expression, head_pose, pose_residual, left_gaze, right_gaze, eye_offset, kappa,
-              periocular, corneal_bulge, corneal_refraction, glint})
+              periocular, corneal_bulge, corneal_refraction, glint, head_shading})
             say(e, false, "nothing here is driven");
     else {
         if (expression_varies && avatar && a.moved_by_expression == 0)
@@ -268,6 +269,10 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
                 compare(glint, iris, b.glint,
                         std::to_string(d.lights) + " lights; the widest iris has, in px,");
         }
+        if (a.shaded)
+            compare(head_shading, d.pose.width(), b.coefficient, "the pose varies" + over);
+        else
+            say(head_shading, false, "no light's change with the head is known");
     }
 
     if (!scene.sh) {

@@ -85,7 +85,15 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     state.avatar =
         initialize_avatar(train_backend(), state.mesh, config.avatar, init, seed_of(state).fork(4));
     const AvatarSize size{state.avatar.face.position.cols(), state.avatar.eyes.position.cols()};
-    if (config.gaze_axis == GazeAxis::visual) {
+    if (has_appearance(config)) {
+        const Random random = seed_of(state);
+        const Columns<float> normals =
+            face_points(train_backend(), state.mesh, config.avatar, init, random.fork(4)).normals();
+        AppearanceTraining& t = state.appearance.emplace();
+        t.avatar = appearance_avatar(state.avatar, config, normals, random.fork(11));
+        t.adam = Adam<AppearanceAvatar>(t.avatar);
+        state.avatar = {};
+    } else if (config.gaze_axis == GazeAxis::visual) {
         VisualTraining& t = state.visual.emplace();
         t.avatar = restricted<VisualEffects>(state.avatar);
         t.avatar.eyes.kappa = Columns<float>::Zero(2, 2);
@@ -159,6 +167,8 @@ TwoStreamGaussians<float> driven(const TrainState& state, const Drivers<float>& 
     const AvatarConfig& config = state.config.avatar;
     const LandmarkRoles& roles = state.subject.roles;
     if (state.compared) return driven_compared(state.compared->avatar, config, roles, optical);
+    if (state.appearance)
+        return driven_appearance(state.appearance->avatar, config, roles, optical);
     TwoStreamTrace<float> trace;
     drive(train_backend(), state.avatar, {config, roles, optical}, trace);
     return trace;

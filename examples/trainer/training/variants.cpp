@@ -28,19 +28,18 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
                          const std::string& wanted, const std::string& option, double bound)
     : state_(&state) {
     require(!frames.empty(), "FrameDrawer", "got no frames, expected at least one");
-    if (state.compared) {
+    if (state.compared || state.appearance) {
         const bool all = wanted.empty() || wanted == "auto" ||
                          parsed(wanted, option).contains(effect_mask<TrainEffects>);
         require(all, option,
                 "got '" + wanted + "', expected auto or " + std::string(PaperVariant::name) +
-                    ": effects are left out only where avatar.gaze_mechanism is 'rotation', and "
-                    "that of this run is '" +
-                    word_of(state.config.gaze_mechanism) + "'");
+                    ": effects are left out only of a run whose avatar.gaze_mechanism is "
+                    "'rotation', avatar.eye_appearance 'free' and avatar.shading 'none'");
         variant_ = PaperVariant::name;
         driver_ = [&state](const Drivers<float>& d) { return driven_gaussians(state, d); };
         explanation_ = "variant        " + variant_ +
-                       ": all that is trained, as of every run by "
-                       "another gaze mechanism than rotation\n";
+                       ": all that is trained, as of every run with another gaze mechanism than "
+                       "rotation, driven eyes or shading\n";
         return;
     }
     std::vector<DrawnFrame> optical = frames;
@@ -93,7 +92,10 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
 }
 
 Image<float> FrameDrawer::picture(const DrawnFrame& frame) const {
-    return picture_of(*state_, driver_(optical_drivers(*state_, frame.drivers)), frame.camera);
+    const bool whole = state_->appearance.has_value(); // driven_gaussians applies kappa
+    return picture_of(*state_,
+                      driver_(whole ? frame.drivers : optical_drivers(*state_, frame.drivers)),
+                      frame.camera);
 }
 
 Image<float> FrameDrawer::picture_by_all(const DrawnFrame& frame) const {

@@ -24,6 +24,13 @@ using EyeAppearanceParameters = typename EyeAppearanceOf<E>::template Parameters
 template <class T, EffectSet E>
 using GazeMechanismParameters = typename GazeMechanismOf<E>::template Parameters<T>;
 
+/// Sizes of the eye appearance of an avatar with so many eye points.
+template <EffectSet E>
+AppearanceSizes appearance_sizes(const AvatarConfig& config, Index points) {
+    return {config.channels, points, has_effect<E, ReadsExpression> ? config.expression : 0,
+            has_effect<E, ReadsHeadPose> ? 6 : 0};
+}
+
 /// Trained parameters of the eyeballs' P Gaussians, the left eye's first. Eyeball frame
 /// (rig/eyeball.hpp).
 template <class T, EffectSet E = PaperEffects>
@@ -120,17 +127,18 @@ struct EyeFrame {
 template <class T, EffectSet E, class F>
 void with_eye_inputs(const EyeStream<T, E>& eyes, const Drivers<T, E>& optical,
                      const FrameCode<T, E>& code, F&& f) {
-    VecX<T> expression;
+    VecX<T> expression, pose;
     Columns<T> gaze;
     if constexpr (EyeAppearanceOf<E>::reads_inputs) {
         if constexpr (has_effect<E, ReadsExpression>) expression = code.expression;
+        if constexpr (has_effect<E, ReadsHeadPose>) pose = optical.pose;
         gaze = Vec3<T>(T(0), T(0), T(1)).replicate(1, 2);
         for_eyes([&]<std::size_t eye>() {
             if constexpr (eye_turns<E, eye>)
                 gaze.col(static_cast<Index>(eye)) = of_eye<eye>(optical.gaze);
         });
     }
-    f(EyeInputs<T>{eyes.position, eyes.points_of(0), expression, gaze});
+    f(EyeInputs<T>{eyes.position, eyes.points_of(0), expression, gaze, pose});
 }
 
 /// Turns an eye to its gaze by the mechanism. Throws if the gaze is not finite or has no direction.
@@ -236,16 +244,16 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
 }
 
 /// Accumulates the gradients of appearance and gaze mechanism from the features' cotangent, C x P.
-/// Returns the cotangents of the optical axes, which the frame's gazes are, as far as features
-/// depend on them.
+/// Returns the cotangents of the optical axes, which the frame's gazes are, and of the head pose,
+/// as far as features depend on them.
 template <class T, EffectSet E, Backend B>
-std::array<Vec3<T>, 2> eye_features_vjp(const B& backend, const EyeStream<T, E>& eyes,
-                                        const std::type_identity_t<EyeFrame<T, E>>& frame,
-                                        const std::type_identity_t<ColumnsView<T>>& g,
-                                        EyeStream<T, E>& grad) {
+EyeInputsCotangent<T> eye_features_vjp(const B& backend, const EyeStream<T, E>& eyes,
+                                       const std::type_identity_t<EyeFrame<T, E>>& frame,
+                                       const std::type_identity_t<ColumnsView<T>>& g,
+                                       EyeStream<T, E>& grad) {
     using Appearance = EyeAppearanceOf<E>;
     const Drivers<T, E>& optical = frame.drivers;
-    std::array<Vec3<T>, 2> g_gaze{Vec3<T>::Zero(), Vec3<T>::Zero()};
+    EyeInputsCotangent<T> g_inputs;
     with_eye_inputs(eyes, optical, frame.code, [&](const EyeInputs<T>& inputs) {
         if constexpr (GazeMechanismOf<E>::changes_features) {
             Columns<T> before(g.rows(), g.cols()), g_before = g;
@@ -254,19 +262,22 @@ std::array<Vec3<T>, 2> eye_features_vjp(const B& backend, const EyeStream<T, E>&
                 if constexpr (eye_turns<E, eye>) {
                     constexpr Index e = static_cast<Index>(eye);
                     const Index first = eyes.first_point(e), n = eyes.points_of(e);
-                    g_gaze[eye] = GazeMechanismOf<E>::features_vjp(
+                    g_inputs.gaze[eye] = GazeMechanismOf<E>::features_vjp(
                         eyes.mechanism(), eye, checked_gaze(of_eye<eye>(optical.gaze)),
                         ColumnsView<T>(before.middleCols(first, n)),
                         ColumnsSpan<T>(g_before.middleCols(first, n)), grad.mechanism());
                 }
             });
-            Appearance::features_vjp(backend, eyes.appearance(), inputs, ColumnsView<T>(g_before),
-                                     grad.appearance());
+            const EyeInputsCotangent<T> more = eye_appearance_vjp<Appearance>(
+                backend, eyes.appearance(), inputs, ColumnsView<T>(g_before), grad.appearance());
+            for (std::size_t eye = 0; eye < 2; ++eye) g_inputs.gaze[eye] += more.gaze[eye];
+            g_inputs.pose = more.pose;
         } else {
-            Appearance::features_vjp(backend, eyes.appearance(), inputs, g, grad.appearance());
+            g_inputs = eye_appearance_vjp<Appearance>(backend, eyes.appearance(), inputs, g,
+                                                      grad.appearance());
         }
     });
-    return g_gaze;
+    return g_inputs;
 }
 
 /// Driven eyes, as far as their vjp reads them.
@@ -302,9 +313,10 @@ void eye_vjp(const B& backend, const EyeStream<T, E>& eyes,
     [[maybe_unused]] FrameCotangent<T, E>& g_frame = gradients.frame;
     const Index all = eyes.position.cols();
     const auto of_eyes = [&](const Columns<T>& a) { return a.middleCols(begin, all); };
-    const std::array<Vec3<T>, 2> g_gaze =
+    const EyeInputsCotangent<T> g_inputs =
         eye_features_vjp(backend, eyes, {config, optical_drivers(eyes, drivers), driven.frame.code},
                          of_eyes(g.feature), grad);
+    if constexpr (eyes_read_pose<E>) g_frame.eye_pose += g_inputs.pose;
     if constexpr (has_effect<E, HeadPose>)
         grad.log_scale += of_eyes(g.scale).cwiseProduct(of_eyes(world.scale)) / (head.scale, ...);
     else
@@ -340,7 +352,7 @@ void eye_vjp(const B& backend, const EyeStream<T, E>& eyes,
                 } else {
                     g_turn = turned(eyes.position.middleCols(first, n));
                 }
-                Vec3<T> g_optical = g_gaze[eye];
+                Vec3<T> g_optical = g_inputs.gaze[eye];
                 if constexpr (own_turn) {
                     const Drivers<T, E>& optical = optical_drivers(eyes, drivers);
                     g_optical += GazeMechanismOf<E>::turn_vjp(

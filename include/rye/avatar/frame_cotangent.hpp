@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/avatar/frame_cotangent.hpp: cotangents of what networks read of a frame, as far as they lead
-/// to something that is trained: the pose code's to the frame's pose, the gaze codes' to kappa; and
-/// what the eyes' optics (avatar/eye_optics.hpp) add to those of the eyes' transforms.
+/// to something that is trained: the pose code's, and the pose's of an eye appearance, to the
+/// frame's pose, the gaze codes' to kappa; and what the eyes' optics (avatar/eye_optics.hpp) add to
+/// those of the eyes' transforms.
 #pragma once
 
 #include <rye/avatar/drivers.hpp>
@@ -10,15 +11,24 @@
 
 namespace rye {
 
+/// Whether the eyes' appearance reads the head pose.
+template <EffectSet E>
+inline constexpr bool eyes_read_pose =
+    EyeAppearanceOf<E>::reads_inputs && has_effect<E, ReadsHeadPose>;
+struct EyesKeepTheirFeatures {};
+
 /// Cotangents of the codes of a frame that lead to trained parameters, and of the eyes' optics.
 template <class T, EffectSet E = PaperEffects>
 struct FrameCotangent {
     [[no_unique_address]] Slot<E, ReadsPoseCode, VecX<T>> pose;
     [[no_unique_address]] KappaSlot<E, VecX<T>> gaze;
     [[no_unique_address]] Slot<E, SeesCornea, OpticsCotangent<T>> optics;
+    /// Of the head pose as the eyes' appearance reads it, 6.
+    [[no_unique_address]] PresentIf<eyes_read_pose<E>, EyesKeepTheirFeatures, Vec<T, 6>> eye_pose;
 
     explicit FrameCotangent(const FrameCode<T, E>& code) {
         if constexpr (has_effect<E, ReadsPoseCode>) pose = VecX<T>::Zero(code.pose.size());
+        if constexpr (eyes_read_pose<E>) eye_pose.setZero();
         for_eyes([&]<std::size_t eye>() {
             if constexpr (skin_follows<E, eye> && has_effect<E, Kappa>)
                 of_eye<eye>(gaze) = VecX<T>::Zero(of_eye<eye>(code.gaze).size());

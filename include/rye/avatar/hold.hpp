@@ -3,7 +3,9 @@
 /// one frame's drivers is kept in the canonical attributes, so that the avatar looks as it did
 /// there, whatever the effects that are left do.
 /// The head pose has nothing to keep: without it the avatar is in the head's frame, and the camera
-/// (and lights) move instead. Without Kappa the gazes that drive it are optical axes.
+/// (and lights) move instead. The face without HeadShading has the colours of the head at rotation
+/// 0, which no constant added to its networks' colours can change. Without Kappa the gazes that
+/// drive it are optical axes.
 #pragma once
 
 #include <rye/avatar/two_stream.hpp>
@@ -64,6 +66,8 @@ TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
     const EyeStream<T, E>& eyes = all.eyes;
     if constexpr (std::same_as<EyeAppearanceOf<Fewer>, EyeAppearanceOf<E>>)
         a.eyes.appearance() = eyes.appearance();
+    else if constexpr (requires { a.eyes.feature = eyes.feature; })
+        a.eyes.feature = eyes.feature; // constants; what is generated has no parameters then
     if constexpr (std::same_as<GazeMechanismOf<Fewer>, GazeMechanismOf<E>>)
         a.eyes.mechanism() = eyes.mechanism();
     a.eyes.log_scale = eyes.log_scale;
@@ -82,6 +86,7 @@ TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
     copy_slot(eyes.optics.light_width, a.eyes.optics.light_width);
     a.upsampler = all.upsampler;
     copy_slot(all.delta_pose, a.delta_pose);
+    copy_slot(all.shading, a.shading);
     return a;
 }
 
@@ -91,7 +96,13 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
                          const LandmarkRoles& roles, const Drivers<T, E>& drivers) {
     TwoStream<T, Fewer> a = restricted<Fewer>(all);
     TwoStreamTrace<T, E> trace;
-    drive(backend, all, {config, roles, drivers}, trace);
+    if constexpr (has_effect<E, HeadShading> && has_effect<Fewer, HeadShading>) {
+        TwoStream<T, E> unshaded = all;  // what is kept is shaded again
+        unshaded.shading = {};
+        drive(backend, unshaded, {config, roles, drivers}, trace);
+    } else {
+        drive(backend, all, {config, roles, drivers}, trace);
+    }
     [[maybe_unused]] const FaceTrace<T, E>& t = trace.face;
     FaceStream<T, Fewer>& face = a.face;
     if constexpr (face_rests<Fewer> && has_effect<Fewer, FaceDrivers>)
@@ -123,7 +134,8 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
         });
     if constexpr (has_effect<E, CornealRefraction> && !has_effect<Fewer, CornealRefraction>)
         a.eyes.position << trace.eyes.optics.seen[0], trace.eyes.optics.seen[1];
-    if constexpr (has_effect<E, Glint> && !has_effect<Fewer, Glint>)
+    if constexpr ((has_effect<E, Glint> && !has_effect<Fewer, Glint>) ||
+                  (EyeAppearanceOf<E>::reads_inputs && !EyeAppearanceOf<Fewer>::reads_inputs))
         a.eyes.feature = trace.gaussians.feature.rightCols(a.eyes.position.cols());
     const Drivers<T, E>& optical = optical_drivers(all.eyes, drivers);
     for_eyes([&]<std::size_t eye>() {

@@ -6,12 +6,13 @@
 
 #include <rye/avatar/eye_stream.hpp>
 #include <rye/avatar/face_stream.hpp>
+#include <rye/avatar/head_shading.hpp>
 #include <rye/avatar/own_effects.hpp>
 
 namespace rye {
 
 /// Trained parameters of an avatar: its face, its eyes, its upsampler, corrections of the tracked
-/// head poses, and those of own effects.
+/// head poses, its shading, and those of own effects.
 template <class T, EffectSet E = PaperEffects>
 struct TwoStream : OwnParameters<T, E> {
     FaceStream<T, E> face;
@@ -19,6 +20,7 @@ struct TwoStream : OwnParameters<T, E> {
     UpsamplerOf<T, E> upsampler;
     /// 6 x training frames, added to the tracked pose.
     [[no_unique_address]] Slot<E, ReadsHeadPose, Columns<T>> delta_pose;
+    [[no_unique_address]] Slot<E, HeadShading, Shading<T>> shading;
 
     template <class F, class... P>
     static void fields(F&& f, P&&... p) {
@@ -27,6 +29,8 @@ struct TwoStream : OwnParameters<T, E> {
         nested_fields<EyeStream<T, E>>("eyes", f, p.eyes...);
         nested_fields<UpsamplerOf<T, E>>("upsampler", f, p.upsampler...);
         if constexpr (has_effect<E, ReadsHeadPose>) f("delta_poses", p.delta_pose...);
+        if constexpr (has_effect<E, HeadShading>)
+            nested_fields<Shading<T>>("shading", f, p.shading...);
     }
     template <class F, class... P>
     static void buffers(F&& f, P&&... p) {
@@ -59,7 +63,16 @@ struct TwoStreamTrace : TwoStreamGaussians<T> {
     [[no_unique_address]] FaceTrace<T, E> face;
     [[no_unique_address]] EyeTrace<T, E> eyes;
     [[no_unique_address]] OwnTrace<T, E> own;
+    [[no_unique_address]] Slot<E, HeadShading, ShadingTrace<T>> shading;
 };
+
+/// The frame as the avatar's shading reads it.
+template <class T, EffectSet E>
+    requires has_effect<E, HeadShading>
+ShadedFrame<T> shaded_frame(const TwoStream<T, E>& avatar, const Drivers<T, E>& drivers) {
+    return {drivers.pose.template head<3>(), avatar.face.position.cols(),
+            avatar.eyes.points_of(0)};
+}
 
 /// Drives both streams: the Gaussians are trace.gaussians. Without a head pose the head's frame is
 /// the world.
@@ -88,6 +101,8 @@ void drive(const B& backend, const TwoStream<T, E>& avatar,
     } else {
         eye_gaussians<T>(backend, avatar.eyes, {config, optical, trace.code}, {trace.eyes, g, n});
     }
+    if constexpr (has_effect<E, HeadShading>)
+        shade(backend, avatar.shading, shaded_frame(avatar, drivers), g.feature, trace.shading);
 }
 
 /// World cotangents of the Gaussians, which drive_vjp consumes, and the parameters' gradients,
@@ -112,6 +127,12 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
     Vec<T, 6> g_pose = Vec<T, 6>::Zero();
     FrameCotangent<T, E> g_frame(trace.code);
     const Index n = trace.face_count;
+    [[maybe_unused]] Vec3<T> g_shaded;
+    if constexpr (has_effect<E, HeadShading>)
+        g_shaded =
+            shade_vjp(backend, avatar.shading,
+                      {shaded_frame(avatar, drivers), trace.gaussians.feature, trace.shading},
+                      g.feature, grad.shading);
     [[maybe_unused]] const auto optics_vjp = [&](const auto&... head) {
         if constexpr (has_effect<E, SeesCornea>)
             eye_optics_vjp(avatar.eyes.optics,
@@ -151,6 +172,8 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
     if constexpr (has_effect<E, ReadsPoseCode>)
         g_pose +=
             EncodingOf<E>::vjp(trace.code.pose, g_frame.pose, config.pose_frequencies);
+    if constexpr (has_effect<E, HeadShading>) g_pose.template head<3>() += g_shaded;
+    if constexpr (eyes_read_pose<E>) g_pose += g_frame.eye_pose;
     return g_pose;
 }
 

@@ -159,10 +159,20 @@ struct Glint {
     static constexpr EffectBound droppable{1e-3, "a light's intensity"};
 };
 
+/// Colours by the head's rotation, under lights that stay while it turns (avatar/head_shading.hpp).
+/// Not in the paper.
+struct HeadShading {
+    static constexpr std::string_view name = "head shading";
+    static constexpr Reads reads = Reads::head_pose;
+    static constexpr Touches touches = Touches::colour;
+    static constexpr std::string_view neutral = "light 0";
+    static constexpr EffectBound droppable{1e-3, "a rotation of the head [rad]"};
+};
+
 static_assert(Effect<Expression> && Effect<HeadPose> && Effect<PoseResidual> && Effect<LeftGaze> &&
               Effect<RightGaze> && Effect<EyeOffset> && Effect<Kappa> && Effect<Periocular> &&
               Effect<CornealBulge> && Effect<CornealRefraction> && Effect<Glint> &&
-              !Effect<EffectBound>);
+              Effect<HeadShading> && !Effect<EffectBound>);
 
 /// Any of several effects, for members that more than one of them needs.
 template <Effect... X>

@@ -1,15 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/eye_appearance.hpp: source of the features of the eyeballs' Gaussians, as a policy. The
 /// default: free constants, one column per Gaussian. Another may generate them from the frame's
-/// drivers (the paper's "dedicated dynamic generator", section 3.2).
+/// drivers (the paper's "dedicated dynamic generator", section 3.2): rig/driven_features.hpp.
 #pragma once
 
+#include <array>
 #include <concepts>
 #include <string>
+#include <type_traits>
 
 #include <rye/core/columns.hpp>
 #include <rye/core/fields.hpp>
 #include <rye/core/random.hpp>
+#include <rye/math/linalg.hpp>
 
 namespace rye {
 
@@ -20,6 +23,24 @@ struct EyeInputs {
     Index left_points;            ///< number of the left eye's points
     const VecX<T>& expression;    ///< code of the frame; empty where no effect reads it
     const Columns<T>& gaze; ///< optical axes, head frame, 3 x 2; +z for an eye that does not rotate
+    /// The head's axis-angle [rad] and translation [world unit], 6; empty where no effect reads it.
+    const VecX<T>& pose;
+};
+
+/// Cotangents of those inputs that lead to something trained: the gaze to kappa, the head pose to
+/// its correction for a frame.
+template <class T>
+struct EyeInputsCotangent {
+    std::array<Vec3<T>, 2> gaze{Vec3<T>::Zero(), Vec3<T>::Zero()}; ///< of EyeInputs::gaze
+    Vec<T, 6> pose = Vec<T, 6>::Zero(); ///< of EyeInputs::pose; 0 where that is empty
+};
+
+/// Sizes of an eye appearance and of its inputs.
+struct AppearanceSizes {
+    int channels;   ///< C, features of a Gaussian
+    Index points;   ///< P, of both eyes
+    int expression; ///< size of EyeInputs::expression
+    int pose;       ///< size of EyeInputs::pose: 6 or 0
 };
 
 /// The default appearance: a trained feature for each point.
@@ -61,19 +82,50 @@ struct FreeFeatures {
     }
 };
 
-/// FreeFeatures documents each function. Parameters<T> is a struct with fields().
+/// FreeFeatures documents each function. Parameters<T> is a struct with fields(). An appearance
+/// whose networks read the frame is initialised by init(AppearanceSizes, Random) instead, and its
+/// features_vjp returns an EyeInputsCotangent<T> where features depend on gaze or head pose.
 template <class A>
 concept EyeAppearance =
     requires(const typename A::template Parameters<float>& p,
              typename A::template Parameters<float>& grad, const EyeInputs<float>& inputs,
              ColumnsSpan<float> feature, const ColumnsView<float>& g, const Random& random) {
         { A::reads_inputs } -> std::convertible_to<bool>;
-        {
-            A::template init<typename A::template Parameters<float>>(3, Index(1), random)
-        } -> std::same_as<typename A::template Parameters<float>>;
+        requires requires {
+            {
+                A::template init<typename A::template Parameters<float>>(3, Index(1), random)
+            } -> std::same_as<typename A::template Parameters<float>>;
+        } || requires(const AppearanceSizes& sizes) {
+            {
+                A::template init<typename A::template Parameters<float>>(sizes, random)
+            } -> std::same_as<typename A::template Parameters<float>>;
+        };
         A::features(0, p, inputs, feature);
         A::features_vjp(0, p, inputs, g, grad);
     };
 static_assert(EyeAppearance<FreeFeatures>);
+
+/// The first parameters of an appearance.
+template <EyeAppearance A, class T>
+typename A::template Parameters<T> init_eye_appearance(const AppearanceSizes& sizes,
+                                                       const Random& random) {
+    using P = typename A::template Parameters<T>;
+    if constexpr (requires { A::template init<P>(sizes, random); })
+        return A::template init<P>(sizes, random);
+    else
+        return A::template init<P>(sizes.channels, sizes.points, random);
+}
+
+/// features_vjp of any appearance, with the cotangent of its inputs: 0 where it returns none.
+template <EyeAppearance A, class B, class P, class T>
+EyeInputsCotangent<T> eye_appearance_vjp(const B& backend, const P& p, const EyeInputs<T>& inputs,
+                                         const std::type_identity_t<ColumnsView<T>>& g, P& grad) {
+    if constexpr (std::is_void_v<decltype(A::features_vjp(backend, p, inputs, g, grad))>) {
+        A::features_vjp(backend, p, inputs, g, grad);
+        return {};
+    } else {
+        return A::features_vjp(backend, p, inputs, g, grad);
+    }
+}
 
 } // namespace rye

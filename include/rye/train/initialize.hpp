@@ -121,30 +121,60 @@ void leave_eyeball(const Columns<T>& eyeball, const Vec3<T>& centre, Columns<T>&
     }
 }
 
-/// Error if the guidance mesh has no surface.
+/// Where the face's Gaussians begin.
+template <class T>
+struct FacePoints {
+    TriangleMesh<T> surface; ///< neutral, refined, outside the eyeballs
+    Columns<T> feature;      ///< of its vertices
+    Columns<T> mouth;        ///< points in the mouth, after them, 3 x M
+    std::array<EyeballTemplate<T>, 2> eyeball;
+
+    /// Unit normals of all, 3 x N; +z in the mouth.
+    Columns<T> normals() const {
+        Columns<T> n(3, surface.vertices.cols() + mouth.cols());
+        n << detail::vertex_normals(surface.vertices, surface.faces),
+            Vec3<T>(T(0), T(0), T(1)).replicate(1, mouth.cols());
+        return n;
+    }
+};
+
+/// The points of initialize_avatar with the same arguments. Error if the guidance mesh has no
+/// surface.
 template <Real T, EffectSet E, Backend B>
-TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& mesh,
-                                  const AvatarConfig& config, const AvatarInit<T, E>& init,
-                                  const Random& random) {
+FacePoints<T> face_points(const B& backend, const GuidanceMesh<T, E>& mesh,
+                          const AvatarConfig& config, const AvatarInit<T, E>& init,
+                          const Random& random) {
     const NeutralSurface<T> neutral = neutral_surface(backend, mesh, config, init.grid);
     require(!neutral.empty(), "initialize_avatar",
             "the guidance mesh of stage 1 has no surface (its signed distance has one sign "
             "everywhere), expected a head; check units and head pose with `rye info`, or train "
             "stage 1 for longer");
+    FacePoints<T> points{
+        {neutral.surface.positions, neutral.surface.topology.faces},
+        neutral.feature,
+        {},
+        {eyeball_template<T>(init.eyeball[0]), eyeball_template<T>(init.eyeball[1])}};
     // Eyes and lips among the landmarks (36 to 47, 48 to 65 of GHA's numbering).
-    const Columns<T> lips = mesh.landmarks.middleCols(48, 18);
-    TriangleMesh<T> mesh_of{neutral.surface.positions, neutral.surface.topology.faces};
-    Columns<T> feature = neutral.feature;
     if (init.spacing > T(0))
         refine_at_landmarks<T>(backend, mesh.landmarks.middleCols(36, 30),
-                               {init.spacing, init.spacing_slope}, mesh_of, feature);
-    const std::array<EyeballTemplate<T>, 2> eyeball{eyeball_template<T>(init.eyeball[0]),
-                                                    eyeball_template<T>(init.eyeball[1])};
+                               {init.spacing, init.spacing_slope}, points.surface, points.feature);
     for (Index eye = 0; eye < 2; ++eye)
-        leave_eyeball<T>(eyeball[static_cast<std::size_t>(eye)].points, init.eye_centre.col(eye),
-                         mesh_of.vertices);
-    const Columns<T>& surface = mesh_of.vertices;
-    const Columns<T> mouth = mouth_points(lips, init.mouth_points, random.fork(21));
+        leave_eyeball<T>(points.eyeball[static_cast<std::size_t>(eye)].points,
+                         init.eye_centre.col(eye), points.surface.vertices);
+    points.mouth =
+        mouth_points<T>(mesh.landmarks.middleCols(48, 18), init.mouth_points, random.fork(21));
+    return points;
+}
+
+/// Error if the guidance mesh has no surface.
+template <Real T, EffectSet E, Backend B>
+TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& mesh,
+                                  const AvatarConfig& config, const AvatarInit<T, E>& init,
+                                  const Random& random) {
+    const FacePoints<T> points_of_face = face_points(backend, mesh, config, init, random);
+    const Columns<T>&surface = points_of_face.surface.vertices, &mouth = points_of_face.mouth;
+    const Columns<T>& feature = points_of_face.feature;
+    const std::array<EyeballTemplate<T>, 2>& eyeball = points_of_face.eyeball;
     const Index n = surface.cols() + mouth.cols();
 
     TwoStream<T, E> a;
@@ -188,8 +218,8 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     e.position.resize(3, points);
     e.position << eyeball[0].points, eyeball[1].points;
     e.centre = init.eye_centre;
-    e.appearance() = EyeAppearanceOf<E>::template init<EyeAppearanceParameters<T, E>>(
-        config.channels, points, random.fork(24));
+    e.appearance() = init_eye_appearance<EyeAppearanceOf<E>, T>(
+        appearance_sizes<E>(config, points), random.fork(24));
     e.mechanism() = GazeMechanismOf<E>::template init<GazeMechanismParameters<T, E>>(
         config.channels, random.fork(26));
     e.spacing.resize(1, points);
@@ -210,6 +240,8 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     a.upsampler = UpsamplerOf<T, E>::init(init.upsampler, random.fork(25));
     if constexpr (has_effect<E, ReadsHeadPose>)
         a.delta_pose = Columns<T>::Zero(6, std::max<Index>(init.frames, 1));
+    if constexpr (has_effect<E, HeadShading>)
+        a.shading = initial_shading<T>(points_of_face.normals());
     return a;
 }
 

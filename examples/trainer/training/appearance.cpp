@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/appearance.hpp"
+
+#include <rye/avatar/hold.hpp>
+
+namespace rye::trainer {
+
+AppearanceAvatar appearance_avatar(const Avatar& avatar, const TrainConfig& config,
+                                   const Columns<float>& normals, const Random& random) {
+    AppearanceAvatar a = restricted<AppearanceEffects>(avatar);
+    a.eyes.kappa = Columns<float>::Zero(2, 2);
+    const AppearanceSizes sizes =
+        appearance_sizes<AppearanceEffects>(config.avatar, avatar.eyes.position.cols());
+    if (config.eye_appearance == EyeAppearanceName::driven)
+        a.eyes.networks = init_eye_appearance<DrivenFeatures, float>(sizes, random).networks;
+    if (config.shading == ShadingName::head_pose) a.shading = initial_shading<float>(normals);
+    return a;
+}
+
+Avatar without_appearance(const AppearanceAvatar& avatar) {
+    return restricted<TrainEffects>(avatar);
+}
+
+Avatar held_appearance(const AppearanceAvatar& avatar, const AvatarConfig& config,
+                       const LandmarkRoles& roles, const Drivers<float>& drivers) {
+    AppearanceAvatar unshaded = avatar;
+    unshaded.shading = {};
+    return held<TrainEffects>(train_backend(), unshaded, config, roles,
+                              restricted<AppearanceEffects>(drivers));
+}
+
+TwoStreamGaussians<float> driven_appearance(const AppearanceAvatar& avatar,
+                                            const AvatarConfig& config, const LandmarkRoles& roles,
+                                            const Drivers<float>& drivers) {
+    TwoStreamTrace<float, AppearanceEffects> trace;
+    drive(train_backend(), avatar, {config, roles, restricted<AppearanceEffects>(drivers)}, trace);
+    return trace;
+}
+
+void require_appearance_fits(const AppearanceAvatar& avatar, const TrainConfig& config,
+                             const std::string& who) {
+    const auto agree = [&](const char* name, const Columns<float>& a, Index rows, Index cols) {
+        require(a.rows() == rows && a.cols() == cols, who,
+                std::string("tensor 'avatar.") + name + "': got shape (" +
+                    std::to_string(a.cols()) + ", " + std::to_string(a.rows()) + "), expected (" +
+                    std::to_string(cols) + ", " + std::to_string(rows) + ")");
+    };
+    agree("eyes.kappa", avatar.eyes.kappa, 2, 2);
+    if (config.gaze_axis == GazeAxis::optical)
+        require((avatar.eyes.kappa.array() == 0).all(), who,
+                "tensor 'avatar.eyes.kappa': got an angle that is not 0, expected none: the run's "
+                "gaze_axis is 'optical'");
+    if (config.shading == ShadingName::none) return;
+    agree("shading.light", avatar.shading.light, 8, 3);
+    agree("shading.normal", avatar.shading.normal, 3, avatar.face.position.cols());
+    agree("shading.eye_normal", avatar.shading.eye_normal, 3, 2);
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/rig/driven_features.hpp: features of the eyeballs' Gaussians that the frame drives: trained
+/// constants plus, for each eye, a small network of where a point is on the eyeball, where the gaze
+/// turns it to, the gaze, the head's rotation and the expression. So highlights and the shadow of
+/// the lids need not turn with the eyeball.
+/// Frames: the eyeball's for template points, the head's for turned points and gazes.
+/// Source: paper section 3.2, the eye stream's "dedicated dynamic generator", whose inputs and size
+/// it does not give.
+#pragma once
+
+#include <array>
+
+#include <rye/autodiff/dual.hpp>
+#include <rye/math/rotation.hpp>
+#include <rye/nn/encoding.hpp>
+#include <rye/nn/mlp.hpp>
+#include <rye/rig/eye_appearance.hpp>
+
+namespace rye {
+
+/// An EyeAppearance: EyesBy<DrivenFeatures> names it. The networks' last layers start at 0, so that
+/// training starts with the picture of FreeFeatures; their weights of gaze, head rotation and
+/// expression start at 0, so that a driver that does not vary in training changes nothing later.
+/// Without networks (default-constructed ones) the features are the constants.
+struct DrivenFeatures {
+    static constexpr bool reads_inputs = true;
+    static constexpr int frequencies = 3; ///< octaves of the encoding of directions
+    static constexpr int width = 48;      ///< of both hidden layers
+
+    /// Its trained parameters.
+    template <class T>
+    struct Parameters {
+        Columns<T> feature;             ///< C x P: left eye, then right
+        std::array<Mlp<T>, 2> networks; ///< left, right: inputs to C
+        template <class F, class... P>
+        static void fields(F&& f, P&&... p) {
+            f("feature", p.feature...);
+            nested_fields<Mlp<T>>("left_appearance_mlp", f, p.networks[0]...);
+            nested_fields<Mlp<T>>("right_appearance_mlp", f, p.networks[1]...);
+        }
+    };
+    /// Rows that a point gives a network: codes of its direction from the eyeball's centre at rest
+    /// and turned.
+    static constexpr Index point_inputs() { return 2 * encoded_size(3, frequencies); }
+    /// The shape of each network.
+    static MlpShape shape(const AppearanceSizes& sizes) {
+        const int frame = 3 + (sizes.pose > 0 ? 3 : 0) + sizes.expression;
+        return {{static_cast<int>(point_inputs()) + frame, width, width, sizes.channels}, frame};
+    }
+    /// Constants as FreeFeatures has them, and networks of which nothing is seen yet.
+    template <class P>
+    static P init(const AppearanceSizes& sizes, const Random& random) {
+        using T = typename decltype(P::feature)::Scalar;
+        P p;
+        p.feature =
+            FreeFeatures::init<FreeFeatures::Parameters<T>>(sizes.channels, sizes.points, random)
+                .feature;
+        const MlpShape s = shape(sizes);
+        for (std::size_t eye = 0; eye < 2; ++eye) {
+            Mlp<T>& mlp = p.networks[eye] = Mlp<T>::init(s, random.fork(eye + 1));
+            for (int l = 0; l < s.layers(); ++l)
+                if (s.reads_input(l))
+                    mlp.weight[static_cast<std::size_t>(l)].rightCols(s.frame_inputs).setZero();
+            mlp.weight.back().setZero();
+            mlp.bias.back().setZero();
+        }
+        return p;
+    }
+    /// Writes the features, C x P: whole columns, contiguous.
+    template <class B, class P, class T>
+    static void features(const B& backend, const P& p, const EyeInputs<T>& in,
+                         ColumnsSpan<T> feature) {
+        Eigen::Map<Columns<T>>(feature.data(), p.feature.rows(), p.feature.cols()) = p.feature;
+        for (std::size_t eye = 0; eye < 2; ++eye) {
+            if (p.networks[eye].weight.empty()) continue;
+            const Evaluated<T> x(in, eye);
+            feature.middleCols(x.first, x.direction.cols()) +=
+                mlp_forward<T>(backend, p.networks[eye], x.points, x.frame, nullptr);
+        }
+    }
+    /// Accumulates the parameters' gradient from the features' cotangent; returns that of the
+    /// inputs.
+    template <class B, class P, class T>
+    static EyeInputsCotangent<T> features_vjp(const B& backend, const P& p, const EyeInputs<T>& in,
+                                              const ColumnsView<T>& g, P& grad) {
+        EyeInputsCotangent<T> g_in;
+        grad.feature += g;
+        for (std::size_t eye = 0; eye < 2; ++eye) {
+            if (p.networks[eye].weight.empty()) continue;
+            const Evaluated<T> x(in, eye);
+            MlpTrace<T> trace;
+            mlp_forward<T>(backend, p.networks[eye], x.points, x.frame, &trace);
+            Columns<T> g_points;
+            VecX<T> g_frame;
+            mlp_vjp<T>(backend, p.networks[eye], {x.points, x.frame, trace},
+                       g.middleCols(x.first, x.direction.cols()),
+                       {grad.networks[eye], &g_points, &g_frame});
+            g_in.gaze[eye] = x.gaze_vjp(g_points, g_frame);
+            if (in.pose.size() > 0) g_in.pose.template head<3>() += g_frame.template segment<3>(3);
+        }
+        return g_in;
+    }
+
+  private:
+    /// What the network of an eye reads.
+    template <class T>
+    struct Evaluated {
+        Index first;          ///< column of the eye's first point
+        Vec3<T> gaze;         ///< as it came, of any length
+        Columns<T> direction; ///< of its points from the eyeball's centre at rest, unit, 3 x n
+        Columns<T> points;    ///< point_inputs() x n
+        VecX<T> frame;        ///< unit gaze, head's axis-angle, expression
+
+        Evaluated(const EyeInputs<T>& in, std::size_t eye)
+            : first(eye == 0 ? 0 : in.left_points),
+              gaze(in.gaze.col(static_cast<Index>(eye))),
+              direction(3, eye == 0 ? in.left_points : in.position.cols() - in.left_points) {
+            for (Index i = 0; i < direction.cols(); ++i)
+                direction.col(i) = normalized(Vec3<T>(in.position.col(first + i)));
+            const Vec3<T> unit = normalized(gaze);
+            const Columns<T> turned = turn_of(unit) * direction;
+            points.resize(point_inputs(), direction.cols());
+            points << positional_encoding(direction, frequencies),
+                positional_encoding(turned, frequencies);
+            const Index rotation = in.pose.size() > 0 ? 3 : 0;
+            frame.resize(3 + rotation + in.expression.size());
+            frame << unit, in.pose.head(rotation), in.expression;
+        }
+        /// The smallest rotation from +z.
+        template <class S>
+        static Mat3<S> turn_of(const Vec3<S>& unit) {
+            return quat_matrix(shortest_arc(Vec3<S>(S(0), S(0), S(1)), unit));
+        }
+        /// The gaze's cotangent: by the turn of the points, and as an input.
+        Vec3<T> gaze_vjp(const Columns<T>& g_points, const VecX<T>& g_frame) const {
+            using D = Dual<T, 3>;
+            const Index half = point_inputs() / 2;
+            const Columns<T> g_turned = positional_encoding_vjp(
+                points.bottomRows(half), g_points.bottomRows(half), frequencies);
+            const Mat3<T> g_turn = g_turned * direction.transpose();
+            Vec3<D> v;
+            for (int k = 0; k < 3; ++k) v[k] = D::variable(gaze[k], static_cast<std::size_t>(k));
+            const Vec3<D> unit = normalized(v);
+            const Mat3<D> turn = turn_of(unit);
+            Vec3<T> sum(T(0), T(0), T(0));
+            for (int k = 0; k < 3; ++k) {
+                const std::size_t by = static_cast<std::size_t>(k);
+                for (int i = 0; i < 9; ++i)
+                    sum[k] += g_turn(i / 3, i % 3) * turn(i / 3, i % 3).d[by];
+                for (int i = 0; i < 3; ++i) sum[k] += g_frame[i] * unit[i].d[by];
+            }
+            return sum;
+        }
+    };
+};
+static_assert(EyeAppearance<DrivenFeatures>);
+
+} // namespace rye

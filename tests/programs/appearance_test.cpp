@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: Apache-2.0
+// Runs whose eyes' features are driven and whose head is shaded (training/appearance.hpp).
+#include "training/appearance.hpp"
+
+#include <filesystem>
+#include <string>
+
+#include <doctest/doctest.h>
+
+#include <rye/capture/safetensors.hpp>
+
+#include "../support/hostile.hpp"
+#include "tiny_run.hpp"
+#include "training/steps.hpp"
+#include "training/variants.hpp"
+
+using namespace rye;
+using namespace rye::trainer;
+namespace fs = std::filesystem;
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct Folder {
+    fs::path path = fs::temp_directory_path() / "rye_appearance_test";
+    Folder() {
+        fs::remove_all(path);
+        fs::create_directories(path);
+    }
+    ~Folder() { fs::remove_all(path); }
+};
+
+/// The tiny run as one that begins with these.
+TrainState begun(EyeAppearanceName eyes, ShadingName shading) {
+    TrainState s = tiny_state();
+    s.config.eye_appearance = eyes;
+    s.config.shading = shading;
+    const Index n = s.avatar.face.position.cols();
+    AppearanceTraining& t = s.appearance.emplace();
+    t.avatar = appearance_avatar(s.avatar, s.config, Vec3<float>(0, 0, 1).replicate(1, n).eval(),
+                                 Random{3, 0});
+    t.adam = Adam<AppearanceAvatar>(t.avatar);
+    s.avatar = {};
+    s.avatar_adam = {};
+    return s;
+}
+
+/// All of it, with parameters that show.
+TrainState trained() {
+    TrainState s = begun(EyeAppearanceName::driven, ShadingName::head_pose);
+    AppearanceAvatar& a = s.appearance->avatar;
+    for (Mlp<float>& mlp : a.eyes.networks) mlp.weight.back().setConstant(0.02f);
+    a.shading.light.setConstant(0.3f);
+    s.step = 1;
+    return s;
+}
+
+/// A picture of a grey and a white half, all of it eyes.
+AvatarSample<float> small_sample(const TrainState& state) {
+    AvatarSample<float> s;
+    s.drivers = test::tiny_drivers<float>();
+    s.frame = 1;
+    s.camera = test::tiny_camera(32, 24).cast<float>();
+    const Index pixels = 32 * 24;
+    s.truth_small = Image<float>(32, 24, 3);
+    s.truth_small.pixels.setConstant(0.5f);
+    s.truth_small.pixels.leftCols(pixels / 2).setOnes();
+    s.truth = Image<float>(64, 48, 3);
+    s.truth.pixels.setConstant(0.5f);
+    s.truth.pixels.leftCols(2 * pixels).setOnes();
+    for (Columns<float>* a : {&s.visible_small, &s.eyes_small, &s.mask_small})
+        *a = Columns<float>::Ones(1, pixels);
+    for (Columns<float>* a : {&s.visible, &s.eyes}) *a = Columns<float>::Ones(1, 4 * pixels);
+    s.background = s.blank = VecX<float>::Ones(state.config.avatar.channels);
+    return s;
+}
+
+bool equal(const Gaussians<float>& a, const Gaussians<float>& b) {
+    bool same = true;
+    Gaussians<float>::fields(
+        [&](const std::string&, const auto& x, const auto& y) { same = same && x == y; }, a, b);
+    return same;
+}
+
+template <class F>
+std::string message_of(F&& f) {
+    try {
+        f();
+    } catch (const Error& e) {
+        return e.what();
+    }
+    return "accepted";
+}
+
+} // namespace
+
+TEST_CASE("appearance: fields of the configuration, which no preset sets") {
+    for (const char* name : {"tiny", "cpu", "paper"}) {
+        CHECK_FALSE(has_appearance(preset(name)));
+        CHECK(to_json(preset(name))["avatar"]["eye_appearance"] == "free");
+        CHECK(to_json(preset(name))["avatar"]["shading"] == "none");
+    }
+    TrainConfig c = preset("tiny");
+    from_json(Json::parse(R"({"avatar": {"eye_appearance": "driven", "shading": "head_pose"}})"),
+              "x", c);
+    CHECK(c.eye_appearance == EyeAppearanceName::driven);
+    CHECK(c.shading == ShadingName::head_pose);
+    TrainConfig again = preset("paper");
+    from_json(to_json(c), "x", again);
+    CHECK(to_json(again) == to_json(c));
+    const auto refused = [](const char* text) {
+        TrainConfig d = preset("tiny");
+        return message_of([&] { from_json(Json::parse(text), "my.json", d); });
+    };
+    CHECK(refused(R"({"avatar": {"eye_appearance": "fixed"}})") ==
+          "my.json: field 'avatar.eye_appearance': got \"fixed\", expected \"free\" or \"driven\"");
+    CHECK(refused(R"({"avatar": {"shading": true}})") ==
+          "my.json: field 'avatar.shading': got true, expected \"none\" or \"head_pose\"");
+    CHECK(refused(R"({"avatar": {"shading": "head_pose", "gaze_mechanism": "condition"}})") ==
+          "my.json: field 'avatar.gaze_mechanism': got \"condition\", expected \"rotation\", as "
+          "eye_appearance is \"free\" and shading \"head_pose\"");
+}
+
+TEST_CASE("appearance: a run begins with the picture of one without it, to the bit") {
+    const Drivers<float> drivers = test::tiny_drivers<float>();
+    const Gaussians<float> plain = driven_gaussians(tiny_state(), drivers);
+    const auto look = [&](EyeAppearanceName eyes, ShadingName shading) {
+        return driven_gaussians(drawn_state(begun(eyes, shading)), drivers);
+    };
+    CHECK(equal(look(EyeAppearanceName::driven, ShadingName::head_pose), plain));
+    CHECK(equal(look(EyeAppearanceName::free, ShadingName::head_pose), plain));
+    CHECK(equal(look(EyeAppearanceName::driven, ShadingName::none), plain));
+    CHECK_FALSE(equal(driven_gaussians(drawn_state(trained()), drivers), plain));
+}
+
+TEST_CASE("appearance: a run comes back from its checkpoint, with the tensors that are on") {
+    const Folder folder;
+    for (const bool eyes : {false, true})
+        for (const bool shading : {false, true}) {
+            if (!eyes && !shading) continue;
+            TrainState state = begun(eyes ? EyeAppearanceName::driven : EyeAppearanceName::free,
+                                     shading ? ShadingName::head_pose : ShadingName::none);
+            state.appearance->adam.step = 7;
+            save_checkpoint(folder.path, state);
+            const Safetensors file = read_safetensors(checkpoint_path(folder.path));
+            CHECK(file.has("avatar.eyes.left_appearance_mlp.conv0.weight") == eyes);
+            CHECK(file.has("avatar.shading.light") == shading);
+            const TrainState back = load_checkpoint(folder.path);
+            REQUIRE(back.appearance.has_value());
+            CHECK(back.appearance->adam.step == 7);
+            AppearanceAvatar::fields([](const std::string& name, const auto& a,
+                                        const auto& b) { CHECK_MESSAGE(a == b, name); },
+                                     back.appearance->avatar, state.appearance->avatar);
+        }
+}
+
+TEST_CASE("appearance: tensors that are missing or of another shape are named") {
+    const Folder folder;
+    const auto message = [&](const TrainState& state) {
+        save_checkpoint(folder.path, state);
+        return message_of([&] { load_checkpoint(folder.path); });
+    };
+    TrainState state = trained();
+    state.appearance->avatar.shading.light.resize(4, 3);
+    state.appearance->avatar.shading.light.setZero();
+    state.appearance->adam = Adam<AppearanceAvatar>(state.appearance->avatar);
+    CHECK(message(state).find("avatar.shading.light") != std::string::npos);
+    state = trained();
+    state.appearance->avatar.eyes.kappa(0, 1) = 0.1f;
+    CHECK(message(state).find("tensor 'avatar.eyes.kappa': got an angle that is not 0, expected "
+                              "none: the run's gaze_axis is 'optical'") != std::string::npos);
+    state = trained();
+    state.config.eye_appearance = EyeAppearanceName::driven;
+    state.appearance->avatar.eyes.networks = {};
+    state.appearance->adam = Adam<AppearanceAvatar>(state.appearance->avatar);
+    CHECK(message(state).find("left_appearance_mlp") != std::string::npos);
+    state = tiny_state();
+    state.config.shading = ShadingName::head_pose;
+    CHECK(message(state).find("there is no tensor 'avatar.eyes.kappa'") != std::string::npos);
+    state = trained();
+    state.appearance->avatar.shading.normal(1, 2) = NAN;
+    CHECK(message_of([&] {
+              save_checkpoint(folder.path, state);
+          }).find("'avatar.shading.normal'") != std::string::npos);
+}
+
+TEST_CASE("appearance: steps train light, normals and the eyes' networks, and no kappa") {
+    TrainState state = begun(EyeAppearanceName::driven, ShadingName::head_pose);
+    const AppearanceAvatar before = state.appearance->avatar;
+    const auto steps = avatar_steps(state, {});
+    for (int step = 0; step < 3; ++step)
+        CHECK(steps->step(state, small_sample(state), 1, [](const char*) {}).bad_field.empty());
+    const AppearanceAvatar& after = state.appearance->avatar;
+    CHECK((after.shading.light - before.shading.light).cwiseAbs().maxCoeff() > 0);
+    CHECK((after.shading.normal - before.shading.normal).cwiseAbs().maxCoeff() > 0);
+    for (std::size_t eye = 0; eye < 2; ++eye) {
+        CHECK(after.eyes.networks[eye].weight.back() != before.eyes.networks[eye].weight.back());
+        CHECK(after.eyes.networks[eye].weight.front() != before.eyes.networks[eye].weight.front());
+    }
+    CHECK((after.eyes.kappa.array() == 0).all());
+    state.config.gaze_axis = GazeAxis::visual;
+    avatar_steps(state, {})->step(state, small_sample(state), 1, [](const char*) {});
+    CHECK((after.eyes.kappa.array() != 0).all());
+}
+
+TEST_CASE("appearance: what is drawn of a run by lines of sight is what is trained") {
+    TrainState state = trained();
+    state.config.gaze_axis = GazeAxis::visual;
+    state.appearance->avatar.eyes.kappa << -0.03f, -0.02f, 0.09f, -0.08f;
+    const Drivers<float> drivers = test::tiny_drivers<float>();
+    const TrainState drawn = drawn_state(state);
+    CHECK(drawn.kappa == state.appearance->avatar.eyes.kappa);
+    const Gaussians<float> shown = driven_gaussians(drawn, drivers);
+    CHECK(equal(shown, driven_appearance(state.appearance->avatar, state.config.avatar,
+                                         state.subject.roles, drivers)
+                           .gaussians));
+    CHECK(equal(driven_gaussians(drawn_state(drawn), drivers), shown));
+    TrainState straight = drawn;
+    straight.kappa = {};
+    CHECK_FALSE(equal(driven_gaussians(straight, drivers), shown));
+}
+
+TEST_CASE("appearance: pictures are drawn by all of it; what variants lack is refused") {
+    const TrainState drawn = drawn_state(trained());
+    const DrawnFrame frame{test::tiny_drivers<float>(), test::tiny_camera(64, 48).cast<float>()};
+    DrawnFrame turned = frame;
+    turned.drivers.pose[1] += 0.3f;
+    const FrameDrawer drawer(drawn, {frame, turned}, "auto", "--effects", 0.01);
+    CHECK(drawer.variant() == "paper");
+    CHECK(drawer.explanation().find("driven eyes or shading") != std::string::npos);
+    CHECK(drawer.picture(turned).pixels == drawer.picture_by_all(turned).pixels);
+    CHECK(drawer.picture(frame).pixels ==
+          render_avatar(drawn, frame.drivers, frame.camera).high.pixels);
+    CHECK(message_of([&] { FrameDrawer(drawn, {frame}, "gaze", "--effects", 0.01); }) ==
+          "--effects: got 'gaze', expected auto or paper: effects are left out only of a run whose "
+          "avatar.eye_appearance is 'free' and avatar.shading 'none'");
+}
+
+TEST_CASE("appearance: held for other programs, the eyes look as at those drivers") {
+    TrainState state = trained();
+    state.appearance->avatar.shading = {};
+    const Drivers<float> at = test::tiny_drivers<float>();
+    const Avatar held =
+        held_appearance(state.appearance->avatar, state.config.avatar, state.subject.roles, at);
+    TwoStreamTrace<float> trace;
+    drive(train_backend(), held, {state.config.avatar, state.subject.roles, at}, trace);
+    CHECK(equal(trace.gaussians, driven_gaussians(drawn_state(state), at)));
+}
