@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: Apache-2.0
+// A device has no kernels for the head's shading.
+// expect: EachHasKernels
+#include <rye/avatar/cuda/two_stream.hpp>
+#include <rye/backend/cuda/emulation.hpp>
+
+#if REJECT
+using E = rye::More<rye::PaperEffects, rye::HeadShading>;
+#else
+using E = rye::PaperEffects;
+#endif
+
+using Avatar = rye::DeviceTwoStream<E, rye::EmulatedDevice>;
+std::size_t held(const Avatar& avatar) { return avatar.bytes(); }
