@@ -32,7 +32,7 @@ Columns<T> features_of(const typename A::template Parameters<T>& p, const Eyes& 
     const Columns<T> position = eyes.position.cast<T>(), gaze = eyes.gaze.cast<T>();
     const VecX<T> none;
     Columns<T> out = Columns<T>::Zero(channels, points);
-    A::features(Serially{}, p, EyeInputs<T>{position, left_points, none, gaze},
+    A::features(Serially{}, p, EyeInputs<T>{position, left_points, none, gaze, none},
                 ColumnsSpan<T>(out));
     return out;
 }
@@ -69,7 +69,8 @@ void check_appearance() {
 
     P grad = zeros_like(p);
     const VecX<double> none;
-    A::features_vjp(Serially{}, p, EyeInputs<double>{eyes.position, left_points, none, eyes.gaze},
+    A::features_vjp(Serially{}, p,
+                    EyeInputs<double>{eyes.position, left_points, none, eyes.gaze, none},
                     ColumnsView<double>(w), grad);
     DotProducts dots;
     dots.add_forward(moved, w);

@@ -32,11 +32,11 @@ RYE_HD inline Index resized_source(int x, int offset, int resized, int size) {
 }
 
 /// Pixels that show one of the source.
-struct PixelRange {
+struct ShownPixels {
     int begin, end;
 };
 /// The inverse of resized_source: pixels that show pixel `from`.
-RYE_HD inline PixelRange resized_range(int from, int offset, int resized, int size) {
+RYE_HD inline ShownPixels resized_range(int from, int offset, int resized, int size) {
     const auto first = [&](int k) { // the least `at` with at * size / resized >= k
         return static_cast<int>((static_cast<std::int64_t>(k) * resized + size - 1) / size);
     };
