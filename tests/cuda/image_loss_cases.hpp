@@ -128,7 +128,8 @@ void report_of_bad_terms(const Device& device, const CudaQueue& queue) {
     CHECK(r.bad == 1);
     CHECK(std::isfinite(r.value[0]));
     CHECK(std::isnan(r.total));
-    CHECK_FAULT(report.sum_into(queue, std::vector<LossTerm>(13)), "got 13 terms, 12 are the most");
+    CHECK_FAULT(report.sum_into(queue, std::vector<DeviceLossTerm>(13)),
+                "got 13 terms, 12 are the most");
 }
 
 } // namespace rye::test

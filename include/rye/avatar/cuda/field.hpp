@@ -32,11 +32,12 @@ struct FieldAdd {
             static_cast<std::uint32_t>(output.rows); // DeviceMlp: 2^32 numbers at most
         const std::uint32_t k = static_cast<std::uint32_t>(i) / rows;
         if (k >= set.points.among(static_cast<std::uint32_t>(set.room))) return;
-        const Index point = set.points.column(k);
+        const auto point = static_cast<Index>(set.points.column(k));
         const float w = gain * set.lambda[point];
         const float y = squash_value(squash, output.data[i]);
         if (squash != Squash::none) output.data[i] = y;
-        out[point * rows + static_cast<std::uint32_t>(i) % rows] += w * y;
+        const std::uint32_t row = static_cast<std::uint32_t>(i) % rows;
+        out[point * output.rows + static_cast<Index>(row)] += w * y;
     }
 };
 

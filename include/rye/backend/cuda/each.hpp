@@ -43,7 +43,7 @@ struct SumsKernel {
     static constexpr int threads = 128, blocks = 4;
     static constexpr int sums = F::sums;
     struct Shared {
-        float sum[sums][threads];
+        float sum[std::size_t(sums)][threads];
     };
     F f;
     Index count;

@@ -200,8 +200,9 @@ class DeviceDssim {
     /// 1 - mean SSIM of a (float) and b (float or bytes) as a term of weight `weight`, which times
     /// its cotangent of a is added to g. a, b, g: of one shape; an Error else.
     template <class P>
-    LossTerm into(const CudaQueue& queue, const DevicePicture<const float>& a,
-                  const DevicePicture<const P>& b, double weight, const DevicePicture<float>& g) {
+    DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& a,
+                        const DevicePicture<const P>& b, double weight,
+                        const DevicePicture<float>& g) {
         require_picture("dssim", "second picture", b, a.pixels.rows, a.width, a.height);
         require_picture("dssim", "gradient", g, a.pixels.rows, a.width, a.height);
         const Index size = a.pixels.size();

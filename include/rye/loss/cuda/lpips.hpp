@@ -231,8 +231,9 @@ class DeviceLpips {
 
     /// The distance of the picture's crop to the truth as a term of weight `weight`, which times
     /// its cotangent of the picture is added to g, of the picture's shape.
-    LossTerm into(const CudaQueue& queue, const DevicePicture<const float>& picture,
-                  const DeviceLpipsTruth& truth, double weight, const DevicePicture<float>& g) {
+    DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& picture,
+                        const DeviceLpipsTruth& truth, double weight,
+                        const DevicePicture<float>& g) {
         require(truth.crop.width > 0, "DeviceLpips", "the truth was not set");
         require_picture("DeviceLpips", "gradient", g, 3, picture.width, picture.height);
         look(queue, picture, truth.crop);
@@ -263,9 +264,9 @@ class DeviceLpips {
     /// As a perceptual loss of an objective: the same for a truth (floats or bytes) whose features
     /// are made here, over `crop`, or unless `kept` is null taken from there.
     template <class P>
-    LossTerm into(const CudaQueue& queue, const DevicePicture<const float>& picture,
-                  const DevicePicture<const P>& truth, double weight,
-                  const DevicePicture<float>& g) {
+    DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& picture,
+                        const DevicePicture<const P>& truth, double weight,
+                        const DevicePicture<float>& g) {
         if (kept != nullptr) return into(queue, picture, *kept, weight, g);
         const bool whole = crop.width == 0;
         truth_into(queue, truth, whole ? DeviceCrop{truth.width, truth.height} : crop, own_);

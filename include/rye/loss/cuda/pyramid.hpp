@@ -126,8 +126,9 @@ class DevicePyramidLoss {
     /// The loss of a and b (floats or bytes) as a term of weight `weight`, which times its
     /// cotangent of a is added to g. a, b, g: of one shape; an Error else.
     template <class P>
-    LossTerm into(const CudaQueue& queue, const DevicePicture<const float>& a,
-                  const DevicePicture<const P>& b, double weight, const DevicePicture<float>& g) {
+    DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& a,
+                        const DevicePicture<const P>& b, double weight,
+                        const DevicePicture<float>& g) {
         require_picture("PyramidGradientLoss", "second picture", b, a.pixels.rows, a.width,
                         a.height);
         require_picture("PyramidGradientLoss", "gradient", g, a.pixels.rows, a.width, a.height);

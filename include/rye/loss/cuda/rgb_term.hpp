@@ -50,6 +50,7 @@ static_assert(RgbTargetSource<PictureTarget<float>> && RgbTargetSource<ColourTar
 
 /// Pixels of a block's partial sum.
 inline constexpr Index rgb_chunk = 1024;
+/// Partial sums of a picture.
 inline Index rgb_chunks(Index pixels) { return (pixels + rgb_chunk - 1) / rgb_chunk; }
 
 /// The sum of a target's mask over a chunk of pixels.
@@ -170,8 +171,8 @@ class DeviceRgbTerm {
     explicit DeviceRgbTerm(const Device& device) : device_(device) {}
 
     template <RgbTargetSource G>
-    LossTerm into(const CudaQueue& queue, const DeviceColumns<const float>& picture,
-                  const G& target, const TermWeight& w, const DeviceColumns<float>& g) {
+    DeviceLossTerm into(const CudaQueue& queue, const DeviceColumns<const float>& picture,
+                        const G& target, const TermWeight& w, const DeviceColumns<float>& g) {
         require(picture.rows >= 3 && g.rows == picture.rows && g.cols == picture.cols, "rgb term",
                 "picture is " + std::to_string(picture.rows) + " x " +
                     std::to_string(picture.cols) + ", its gradient " + std::to_string(g.rows) +

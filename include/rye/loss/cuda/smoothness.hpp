@@ -94,8 +94,8 @@ class DeviceSmoothness {
     }
     /// The mean squared difference of values (C x points) as a term of weight `weight`, which
     /// times its cotangent is added to g. Throws an Error for other shapes.
-    LossTerm into(const CudaQueue& queue, const DeviceColumns<const float>& values, double weight,
-                  const DeviceColumns<float>& g) {
+    DeviceLossTerm into(const CudaQueue& queue, const DeviceColumns<const float>& values,
+                        double weight, const DeviceColumns<float>& g) {
         require(values.cols == points_, "smoothness",
                 "the graph has " + std::to_string(points_) + " points, the values " +
                     std::to_string(values.cols));

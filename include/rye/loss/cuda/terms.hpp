@@ -15,7 +15,7 @@
 namespace rye {
 
 /// A term of an objective: its value is offset + factor gain (sum of `chunks` partial sums).
-struct LossTerm {
+struct DeviceLossTerm {
     const double* partial = nullptr;
     Index chunks = 0;
     double factor = 0, offset = 0;
@@ -55,7 +55,7 @@ struct LossReportKernel {
         double total;
         int bad;
     };
-    LossTerm term[LossReport::most];
+    DeviceLossTerm term[LossReport::most];
     int count;
     LossReport* report;
 
@@ -65,7 +65,7 @@ struct LossReportKernel {
             if (t == 0) shared.total = 0, shared.bad = -1;
         });
         for (int k = 0; k < count; ++k) {
-            const LossTerm& own = term[k];
+            const DeviceLossTerm& own = term[k];
             block.each_thread([&](int t) {
                 const Index share = (own.chunks + threads - 1) / threads;
                 const Index end = rye::min(own.chunks, (t + 1) * share);
@@ -99,7 +99,7 @@ class DeviceLossReport {
     explicit DeviceLossReport(const Device& device) : device_(device) {}
 
     /// Puts the sums of the terms on the stream. Throws an Error for more than there is room for.
-    void sum_into(const CudaQueue& queue, const std::vector<LossTerm>& terms) {
+    void sum_into(const CudaQueue& queue, const std::vector<DeviceLossTerm>& terms) {
         require(terms.size() <= std::size_t(LossReport::most), "DeviceLossReport",
                 "got " + std::to_string(terms.size()) + " terms, " +
                     std::to_string(LossReport::most) + " are the most");

@@ -9,6 +9,14 @@
 
 namespace rye {
 
+/// Where the codes of number i of columns of `rows` numbers begin: numbers are fewer than 2^32, of
+/// which a device finds quotients faster.
+RYE_DEVICE inline Index code_place(Index i, std::uint32_t rows, int frequencies) {
+    const auto k = static_cast<std::uint32_t>(i);
+    return static_cast<Index>(k / rows) * encoded_size(static_cast<Index>(rows), frequencies) +
+           static_cast<Index>(k % rows);
+}
+
 /// Number i of columns of `rows` numbers, and its codes.
 struct EncodeNumber {
     static constexpr const char* name = "encoding";
@@ -18,9 +26,8 @@ struct EncodeNumber {
     float* code; ///< encoded_size(rows, frequencies) x N
 
     RYE_DEVICE void operator()(Index i) const {
-        const auto at = static_cast<std::uint32_t>(i);
-        encode_number(x[i], frequencies, rows,
-                      code + at / rows * encoded_size(rows, frequencies) + at % rows);
+        encode_number(x[i], frequencies, static_cast<Index>(rows),
+                      code + code_place(i, rows, frequencies));
     }
 };
 
@@ -34,9 +41,8 @@ struct EncodeNumberVjp {
     float* g_x; ///< rows x N, added to
 
     RYE_DEVICE void operator()(Index i) const {
-        const auto k = static_cast<std::uint32_t>(i);
-        const Index at = k / rows * encoded_size(rows, frequencies) + k % rows;
-        g_x[i] += encode_number_vjp(code + at, g + at, frequencies, rows);
+        const Index at = code_place(i, rows, frequencies);
+        g_x[i] += encode_number_vjp(code + at, g + at, frequencies, static_cast<Index>(rows));
     }
 };
 

@@ -124,7 +124,7 @@ class DeviceImageLosses {
         clear(queue, g.high.pixels), clear(queue, g.eyes_high.pixels);
         clear(queue, g.final), clear(queue, g.face), clear(queue, g.eyes);
         const DeviceAvatarImages<P> seen = images.scale != nullptr ? moved(queue, images) : images;
-        terms_.assign(terms, LossTerm{});
+        terms_.assign(terms, DeviceLossTerm{});
         terms_[0] =
             high_.into(queue, p.high.pixels, PictureTarget<P>{seen.truth.pixels.data, seen.visible},
                        {weights.high_resolution}, g.high.pixels);
@@ -139,7 +139,7 @@ class DeviceImageLosses {
     }
     /// A term that is not of images, such as the smoothness of the eyes' colours; between into()
     /// and report_into().
-    void add_eye_smooth(const LossTerm& term) { terms_[8] = term; }
+    void add_eye_smooth(const DeviceLossTerm& term) { terms_[8] = term; }
     /// Values and total, on the device.
     void report_into(const CudaQueue& queue) { report_.sum_into(queue, terms_); }
 
@@ -229,7 +229,7 @@ class DeviceImageLosses {
     static void check(const DeviceAvatarImages<P>& images, const DeviceAvatarPictures& p,
                       const DeviceAvatarCotangents& g) {
         const char* const who = "image losses";
-        const auto& [t, s] = std::tie(images.truth, images.truth_small);
+        const auto &t = images.truth, &s = images.truth_small;
         require_picture(who, "truth", t, 3, t.width, t.height);
         require_picture(who, "small truth", s, 3, s.width, s.height);
         require_picture(who, "final picture", p.high, 3, t.width, t.height);
@@ -262,7 +262,7 @@ class DeviceImageLosses {
     DeviceMaskGain<Device> small_gain_, full_gain_, blank_gain_;
     const double* small_ = nullptr;
     DeviceBuffer<unsigned char> moved_;
-    std::vector<LossTerm> terms_ = std::vector<LossTerm>(terms);
+    std::vector<DeviceLossTerm> terms_ = std::vector<DeviceLossTerm>(terms);
     DeviceLossReport<Device> report_;
 };
 
