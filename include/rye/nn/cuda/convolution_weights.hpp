@@ -130,11 +130,11 @@ struct ConvolutionWeightKernel {
                 expanded<9>([&](auto n) { expanded<4>([&](auto k) { sum[m][n][k] = F(0.0F); }); });
             });
         }
-        RYE_DEVICE void add(const Planed<Image>& image, const Planed<Cotangent>& g, int count,
+        RYE_DEVICE void add(const Planed<Image>& image, const Planed<Cotangent>& gs, int count,
                             int w) {
             for (int y = 0; y < count; ++y) {
                 Planes<W, N, 4> left[2];
-                expanded<2>([&](auto m) { left[m] = cotangent(g, y, w / 4 * 2 + m); });
+                expanded<2>([&](auto m) { left[m] = cotangent(gs, y, w / 4 * 2 + m); });
                 expanded<5>([&](auto pair) {
                     const auto right = taps<2 * pair>(image, y, w % 4);
                     expanded<2>([&](auto m) {
