@@ -11,6 +11,7 @@
 #include "../../tests/cuda/device_render.hpp"
 #include "../../tests/support/scenes.hpp"
 #include "scenes.hpp"
+#include "timing.hpp"
 
 namespace {
 
@@ -104,10 +105,5 @@ int main(int argc, char** argv) {
         std::printf("failed: %s\n", e.what());
         return 1;
     }
-    if (argc == 3 && std::string(argv[1]) == "--json") {
-        std::FILE* const f = std::fopen(argv[2], "w");
-        std::fprintf(f, "{\"benchmarks\": [\n%s\n]}\n", json.c_str());
-        std::fclose(f);
-    }
-    return 0;
+    return bench::write_rows(argc, argv, json);
 }

@@ -17,6 +17,7 @@
 #include <rye/splat/cuda/rasterizer.hpp>
 
 #include "scenes.hpp"
+#include "timing.hpp"
 
 namespace {
 
@@ -124,37 +125,7 @@ struct Subject {
     }
 };
 
-struct Stats {
-    float median, least, most;
-};
-
-template <class F>
-Stats graph_time(cudaStream_t stream, const F& f) {
-    cudaGraph_t graph;
-    cudaGraphExec_t exec;
-    check_cuda(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "graph");
-    f();
-    check_cuda(cudaStreamEndCapture(stream, &graph), "graph");
-    check_cuda(cudaGraphInstantiate(&exec, graph, 0), "graph");
-    constexpr std::size_t count = 100;
-    std::vector<cudaEvent_t> events(count + 1);
-    for (auto& e : events) check_cuda(cudaEventCreate(&e), "event");
-    for (int k = 0; k < 10; ++k) check_cuda(cudaGraphLaunch(exec, stream), "graph");
-    check_cuda(cudaEventRecord(events[0], stream), "event");
-    for (std::size_t k = 0; k < count; ++k) {
-        check_cuda(cudaGraphLaunch(exec, stream), "graph");
-        check_cuda(cudaEventRecord(events[k + 1], stream), "event");
-    }
-    check_cuda(cudaStreamSynchronize(stream), "timed");
-    std::vector<float> ms(count);
-    for (std::size_t k = 0; k < count; ++k)
-        check_cuda(cudaEventElapsedTime(&ms[k], events[k], events[k + 1]), "event");
-    for (auto& e : events) check_cuda(cudaEventDestroy(e), "event");
-    check_cuda(cudaGraphExecDestroy(exec), "graph");
-    check_cuda(cudaGraphDestroy(graph), "graph");
-    std::sort(ms.begin(), ms.end());
-    return {ms[count / 2], ms.front(), ms.back()};
-}
+using bench::Times, bench::graph_times;
 
 void print_parts(Parts& timed) {
     struct Sum {
@@ -225,7 +196,7 @@ void rows(const CudaQueue& queue, const Subject& subject) {
     std::printf("; memory %.0f MB, of a frame's picture %.0f MB\n", double(avatar.bytes()) / 1e6,
                 double(frame.bytes()) / 1e6);
     const auto row = [&](const char* name, const auto& f) {
-        const Stats s = graph_time(queue.stream, f);
+        const Times s = graph_times(queue.stream, f);
         std::printf("  %-38s %.3f ms [%.3f-%.3f]\n", name, double(s.median), double(s.least),
                     double(s.most));
         char text[192];
@@ -271,14 +242,5 @@ int main(int argc, char** argv) {
         std::printf("failed: %s\n", e.what());
         return 1;
     }
-    if (argc == 3 && std::string(argv[1]) == "--json") {
-        std::FILE* const f = std::fopen(argv[2], "w");
-        if (f == nullptr) {
-            std::printf("failed: cannot write %s\n", argv[2]);
-            return 1;
-        }
-        std::fprintf(f, "{\"benchmarks\": [\n%s\n]}\n", json.c_str());
-        std::fclose(f);
-    }
-    return 0;
+    return bench::write_rows(argc, argv, json);
 }

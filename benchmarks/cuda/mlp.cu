@@ -2,7 +2,7 @@
 // mlp [--json FILE]: a network over points on this device: the colour network of the method,
 // 192 (64 of them of the frame) -> 256 -> 256 with the input again -> 32, and its deformation
 // network, over 100,000, 50,000 and 10,000 points, by 1, 2 and 3 planes: milliseconds of a CUDA
-// graph, median of 200 [least-most], and TFLOP/s of the network's own products, which more planes
+// graph, median of 100 [least-most], and TFLOP/s of the network's own products, which more planes
 // take several times.
 #include <rye/backend/cuda/device.hpp>
 
@@ -10,6 +10,7 @@
 #include <cstdio>
 
 #include "../../tests/cuda/mlp_arrays.hpp"
+#include "timing.hpp"
 
 namespace {
 
@@ -18,37 +19,7 @@ using namespace rye::test;
 
 std::string json;
 
-struct Stats {
-    float median, least, most;
-};
-
-template <class F>
-Stats graph_time(cudaStream_t stream, const F& f) {
-    cudaGraph_t graph;
-    cudaGraphExec_t exec;
-    check_cuda(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "graph");
-    f();
-    check_cuda(cudaStreamEndCapture(stream, &graph), "graph");
-    check_cuda(cudaGraphInstantiate(&exec, graph, 0), "graph");
-    constexpr std::size_t count = 200;
-    std::vector<cudaEvent_t> events(count + 1);
-    for (auto& e : events) check_cuda(cudaEventCreate(&e), "event");
-    for (int k = 0; k < 20; ++k) check_cuda(cudaGraphLaunch(exec, stream), "graph");
-    check_cuda(cudaEventRecord(events[0], stream), "event");
-    for (std::size_t k = 0; k < count; ++k) {
-        check_cuda(cudaGraphLaunch(exec, stream), "graph");
-        check_cuda(cudaEventRecord(events[k + 1], stream), "event");
-    }
-    check_cuda(cudaStreamSynchronize(stream), "timed");
-    std::vector<float> ms(count);
-    for (std::size_t k = 0; k < count; ++k)
-        check_cuda(cudaEventElapsedTime(&ms[k], events[k], events[k + 1]), "event");
-    for (auto& e : events) check_cuda(cudaEventDestroy(e), "event");
-    check_cuda(cudaGraphExecDestroy(exec), "graph");
-    check_cuda(cudaGraphDestroy(graph), "graph");
-    std::sort(ms.begin(), ms.end());
-    return {ms[count / 2], ms.front(), ms.back()};
-}
+using bench::Times, bench::graph_times;
 
 /// Multiply-adds of a point, forward.
 double products(const MlpShape& s) {
@@ -79,8 +50,9 @@ void row(const char* name, const CudaQueue& queue, const MlpShape& s, Index n) {
     };
     prepare(), forward(), reverse();
     check_cuda(cudaStreamSynchronize(queue.stream), "first");
-    const Stats setup = graph_time(queue.stream, prepare), fwd = graph_time(queue.stream, forward);
-    const Stats both = graph_time(queue.stream, [&] { prepare(), forward(), reverse(); });
+    const Times setup = graph_times(queue.stream, prepare),
+                fwd = graph_times(queue.stream, forward);
+    const Times both = graph_times(queue.stream, [&] { prepare(), forward(), reverse(); });
     const double flops = 2 * products(s) * double(n);
     std::printf(
         "%-12s N=%d %6lld points | operands %.3f | forward %.3f [%.3f-%.3f] %.0f TFLOP/s | "
@@ -126,14 +98,5 @@ int main(int argc, char** argv) {
         std::printf("failed: %s\n", e.what());
         return 1;
     }
-    if (argc == 3 && std::string(argv[1]) == "--json") {
-        std::FILE* const f = std::fopen(argv[2], "w");
-        if (f == nullptr) {
-            std::printf("failed: cannot write %s\n", argv[2]);
-            return 1;
-        }
-        std::fprintf(f, "{\"benchmarks\": [\n%s\n]}\n", json.c_str());
-        std::fclose(f);
-    }
-    return 0;
+    return bench::write_rows(argc, argv, json);
 }

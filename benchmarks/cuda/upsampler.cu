@@ -2,7 +2,7 @@
 // upsampler [--json FILE]: what a training step does with images on this device, by 1, 2 and 3
 // planes: super-resolution 128 -> 512 and 512 -> 2048 (32 channels, capacity 32, two doublings),
 // forward and with its vjp, and losses of a picture at 512 x 512. Milliseconds of a CUDA graph,
-// median of 50 [least-most], and TFLOP/s of the convolutions' own products, which more planes take
+// median of 100 [least-most], and TFLOP/s of the convolutions' own products, which more planes take
 // several times.
 #include <rye/backend/cuda/device.hpp>
 
@@ -17,47 +17,17 @@
 #include <rye/loss/cuda/rgb_term.hpp>
 #include <rye/nn/cuda/upsampler.hpp>
 
+#include "timing.hpp"
+
 namespace {
 
 using namespace rye;
 
 std::string json;
 
-struct Stats {
-    float median, least, most;
-};
+using bench::Times, bench::graph_times;
 
-template <class F>
-Stats graph_time(cudaStream_t stream, const F& f) {
-    f(); // what grows, grows here
-    check_cuda(cudaStreamSynchronize(stream), "first");
-    cudaGraph_t graph;
-    cudaGraphExec_t exec;
-    check_cuda(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "graph");
-    f();
-    check_cuda(cudaStreamEndCapture(stream, &graph), "graph");
-    check_cuda(cudaGraphInstantiate(&exec, graph, 0), "graph");
-    constexpr std::size_t count = 50;
-    std::vector<cudaEvent_t> events(count + 1);
-    for (auto& e : events) check_cuda(cudaEventCreate(&e), "event");
-    for (int k = 0; k < 5; ++k) check_cuda(cudaGraphLaunch(exec, stream), "graph");
-    check_cuda(cudaEventRecord(events[0], stream), "event");
-    for (std::size_t k = 0; k < count; ++k) {
-        check_cuda(cudaGraphLaunch(exec, stream), "graph");
-        check_cuda(cudaEventRecord(events[k + 1], stream), "event");
-    }
-    check_cuda(cudaStreamSynchronize(stream), "timed");
-    std::vector<float> ms(count);
-    for (std::size_t k = 0; k < count; ++k)
-        check_cuda(cudaEventElapsedTime(&ms[k], events[k], events[k + 1]), "event");
-    for (auto& e : events) check_cuda(cudaEventDestroy(e), "event");
-    check_cuda(cudaGraphExecDestroy(exec), "graph");
-    check_cuda(cudaGraphDestroy(graph), "graph");
-    std::sort(ms.begin(), ms.end());
-    return {ms[count / 2], ms.front(), ms.back()};
-}
-
-void report(const std::string& name, const Stats& ms, double flops) {
+void report(const std::string& name, const Times& ms, double flops) {
     std::printf("%-36s %8.3f ms [%.3f-%.3f]", name.c_str(), static_cast<double>(ms.median),
                 static_cast<double>(ms.least), static_cast<double>(ms.most));
     if (flops > 0) std::printf(" %6.0f TFLOP/s", flops / static_cast<double>(ms.median) * 1e-9);
@@ -125,8 +95,8 @@ void upsampler_rows(const CudaQueue& queue, int side) {
     const double flops = flops_of(s, side, side);
     const std::string name = "upsampler/" + std::to_string(side) + "-" + std::to_string(4 * side) +
                              "/planes:" + std::to_string(N);
-    report(name + "/forward", graph_time(queue.stream, forward), flops);
-    report(name + "/both", graph_time(queue.stream, both), 3 * flops);
+    report(name + "/forward", graph_times(queue.stream, forward), flops);
+    report(name + "/both", graph_times(queue.stream, both), 3 * flops);
     std::printf("%-36s %8.0f MB beside %.0f MB of a trace\n", "", double(network.bytes()) / 1e6,
                 double(trace.bytes()) / 1e6);
 }
@@ -152,13 +122,13 @@ void convolution_rows(const CudaQueue& queue, int side, int channels) {
     const auto split = [&] {
         image_planes_into<N>(device, queue, PlainPixels{x.buffer.data(), side, channels}, planes);
     };
-    report(name + "/planes", graph_time(queue.stream, split), 0);
+    report(name + "/planes", graph_times(queue.stream, split), 0);
     report(name + "/forward",
-           graph_time(queue.stream, [&] { layer.forward_into(queue, planes, out.buffer.data()); }),
+           graph_times(queue.stream, [&] { layer.forward_into(queue, planes, out.buffer.data()); }),
            flops);
     report(
         name + "/weights",
-        graph_time(
+        graph_times(
             queue.stream,
             [&] { layer.vjp_weight_into(queue, planes, planes, g_weight.buffer.data(), partial); }),
         flops);
@@ -176,12 +146,12 @@ void loss_rows(const CudaQueue& queue) {
     DeviceRgbTerm<CudaDevice> rgb(device);
     const PictureTarget<float> target{b.buffer.data(), nullptr};
     report("losses/512/dssim",
-           graph_time(queue.stream, [&] { dssim_of.into(queue, picture, truth, 1.0, to); }), 0);
+           graph_times(queue.stream, [&] { dssim_of.into(queue, picture, truth, 1.0, to); }), 0);
     report("losses/512/pyramid",
-           graph_time(queue.stream, [&] { pyramid.into(queue, picture, truth, 1.0, to); }), 0);
+           graph_times(queue.stream, [&] { pyramid.into(queue, picture, truth, 1.0, to); }), 0);
     report("losses/512/l1",
-           graph_time(queue.stream,
-                      [&] { rgb.into(queue, picture.pixels, target, {1.0}, to.pixels); }),
+           graph_times(queue.stream,
+                       [&] { rgb.into(queue, picture.pixels, target, {1.0}, to.pixels); }),
            0);
     LpipsWeights<float> weights;
     std::uint64_t k = 0;
@@ -195,13 +165,13 @@ void loss_rows(const CudaQueue& queue) {
     DeviceLpips<CudaDevice, 1> lpips(device, queue, weights);
     DeviceLpipsTruth kept;
     report("losses/512/lpips, features of a truth",
-           graph_time(queue.stream,
-                      [&] {
-                          lpips.truth_into(queue, truth, {side, side}, kept);
-                      }),
+           graph_times(queue.stream,
+                       [&] {
+                           lpips.truth_into(queue, truth, {side, side}, kept);
+                       }),
            0);
     report("losses/512/lpips",
-           graph_time(queue.stream, [&] { lpips.into(queue, picture, kept, 1.0, to); }), 0);
+           graph_times(queue.stream, [&] { lpips.into(queue, picture, kept, 1.0, to); }), 0);
 }
 
 } // namespace
@@ -230,14 +200,5 @@ int main(int argc, char** argv) {
         std::printf("failed: %s\n", e.what());
         return 1;
     }
-    if (argc == 3 && std::string(argv[1]) == "--json") {
-        std::FILE* const f = std::fopen(argv[2], "w");
-        if (f == nullptr) {
-            std::printf("failed: cannot write %s\n", argv[2]);
-            return 1;
-        }
-        std::fprintf(f, "{\"benchmarks\": [\n%s\n]}\n", json.c_str());
-        std::fclose(f);
-    }
-    return 0;
+    return bench::write_rows(argc, argv, json);
 }
