@@ -234,7 +234,8 @@ TEST_CASE("appearance: pictures are drawn by all of it; what variants lack is re
           render_avatar(drawn, frame.drivers, frame.camera).high.pixels);
     CHECK(message_of([&] { FrameDrawer(drawn, {frame}, "gaze", "--effects", 0.01); }) ==
           "--effects: got 'gaze', expected auto or paper: effects are left out only of a run whose "
-          "avatar.eye_appearance is 'free' and avatar.shading 'none'");
+          "avatar.gaze_mechanism is 'rotation', avatar.eye_appearance 'free' and avatar.shading "
+          "'none'");
 }
 
 TEST_CASE("appearance: held for other programs, the eyes look as at those drivers") {
