@@ -49,6 +49,11 @@ draw() { # NAME FILE EYE TARGET FOV: in its frame x and y are negated
 }
 turned() { echo "$1" | awk -F, '{ print -$1 "," (-$2) "," $3 }'; }
 for kind in ply splat spz; do draw "$kind" "head.$kind" 0,0,-10 0,0,0 18; done
+# It reads the rotations of a .splat half a level of 255 off: with the floor, rye draws that reading.
+if node $transform -q -w head.splat splat_as_read.ply > transform_read.txt 2>&1; then
+    # shellcheck disable=SC2086 # a list of options
+    "$rye" render splat_as_read.ply $view --alpha-floor 0.0111 --out rye_splat_floor.png
+fi
 if [ "${SCENE:-}" ]; then
     eye=${EYE:-0,-1,-4} target=${TARGET:-0,-1,0}
     for floor in "" 0.0111; do

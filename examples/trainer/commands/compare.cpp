@@ -177,7 +177,7 @@ class Comparison {
         return folder_name(whole.filename().string());
     }
 
-    /// Where the runs of a row are.
+    /// The folder of a row's run.
     fs::path folder_of(const std::string& capture, const ExperimentRow& row,
                        std::uint64_t seed) const {
         return o_.out / "runs" / capture / row.run / ("seed_" + std::to_string(seed));

@@ -69,8 +69,7 @@ Image<float> close_up(const Image<float>& picture, const std::array<int, 4>& box
     return out;
 }
 
-/// Where the eyes are on the pictures of an evaluation, by their names; those without eyes are not
-/// there.
+/// Boxes of the eyes on the pictures of an evaluation, by their names; none without eyes.
 std::map<std::string, std::array<int, 4>> eye_boxes(const fs::path& evaluation) {
     std::map<std::string, std::array<int, 4>> boxes;
     const fs::path path = evaluation / "per_view.json";

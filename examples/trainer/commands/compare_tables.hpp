@@ -38,7 +38,7 @@ struct Spread {
 /// A metric of a group of results.json; none if it is null or absent.
 std::vector<double> metric_of(const nlohmann::json& group, const Metric& metric);
 
-/// What all tables of an experiment say, in one document.
+/// All tables of an experiment, in one document.
 class ExperimentTables {
   public:
     ExperimentTables(const Experiment& experiment, std::vector<ComparedRun> runs);

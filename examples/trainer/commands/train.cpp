@@ -49,7 +49,7 @@ struct TrainOptions {
     std::optional<std::int64_t> steps;
 };
 
-/// Whether standard output stays without progress.
+/// True if standard output has no progress.
 bool quiet(const TrainOptions& o) { return o.quiet || o.json; }
 
 /// A number of the progress line, by its name in log.jsonl.

@@ -65,7 +65,7 @@ struct AvatarTrainConfig {
 /// the effect Kappa, which learns that constant from 0.
 enum class GazeAxis { optical, visual };
 
-/// How an eye looks as its gaze asks: the paper's rotation of the eyeball, and, to compare it with,
+/// Dependence of an eye on its gaze: the paper's rotation of the eyeball, and, to compare it with,
 /// the mechanisms of rye/rig/gaze_mechanisms.hpp and rye/rig/gaze_features.hpp. With `none` the
 /// eyeballs do not follow the gaze; the skin around them does in each.
 enum class GazeMechanismName {

@@ -37,7 +37,7 @@ struct Row {
     Angles gaze;
 };
 
-/// Where a column's number goes, and between which bounds it lies.
+/// The place of a column's number, and its bounds.
 struct Column {
     std::string name;
     double least = -most_number, most = most_number;
@@ -87,7 +87,7 @@ std::vector<std::string_view> fields_of(std::string_view line) {
     }
 }
 
-/// What columns there are, of the first line.
+/// The columns that the first line names.
 std::vector<Column> header_of(std::string_view line, const std::string& who,
                               const DriverNames& names) {
     const std::map<std::string, Column> known = known_columns(names);

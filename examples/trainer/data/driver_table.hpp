@@ -12,7 +12,7 @@
 
 namespace rye::trainer {
 
-/// What a file may name: the width of the expression, and names of its coefficients (or none).
+/// Columns that a file may name: width of the expression, names of its coefficients (or none).
 struct DriverNames {
     int expression = 0;
     std::vector<std::string> coefficients;
