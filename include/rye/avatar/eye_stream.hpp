@@ -79,16 +79,25 @@ struct EyeStream : EyeAppearanceParameters<T, E>, GazeMechanismParameters<T, E> 
     }
 };
 
+/// The largest logarithms of scales that bound_scales leaves, 3 x P.
+template <Real T, EffectSet E>
+Columns<T> scale_bounds(const EyeStream<T, E>& eyes, std::type_identity_t<T> factor,
+                        std::type_identity_t<T> thickness) {
+    Columns<T> most(3, eyes.log_scale.cols());
+    for (Index i = 0; i < most.cols(); ++i) {
+        const T wide = std::log(factor * eyes.spacing(0, i));
+        most.col(i) << wide, wide, wide + std::log(thickness);
+    }
+    return most;
+}
+
 /// Takes scales back to at most `factor` times the template's spacing, and `thickness` of that
 /// along the normal, so that the eyeball keeps its shape: larger Gaussians would reach over its rim
 /// and paint lids, thicker ones stand out from its surface.
 template <Real T, EffectSet E>
 void bound_scales(EyeStream<T, E>& eyes, std::type_identity_t<T> factor,
                   std::type_identity_t<T> thickness) {
-    for (Index i = 0; i < eyes.log_scale.cols(); ++i) {
-        const T most = std::log(factor * eyes.spacing(0, i)), thick = most + std::log(thickness);
-        eyes.log_scale.col(i) = eyes.log_scale.col(i).cwiseMin(Vec3<T>(most, most, thick));
-    }
+    eyes.log_scale = eyes.log_scale.cwiseMin(scale_bounds(eyes, factor, thickness));
 }
 
 /// The drivers with the optical axes in the place of the gazes: the same ones without Kappa.

@@ -23,6 +23,19 @@ struct EyeballBounds {
     double thickness = 1;  ///< along the normal, times that
 };
 
+/// The four nearest neighbours of each point of the eyeballs, on its own eyeball.
+template <Real T, EffectSet E>
+NeighbourGraph eye_neighbours(const EyeStream<T, E>& eyes) {
+    NeighbourGraph all;
+    for (Index e = 0; e < 2; ++e) {
+        const Index first = eyes.first_point(e);
+        const Columns<T> points = eyes.position.middleCols(first, eyes.points_of(e));
+        const NeighbourGraph of_eye = four_nearest(points, first);
+        all.insert(all.end(), of_eye.begin(), of_eye.end());
+    }
+    return all;
+}
+
 /// What a run of stage 2 is given beside its avatar. Rates(name) is the learning rate of a field.
 template <AccuracyPolicy A = Balanced, class Perceptual = PyramidGradientLoss,
           class Rates = AvatarRates>
@@ -55,13 +68,7 @@ class AvatarTrainer {
           gradient_(zeros_like(avatar)) {
         if constexpr (Real<T>)
             if (training_.objective.weights.eye_smooth > 0)
-                for (Index e = 0; e < 2; ++e) {
-                    const Index first = avatar.eyes.first_point(e);
-                    const Columns<T> points =
-                        avatar.eyes.position.middleCols(first, avatar.eyes.points_of(e));
-                    const NeighbourGraph of_eye = four_nearest(points, first);
-                    neighbours_.insert(neighbours_.end(), of_eye.begin(), of_eye.end());
-                }
+                neighbours_ = eye_neighbours(avatar.eyes);
     }
 
     /// One step; the learning rates are multiplied by `rate`.

@@ -152,16 +152,28 @@ class DeviceFaceStream {
         }
     }
     /// Waits for place_into. Whether its lists had room; where they had none they have now.
-    bool finish(const CudaQueue& queue) {
+    bool finish(const CudaQueue& queue) { return make_room(listed(queue)); }
+    /// Room for lists of those lengths, from the next frame on. Whether there was.
+    bool make_room(const std::vector<std::uint32_t>& lengths) {
         bool fits = true;
         int k = 0;
-        for (const Index need : listed(queue)) {
+        for (const Index need : lengths) {
             Index& room = room_[k++];
             if (need <= room) continue;
             fits = false;
             room = rye::min(count(), need + need / 4 + 64);
         }
         return fits;
+    }
+    /// Lengths of the lists on the device, and the room that there is for them.
+    DeviceRooms rooms() const {
+        DeviceRooms r{};
+        if constexpr (has_effect<E, FaceDrivers>) {
+            r.count = lists_.count(0);
+            r.lists = drivers;
+            for (int k = 0; k < drivers; ++k) r.room[k] = static_cast<std::uint32_t>(room_[k]);
+        }
+        return r;
     }
     /// Points that each driver that is on moves, in the order of for_face_fields. Waits.
     std::vector<std::uint32_t> listed(const CudaQueue& queue) const {
@@ -275,15 +287,6 @@ class DeviceFaceStream {
     DeviceInfluenced set_of(By by) const {
         const int k = place(by);
         return {{lists_.list(k), lists_.count(k)}, room_[k], lambda_of(by)};
-    }
-    DeviceRooms rooms() const {
-        DeviceRooms r{};
-        if constexpr (has_effect<E, FaceDrivers>) {
-            r.count = lists_.count(0);
-            r.lists = drivers;
-            for (int k = 0; k < drivers; ++k) r.room[k] = static_cast<std::uint32_t>(room_[k]);
-        }
-        return r;
     }
     DeviceColumns<float> features() const {
         return {feature_.data(), host_->feature.rows(), count()};

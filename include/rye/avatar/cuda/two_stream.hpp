@@ -86,6 +86,11 @@ class DeviceTwoStream {
     DeviceTwoStream(const DeviceTwoStream&) = delete;
     DeviceTwoStream& operator=(const DeviceTwoStream&) = delete;
 
+    /// The host's avatar that the device's was made of: its shapes, and the addresses by which
+    /// `parameters` finds arrays; its numbers are old after a step.
+    const Host& shapes() const { return host_; }
+    /// What drives it, packed as drivers() holds it.
+    const DriverPlaces<E>& driver_places() const { return drivers_; }
     /// Where every array lies; gradients and moments of an optimiser have the same layout.
     const ResidentLayout<Host>& layout() const { return layout_; }
     const Parameters& parameters() const { return parameters_; }
@@ -142,6 +147,12 @@ class DeviceTwoStream {
         }
         return face_.finish(queue);
     }
+
+    /// Room for lists of those lengths, from the next frame on: what `finish` does, for a caller
+    /// that has kept the longest of several frames. Whether there was.
+    bool make_room(const std::vector<std::uint32_t>& lengths) { return face_.make_room(lengths); }
+    /// Lengths of the last frame's lists on the device, and the room for them.
+    DeviceRooms rooms() const { return face_.rooms(); }
 
     /// Points of the face that each driver that is on moves, in the order of for_face_fields.
     /// Waits.

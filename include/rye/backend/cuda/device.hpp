@@ -10,6 +10,7 @@
 #include <cuda_runtime.h>
 
 #include <cstdint>
+#include <utility>
 
 #include <rye/backend/cuda.hpp>
 #include <rye/backend/cuda/unrolled.hpp>
@@ -341,8 +342,50 @@ __global__ void __launch_bounds__(Kernel::threads, Kernel::blocks)
 
 } // namespace detail
 
+/// Work that was put on a stream once, to be launched again as a whole.
+class CudaGraph {
+  public:
+    CudaGraph() = default;
+    CudaGraph(CudaGraph&& other) noexcept : exec_(std::exchange(other.exec_, nullptr)) {}
+    CudaGraph& operator=(CudaGraph&& other) noexcept {
+        std::swap(exec_, other.exec_);
+        return *this;
+    }
+    ~CudaGraph() {
+        if (exec_ != nullptr) cudaGraphExecDestroy(exec_);
+    }
+
+    /// Keeps what f puts on the queue's stream, which must not wait nor ask for memory.
+    template <class F>
+    static CudaGraph of(const CudaQueue& queue, const F& f) {
+        CudaGraph r;
+        check_cuda(cudaStreamBeginCapture(queue.stream, cudaStreamCaptureModeThreadLocal), "graph");
+        cudaGraph_t graph = nullptr;
+        try {
+            f();
+        } catch (...) {
+            static_cast<void>(cudaStreamEndCapture(queue.stream, &graph));
+            if (graph != nullptr) cudaGraphDestroy(graph);
+            throw;
+        }
+        check_cuda(cudaStreamEndCapture(queue.stream, &graph), "graph");
+        const cudaError_t got = cudaGraphInstantiate(&r.exec_, graph, 0);
+        cudaGraphDestroy(graph);
+        check_cuda(got, "graph");
+        return r;
+    }
+    void launch(const CudaQueue& queue) const {
+        check_cuda(cudaGraphLaunch(exec_, queue.stream), "graph");
+    }
+
+  private:
+    cudaGraphExec_t exec_ = nullptr;
+};
+
 /// The device that is current for the calling thread.
 struct CudaDevice {
+    using Graph = CudaGraph;
+
     template <class Kernel>
     void launch(const CudaQueue& queue, Index blocks, const Kernel& kernel) const {
         if (blocks <= 0) return;

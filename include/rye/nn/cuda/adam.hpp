@@ -32,6 +32,13 @@ struct DeviceAdamState {
     std::uint32_t last_bad; ///< that of the last step
     std::int64_t steps;     ///< applied so far
     static constexpr std::uint32_t none_bad = 0xFFFFFFFF;
+    static constexpr std::uint32_t stopped = 1; ///< `bad` of a step that a control has stopped
+};
+
+/// What a step follows beside its gradient, in device memory.
+struct DeviceAdamControl {
+    double rate = 1;        ///< factor of all learning rates
+    std::uint32_t stop = 0; ///< not 0: nothing is changed and nothing is counted
 };
 
 /// Numbers of a range.
@@ -78,26 +85,35 @@ struct AdamScheduleKernel {
     DeviceAdamField* field;
     int fields;
     DeviceAdamState* state;
+    const DeviceAdamControl* control; ///< or null
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
         block.each_thread([&](int t) {
-            if (state->bad != 0) return;
+            if (state->bad != 0 || stopped()) return;
+            const double share = control != nullptr ? control->rate : 1.0;
             for (int i = t; i < fields; i += threads) {
                 DeviceAdamField& f = field[i];
                 if (f.rate == 0) continue;
-                const AdamStep<float> now(config, f.rate, ++f.steps);
+                const AdamStep<float> now(config, share * f.rate, ++f.steps);
                 f.size = now.size;
                 f.root = now.root;
             }
         });
         block.each_thread([&](int t) {
             if (t != 0) return;
+            if (stopped()) {
+                state->bad = DeviceAdamState::stopped;
+                return;
+            }
             if (state->bad == 0) ++state->steps;
             state->last_bad = state->bad == 0 ? DeviceAdamState::none_bad
                                               : DeviceAdamState::none_bad - state->bad;
         });
     }
+
+  private:
+    RYE_DEVICE bool stopped() const { return control != nullptr && control->stop != 0; }
 };
 
 /// Applies a step, unless a gradient is not finite.
@@ -174,9 +190,10 @@ class DeviceAdam {
         sent_ = true;
     }
 
-    /// Puts a step on the stream.
+    /// Puts a step on the stream. `control`: in device memory, or null.
     void step_into(const CudaQueue& queue, const Resident<P, Device>& parameters,
-                   const Resident<P, Device>& gradient) {
+                   const Resident<P, Device>& gradient,
+                   const DeviceAdamControl* control = nullptr) {
         RYE_ASSERT(sent_, "DeviceAdam: rates were not set");
         RYE_ASSERT(&parameters.layout() == &m.layout() && &gradient.layout() == &m.layout(),
                    "DeviceAdam: parameters and gradient are of another layout");
@@ -186,7 +203,7 @@ class DeviceAdam {
             AdamCheckKernel{field_.data(), range_.data(), gradient.data(), state_.data()});
         device_.launch(queue, 1,
                        AdamScheduleKernel{config_, field_.data(), static_cast<int>(fields_.size()),
-                                          state_.data()});
+                                          state_.data(), control});
         device_.launch(queue, ranges_,
                        AdamStepKernel{config_, field_.data(), range_.data(), state_.data(),
                                       gradient.data(), parameters.data(), m.data(), v.data()});
@@ -227,6 +244,13 @@ class DeviceAdam {
         device_.send(queue, field_.data(), fields_.data(),
                      fields_.size() * sizeof(DeviceAdamField));
         sent_ = true;
+    }
+
+    /// Counts in device memory, for kernels that read what became of a step.
+    const DeviceAdamState* state() const { return state_.data(); }
+    /// Memory that is held [bytes].
+    std::size_t bytes() const {
+        return m.bytes() + v.bytes() + range_.bytes() + field_.bytes() + state_.bytes();
     }
 
     Resident<P, Device> m, v; ///< moments

@@ -138,9 +138,13 @@ struct DeviceFrame {
                         " pairs of a tile and a Gaussian, expected at most " +
                         std::to_string(std::min(max_entries, most_entries)) +
                         ": the Gaussians are too large for the image");
-        const bool fits = cost.entries <= m.entries && (!for_vjp || cost.groups <= m.groups);
-        if (cost.entries > m.entries) entry_capacity = grown(cost.entries);
-        if (for_vjp && cost.groups > m.groups) group_capacity = grown(cost.groups);
+        return make_room(cost.entries, cost.groups);
+    }
+    /// Room for frames of that many entries and groups, from the next one on. Whether there was.
+    bool make_room(std::int64_t entries, std::int64_t groups) {
+        const bool fits = entries <= m.entries && (!for_vjp || groups <= m.groups);
+        if (entries > m.entries) entry_capacity = grown(entries);
+        if (for_vjp && groups > m.groups) group_capacity = grown(groups);
         return fits;
     }
 

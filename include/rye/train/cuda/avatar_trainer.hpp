@@ -1,0 +1,456 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/cuda/avatar_trainer.hpp: stage 2 on a device: what train/avatar_trainer.hpp does on
+/// the host, step by step, with avatar, optimiser and pictures in device memory.
+///     DeviceAvatarTrainer<E, CudaDevice> trainer(device, queue, {avatar, adam}, training, loss);
+///     for (...) trainer.add(queue, view, drivers);
+///     const DeviceStepsReport r = trainer.run(queue, draws);  // waits once
+///     trainer.fetch(queue, avatar, adam);                     // as checkpoints have them
+/// Where the device has graphs, steps of one camera are one graph. Sums have a fixed order: the
+/// same build gives the same bits, whatever number of steps a run takes.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include <rye/avatar/cuda/two_stream.hpp>
+#include <rye/loss/cuda/smoothness.hpp>
+#include <rye/nn/cuda/upsampler.hpp>
+#include <rye/splat/cuda/rasterizer.hpp>
+#include <rye/train/avatar_trainer.hpp>
+#include <rye/train/cuda/image_losses.hpp>
+#include <rye/train/cuda/step_kernels.hpp>
+
+namespace rye {
+
+/// What steps have come to.
+struct DeviceStepsReport {
+    AvatarLosses<float> losses; ///< of the last step
+    Index steps = 0;            ///< taken since the trainer was made, refused ones included
+    Index refused_in_a_row = 0; ///< for a gradient that was not finite; nothing has changed then
+    std::string bad_field;      ///< of the last step, if it was refused
+};
+
+/// How a trainer computes: planes and widths of networks' products, numbers of channels that
+/// renders have kernels for, the rules of renders.
+template <class Networks_ = DeviceNetworks<1>, class Channels_ = KernelChannels<3, 32>,
+          DeviceAccuracy A = Balanced, int upsampler_planes_ = 1>
+struct DeviceTrainerPolicy {
+    using Networks = Networks_;
+    using Channels = Channels_;
+    using Accuracy = FeaturesOnly<A>;
+    static constexpr int upsampler_planes = upsampler_planes_;
+};
+
+/// A host's avatar and its optimiser.
+template <EffectSet E>
+struct AvatarAndAdam {
+    const TwoStream<float, E>& avatar;
+    const Adam<TwoStream<float, E>>& adam;
+};
+
+/// Training of an avatar whose parameters and moments are the device's until they are fetched.
+template <DeviceEffects E, class Device, class Policy = DeviceTrainerPolicy<>,
+          class Perceptual = DevicePyramidLoss<Device>>
+class DeviceAvatarTrainer {
+    using Host = TwoStream<float, E>;
+
+  public:
+    /// Takes copies to the device; of `training` what a device computes otherwise (accuracy,
+    /// perceptual term) is not read. Waits. Throws an Error for what does not fit.
+    template <class A, class P, class Rates>
+    DeviceAvatarTrainer(const Device& device, const CudaQueue& queue, const AvatarAndAdam<E>& from,
+                        const AvatarTraining<A, P, Rates>& training, Perceptual& perceptual)
+        : device_(device),
+          weights_(training.objective.weights),
+          avatar_(device, queue, {from.avatar, training.config, training.roles}),
+          gradient_(device, queue, avatar_.layout()),
+          adam_(device, queue, avatar_.layout(), from.adam.config),
+          upsampler_(device, from.avatar.upsampler.shape),
+          views_(device, 1 << from.avatar.upsampler.shape.doublings),
+          losses_(device, weights_, perceptual),
+          smoothness_(device),
+          channels_(from.avatar.upsampler.shape.in_channels) {
+        for (auto& f : frame_) f = std::make_unique<DeviceFrame<Device>>(device);
+        adam_.send(queue, from.adam);
+        adam_.set_rates(queue, training.rates);
+        const Columns<float> white = Columns<float>::Ones(channels_, 1);
+        white_.reserve(queue, static_cast<std::size_t>(white.size()));
+        device.send(queue, white_.data(), white.data(), bytes_of(white.size()));
+        if (weights_.eye_smooth > 0) smoothness_.set(queue, eye_neighbours(from.avatar.eyes));
+        if (training.bounds.growth > 0) {
+            const Columns<float> most =
+                scale_bounds(from.avatar.eyes, static_cast<float>(training.bounds.growth),
+                             static_cast<float>(training.bounds.thickness));
+            most_.reserve(queue, static_cast<std::size_t>(most.size()));
+            device.send(queue, most_.data(), most.data(), bytes_of(most.size()));
+        }
+        state_.reserve(queue, 1);
+        numbers_.reserve(queue, 1);
+        send_state(queue);
+    }
+    DeviceAvatarTrainer(const DeviceAvatarTrainer&) = delete;
+    DeviceAvatarTrainer& operator=(const DeviceAvatarTrainer&) = delete;
+
+    /// Takes a view, whose pictures stay on the device; returns its number. Waits. Throws an Error
+    /// for sizes that differ from the first view's, and for drivers that an avatar refuses.
+    Index add(const CudaQueue& queue, const TrainingView& view, const Drivers<float, E>& drivers) {
+        if constexpr (has_effect<E, ReadsHeadPose>)
+            require(view.frame >= -1 && view.frame < avatar_.shapes().delta_pose.cols(),
+                    "DeviceAvatarTrainer",
+                    "view " + std::to_string(views_.count()) + ": frame is " +
+                        std::to_string(view.frame) + ", expected -1 to " +
+                        std::to_string(avatar_.shapes().delta_pose.cols() - 1));
+        return views_.add(queue, view, avatar_.driver_places().packed(drivers, view.frame));
+    }
+
+    /// Takes the steps of these draws, in their order; waits once for all of them, and again only
+    /// where room had to be made. Throws an Error for a view that is not there.
+    DeviceStepsReport run(const CudaQueue& queue, const std::vector<StepDraw>& draws) {
+        if (draws.empty()) return report();
+        send_rows(queue, draws);
+        here_.taken = 0;
+        for (Index waited = 0;; ++waited) {
+            forget_room();
+            send_state(queue);
+            for (std::size_t i = static_cast<std::size_t>(here_.taken); i < draws.size(); ++i)
+                put_or_launch(queue, draws[i], static_cast<Index>(draws.size()));
+            device_.fetch(queue, &here_, state_.data(), sizeof here_);
+            if (here_.control.stop == 0) break;
+            require(waited < most_waits, "DeviceAvatarTrainer",
+                    "room for lists was made " + std::to_string(most_waits) +
+                        " times for one run of steps, expected fewer");
+            make_room();
+        }
+        steps_ += here_.taken;
+        return report();
+    }
+
+    /// The avatar and its optimiser, as the host has them. Waits.
+    void fetch(const CudaQueue& queue, Host& avatar, Adam<Host>& adam) const {
+        avatar_.download(queue, avatar);
+        adam_.fetch(queue, adam);
+    }
+
+    const DeviceViews<Device>& views() const { return views_; }
+    /// Memory of a render (all, the face alone, the eyes alone), whose room may be set before the
+    /// first step by somebody who knows how much it needs.
+    DeviceFrame<Device>& frame(std::size_t render) { return *frame_[render]; }
+    /// Memory that is held [bytes], without what the perceptual term holds.
+    std::size_t bytes() const {
+        std::size_t sum = avatar_.bytes() + gradient_.bytes() + adam_.bytes() + upsampler_.bytes() +
+                          trace_[0].bytes() + trace_[1].bytes() + views_.bytes() +
+                          smoothness_.bytes() + part_[0].bytes() + part_[1].bytes() +
+                          colours_.bytes() + pictures_.bytes() + white_.bytes() + most_.bytes() +
+                          state_.bytes() + numbers_.bytes() + rows_.bytes();
+        for (const auto& f : frame_) sum += f->bytes();
+        return sum;
+    }
+    /// How many graphs are held.
+    std::size_t graphs() const {
+        if constexpr (has_graphs)
+            return graphs_.size();
+        else
+            return 0;
+    }
+
+  private:
+    static constexpr bool has_graphs = requires { typename Device::Graph; };
+    static constexpr int most_graphs = 64, most_waits = 64;
+    struct NoGraph {};
+    template <class D>
+    struct GraphOf {
+        using type = NoGraph;
+    };
+    template <class D>
+        requires requires { typename D::Graph; }
+    struct GraphOf<D> {
+        using type = typename D::Graph;
+    };
+    /// Numbers that kernels of a step are launched with.
+    using Key = std::tuple<bool, bool, std::vector<float>>;
+
+    static std::size_t bytes_of(Index n) { return static_cast<std::size_t>(n) * sizeof(float); }
+
+    DeviceStepsReport report() const {
+        DeviceStepsReport r;
+        const LossReport& l = here_.losses;
+        float* const to[] = {
+            &r.losses.high_resolution, &r.losses.low_resolution, &r.losses.perceptual,
+            &r.losses.dssim,           &r.losses.eye_low,        &r.losses.eye_high,
+            &r.losses.blank,           &r.losses.face_alone,     &r.losses.eye_smooth};
+        for (int k = 0; k < 9; ++k) *to[k] = l.value[k];
+        r.losses.total = l.total;
+        r.steps = steps_;
+        r.refused_in_a_row = static_cast<Index>(here_.refused);
+        if (here_.refused > 0)
+            r.bad_field = avatar_.layout().slices()[static_cast<std::size_t>(here_.bad)].name;
+        return r;
+    }
+
+    void send_state(const CudaQueue& queue) {
+        device_.send(queue, state_.data(), &here_, sizeof here_);
+    }
+    void send_rows(const CudaQueue& queue, const std::vector<StepDraw>& draws) {
+        std::vector<DeviceStepRow> rows;
+        for (const StepDraw& d : draws) {
+            require(d.view >= 0 && d.view < views_.count(), "DeviceAvatarTrainer",
+                    "step " + std::to_string(rows.size()) + " shows view " +
+                        std::to_string(d.view) + ", there are " + std::to_string(views_.count()));
+            rows.push_back({d.view, d.rate, d.scale, {d.blank[0], d.blank[1], d.blank[2]}});
+        }
+        if (rows.size() > rows_.size()) forget_graphs(); // they read rows where they lay
+        rows_.reserve(queue, rows.size());
+        device_.send(queue, rows_.data(), rows.data(), rows.size() * sizeof(DeviceStepRow));
+        const DeviceViewPlace* const before = places_;
+        places_ = views_.places(queue);
+        if (places_ != before) forget_graphs();
+    }
+    void forget_graphs() {
+        if constexpr (has_graphs) graphs_.clear();
+        warm_.clear();
+    }
+    void forget_room() {
+        here_.control.stop = 0;
+        for (auto& e : here_.entries) e = 0;
+        for (auto& g : here_.groups) g = 0;
+        for (auto& l : here_.listed) l = 0;
+    }
+    void make_room() {
+        avatar_.make_room({here_.listed, here_.listed + avatar_.rooms().lists});
+        for (std::size_t k = 0; k < step_renders; ++k)
+            frame_[k]->make_room(here_.entries[k], here_.groups[k]);
+        forget_graphs();
+    }
+
+    void put_or_launch(const CudaQueue& queue, const StepDraw& d, Index rows) {
+        if constexpr (has_graphs) {
+            const auto same = std::tuple(d.eyes_high, d.scaled);
+            const bool warm = warm_.count(same) != 0;
+            warm_.insert({same, true});
+            if (warm) { // memory is there
+                const Key key = key_of(d, rows);
+                auto at = graphs_.find(key);
+                if (at == graphs_.end() && graphs_.size() < most_graphs)
+                    at =
+                        graphs_.emplace(key, Device::Graph::of(queue, [&] { put(queue, d, rows); }))
+                            .first;
+                if (at != graphs_.end()) return at->second.launch(queue);
+            }
+        }
+        put(queue, d, rows);
+    }
+    Key key_of(const StepDraw& d, Index rows) const {
+        const Pinhole<float>& c = views_.camera(d.view);
+        std::vector<float> numbers{c.fx, c.fy, c.cx, c.cy, c.near_depth, static_cast<float>(rows)};
+        const Rigid<float>& pose = c.camera_from_world;
+        numbers.insert(numbers.end(), pose.rotation.data(), pose.rotation.data() + 9);
+        numbers.insert(numbers.end(), pose.translation.data(), pose.translation.data() + 3);
+        return {d.eyes_high, d.scaled, numbers};
+    }
+
+    /// Memory of a step's pictures and cotangents, by the sizes of the views.
+    struct Pictures {
+        DevicePicture<float> final, face, eyes, scaled, high, eyes_high;
+        float* alpha[step_renders];
+        DevicePicture<float> g_final, g_face, g_eyes, g_high, g_eyes_high, g_feature;
+    };
+    Pictures pictures(const CudaQueue& queue, const StepDraw& d) {
+        const Index s = views_.small_pixels(), full = views_.pixels(), C = channels_;
+        const Index of_eyes = d.eyes_high ? C : 3;
+        pictures_.reserve(queue, static_cast<std::size_t>((6 * C + 6 + 3) * s + 12 * full) + 64);
+        float* at = pictures_.data();
+        const auto take = [&](Index rows, Index pixels) {
+            at += rows * pixels;
+            return at - rows * pixels;
+        };
+        const int f = views_.factor(), w = views_.width() / f, h = views_.height() / f;
+        const auto small = [&](Index rows) {
+            return DevicePicture<float>{{take(rows, s), rows, s}, w, h};
+        };
+        const auto large = [&] {
+            return DevicePicture<float>{{take(3, full), 3, full}, views_.width(), views_.height()};
+        };
+        Pictures p;
+        p.final = small(C), p.face = small(3), p.eyes = small(of_eyes), p.scaled = small(C);
+        for (float*& a : p.alpha) a = take(1, s);
+        p.g_final = small(C), p.g_face = small(3), p.g_eyes = small(of_eyes);
+        p.g_feature = small(C);
+        p.high = large(), p.g_high = large();
+        p.eyes_high = p.g_eyes_high = {};
+        if (d.eyes_high) p.eyes_high = large(), p.g_eyes_high = large();
+        return p;
+    }
+
+    /// Puts a step on the stream.
+    void put(const CudaQueue& queue, const StepDraw& d, Index rows) {
+        const Host& host = avatar_.shapes();
+        DeviceStepNumbers* const numbers = numbers_.data();
+        device_.launch(
+            queue, 1,
+            BeginStepKernel{rows_.data(), rows, places_, state_.data(), numbers, avatar_.drivers(),
+                            static_cast<int>(avatar_.driver_places().size)});
+        const DeviceStepPictures& truth = views_.into(queue, &numbers->view);
+        const Pictures p = pictures(queue, d);
+        avatar_.drive_into(queue);
+        const Renders r = renders(queue, d, p, numbers->blank);
+        draw(queue, d, r);
+
+        upsampler_.set(queue, device_upsampler(avatar_.parameters(), host.upsampler));
+        if (d.scaled)
+            resize_into(
+                device_, queue,
+                ResizeKernel<float>{p.final.pixels, &numbers->scale, 1, p.scaled.pixels.data});
+        upsampler_.forward_into(queue, d.scaled ? p.scaled : p.final, p.high, trace_[0]);
+        if (d.eyes_high) upsampler_.forward_into(queue, p.eyes, p.eyes_high, trace_[1]);
+
+        compare(queue, d, p, truth);
+        back(queue, d, p, r);
+        step_end(queue);
+    }
+
+    /// A render: what it shows, on what, by which camera, into what, and where gradients go.
+    struct Render {
+        DeviceGaussians<float> shown, gradient;
+        const float* background;
+        DevicePicture<float> feature, g_feature;
+        float* alpha;
+    };
+    struct Renders {
+        Render of[step_renders]; ///< all, the face alone, the eyes alone
+    };
+    Renders renders(const CudaQueue& queue, const StepDraw& d, const Pictures& p,
+                    const float* blank) {
+        const DeviceGaussians<float>& cloud = avatar_.cloud();
+        const Index n = avatar_.face_count(), e = avatar_.eye_count(), C = channels_;
+        const Index in_face = weights_.blank_eyeballs ? n + e : n;
+        const Index of_eyes = d.eyes_high ? C : 3;
+        colours_.reserve(queue, static_cast<std::size_t>(3 * (n + 2 * e)) + 1);
+        float* const eye_colours = colours_.data() + 3 * (n + e);
+        part_[0].reserve(queue, n + e, 3); // of the most that either kind of step needs
+        part_[1].reserve(queue, e, C);
+        DeviceGaussians<float> face = columns_from(cloud, {0, in_face}),
+                               eyes = avatar_.eye_gaussians();
+        face.feature = {colours_.data(), 3, in_face};
+        if (!d.eyes_high) eyes.feature = {eye_colours, 3, e};
+        launch_each(device_, queue, n + e,
+                    ShownColours{cloud.feature.data, C, n, blank, colours_.data(),
+                                 weights_.blank_eyeballs, d.eyes_high ? nullptr : eye_colours});
+        DeviceGaussians<float> g_face = columns_from(part_[0].view(), {0, in_face});
+        DeviceGaussians<float> g_eyes = part_[1].view();
+        g_eyes.feature.rows = of_eyes;
+        return {{{cloud, avatar_.g_cloud(queue), white_.data(), p.final, p.g_final, p.alpha[0]},
+                 {face, g_face, blank, p.face, p.g_face, p.alpha[1]},
+                 {eyes, g_eyes, white_.data(), p.eyes, p.g_eyes, p.alpha[2]}}};
+    }
+    void draw(const CudaQueue& queue, const StepDraw& d, const Renders& r) {
+        for (std::size_t k = 0; k < step_renders; ++k) {
+            const Render& own = r.of[k];
+            rasterizer_.forward_into(queue, own.shown, views_.camera(d.view), own.background,
+                                     {own.feature.pixels, {own.alpha, 1, own.feature.pixels.cols}},
+                                     *frame_[k]);
+        }
+    }
+    /// Values and cotangents of all terms.
+    void compare(const CudaQueue& queue, const StepDraw& d, const Pictures& p,
+                 const DeviceStepPictures& truth) {
+        const auto picture = [](const float* data, const DevicePicture<float>& like) {
+            return DevicePicture<const float>{{data, 3, like.pixels.cols}, like.width, like.height};
+        };
+        DeviceAvatarImages<float> images{picture(truth.truth, p.high),
+                                         picture(truth.truth_small, p.final),
+                                         truth.visible,
+                                         truth.visible_small,
+                                         truth.eyes,
+                                         truth.eyes_small,
+                                         truth.mask_small};
+        images.eyes_high = d.eyes_high;
+        images.scale = d.scaled ? &numbers_.data()->scale : nullptr;
+        images.background = white_.data();
+        images.blank = numbers_.data()->blank;
+        losses_.into(
+            queue, images,
+            {p.final.pixels, p.face.pixels, p.eyes.pixels, p.alpha[2], p.high, p.eyes_high},
+            {p.g_final.pixels, p.g_face.pixels, p.g_eyes.pixels, p.g_high, p.g_eyes_high});
+        gradient_.clear(queue);
+        if (weights_.eye_smooth > 0) {
+            const Columns<float>& feature = avatar_.shapes().eyes.feature;
+            losses_.add_eye_smooth(smoothness_.into(queue, avatar_.parameters().of(feature),
+                                                    weights_.eye_smooth, gradient_.of(feature)));
+        }
+        losses_.report_into(queue);
+    }
+    /// Adds the gradient of everything to gradient_.
+    void back(const CudaQueue& queue, const StepDraw& d, const Pictures& p, const Renders& r) {
+        const DeviceUpsamplerParameters to =
+            device_upsampler(gradient_, avatar_.shapes().upsampler);
+        const auto add = [&](const DevicePicture<float>& g) {
+            launch_each(device_, queue, g.pixels.size(),
+                        AddNumbers{p.g_feature.pixels.data, g.pixels.data});
+        };
+        upsampler_.vjp_into(queue, trace_[0], p.g_high.pixels, {to, p.g_feature.pixels});
+        if (d.scaled)
+            resize_vjp_into(device_, queue,
+                            ResizeVjpKernel{p.g_feature.pixels, &numbers_.data()->scale,
+                                            p.g_final.pixels.data});
+        else
+            add(p.g_final);
+        if (d.eyes_high) {
+            upsampler_.vjp_into(queue, trace_[1], p.g_eyes_high.pixels, {to, p.g_feature.pixels});
+            add(p.g_eyes);
+        }
+        for (std::size_t k = 0; k < step_renders; ++k) {
+            const Render& own = r.of[k];
+            rasterizer_.vjp_into(queue, own.shown, views_.camera(d.view), own.background,
+                                 {own.g_feature.pixels}, own.gradient, *frame_[k]);
+        }
+        launch_each(device_, queue, avatar_.face_count() + avatar_.eye_count(),
+                    JoinGradients{r.of[0].gradient, r.of[1].gradient, r.of[2].gradient,
+                                  avatar_.face_count(), weights_.eyes_from_eye_terms});
+        avatar_.vjp_into(queue, gradient_);
+    }
+    /// The optimiser, bounds, counts.
+    void step_end(const CudaQueue& queue) {
+        RoomKernel room{{}, avatar_.rooms(), state_.data()};
+        for (std::size_t k = 0; k < step_renders; ++k)
+            room.render[k] = {frame_[k]->m.report, frame_[k]->m.entries, frame_[k]->m.groups};
+        device_.launch(queue, 1, room);
+        const DeviceAdamControl* const control = &state_.data()->control;
+        adam_.step_into(queue, avatar_.parameters(), gradient_, control);
+        if (most_.size() > 0) {
+            const DeviceColumns<float> scales =
+                avatar_.parameters().of(avatar_.shapes().eyes.log_scale);
+            launch_each(device_, queue, scales.size(),
+                        BoundNumbers{control, most_.data(), scales.data});
+        }
+        device_.launch(queue, 1, EndStepKernel{adam_.state(), losses_.report(), state_.data()});
+    }
+
+    Device device_;
+    AvatarLossConfig weights_;
+    DeviceTwoStream<E, Device, typename Policy::Networks> avatar_;
+    typename DeviceTwoStream<E, Device, typename Policy::Networks>::Parameters gradient_;
+    DeviceAdam<Host, Device> adam_;
+    DeviceUpsampler<Device, Policy::upsampler_planes> upsampler_;
+    DeviceUpsamplerTrace trace_[2];
+    DeviceRasterizer<typename Policy::Accuracy, Device, typename Policy::Channels> rasterizer_;
+    std::unique_ptr<DeviceFrame<Device>> frame_[step_renders];
+    DeviceViews<Device> views_;
+    DeviceImageLosses<Device, Perceptual> losses_;
+    DeviceSmoothness<Device> smoothness_;
+    Index channels_;            ///< channels of a render
+    DeviceCloudBuffer part_[2]; ///< gradients of the face's render, of the eyes'
+    DeviceBuffer<float> colours_, pictures_, white_, most_;
+    DeviceBuffer<DeviceStepState> state_;
+    DeviceBuffer<DeviceStepNumbers> numbers_;
+    DeviceBuffer<DeviceStepRow> rows_;
+    const DeviceViewPlace* places_ = nullptr;
+    DeviceStepState here_{}; ///< the host's copy of state_
+    Index steps_ = 0;
+    std::map<std::tuple<bool, bool>, bool> warm_; ///< kinds of steps that have their memory
+    std::map<Key, typename GraphOf<Device>::type> graphs_;
+};
+
+} // namespace rye

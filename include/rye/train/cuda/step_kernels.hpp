@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/cuda/step_kernels.hpp: what begins and ends a training step on a device, and what
+/// joins the gradients of its three renders. A step reads its draw from a table in device memory,
+/// so that nothing comes from the host between steps. Where memory for lists was too small, nothing
+/// is changed, by that step nor by those that follow, until the host has made room.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include <rye/avatar/cuda/face_points.hpp>
+#include <rye/loss/cuda/terms.hpp>
+#include <rye/nn/cuda/adam.hpp>
+#include <rye/splat/cuda/gaussians.hpp>
+#include <rye/splat/cuda/records.hpp>
+#include <rye/train/augment.hpp>
+#include <rye/train/cuda/views.hpp>
+
+namespace rye {
+
+/// What a step of stage 2 is shown.
+struct StepDraw {
+    Index view = 0;
+    bool eyes_high = true;        ///< whether it takes the high-resolution eye term
+    bool scaled = false;          ///< whether super-resolution sees a resized render ...
+    detail::Resizing scale{};     ///< ... by this
+    std::array<float, 3> blank{}; ///< background of the face alone
+    double rate = 1;              ///< factor of the learning rates
+};
+
+/// Renders of a step: of all, of the face alone, of the eyes alone.
+inline constexpr int step_renders = 3;
+
+/// What the steps of a run have come to, in device memory.
+struct DeviceStepState {
+    DeviceAdamControl control; ///< of the step under way; stop: room was too small
+    std::int64_t taken = 0;    ///< rows of the table
+    std::uint32_t refused = 0; ///< in a row, for a gradient that was not finite
+    std::uint32_t bad = DeviceAdamState::none_bad; ///< the field of the last of those
+    std::int64_t entries[step_renders] = {};       ///< the most of a render that had no room
+    std::uint32_t groups[step_renders] = {};
+    std::uint32_t listed[4] = {};
+    LossReport losses; ///< of the last step that was taken
+};
+
+/// The draw of the step under way, in device memory.
+struct DeviceStepNumbers {
+    DeviceViewPlace view;
+    detail::Resizing scale;
+    float blank[3];
+};
+/// A row of the table of draws.
+struct DeviceStepRow {
+    std::int64_t view;
+    double rate;
+    detail::Resizing scale;
+    float blank[3];
+};
+
+/// Takes the next row.
+struct BeginStepKernel {
+    static constexpr const char* name = "draw of a step";
+    static constexpr int threads = 128, blocks = 1;
+    struct Shared {};
+    const DeviceStepRow* row;
+    Index rows;
+    const DeviceViewPlace* view;
+    DeviceStepState* state;
+    DeviceStepNumbers* numbers;
+    float* drivers;
+    int driver_numbers;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        block.each_thread([&](int t) {
+            // A step that waits for room may lie behind the last row: it changes nothing.
+            const Index at = rye::min(Index(state->taken), rows - 1);
+            const DeviceStepRow& own = row[at];
+            const DeviceViewPlace& place = view[own.view];
+            for (int k = t; k < driver_numbers; k += threads) drivers[k] = place.drivers[k];
+            if (t != 0) return;
+            numbers->view = place;
+            numbers->scale = own.scale;
+            for (int c = 0; c < 3; ++c) numbers->blank[c] = own.blank[c];
+            state->control.rate = own.rate;
+        });
+    }
+};
+
+/// Colours of what the face's render and the eyes' show: the first three features, the eyeballs of
+/// the face's render painted if it has them.
+struct ShownColours {
+    static constexpr const char* name = "colours of the streams";
+    const float* feature; ///< of all Gaussians
+    Index channels, face; ///< of a Gaussian; Gaussians of the face, the first ones
+    const float* blank;
+    float* of_face; ///< 3 x (face, or all if painted)
+    bool painted;
+    float* of_eyes; ///< 3 x eyes, or null
+
+    RYE_DEVICE void operator()(Index i) const {
+        const float* const from = feature + i * channels;
+        for (int c = 0; c < 3; ++c) {
+            if (i < face)
+                of_face[3 * i + c] = from[c];
+            else if (painted)
+                of_face[3 * i + c] = blank[c];
+            if (i >= face && of_eyes != nullptr) of_eyes[3 * (i - face) + c] = from[c];
+        }
+    }
+};
+
+/// Adds the gradients of the face's render and of the eyes' to those of the joint one.
+struct JoinGradients {
+    static constexpr const char* name = "gradients of the three renders";
+    DeviceGaussians<float> sum;              ///< the joint render's
+    DeviceGaussians<const float> face, eyes; ///< with as many channels as their renders had
+    Index faces;                             ///< Gaussians of the face
+    bool eyes_from_eye_terms;
+
+    RYE_DEVICE void operator()(Index i) const {
+        if (i < faces) {
+            add(face, i, i);
+            return;
+        }
+        if (eyes_from_eye_terms) {
+            clear(sum.rotation, i), clear(sum.scale, i);
+            clear(sum.opacity, i), clear(sum.feature, i);
+        }
+        add(eyes, i - faces, i);
+    }
+
+  private:
+    RYE_DEVICE static void clear(const DeviceColumns<float>& a, Index i) {
+        for (Index k = 0; k < a.rows; ++k) a.data[i * a.rows + k] = 0.0F;
+    }
+    RYE_DEVICE static void add(const DeviceColumns<const float>& from, Index i,
+                               const DeviceColumns<float>& to, Index at) {
+        for (Index k = 0; k < from.rows; ++k)
+            to.data[at * to.rows + k] += from.data[i * from.rows + k];
+    }
+    RYE_DEVICE void add(const DeviceGaussians<const float>& from, Index i, Index at) const {
+        add(from.mean, i, sum.mean, at), add(from.rotation, i, sum.rotation, at);
+        add(from.scale, i, sum.scale, at), add(from.opacity, i, sum.opacity, at);
+        add(from.feature, i, sum.feature, at);
+    }
+};
+
+/// Room that a render has, and what it needed.
+struct RenderRoom {
+    const FrameReport* report;
+    std::uint32_t entries, groups; ///< that there is room for
+};
+
+/// Stops the step where a list had no room, and keeps how long lists were.
+struct RoomKernel {
+    static constexpr const char* name = "room of lists";
+    static constexpr int threads = 32, blocks = 1;
+    struct Shared {};
+    RenderRoom render[step_renders];
+    DeviceRooms lists;
+    DeviceStepState* state;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        block.each_thread([&](int t) {
+            if (t != 0) return;
+            bool fits = !lists.exceeded();
+            for (int k = 0; k < lists.lists; ++k)
+                state->listed[k] = rye::max(state->listed[k], lists.count[k]);
+            for (int k = 0; k < step_renders; ++k) {
+                const FrameReport& r = *render[k].report;
+                const std::int64_t entries =
+                    static_cast<std::int64_t>(std::uint64_t(r.entries_high) << 32U | r.entries_low);
+                fits = fits && r.overflow == 0 && r.groups <= render[k].groups;
+                state->entries[k] = rye::max(state->entries[k], entries);
+                state->groups[k] = rye::max(state->groups[k], r.groups);
+            }
+            if (!fits) state->control.stop = 1;
+        });
+    }
+};
+
+/// Keeps numbers at most as large as others.
+struct BoundNumbers {
+    static constexpr const char* name = "bounds of scales";
+    const DeviceAdamControl* control;
+    const float* most;
+    float* number;
+
+    RYE_DEVICE void operator()(Index i) const {
+        if (control->stop == 0) number[i] = rye::min(number[i], most[i]);
+    }
+};
+
+/// Counts the step, unless it was stopped.
+struct EndStepKernel {
+    static constexpr const char* name = "end of a step";
+    static constexpr int threads = 32, blocks = 1;
+    struct Shared {};
+    const DeviceAdamState* adam;
+    const LossReport* losses;
+    DeviceStepState* state;
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        block.each_thread([&](int t) {
+            if (t != 0 || state->control.stop != 0) return;
+            ++state->taken;
+            state->losses = *losses;
+            const bool bad = adam->last_bad != DeviceAdamState::none_bad;
+            state->refused = bad ? state->refused + 1 : 0;
+            if (bad) state->bad = adam->last_bad;
+        });
+    }
+};
+
+} // namespace rye

@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/cuda/views.hpp: the pictures of a training in device memory: as bytes, all of them,
+/// once; and those of one step as floats, on the final background, at full size and at that of the
+/// render, as train/samples.hpp has them. Which view a step shows is read on the device.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <rye/backend/cuda/each.hpp>
+#include <rye/backend/cuda/picture.hpp>
+#include <rye/geometry/camera.hpp>
+
+namespace rye {
+
+/// A photograph of a frame with its masks, in bytes: shares of 255, pixel (x, y) in place
+/// y width + x. Sides are multiples of the factor between picture and render.
+struct TrainingView {
+    Pinhole<float> camera;             ///< of the render
+    Index frame = -1;                  ///< column of delta_pose; -1: none
+    int width = 0, height = 0;         ///< [px]
+    std::vector<std::uint8_t> rgb;     ///< 3 a pixel, over black
+    std::vector<std::uint8_t> mask;    ///< the subject
+    std::vector<std::uint8_t> visible; ///< 0 where the picture was padded
+    std::vector<std::uint8_t> eyes;    ///< both eyes
+};
+
+/// Where a view lies in device memory.
+struct DeviceViewPlace {
+    const std::uint8_t *rgb, *mask, *visible, *eyes;
+    const float* drivers; ///< as DriverPlaces packs them
+};
+
+/// Pictures of a step in floats. Full size: W x H; small: of the render.
+struct DeviceStepPictures {
+    float *truth, *visible, *eyes;                                ///< 3, 1 and 1 a pixel
+    float *truth_small, *visible_small, *eyes_small, *mask_small; ///< 3, 1, 1 and 1 a pixel
+};
+
+/// Pixel i of the render, and the factor x factor pixels of the picture that it covers.
+struct StepPicturesAt {
+    static constexpr const char* name = "pictures of a step";
+    const DeviceViewPlace* view; ///< in device memory
+    DeviceStepPictures to;
+    int width;  ///< of the picture [px]
+    int factor; ///< between picture and render
+
+    RYE_DEVICE void operator()(Index i) const {
+        const DeviceViewPlace from = *view;
+        const int across = width / factor;
+        const int x0 = static_cast<int>(i % across) * factor,
+                  y0 = static_cast<int>(i / across) * factor;
+        float truth[3] = {0, 0, 0}, visible = 0, eyes = 0, mask = 0;
+        for (int y = y0; y < y0 + factor; ++y)
+            for (int x = x0; x < x0 + factor; ++x) {
+                const Index at = Index(y) * width + x;
+                const float inside = unit_value(from.mask[at]), seen = unit_value(from.visible[at]),
+                            eye = unit_value(from.eyes[at]);
+                for (int c = 0; c < 3; ++c) { // on white
+                    const float v = unit_value(from.rgb[3 * at + c]) + (1.0F - inside);
+                    to.truth[3 * at + c] = v;
+                    truth[c] += v;
+                }
+                to.visible[at] = seen;
+                to.eyes[at] = eye;
+                visible += seen;
+                eyes += eye;
+                mask += inside;
+            }
+        const float count = static_cast<float>(factor * factor);
+        for (int c = 0; c < 3; ++c) to.truth_small[3 * i + c] = truth[c] / count;
+        to.visible_small[i] = visible / count;
+        to.eyes_small[i] = eyes / count;
+        to.mask_small[i] = mask / count;
+    }
+};
+
+/// The views of a training, resident, and the pictures of the step under way.
+template <class Device>
+class DeviceViews {
+  public:
+    /// `factor`: how many times the picture is as large as the render.
+    DeviceViews(const Device& device, int factor) : device_(device), factor_(factor) {
+        require(factor >= 1, "DeviceViews",
+                "factor is " + std::to_string(factor) + ", expected 1 or more");
+    }
+
+    /// Takes a view and what drives its frame (packed by DriverPlaces); returns its number. Waits.
+    /// Throws an Error for arrays of another size, sides that the factor does not divide, and a
+    /// size that differs from the first view's.
+    Index add(const CudaQueue& queue, const TrainingView& view, const std::vector<float>& drivers) {
+        check(view);
+        const std::size_t pixels = view.mask.size(), floats = drivers.size() * sizeof(float);
+        auto& own = *kept_.emplace_back(std::make_unique<DeviceBuffer<std::uint8_t>>());
+        own.reserve(queue, floats + 6 * pixels);
+        std::uint8_t* at = own.data(); // floats first: they are aligned there
+        const auto send = [&](const void* from, std::size_t bytes) {
+            device_.send(queue, at, from, bytes);
+            at += bytes;
+            return at - bytes;
+        };
+        DeviceViewPlace place{};
+        place.drivers = reinterpret_cast<const float*>(send(drivers.data(), floats));
+        place.rgb = send(view.rgb.data(), 3 * pixels);
+        place.mask = send(view.mask.data(), pixels);
+        place.visible = send(view.visible.data(), pixels);
+        place.eyes = send(view.eyes.data(), pixels);
+        places_.push_back(place);
+        cameras_.push_back(view.camera);
+        return static_cast<Index>(places_.size()) - 1;
+    }
+
+    Index count() const { return static_cast<Index>(places_.size()); }
+    int factor() const { return factor_; }
+    int width() const { return width_; }   ///< of the pictures [px]
+    int height() const { return height_; } ///< [px]
+    Index pixels() const { return Index(width_) * height_; }
+    Index small_pixels() const { return pixels() / (Index(factor_) * factor_); }
+    const Pinhole<float>& camera(Index view) const {
+        return cameras_[static_cast<std::size_t>(view)];
+    }
+
+    /// Where each view lies, in device memory. Waits where views were added since.
+    const DeviceViewPlace* places(const CudaQueue& queue) {
+        if (sent_ != places_.size()) {
+            table_.reserve(queue, places_.size());
+            device_.send(queue, table_.data(), places_.data(),
+                         places_.size() * sizeof(DeviceViewPlace));
+            sent_ = places_.size();
+        }
+        return table_.data();
+    }
+
+    /// Puts the pictures of a view, whose place is read on the device, on the stream.
+    const DeviceStepPictures& into(const CudaQueue& queue, const DeviceViewPlace* view) {
+        const std::size_t full = static_cast<std::size_t>(pixels()),
+                          small = static_cast<std::size_t>(small_pixels());
+        floats_.reserve(queue, 5 * full + 6 * small + 1);
+        float* at = floats_.data();
+        const auto take = [&](std::size_t n) {
+            at += n;
+            return at - n;
+        };
+        pictures_ = {take(3 * full), take(full),  take(full), take(3 * small),
+                     take(small),    take(small), take(small)};
+        launch_each(device_, queue, small_pixels(),
+                    StepPicturesAt{view, pictures_, width_, factor_});
+        return pictures_;
+    }
+
+    /// Memory of resident pictures [bytes].
+    std::size_t resident_bytes() const {
+        std::size_t sum = table_.bytes();
+        for (const auto& k : kept_) sum += k->bytes();
+        return sum;
+    }
+    /// ... and of a step's.
+    std::size_t bytes() const { return resident_bytes() + floats_.bytes(); }
+
+  private:
+    void check(const TrainingView& v) {
+        const char* const who = "DeviceViews";
+        const std::string number = "view " + std::to_string(count());
+        const auto side = [&](const char* name, int got, int first) {
+            require(got > 0 && got % factor_ == 0, who,
+                    number + ": " + name + " is " + std::to_string(got) +
+                        ", expected a positive multiple of " + std::to_string(factor_));
+            require(count() == 0 || got == first, who,
+                    number + ": " + name + " is " + std::to_string(got) +
+                        ", expected the first view's, " + std::to_string(first));
+        };
+        side("width", v.width, width_);
+        side("height", v.height, height_);
+        const std::size_t pixels =
+            static_cast<std::size_t>(v.width) * static_cast<std::size_t>(v.height);
+        const auto sized = [&](const char* name, std::size_t got, std::size_t want) {
+            require(got == want, who,
+                    number + ": " + name + " has " + std::to_string(got) + " bytes, expected " +
+                        std::to_string(want));
+        };
+        sized("rgb", v.rgb.size(), 3 * pixels);
+        sized("mask", v.mask.size(), pixels);
+        sized("visible", v.visible.size(), pixels);
+        sized("eyes", v.eyes.size(), pixels);
+        require(v.camera.width * factor_ == v.width && v.camera.height * factor_ == v.height, who,
+                number + ": its camera has " + std::to_string(v.camera.width) + " x " +
+                    std::to_string(v.camera.height) + " pixels, expected " +
+                    std::to_string(v.width / factor_) + " x " + std::to_string(v.height / factor_));
+        width_ = v.width;
+        height_ = v.height;
+    }
+
+    Device device_;
+    int factor_, width_ = 0, height_ = 0;
+    std::vector<std::unique_ptr<DeviceBuffer<std::uint8_t>>> kept_;
+    std::vector<DeviceViewPlace> places_;
+    std::vector<Pinhole<float>> cameras_;
+    DeviceBuffer<DeviceViewPlace> table_;
+    std::size_t sent_ = 0;
+    DeviceBuffer<float> floats_;
+    DeviceStepPictures pictures_{};
+};
+
+} // namespace rye

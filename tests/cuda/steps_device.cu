@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+// steps_device: the cases of whole training steps on a device; where there is none it says so.
+#define DOCTEST_CONFIG_IMPLEMENT
+#include "step_cases.hpp"
+
+#include <rye/backend/cuda/device.hpp>
+
+#include <cstdio>
+
+using namespace rye;
+using namespace rye::test;
+
+namespace {
+
+StreamMemory memory;
+cudaStream_t stream;
+const CudaQueue& queue() {
+    static const CudaQueue q{stream, memory};
+    return q;
+}
+using Fine = DeviceTrainerPolicy<DeviceNetworks<3, 32, 32, 32>, KernelChannels<3, 8>, Balanced, 3>;
+
+} // namespace
+
+TEST_CASE("device: training steps are the host's") {
+    steps_against_host<Fine>(CudaDevice(), queue(), {});
+    steps_against_host<Fine>(CudaDevice(), queue(), {.measured = false, .scaled = false});
+}
+TEST_CASE("device: training steps give the same bits again, as graphs too") {
+    steps_again<Fine>(CudaDevice(), queue());
+}
+TEST_CASE("device: training steps make room for lists") {
+    steps_make_room<Fine>(CudaDevice(), queue());
+}
+TEST_CASE("device: what training steps refuse") { steps_refused<Fine>(CudaDevice(), queue()); }
+TEST_CASE("device: a graph of steps for each camera") {
+    const StepScene scene({});
+    StepsOnDevice<CudaDevice, Fine> own(CudaDevice(), queue(), scene);
+    own.run(scene.draws);
+    CHECK(own.trainer->graphs() > 0);
+    const std::size_t graphs = own.trainer->graphs();
+    for (int k = 0; k < 3; ++k) own.run(scene.draws);
+    CHECK(own.trainer->graphs() <= 6); // three cameras, with and without eyes
+    CHECK(own.trainer->graphs() >= graphs);
+}
+
+int main(int argc, char** argv) {
+    int devices = 0;
+    if (cudaGetDeviceCount(&devices) != cudaSuccess || devices == 0) {
+        std::puts("steps_device: skipped, no device is there");
+        return 77;
+    }
+    check_cuda(cudaStreamCreate(&stream), "test");
+    return doctest::Context(argc, argv).run();
+}
