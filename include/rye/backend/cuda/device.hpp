@@ -10,23 +10,11 @@
 #include <cuda_runtime.h>
 
 #include <cstdint>
-#include <utility>
 
-#include <rye/backend/cuda.hpp>
+#include <rye/backend/cuda/runtime.hpp>
 #include <rye/backend/cuda/unrolled.hpp>
 
 namespace rye {
-
-/// Throws unless a call of CUDA's succeeded.
-inline void check_cuda(cudaError_t got, const char* who) {
-    if (got == cudaSuccess) return;
-    std::string what = std::string(who) + ": got " + cudaGetErrorName(got) + " (" +
-                       cudaGetErrorString(got) + "), expected cudaSuccess";
-    if (got == cudaErrorIllegalAddress || got == cudaErrorLaunchFailure ||
-        got == cudaErrorECCUncorrectable || got == cudaErrorHardwareStackError)
-        what += "; the device's context is lost, with all that was in its memory";
-    throw Error(what);
-}
 
 /// A warp of the device; every function is called by all its lanes.
 struct DeviceWarp {
@@ -342,46 +330,6 @@ __global__ void __launch_bounds__(Kernel::threads, Kernel::blocks)
 
 } // namespace detail
 
-/// Work that was put on a stream once, to be launched again as a whole.
-class CudaGraph {
-  public:
-    CudaGraph() = default;
-    CudaGraph(CudaGraph&& other) noexcept : exec_(std::exchange(other.exec_, nullptr)) {}
-    CudaGraph& operator=(CudaGraph&& other) noexcept {
-        std::swap(exec_, other.exec_);
-        return *this;
-    }
-    ~CudaGraph() {
-        if (exec_ != nullptr) cudaGraphExecDestroy(exec_);
-    }
-
-    /// Keeps what f puts on the queue's stream, which must not wait nor ask for memory.
-    template <class F>
-    static CudaGraph of(const CudaQueue& queue, const F& f) {
-        CudaGraph r;
-        check_cuda(cudaStreamBeginCapture(queue.stream, cudaStreamCaptureModeThreadLocal), "graph");
-        cudaGraph_t graph = nullptr;
-        try {
-            f();
-        } catch (...) {
-            static_cast<void>(cudaStreamEndCapture(queue.stream, &graph));
-            if (graph != nullptr) cudaGraphDestroy(graph);
-            throw;
-        }
-        check_cuda(cudaStreamEndCapture(queue.stream, &graph), "graph");
-        const cudaError_t got = cudaGraphInstantiate(&r.exec_, graph, 0);
-        cudaGraphDestroy(graph);
-        check_cuda(got, "graph");
-        return r;
-    }
-    void launch(const CudaQueue& queue) const {
-        check_cuda(cudaGraphLaunch(exec_, queue.stream), "graph");
-    }
-
-  private:
-    cudaGraphExec_t exec_ = nullptr;
-};
-
 /// The device that is current for the calling thread.
 struct CudaDevice {
     using Graph = CudaGraph;
@@ -411,21 +359,6 @@ struct CudaDevice {
                    "device memory");
         check_cuda(cudaStreamSynchronize(queue.stream), "device memory");
     }
-};
-
-/// CUDA's own pool of memory, in the order of the stream.
-struct StreamMemory {
-    void* allocate(std::size_t bytes, CudaStream stream) {
-        void* p = nullptr;
-        const cudaError_t got = cudaMallocAsync(&p, bytes, stream);
-        if (got == cudaSuccess) return p;
-        static_cast<void>(cudaGetLastError());
-        std::size_t free = 0, total = 0;
-        check_cuda(cudaMemGetInfo(&free, &total), "device memory");
-        throw Error("device memory: no room for " + std::to_string(bytes) + " bytes: " +
-                    std::to_string(free) + " of " + std::to_string(total) + " are free");
-    }
-    void release(void* p, CudaStream stream) { static_cast<void>(cudaFreeAsync(p, stream)); }
 };
 
 } // namespace rye

@@ -183,7 +183,6 @@ class DeviceMlp {
         place_cotangents(queue);
         device_.launch(queue, blocks(),
                        MlpReverseKernel<Tiles, A>{network_, g_out, g.points, g.add});
-        using Weights = MlpWeightKernel<Tiles::N>;
         bool again = g.add;
         float* sum = numbers_.data();
         for (int l = 0; l < network_.layers; ++l) sum += network_.layer[l].out;
@@ -192,16 +191,29 @@ class DeviceMlp {
             const DeviceMlpLayer& layer = network_.layer[l];
             const MlpColumns columns{layer.hidden, layer.takes_input ? network_.inputs : 0};
             float* const partial = scratch_->partial.data();
-            const Weights weights{
-                columns,        layer.out,       network_.points,
-                network_.of,    layer.cotangent, l > 0 ? network_.layer[l - 1].activated : nullptr,
-                network_.input, partial};
-            device_.launch(queue, weights.blocks_of(), weights);
+            const auto weights = [&](auto high) {
+                const MlpWeightKernel<Tiles::N, high()> kernel{
+                    columns,         layer.out,
+                    network_.points, network_.of,
+                    layer.cotangent, l > 0 ? network_.layer[l - 1].activated : nullptr,
+                    network_.input,  partial};
+                device_.launch(queue, kernel.blocks_of(), kernel);
+            };
+            if (layer.out > 64)
+                weights(std::integral_constant<int, 128>());
+            else
+                weights(std::integral_constant<int, 64>());
             const int of_frame = layer.takes_input ? shape_.frame_inputs : 0;
-            const MlpMergeKernel merge{
-                columns, layer.out, Weights::slices,         of_frame,
-                partial, frame_,    g.params.weight[i].data, g.params.bias[i].data,
-                sum};
+            const MlpMergeKernel merge{columns,
+                                       layer.out,
+                                       of_frame,
+                                       network_.points,
+                                       network_.of,
+                                       partial,
+                                       frame_,
+                                       g.params.weight[i].data,
+                                       g.params.bias[i].data,
+                                       sum};
             device_.launch(queue, merge.blocks_of(), merge);
             if (g.frame != nullptr && of_frame > 0) {
                 const Index before = Index(layer.hidden + network_.inputs) * layer.out;
@@ -243,7 +255,7 @@ class DeviceMlp {
             const DeviceMlpLayer& layer = network_.layer[l];
             const MlpColumns columns{layer.hidden, layer.takes_input ? network_.inputs : 0};
             all += halves(layer.out);
-            partial = rye::max(partial, std::size_t(MlpWeightKernel<Tiles::N>::slices) *
+            partial = rye::max(partial, std::size_t(MlpSlices::most) *
                                             static_cast<std::size_t>(columns.all()) *
                                             static_cast<std::size_t>(padded_16(layer.out)));
         }

@@ -34,6 +34,8 @@ template <class W, class Tiles>
 struct MlpSums {
     using F = typename W::F;
     using U = typename W::U;
+    using Right = Planes<W, Tiles::N, 2>;
+    using Two = Array<F, 2>;
     Array<F, 4> sum[std::size_t(Tiles::high)][std::size_t(Tiles::wide)];
 
     RYE_DEVICE void clear() {
@@ -43,31 +45,84 @@ struct MlpSums {
         });
     }
 
-    /// += rows times the operand; `depth` and `count`: its numbers along K and N.
+    /// += rows times the operand; `depth` and `count`: its numbers along K and N. Tiles of the
+    /// operand are on their way while those before are multiplied.
     template <class Rows>
     RYE_DEVICE void add(const Rows& rows, const std::uint32_t* operand, int depth, int count,
                         int w) {
         const int tiles = padded_16(count) / 8, own = Tiles::own(tiles),
-                  first = Tiles::first(w, tiles);
-        for (int k = 0; k < padded_16(depth) / 16; ++k) {
+                  first = Tiles::first(w, tiles), steps = padded_16(depth) / 16;
+        const int there = rye::min(own, tiles - first);
+        Right next[std::size_t(Tiles::wide)];
+        const auto fetch = [&](int k) {
+            expanded<Tiles::wide>([&](auto n) {
+                if (n < there) next[n] = packed_tile<W, Tiles::N>(operand, k * tiles + first + n);
+            });
+        };
+        if (steps > 0) fetch(0);
+        for (int k = 0; k < steps; ++k) {
+            Right right[std::size_t(Tiles::wide)];
+            expanded<Tiles::wide>([&](auto n) { right[n] = next[n]; });
+            if (k + 1 < steps) fetch(k + 1);
             Planes<W, Tiles::N, 4> left[std::size_t(Tiles::high)];
             expanded<Tiles::high>(
                 [&](auto m) { left[m] = rows.template left<W>(Tiles::first_row(w) / 16 + m, k); });
             expanded<Tiles::wide>([&](auto n) {
-                if (n < own && first + n < tiles) {
-                    const auto right = packed_tile<W, Tiles::N>(operand, k * tiles + first + n);
+                if (n < there)
                     expanded<Tiles::high>(
-                        [&](auto m) { multiply<W, Tiles::N>(sum[m][n], left[m], right); });
-                }
+                        [&](auto m) { multiply<W, Tiles::N>(sum[m][n], left[m], right[n]); });
             });
         }
     }
 
-    /// f(row, column, a, b): the numbers of a row of points, at an even column and the next.
-    template <class F2>
-    RYE_DEVICE void each_pair(int count, int w, const F2& f) const {
+    /// read(row, column) of the pairs of 16 rows and a few columns, then f(row, column, a, b, what
+    /// was read) of each: reads are on their way at once, though f writes memory.
+    template <class V, class Read, class F2>
+    RYE_DEVICE void each_pair_with(int count, int w, const Read& read, const F2& f) const {
+        constexpr int at_once = rye::min(Tiles::wide, Tiles::N == 1 ? 2 : 4);
         const int tiles = padded_16(count) / 8, own = Tiles::own(tiles),
                   first = Tiles::first(w, tiles);
+        const int there = rye::min(own, tiles - first);
+        expanded<Tiles::high>([&](auto m) {
+            const auto row = [&](int half) {
+                return U(static_cast<std::uint32_t>(Tiles::first_row(w) + 16 * m + 8 * half)) +
+                       W::lane() / U(4);
+            };
+            const auto column = [&](int n) {
+                return U(static_cast<std::uint32_t>(8 * (first + n))) + W::lane() % U(4) * U(2);
+            };
+            expanded<(Tiles::wide + at_once - 1) / at_once>([&](auto group) {
+                V kept[std::size_t(at_once)][2];
+                const auto each = [&](const auto& g) {
+                    expanded<at_once>([&](auto k) {
+                        constexpr int n = decltype(group)::value * at_once + decltype(k)::value;
+                        if constexpr (n < Tiles::wide)
+                            if (n < there)
+                                expanded<2>(
+                                    [&](auto half) { g(Constant<n>{}, half, kept[k][half]); });
+                    });
+                };
+                each([&](auto n, auto half, V& own_value) {
+                    own_value = read(row(half), column(n));
+                });
+                each([&](auto n, auto half, V& own_value) {
+                    f(row(half), column(n), sum[m][n][2 * half], sum[m][n][2 * half + 1],
+                      own_value);
+                });
+            });
+        });
+    }
+    /// read(column) of all pairs of columns once, then f(row, column, a, b, what was read).
+    template <class V, class Read, class F2>
+    RYE_DEVICE void each_pair_of_columns(int count, int w, const Read& read, const F2& f) const {
+        const int tiles = padded_16(count) / 8, own = Tiles::own(tiles),
+                  first = Tiles::first(w, tiles);
+        V kept[std::size_t(Tiles::wide)];
+        expanded<Tiles::wide>([&](auto n) {
+            if (n < own && first + n < tiles)
+                kept[n] =
+                    read(U(static_cast<std::uint32_t>(8 * (first + n))) + W::lane() % U(4) * U(2));
+        });
         expanded<Tiles::high>([&](auto m) {
             expanded<Tiles::wide>([&](auto n) {
                 if (n < own && first + n < tiles)
@@ -77,7 +132,7 @@ struct MlpSums {
                             W::lane() / U(4);
                         const U column = U(static_cast<std::uint32_t>(8 * (first + n))) +
                                          W::lane() % U(4) * U(2);
-                        f(row, column, sum[m][n][2 * half], sum[m][n][2 * half + 1]);
+                        f(row, column, sum[m][n][2 * half], sum[m][n][2 * half + 1], kept[n]);
                     });
             });
         });
@@ -158,31 +213,45 @@ struct MlpForwardKernel {
         using F = typename W::F;
         using U = typename W::U;
         const U out(static_cast<std::uint32_t>(layer.out));
-        sums.each_pair(layer.out, w, [&](const U& row, const U& column, const F& a, const F& b) {
-            const auto value = [&](const F& x, const U& c) {
-                const F y = A::value(F(x + W::read_where(c < out, layer.bias, c, 0.0F)));
-                return select(c < out, y, F(0.0F));
-            };
-            MlpSums<W, Tiles>::put(shared.hidden, row, column, value(a, column),
-                                   value(b, column + U(1)));
-        });
+        using Sums = MlpSums<W, Tiles>;
+        sums.template each_pair_of_columns<typename Sums::Two>(
+            layer.out, w, [&](const U& c) { return biases<W>(layer, c); },
+            [&](const U& row, const U& column, const F& a, const F& b,
+                const typename Sums::Two& bias) {
+                const auto value = [&](const F& x, const F& of, const U& c) {
+                    return select(c < out, F(A::value(F(x + of))), F(0.0F));
+                };
+                Sums::put(shared.hidden, row, column, value(a, bias[0], column),
+                          value(b, bias[1], column + U(1)));
+            });
+    }
+    /// Biases of an even column and the next.
+    template <class W>
+    RYE_DEVICE static Array<typename W::F, 2> biases(const DeviceMlpLayer& layer,
+                                                     const typename W::U& c) {
+        using U = typename W::U;
+        const U out(static_cast<std::uint32_t>(layer.out));
+        return {{W::read_where(c < out, layer.bias, c, 0.0F),
+                 W::read_where(c + U(1) < out, layer.bias, c + U(1), 0.0F)}};
     }
     template <class W>
     RYE_DEVICE void finish(const MlpSums<W, Tiles>& sums, const DeviceMlpLayer& layer,
                            const Rows& of, int w) const {
         using F = typename W::F;
         using U = typename W::U;
+        using Two = typename MlpSums<W, Tiles>::Two;
         const U rows(static_cast<std::uint32_t>(layer.out));
-        sums.each_pair(layer.out, w, [&](const U& row, const U& column, const F& a, const F& b) {
-            const U point = U(of.first) + row;
-            const auto one = [&](const F& x, const U& c) {
-                const auto there = c < rows && point < U(of.end);
-                W::write_where(there, out.data, point * rows + c,
-                               F(x + W::read_where(c < rows, layer.bias, c, 0.0F)));
-            };
-            one(a, column);
-            one(b, column + U(1));
-        });
+        sums.template each_pair_of_columns<Two>(
+            layer.out, w, [&](const U& c) { return biases<W>(layer, c); },
+            [&](const U& row, const U& column, const F& a, const F& b, const Two& bias) {
+                const U point = U(of.first) + row;
+                const auto one = [&](const F& x, const F& own, const U& c) {
+                    W::write_where(c < rows && point < U(of.end), out.data, point * rows + c,
+                                   F(x + own));
+                };
+                one(a, bias[0], column);
+                one(b, bias[1], column + U(1));
+            });
     }
 };
 
@@ -252,23 +321,35 @@ struct MlpReverseKernel {
         using F = typename W::F;
         using U = typename W::U;
         const U rows(static_cast<std::uint32_t>(network.inputs));
-        sums.each_pair(network.inputs, w,
-                       [&](const U& row, const U& column, const F& a, const F& b) {
-                           const U point = U(of.first) + row;
-                           const auto inside = point < U(of.end);
-                           U to = point;
-                           if (network.of.which != nullptr)
-                               to = W::read(network.of.which, select(inside, point, U(0)));
-                           const auto one = [&](const F& x, const U& c) {
-                               const auto there = c < rows && inside;
-                               const U at = to * rows + c;
-                               F y = x;
-                               if (again) y = y + W::read_where(there, g_points.data, at, 0.0F);
-                               W::write_where(there, g_points.data, at, y);
-                           };
-                           one(a, column);
-                           one(b, column + U(1));
-                       });
+        struct Before {
+            U at;
+            typename MlpSums<W, Tiles>::Two value;
+        };
+        const auto inside = [&](const U& row, const U& c) {
+            return U(of.first) + row < U(of.end) && c < rows;
+        };
+        sums.template each_pair_with<Before>(
+            network.inputs, w,
+            [&](const U& row, const U& column) {
+                const U point = U(of.first) + row;
+                U to = point;
+                if (network.of.which != nullptr)
+                    to = W::read(network.of.which, select(point < U(of.end), point, U(0)));
+                Before r{to * rows + column, {{F(0.0F), F(0.0F)}}};
+                if (again) {
+                    const auto read = [&](const U& c, const U& at) {
+                        return W::read_where(inside(row, c), g_points.data, at, 0.0F);
+                    };
+                    r.value = {{read(column, r.at), read(column + U(1), r.at + U(1))}};
+                }
+                return r;
+            },
+            [&](const U& row, const U& column, const F& a, const F& b, const Before& before) {
+                W::write_where(inside(row, column), g_points.data, before.at,
+                               F(a + before.value[0]));
+                W::write_where(inside(row, column + U(1)), g_points.data, before.at + U(1),
+                               F(b + before.value[1]));
+            });
     }
     /// Back through the activation whose outputs were kept.
     template <class W>
@@ -279,23 +360,34 @@ struct MlpReverseKernel {
         const int hidden = layer.hidden;
         const U width(static_cast<std::uint32_t>(padded_16(hidden)));
         const U most(static_cast<std::uint32_t>(hidden));
-        sums.each_pair(hidden, w, [&](const U& row, const U& column, const F& a, const F& b) {
-            const U point = U(of.first) + row;
-            const auto there = point < U(of.end);
-            F low(0.0F), high(0.0F);
-            expanded<Tiles::N>([&](auto p) {
-                const auto* const plane = reinterpret_cast<const std::uint32_t*>(
-                    layer.activated + Index(p) * network.points * padded_16(hidden));
-                const U both = W::read(plane, select(there, (point * width + column) / U(2), U(0)));
-                low = low + W::low(both);
-                high = high + W::high(both);
+        using Kept = Array<U, std::size_t(Tiles::N)>;
+        sums.template each_pair_with<Kept>(
+            hidden, w,
+            [&](const U& row, const U& column) {
+                const U point = U(of.first) + row;
+                const U at = select(point < U(of.end), (point * width + column) / U(2), U(0));
+                Kept r;
+                expanded<Tiles::N>([&](auto p) {
+                    r[p] = W::read(
+                        reinterpret_cast<const std::uint32_t*>(
+                            layer.activated + Index(p) * network.points * padded_16(hidden)),
+                        at);
+                });
+                return r;
+            },
+            [&](const U& row, const U& column, const F& a, const F& b, const Kept& kept) {
+                const auto there = U(of.first) + row < U(of.end);
+                F low(0.0F), high(0.0F);
+                expanded<Tiles::N>([&](auto p) {
+                    low = low + W::low(kept[p]);
+                    high = high + W::high(kept[p]);
+                });
+                const auto one = [&](const F& y, const F& g, const U& c) {
+                    return select(there && c < most, F(A::vjp(y, g)), F(0.0F));
+                };
+                MlpSums<W, Tiles>::put(shared.cotangent, row, column, one(low, a, column),
+                                       one(high, b, column + U(1)));
             });
-            const auto one = [&](const F& y, const F& g, const U& c) {
-                return select(there && c < most, F(A::vjp(y, g)), F(0.0F));
-            };
-            MlpSums<W, Tiles>::put(shared.cotangent, row, column, one(low, a, column),
-                                   one(high, b, column + U(1)));
-        });
     }
 };
 

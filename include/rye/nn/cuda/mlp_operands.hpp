@@ -174,25 +174,40 @@ struct PlaneRows {
         using F = typename W::F;
         using U = typename W::U;
         const auto height = static_cast<std::uint32_t>(points.from.rows);
-        for (int r = w; r < rows; r += warps) {
-            const std::uint32_t point = first + static_cast<std::uint32_t>(r);
-            const bool there = point < points.count;
-            const std::uint32_t at_column = !there                    ? 0U
-                                            : points.which != nullptr ? points.which[point]
-                                                                      : point;
-            const float* const column = points.from.data + Index(at_column) * points.from.rows;
+        constexpr int at_once = 4; // rows whose numbers are on their way together
+        for (int first_row = w; first_row < rows; first_row += at_once * warps) {
+            const float* column[std::size_t(at_once)];
+            bool there[std::size_t(at_once)];
+            expanded<at_once>([&](auto i) {
+                const int r = first_row + i * warps;
+                const std::uint32_t point = first + static_cast<std::uint32_t>(r);
+                there[i] = r < rows && point < points.count;
+                const std::uint32_t at_column = !there[i]                 ? 0U
+                                                : points.which != nullptr ? points.which[point]
+                                                                          : point;
+                column[i] = points.from.data + Index(at_column) * points.from.rows;
+            });
             for (int k = 0; k < padded / 2; k += 32) {
-                const U word = U(static_cast<std::uint32_t>(k)) + W::lane();
-                const U row = word * U(2);
-                const auto inside = word < U(static_cast<std::uint32_t>(there ? padded / 2 : 0));
-                F a = W::read_where(inside && row < U(height), column, row, 0.0F);
-                F b = W::read_where(inside && row + U(1) < U(height), column, row + U(1), 0.0F);
+                const U word = U(static_cast<std::uint32_t>(k)) + W::lane(), row = word * U(2);
+                Array<F, 2> read[std::size_t(at_once)];
+                expanded<at_once>([&](auto i) {
+                    const auto inside =
+                        word < U(static_cast<std::uint32_t>(there[i] ? padded / 2 : 0));
+                    read[i] = {{W::read_where(inside && row < U(height), column[i], row, 0.0F),
+                                W::read_where(inside && row + U(1) < U(height), column[i],
+                                              row + U(1), 0.0F)}};
+                });
                 const auto own = word < U(static_cast<std::uint32_t>(padded / 2));
-                expanded<N>([&](auto p) {
-                    const U both = W::pack(a, b);
-                    W::write_word_where(own, &at[p][r][0], word, both);
-                    a = a - W::low(both);
-                    b = b - W::high(both);
+                expanded<at_once>([&](auto i) {
+                    const int r = first_row + i * warps;
+                    if (r >= rows) return;
+                    F a = read[i][0], b = read[i][1];
+                    expanded<N>([&](auto p) {
+                        const U both = W::pack(a, b);
+                        W::write_word_where(own, &at[p][r][0], word, both);
+                        a = a - W::low(both);
+                        b = b - W::high(both);
+                    });
                 });
             }
         }

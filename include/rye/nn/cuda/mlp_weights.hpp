@@ -9,24 +9,45 @@
 
 namespace rye {
 
-/// The inputs of a layer side by side, each in whole operands: hidden, points', one.
+/// The inputs of a layer side by side, each in whole operands: hidden, points'; then one of ones.
 struct MlpColumns {
     int hidden, input; ///< numbers of the layer's two inputs; 0: it does not take that one
     RYE_HD int input_at() const { return padded_16(hidden); }
     RYE_HD int one_at() const { return padded_16(hidden) + padded_16(input); }
-    RYE_HD int all() const { return one_at() + 16; }
+    RYE_HD int all() const { return one_at() + 1; }
 };
 
-/// Gradients of a layer's weights over a slice of the points.
-template <int N>
+/// What is the same for both kernels of the weights of a layer: slices of the points.
+struct MlpSlices {
+    static constexpr int most = 64;
+    static constexpr std::uint32_t least = 256; ///< points of one
+    /// Points of a slice, a multiple of 64.
+    RYE_HD static std::uint32_t points(std::uint32_t count) {
+        const std::uint32_t parts = (count + 63) / 64;
+        return rye::max((parts + most - 1) / most * 64, std::uint32_t(least));
+    }
+    /// Slices that have points.
+    RYE_HD static int used(std::uint32_t count) {
+        return static_cast<int>((count + points(count) - 1) / points(count));
+    }
+};
+
+/// Gradients of a layer's weights over a slice of the points: `high` outputs by 128 inputs a block,
+/// whose numbers are copied to shared memory while those before are multiplied.
+template <int N, int high_>
 struct MlpWeightKernel {
     static constexpr const char* name = "network's weights";
-    static constexpr int threads = 256, blocks = 2;
-    static constexpr int high = 64, wide = 128, depth = 64; ///< outputs, inputs, points at a time
-    static constexpr int slices = 40;                       ///< of the points
-    struct Shared {
+    static constexpr int threads = 256, blocks = N == 1 ? 2 : 1;
+    static constexpr int high = high_, wide = 128; ///< outputs, inputs
+    static constexpr int depth = N == 1 ? 64 : 32; ///< points at a time
+    static constexpr int tall = high / 32;         ///< operands of 16 outputs a warp
+    static_assert(high == 64 || high == 128);
+    struct Stage {
         PlaneRows<N, depth, high> cotangent;
         PlaneRows<N, depth, wide> input;
+    };
+    struct Shared {
+        Stage stage[2];
     };
     MlpColumns columns;
     int out;
@@ -38,116 +59,154 @@ struct MlpWeightKernel {
     float* partial; ///< slices x columns.all() x padded_16(out)
 
     RYE_HD int tiles_high() const { return (out + high - 1) / high; }
-    RYE_HD int tiles_wide() const { return (columns.all() + wide - 1) / wide; }
-    Index blocks_of() const { return Index(tiles_high()) * tiles_wide() * slices; }
-    /// Points of a slice.
-    RYE_HD static std::uint32_t slice(std::uint32_t count) {
-        const std::uint32_t parts = (count + depth - 1) / depth;
-        return (parts + slices - 1) / slices * depth;
-    }
+    RYE_HD int tiles_wide() const { return (columns.one_at() + wide - 1) / wide; }
+    Index blocks_of() const { return Index(tiles_high()) * tiles_wide() * MlpSlices::most; }
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         using W = typename Block::Warp;
-        const int tile = block.index() / slices, s = block.index() % slices;
-        const int row = tile / tiles_wide() * high, column = tile % tiles_wide() * wide;
+        const int tile = block.index() / MlpSlices::most, s = block.index() % MlpSlices::most;
+        const Corner corner{tile / tiles_wide() * high, tile % tiles_wide() * wide};
         const std::uint32_t count = of.among(points);
-        const std::uint32_t begin = static_cast<std::uint32_t>(s) * slice(count);
-        const std::uint32_t end = rye::min(begin + slice(count), count);
+        const std::uint32_t slice = MlpSlices::points(count);
+        const std::uint32_t begin = static_cast<std::uint32_t>(s) * slice;
+        const std::uint32_t end = rye::min(begin + slice, count);
+        if (begin >= end) return;
         auto sums = block.template of_warps<Sums<W>>();
-        block.each_warp([&](int w) { sums[w].clear(); });
+        block.each_warp([&](int w) {
+            sums[w].clear();
+            fetch<W>(shared.stage[0], begin, end, corner, w);
+            W::end_copies();
+        });
+        int now = 0;
         for (std::uint32_t at = begin; at < end; at += depth) {
-            block.each_thread([&](int t) { fetch(shared, at, end, {row, column}, t); });
-            block.each_warp([&](int w) { sums[w].add(shared, w); });
+            block.each_warp([&](int w) {
+                if (at + depth < end) fetch<W>(shared.stage[1 - now], at + depth, end, corner, w);
+                W::end_copies();
+                W::wait_for_copies();
+            });
+            block.each_warp([&](int w) { sums[w].add(shared.stage[now], corner.column == 0, w); });
+            now = 1 - now;
         }
-        block.each_warp([&](int w) { write(sums[w], s, row, column, w); });
+        block.each_warp([&](int w) { write(sums[w], s, corner, w); });
     }
 
   private:
     struct Corner {
         int row, column;
     };
-    /// A warp's 32 outputs by 32 inputs.
+    /// A warp's high / 2 outputs by 32 inputs, and sixteen of its outputs by the ones.
     template <class W>
     struct Sums {
         using F = typename W::F;
-        Array<F, 4> sum[2][4];
+        using U = typename W::U;
+        Array<F, 4> sum[std::size_t(tall)][4];
+        Array<F, 4> of_ones;
 
         RYE_DEVICE void clear() {
-            expanded<2>([&](auto m) {
+            expanded<tall>([&](auto m) {
                 expanded<4>([&](auto n) { expanded<4>([&](auto k) { sum[m][n][k] = F(0.0F); }); });
             });
+            expanded<4>([&](auto k) { of_ones[k] = F(0.0F); });
         }
-        RYE_DEVICE void add(const Shared& shared, int w) {
+        RYE_DEVICE void add(const Stage& stage, bool ones, int w) {
+            Planes<W, N, 2> one;
+            expanded<N>([&](auto p) {
+                const U both = p == 0 ? select(W::lane() < U(4), U(0x3F803F80U), U(0)) : U(0);
+                one[p] = {{both, both}};
+            });
             for (int k = 0; k < depth / 16; ++k) {
-                Planes<W, N, 4> left[2];
-                expanded<2>([&](auto m) {
-                    left[m] = shared.cotangent.template left_transposed<W>(w / 4 * 2 + m, k);
+                Planes<W, N, 4> left[std::size_t(tall)];
+                expanded<tall>([&](auto m) {
+                    left[m] = stage.cotangent.template left_transposed<W>(w / 4 * tall + m, k);
                 });
                 expanded<2>([&](auto n) {
-                    const auto right = shared.input.template right<W>(w % 4 * 2 + n, k);
-                    expanded<2>([&](auto m) {
+                    const auto right = stage.input.template right<W>(w % 4 * 2 + n, k);
+                    expanded<tall>([&](auto m) {
                         multiply<W, N>(sum[m][2 * n], left[m], right[0]);
                         multiply<W, N>(sum[m][2 * n + 1], left[m], right[1]);
                     });
                 });
+                if (ones)
+                    expanded<tall>([&](auto m) {
+                        if (w % 4 == m) multiply<W, N>(of_ones, left[m], one);
+                    });
             }
         }
     };
 
-    /// Points [at, at + depth) of the tile's rows and columns; zeros beside what there is.
-    RYE_DEVICE void fetch(Shared& shared, std::uint32_t at, std::uint32_t end, Corner corner,
-                          int t) const {
-        constexpr int quads = (high + wide) / 8;
-        for (int k = t; k < N * depth * quads; k += threads) {
-            const int plane = k / (depth * quads), r = k / quads % depth, quad = k % quads;
-            const std::uint32_t point = at + static_cast<std::uint32_t>(r);
-            const bool left = quad < high / 8;
-            const int c = left ? corner.row + 8 * quad : corner.column + 8 * quad - high;
-            Quad4 x{0, 0, 0, 0};
-            if (point < end)
-                x = left ? row_of(cotangent, plane, point, c, padded_16(out))
-                         : of_column(plane, point, c);
-            std::uint16_t* const to = left ? &shared.cotangent.at[plane][r][8 * quad]
-                                           : &shared.input.at[plane][r][8 * quad - high];
-            *reinterpret_cast<Quad4*>(to) = x;
+    /// Starts to copy points [at, at + depth) of the block's rows and columns; zeros beside what
+    /// there is. A lane has eight numbers of a point.
+    template <class W>
+    RYE_DEVICE void fetch(Stage& stage, std::uint32_t at, std::uint32_t end, Corner corner,
+                          int w) const {
+        using U = typename W::U;
+        const auto number = [](int x) { return U(static_cast<std::uint32_t>(x)); };
+        constexpr int left_quads = high / 8, stride_left = PlaneRows<N, depth, high>::stride / 8,
+                      stride_right = PlaneRows<N, depth, wide>::stride / 8;
+        const U lane = W::lane(), quad = lane - number(left_quads); // of the inputs
+        const auto is_left = lane < number(left_quads);
+        const auto is_right = lane >= number(left_quads) && quad < number(wide / 8);
+        const U row = number(corner.row / 8) + lane, column = number(corner.column / 8) + quad;
+        const int outs = padded_16(out) / 8, hiddens = columns.input_at() / 8,
+                  inputs = columns.one_at() / 8 - hiddens;
+        const auto of_left = is_left && row < number(outs);
+        const auto of_hidden = is_right && column < number(hiddens);
+        const auto of_input =
+            is_right && column >= number(hiddens) && column < number(hiddens + inputs);
+        auto* const to_left = reinterpret_cast<Quad4*>(&stage.cotangent.at[0][0][0]);
+        auto* const to_right = reinterpret_cast<Quad4*>(&stage.input.at[0][0][0]);
+        const typename W::F nothing(0.0F);
+        const Array<typename W::F, 4> zero{{nothing, nothing, nothing, nothing}};
+        for (int k = w; k < N * depth; k += threads / 32) {
+            const int plane = k / depth;
+            const std::uint32_t point = at + static_cast<std::uint32_t>(k % depth);
+            const bool there = point < end;
+            const auto inside = [&](const auto& m) { return m && number(there ? 1 : 0) > U(0); };
+            const auto first = [&](int quads) { // of the point
+                return U((static_cast<std::uint32_t>(plane) * points + point) *
+                         static_cast<std::uint32_t>(quads));
+            };
+            const U left_at = number(k * stride_left) + lane,
+                    right_at = number(k * stride_right) + quad;
+            W::copy4_ahead(inside(of_left), to_left, left_at,
+                           reinterpret_cast<const Quad4*>(cotangent), first(outs) + row);
+            W::copy4_ahead(inside(of_hidden), to_right, right_at,
+                           reinterpret_cast<const Quad4*>(hidden), first(hiddens) + column);
+            W::copy4_ahead(inside(of_input), to_right, right_at,
+                           reinterpret_cast<const Quad4*>(input),
+                           first(inputs) + column - number(hiddens));
+            W::write4_where(is_left && !inside(of_left), to_left, left_at, zero);
+            W::write4_where(is_right && !inside(of_hidden || of_input), to_right, right_at, zero);
         }
-    }
-    RYE_DEVICE Quad4 of_column(int plane, std::uint32_t point, int c) const {
-        if (c < columns.input_at())
-            return row_of(hidden, plane, point, c, padded_16(columns.hidden));
-        if (c < columns.one_at())
-            return row_of(input, plane, point, c - columns.input_at(), padded_16(columns.input));
-        // Eight numbers of bf16, the first of them 1 = 0x3F80.
-        Quad4 one{0, 0, 0, 0};
-        if (c == columns.one_at() && plane == 0)
-            reinterpret_cast<std::uint16_t*>(&one)[0] = std::uint16_t(0x3F80);
-        return one;
-    }
-    RYE_DEVICE Quad4 row_of(const std::uint16_t* from, int plane, std::uint32_t point, int c,
-                            int width) const {
-        if (c >= width) return {0, 0, 0, 0};
-        return *reinterpret_cast<const Quad4*>(from + (Index(plane) * points + point) * width + c);
     }
 
     template <class W>
-    RYE_DEVICE void write(const Sums<W>& sums, int s, int row, int column, int w) const {
+    RYE_DEVICE void write(const Sums<W>& sums, int s, Corner corner, int w) const {
         using U = typename W::U;
         const auto rows = static_cast<std::uint32_t>(padded_16(out));
-        const auto all = static_cast<std::uint32_t>(columns.all());
-        float* const to = partial + Index(s) * all * rows;
-        expanded<2>([&](auto m) {
+        const auto ones = static_cast<std::uint32_t>(columns.one_at());
+        float* const to = partial + Index(s) * columns.all() * Index(rows);
+        const U across = W::lane() % U(4) * U(2);
+        expanded<tall>([&](auto m) {
+            const U top = U(static_cast<std::uint32_t>(corner.row + w / 4 * (high / 2) + 16 * m)) +
+                          W::lane() / U(4);
             expanded<4>([&](auto n) {
                 expanded<4>([&](auto k) {
-                    const U r =
-                        U(static_cast<std::uint32_t>(row + w / 4 * 32 + 16 * m + k / 2 * 8)) +
-                        W::lane() / U(4);
-                    const U c = U(static_cast<std::uint32_t>(column + w % 4 * 32 + 8 * n + k % 2)) +
-                                W::lane() % U(4) * U(2);
-                    W::write_where(r < U(rows) && c < U(all), to, c * U(rows) + r,
+                    const U r = top + U(std::uint32_t(k / 2 * 8));
+                    const U c =
+                        U(static_cast<std::uint32_t>(corner.column + w % 4 * 32 + 8 * n + k % 2)) +
+                        across;
+                    W::write_where(r < U(rows) && c < U(ones), to, c * U(rows) + r,
                                    sums.sum[m][n][k]);
                 });
             });
+            if (corner.column == 0 && w % 4 == m)
+                expanded<2>([&](auto half) {
+                    const U r = top + U(std::uint32_t(half * 8));
+                    W::write_where(r < U(rows) && across < U(1), to, U(ones * rows) + r,
+                                   sums.of_ones[2 * half]);
+                });
         });
     }
 };
@@ -156,9 +215,12 @@ struct MlpWeightKernel {
 struct MlpMergeKernel {
     static constexpr const char* name = "merge of weights";
     static constexpr int threads = 128, blocks = 8;
+    static constexpr int at_once = 8; ///< slices that are read together
     struct Shared {};
     MlpColumns columns;
-    int out, slices, frame_inputs;
+    int out, frame_inputs;
+    std::uint32_t points; ///< that there is room for
+    DevicePoints of;
     const float* partial;
     const float* frame; ///< frame_inputs, or null
     float* weight;      ///< out x (hidden + input + frame inputs); added to
@@ -168,6 +230,7 @@ struct MlpMergeKernel {
     Index blocks_of() const { return (Index(out) * columns.all() + threads - 1) / threads; }
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
+        const int slices = MlpSlices::used(of.among(points));
         block.each_thread([&](int t) {
             const int at = block.index() * threads + t;
             const int o = at % out, c = at / out;
@@ -176,7 +239,12 @@ struct MlpMergeKernel {
             const float* const from = partial + c * rows + o;
             const auto total = [&] {
                 float x = 0;
-                for (int s = 0; s < slices; ++s) x += from[s * apart];
+                for (int s = 0; s < slices; s += at_once) {
+                    float part[std::size_t(at_once)];
+                    expanded<at_once>(
+                        [&](auto k) { part[k] = s + k < slices ? from[(s + k) * apart] : 0.0F; });
+                    expanded<at_once>([&](auto k) { x += part[k]; });
+                }
                 return x;
             };
             if (c < columns.hidden)

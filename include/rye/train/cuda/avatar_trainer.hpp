@@ -21,7 +21,7 @@
 #include <rye/splat/cuda/rasterizer.hpp>
 #include <rye/train/avatar_trainer.hpp>
 #include <rye/train/cuda/image_losses.hpp>
-#include <rye/train/cuda/step_kernels.hpp>
+#include <rye/train/cuda/step_images.hpp>
 
 namespace rye {
 
@@ -143,7 +143,7 @@ class DeviceAvatarTrainer {
         std::size_t sum = avatar_.bytes() + gradient_.bytes() + adam_.bytes() + upsampler_.bytes() +
                           trace_[0].bytes() + trace_[1].bytes() + views_.bytes() +
                           smoothness_.bytes() + part_[0].bytes() + part_[1].bytes() +
-                          colours_.bytes() + pictures_.bytes() + white_.bytes() + most_.bytes() +
+                          colours_.bytes() + images_.bytes() + white_.bytes() + most_.bytes() +
                           state_.bytes() + numbers_.bytes() + rows_.bytes();
         for (const auto& f : frame_) sum += f->bytes();
         return sum;
@@ -251,39 +251,6 @@ class DeviceAvatarTrainer {
         return {d.eyes_high, d.scaled, numbers};
     }
 
-    /// Memory of a step's pictures and cotangents, by the sizes of the views.
-    struct Pictures {
-        DevicePicture<float> final, face, eyes, scaled, high, eyes_high;
-        float* alpha[step_renders];
-        DevicePicture<float> g_final, g_face, g_eyes, g_high, g_eyes_high, g_feature;
-    };
-    Pictures pictures(const CudaQueue& queue, const StepDraw& d) {
-        const Index s = views_.small_pixels(), full = views_.pixels(), C = channels_;
-        const Index of_eyes = d.eyes_high ? C : 3;
-        pictures_.reserve(queue, static_cast<std::size_t>((6 * C + 6 + 3) * s + 12 * full) + 64);
-        float* at = pictures_.data();
-        const auto take = [&](Index rows, Index pixels) {
-            at += rows * pixels;
-            return at - rows * pixels;
-        };
-        const int f = views_.factor(), w = views_.width() / f, h = views_.height() / f;
-        const auto small = [&](Index rows) {
-            return DevicePicture<float>{{take(rows, s), rows, s}, w, h};
-        };
-        const auto large = [&] {
-            return DevicePicture<float>{{take(3, full), 3, full}, views_.width(), views_.height()};
-        };
-        Pictures p;
-        p.final = small(C), p.face = small(3), p.eyes = small(of_eyes), p.scaled = small(C);
-        for (float*& a : p.alpha) a = take(1, s);
-        p.g_final = small(C), p.g_face = small(3), p.g_eyes = small(of_eyes);
-        p.g_feature = small(C);
-        p.high = large(), p.g_high = large();
-        p.eyes_high = p.g_eyes_high = {};
-        if (d.eyes_high) p.eyes_high = large(), p.g_eyes_high = large();
-        return p;
-    }
-
     /// Puts a step on the stream.
     void put(const CudaQueue& queue, const StepDraw& d, Index rows) {
         const Host& host = avatar_.shapes();
@@ -293,7 +260,7 @@ class DeviceAvatarTrainer {
             BeginStepKernel{rows_.data(), rows, places_, state_.data(), numbers, avatar_.drivers(),
                             static_cast<int>(avatar_.driver_places().size)});
         const DeviceStepPictures& truth = views_.into(queue, &numbers->view);
-        const Pictures p = pictures(queue, d);
+        const DeviceStepImages p = images_.of(queue, views_, channels_, d.eyes_high);
         avatar_.drive_into(queue);
         const Renders r = renders(queue, d, p, numbers->blank);
         draw(queue, d, r);
@@ -321,7 +288,7 @@ class DeviceAvatarTrainer {
     struct Renders {
         Render of[step_renders]; ///< all, the face alone, the eyes alone
     };
-    Renders renders(const CudaQueue& queue, const StepDraw& d, const Pictures& p,
+    Renders renders(const CudaQueue& queue, const StepDraw& d, const DeviceStepImages& p,
                     const float* blank) {
         const DeviceGaussians<float>& cloud = avatar_.cloud();
         const Index n = avatar_.face_count(), e = avatar_.eye_count(), C = channels_;
@@ -354,7 +321,7 @@ class DeviceAvatarTrainer {
         }
     }
     /// Values and cotangents of all terms.
-    void compare(const CudaQueue& queue, const StepDraw& d, const Pictures& p,
+    void compare(const CudaQueue& queue, const StepDraw& d, const DeviceStepImages& p,
                  const DeviceStepPictures& truth) {
         const auto picture = [](const float* data, const DevicePicture<float>& like) {
             return DevicePicture<const float>{{data, 3, like.pixels.cols}, like.width, like.height};
@@ -383,7 +350,8 @@ class DeviceAvatarTrainer {
         losses_.report_into(queue);
     }
     /// Adds the gradient of everything to gradient_.
-    void back(const CudaQueue& queue, const StepDraw& d, const Pictures& p, const Renders& r) {
+    void back(const CudaQueue& queue, const StepDraw& d, const DeviceStepImages& p,
+              const Renders& r) {
         const DeviceUpsamplerParameters to =
             device_upsampler(gradient_, avatar_.shapes().upsampler);
         const auto add = [&](const DevicePicture<float>& g) {
@@ -442,7 +410,8 @@ class DeviceAvatarTrainer {
     DeviceSmoothness<Device> smoothness_;
     Index channels_;            ///< channels of a render
     DeviceCloudBuffer part_[2]; ///< gradients of the face's render, of the eyes'
-    DeviceBuffer<float> colours_, pictures_, white_, most_;
+    DeviceStepImageMemory images_;
+    DeviceBuffer<float> colours_, white_, most_;
     DeviceBuffer<DeviceStepState> state_;
     DeviceBuffer<DeviceStepNumbers> numbers_;
     DeviceBuffer<DeviceStepRow> rows_;
