@@ -9,13 +9,13 @@
 /// same build gives the same bits, whatever number of steps a run takes.
 #pragma once
 
-#include <map>
 #include <memory>
 #include <string>
 #include <tuple>
 #include <vector>
 
 #include <rye/avatar/cuda/two_stream.hpp>
+#include <rye/backend/cuda/graphs.hpp>
 #include <rye/loss/cuda/smoothness.hpp>
 #include <rye/nn/cuda/upsampler.hpp>
 #include <rye/splat/cuda/rasterizer.hpp>
@@ -116,7 +116,7 @@ class DeviceAvatarTrainer {
             forget_room();
             send_state(queue);
             for (std::size_t i = static_cast<std::size_t>(here_.taken); i < draws.size(); ++i)
-                put_or_launch(queue, draws[i], static_cast<Index>(draws.size()));
+                launch(queue, draws[i], static_cast<Index>(draws.size()));
             device_.fetch(queue, &here_, state_.data(), sizeof here_);
             if (here_.control.stop == 0) break;
             require(waited < most_waits, "DeviceAvatarTrainer",
@@ -149,26 +149,11 @@ class DeviceAvatarTrainer {
         return sum;
     }
     /// How many graphs are held.
-    std::size_t graphs() const {
-        if constexpr (has_graphs)
-            return graphs_.size();
-        else
-            return 0;
-    }
+    std::size_t graphs() const { return graphs_.size(); }
 
   private:
-    static constexpr bool has_graphs = requires { typename Device::Graph; };
-    static constexpr int most_graphs = 64, most_waits = 64;
-    struct NoGraph {};
-    template <class D>
-    struct GraphOf {
-        using type = NoGraph;
-    };
-    template <class D>
-        requires requires { typename D::Graph; }
-    struct GraphOf<D> {
-        using type = typename D::Graph;
-    };
+    static constexpr int most_waits = 64;
+    using Kind = std::tuple<bool, bool>;
     /// Numbers that kernels of a step are launched with.
     using Key = std::tuple<bool, bool, std::vector<float>>;
 
@@ -201,16 +186,12 @@ class DeviceAvatarTrainer {
                         std::to_string(d.view) + ", there are " + std::to_string(views_.count()));
             rows.push_back({d.view, d.rate, d.scale, {d.blank[0], d.blank[1], d.blank[2]}});
         }
-        if (rows.size() > rows_.size()) forget_graphs(); // they read rows where they lay
+        if (rows.size() > rows_.size()) graphs_.forget(); // they read rows where they lay
         rows_.reserve(queue, rows.size());
         device_.send(queue, rows_.data(), rows.data(), rows.size() * sizeof(DeviceStepRow));
         const DeviceViewPlace* const before = places_;
         places_ = views_.places(queue);
-        if (places_ != before) forget_graphs();
-    }
-    void forget_graphs() {
-        if constexpr (has_graphs) graphs_.clear();
-        warm_.clear();
+        if (places_ != before) graphs_.forget();
     }
     void forget_room() {
         here_.control.stop = 0;
@@ -222,25 +203,12 @@ class DeviceAvatarTrainer {
         avatar_.make_room({here_.listed, here_.listed + avatar_.rooms().lists});
         for (std::size_t k = 0; k < step_renders; ++k)
             frame_[k]->make_room(here_.entries[k], here_.groups[k]);
-        forget_graphs();
+        graphs_.forget();
     }
 
-    void put_or_launch(const CudaQueue& queue, const StepDraw& d, Index rows) {
-        if constexpr (has_graphs) {
-            const auto same = std::tuple(d.eyes_high, d.scaled);
-            const bool warm = warm_.count(same) != 0;
-            warm_.insert({same, true});
-            if (warm) { // memory is there
-                const Key key = key_of(d, rows);
-                auto at = graphs_.find(key);
-                if (at == graphs_.end() && graphs_.size() < most_graphs)
-                    at =
-                        graphs_.emplace(key, Device::Graph::of(queue, [&] { put(queue, d, rows); }))
-                            .first;
-                if (at != graphs_.end()) return at->second.launch(queue);
-            }
-        }
-        put(queue, d, rows);
+    void launch(const CudaQueue& queue, const StepDraw& d, Index rows) {
+        graphs_.run(queue, Kind{d.eyes_high, d.scaled}, key_of(d, rows),
+                    [&] { put(queue, d, rows); });
     }
     Key key_of(const StepDraw& d, Index rows) const {
         const Pinhole<float>& c = views_.camera(d.view);
@@ -418,8 +386,7 @@ class DeviceAvatarTrainer {
     const DeviceViewPlace* places_ = nullptr;
     DeviceStepState here_{}; ///< the host's copy of state_
     Index steps_ = 0;
-    std::map<std::tuple<bool, bool>, bool> warm_; ///< kinds of steps that have their memory
-    std::map<Key, typename GraphOf<Device>::type> graphs_;
+    KeptGraphs<Device, Kind, Key> graphs_;
 };
 
 } // namespace rye

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/backend/cuda/graphs.hpp: work that is put on a stream again and again, kept as graphs where
+/// a device has them. Each kind of work runs once as it is, in which its memory is taken.
+#pragma once
+
+#include <cstddef>
+#include <map>
+#include <set>
+
+#include <rye/backend/cuda.hpp>
+
+namespace rye {
+
+/// A device whose work can be kept and launched again.
+template <class D>
+concept DeviceWithGraphs = requires {
+    typename D::Graph;
+};
+
+/// Graphs of one device by their keys. Key: all that the work was put on the stream with and that
+/// may change; Kind: what decides which memory it takes.
+template <class Device, class Kind, class Key>
+class KeptGraphs {
+  public:
+    static constexpr std::size_t most = 64; ///< more run as they are
+
+    /// f() puts the work of a key on the queue's stream.
+    template <class F>
+    void run(const CudaQueue& queue, const Kind& kind, const Key& key, const F& f) {
+        if constexpr (DeviceWithGraphs<Device>) {
+            const bool warm = !warm_.insert(kind).second;
+            auto at = graphs_.find(key);
+            if (warm && at == graphs_.end() && graphs_.size() < most)
+                at = graphs_.emplace(key, Device::Graph::of(queue, f)).first;
+            if (warm && at != graphs_.end()) return at->second.launch(queue);
+        }
+        f();
+    }
+    /// Where memory that graphs use was moved, or is to grow.
+    void forget() {
+        graphs_.clear();
+        warm_.clear();
+    }
+    std::size_t size() const { return graphs_.size(); }
+
+  private:
+    struct None {};
+    template <class D>
+    struct GraphOf {
+        using type = None;
+    };
+    template <DeviceWithGraphs D>
+    struct GraphOf<D> {
+        using type = typename D::Graph;
+    };
+
+    std::set<Kind> warm_;
+    std::map<Key, typename GraphOf<Device>::type> graphs_;
+};
+
+} // namespace rye
