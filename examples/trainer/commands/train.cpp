@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 /// `rye train`: both stages, with progress, log, panels, checkpoints and resume.
-#include <sys/ioctl.h>
-#include <unistd.h>
 #include <csignal>
 
 #include <algorithm>
@@ -18,11 +16,13 @@
 
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
+#include "commands/progress.hpp"
 #include "data/json.hpp"
 #include "data/panel.hpp"
 #include "data/run_frames.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
+#include "training/draws.hpp"
 #include "training/run_folder.hpp"
 #include "training/run_size.hpp"
 #include "training/steps.hpp"
@@ -52,93 +52,7 @@ struct TrainOptions {
 /// True if standard output has no progress.
 bool quiet(const TrainOptions& o) { return o.quiet || o.json; }
 
-/// A number of the progress line, by its name in log.jsonl.
-std::string brief(const std::string& name, double value) {
-    char digits[32];
-    std::snprintf(digits, sizeof digits, "%.4f", value);
-    return name + " " + digits;
-}
-
-/// Columns of the terminal; 0 if it does not tell.
-std::size_t terminal_width() {
-    struct winsize size {};
-    return ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 ? size.ws_col : 0;
-}
-
-/// A progress line: rewritten in place on a terminal, printed now and then elsewhere. On a terminal
-/// the losses that its width has no room for are left out, the last ones first: a line that wraps
-/// could not be rewritten. log.jsonl has all of them.
-class Progress {
-  public:
-    Progress(std::string stage, Index total, bool quiet)
-        : stage_(std::move(stage)), total_(total), quiet_(quiet), tty_(isatty(1) != 0) {}
-
-    void show(Index step, const std::vector<std::string>& losses, bool last) {
-        if (quiet_) return;
-        const double now = seconds();
-        if (first_step_ < 0) first_step_ = step - 1;
-        if (!last && now - shown_ < (tty_ ? 0.2 : 10.0)) return;
-        shown_ = now;
-        const double done = static_cast<double>(step - first_step_);
-        const auto left =
-            static_cast<std::int64_t>(now / done * static_cast<double>(total_ - step));
-        char text[64];
-        std::snprintf(text, sizeof text, "%4.0f ms/step, %lld:%02d left", 1e3 * now / done,
-                      static_cast<long long>(left / 60), static_cast<int>(left % 60));
-        const std::string begin =
-            stage_ + " " + std::to_string(step) + "/" + std::to_string(total_);
-        const std::string end = "  " + std::string(text);
-        const std::size_t width = tty_ ? terminal_width() : 0;
-        std::string shown;
-        for (const std::string& loss : losses) {
-            const std::size_t all = begin.size() + shown.size() + 2 + loss.size() + end.size();
-            if (width > 0 && all >= width) break;
-            shown += "  " + loss;
-        }
-        std::cout << (tty_ ? "\r\033[K" : "") << begin << shown << end
-                  << (tty_ && !last ? "" : "\n") << std::flush;
-    }
-
-  private:
-    double seconds() const {
-        return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-    }
-    std::string stage_;
-    Index total_, first_step_ = -1;
-    bool quiet_, tty_;
-    std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-    double shown_ = -1e9;
-};
-
 constexpr Index log_every = 20;  ///< steps between lines of log.jsonl
-
-/// The frame of a step; the order within an epoch depends on seed and epoch alone.
-int frame_of_step(const std::vector<int>& frames, Index step, const Random& random) {
-    const Index n = static_cast<Index>(frames.size());
-    const Random epoch = random.fork(static_cast<std::uint64_t>(step / n));
-    std::vector<int> order = frames;
-    for (Index i = n - 1; i > 0; --i)
-        std::swap(order[static_cast<std::size_t>(i)],
-                  order[static_cast<std::size_t>(epoch.below(static_cast<std::uint64_t>(i), i + 1))]);
-    return order[static_cast<std::size_t>(step % n)];
-}
-
-std::vector<int> present_cameras(const Capture& capture, int frame) {
-    std::vector<int> all;
-    for (int c = 0; c < capture.camera_count(); ++c)
-        if (capture.view(frame, c).present) all.push_back(c);
-    require(!all.empty(), capture.folder.string() + ": frame " +
-            capture.frames[static_cast<std::size_t>(frame)].id, "no camera has an image of it");
-    return all;
-}
-
-double decayed(double decay, Index step, Index total) {
-    return std::pow(decay, static_cast<double>(step) / static_cast<double>(std::max<Index>(total, 1)));
-}
-
-Index total_steps(int steps, int epochs, const Capture& capture) {
-    return steps > 0 ? steps : static_cast<Index>(epochs) * static_cast<Index>(capture.train.size());
-}
 
 /// Non-finite gradients skip their step; this many in a row end the run.
 constexpr int max_skipped_steps = 20;
@@ -256,38 +170,18 @@ class Trainer {
         progress.show(state_.step, shown, last);
     }
 
-    AvatarSample<float> sample_of(Index step, const Random& order, const Random& views,
-                                  const Random& colors) {
-        const int frame = frame_of_step(capture_.train, step, order);
-        const std::vector<int> cameras = present_cameras(capture_, frame);
-        const std::uint64_t key = static_cast<std::uint64_t>(step);
-        const int camera = cameras[static_cast<std::size_t>(
-            views.below(key, static_cast<Index>(cameras.size())))];
-        AvatarSample<float> s = avatar_sample(capture_, state_.config, frame, camera);
-        s.eyes_high = step % state_.config.gaussians.weights.eye_high_every == 0;
-        if (state_.config.gaussians.augment)
-            s.scale = random_scale(s.camera.width, s.camera.height,
-                                   1 << state_.config.gaussians.upsampler.doublings,
-                                   random_.fork(8).fork(key));
-        const Random color = colors.fork(key);
-        for (Index c = 0; c < s.blank.size(); ++c)
-            s.blank(c) = static_cast<float>(color.uniform(static_cast<std::uint64_t>(c)));
-        return s;
-    }
-
     bool train_avatar() {
         const AvatarTrainConfig& g = state_.config.gaussians;
-        const Index total = total_steps(g.steps, g.epochs, capture_);
-        const Random order = random_.fork(5), views = random_.fork(6), colors = random_.fork(7);
+        const SampleDraws draws(capture_, state_.config);
+        const Index total = draws.total();
         const std::unique_ptr<AvatarSteps> steps = avatar_steps(state_, options_.perceptual_weights);
         Progress progress("stage 2", total, quiet(options_));
         while (state_.step < total) {
             probe_.start();
-            const Index step = state_.step;
-            const AvatarSample<float> sample = sample_of(step, order, views, colors);
+            const SampleDraw draw = draws(state_.step);
+            const AvatarSample<float> sample = sample_of(capture_, state_.config, draw);
             probe_("data");
-            const StepReport report =
-                steps->step(state_, sample, decayed(g.rate_decay, step, total), std::ref(probe_));
+            const StepReport report = steps->step(state_, sample, draw.rate, std::ref(probe_));
             check_applied(report, "avatar");
             const bool last = state_.step == total;
             tell("avatar", report, progress, last);

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "commands/progress.hpp"
+
+#include <cstdio>
+#include <iostream>
+
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+namespace rye::trainer {
+namespace {
+
+/// Columns of the terminal; 0 if it does not tell.
+std::size_t terminal_width() {
+    struct winsize size {};
+    return ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 ? size.ws_col : 0;
+}
+
+} // namespace
+
+std::string brief(const std::string& name, double value) {
+    char digits[32];
+    std::snprintf(digits, sizeof digits, "%.4f", value);
+    return name + " " + digits;
+}
+
+Progress::Progress(std::string stage, Index total, bool quiet)
+    : stage_(std::move(stage)),
+      total_(total),
+      quiet_(quiet),
+      tty_(isatty(1) != 0) {}
+
+void Progress::show(Index step, const std::vector<std::string>& losses, bool last, Index taken) {
+    if (quiet_) return;
+    const double now = seconds();
+    if (first_step_ < 0) first_step_ = step - taken;
+    if (!last && now - shown_ < (tty_ ? 0.2 : 10.0)) return;
+    shown_ = now;
+    const double done = static_cast<double>(step - first_step_);
+    const auto left = static_cast<std::int64_t>(now / done * static_cast<double>(total_ - step));
+    const double ms = 1e3 * now / done;
+    char text[64];
+    std::snprintf(text, sizeof text, "%4.*f ms/step, %lld:%02d left", ms < 10 ? 2 : 0, ms,
+                  static_cast<long long>(left / 60), static_cast<int>(left % 60));
+    const std::string begin = stage_ + " " + std::to_string(step) + "/" + std::to_string(total_);
+    const std::string end = "  " + std::string(text);
+    const std::size_t width = tty_ ? terminal_width() : 0;
+    std::string shown;
+    for (const std::string& loss : losses) {
+        const std::size_t all = begin.size() + shown.size() + 2 + loss.size() + end.size();
+        if (width > 0 && all >= width) break;
+        shown += "  " + loss;
+    }
+    std::cout << (tty_ ? "\r\033[K" : "") << begin << shown << end << (tty_ && !last ? "" : "\n")
+              << std::flush;
+}
+
+double Progress::seconds() const {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+}
+
+} // namespace rye::trainer

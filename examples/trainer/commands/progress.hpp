@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+/// commands/progress.hpp: the progress line of a training.
+#pragma once
+
+#include <chrono>
+#include <string>
+#include <vector>
+
+#include <rye/core/columns.hpp>
+
+namespace rye::trainer {
+
+/// A number of the progress line, by its name in log.jsonl.
+std::string brief(const std::string& name, double value);
+
+/// A progress line: rewritten in place on a terminal, printed now and then elsewhere. On a terminal
+/// the losses that its width has no room for are left out, the last ones first: a line that wraps
+/// could not be rewritten. log.jsonl has all of them.
+class Progress {
+  public:
+    Progress(std::string stage, Index total, bool quiet);
+
+    /// After step number `step`, the last of `taken` steps that were taken together.
+    void show(Index step, const std::vector<std::string>& losses, bool last, Index taken = 1);
+
+  private:
+    double seconds() const;
+
+    std::string stage_;
+    Index total_, first_step_ = -1;
+    bool quiet_, tty_;
+    std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+    double shown_ = -1e9;
+};
+
+} // namespace rye::trainer
