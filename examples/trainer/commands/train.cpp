@@ -22,6 +22,9 @@
 #include "data/run_frames.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
+#include "training/device_choice.hpp"
+#include "training/device_memory.hpp"
+#include "training/device_steps.hpp"
 #include "training/draws.hpp"
 #include "training/run_folder.hpp"
 #include "training/run_size.hpp"
@@ -42,12 +45,19 @@ void request_stop(int signal) {
 struct TrainOptions {
     std::filesystem::path capture, out, config, perceptual_weights;
     std::string preset = "cpu";
+    std::string device = "auto";
     bool resume = false, overwrite = false, profile = false, quiet = false, print_config = false;
     bool json = false;
     int threads = 0;
     std::optional<std::string> seed;  // as text: the option parser would accept -3 and 1e23
     std::optional<std::int64_t> steps;
 };
+
+DeviceWish wish(const TrainOptions& o) {
+    return o.device == "auto"  ? DeviceWish::automatic
+           : o.device == "cpu" ? DeviceWish::cpu
+                                    : DeviceWish::cuda;
+}
 
 /// True if standard output has no progress.
 bool quiet(const TrainOptions& o) { return o.quiet || o.json; }
@@ -60,8 +70,11 @@ constexpr int max_skipped_steps = 20;
 /// The trainer of one run.
 class Trainer {
   public:
-    Trainer(const TrainOptions& options, Capture capture, TrainState state, Beginning beginning)
+    /// on: the device that stage 2 is trained on; none: the CPU.
+    Trainer(const TrainOptions& options, std::optional<DeviceFacts> on, Capture capture,
+            TrainState state, Beginning beginning)
         : options_(options),
+          device_(std::move(on)),
           capture_(std::move(capture)),
           state_(std::move(state)),
           random_{state_.config.seed, 0},
@@ -82,13 +95,15 @@ class Trainer {
                 std::cout << "stage 2 begins with " << size.face << " face and " << size.eyes
                           << " eye Gaussians\n";
         }
-        return train_avatar();
+        return device_ ? train_avatar_on_device() : train_avatar();
     }
     const TrainState& state() const { return state_; }
 
   private:
     void check_applied(const StepReport& report, const char* stage) {
-        skipped_ = report.bad_field.empty() ? 0 : skipped_ + 1;
+        skipped_ = report.refused             ? static_cast<int>(*report.refused)
+                   : report.bad_field.empty() ? 0
+                                              : skipped_ + 1;
         if (skipped_ == 0) return;
         folder_.log({{"stage", stage}, {"step", state_.step}, {"skipped", report.bad_field}});
         require(skipped_ < max_skipped_steps, options_.out.string(),
@@ -157,8 +172,9 @@ class Trainer {
             std::cout << brief("landmarks of all frames fitted: landmark_rms", left) << "\n";
     }
 
-    /// Logs and shows a step.
-    void tell(const char* stage, const StepReport& report, Progress& progress, bool last) {
+    /// Logs and shows a step, the last of `taken` that were taken together.
+    void tell(const char* stage, const StepReport& report, Progress& progress, bool last,
+              Index taken = 1) {
         if (state_.step % log_every == 0 || last) {
             Json line = {{"stage", stage}, {"step", state_.step}};
             for (const auto& [name, value] : report.losses) line[name] = value;
@@ -167,7 +183,7 @@ class Trainer {
         }
         std::vector<std::string> shown;
         for (const auto& [name, value] : report.losses) shown.push_back(brief(name, value));
-        progress.show(state_.step, shown, last);
+        progress.show(state_.step, shown, last, taken);
     }
 
     bool train_avatar() {
@@ -192,6 +208,44 @@ class Trainer {
         return true;
     }
 
+    /// The same in chunks of steps, between which the state is as the device has it where something
+    /// reads it.
+    bool train_avatar_on_device() {
+        const AvatarTrainConfig& g = state_.config.gaussians;
+        const SampleDraws draws(capture_, state_.config);
+        const Index total = draws.total();
+        if (state_.step >= total) return true;
+        DeviceSizes sizes = device_sizes(state_, capture_);
+        sizes.lpips = !options_.perceptual_weights.empty();
+        require_device_room(device_need(state_.config, sizes), *device_, options_.out.string());
+        const std::unique_ptr<DeviceSteps> steps =
+            device_steps(state_, capture_, options_.perceptual_weights);
+        Progress progress("stage 2", total, quiet(options_));
+        while (state_.step < total) {
+            probe_.start();
+            std::vector<SampleDraw> chunk;
+            const Index end = chunk_end(state_.step, total, log_every, g);
+            for (Index step = state_.step; step < end; ++step) chunk.push_back(draws(step));
+            probe_("data");
+            const StepReport report = steps->run(state_, chunk);
+            probe_("steps on the device");
+            check_applied(report, "avatar");
+            const bool last = state_.step == total, stop = stop_requested != 0;
+            const bool shows = g.panel_every > 0 && (state_.step % g.panel_every == 0 || last);
+            const bool saves = state_.step % g.checkpoint_every == 0 || last;
+            if (shows || saves || stop) {
+                steps->fetch(state_);
+                probe_("from the device");
+            }
+            tell("avatar", report, progress, last, static_cast<Index>(chunk.size()));
+            if (shows) write_panel(sample_of(capture_, state_.config, chunk.back()));
+            if (stop && stopped()) return false;
+            if (saves) folder_.save(state_);
+        }
+        if (!quiet(options_)) std::printf("device memory held: %.3f GB\n", steps->bytes() / 1e9);
+        return true;
+    }
+
     void write_panel(const AvatarSample<float>& sample) {
         const std::string number = std::to_string(state_.step);
         const std::string name = "step_" + std::string(7 - std::min<std::size_t>(7, number.size()), '0') +
@@ -211,6 +265,7 @@ class Trainer {
     }
 
     const TrainOptions& options_;
+    std::optional<DeviceFacts> device_;
     Capture capture_;
     TrainState state_;
     Random random_;
@@ -235,6 +290,7 @@ class Trainer {
     Json summary(bool done) const {
         Json result{{"run", options_.out.string()},
                     {"done", done},
+                    {"device", device_ ? device_->name : "cpu"},
                     {"stage", state_.stage == Stage::mesh ? "mesh" : "avatar"},
                     {"step", state_.step}};
         if (options_.profile) result["profile"] = profile();
@@ -268,6 +324,29 @@ TrainConfig config_of(const TrainOptions& o) {
     if (o.seed) config.seed = parsed_seed(*o.seed, "--seed");
     take_steps(o, config);
     return config;
+}
+
+/// Where stage 2 is trained.
+struct TrainedOn {
+    std::optional<DeviceFacts> device; ///< none: the CPU
+    std::string words;                 ///< a line about it, or empty
+};
+
+/// By --device and the one policy; Error where the device has no room.
+TrainedOn trained_on(const TrainOptions& o, const TrainState& state, const Capture& capture) {
+    if (wish(o) == DeviceWish::cpu) return {};
+    const DeviceFinding finding = find_device();
+    const DeviceDecision decision = decided(wish(o), state.config, finding);
+    if (!decision.device)
+        return {std::nullopt, decision.reason.empty()
+                                  ? ""
+                                  : "stage 2 is trained on the CPU: " + decision.reason};
+    DeviceSizes sizes = device_sizes(state, capture);
+    sizes.lpips = !o.perceptual_weights.empty();
+    const DeviceNeed need = device_need(state.config, sizes);
+    require_device_room(need, *finding.found,
+                        o.config.empty() ? "--preset " + state.config.preset : o.config.string());
+    return {finding.found, "stage 2 is trained on " + finding.found->name + ": " + text_of(need)};
 }
 
 /// Checks that the checkpoint in the folder fits the options and the capture.
@@ -340,6 +419,7 @@ int train(const TrainOptions& o) {
     require_room(size, most_memory(), o.config.empty() ? "--preset " + config.preset
                                                        : o.config.string());
     check_perceptual_weights(o.perceptual_weights);
+    const TrainedOn on = trained_on(o, state, capture);
     if (!o.resume) {
         state.mesh = Mesh::init(state.config.avatar, state.subject.neutral.cast<float>(),
                                 Random{state.config.seed, 0});
@@ -349,7 +429,7 @@ int train(const TrainOptions& o) {
     const bool other_frames = o.resume && state.frames != mark;
     state.frames = mark;
     std::signal(SIGXFSZ, SIG_IGN);  // exceeding the file size limit becomes an error, not a signal
-    Trainer trainer(o, std::move(capture), std::move(state),
+    Trainer trainer(o, on.device, std::move(capture), std::move(state),
                     o.resume ? Beginning::resumed
                     : there  ? Beginning::replacing
                              : Beginning::fresh);
@@ -359,6 +439,7 @@ int train(const TrainOptions& o) {
         std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
                      "VGG16 term is replaced by one of gradient pyramids\n";
     if (!quiet(o)) std::cout << text_of(size) << "\n";
+    if (!quiet(o) && !on.words.empty()) std::cout << on.words << "\n";
     if (other_frames) trainer.save(); // so that it fits the frames that lie beside it now
     std::signal(SIGINT, request_stop);
     std::signal(SIGTERM, request_stop);
@@ -381,8 +462,14 @@ void add_train(CLI::App& app) {
         ->check(folder_check("the folder of a capture (`rye info` checks one)"));
     c->add_option("--out", options->out, "Folder of the run: checkpoint, log.jsonl, panels");
     c->add_option("--preset", options->preset,
-                  "tiny: minutes on two cores; cpu: below an hour; paper: the paper's numbers")
-        ->check(CLI::IsMember({"tiny", "cpu", "paper"}))
+                  "tiny: minutes on two cores; cpu: below an hour; gpu: 512 x 512 pixels, on a "
+                  "large device; paper: the paper's numbers")
+        ->check(CLI::IsMember({"tiny", "cpu", "gpu", "paper"}))
+        ->capture_default_str();
+    c->add_option("--device", options->device,
+                  "Where stage 2 is trained; auto: a CUDA device where this build has kernels, a "
+                  "device is there and they are of the configuration's parts")
+        ->check(CLI::IsMember({"auto", "cpu", "cuda"}))
         ->capture_default_str();
     c->add_option("--config", options->config,
                   "JSON file whose fields replace the preset's (see --print-config)");

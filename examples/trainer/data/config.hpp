@@ -58,6 +58,9 @@ struct AvatarTrainConfig {
     AvatarLossConfig weights;
     AvatarRates rates;
     UpsamplerShape upsampler;   ///< in_channels follows from the avatar
+    /// Of bf16 a float of the networks' products on a device: 1 for 8 bits of each factor, 3 for 24.
+    /// The CPU computes in floats.
+    int planes = 1;
 };
 
 /// Axis of an eye that the gazes of a run refer to: the eyeball's optical axis, or the line of
@@ -104,7 +107,7 @@ struct TrainConfig {
     AvatarTrainConfig gaussians;
 };
 
-/// "tiny", "cpu" or "paper"; throws Error for another name.
+/// "tiny", "cpu", "gpu" or "paper"; throws Error for another name.
 TrainConfig preset(const std::string& name);
 
 nlohmann::ordered_json to_json(const TrainConfig& config);

@@ -4,8 +4,8 @@
 
 #include <rye/avatar/hold.hpp>
 #include <rye/capture/lpips_weights.hpp>
-#include <rye/train/avatar_trainer.hpp>
 
+#include "training/avatar_training.hpp"
 #include "training/steps.hpp"
 
 namespace rye::trainer {
@@ -24,18 +24,10 @@ struct ChosenPerceptual {
 
 AvatarTraining<Balanced, ChosenPerceptual> training_of(
     const TrainState& state, const std::filesystem::path& perceptual_weights) {
-    const TrainConfig& c = state.config;
-    AvatarTraining<Balanced, ChosenPerceptual> t;
-    t.config = c.avatar;
-    t.roles = state.subject.roles;
-    t.objective.weights = c.gaussians.weights;
-    t.objective.rasterizer = TrainRasterizer{};
+    AvatarTraining<Balanced, ChosenPerceptual> t = avatar_training<ChosenPerceptual>(state);
     if (!perceptual_weights.empty())
         t.objective.perceptual.loss =
             LpipsVgg<float>{read_lpips_weights<float>(perceptual_weights)};
-    t.rates = c.gaussians.rates;
-    if (c.gaze_axis == GazeAxis::optical) t.rates.kappa = 0; // where there is one, it stays 0
-    t.bounds = {c.gaussians.eyeball.max_growth, c.gaussians.eyeball.thickness};
     return t;
 }
 
@@ -55,12 +47,7 @@ class StepsOf : public AvatarSteps {
                 return trainer_.step(restricted<E>(sample.drivers), sample, rate, probe);
         }();
         ++state.step;
-        const AvatarLosses<float>& l = report.losses;
-        return {{{"loss", l.total}, {"high_resolution", l.high_resolution},
-                 {"low_resolution", l.low_resolution}, {"perceptual", l.perceptual},
-                 {"dssim", l.dssim}, {"eye_low", l.eye_low}, {"eye_high", l.eye_high},
-                 {"blank", l.blank}, {"face_alone", l.face_alone}, {"eye_smooth", l.eye_smooth}},
-                0, report.adam.first_bad_field};
+        return {names_of(report.losses), 0, report.adam.first_bad_field};
     }
 
   private:

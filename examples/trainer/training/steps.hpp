@@ -6,6 +6,7 @@
 #include <array>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "training/run.hpp"
@@ -18,6 +19,7 @@ struct StepReport {
     std::vector<std::pair<std::string, double>> losses;  ///< "loss", the weighted sum, first
     Index vertices = 0;                                  ///< of the surface, in stage 1
     std::string bad_field;
+    std::optional<Index> refused = {};  ///< how many steps in a row, where a device counts them
 };
 
 using Probe = std::function<void(const char*)>;  ///< called at the end of each part of a step

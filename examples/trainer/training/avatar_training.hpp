@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+/// training/avatar_training.hpp: what stage 2 of a run is given beside its avatar, and the names of
+/// its losses; the same for the CPU and for a device.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <rye/train/avatar_trainer.hpp>
+
+#include "training/run.hpp"
+
+namespace rye::trainer {
+
+template <class Perceptual>
+AvatarTraining<Balanced, Perceptual> avatar_training(const TrainState& state) {
+    const TrainConfig& c = state.config;
+    AvatarTraining<Balanced, Perceptual> t;
+    t.config = c.avatar;
+    t.roles = state.subject.roles;
+    t.objective.weights = c.gaussians.weights;
+    t.objective.rasterizer = TrainRasterizer{};
+    t.rates = c.gaussians.rates;
+    if (c.gaze_axis == GazeAxis::optical) t.rates.kappa = 0; // where there is one, it stays 0
+    t.bounds = {c.gaussians.eyeball.max_growth, c.gaussians.eyeball.thickness};
+    return t;
+}
+
+/// The losses as log.jsonl has them.
+inline std::vector<std::pair<std::string, double>> names_of(const AvatarLosses<float>& l) {
+    return {{"loss", l.total},
+            {"high_resolution", l.high_resolution},
+            {"low_resolution", l.low_resolution},
+            {"perceptual", l.perceptual},
+            {"dssim", l.dssim},
+            {"eye_low", l.eye_low},
+            {"eye_high", l.eye_high},
+            {"blank", l.blank},
+            {"face_alone", l.face_alone},
+            {"eye_smooth", l.eye_smooth}};
+}
+
+} // namespace rye::trainer

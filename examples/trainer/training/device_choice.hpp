@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+/// training/device_choice.hpp: the one policy by which `rye train` takes a device or the CPU for
+/// stage 2.
+#pragma once
+
+#include <limits>
+#include <string>
+
+#include "data/config.hpp"
+#include "training/device.hpp"
+
+namespace rye::trainer {
+
+/// What a user asks for by --device.
+enum class DeviceWish { automatic, cpu, cuda };
+
+/// What has no kernels in a configuration, as "avatar.shading is \"head_pose\"", with what is
+/// expected; empty where a device can train it.
+inline std::string without_kernels(const TrainConfig& c) {
+    if (c.gaze_mechanism != GazeMechanismName::rotation)
+        return "avatar.gaze_mechanism is \"" + word_of(c.gaze_mechanism) +
+               "\", kernels are of \"rotation\"";
+    if (c.eye_appearance != EyeAppearanceName::free)
+        return "avatar.eye_appearance is \"" + word_of(c.eye_appearance) +
+               "\", kernels are of \"free\"";
+    if (c.shading != ShadingName::none)
+        return "avatar.shading is \"" + word_of(c.shading) + "\", kernels are of \"none\"";
+    // Tiles of rye::DeviceNetworks.
+    constexpr int widest = 256, features = 128, codes = 64, layers = 8;
+    const AvatarConfig& a = c.avatar;
+    const auto over = [](const std::string& field, int got, int most) {
+        return got <= most ? ""
+                           : field + " is " + std::to_string(got) + ", kernels have room for " +
+                                 std::to_string(most);
+    };
+    std::string words = over("avatar.feature", a.feature, features);
+    if (words.empty()) words = over("avatar.frequencies", a.frequencies, (codes / 3 - 1) / 2);
+    if (words.empty()) words = over("avatar.channels", a.channels, widest);
+    const NetworkConfig& n = a.networks;
+    const auto network = [&](const std::string& name, const std::vector<int>& hidden, int most) {
+        const std::string field = "avatar.networks." + name;
+        if (words.empty())
+            words =
+                over("number of layers of " + field, static_cast<int>(hidden.size()) + 1, layers);
+        for (const int width : hidden)
+            if (words.empty()) words = over("a width of " + field, width, most);
+    };
+    network("exp_color", n.exp_color, widest);
+    network("pose_color", n.pose_color, widest);
+    network("exp_deform", n.exp_deform, widest);
+    network("pose_deform", n.pose_deform, widest);
+    network("exp_attributes", n.exp_attributes, widest);
+    network("pose_attributes", n.pose_attributes, widest);
+    network("gaze_deform", n.gaze_deform, widest);
+    network("gaze_color", n.gaze_color, widest);
+    network("eye_offset", n.eye_offset, std::numeric_limits<int>::max());
+    return words;
+}
+
+/// Where stage 2 is trained.
+struct DeviceDecision {
+    bool device = false;
+    std::string reason; ///< of the CPU, where a build with kernels has it by itself; else empty
+};
+
+/// A device where the build has kernels, a device is there and the configuration has kernels; the
+/// CPU otherwise. Throws Error, beginning with --device, where `wish` asks for a device in vain.
+inline DeviceDecision decided(DeviceWish wish, const TrainConfig& config,
+                              const DeviceFinding& finding) {
+    if (wish == DeviceWish::cpu) return {};
+    const std::string none = finding.found ? without_kernels(config) : finding.reason;
+    if (none.empty()) return {true, ""};
+    require(wish == DeviceWish::automatic, "--device", "got cuda, but " + none);
+    return {false, finding.built ? none : ""};
+}
+
+} // namespace rye::trainer

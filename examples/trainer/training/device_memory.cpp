@@ -1,0 +1,264 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/device_memory.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include <rye/avatar/weights.hpp>
+#include <rye/nn/features.hpp>
+#include <rye/splat/cuda/rasterizer.hpp>
+
+#include "training/draws.hpp"
+#include "training/run_size.hpp"
+#include "training/types.hpp"
+
+namespace rye::trainer {
+namespace {
+
+constexpr double number = sizeof(float), half = sizeof(std::uint16_t);
+
+double up(double x, double multiple) { return std::ceil(x / multiple) * multiple; }
+
+/// A network of a driver, over the points of its list.
+struct Network {
+    MlpShape shape;
+    double points;
+
+    double parameters() const {
+        double sum = 0;
+        for (int l = 0; l < shape.layers(); ++l)
+            sum += (static_cast<double>(shape.fan_in(l)) + 1) * shape.layer_out(l);
+        return sum;
+    }
+    /// What a layer's outputs, or the inputs, are in planes of half words.
+    double halves(int width, int planes) const { return planes * points * up(width, 16); }
+};
+
+std::vector<Network> networks_of(const AvatarConfig& c, const DeviceSizes& sizes) {
+    const NetworkConfig& n = c.networks;
+    const int xyz = c.position_code(), pose = c.pose_code(), gaze = c.gaze_code();
+    const auto [of_exp, of_pose, left, right] = sizes.listed;
+    std::vector<Network> all{
+        {mlp_shape(c.feature + c.expression, c.expression, n.exp_color, c.channels), of_exp},
+        {mlp_shape(xyz + c.expression, c.expression, n.exp_deform, 3), of_exp},
+        {mlp_shape(c.feature + c.expression, c.expression, n.exp_attributes, 8), of_exp},
+        {mlp_shape(c.feature + pose, pose, n.pose_color, c.channels), of_pose},
+        {mlp_shape(xyz + pose, pose, n.pose_deform, 3), of_pose},
+        {mlp_shape(c.feature + pose, pose, n.pose_attributes, 8), of_pose}};
+    for (const double points : {left, right}) {
+        all.push_back({mlp_shape(c.feature + gaze, gaze, n.gaze_color, c.channels), points});
+        all.push_back({mlp_shape(xyz + gaze, gaze, n.gaze_deform, 3), points});
+    }
+    all.push_back({mlp_shape(c.expression + pose, 0, n.eye_offset, 6), 0}); // of one column
+    return all;
+}
+
+/// Layers of the upsampler at the sizes of one picture.
+struct UpsamplerLayers {
+    UpsamplerShape shape;
+    double small; ///< pixels of the render
+
+    double pixels(int l) const { return std::ldexp(small, l / 2 * 2); }
+    double parameters() const {
+        double sum = 3.0 * (shape.capacity + 1);
+        for (int l = 0; l < shape.layers(); ++l)
+            sum += 9.0 * shape.layer_in(l) * shape.block_out(l / 2);
+        return sum;
+    }
+    /// What the vjp of one pass reads.
+    double trace() const {
+        double sum = 0;
+        for (int l = 0; l < shape.layers(); ++l) sum += (pixels(l) + 2) * shape.block_out(l / 2);
+        if (shape.skip)
+            for (int d = 0; d <= shape.doublings; ++d) sum += 3 * pixels(2 * d);
+        return number * sum;
+    }
+    /// What the passes share: planes of two images, two cotangents, those of the skip.
+    double shared(int planes) const {
+        double most = 0, padded = 0;
+        for (int l = 0; l < shape.layers(); ++l) {
+            const int in = shape.layer_in(l), out = shape.block_out(l / 2),
+                      wide = std::max(in, out);
+            most = std::max(most, wide * pixels(l));
+            padded = std::max(padded, up(wide, 16) * pixels(l));
+        }
+        const double skip = shape.skip ? 2 * 3 * pixels(2 * shape.doublings) : 0;
+        return 2 * planes * half * padded + number * (2 * most + skip);
+    }
+};
+
+/// The frames of a step's three renders, by the room that they begin with.
+double frames_of(const TrainConfig& config, const DeviceSizes& s, int width, int height) {
+    const auto frame = [&](double gaussians, int channels) {
+        const int kernels = channels <= 3 ? 3 : channels <= 16 ? 16 : 32;
+        DeviceFrameShape f{};
+        f.gaussians = static_cast<std::size_t>(gaussians);
+        f.tiles = static_cast<std::size_t>(tiles_across(width)) *
+                  static_cast<std::size_t>(tiles_across(height));
+        f.entries = 8 * f.gaussians + 8 * f.tiles + 1024;
+        f.groups = f.entries / 16 + 8 * f.tiles;
+        f.stride = static_cast<std::size_t>(up(kernels + 8, 4));
+        return static_cast<double>(f.bytes());
+    };
+    const double all = s.face + s.eyes;
+    return frame(all, config.avatar.channels) +
+           frame(config.gaussians.weights.blank_eyeballs ? all : s.face, 3) +
+           frame(s.eyes, config.avatar.channels);
+}
+
+/// LPIPS on whole pictures: features of both, planes, cotangents, weights.
+double lpips_bytes(double pixels, int planes) {
+    const VggShape shape;
+    double features = 0, slices = 0, most = 0, weights = 0;
+    int in = shape.in_channels;
+    for (std::size_t s = 0; s < vgg_slices; ++s) {
+        const double here = pixels / std::ldexp(1.0, 2 * static_cast<int>(s));
+        for (int k = 0; k < shape.convolutions[s]; ++k) {
+            const int out = shape.channels[s];
+            features += here * out;
+            most = std::max(most, here * std::max(in, out));
+            weights += 9.0 * in * out;
+            in = out;
+        }
+        slices += here * shape.channels[s];
+    }
+    return number * (features + slices + 2 * most + 3 * pixels) +
+           planes * half * (most + 2 * weights);
+}
+
+/// Points of the face that each driver moves, with the room that a list has.
+std::array<double, 4> listed_by(const AvatarConfig& config, const LandmarkRoles& roles,
+                                const Columns<float>& points, const Columns<float>& landmarks) {
+    WeightsTrace<float, TrainEffects> nearest;
+    const Weights<float, TrainEffects> w =
+        face_weights<float>(train_backend(), {config, points, landmarks}, roles, nearest);
+    const auto room = [&](const Columns<float>& lambda) {
+        const double n = static_cast<double>((lambda.array() > 0).count());
+        return std::min(static_cast<double>(points.cols()), n + std::floor(n / 4) + 64);
+    };
+    return {room(ExpressionField{}.influence(w)), room(PoseField{}.influence(w)),
+            room(GazeField<0>{}.influence(w)), room(GazeField<1>{}.influence(w))};
+}
+
+} // namespace
+
+DeviceSizes device_sizes(const TrainState& state, const Capture& capture) {
+    DeviceSizes s;
+    const int factor = 1 << state.config.gaussians.upsampler.doublings;
+    s.width = (capture.width + factor - 1) / factor * factor;
+    s.height = (capture.height + factor - 1) / factor * factor;
+    s.frames = static_cast<double>(capture.train.size());
+    for (const int frame : capture.train)
+        s.views += static_cast<double>(present_cameras(capture, frame).size());
+    const auto counted = [&](const auto& avatar) {
+        s.face = static_cast<double>(avatar.face.position.cols());
+        s.eyes = static_cast<double>(avatar.eyes.position.cols());
+        s.listed = listed_by(state.config.avatar, state.subject.roles, avatar.face.position,
+                             avatar.face.landmarks);
+    };
+    if (state.stage == Stage::avatar && state.visual) {
+        counted(state.visual->avatar);
+    } else if (state.stage == Stage::avatar && !state.compared && !state.appearance) {
+        counted(state.avatar);
+    } else {
+        s.eyes = 2.0 * state.config.gaussians.eyeball.points;
+        s.face =
+            run_size(state.config, state.subject, capture.width, capture.height).gaussians - s.eyes;
+        s.listed = {s.face, s.face, s.face / 2, s.face / 2};
+    }
+    return s;
+}
+
+DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
+    const AvatarConfig& a = config.avatar;
+    const AvatarTrainConfig& g = config.gaussians;
+    const int factor = 1 << g.upsampler.doublings, planes = g.planes;
+    const double full = static_cast<double>(s.width) * s.height;
+    const double small = full / (factor * factor), points = s.face + s.eyes;
+    UpsamplerLayers upsampler{g.upsampler, small};
+    upsampler.shape.in_channels = a.channels;
+    const std::vector<Network> networks = networks_of(a, s);
+
+    double parameters = s.face * (11 + a.feature) + s.eyes * (11 + a.channels) + 6 * s.frames +
+                        upsampler.parameters();
+    // A point: code, feature, influences and their cotangents; nearest landmarks, lists, steps of
+    // attributes. The driven cloud and its cotangent, parts of the other renders.
+    double kept = number * s.face * (2 * (a.position_code() + a.feature + 4) + 3 + 4 + 16) +
+                  number * (points * (2 * (11 + a.channels) + 14 + 3) + s.eyes * (14 + a.channels));
+    double cotangents = 0, outputs = 0, partial = 0;
+    for (const Network& n : networks) {
+        parameters += n.parameters();
+        kept += 2 * planes * half * n.parameters(); // weights as planes, for both directions
+        if (n.points == 0) continue;
+        const MlpShape& shape = n.shape;
+        double all = 0;
+        kept += half * n.halves(shape.point_inputs(), planes) + number * shape.outputs() * n.points;
+        for (int l = 0; l < shape.layers(); ++l) {
+            const double out = half * n.halves(shape.layer_out(l), planes);
+            all += out;
+            if (l + 1 < shape.layers()) kept += out;
+            const double columns =
+                shape.hidden_in(l) + (shape.reads_input(l) ? shape.point_inputs() : 0);
+            partial = std::max(partial, 40 * up(columns, 16) * up(shape.layer_out(l), 16));
+        }
+        cotangents = std::max(cotangents, all);
+        outputs = std::max(outputs, number * shape.outputs() * n.points);
+    }
+    kept += cotangents + outputs + number * partial;
+
+    const double maps = (6.0 * a.channels + 9 + 6) * small + (12 + 5) * full;
+    const double pyramid = 2 * 3 * full * (1.0 / 4 + 1.0 / 16);
+    const double compared = (g.weights.dssim > 0 ? 9 * full : 0) + (g.augment ? 4 * full : 0);
+    return {
+        {{{"parameters, gradient and moments", 4 * number * parameters,
+           "avatar.networks, gaussians.spacing or gaussians.mouth_points"},
+          {"pictures", 6 * full * s.views + 4 * s.views * a.expression,
+           "the capture's number or size of pictures, as no field does it"},
+          {"networks", kept, "avatar.networks, gaussians.planes or gaussians.mouth_points"},
+          {"renders", frames_of(config, s, s.width / factor, s.height / factor) + number * maps,
+           "gaussians.mouth_points or avatar.channels"},
+          {"upsampler", 2 * upsampler.trace() + upsampler.shared(planes),
+           "gaussians.upsampler.capacity"},
+          {"losses",
+           s.lpips ? lpips_bytes(full, planes) + number * compared : number * (pyramid + compared),
+           s.lpips ? "the perceptual loss, by leaving out --perceptual-weights"
+                   : "gaussians.weights.dssim to 0"}}}};
+}
+
+double DeviceNeed::sum() const {
+    double all = 0;
+    for (const Part& p : parts) all += p.bytes;
+    return all;
+}
+const DeviceNeed::Part& DeviceNeed::largest() const {
+    return *std::max_element(parts.begin(), parts.end(),
+                             [](const Part& a, const Part& b) { return a.bytes < b.bytes; });
+}
+
+std::string text_of(const DeviceNeed& need) {
+    const auto gigabytes = [](double bytes) {
+        char digits[64];
+        std::snprintf(digits, sizeof digits, "%.3f", bytes / 1e9);
+        return std::string(digits);
+    };
+    std::string text = "about " + gigabytes(need.sum()) + " GB of device memory:";
+    for (const auto& p : need.parts)
+        text +=
+            std::string(&p == need.parts.data() ? " " : ", ") + p.name + " " + gigabytes(p.bytes);
+    return text;
+}
+
+void require_device_room(const DeviceNeed& need, const DeviceFacts& device,
+                         const std::string& who) {
+    char free[64], total[64];
+    std::snprintf(free, sizeof free, "%.3f", device.free / 1e9);
+    std::snprintf(total, sizeof total, "%.3f", device.total / 1e9);
+    require(need.sum() <= device.free, who,
+            "got settings that need " + text_of(need) + ", expected at most the " + free +
+                " GB that are free of the " + total + " GB of " + device.name +
+                "; what needs most is made less by lowering " + need.largest().lower +
+                ", or train with --device cpu");
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/device_steps.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include <rye/capture/lpips_weights.hpp>
+
+#include "training/avatar_training.hpp"
+
+namespace rye::trainer {
+namespace {
+
+/// Shares of 255, rounded; numbers that were bytes come back as they were.
+std::vector<std::uint8_t> bytes_of(const Image<float>& image) {
+    std::vector<std::uint8_t> bytes;
+    bytes.reserve(static_cast<std::size_t>(image.pixels.size()));
+    for (Index i = 0; i < image.pixels.size(); ++i)
+        bytes.push_back(static_cast<std::uint8_t>(
+            std::lround(255 * std::clamp(image.pixels.data()[i], 0.0f, 1.0f))));
+    return bytes;
+}
+
+template <EffectSet E>
+class DeviceStepsOf final : public DeviceSteps {
+  public:
+    DeviceStepsOf(const TrainState& state, const Capture& capture, const DeviceTask& task)
+        : engine_(device_engine<E>(own(state).first, own(state).second, task)) {
+        for (const int frame : capture.train)
+            for (const int camera : present_cameras(capture, frame))
+                view_[{frame, camera}] =
+                    engine_->add(device_view(capture, state.config, frame, camera));
+    }
+
+    StepReport run(TrainState& state, const std::vector<SampleDraw>& draws) override {
+        std::vector<DeviceDraw> steps;
+        for (const SampleDraw& d : draws)
+            steps.push_back({view_.at({d.frame, d.camera}),
+                             d.eyes_high,
+                             d.scaled,
+                             d.scale,
+                             {d.blank(0), d.blank(1), d.blank(2)},
+                             d.rate});
+        const DeviceReport r = engine_->run(steps);
+        state.step += static_cast<Index>(draws.size());
+        return {names_of(r.losses), 0, r.bad_field, r.refused};
+    }
+    void fetch(TrainState& state) const override {
+        const auto to = own(state);
+        engine_->fetch(to.first, to.second);
+    }
+    double bytes() const override { return engine_->bytes(); }
+
+  private:
+    /// The avatar that a run with these effects trains, and its optimiser.
+    template <class State>
+    static auto own(State& state) {
+        if constexpr (std::same_as<E, VisualEffects>)
+            return std::pair<decltype((state.visual->avatar)), decltype((state.visual->adam))>(
+                state.visual->avatar, state.visual->adam);
+        else
+            return std::pair<decltype((state.avatar)), decltype((state.avatar_adam))>(
+                state.avatar, state.avatar_adam);
+    }
+
+    std::unique_ptr<DeviceEngine<E>> engine_;
+    std::map<std::pair<int, int>, Index> view_; ///< of a frame and a camera
+};
+
+} // namespace
+
+DeviceView device_view(const Capture& capture, const TrainConfig& config, int frame, int camera) {
+    const int factor = 1 << config.gaussians.upsampler.doublings;
+    const auto place = std::find(capture.train.begin(), capture.train.end(), frame);
+    DeviceView v;
+    v.camera = reduced(capture.camera(frame, camera).cast<float>(), factor);
+    v.frame = place == capture.train.end() ? -1 : place - capture.train.begin();
+    const Image<float> rgb = extended(capture.image(frame, camera), factor);
+    v.width = rgb.width;
+    v.height = rgb.height;
+    v.rgb = bytes_of(rgb);
+    v.mask = bytes_of(extended(capture.mask(frame, camera), factor));
+    v.visible = bytes_of(extended(capture.visible(frame, camera), factor, Border::zero));
+    const Image<float> eyes = extended(capture.eye_mask(frame, camera), factor, Border::zero);
+    Image<float> both(eyes.width, eyes.height, 1);
+    both.pixels = eyes.pixels.colwise().maxCoeff();
+    v.eyes = bytes_of(both);
+    v.drivers = frame_drivers(capture, frame, config.gaze_axis);
+    return v;
+}
+
+std::unique_ptr<DeviceSteps> device_steps(const TrainState& state, const Capture& capture,
+                                          const std::filesystem::path& perceptual_weights) {
+    DeviceTask task;
+    task.training = avatar_training<PyramidGradientLoss>(state);
+    task.planes = state.config.gaussians.planes;
+    if (!perceptual_weights.empty()) task.lpips = read_lpips_weights<float>(perceptual_weights);
+    if (state.visual) return std::make_unique<DeviceStepsOf<VisualEffects>>(state, capture, task);
+    return std::make_unique<DeviceStepsOf<TrainEffects>>(state, capture, task);
+}
+
+Index chunk_end(Index step, Index total, Index log_every, const AvatarTrainConfig& config) {
+    Index end = total;
+    for (const Index every : {log_every, Index(config.panel_every), Index(config.checkpoint_every)})
+        if (every > 0) end = std::min(end, (step / every + 1) * every);
+    return end;
+}
+
+} // namespace rye::trainer

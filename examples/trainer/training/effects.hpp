@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+/// training/effects.hpp: the avatars that the reference trainer trains, as lists of effects. Units
+/// that device compilers read include this and not training/types.hpp, which has lanes.
+#pragma once
+
+#include <rye/avatar/two_stream.hpp>
+
+namespace rye::trainer {
+
+using TrainEffects = PaperEffects;
+using Avatar = TwoStream<float, TrainEffects>;
+/// The avatar that is trained by lines of sight.
+using VisualEffects = More<TrainEffects, Kappa>;
+using VisualAvatar = TwoStream<float, VisualEffects>;
+
+} // namespace rye::trainer

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// What training/device.hpp has in a build without kernels (RYE_CUDA=OFF).
+#include "training/device.hpp"
+
+namespace rye::trainer {
+namespace {
+
+const char* const why = "this build has no kernels (configure it with -DRYE_CUDA=ON)";
+
+} // namespace
+
+DeviceFinding find_device() { return {false, std::nullopt, why}; }
+
+template <>
+std::unique_ptr<DeviceEngine<TrainEffects>> device_engine<TrainEffects>(const Avatar&,
+                                                                        const Adam<Avatar>&,
+                                                                        const DeviceTask&) {
+    throw Error(std::string("device_engine: ") + why);
+}
+template <>
+std::unique_ptr<DeviceEngine<VisualEffects>> device_engine<VisualEffects>(const VisualAvatar&,
+                                                                          const Adam<VisualAvatar>&,
+                                                                          const DeviceTask&) {
+    throw Error(std::string("device_engine: ") + why);
+}
+
+} // namespace rye::trainer
