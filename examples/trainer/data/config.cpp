@@ -368,6 +368,7 @@ void take_device_sizes(TrainConfig& c) {
     g.checkpoint_every = 2000;
     g.panel_every = 2000;
     g.eyeball.points = 4000;
+    g.weights.eye_high_every = 1;
     g.upsampler.capacity = 16;
     g.upsampler.doublings = 1;
 }
