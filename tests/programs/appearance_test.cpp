@@ -96,7 +96,7 @@ std::string message_of(F&& f) {
 } // namespace
 
 TEST_CASE("appearance: fields of the configuration, which no preset sets") {
-    for (const char* name : {"tiny", "cpu", "paper"}) {
+    for (const char* name : {"tiny", "cpu", "gpu", "paper"}) {
         CHECK_FALSE(has_appearance(preset(name)));
         CHECK(to_json(preset(name))["avatar"]["eye_appearance"] == "free");
         CHECK(to_json(preset(name))["avatar"]["shading"] == "none");

@@ -121,7 +121,7 @@ TEST_CASE("lists: the built-in ones are valid for each preset, and come back fro
     for (const std::string& name : built_in_experiments()) {
         INFO(name);
         Experiment e = built_in_experiment(name);
-        for (const char* preset : {"tiny", "cpu", "paper"}) {
+        for (const char* preset : {"tiny", "cpu", "gpu", "paper"}) {
             configure(e, {preset, nullptr, "", 7});
             for (const ExperimentRow& row : e.rows) CHECK(row.effective.seed == 7);
         }

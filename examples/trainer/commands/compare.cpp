@@ -367,7 +367,7 @@ void add_compare(CLI::App& app) {
     c->add_option("--seeds", o->seeds, "Seeds, with commas (default: those of the list, or 1,2,3)")
         ->delimiter(',');
     c->add_option("--preset", o->preset, "Preset of all rows (default: that of the list, or cpu)")
-        ->check(CLI::IsMember({"tiny", "cpu", "paper"}));
+        ->check(CLI::IsMember({"tiny", "cpu", "gpu", "paper"}));
     c->add_option("--config", o->config,
                   "JSON file whose fields all rows have, unless the row replaces them");
     c->add_option("--steps", o->steps, "Steps of stage 2 of all rows");

@@ -17,6 +17,7 @@
 #include "commands/info_effects.hpp"
 #include "commands/info_json.hpp"
 #include "data/validate.hpp"
+#include "training/device.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -121,6 +122,14 @@ std::string describe_gaze(const Capture& c) {
            line("eye masks", c.has_eye_masks ? "in every view" : "not in every view");
 }
 
+/// The device that `rye train` would take, or why there is none; empty in a build without kernels.
+std::string describe_device(const DeviceFinding& device) {
+    if (!device.built) return "";
+    if (!device.found) return line("device", "none (" + device.reason + ")");
+    return line("device", device.found->name + ", " + number(device.found->free / 1e9, 1) + " of " +
+                              number(device.found->total / 1e9, 1) + " GB free");
+}
+
 } // namespace
 
 std::string describe(const Capture& c) {
@@ -189,12 +198,16 @@ void add_info(CLI::App& app) {
             validate(capture, arguments->all ? ImagesToDecode::all : ImagesToDecode::sample);
         problems.insert(problems.end(), more.begin(), more.end());
         if (arguments->json) {
-            const nlohmann::ordered_json json = info_json(capture, problems);
+            nlohmann::ordered_json json = info_json(capture, problems);
+            json["device"] = nullptr;
+            if (const auto device = find_device().found)
+                json["device"] = {
+                    {"name", device->name}, {"free", device->free}, {"total", device->total}};
             std::cout << json.dump(2) << "\n";
             if (!json.at("errors").empty()) throw CLI::RuntimeError(1);
             return;
         }
-        std::cout << describe(capture);
+        std::cout << describe(capture) << describe_device(find_device());
         for (const Problem& p : problems) {
             const bool error = p.severity == Problem::Severity::error;
             std::cout << (error ? "error:   " : "warning: ") << p.message << "\n";

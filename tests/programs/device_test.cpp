@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where stage 2 is trained, and the memory that it needs on a device. What a device computes is
+// tested by tests/train and tests/cuda.
+#include <doctest/doctest.h>
+
+#include "../support/hostile.hpp"
+#include "tiny_run.hpp"
+#include "training/device_choice.hpp"
+#include "training/device_memory.hpp"
+
+using namespace rye;
+using namespace rye::trainer;
+
+namespace {
+
+DeviceFinding with_device() { return {true, DeviceFacts{"A device", 5e9, 8e9}, ""}; }
+DeviceFinding without_device() { return {true, std::nullopt, "CUDA says: none"}; }
+DeviceFinding without_build() { return {false, std::nullopt, "this build has no kernels"}; }
+
+DeviceSizes sizes() { return {30000, 8000, {20000, 25000, 4000, 4000}, 32, 576, 512, 512, false}; }
+
+double part(const DeviceNeed& need, const std::string& name) {
+    for (const auto& p : need.parts)
+        if (p.name == name) return p.bytes;
+    FAIL(name);
+    return 0;
+}
+
+} // namespace
+
+TEST_CASE("device: auto takes it where there is one with kernels for the configuration") {
+    TrainConfig c = preset("gpu");
+    CHECK(decided(DeviceWish::automatic, c, with_device()).device);
+    CHECK(decided(DeviceWish::cuda, c, with_device()).device);
+    CHECK_FALSE(decided(DeviceWish::cpu, c, with_device()).device);
+    const DeviceDecision none = decided(DeviceWish::automatic, c, without_device());
+    CHECK_FALSE(none.device);
+    CHECK(none.reason == "CUDA says: none");
+    const DeviceDecision plain = decided(DeviceWish::automatic, c, without_build());
+    CHECK_FALSE(plain.device);
+    CHECK(plain.reason.empty());
+    CHECK_FAULT(decided(DeviceWish::cuda, c, without_device()),
+                "--device: got cuda, but CUDA says: none");
+    CHECK_FAULT(decided(DeviceWish::cuda, c, without_build()),
+                "--device: got cuda, but this build has no kernels");
+}
+
+TEST_CASE("device: parts without kernels are named") {
+    for (const char* name : {"tiny", "cpu", "gpu", "paper"}) {
+        INFO(name);
+        CHECK(without_kernels(preset(name)) == "");
+    }
+    const auto refused = [](const nlohmann::ordered_json& json, const std::string& words) {
+        TrainConfig c = preset("tiny");
+        from_json(json, "x.json", c);
+        INFO(words);
+        CHECK(without_kernels(c).find(words) == 0);
+        CHECK_FAULT(decided(DeviceWish::cuda, c, with_device()), "--device: got cuda, but " + words);
+        CHECK_FALSE(decided(DeviceWish::automatic, c, with_device()).device);
+        CHECK(decided(DeviceWish::automatic, c, with_device()).reason.find(words) == 0);
+    };
+    refused({{"avatar", {{"gaze_mechanism", "condition"}}}},
+            "avatar.gaze_mechanism is \"condition\"");
+    refused({{"avatar", {{"eye_appearance", "driven"}}}}, "avatar.eye_appearance is \"driven\"");
+    refused({{"avatar", {{"shading", "head_pose"}}}}, "avatar.shading is \"head_pose\"");
+    refused({{"avatar", {{"feature", 129}}}}, "avatar.feature is 129, kernels have room for 128");
+    refused({{"avatar", {{"frequencies", 11}}}}, "avatar.frequencies is 11");
+    refused({{"avatar", {{"networks", {{"exp_color", {64, 257}}}}}}},
+            "a width of avatar.networks.exp_color is 257");
+    refused({{"avatar", {{"networks", {{"gaze_deform", std::vector<int>(8, 16)}}}}}},
+            "number of layers of avatar.networks.gaze_deform is 9");
+    TrainConfig wide = preset("tiny"); // of one column, and of stage 1
+    wide.avatar.networks.eye_offset = {512};
+    wide.avatar.networks.geometry = {512};
+    CHECK(without_kernels(wide) == "");
+}
+
+TEST_CASE("device: this build finds a device, or says why not") {
+    const DeviceFinding f = find_device();
+    CHECK(f.found.has_value() == f.reason.empty());
+    if (f.found) CHECK(f.found->total >= f.found->free);
+    if (!f.built) {
+        TrainState s = tiny_state();
+        CHECK_FAULT(device_engine<TrainEffects>(s.avatar, s.avatar_adam, {}),
+                    "this build has no kernels (configure it with -DRYE_CUDA=ON)");
+    }
+}
+
+TEST_CASE("device: memory is the sum of its parts, which follow from what they hold") {
+    const TrainConfig c = preset("gpu");
+    const DeviceNeed need = device_need(c, sizes());
+    double sum = 0;
+    for (const auto& p : need.parts) {
+        INFO(p.name);
+        CHECK(p.bytes > 0);
+        sum += p.bytes;
+    }
+    CHECK(need.sum() == sum);
+    CHECK(need.largest().bytes <= sum);
+
+    DeviceSizes more = sizes();
+    more.views += 1;
+    CHECK(part(device_need(c, more), "pictures") - part(need, "pictures") ==
+          doctest::Approx(6 * 512 * 512 + 4 * c.avatar.expression));
+    more = sizes();
+    more.eyes += 1000; // four arrays of 11 + C numbers, and their share of frames and clouds
+    CHECK(part(device_need(c, more), "parameters, gradient and moments") -
+              part(need, "parameters, gradient and moments") ==
+          doctest::Approx(1000 * 16 * (11 + c.avatar.channels)));
+    CHECK(part(device_need(c, more), "renders") > part(need, "renders"));
+    more = sizes();
+    more.listed[1] += 5000;
+    CHECK(part(device_need(c, more), "networks") > part(need, "networks"));
+
+    TrainConfig other = c;
+    other.gaussians.planes = 3;
+    CHECK(part(device_need(other, sizes()), "networks") > 1.5 * part(need, "networks"));
+    other = c;
+    other.gaussians.upsampler.capacity *= 2;
+    CHECK(part(device_need(other, sizes()), "upsampler") > 1.5 * part(need, "upsampler"));
+    more = sizes();
+    more.lpips = true;
+    CHECK(part(device_need(c, more), "losses") > 10 * part(need, "losses"));
+}
+
+TEST_CASE("device: what does not fit is refused, with the field to lower") {
+    TrainConfig c = preset("gpu");
+    const DeviceNeed need = device_need(c, sizes());
+    CHECK_NOTHROW(require_device_room(need, {"A device", need.sum(), 8e9}, "x"));
+    CHECK_FAULT(require_device_room(need, {"A device", need.sum() - 1, 8e9}, "--preset gpu"),
+                "--preset gpu: got settings that need about ");
+    CHECK_FAULT(require_device_room(need, {"A device", 1e6, 8e9}, "x"),
+                "expected at most the 0.001 GB that are free of the 8.000 GB of A device");
+    c.gaussians.upsampler.capacity = 512;
+    CHECK_FAULT(require_device_room(device_need(c, sizes()), {"A device", 1e9, 8e9}, "x"),
+                "lowering gaussians.upsampler.capacity, or train with --device cpu");
+    DeviceSizes many = sizes();
+    many.views = 1e5;
+    CHECK_FAULT(require_device_room(device_need(preset("gpu"), many), {"A device", 1e9, 8e9}, "x"),
+                "the capture's number or size of pictures");
+}
+
+TEST_CASE("device: a configuration keeps its planes, of which there are kernels for 1 and 3") {
+    TrainConfig c = preset("paper");
+    CHECK(c.gaussians.planes == 1);
+    from_json({{"gaussians", {{"planes", 3}}}}, "x.json", c);
+    TrainConfig again = preset("paper");
+    from_json(to_json(c), "y.json", again);
+    CHECK(again.gaussians.planes == 3);
+    CHECK_FAULT(from_json({{"gaussians", {{"planes", 2}}}}, "x.json", c),
+                "x.json: field 'gaussians.planes': got 2, expected 1 or 3");
+    CHECK_FAULT(from_json({{"gaussians", {{"planes", 4}}}}, "x.json", c),
+                "field 'gaussians.planes': got 4, expected a whole number from 1 to 3");
+}
