@@ -61,6 +61,7 @@ if command -v bash > /dev/null 2>&1; then
     by_bash rye tra; completes train
     by_bash rye redirect --swe; completes --sweep
     by_bash rye train --preset ''; completes 'cpu gpu paper tiny'
+    by_bash rye train --device ''; completes 'auto cpu cuda'
     by_bash rye redirect --out 'a '; completes 'a folder a picture.png'
     by_bash rye redirect --run 'a'; completes 'a folder'
     by_bash rye completion f; completes fish
