@@ -18,7 +18,8 @@ DeviceFinding find_device() {
     if (got == cudaSuccess) got = cudaMemGetInfo(&free, &total);
     if (got != cudaSuccess) {
         static_cast<void>(cudaGetLastError()); // so that nobody else meets it
-        f.reason = std::string("CUDA says: ") + cudaGetErrorString(got);
+        f.reason = std::string("CUDA finds no device: ") + cudaGetErrorName(got) + " (" +
+                   cudaGetErrorString(got) + ")";
         return f;
     }
     f.found = DeviceFacts{properties.name, static_cast<double>(free), static_cast<double>(total)};

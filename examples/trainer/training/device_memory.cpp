@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include <rye/avatar/weights.hpp>
+#include <rye/nn/cuda/convolution_weights.hpp>
 #include <rye/nn/features.hpp>
 #include <rye/splat/cuda/rasterizer.hpp>
 
@@ -74,17 +75,22 @@ struct UpsamplerLayers {
             for (int d = 0; d <= shape.doublings; ++d) sum += 3 * pixels(2 * d);
         return number * sum;
     }
-    /// What the passes share: planes of two images, two cotangents, those of the skip.
-    double shared(int planes) const {
-        double most = 0, padded = 0;
+    /// What the passes share: planes of two images, two cotangents, those of the skip, weights as
+    /// planes for both directions, partial gradients of weights.
+    double shared(int planes, int width, int height) const {
+        double most = 0, padded = 0, packed = 0, partial = 0;
         for (int l = 0; l < shape.layers(); ++l) {
             const int in = shape.layer_in(l), out = shape.block_out(l / 2),
                       wide = std::max(in, out);
             most = std::max(most, wide * pixels(l));
             padded = std::max(padded, up(wide, 16) * pixels(l));
+            packed += 2 * 9 * up(in, 32) * up(out, 32);
+            const ConvolutionSlices slices{
+                width << l / 2, height << l / 2, in, out, planes == 1 ? 8 : 4, 256};
+            partial = std::max(partial, static_cast<double>(slices.numbers()));
         }
         const double skip = shape.skip ? 2 * 3 * pixels(2 * shape.doublings) : 0;
-        return 2 * planes * half * padded + number * (2 * most + skip);
+        return planes * half * (2 * padded + packed) + number * (2 * most + skip + partial);
     }
 };
 
@@ -218,7 +224,8 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
           {"networks", kept, "avatar.networks, gaussians.planes or gaussians.mouth_points"},
           {"renders", frames_of(config, s, s.width / factor, s.height / factor) + number * maps,
            "gaussians.mouth_points or avatar.channels"},
-          {"upsampler", 2 * upsampler.trace() + upsampler.shared(planes),
+          {"upsampler",
+           2 * upsampler.trace() + upsampler.shared(planes, s.width / factor, s.height / factor),
            "gaussians.upsampler.capacity"},
           {"losses",
            s.lpips ? lpips_bytes(full, planes) + number * compared : number * (pyramid + compared),

@@ -8,7 +8,7 @@ template <>
 std::unique_ptr<DeviceEngine<TrainEffects>> device_engine_of<TrainEffects, 1>(
     const TwoStream<float, TrainEffects>& avatar, const Adam<TwoStream<float, TrainEffects>>& adam,
     const DeviceTask& task) {
-    return std::make_unique<DeviceEngineOf<TrainEffects, 1>>(avatar, adam, task);
+    return std::make_unique<DeviceEngineOf<TrainEffects, 1, CudaMachine>>(avatar, adam, task);
 }
 
 } // namespace rye::trainer

@@ -8,7 +8,7 @@ template <>
 std::unique_ptr<DeviceEngine<VisualEffects>> device_engine_of<VisualEffects, 1>(
     const TwoStream<float, VisualEffects>& avatar,
     const Adam<TwoStream<float, VisualEffects>>& adam, const DeviceTask& task) {
-    return std::make_unique<DeviceEngineOf<VisualEffects, 1>>(avatar, adam, task);
+    return std::make_unique<DeviceEngineOf<VisualEffects, 1, CudaMachine>>(avatar, adam, task);
 }
 
 } // namespace rye::trainer

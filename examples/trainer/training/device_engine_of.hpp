@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+/// training/device_engine_of.hpp: DeviceEngine by rye::DeviceAvatarTrainer, on any device that its
+/// kernels run on: that of CUDA (device_engine.hpp), or the emulation of the tests.
+#pragma once
+
+#include <rye/avatar/hold.hpp>
+#include <rye/loss/cuda/lpips.hpp>
+#include <rye/train/cuda/avatar_trainer.hpp>
+
+#include "training/device.hpp"
+
+namespace rye::trainer {
+
+/// LPIPS where its weights are given, else the loss without weights. N: planes of its products.
+template <class Device, int N>
+class ChosenDevicePerceptual {
+  public:
+    ChosenDevicePerceptual(const CudaQueue& queue,
+                           const std::optional<LpipsWeights<float>>& weights)
+        : pyramid_(Device{}) {
+        if (weights) lpips_ = std::make_unique<DeviceLpips<Device, N>>(Device{}, queue, *weights);
+    }
+
+    template <class P>
+    DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& picture,
+                        const DevicePicture<const P>& truth, double weight,
+                        const DevicePicture<float>& g) {
+        if (lpips_ != nullptr) return lpips_->into(queue, picture, truth, weight, g);
+        return pyramid_.into(queue, picture, truth, weight, g);
+    }
+    std::size_t bytes() const {
+        return pyramid_.bytes() + (lpips_ != nullptr ? lpips_->bytes() : 0);
+    }
+
+  private:
+    DevicePyramidLoss<Device> pyramid_;
+    std::unique_ptr<DeviceLpips<Device, N>> lpips_;
+};
+
+/// Machine: a Device, its stream() and its memory, which outlive the work.
+template <EffectSet E, int N, class Machine>
+class DeviceEngineOf final : public DeviceEngine<E> {
+    using Device = typename Machine::Device;
+    using Policy = DeviceTrainerPolicy<DeviceNetworks<N>, KernelChannels<3, 16, 32>, Balanced, N>;
+
+  public:
+    DeviceEngineOf(const TwoStream<float, E>& avatar, const Adam<TwoStream<float, E>>& adam,
+                   const DeviceTask& task)
+        : queue_{machine_.stream(), machine_.memory},
+          perceptual_(queue_, task.lpips),
+          trainer_(Device{}, queue_, {avatar, adam}, task.training, perceptual_) {}
+
+    Index add(const DeviceView& view) override {
+        const TrainingView taken{view.camera, view.frame, view.width,   view.height,
+                                 view.rgb,    view.mask,  view.visible, view.eyes};
+        return trainer_.add(queue_, taken, restricted<E>(view.drivers));
+    }
+    DeviceReport run(const std::vector<DeviceDraw>& draws) override {
+        std::vector<StepDraw> steps;
+        for (const DeviceDraw& d : draws)
+            steps.push_back({d.view, d.eyes_high, d.scaled, d.scale, d.blank, d.rate});
+        const DeviceStepsReport r = trainer_.run(queue_, steps);
+        return {r.losses, r.refused_in_a_row, r.bad_field};
+    }
+    void fetch(TwoStream<float, E>& avatar, Adam<TwoStream<float, E>>& adam) const override {
+        trainer_.fetch(queue_, avatar, adam);
+    }
+    double bytes() const override {
+        return static_cast<double>(trainer_.bytes() + perceptual_.bytes());
+    }
+
+  private:
+    Machine machine_; // goes last: memory is given back on its stream
+    CudaQueue queue_;
+    ChosenDevicePerceptual<Device, N> perceptual_;
+    DeviceAvatarTrainer<E, Device, Policy, ChosenDevicePerceptual<Device, N>> trainer_;
+};
+
+} // namespace rye::trainer

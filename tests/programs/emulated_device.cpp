@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// A device for the program rye where there is none: the kernels of stage 2 run on the host. It has
+// as many bytes free as the environment variable RYE_EMULATED_BYTES says.
+#include <cstdlib>
+
+#include <rye/backend/cuda/emulation.hpp>
+
+#include "training/device_engine_of.hpp"
+
+namespace rye::trainer {
+namespace {
+
+struct HostMachine {
+    using Device = EmulatedDevice;
+    HostMemory memory;
+
+    static CudaStream stream() { return nullptr; }
+};
+
+template <EffectSet E>
+std::unique_ptr<DeviceEngine<E>> emulated(const TwoStream<float, E>& avatar,
+                                          const Adam<TwoStream<float, E>>& adam,
+                                          const DeviceTask& task) {
+    require(task.planes == 3, "emulated device",
+            "got " + std::to_string(task.planes) + " planes, expected 3");
+    return std::make_unique<DeviceEngineOf<E, 3, HostMachine>>(avatar, adam, task);
+}
+
+} // namespace
+
+DeviceFinding find_device() {
+    const char* const bytes = std::getenv("RYE_EMULATED_BYTES");
+    const double free = bytes != nullptr ? std::strtod(bytes, nullptr) : 1e9;
+    return {true, DeviceFacts{"an emulated device", free, 1e9}, ""};
+}
+
+template <>
+std::unique_ptr<DeviceEngine<TrainEffects>> device_engine<TrainEffects>(
+    const Avatar& avatar, const Adam<Avatar>& adam, const DeviceTask& task) {
+    return emulated<TrainEffects>(avatar, adam, task);
+}
+template <>
+std::unique_ptr<DeviceEngine<VisualEffects>> device_engine<VisualEffects>(
+    const VisualAvatar& avatar, const Adam<VisualAvatar>& adam, const DeviceTask& task) {
+    return emulated<VisualEffects>(avatar, adam, task);
+}
+
+} // namespace rye::trainer
