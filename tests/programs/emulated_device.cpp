@@ -12,6 +12,10 @@ namespace {
 
 struct HostMachine {
     using Device = EmulatedDevice;
+    /// For the small avatars of tests.
+    template <int N>
+    using Policy =
+        DeviceTrainerPolicy<DeviceNetworks<N, 32, 32, 32>, KernelChannels<3, 8>, Balanced, N>;
     HostMemory memory;
 
     static CudaStream stream() { return nullptr; }
@@ -35,8 +39,9 @@ DeviceFinding find_device() {
 }
 
 template <>
-std::unique_ptr<DeviceEngine<TrainEffects>> device_engine<TrainEffects>(
-    const Avatar& avatar, const Adam<Avatar>& adam, const DeviceTask& task) {
+std::unique_ptr<DeviceEngine<TrainEffects>> device_engine<TrainEffects>(const Avatar& avatar,
+                                                                        const Adam<Avatar>& adam,
+                                                                        const DeviceTask& task) {
     return emulated<TrainEffects>(avatar, adam, task);
 }
 template <>

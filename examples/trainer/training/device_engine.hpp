@@ -13,6 +13,8 @@ namespace rye::trainer {
 class CudaMachine {
   public:
     using Device = CudaDevice;
+    template <int N>
+    using Policy = DeviceTrainerPolicy<DeviceNetworks<N>, KernelChannels<3, 16, 32>, Balanced, N>;
     StreamMemory memory;
 
     CudaMachine() { check_cuda(cudaStreamCreate(&stream_), "cudaStreamCreate"); }

@@ -37,11 +37,12 @@ class ChosenDevicePerceptual {
     std::unique_ptr<DeviceLpips<Device, N>> lpips_;
 };
 
-/// Machine: a Device, its stream() and its memory, which outlive the work.
+/// Machine: a Device, its stream() and its memory, which outlive the work, and its Policy<N> of N
+/// planes.
 template <EffectSet E, int N, class Machine>
 class DeviceEngineOf final : public DeviceEngine<E> {
     using Device = typename Machine::Device;
-    using Policy = DeviceTrainerPolicy<DeviceNetworks<N>, KernelChannels<3, 16, 32>, Balanced, N>;
+    using Policy = typename Machine::template Policy<N>;
 
   public:
     DeviceEngineOf(const TwoStream<float, E>& avatar, const Adam<TwoStream<float, E>>& adam,

@@ -1,0 +1,98 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# device.sh RYE RYE_EMULATED WORK: `rye train` with stage 2 on a device, whose kernels RYE_EMULATED
+# runs on the host: losses are those of the CPU, a stopped run goes on to the same bits, checkpoints
+# are taken by either side, and what does not fit is refused before anything is written.
+set -eu
+plain=$1
+rye=$2
+work=$3
+rm -rf "$work"
+mkdir -p "$work"
+cd "$work"
+
+fail() { echo "FAILED: $*" >&2; exit 1; }
+same() { cmp "$1" "$2" || fail "$1 and $2 differ"; }
+refuses() {
+    words=$1
+    shift
+    if "$@" > out.txt 2> err.txt; then fail "accepted: $*"; fi
+    grep -q -- "$words" err.txt || { cat out.txt err.txt; fail "no word of '$words' from: $*"; }
+    [ "$(wc -l < err.txt)" -eq 1 ] || { cat err.txt; fail "more than a line from: $*"; }
+}
+
+"$rye" capture --out cap --size 48 --cameras 2 --frames 2 --test-frames 1 --apart-frames 1 \
+    --samples 1 --quiet
+cat > small.json << 'EOF'
+{"avatar": {"feature": 8, "channels": 8,
+  "networks": {"geometry": [16, 16], "exp_color": [16], "pose_color": [8], "exp_deform": [16, 16],
+    "pose_deform": [8], "exp_attributes": [8], "pose_attributes": [8], "gaze_deform": [8],
+    "gaze_color": [8], "eye_offset": [8]}},
+ "grid": {"cell": 0.5, "subdivide": false},
+ "mesh": {"steps": 8, "image_size": 24, "pretrain_steps": 30, "fit_steps": 5},
+ "gaussians": {"steps": 6, "mouth_points": 10, "spacing": 0.3, "panel_every": 4, "checkpoint_every": 3,
+  "augment": true, "planes": 3, "eyeball": {"points": 40}, "upsampler": {"capacity": 2}}}
+EOF
+train() { "$rye" train --capture cap --preset tiny --config small.json "$@" > log.txt 2>&1; }
+
+train --out device || { cat log.txt; fail "no training on the device"; }
+grep -q "^stage 2 is trained on an emulated device: about .* of device memory: parameters" log.txt ||
+    { cat log.txt; fail "nothing is said of the device's memory"; }
+grep -q "^device memory held: " log.txt || fail "nothing is said of what was held"
+train --out cpu --device cpu --quiet
+# The last line of a log, as "name value" lines.
+losses() { tail -n 1 "$1/log.jsonl" | tr ',{}' '\n\n\n' | tr -d '"' | tr ':' ' '; }
+losses device > device.txt
+losses cpu > cpu.txt
+paste -d ' ' device.txt cpu.txt | awk '
+    $1 != $3 { print "another field: " $0; bad = 1 }
+    $1 == "loss" { ++seen }
+    $2 + 0 == $2 && ($2 - $4 > 2e-3 * ($4 + 1) || $4 - $2 > 2e-3 * ($4 + 1)) {
+        print "the device has " $1 " " $2 ", the CPU " $4; bad = 1
+    }
+    END { exit bad || seen != 1 }' || fail "losses differ"
+[ "$(ls device/panels)" = "$(ls cpu/panels)" ] || fail "panels differ in number"
+
+# Killed in stage 2, then gone on with.
+"$rye" train --capture cap --preset tiny --config small.json --quiet --out cut > log.txt 2>&1 &
+pid=$!
+while ! grep -q '"avatar"' cut/log.jsonl 2> /dev/null && [ ! -e cut/panels/step_0000004.png ] &&
+    kill -0 "$pid" 2> /dev/null; do sleep 0.02; done
+kill -9 "$pid" 2> /dev/null || true
+wait "$pid" 2> /dev/null || true
+"$rye" train --out cut --resume --quiet > log.txt
+same device/checkpoint.safetensors cut/checkpoint.safetensors
+"$rye" train --capture cap --preset tiny --config small.json --quiet --json --profile --out told > told.json
+grep -q '"device": "an emulated device"' told.json && grep -q '"part": "steps on the device"' told.json ||
+    { cat told.json; fail "--json does not tell the device"; }
+same device/checkpoint.safetensors told/checkpoint.safetensors
+
+# Either side goes on with the other's checkpoint.
+"$plain" train --out cut --resume --device cpu --steps 8 --quiet > log.txt
+"$rye" train --out cpu --resume --device cuda --steps 8 --quiet > log.txt
+for run in cut cpu; do
+    tail -n 1 $run/log.jsonl | grep -q '"step":8,' || fail "$run does not end at step 8"
+done
+"$plain" evaluate --run told --split test > log.txt
+
+# By lines of sight, with kappa.
+sed 's/^{"avatar"/{"gaze_axis": "visual", "avatar"/' small.json > sight.json
+"$rye" train --capture cap --preset tiny --config sight.json --steps 2 --quiet --out sight > log.txt
+grep -q "avatar.eyes.kappa" sight/checkpoint.safetensors || fail "no kappa in the checkpoint"
+
+RYE_EMULATED_BYTES=1000 refuses \
+    "rye train: small.json: got settings that need about .*, expected at most the 0.000 GB that are free" \
+    "$rye" train --capture cap --preset tiny --config small.json --out none
+sed 's/^{"avatar": {/{"avatar": {"shading": "head_pose", /' small.json > shaded.json
+refuses '--device: got cuda, but avatar.shading is "head_pose"' \
+    "$rye" train --capture cap --preset tiny --config shaded.json --device cuda --out none
+[ ! -e none ] || fail "a refused training wrote something"
+"$rye" train --capture cap --preset tiny --config shaded.json --steps 1 --out shaded > log.txt 2>&1
+grep -q '^stage 2 is trained on the CPU: avatar.shading is "head_pose"' log.txt ||
+    { cat log.txt; fail "the CPU takes over without a word"; }
+if "$plain" train --capture cap --out none --device cuda > out.txt 2> err.txt; then
+    [ -e none ] # a machine with a device
+else
+    grep -q '^rye train: --device: got cuda, but ' err.txt || { cat err.txt; fail "no word of --device"; }
+fi
+echo "stage 2 on an emulated device: losses of the CPU, the same bits again, either's checkpoints"
