@@ -55,7 +55,8 @@ TEST_CASE("device: parts without kernels are named") {
         from_json(json, "x.json", c);
         INFO(words);
         CHECK(without_kernels(c).find(words) == 0);
-        CHECK_FAULT(decided(DeviceWish::cuda, c, with_device()), "--device: got cuda, but " + words);
+        CHECK_FAULT(decided(DeviceWish::cuda, c, with_device()),
+                    "--device: got cuda, but " + words);
         CHECK_FALSE(decided(DeviceWish::automatic, c, with_device()).device);
         CHECK(decided(DeviceWish::automatic, c, with_device()).reason.find(words) == 0);
     };

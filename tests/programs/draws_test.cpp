@@ -43,8 +43,8 @@ TEST_CASE("draws: frames, cameras, colours and scales by the run's streams of ra
         const SampleDraw d = draws(step);
         const std::vector<int> cameras = present_cameras(capture, d.frame);
         CHECK(d.frame == frame_of_step(capture.train, step, random.fork(5)));
-        CHECK(d.camera == cameras[static_cast<std::size_t>(random.fork(6).below(
-                              key, static_cast<Index>(cameras.size())))]);
+        CHECK(d.camera == cameras[static_cast<std::size_t>(
+                              random.fork(6).below(key, static_cast<Index>(cameras.size())))]);
         CHECK(d.eyes_high == (step % 3 == 0));
         CHECK(d.rate == std::pow(config.gaussians.rate_decay, static_cast<double>(step) / 40));
         const AvatarSample<float> s = sample_of(capture, config, d);
