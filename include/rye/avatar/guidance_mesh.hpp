@@ -100,21 +100,40 @@ struct NeutralSurface {
 /// Lattice vertices whose code is held at once, to bound the memory of a fine lattice.
 inline constexpr Index signed_distance_block = 32768;
 
+namespace detail {
+
+/// signed_distances by codes in blocks and mlp_forward.
+template <class T, EffectSet E, Backend B>
+Columns<T> signed_distances_by_blocks(const B& backend, const GuidanceMesh<T, E>& mesh,
+                                      const AvatarConfig& config, const Columns<T>& points) {
+    Columns<T> sdf(1, points.cols()), code;
+    for (Index b = 0; b < sdf.cols(); b += signed_distance_block) {
+        const Index count = std::min(signed_distance_block, sdf.cols() - b);
+        const Columns<T> block = points.middleCols(b, count);
+        encode_points<EncodingOf<E>>(backend, block, config.frequencies, code);
+        sdf.middleCols(b, count) =
+            mlp_forward<T>(backend, mesh.geometry, code, VecX<T>(), nullptr).topRows(1);
+    }
+    return sdf;
+}
+
+} // namespace detail
+
+/// Signed distances before tanh at points of the head frame (3 x N), without a trace, 1 x N. A
+/// backend whose networks run elsewhere has an overload (avatar/cuda/offload.hpp).
+template <class T, EffectSet E, Backend B>
+Columns<T> signed_distances(const B& backend, const GuidanceMesh<T, E>& mesh,
+                            const AvatarConfig& config, const Columns<T>& points) {
+    return detail::signed_distances_by_blocks(backend, mesh, config, points);
+}
+
 /// The surface of signed distance 0 in the lattice, in the head frame, with each vertex's features.
 template <class T, EffectSet E, Backend B>
 NeutralSurface<T> neutral_surface(const B& backend, const GuidanceMesh<T, E>& mesh,
                                   const AvatarConfig& config, const TetGrid<T>& grid) {
     using std::tanh;
     NeutralSurface<T> n;
-    Columns<T> sdf;
-    sdf.resize(1, grid.vertices.cols());
-    for (Index b = 0; b < sdf.cols(); b += signed_distance_block) {  // everywhere, without a trace
-        const Index count = std::min(signed_distance_block, sdf.cols() - b);
-        const Columns<T> code =
-            EncodingOf<E>::encode(grid.vertices.middleCols(b, count), config.frequencies);
-        sdf.middleCols(b, count) =
-            mlp_forward<T>(backend, mesh.geometry, code, VecX<T>(), nullptr).topRows(1);
-    }
+    const Columns<T> sdf = signed_distances(backend, mesh, config, grid.vertices);
     const SurfaceTopology topology = surface_topology<T>(grid.topology, sdf); // sign of tanh(s) = s
     if (topology.faces.empty()) return n;
     const std::vector<Index> touched = touched_vertices(topology);
