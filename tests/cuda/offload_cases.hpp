@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// tests/cuda/offload_cases.hpp: stage 1 with its networks on a device against the host's, for the
-/// emulated device and a real one.
+/// tests/cuda/offload_cases.hpp: stage 1 with its networks on a device against the host's.
 #pragma once
 
 #include <doctest/doctest.h>
@@ -14,8 +13,6 @@
 #include <rye/avatar/cuda/offload.hpp>
 #include <rye/train/fit_deformation.hpp>
 
-#include "../support/hostile.hpp"
-#include "../support/scenes.hpp"
 #include "../support/tiny_mesh.hpp"
 #include "device_render.hpp"
 
@@ -169,49 +166,6 @@ void mesh_training_against_host(const Device& device, const CudaQueue& queue, St
             CHECK(relative(x, y) < bound);
         },
         there, here);
-}
-
-/// What an offload refuses.
-template <class Device, DeviceMemory Staging>
-void offload_faults(const Device& device, const CudaQueue& queue, Staging& staging) {
-    using Offload = NetworkOffload<Device, MlpTiles<2, 64, 32>>;
-    Offload networks(device, queue, staging);
-    networks.least_points = 4;
-    const OffloadBackend backend{ScalarBackend<>{}, networks};
-    const MlpShape shape{{8, 16, 3}, 2};
-    Mlp<float> m = Mlp<float>::init(shape, Random(3));
-    const Columns<float> x = noise<float>(6, 5, 1), g = noise<float>(3, 5, 2);
-    const VecX<float> frame = noise<float>(2, 1, 3);
-    MlpTrace<float> first, trace;
-    Mlp<float> gradient(shape);
-    const auto back = [&](const MlpTrace<float>& t) {
-        mlp_vjp<float>(backend, m, {x, frame, t}, g, {gradient});
-    };
-    mlp_forward<float>(backend, m, x, frame, &first);
-    for (int i = 0; i < 3; ++i) mlp_forward<float>(backend, m, x, frame, &trace); // one place
-    back(first);
-    back(trace);
-    MlpTrace<float> copy = first;
-    back(copy);
-    MlpTrace<float> second, third;
-    mlp_forward<float>(backend, m, x, frame, &second);
-    mlp_forward<float>(backend, m, x, frame, &third);
-    CHECK_FAULT(back(first), "mlp_vjp on a device: pass 1 is not kept");
-    m.weight[0](0, 0) += 1;
-    CHECK_FAULT(back(third), "parameters are others than in the pass");
-
-    // Networks that do not fit are the host's, as are passes of fewer points.
-    CHECK(networks.takes(shape, 4));
-    CHECK(!networks.takes(shape, 3));
-    CHECK(!networks.takes({{8, 65, 3}}, 100));
-    CHECK(!networks.takes({{40, 16, 3}}, 100));
-    CHECK(!networks.takes({{8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 3}}, 100));
-    const Mlp<float> wide = Mlp<float>::init({{6, 65, 3}}, Random(4));
-    MlpTrace<float> of_host;
-    const Columns<float> y = mlp_forward<float>(backend, wide, x, VecX<float>(), &of_host);
-    CHECK(y == mlp_forward<float>(ScalarBackend<>{}, wide, x, VecX<float>(), nullptr));
-    CHECK(offloaded_pass(of_host) == 0);
-    CHECK(networks.counts().host_forward == 1);
 }
 
 } // namespace rye::test

@@ -3,6 +3,7 @@
 #include <rye/backend/cuda/emulation.hpp>
 
 #include "../cuda/offload_cases.hpp"
+#include "../cuda/offload_network_cases.hpp"
 
 using namespace rye;
 using namespace rye::test;
@@ -36,6 +37,10 @@ TEST_CASE("cuda, emulated: a step of stage 1 with one plane has the losses, not 
 }
 TEST_CASE("cuda, emulated: training of stage 1 is the host's") {
     mesh_training_against_host<MlpTiles<2, 32, 64>>(EmulatedDevice{}, queue, memory, 1e-3);
+}
+TEST_CASE("cuda, emulated: networks of an offload are the host's") {
+    offload_against_host<MlpTiles<2, 64, 32>>(EmulatedDevice{}, queue, memory, 1e-3);
+    offload_against_host<MlpTiles<3, 64, 32>>(EmulatedDevice{}, queue, memory, 1e-5);
 }
 TEST_CASE("cuda, emulated: faults of an offload") {
     offload_faults(EmulatedDevice{}, queue, memory);

@@ -23,8 +23,7 @@ class OwnStream {
 };
 
 /// Networks with a stream of their own.
-class OnStream : OwnStream,
-                 public MeshNetworksOn<CudaDevice, StreamMemory, PageLockedMemory> {
+class OnStream : OwnStream, public MeshNetworksOn<CudaDevice, StreamMemory, PageLockedMemory> {
   public:
     OnStream() : MeshNetworksOn(CudaDevice(), OwnStream::get()) {}
 };

@@ -24,8 +24,7 @@ class MeshNetworks {
     virtual Columns<float> first_output(const ProgramThreads& threads, const Mlp<float>& m,
                                         const ColumnsView<float>& points, int frequencies) = 0;
     virtual void vjp(const ProgramThreads& threads, const Mlp<float>& m, Index pass,
-                     const ColumnsView<float>& g_out,
-                     const MlpGradient<float, LeakyRelu>& g) = 0;
+                     const ColumnsView<float>& g_out, const MlpGradient<float, LeakyRelu>& g) = 0;
     virtual OffloadCounts counts() const = 0;
     virtual void count_host_forward() = 0;
     virtual void count_host_vjp() = 0;

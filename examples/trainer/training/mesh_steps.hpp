@@ -51,10 +51,16 @@ StepReport mesh_step_by(const B& backend, MeshMemory& memory, TrainState& state,
                   [&](const std::string& name) { return in.rate * c.mesh.rates(name); });
     in.probe("optimiser");
     ++state.step;
-    return {{{"loss", l.total}, {"rgb", l.rgb}, {"silhouette", l.silhouette}, {"deform", l.deform},
-             {"offset", l.offset}, {"landmark", l.landmark}, {"laplacian", l.laplacian},
+    return {{{"loss", l.total},
+             {"rgb", l.rgb},
+             {"silhouette", l.silhouette},
+             {"deform", l.deform},
+             {"offset", l.offset},
+             {"landmark", l.landmark},
+             {"laplacian", l.laplacian},
              {"eye_offset", l.eye_offset}},
-            l.vertices, report.first_bad_field};
+            l.vertices,
+            report.first_bad_field};
 }
 
 void pretrain_mesh_on(MeshNetworks& networks, TrainState& state);

@@ -6,8 +6,9 @@ namespace rye::trainer {
 
 template <>
 std::unique_ptr<MeshNetworks> mesh_networks<EIGEN_MAX_ALIGN_BYTES>() {
-    throw Error("stage 1 on a device: this program was built without kernels, expected a build "
-                "with -DRYE_CUDA=ON");
+    throw Error(
+        "stage 1 on a device: this program was built without kernels, expected a build "
+        "with -DRYE_CUDA=ON");
 }
 
 } // namespace rye::trainer
