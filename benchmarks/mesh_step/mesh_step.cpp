@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A training step of stage 1 at the sizes of `rye train --preset paper`, without any file: the time
-// of its parts, how much of each is networks, and what of them a device would be sent.
+// of its parts, how much of each is networks, and what an OffloadBackend would send and fetch for
+// them, all passes taken as the device's.
 //     bench_mesh_step [--threads N] [--steps N]
 //     bench_mesh_step --precision EDGES   how far a device's products move the surface, by
 //     emulation
@@ -56,8 +57,23 @@ Columns<T> mlp_forward(const bench::Timed& b, const Mlp<T, A>& m,
     b.networks->seconds += std::chrono::duration<double>(bench::Clock::now() - begin).count();
     b.networks->products += n * bench::macs(m.shape);
     b.networks->in += n * m.shape.point_inputs();
+    b.networks->in += trace != nullptr ? bench::macs(m.shape) : 0; // about the parameters
     b.networks->out += n * m.shape.outputs();
     return y;
+}
+
+/// Codes and all outputs but one stay on a device.
+template <class T, EffectSet E>
+Columns<T> signed_distances(const bench::Timed& b, const GuidanceMesh<T, E>& mesh,
+                            const AvatarConfig& config, const Columns<T>& points) {
+    const auto begin = bench::Clock::now();
+    const bench::Host& host = b;
+    Columns<T> sdf = signed_distances(host, mesh, config, points);
+    b.networks->seconds += std::chrono::duration<double>(bench::Clock::now() - begin).count();
+    b.networks->products += double(points.cols()) * bench::macs(mesh.geometry.shape);
+    b.networks->in += double(points.size());
+    b.networks->out += double(points.cols());
+    return sdf;
 }
 
 template <class T, class A>
@@ -73,6 +89,7 @@ void mlp_vjp(const bench::Timed& b, const Mlp<T, A>& m,
     b.networks->products += 2 * n * bench::macs(m.shape);
     b.networks->in += n * m.shape.outputs();
     b.networks->out += g.points ? n * m.shape.point_inputs() : 0;
+    b.networks->out += bench::macs(m.shape); // about their gradient
 }
 
 } // namespace rye
