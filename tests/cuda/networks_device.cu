@@ -7,9 +7,10 @@
 #include "lpips_cases.hpp"
 #include "mlp_cases.hpp"
 #include "objective_cases.hpp"
+#include "offload_network_cases.hpp"
 #include "upsampler_cases.hpp"
 
-#include <rye/backend/cuda/device.hpp>
+#include <rye/backend/cuda/page_locked.hpp>
 
 #include <cstdio>
 
@@ -78,6 +79,13 @@ TEST_CASE("device: losses of images are the host's") {
                                .scale = true,
                                .face_alone = 0.7,
                                .dssim = 0.3});
+}
+TEST_CASE("device: networks of an offload are the host's") {
+    PageLockedMemory staging;
+    const CudaDevice device;
+    offload_against_host<MlpTiles<2, 256, 128>>(device, queue(), staging, 1e-3);
+    offload_against_host<MlpTiles<3, 64, 32>>(device, queue(), staging, 1e-5);
+    offload_faults(device, queue(), staging);
 }
 
 int main(int argc, char** argv) {

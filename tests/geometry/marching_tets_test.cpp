@@ -7,6 +7,8 @@
 
 #include <doctest/doctest.h>
 
+#include <rye/core/thread_pool.hpp>
+
 #include "../support/flush_to_zero.hpp"
 #include "../support/laws.hpp"
 
@@ -234,4 +236,32 @@ TEST_CASE("touched_vertices: the surface over them alone is the same surface") {
     const SurfaceTopology small = over_touched(s.topology, touched);
     CHECK(small.faces == s.topology.faces);
     CHECK(surface_positions<double>(small, x, d) == s.positions);
+}
+
+TEST_CASE("marching_tetrahedra: any number of threads, the same surface and gradient to the bit") {
+    // More edges and tetrahedra than a chunk has, and as many features as go by grid vertex.
+    const TetGrid<float> g = cube<float>(1.5F, 0.2F);
+    const Columns<float> sdf = sphere_sdf<float>(g.vertices, 1);
+    REQUIRE(g.topology.tets.size() > 2 * 16384);
+    ThreadPool pool(5);
+    const ScalarBackend many{pool.threads()};
+    const SurfaceTopology top = surface_topology<float>(g.topology, sdf);
+    const SurfaceTopology same = surface_topology<float>(many, g.topology, sdf);
+    CHECK(same.edges == top.edges);
+    CHECK(same.faces == top.faces);
+    const Surface<float> s = marching_tetrahedra<float>(g.topology, g.vertices, sdf);
+    const Index m = s.positions.cols();
+    const Columns<float> features = random_columns<float>(33, sdf.cols(), 1),
+                         wf = random_columns<float>(33, m, 2), wx = random_columns<float>(3, m, 3);
+    CHECK(interpolate<float>(many, top, s.fraction, features) ==
+          interpolate<float>(top, s.fraction, features));
+    const auto one = surface_vjp<float>(s, {g.vertices, sdf, features}, {wx, wf});
+    const auto five = surface_vjp<float>(many, s, {g.vertices, sdf, features}, {wx, wf});
+    CHECK(five.vertices == one.vertices);
+    CHECK(five.sdf == one.sdf);
+    CHECK(five.features == one.features);
+    Columns<float> bad = sdf;
+    bad(0, 70) = bad(0, bad.cols() - 1) = std::numeric_limits<float>::infinity();
+    CHECK_THROWS_WITH_AS(surface_topology<float>(many, g.topology, bad),
+                         doctest::Contains("vertex 70 is"), Error);
 }

@@ -7,15 +7,12 @@
 #include <rye/loss/ssim.hpp>
 #include <rye/train/checkpoint.hpp>
 #include <rye/train/fit_deformation.hpp>
-#include <rye/train/initialize.hpp>
-#include <rye/train/stage_mesh.hpp>
 
 #include "data/panel.hpp"
+#include "training/mesh_steps.hpp"
 
 namespace rye::trainer {
 namespace {
-
-Random seed_of(const TrainState& state) { return {state.config.seed, 0}; }
 
 TrainEyeball eyeball_of(const Subject& s, const TrainConfig& config, std::size_t eye) {
     TrainEyeball shape = eyeball_shape({s.eye_radius[eye], s.limbus_radius[eye], s.iris_plane[eye]});
@@ -33,11 +30,6 @@ TrainEyeball eyeball_of(const Subject& s, const TrainConfig& config, std::size_t
     return shape;
 }
 
-template <class P>
-void set_zero(P& p) {
-    P::fields([](const std::string&, auto& a) { a.setZero(); }, p);
-}
-
 } // namespace
 
 TetGrid<float> make_lattice(const TrainState& state) {
@@ -47,11 +39,9 @@ TetGrid<float> make_lattice(const TrainState& state) {
     return bcc_grid<float>(lo, hi, static_cast<float>(state.config.grid.cell));
 }
 
-void pretrain_mesh(TrainState& state) {
-    const TrainConfig& c = state.config;
-    const SphereFit<float> fit{state.subject.head_centre.cast<float>(),
-                               static_cast<float>(c.grid.half_side), c.mesh.pretrain_steps, 1e-3};
-    pretrain_sphere(train_backend(), state.mesh, c.avatar, fit, seed_of(state).fork(3));
+void pretrain_mesh(TrainState& state, MeshNetworks* networks) {
+    if (networks != nullptr) return pretrain_mesh_on(*networks, state);
+    pretrain_mesh_by(train_backend(), state);
 }
 
 double fit_landmarks(TrainState& state, const std::vector<MeshSample<float>>& frames) {
@@ -113,35 +103,20 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     return size;
 }
 
-struct MeshStepper::Memory {
-    Mesh grad;
-    MeshTrace<float> trace;
+struct MeshStepper::Memory : MeshMemory {
+    MeshNetworks* networks;
 };
 
-MeshStepper::MeshStepper(const TrainState& state)
-    : memory_(std::make_unique<Memory>(Memory{zeros_like(state.mesh), {}})) {}
+MeshStepper::MeshStepper(const TrainState& state, MeshNetworks* networks)
+    : memory_(std::make_unique<Memory>(Memory{{zeros_like(state.mesh), {}}, networks})) {}
 MeshStepper::~MeshStepper() = default;
 
 StepReport MeshStepper::step(TrainState& state, const TetGrid<float>& grid,
                              const MeshSample<float>& sample, double rate, const Probe& probe) {
-    const TrainConfig& c = state.config;
-    const MeshStage<float, const Probe&> stage{
-        {{c.avatar, state.subject.roles, c.mesh.landmarks_follow_gaze}, c.mesh.weights},
-        grid,
-        probe};
-    const MeshLosses<float> l =
-        mesh_losses(train_backend(), state.mesh, stage, sample, memory_->trace);
-    set_zero(memory_->grad);
-    mesh_losses_vjp(train_backend(), state.mesh, stage, memory_->trace, memory_->grad);
-    const AdamReport report =
-        adam_step(train_backend(), state.mesh, memory_->grad, state.mesh_adam,
-                  [&](const std::string& name) { return rate * c.mesh.rates(name); });
-    probe("optimiser");
-    ++state.step;
-    return {{{"loss", l.total}, {"rgb", l.rgb}, {"silhouette", l.silhouette}, {"deform", l.deform},
-             {"offset", l.offset}, {"landmark", l.landmark}, {"laplacian", l.laplacian},
-             {"eye_offset", l.eye_offset}},
-            l.vertices, report.first_bad_field};
+    const MeshStepInput input{grid, sample, rate, probe};
+    if (memory_->networks != nullptr)
+        return mesh_step_on(*memory_->networks, *memory_, state, input);
+    return mesh_step_by(train_backend(), *memory_, state, input);
 }
 
 namespace {

@@ -27,8 +27,10 @@ using Probe = std::function<void(const char*)>;  ///< called at the end of each 
 /// The lattice of stage 1 around the subject's head.
 TetGrid<float> make_lattice(const TrainState& state);
 
+class MeshNetworks;  ///< networks on a device (training/mesh_networks.hpp); here null: the host's
+
 /// Fits the guidance mesh to a sphere, from the state's seed.
-void pretrain_mesh(TrainState& state);
+void pretrain_mesh(TrainState& state, MeshNetworks* networks = nullptr);
 
 /// Fits its deformations to the landmarks of all training frames; see fit_deformation. Returns the
 /// root mean square error that is left, canonical units.
@@ -45,7 +47,8 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid);
 /// Memory that steps of one stage share.
 class MeshStepper {
   public:
-    explicit MeshStepper(const TrainState& state);
+    /// `networks`, if any, must live as long.
+    explicit MeshStepper(const TrainState& state, MeshNetworks* networks = nullptr);
     ~MeshStepper();
     /// Adds 1 to state.step; the rates are multiplied by `rate`.
     StepReport step(TrainState& state, const TetGrid<float>& grid, const MeshSample<float>& sample,

@@ -57,6 +57,30 @@ void squash_vjp(Squash squash, const Columns<T>& y, Columns<T>& g) {
         g = g.cwiseProduct(y.unaryExpr([](const T& v) { return sigmoid_slope(v); })).eval();
 }
 
+/// The same on the backend's threads, with the same bits: pieces are of whole vectors.
+template <class T, Backend B>
+void squash_in_place(const B& backend, Squash squash, Columns<T>& y) {
+    if (backend.threads.size() == 1) return squash_in_place(squash, y);
+    for_chunks(backend.threads, y.size(), 16384, [&](Index b, Index e, Index) {
+        Eigen::Map<Columns<T>> all(y.data() + b, e - b, 1);
+        Columns<T> piece = all;
+        squash_in_place(squash, piece);
+        all = piece;
+    });
+}
+/// The same of squash_vjp.
+template <class T, Backend B>
+void squash_vjp(const B& backend, Squash squash, const Columns<T>& y, Columns<T>& g) {
+    if (backend.threads.size() == 1) return squash_vjp(squash, y, g);
+    for_chunks(backend.threads, y.size(), 16384, [&](Index b, Index e, Index) {
+        Eigen::Map<Columns<T>> all(g.data() + b, e - b, 1);
+        const Columns<T> values = Eigen::Map<const Columns<T>>(y.data() + b, e - b, 1);
+        Columns<T> piece = all;
+        squash_vjp(squash, values, piece);
+        all = piece;
+    });
+}
+
 /// Points with an influence, ascending.
 template <class T>
 std::vector<Index> influenced(const Columns<T>& lambda) {

@@ -56,9 +56,9 @@ struct GeometryTrace {
 template <class T, EffectSet E, Backend B>
 void geometry_at(const B& backend, const GuidanceMesh<T, E>& mesh, const AvatarConfig& config,
                  const Columns<T>& points, GeometryTrace<T>& trace) {
-    trace.code = EncodingOf<E>::encode(points, config.frequencies);
+    encode_points<EncodingOf<E>>(backend, points, config.frequencies, trace.code);
     trace.output = mlp_forward<T>(backend, mesh.geometry, trace.code, VecX<T>(), &trace.mlp);
-    squash_in_place(Squash::tanh, trace.output);
+    squash_in_place(backend, Squash::tanh, trace.output);
 }
 
 /// The geometry at some points, and the cotangents of its outputs.
@@ -76,7 +76,7 @@ Columns<T> geometry_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
                         GuidanceMesh<T, E>& grad) {
     const GeometryTrace<T>& trace = g.trace;
     Columns<T> g_output = g.output;
-    squash_vjp(Squash::tanh, trace.output, g_output);
+    squash_vjp(backend, Squash::tanh, trace.output, g_output);
     Columns<T> g_code;
     mlp_vjp<T>(backend, mesh.geometry, {trace.code, VecX<T>(), trace.mlp}, g_output,
                {.params = grad.geometry, .points = &g_code});
@@ -100,22 +100,42 @@ struct NeutralSurface {
 /// Lattice vertices whose code is held at once, to bound the memory of a fine lattice.
 inline constexpr Index signed_distance_block = 32768;
 
+namespace detail {
+
+/// signed_distances by codes in blocks and mlp_forward.
+template <class T, EffectSet E, Backend B>
+Columns<T> signed_distances_by_blocks(const B& backend, const GuidanceMesh<T, E>& mesh,
+                                      const AvatarConfig& config, const Columns<T>& points) {
+    Columns<T> sdf(1, points.cols()), code;
+    for (Index b = 0; b < sdf.cols(); b += signed_distance_block) {
+        const Index count = std::min(signed_distance_block, sdf.cols() - b);
+        const Columns<T> block = points.middleCols(b, count);
+        encode_points<EncodingOf<E>>(backend, block, config.frequencies, code);
+        sdf.middleCols(b, count) =
+            mlp_forward<T>(backend, mesh.geometry, code, VecX<T>(), nullptr).topRows(1);
+    }
+    return sdf;
+}
+
+} // namespace detail
+
+/// Signed distances before tanh at points of the head frame (3 x N), without a trace, 1 x N. A
+/// backend whose networks run elsewhere has an overload (avatar/cuda/offload.hpp).
+template <class T, EffectSet E, Backend B>
+Columns<T> signed_distances(const B& backend, const GuidanceMesh<T, E>& mesh,
+                            const AvatarConfig& config, const Columns<T>& points) {
+    return detail::signed_distances_by_blocks(backend, mesh, config, points);
+}
+
 /// The surface of signed distance 0 in the lattice, in the head frame, with each vertex's features.
 template <class T, EffectSet E, Backend B>
 NeutralSurface<T> neutral_surface(const B& backend, const GuidanceMesh<T, E>& mesh,
                                   const AvatarConfig& config, const TetGrid<T>& grid) {
     using std::tanh;
     NeutralSurface<T> n;
-    Columns<T> sdf;
-    sdf.resize(1, grid.vertices.cols());
-    for (Index b = 0; b < sdf.cols(); b += signed_distance_block) {  // everywhere, without a trace
-        const Index count = std::min(signed_distance_block, sdf.cols() - b);
-        const Columns<T> code =
-            EncodingOf<E>::encode(grid.vertices.middleCols(b, count), config.frequencies);
-        sdf.middleCols(b, count) =
-            mlp_forward<T>(backend, mesh.geometry, code, VecX<T>(), nullptr).topRows(1);
-    }
-    const SurfaceTopology topology = surface_topology<T>(grid.topology, sdf); // sign of tanh(s) = s
+    const Columns<T> sdf = signed_distances(backend, mesh, config, grid.vertices);
+    const SurfaceTopology topology =
+        surface_topology<T>(backend, grid.topology, sdf); // sign of tanh(s) = s
     if (topology.faces.empty()) return n;
     const std::vector<Index> touched = touched_vertices(topology);
     const Columns<T> rest = pick_columns(grid.vertices, touched);
@@ -128,8 +148,10 @@ NeutralSurface<T> neutral_surface(const B& backend, const GuidanceMesh<T, E>& me
     n.lattice_feature = n.geometry.output.bottomRows(config.feature);
     n.surface.topology = over_touched(topology, touched);
     n.surface.fraction = crossing_fractions<T>(n.surface.topology, n.sdf);
-    n.surface.positions = interpolate<T>(n.surface.topology, n.surface.fraction, n.lattice);
-    n.feature = interpolate<T>(n.surface.topology, n.surface.fraction, n.lattice_feature);
+    n.surface.positions =
+        interpolate<T>(backend, n.surface.topology, n.surface.fraction, n.lattice);
+    n.feature =
+        interpolate<T>(backend, n.surface.topology, n.surface.fraction, n.lattice_feature);
     return n;
 }
 
@@ -149,8 +171,9 @@ void neutral_surface_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
                          GuidanceMesh<T, E>& grad) {
     using std::tanh;
     const NeutralSurface<T>& n = cotangent.neutral;
-    const SurfaceGradient<T> g = surface_vjp<T>(n.surface, {n.lattice, n.sdf, n.lattice_feature},
-                                                {cotangent.positions, cotangent.feature});
+    const SurfaceGradient<T> g =
+        surface_vjp<T>(backend, n.surface, {n.lattice, n.sdf, n.lattice_feature},
+                       {cotangent.positions, cotangent.feature});
     Columns<T> g_output(n.geometry.output.rows(), n.geometry.output.cols());
     const T reach = T(config.vertex_offset);
     g_output.topRows(1) = g.sdf;

@@ -2,15 +2,19 @@
 /// rye/geometry/marching_tets.hpp: the zero surface of a signed distance given at the vertices of a
 /// tetrahedral grid, and its vjp. sdf > 0 is outside, face normals point outside. The topology is
 /// built from values and holds no scalar, so positions can be differentiated on a fixed topology.
-/// Frame and units are those of the grid. Source: Doi and Koide, 1991; triangle table of DMTet.
+/// Frame and units are those of the grid. Some functions also take a backend, on whose threads they
+/// run, with the same bits. Source: Doi and Koide, 1991; triangle table of DMTet.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <string>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
+#include <rye/backend/scalar.hpp>
 #include <rye/core/error.hpp>
 #include <rye/geometry/mesh.hpp>
 #include <rye/geometry/tet_grid.hpp>
@@ -72,44 +76,81 @@ inline constexpr std::array<TetCase, 16> tet_cases{{{0, {}},
 } // namespace detail
 
 /// The topology of the zero surface of sdf, 1 x V; sdf = 0 is inside. Throws Error if not finite.
-template <class T>
-SurfaceTopology surface_topology(const TetTopology& grid, const ColumnsView<T>& sdf) {
+template <class T, Backend B>
+SurfaceTopology surface_topology(const B& backend, const TetTopology& grid,
+                                 const std::type_identity_t<ColumnsView<T>>& sdf) {
     RYE_ASSERT(sdf.rows() == 1 && sdf.cols() == grid.vertex_count,
                "surface_topology: sdf is not 1 x V");
     using std::isfinite;
+    constexpr Index grain = 16384;
     const auto at = [](Index i) { return static_cast<std::size_t>(i); };
+    const auto count = [](const auto& v) { return static_cast<Index>(v.size()); };
+    const auto chunks = [&](Index n) { return at(chunk_count(n, grain)); };
     std::vector<std::uint8_t> outside(at(grid.vertex_count));
-    for (Index v = 0; v < grid.vertex_count; ++v) {
-        if (!isfinite(sdf(0, v)))
-            throw Error("surface_topology: the sdf at vertex " + std::to_string(v) + " is " +
-                        std::to_string(static_cast<double>(value_of(sdf(0, v)))) + ", not finite");
-        outside[at(v)] = value_of(sdf(0, v)) > 0 ? 1 : 0;
-    }
+    for_chunks(backend.threads, grid.vertex_count, grain, [&](Index begin, Index end, Index) {
+        for (Index v = begin; v < end; ++v) {
+            if (!isfinite(sdf(0, v)))
+                throw Error("surface_topology: the sdf at vertex " + std::to_string(v) + " is " +
+                            std::to_string(static_cast<double>(value_of(sdf(0, v)))) +
+                            ", not finite");
+            outside[at(v)] = value_of(sdf(0, v)) > 0 ? 1 : 0;
+        }
+    });
+    const std::uint8_t* const out_of = outside.data();
+    // Crossing edges of each chunk, then where each chunk's begin.
+    std::vector<std::vector<Index>> crossing(chunks(count(grid.edges)));
+    for_chunks(backend.threads, count(grid.edges), grain, [&](Index begin, Index end, Index c) {
+        std::vector<Index> own;
+        const Edge* const edges = grid.edges.data();
+        for (Index e = begin; e < end; ++e)
+            if (out_of[edges[e][0]] != out_of[edges[e][1]]) own.push_back(e);
+        crossing[at(c)] = std::move(own);
+    });
+    std::vector<Index> first{0};
+    for (const std::vector<Index>& of : crossing) first.push_back(first.back() + count(of));
     SurfaceTopology out;
+    if (first.back() == 0) return out;
+    out.edges.resize(at(first.back()));
     std::vector<Index> vertex(grid.edges.size());  // of the surface, for each crossing grid edge
-    for (std::size_t e = 0; e < grid.edges.size(); ++e) {
-        const auto [a, b] = grid.edges[e];
-        if (outside[at(a)] == outside[at(b)]) continue;
-        vertex[e] = out.vertex_count();
-        out.edges.push_back(grid.edges[e]);
-    }
-    if (out.edges.empty()) return out;
-    std::vector<Face> pairs;  // of tetrahedra with two triangles
-    for (std::size_t t = 0; t < grid.tets.size(); ++t) {
-        const auto [a, b, c, d] = grid.tets[t];
-        const unsigned bits = outside[at(a)] | unsigned{outside[at(b)]} << 1U |
-                              unsigned{outside[at(c)]} << 2U | unsigned{outside[at(d)]} << 3U;
-        const detail::TetCase& found = detail::tet_cases[bits];
-        std::vector<Face>& faces = found.triangles == 2 ? pairs : out.faces;
-        const auto corner = [&](int i) {
-            const std::uint8_t local = found.edges[static_cast<std::size_t>(i)];
-            return vertex[at(grid.tet_edges[t][local])];
-        };
-        for (int i = 0; i < 3 * found.triangles; i += 3)
-            faces.push_back({corner(i), corner(i + 1), corner(i + 2)});
-    }
-    out.faces.insert(out.faces.end(), pairs.begin(), pairs.end());
+    for_chunks(backend.threads, count(crossing), 1, [&](Index c, Index, Index) {
+        Index next = first[at(c)];
+        for (const Index e : crossing[at(c)]) {
+            vertex[at(e)] = next;
+            out.edges[at(next++)] = grid.edges[at(e)];
+        }
+    });
+    struct Faces {
+        std::vector<Face> singles, pairs; ///< of tetrahedra with one triangle, with two
+    };
+    std::vector<Faces> found(chunks(count(grid.tets)));
+    for_chunks(backend.threads, count(grid.tets), grain, [&](Index begin, Index end, Index chunk) {
+        Faces own;
+        const auto* const tets = grid.tets.data();
+        for (Index t = begin; t < end; ++t) {
+            const auto [a, b, c, d] = tets[t];
+            const unsigned bits = out_of[a] | unsigned{out_of[b]} << 1U |
+                                  unsigned{out_of[c]} << 2U | unsigned{out_of[d]} << 3U;
+            const detail::TetCase& tet = detail::tet_cases[bits];
+            if (tet.triangles == 0) continue;
+            std::vector<Face>& faces = tet.triangles == 2 ? own.pairs : own.singles;
+            const auto corner = [&](int i) {
+                const std::uint8_t local = tet.edges[static_cast<std::size_t>(i)];
+                return vertex[at(grid.tet_edges[at(t)][local])];
+            };
+            for (int i = 0; i < 3 * tet.triangles; i += 3)
+                faces.push_back({corner(i), corner(i + 1), corner(i + 2)});
+        }
+        found[at(chunk)] = std::move(own);
+    });
+    for (const auto of : {&Faces::singles, &Faces::pairs})
+        for (const Faces& f : found)
+            out.faces.insert(out.faces.end(), (f.*of).begin(), (f.*of).end());
     return out;
+}
+/// On the calling thread.
+template <class T>
+SurfaceTopology surface_topology(const TetTopology& grid, const ColumnsView<T>& sdf) {
+    return surface_topology<T>(ScalarBackend{Serial{}}, grid, sdf);
 }
 
 /// t = s_a / (s_a - s_b) of every surface vertex, 1 x M, with the exceptions of EdgeCut.
@@ -154,31 +195,74 @@ void crossing_fractions_vjp(const SurfaceTopology& surface, const ColumnsView<T>
 }
 
 /// Interpolates grid values, C x V, at the surface's vertices, C x M: v_a + t (v_b - v_a).
+template <class T, Backend B>
+Columns<T> interpolate(const B& backend, const SurfaceTopology& surface,
+                       const std::type_identity_t<ColumnsView<T>>& fraction,
+                       const std::type_identity_t<ColumnsView<T>>& values) {
+    Columns<T> out(values.rows(), surface.vertex_count());
+    for_chunks(backend.threads, out.cols(), 1024, [&](Index begin, Index end, Index) {
+        for (Index i = begin; i < end; ++i) {
+            const auto [a, b] = surface.edges[static_cast<std::size_t>(i)];
+            out.col(i) = values.col(a) + fraction(0, i) * (values.col(b) - values.col(a));
+        }
+    });
+    return out;
+}
+/// On the calling thread.
 template <class T>
 Columns<T> interpolate(const SurfaceTopology& surface, const ColumnsView<T>& fraction,
                        const ColumnsView<T>& values) {
-    Columns<T> out(values.rows(), surface.vertex_count());
-    for (Index i = 0; i < out.cols(); ++i) {
-        const auto [a, b] = surface.edges[static_cast<std::size_t>(i)];
-        out.col(i) = values.col(a) + fraction(0, i) * (values.col(b) - values.col(a));
-    }
-    return out;
+    return interpolate<T>(ScalarBackend{Serial{}}, surface, fraction, values);
 }
 
 /// Returns the gradient of values, C x V, and adds that of fraction, 1 x M, given that of the
-/// result, C x M.
-template <class T>
-Columns<T> interpolate_vjp(const SurfaceTopology& surface, const ColumnsView<T>& fraction,
-                           const ColumnsView<T>& values, const ColumnsView<T>& g_out,
+/// result, C x M. Each sum is in the order of the surface's vertices, for any threads.
+template <class T, Backend B>
+Columns<T> interpolate_vjp(const B& backend, const SurfaceTopology& surface,
+                           const std::type_identity_t<ColumnsView<T>>& fraction,
+                           const std::type_identity_t<ColumnsView<T>>& values,
+                           const std::type_identity_t<ColumnsView<T>>& g_out,
                            Columns<T>& g_fraction) {
     Columns<T> g_values = Columns<T>::Zero(values.rows(), values.cols());
-    for (Index i = 0; i < surface.vertex_count(); ++i) {
+    const Index vertices = surface.vertex_count();
+    const auto to_fraction = [&](Index i) {
         const auto [a, b] = surface.edges[static_cast<std::size_t>(i)];
-        const T t = fraction(0, i);
         g_fraction(0, i) += g_out.col(i).dot(values.col(b) - values.col(a));
-        g_values.col(a) += (T(1) - t) * g_out.col(i);
-        g_values.col(b) += t * g_out.col(i);
+    };
+    const auto add = [&](Index i, bool second) {
+        const T t = fraction(0, i);
+        const Index v = surface.edges[static_cast<std::size_t>(i)][second ? 1 : 0];
+        if (second)
+            g_values.col(v) += t * g_out.col(i);
+        else
+            g_values.col(v) += (T(1) - t) * g_out.col(i);
+    };
+    if (values.rows() < 16 || backend.threads.size() < 4) { // lists would cost more
+        for (Index i = 0; i < vertices; ++i) to_fraction(i), add(i, false), add(i, true);
+        return g_values;
     }
+    for_chunks(backend.threads, vertices, 1024, [&](Index begin, Index end, Index) {
+        for (Index i = begin; i < end; ++i) to_fraction(i);
+    });
+    // Edges share their ends, so threads have grid vertices: the ends at each, in order.
+    std::vector<Index> first(static_cast<std::size_t>(values.cols()) + 1, 0);
+    for (const Edge& e : surface.edges)
+        for (const Index v : e) ++first[static_cast<std::size_t>(v) + 1];
+    for (std::size_t v = 1; v < first.size(); ++v) first[v] += first[v - 1];
+    std::vector<Index> next(first.begin(), first.end() - 1), ends(2 * surface.edges.size());
+    for (Index i = 0; i < vertices; ++i)
+        for (std::size_t k = 0; k < 2; ++k) {
+            const Index v = surface.edges[static_cast<std::size_t>(i)][k];
+            ends[static_cast<std::size_t>(next[static_cast<std::size_t>(v)]++)] =
+                2 * i + static_cast<Index>(k);
+        }
+    for_chunks(backend.threads, values.cols(), 512, [&](Index begin, Index end, Index) {
+        for (Index n = first[static_cast<std::size_t>(begin)];
+             n < first[static_cast<std::size_t>(end)]; ++n) {
+            const Index of = ends[static_cast<std::size_t>(n)];
+            add(of / 2, of % 2 != 0);
+        }
+    });
     return g_values;
 }
 
@@ -224,20 +308,29 @@ struct SurfaceGradient {
 };
 
 /// Gradients of the grid's vertices, sdf and features, given those at the surface's vertices.
-template <class T>
-SurfaceGradient<T> surface_vjp(const Surface<T>& surface, const SurfaceInputs<T>& in,
-                               const SurfaceCotangent<T>& g_out, const EdgeCut& cut = {}) {
+template <class T, Backend B>
+SurfaceGradient<T> surface_vjp(const B& backend, const Surface<T>& surface,
+                               const std::type_identity_t<SurfaceInputs<T>>& in,
+                               const std::type_identity_t<SurfaceCotangent<T>>& g_out,
+                               const EdgeCut& cut = {}) {
     const SurfaceTopology& top = surface.topology;
     const ColumnsView<T>& features = in.features;
     Columns<T> g_fraction = Columns<T>::Zero(1, top.vertex_count());
-    SurfaceGradient<T> g{
-        interpolate_vjp<T>(top, surface.fraction, in.vertices, g_out.positions, g_fraction),
-        Columns<T>::Zero(1, in.sdf.cols()), Columns<T>::Zero(features.rows(), features.cols())};
+    SurfaceGradient<T> g{interpolate_vjp<T>(backend, top, surface.fraction, in.vertices,
+                                            g_out.positions, g_fraction),
+                         Columns<T>::Zero(1, in.sdf.cols()),
+                         Columns<T>::Zero(features.rows(), features.cols())};
     if (features.rows() > 0)
-        g.features =
-            interpolate_vjp<T>(top, surface.fraction, features, g_out.features, g_fraction);
+        g.features = interpolate_vjp<T>(backend, top, surface.fraction, features, g_out.features,
+                                        g_fraction);
     crossing_fractions_vjp<T>(top, in.sdf, g_fraction, g.sdf, cut);
     return g;
+}
+/// On the calling thread.
+template <class T>
+SurfaceGradient<T> surface_vjp(const Surface<T>& surface, const SurfaceInputs<T>& in,
+                               const SurfaceCotangent<T>& g_out, const EdgeCut& cut = {}) {
+    return surface_vjp<T>(ScalarBackend{Serial{}}, surface, in, g_out, cut);
 }
 
 /// The grid vertices on edges that the surface cuts, ascending. Only they have a gradient, so

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+/// training/mesh_networks.hpp: the networks of stage 1 on a device, without CUDA's types: a unit of
+/// nvcc has the kernels, all else of a step is compiled with the rest of the program.
+/// Types of Eigen cross between units of two compilers: their alignment is in the symbol's name, so
+/// that units that differ in it do not link.
+#pragma once
+
+#include <memory>
+
+#include <rye/avatar/cuda/offload.hpp>
+
+#include "training/types.hpp"
+
+namespace rye::trainer {
+
+/// What an OffloadBackend asks of networks on a device; see NetworkOffload.
+class MeshNetworks {
+  public:
+    virtual ~MeshNetworks() = default;
+    virtual bool takes(const MlpShape& shape, Index points) const = 0;
+    virtual Columns<float> forward(const ProgramThreads& threads, const Mlp<float>& m,
+                                   const ColumnsView<float>& points, const VecX<float>& frame,
+                                   MlpTrace<float>* trace) = 0;
+    virtual Columns<float> first_output(const ProgramThreads& threads, const Mlp<float>& m,
+                                        const ColumnsView<float>& points, int frequencies) = 0;
+    virtual void vjp(const ProgramThreads& threads, const Mlp<float>& m, Index pass,
+                     const ColumnsView<float>& g_out, const MlpGradient<float, LeakyRelu>& g) = 0;
+    virtual OffloadCounts counts() const = 0;
+    virtual void count_host_forward() = 0;
+    virtual void count_host_vjp() = 0;
+};
+
+/// The program's threads, with networks on a device.
+using MeshBackend = OffloadBackend<TrainBackend, MeshNetworks>;
+
+/// Two planes of bf16 a float: with one the surface would be off by hundredths of a cell
+/// (docs/cuda.md).
+using MeshTiles = MlpTiles<2, 256, 128>;
+
+/// Networks on a Device, whose memory and staging are owned.
+template <class Device, DeviceMemory Memory, DeviceMemory Staging>
+class MeshNetworksOn : public MeshNetworks {
+  public:
+    MeshNetworksOn(const Device& device, CudaStream stream)
+        : networks_(device, {stream, memory_}, staging_) {}
+
+    bool takes(const MlpShape& shape, Index points) const override {
+        return networks_.takes(shape, points);
+    }
+    Columns<float> forward(const ProgramThreads& threads, const Mlp<float>& m,
+                           const ColumnsView<float>& points, const VecX<float>& frame,
+                           MlpTrace<float>* trace) override {
+        return networks_.forward(threads, m, points, frame, trace);
+    }
+    Columns<float> first_output(const ProgramThreads& threads, const Mlp<float>& m,
+                                const ColumnsView<float>& points, int frequencies) override {
+        return networks_.first_output(threads, m, points, frequencies);
+    }
+    void vjp(const ProgramThreads& threads, const Mlp<float>& m, Index pass,
+             const ColumnsView<float>& g_out, const MlpGradient<float, LeakyRelu>& g) override {
+        networks_.vjp(threads, m, pass, g_out, g);
+    }
+    OffloadCounts counts() const override { return networks_.counts(); }
+    void count_host_forward() override { networks_.count_host_forward(); }
+    void count_host_vjp() override { networks_.count_host_vjp(); }
+
+  private:
+    Memory memory_;
+    Staging staging_;
+    NetworkOffload<Device, MeshTiles> networks_;
+};
+
+/// Networks on the device that is current. Error where there is none, and in a build without
+/// kernels.
+template <int alignment = EIGEN_MAX_ALIGN_BYTES>
+std::unique_ptr<MeshNetworks> mesh_networks();
+
+} // namespace rye::trainer
