@@ -25,6 +25,7 @@
 #include "training/device_choice.hpp"
 #include "training/device_memory.hpp"
 #include "training/device_steps.hpp"
+#include "training/mesh_networks.hpp"
 #include "training/draws.hpp"
 #include "training/run_folder.hpp"
 #include "training/run_size.hpp"
@@ -126,8 +127,9 @@ class Trainer {
         const MeshTrainConfig& m = config.mesh;
         const Index total = total_steps(m.steps, m.epochs, capture_);
         const Random order = random_.fork(1), views = random_.fork(2);
-        if (state_.step == 0) pretrain_mesh(state_);
-        MeshStepper stepper(state_);
+        const std::unique_ptr<MeshNetworks> networks = device_ ? mesh_networks() : nullptr;
+        if (state_.step == 0) pretrain_mesh(state_, networks.get());
+        MeshStepper stepper(state_, networks.get());
         Progress progress("stage 1", total, quiet(options_));
         int empty = 0;
         while (state_.step < total) {
