@@ -10,6 +10,7 @@
 #include <rye/nn/cuda/upsampler.hpp>
 #include <rye/splat/cuda/sh_color.hpp>
 #include <rye/train/cuda/image_losses.hpp>
+#include <rye/train/cuda/step_kernels.hpp>
 
 using namespace rye;
 using Rules = FeaturesOnly<Fast>;
@@ -33,7 +34,9 @@ const void* const kernels[] = {kernel<ProjectKernel<Rules, NoDistortion>>(),
                                kernel<ShColorVjpKernel<3>>(),
                                kernel<MlpForwardKernel<Tiles, LeakyRelu>>(),
                                kernel<MlpReverseKernel<Tiles, LeakyRelu>>(),
-                               kernel<MlpWeightKernel<1>>(),
+                               kernel<MlpWeightKernel<1, 64>>(),
+                               kernel<MlpWeightKernel<1, 128>>(),
+                               kernel<MlpMergeKernel>(),
                                kernel<MlpPackKernel>(),
                                kernel<MlpBiasKernel>(),
                                kernel<MlpColumnForwardKernel<LeakyRelu>>(),
@@ -56,7 +59,14 @@ const void* const kernels[] = {kernel<ProjectKernel<Rules, NoDistortion>>(),
                                kernel<EachKernel<DriveEyePoint<All>>>(),
                                kernel<SumsKernel<EyePointVjp<All, 0>>>(),
                                kernel<EyeFrameVjpKernel<All>>(),
-                               kernel<MergeSumsKernel>()};
+                               kernel<MergeSumsKernel>(),
+                               kernel<BeginStepKernel>(),
+                               kernel<EachKernel<StepPicturesAt>>(),
+                               kernel<EachKernel<ShownColours>>(),
+                               kernel<EachKernel<JoinGradients>>(),
+                               kernel<RoomKernel>(),
+                               kernel<EachKernel<BoundNumbers>>(),
+                               kernel<EndStepKernel>()};
 
 using Byte = std::uint8_t;
 using Below = DoubledPixels<ActivatedPixels>;
