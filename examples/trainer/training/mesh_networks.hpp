@@ -70,8 +70,8 @@ class MeshNetworksOn : public MeshNetworks {
     NetworkOffload<Device, MeshTiles> networks_;
 };
 
-/// Networks on the device that is current. Error where there is none, and in a build without
-/// kernels.
+/// Networks on the device that is current; null: the host's are to be used. Error where there is
+/// no device, and in a build without kernels.
 template <int alignment = EIGEN_MAX_ALIGN_BYTES>
 std::unique_ptr<MeshNetworks> mesh_networks();
 
