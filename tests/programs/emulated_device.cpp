@@ -6,7 +6,6 @@
 #include <rye/backend/cuda/emulation.hpp>
 
 #include "training/device_engine_of.hpp"
-#include "training/mesh_networks.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -37,13 +36,6 @@ DeviceFinding find_device() {
     const char* const bytes = std::getenv("RYE_EMULATED_BYTES");
     const double free = bytes != nullptr ? std::strtod(bytes, nullptr) : 1e9;
     return {true, DeviceFacts{"an emulated device", free, 1e9}, ""};
-}
-
-/// Stage 1 has the host's networks, so that both sides begin stage 2 alike; device_mesh_test.cpp
-/// runs them in the emulation.
-template <>
-std::unique_ptr<MeshNetworks> mesh_networks<EIGEN_MAX_ALIGN_BYTES>() {
-    return nullptr;
 }
 
 template <>
