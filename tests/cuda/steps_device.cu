@@ -33,6 +33,23 @@ TEST_CASE("device: training steps make room for lists") {
     steps_make_room<Fine>(CudaDevice(), queue());
 }
 TEST_CASE("device: what training steps refuse") { steps_refused<Fine>(CudaDevice(), queue()); }
+TEST_CASE("device: graphs of steps whose renders get more channels later") {
+    StepScene scene({});
+    const std::vector<StepDraw> few(4, scene.draws[1]); // the eyes in three channels
+    std::vector<StepDraw> draws = few;
+    draws.push_back(scene.draws[0]);
+    draws.insert(draws.end(), few.begin(), few.end());
+    StepsOnDevice<CudaDevice, Fine> kept(CudaDevice(), queue(), scene),
+        first(CudaDevice(), queue(), scene);
+    kept.run(draws);
+    for (const StepDraw& d : draws) { // every step as it is
+        StepsOnDevice<CudaDevice, Fine> own(CudaDevice(), scene, first);
+        own.run({d});
+        first.avatar = own.avatar;
+        first.adam = own.adam;
+    }
+    CHECK(kept.differs(first) == "");
+}
 TEST_CASE("device: a graph of steps for each camera") {
     const StepScene scene({});
     StepsOnDevice<CudaDevice, Fine> own(CudaDevice(), queue(), scene);

@@ -13,8 +13,38 @@ HostMemory memory;
 const CudaQueue queue{nullptr, memory};
 using Fine = DeviceTrainerPolicy<DeviceNetworks<3, 32, 32, 32>, KernelChannels<3, 8>, Balanced, 3>;
 
+/// Graphs of a device that only counts.
+struct CountingDevice {
+    static inline int captures = 0, launches = 0;
+    struct Graph {
+        template <class F>
+        static Graph of(const CudaQueue&, const F&) {
+            ++captures;
+            return {};
+        }
+        void launch(const CudaQueue&) const { ++launches; }
+    };
+};
+
 } // namespace
 
+TEST_CASE("kept graphs: the first work of a kind runs as it is, and others are captured anew") {
+    KeptGraphs<CountingDevice, int, int> graphs;
+    int runs = 0;
+    const auto work = [&] { ++runs; };
+    graphs.run(queue, 0, 7, work); // takes its memory
+    CHECK(runs == 1);
+    graphs.run(queue, 0, 7, work);
+    graphs.run(queue, 0, 7, work);
+    CHECK((runs == 1 && CountingDevice::captures == 1 && CountingDevice::launches == 2));
+    graphs.run(queue, 1, 8, work); // may move what kind 0 uses
+    CHECK((runs == 2 && graphs.size() == 0));
+    graphs.run(queue, 0, 7, work);
+    CHECK((runs == 2 && CountingDevice::captures == 2 && CountingDevice::launches == 3));
+    graphs.forget();
+    graphs.run(queue, 0, 7, work);
+    CHECK((runs == 3 && graphs.size() == 0));
+}
 TEST_CASE("cuda, emulated: training steps are the host's") {
     steps_against_host<Fine>(EmulatedDevice{}, queue, {});
     steps_against_host<Fine>(EmulatedDevice{PhaseOrder::shuffled}, queue,

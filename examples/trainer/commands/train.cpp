@@ -328,7 +328,7 @@ TrainConfig config_of(const TrainOptions& o) {
     return config;
 }
 
-/// Where stage 2 is trained.
+/// Place where stage 2 is trained.
 struct TrainedOn {
     std::optional<DeviceFacts> device; ///< none: the CPU
     std::string words;                 ///< a line about it, or empty

@@ -57,7 +57,7 @@ Experiment losses() {
     Json neither = no_eyeball;
     neither["blank"] = 0;
     row("without both", "losses_neither", neither);
-    // What the preset has beyond the paper, each alone.
+    // Additions of the preset to the paper, each alone.
     const Json ours = to_json(preset("cpu"))["gaussians"]["weights"];
     const auto added = [&](const std::string& name, const std::vector<const char*>& fields) {
         Json weights = Json::object();

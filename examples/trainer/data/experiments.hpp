@@ -51,7 +51,7 @@ Experiment read_experiment(const std::filesystem::path& path);
 /// The list as such a file.
 nlohmann::ordered_json to_json(const Experiment& experiment);
 
-/// What all rows of an experiment are given besides.
+/// Settings that all rows of an experiment share.
 struct ExperimentSettings {
     std::string preset;          ///< instead of the list's; empty: the list's
     nlohmann::ordered_json base; ///< after the list's base; null: nothing

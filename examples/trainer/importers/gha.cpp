@@ -82,7 +82,7 @@ Image8 eye_mask_of(const Capture& c, int f, int k) {
     return eyes;
 }
 
-/// What one picture has of an eye.
+/// An eye as one picture has it.
 struct EyePicture {
     const CaptureFrame* frame;
     const Pinhole<double>* camera;
@@ -228,7 +228,7 @@ EyeGuess guess_eyes(const Capture& c) {
     return best;
 }
 
-/// Where a frame's gaze is from.
+/// Source of a frame's gaze.
 enum class GazeFrom { capture, file, iris };
 
 struct GhaSource {
@@ -279,7 +279,7 @@ GhaSource read_source(const ImportOptions& o) {
     return s;
 }
 
-/// What is known of the gazes of a frame: spread [deg] and number of pictures.
+/// Gazes of a frame: spread [deg] and number of pictures.
 struct GazeFacts {
     double spread = 0;
     int sightings = 0, borrowed = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// importers/hdf5_file.hpp: arrays of numbers in an HDF5 file, by libhdf5, with h5py's filter LZF.
-/// Where rye was built without libhdf5, opening a file is an Error that states how to get it.
+/// Opening a file without libhdf5 in the build is an Error that states how to get it.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@
 
 namespace rye::trainer {
 
-/// Whether rye was built with libhdf5.
+/// True where rye was built with libhdf5.
 bool has_hdf5();
 
 /// An open file. Not for concurrent use. Errors name file and array.

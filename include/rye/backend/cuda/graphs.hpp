@@ -24,15 +24,19 @@ class KeptGraphs {
   public:
     static constexpr std::size_t most = 64; ///< more run as they are
 
-    /// f() puts the work of a key on the queue's stream.
+    /// f() puts the work of a key on the queue's stream. The first work of a kind may move memory
+    /// that other kinds share, so what was kept of them is forgotten.
     template <class F>
     void run(const CudaQueue& queue, const Kind& kind, const Key& key, const F& f) {
         if constexpr (DeviceWithGraphs<Device>) {
-            const bool warm = !warm_.insert(kind).second;
-            auto at = graphs_.find(key);
-            if (warm && at == graphs_.end() && graphs_.size() < most)
-                at = graphs_.emplace(key, Device::Graph::of(queue, f)).first;
-            if (warm && at != graphs_.end()) return at->second.launch(queue);
+            if (warm_.insert(kind).second) {
+                graphs_.clear();
+            } else {
+                auto at = graphs_.find(key);
+                if (at == graphs_.end() && graphs_.size() < most)
+                    at = graphs_.emplace(key, Device::Graph::of(queue, f)).first;
+                if (at != graphs_.end()) return at->second.launch(queue);
+            }
         }
         f();
     }
