@@ -80,6 +80,8 @@ void walk(F& f, TrainConfig& c) {
         f("rate_decay", m.rate_decay, above_zero);
         f("landmarks_follow_gaze", m.landmarks_follow_gaze);
         f("fit_steps", m.fit_steps, Range{0, 1e7});
+        f("fit_rate", m.fit_rate, rate);
+        f("fit_mixed", m.fit_mixed, Range{0, 1});
         f("weights", [&] {
             f("rgb", m.weights.rgb, any);
             f("silhouette", m.weights.silhouette, any);
@@ -131,6 +133,7 @@ void walk(F& f, TrainConfig& c) {
         f("rates", [&] {
             f("upsampler", g.rates.upsampler, rate);
             f("networks", g.rates.networks, rate);
+            f("deform", g.rates.deform, rate);
             f("opacity", g.rates.opacity, rate);
             f("scale", g.rates.scale, rate);
             f("position", g.rates.position, rate);
@@ -443,6 +446,7 @@ TrainConfig preset(const std::string& name) {
     g.weights.eye_smooth = 0.2;
     g.rates.upsampler = 1e-3;
     g.rates.networks = 1e-3;
+    g.rates.deform = 1e-3;
     g.rates.opacity = 1e-2;
     g.rates.scale = 3e-3;
     g.rates.position = 3e-4;

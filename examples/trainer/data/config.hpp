@@ -30,6 +30,8 @@ struct MeshTrainConfig {
     double rate_decay = 1;    ///< final learning rates, relative to the first
     bool landmarks_follow_gaze = false;  ///< L_def also deforms by the gaze fields
     int fit_steps = 0;  ///< of fit_deformation, after the last step
+    double fit_rate = 2e-3;  ///< its first learning rate
+    double fit_mixed = 0;    ///< share of its frames that are mixed_frame of others
     MeshLossConfig weights;
     MeshRates rates;
 };

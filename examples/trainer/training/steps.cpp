@@ -47,6 +47,8 @@ void pretrain_mesh(TrainState& state, MeshNetworks* networks) {
 double fit_landmarks(TrainState& state, const std::vector<MeshSample<float>>& frames) {
     DeformationFit fit;
     fit.steps = state.config.mesh.fit_steps;
+    fit.rate = state.config.mesh.fit_rate;
+    fit.mixed = state.config.mesh.fit_mixed;
     fit.random = seed_of(state).fork(9);
     return fit_deformation(
         train_backend(), state.mesh,

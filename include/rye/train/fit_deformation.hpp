@@ -11,6 +11,7 @@
 #include <rye/core/random.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/train/landmark_losses.hpp>
+#include <rye/train/landmark_regression.hpp>
 
 namespace rye {
 
@@ -20,10 +21,14 @@ struct DeformationFit {
     int batch = 4;        ///< frames a step
     double rate = 2e-3;   ///< first learning rate; the last is a twentieth
     Random random = {};   ///< draws the frames
+    /// Share of the frames that are mixed_frame, with the landmarks of a linear regression. 0: none.
+    double mixed = 0;
+    RegressionConfig regression = {};
 };
 
 /// `frames` need drivers and landmarks only. Returns the root mean square distance of a landmark's
-/// coordinate in the last steps (as many as there are frames), canonical units.
+/// coordinate of a frame in the last steps (as many as there are frames), canonical units; mixed
+/// frames do not count.
 template <Real T, EffectSet E, Backend B>
 double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const LandmarkStage& stage,
                        const std::vector<MeshSample<T, E>>& frames, const DeformationFit& fit) {
@@ -33,16 +38,28 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
     Adam<GuidanceMesh<T, E>> adam(mesh);
     GuidanceMesh<T, E> grad = zeros_like(mesh);
     LandmarkTrace<T, E> trace;
+    const Columns<T> neutral = mesh.landmarks;
+    LandmarkRegression regression;
+    if (fit.mixed > 0)
+        regression = landmark_regression<T, E>(backend, {stage.config, neutral, neutral},
+                                               stage.roles, frames, fit.regression);
+    const Random mixes = fit.random.fork(1);
     double squares = 0, count = 0;
     for (int step = 0; step < fit.steps; ++step) {
         GuidanceMesh<T, E>::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
         for (int i = 0; i < fit.batch; ++i) {
             const auto draw = static_cast<std::uint64_t>(step * fit.batch + i);
-            const MeshSample<T, E>& frame = frames[static_cast<std::size_t>(
-                fit.random.below(draw, static_cast<Index>(frames.size())))];
+            const bool mixed = fit.mixed > 0 && mixes.uniform(draw) < fit.mixed;
+            const MeshSample<T, E> made =
+                mixed ? mixed_frame(frames, regression, neutral, mixes.fork(draw))
+                      : MeshSample<T, E>{};
+            const MeshSample<T, E>& frame =
+                mixed ? made
+                      : frames[static_cast<std::size_t>(
+                            fit.random.below(draw, static_cast<Index>(frames.size())))];
             const MeshLosses<T> l = landmark_losses(backend, mesh, {stage, weights}, frame, trace);
             landmark_losses_vjp(backend, mesh, stage, trace, grad);
-            if (step < fit.steps - static_cast<int>(frames.size())) continue;
+            if (mixed || step < fit.steps - static_cast<int>(frames.size())) continue;
             squares += static_cast<double>(l.deform);
             ++count;
         }

@@ -70,6 +70,7 @@ struct AvatarRates {
     double eye_offset = 1e-4;   ///< 0 keeps the eyeball centres that stage 1 has learned
     double kappa = 1e-4;        ///< of avatars with Kappa; 0 keeps the angles as they are [rad]
     double shading = 1e-3;      ///< of avatars with HeadShading: light and normals
+    double deform = 1e-4;       ///< the face's networks of displacements
 
     double operator()(const std::string& name) const {
         if (name.starts_with("upsampler.")) return upsampler;
@@ -78,6 +79,7 @@ struct AvatarRates {
         if (name.starts_with("eyes.eye_offset_mlp.")) return eye_offset;
         if (name == "eyes.kappa") return kappa;
         if (name.starts_with("shading.")) return shading;
+        if (name.find("_deform") != std::string::npos) return deform;
         const std::string last = name.substr(name.rfind('.') + 1);
         if (last == "xyz") return position;
         if (last == "feature") return feature;

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/landmark_regression.hpp: the displacements of landmarks as a linear function of
+/// expression and gaze, each landmark moved by few of the coefficients. Blendshapes are linear, and
+/// local: thirty frames are fewer than the coefficients, but what moves one landmark is few of
+/// them. The regression then holds for expressions that no frame has, and for eyes that look
+/// different ways, where a network fitted to the frames alone does not. Not in the paper:
+/// docs/deviations.md. Canonical units. Source: ridge regression with a prior variance for each
+/// coefficient that is estimated from its last value (iteratively reweighted least squares; FOCUSS,
+/// Gorodnitsky and Rao, 1997), so that small coefficients vanish.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include <rye/avatar/weights.hpp>
+#include <rye/core/random.hpp>
+#include <rye/train/samples.hpp>
+
+namespace rye {
+
+/// Settings of the regression.
+struct RegressionConfig {
+    int iterations = 6;
+    double ridge = 1e-3;    ///< of the squared residual, relative to a coefficient of variance 1
+    double smallest = 3e-3; ///< displacement by a coefficient that counts as none [unit]
+};
+
+namespace detail {
+
+/// Solves (A) x = b for a symmetric positive definite A, n x n, and three columns of b, in place.
+/// Plain loops: the same bits whatever the width of vectors.
+template <class A, class B>
+void solve_positive(A& a, B& b) {
+    const Index n = a.rows();
+    for (Index j = 0; j < n; ++j) {
+        double d = a(j, j);
+        for (Index k = 0; k < j; ++k) d -= a(j, k) * a(j, k);
+        a(j, j) = std::sqrt(d);
+        for (Index i = j + 1; i < n; ++i) {
+            double s = a(i, j);
+            for (Index k = 0; k < j; ++k) s -= a(i, k) * a(j, k);
+            a(i, j) = s / a(j, j);
+        }
+    }
+    for (Index c = 0; c < b.cols(); ++c) {
+        for (Index i = 0; i < n; ++i) {
+            for (Index k = 0; k < i; ++k) b(i, c) -= a(i, k) * b(k, c);
+            b(i, c) /= a(i, i);
+        }
+        for (Index i = n; i-- > 0;) {
+            for (Index k = i + 1; k < n; ++k) b(i, c) -= a(k, i) * b(k, c);
+            b(i, c) /= a(i, i);
+        }
+    }
+}
+
+} // namespace detail
+
+/// The regressors of a frame: 1, the expression, and (pitch, yaw) [rad] of each eye that the skin
+/// follows.
+template <class T, EffectSet E>
+std::vector<double> landmark_regressors(const Drivers<T, E>& drivers) {
+    std::vector<double> x{1};
+    if constexpr (has_effect<E, ReadsExpression>)
+        for (Index i = 0; i < drivers.expression.size(); ++i)
+            x.push_back(static_cast<double>(drivers.expression[i]));
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (skin_follows<E, eye>) {
+            const Vec2<T> angles = pitch_yaw(of_eye<eye>(drivers.gaze));
+            for (const T& angle : {angles[0], angles[1]}) x.push_back(static_cast<double>(angle));
+        }
+    });
+    return x;
+}
+
+/// Displacement of L landmarks: displacement(l, axis) = sum over k of coefficient(k, 3 l + axis)
+/// x_k.
+struct LandmarkRegression {
+    Columns<double> coefficient; ///< K x 3 L [unit a unit of a regressor]
+
+    /// 3 x L. x: K regressors.
+    template <class T>
+    Columns<T> displacement(const std::vector<double>& x) const {
+        Columns<T> d(3, coefficient.cols() / 3);
+        for (Index c = 0; c < coefficient.cols(); ++c) {
+            double sum = 0;
+            for (Index k = 0; k < coefficient.rows(); ++k)
+                sum += coefficient(k, c) * x[static_cast<std::size_t>(k)];
+            d(c % 3, c / 3) = static_cast<T>(sum);
+        }
+        return d;
+    }
+};
+
+/// Fits the displacements of `frames` from the neutral landmarks, 3 x L. Gaze moves a landmark as
+/// far as its influence there reaches: eyes that look the same way in all frames do not say which
+/// of them a lid follows. Throws Error for frames whose landmarks are another number.
+template <class T, EffectSet E, Backend B>
+LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>& neutral,
+                                       const LandmarkRoles& roles,
+                                       const std::vector<MeshSample<T, E>>& frames,
+                                       const RegressionConfig& config = {}) {
+    const Index n = static_cast<Index>(frames.size()), landmarks = neutral.landmarks.cols();
+    std::vector<std::vector<double>> x;
+    for (const MeshSample<T, E>& f : frames) {
+        require(f.landmarks.cols() == landmarks, "landmark_regression",
+                "got a frame of " + std::to_string(f.landmarks.cols()) + " landmarks, expected " +
+                    std::to_string(landmarks));
+        x.push_back(landmark_regressors(f.drivers));
+    }
+    LandmarkRegression r;
+    if (n == 0) return r;
+    const Index regressors = static_cast<Index>(x.front().size());
+    // Largest prior variance of each regressor at each landmark.
+    Columns<double> reach = Columns<double>::Ones(regressors, landmarks);
+    WeightsTrace<T, E> trace;
+    const Weights<T, E> w = face_weights<T, E>(backend, neutral, roles, trace);
+    Index row = regressors;
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (skin_follows<E, eye>) row -= 2;
+    });
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (skin_follows<E, eye>) {
+            for (Index l = 0; l < landmarks; ++l)
+                reach(row, l) = reach(row + 1, l) = static_cast<double>(of_eye<eye>(w.gaze)(0, l));
+            row += 2;
+        }
+    });
+
+    r.coefficient = Columns<double>::Zero(regressors, 3 * landmarks);
+    const auto fit = [&](Index begin, Index end, Index) {
+        Columns<double> a(n, n), b(n, 3), spread(n, regressors);
+        std::vector<double> variance(static_cast<std::size_t>(regressors));
+        for (Index l = begin; l < end; ++l) {
+            for (Index k = 0; k < regressors; ++k)
+                variance[static_cast<std::size_t>(k)] = reach(k, l) * reach(k, l);
+            for (int i = 0; i < config.iterations; ++i) {
+                for (Index f = 0; f < n; ++f) {
+                    for (Index k = 0; k < regressors; ++k)
+                        spread(f, k) = x[static_cast<std::size_t>(f)][static_cast<std::size_t>(k)] *
+                                       variance[static_cast<std::size_t>(k)];
+                    for (Index g = 0; g <= f; ++g) {
+                        double sum = f == g ? config.ridge : 0;
+                        for (Index k = 0; k < regressors; ++k)
+                            sum += spread(f, k) *
+                                   x[static_cast<std::size_t>(g)][static_cast<std::size_t>(k)];
+                        a(f, g) = sum;
+                    }
+                    for (Index axis = 0; axis < 3; ++axis)
+                        b(f, axis) = static_cast<double>(
+                            frames[static_cast<std::size_t>(f)].landmarks(axis, l) -
+                            neutral.landmarks(axis, l));
+                }
+                detail::solve_positive(a, b);
+                double most = 0;
+                for (Index k = 0; k < regressors; ++k) {
+                    double squares = 0;
+                    for (Index axis = 0; axis < 3; ++axis) {
+                        double sum = 0;
+                        for (Index f = 0; f < n; ++f) sum += spread(f, k) * b(f, axis);
+                        r.coefficient(k, 3 * l + axis) = sum;
+                        squares += sum * sum;
+                    }
+                    double& v = variance[static_cast<std::size_t>(k)];
+                    v = std::sqrt(squares / 3 + config.smallest * config.smallest) * reach(k, l);
+                    most = std::max(most, v);
+                }
+                for (double& v : variance) v /= most;
+            }
+        }
+    };
+    for_chunks(backend.threads, landmarks, 16, fit);
+    return r;
+}
+
+/// A frame that none of `frames` shows, with the landmarks of the regression: each coefficient of
+/// the expression is that of one of two frames, or 0; each eye looks as in a frame of its own, up
+/// to 1.3 times as far aside. Poses are those of the first. `random`: of this frame alone.
+template <class T, EffectSet E>
+MeshSample<T, E> mixed_frame(const std::vector<MeshSample<T, E>>& frames,
+                             const LandmarkRegression& regression, const Columns<T>& neutral,
+                             const Random& random) {
+    const auto any = [&](std::uint64_t draw) -> const MeshSample<T, E>& {
+        return frames[static_cast<std::size_t>(
+            random.below(draw, static_cast<Index>(frames.size())))];
+    };
+    const MeshSample<T, E>& first = any(0);
+    const MeshSample<T, E>& second = any(1);
+    MeshSample<T, E> mixed;
+    mixed.drivers = first.drivers;
+    mixed.eye_displacement = first.eye_displacement;
+    if constexpr (has_effect<E, ReadsExpression>)
+        for (Index i = 0; i < mixed.drivers.expression.size(); ++i) {
+            const double u = random.uniform(8 + static_cast<std::uint64_t>(i));
+            if (u < 0.25)
+                mixed.drivers.expression[i] = T(0);
+            else if (u < 0.625)
+                mixed.drivers.expression[i] = second.drivers.expression[i];
+        }
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (skin_follows<E, eye>) {
+            const Vec2<T> angles = pitch_yaw(of_eye<eye>(any(2 + eye).drivers.gaze));
+            const T share = T(0.5 + 0.8 * random.uniform(4 + eye));
+            of_eye<eye>(mixed.drivers.gaze) =
+                gaze_vector(T(share * angles[0]), T(share * angles[1]));
+        }
+    });
+    mixed.landmarks =
+        neutral + regression.template displacement<T>(landmark_regressors(mixed.drivers));
+    return mixed;
+}
+
+} // namespace rye

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <rye/train/landmark_regression.hpp>
+
+#include <doctest/doctest.h>
+
+#include <rye/backend/scalar.hpp>
+#include <rye/train/fit_deformation.hpp>
+
+#include "../support/hostile.hpp"
+#include "../support/tiny_avatar.hpp"
+
+using namespace rye;
+using namespace rye::test;
+
+namespace {
+
+constexpr Index coefficients = 20;
+using B = ScalarBackend<>;
+
+/// Which of the coefficients moves a landmark, and where to: one of them each. Lids rise with the
+/// gaze of their own eye too.
+struct Subject {
+    AvatarConfig config = tiny_config();
+    LandmarkRoles roles = tiny_roles();
+    Columns<double> neutral, direction;
+
+    Subject() {
+        Draw draw;
+        neutral = tiny_landmarks(draw);
+        direction = draw.columns(3, neutral.cols(), 0.2);
+        config.expression = coefficients;
+    }
+    MeshSample<double> frame(const VecX<double>& expression, const Vec2<double>& left,
+                             const Vec2<double>& right) const {
+        MeshSample<double> f;
+        f.drivers.expression = expression;
+        f.drivers.gaze = {gaze_vector(left[0], left[1]), gaze_vector(right[0], right[1])};
+        f.drivers.pose.setZero();
+        f.eye_displacement = Columns<double>::Zero(3, 2);
+        f.landmarks = neutral;
+        for (Index l = 0; l < neutral.cols(); ++l)
+            f.landmarks.col(l) += expression[l % coefficients] * direction.col(l);
+        for (const Index l : roles.eye[0]) f.landmarks(1, l) += 0.2 * left[0];
+        for (const Index l : roles.eye[1]) f.landmarks(1, l) += 0.2 * right[0];
+        return f;
+    }
+    /// Fewer frames than coefficients, in each of which a few are not 0, and both eyes look the
+    /// same way.
+    std::vector<MeshSample<double>> frames(Index count) const {
+        Draw draw{{11, 0}};
+        std::vector<MeshSample<double>> all;
+        for (Index f = 0; f < count; ++f) {
+            VecX<double> e = VecX<double>::Zero(coefficients);
+            for (int k = 0; k < 5; ++k)
+                e[draw.random.below(draw.next++, coefficients)] = 0.5 + 0.5 * draw();
+            const Vec2<double> gaze(0.4 * draw(), 0.5 * draw());
+            all.push_back(frame(e, gaze, gaze));
+        }
+        return all;
+    }
+    LandmarkRegression regression(const std::vector<MeshSample<double>>& frames) const {
+        return landmark_regression<double, PaperEffects>(B{}, {config, neutral, neutral}, roles,
+                                                         frames);
+    }
+};
+
+double rms(const Columns<double>& a, const Columns<double>& b) {
+    return std::sqrt((a - b).squaredNorm() / static_cast<double>(a.cols()));
+}
+
+} // namespace
+
+TEST_CASE("few frames give the displacements of expressions that none of them has") {
+    const Subject subject;
+    const auto frames = subject.frames(16);
+    const LandmarkRegression r = subject.regression(frames);
+    Draw draw{{12, 0}};
+    for (int trial = 0; trial < 8; ++trial) {
+        VecX<double> e = VecX<double>::Zero(coefficients);
+        for (int k = 0; k < 3; ++k) e[draw.random.below(draw.next++, coefficients)] = 0.6;
+        const MeshSample<double> f =
+            subject.frame(e, Vec2<double>(0.2, 0.1), Vec2<double>(0.2, 0.1));
+        const Columns<double> got =
+            subject.neutral + r.displacement<double>(landmark_regressors(f.drivers));
+        const double moved = rms(subject.neutral, f.landmarks);
+        CHECK(rms(got, f.landmarks) < 0.2 * moved);
+    }
+}
+
+TEST_CASE("a lid follows its own eye though no frame has eyes apart") {
+    const Subject subject;
+    const LandmarkRegression r = subject.regression(subject.frames(24));
+    const VecX<double> rest = VecX<double>::Zero(coefficients);
+    const MeshSample<double> apart =
+        subject.frame(rest, Vec2<double>(0.3, 0), Vec2<double>(-0.3, 0));
+    const Columns<double> d = r.displacement<double>(landmark_regressors(apart.drivers));
+    for (const Index l : subject.roles.eye[0]) CHECK(d(1, l) == doctest::Approx(0.06).epsilon(0.2));
+    for (const Index l : subject.roles.eye[1])
+        CHECK(d(1, l) == doctest::Approx(-0.06).epsilon(0.2));
+}
+
+TEST_CASE("the coefficients do not depend on the number of threads") {
+    const Subject subject;
+    const auto frames = subject.frames(16);
+    const LandmarkRegression one = subject.regression(frames);
+    const ScalarBackend<OpenMp> two{OpenMp{2}};
+    const LandmarkRegression other = landmark_regression<double, PaperEffects>(
+        two, {subject.config, subject.neutral, subject.neutral}, subject.roles, frames);
+    CHECK(one.coefficient == other.coefficient);
+    CHECK(one.coefficient.allFinite());
+}
+
+TEST_CASE("frames of other landmarks are refused") {
+    const Subject subject;
+    auto frames = subject.frames(3);
+    frames[1].landmarks.conservativeResize(3, 10);
+    CHECK_FAULT(subject.regression(frames), "got a frame of 10 landmarks, expected 66");
+}
+
+TEST_CASE("mixed frames: coefficients of two frames or 0, landmarks of the regression") {
+    const Subject subject;
+    const auto frames = subject.frames(6);
+    const LandmarkRegression r = subject.regression(frames);
+    bool differs = false;
+    for (std::uint64_t k = 0; k < 20; ++k) {
+        const MeshSample<double> m = mixed_frame(frames, r, subject.neutral, Random{k, 0});
+        for (Index i = 0; i < coefficients; ++i) {
+            bool known = m.drivers.expression[i] == 0;
+            for (const auto& f : frames) known |= m.drivers.expression[i] == f.drivers.expression[i];
+            CHECK(known);
+        }
+        CHECK(m.landmarks ==
+              subject.neutral + r.displacement<double>(landmark_regressors(m.drivers)));
+        differs |= angular_error(m.drivers.gaze[0], m.drivers.gaze[1]) > 0.1;
+        CHECK(m.landmarks ==
+              mixed_frame(frames, r, subject.neutral, Random{k, 0}).landmarks); // to the bit
+    }
+    CHECK(differs);
+}
+
+TEST_CASE("networks fitted to mixed frames too are nearer to expressions that no frame has") {
+    const Subject subject;
+    const auto frames = subject.frames(12);
+    const auto error = [&](double mixed) {
+        GuidanceMesh<double> mesh =
+            GuidanceMesh<double>::init(subject.config, subject.neutral, Random{3, 0});
+        DeformationFit fit{300, 2, 8e-3, Random{1, 0}};
+        fit.mixed = mixed;
+        const LandmarkStage stage{subject.config, subject.roles, true};
+        fit_deformation<double>(B{}, mesh, stage, frames, fit);
+        double squares = 0;
+        for (Index k = 0; k < coefficients; ++k) {
+            const MeshSample<double> f =
+                subject.frame(0.5 * VecX<double>::Unit(coefficients, k), Vec2<double>::Zero(),
+                              Vec2<double>::Zero());
+            LandmarkTrace<double> trace;
+            squares += static_cast<double>(
+                landmark_losses(B{}, mesh, {stage, MeshLossConfig{}}, f, trace).deform);
+        }
+        return std::sqrt(squares);
+    };
+    CHECK(error(0.7) < 0.8 * error(0));
+}
