@@ -126,7 +126,8 @@ TEST_CASE("mixed frames: coefficients of two frames or 0, landmarks of the regre
         const MeshSample<double> m = mixed_frame(frames, r, subject.neutral, Random{k, 0});
         for (Index i = 0; i < coefficients; ++i) {
             bool known = m.drivers.expression[i] == 0;
-            for (const auto& f : frames) known |= m.drivers.expression[i] == f.drivers.expression[i];
+            for (const auto& f : frames)
+                known |= m.drivers.expression[i] == f.drivers.expression[i];
             CHECK(known);
         }
         CHECK(m.landmarks ==
@@ -150,9 +151,8 @@ TEST_CASE("networks fitted to mixed frames too are nearer to expressions that no
         fit_deformation<double>(B{}, mesh, stage, frames, fit);
         double squares = 0;
         for (Index k = 0; k < coefficients; ++k) {
-            const MeshSample<double> f =
-                subject.frame(0.5 * VecX<double>::Unit(coefficients, k), Vec2<double>::Zero(),
-                              Vec2<double>::Zero());
+            const MeshSample<double> f = subject.frame(0.5 * VecX<double>::Unit(coefficients, k),
+                                                       Vec2<double>::Zero(), Vec2<double>::Zero());
             LandmarkTrace<double> trace;
             squares += static_cast<double>(
                 landmark_losses(B{}, mesh, {stage, MeshLossConfig{}}, f, trace).deform);

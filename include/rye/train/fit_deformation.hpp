@@ -21,7 +21,7 @@ struct DeformationFit {
     int batch = 4;        ///< frames a step
     double rate = 2e-3;   ///< first learning rate; the last is a twentieth
     Random random = {};   ///< draws the frames
-    /// Share of the frames that are mixed_frame, with the landmarks of a linear regression. 0: none.
+    /// Share of the frames that are mixed_frame, with the landmarks of a regression; 0: none.
     double mixed = 0;
     RegressionConfig regression = {};
 };
