@@ -357,23 +357,37 @@ NetworkConfig narrow_networks(int wide, int narrow) {
 }
 
 /// From `cpu` to what a large device trains in minutes: pictures of 512 x 512, half of the paper's
-/// widths, a finer face, one doubling of the image, twice the steps.
+/// widths, a finer face, three times the steps.
 void take_device_sizes(TrainConfig& c) {
     c.avatar.feature = 64;
     c.avatar.channels = 16;
     c.avatar.networks = narrow_networks(128, 64);
     c.grid.cell = 3.5 / 32;
     c.mesh.image_size = 256;
+    c.mesh.fit_steps = 4000;
     AvatarTrainConfig& g = c.gaussians;
-    g.steps = 12000;
+    g.steps = 20000;
     g.mouth_points = 2000;
-    g.spacing = 0.008;
+    g.spacing = 0.006;
+    g.spacing_slope = 0.06;
     g.checkpoint_every = 2000;
     g.panel_every = 2000;
     g.eyeball.points = 4000;
     g.weights.eye_high_every = 1;
     g.upsampler.capacity = 16;
-    g.upsampler.doublings = 1;
+}
+
+/// From `tiny` to `cpu` and `gpu`, beside the sizes: deformations that hold for expressions and
+/// gazes that no frame has, and faster Gaussians.
+void take_mixed_frames(TrainConfig& c) {
+    c.avatar.pose_frequencies = c.avatar.gaze_frequencies = 1;
+    c.mesh.fit_steps = 6000;
+    c.mesh.fit_rate = 3e-3;
+    c.mesh.fit_mixed = 0.7;
+    AvatarRates& rates = c.gaussians.rates;
+    rates.deform = 3e-5;
+    rates.position = 1e-3;
+    rates.scale = rates.feature = 5e-3;
 }
 
 } // namespace
@@ -422,7 +436,7 @@ TrainConfig preset(const std::string& name) {
     c.mesh.image_size = tiny ? 96 : 128;
     c.mesh.rate_decay = 0.1;
     c.mesh.landmarks_follow_gaze = true;
-    c.mesh.fit_steps = tiny ? 1500 : 3000;
+    c.mesh.fit_steps = 1500;
     AvatarTrainConfig& g = c.gaussians;
     g.steps = tiny ? 1200 : 6000;
     g.mouth_points = tiny ? 300 : 600;
@@ -461,6 +475,7 @@ TrainConfig preset(const std::string& name) {
     g.upsampler.doublings = tiny ? 1 : 0;
     g.upsampler.norm = Normalization::none;
     g.upsampler.skip = true;
+    if (!tiny) take_mixed_frames(c);
     if (name == "gpu") take_device_sizes(c);
     return c;
 }
