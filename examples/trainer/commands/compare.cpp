@@ -84,8 +84,11 @@ class Comparison {
             jobs.push_back(job_of(run));
             of_job.push_back(&run);
         }
+        const auto own = std::count_if(jobs.begin(), jobs.end(),
+                                       [](const ChildJob& job) { return !job.ready; });
         say(std::to_string(runs_.size()) + " runs, " + std::to_string(jobs.size()) +
-            " of them to do, " + std::to_string(o_.jobs) + " at once");
+            " of them to do, " + std::to_string(o_.jobs) + " at once; stage 1 is trained for " +
+            std::to_string(own));
         write_tables(false);
         std::size_t done = 0;
         const int signal =

@@ -233,9 +233,7 @@ class Trainer {
         const SampleDraws draws(capture_, state_.config);
         const Index total = draws.total();
         if (state_.step >= total) return true;
-        DeviceSizes sizes = device_sizes(state_, capture_);
-        sizes.lpips = !options_.perceptual_weights.empty();
-        require_device_room(device_need(state_.config, sizes), *device_, options_.out.string());
+        require_room_on_device();
         const std::unique_ptr<DeviceSteps> steps =
             device_steps(state_, capture_, options_.perceptual_weights);
         TrainState copy = state_; // what the thread reads; it goes after the thread
@@ -273,10 +271,24 @@ class Trainer {
             return false;
         }
         files.wait();
+        held_ = steps->bytes();
         if (!quiet(options_))
             std::printf("device memory held: %.3f GB; waited %.1f s for panels and checkpoints\n",
-                        steps->bytes() / 1e9, files.waited());
+                        held_ / 1e9, files.waited());
         return true;
+    }
+
+    /// States the memory that stage 2 needs, whose Gaussians are counted now; Error where the device
+    /// has less.
+    void require_room_on_device() {
+        DeviceSizes sizes = device_sizes(state_, capture_);
+        sizes.lpips = !options_.perceptual_weights.empty();
+        const DeviceNeed need = device_need(state_.config, sizes);
+        stated_ = need.sum();
+        if (!quiet(options_)) std::cout << "stage 2 needs " << text_of(need) << "\n" << std::flush;
+        require_device_room(need, find_device().found.value_or(*device_), options_.out.string(),
+                            "; stage 1 is kept, and `rye train --begin " + options_.out.string() +
+                                "` with lower fields goes on from it");
     }
 
     void write_panel(const TrainState& state, const AvatarSample<float>& sample) {
@@ -307,6 +319,7 @@ class Trainer {
     TimeProbe probe_;
     int skipped_ = 0;
     bool has_mesh_ = false; ///< stage 1 is another run's
+    double stated_ = 0, held_ = 0; ///< device memory of stage 2 [bytes]
 
   public:
     /// Parts of a step: name, calls, milliseconds a call, share of the time.
@@ -327,6 +340,7 @@ class Trainer {
                     {"device", device_ ? device_->name : "cpu"},
                     {"stage", state_.stage == Stage::mesh ? "mesh" : "avatar"},
                     {"step", state_.step}};
+        if (held_ > 0) result["device_memory"] = {{"stated", stated_}, {"held", held_}};
         if (options_.profile) result["profile"] = profile();
         return result;
     }
@@ -522,7 +536,8 @@ void add_train(CLI::App& app) {
                   "without it the weight-free gradient-pyramid loss is used");
     c->add_option("--begin", options->begin,
                   "Folder of a run whose stage 1 is taken over: same capture, seed and fields that "
-                  "stage 1 reads");
+                  "stage 1 reads")
+        ->check(folder_check("the folder of a run in stage 2"));
     c->add_flag("--resume", options->resume, "Go on from the run's checkpoint, bit for bit");
     c->add_flag("--overwrite", options->overwrite, "Replace a run that is in --out");
     c->add_flag("--profile", options->profile, "Print where a step's time went");

@@ -28,28 +28,6 @@ double vertex_density(double lattice, double edge) {
 constexpr double head_surface = 1.2;
 constexpr double least_share = 0.75; // of that, so that a run is refused for certain reasons only
 
-/// Vertices of the face's surface, as if the head were that sphere, on which its landmarks lie.
-double surface_vertices(const TrainConfig& config, const Subject& subject) {
-    const AvatarTrainConfig& g = config.gaussians;
-    const double lattice = config.grid.cell * (config.grid.subdivide ? 0.5 : 1.0);
-    constexpr int samples = 4000;
-    Columns<double> landmarks = subject.neutral.middleCols(36, 30).colwise() - subject.head_centre;
-    landmarks.colwise().normalize();
-    double sum = 0;
-    for (int i = 0; i < samples; ++i) { // a spiral of points of equal areas
-        const double z = 1 - (2 * i + 1.0) / samples, r = std::sqrt(1 - z * z);
-        const double turn = std::numbers::pi * (3 - std::sqrt(5.0)) * i;
-        const Vec3<double> x(r * std::cos(turn), r * std::sin(turn), z);
-        double edge = lattice;
-        if (g.spacing > 0) {
-            const double nearest = (landmarks.colwise() - x).colwise().norm().minCoeff();
-            edge = std::clamp(g.spacing + g.spacing_slope * nearest, lattice / 64, lattice);
-        }
-        sum += vertex_density(lattice, edge);
-    }
-    return head_surface * 4 * std::numbers::pi / samples * sum;
-}
-
 double sum_of(const std::vector<int>& widths) {
     double sum = 0;
     for (const int w : widths) sum += w;
@@ -69,6 +47,32 @@ double network_weights(const NetworkConfig& n) {
 
 } // namespace
 
+SurfaceGuess surface_guess(const TrainConfig& config, const Subject& subject) {
+    const AvatarTrainConfig& g = config.gaussians;
+    const double lattice = config.grid.cell * (config.grid.subdivide ? 0.5 : 1.0);
+    constexpr Index samples = 4000;
+    SurfaceGuess s;
+    s.landmarks = subject.neutral.colwise() - subject.head_centre;
+    s.landmarks.colwise().normalize();
+    s.points.resize(3, samples);
+    s.vertices.resize(samples);
+    for (Index i = 0; i < samples; ++i) { // a spiral of points of equal areas
+        const double z = 1 - (2 * static_cast<double>(i) + 1) / samples, r = std::sqrt(1 - z * z);
+        const double turn = std::numbers::pi * (3 - std::sqrt(5.0)) * static_cast<double>(i);
+        const Vec3<double> x(r * std::cos(turn), r * std::sin(turn), z);
+        double edge = lattice;
+        if (g.spacing > 0) { // near eyes and lips
+            const double nearest =
+                (s.landmarks.middleCols(36, 30).colwise() - x).colwise().norm().minCoeff();
+            edge = std::clamp(g.spacing + g.spacing_slope * nearest, lattice / 64, lattice);
+        }
+        s.points.col(i) = x;
+        s.vertices(i) =
+            head_surface * 4 * std::numbers::pi / samples * vertex_density(lattice, edge);
+    }
+    return s;
+}
+
 RunSize run_size(const TrainConfig& config, const Subject& subject, int width, int height) {
     const AvatarConfig& a = config.avatar;
     const AvatarTrainConfig& g = config.gaussians;
@@ -78,7 +82,7 @@ RunSize run_size(const TrainConfig& config, const Subject& subject, int width, i
     s.lattice = finer * (2 * n * n * n + 3 * n * n);
     // A vertex: place and signed distance; six tetrahedra of it with their corners and edges.
     const double lattice_bytes = s.lattice * (4 * 4 + 6 * 10 * 8);
-    const double surface = surface_vertices(config, subject);
+    const double surface = surface_guess(config, subject).vertices.sum();
     s.gaussians = surface + g.mouth_points + 2.0 * g.eyeball.points;
     // A Gaussian: value, gradient and two moments; the hidden layers that its vjp reads.
     const double gaussian_bytes =
