@@ -73,11 +73,12 @@ tr -d '",' < told.json | awk '$1 == "stated:" { stated = $2 } $1 == "held:" { he
 same device/checkpoint.safetensors told/checkpoint.safetensors
 
 # Asked to stop in stage 2, gone on with.
-small() { "$rye" train --capture cap --preset tiny --config small.json --quiet "$@"; }
+small="train --capture cap --preset tiny --config small.json --quiet"
 begun() { # RUN: waits for the checkpoint that stage 2 begins with
     while [ ! -e "$1/checkpoint.safetensors" ] && kill -0 "$pid" 2> /dev/null; do sleep 0.02; done
 }
-small --out stopped > log.txt 2>&1 &
+# shellcheck disable=SC2086 # several words
+"$rye" $small --out stopped > log.txt 2>&1 &
 pid=$!
 begun stopped
 kill -TERM $pid 2> /dev/null || true
@@ -91,7 +92,8 @@ for file in checkpoint.safetensors log.jsonl; do same device/$file stopped/$file
 for panel in device/panels/*; do same "$panel" "stopped/panels/${panel##*/}"; done
 
 # A checkpoint that cannot be written, which is made beside the steps, ends the training in a line.
-small --out full > out.txt 2> err.txt &
+# shellcheck disable=SC2086
+"$rye" $small --out full > out.txt 2> err.txt &
 pid=$!
 begun full
 mv full/checkpoint.safetensors kept

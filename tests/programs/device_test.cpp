@@ -60,10 +60,8 @@ double vertices_of_sphere(const TrainConfig& c, const Columns<double>& landmarks
     Columns<float> none = Columns<float>::Zero(1, mesh.vertices.cols());
     const AvatarTrainConfig& g = c.gaussians;
     const auto bound = [&](const Vec3<float>& x) -> float {
-        const double d = (landmarks.middleCols(36, 30).colwise() - x.cast<double>())
-                             .colwise()
-                             .norm()
-                             .minCoeff();
+        const double d =
+            (landmarks.middleCols(36, 30).colwise() - x.cast<double>()).colwise().norm().minCoeff();
         return static_cast<float>(g.spacing + g.spacing_slope * d);
     };
     if (g.spacing > 0) refine(mesh, none, bound, 6);
@@ -127,7 +125,9 @@ TEST_CASE("device: fields that stage 1 does not read do not tell two first stage
              {{"grid", {{"subdivide", false}}}}})
         CHECK(differ(json) == "");
     CHECK(differ({{"seed", 8}}) == "field 'seed': got 8, expected 1");
-    CHECK(differ({{"mesh", {{"rates", {{"networks", 0.5}}}}}}).find("field 'mesh.rates.networks'") == 0);
+    CHECK(
+        differ({{"mesh", {{"rates", {{"networks", 0.5}}}}}}).find("field 'mesh.rates.networks'") ==
+        0);
     CHECK(differ({{"grid", {{"cell", 0.5}}}}).find("field 'grid.cell': got 0.5, expected") == 0);
     CHECK(differ({{"avatar", {{"networks", {{"gaze_deform", {5}}}}}}}) != "");
     CHECK(differ({{"avatar", {{"channels", 9}}}}) != "");

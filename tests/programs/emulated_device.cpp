@@ -36,7 +36,8 @@ std::unique_ptr<DeviceEngine<E>> emulated(const TwoStream<float, E>& avatar,
 bool has_device_kernels() { return true; }
 DeviceFinding find_device() {
     static bool looked = false;
-    const char* const bytes = std::getenv(looked ? "RYE_EMULATED_LATER_BYTES" : "RYE_EMULATED_BYTES");
+    const char* const bytes =
+        std::getenv(looked ? "RYE_EMULATED_LATER_BYTES" : "RYE_EMULATED_BYTES");
     looked = true;
     const double free = bytes != nullptr ? std::strtod(bytes, nullptr) : 1e9;
     return {true, DeviceFacts{"an emulated device", free, 1e9}, ""};

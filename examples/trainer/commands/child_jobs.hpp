@@ -16,8 +16,8 @@ struct ChildJob {
     std::string name;
     std::vector<std::vector<std::string>> commands; ///< without the program's name
     std::filesystem::path log;                      ///< takes the commands' output; written anew
-    /// Called until it returns true, which lets the job start; it may change the commands. Empty: at
-    /// once. A job that nothing runs beside starts whatever it returns.
+    /// Called until it returns true, which lets the job start; it may change the commands. Empty:
+    /// at once. A job that nothing runs beside starts whatever it returns.
     std::function<bool(ChildJob&)> ready = {};
 };
 
@@ -27,8 +27,8 @@ struct ChildResult {
     double seconds = 0;
 };
 
-/// Runs them, `at_once` at a time and in their order, but for those that are not ready; `ended` is called with the index and result
-/// of each as it ends. Returns the signal that stopped all, or 0.
+/// Runs them, `at_once` at a time and in their order, but for those that are not ready; `ended` is
+/// called with the index and result of each as it ends. Returns the signal that stopped all, or 0.
 int run_children(std::vector<ChildJob> jobs, int at_once,
                  const std::function<void(std::size_t, const ChildResult&)>& ended);
 

@@ -84,8 +84,8 @@ class Comparison {
             jobs.push_back(job_of(run));
             of_job.push_back(&run);
         }
-        const auto own = std::count_if(jobs.begin(), jobs.end(),
-                                       [](const ChildJob& job) { return !job.ready; });
+        const auto own =
+            std::count_if(jobs.begin(), jobs.end(), [](const ChildJob& job) { return !job.ready; });
         say(std::to_string(runs_.size()) + " runs, " + std::to_string(jobs.size()) +
             " of them to do, " + std::to_string(o_.jobs) + " at once; stage 1 is trained for " +
             std::to_string(own));
@@ -219,15 +219,15 @@ class Comparison {
                 difference + ", as this table has it; name another --out, or remove that run");
     }
 
-    /// Stage 1 is trained once for runs that agree in all that it reads: by the first that has one, or
-    /// else by the first.
+    /// Stage 1 is trained once for runs that agree in all that it reads: by the first that has one,
+    /// or else by the first.
     void share_stage_one() {
         std::map<std::string, std::vector<PlannedRun*>> groups;
         for (const fs::path& folder : order_) {
             PlannedRun& run = runs_.at(folder);
             // Where a device may take some of them, those that it cannot take have the CPU's.
-            const bool on_device = has_device_kernels() && o_.device != "cpu" &&
-                                   without_kernels(run.config).empty();
+            const bool on_device =
+                has_device_kernels() && o_.device != "cpu" && without_kernels(run.config).empty();
             groups[run.capture + (on_device ? " on a device " : " ") +
                    stage_one_fields(run.config).dump()]
                 .push_back(&run);

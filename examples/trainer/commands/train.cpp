@@ -27,8 +27,8 @@
 #include "training/device_choice.hpp"
 #include "training/device_memory.hpp"
 #include "training/device_steps.hpp"
-#include "training/mesh_networks.hpp"
 #include "training/draws.hpp"
+#include "training/mesh_networks.hpp"
 #include "training/run_folder.hpp"
 #include "training/run_size.hpp"
 #include "training/steps.hpp"
@@ -89,10 +89,11 @@ class Trainer {
     /// Goes on as if stage 1 were done: the state has the mesh that `run` found.
     void begin_after(const std::filesystem::path& run) {
         has_mesh_ = true;
-        TrainState after = TrainState();
+        TrainState after;
         after.stage = Stage::avatar;
         int damaged = 0;
         folder_.log_lines(kept_log(run / "log.jsonl", after, damaged));
+        if (!quiet(options_)) std::cout << "stage 1 is that of " << run.string() << "\n";
     }
 
     /// Returns true if the run is complete, false if it was stopped.
@@ -278,8 +279,8 @@ class Trainer {
         return true;
     }
 
-    /// States the memory that stage 2 needs, whose Gaussians are counted now; Error where the device
-    /// has less.
+    /// States the memory that stage 2 needs, whose Gaussians are counted now; Error where the
+    /// device has less.
     void require_room_on_device() {
         DeviceSizes sizes = device_sizes(state_, capture_);
         sizes.lpips = !options_.perceptual_weights.empty();
@@ -298,10 +299,9 @@ class Trainer {
         folder_.panel(name, [&] {
             const int factor = 1 << state.config.gaussians.upsampler.doublings;
             const Pinhole<float> full = scaled(sample.camera, factor);
-            const AvatarView v =
-                state.visual || state.compared || state.appearance
-                    ? render_avatar(drawn_state(state), sample.drivers, full, true)
-                    : render_avatar(state, sample.drivers, full, true);
+            const AvatarView v = state.visual || state.compared || state.appearance
+                                     ? render_avatar(drawn_state(state), sample.drivers, full, true)
+                                     : render_avatar(state, sample.drivers, full, true);
             const int width = sample.truth.width;
             return side_by_side({sample.truth, v.high, enlarged(rgb_of(v.final), width),
                                  enlarged(rgb_of(v.face), width),
@@ -318,7 +318,7 @@ class Trainer {
     RunFolder folder_;
     TimeProbe probe_;
     int skipped_ = 0;
-    bool has_mesh_ = false; ///< stage 1 is another run's
+    bool has_mesh_ = false;        ///< stage 1 is another run's
     double stated_ = 0, held_ = 0; ///< device memory of stage 2 [bytes]
 
   public:

@@ -37,9 +37,9 @@ void take_stage_one(const std::filesystem::path& run, TrainState& state) {
     const std::string difference =
         first_difference(stage_one_fields(from.config), stage_one_fields(state.config));
     require(difference.empty(), who, difference + ", as stage 1 of this run would have it");
-    require(from.frames == state.frames && from.train_frames == state.train_frames, who,
-            "its frames, drivers or cameras are not those of the capture in '" + state.capture +
-                "'");
+    require(
+        from.frames == state.frames && from.train_frames == state.train_frames, who,
+        "its frames, drivers or cameras are not those of the capture in '" + state.capture + "'");
     require(from.config.avatar.expression == state.config.avatar.expression &&
                 from.subject.neutral == state.subject.neutral &&
                 from.subject.eye_centre == state.subject.eye_centre,

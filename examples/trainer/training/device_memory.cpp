@@ -272,8 +272,8 @@ std::string text_of(const DeviceNeed& need) {
     return text;
 }
 
-void require_device_room(const DeviceNeed& need, const DeviceFacts& device,
-                         const std::string& who, const std::string& rest) {
+void require_device_room(const DeviceNeed& need, const DeviceFacts& device, const std::string& who,
+                         const std::string& rest) {
     char free[64], total[64];
     std::snprintf(free, sizeof free, "%.3f", device.free / 1e9);
     std::snprintf(total, sizeof total, "%.3f", device.total / 1e9);

@@ -23,8 +23,8 @@ double vertex_density(double lattice, double edge) {
     return std::max(6.75, 3.6 / (u * u) + 1.5 / u) / (lattice * lattice);
 }
 
-/// Surface of what stage 1 finds, over that of the sphere of radius 1 that it starts from. Heads with
-/// their necks had 0.95 to 1.4, more where lattice and pictures are finer.
+/// Surface of what stage 1 finds, over that of the sphere of radius 1 that it starts from. Heads
+/// with their necks had 0.95 to 1.4, more where lattice and pictures are finer.
 constexpr double head_surface = 1.2;
 constexpr double least_share = 0.75; // of that, so that a run is refused for certain reasons only
 
@@ -86,8 +86,8 @@ RunSize run_size(const TrainConfig& config, const Subject& subject, int width, i
     s.gaussians = surface + g.mouth_points + 2.0 * g.eyeball.points;
     // A Gaussian: value, gradient and two moments; the hidden layers that its vjp reads.
     const double gaussian_bytes =
-        (s.gaussians - (1 - least_share) * surface) * 4 * (4.0 * (14 + std::min(a.feature, a.channels)) +
-                           sum_of(a.networks.pose_color));
+        (s.gaussians - (1 - least_share) * surface) * 4 *
+        (4.0 * (14 + std::min(a.feature, a.channels)) + sum_of(a.networks.pose_color));
     const double pixels = static_cast<double>(width) * height;
     const double small = pixels / (1 << (2 * g.upsampler.doublings));
     // Three renders and their cotangents; the upsampler's last two layers and theirs.

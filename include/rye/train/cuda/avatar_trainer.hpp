@@ -134,9 +134,9 @@ class DeviceAvatarTrainer {
     std::size_t bytes() const {
         std::size_t sum = avatar_.bytes() + gradient_.bytes() + adam_.bytes() + upsampler_.bytes() +
                           trace_[0].bytes() + trace_[1].bytes() + views_.bytes() +
-                          smoothness_.bytes() + losses_.bytes() + part_[0].bytes() + part_[1].bytes() +
-                          colours_.bytes() + images_.bytes() + white_.bytes() + most_.bytes() +
-                          state_.bytes() + numbers_.bytes() + rows_.bytes();
+                          smoothness_.bytes() + losses_.bytes() + part_[0].bytes() +
+                          part_[1].bytes() + colours_.bytes() + images_.bytes() + white_.bytes() +
+                          most_.bytes() + state_.bytes() + numbers_.bytes() + rows_.bytes();
         for (const auto& f : frame_) sum += f->bytes();
         return sum;
     }
