@@ -38,7 +38,7 @@ train() { "$rye" train --capture cap --preset tiny --config small.json "$@" > lo
 train --out device || { cat log.txt; fail "no training on the device"; }
 grep -q "^stage 2 is trained on an emulated device: about .* of device memory: parameters" log.txt ||
     { cat log.txt; fail "nothing is said of the device's memory"; }
-grep -q "^device memory held: .* GB; waited .* s for panels and checkpoints$" log.txt ||
+grep -q "^device memory held: .* GB (.*); waited .* s for panels and checkpoints$" log.txt ||
     fail "nothing is said of what was held and waited for"
 train --out cpu --device cpu --quiet
 # The last line of a log, as "name value" lines.

@@ -273,9 +273,12 @@ class Trainer {
         }
         files.wait();
         held_ = steps->bytes();
+        taken_ = device_->free - find_device().found.value_or(*device_).free;
         if (!quiet(options_))
-            std::printf("device memory held: %.3f GB; waited %.1f s for panels and checkpoints\n",
-                        held_ / 1e9, files.waited());
+            std::printf("device memory held: %.3f GB (%.3f GB less are free than before stage 1, "
+                        "for graphs, kernels and other programs too); waited %.1f s for panels and "
+                        "checkpoints\n",
+                        held_ / 1e9, taken_ / 1e9, files.waited());
         return true;
     }
 
@@ -319,7 +322,7 @@ class Trainer {
     TimeProbe probe_;
     int skipped_ = 0;
     bool has_mesh_ = false;        ///< stage 1 is another run's
-    double stated_ = 0, held_ = 0; ///< device memory of stage 2 [bytes]
+    double stated_ = 0, held_ = 0, taken_ = 0; ///< device memory of stage 2 [bytes]
 
   public:
     /// Parts of a step: name, calls, milliseconds a call, share of the time.
@@ -340,7 +343,7 @@ class Trainer {
                     {"device", device_ ? device_->name : "cpu"},
                     {"stage", state_.stage == Stage::mesh ? "mesh" : "avatar"},
                     {"step", state_.step}};
-        if (held_ > 0) result["device_memory"] = {{"stated", stated_}, {"held", held_}};
+        if (held_ > 0) result["device_memory"] = {{"stated", stated_}, {"held", held_}, {"taken", taken_}};
         if (options_.profile) result["profile"] = profile();
         return result;
     }
