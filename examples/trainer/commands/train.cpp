@@ -275,10 +275,11 @@ class Trainer {
         held_ = steps->bytes();
         taken_ = device_->free - find_device().found.value_or(*device_).free;
         if (!quiet(options_))
-            std::printf("device memory held: %.3f GB (%.3f GB less are free than before stage 1, "
-                        "for graphs, kernels and other programs too); waited %.1f s for panels and "
-                        "checkpoints\n",
-                        held_ / 1e9, taken_ / 1e9, files.waited());
+            std::printf(
+                "device memory held: %.3f GB (%.3f GB less are free than before stage 1, "
+                "for graphs, kernels and other programs too); waited %.1f s for panels and "
+                "checkpoints\n",
+                held_ / 1e9, taken_ / 1e9, files.waited());
         return true;
     }
 
@@ -343,7 +344,8 @@ class Trainer {
                     {"device", device_ ? device_->name : "cpu"},
                     {"stage", state_.stage == Stage::mesh ? "mesh" : "avatar"},
                     {"step", state_.step}};
-        if (held_ > 0) result["device_memory"] = {{"stated", stated_}, {"held", held_}, {"taken", taken_}};
+        if (held_ > 0)
+            result["device_memory"] = {{"stated", stated_}, {"held", held_}, {"taken", taken_}};
         if (options_.profile) result["profile"] = profile();
         return result;
     }
