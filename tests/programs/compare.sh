@@ -173,7 +173,7 @@ grep -q "^list,cap,all,a,head_psnr," half/list.csv || { cat half/list.csv; fail 
 
 # ---- every gaze mechanism ------------------------------------------------------------------------
 "$rye" compare --table mechanisms,deformation --preset tiny --config small.json --capture cap \
-    --seeds 1 --out tables --jobs 2 > tables.txt
+    --seeds 1 --out tables --jobs 2 --device cpu > tables.txt
 grep -q "^7 runs, 7 of them to do" tables.txt || { cat tables.txt; fail "runs that tables share"; }
 for name in rotation feature_rotation condition latent_rotation learned_quaternion none; do
     run=tables/runs/cap/$name/seed_1

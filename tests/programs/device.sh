@@ -117,6 +117,17 @@ sed 's/^{"avatar"/{"gaze_axis": "visual", "avatar"/' small.json > sight.json
 "$rye" train --capture cap --preset tiny --config sight.json --steps 2 --quiet --out sight > log.txt
 grep -q "avatar.eyes.kappa" sight/checkpoint.safetensors || fail "no kappa in the checkpoint"
 
+# Compared rows, two at once on the device, share stage 1.
+echo '{"preset": "tiny", "captures": ["cap"], "seeds": [1], "rows": [{"name": "a"},
+  {"name": "b", "config": {"gaussians": {"rates": {"opacity": 0}}}}]}' > rows.json
+"$rye" compare --list rows.json --config small.json --steps 1 --device cuda --jobs 2 \
+    --out table > log.txt 2>&1
+grep -q "^2 runs, 2 of them to do, 2 at once; stage 1 is trained for 1$" log.txt ||
+    { cat log.txt; fail "rows with a stage 1 of their own"; }
+sed 's/"gaussians": {/"gaussians": {"rates": {"opacity": 0}, /' small.json > row.json
+"$rye" train --capture cap --preset tiny --config row.json --steps 1 --quiet --out row > log.txt
+same row/checkpoint.safetensors table/runs/cap/b/seed_1/checkpoint.safetensors
+
 RYE_EMULATED_BYTES=1000 refuses \
     "rye train: small.json: got settings that need about .*, expected at most the 0.000 GB that are free" \
     "$rye" train --capture cap --preset tiny --config small.json --out none
