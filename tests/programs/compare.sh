@@ -41,7 +41,7 @@ cat > mine.json << 'JSON'
           {"name": "no blank loss", "run": "blank0", "config": {"gaussians": {"weights": {"blank": 0}}}}]}
 JSON
 "$rye" compare --list mine.json --config small.json --out one --jobs 2 > one.txt
-grep -q "^4 runs, 4 of them to do, 2 at once" one.txt || { cat one.txt; fail "runs to do"; }
+grep -q "^4 runs, 4 of them to do, 2 at once; stage 1 is trained for 2$" one.txt || { cat one.txt; fail "runs to do"; }
 grep -q "± " one/mine.md || fail "no spread over seeds"
 grep -q "^not run: FID" one/mine.md || fail "nothing is said of what is not measured"
 [ -s one/mine_cap.png ] || fail "no contact sheet"
@@ -51,6 +51,40 @@ run=one/runs/cap/as_it_is/seed_5
 same alone/checkpoint.safetensors $run/checkpoint.safetensors
 "$rye" evaluate --run alone --split test > log.txt
 same alone/results.json $run/evaluation_test/results.json
+# Rows share stage 1; a row that began from another's has the bits of one that trained its own.
+sed 's/"gaussians": {/"gaussians": {"weights": {"blank": 0}, /' small.json > blank.json
+"$rye" train --capture cap --preset tiny --config blank.json --seed 5 --quiet --out own > log.txt
+"$rye" train --capture cap --preset tiny --config blank.json --seed 5 --quiet --out begun \
+    --begin alone > log.txt
+for file in checkpoint.safetensors log.jsonl config.json frames.safetensors; do
+    same own/$file begun/$file
+    same own/$file one/runs/cap/blank0/seed_5/$file
+done
+grep -q '"mesh"' begun/log.jsonl || fail "no stage 1 in the log of a run that begins from another's"
+begins() { # WORDS COMMAND...: not from the run alone
+    words=$1
+    shift
+    refuses "$words" "$rye" train --capture cap --preset tiny --out not --begin alone "$@"
+    [ ! -e not ] || fail "a refused training wrote something"
+}
+begins "^rye train: --begin: alone: field 'seed': got 5, expected 6" --config blank.json --seed 6
+sed 's/"cell": 0.35/"cell": 0.3/' small.json > cell.json
+begins "field 'grid.cell': got 0.35, expected 0.3" --config cell.json --seed 5
+sed 's/"geometry": \[16, 16\]/"geometry": [16, 8]/' small.json > other.json
+begins "field 'avatar.networks.geometry': got \[16,16\], expected \[16,8\]" --config other.json --seed 5
+begins "exclude each other" --resume --seed 5
+"$rye" capture --out cap2 --size 64 --cameras 3 --frames 3 --test-frames 1 --apart-frames 1 \
+    --samples 1 --quiet --seed 2
+refuses "its frames, drivers or cameras are not those of the capture in 'cap2'" "$rye" train \
+    --capture cap2 --preset tiny --config small.json --seed 5 --out not --begin alone
+sed 's/"steps": 8/"steps": 1000000/' small.json > long.json
+"$rye" train --capture cap --preset tiny --config long.json --seed 5 --quiet --out early > log.txt &
+pid=$!
+while ! grep -q mesh early/log.jsonl 2> /dev/null && kill -0 $pid 2> /dev/null; do sleep 0.02; done
+kill -TERM $pid
+wait $pid || true
+refuses "early: this run is still in stage 1 (step" "$rye" train --capture cap --preset tiny \
+    --config long.json --seed 5 --out not --begin early
 psnr() { awk '/^  "all"/ { a = 1 } a && /"head"/ { h = 1 }
     h && /"psnr":/ { gsub(/[^0-9.]/, ""); print; exit }' "$1"; }
 a=$(psnr one/runs/cap/as_it_is/seed_1/evaluation_test/results.json)
@@ -139,7 +173,7 @@ grep -q "^list,cap,all,a,head_psnr," half/list.csv || { cat half/list.csv; fail 
 
 # ---- every gaze mechanism ------------------------------------------------------------------------
 "$rye" compare --table mechanisms,deformation --preset tiny --config small.json --capture cap \
-    --seeds 1 --out tables --jobs 2 > tables.txt
+    --seeds 1 --out tables --jobs 2 --device cpu > tables.txt
 grep -q "^7 runs, 7 of them to do" tables.txt || { cat tables.txt; fail "runs that tables share"; }
 for name in rotation feature_rotation condition latent_rotation learned_quaternion none; do
     run=tables/runs/cap/$name/seed_1

@@ -38,7 +38,8 @@ train() { "$rye" train --capture cap --preset tiny --config small.json "$@" > lo
 train --out device || { cat log.txt; fail "no training on the device"; }
 grep -q "^stage 2 is trained on an emulated device: about .* of device memory: parameters" log.txt ||
     { cat log.txt; fail "nothing is said of the device's memory"; }
-grep -q "^device memory held: " log.txt || fail "nothing is said of what was held"
+grep -q "^device memory held: .* GB (.*); waited .* s for panels and checkpoints$" log.txt ||
+    fail "nothing is said of what was held and waited for"
 train --out cpu --device cpu --quiet
 # The last line of a log, as "name value" lines.
 losses() { tail -n 1 "$1/log.jsonl" | tr ',{}' '\n\n\n' | tr -d '"' | tr ':' ' '; }
@@ -65,7 +66,43 @@ same device/checkpoint.safetensors cut/checkpoint.safetensors
 "$rye" train --capture cap --preset tiny --config small.json --quiet --json --profile --out told > told.json
 grep -q '"device": "an emulated device"' told.json && grep -q '"part": "steps on the device"' told.json ||
     { cat told.json; fail "--json does not tell the device"; }
+# Counted at the start of stage 2: within a tenth of what is held.
+tr -d '",' < told.json | awk '$1 == "stated:" { stated = $2 } $1 == "held:" { held = $2 }
+    END { exit !(held > 1e6 && stated > 0.9 * held && stated < 1.1 * held) }' ||
+    { cat told.json; fail "what was stated is not what was held"; }
 same device/checkpoint.safetensors told/checkpoint.safetensors
+
+# Asked to stop in stage 2, gone on with.
+small="train --capture cap --preset tiny --config small.json --quiet"
+begun() { # RUN: waits for the checkpoint that stage 2 begins with
+    while [ ! -e "$1/checkpoint.safetensors" ] && kill -0 "$pid" 2> /dev/null; do sleep 0.02; done
+}
+# shellcheck disable=SC2086 # several words
+"$rye" $small --out stopped > log.txt 2>&1 &
+pid=$!
+begun stopped
+kill -TERM $pid 2> /dev/null || true
+code=0
+wait $pid || code=$?
+[ $code = 143 ] && grep -q "^stopped; the checkpoint is saved" log.txt ||
+    { cat log.txt; fail "code $code of a training that is asked to stop"; }
+"$rye" train --out stopped --resume --quiet > log.txt
+for file in checkpoint.safetensors log.jsonl; do same device/$file stopped/$file; done
+[ "$(ls device/panels)" = "$(ls stopped/panels)" ] || fail "panels of a stopped run"
+for panel in device/panels/*; do same "$panel" "stopped/panels/${panel##*/}"; done
+
+# A checkpoint that cannot be written, which is made beside the steps, ends the training in a line.
+# shellcheck disable=SC2086
+"$rye" $small --out full > out.txt 2> err.txt &
+pid=$!
+begun full
+mv full/checkpoint.safetensors kept
+mkdir full/checkpoint.safetensors
+code=0
+wait $pid || code=$?
+[ $code = 2 ] && [ "$(grep -vc '^rye: warning' err.txt)" -eq 1 ] &&
+    grep -q "^rye train: full/checkpoint.safetensors" err.txt ||
+    { cat err.txt; fail "code $code of a training whose checkpoint cannot be written"; }
 
 # Either side goes on with the other's checkpoint.
 "$plain" train --out cut --resume --device cpu --steps 8 --quiet > log.txt
@@ -80,9 +117,29 @@ sed 's/^{"avatar"/{"gaze_axis": "visual", "avatar"/' small.json > sight.json
 "$rye" train --capture cap --preset tiny --config sight.json --steps 2 --quiet --out sight > log.txt
 grep -q "avatar.eyes.kappa" sight/checkpoint.safetensors || fail "no kappa in the checkpoint"
 
+# Compared rows, two at once on the device, share stage 1.
+echo '{"preset": "tiny", "captures": ["cap"], "seeds": [1], "rows": [{"name": "a"},
+  {"name": "b", "config": {"gaussians": {"rates": {"opacity": 0}}}}]}' > rows.json
+"$rye" compare --list rows.json --config small.json --steps 1 --device cuda --jobs 2 \
+    --out table > log.txt 2>&1
+grep -q "^2 runs, 2 of them to do, 2 at once; stage 1 is trained for 1$" log.txt ||
+    { cat log.txt; fail "rows with a stage 1 of their own"; }
+sed 's/"gaussians": {/"gaussians": {"rates": {"opacity": 0}, /' small.json > row.json
+"$rye" train --capture cap --preset tiny --config row.json --steps 1 --quiet --out row > log.txt
+same row/checkpoint.safetensors table/runs/cap/b/seed_1/checkpoint.safetensors
+
 RYE_EMULATED_BYTES=1000 refuses \
     "rye train: small.json: got settings that need about .*, expected at most the 0.000 GB that are free" \
     "$rye" train --capture cap --preset tiny --config small.json --out none
+# Room that is gone when stage 2 begins: stage 1 is not lost.
+RYE_EMULATED_LATER_BYTES=1000 refuses "less: got settings that need about .*, expected at most the .*; \
+stage 1 is kept, and .rye train --begin less. with lower fields goes on from it" \
+    "$rye" train --capture cap --preset tiny --config small.json --quiet --out less
+sed 's/"mouth_points": 10/"mouth_points": 5/' small.json > lower.json
+"$rye" train --capture cap --preset tiny --config lower.json --steps 1 --quiet --out lower \
+    --begin less > log.txt
+tail -n 1 lower/log.jsonl | grep -q '"step":1,' || fail "no end of a run that begins from a refused one"
+grep -q '"mesh"' lower/log.jsonl || fail "no stage 1 in its log"
 sed 's/^{"avatar": {/{"avatar": {"shading": "head_pose", /' small.json > shaded.json
 refuses '--device: got cuda, but avatar.shading is "head_pose"' \
     "$rye" train --capture cap --preset tiny --config shaded.json --device cuda --out none

@@ -3,10 +3,15 @@
 // tested by tests/train and tests/cuda.
 #include <doctest/doctest.h>
 
+#include <rye/geometry/marching_tets.hpp>
+#include <rye/geometry/refine.hpp>
+
 #include "../support/hostile.hpp"
+#include "data/config_difference.hpp"
 #include "tiny_run.hpp"
 #include "training/device_choice.hpp"
 #include "training/device_memory.hpp"
+#include "training/run_size.hpp"
 
 using namespace rye;
 using namespace rye::trainer;
@@ -26,7 +31,109 @@ double part(const DeviceNeed& need, const std::string& name) {
     return 0;
 }
 
+/// Eyes and lips on the front of a head.
+Subject subject() {
+    Subject s;
+    s.head_centre = {0.1, 0.2, -0.3};
+    s.neutral.resize(3, 66);
+    for (Index k = 0; k < 66; ++k) {
+        const double turn = 0.7 * static_cast<double>(k);
+        s.neutral.col(k) = s.head_centre + Vec3<double>(0.4 * std::cos(turn), 0.3 * std::sin(turn),
+                                                        0.6 + 0.01 * static_cast<double>(k % 9));
+    }
+    for (Index k = 0; k < 66; ++k)
+        if (k < 36 || k >= 48) s.roles.expression.push_back(k);
+    s.roles.eye = {std::vector<Index>{42, 43, 44}, std::vector<Index>{36, 37, 38}};
+    return s;
+}
+
+/// Vertices that stage 2 begins with where stage 1 finds the sphere that a run is guessed by.
+double vertices_of_sphere(const TrainConfig& c, const Columns<double>& landmarks) {
+    const Vec3<float> h = Vec3<float>::Constant(1.75f);
+    const TetGrid<float> coarse = bcc_grid<float>(-h, h, static_cast<float>(c.grid.cell));
+    const TetGrid<float> grid = c.grid.subdivide ? subdivide(coarse) : coarse;
+    Columns<float> distance(1, grid.vertices.cols());
+    distance.row(0) = grid.vertices.colwise().norm().array() - 1.0f;
+    const Surface<float> surface =
+        marching_tetrahedra<float>(grid.topology, grid.vertices, distance);
+    TriangleMesh<float> mesh{surface.positions, surface.topology.faces};
+    Columns<float> none = Columns<float>::Zero(1, mesh.vertices.cols());
+    const AvatarTrainConfig& g = c.gaussians;
+    const auto bound = [&](const Vec3<float>& x) -> float {
+        const double d =
+            (landmarks.middleCols(36, 30).colwise() - x.cast<double>()).colwise().norm().minCoeff();
+        return static_cast<float>(g.spacing + g.spacing_slope * d);
+    };
+    if (g.spacing > 0) refine(mesh, none, bound, 6);
+    return static_cast<double>(mesh.vertices.cols());
+}
+
 } // namespace
+
+TEST_CASE("device: before stage 1 the surface is guessed by what a lattice cuts of a sphere") {
+    for (const bool finer : {false, true})
+        for (const double spacing : {0.0, 0.02, 0.06})
+            for (const double slope : {0.1, 0.3}) {
+                TrainConfig c = preset("tiny");
+                c.grid.cell = finer ? 0.2 : 0.1;
+                c.grid.subdivide = finer;
+                c.gaussians.spacing = spacing;
+                c.gaussians.spacing_slope = slope;
+                const SurfaceGuess guess = surface_guess(c, subject());
+                INFO("spacing ", spacing, " slope ", slope, " finer ", finer);
+                CHECK((guess.points.colwise().norm().array() - 1).abs().maxCoeff() < 1e-9);
+                CHECK((guess.landmarks.colwise().norm().array() - 1).abs().maxCoeff() < 1e-9);
+                // Heads have 1.2 times the surface.
+                CHECK(guess.vertices.sum() / 1.2 ==
+                      doctest::Approx(vertices_of_sphere(c, guess.landmarks)).epsilon(0.1));
+            }
+}
+
+TEST_CASE("device: points that drivers move are those of the guess before stage 1") {
+    TrainState s = tiny_state();
+    s.stage = Stage::mesh;
+    s.config = preset("gpu");
+    s.config.avatar.expression = 4;
+    s.subject = subject();
+    Capture capture;
+    capture.width = capture.height = 64;
+    const DeviceSizes sizes = device_sizes(s, capture);
+    const SurfaceGuess guess = surface_guess(s.config, s.subject);
+    CHECK(sizes.face == doctest::Approx(guess.vertices.sum() + s.config.gaussians.mouth_points));
+    CHECK(sizes.eyes == 2 * s.config.gaussians.eyeball.points);
+    for (const double listed : sizes.listed) {
+        CHECK(listed > 64);
+        CHECK(listed <= sizes.face);
+    }
+    CHECK(sizes.listed[0] > s.config.gaussians.mouth_points); // expressions move the mouth
+    CHECK(sizes.listed[2] < sizes.listed[0]);                 // gazes the lids alone
+}
+
+TEST_CASE("device: fields that stage 1 does not read do not tell two first stages apart") {
+    const TrainConfig a = preset("cpu");
+    const auto differ = [&](const nlohmann::ordered_json& json) {
+        TrainConfig b = a;
+        from_json(json, "x.json", b);
+        return first_difference(stage_one_fields(b), stage_one_fields(a));
+    };
+    for (const nlohmann::ordered_json& json : std::vector<nlohmann::ordered_json>{
+             {{"gaussians", {{"mouth_points", 5}, {"steps", 7}, {"planes", 3}}}},
+             {{"gaussians", {{"weights", {{"blank", 0}}}, {"eyeball", {{"points", 9}}}}}},
+             {{"avatar", {{"gaze_mechanism", "condition"}}}},
+             {{"avatar", {{"shading", "head_pose"}, {"eye_appearance", "driven"}}}},
+             {{"avatar", {{"attribute_scale", 3}, {"networks", {{"exp_attributes", {5}}}}}}},
+             {{"grid", {{"subdivide", false}}}}})
+        CHECK(differ(json) == "");
+    CHECK(differ({{"seed", 8}}) == "field 'seed': got 8, expected 1");
+    CHECK(
+        differ({{"mesh", {{"rates", {{"networks", 0.5}}}}}}).find("field 'mesh.rates.networks'") ==
+        0);
+    CHECK(differ({{"grid", {{"cell", 0.5}}}}).find("field 'grid.cell': got 0.5, expected") == 0);
+    CHECK(differ({{"avatar", {{"networks", {{"gaze_deform", {5}}}}}}}) != "");
+    CHECK(differ({{"avatar", {{"channels", 9}}}}) != "");
+    CHECK(differ({{"gaze_axis", "visual"}}) != "");
+    CHECK(differ({{"gaussians", {{"eyeball", {{"radius", 0.2}}}}}}) != "");
+}
 
 TEST_CASE("device: auto takes it where there is one with kernels for the configuration") {
     TrainConfig c = preset("gpu");

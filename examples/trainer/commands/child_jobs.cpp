@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "commands/child_jobs.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <cstring>
 #include <fstream>
+#include <list>
 #include <map>
 
 #include <fcntl.h>
@@ -99,7 +101,7 @@ int code_of(int status) { return WIFEXITED(status) ? WEXITSTATUS(status) : 128 +
 
 } // namespace
 
-int run_children(const std::vector<ChildJob>& jobs, int at_once,
+int run_children(std::vector<ChildJob> jobs, int at_once,
                  const std::function<void(std::size_t, const ChildResult&)>& ended) {
     require(::access(self, X_OK) == 0, "rye compare",
             std::string(self) + " is not there, by which it starts its own commands");
@@ -108,21 +110,36 @@ int run_children(const std::vector<ChildJob>& jobs, int at_once,
         Clock::time_point began;
     };
     std::map<pid_t, Running> running;
-    std::size_t next = 0;
+    std::list<std::size_t> waiting;
+    for (std::size_t i = 0; i < jobs.size(); ++i) waiting.push_back(i);
+    Clock::time_point looked{};
+    /// The first job that may start; the end of the list where none may.
+    const auto next_ready = [&] {
+        const auto now = Clock::now();
+        const bool looks = running.empty() || now - looked > std::chrono::milliseconds(300);
+        if (looks) looked = now;
+        const auto ready = [&](std::size_t i) {
+            return !jobs[i].ready || (looks && jobs[i].ready(jobs[i]));
+        };
+        const auto found = std::find_if(waiting.begin(), waiting.end(), ready);
+        return found == waiting.end() && running.empty() ? waiting.begin() : found;
+    };
     const NotedStops stops;
     bool told = false;
     const auto begin = [&](Running r) {
         const ChildJob& job = jobs[r.job];
         running.emplace(start(job.commands[r.command], job.log), r);
     };
-    while (next < jobs.size() || !running.empty()) {
-        while (stop_signal == 0 && next < jobs.size() &&
-               running.size() < static_cast<std::size_t>(at_once)) {
+    while (!waiting.empty() || !running.empty()) {
+        while (stop_signal == 0 && running.size() < static_cast<std::size_t>(at_once)) {
+            const auto next = next_ready();
+            if (next == waiting.end()) break;
+            const std::size_t job = *next;
+            waiting.erase(next);
             std::error_code ignored;
-            fs::create_directories(jobs[next].log.parent_path(), ignored);
-            fs::remove(jobs[next].log, ignored);
-            begin({next, 0, Clock::now()});
-            ++next;
+            fs::create_directories(jobs[job].log.parent_path(), ignored);
+            fs::remove(jobs[job].log, ignored);
+            begin({job, 0, Clock::now()});
         }
         if (stop_signal != 0) {
             if (!told)

@@ -16,6 +16,9 @@ struct ChildJob {
     std::string name;
     std::vector<std::vector<std::string>> commands; ///< without the program's name
     std::filesystem::path log;                      ///< takes the commands' output; written anew
+    /// Called until it returns true, which lets the job start; it may change the commands. Empty:
+    /// at once. A job that nothing runs beside starts whatever it returns.
+    std::function<bool(ChildJob&)> ready = {};
 };
 
 struct ChildResult {
@@ -24,9 +27,9 @@ struct ChildResult {
     double seconds = 0;
 };
 
-/// Runs them, `at_once` at a time and in their order; `ended` is called with the index and result
-/// of each as it ends. Returns the signal that stopped all, or 0.
-int run_children(const std::vector<ChildJob>& jobs, int at_once,
+/// Runs them, `at_once` at a time and in their order, but for those that are not ready; `ended` is
+/// called with the index and result of each as it ends. Returns the signal that stopped all, or 0.
+int run_children(std::vector<ChildJob> jobs, int at_once,
                  const std::function<void(std::size_t, const ChildResult&)>& ended);
 
 /// A lock of a folder, held until this process and all its children have ended. Waits a while for

@@ -17,8 +17,11 @@
 #include "commands/commands.hpp"
 #include "commands/compare_tables.hpp"
 #include "commands/options.hpp"
+#include "data/config_difference.hpp"
 #include "data/experiments.hpp"
 #include "data/json.hpp"
+#include "training/begun.hpp"
+#include "training/device_choice.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -29,7 +32,7 @@ namespace fs = std::filesystem;
 struct CompareOptions {
     std::vector<std::string> tables, captures, seeds;
     fs::path list, out, config, perceptual_weights;
-    std::string preset, split = "test";
+    std::string preset, split = "test", device = "auto";
     std::optional<std::int64_t> steps;
     int jobs = 1, threads = 0;
     bool json = false, quiet = false, print_list = false;
@@ -39,27 +42,14 @@ void write_text(const fs::path& path, const std::string& text) {
     write_atomic(path, std::as_bytes(std::span(text)));
 }
 
-/// "a.b: got X, expected Y" of the first field in which two configurations differ; empty if none.
-std::string first_difference(const Json& got, const Json& wanted, const std::string& path = "") {
-    if (!got.is_object() || !wanted.is_object())
-        return got == wanted
-                   ? ""
-                   : "field '" + path + "': got " + got.dump() + ", expected " + wanted.dump();
-    for (const auto& [key, value] : wanted.items()) {
-        const std::string here = path.empty() ? key : path + "." + key;
-        if (!got.contains(key)) return "field '" + here + "' is missing";
-        const std::string inner = first_difference(got.at(key), value, here);
-        if (!inner.empty()) return inner;
-    }
-    return "";
-}
-
 /// A configuration, seed and capture, which rows of several tables may share.
 struct PlannedRun {
     fs::path folder, capture_folder;
     std::string capture, name; ///< name: for messages
     TrainConfig config;
     std::string failure;
+    const PlannedRun* first = nullptr; ///< whose stage 1 is this one's too; null: its own
+    bool ended = false;                ///< or never begun, as there is nothing to do
 };
 
 class Comparison {
@@ -84,21 +74,27 @@ class Comparison {
         require(!fault, o_.out.string(), "cannot be made: " + fault.message());
         const FolderLock lock(o_.out);
         for (const auto& [folder, run] : runs_) check_there(run);
+        share_stage_one();
         std::vector<ChildJob> jobs;
         std::vector<PlannedRun*> of_job;
         for (const fs::path& folder : order_) {
             PlannedRun& run = runs_.at(folder);
-            if (is_complete(run)) continue;
+            run.ended = is_complete(run);
+            if (run.ended) continue;
             jobs.push_back(job_of(run));
             of_job.push_back(&run);
         }
+        const auto own =
+            std::count_if(jobs.begin(), jobs.end(), [](const ChildJob& job) { return !job.ready; });
         say(std::to_string(runs_.size()) + " runs, " + std::to_string(jobs.size()) +
-            " of them to do, " + std::to_string(o_.jobs) + " at once");
+            " of them to do, " + std::to_string(o_.jobs) + " at once; stage 1 is trained for " +
+            std::to_string(own));
         write_tables(false);
         std::size_t done = 0;
         const int signal =
             run_children(jobs, o_.jobs, [&](std::size_t i, const ChildResult& result) {
                 PlannedRun& run = *of_job[i];
+                run.ended = true;
                 const std::string place =
                     "[" + std::to_string(++done) + "/" + std::to_string(jobs.size()) + "] ";
                 if (result.code == 0) {
@@ -223,6 +219,29 @@ class Comparison {
                 difference + ", as this table has it; name another --out, or remove that run");
     }
 
+    /// Stage 1 is trained once for runs that agree in all that it reads: by the first that has one,
+    /// or else by the first.
+    void share_stage_one() {
+        std::map<std::string, std::vector<PlannedRun*>> groups;
+        for (const fs::path& folder : order_) {
+            PlannedRun& run = runs_.at(folder);
+            // Where a device may take some of them, those that it cannot take have the CPU's.
+            const bool on_device =
+                has_device_kernels() && o_.device != "cpu" && without_kernels(run.config).empty();
+            groups[run.capture + (on_device ? " on a device " : " ") +
+                   stage_one_fields(run.config).dump()]
+                .push_back(&run);
+        }
+        for (const auto& [key, group] : groups) {
+            const auto found = std::find_if(group.begin(), group.end(), [](const PlannedRun* r) {
+                return has_stage_one(r->folder);
+            });
+            PlannedRun* const first = found == group.end() ? group.front() : *found;
+            for (PlannedRun* run : group)
+                if (run != first) run->first = first;
+        }
+    }
+
     fs::path evaluation_folder(const fs::path& run) const {
         return run / ("evaluation_" + o_.split);
     }
@@ -265,7 +284,9 @@ class Comparison {
                                           evaluation_folder(run.folder).string(),
                                           "--threads",
                                           threads};
-        if (fs::exists(checkpoint_path(run.folder)))
+        if (o_.device != "auto") train.insert(train.end(), {"--device", o_.device});
+        const bool resumes = fs::exists(checkpoint_path(run.folder));
+        if (resumes)
             train.push_back("--resume");
         else
             train.insert(train.end(), {"--preset", run.config.preset, "--config", config.string()});
@@ -273,7 +294,16 @@ class Comparison {
             for (std::vector<std::string>* words : {&train, &evaluate})
                 words->insert(words->end(),
                               {"--perceptual-weights", o_.perceptual_weights.string()});
-        return {run.name, {train, evaluate}, run.folder / "log.txt"};
+        ChildJob job{run.name, {train, evaluate}, run.folder / "log.txt"};
+        if (!resumes && run.first != nullptr)
+            job.ready = [first = run.first](ChildJob& own) {
+                const bool there = has_stage_one(first->folder);
+                if (there)
+                    own.commands.front().insert(own.commands.front().end(),
+                                                {"--begin", first->folder.string()});
+                return there || first->ended; // in vain: this one makes its own
+            };
+        return job;
     }
 
     std::vector<ComparedRun> results_of(const Experiment& e) const {
@@ -373,6 +403,9 @@ void add_compare(CLI::App& app) {
     c->add_option("--steps", o->steps, "Steps of stage 2 of all rows");
     c->add_option("--split", o->split, "Frames to measure")
         ->check(CLI::IsMember({"test", "train", "novel", "independent"}))
+        ->capture_default_str();
+    c->add_option("--device", o->device, "Where stage 2 is trained, as for `rye train`")
+        ->check(CLI::IsMember({"auto", "cpu", "cuda"}))
         ->capture_default_str();
     c->add_option("--jobs", o->jobs, "Runs at once")
         ->check(CLI::Range(1, 64))

@@ -22,11 +22,13 @@
 #include "data/run_frames.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
+#include "data/work_beside.hpp"
+#include "training/begun.hpp"
 #include "training/device_choice.hpp"
 #include "training/device_memory.hpp"
 #include "training/device_steps.hpp"
-#include "training/mesh_networks.hpp"
 #include "training/draws.hpp"
+#include "training/mesh_networks.hpp"
 #include "training/run_folder.hpp"
 #include "training/run_size.hpp"
 #include "training/steps.hpp"
@@ -44,7 +46,7 @@ void request_stop(int signal) {
 }
 
 struct TrainOptions {
-    std::filesystem::path capture, out, config, perceptual_weights;
+    std::filesystem::path capture, out, config, perceptual_weights, begin;
     std::string preset = "cpu";
     std::string device = "auto";
     bool resume = false, overwrite = false, profile = false, quiet = false, print_config = false;
@@ -84,12 +86,23 @@ class Trainer {
 
     /// Writes the checkpoint as it is.
     void save() { folder_.save(state_); }
+    /// Goes on as if stage 1 were done: the state has the mesh that `run` found.
+    void begin_after(const std::filesystem::path& run) {
+        has_mesh_ = true;
+        TrainState after;
+        after.stage = Stage::avatar;
+        int damaged = 0;
+        folder_.log_lines(kept_log(run / "log.jsonl", after, damaged));
+        if (!quiet(options_)) std::cout << "stage 1 is that of " << run.string() << "\n";
+    }
 
     /// Returns true if the run is complete, false if it was stopped.
     bool run() {
         if (state_.stage == Stage::mesh) {
-            if (!train_mesh()) return false;
-            fit_to_landmarks();
+            if (!has_mesh_) {
+                if (!train_mesh()) return false;
+                fit_to_landmarks();
+            }
             const AvatarSize size = begin_avatar(state_, grid_);
             folder_.save(state_);
             if (!quiet(options_))
@@ -116,10 +129,13 @@ class Trainer {
     bool stopped() {
         if (stop_requested == 0) return false;
         folder_.save(state_);
+        tell_stopped();
+        return true;
+    }
+    void tell_stopped() const {
         std::cout << "\nstopped; the checkpoint is saved. Go on with\n  rye train --capture "
                   << capture_.folder.string() << " --out " << options_.out.string()
                   << " --resume\n";
-        return true;
     }
 
     bool train_mesh() {
@@ -203,25 +219,26 @@ class Trainer {
             check_applied(report, "avatar");
             const bool last = state_.step == total;
             tell("avatar", report, progress, last);
-            if (g.panel_every > 0 && (state_.step % g.panel_every == 0 || last)) write_panel(sample);
+            if (g.panel_every > 0 && (state_.step % g.panel_every == 0 || last))
+                write_panel(state_, sample);
             if (stopped()) return false;
             if (state_.step % g.checkpoint_every == 0 || last) folder_.save(state_);
         }
         return true;
     }
 
-    /// The same in chunks of steps, between which the state is as the device has it where something
-    /// reads it.
+    /// The same in chunks of steps. Panels and checkpoints are made from a copy of the state by a
+    /// thread beside the steps that follow.
     bool train_avatar_on_device() {
         const AvatarTrainConfig& g = state_.config.gaussians;
         const SampleDraws draws(capture_, state_.config);
         const Index total = draws.total();
         if (state_.step >= total) return true;
-        DeviceSizes sizes = device_sizes(state_, capture_);
-        sizes.lpips = !options_.perceptual_weights.empty();
-        require_device_room(device_need(state_.config, sizes), *device_, options_.out.string());
+        require_room_on_device();
         const std::unique_ptr<DeviceSteps> steps =
             device_steps(state_, capture_, options_.perceptual_weights);
+        TrainState copy = state_; // what the thread reads; it goes after the thread
+        WorkBeside files("rye train");
         Progress progress("stage 2", total, quiet(options_));
         while (state_.step < total) {
             probe_.start();
@@ -231,34 +248,64 @@ class Trainer {
             probe_("data");
             const StepReport report = steps->run(state_, chunk);
             probe_("steps on the device");
+            files.check();
             check_applied(report, "avatar");
             const bool last = state_.step == total, stop = stop_requested != 0;
             const bool shows = g.panel_every > 0 && (state_.step % g.panel_every == 0 || last);
             const bool saves = state_.step % g.checkpoint_every == 0 || last;
-            if (shows || saves || stop) {
-                steps->fetch(state_);
-                probe_("from the device");
-            }
             tell("avatar", report, progress, last, static_cast<Index>(chunk.size()));
-            if (shows) write_panel(sample_of(capture_, state_.config, chunk.back()));
-            if (stop && stopped()) return false;
-            if (saves) folder_.save(state_);
+            if (!shows && !saves && !stop) continue;
+            files.wait();
+            probe_("wait for files");
+            copy.step = state_.step;
+            steps->fetch(copy);
+            probe_("from the device");
+            std::optional<AvatarSample<float>> shown;
+            if (shows) shown = sample_of(capture_, state_.config, chunk.back());
+            files.start([this, &copy, shown, saves, stop] {
+                if (shown) write_panel(copy, *shown);
+                if (saves || stop) folder_.save(copy);
+            });
+            if (!stop) continue;
+            files.wait();
+            tell_stopped();
+            return false;
         }
-        if (!quiet(options_)) std::printf("device memory held: %.3f GB\n", steps->bytes() / 1e9);
+        files.wait();
+        held_ = steps->bytes();
+        taken_ = device_->free - find_device().found.value_or(*device_).free;
+        if (!quiet(options_))
+            std::printf(
+                "device memory held: %.3f GB (%.3f GB less are free than before stage 1, "
+                "for graphs, kernels and other programs too); waited %.1f s for panels and "
+                "checkpoints\n",
+                held_ / 1e9, taken_ / 1e9, files.waited());
         return true;
     }
 
-    void write_panel(const AvatarSample<float>& sample) {
-        const std::string number = std::to_string(state_.step);
+    /// States the memory that stage 2 needs, whose Gaussians are counted now; Error where the
+    /// device has less.
+    void require_room_on_device() {
+        DeviceSizes sizes = device_sizes(state_, capture_);
+        sizes.lpips = !options_.perceptual_weights.empty();
+        const DeviceNeed need = device_need(state_.config, sizes);
+        stated_ = need.sum();
+        if (!quiet(options_)) std::cout << "stage 2 needs " << text_of(need) << "\n" << std::flush;
+        require_device_room(need, find_device().found.value_or(*device_), options_.out.string(),
+                            "; stage 1 is kept, and `rye train --begin " + options_.out.string() +
+                                "` with lower fields goes on from it");
+    }
+
+    void write_panel(const TrainState& state, const AvatarSample<float>& sample) {
+        const std::string number = std::to_string(state.step);
         const std::string name = "step_" + std::string(7 - std::min<std::size_t>(7, number.size()), '0') +
                                  number + ".png";
         folder_.panel(name, [&] {
-            const int factor = 1 << state_.config.gaussians.upsampler.doublings;
+            const int factor = 1 << state.config.gaussians.upsampler.doublings;
             const Pinhole<float> full = scaled(sample.camera, factor);
-            const AvatarView v =
-                state_.visual || state_.compared || state_.appearance
-                    ? render_avatar(drawn_state(state_), sample.drivers, full, true)
-                    : render_avatar(state_, sample.drivers, full, true);
+            const AvatarView v = state.visual || state.compared || state.appearance
+                                     ? render_avatar(drawn_state(state), sample.drivers, full, true)
+                                     : render_avatar(state, sample.drivers, full, true);
             const int width = sample.truth.width;
             return side_by_side({sample.truth, v.high, enlarged(rgb_of(v.final), width),
                                  enlarged(rgb_of(v.face), width),
@@ -275,6 +322,8 @@ class Trainer {
     RunFolder folder_;
     TimeProbe probe_;
     int skipped_ = 0;
+    bool has_mesh_ = false;        ///< stage 1 is another run's
+    double stated_ = 0, held_ = 0, taken_ = 0; ///< device memory of stage 2 [bytes]
 
   public:
     /// Parts of a step: name, calls, milliseconds a call, share of the time.
@@ -295,6 +344,8 @@ class Trainer {
                     {"device", device_ ? device_->name : "cpu"},
                     {"stage", state_.stage == Stage::mesh ? "mesh" : "avatar"},
                     {"step", state_.step}};
+        if (held_ > 0)
+            result["device_memory"] = {{"stated", stated_}, {"held", held_}, {"taken", taken_}};
         if (options_.profile) result["profile"] = profile();
         return result;
     }
@@ -403,6 +454,8 @@ int train(const TrainOptions& o) {
             "holds a run already; --resume continues it, --overwrite replaces it");
     require(!o.resume || !o.overwrite, "rye train",
             "--resume and --overwrite exclude each other");
+    require(!o.resume || o.begin.empty(), "rye train",
+            "--resume and --begin exclude each other: a run goes on from its own checkpoint");
     // Checks all inputs before anything is written.
     TrainState state;
     std::filesystem::path folder = o.capture;
@@ -422,14 +475,16 @@ int train(const TrainOptions& o) {
                                                        : o.config.string());
     check_perceptual_weights(o.perceptual_weights);
     const TrainedOn on = trained_on(o, state, capture);
-    if (!o.resume) {
+    const std::string mark = frames_mark(capture);
+    const bool other_frames = o.resume && state.frames != mark;
+    state.frames = mark;
+    if (!o.begin.empty()) {
+        take_stage_one(o.begin, state);
+    } else if (!o.resume) {
         state.mesh = Mesh::init(state.config.avatar, state.subject.neutral.cast<float>(),
                                 Random{state.config.seed, 0});
         state.mesh_adam = Adam<Mesh>(state.mesh);
     }
-    const std::string mark = frames_mark(capture);
-    const bool other_frames = o.resume && state.frames != mark;
-    state.frames = mark;
     std::signal(SIGXFSZ, SIG_IGN);  // exceeding the file size limit becomes an error, not a signal
     Trainer trainer(o, on.device, std::move(capture), std::move(state),
                     o.resume ? Beginning::resumed
@@ -442,6 +497,7 @@ int train(const TrainOptions& o) {
                      "VGG16 term is replaced by one of gradient pyramids\n";
     if (!quiet(o)) std::cout << text_of(size) << "\n";
     if (!quiet(o) && !on.words.empty()) std::cout << on.words << "\n";
+    if (!o.begin.empty()) trainer.begin_after(o.begin);
     if (other_frames) trainer.save(); // so that it fits the frames that lie beside it now
     std::signal(SIGINT, request_stop);
     std::signal(SIGTERM, request_stop);
@@ -483,6 +539,10 @@ void add_train(CLI::App& app) {
     c->add_option("--perceptual-weights", options->perceptual_weights,
                   "VGG16 + LPIPS weights, a safetensors file that cmake/convert_lpips_weights.py writes; "
                   "without it the weight-free gradient-pyramid loss is used");
+    c->add_option("--begin", options->begin,
+                  "Folder of a run whose stage 1 is taken over: same capture, seed and fields that "
+                  "stage 1 reads")
+        ->check(folder_check("the folder of a run in stage 2"));
     c->add_flag("--resume", options->resume, "Go on from the run's checkpoint, bit for bit");
     c->add_flag("--overwrite", options->overwrite, "Replace a run that is in --out");
     c->add_flag("--profile", options->profile, "Print where a step's time went");

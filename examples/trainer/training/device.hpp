@@ -5,8 +5,6 @@
 /// so that units that differ in it do not link.
 #pragma once
 
-#include <array>
-#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -14,7 +12,7 @@
 
 #include <rye/loss/lpips.hpp>
 #include <rye/nn/adam.hpp>
-#include <rye/train/avatar_trainer.hpp>
+#include <rye/train/cuda/steps.hpp>
 
 #include "training/effects.hpp"
 
@@ -33,32 +31,8 @@ struct DeviceFinding {
     std::string reason;               ///< why there is none
 };
 DeviceFinding find_device();
-
-/// A photograph of a frame with its masks, in bytes: shares of 255, pixel (x, y) in place
-/// y width + x. Sides are multiples of the upsampler's factor.
-struct DeviceView {
-    Pinhole<float> camera;                              ///< of the render
-    Index frame = -1;                                   ///< column of delta_pose; -1: none
-    int width = 0, height = 0;                          ///< [px]
-    std::vector<std::uint8_t> rgb, mask, visible, eyes; ///< 3 a pixel over black; 1, 1, 1
-    Drivers<float> drivers;                             ///< of its frame
-};
-
-/// What a step on a device is shown; `view` is a number that add() gave.
-struct DeviceDraw {
-    Index view = 0;
-    bool eyes_high = true, scaled = false;
-    detail::Resizing scale{};
-    std::array<float, 3> blank{};
-    double rate = 1;
-};
-
-/// What steps on a device have come to.
-struct DeviceReport {
-    AvatarLosses<float> losses; ///< of the last one
-    Index refused = 0;          ///< in a row, the last ones: a gradient was not finite
-    std::string bad_field;      ///< whose
-};
+/// Whether this build has kernels; does not look for a device.
+bool has_device_kernels();
 
 /// What a device is told beside the avatar.
 struct DeviceTask {
@@ -72,10 +46,10 @@ template <EffectSet E>
 class DeviceEngine {
   public:
     virtual ~DeviceEngine() = default;
-    /// Takes a view, which stays on the device; returns its number.
-    virtual Index add(const DeviceView& view) = 0;
+    /// Takes a view and what drives its frame, which stay on the device; returns its number.
+    virtual Index add(const TrainingView& view, const Drivers<float>& drivers) = 0;
     /// Takes the steps of these draws in their order, and waits.
-    virtual DeviceReport run(const std::vector<DeviceDraw>& draws) = 0;
+    virtual DeviceStepsReport run(const std::vector<StepDraw>& draws) = 0;
     /// The avatar and its optimiser as they are now.
     virtual void fetch(TwoStream<float, E>& avatar, Adam<TwoStream<float, E>>& adam) const = 0;
     virtual double bytes() const = 0; ///< that are held

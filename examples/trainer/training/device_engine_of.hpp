@@ -51,17 +51,11 @@ class DeviceEngineOf final : public DeviceEngine<E> {
           perceptual_(queue_, task.lpips),
           trainer_(Device{}, queue_, {avatar, adam}, task.training, perceptual_) {}
 
-    Index add(const DeviceView& view) override {
-        const TrainingView taken{view.camera, view.frame, view.width,   view.height,
-                                 view.rgb,    view.mask,  view.visible, view.eyes};
-        return trainer_.add(queue_, taken, restricted<E>(view.drivers));
+    Index add(const TrainingView& view, const Drivers<float>& drivers) override {
+        return trainer_.add(queue_, view, restricted<E>(drivers));
     }
-    DeviceReport run(const std::vector<DeviceDraw>& draws) override {
-        std::vector<StepDraw> steps;
-        for (const DeviceDraw& d : draws)
-            steps.push_back({d.view, d.eyes_high, d.scaled, d.scale, d.blank, d.rate});
-        const DeviceStepsReport r = trainer_.run(queue_, steps);
-        return {r.losses, r.refused_in_a_row, r.bad_field};
+    DeviceStepsReport run(const std::vector<StepDraw>& draws) override {
+        return trainer_.run(queue_, draws);
     }
     void fetch(TwoStream<float, E>& avatar, Adam<TwoStream<float, E>>& adam) const override {
         trainer_.fetch(queue_, avatar, adam);

@@ -133,18 +133,29 @@ double lpips_bytes(double pixels, int planes) {
            planes * half * (most + 2 * weights);
 }
 
-/// Points of the face that each driver moves, with the room that a list has.
-std::array<double, 4> listed_by(const AvatarConfig& config, const LandmarkRoles& roles,
-                                const Columns<float>& points, const Columns<float>& landmarks) {
+/// Points of a face, each of which stands for `count` of the face's.
+struct ListedPoints {
+    const Columns<float>& points;
+    const Columns<float>& landmarks;
+    VecX<double> count;
+};
+
+/// Points of the face that expression, pose and both gazes move.
+std::array<double, 4> moved_by(const TrainState& state, const ListedPoints& face) {
     WeightsTrace<float, TrainEffects> nearest;
     const Weights<float, TrainEffects> w =
-        face_weights<float>(train_backend(), {config, points, landmarks}, roles, nearest);
-    const auto room = [&](const Columns<float>& lambda) {
-        const double n = static_cast<double>((lambda.array() > 0).count());
-        return std::min(static_cast<double>(points.cols()), n + std::floor(n / 4) + 64);
+        face_weights<float>(train_backend(), {state.config.avatar, face.points, face.landmarks},
+                            state.subject.roles, nearest);
+    const auto among = [&](const Columns<float>& lambda) {
+        return (lambda.row(0).transpose().array() > 0).select(face.count.array(), 0.0).sum();
     };
-    return {room(ExpressionField{}.influence(w)), room(PoseField{}.influence(w)),
-            room(GazeField<0>{}.influence(w)), room(GazeField<1>{}.influence(w))};
+    return {among(ExpressionField{}.influence(w)), among(PoseField{}.influence(w)),
+            among(GazeField<0>{}.influence(w)), among(GazeField<1>{}.influence(w))};
+}
+
+/// The room that a list gets when it is first found too short.
+double list_room(double points, double face) {
+    return std::min(face, points + std::floor(points / 4) + 64);
 }
 
 } // namespace
@@ -160,8 +171,8 @@ DeviceSizes device_sizes(const TrainState& state, const Capture& capture) {
     const auto counted = [&](const auto& avatar) {
         s.face = static_cast<double>(avatar.face.position.cols());
         s.eyes = static_cast<double>(avatar.eyes.position.cols());
-        s.listed = listed_by(state.config.avatar, state.subject.roles, avatar.face.position,
-                             avatar.face.landmarks);
+        s.listed = moved_by(state, {avatar.face.position, avatar.face.landmarks,
+                                    VecX<double>::Ones(avatar.face.position.cols())});
     };
     if (state.stage == Stage::avatar && state.visual) {
         counted(state.visual->avatar);
@@ -169,10 +180,15 @@ DeviceSizes device_sizes(const TrainState& state, const Capture& capture) {
         counted(state.avatar);
     } else {
         s.eyes = 2.0 * state.config.gaussians.eyeball.points;
-        s.face =
-            run_size(state.config, state.subject, capture.width, capture.height).gaussians - s.eyes;
-        s.listed = {s.face, s.face, s.face / 2, s.face / 2};
+        const SurfaceGuess guess = surface_guess(state.config, state.subject);
+        const Columns<float> points = guess.points.cast<float>(),
+                             landmarks = guess.landmarks.cast<float>();
+        s.listed = moved_by(state, {points, landmarks, guess.vertices});
+        const double mouth = state.config.gaussians.mouth_points; // before all lips
+        s.face = guess.vertices.sum() + mouth;
+        s.listed[0] += mouth;
     }
+    for (double& points : s.listed) points = list_room(points, s.face);
     return s;
 }
 
@@ -256,8 +272,8 @@ std::string text_of(const DeviceNeed& need) {
     return text;
 }
 
-void require_device_room(const DeviceNeed& need, const DeviceFacts& device,
-                         const std::string& who) {
+void require_device_room(const DeviceNeed& need, const DeviceFacts& device, const std::string& who,
+                         const std::string& rest) {
     char free[64], total[64];
     std::snprintf(free, sizeof free, "%.3f", device.free / 1e9);
     std::snprintf(total, sizeof total, "%.3f", device.total / 1e9);
@@ -265,7 +281,7 @@ void require_device_room(const DeviceNeed& need, const DeviceFacts& device,
             "got settings that need " + text_of(need) + ", expected at most the " + free +
                 " GB that are free of the " + total + " GB of " + device.name +
                 "; what needs most is made less by lowering " + need.largest().lower +
-                ", or train with --device cpu");
+                ", or train with --device cpu" + rest);
 }
 
 } // namespace rye::trainer

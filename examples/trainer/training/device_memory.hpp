@@ -41,7 +41,8 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& sizes);
 /// "1.9 GB of device memory: parameters 0.1, ...".
 std::string text_of(const DeviceNeed& need);
 
-/// Error, beginning with `who`, if it is more than the device has free.
-void require_device_room(const DeviceNeed& need, const DeviceFacts& device, const std::string& who);
+/// Error, beginning with `who` and ending with `rest`, if it is more than the device has free.
+void require_device_room(const DeviceNeed& need, const DeviceFacts& device, const std::string& who,
+                         const std::string& rest = "");
 
 } // namespace rye::trainer

@@ -30,11 +30,12 @@ class DeviceStepsOf final : public DeviceSteps {
         for (const int frame : capture.train)
             for (const int camera : present_cameras(capture, frame))
                 view_[{frame, camera}] =
-                    engine_->add(device_view(capture, state.config, frame, camera));
+                    engine_->add(training_view(capture, state.config, frame, camera),
+                                 frame_drivers(capture, frame, state.config.gaze_axis));
     }
 
     StepReport run(TrainState& state, const std::vector<SampleDraw>& draws) override {
-        std::vector<DeviceDraw> steps;
+        std::vector<StepDraw> steps;
         for (const SampleDraw& d : draws)
             steps.push_back({view_.at({d.frame, d.camera}),
                              d.eyes_high,
@@ -42,9 +43,9 @@ class DeviceStepsOf final : public DeviceSteps {
                              d.scale,
                              {d.blank(0), d.blank(1), d.blank(2)},
                              d.rate});
-        const DeviceReport r = engine_->run(steps);
+        const DeviceStepsReport r = engine_->run(steps);
         state.step += static_cast<Index>(draws.size());
-        return {names_of(r.losses), 0, r.bad_field, r.refused};
+        return {names_of(r.losses), 0, r.bad_field, r.refused_in_a_row};
     }
     void fetch(TrainState& state) const override {
         const auto to = own(state);
@@ -70,10 +71,11 @@ class DeviceStepsOf final : public DeviceSteps {
 
 } // namespace
 
-DeviceView device_view(const Capture& capture, const TrainConfig& config, int frame, int camera) {
+TrainingView training_view(const Capture& capture, const TrainConfig& config, int frame,
+                           int camera) {
     const int factor = 1 << config.gaussians.upsampler.doublings;
     const auto place = std::find(capture.train.begin(), capture.train.end(), frame);
-    DeviceView v;
+    TrainingView v;
     v.camera = reduced(capture.camera(frame, camera).cast<float>(), factor);
     v.frame = place == capture.train.end() ? -1 : place - capture.train.begin();
     const Image<float> rgb = extended(capture.image(frame, camera), factor);
@@ -86,7 +88,6 @@ DeviceView device_view(const Capture& capture, const TrainConfig& config, int fr
     Image<float> both(eyes.width, eyes.height, 1);
     both.pixels = eyes.pixels.colwise().maxCoeff();
     v.eyes = bytes_of(both);
-    v.drivers = frame_drivers(capture, frame, config.gaze_axis);
     return v;
 }
 

@@ -13,7 +13,8 @@
 namespace rye::trainer {
 
 /// A view of a capture in bytes, extended as avatar_sample extends it.
-DeviceView device_view(const Capture& capture, const TrainConfig& config, int frame, int camera);
+TrainingView training_view(const Capture& capture, const TrainConfig& config, int frame,
+                           int camera);
 
 /// As AvatarSteps, on a device.
 class DeviceSteps {

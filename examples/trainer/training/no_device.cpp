@@ -9,6 +9,7 @@ const char* const why = "this build has no kernels (configure it with -DRYE_CUDA
 
 } // namespace
 
+bool has_device_kernels() { return false; }
 DeviceFinding find_device() { return {false, std::nullopt, why}; }
 
 template <>

@@ -125,8 +125,9 @@ void RunFolder::append(const std::string& text) {
     }
 }
 
-void RunFolder::log(const nlohmann::ordered_json& line) {
-    const std::string text = line.dump() + "\n";
+void RunFolder::log(const nlohmann::ordered_json& line) { log_lines(line.dump() + "\n"); }
+
+void RunFolder::log_lines(const std::string& text) {
     if (replacing_) pending_ += text;
     else append(text);
 }
@@ -156,7 +157,9 @@ void RunFolder::save(const TrainState& state) {
                                    folder_.string() + " --resume`"
                                 : "; there is no checkpoint before it"));
     }
-    if (std::exchange(replacing_, false)) replace_old_run(state);
+    if (!replacing_) return; // not written then: log() may read it meanwhile
+    replacing_ = false;
+    replace_old_run(state);
 }
 
 void RunFolder::panel(const std::string& name, const std::function<Image<float>()>& draw) {

@@ -23,6 +23,7 @@ enum class Beginning { fresh, resumed, replacing };
 /// unfinished last line is what a killed run leaves, and not counted. Empty without a file.
 std::string kept_log(const std::filesystem::path& log, const TrainState& state, int& damaged);
 
+/// One thread may log while another saves or makes a panel, unless the save replaces a run.
 class RunFolder {
   public:
     /// Makes the folder; Error if it cannot be written to. Writes config.json, frames.safetensors
@@ -35,6 +36,7 @@ class RunFolder {
     RunFolder& operator=(const RunFolder&) = delete;
 
     void log(const nlohmann::ordered_json& line);
+    void log_lines(const std::string& text); ///< whole lines, each with its end
     void save(const TrainState& state);
     /// `draw` gives the picture; what it throws is a warning too.
     void panel(const std::string& name, const std::function<Image<float>()>& draw);

@@ -14,31 +14,19 @@
 namespace rye::trainer {
 namespace {
 
-/// Gaussians of the face on a sphere of radius 1, which is what stage 1 starts from: its area over
-/// that of the triangles whose edges refine_at_landmarks leaves. An edge that is just short enough
-/// stays, so the true number is between this and four times it.
-double face_gaussians(const TrainConfig& config, const Subject& subject) {
-    const AvatarTrainConfig& g = config.gaussians;
-    const double lattice = config.grid.cell * (config.grid.subdivide ? 0.5 : 1.0);
-    constexpr int samples = 4000;
-    const double area = 4 * std::numbers::pi / samples;
-    double sum = 0;
-    for (int i = 0; i < samples; ++i) {  // a spiral of points of equal areas
-        const double z = 1 - (2 * i + 1.0) / samples, r = std::sqrt(1 - z * z);
-        const double turn = std::numbers::pi * (3 - std::sqrt(5.0)) * i;
-        const Vec3<double> x =
-            subject.head_centre + Vec3<double>(r * std::cos(turn), r * std::sin(turn), z);
-        double edge = lattice;
-        if (g.spacing > 0) {
-            double nearest = 1e9;
-            for (Index k = 36; k < 66; ++k)
-                nearest = std::min(nearest, (subject.neutral.col(k) - x).norm());
-            edge = std::min(edge, std::max(g.spacing + g.spacing_slope * nearest, lattice / 64));
-        }
-        sum += area / (std::sqrt(3.0) / 2 * edge * edge);  // a vertex has two triangles
-    }
-    return sum;
+/// Vertices of the neutral surface where edges of a lattice are `lattice` long and those of the
+/// surface are halved until they are at most `edge`, a unit of area. A surface cuts 6.75 edges of a
+/// body-centred lattice in an area of lattice^2, in any direction; the other terms are fitted to
+/// refine() on spheres, whose numbers they meet within a tenth.
+double vertex_density(double lattice, double edge) {
+    const double u = edge / lattice;
+    return std::max(6.75, 3.6 / (u * u) + 1.5 / u) / (lattice * lattice);
 }
+
+/// Surface of what stage 1 finds, over that of the sphere of radius 1 that it starts from. Heads
+/// with their necks had 0.95 to 1.4, more where lattice and pictures are finer.
+constexpr double head_surface = 1.2;
+constexpr double least_share = 0.75; // of that, so that a run is refused for certain reasons only
 
 double sum_of(const std::vector<int>& widths) {
     double sum = 0;
@@ -59,6 +47,32 @@ double network_weights(const NetworkConfig& n) {
 
 } // namespace
 
+SurfaceGuess surface_guess(const TrainConfig& config, const Subject& subject) {
+    const AvatarTrainConfig& g = config.gaussians;
+    const double lattice = config.grid.cell * (config.grid.subdivide ? 0.5 : 1.0);
+    constexpr Index samples = 4000;
+    SurfaceGuess s;
+    s.landmarks = subject.neutral.colwise() - subject.head_centre;
+    s.landmarks.colwise().normalize();
+    s.points.resize(3, samples);
+    s.vertices.resize(samples);
+    for (Index i = 0; i < samples; ++i) { // a spiral of points of equal areas
+        const double z = 1 - (2 * static_cast<double>(i) + 1) / samples, r = std::sqrt(1 - z * z);
+        const double turn = std::numbers::pi * (3 - std::sqrt(5.0)) * static_cast<double>(i);
+        const Vec3<double> x(r * std::cos(turn), r * std::sin(turn), z);
+        double edge = lattice;
+        if (g.spacing > 0) { // near eyes and lips
+            const double nearest =
+                (s.landmarks.middleCols(36, 30).colwise() - x).colwise().norm().minCoeff();
+            edge = std::clamp(g.spacing + g.spacing_slope * nearest, lattice / 64, lattice);
+        }
+        s.points.col(i) = x;
+        s.vertices(i) =
+            head_surface * 4 * std::numbers::pi / samples * vertex_density(lattice, edge);
+    }
+    return s;
+}
+
 RunSize run_size(const TrainConfig& config, const Subject& subject, int width, int height) {
     const AvatarConfig& a = config.avatar;
     const AvatarTrainConfig& g = config.gaussians;
@@ -68,11 +82,12 @@ RunSize run_size(const TrainConfig& config, const Subject& subject, int width, i
     s.lattice = finer * (2 * n * n * n + 3 * n * n);
     // A vertex: place and signed distance; six tetrahedra of it with their corners and edges.
     const double lattice_bytes = s.lattice * (4 * 4 + 6 * 10 * 8);
-    s.gaussians = face_gaussians(config, subject) + g.mouth_points + 2.0 * g.eyeball.points;
+    const double surface = surface_guess(config, subject).vertices.sum();
+    s.gaussians = surface + g.mouth_points + 2.0 * g.eyeball.points;
     // A Gaussian: value, gradient and two moments; the hidden layers that its vjp reads.
     const double gaussian_bytes =
-        s.gaussians * 4 * (4.0 * (14 + std::min(a.feature, a.channels)) +
-                           sum_of(a.networks.pose_color));
+        (s.gaussians - (1 - least_share) * surface) * 4 *
+        (4.0 * (14 + std::min(a.feature, a.channels)) + sum_of(a.networks.pose_color));
     const double pixels = static_cast<double>(width) * height;
     const double small = pixels / (1 << (2 * g.upsampler.doublings));
     // Three renders and their cotangents; the upsampler's last two layers and theirs.

@@ -15,6 +15,16 @@ struct RunSize {
     double bytes = 0;      ///< of memory, at least
 };
 
+/// The neutral surface as it is taken to be before stage 1 has found it: a sphere of radius 1 that
+/// the landmarks lie on, and has as many more vertices as heads have more surface.
+struct SurfaceGuess {
+    Columns<double> points; ///< 3 x N, on the sphere
+    VecX<double> vertices; ///< of the surface that each stands for, N; edges near eyes and lips are
+                           ///< as short as the configuration has them
+    Columns<double> landmarks; ///< all of the subject's, on the sphere, 3 x L
+};
+SurfaceGuess surface_guess(const TrainConfig& config, const Subject& subject);
+
 /// width, height: of the capture's pictures [px].
 RunSize run_size(const TrainConfig& config, const Subject& subject, int width, int height);
 

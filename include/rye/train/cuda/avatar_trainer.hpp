@@ -25,14 +25,6 @@
 
 namespace rye {
 
-/// What steps have come to.
-struct DeviceStepsReport {
-    AvatarLosses<float> losses; ///< of the last step
-    Index steps = 0;            ///< taken since the trainer was made, refused ones included
-    Index refused_in_a_row = 0; ///< for a gradient that was not finite; nothing has changed then
-    std::string bad_field;      ///< of the last step, if it was refused
-};
-
 /// How a trainer computes: planes and widths of networks' products, numbers of channels that
 /// renders have kernels for, the rules of renders.
 template <class Networks_ = DeviceNetworks<1>, class Channels_ = KernelChannels<3, 32>,
@@ -142,9 +134,9 @@ class DeviceAvatarTrainer {
     std::size_t bytes() const {
         std::size_t sum = avatar_.bytes() + gradient_.bytes() + adam_.bytes() + upsampler_.bytes() +
                           trace_[0].bytes() + trace_[1].bytes() + views_.bytes() +
-                          smoothness_.bytes() + part_[0].bytes() + part_[1].bytes() +
-                          colours_.bytes() + images_.bytes() + white_.bytes() + most_.bytes() +
-                          state_.bytes() + numbers_.bytes() + rows_.bytes();
+                          smoothness_.bytes() + losses_.bytes() + part_[0].bytes() +
+                          part_[1].bytes() + colours_.bytes() + images_.bytes() + white_.bytes() +
+                          most_.bytes() + state_.bytes() + numbers_.bytes() + rows_.bytes();
         for (const auto& f : frame_) sum += f->bytes();
         return sum;
     }

@@ -116,6 +116,9 @@ class DeviceImageLosses {
 
     AvatarLossConfig weights;
 
+    /// Memory that is held [bytes], without the perceptual term's and that of sums.
+    std::size_t bytes() const { return dssim_.bytes() + moved_.bytes(); }
+
     /// All image terms and their cotangents. Throws an Error for shapes that do not fit.
     template <class P>
     void into(const CudaQueue& queue, const DeviceAvatarImages<P>& images,

@@ -5,7 +5,6 @@
 /// is changed, by that step nor by those that follow, until the host has made room.
 #pragma once
 
-#include <array>
 #include <cstdint>
 
 #include <rye/avatar/cuda/face_points.hpp>
@@ -17,16 +16,6 @@
 #include <rye/train/cuda/views.hpp>
 
 namespace rye {
-
-/// What a step of stage 2 is shown.
-struct StepDraw {
-    Index view = 0;
-    bool eyes_high = true;        ///< whether it takes the high-resolution eye term
-    bool scaled = false;          ///< whether super-resolution sees a resized render ...
-    detail::Resizing scale{};     ///< ... by this
-    std::array<float, 3> blank{}; ///< background of the face alone
-    double rate = 1;              ///< factor of the learning rates
-};
 
 /// Renders of a step: of all, of the face alone, of the eyes alone.
 inline constexpr int step_renders = 3;

@@ -11,21 +11,9 @@
 
 #include <rye/backend/cuda/each.hpp>
 #include <rye/backend/cuda/picture.hpp>
-#include <rye/geometry/camera.hpp>
+#include <rye/train/cuda/steps.hpp>
 
 namespace rye {
-
-/// A photograph of a frame with its masks, in bytes: shares of 255, pixel (x, y) in place
-/// y width + x. Sides are multiples of the factor between picture and render.
-struct TrainingView {
-    Pinhole<float> camera;             ///< of the render
-    Index frame = -1;                  ///< column of delta_pose; -1: none
-    int width = 0, height = 0;         ///< [px]
-    std::vector<std::uint8_t> rgb;     ///< 3 a pixel, over black
-    std::vector<std::uint8_t> mask;    ///< the subject
-    std::vector<std::uint8_t> visible; ///< 0 where the picture was padded
-    std::vector<std::uint8_t> eyes;    ///< both eyes
-};
 
 /// Where a view lies in device memory.
 struct DeviceViewPlace {
