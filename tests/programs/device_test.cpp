@@ -60,8 +60,6 @@ TEST_CASE("device: parts without kernels are named") {
         CHECK_FALSE(decided(DeviceWish::automatic, c, with_device()).device);
         CHECK(decided(DeviceWish::automatic, c, with_device()).reason.find(words) == 0);
     };
-    refused({{"avatar", {{"gaze_mechanism", "condition"}}}},
-            "avatar.gaze_mechanism is \"condition\"");
     refused({{"avatar", {{"eye_appearance", "driven"}}}}, "avatar.eye_appearance is \"driven\"");
     refused({{"avatar", {{"shading", "head_pose"}}}}, "avatar.shading is \"head_pose\"");
     refused({{"avatar", {{"feature", 129}}}}, "avatar.feature is 129, kernels have room for 128");
@@ -70,6 +68,13 @@ TEST_CASE("device: parts without kernels are named") {
             "a width of avatar.networks.exp_color is 257");
     refused({{"avatar", {{"networks", {{"gaze_deform", std::vector<int>(8, 16)}}}}}},
             "number of layers of avatar.networks.gaze_deform is 9");
+    for (const char* mechanism : {"rotation", "feature_rotation", "condition", "latent_rotation",
+                                  "learned_quaternion", "none"}) {
+        INFO(mechanism);
+        TrainConfig c = preset("tiny");
+        from_json({{"avatar", {{"gaze_mechanism", mechanism}}}}, "x.json", c);
+        CHECK(without_kernels(c) == "");
+    }
     TrainConfig wide = preset("tiny"); // of one column, and of stage 1
     wide.avatar.networks.eye_offset = {512};
     wide.avatar.networks.geometry = {512};

@@ -12,10 +12,10 @@ namespace {
 
 struct HostMachine {
     using Device = EmulatedDevice;
-    /// For the small avatars of tests.
+    /// For the small avatars of tests, and networks of gaze mechanisms.
     template <int N>
     using Policy =
-        DeviceTrainerPolicy<DeviceNetworks<N, 32, 32, 32>, KernelChannels<3, 8>, Balanced, N>;
+        DeviceTrainerPolicy<DeviceNetworks<N, 128, 64, 32>, KernelChannels<3, 8>, Balanced, N>;
     HostMemory memory;
 
     static CudaStream stream() { return nullptr; }
@@ -48,6 +48,11 @@ template <>
 std::unique_ptr<DeviceEngine<VisualEffects>> device_engine<VisualEffects>(
     const VisualAvatar& avatar, const Adam<VisualAvatar>& adam, const DeviceTask& task) {
     return emulated<VisualEffects>(avatar, adam, task);
+}
+template <>
+std::unique_ptr<DeviceEngine<ComparedEffects>> device_engine<ComparedEffects>(
+    const ComparedAvatar& avatar, const Adam<ComparedAvatar>& adam, const DeviceTask& task) {
+    return emulated<ComparedEffects>(avatar, adam, task);
 }
 
 } // namespace rye::trainer

@@ -51,5 +51,10 @@ std::unique_ptr<DeviceEngine<VisualEffects>> device_engine<VisualEffects>(
     const VisualAvatar& avatar, const Adam<VisualAvatar>& adam, const DeviceTask& task) {
     return of_planes<VisualEffects>(avatar, adam, task);
 }
+template <>
+std::unique_ptr<DeviceEngine<ComparedEffects>> device_engine<ComparedEffects>(
+    const ComparedAvatar& avatar, const Adam<ComparedAvatar>& adam, const DeviceTask& task) {
+    return of_planes<ComparedEffects>(avatar, adam, task);
+}
 
 } // namespace rye::trainer

@@ -17,9 +17,6 @@ enum class DeviceWish { automatic, cpu, cuda };
 /// What has no kernels in a configuration, as "avatar.shading is \"head_pose\"", with what is
 /// expected; empty where a device can train it.
 inline std::string without_kernels(const TrainConfig& c) {
-    if (c.gaze_mechanism != GazeMechanismName::rotation)
-        return "avatar.gaze_mechanism is \"" + word_of(c.gaze_mechanism) +
-               "\", kernels are of \"rotation\"";
     if (c.eye_appearance != EyeAppearanceName::free)
         return "avatar.eye_appearance is \"" + word_of(c.eye_appearance) +
                "\", kernels are of \"free\"";

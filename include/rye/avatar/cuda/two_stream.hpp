@@ -69,7 +69,7 @@ class DeviceTwoStream {
           drivers_(of.config),
           codes_(of.config),
           face_(device, config_, host_.face, scratch_),
-          eyes_(device, config_, host_.eyes) {
+          eyes_(device, config_, host_.eyes, scratch_.mlp) {
         parameters_.send(queue, host_);
         face_.set_fixed(queue, of.roles);
         eyes_.set_fixed(queue);
@@ -121,7 +121,7 @@ class DeviceTwoStream {
         const auto of = at(parameters_);
         code(queue);
         face_.set(queue, of, codes_numbers_.data());
-        eyes_.set(queue, of, codes_numbers_.data());
+        eyes_.set(queue, of, codes_numbers_.data(), state_.data());
         face_.place_into(queue, of);
         drive_streams(queue, of, keep);
     }
@@ -129,6 +129,7 @@ class DeviceTwoStream {
     void redrive_into(const CudaQueue& queue) {
         code(queue);
         face_.set_frame(queue);
+        eyes_.set_frame(queue, at(parameters_));
         drive_streams(queue, at(parameters_), false);
     }
     /// Waits for the last frame. Whether its lists had room; where they had none they have now, and
@@ -235,7 +236,7 @@ class DeviceTwoStream {
     void drive_streams(const CudaQueue& queue, const Of& of, bool keep) {
         face_.drive_into(queue, of, {codes_numbers_.data(), nullptr, state_.data()},
                          face_gaussians(), keep);
-        eyes_.drive_into(queue, of, state_.data(), eye_gaussians());
+        eyes_.drive_into(queue, of, state_.data(), eye_gaussians(), keep);
     }
 
     Device device_;
@@ -247,7 +248,7 @@ class DeviceTwoStream {
     CodePlaces<E> codes_;
     DeviceFieldScratch scratch_;
     DeviceFaceStream<E, Device, Networks> face_;
-    DeviceEyeStream<E, Device> eyes_;
+    DeviceEyeStream<E, Device, Networks> eyes_;
     DeviceCloudBuffer cloud_, g_cloud_;
     DeviceBuffer<float> driver_numbers_, codes_numbers_; ///< codes, then their cotangents
     DeviceBuffer<DeviceFrameState> state_;
