@@ -4,6 +4,7 @@
 #pragma once
 
 #include <rye/avatar/two_stream.hpp>
+#include <rye/rig/driven_features.hpp>
 #include <rye/rig/gaze_features.hpp>
 #include <rye/rig/gaze_mechanisms.hpp>
 
@@ -22,5 +23,8 @@ using ComparedAppearance =
     OneAppearance<FreeFeatures, RotatedFeatures, ConditionedFeatures, RotatedCode>;
 using ComparedEffects = More<TrainEffects, GazeBy<ComparedMechanism>, EyesBy<ComparedAppearance>>;
 using ComparedAvatar = TwoStream<float, ComparedEffects>;
+/// The avatar of a run with driven eyes or shading.
+using AppearanceEffects = More<VisualEffects, HeadShading, EyesBy<DrivenFeatures>>;
+using AppearanceAvatar = TwoStream<float, AppearanceEffects>;
 
 } // namespace rye::trainer
