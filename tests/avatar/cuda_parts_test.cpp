@@ -36,6 +36,23 @@ TEST_CASE("cuda, emulated: features that follow the gaze are the host's") {
     parts_against_host<More<Still, EyesBy<ConditionedFeatures>>>();
     parts_against_host<More<Still, EyesBy<RotatedCode>>>();
 }
+TEST_CASE("cuda, emulated: driven features and shading are the host's") {
+    parts_against_host<More<PaperEffects, EyesBy<DrivenFeatures>>>();
+    parts_against_host<More<PaperEffects, HeadShading>>();
+    using Both = More<AllEffects, HeadShading, EyesBy<DrivenFeatures>>;
+    AvatarCase<Both> c = case_with_parts<Both>();
+    c.column = 1;
+    avatar_against_host<Wide>(EmulatedDevice{PhaseOrder::shuffled}, queue, c);
+    avatar_again<Wide>(EmulatedDevice{}, queue, c);
+    c.avatar.shading = {};
+    c.avatar.eyes.networks[0] = {};
+    avatar_against_host<Wide>(EmulatedDevice{}, queue, c);
+    c.avatar.eyes.networks[1] = {};
+    avatar_against_host<Wide>(EmulatedDevice{}, queue, c);
+    // Without parameters nothing is launched for them, but one filling of kappa's axes.
+    CHECK(avatar_work<Wide>(EmulatedDevice{}, queue, c).launched ==
+          avatar_work<Wide>(EmulatedDevice{}, queue, case_with_parts<AllEffects>()).launched);
+}
 TEST_CASE("cuda, emulated: parts of an eye that turns alone") {
     using Left = Effects<HeadPose, LeftGaze>;
     parts_against_host<More<Left, GazeBy<LearnedQuaternion>, EyesBy<RotatedCode>>>();

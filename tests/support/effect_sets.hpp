@@ -23,8 +23,7 @@ inline Drivers<double, AllEffects> drivers_of_all() {
     return restricted<AllEffects>(tiny_drivers<double>());
 }
 
-/// An avatar of the gaze mechanism and the eye appearance of E, as at their first step but for a
-/// learned rotation, which is some.
+/// An avatar of the gaze mechanism, the eye appearance and the shading of E, none of them neutral.
 template <EffectSet E>
 TwoStream<double, E> avatar_with_parts(std::uint64_t seed = 7) {
     TwoStream<double, E> a = restricted<E>(avatar_of_all(seed));
@@ -36,6 +35,12 @@ TwoStream<double, E> avatar_with_parts(std::uint64_t seed = 7) {
     a.eyes.mechanism() = Mechanism::template init<GazeMechanismParameters<double, E>>(
         tiny_config().channels, Random{seed, 9});
     Draw draw{{seed, 10}};
+    if constexpr (requires { a.eyes.networks; })
+        for (auto& n : a.eyes.networks)
+            for (auto& w : n.weight) w = draw.columns(w.rows(), w.cols(), 0.2);
+    if constexpr (has_effect<E, HeadShading>)
+        a.shading = {draw.columns(8, 3, 0.5), draw.columns(3, a.face.position.cols()),
+                     draw.columns(3, 2)};
     if constexpr (requires { a.eyes.turn; })
         a.eyes.turn.weight.back() = draw.columns(4, a.eyes.turn.weight.back().cols(), 0.2);
     return a;

@@ -4,6 +4,7 @@
 
 #include <rye/avatar/eye_optics.hpp>
 #include <rye/avatar/own_effects.hpp>
+#include <rye/rig/driven_features.hpp>
 #include <rye/rig/gaze_features.hpp>
 #include <rye/rig/gaze_mechanisms.hpp>
 
@@ -34,6 +35,8 @@ template <>
 inline constexpr bool part_has_kernels<ConditionedFeatures> = true;
 template <>
 inline constexpr bool part_has_kernels<RotatedCode> = true;
+template <>
+inline constexpr bool part_has_kernels<DrivenFeatures> = true;
 
 /// What a user replaces of an avatar has kernels; own effects have none.
 template <class E>
@@ -51,7 +54,7 @@ inline constexpr bool all_have_kernels = false;
 template <class... X>
 inline constexpr bool all_have_kernels<Effects<X...>> =
     (is_part_or_one_of<X, Expression, HeadPose, PoseResidual, LeftGaze, RightGaze, EyeOffset, Kappa,
-                       Periocular, CornealBulge> &&
+                       Periocular, CornealBulge, HeadShading> &&
      ...);
 
 } // namespace detail

@@ -7,6 +7,8 @@
 #pragma once
 
 #include <string>
+#include <type_traits>
+#include <utility>
 
 #include <rye/avatar/cuda/face_points.hpp>
 #include <rye/nn/cuda/mlp.hpp>
@@ -31,6 +33,7 @@ struct DeviceGazes {
 /// A frame as parts of the eyes read it, in device memory, and where cotangents of it go.
 struct DeviceEyeFrame {
     DeviceGazes gazes;
+    bool reads_pose = false;           ///< whether an effect reads the head pose
     const float* expression = nullptr; ///< its code, or null where no effect reads it
     float* g_axis = nullptr;           ///< of the optical axes, 3 x 2, added to, or null
     float* g_pose = nullptr;           ///< of the head pose, 6, added to, or null
@@ -82,6 +85,12 @@ class DeviceGazeMechanism<FixedEye, Device> {
     /// Memory that is held [bytes].
     std::size_t bytes() const { return 0; }
 };
+
+/// Whether an appearance gives the cotangents of its inputs: EyeInputsCotangent.
+template <EyeAppearance A, class P = typename A::template Parameters<float>>
+inline constexpr bool gives_cotangents = !std::is_void_v<decltype(A::features_vjp(
+    0, std::declval<const P&>(), std::declval<const EyeInputs<float>&>(),
+    std::declval<const ColumnsView<float>&>(), std::declval<P&>()))>;
 
 /// Features of the eyeballs' Gaussians by the appearance A on a device, as an object with the
 /// functions of FreeFeatures' below. Networks: tiles of its networks, as DeviceNetworks has them.

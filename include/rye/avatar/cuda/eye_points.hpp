@@ -26,7 +26,11 @@ inline constexpr bool turn_is_trained =
 /// Whether kappa follows from optical axes as parts of the eyes read them.
 template <EffectSet E>
 inline constexpr bool axes_are_trained =
-    has_effect<E, Kappa> && (own_turn<E> || EyeAppearanceOf<E>::reads_inputs);
+    has_effect<E, Kappa> && (own_turn<E> || gives_cotangents<EyeAppearanceOf<E>>);
+/// Whether the head pose's correction follows from what the eyes' features read.
+template <EffectSet E>
+inline constexpr bool eyes_train_pose =
+    eyes_read_pose<E> && gives_cotangents<EyeAppearanceOf<E>>;
 
 struct NoOwnTurn {};
 struct NoTrainedAxes {};

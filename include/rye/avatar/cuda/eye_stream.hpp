@@ -7,6 +7,7 @@
 #include <memory>
 #include <string>
 
+#include <rye/avatar/cuda/driven_features.hpp>
 #include <rye/avatar/cuda/eye_points.hpp>
 #include <rye/avatar/cuda/field.hpp>
 #include <rye/avatar/cuda/gaze_mechanisms.hpp>
@@ -72,6 +73,7 @@ class DeviceEyeStream {
     void set(const CudaQueue& queue, const Of& of, const float* codes,
              const DeviceFrameState* frame) {
         frame_.gazes = {frame, {eye_turns<E, 0>, eye_turns<E, 1>}};
+        frame_.reads_pose = has_effect<E, ReadsHeadPose>;
         if constexpr (has_effect<E, ReadsExpression>)
             frame_.expression = codes + codes_.expression;
         appearance_.set(queue, of, frame_);

@@ -203,6 +203,7 @@ struct DeviceFrameSums {
     const float* codes;  ///< or null
     float* pose;         ///< 6, overwritten: the cotangent of the pose
     float* delta_pose;   ///< 6 x frames, added to, or null
+    const float* parts = nullptr; ///< 6: of the pose as shading and features read it, or null
 };
 
 /// The cotangent of the pose.
@@ -233,6 +234,9 @@ struct FramePoseKernel {
                 for (int k = 0; k < 6; ++k)
                     g[k] += encode_number_vjp(frame.codes + to.pose + k, sums.codes + to.pose + k,
                                               pose_frequencies, 6);
+            if constexpr (has_effect<E, HeadShading> || eyes_read_pose<E>)
+                if (sums.parts != nullptr)
+                    for (int k = 0; k < 6; ++k) g[k] += sums.parts[k];
             const float column = frame.drivers[from.column];
             for (int k = 0; k < 6; ++k) {
                 sums.pose[k] = g[k];
