@@ -15,10 +15,6 @@ const CudaQueue queue{nullptr, memory};
 using Wide = DeviceNetworks<3, 128, 64, 64>;
 
 template <EffectSet E>
-AvatarCase<E> case_with_parts() {
-    return {avatar_with_parts<E>(), restricted<E>(drivers_of_all())};
-}
-template <EffectSet E>
 void parts_against_host() {
     avatar_against_host<Wide>(EmulatedDevice{}, queue, case_with_parts<E>());
 }
@@ -26,21 +22,12 @@ void parts_against_host() {
 } // namespace
 
 TEST_CASE("cuda, emulated: gaze mechanisms are the host's") {
-    parts_against_host<More<PaperEffects, GazeBy<FixedEye>>>();
-    parts_against_host<More<PaperEffects, GazeBy<LearnedQuaternion>>>();
-    parts_against_host<More<AllEffects, GazeBy<LearnedQuaternion>>>();
-}
-TEST_CASE("cuda, emulated: features that follow the gaze are the host's") {
-    using Still = More<PaperEffects, GazeBy<FixedEye>>;
-    parts_against_host<More<Still, EyesBy<RotatedFeatures>>>();
-    parts_against_host<More<Still, EyesBy<ConditionedFeatures>>>();
-    parts_against_host<More<Still, EyesBy<RotatedCode>>>();
+    mechanisms_against_host<Wide>(EmulatedDevice{}, queue);
 }
 TEST_CASE("cuda, emulated: driven features and shading are the host's") {
     parts_against_host<More<PaperEffects, EyesBy<DrivenFeatures>>>();
     parts_against_host<More<PaperEffects, HeadShading>>();
-    using Both = More<AllEffects, HeadShading, EyesBy<DrivenFeatures>>;
-    AvatarCase<Both> c = case_with_parts<Both>();
+    AvatarCase<LitEffects> c = case_with_parts<LitEffects>();
     c.column = 1;
     avatar_against_host<Wide>(EmulatedDevice{PhaseOrder::shuffled}, queue, c);
     avatar_again<Wide>(EmulatedDevice{}, queue, c);

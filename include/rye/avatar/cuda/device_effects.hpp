@@ -41,7 +41,7 @@ inline constexpr bool part_has_kernels<DrivenFeatures> = true;
 /// What a user replaces of an avatar has kernels; own effects have none.
 template <class E>
 concept HasPartsOfDevice = !has_own_effects<E> && part_has_kernels<GazeMechanismOf<E>> &&
-    part_has_kernels<EyeAppearanceOf<E>>;
+                           part_has_kernels<EyeAppearanceOf<E>>;
 namespace detail {
 
 template <class X, class... Known>

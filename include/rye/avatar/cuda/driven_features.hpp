@@ -85,8 +85,7 @@ struct DrivenFrameVjp {
                           g_axis, i);
         }
         if (g_pose != nullptr && eye == 0)
-            for (int k = 0; k < frame.pose; ++k)
-                g_pose[k] += g[3 + k] + g[frame.count + 3 + k];
+            for (int k = 0; k < frame.pose; ++k) g_pose[k] += g[3 + k] + g[frame.count + 3 + k];
     }
 };
 
@@ -181,9 +180,9 @@ class DeviceEyeAppearance<DrivenFeatures, Device, Networks> {
                              {turn + 9 * eye});
         });
         if (axes || frame.g_pose != nullptr)
-            launch_each(device_, queue, 2,
-                        DrivenFrameVjp{frame_of(frame), inputs_of(2), turn, frame.g_axis,
-                                       frame.g_pose});
+            launch_each(
+                device_, queue, 2,
+                DrivenFrameVjp{frame_of(frame), inputs_of(2), turn, frame.g_axis, frame.g_pose});
     }
     std::size_t bytes() const {
         std::size_t sum = direction_.bytes() + inputs_.bytes() + g_inputs_.bytes() +
@@ -210,9 +209,8 @@ class DeviceEyeAppearance<DrivenFeatures, Device, Networks> {
     }
     void encode(const CudaQueue& queue, const DeviceEyeFrame& frame) {
         launch_each(device_, queue, 2 * frame_inputs_, frame_of(frame));
-        launch_each(
-            device_, queue, points_,
-            DrivenPointInputs{direction_.data(), left_, frame.gazes, inputs_.data()});
+        launch_each(device_, queue, points_,
+                    DrivenPointInputs{direction_.data(), left_, frame.gazes, inputs_.data()});
     }
 
     Device device_;

@@ -25,8 +25,8 @@ struct TurnTriplet {
         return static_cast<std::uint32_t>(i) / triplets < left ? 0 : 1;
     }
     RYE_DEVICE void operator()(Index i) const {
-        put_column<3>(
-            detail::turned_triplet<float>(gazes.rotation(eye_of(i)), column3(from, i)), to, i);
+        put_column<3>(detail::turned_triplet<float>(gazes.rotation(eye_of(i)), column3(from, i)),
+                      to, i);
     }
 };
 
@@ -145,8 +145,7 @@ class DeviceEyeAppearance<ConditionedFeatures, Device, Networks> {
     template <class Of>
     void set_frame(const CudaQueue& queue, const Of&, const DeviceEyeFrame& frame) {
         encode(queue, frame);
-        for (int eye = 0; eye < 2; ++eye)
-            color_[eye]->set_frame(queue, codes_.data() + eye * code);
+        for (int eye = 0; eye < 2; ++eye) color_[eye]->set_frame(queue, codes_.data() + eye * code);
     }
     template <class Of>
     void features_into(const CudaQueue& queue, const Of& of, const DeviceEyeFrame&,
@@ -163,9 +162,7 @@ class DeviceEyeAppearance<ConditionedFeatures, Device, Networks> {
                                   {device_parameters(host_->color, to),
                                    columns_of_eye(to(host_->latent), eye, left_), nullptr, true});
     }
-    std::size_t bytes() const {
-        return color_[0]->bytes() + color_[1]->bytes() + codes_.bytes();
-    }
+    std::size_t bytes() const { return color_[0]->bytes() + color_[1]->bytes() + codes_.bytes(); }
 
   private:
     static constexpr int code = ConditionedFeatures::gaze_code;
@@ -234,9 +231,8 @@ class DeviceEyeAppearance<RotatedCode, Device, Networks> {
     void vjp_into(const CudaQueue& queue, const Of&, const To& to, const DeviceEyeFrame& frame,
                   const DeviceColumns<float>& g) {
         for (int eye = 0; eye < 2; ++eye)
-            decoder_[eye]->vjp_into(
-                queue, columns_of_eye(g, eye, left_),
-                {device_parameters(host_->decoder, to), {}, code(2 + eye)});
+            decoder_[eye]->vjp_into(queue, columns_of_eye(g, eye, left_),
+                                    {device_parameters(host_->decoder, to), {}, code(2 + eye)});
         launch_each(device_, queue, 2 * rows / 3,
                     TurnTripletVjp{turn(code(2), to(host_->latent).data, frame)});
     }

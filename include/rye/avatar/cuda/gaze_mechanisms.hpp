@@ -46,11 +46,10 @@ struct NormalizeTurnVjp {
         if (sum == nullptr) return;
         Mat3<float> g_matrix;
         for (int k = 0; k < 9; ++k) g_matrix.data()[k] = sum[k];
-        const Quat<float> g = turn_cotangent_of<float>(column4(turn.turn, i), g_matrix,
-                                                       Quat<float>(sum[9], sum[10], sum[11],
-                                                                   sum[12]));
-        put_column<4>(quat_normalized_vjp(LearnedQuaternion::raw_turn(turn.output[i]), g),
-                      g_output, i);
+        const Quat<float> g = turn_cotangent_of<float>(
+            column4(turn.turn, i), g_matrix, Quat<float>(sum[9], sum[10], sum[11], sum[12]));
+        put_column<4>(quat_normalized_vjp(LearnedQuaternion::raw_turn(turn.output[i]), g), g_output,
+                      i);
     }
 };
 

@@ -93,9 +93,9 @@ struct LightSums {
 struct ShadeFaceVjp {
     static constexpr const char* name = "shading of the face, reverse";
     static constexpr int sums = 3 * LightSums::each;
-    ShadePoint shade;              ///< its features as they were left
-    DeviceColumns<float> g;        ///< of the features, replaced
-    float* g_normal;               ///< 3 x N, added to
+    ShadePoint shade;       ///< its features as they were left
+    DeviceColumns<float> g; ///< of the features, replaced
+    float* g_normal;        ///< 3 x N, added to
 
     template <class Sums>
     RYE_DEVICE void operator()(Index i, Sums& sum) const {
@@ -142,7 +142,7 @@ struct LightVjpKernel {
         float g_normal[2][3][3]; ///< of an eye, by a channel
     };
     LightOfFrame of;
-    const float *face, *eyes; ///< sums
+    const float *face, *eyes;               ///< sums
     float *g_light, *g_eye_normal, *g_pose; ///< added to
 
     template <class Block>
@@ -160,8 +160,7 @@ struct LightVjpKernel {
             Mat3<float> g_r = Mat3<float>::Zero();
             for (int c = 0; c < 3; ++c)
                 for (int k = 0; k < 9; ++k) g_r.data()[k] += shared.g_r[c][k];
-            const Vec3<float> g =
-                so3_exp_vjp(column3(of.frame->pose.data(), 0), g_r);
+            const Vec3<float> g = so3_exp_vjp(column3(of.frame->pose.data(), 0), g_r);
             for (int k = 0; k < 3; ++k) g_pose[k] += g[k];
         });
     }
@@ -178,8 +177,7 @@ struct LightVjpKernel {
         }
         const Mat3<float> g_r = detail::turned_light_vjp<float>(
             detail::log_light<float>(LightColumn<const float>{of.light + 8 * c}),
-            so3_exp(column3(of.frame->pose.data(), 0)), sum,
-            LightColumn<float>{g_light + 8 * c});
+            so3_exp(column3(of.frame->pose.data(), 0)), sum, LightColumn<float>{g_light + 8 * c});
         for (int k = 0; k < 9; ++k) shared.g_r[c][k] = g_r.data()[k];
     }
 };
@@ -228,8 +226,8 @@ class DeviceHeadShading {
         if (!host_->any()) return;
         const ShadePoint points = shade(of, pass.feature);
         float *const face = numbers_.data(), *const eyes = face + ShadeFaceVjp::sums;
-        sums_.launch(queue, counts_.faces,
-                     ShadeFaceVjp{points, pass.g, to(host_->normal).data}, {face});
+        sums_.launch(queue, counts_.faces, ShadeFaceVjp{points, pass.g, to(host_->normal).data},
+                     {face});
         sums_.launch(queue, counts_.all - counts_.faces, ShadeEyesVjp{points, pass.g}, {eyes});
         device_.launch(queue, 1,
                        LightVjpKernel{light_at(of, pass.frame), face, eyes, to(host_->light).data,

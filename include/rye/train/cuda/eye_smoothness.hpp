@@ -35,8 +35,7 @@ class DeviceEyeSmoothness {
                         [[maybe_unused]] const typename Avatar::Parameters& gradient) {
         if constexpr (of_parameters) {
             const Columns<float>& feature = avatar.shapes().eyes.feature;
-            return term_.into(queue, avatar.parameters().of(feature), weight,
-                              gradient.of(feature));
+            return term_.into(queue, avatar.parameters().of(feature), weight, gradient.of(feature));
         } else {
             const DeviceColumns<float> feature = avatar.eye_gaussians().feature;
             device_.fill(queue, g_.data(), 0,
