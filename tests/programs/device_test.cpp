@@ -67,7 +67,8 @@ TEST_CASE("device: parts without kernels are named") {
     refused({{"avatar", {{"networks", {{"gaze_deform", std::vector<int>(8, 16)}}}}}},
             "number of layers of avatar.networks.gaze_deform is 9");
     TrainConfig lit = preset("tiny");
-    from_json({{"avatar", {{"eye_appearance", "driven"}, {"shading", "head_pose"}}}}, "x.json", lit);
+    from_json({{"avatar", {{"eye_appearance", "driven"}, {"shading", "head_pose"}}}}, "x.json",
+              lit);
     CHECK(without_kernels(lit) == "");
     for (const char* mechanism : {"rotation", "feature_rotation", "condition", "latent_rotation",
                                   "learned_quaternion", "none"}) {

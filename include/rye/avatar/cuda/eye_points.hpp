@@ -20,17 +20,16 @@ template <EffectSet E>
 inline constexpr bool own_turn = !std::same_as<GazeMechanismOf<E>, ExplicitRotation>;
 /// Whether something trained follows from an eye's turn: kappa, or a mechanism's parameters.
 template <EffectSet E, int eye>
-inline constexpr bool turn_is_trained =
-    eye_turns<E, std::size_t(eye)> && (own_turn<E> ? !std::same_as<GazeMechanismOf<E>, FixedEye>
-                                                   : has_effect<E, Kappa>);
+inline constexpr bool turn_is_trained = eye_turns<E, std::size_t(eye)> &&
+                                        (own_turn<E> ? !std::same_as<GazeMechanismOf<E>, FixedEye>
+                                                     : has_effect<E, Kappa>);
 /// Whether kappa follows from optical axes as parts of the eyes read them.
 template <EffectSet E>
-inline constexpr bool axes_are_trained =
-    has_effect<E, Kappa> && (own_turn<E> || gives_cotangents<EyeAppearanceOf<E>>);
+inline constexpr bool axes_are_trained = has_effect<E, Kappa> &&
+                                         (own_turn<E> || gives_cotangents<EyeAppearanceOf<E>>);
 /// Whether the head pose's correction follows from what the eyes' features read.
 template <EffectSet E>
-inline constexpr bool eyes_train_pose =
-    eyes_read_pose<E> && gives_cotangents<EyeAppearanceOf<E>>;
+inline constexpr bool eyes_train_pose = eyes_read_pose<E>&& gives_cotangents<EyeAppearanceOf<E>>;
 
 struct NoOwnTurn {};
 struct NoTrainedAxes {};
@@ -69,8 +68,7 @@ struct PlaceEyesKernel {
         if constexpr (eye_turns<E, std::size_t(eye)>) {
             const Vec3<float> gaze = normalized(frame->optical[eye]);
             if constexpr (own_turn<E>) {
-                placed.quaternion =
-                    turns != nullptr ? column4(turns, eye) : quat_identity<float>();
+                placed.quaternion = turns != nullptr ? column4(turns, eye) : quat_identity<float>();
                 placed.rotation = quat_matrix(placed.quaternion);
                 placed.beyond_range = beyond_gaze_range(gaze);
             } else {

@@ -74,8 +74,7 @@ class DeviceEyeStream {
              const DeviceFrameState* frame) {
         frame_.gazes = {frame, {eye_turns<E, 0>, eye_turns<E, 1>}};
         frame_.reads_pose = has_effect<E, ReadsHeadPose>;
-        if constexpr (has_effect<E, ReadsExpression>)
-            frame_.expression = codes + codes_.expression;
+        if constexpr (has_effect<E, ReadsExpression>) frame_.expression = codes + codes_.expression;
         appearance_.set(queue, of, frame_);
         if constexpr (own_turn<E>) mechanism_->set(queue, of);
         if constexpr (has_effect<E, EyeOffset>)

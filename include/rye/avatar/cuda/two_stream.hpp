@@ -213,7 +213,7 @@ class DeviceTwoStream {
                                                g_codes,
                                                sums_.data() + head_sums,
                                                to(host_.delta_pose).data,
-                                              g_parts}});
+                                               g_parts}});
     }
     /// The cotangent of the pose after vjp_into: 6 numbers in device memory.
     const float* g_pose() const { return sums_.data() + head_sums; }
