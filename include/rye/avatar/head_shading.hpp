@@ -258,8 +258,7 @@ Vec3<T> shade_vjp(const B& backend, const Shading<T>& shading,
     for (std::size_t c = 0; c < 3; ++c) {
         const detail::LogLight<T> e =
             detail::log_light<T>(shading.light.col(static_cast<Index>(c)));
-        g_r += detail::turned_light_vjp<T>(e, r, sum.of[c],
-                                           grad.light.col(static_cast<Index>(c)));
+        g_r += detail::turned_light_vjp<T>(e, r, sum.of[c], grad.light.col(static_cast<Index>(c)));
     }
     return so3_exp_vjp(frame.rotation, g_r);
 }

@@ -54,8 +54,8 @@ template <class T>
 void rotate_triplets(const Mat3<T>& by, ColumnsSpan<T> columns) {
     for (Index i = 0; i < columns.cols(); ++i)
         for (Index k = 0; k < columns.rows(); k += 3) {
-            const Vec3<T> v = turned_triplet<T>(
-                by, Vec3<T>(columns(k, i), columns(k + 1, i), columns(k + 2, i)));
+            const Vec3<T> v =
+                turned_triplet<T>(by, Vec3<T>(columns(k, i), columns(k + 1, i), columns(k + 2, i)));
             for (int a = 0; a < 3; ++a) columns(k + a, i) = v[a];
         }
 }

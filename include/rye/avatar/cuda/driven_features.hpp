@@ -66,26 +66,33 @@ struct DrivenFrameInputs {
     }
 };
 
-/// Adds the cotangents of the optical axis of eye i, and of the head's axis-angle by both eyes.
-struct DrivenFrameVjp {
+/// Adds the cotangents of the optical axes, and of the head's axis-angle by both eyes.
+struct DrivenFrameVjpKernel {
     static constexpr const char* name = "frame of driven features, reverse";
+    static constexpr int threads = 32, blocks = 1;
+    struct Shared {};
     DrivenFrameInputs frame;
     const float* g;    ///< of those inputs
     const float* turn; ///< sums of DrivenTurnVjp, 9 x 2
     float* g_axis;     ///< 3 x 2, added to, or null
     float* g_pose;     ///< added to, or null
 
-    RYE_DEVICE void operator()(Index i) const {
-        const int eye = static_cast<int>(i);
-        if (g_axis != nullptr && frame.gazes.turns[eye]) {
-            Mat3<float> g_turn;
-            for (int k = 0; k < 9; ++k) g_turn(k / 3, k % 3) = turn[9 * eye + k];
-            add_column<3>(DrivenFeatures::gaze_vjp<float>(frame.gazes.frame->optical[eye], g_turn,
-                                                          column3(g + eye * frame.count, 0)),
-                          g_axis, i);
-        }
-        if (g_pose != nullptr && eye == 0)
-            for (int k = 0; k < frame.pose; ++k) g_pose[k] += g[3 + k] + g[frame.count + 3 + k];
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        block.each_thread([&](int t) {
+            if (t < 2 && g_axis != nullptr && frame.gazes.turns[t]) axis(t);
+            if (t == 2 && g_pose != nullptr)
+                for (int k = 0; k < frame.pose; ++k) g_pose[k] += g[3 + k] + g[frame.count + 3 + k];
+        });
+    }
+
+  private:
+    RYE_DEVICE void axis(int eye) const {
+        Mat3<float> g_turn;
+        for (int k = 0; k < 9; ++k) g_turn(k / 3, k % 3) = turn[9 * eye + k];
+        add_column<3>(DrivenFeatures::gaze_vjp<float>(frame.gazes.frame->optical[eye], g_turn,
+                                                      column3(g + eye * frame.count, 0)),
+                      g_axis, eye);
     }
 };
 
@@ -180,9 +187,9 @@ class DeviceEyeAppearance<DrivenFeatures, Device, Networks> {
                              {turn + 9 * eye});
         });
         if (axes || frame.g_pose != nullptr)
-            launch_each(
-                device_, queue, 2,
-                DrivenFrameVjp{frame_of(frame), inputs_of(2), turn, frame.g_axis, frame.g_pose});
+            device_.launch(queue, 1,
+                           DrivenFrameVjpKernel{frame_of(frame), inputs_of(2), turn, frame.g_axis,
+                                                frame.g_pose});
     }
     std::size_t bytes() const {
         std::size_t sum = direction_.bytes() + inputs_.bytes() + g_inputs_.bytes() +
