@@ -70,7 +70,7 @@ class DeviceEyeStream {
 
     /// Takes the networks, and the frame's codes and state.
     template <class Of>
-    void set(const CudaQueue& queue, const Of& of, const float* codes,
+    void set(const CudaQueue& queue, const Of& of, [[maybe_unused]] const float* codes,
              const DeviceFrameState* frame) {
         frame_.gazes = {frame, {eye_turns<E, 0>, eye_turns<E, 1>}};
         frame_.reads_pose = has_effect<E, ReadsHeadPose>;
