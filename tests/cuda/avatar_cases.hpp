@@ -180,6 +180,27 @@ void avatar_against_host(const Device& device, const CudaQueue& queue, const Ava
     }
 }
 
+template <EffectSet E>
+AvatarCase<E> case_with_parts() {
+    return {avatar_with_parts<E>(), restricted<E>(drivers_of_all())};
+}
+/// Parts of the eyes, and shading, against the host's. Tiles have room for networks of 128.
+template <class Networks, class Device>
+void mechanisms_against_host(const Device& device, const CudaQueue& queue) {
+    const auto check = [&](auto effects) {
+        avatar_against_host<Networks>(device, queue, case_with_parts<decltype(effects)>());
+    };
+    using Still = More<PaperEffects, GazeBy<FixedEye>>;
+    check(Still{});
+    check(More<PaperEffects, GazeBy<LearnedQuaternion>>{});
+    check(More<AllEffects, GazeBy<LearnedQuaternion>>{});
+    check(More<Still, EyesBy<RotatedFeatures>>{});
+    check(More<Still, EyesBy<ConditionedFeatures>>{});
+    check(More<Still, EyesBy<RotatedCode>>{});
+}
+/// Driven features and shading, with kappa, a frame's correction of its pose and everything read.
+using LitEffects = More<AllEffects, HeadShading, EyesBy<DrivenFeatures>>;
+
 /// The same bits again, and in a cloud driven by other numbers before.
 template <class Networks, EffectSet E, class Device>
 void avatar_again(const Device& device, const CudaQueue& queue, const AvatarCase<E>& c) {

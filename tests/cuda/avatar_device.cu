@@ -87,6 +87,14 @@ TEST_CASE("device: an avatar of every effect is the host's") {
     c.config.metric = EuclideanDistance{};
     avatar_against_host<Fine>(CudaDevice(), queue(), c);
 }
+TEST_CASE("device: gaze mechanisms, driven features and shading are the host's") {
+    using Wide = DeviceNetworks<3, 128, 64, 64>;
+    mechanisms_against_host<Wide>(CudaDevice(), queue());
+    AvatarCase<LitEffects> c = case_with_parts<LitEffects>();
+    c.column = 1;
+    avatar_against_host<Wide>(CudaDevice(), queue(), c);
+    avatar_again<Wide>(CudaDevice(), queue(), c);
+}
 TEST_CASE("device: an avatar gives the same bits again") {
     avatar_again<Fine>(CudaDevice(), queue(), case_of_all());
 }

@@ -16,6 +16,8 @@ using namespace rye;
 using Rules = FeaturesOnly<Fast>;
 using Tiles = MlpTiles<1, 256, 128>;
 using All = More<PaperEffects, Kappa>;
+using Learned = More<All, GazeBy<LearnedQuaternion>>;
+using Lit = More<All, HeadShading, EyesBy<DrivenFeatures>>;
 
 template <class K>
 const void* kernel() {
@@ -66,7 +68,26 @@ const void* const kernels[] = {kernel<ProjectKernel<Rules, NoDistortion>>(),
                                kernel<EachKernel<JoinGradients>>(),
                                kernel<RoomKernel>(),
                                kernel<EachKernel<BoundNumbers>>(),
-                               kernel<EndStepKernel>()};
+                               kernel<EndStepKernel>(),
+                               kernel<PlaceEyesKernel<Learned>>(),
+                               kernel<EyeFrameVjpKernel<Learned>>(),
+                               kernel<EachKernel<TurnInputs>>(),
+                               kernel<EachKernel<NormalizeTurn>>(),
+                               kernel<EachKernel<NormalizeTurnVjp>>(),
+                               kernel<EachKernel<TurnInputsVjp>>(),
+                               kernel<EachKernel<TurnTriplet>>(),
+                               kernel<EachKernel<TurnTripletVjp>>(),
+                               kernel<EachKernel<EncodeGazeAngle>>(),
+                               kernel<EachKernel<DrivenPointInputs>>(),
+                               kernel<SumsKernel<DrivenTurnVjp>>(),
+                               kernel<EachKernel<DrivenFrameInputs>>(),
+                               kernel<DrivenFrameVjpKernel>(),
+                               kernel<FramePoseKernel<Lit>>(),
+                               kernel<EachKernel<LightOfFrame>>(),
+                               kernel<EachKernel<ShadePoint>>(),
+                               kernel<SumsKernel<ShadeFaceVjp>>(),
+                               kernel<SumsKernel<ShadeEyesVjp>>(),
+                               kernel<LightVjpKernel>()};
 
 using Byte = std::uint8_t;
 using Below = DoubledPixels<ActivatedPixels>;

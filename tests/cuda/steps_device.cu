@@ -26,6 +26,12 @@ TEST_CASE("device: training steps are the host's") {
     steps_against_host<Fine>(CudaDevice(), queue(), {});
     steps_against_host<Fine>(CudaDevice(), queue(), {.measured = false, .scaled = false});
 }
+TEST_CASE("device: training steps of a gaze mechanism with generated features") {
+    using Wide =
+        DeviceTrainerPolicy<DeviceNetworks<3, 128, 64, 32>, KernelChannels<3, 8>, Balanced, 3>;
+    using E = More<AllEffects, GazeBy<LearnedQuaternion>, EyesBy<RotatedFeatures>>;
+    steps_against_host<Wide, E>(CudaDevice(), queue(), {.gradient = 3e-5});
+}
 TEST_CASE("device: training steps give the same bits again, as graphs too") {
     steps_again<Fine>(CudaDevice(), queue());
 }

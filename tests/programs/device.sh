@@ -43,15 +43,19 @@ grep -q "^device memory held: .* GB (.*); waited .* s for panels and checkpoints
 train --out cpu --device cpu --quiet
 # The last line of a log, as "name value" lines.
 losses() { tail -n 1 "$1/log.jsonl" | tr ',{}' '\n\n\n' | tr -d '"' | tr ':' ' '; }
-losses device > device.txt
-losses cpu > cpu.txt
-paste -d ' ' device.txt cpu.txt | awk '
-    $1 != $3 { print "another field: " $0; bad = 1 }
-    $1 == "loss" { ++seen }
-    $2 + 0 == $2 && ($2 - $4 > 2e-3 * ($4 + 1) || $4 - $2 > 2e-3 * ($4 + 1)) {
-        print "the device has " $1 " " $2 ", the CPU " $4; bad = 1
-    }
-    END { exit bad || seen != 1 }' || fail "losses differ"
+# compares DEVICE CPU: the last losses of two runs.
+compares() {
+    losses "$1" > device.txt
+    losses "$2" > cpu.txt
+    paste -d ' ' device.txt cpu.txt | awk '
+        $1 != $3 { print "another field: " $0; bad = 1 }
+        $1 == "loss" { ++seen }
+        $2 + 0 == $2 && ($2 - $4 > 2e-3 * ($4 + 1) || $4 - $2 > 2e-3 * ($4 + 1)) {
+            print "the device has " $1 " " $2 ", the CPU " $4; bad = 1
+        }
+        END { exit bad || seen != 1 }' || fail "losses of $1 and $2 differ"
+}
+compares device cpu
 [ "$(ls device/panels)" = "$(ls cpu/panels)" ] || fail "panels differ in number"
 
 # Killed in stage 2, then gone on with.
@@ -127,6 +131,21 @@ grep -q "^2 runs, 2 of them to do, 2 at once; stage 1 is trained for 1$" log.txt
 sed 's/"gaussians": {/"gaussians": {"rates": {"opacity": 0}, /' small.json > row.json
 "$rye" train --capture cap --preset tiny --config row.json --steps 1 --quiet --out row > log.txt
 same row/checkpoint.safetensors table/runs/cap/b/seed_1/checkpoint.safetensors
+# The parts of an avatar's eyes, and light: trained on either side, gone on with on the other.
+for part in '"gaze_mechanism": "feature_rotation"' '"gaze_mechanism": "condition"' \
+    '"gaze_mechanism": "latent_rotation"' '"gaze_mechanism": "learned_quaternion"' \
+    '"gaze_mechanism": "none"' '"eye_appearance": "driven", "shading": "head_pose"'; do
+    sed "s/^{\"avatar\": {/{\"avatar\": {$part, /" small.json > part.json
+    rm -rf part_device part_cpu
+    "$rye" train --capture cap --preset tiny --config part.json --steps 3 --out part_device > log.txt 2>&1 ||
+        { cat log.txt; fail "no training of $part"; }
+    grep -q "^stage 2 is trained on an emulated device" log.txt || fail "$part is trained on the CPU"
+    "$rye" train --capture cap --preset tiny --config part.json --steps 3 --device cpu --quiet --out part_cpu
+    compares part_device part_cpu
+    "$plain" train --out part_device --resume --device cpu --steps 4 --quiet > log.txt
+    "$rye" train --out part_cpu --resume --device cuda --steps 4 --quiet > log.txt
+    compares part_cpu part_device
+done
 
 RYE_EMULATED_BYTES=1000 refuses \
     "rye train: small.json: got settings that need about .*, expected at most the 0.000 GB that are free" \
@@ -140,12 +159,12 @@ sed 's/"mouth_points": 10/"mouth_points": 5/' small.json > lower.json
     --begin less > log.txt
 tail -n 1 lower/log.jsonl | grep -q '"step":1,' || fail "no end of a run that begins from a refused one"
 grep -q '"mesh"' lower/log.jsonl || fail "no stage 1 in its log"
-sed 's/^{"avatar": {/{"avatar": {"shading": "head_pose", /' small.json > shaded.json
-refuses '--device: got cuda, but avatar.shading is "head_pose"' \
-    "$rye" train --capture cap --preset tiny --config shaded.json --device cuda --out none
+sed 's/"feature": 8/"feature": 129/' small.json > wide.json
+refuses '--device: got cuda, but avatar.feature is 129, kernels have room for 128' \
+    "$rye" train --capture cap --preset tiny --config wide.json --device cuda --out none
 [ ! -e none ] || fail "a refused training wrote something"
-"$rye" train --capture cap --preset tiny --config shaded.json --steps 1 --out shaded > log.txt 2>&1
-grep -q '^stage 2 is trained on the CPU: avatar.shading is "head_pose"' log.txt ||
+"$rye" train --capture cap --preset tiny --config wide.json --steps 1 --out wide > log.txt 2>&1
+grep -q '^stage 2 is trained on the CPU: avatar.feature is 129' log.txt ||
     { cat log.txt; fail "the CPU takes over without a word"; }
 if "$plain" train --capture cap --out none --device cuda > out.txt 2> err.txt; then
     [ -e none ] # a machine with a device

@@ -167,16 +167,23 @@ TEST_CASE("device: parts without kernels are named") {
         CHECK_FALSE(decided(DeviceWish::automatic, c, with_device()).device);
         CHECK(decided(DeviceWish::automatic, c, with_device()).reason.find(words) == 0);
     };
-    refused({{"avatar", {{"gaze_mechanism", "condition"}}}},
-            "avatar.gaze_mechanism is \"condition\"");
-    refused({{"avatar", {{"eye_appearance", "driven"}}}}, "avatar.eye_appearance is \"driven\"");
-    refused({{"avatar", {{"shading", "head_pose"}}}}, "avatar.shading is \"head_pose\"");
     refused({{"avatar", {{"feature", 129}}}}, "avatar.feature is 129, kernels have room for 128");
     refused({{"avatar", {{"frequencies", 11}}}}, "avatar.frequencies is 11");
     refused({{"avatar", {{"networks", {{"exp_color", {64, 257}}}}}}},
             "a width of avatar.networks.exp_color is 257");
     refused({{"avatar", {{"networks", {{"gaze_deform", std::vector<int>(8, 16)}}}}}},
             "number of layers of avatar.networks.gaze_deform is 9");
+    TrainConfig lit = preset("tiny");
+    from_json({{"avatar", {{"eye_appearance", "driven"}, {"shading", "head_pose"}}}}, "x.json",
+              lit);
+    CHECK(without_kernels(lit) == "");
+    for (const char* mechanism : {"rotation", "feature_rotation", "condition", "latent_rotation",
+                                  "learned_quaternion", "none"}) {
+        INFO(mechanism);
+        TrainConfig c = preset("tiny");
+        from_json({{"avatar", {{"gaze_mechanism", mechanism}}}}, "x.json", c);
+        CHECK(without_kernels(c) == "");
+    }
     TrainConfig wide = preset("tiny"); // of one column, and of stage 1
     wide.avatar.networks.eye_offset = {512};
     wide.avatar.networks.geometry = {512};

@@ -13,10 +13,10 @@ namespace {
 
 struct HostMachine {
     using Device = EmulatedDevice;
-    /// For the small avatars of tests.
+    /// For the small avatars of tests, with room for networks of the eyes' parts.
     template <int N>
     using Policy =
-        DeviceTrainerPolicy<DeviceNetworks<N, 32, 32, 32>, KernelChannels<3, 8>, Balanced, N>;
+        DeviceTrainerPolicy<DeviceNetworks<N, 128, 64, 32>, KernelChannels<3, 8>, Balanced, N>;
     HostMemory memory;
 
     static CudaStream stream() { return nullptr; }
@@ -53,6 +53,16 @@ template <>
 std::unique_ptr<DeviceEngine<VisualEffects>> device_engine<VisualEffects>(
     const VisualAvatar& avatar, const Adam<VisualAvatar>& adam, const DeviceTask& task) {
     return emulated<VisualEffects>(avatar, adam, task);
+}
+template <>
+std::unique_ptr<DeviceEngine<ComparedEffects>> device_engine<ComparedEffects>(
+    const ComparedAvatar& avatar, const Adam<ComparedAvatar>& adam, const DeviceTask& task) {
+    return emulated<ComparedEffects>(avatar, adam, task);
+}
+template <>
+std::unique_ptr<DeviceEngine<AppearanceEffects>> device_engine<AppearanceEffects>(
+    const AppearanceAvatar& avatar, const Adam<AppearanceAvatar>& adam, const DeviceTask& task) {
+    return emulated<AppearanceEffects>(avatar, adam, task);
 }
 
 } // namespace rye::trainer

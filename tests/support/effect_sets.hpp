@@ -23,6 +23,29 @@ inline Drivers<double, AllEffects> drivers_of_all() {
     return restricted<AllEffects>(tiny_drivers<double>());
 }
 
+/// An avatar of the gaze mechanism, the eye appearance and the shading of E, none of them neutral.
+template <EffectSet E>
+TwoStream<double, E> avatar_with_parts(std::uint64_t seed = 7) {
+    TwoStream<double, E> a = restricted<E>(avatar_of_all(seed));
+    using Appearance = EyeAppearanceOf<E>;
+    if constexpr (!std::same_as<Appearance, FreeFeatures>)
+        a.eyes.appearance() = init_eye_appearance<Appearance, double>(
+            appearance_sizes<E>(tiny_config(), a.eyes.position.cols()), Random{seed, 8});
+    using Mechanism = GazeMechanismOf<E>;
+    a.eyes.mechanism() = Mechanism::template init<GazeMechanismParameters<double, E>>(
+        tiny_config().channels, Random{seed, 9});
+    Draw draw{{seed, 10}};
+    if constexpr (requires { a.eyes.networks; })
+        for (auto& n : a.eyes.networks)
+            for (auto& w : n.weight) w = draw.columns(w.rows(), w.cols(), 0.2);
+    if constexpr (has_effect<E, HeadShading>)
+        a.shading = {draw.columns(8, 3, 0.5), draw.columns(3, a.face.position.cols()),
+                     draw.columns(3, 2)};
+    if constexpr (requires { a.eyes.turn; })
+        a.eyes.turn.weight.back() = draw.columns(4, a.eyes.turn.weight.back().cols(), 0.2);
+    return a;
+}
+
 /// And with what a camera sees through and on the corneas, with some of the points behind them, and
 /// shading by the head's rotation.
 using OpticsEffects = More<AllEffects, CornealRefraction, Glint, HeadShading>;

@@ -134,7 +134,13 @@ TwoStream<U, E> lifted(const TwoStream<T, E>& a) {
     if constexpr (has_effect<E, EyeOffset>) b.eyes.offset.mlp = shaped<U>(a.eyes.offset.mlp);
     if constexpr (requires { a.eyes.networks; })
         for (std::size_t eye = 0; eye < 2; ++eye)
-            b.eyes.networks[eye] = shaped<U>(a.eyes.networks[eye]);
+            if (!a.eyes.networks[eye].weight.empty())
+                b.eyes.networks[eye] = shaped<U>(a.eyes.networks[eye]);
+    // Of gaze mechanisms.
+    if constexpr (requires { a.eyes.map; }) b.eyes.map = shaped<U>(a.eyes.map);
+    if constexpr (requires { a.eyes.color; }) b.eyes.color = shaped<U>(a.eyes.color);
+    if constexpr (requires { a.eyes.decoder; }) b.eyes.decoder = shaped<U>(a.eyes.decoder);
+    if constexpr (requires { a.eyes.turn; }) b.eyes.turn = shaped<U>(a.eyes.turn);
     b.upsampler = Upsampler<U>(a.upsampler.shape);
     const auto convert = [](const T& x) { return U(static_cast<real_t<U>>(x)); };
     convert_fields(b, a, convert);

@@ -6,15 +6,11 @@
 
 #include <rye/avatar/two_stream.hpp>
 #include <rye/nn/adam.hpp>
-#include <rye/rig/driven_features.hpp>
 
 #include "data/config.hpp"
 #include "training/types.hpp"
 
 namespace rye::trainer {
-
-using AppearanceEffects = More<VisualEffects, HeadShading, EyesBy<DrivenFeatures>>;
-using AppearanceAvatar = TwoStream<float, AppearanceEffects>;
 
 /// What stage 2 of such a run trains.
 struct AppearanceTraining {

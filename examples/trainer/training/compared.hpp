@@ -1,25 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/compared.hpp: the avatar of a run whose gaze mechanism is not explicit rotation
 /// (TrainConfig::gaze_mechanism). All of them are one type, so that a mechanism more costs no
-/// compilation of the whole avatar; avatar_steps.cpp alone trains and drives it.
+/// compilation of the whole avatar; avatar_steps.cpp trains and drives it, device_compared_*.cu
+/// train it on a device.
 #pragma once
 
 #include <rye/avatar/two_stream.hpp>
 #include <rye/nn/adam.hpp>
-#include <rye/rig/gaze_features.hpp>
-#include <rye/rig/gaze_mechanisms.hpp>
 
 #include "data/config.hpp"
-#include "training/chosen_parts.hpp"
 #include "training/types.hpp"
 
 namespace rye::trainer {
-
-using ComparedMechanism = OneMechanism<FixedEye, LearnedQuaternion>;
-using ComparedAppearance =
-    OneAppearance<FreeFeatures, RotatedFeatures, ConditionedFeatures, RotatedCode>;
-using ComparedEffects = More<TrainEffects, GazeBy<ComparedMechanism>, EyesBy<ComparedAppearance>>;
-using ComparedAvatar = TwoStream<float, ComparedEffects>;
 
 /// What stage 2 of such a run trains.
 struct ComparedTraining {

@@ -55,8 +55,8 @@ class DeviceEngine {
     virtual double bytes() const = 0; ///< that are held
 };
 
-/// Stage 2 on the current device, for TrainEffects and VisualEffects. Throws Error for what does
-/// not fit, and in a build without kernels.
+/// Stage 2 on the current device, for each avatar of effects.hpp. Throws Error for what does not
+/// fit, and in a build without kernels.
 template <EffectSet E, int alignment = EIGEN_MAX_ALIGN_BYTES>
 std::unique_ptr<DeviceEngine<E>> device_engine(const TwoStream<float, E>& avatar,
                                                const Adam<TwoStream<float, E>>& adam,

@@ -14,17 +14,9 @@ namespace rye::trainer {
 /// What a user asks for by --device.
 enum class DeviceWish { automatic, cpu, cuda };
 
-/// What has no kernels in a configuration, as "avatar.shading is \"head_pose\"", with what is
-/// expected; empty where a device can train it.
+/// What has no kernels in a configuration, as "avatar.feature is 129", with what is expected; empty
+/// where a device can train it.
 inline std::string without_kernels(const TrainConfig& c) {
-    if (c.gaze_mechanism != GazeMechanismName::rotation)
-        return "avatar.gaze_mechanism is \"" + word_of(c.gaze_mechanism) +
-               "\", kernels are of \"rotation\"";
-    if (c.eye_appearance != EyeAppearanceName::free)
-        return "avatar.eye_appearance is \"" + word_of(c.eye_appearance) +
-               "\", kernels are of \"free\"";
-    if (c.shading != ShadingName::none)
-        return "avatar.shading is \"" + word_of(c.shading) + "\", kernels are of \"none\"";
     // Tiles of rye::DeviceNetworks.
     constexpr int widest = 256, features = 128, codes = 64, layers = 8;
     const AvatarConfig& a = c.avatar;

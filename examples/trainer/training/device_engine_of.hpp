@@ -8,6 +8,7 @@
 #include <rye/train/cuda/avatar_trainer.hpp>
 
 #include "training/device.hpp"
+#include "training/device_parts.hpp"
 
 namespace rye::trainer {
 

@@ -4,6 +4,11 @@
 #pragma once
 
 #include <rye/avatar/two_stream.hpp>
+#include <rye/rig/driven_features.hpp>
+#include <rye/rig/gaze_features.hpp>
+#include <rye/rig/gaze_mechanisms.hpp>
+
+#include "training/chosen_parts.hpp"
 
 namespace rye::trainer {
 
@@ -12,5 +17,14 @@ using Avatar = TwoStream<float, TrainEffects>;
 /// The avatar that is trained by lines of sight.
 using VisualEffects = More<TrainEffects, Kappa>;
 using VisualAvatar = TwoStream<float, VisualEffects>;
+/// The avatar of a run whose gaze mechanism is not explicit rotation.
+using ComparedMechanism = OneMechanism<FixedEye, LearnedQuaternion>;
+using ComparedAppearance =
+    OneAppearance<FreeFeatures, RotatedFeatures, ConditionedFeatures, RotatedCode>;
+using ComparedEffects = More<TrainEffects, GazeBy<ComparedMechanism>, EyesBy<ComparedAppearance>>;
+using ComparedAvatar = TwoStream<float, ComparedEffects>;
+/// The avatar of a run with driven eyes or shading.
+using AppearanceEffects = More<VisualEffects, HeadShading, EyesBy<DrivenFeatures>>;
+using AppearanceAvatar = TwoStream<float, AppearanceEffects>;
 
 } // namespace rye::trainer

@@ -24,5 +24,15 @@ std::unique_ptr<DeviceEngine<VisualEffects>> device_engine<VisualEffects>(const 
                                                                           const DeviceTask&) {
     throw Error(std::string("device_engine: ") + why);
 }
+template <>
+std::unique_ptr<DeviceEngine<ComparedEffects>> device_engine<ComparedEffects>(
+    const ComparedAvatar&, const Adam<ComparedAvatar>&, const DeviceTask&) {
+    throw Error(std::string("device_engine: ") + why);
+}
+template <>
+std::unique_ptr<DeviceEngine<AppearanceEffects>> device_engine<AppearanceEffects>(
+    const AppearanceAvatar&, const Adam<AppearanceAvatar>&, const DeviceTask&) {
+    throw Error(std::string("device_engine: ") + why);
+}
 
 } // namespace rye::trainer

@@ -11,9 +11,9 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 
 #include <rye/backend/backend.hpp>
+#include <rye/core/array.hpp>
 #include <rye/core/fields.hpp>
 #include <rye/gaussian/gaussians.hpp>
 #include <rye/math/harmonics.hpp>
@@ -68,8 +68,15 @@ struct LogLight {
     Vec3<T> linear = Vec3<T>::Zero();
     Mat3<T> quadratic = Mat3<T>::Zero(); ///< symmetric
 
-    T at(const Vec3<T>& n) const { return dot(n, Vec3<T>(linear + quadratic * n)); }
-    LogLight& operator+=(const LogLight& b) {
+    RYE_HD T at(const Vec3<T>& n) const { return dot(n, Vec3<T>(linear + quadratic * n)); }
+    /// Its gradient by the normal.
+    RYE_HD Vec3<T> slope(const Vec3<T>& n) const { return linear + T(2) * (quadratic * n); }
+    /// As a cotangent: adds that of a value at n.
+    RYE_HD void add(const T& g, const Vec3<T>& n) {
+        linear += g * n;
+        quadratic += g * (n * n.transpose());
+    }
+    RYE_HD LogLight& operator+=(const LogLight& b) {
         linear += b.linear;
         quadratic += b.quadratic;
         return *this;
@@ -78,7 +85,7 @@ struct LogLight {
 
 /// The forms of Y_1 to Y_8 with these coefficients.
 template <class T, class C>
-LogLight<T> log_light(const C& light) {
+RYE_HD LogLight<T> log_light(const C& light) {
     const auto c = [&](int k) {
         return T(constant<T>(sh_factor(static_cast<std::size_t>(k))) * light(k - 1));
     };
@@ -97,7 +104,7 @@ LogLight<T> log_light(const C& light) {
 
 /// Adds the coefficients' cotangent, given that of the forms.
 template <class T, class G>
-void log_light_vjp(const LogLight<T>& g, G&& g_light) {
+RYE_HD void log_light_vjp(const LogLight<T>& g, G&& g_light) {
     const auto add = [&](int k, const T& v) {
         g_light(k - 1) += T(sh_factor(static_cast<std::size_t>(k))) * v;
     };
@@ -110,10 +117,25 @@ void log_light_vjp(const LogLight<T>& g, G&& g_light) {
     add(8, m(0, 0) - m(1, 1));
 }
 
+/// E(R n) - E(n) as forms of n, of one channel; exactly 0 where R is the identity.
+template <class T>
+RYE_HD void turned_light(const LogLight<T>& e, const Mat3<T>& r, LogLight<T>& change) {
+    change.linear = r.transpose() * e.linear - e.linear;
+    change.quadratic = r.transpose() * (e.quadratic * r) - e.quadratic;
+}
+/// Adds the cotangent of the coefficients of E, given that of its change; returns that of R.
+template <class T, class G>
+RYE_HD Mat3<T> turned_light_vjp(const LogLight<T>& e, const Mat3<T>& r, const LogLight<T>& g,
+                                G&& g_light) {
+    log_light_vjp<T>({r * g.linear - g.linear, r * (g.quadratic * r.transpose()) - g.quadratic},
+                     g_light);
+    return e.linear * g.linear.transpose() + T(2) * (e.quadratic * (r * g.quadratic));
+}
+
 /// One for each channel.
 template <class T>
 struct LightChange {
-    std::array<LogLight<T>, 3> of;
+    Array<LogLight<T>, 3> of;
 
     LightChange& operator+=(const LightChange& b) {
         for (std::size_t c = 0; c < 3; ++c) of[c] += b.of[c];
@@ -121,14 +143,13 @@ struct LightChange {
     }
 };
 
-/// E(R n) - E(n) as forms of n; exactly 0 where R is the identity.
+/// The change of each.
 template <class T>
 LightChange<T> light_change(const Shading<T>& shading, const Mat3<T>& r) {
     LightChange<T> change;
     for (std::size_t c = 0; c < 3; ++c) {
         const LogLight<T> e = log_light<T>(shading.light.col(static_cast<Index>(c)));
-        change.of[c].linear = r.transpose() * e.linear - e.linear;
-        change.of[c].quadratic = r.transpose() * (e.quadratic * r) - e.quadratic;
+        turned_light(e, r, change.of[c]);
     }
     return change;
 }
@@ -205,10 +226,8 @@ Vec3<T> shade_vjp(const B& backend, const Shading<T>& shading,
         Vec3<T> g_normal(T(0), T(0), T(0));
         for (std::size_t c = 0; c < 3; ++c) {
             const T g = g_log[static_cast<Index>(c)];
-            const detail::LogLight<T>& e = change.of[c];
-            g_normal += g * (e.linear + T(2) * (e.quadratic * normal));
-            sum.of[c].linear += g * normal;
-            sum.of[c].quadratic += g * (normal * normal.transpose());
+            g_normal += g * change.of[c].slope(normal);
+            sum.of[c].add(g, normal);
         }
         if (i < n)
             grad.normal.col(i) += g_normal;
@@ -239,11 +258,7 @@ Vec3<T> shade_vjp(const B& backend, const Shading<T>& shading,
     for (std::size_t c = 0; c < 3; ++c) {
         const detail::LogLight<T> e =
             detail::log_light<T>(shading.light.col(static_cast<Index>(c)));
-        const detail::LogLight<T>& g = sum.of[c];
-        g_r += e.linear * g.linear.transpose() + T(2) * (e.quadratic * (r * g.quadratic));
-        detail::log_light_vjp<T>(
-            {r * g.linear - g.linear, r * (g.quadratic * r.transpose()) - g.quadratic},
-            grad.light.col(static_cast<Index>(c)));
+        g_r += detail::turned_light_vjp<T>(e, r, sum.of[c], grad.light.col(static_cast<Index>(c)));
     }
     return so3_exp_vjp(frame.rotation, g_r);
 }

@@ -100,6 +100,35 @@ struct DrivenFeatures {
         }
         return g_in;
     }
+    /// Directions of points from the eyeball's centre, unit, 3 x n.
+    template <class T>
+    static Columns<T> directions(const Columns<T>& position) {
+        Columns<T> d(3, position.cols());
+        for (Index i = 0; i < d.cols(); ++i) d.col(i) = normalized(Vec3<T>(position.col(i)));
+        return d;
+    }
+    /// The smallest rotation from +z to a unit gaze.
+    template <class T>
+    RYE_HD static Mat3<T> turn_of(const Vec3<T>& unit) {
+        return quat_matrix(shortest_arc(Vec3<T>(T(0), T(0), T(1)), unit));
+    }
+    /// The cotangent of a gaze of any length, given those of its turn_of and of its direction.
+    template <class T>
+    RYE_HD static Vec3<T> gaze_vjp(const Vec3<T>& gaze, const Mat3<T>& g_turn,
+                                   const Vec3<T>& g_unit) {
+        using D = Dual<T, 3>;
+        Vec3<D> v;
+        for (int k = 0; k < 3; ++k) v[k] = D::variable(gaze[k], static_cast<std::size_t>(k));
+        const Vec3<D> unit = normalized(v);
+        const Mat3<D> turn = turn_of(unit);
+        Vec3<T> sum(T(0), T(0), T(0));
+        for (int k = 0; k < 3; ++k) {
+            const std::size_t by = static_cast<std::size_t>(k);
+            for (int i = 0; i < 9; ++i) sum[k] += g_turn(i / 3, i % 3) * turn(i / 3, i % 3).d[by];
+            for (int i = 0; i < 3; ++i) sum[k] += g_unit[i] * unit[i].d[by];
+        }
+        return sum;
+    }
 
   private:
     /// What the network of an eye reads.
@@ -114,9 +143,8 @@ struct DrivenFeatures {
         Evaluated(const EyeInputs<T>& in, std::size_t eye)
             : first(eye == 0 ? 0 : in.left_points),
               gaze(in.gaze.col(static_cast<Index>(eye))),
-              direction(3, eye == 0 ? in.left_points : in.position.cols() - in.left_points) {
-            for (Index i = 0; i < direction.cols(); ++i)
-                direction.col(i) = normalized(Vec3<T>(in.position.col(first + i)));
+              direction(directions<T>(in.position.middleCols(
+                  first, eye == 0 ? in.left_points : in.position.cols() - in.left_points))) {
             const Vec3<T> unit = normalized(gaze);
             const Columns<T> turned = turn_of(unit) * direction;
             points.resize(point_inputs(), direction.cols());
@@ -126,30 +154,14 @@ struct DrivenFeatures {
             frame.resize(3 + rotation + in.expression.size());
             frame << unit, in.pose.head(rotation), in.expression;
         }
-        /// The smallest rotation from +z.
-        template <class S>
-        static Mat3<S> turn_of(const Vec3<S>& unit) {
-            return quat_matrix(shortest_arc(Vec3<S>(S(0), S(0), S(1)), unit));
-        }
         /// The gaze's cotangent: by the turn of the points, and as an input.
         Vec3<T> gaze_vjp(const Columns<T>& g_points, const VecX<T>& g_frame) const {
-            using D = Dual<T, 3>;
             const Index half = point_inputs() / 2;
             const Columns<T> g_turned = positional_encoding_vjp(
                 points.bottomRows(half), g_points.bottomRows(half), frequencies);
             const Mat3<T> g_turn = g_turned * direction.transpose();
-            Vec3<D> v;
-            for (int k = 0; k < 3; ++k) v[k] = D::variable(gaze[k], static_cast<std::size_t>(k));
-            const Vec3<D> unit = normalized(v);
-            const Mat3<D> turn = turn_of(unit);
-            Vec3<T> sum(T(0), T(0), T(0));
-            for (int k = 0; k < 3; ++k) {
-                const std::size_t by = static_cast<std::size_t>(k);
-                for (int i = 0; i < 9; ++i)
-                    sum[k] += g_turn(i / 3, i % 3) * turn(i / 3, i % 3).d[by];
-                for (int i = 0; i < 3; ++i) sum[k] += g_frame[i] * unit[i].d[by];
-            }
-            return sum;
+            return DrivenFeatures::gaze_vjp<T>(gaze, g_turn,
+                                               Vec3<T>(g_frame[0], g_frame[1], g_frame[2]));
         }
     };
 };

@@ -41,14 +41,22 @@ Mat3<T> gaze_rotation(const EyeInputs<T>& in, Index eye) {
     return quat_matrix(shortest_arc(Vec3<T>(T(0), T(0), T(1)), gaze));
 }
 
+/// A triplet multiplied by the matrix.
+template <class T>
+RYE_HD Vec3<T> turned_triplet(const Mat3<T>& by, const Vec3<T>& v) {
+    Vec3<T> r;
+    for (int a = 0; a < 3; ++a) r[a] = by(a, 0) * v[0] + by(a, 1) * v[1] + by(a, 2) * v[2];
+    return r;
+}
+
 /// Multiplies each triplet of rows of the columns by the matrix.
 template <class T>
 void rotate_triplets(const Mat3<T>& by, ColumnsSpan<T> columns) {
     for (Index i = 0; i < columns.cols(); ++i)
         for (Index k = 0; k < columns.rows(); k += 3) {
-            const Vec3<T> v(columns(k, i), columns(k + 1, i), columns(k + 2, i));
-            for (int a = 0; a < 3; ++a)
-                columns(k + a, i) = by(a, 0) * v[0] + by(a, 1) * v[1] + by(a, 2) * v[2];
+            const Vec3<T> v =
+                turned_triplet<T>(by, Vec3<T>(columns(k, i), columns(k + 1, i), columns(k + 2, i)));
+            for (int a = 0; a < 3; ++a) columns(k + a, i) = v[a];
         }
 }
 
@@ -256,13 +264,6 @@ struct RotatedCode {
         }
     }
 
-  private:
-    template <class T>
-    static VecX<T> turned(const Columns<T>& latent, const EyeInputs<T>& in, Index eye) {
-        Columns<T> x = latent.col(eye);
-        detail::rotate_triplets<T>(detail::gaze_rotation(in, eye), x);
-        return x.col(0);
-    }
     /// Encoded places of an eye's points, in units of its largest distance from the centre.
     template <class T>
     static Columns<T> places(const EyeInputs<T>& in, Index eye) {
@@ -276,6 +277,14 @@ struct RotatedCode {
         }
         const T unit = T(1) / sqrt(most);
         return positional_encoding(in.position.middleCols(first, n) * unit, frequencies);
+    }
+
+  private:
+    template <class T>
+    static VecX<T> turned(const Columns<T>& latent, const EyeInputs<T>& in, Index eye) {
+        Columns<T> x = latent.col(eye);
+        detail::rotate_triplets<T>(detail::gaze_rotation(in, eye), x);
+        return x.col(0);
     }
 };
 static_assert(EyeAppearance<RotatedFeatures> && EyeAppearance<ConditionedFeatures> &&

@@ -87,8 +87,8 @@ static_assert(GazeMechanism<ExplicitRotation>);
 
 /// The cotangent of a unit quaternion, given those of its matrix and of itself.
 template <class T>
-Quat<T> turn_cotangent_of(const Quat<T>& turn, const Mat3<T>& g_matrix,
-                          const Quat<T>& g_quaternion) {
+RYE_HD Quat<T> turn_cotangent_of(const Quat<T>& turn, const Mat3<T>& g_matrix,
+                                 const Quat<T>& g_quaternion) {
     using D = Dual<T, 4>;
     Quat<D> q;
     for (int k = 0; k < 4; ++k) q[k] = D::variable(turn[k], static_cast<std::size_t>(k));

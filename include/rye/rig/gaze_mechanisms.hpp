@@ -76,6 +76,11 @@ struct LearnedQuaternion : ExplicitRotation {
         mlp_vjp(backend(), p.turn, {x, none, trace}, g, {grad.turn, &g_x});
         const Index code = x.rows() - 2;
         const Columns<T> g_angles = positional_encoding_vjp(x.topRows(code), g_x.topRows(code));
+        return angles_vjp<T>(gaze, Vec2<T>(g_angles(0, 0), g_angles(1, 0)));
+    }
+    /// The gaze's cotangent, given that of its pitch and yaw.
+    template <class T>
+    RYE_HD static Vec3<T> angles_vjp(const Vec3<T>& gaze, const Vec2<T>& g_angles) {
         using D = Dual<T, 3>;
         Vec3<D> direction;
         for (int k = 0; k < 3; ++k)
@@ -84,8 +89,13 @@ struct LearnedQuaternion : ExplicitRotation {
         Vec3<T> g_gaze(T(0), T(0), T(0));
         for (int k = 0; k < 3; ++k)
             for (int i = 0; i < 2; ++i)
-                g_gaze[k] += g_angles(i, 0) * angles[i].d[static_cast<std::size_t>(k)];
+                g_gaze[k] += g_angles[i] * angles[i].d[static_cast<std::size_t>(k)];
         return g_gaze;
+    }
+    /// The rotation before it is normalised, by the network's four outputs.
+    template <class T>
+    RYE_HD static Quat<T> raw_turn(const T* y) {
+        return Quat<T>(T(1) + y[0], y[1], y[2], y[3]);
     }
 
   private:
@@ -100,7 +110,7 @@ struct LearnedQuaternion : ExplicitRotation {
     }
     template <class T>
     static Quat<T> raw(const Columns<T>& y) {
-        return Quat<T>(T(1) + y(0, 0), y(1, 0), y(2, 0), y(3, 0));
+        return raw_turn<T>(y.data());
     }
 };
 static_assert(GazeMechanism<FixedEye> && GazeMechanism<LearnedQuaternion>);

@@ -4,7 +4,7 @@
 /// avatar/eye_stream.hpp and avatar/eye_kappa.hpp.
 #pragma once
 
-#include <rye/avatar/cuda/face_points.hpp>
+#include <rye/avatar/cuda/eye_parts.hpp>
 
 namespace rye {
 
@@ -15,6 +15,25 @@ struct DeviceEyeOffset {
     float scale;         ///< AvatarConfig::deform_scale
 };
 
+/// Whether a mechanism other than explicit rotation turns the eyes.
+template <EffectSet E>
+inline constexpr bool own_turn = !std::same_as<GazeMechanismOf<E>, ExplicitRotation>;
+/// Whether something trained follows from an eye's turn: kappa, or a mechanism's parameters.
+template <EffectSet E, int eye>
+inline constexpr bool turn_is_trained = eye_turns<E, std::size_t(eye)> &&
+                                        (own_turn<E> ? !std::same_as<GazeMechanismOf<E>, FixedEye>
+                                                     : has_effect<E, Kappa>);
+/// Whether kappa follows from optical axes as parts of the eyes read them.
+template <EffectSet E>
+inline constexpr bool axes_are_trained = has_effect<E, Kappa> &&
+                                         (own_turn<E> || gives_cotangents<EyeAppearanceOf<E>>);
+/// Whether the head pose's correction follows from what the eyes' features read.
+template <EffectSet E>
+inline constexpr bool eyes_train_pose = eyes_read_pose<E>&& gives_cotangents<EyeAppearanceOf<E>>;
+
+struct NoOwnTurn {};
+struct NoTrainedAxes {};
+
 /// Where both eyes lie: neutral centres, their offset, the turn to their gaze, the head's motion.
 template <EffectSet E>
 struct PlaceEyesKernel {
@@ -24,6 +43,8 @@ struct PlaceEyesKernel {
     const float* centre; ///< 3 x 2
     DeviceEyeOffset offset;
     DeviceFrameState* frame;
+    /// Of the mechanism, 4 x 2, or null: DeviceGazeMechanism::turns.
+    [[no_unique_address]] PresentIf<own_turn<E>, NoOwnTurn, const float*> turns = {};
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
@@ -45,7 +66,14 @@ struct PlaceEyesKernel {
             }
         EyeTransform<float> placed = eye_at<float>(at);
         if constexpr (eye_turns<E, std::size_t(eye)>) {
-            turn_eye_to<float>(placed, normalized(frame->optical[eye]));
+            const Vec3<float> gaze = normalized(frame->optical[eye]);
+            if constexpr (own_turn<E>) {
+                placed.quaternion = turns != nullptr ? column4(turns, eye) : quat_identity<float>();
+                placed.rotation = quat_matrix(placed.quaternion);
+                placed.beyond_range = beyond_gaze_range(gaze);
+            } else {
+                turn_eye_to<float>(placed, gaze);
+            }
             frame->turn[eye] = placed.quaternion;
         }
         if constexpr (has_effect<E, HeadPose>) {
@@ -92,7 +120,7 @@ struct DriveEyePoint {
 /// quaternion), its centre; as far as something trained follows.
 template <EffectSet E, int eye>
 struct EyeSums {
-    static constexpr bool turn = has_effect<E, Kappa> && eye_turns<E, std::size_t(eye)>;
+    static constexpr bool turn = turn_is_trained<E, eye>;
     static constexpr int head_at = 0;
     static constexpr int turn_at = has_effect<E, HeadPose> ? head_sums : 0;
     static constexpr int centre_at = turn_at + (turn ? 13 : 0);
@@ -159,6 +187,8 @@ struct EyeFrameVjpKernel {
     const float* g_codes; ///< of the gaze codes
     int gaze_frequencies;
     float* g_kappa; ///< 2 x 2, added to
+    /// Of the optical axes as parts of the eyes read them, 3 x 2.
+    [[no_unique_address]] PresentIf<axes_are_trained<E>, NoTrainedAxes, const float*> g_axis = {};
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
@@ -177,12 +207,14 @@ struct EyeFrameVjpKernel {
   private:
     template <int eye>
     RYE_DEVICE void kappa_of_eye() const {
-        using Places = EyeSums<E, eye>;
-        if constexpr (Places::turn) {
-            const float* const own = sums + eye * Places::room + Places::turn_at;
+        if constexpr (has_effect<E, Kappa> && eye_turns<E, std::size_t(eye)>) {
             TurnCotangent<float> turn;
-            for (int k = 0; k < 9; ++k) turn.rotation.data()[k] = own[k];
-            for (int k = 0; k < 4; ++k) turn.quaternion[k] = own[9 + k];
+            if constexpr (!own_turn<E>) {
+                using Places = EyeSums<E, eye>;
+                const float* const own = sums + eye * Places::room + Places::turn_at;
+                for (int k = 0; k < 9; ++k) turn.rotation.data()[k] = own[k];
+                for (int k = 0; k < 4; ++k) turn.quaternion[k] = own[9 + k];
+            }
             const KappaTangent<float> tangent(
                 frame.state->visual[eye],
                 KappaAngles<float>{frame.kappa[2 * eye], frame.kappa[2 * eye + 1]});
@@ -197,6 +229,9 @@ struct EyeFrameVjpKernel {
                         s += encode_number_vjp(code + k, g + k, gaze_frequencies, 2) *
                              angles[k].d[std::size_t(a)];
                 }
+                if constexpr (axes_are_trained<E>)
+                    for (int k = 0; k < 3; ++k)
+                        s += g_axis[3 * eye + k] * tangent.optical[k].d[std::size_t(a)];
                 g_kappa[2 * eye + a] += s;
             }
         }

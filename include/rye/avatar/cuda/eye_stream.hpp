@@ -1,38 +1,47 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/avatar/cuda/eye_stream.hpp: the driven eyeballs (avatar/eye_stream.hpp) in device memory:
-/// the offset's network, one transform an eye, and what it does to each Gaussian; with the vjp to
-/// all parameters and to the pose's code.
+/// the offset's network, one transform an eye, its features and mechanism, and what they do to each
+/// Gaussian; with the vjp to all parameters and to the pose's code.
 #pragma once
 
 #include <memory>
 #include <string>
 
+#include <rye/avatar/cuda/driven_features.hpp>
 #include <rye/avatar/cuda/eye_points.hpp>
-#include <rye/nn/cuda/mlp_column.hpp>
+#include <rye/avatar/cuda/field.hpp>
+#include <rye/avatar/cuda/gaze_mechanisms.hpp>
 
 namespace rye {
 
 /// World cotangents of the eyes' Gaussians, which the vjp consumes, and the codes' cotangents.
 struct DeviceEyeCotangent {
     DeviceGaussians<float> world, g;
-    float* g_codes; ///< the pose's added to; the gazes' read
+    float* g_codes;          ///< the pose's added to; the gazes' read
+    float* g_pose = nullptr; ///< of the pose as the eyes' features read it, 6, added to, or null
 };
 
 /// The eyes of an avatar on a device. `of` gives where each array of the host's struct lies in
 /// device memory, as Resident::of does.
-template <DeviceEffects E, class Device>
+template <DeviceEffects E, class Device, class Networks = DeviceNetworks<1>>
 class DeviceEyeStream {
     using A = typename NetworksOf<E>::Activation;
+    using Appearance = DeviceEyeAppearance<EyeAppearanceOf<E>, Device, Networks>;
 
   public:
-    /// Throws an Error for an offset network that does not fit its kernels.
+    /// Throws an Error for networks that do not fit their kernels. Networks of the features share
+    /// `scratch` with others that run before or after them.
     DeviceEyeStream(const Device& device, const AvatarConfig& config,
-                    const EyeStream<float, E>& host)
+                    const EyeStream<float, E>& host, DeviceMlpScratch& scratch)
         : device_(device),
           config_(config),
           host_(&host),
           codes_(config),
-          sums_(device) {
+          sums_(device),
+          appearance_(device, host.appearance(), scratch) {
+        if constexpr (own_turn<E>)
+            mechanism_ = std::make_unique<DeviceGazeMechanism<GazeMechanismOf<E>, Device>>(
+                device, host.mechanism());
         if constexpr (has_effect<E, EyeOffset>)
             offset_ = std::make_unique<DeviceMlpColumn<Device, A>>(device, host.offset.mlp.shape);
     }
@@ -55,46 +64,76 @@ class DeviceEyeStream {
             static_cast<std::size_t>(codes_.pose - codes_.expression) +
             static_cast<std::size_t>(encoded_size(6, config_.pose_frequencies));
         numbers_.reserve(queue, 12 + 2 * std::size_t(EyeSums<E, 0>::room) + inputs);
+        if constexpr (axes_are_trained<E>) g_axis_.reserve(queue, 6);
+        appearance_.set_fixed(queue, {host_->position, host_->points_of(0)});
     }
 
-    /// Takes the offset's network, and where the frame's codes lie.
+    /// Takes the networks, and the frame's codes and state.
     template <class Of>
-    void set(const CudaQueue& queue, [[maybe_unused]] const Of& of,
-             [[maybe_unused]] const float* codes) {
+    void set(const CudaQueue& queue, const Of& of, [[maybe_unused]] const float* codes,
+             const DeviceFrameState* frame) {
+        frame_.gazes = {frame, {eye_turns<E, 0>, eye_turns<E, 1>}};
+        frame_.reads_pose = has_effect<E, ReadsHeadPose>;
+        if constexpr (has_effect<E, ReadsExpression>) frame_.expression = codes + codes_.expression;
+        appearance_.set(queue, of, frame_);
+        if constexpr (own_turn<E>) mechanism_->set(queue, of);
         if constexpr (has_effect<E, EyeOffset>)
             offset_->set(queue, device_parameters(host_->offset.mlp, of),
                          codes + codes_.expression);
     }
 
-    /// Places the eyes and puts their Gaussians into `to`, in the world: P columns.
+    /// The frame's codes and state have changed, and nothing else.
+    template <class Of>
+    void set_frame(const CudaQueue& queue, const Of& of) {
+        appearance_.set_frame(queue, of, frame_);
+    }
+
+    /// Places the eyes and puts their Gaussians into `to`, in the world: P columns. `keep`: what a
+    /// vjp reads.
     template <class Of>
     void drive_into(const CudaQueue& queue, const Of& of, DeviceFrameState* frame,
-                    const DeviceGaussians<float>& to) {
+                    const DeviceGaussians<float>& to, bool keep) {
         if constexpr (has_effect<E, EyeOffset>) offset_->forward_into(queue);
-        device_.launch(queue, 1, PlaceEyesKernel<E>{centre_.data(), offset(), frame});
+        PlaceEyesKernel<E> place{centre_.data(), offset(), frame};
+        if constexpr (own_turn<E>) {
+            mechanism_->turn_into(queue, frame_);
+            place.turns = mechanism_->turns();
+        }
+        device_.launch(queue, 1, place);
         launch_each(
             device_, queue, count(),
             DriveEyePoint<E>{arrays_at(of), position_.data(), host_->points_of(0), to, frame});
-        launch_each(device_, queue, to.feature.size(),
-                    CopyNumbers{of(host_->feature).data, to.feature.data});
+        appearance_.features_into(queue, of, frame_, to.feature, keep);
     }
 
     /// Adds the gradients of the last drive_into to arrays that `to` gives.
     template <class Of, class To>
     void vjp_into(const CudaQueue& queue, const Of& of, const To& to,
                   const DeviceFrameNumbers& frame, const DeviceEyeCotangent& cotangent) {
-        const DeviceGaussians<float>& g = cotangent.g;
-        launch_each(device_, queue, g.feature.size(),
-                    AddNumbers{g.feature.data, to(host_->feature).data});
+        DeviceEyeFrame parts = frame_;
+        parts.g_pose = cotangent.g_pose;
+        if constexpr (axes_are_trained<E>) {
+            parts.g_axis = g_axis_.data();
+            device_.fill(queue, g_axis_.data(), 0, g_axis_.bytes());
+        }
+        appearance_.vjp_into(queue, of, to, parts, cotangent.g.feature);
         points_vjp<0>(queue, {arrays_at(of), arrays_at(to)}, frame.state, cotangent);
         points_vjp<1>(queue, {arrays_at(of), arrays_at(to)}, frame.state, cotangent);
+        if constexpr (own_turn<E>)
+            mechanism_->vjp_into(queue, to, parts, {turn_sums<0>(), turn_sums<1>()});
         if constexpr (has_effect<E, AnyOf<EyeOffset, Kappa>>) {
             float* g_kappa = nullptr;
             if constexpr (has_effect<E, Kappa>) g_kappa = to(host_->kappa).data;
-            device_.launch(
-                queue, 1,
-                EyeFrameVjpKernel<E>{frame, sums(0), offset(), g_offset(), codes_,
-                                     cotangent.g_codes, config_.gaze_frequencies, g_kappa});
+            EyeFrameVjpKernel<E> kernel{frame,
+                                        sums(0),
+                                        offset(),
+                                        g_offset(),
+                                        codes_,
+                                        cotangent.g_codes,
+                                        config_.gaze_frequencies,
+                                        g_kappa};
+            if constexpr (axes_are_trained<E>) kernel.g_axis = g_axis_.data();
+            device_.launch(queue, 1, kernel);
         }
         if constexpr (has_effect<E, EyeOffset>) {
             offset_->vjp_into(queue, g_offset(), device_parameters(host_->offset.mlp, to),
@@ -109,7 +148,10 @@ class DeviceEyeStream {
 
     /// Memory that is held [bytes].
     std::size_t bytes() const {
-        std::size_t sum = position_.bytes() + centre_.bytes() + numbers_.bytes() + sums_.bytes();
+        std::size_t sum = position_.bytes() + centre_.bytes() + numbers_.bytes() + sums_.bytes() +
+                          appearance_.bytes();
+        if constexpr (own_turn<E>) sum += mechanism_->bytes();
+        if constexpr (axes_are_trained<E>) sum += g_axis_.bytes();
         if constexpr (has_effect<E, EyeOffset>) sum += offset_->bytes();
         return sum;
     }
@@ -126,6 +168,11 @@ class DeviceEyeStream {
         const float* output = nullptr;
         if constexpr (has_effect<E, EyeOffset>) output = offset_->outputs();
         return {output, numbers_.data(), static_cast<float>(config_.deform_scale)};
+    }
+    template <int eye>
+    const float* turn_sums() const {
+        using Places = EyeSums<E, eye>;
+        return Places::turn ? sums(eye) + Places::turn_at : nullptr;
     }
     float* g_offset() const { return numbers_.data() + 6; }
     float* g_input() const { return numbers_.data() + 12 + 2 * EyeSums<E, 0>::room; }
@@ -150,6 +197,13 @@ class DeviceEyeStream {
     const EyeStream<float, E>* host_;
     CodePlaces<E> codes_;
     DeviceSums<Device> sums_;
+    Appearance appearance_;
+    DeviceEyeFrame frame_{};
+    [[no_unique_address]] PresentIf<
+        own_turn<E>, NoOwnTurn, std::unique_ptr<DeviceGazeMechanism<GazeMechanismOf<E>, Device>>>
+        mechanism_;
+    [[no_unique_address]] PresentIf<axes_are_trained<E>, NoTrainedAxes, DeviceBuffer<float>>
+        g_axis_;
     [[no_unique_address]] Slot<E, EyeOffset, std::unique_ptr<DeviceMlpColumn<Device, A>>> offset_;
     DeviceBuffer<float> position_, centre_;
     DeviceBuffer<float> numbers_; ///< squashed offsets, their cotangents, sums, of the inputs

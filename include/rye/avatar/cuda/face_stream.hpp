@@ -15,14 +15,6 @@
 
 namespace rye {
 
-/// Tiles of an avatar's networks: N planes, widths of layers, numbers of a feature and of a
-/// position's code, each at most that many (multiples of 32).
-template <int N, int width = 256, int features = 128, int codes = 64>
-struct DeviceNetworks {
-    using OfFeatures = MlpTiles<N, width, features>;
-    using OfPositions = MlpTiles<N, width, codes>;
-};
-
 /// A frame's numbers and the cotangents of its codes, as a face reads and adds to them.
 struct DeviceFaceFrame {
     const float* codes;

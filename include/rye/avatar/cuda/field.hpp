@@ -11,6 +11,14 @@
 
 namespace rye {
 
+/// Tiles of an avatar's networks: N planes, widths of layers, numbers of a feature and of a
+/// position's code, each at most that many (multiples of 32).
+template <int N, int width = 256, int features = 128, int codes = 64>
+struct DeviceNetworks {
+    using OfFeatures = MlpTiles<N, width, features>;
+    using OfPositions = MlpTiles<N, width, codes>;
+};
+
 /// Points that a driver moves, in device memory, and their influence.
 struct DeviceInfluenced {
     DevicePoints points;

@@ -9,48 +9,11 @@
 #include <string>
 #include <vector>
 
+#include <rye/avatar/cuda/device_effects.hpp>
 #include <rye/avatar/eye_stream.hpp>
-#include <rye/avatar/own_effects.hpp>
 #include <rye/backend/cuda/each.hpp>
 
 namespace rye {
-
-/// The encoding that kernels know; another one has the host alone.
-template <class E>
-concept EncodedByDevice = std::same_as<EncodingOf<E>, PositionalEncoding>;
-/// What is seen through a cornea, and on it, has the host alone.
-template <class E>
-concept SeesNoCornea = !has_effect<E, SeesCornea>;
-/// The parts of an avatar that a device has no kernels for: own effects, mechanisms, appearances.
-template <class E>
-concept HasPartsOfDevice =
-    !has_own_effects<E> && std::same_as<GazeMechanismOf<E>, ExplicitRotation> &&
-    std::same_as<EyeAppearanceOf<E>, FreeFeatures>;
-namespace detail {
-
-template <class X, class... Known>
-inline constexpr bool is_part_or_one_of = requires {
-    typename X::part_of;
-}
-|| (std::same_as<X, Known> || ...);
-template <class S>
-inline constexpr bool all_have_kernels = false;
-template <class... X>
-inline constexpr bool all_have_kernels<Effects<X...>> =
-    (is_part_or_one_of<X, Expression, HeadPose, PoseResidual, LeftGaze, RightGaze, EyeOffset, Kappa,
-                       Periocular, CornealBulge> &&
-     ...);
-
-} // namespace detail
-
-/// Every effect is one that a device has kernels for.
-template <class E>
-concept EachHasKernels = detail::all_have_kernels<E>;
-/// Effects that have kernels on a device: a list of others does not compile. Metrics of influence
-/// and the networks' activation may be a user's.
-template <class E>
-concept DeviceEffects = EffectSet<E> && EncodedByDevice<E> && SeesNoCornea<E> &&
-    HasPartsOfDevice<E> && EachHasKernels<E>;
 
 /// Where the numbers of a frame's drivers lie, one after the other, as far as effects read them:
 /// expression, pose, scale, gaze of each eye that turns, and the column of delta_pose, -1 for none.
@@ -240,6 +203,7 @@ struct DeviceFrameSums {
     const float* codes;  ///< or null
     float* pose;         ///< 6, overwritten: the cotangent of the pose
     float* delta_pose;   ///< 6 x frames, added to, or null
+    const float* parts = nullptr; ///< 6: of the pose as shading and features read it, or null
 };
 
 /// The cotangent of the pose.
@@ -270,6 +234,9 @@ struct FramePoseKernel {
                 for (int k = 0; k < 6; ++k)
                     g[k] += encode_number_vjp(frame.codes + to.pose + k, sums.codes + to.pose + k,
                                               pose_frequencies, 6);
+            if constexpr (has_effect<E, HeadShading> || eyes_read_pose<E>)
+                if (sums.parts != nullptr)
+                    for (int k = 0; k < 6; ++k) g[k] += sums.parts[k];
             const float column = frame.drivers[from.column];
             for (int k = 0; k < 6; ++k) {
                 sums.pose[k] = g[k];

@@ -11,8 +11,11 @@
 /// same build gives the same bits.
 #pragma once
 
+#include <memory>
+
 #include <rye/avatar/cuda/eye_stream.hpp>
 #include <rye/avatar/cuda/face_stream.hpp>
+#include <rye/avatar/cuda/head_shading.hpp>
 #include <rye/backend/cuda/resident.hpp>
 
 namespace rye {
@@ -69,7 +72,7 @@ class DeviceTwoStream {
           drivers_(of.config),
           codes_(of.config),
           face_(device, config_, host_.face, scratch_),
-          eyes_(device, config_, host_.eyes) {
+          eyes_(device, config_, host_.eyes, scratch_.mlp) {
         parameters_.send(queue, host_);
         face_.set_fixed(queue, of.roles);
         eyes_.set_fixed(queue);
@@ -78,7 +81,11 @@ class DeviceTwoStream {
         driver_numbers_.reserve(queue, static_cast<std::size_t>(drivers_.size) + 1);
         codes_numbers_.reserve(queue, 2 * static_cast<std::size_t>(codes_.size) + 2);
         state_.reserve(queue, 1);
-        sums_.reserve(queue, std::size_t(head_sums) + 6);
+        sums_.reserve(queue, std::size_t(head_sums) + 6 + (parts_train_pose ? 6 : 0));
+        if constexpr (has_effect<E, HeadShading>)
+            shading_ = std::make_unique<DeviceHeadShading<Device>>(
+                device, queue, host_.shading,
+                ShadedCounts{face_.count(), host_.eyes.points_of(0), n});
         device.fill(queue, sums_.data(), 0, sums_.bytes());
         face_.place_into(queue, at(parameters_));
         static_cast<void>(face_.finish(queue));
@@ -121,7 +128,7 @@ class DeviceTwoStream {
         const auto of = at(parameters_);
         code(queue);
         face_.set(queue, of, codes_numbers_.data());
-        eyes_.set(queue, of, codes_numbers_.data());
+        eyes_.set(queue, of, codes_numbers_.data(), state_.data());
         face_.place_into(queue, of);
         drive_streams(queue, of, keep);
     }
@@ -129,6 +136,7 @@ class DeviceTwoStream {
     void redrive_into(const CudaQueue& queue) {
         code(queue);
         face_.set_frame(queue);
+        eyes_.set_frame(queue, at(parameters_));
         drive_streams(queue, at(parameters_), false);
     }
     /// Waits for the last frame. Whether its lists had room; where they had none they have now, and
@@ -183,10 +191,17 @@ class DeviceTwoStream {
         const Index n = face_.count(), p = eyes_.count();
         float* const g_codes = codes_numbers_.data() + codes_.size;
         device_.fill(queue, g_codes, 0, static_cast<std::size_t>(codes_.size) * sizeof(float));
+        float* g_parts = nullptr;
+        if constexpr (parts_train_pose) {
+            g_parts = sums_.data() + head_sums + 6;
+            device_.fill(queue, g_parts, 0, 6 * sizeof(float));
+        }
+        if constexpr (has_effect<E, HeadShading>)
+            shading_->vjp_into(queue, of, to, {state_.data(), cloud().feature, g.feature, g_parts});
         face_.vjp_into(queue, of, to, {codes_numbers_.data(), g_codes, state_.data()},
                        {face_gaussians(), columns_from(g, {0, n}), sums_.data()});
         eyes_.vjp_into(queue, of, to, numbers(),
-                       {eye_gaussians(), columns_from(g, {n, p}), g_codes});
+                       {eye_gaussians(), columns_from(g, {n, p}), g_codes, g_parts});
         if constexpr (has_effect<E, ReadsHeadPose>)
             device_.launch(queue, 1,
                            FramePoseKernel<E>{drivers_,
@@ -197,7 +212,8 @@ class DeviceTwoStream {
                                                {eyes_.sums(0), eyes_.sums(1)},
                                                g_codes,
                                                sums_.data() + head_sums,
-                                               to(host_.delta_pose).data}});
+                                               to(host_.delta_pose).data,
+                                               g_parts}});
     }
     /// The cotangent of the pose after vjp_into: 6 numbers in device memory.
     const float* g_pose() const { return sums_.data() + head_sums; }
@@ -206,12 +222,17 @@ class DeviceTwoStream {
     std::size_t cloud_bytes() const { return cloud_.bytes(); }
     /// Memory that is held, of parameters, the streams and the clouds [bytes].
     std::size_t bytes() const {
-        return parameters_.bytes() + face_.bytes() + eyes_.bytes() + scratch_.bytes() +
+        std::size_t shading = 0;
+        if constexpr (has_effect<E, HeadShading>) shading = shading_->bytes();
+        return shading + parameters_.bytes() + face_.bytes() + eyes_.bytes() + scratch_.bytes() +
                cloud_.bytes() + g_cloud_.bytes() + driver_numbers_.bytes() +
                codes_numbers_.bytes() + state_.bytes() + sums_.bytes();
     }
 
   private:
+    /// Whether shading or features lead to the head pose's correction.
+    static constexpr bool parts_train_pose = has_effect<E, HeadShading> || eyes_train_pose<E>;
+
     static auto at(const Parameters& p) {
         return [&p](const Columns<float>& array) { return p.of(array); };
     }
@@ -235,7 +256,9 @@ class DeviceTwoStream {
     void drive_streams(const CudaQueue& queue, const Of& of, bool keep) {
         face_.drive_into(queue, of, {codes_numbers_.data(), nullptr, state_.data()},
                          face_gaussians(), keep);
-        eyes_.drive_into(queue, of, state_.data(), eye_gaussians());
+        eyes_.drive_into(queue, of, state_.data(), eye_gaussians(), keep);
+        if constexpr (has_effect<E, HeadShading>)
+            shading_->shade_into(queue, of, state_.data(), cloud().feature);
     }
 
     Device device_;
@@ -247,7 +270,8 @@ class DeviceTwoStream {
     CodePlaces<E> codes_;
     DeviceFieldScratch scratch_;
     DeviceFaceStream<E, Device, Networks> face_;
-    DeviceEyeStream<E, Device> eyes_;
+    DeviceEyeStream<E, Device, Networks> eyes_;
+    [[no_unique_address]] Slot<E, HeadShading, std::unique_ptr<DeviceHeadShading<Device>>> shading_;
     DeviceCloudBuffer cloud_, g_cloud_;
     DeviceBuffer<float> driver_numbers_, codes_numbers_; ///< codes, then their cotangents
     DeviceBuffer<DeviceFrameState> state_;

@@ -16,10 +16,10 @@
 
 #include <rye/avatar/cuda/two_stream.hpp>
 #include <rye/backend/cuda/graphs.hpp>
-#include <rye/loss/cuda/smoothness.hpp>
 #include <rye/nn/cuda/upsampler.hpp>
 #include <rye/splat/cuda/rasterizer.hpp>
 #include <rye/train/avatar_trainer.hpp>
+#include <rye/train/cuda/eye_smoothness.hpp>
 #include <rye/train/cuda/image_losses.hpp>
 #include <rye/train/cuda/step_images.hpp>
 
@@ -71,7 +71,7 @@ class DeviceAvatarTrainer {
         const Columns<float> white = Columns<float>::Ones(channels_, 1);
         white_.reserve(queue, static_cast<std::size_t>(white.size()));
         device.send(queue, white_.data(), white.data(), bytes_of(white.size()));
-        if (weights_.eye_smooth > 0) smoothness_.set(queue, eye_neighbours(from.avatar.eyes));
+        if (weights_.eye_smooth > 0) smoothness_.set(queue, from.avatar.eyes, channels_);
         if (training.bounds.growth > 0) {
             const Columns<float> most =
                 scale_bounds(from.avatar.eyes, static_cast<float>(training.bounds.growth),
@@ -302,11 +302,9 @@ class DeviceAvatarTrainer {
             {p.final.pixels, p.face.pixels, p.eyes.pixels, p.alpha[2], p.high, p.eyes_high},
             {p.g_final.pixels, p.g_face.pixels, p.g_eyes.pixels, p.g_high, p.g_eyes_high});
         gradient_.clear(queue);
-        if (weights_.eye_smooth > 0) {
-            const Columns<float>& feature = avatar_.shapes().eyes.feature;
-            losses_.add_eye_smooth(smoothness_.into(queue, avatar_.parameters().of(feature),
-                                                    weights_.eye_smooth, gradient_.of(feature)));
-        }
+        if (weights_.eye_smooth > 0)
+            losses_.add_eye_smooth(
+                smoothness_.into(queue, avatar_, weights_.eye_smooth, gradient_));
         losses_.report_into(queue);
     }
     /// Adds the gradient of everything to gradient_.
@@ -337,6 +335,10 @@ class DeviceAvatarTrainer {
         launch_each(device_, queue, avatar_.face_count() + avatar_.eye_count(),
                     JoinGradients{r.of[0].gradient, r.of[1].gradient, r.of[2].gradient,
                                   avatar_.face_count(), weights_.eyes_from_eye_terms});
+        if (weights_.eye_smooth > 0)
+            smoothness_.add_into(queue, columns_from(avatar_.g_cloud(queue),
+                                                     {avatar_.face_count(), avatar_.eye_count()})
+                                            .feature);
         avatar_.vjp_into(queue, gradient_);
     }
     /// The optimiser, bounds, counts.
@@ -367,7 +369,7 @@ class DeviceAvatarTrainer {
     std::unique_ptr<DeviceFrame<Device>> frame_[step_renders];
     DeviceViews<Device> views_;
     DeviceImageLosses<Device, Perceptual> losses_;
-    DeviceSmoothness<Device> smoothness_;
+    DeviceEyeSmoothness<E, Device> smoothness_;
     Index channels_;            ///< channels of a render
     DeviceCloudBuffer part_[2]; ///< gradients of the face's render, of the eyes'
     DeviceStepImageMemory images_;

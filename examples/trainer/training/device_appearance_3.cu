@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stage 2 on a device: avatars of AppearanceEffects, networks' products of 3 planes.
+#include "training/device_engine.hpp"
+
+namespace rye::trainer {
+
+template <>
+std::unique_ptr<DeviceEngine<AppearanceEffects>> device_engine_of<AppearanceEffects, 3>(
+    const TwoStream<float, AppearanceEffects>& avatar,
+    const Adam<TwoStream<float, AppearanceEffects>>& adam, const DeviceTask& task) {
+    return std::make_unique<DeviceEngineOf<AppearanceEffects, 3, CudaMachine>>(avatar, adam, task);
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/cuda/eye_smoothness.hpp: the smoothness of the eyes' features as a term of a step on a
+/// device: of parameters where features are constants, else of what is generated for the frame,
+/// whose cotangent joins the cloud's. AvatarTrainer of train/avatar_trainer.hpp has the same rule.
+#pragma once
+
+#include <rye/avatar/cuda/two_stream.hpp>
+#include <rye/loss/cuda/smoothness.hpp>
+#include <rye/train/avatar_trainer.hpp>
+
+namespace rye {
+
+/// The term of an avatar's eyes, with its graph and memory on the device.
+template <DeviceEffects E, class Device>
+class DeviceEyeSmoothness {
+    using Host = TwoStream<float, E>;
+    /// Whether features are constants.
+    static constexpr bool of_parameters = requires(const Host& a) { a.eyes.feature; };
+    struct FeaturesAreConstants {};
+
+  public:
+    explicit DeviceEyeSmoothness(const Device& device) : device_(device), term_(device) {}
+
+    /// Takes the neighbours of each point, and memory for features of so many channels. Waits.
+    void set(const CudaQueue& queue, const EyeStream<float, E>& eyes,
+             [[maybe_unused]] Index channels) {
+        term_.set(queue, eye_neighbours(eyes));
+        if constexpr (!of_parameters)
+            g_.reserve(queue, static_cast<std::size_t>(channels * eyes.position.cols()) + 1);
+    }
+    /// Puts the term of a driven avatar on the stream; the cotangent of parameters is added to
+    /// their gradient, another one is kept for add_into.
+    template <class Avatar>
+    DeviceLossTerm into(const CudaQueue& queue, const Avatar& avatar, double weight,
+                        [[maybe_unused]] const typename Avatar::Parameters& gradient) {
+        if constexpr (of_parameters) {
+            const Columns<float>& feature = avatar.shapes().eyes.feature;
+            return term_.into(queue, avatar.parameters().of(feature), weight, gradient.of(feature));
+        } else {
+            const DeviceColumns<float> feature = avatar.eye_gaussians().feature;
+            device_.fill(queue, g_.data(), 0,
+                         static_cast<std::size_t>(feature.size()) * sizeof(float));
+            return term_.into(queue, feature, weight, {g_.data(), feature.rows, feature.cols});
+        }
+    }
+    /// Adds what was kept to the cotangent of the eyes' features, C x P; nothing where features are
+    /// constants.
+    void add_into([[maybe_unused]] const CudaQueue& queue,
+                  [[maybe_unused]] const DeviceColumns<float>& g_feature) {
+        if constexpr (!of_parameters)
+            launch_each(device_, queue, g_feature.size(), AddNumbers{g_.data(), g_feature.data});
+    }
+    /// Memory that is held [bytes].
+    std::size_t bytes() const {
+        std::size_t sum = term_.bytes();
+        if constexpr (!of_parameters) sum += g_.bytes();
+        return sum;
+    }
+
+  private:
+    Device device_;
+    DeviceSmoothness<Device> term_;
+    [[no_unique_address]] PresentIf<!of_parameters, FeaturesAreConstants, DeviceBuffer<float>> g_;
+};
+
+} // namespace rye
