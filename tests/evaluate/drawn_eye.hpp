@@ -46,7 +46,7 @@ inline EyePicture draw(const DrawnEye& e) {
     EyePicture p{Image<float>(e.size, e.size, 3), Columns<float>::Zero(1, e.size * e.size), {}, {},
                  gaze_vector(e.pitch * degree, e.yaw * degree)};
     p.ball = {Vec3<double>(0.3, 0.2, 0.7), radius, limbus_radius,
-              so3_exp(Vec3<double>(0, e.head_yaw * degree, 0))};
+              so3_exp(Vec3<double>(0, e.head_yaw * degree, 0)), e.iris_plane};
     const Vec3<double> from =
         p.ball.centre + distance * gaze_vector(e.camera_pitch * degree, e.camera_yaw * degree);
     p.camera = look_at<double>(from, p.ball.centre, Vec3<double>(0, 1, 0),

@@ -199,10 +199,11 @@ struct Fit {
 /// Memberships are soft over the width of a pixel so that the error is smooth in the gaze.
 class DiscFit {
   public:
-    DiscFit(const std::vector<Seen>& seen, double rim)
+    DiscFit(const std::vector<Seen>& seen, const RimSphere& sphere)
         : seen_(seen),
-          rim_(chord(rim)),
-          pupil_(chord(0.35 * rim)) {
+          rim_(chord(sphere.rim)),
+          pupil_(chord(0.35 * sphere.rim)),
+          least_disc_(std::max(1.0, 0.02 * pi * std::pow(rim_ * sphere.pixels, 2))) {
         normal_.setZero();
         sums_.setZero();
         for (const Seen& s : seen_) {
@@ -227,6 +228,8 @@ class DiscFit {
 
     Fit at(double pitch, double yaw) const {
         const Vec3<double> g = gaze_vector(pitch, yaw);
+        Fit fit{pitch, yaw};
+        if (g.z() < least_forward) return fit;
         Normal a = normal_;
         Row b = sums_;
         // Beyond the rim and half a pixel of the widest nothing is disc.
@@ -246,9 +249,8 @@ class DiscFit {
             a(4, 2) += q * s.at.x(), a(4, 3) += q * s.at.y();
             b[4] += q * s.brightness;
         }
-        Fit fit{pitch, yaw};
         const double disc = a(1, 0);
-        if (disc < 1 || pixels() - disc < 1) return fit;
+        if (disc < least_disc_ || pixels() - disc < 1) return fit;
         constexpr double tiny = 1e-3; // a pupil that is not seen
         a(1, 1) += tiny, a(4, 4) += tiny;
         a(2, 2) += even_light, a(3, 3) += even_light;
@@ -270,6 +272,7 @@ class DiscFit {
   private:
     using Normal = Mat<double, 5, 5>;
     using Row = Vec<double, 5>;
+    static constexpr double least_forward = 0.62; ///< no eye turns farther in the head: 52 degrees
     /// Light that changes by 0.1 a radius costs what 0.03 of noise in a pixel does.
     static constexpr double even_light = 0.09;
 
@@ -281,6 +284,7 @@ class DiscFit {
 
     const std::vector<Seen>& seen_;
     double rim_, pupil_; ///< chords of the unit sphere
+    double least_disc_;  ///< [px]: a fiftieth of the whole
     Normal normal_;      ///< without the discs
     Row sums_;
     double squares_ = 0, without_ = 0;
@@ -352,7 +356,7 @@ std::optional<GazeEstimate> estimate_gaze(const Image<float>& image, const Colum
         exact ? usable_pixels(image, eye, sphere) : likely_pixels(image, eye, sphere, area_error);
     const int count = static_cast<int>(seen.size());
     if (exact && count < min_eye_pixels) return std::nullopt;
-    const DiscFit disc(seen, sphere.rim);
+    const DiscFit disc(seen, sphere);
     constexpr double least_pixels = 10; // whole ones, of weighted
     if (disc.pixels() < least_pixels || disc.without_disc() < 1e-8 * disc.pixels())
         return std::nullopt;
