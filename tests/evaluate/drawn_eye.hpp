@@ -26,6 +26,8 @@ struct DrawnEye {
     double sclera = 0.8, iris = 0.3, pupil = 0.05;  ///< brightness; skin is 0.55
     double shade = 0;             ///< darkening from the lower to the upper rim of the eyeball
     double noise = 0;             ///< standard deviation, per pixel and channel
+    double skin_red = 0;          ///< by how much more red, and less blue, skin has than 0.55
+    double iris_plane = 0;        ///< the iris as a flat disc so far from the centre; 0: on the sphere
     bool has_iris = true;
     int size = 64;                ///< edge of the image [px], five radii wide
 };
@@ -44,7 +46,7 @@ inline EyePicture draw(const DrawnEye& e) {
     EyePicture p{Image<float>(e.size, e.size, 3), Columns<float>::Zero(1, e.size * e.size), {}, {},
                  gaze_vector(e.pitch * degree, e.yaw * degree)};
     p.ball = {Vec3<double>(0.3, 0.2, 0.7), radius, limbus_radius,
-              so3_exp(Vec3<double>(0, e.head_yaw * degree, 0))};
+              so3_exp(Vec3<double>(0, e.head_yaw * degree, 0)), e.iris_plane};
     const Vec3<double> from =
         p.ball.centre + distance * gaze_vector(e.camera_pitch * degree, e.camera_yaw * degree);
     p.camera = look_at<double>(from, p.ball.centre, Vec3<double>(0, 1, 0),
@@ -59,8 +61,16 @@ inline EyePicture draw(const DrawnEye& e) {
         direction = p.ball.head_rotation.transpose() * (miss - std::sqrt(half2) * ray) / radius;
         return direction.y() < e.upper && direction.y() > -e.lower && direction.z() > 0;
     };
-    const auto brightness = [&](const Vec3<double>& d) {
-        const double angle = std::acos(std::min(1.0, d.dot(p.gaze)));
+    // Degrees from the gaze, as seen from the centre; those of a flat disc by its radius.
+    const auto from_gaze = [&](const Vec2<double>& pixel, const Vec3<double>& d) {
+        if (e.iris_plane <= 0) return std::acos(std::min(1.0, d.dot(p.gaze)));
+        const Vec3<double> axis = p.ball.head_rotation * p.gaze, ray = p.camera.ray(pixel);
+        const Vec3<double> middle = p.ball.centre + e.iris_plane * axis;
+        const Vec3<double> hit = from + ray * ((middle - from).dot(axis) / ray.dot(axis));
+        return limbus * (hit - middle).norm() / limbus_radius;
+    };
+    const auto brightness = [&](const Vec2<double>& pixel, const Vec3<double>& d) {
+        const double angle = from_gaze(pixel, d);
         double value = e.sclera;
         if (e.has_iris && angle < limbus) value = angle < 0.35 * limbus ? e.pupil : e.iris;
         return value - e.shade * 0.5 * (d.y() + 1);
@@ -70,15 +80,19 @@ inline EyePicture draw(const DrawnEye& e) {
     for (int y = 0; y < e.size; ++y)
         for (int x = 0; x < e.size; ++x) {
             Vec3<double> direction;
-            double sum = 0;
+            double sum = 0, skin = 0;
             for (int k = 0; k < 16; ++k) {
                 const Vec2<double> at(x + (k % 4 + 0.5) / 4, y + (k / 4 + 0.5) / 4);
-                sum += (seen(at, direction) ? brightness(direction) : 0.55) / 16;
+                const bool eye = seen(at, direction);
+                sum += (eye ? brightness(at, direction) : 0.55) / 16;
+                skin += eye ? 0 : 1.0 / 16;
             }
             const bool centre = seen(Vec2<double>(x + 0.5, y + 0.5), direction);
             p.eye(0, y * e.size + x) = centre ? 1.0f : 0.0f;
             for (Index c = 0; c < 3; ++c)
-                p.image.at(x, y)(c) = static_cast<float>(sum + e.noise * random.normal(draws++));
+                p.image.at(x, y)(c) =
+                    static_cast<float>(sum + skin * e.skin_red * static_cast<double>(1 - c) +
+                                       e.noise * random.normal(draws++));
         }
     return p;
 }

@@ -54,6 +54,8 @@ TEST_CASE("gaze errors: by hand, an eye without an iris on either picture counts
     CHECK(errors.to_photograph.count == 4);
     CHECK(errors.to_photograph.value() == doctest::Approx((10 + 90 + 90 + 90) / 4.0));
     CHECK(errors.to_label.value() == doctest::Approx((6 + 90 + 14 + 90) / 4.0));
+    CHECK(errors.to_label_where_found.count == 2);
+    CHECK(errors.to_label_where_found.value() == doctest::Approx((6 + 14) / 2.0));
     CHECK(errors.where_found.count == 1);
     CHECK(errors.where_found.value() == doctest::Approx(10));
     CHECK(errors.found == 2);
@@ -61,6 +63,7 @@ TEST_CASE("gaze errors: by hand, an eye without an iris on either picture counts
     twice.add(errors);
     CHECK(twice.to_photograph.count == 8);
     CHECK(twice.found == 4);
+    CHECK(twice.to_label_where_found.count == 4);
     CHECK(twice.to_photograph.value() == doctest::Approx(errors.to_photograph.value()));
     CHECK(GazeErrors{}.json()["degrees"].is_null());
 }
@@ -180,6 +183,12 @@ TEST_CASE("evaluation: the geometry is the capture's in one row, the rig's in th
     const auto scale = static_cast<double>(drivers.scale);
     CHECK(own.ball[0].radius == run.subject.eye_radius[0] * scale);
     CHECK(own.ball[1].limbus_radius == run.subject.limbus_radius[1] * scale);
+    CHECK(own.ball[1].iris_plane == run.subject.iris_plane[1] * scale);
+    CHECK(own.area_error == own_area_error);
+    CHECK(measured.area_error == 0);
+    const std::optional<double>& plane = capture.frames[1].eyes[0].iris_plane;
+    CHECK(measured.ball[0].iris_plane ==
+          plane.value_or(run.subject.iris_plane[0] * capture.frames[1].scale));
     const Mat3<double> turn = so3_exp(Vec3<double>(drivers.pose.head<3>().cast<double>()));
     for (std::size_t e = 0; e < 2; ++e) {
         const Vec3<double> centre = run.avatar.eyes.centre.col(static_cast<Index>(e)).cast<double>();

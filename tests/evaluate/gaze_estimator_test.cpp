@@ -18,13 +18,29 @@ namespace {
 constexpr std::array<std::array<double, 2>, 3> views{{{0, 0}, {8, 25}, {-20, -15}}};
 
 /// Degrees between the estimated and the true gaze; 180 if none was found.
-double error_of(const DrawnEye& eye) {
-    const EyePicture p = draw(eye);
-    const auto found = estimate_gaze(p.image, p.eye, p.camera, p.ball);
+double error_of(const EyePicture& p, double area_error = 0) {
+    const auto found = estimate_gaze(p.image, p.eye, p.camera, p.ball, area_error);
     return found ? angular_error(found->gaze, p.gaze) / degree : 180;
 }
+double error_of(const DrawnEye& eye) { return error_of(draw(eye)); }
 
-/// The mean over three cameras.
+/// The area of the eye so many pixels higher: skin of the upper lid instead of the lower rim.
+EyePicture raised(EyePicture p, int up) {
+    const Columns<float> exact = p.eye;
+    const Index by = static_cast<Index>(up) * p.image.width, rest = exact.cols() - by;
+    p.eye.setZero();
+    p.eye.leftCols(rest) = exact.rightCols(rest);
+    return p;
+}
+
+/// Half of it away on the left.
+EyePicture cut(EyePicture p) {
+    for (Index k = 0; k < p.eye.cols(); ++k)
+        if (k % p.image.width < p.image.width / 2) p.eye(0, k) = 0;
+    return p;
+}
+
+/// From any of three cameras.
 bool found_in(DrawnEye eye) {
     bool found = false;
     for (const auto& [pitch, yaw] : views) {
@@ -112,4 +128,60 @@ TEST_CASE("gaze estimator: too few pixels of an eye, or none, say nothing") {
     EyePicture p = draw({});
     p.eye.setZero();
     CHECK_FALSE(estimate_gaze(p.image, p.eye, p.camera, p.ball).has_value());
+}
+
+TEST_CASE("gaze estimator: an iris whose plane is before the sphere's, from the side") {
+    DrawnEye eye;
+    eye.upper = 0.5, eye.lower = 0.45;
+    eye.iris_plane = 0.115; // of radius 0.12 and limbus 0.06; where the sphere is as wide: 0.104
+    double largest = 0, on_sphere = 0;
+    for (eye.camera_yaw = -30; eye.camera_yaw <= 30; eye.camera_yaw += 15)
+        for (eye.yaw = -10; eye.yaw <= 10; eye.yaw += 10) {
+            EyePicture p = draw(eye);
+            largest = std::max(largest, error_of(p));
+            p.ball.iris_plane = 0;
+            on_sphere = std::max(on_sphere, error_of(p));
+        }
+    MESSAGE("largest " << largest << ", with the plane unknown " << on_sphere << " degrees");
+    CHECK(largest <= 0.6);
+    CHECK(on_sphere >= 3);
+}
+
+TEST_CASE("gaze estimator: light that changes across the eye") {
+    DrawnEye eye;
+    eye.upper = 0.5, eye.lower = 0.45;
+    for (eye.shade = 0.1; eye.shade <= 0.4; eye.shade += 0.1) CHECK(error_of(eye) <= 0.7);
+}
+
+TEST_CASE("gaze estimator: an area that covers the upper lid, or half of the eye") {
+    DrawnEye eye;
+    eye.upper = 0.4, eye.lower = 0.35, eye.skin_red = 0.15, eye.noise = 0.02;
+    for (const auto& [pitch, yaw] : views)
+        for (eye.yaw = -20; eye.yaw <= 20; eye.yaw += 20) {
+            eye.camera_pitch = pitch, eye.camera_yaw = yaw;
+            const EyePicture p = draw(eye);
+            const double high = error_of(raised(p, 2), trainer::own_area_error);
+            const double half = error_of(cut(p), trainer::own_area_error);
+            INFO("camera " << pitch << ", " << yaw << ", gaze " << eye.yaw);
+            CHECK(error_of(p, trainer::own_area_error) <= 1);
+            CHECK(high <= 1);
+            if (eye.yaw >= 0) CHECK(half <= 1.5); // else the iris is in the other half
+        }
+}
+
+TEST_CASE("gaze estimator: an area that is off does not make an iris of skin or of nothing") {
+    DrawnEye eye;
+    eye.upper = 0.4, eye.lower = 0.35, eye.skin_red = 0.15, eye.has_iris = false;
+    for (eye.noise = 0; eye.noise < 0.1; eye.noise += 0.03)
+        for (const int up : {0, 2, 4})
+            CHECK(error_of(raised(draw(eye), up), trainer::own_area_error) == 180);
+    EyePicture none = draw({});
+    none.eye.setZero();
+    CHECK(error_of(none, trainer::own_area_error) == 180);
+}
+
+TEST_CASE("gaze estimator: the least contrast falls with the number of pixels") {
+    CHECK(trainer::least_contrast(10) == trainer::min_contrast);
+    CHECK(trainer::least_contrast(40) == doctest::Approx(0.2));
+    CHECK(trainer::least_contrast(990) == doctest::Approx(0.01));
 }

@@ -75,6 +75,13 @@ void print_gaze(const std::vector<Row>& rows, GazeTable ViewResult::*table) {
                     t.render.found, t.rest.found, t.nearest.found, r.eyes_visible,
                     r.eyes_in_view);
     }
+    const ViewResult& all = rows.front().second;
+    const GazeErrors& photograph = (all.*table).photograph;
+    std::printf("estimator on the photographs: %s degrees from the label, %s where found; %d of %d "
+                "irises missed\n",
+                cell(photograph.to_label, "%.2f").c_str(),
+                cell(photograph.to_label_where_found, "%.2f").c_str(),
+                all.eyes_visible - photograph.found, all.eyes_visible);
 }
 
 void print_tables(const std::vector<Row>& rows) {

@@ -134,7 +134,9 @@ Json Quality::json() const {
 void GazeErrors::add(const std::optional<GazeEstimate>& here,
                      const std::optional<GazeEstimate>& photograph, const Vec3<double>& label) {
     found += here ? 1 : 0;
-    to_label.add(here ? degrees * angular_error(here->gaze, label) : missed_degrees);
+    const double from_label = here ? degrees * angular_error(here->gaze, label) : missed_degrees;
+    to_label.add(from_label);
+    if (here) to_label_where_found.add(from_label);
     if (here && photograph) {
         const double error = degrees * angular_error(here->gaze, photograph->gaze);
         to_photograph.add(error);
@@ -145,11 +147,13 @@ void GazeErrors::add(const std::optional<GazeEstimate>& here,
 }
 void GazeErrors::add(const GazeErrors& g) {
     to_photograph.add(g.to_photograph), where_found.add(g.where_found), to_label.add(g.to_label);
+    to_label_where_found.add(g.to_label_where_found);
     found += g.found;
 }
 Json GazeErrors::json() const {
     return {{"degrees", to_photograph.json()}, {"degrees_where_found", where_found.json()},
-            {"degrees_to_label", to_label.json()}, {"found", found}};
+            {"degrees_to_label", to_label.json()}, {"found", found},
+            {"degrees_to_label_where_found", to_label_where_found.json()}};
 }
 
 void GazeTable::add(const GazeTable& t) {
@@ -157,7 +161,8 @@ void GazeTable::add(const GazeTable& t) {
 }
 Json GazeTable::json() const {
     return {{"photograph",
-             {{"degrees_to_label", photograph.to_label.json()}, {"found", photograph.found}}},
+             {{"degrees_to_label", photograph.to_label.json()}, {"found", photograph.found},
+              {"degrees_to_label_where_found", photograph.to_label_where_found.json()}}},
             {"render", render.json()}, {"at_rest", rest.json()},
             {"nearest_training", nearest.json()}};
 }
@@ -191,6 +196,7 @@ EyesOfView Evaluation::measured_eyes(int frame, int camera) const {
         ball.head_rotation = so3_exp(Vec3<double>(f.pose.head<3>()));
         ball.radius = label.radius.value_or(s.eye_radius[e] * f.scale);
         ball.limbus_radius = label.limbus_radius.value_or(s.limbus_radius[e] * f.scale);
+        ball.iris_plane = label.iris_plane.value_or(s.iris_plane[e] * f.scale);
         const Vec3<double> in_head = f.scale * s.eye_centre[e];
         ball.centre = label.centre.value_or(
             Vec3<double>(ball.head_rotation * in_head + f.pose.tail<3>()));
@@ -203,11 +209,13 @@ EyesOfView Evaluation::own_eyes(const Drivers<float>& drivers,
     PosedEyes posed = posed_eyes(state_, drivers, camera.cast<float>());
     EyesOfView eyes;
     eyes.area = std::move(posed.area);
+    eyes.area_error = own_area_error;
     for (std::size_t e = 0; e < 2; ++e) {
         const auto scale = static_cast<double>(drivers.scale);
         const Vec3<double> turn = drivers.pose.head<3>().cast<double>();
         eyes.ball[e] = {posed.centre[e], state_.subject.eye_radius[e] * scale,
-                        state_.subject.limbus_radius[e] * scale, so3_exp(turn)};
+                        state_.subject.limbus_radius[e] * scale, so3_exp(turn),
+                        state_.subject.iris_plane[e] * scale};
     }
     return eyes;
 }
@@ -256,7 +264,8 @@ ViewResult Evaluation::view(int frame, int camera, Image<float>& picture) const 
         const Vec3<double> label = capture_.frames[static_cast<std::size_t>(frame)].eyes[e].optical;
         const auto fill = [&](EyesOfView Shown::*given, GazeTable& table) {
             const auto estimate = [&](const Shown& s) {
-                return estimate_gaze(s.image, area_of(s.*given, e), view, (s.*given).ball[e]);
+                return estimate_gaze(s.image, area_of(s.*given, e), view, (s.*given).ball[e],
+                                     (s.*given).area_error);
             };
             const std::optional<GazeEstimate> reference = estimate(photograph);
             table.photograph.add(reference, reference, label);

@@ -49,6 +49,7 @@ struct GazeErrors {
     Mean to_photograph;  ///< estimate against that on the photograph [deg]
     Mean where_found;    ///< the same, of the eyes whose iris is found on both
     Mean to_label;       ///< estimate against the capture's optical axis [deg]
+    Mean to_label_where_found;  ///< the same, of the eyes whose iris is found here
     int found = 0;       ///< eyes whose iris is found
     /// Adds an eye that counts. The estimates and the label are unit vectors in the head's frame.
     void add(const std::optional<GazeEstimate>& here, const std::optional<GazeEstimate>& photograph,
@@ -91,7 +92,8 @@ struct ViewResult {
 /// Inputs of the estimator: the eyes of one view.
 struct EyesOfView {
     std::array<EyeballGeometry, 2> ball;
-    Image<float> area;  ///< channel e: 0.5 or more where eyeball e is visible
+    Image<float> area;      ///< channel e: 0.5 or more where eyeball e is visible
+    double area_error = 0;  ///< how far its rim may be off [radii of the eyeball]
 };
 
 /// Measures views of a run that is drawn (run.hpp). Both arguments must outlive it.

@@ -1,18 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "training/gaze_estimator.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <tuple>
 #include <vector>
+
+#include <Eigen/Cholesky>
 
 #include <rye/rig/gaze.hpp>
 
 namespace rye::trainer {
 namespace {
 
+constexpr double pi = 3.14159265358979323846, degree = pi / 180;
+
+/// A pixel that may be eye.
 struct Seen {
-    Vec3<double> direction;  ///< unit, from the eyeball's centre, head frame
+    Vec3<double> direction; ///< unit, from the eyeball's centre, head frame
     double brightness;
+    double redness;  ///< red less blue: skin has more of it than sclera and iris
+    Vec2<double> at; ///< from the picture of the eyeball's centre [radii]
+    double width;    ///< of the pixel on the eyeball [rad]
+    double weight;   ///< how surely it is eye, 0 to 1
 };
 
 /// f(x, y, pixel) for each usable pixel of an eye.
@@ -27,58 +38,308 @@ void for_usable(const Columns<float>& eye, int width, const F& f) {
         }
 }
 
-/// Where the ray of each usable pixel meets the sphere.
-std::vector<Seen> seen_directions(const Image<float>& image, const Columns<float>& eye,
-                                  const Pinhole<double>& camera, const EyeballGeometry& ball) {
-    std::vector<Seen> all;
-    const Vec3<double> from = camera.centre();
-    for_usable(eye, image.width, [&](int x, int y, Index p) {
-        const Vec3<double> ray = camera.ray(Vec2<double>(x + 0.5, y + 0.5));
+/// The sphere of the iris' rim, as one camera sees it.
+struct RimSphere {
+    const Pinhole<double>& camera;
+    const EyeballGeometry& ball;
+    Vec3<double> from = camera.centre();
+    double plane = ball.iris_plane > 0
+                       ? ball.iris_plane
+                       : std::sqrt(std::max(0.0, ball.radius* ball.radius -
+                                                     ball.limbus_radius * ball.limbus_radius));
+    double radius = std::hypot(plane, ball.limbus_radius);
+    double rim = std::atan2(ball.limbus_radius, plane); ///< angle of the rim from the gaze [rad]
+    double pixels = camera.fx * radius / (ball.centre - from).norm(); ///< its radius [px]
+    Vec2<double> middle = camera.project_point(ball.centre).head<2>();
+
+    double from_middle(int x, int y) const {
+        return (Vec2<double>(x + 0.5, y + 0.5) - middle).norm() / pixels;
+    }
+    Seen seen(int x, int y, const Vec3<double>& rgb, double weight) const {
+        const Vec2<double> pixel(x + 0.5, y + 0.5);
+        const Vec3<double> ray = camera.ray(pixel);
         // Closest approach, then half a chord back (no cancelling discriminant); a ray that
         // passes just outside, at the rim, takes the closest point itself.
         const Vec3<double> to = ball.centre - from;
-        const double along = to.dot(ray);
-        const Vec3<double> miss = from + along * ray - ball.centre;
-        const double half2 = ball.radius * ball.radius - miss.squaredNorm();
-        const Vec3<double> hit = miss - std::sqrt(std::max(half2, 0.0)) * ray;
-        // The iris reflects its own colour, the sclera all; red tells them apart best.
-        const Vec3<double> rgb = image.pixels.col(p).head(3).cast<double>();
-        all.push_back({ball.head_rotation.transpose() * hit.normalized(),
-                       0.5 * rgb.x() + 0.35 * rgb.y() + 0.15 * rgb.z()});
+        const Vec3<double> miss = from + to.dot(ray) * ray - ball.centre;
+        const double half2 = radius * radius - miss.squaredNorm();
+        const Vec3<double> hit =
+            normalized(Vec3<double>(miss - std::sqrt(std::max(half2, 0.0)) * ray));
+        constexpr double least_slant = 0.35; // a pixel at the sphere's edge would be endless
+        const double slant = std::max(least_slant, -hit.dot(ray));
+        // Skin and sclera reflect red, the iris its own colour: red tells it apart from both best.
+        return {ball.head_rotation.transpose() * hit,
+                0.8 * rgb.x() + 0.2 * rgb.y(),
+                rgb.x() - rgb.z(),
+                Vec2<double>((pixel - middle) / pixels),
+                1 / (pixels * slant),
+                weight};
+    }
+};
+
+Vec3<double> colour(const Image<float>& image, int x, int y) {
+    return image.at(x, y).head(3).cast<double>();
+}
+
+/// Pixels of an exact area.
+std::vector<Seen> usable_pixels(const Image<float>& image, const Columns<float>& eye,
+                                const RimSphere& sphere) {
+    std::vector<Seen> all;
+    for_usable(eye, image.width, [&](int x, int y, Index) {
+        all.push_back(sphere.seen(x, y, colour(image, x, y), 1));
     });
     return all;
 }
 
-/// Share of the variance of brightness that the rings around g explain; 0 if the iris is not darker
-/// by min_darkening.
-/// Memberships are soft over the width of a pixel so that the score is smooth in g.
-double explained(const std::vector<Seen>& seen, const Vec3<double>& g, double limbus, double soft) {
-    std::array<double, 3> n{}, sum{};
-    double all = 0, all2 = 0;
-    for (const Seen& s : seen) {
-        const double angle = std::acos(std::clamp(s.direction.dot(g), -1.0, 1.0));
-        const double iris = std::clamp(0.5 + (limbus - angle) / soft, 0.0, 1.0);
-        const double pupil = std::clamp(0.5 + (0.35 * limbus - angle) / soft, 0.0, 1.0);
-        const std::array<double, 3> w{pupil, iris * (1 - pupil), 1 - iris};
-        for (std::size_t k = 0; k < 3; ++k) {
-            n[k] += w[k];
-            sum[k] += w[k] * s.brightness;
+/// Distance of each pixel from the nearest of an area, by steps of 1 and sqrt(2) [px].
+std::vector<float> distances(const Image<float>& image, const std::vector<bool>& area) {
+    const int w = image.width, h = image.height;
+    constexpr float far = 1e9f, across = 1.41421356f;
+    std::vector<float> d(area.size());
+    for (std::size_t p = 0; p < d.size(); ++p) d[p] = area[p] ? 0 : far;
+    const auto shorter = [&](int x, int y, int side) { // neighbours before it in this direction
+        float& here = d[static_cast<std::size_t>(y) * static_cast<std::size_t>(w) +
+                        static_cast<std::size_t>(x)];
+        for (const auto& [dx, dy, step] : {std::tuple(-1, 0, 1.0f), std::tuple(0, -1, 1.0f),
+                                           std::tuple(-1, -1, across), std::tuple(1, -1, across)}) {
+            const int u = x + side * dx, v = y + side * dy;
+            if (u < 0 || v < 0 || u >= w || v >= h) continue;
+            here = std::min(here, d[static_cast<std::size_t>(v) * static_cast<std::size_t>(w) +
+                                    static_cast<std::size_t>(u)] +
+                                      step);
         }
-        all += s.brightness;
-        all2 += s.brightness * s.brightness;
+    };
+    for (int y = 0; y < h; ++y)
+        for (int x = 0; x < w; ++x) shorter(x, y, 1);
+    for (int y = h - 1; y >= 0; --y)
+        for (int x = w - 1; x >= 0; --x) shorter(x, y, -1);
+    return d;
+}
+
+/// A normal distribution of brightness and redness.
+struct Skin {
+    Vec2<double> mean, spread;
+    double density(const Seen& s) const {
+        const Vec2<double> z = (Vec2<double>(s.brightness, s.redness) - mean).cwiseQuotient(spread);
+        return std::exp(-0.5 * z.squaredNorm()) / (2 * pi * spread.x() * spread.y());
     }
-    const double count = static_cast<double>(seen.size());
-    const double mean = all / count, variance = all2 / count - mean * mean;
-    if (variance < 1e-8 || n[2] < 1 || n[1] + n[0] < 1) return 0;
-    const double sclera = sum[2] / n[2], dark = (sum[1] + sum[0]) / (n[1] + n[0]);
-    if (dark > (1 - min_darkening) * sclera) return 0;
-    double between = 0;
-    for (std::size_t k = 0; k < 3; ++k)
-        if (n[k] > 0.5) between += n[k] * (sum[k] / n[k] - mean) * (sum[k] / n[k] - mean);
-    return between / (count * variance);
+};
+
+double median(std::vector<double> v) {
+    const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
+    std::nth_element(v.begin(), middle, v.end());
+    return *middle;
+}
+
+/// Medians and median deviations: a part of them may be something else.
+std::optional<Skin> skin_of(const std::vector<Seen>& around) {
+    constexpr std::size_t fewest = 12;
+    if (around.size() < fewest) return std::nullopt;
+    Skin skin;
+    const Vec2<double> least(0.05, 0.03);
+    for (Index k = 0; k < 2; ++k) {
+        std::vector<double> v;
+        for (const Seen& s : around) v.push_back(k == 0 ? s.brightness : s.redness);
+        skin.mean[k] = median(v);
+        for (double& x : v) x = std::abs(x - skin.mean[k]);
+        skin.spread[k] = std::max(least[k], 1.48 * median(v));
+    }
+    return skin;
+}
+
+/// Pixels that may be eye, weighted, where the area's rim is off by up to `error` radii.
+std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>& eye,
+                                const RimSphere& sphere, double error) {
+    std::vector<bool> inside(static_cast<std::size_t>(image.size())), outside(inside.size());
+    for (std::size_t p = 0; p < inside.size(); ++p) {
+        inside[p] = eye(0, static_cast<Index>(p)) >= 0.5f;
+        outside[p] = !inside[p];
+    }
+    const std::vector<float> to_area = distances(image, inside),
+                             to_rest = distances(image, outside);
+    const double margin = error * sphere.pixels;
+    const double skin_width = std::max(3.0, 0.4 * sphere.pixels); // [px]
+    std::vector<Seen> all, around;
+    for (int y = 0; y < image.height; ++y)
+        for (int x = 0; x < image.width; ++x) {
+            const auto p = static_cast<std::size_t>(y) * static_cast<std::size_t>(image.width) +
+                           static_cast<std::size_t>(x);
+            const double beside = to_area[p], away = sphere.from_middle(x, y);
+            const Vec3<double> rgb = colour(image, x, y);
+            if (beside <= margin && away <= 0.98) {
+                // From 0.1 a margin outside the rim to 0.6 a margin inside it.
+                const double depth = inside[p] ? to_rest[p] - 0.5 : 0.5 - beside;
+                const double t = std::clamp(0.5 * (depth / margin + 1), 0.0, 1.0);
+                all.push_back(sphere.seen(x, y, rgb, 0.1 + 0.5 * t));
+            }
+            const bool background = rgb.minCoeff() >= 0.97; // white
+            if (beside > margin && beside < margin + skin_width && away < 1.4 && !background)
+                around.push_back(sphere.seen(x, y, rgb, 0));
+        }
+    if (const std::optional<Skin> skin = skin_of(around))
+        for (Seen& s : all) {
+            // Densities over brightness and redness: of eye, any; of what is not, skin or lashes.
+            constexpr double any = 2, lashes = 0.3;
+            const double is_eye = s.weight * any;
+            s.weight = is_eye / (is_eye + (1 - s.weight) * (skin->density(s) + lashes));
+        }
+    return all;
+}
+
+/// What is left of the brightness when a disc is fitted around one gaze.
+struct Fit {
+    double pitch = 0, yaw = 0;
+    double error = unfit;  ///< weighted sum of squares, of a dark disc
+    double bright = unfit; ///< the same, of a disc that is brighter than the sclera
+    static constexpr double unfit = 1e30;
+    bool fits() const { return error < unfit; }
+};
+
+/// The fit of brightness = sclera + (iris - sclera) disc + (pupil - iris) inner disc + light . at.
+/// Memberships are soft over the width of a pixel so that the error is smooth in the gaze.
+class DiscFit {
+  public:
+    DiscFit(const std::vector<Seen>& seen, const RimSphere& sphere)
+        : seen_(seen),
+          rim_(chord(sphere.rim)),
+          pupil_(chord(0.35 * sphere.rim)),
+          least_disc_(std::max(1.0, 0.02 * pi * std::pow(rim_ * sphere.pixels, 2))) {
+        normal_.setZero();
+        sums_.setZero();
+        for (const Seen& s : seen_) {
+            add(Row(1, 0, s.at.x(), s.at.y(), 0), s);
+            squares_ += s.weight * s.brightness * s.brightness;
+        }
+        const std::array<Index, 3> light{0, 2, 3};
+        Mat3<double> a;
+        Vec3<double> b;
+        for (Index i = 0; i < 3; ++i) {
+            b[i] = sums_[light[static_cast<std::size_t>(i)]];
+            for (Index j = 0; j < 3; ++j)
+                a(i, j) =
+                    normal_(light[static_cast<std::size_t>(i)], light[static_cast<std::size_t>(j)]);
+        }
+        a(1, 1) += even_light, a(2, 2) += even_light;
+        without_ = squares_ - b.dot(a.ldlt().solve(b));
+    }
+
+    double pixels() const { return normal_(0, 0); }
+    double without_disc() const { return without_; }
+
+    Fit at(double pitch, double yaw) const {
+        const Vec3<double> g = gaze_vector(pitch, yaw);
+        Fit fit{pitch, yaw};
+        if (g.z() < least_forward) return fit;
+        Normal a = normal_;
+        Row b = sums_;
+        // Beyond the rim and half a pixel of the widest nothing is disc.
+        const double reach = rim_ + 0.25, least = 1 - reach * reach / 2;
+        for (const Seen& s : seen_) {
+            const double along = s.direction.dot(g);
+            if (along < least) continue;
+            const double away = std::sqrt(std::max(0.0, 2 - 2 * along));
+            const double disc = std::clamp(0.5 + (rim_ - away) / s.width, 0.0, 1.0);
+            if (disc <= 0) continue;
+            const double inner = disc * std::clamp(0.5 + (pupil_ - away) / s.width, 0.0, 1.0);
+            const double k = s.weight * disc, q = s.weight * inner;
+            a(1, 0) += k, a(1, 1) += k * disc;
+            a(2, 1) += k * s.at.x(), a(3, 1) += k * s.at.y();
+            b[1] += k * s.brightness;
+            a(4, 0) += q, a(4, 1) += q * disc, a(4, 4) += q * inner;
+            a(4, 2) += q * s.at.x(), a(4, 3) += q * s.at.y();
+            b[4] += q * s.brightness;
+        }
+        const double disc = a(1, 0);
+        if (disc < least_disc_ || pixels() - disc < 1) return fit;
+        constexpr double tiny = 1e-3; // a pupil that is not seen
+        a(1, 1) += tiny, a(4, 4) += tiny;
+        a(2, 2) += even_light, a(3, 3) += even_light;
+        const Normal whole = a.selfadjointView<Eigen::Lower>();
+        Row x = whole.ldlt().solve(b);
+        if (x[4] > 0) { // no pupil is brighter than the iris
+            const Mat<double, 4, 4> part = whole.topLeftCorner<4, 4>();
+            x << part.ldlt().solve(Vec<double, 4>(b.head<4>())), 0;
+        }
+        // The sclera as bright as it would be in the disc's place, in this light.
+        const double sclera = x[0] + (x[2] * a(2, 1) + x[3] * a(3, 1)) / disc;
+        const double darker = -(x[1] * disc + x[4] * a(4, 0)) / disc;
+        if (sclera <= 0) return fit;
+        if (darker >= min_darkening * sclera) fit.error = squares_ - x.dot(b);
+        if (-darker >= min_darkening * sclera) fit.bright = squares_ - x.dot(b);
+        return fit;
+    }
+
+  private:
+    using Normal = Mat<double, 5, 5>;
+    using Row = Vec<double, 5>;
+    static constexpr double least_forward = 0.62; ///< no eye turns farther in the head: 52 degrees
+    /// Light that changes by 0.1 a radius costs what 0.03 of noise in a pixel does.
+    static constexpr double even_light = 0.09;
+
+    static double chord(double angle) { return 2 * std::sin(angle / 2); }
+    void add(const Row& row, const Seen& s) {
+        normal_ += s.weight * row * row.transpose();
+        sums_ += s.weight * s.brightness * row;
+    }
+
+    const std::vector<Seen>& seen_;
+    double rim_, pupil_; ///< chords of the unit sphere
+    double least_disc_;  ///< [px]: a fiftieth of the whole
+    Normal normal_;      ///< without the discs
+    Row sums_;
+    double squares_ = 0, without_ = 0;
+};
+
+/// Least error around a gaze, by ever smaller steps.
+Fit refined(const DiscFit& disc, Fit best) {
+    double step = 1.6 * degree;
+    for (int level = 0; level < 6; ++level, step /= 2.5) { // to 0.016 degrees
+        const Fit middle = best;
+        for (int i = -2; i <= 2; ++i)
+            for (int j = -2; j <= 2; ++j) {
+                const Fit f = disc.at(middle.pitch + i * step, middle.yaw + j * step);
+                if (f.error < best.error) best = f;
+            }
+    }
+    return best;
+}
+
+struct CoarseFits {
+    std::vector<Fit> least;     ///< least errors of a grid of gazes, none beside a lesser one
+    double bright = Fit::unfit; ///< the least of a bright disc
+};
+CoarseFits coarse_fits(const DiscFit& disc) {
+    constexpr int n = 13, row = 2 * n + 1;
+    constexpr double step = 4 * degree;
+    constexpr std::size_t kept = 5;
+    std::vector<Fit> grid;
+    CoarseFits fits;
+    for (int i = -n; i <= n; ++i)
+        for (int j = -n; j <= n; ++j) grid.push_back(disc.at(i * step, j * step));
+    const auto at = [&](int i, int j) -> const Fit& {
+        return grid[static_cast<std::size_t>(i * row + j)];
+    };
+    for (int i = 0; i < row; ++i)
+        for (int j = 0; j < row; ++j) {
+            bool lowest = at(i, j).fits();
+            for (int k = std::max(0, i - 1); k <= std::min(row - 1, i + 1); ++k)
+                for (int l = std::max(0, j - 1); l <= std::min(row - 1, j + 1); ++l)
+                    lowest = lowest && at(i, j).error <= at(k, l).error;
+            if (lowest) fits.least.push_back(at(i, j));
+        }
+    for (const Fit& f : grid) fits.bright = std::min(fits.bright, f.bright);
+    std::sort(fits.least.begin(), fits.least.end(),
+              [](const Fit& a, const Fit& b) { return a.error < b.error; });
+    if (fits.least.size() > kept) fits.least.resize(kept);
+    return fits;
 }
 
 } // namespace
+
+double least_contrast(double pixels) {
+    constexpr double noise = 10; // what a search of noise explains, in pixels' worth of variance
+    return std::min(min_contrast, noise / (noise + pixels));
+}
 
 int usable_eye_pixels(const Columns<float>& eye, int width) {
     int count = 0;
@@ -88,30 +349,33 @@ int usable_eye_pixels(const Columns<float>& eye, int width) {
 
 std::optional<GazeEstimate> estimate_gaze(const Image<float>& image, const Columns<float>& eye,
                                           const Pinhole<double>& camera,
-                                          const EyeballGeometry& eyeball) {
-    const std::vector<Seen> seen = seen_directions(image, eye, camera, eyeball);
-    if (static_cast<int>(seen.size()) < min_eye_pixels) return std::nullopt;
-    const double limbus = std::asin(std::min(0.9, eyeball.limbus_radius / eyeball.radius));
-    const double depth = (eyeball.centre - camera.centre()).norm();
-    const double soft = depth / camera.fx / eyeball.radius;  // a pixel on the eyeball [rad]
-
-    constexpr double degree = 3.14159265358979323846 / 180;
-    double best = 0, pitch = 0, yaw = 0;
-    double step = 4 * degree, reach = 52 * degree;
-    for (int level = 0; level < 6; ++level) {  // 4 degrees down to 4 / 3^5 = 0.016
-        const double p0 = pitch, y0 = yaw;
-        const int n = static_cast<int>(std::round(reach / step));
-        for (int i = -n; i <= n; ++i)
-            for (int j = -n; j <= n; ++j) {
-                const double p = p0 + i * step, y = y0 + j * step;
-                const double score = explained(seen, gaze_vector(p, y), limbus, soft);
-                if (score > best) best = score, pitch = p, yaw = y;
-            }
-        reach = 2 * step;
-        step /= 3;
+                                          const EyeballGeometry& eyeball, double area_error) {
+    const RimSphere sphere{camera, eyeball};
+    const bool exact = area_error <= 0;
+    const std::vector<Seen> seen =
+        exact ? usable_pixels(image, eye, sphere) : likely_pixels(image, eye, sphere, area_error);
+    const int count = static_cast<int>(seen.size());
+    if (exact && count < min_eye_pixels) return std::nullopt;
+    const DiscFit disc(seen, sphere);
+    constexpr double least_pixels = 10; // whole ones, of weighted
+    if (disc.pixels() < least_pixels || disc.without_disc() < 1e-8 * disc.pixels())
+        return std::nullopt;
+    Fit best;
+    const CoarseFits coarse = coarse_fits(disc);
+    for (const Fit& f : coarse.least) {
+        const Fit finer = refined(disc, f);
+        if (finer.error < best.error) best = finer;
     }
-    if (best < min_contrast) return std::nullopt;
-    return GazeEstimate{gaze_vector(pitch, yaw), best, static_cast<int>(seen.size())};
+    const auto explained = [&](double error) {
+        return error < Fit::unfit ? 1 - error / disc.without_disc() : 0;
+    };
+    const double contrast = explained(best.error);
+    if (contrast < least_contrast(disc.pixels())) return std::nullopt;
+    // What is dark beside something bright and round is no iris.
+    constexpr double beside_bright = 0.25;
+    if (contrast < min_contrast && contrast < beside_bright * explained(coarse.bright))
+        return std::nullopt;
+    return GazeEstimate{gaze_vector(best.pitch, best.yaw), contrast, count};
 }
 
 } // namespace rye::trainer

@@ -3,13 +3,19 @@
 /// weights: the iris is found as a disc on the eyeball, and the gaze is the ray from the eyeball's
 /// centre to the middle of that disc.
 ///
-/// Each pixel of the visible eye is sent along its camera ray to the eyeball's sphere, which gives a
-/// direction from the centre. A gaze g splits these directions by their angle from g into pupil,
-/// iris and sclera; the estimate is the g whose split leaves the least variance of brightness, with
-/// the iris darker than the sclera. That is a fit of a dark disc of known size, seen in perspective,
-/// to all pixels at once, so it is good to a fraction of a pixel and needs no whole iris. Pixels at
-/// the rim of the visible eye, but for its lower rim, are left out: lashes and the shadow of the
-/// upper lid darken them as an iris would.
+/// The rim of the iris is a circle around the gaze, so it lies on a sphere around the eyeball's
+/// centre, whose radius is the distance of the rim and not that of the sclera. Each pixel of the
+/// visible eye is sent along its camera ray to that sphere, which gives a direction from the
+/// centre. A gaze g splits these directions by their angle from g into pupil, iris and sclera. The
+/// estimate is the g for which three such levels of brightness and a light that changes evenly
+/// across the eye leave the least squared error, with the iris darker than the sclera. That is a
+/// fit of a dark disc of known size, seen in perspective, to all pixels at once, so it is good to a
+/// fraction of a pixel and needs no whole iris. No gaze is preferred.
+///
+/// Where the area of the eye is exact, pixels at the rim of it, but for its lower rim, are left
+/// out: lashes and the shadow of the upper lid darken them as an iris would. Where it is not, as
+/// that of a run's own eyeballs on a photograph, pixels beside it may be eye and pixels in it may
+/// be skin: each counts by how much less it looks like the skin around than like anything else.
 /// Frame: world. Units: world units, [rad].
 #pragma once
 
@@ -26,31 +32,39 @@ struct EyeballGeometry {
     double radius;              ///< sclera
     double limbus_radius;       ///< rim of the iris
     Mat3<double> head_rotation; ///< world from head: the search is around the head's +z
+    /// The rim's plane is so far from the centre; 0: where the sclera is as wide as the rim.
+    double iris_plane = 0;
 };
 
 struct GazeEstimate {
-    Vec3<double> gaze;  ///< unit, head frame
-    double contrast;    ///< share of the brightness' variance that the disc explains, 0 to 1
-    int pixels;         ///< usable ones of the eye
+    Vec3<double> gaze; ///< unit, head frame
+    double contrast;   ///< share of the brightness' variance that the disc explains, 0 to 1
+    int pixels;        ///< usable ones of the eye
 };
 
-/// Fewer usable pixels than this do not determine a direction.
+/// Fewer usable pixels of an exact area than this do not determine a direction.
 inline constexpr int min_eye_pixels = 40;
-/// Below this contrast no iris was found: a part of the lids may lie in the area that is searched,
-/// but the iris must be what varies most in it.
+/// Contrast that is always enough: the iris is what varies most in the area that is searched.
 inline constexpr double min_contrast = 0.3;
 /// By how much of the sclera's brightness iris and pupil must be darker: what noise, shadow or an
 /// edge of skin leave below that is no iris.
 inline constexpr double min_darkening = 0.2;
+/// How far the rim of a run's own eyes may be off, in radii of the eyeball.
+inline constexpr double own_area_error = 0.3;
 
-/// How many pixels of the visible eye the estimate rests on: those of which no neighbour on the left,
-/// on the right or above is outside. `eye`: 1 x pixels of an image of this width.
+/// The least contrast of an iris among so many pixels: among more, noise explains a lower share.
+/// min_contrast at 23 pixels or fewer.
+double least_contrast(double pixels);
+
+/// How many pixels of the visible eye the estimate rests on: those of which no neighbour on the
+/// left, on the right or above is outside. `eye`: 1 x pixels of an image of this width.
 int usable_eye_pixels(const Columns<float>& eye, int width);
 
-/// `image`: RGB in [0, 1]; `eye`: 1 x pixels, 1 where this eyeball is visible. Nothing where too
-/// little of the eye is seen or no dark disc is found.
+/// `image`: RGB in [0, 1]; `eye`: 1 x pixels, 0.5 or more where this eyeball is visible, with a rim
+/// that is off by up to `area_error` radii of the eyeball (0: exact). Nothing where too little of
+/// the eye is seen or no dark disc is found.
 std::optional<GazeEstimate> estimate_gaze(const Image<float>& image, const Columns<float>& eye,
                                           const Pinhole<double>& camera,
-                                          const EyeballGeometry& eyeball);
+                                          const EyeballGeometry& eyeball, double area_error = 0);
 
 } // namespace rye::trainer
