@@ -63,6 +63,7 @@ void print_table(const std::string& title, const Capture& capture, const EyesOf&
         "\n%s\n\n| photographs | visible eyes | irises found | mean error | median "
         "| 90th percentile | mean, visual axis |\n|---|---|---|---|---|---|---|\n",
         title.c_str());
+    std::fflush(stdout);
     print_split("training", capture, capture.train, eyes_of);
     print_split("test", capture, capture.test, eyes_of);
 }

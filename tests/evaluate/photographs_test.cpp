@@ -34,8 +34,8 @@ void check_photographs(const char* name, double scale, const Bounds& exact, cons
     const std::vector<int> frames = some_frames(capture);
     const auto check = [&](const Bounds& bounds, const EyesOf& eyes_of) {
         const GazeSummary s = summary(gaze_of_photographs(capture, frames, scale, eyes_of));
-        MESSAGE(std::string(name) << " x " << scale << ": missed " << s.missed << " of " << s.eyes << ", median "
-                     << s.median << ", mean " << s.mean << " degrees");
+        MESSAGE(std::string(name) << " x " << scale << ": missed " << s.missed << " of " << s.eyes
+                                  << ", median " << s.median << ", mean " << s.mean << " degrees");
         CHECK(s.eyes > 40);
         CHECK(s.missed <= bounds.missed * s.eyes);
         CHECK(s.median <= bounds.median);
