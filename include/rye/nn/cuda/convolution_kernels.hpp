@@ -1,33 +1,37 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/cuda/convolution_kernels.hpp: a 3 x 3 convolution as one product without unfolding: a
-/// block has 16 x 16 pixels and keeps them with their border in shared memory, 32 channels at a
-/// time, from where all nine taps read them. Eight warps: four quarters of the rows by two halves
-/// of the outputs. While one tap is multiplied, the weights of the next and a ninth of the next
-/// channels are on their way.
+/// rye/nn/cuda/convolution_kernels.hpp: a 3 x 3 convolution as one product without unfolding. A
+/// block keeps the pixels of a tile with their border in shared memory, 32 channels at a time, and
+/// all nine taps read them from there: a warp has rows of 16 pixels, and what it reads of a row of
+/// the image, moved by a tap's column, is multiplied by the three taps of that column for the three
+/// rows of results that it touches. The weights of a column of taps are a step; those of the next
+/// steps and the next channels, or the next tile's, are copied meanwhile. A block takes several
+/// tiles, so that only the first of them is waited for.
 #pragma once
 
 #include <rye/backend/cuda/planes.hpp>
-#include <rye/nn/cuda/tile_quads.hpp>
+#include <rye/nn/cuda/tile_copies.hpp>
 
 namespace rye {
 
-/// Sizes of a block's work: floats as N planes, `outputs` (32, 64 or 128) channels of the result.
-template <int N_, int outputs_>
+/// Sizes of a block's work: floats as N planes; `outputs` channels of the result; `high` rows of 16
+/// pixels a warp, `down` warps below one another by `beside` along the outputs.
+template <int N_, int outputs_, int high_, int down_, int beside_>
 struct ConvolutionTiles {
-    static constexpr int N = N_, outputs = outputs_;
-    static_assert(N >= 1 && N <= 3 && outputs % 32 == 0);
-    static constexpr int threads = 256;
-    static constexpr int side = 16, around = side + 2, rows = around * around; ///< [px]
-    static constexpr int chunk = 32;          ///< channels at a time
-    static constexpr int stride = chunk + 8;  ///< of a pixel in shared memory, in other banks
-    static constexpr int high = 4;            ///< rows of 16 pixels a warp
-    static constexpr int wide = outputs / 16; ///< operands of 8 outputs a warp
-    /// Words of the weights of a tap: 32 channels by all outputs.
-    static constexpr int tap_words = 2 * (outputs / 8) * N * 64;
+    static constexpr int N = N_, outputs = outputs_, high = high_, down = down_, beside = beside_;
+    static_assert(N >= 1 && N <= 3 && outputs % (8 * beside) == 0);
+    static constexpr int threads = 32 * down * beside;
+    static constexpr int side = 16, tall = high * down;  ///< pixels of a tile
+    static constexpr int chunk = 32;                     ///< channels at a time
+    static constexpr int wide = outputs / (8 * beside);  ///< operands of 8 outputs a warp
+    static constexpr int columns = outputs / 8;          ///< and a block
+    /// Words of the weights of a step: three taps, 32 channels, all outputs.
+    static constexpr int step_words = 3 * 2 * columns * N * 64;
+    using Image = TileShape<N, side + 2, tall + 2, chunk / 8>;
 };
 
-/// Weights as operands: for every tile of outputs, chunk of inputs and tap, 2 x (outputs / 8)
-/// operands of 16 x 8 numbers, of each its planes, of a plane two registers a lane.
+/// Weights as operands: for every tile of outputs, chunk of inputs and column of taps, 2 halves of
+/// the chunk x 3 taps x (outputs / 8) operands of 16 x 8 numbers, of each its planes, of a plane two
+/// registers a lane.
 /// Element (tap, k, n) is from[first + tap tap_apart + k k_apart + n n_apart].
 struct ConvolutionPackKernel {
     static constexpr const char* name = "convolution's operands";
@@ -52,12 +56,13 @@ struct ConvolutionPackKernel {
             const int lane = static_cast<int>(word % 64) / 2, half = static_cast<int>(word % 2);
             const int columns = outputs / 8;
             const int column = static_cast<int>(operand % columns);
-            const int step = static_cast<int>(operand / columns % 2);
-            const Index stage = operand / (2 * columns);
-            const int tap = static_cast<int>(stage % 9);
-            const int chunk = static_cast<int>(stage / 9 % chunks());
-            const int tile = static_cast<int>(stage / 9 / chunks());
-            const int k = chunk * 32 + step * 16 + lane % 4 * 2 + half * 8;
+            const int down = static_cast<int>(operand / columns % 3);
+            const int half_chunk = static_cast<int>(operand / columns / 3 % 2);
+            const Index step = operand / (6 * columns);
+            const int tap = 3 * down + static_cast<int>(step % 3);
+            const int chunk = static_cast<int>(step / 3 % chunks());
+            const int tile = static_cast<int>(step / 3 / chunks());
+            const int k = chunk * 32 + half_chunk * 16 + lane % 4 * 2 + half * 8;
             const int n = tile * outputs + column * 8 + lane / 4;
             float a = at(tap, k, n), b = at(tap, k + 1, n);
             for (int p = 0; p < planes; ++p) {
@@ -77,109 +82,129 @@ struct ConvolutionPackKernel {
     }
 };
 
+/// Moments of a channel over the pixels of a warp.
+struct alignas(16) StripMoments {
+    float count, mean; ///< an approximate mean
+    float rest;        ///< sum of what the numbers are above it
+    float squares;     ///< and of the squares of that
+};
+
+/// Where results go.
+struct ConvolutionResult {
+    int outputs;
+    float* to;                       ///< outputs x pixels
+    const float* bias = nullptr;     ///< then relu(x + bias); or null: neither
+    StripMoments* moments = nullptr; ///< outputs x strips(), of the results; or null
+};
+
 /// The convolution of an image's planes, as floats.
 template <class Tiles>
 struct ConvolutionKernel {
     static constexpr const char* name = "convolution";
     static constexpr int N = Tiles::N, threads = Tiles::threads;
-    static constexpr int blocks = N == 1 && Tiles::outputs <= 64 ? 2 : 1;
+    static constexpr int blocks = N == 1 && threads * Tiles::high <= 1024 ? 2 : 1;
+    using Image = typename Tiles::Image;
     struct Shared {
-        alignas(16) std::uint16_t
-            image[2][std::size_t(N)][std::size_t(Tiles::rows)][std::size_t(Tiles::stride)];
-        alignas(16) std::uint32_t weight[2][std::size_t(Tiles::tap_words)];
+        typename Image::Numbers image[2];
+        alignas(16) std::uint32_t weight[3][std::size_t(Tiles::step_words)];
     };
     DeviceImagePlanes in;
     const std::uint32_t* weight; ///< of ConvolutionPackKernel
-    int outputs;                 ///< channels of the result
-    const float* bias;           ///< then relu(x + bias); or null: neither
-    float* out;                  ///< outputs x pixels
+    ConvolutionResult result;
+    int most; ///< blocks that are aimed at
 
     RYE_HD int across() const { return (in.width + Tiles::side - 1) / Tiles::side; }
-    RYE_HD int tiles() const { return (outputs + Tiles::outputs - 1) / Tiles::outputs; }
-    Index blocks_of() const {
-        return Index(across()) * ((in.height + Tiles::side - 1) / Tiles::side) * tiles();
-    }
+    RYE_HD int below() const { return (in.height + Tiles::tall - 1) / Tiles::tall; }
+    RYE_HD int of_outputs() const { return (result.outputs + Tiles::outputs - 1) / Tiles::outputs; }
+    RYE_HD int tiles() const { return across() * below() * of_outputs(); }
+    /// Tiles of a block.
+    RYE_HD int share() const { return (tiles() + most - 1) / most; }
+    /// Every block has tiles: its number, and every blocks_of() later one.
+    RYE_HD int blocks_of() const { return tiles() == 0 ? 0 : (tiles() + share() - 1) / share(); }
+    /// Of moments.
+    RYE_HD Index strips() const { return Index(across()) * below() * Tiles::down; }
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         using W = typename Block::Warp;
-        const int of_outputs = block.index() % tiles(), at = block.index() / tiles();
-        const Corner corner{at % across() * Tiles::side, at / across() * Tiles::side,
-                            of_outputs * Tiles::outputs};
         const int chunks = in.padded() / Tiles::chunk;
-        const std::uint32_t* const own = weight + Index(of_outputs) * chunks * 9 * Tiles::tap_words;
-        block.each_warp([&](int w) {
-            for (int part = 0; part < 9; ++part) {
-                Part<W> p;
-                p.read(in, place(corner, 0), part * ninth, w);
-                p.write(&shared.image[0][0][0][0]);
-            }
-            Weights<W> first;
-            first.read(own, w);
-            first.write(shared, 0);
-        });
         auto sums = block.template of_warps<Sums<W>>();
-        block.each_warp([&](int w) { sums[w].clear(); });
-        for (int s = 0; s < 9 * chunks; ++s) {
-            const int chunk = s / 9, tap = s % 9;
-            block.each_warp([&](int w) {
-                const bool more = s + 1 < 9 * chunks, another = chunk + 1 < chunks;
-                Weights<W> next;
-                Part<W> part;
-                if (more) next.read(own + Index(s + 1) * Tiles::tap_words, w);
-                if (another) part.read(in, place(corner, chunk + 1), tap * ninth, w);
-                if (works(corner, w)) sums[w].add(shared, chunk % 2, s % 2, tap, w);
-                if (more) next.write(shared, (s + 1) % 2);
-                if (another) part.write(&shared.image[(chunk + 1) % 2][0][0][0]);
-            });
-        }
+        Step now = first_of(block.index());
         block.each_warp([&](int w) {
-            if (works(corner, w)) finish(sums[w], corner, w);
+            copy_image<W>(shared, now, 0, Image::rows, 0, w);
+            copy_weights<W>(shared, now, 0, w);
+            W::end_copies();
+            copy_weights<W>(shared, now, 1, w);
+            W::end_copies();
+            W::wait_for_copies();
+            sums[w].clear();
         });
+        for (int image = 0; now.tile < tiles(); image = 1 - image) {
+            const bool last = now.chunk + 1 == chunks;
+            const Step next =
+                last ? first_of(now.tile + blocks_of())
+                     : Step{now.x, now.y, now.output, now.tile, now.chunk + 1};
+            for (int column = 0; column < 3; ++column)
+                block.each_warp([&](int w) {
+                    if (column == 0)
+                        copy_weights<W>(shared, now, 2, w);
+                    else
+                        copy_weights<W>(shared, next, column - 1, w);
+                    if (column < 2)
+                        copy_image<W>(shared, next, column * half_rows,
+                                      column == 0 ? half_rows : Image::rows, 1 - image, w);
+                    W::end_copies();
+                    if (works(now, w))
+                        sums[w].add(shared.image[image], shared.weight[column], column, w);
+                    if (last && column == 2) {
+                        finish(sums[w], now, w);
+                        sums[w].clear();
+                    }
+                    W::wait_for_copies();
+                });
+            now = next;
+        }
     }
 
   private:
-    /// The first pixel and the first output of a block.
-    struct Corner {
-        int x, y, output;
+    static constexpr int half_rows = (Image::rows + 1) / 2;
+    /// Three steps: a tile with its first pixel and output, and which channels.
+    struct Step {
+        int x, y, output, tile, chunk;
     };
-    RYE_DEVICE static int first_row(int w) { return w / 2 * Tiles::high; }
-    RYE_DEVICE static int first_column(int w) { return w % 2 * Tiles::wide; }
-    /// Whether a warp has pixels and outputs.
-    RYE_DEVICE bool works(const Corner& c, int w) const {
-        return c.y + first_row(w) < in.height && c.output + 8 * first_column(w) < outputs;
+    RYE_DEVICE Step first_of(int tile) const {
+        const int at = tile / of_outputs();
+        return {at % across() * Tiles::side, at / across() * Tiles::tall,
+                tile % of_outputs() * Tiles::outputs, tile, 0};
     }
-
-    /// A warp's part of a tap's weights on its way.
+    RYE_DEVICE static int first_row(int w) { return w / Tiles::beside * Tiles::high; }
+    RYE_DEVICE static int first_column(int w) { return w % Tiles::beside * Tiles::wide; }
+    /// Whether a warp has pixels and outputs.
+    RYE_DEVICE bool works(const Step& c, int w) const {
+        return c.y + first_row(w) < in.height && c.output + 8 * first_column(w) < result.outputs;
+    }
+    /// Starts to copy the pixels of steps, and the weights of a step.
     template <class W>
-    struct Weights {
+    RYE_DEVICE void copy_image(Shared& shared, const Step& of, int begin, int end, int to,
+                               int w) const {
+        if (of.tile >= tiles()) return;
+        copy_tile<W, Image, threads>(in, {of.x, of.y, 1, of.chunk * (Tiles::chunk / 8)},
+                                     shared.image[to], {{begin, end}}, w);
+    }
+    template <class W>
+    RYE_DEVICE void copy_weights(Shared& shared, const Step& of, int column, int w) const {
         using U = typename W::U;
-        static constexpr int quads = Tiles::tap_words / 4;
-        static constexpr int own = (quads + threads - 1) / threads;
-        Array<typename W::F, 4> quad[std::size_t(own)];
-        U place[std::size_t(own)];
-
-        RYE_DEVICE void read(const std::uint32_t* from, int w) {
-            const auto* const all = reinterpret_cast<const Quad4*>(from);
-            expanded<own>([&](auto k) {
-                place[k] = U(static_cast<std::uint32_t>(k * threads + 32 * w)) + W::lane();
-                quad[k] = W::read4_where(place[k] < U(quads), all, place[k]);
-            });
+        if (of.tile >= tiles()) return;
+        constexpr int quads = Tiles::step_words / 4;
+        static_assert(quads % 32 == 0);
+        const int step = of.output / Tiles::outputs * (in.padded() / Tiles::chunk) + of.chunk;
+        const auto* const from = reinterpret_cast<const Quad4*>(
+            weight + (Index(step) * 3 + column) * Tiles::step_words);
+        auto* const to = reinterpret_cast<Quad4*>(&shared.weight[column][0]);
+        for (int first = 32 * w; first < quads; first += threads) {
+            const U q = U(static_cast<std::uint32_t>(first)) + W::lane_here();
+            W::copy4_ahead(q < U(std::uint32_t(quads)), to, q, from, q);
         }
-        RYE_DEVICE void write(Shared& shared, int buffer) const {
-            auto* const to = reinterpret_cast<Quad4*>(&shared.weight[buffer][0]);
-            expanded<own>(
-                [&](auto k) { W::write4_where(place[k] < U(quads), to, place[k], quad[k]); });
-        }
-    };
-
-    using Around = TileShape<N, Tiles::around, Tiles::around, Tiles::chunk / 8, Tiles::stride>;
-    static constexpr int ninth = Around::quads / 9;
-    static_assert(ninth * 9 == Around::quads);
-    template <class W>
-    using Part = TileQuads<W, Around, ninth, threads>;
-    RYE_DEVICE static TilePlace place(const Corner& c, int chunk) {
-        return {c.x, c.y, 1, chunk * (Tiles::chunk / 8)};
     }
 
     /// A warp's sums.
@@ -195,59 +220,140 @@ struct ConvolutionKernel {
                     [&](auto n) { expanded<4>([&](auto k) { sum[m][n][k] = F(0.0F); }); });
             });
         }
-        RYE_DEVICE void add(const Shared& shared, int image, int weights, int tap, int w) {
-            const U lane = W::lane();
-            const U first =
-                (lane % U(16U) + U(static_cast<std::uint32_t>(
-                                     (first_row(w) + tap / 3) * Tiles::around + tap % 3))) *
-                    U(2U * Tiles::stride) +
-                lane / U(16U) * U(16U);
+        /// += the products of a column of taps.
+        RYE_DEVICE void add(const typename Image::Numbers& image, const std::uint32_t* weights,
+                            int column, int w) {
+            const U lane = W::lane(), x = lane % U(16U) + U(static_cast<std::uint32_t>(column));
+            const U row = x * U(Image::pixel_bytes) +
+                          U(static_cast<std::uint32_t>(first_row(w) * Image::row_bytes));
             expanded<2>([&](auto step) {
-                Planes<W, N, 4> left[std::size_t(Tiles::high)];
-                expanded<Tiles::high>([&](auto m) {
-                    expanded<N>([&](auto p) {
-                        left[m][p] = W::template tiles<false>(
-                            &shared.image[image][p][0][0],
-                            first + U(static_cast<std::uint32_t>(
-                                        m * Tiles::around * 2 * Tiles::stride + 32 * step)));
+                const U at =
+                    row + Image::swapped(lane / U(16U) + U(std::uint32_t(2 * step)), x) * U(16U);
+                Planes<W, N, 2> right[3][std::size_t(Tiles::wide)];
+                expanded<3>([&](auto down) {
+                    expanded<Tiles::wide>([&](auto n) {
+                        const int operand =
+                            (step * 3 + down) * Tiles::columns + first_column(w) + n;
+                        expanded<N>([&](auto p) {
+                            right[down][n][p] =
+                                W::read_words2(weights + (operand * N + p) * 64, lane);
+                        });
                     });
                 });
-                expanded<Tiles::wide>([&](auto n) {
-                    const std::uint32_t* const operand =
-                        &shared
-                             .weight[weights]
-                                    [(step * (Tiles::outputs / 8) + first_column(w) + n) * N * 64];
-                    Planes<W, N, 2> right;
-                    expanded<N>([&](auto p) { right[p] = W::read_words2(operand + p * 64, lane); });
-                    expanded<Tiles::high>(
-                        [&](auto m) { multiply<W, N>(sum[m][n], left[m], right); });
+                expanded<Tiles::high + 2>([&](auto r) {
+                    Planes<W, N, 4> left;
+                    expanded<N>([&](auto p) {
+                        left[p] = W::template tiles<false>(
+                            &image.at[p][0], at + U(std::uint32_t(r * Image::row_bytes)));
+                    });
+                    expanded<3>([&](auto down) {
+                        constexpr int m = decltype(r)::value - decltype(down)::value;
+                        if constexpr (m >= 0 && m < Tiles::high)
+                            expanded<Tiles::wide>([&](auto n) {
+                                multiply<W, N>(sum[m][n], left, right[down][n]);
+                            });
+                    });
                 });
             });
         }
     };
 
     template <class W>
-    RYE_DEVICE void finish(const Sums<W>& sums, const Corner& corner, int w) const {
+    RYE_DEVICE void finish(Sums<W>& sums, const Step& c, int w) const {
+        using U = typename W::U;
+        const U lane = W::lane_here();
+        const U first_x = U(static_cast<std::uint32_t>(c.x)) + lane / U(4U);
+        const U first_c = U(static_cast<std::uint32_t>(c.output + 8 * first_column(w))) +
+                          lane % U(4U) * U(2U);
+        if (result.bias != nullptr) activate(sums, first_c);
+        expanded<Tiles::high>([&](auto m) {
+            const int y = c.y + first_row(w) + m;
+            if (y < in.height) write_row(sums, m, Index(y) * in.width, first_x, first_c);
+        });
+        if (result.moments != nullptr) write_moments(sums, c, first_x, first_c, w);
+    }
+    template <class W>
+    RYE_DEVICE void activate(Sums<W>& sums, const typename W::U& first_c) const {
+        using U = typename W::U;
+        const U channels(static_cast<std::uint32_t>(result.outputs));
+        expanded<Tiles::wide>([&](auto n) {
+            expanded<2>([&](auto k) {
+                const U channel = first_c + U(std::uint32_t(8 * n + k));
+                const auto own = W::read_where(channel < channels, result.bias, channel, 0.0F);
+                expanded<Tiles::high>([&](auto m) {
+                    expanded<2>([&](auto half) {
+                        auto& x = sums.sum[m][n][2 * half + k];
+                        x = relu(typename W::F(x + own));
+                    });
+                });
+            });
+        });
+    }
+    template <class W, class M>
+    RYE_DEVICE void write_row(const Sums<W>& sums, M m, Index pixel, const typename W::U& first_x,
+                              const typename W::U& first_c) const {
+        using U = typename W::U;
+        const U channels(static_cast<std::uint32_t>(result.outputs)),
+            width(static_cast<std::uint32_t>(in.width));
+        float* const row = result.to + pixel * result.outputs;
+        const bool pairs = result.outputs % 2 == 0;
+        expanded<2>([&](auto half) {
+            const U x = first_x + U(std::uint32_t(8 * half));
+            expanded<Tiles::wide>([&](auto n) {
+                const U channel = first_c + U(std::uint32_t(8 * n));
+                const auto &a = sums.sum[m][n][2 * half], &b = sums.sum[m][n][2 * half + 1];
+                const U at = x * channels + channel;
+                if (pairs) {
+                    W::write2_where(x < width && channel < channels, row, at / U(2U), a, b);
+                } else {
+                    W::write_where(x < width && channel < channels, row, at, a);
+                    W::write_where(x < width && channel + U(1U) < channels, row, at + U(1U), b);
+                }
+            });
+        });
+    }
+    /// Moments of each channel over a warp's pixels: about a mean in floats, so that nothing
+    /// cancels.
+    template <class W>
+    RYE_DEVICE void write_moments(const Sums<W>& sums, const Step& c,
+                                  const typename W::U& first_x, const typename W::U& first_c,
+                                  int w) const {
         using F = typename W::F;
         using U = typename W::U;
-        const U channels(static_cast<std::uint32_t>(outputs));
-        expanded<Tiles::high>([&](auto m) {
-            const int y = corner.y + first_row(w) + m;
-            if (y >= in.height) return;
-            float* const row = out + Index(y) * in.width * outputs;
-            expanded<Tiles::wide>([&](auto n) {
-                expanded<4>([&](auto k) {
-                    const U x =
-                        U(static_cast<std::uint32_t>(corner.x + k / 2 * 8)) + W::lane() / U(4U);
-                    const U c = U(static_cast<std::uint32_t>(corner.output +
-                                                             8 * (first_column(w) + n) + k % 2)) +
-                                W::lane() % U(4U) * U(2U);
-                    const auto there = x < U(static_cast<std::uint32_t>(in.width)) && c < channels;
-                    F value = sums.sum[m][n][k];
-                    if (bias != nullptr)
-                        value = relu(F(value + W::read_where(there, bias, c, 0.0F)));
-                    W::write_where(there, row, x * channels + c, value);
+        const int rows = rye::max(0, rye::min(int(Tiles::high), in.height - c.y - first_row(w)));
+        const int count = rows * rye::min(int(Tiles::side), in.width - c.x);
+        const F share(count > 0 ? 1.0F / static_cast<float>(count) : 0.0F);
+        const U width(static_cast<std::uint32_t>(in.width)),
+            channels(static_cast<std::uint32_t>(result.outputs));
+        const auto there = [&](int half) { return first_x + U(std::uint32_t(8 * half)) < width; };
+        const auto all = [](F x) {
+            x = x + W::template across<4>(x);
+            x = x + W::template across<8>(x);
+            return F(x + W::template across<16>(x));
+        };
+        const Index strip = Index(c.tile / of_outputs()) * Tiles::down + w / Tiles::beside;
+        auto* const to = reinterpret_cast<Quad4*>(result.moments + strip * result.outputs);
+        expanded<Tiles::wide>([&](auto n) {
+            expanded<2>([&](auto k) {
+                const auto each = [&](const auto& f) {
+                    expanded<Tiles::high>([&](auto m) {
+                        if (m < rows)
+                            expanded<2>([&](auto half) {
+                                f(there(half), F(sums.sum[m][n][2 * half + k]));
+                            });
+                    });
+                };
+                F sum(0.0F), rest(0.0F), squares(0.0F);
+                each([&](const auto& in_it, const F& x) { sum = sum + select(in_it, x, F(0.0F)); });
+                const F mean = all(sum) * share;
+                each([&](const auto& in_it, const F& x) {
+                    const F above = select(in_it, F(x - mean), F(0.0F));
+                    rest = rest + above;
+                    squares = W::fma(above, above, squares);
                 });
+                const U channel = first_c + U(std::uint32_t(8 * n + k));
+                W::write4_where(W::lane_here() < U(4U) && channel < channels, to, channel,
+                                {{F(static_cast<float>(count)), mean, all(rest), all(squares)}});
             });
         });
     }
