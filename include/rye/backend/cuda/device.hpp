@@ -133,15 +133,14 @@ struct DeviceWarp {
         if (m) to[i] = from[k];
 #endif
     }
-    __device__ static void copy4_or_zero(M m, M inside, Quad4* to, U i, const Quad4* from, U k) {
+    __device__ static void copy4_or_zero(M m, Quad4* to, U i, const Quad4* from, U k) {
 #if !defined(__CUDA_ARCH__) || __CUDA_ARCH__ >= 800
-        if (m)
-            asm volatile("cp.async.cg.shared.global [%0], [%1], 16, %2;" ::"r"(
-                             static_cast<U>(__cvta_generic_to_shared(to + i))),
-                         "l"(from + (inside ? k : 0U)), "r"(inside ? 16U : 0U)
-                         : "memory");
+        asm volatile("cp.async.cg.shared.global [%0], [%1], 16, %2;" ::"r"(
+                         static_cast<U>(__cvta_generic_to_shared(to + i))),
+                     "l"(from + (m ? k : 0U)), "r"(m ? 16U : 0U)
+                     : "memory");
 #else
-        if (m) to[i] = inside ? from[k] : Quad4{0, 0, 0, 0};
+        to[i] = m ? from[k] : Quad4{0, 0, 0, 0};
 #endif
     }
     __device__ static void end_copies() {

@@ -26,12 +26,11 @@ struct HostCopies {
         for (int l = 0; l < Lanes<int>::count; ++l)
             if (m.x[l]) ahead(to + i.x[l], from + k.x[l], sizeof(float));
     }
-    /// Of 16 bytes where both masks hold; zeros where the first does alone.
-    static void copy4_or_zero(const M& m, const M& inside, Quad4* to, const U& i,
-                              const Quad4* from, const U& k) {
+    /// Of 16 bytes where the mask holds, else of zeros.
+    static void copy4_or_zero(const M& m, Quad4* to, const U& i, const Quad4* from, const U& k) {
         static const Quad4 zero{0, 0, 0, 0};
         for (int l = 0; l < Lanes<int>::count; ++l)
-            if (m.x[l]) ahead(to + i.x[l], inside.x[l] ? from + k.x[l] : &zero, sizeof(Quad4));
+            ahead(to + i.x[l], m.x[l] ? from + k.x[l] : &zero, sizeof(Quad4));
     }
     /// Ends a batch of copies; waits for all but the last `newer` batches.
     static void end_copies() { under_way().emplace_back(); }

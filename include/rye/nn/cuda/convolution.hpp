@@ -12,6 +12,7 @@
 #include <string>
 
 #include <rye/nn/cuda/convolution_kernels.hpp>
+#include <rye/nn/cuda/convolution_operands.hpp>
 #include <rye/nn/cuda/convolution_weights.hpp>
 
 namespace rye {
@@ -44,6 +45,8 @@ class DeviceConvolution {
                     " outputs, expected at least 1");
     }
 
+    /// Blocks of a convolution, at most: two for each unit of the largest devices.
+    int blocks = 264;
     /// Blocks that the gradient of the weights is cut into, about; its rounding depends on it.
     int weight_blocks = ConvolutionSlices::aim;
 
@@ -52,15 +55,23 @@ class DeviceConvolution {
 
     /// Takes weights, outputs x 9 inputs. Throws an Error for another shape.
     void set(const CudaQueue& queue, const DeviceColumns<const float>& weight) {
+        ConvolutionPackKernel kernel;
+        take(queue, weight, kernel);
+        device_.launch(queue, kernel.blocks_of(), kernel);
+    }
+    /// The same, as two jobs of a kernel that is launched later.
+    void take(const CudaQueue& queue, const DeviceColumns<const float>& weight,
+              ConvolutionPackKernel& to) {
         require(weight.rows == outputs_ && weight.cols == Index(9) * inputs_, "DeviceConvolution",
                 "weights are " + std::to_string(weight.rows) + " x " + std::to_string(weight.cols) +
                     ", expected " + std::to_string(outputs_) + " x " + std::to_string(9 * inputs_));
         const Index in = inputs_, out = outputs_;
+        to.job[to.count++] = job(
+            queue, {weight.data, 0, in * out, out, 1, inputs_, outputs_, 0, N, nullptr}, forward_);
         // The adjoint's taps are turned by 180 degrees.
-        pack(queue, {weight.data, 0, in * out, out, 1, inputs_, outputs_, 0, N, nullptr}, forward_);
-        pack(queue,
-             {weight.data, 8 * in * out, -in * out, 1, out, outputs_, inputs_, 0, N, nullptr},
-             adjoint_);
+        to.job[to.count++] = job(
+            queue, {weight.data, 8 * in * out, -in * out, 1, out, outputs_, inputs_, 0, N, nullptr},
+            adjoint_);
     }
     /// out (outputs x pixels, floats) of an image's planes; with a bias (`outputs` numbers)
     /// relu(out + bias).
@@ -76,7 +87,8 @@ class DeviceConvolution {
         channels("image", in.channels, inputs_);
         Index strips = 0;
         with_tiles(outputs_, [&](auto tiles) {
-            strips = ConvolutionKernel<decltype(tiles)>{in, nullptr, {outputs_, out}, aim}.strips();
+            strips =
+                ConvolutionKernel<decltype(tiles)>{in, nullptr, {outputs_, out}, blocks}.strips();
         });
         moments.reserve(queue, static_cast<std::size_t>(strips * outputs_) + 1);
         multiply(queue, in, forward_.data(), {outputs_, out, nullptr, moments.data()});
@@ -112,17 +124,15 @@ class DeviceConvolution {
     std::size_t bytes() const { return forward_.bytes() + adjoint_.bytes(); }
 
   private:
-    /// Blocks of a convolution: two for each unit of the largest devices.
-    static constexpr int aim = 264;
     /// f of the sizes of a block's work for this many outputs.
     template <class F>
     static void with_tiles(int outputs, const F& f) {
         if constexpr (N == 3)
             f(ConvolutionTiles<3, 32, 2, 4, 2>());
         else if (outputs <= 32)
-            f(ConvolutionTiles<N, 32, N == 1 ? 8 : 4, 4, N>());
+            f(ConvolutionTiles < N, 32, N == 1 ? 8 : 4, 4, N > ());
         else
-            f(ConvolutionTiles<N, 64, N == 1 ? 8 : 4, 2 * N, 2>());
+            f(ConvolutionTiles < N, 64, N == 1 ? 8 : 4, 2 * N, 2 > ());
     }
 
     /// f of the outputs and the inputs of a block of the weights' gradient.
@@ -138,13 +148,12 @@ class DeviceConvolution {
         with_inputs(Constant<32>{});
     }
 
-    void pack(const CudaQueue& queue, ConvolutionPackKernel kernel,
-              DeviceBuffer<std::uint32_t>& to) {
-        with_tiles(kernel.n_count,
-                   [&](auto tiles) { kernel.outputs = decltype(tiles)::outputs; });
-        to.reserve(queue, static_cast<std::size_t>(kernel.words()) * N);
-        kernel.to = to.data();
-        device_.launch(queue, kernel.blocks_of(), kernel);
+    ConvolutionPackJob job(const CudaQueue& queue, ConvolutionPackJob job,
+                           DeviceBuffer<std::uint32_t>& to) const {
+        with_tiles(job.n_count, [&](auto tiles) { job.outputs = decltype(tiles)::outputs; });
+        to.reserve(queue, static_cast<std::size_t>(job.words()) * N);
+        job.to = to.data();
+        return job;
     }
     void multiply(const CudaQueue& queue, const DeviceImagePlanes& in, const std::uint32_t* weight,
                   const ConvolutionResult& r) const {
@@ -153,7 +162,7 @@ class DeviceConvolution {
                     std::uint64_t(1) << 32U,
                 "DeviceConvolution", "a row has more than 2^32 numbers");
         with_tiles(r.outputs, [&](auto tiles) {
-            const ConvolutionKernel<decltype(tiles)> kernel{in, weight, r, aim};
+            const ConvolutionKernel<decltype(tiles)> kernel{in, weight, r, blocks};
             device_.launch(queue, kernel.blocks_of(), kernel);
         });
     }

@@ -9,6 +9,7 @@
 #pragma once
 
 #include <rye/backend/cuda/planes.hpp>
+#include <rye/math/scalar.hpp>
 #include <rye/nn/cuda/tile_copies.hpp>
 
 namespace rye {
@@ -20,66 +21,13 @@ struct ConvolutionTiles {
     static constexpr int N = N_, outputs = outputs_, high = high_, down = down_, beside = beside_;
     static_assert(N >= 1 && N <= 3 && outputs % (8 * beside) == 0);
     static constexpr int threads = 32 * down * beside;
-    static constexpr int side = 16, tall = high * down;  ///< pixels of a tile
-    static constexpr int chunk = 32;                     ///< channels at a time
-    static constexpr int wide = outputs / (8 * beside);  ///< operands of 8 outputs a warp
-    static constexpr int columns = outputs / 8;          ///< and a block
+    static constexpr int side = 16, tall = high * down; ///< pixels of a tile
+    static constexpr int chunk = 32;                    ///< channels at a time
+    static constexpr int wide = outputs / (8 * beside); ///< operands of 8 outputs a warp
+    static constexpr int columns = outputs / 8;         ///< and a block
     /// Words of the weights of a step: three taps, 32 channels, all outputs.
     static constexpr int step_words = 3 * 2 * columns * N * 64;
     using Image = TileShape<N, side + 2, tall + 2, chunk / 8>;
-};
-
-/// Weights as operands: for every tile of outputs, chunk of inputs and column of taps, 2 halves of
-/// the chunk x 3 taps x (outputs / 8) operands of 16 x 8 numbers, of each its planes, of a plane two
-/// registers a lane.
-/// Element (tap, k, n) is from[first + tap tap_apart + k k_apart + n n_apart].
-struct ConvolutionPackKernel {
-    static constexpr const char* name = "convolution's operands";
-    static constexpr int threads = 128, blocks = 8;
-    struct Shared {};
-    const float* from;
-    Index first, tap_apart, k_apart, n_apart;
-    int k_count, n_count, outputs, planes;
-    std::uint32_t* to;
-
-    RYE_HD int chunks() const { return (k_count + 31) / 32; }
-    RYE_HD int tiles() const { return (n_count + outputs - 1) / outputs; }
-    /// Words of one plane.
-    RYE_HD Index words() const { return Index(tiles()) * chunks() * 9 * (outputs / 8) * 128; }
-    Index blocks_of() const { return (words() + threads - 1) / threads; }
-    template <class Block>
-    RYE_DEVICE void operator()(Block& block, Shared&) const {
-        block.each_thread([&](int t) {
-            const Index word = Index(block.index()) * threads + t;
-            if (word >= words()) return;
-            const Index operand = word / 64;
-            const int lane = static_cast<int>(word % 64) / 2, half = static_cast<int>(word % 2);
-            const int columns = outputs / 8;
-            const int column = static_cast<int>(operand % columns);
-            const int down = static_cast<int>(operand / columns % 3);
-            const int half_chunk = static_cast<int>(operand / columns / 3 % 2);
-            const Index step = operand / (6 * columns);
-            const int tap = 3 * down + static_cast<int>(step % 3);
-            const int chunk = static_cast<int>(step / 3 % chunks());
-            const int tile = static_cast<int>(step / 3 / chunks());
-            const int k = chunk * 32 + half_chunk * 16 + lane % 4 * 2 + half * 8;
-            const int n = tile * outputs + column * 8 + lane / 4;
-            float a = at(tap, k, n), b = at(tap, k + 1, n);
-            for (int p = 0; p < planes; ++p) {
-                const std::uint32_t both = Block::pack(a, b);
-                to[(operand * planes + p) * 64 + word % 64] = both;
-                a = a - Block::low(both);
-                b = b - Block::high(both);
-            }
-        });
-    }
-
-  private:
-    RYE_DEVICE float at(int tap, int k, int n) const {
-        return k < k_count && n < n_count
-                   ? from[first + tap * tap_apart + k * k_apart + n * n_apart]
-                   : 0.0F;
-    }
 };
 
 /// Moments of a channel over the pixels of a warp.
@@ -109,7 +57,7 @@ struct ConvolutionKernel {
         alignas(16) std::uint32_t weight[3][std::size_t(Tiles::step_words)];
     };
     DeviceImagePlanes in;
-    const std::uint32_t* weight; ///< of ConvolutionPackKernel
+    const std::uint32_t* weight; ///< of ConvolutionPackKernel (convolution_operands.hpp)
     ConvolutionResult result;
     int most; ///< blocks that are aimed at
 
@@ -131,7 +79,7 @@ struct ConvolutionKernel {
         auto sums = block.template of_warps<Sums<W>>();
         Step now = first_of(block.index());
         block.each_warp([&](int w) {
-            copy_image<W>(shared, now, 0, Image::rows, 0, w);
+            copy_image<W>(now, {{0, Image::rows}}, shared.image[0], w);
             copy_weights<W>(shared, now, 0, w);
             W::end_copies();
             copy_weights<W>(shared, now, 1, w);
@@ -141,9 +89,8 @@ struct ConvolutionKernel {
         });
         for (int image = 0; now.tile < tiles(); image = 1 - image) {
             const bool last = now.chunk + 1 == chunks;
-            const Step next =
-                last ? first_of(now.tile + blocks_of())
-                     : Step{now.x, now.y, now.output, now.tile, now.chunk + 1};
+            const Step next = last ? first_of(now.tile + blocks_of())
+                                   : Step{now.x, now.y, now.output, now.tile, now.chunk + 1};
             for (int column = 0; column < 3; ++column)
                 block.each_warp([&](int w) {
                     if (column == 0)
@@ -151,8 +98,10 @@ struct ConvolutionKernel {
                     else
                         copy_weights<W>(shared, next, column - 1, w);
                     if (column < 2)
-                        copy_image<W>(shared, next, column * half_rows,
-                                      column == 0 ? half_rows : Image::rows, 1 - image, w);
+                        copy_image<W>(
+                            next,
+                            {{column * half_rows, column == 0 ? int(half_rows) : int(Image::rows)}},
+                            shared.image[1 - image], w);
                     W::end_copies();
                     if (works(now, w))
                         sums[w].add(shared.image[image], shared.weight[column], column, w);
@@ -185,11 +134,11 @@ struct ConvolutionKernel {
     }
     /// Starts to copy the pixels of steps, and the weights of a step.
     template <class W>
-    RYE_DEVICE void copy_image(Shared& shared, const Step& of, int begin, int end, int to,
-                               int w) const {
+    RYE_DEVICE void copy_image(const Step& of, const Array<int, 2>& part,
+                               typename Image::Numbers& to, int w) const {
         if (of.tile >= tiles()) return;
-        copy_tile<W, Image, threads>(in, {of.x, of.y, 1, of.chunk * (Tiles::chunk / 8)},
-                                     shared.image[to], {{begin, end}}, w);
+        copy_tile<W, Image, threads>(in, {of.x, of.y, 1, of.chunk * (Tiles::chunk / 8)}, to, part,
+                                     w);
     }
     template <class W>
     RYE_DEVICE void copy_weights(Shared& shared, const Step& of, int column, int w) const {
@@ -198,12 +147,12 @@ struct ConvolutionKernel {
         constexpr int quads = Tiles::step_words / 4;
         static_assert(quads % 32 == 0);
         const int step = of.output / Tiles::outputs * (in.padded() / Tiles::chunk) + of.chunk;
-        const auto* const from = reinterpret_cast<const Quad4*>(
-            weight + (Index(step) * 3 + column) * Tiles::step_words);
+        const auto* const from =
+            reinterpret_cast<const Quad4*>(weight + (Index(step) * 3 + column) * Tiles::step_words);
         auto* const to = reinterpret_cast<Quad4*>(&shared.weight[column][0]);
         for (int first = 32 * w; first < quads; first += threads) {
             const U q = U(static_cast<std::uint32_t>(first)) + W::lane_here();
-            W::copy4_ahead(q < U(std::uint32_t(quads)), to, q, from, q);
+            W::copy4_or_zero(q < U(std::uint32_t(quads)), to, q, from, q);
         }
     }
 
@@ -249,9 +198,8 @@ struct ConvolutionKernel {
                     expanded<3>([&](auto down) {
                         constexpr int m = decltype(r)::value - decltype(down)::value;
                         if constexpr (m >= 0 && m < Tiles::high)
-                            expanded<Tiles::wide>([&](auto n) {
-                                multiply<W, N>(sum[m][n], left, right[down][n]);
-                            });
+                            expanded<Tiles::wide>(
+                                [&](auto n) { multiply<W, N>(sum[m][n], left, right[down][n]); });
                     });
                 });
             });
@@ -263,15 +211,27 @@ struct ConvolutionKernel {
         using U = typename W::U;
         const U lane = W::lane_here();
         const U first_x = U(static_cast<std::uint32_t>(c.x)) + lane / U(4U);
-        const U first_c = U(static_cast<std::uint32_t>(c.output + 8 * first_column(w))) +
-                          lane % U(4U) * U(2U);
+        const U first_c =
+            U(static_cast<std::uint32_t>(c.output + 8 * first_column(w))) + lane % U(4U) * U(2U);
         if (result.bias != nullptr) activate(sums, first_c);
-        expanded<Tiles::high>([&](auto m) {
-            const int y = c.y + first_row(w) + m;
-            if (y < in.height) write_row(sums, m, Index(y) * in.width, first_x, first_c);
-        });
-        if (result.moments != nullptr) write_moments(sums, c, first_x, first_c, w);
+        if (result.outputs % 2 == 0)
+            write<W, true>(sums, c, first_x, first_c, w);
+        else
+            write<W, false>(sums, c, first_x, first_c, w);
+        if (result.moments == nullptr) return;
+        const int rows = rye::max(0, rye::min(int(Tiles::high), in.height - c.y - first_row(w))),
+                  columns = rye::min(int(Tiles::side), in.width - c.x);
+        const Index strip = Index(c.tile / of_outputs()) * Tiles::down + w / Tiles::beside;
+        StripMoments* const to = result.moments + strip * result.outputs;
+        if (rows == Tiles::high && columns == Tiles::side)
+            write_moments<W, true>(sums, first_c, {rows, columns}, to);
+        else
+            write_moments<W, false>(sums, first_c, {rows, columns}, to);
     }
+    /// What of a warp's pixels is in the image.
+    struct Inside {
+        int rows, columns;
+    };
     template <class W>
     RYE_DEVICE void activate(Sums<W>& sums, const typename W::U& first_c) const {
         using U = typename W::U;
@@ -289,70 +249,79 @@ struct ConvolutionKernel {
             });
         });
     }
-    template <class W, class M>
-    RYE_DEVICE void write_row(const Sums<W>& sums, M m, Index pixel, const typename W::U& first_x,
-                              const typename W::U& first_c) const {
+    template <class W, bool pairs>
+    RYE_DEVICE void write(const Sums<W>& sums, const Step& c, const typename W::U& first_x,
+                          const typename W::U& first_c, int w) const {
         using U = typename W::U;
         const U channels(static_cast<std::uint32_t>(result.outputs)),
             width(static_cast<std::uint32_t>(in.width));
-        float* const row = result.to + pixel * result.outputs;
-        const bool pairs = result.outputs % 2 == 0;
-        expanded<2>([&](auto half) {
-            const U x = first_x + U(std::uint32_t(8 * half));
-            expanded<Tiles::wide>([&](auto n) {
-                const U channel = first_c + U(std::uint32_t(8 * n));
-                const auto &a = sums.sum[m][n][2 * half], &b = sums.sum[m][n][2 * half + 1];
-                const U at = x * channels + channel;
-                if (pairs) {
-                    W::write2_where(x < width && channel < channels, row, at / U(2U), a, b);
-                } else {
-                    W::write_where(x < width && channel < channels, row, at, a);
-                    W::write_where(x < width && channel + U(1U) < channels, row, at + U(1U), b);
-                }
+        const U first = first_x * channels + first_c, eight = U(8U) * channels;
+        expanded<Tiles::high>([&](auto m) {
+            const int y = c.y + first_row(w) + m;
+            if (y >= in.height) return;
+            float* const row = result.to + Index(y) * in.width * result.outputs;
+            expanded<2>([&](auto half) {
+                const auto there = first_x + U(std::uint32_t(8 * half)) < width;
+                const U at = half == 0 ? first : U(first + eight);
+                expanded<Tiles::wide>([&](auto n) {
+                    const U channel = first_c + U(std::uint32_t(8 * n));
+                    const U own = at + U(std::uint32_t(8 * n));
+                    const auto &a = sums.sum[m][n][2 * half], &b = sums.sum[m][n][2 * half + 1];
+                    const auto one = there && channel < channels;
+                    if constexpr (pairs) {
+                        W::write2_where(one, row, own / U(2U), a, b);
+                    } else {
+                        W::write_where(one, row, own, a);
+                        W::write_where(there && channel + U(1U) < channels, row, own + U(1U), b);
+                    }
+                });
             });
         });
     }
     /// Moments of each channel over a warp's pixels: about a mean in floats, so that nothing
-    /// cancels.
-    template <class W>
-    RYE_DEVICE void write_moments(const Sums<W>& sums, const Step& c,
-                                  const typename W::U& first_x, const typename W::U& first_c,
-                                  int w) const {
+    /// cancels. `whole`: all pixels are in the image.
+    template <class W, bool whole>
+    RYE_DEVICE void write_moments(const Sums<W>& sums, const typename W::U& first_c,
+                                  const Inside& inside, StripMoments* to) const {
         using F = typename W::F;
         using U = typename W::U;
-        const int rows = rye::max(0, rye::min(int(Tiles::high), in.height - c.y - first_row(w)));
-        const int count = rows * rye::min(int(Tiles::side), in.width - c.x);
+        const int count = inside.rows * inside.columns;
         const F share(count > 0 ? 1.0F / static_cast<float>(count) : 0.0F);
-        const U width(static_cast<std::uint32_t>(in.width)),
-            channels(static_cast<std::uint32_t>(result.outputs));
-        const auto there = [&](int half) { return first_x + U(std::uint32_t(8 * half)) < width; };
+        const U channels(static_cast<std::uint32_t>(result.outputs)), lane = W::lane_here();
+        // Pixels of a row that are in the image, of no row below it.
+        const auto number = [](int x) { return U(static_cast<std::uint32_t>(x)); };
+        const auto own = [&](auto m, auto half, const F& x) {
+            if constexpr (whole)
+                return x;
+            else
+                return F(select(
+                    lane / U(4U) + number(8 * half) < number(m < inside.rows ? inside.columns : 0),
+                    x, F(0.0F)));
+        };
         const auto all = [](F x) {
             x = x + W::template across<4>(x);
             x = x + W::template across<8>(x);
             return F(x + W::template across<16>(x));
         };
-        const Index strip = Index(c.tile / of_outputs()) * Tiles::down + w / Tiles::beside;
-        auto* const to = reinterpret_cast<Quad4*>(result.moments + strip * result.outputs);
         expanded<Tiles::wide>([&](auto n) {
             expanded<2>([&](auto k) {
                 const auto each = [&](const auto& f) {
                     expanded<Tiles::high>([&](auto m) {
-                        if (m < rows)
-                            expanded<2>([&](auto half) {
-                                f(there(half), F(sums.sum[m][n][2 * half + k]));
-                            });
+                        expanded<2>(
+                            [&](auto half) { f(m, half, F(sums.sum[m][n][2 * half + k])); });
                     });
                 };
                 F sum(0.0F), rest(0.0F), squares(0.0F);
-                each([&](const auto& in_it, const F& x) { sum = sum + select(in_it, x, F(0.0F)); });
+                each([&](auto m, auto half, const F& x) { sum = sum + own(m, half, x); });
                 const F mean = all(sum) * share;
-                each([&](const auto& in_it, const F& x) {
-                    const F above = select(in_it, F(x - mean), F(0.0F));
+                each([&](auto m, auto half, const F& x) {
+                    const F above = own(m, half, F(x - mean));
                     rest = rest + above;
                     squares = W::fma(above, above, squares);
                 });
                 const U channel = first_c + U(std::uint32_t(8 * n + k));
-                W::write4_where(W::lane_here() < U(4U) && channel < channels, to, channel,
+                W::write4_where(lane < U(4U) && channel < channels, reinterpret_cast<Quad4*>(to),
+                                channel,
                                 {{F(static_cast<float>(count)), mean, all(rest), all(squares)}});
             });
         });

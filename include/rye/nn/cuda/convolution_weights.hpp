@@ -153,8 +153,8 @@ struct ConvolutionWeightKernel {
     RYE_DEVICE void fetch(Stage& to, int tile, const Corner& c, int w) const {
         const int x = tile % cut.across() * Cut::across_tile, y = tile / cut.across() * tall;
         copy_tile<W, Image, threads>(in, {x, y, 1, c.input / 8}, to.image, {{0, Image::rows}}, w);
-        copy_tile<W, Cotangent, threads>(g, {x, y, 0, c.output / 8}, to.g,
-                                         {{0, Cotangent::rows}}, w);
+        copy_tile<W, Cotangent, threads>(g, {x, y, 0, c.output / 8}, to.g, {{0, Cotangent::rows}},
+                                         w);
     }
 
     /// A warp's sums.
@@ -169,9 +169,8 @@ struct ConvolutionWeightKernel {
             expanded<operands>([&](auto m) {
                 expanded<9>([&](auto tap) {
                     expanded<2>([&](auto n) {
-                        expanded<4>([&](auto k) {
-                            f(((m * 9 + tap) * 2 + n) * 4 + k, sum[m][tap][n][k]);
-                        });
+                        expanded<4>(
+                            [&](auto k) { f(((m * 9 + tap) * 2 + n) * 4 + k, sum[m][tap][n][k]); });
                     });
                 });
             });
@@ -226,8 +225,8 @@ struct ConvolutionWeightKernel {
         RYE_DEVICE static Array<Planes<W, N, 2>, 2> taps(const typename Image::Numbers& image,
                                                          int y, int column, int input) {
             const U matrix = W::lane() / U(8U);
-            const U x = matrix % U(2U) * U(8U) + W::lane() % U(8U) +
-                        U(static_cast<std::uint32_t>(column));
+            const U x =
+                matrix % U(2U) * U(8U) + W::lane() % U(8U) + U(static_cast<std::uint32_t>(column));
             const U own = U(static_cast<std::uint32_t>(input / 8)) + matrix / U(2U);
             const U at = x * U(Image::pixel_bytes) + Image::swapped(own, x) * U(16U) +
                          U(static_cast<std::uint32_t>(y * Image::row_bytes));
@@ -247,7 +246,7 @@ struct ConvolutionMergeKernel {
     static constexpr const char* name = "merge of a convolution's weights";
     static constexpr int threads = 256, blocks = 4;
     static constexpr int of_block = 32, ways = threads / of_block; ///< weights; ways to add
-    static constexpr int at_once = 4;                              ///< slices that are read together
+    static constexpr int at_once = 4; ///< slices that are read together
     struct Shared {
         double sum[std::size_t(ways)][std::size_t(of_block)];
     };

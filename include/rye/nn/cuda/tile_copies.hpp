@@ -40,31 +40,33 @@ template <class W, class Shape, int threads>
 RYE_DEVICE void copy_tile(const DeviceImagePlanes& image, const TilePlace& at,
                           typename Shape::Numbers& to, const Array<int, 2>& part, int w) {
     using U = typename W::U;
-    using M = typename W::M;
     const auto number = [](int x) { return U(static_cast<std::uint32_t>(x)); };
     constexpr int groups = Shape::groups, pixels = 32 / groups,
                   steps = (Shape::wide + pixels - 1) / pixels;
     const int all_groups = image.padded() / 8;
     const U lane = W::lane_here(), group = lane % number(groups);
     U source[std::size_t(steps)], target[std::size_t(steps)];
-    M there[std::size_t(steps)], inside[std::size_t(steps)];
+    typename W::M inside[std::size_t(steps)];
     expanded<steps>([&](auto i) {
-        const U x = number(i * pixels) + lane / number(groups);
+        // Beyond the rectangle, its last pixel once more.
+        const U next = number(i * pixels) + lane / number(groups);
+        const U x = select(next < number(Shape::wide), next, number(Shape::wide - 1));
         const U u = x + number(at.x - at.edge); // below 0 it is far above any width
         source[i] = u * number(all_groups) + number(at.group) + group;
         target[i] = x * number(groups) + Shape::swapped(group, x);
-        there[i] = x < number(Shape::wide);
         inside[i] = u < number(image.width) && number(at.group) + group < number(all_groups);
     });
     for (int row = part[0] + w; row < part[1]; row += threads / 32) {
         const int plane = Shape::planes == 1 ? 0 : row / Shape::tall;
         const int y = at.y - at.edge + row - plane * Shape::tall;
-        const auto in_rows = number(y >= 0 && y < image.height ? 1 : 0) > U(0U);
-        const auto* const from = reinterpret_cast<const Quad4*>(image.data) +
-                                 (plane * image.pixels() + Index(y) * image.width) * all_groups;
+        const bool in_rows = y >= 0 && y < image.height;
+        const auto* const from =
+            reinterpret_cast<const Quad4*>(image.data) +
+            (plane * image.pixels() + Index(in_rows ? y : 0) * image.width) * all_groups;
+        const auto of_image = number(in_rows ? 1 : 0) > U(0U);
         auto* const quads = reinterpret_cast<Quad4*>(&to.at[0][0]) + row * Shape::wide * groups;
         expanded<steps>([&](auto i) {
-            W::copy4_or_zero(there[i], in_rows && inside[i], quads, target[i], from, source[i]);
+            W::copy4_or_zero(of_image && inside[i], quads, target[i], from, source[i]);
         });
     }
 }
