@@ -205,6 +205,20 @@ struct PooledPixels {
                 detail::largest_of_four(top[0], top[channels], bottom[0], bottom[channels]);
             return (best < 2 ? top : bottom)[best % 2 * channels];
         }
+        RYE_HD Eight eight(int c) const {
+            const Eight top[2] = {eight_of(p, c, channels), eight_of(p + channels, c, channels)},
+                        bottom[2] = {eight_of(p + row, c, channels),
+                                     eight_of(p + row + channels, c, channels)};
+            Eight x;
+            for (std::size_t k = 0; k < 8; ++k) {
+                const int best =
+                    detail::largest_of_four(top[0][k], top[1][k], bottom[0][k], bottom[1][k]);
+                const float left = best < 2 ? top[0][k] : bottom[0][k],
+                            right = best < 2 ? top[1][k] : bottom[1][k];
+                x[k] = best % 2 == 0 ? left : right;
+            }
+            return x;
+        }
     };
     RYE_HD Pixel pixel(int x, int y) const {
         const Index row = Index(width) * channels;
