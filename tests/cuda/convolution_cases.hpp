@@ -40,7 +40,7 @@ struct DevicePlanesOf {
 struct ConvolutionCase {
     int width, height, inputs, outputs;
     double bound;
-    int blocks = 132; ///< at most, of a convolution and of the gradient of its weights
+    int weight_blocks = 132;
 };
 
 template <int N, class Device>
@@ -73,7 +73,7 @@ void convolution_against_host(const Device& device, const CudaQueue& queue,
         to_in(device, queue, c.inputs, x.width * x.height), to_weight(device, queue, before),
         again(device, queue, before), bias(device, queue, noise<float>(c.outputs, 1, 5));
     DeviceConvolution<Device, N> layer(device, c.inputs, c.outputs);
-    layer.blocks = layer.weight_blocks = c.blocks;
+    layer.weight_blocks = c.weight_blocks;
     CHECK_FAULT(layer.forward_into(queue, x_planes.view, to.buffer.data()), "weights were not set");
     layer.set(queue, weights.read());
     layer.forward_into(queue, x_planes.view, to.buffer.data());

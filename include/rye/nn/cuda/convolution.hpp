@@ -45,8 +45,6 @@ class DeviceConvolution {
                     " outputs, expected at least 1");
     }
 
-    /// Blocks of a convolution, at most: two for each unit of the largest devices.
-    int blocks = 264;
     /// Blocks that the gradient of the weights is cut into, about; its rounding depends on it.
     int weight_blocks = ConvolutionSlices::aim;
 
@@ -87,8 +85,7 @@ class DeviceConvolution {
         channels("image", in.channels, inputs_);
         Index strips = 0;
         with_tiles(outputs_, [&](auto tiles) {
-            strips =
-                ConvolutionKernel<decltype(tiles)>{in, nullptr, {outputs_, out}, blocks}.strips();
+            strips = ConvolutionKernel<decltype(tiles)>{in, nullptr, {outputs_, out}}.strips();
         });
         moments.reserve(queue, static_cast<std::size_t>(strips * outputs_) + 1);
         multiply(queue, in, forward_.data(), {outputs_, out, nullptr, moments.data()});
@@ -162,7 +159,7 @@ class DeviceConvolution {
                     std::uint64_t(1) << 32U,
                 "DeviceConvolution", "a row has more than 2^32 numbers");
         with_tiles(r.outputs, [&](auto tiles) {
-            const ConvolutionKernel<decltype(tiles)> kernel{in, weight, r, blocks};
+            const ConvolutionKernel<decltype(tiles)> kernel{in, weight, r};
             device_.launch(queue, kernel.blocks_of(), kernel);
         });
     }

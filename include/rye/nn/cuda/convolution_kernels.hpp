@@ -4,8 +4,7 @@
 /// all nine taps read them from there: a warp has rows of 16 pixels, and what it reads of a row of
 /// the image, moved by a tap's column, is multiplied by the three taps of that column for the three
 /// rows of results that it touches. The weights of a column of taps are a step; those of the next
-/// steps and the next channels, or the next tile's, are copied meanwhile. A block takes several
-/// tiles, so that only the first of them is waited for.
+/// steps, and the next channels, are copied meanwhile.
 #pragma once
 
 #include <rye/backend/cuda/planes.hpp>
@@ -59,16 +58,11 @@ struct ConvolutionKernel {
     DeviceImagePlanes in;
     const std::uint32_t* weight; ///< of ConvolutionPackKernel (convolution_operands.hpp)
     ConvolutionResult result;
-    int most; ///< blocks that are aimed at
 
     RYE_HD int across() const { return (in.width + Tiles::side - 1) / Tiles::side; }
     RYE_HD int below() const { return (in.height + Tiles::tall - 1) / Tiles::tall; }
     RYE_HD int of_outputs() const { return (result.outputs + Tiles::outputs - 1) / Tiles::outputs; }
-    RYE_HD int tiles() const { return across() * below() * of_outputs(); }
-    /// Tiles of a block.
-    RYE_HD int share() const { return (tiles() + most - 1) / most; }
-    /// Every block has tiles: its number, and every blocks_of() later one.
-    RYE_HD int blocks_of() const { return tiles() == 0 ? 0 : (tiles() + share() - 1) / share(); }
+    Index blocks_of() const { return Index(across()) * below() * of_outputs(); }
     /// Of moments.
     RYE_HD Index strips() const { return Index(across()) * below() * Tiles::down; }
 
@@ -76,80 +70,68 @@ struct ConvolutionKernel {
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         using W = typename Block::Warp;
         const int chunks = in.padded() / Tiles::chunk;
+        const Corner c = corner(block.index());
         auto sums = block.template of_warps<Sums<W>>();
-        Step now = first_of(block.index());
         block.each_warp([&](int w) {
-            copy_image<W>(now, {{0, Image::rows}}, shared.image[0], w);
-            copy_weights<W>(shared, now, 0, w);
+            copy_image<W>({c.x, c.y, 1, 0}, {{0, Image::rows}}, shared.image[0], w);
+            copy_weights<W>(shared, c, 0, w);
             W::end_copies();
-            copy_weights<W>(shared, now, 1, w);
+            copy_weights<W>(shared, c, 1, w);
             W::end_copies();
             W::wait_for_copies();
             sums[w].clear();
         });
-        for (int image = 0; now.tile < tiles(); image = 1 - image) {
-            const bool last = now.chunk + 1 == chunks;
-            const Step next = last ? first_of(now.tile + blocks_of())
-                                   : Step{now.x, now.y, now.output, now.tile, now.chunk + 1};
+        for (int chunk = 0; chunk < chunks; ++chunk)
             for (int column = 0; column < 3; ++column)
                 block.each_warp([&](int w) {
-                    if (column == 0)
-                        copy_weights<W>(shared, now, 2, w);
-                    else
-                        copy_weights<W>(shared, next, column - 1, w);
-                    if (column < 2)
+                    copy_weights<W>(shared, c, 3 * chunk + column + 2, w);
+                    if (column < 2 && chunk + 1 < chunks)
                         copy_image<W>(
-                            next,
+                            {c.x, c.y, 1, (chunk + 1) * (Tiles::chunk / 8)},
                             {{column * half_rows, column == 0 ? int(half_rows) : int(Image::rows)}},
-                            shared.image[1 - image], w);
+                            shared.image[(chunk + 1) % 2], w);
                     W::end_copies();
-                    if (works(now, w))
-                        sums[w].add(shared.image[image], shared.weight[column], column, w);
-                    if (last && column == 2) {
-                        finish(sums[w], now, w);
-                        sums[w].clear();
-                    }
+                    if (works(c, w))
+                        sums[w].add(shared.image[chunk % 2], shared.weight[column], column, w);
                     W::wait_for_copies();
                 });
-            now = next;
-        }
+        block.each_warp([&](int w) { finish(sums[w], c, w); });
     }
 
   private:
     static constexpr int half_rows = (Image::rows + 1) / 2;
-    /// Three steps: a tile with its first pixel and output, and which channels.
-    struct Step {
-        int x, y, output, tile, chunk;
+    /// The first pixel and the first output of a block, and which tile of the pixels it has.
+    struct Corner {
+        int x, y, output, tile;
     };
-    RYE_DEVICE Step first_of(int tile) const {
-        const int at = tile / of_outputs();
+    RYE_DEVICE Corner corner(int block) const {
+        const int at = block / of_outputs();
         return {at % across() * Tiles::side, at / across() * Tiles::tall,
-                tile % of_outputs() * Tiles::outputs, tile, 0};
+                block % of_outputs() * Tiles::outputs, at};
     }
     RYE_DEVICE static int first_row(int w) { return w / Tiles::beside * Tiles::high; }
     RYE_DEVICE static int first_column(int w) { return w % Tiles::beside * Tiles::wide; }
     /// Whether a warp has pixels and outputs.
-    RYE_DEVICE bool works(const Step& c, int w) const {
+    RYE_DEVICE bool works(const Corner& c, int w) const {
         return c.y + first_row(w) < in.height && c.output + 8 * first_column(w) < result.outputs;
     }
-    /// Starts to copy the pixels of steps, and the weights of a step.
+    /// Starts to copy rows of the pixels.
     template <class W>
-    RYE_DEVICE void copy_image(const Step& of, const Array<int, 2>& part,
+    RYE_DEVICE void copy_image(const TilePlace& at, const Array<int, 2>& part,
                                typename Image::Numbers& to, int w) const {
-        if (of.tile >= tiles()) return;
-        copy_tile<W, Image, threads>(in, {of.x, of.y, 1, of.chunk * (Tiles::chunk / 8)}, to, part,
-                                     w);
+        copy_tile<W, Image, threads>(in, at, to, part, w);
     }
+    /// Starts to copy the weights of a step: column step % 3 of the taps of channels step / 3.
     template <class W>
-    RYE_DEVICE void copy_weights(Shared& shared, const Step& of, int column, int w) const {
+    RYE_DEVICE void copy_weights(Shared& shared, const Corner& c, int step, int w) const {
         using U = typename W::U;
-        if (of.tile >= tiles()) return;
+        const int steps = in.padded() / Tiles::chunk * 3;
+        if (step >= steps) return;
         constexpr int quads = Tiles::step_words / 4;
         static_assert(quads % 32 == 0);
-        const int step = of.output / Tiles::outputs * (in.padded() / Tiles::chunk) + of.chunk;
-        const auto* const from =
-            reinterpret_cast<const Quad4*>(weight + (Index(step) * 3 + column) * Tiles::step_words);
-        auto* const to = reinterpret_cast<Quad4*>(&shared.weight[column][0]);
+        const auto* const from = reinterpret_cast<const Quad4*>(
+            weight + (Index(c.output / Tiles::outputs) * steps + step) * Tiles::step_words);
+        auto* const to = reinterpret_cast<Quad4*>(&shared.weight[step % 3][0]);
         for (int first = 32 * w; first < quads; first += threads) {
             const U q = U(static_cast<std::uint32_t>(first)) + W::lane_here();
             W::copy4_or_zero(q < U(std::uint32_t(quads)), to, q, from, q);
@@ -207,7 +189,7 @@ struct ConvolutionKernel {
     };
 
     template <class W>
-    RYE_DEVICE void finish(Sums<W>& sums, const Step& c, int w) const {
+    RYE_DEVICE void finish(Sums<W>& sums, const Corner& c, int w) const {
         using U = typename W::U;
         const U lane = W::lane_here();
         const U first_x = U(static_cast<std::uint32_t>(c.x)) + lane / U(4U);
@@ -221,7 +203,7 @@ struct ConvolutionKernel {
         if (result.moments == nullptr) return;
         const int rows = rye::max(0, rye::min(int(Tiles::high), in.height - c.y - first_row(w))),
                   columns = rye::min(int(Tiles::side), in.width - c.x);
-        const Index strip = Index(c.tile / of_outputs()) * Tiles::down + w / Tiles::beside;
+        const Index strip = Index(c.tile) * Tiles::down + w / Tiles::beside;
         StripMoments* const to = result.moments + strip * result.outputs;
         if (rows == Tiles::high && columns == Tiles::side)
             write_moments<W, true>(sums, first_c, {rows, columns}, to);
@@ -250,7 +232,7 @@ struct ConvolutionKernel {
         });
     }
     template <class W, bool pairs>
-    RYE_DEVICE void write(const Sums<W>& sums, const Step& c, const typename W::U& first_x,
+    RYE_DEVICE void write(const Sums<W>& sums, const Corner& c, const typename W::U& first_x,
                           const typename W::U& first_c, int w) const {
         using U = typename W::U;
         const U channels(static_cast<std::uint32_t>(result.outputs)),
