@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// upsampler [--json FILE]: what a training step does with images on this device, by 1, 2 and 3
-// planes: super-resolution 128 -> 512 and 512 -> 2048 (32 channels, capacity 32, two doublings),
-// forward and with its vjp, and losses of a picture at 512 x 512. Milliseconds of a CUDA graph,
-// median of 100 [least-most], and TFLOP/s of the convolutions' own products, which more planes take
-// several times.
+// upsampler [--layers] [--json FILE]: what a training step does with images on this device, by 1, 2
+// and 3 planes: super-resolution 128 -> 512 and 512 -> 2048 (32 channels, capacity 32, two
+// doublings), forward and with its vjp, and losses of a picture at 512 x 512; with --layers also
+// each convolution of both sizes by 1 plane. Milliseconds of a CUDA graph, median of 100
+// [least-most], and TFLOP/s of the convolutions' own products, which more planes take several
+// times.
 #include <rye/backend/cuda/device.hpp>
 
 #include <algorithm>
@@ -97,41 +98,44 @@ void upsampler_rows(const CudaQueue& queue, int side) {
                              "/planes:" + std::to_string(N);
     report(name + "/forward", graph_times(queue.stream, forward), flops);
     report(name + "/both", graph_times(queue.stream, both), 3 * flops);
+    network.keep_planes = true;
+    report(name + "/both, planes kept", graph_times(queue.stream, both), 3 * flops);
     std::printf("%-36s %8.0f MB beside %.0f MB of a trace\n", "", double(network.bytes()) / 1e6,
                 double(trace.bytes()) / 1e6);
 }
 
-/// A convolution of as many outputs as inputs.
+/// A convolution, forward with moments of its channels, and its gradients.
 template <int N>
-void convolution_rows(const CudaQueue& queue, int side, int channels) {
+void convolution_rows(const CudaQueue& queue, int side, int inputs, int outputs) {
     const CudaDevice device;
     const Index pixels = Index(side) * side;
-    const Numbers x(queue, channels, pixels, 1), out(queue, channels, pixels, 2),
-        weight(queue, channels, Index(9) * channels, 3),
-        g_weight(queue, channels, Index(9) * channels, 4);
-    DeviceImagePlanes planes{nullptr, side, side, channels};
-    DeviceBuffer<std::uint16_t> memory;
-    memory.reserve(queue, planes.halves(N));
-    planes.data = memory.data();
-    DeviceConvolution<CudaDevice, N> layer(device, channels, channels);
+    const Numbers x(queue, inputs, pixels, 1), y(queue, outputs, pixels, 2),
+        weight(queue, outputs, Index(9) * inputs, 3),
+        g_weight(queue, outputs, Index(9) * inputs, 4);
+    DeviceBuffer<std::uint16_t> memory[2];
+    const auto planes_of = [&](const Numbers& from, DeviceBuffer<std::uint16_t>& to) {
+        DeviceImagePlanes planes{nullptr, side, side, static_cast<int>(from.rows)};
+        to.reserve(queue, planes.halves(N));
+        planes.data = to.data();
+        image_planes_into<N>(device, queue, PlainPixels{from.buffer.data(), side, planes.channels},
+                             planes);
+        return planes;
+    };
+    const DeviceImagePlanes of_x = planes_of(x, memory[0]), of_y = planes_of(y, memory[1]);
+    DeviceConvolution<CudaDevice, N> layer(device, inputs, outputs);
     layer.set(queue, weight.view());
     DeviceBuffer<float> partial;
-    const double flops = 2.0 * 9 * double(pixels) * channels * channels;
-    const std::string name = "convolution/" + std::to_string(side) + "x" +
-                             std::to_string(channels) + "/planes:" + std::to_string(N);
-    const auto split = [&] {
-        image_planes_into<N>(device, queue, PlainPixels{x.buffer.data(), side, channels}, planes);
+    DeviceBuffer<StripMoments> moments;
+    const double flops = 2.0 * 9 * double(pixels) * inputs * outputs;
+    const std::string name = "convolution/" + std::to_string(side) + "/" + std::to_string(inputs) +
+                             "-" + std::to_string(outputs) + "/planes:" + std::to_string(N);
+    const auto row = [&](const char* what, const auto& f) {
+        report(name + what, graph_times(queue.stream, f), flops);
     };
-    report(name + "/planes", graph_times(queue.stream, split), 0);
-    report(name + "/forward",
-           graph_times(queue.stream, [&] { layer.forward_into(queue, planes, out.buffer.data()); }),
-           flops);
-    report(
-        name + "/weights",
-        graph_times(
-            queue.stream,
-            [&] { layer.vjp_weight_into(queue, planes, planes, g_weight.buffer.data(), partial); }),
-        flops);
+    row("/forward", [&] { layer.forward_into(queue, of_x, y.buffer.data(), moments); });
+    row("/input", [&] { layer.vjp_input_into(queue, of_y, x.buffer.data()); });
+    row("/weights",
+        [&] { layer.vjp_weight_into(queue, of_x, of_y, g_weight.buffer.data(), partial); });
 }
 
 void loss_rows(const CudaQueue& queue) {
@@ -177,6 +181,7 @@ void loss_rows(const CudaQueue& queue) {
 } // namespace
 
 int main(int argc, char** argv) {
+    const bool layers = argc > 1 && std::string(argv[1]) == "--layers";
     int devices = 0;
     if (cudaGetDeviceCount(&devices) != cudaSuccess || devices == 0) {
         std::puts("not run: cuda_upsampler: no device is there");
@@ -192,13 +197,19 @@ int main(int argc, char** argv) {
             upsampler_rows<2>(queue, side);
             if (side == 128) upsampler_rows<3>(queue, side);
         }
-        for (const int channels : {32, 64, 128}) convolution_rows<1>(queue, 512, channels);
-        convolution_rows<2>(queue, 512, 128);
-        convolution_rows<3>(queue, 512, 128);
+        for (const int channels : {32, 64, 128})
+            convolution_rows<1>(queue, 512, channels, channels);
+        convolution_rows<2>(queue, 512, 128, 128);
+        convolution_rows<3>(queue, 512, 128, 128);
+        const UpsamplerShape shape;
+        for (const int side : {128, 512})
+            for (int l = 0; layers && l < shape.layers(); ++l)
+                convolution_rows<1>(queue, side << l / 2, shape.layer_in(l),
+                                    shape.block_out(l / 2));
         loss_rows(queue);
     } catch (const std::exception& e) {
         std::printf("failed: %s\n", e.what());
         return 1;
     }
-    return bench::write_rows(argc, argv, json);
+    return bench::write_rows(argc - (layers ? 1 : 0), argv + (layers ? 1 : 0), json);
 }

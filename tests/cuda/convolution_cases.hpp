@@ -40,7 +40,7 @@ struct DevicePlanesOf {
 struct ConvolutionCase {
     int width, height, inputs, outputs;
     double bound;
-    int weight_blocks = 256;
+    int weight_blocks = 132;
 };
 
 template <int N, class Device>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernels whose machine code is counted (machine_code.sh): rules of Fast, features and alpha
-// alone, 3 and 32 channels; networks of width 256 by one plane of bf16; points of avatars; of layers
-// and losses of images one of each.
+// alone, 3 and 32 channels; networks of width 256 by one plane of bf16; points of avatars; of
+// layers and losses of images one of each.
 #include <rye/avatar/cuda/two_stream.hpp>
 #include <rye/backend/cuda/device.hpp>
 #include <rye/loss/cuda/lpips.hpp>
@@ -92,20 +92,20 @@ const void* const kernels[] = {kernel<ProjectKernel<Rules, NoDistortion>>(),
 using Byte = std::uint8_t;
 using Below = DoubledPixels<ActivatedPixels>;
 const void* const image_kernels[] = {kernel<ConvolutionPackKernel>(),
-                                     kernel<ConvolutionKernel<ConvolutionTiles<1, 32>>>(),
-                                     kernel<ConvolutionKernel<ConvolutionTiles<1, 64>>>(),
-                                     kernel<ConvolutionKernel<ConvolutionTiles<1, 128>>>(),
-                                     kernel<ConvolutionKernel<ConvolutionTiles<2, 128>>>(),
-                                     kernel<ConvolutionKernel<ConvolutionTiles<3, 64>>>(),
-                                     kernel<ConvolutionWeightKernel<1>>(),
-                                     kernel<ConvolutionWeightKernel<3>>(),
+                                     kernel<ConvolutionKernel<ConvolutionTiles<1, 32, 8, 4, 1>>>(),
+                                     kernel<ConvolutionKernel<ConvolutionTiles<1, 64, 8, 2, 2>>>(),
+                                     kernel<ConvolutionKernel<ConvolutionTiles<2, 64, 4, 4, 2>>>(),
+                                     kernel<ConvolutionKernel<ConvolutionTiles<3, 32, 2, 4, 2>>>(),
+                                     kernel<ConvolutionWeightKernel<1, 32, 32>>(),
+                                     kernel<ConvolutionWeightKernel<1, 64, 64>>(),
+                                     kernel<ConvolutionWeightKernel<3, 32, 32>>(),
                                      kernel<ConvolutionMergeKernel>(),
                                      kernel<ImagePlanesKernel<1, Below>>(),
                                      kernel<ImagePlanesKernel<1, CotangentPixels>>(),
                                      kernel<ImagePlanesKernel<1, PooledPixels>>(),
                                      kernel<ImagePlanesKernel<1, LpipsPixels<Byte>>>(),
                                      kernel<DoublingVjpKernel>(),
-                                     kernel<ChannelMomentsKernel>(),
+                                     kernel<StripSumsKernel>(),
                                      kernel<NormMergeKernel>(),
                                      kernel<ChannelCotangentKernel>(),
                                      kernel<OrderedSumKernel>(),

@@ -80,6 +80,7 @@ void upsampler_against_host(const Device& device, const CudaQueue& queue, const 
         g, g_exact);
     // Again: the same bits, added to what is there if it is not cleared.
     const Columns<float> before = to_in.get(), shown = out.array.get();
+    network.keep_planes = true;
     network.forward_into(queue, dx.read(), out.view(), trace);
     CHECK(out.array.get() == shown);
     CHECK(reverse().conv[0] == g.conv[0]);

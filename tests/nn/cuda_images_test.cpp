@@ -21,6 +21,8 @@ TEST_CASE("cuda, emulated: convolutions are the host's") {
         convolution_against_host<1>(EmulatedDevice{order}, queue, {19, 17, 33, 5, 4e-3, 4});
     const EmulatedDevice device;
     convolution_against_host<1>(device, queue, {17, 9, 8, 70, 4e-3});
+    convolution_against_host<1>(device, queue, {35, 18, 40, 66, 4e-3, 2});
+    convolution_against_host<1>(device, queue, {9, 34, 20, 7, 4e-3, 1});
     convolution_against_host<2>(device, queue, {19, 18, 34, 9, 1e-5});
     convolution_against_host<2>(device, queue, {5, 33, 3, 40, 1e-5, 4});
     convolution_against_host<3>(device, queue, {19, 18, 34, 9, 1e-6});

@@ -86,7 +86,7 @@ struct UpsamplerLayers {
             padded = std::max(padded, up(wide, 16) * pixels(l));
             packed += 2 * 9 * up(in, 32) * up(out, 32);
             const ConvolutionSlices slices{
-                width << l / 2, height << l / 2, in, out, planes == 1 ? 8 : 4, 256};
+                width << l / 2, height << l / 2, in, out, planes};
             partial = std::max(partial, static_cast<double>(slices.numbers()));
         }
         const double skip = shape.skip ? 2 * 3 * pixels(2 * shape.doublings) : 0;

@@ -24,6 +24,11 @@ struct DeviceWarp {
     using M = bool;
 
     __device__ static U lane() { return threadIdx.x % 32; }
+    __device__ static U lane_here() {
+        U r;
+        asm volatile("mov.u32 %0, %%laneid;" : "=r"(r));
+        return r;
+    }
     __device__ static F number(U x) { return static_cast<float>(x); }
     __device__ static F fma(F a, F b, F c) { return __fmaf_rn(a, b, c); }
     __device__ static F min(F a, F b) { return fminf(a, b); }
@@ -128,14 +133,25 @@ struct DeviceWarp {
         if (m) to[i] = from[k];
 #endif
     }
+    __device__ static void copy4_or_zero(M m, Quad4* to, U i, const Quad4* from, U k) {
+#if !defined(__CUDA_ARCH__) || __CUDA_ARCH__ >= 800
+        asm volatile("cp.async.cg.shared.global [%0], [%1], 16, %2;" ::"r"(
+                         static_cast<U>(__cvta_generic_to_shared(to + i))),
+                     "l"(from + (m ? k : 0U)), "r"(m ? 16U : 0U)
+                     : "memory");
+#else
+        to[i] = m ? from[k] : Quad4{0, 0, 0, 0};
+#endif
+    }
     __device__ static void end_copies() {
 #if !defined(__CUDA_ARCH__) || __CUDA_ARCH__ >= 800
         asm volatile("cp.async.commit_group;" ::: "memory");
 #endif
     }
+    template <int newer = 1>
     __device__ static void wait_for_copies() {
 #if !defined(__CUDA_ARCH__) || __CUDA_ARCH__ >= 800
-        asm volatile("cp.async.wait_group 1;" ::: "memory");
+        asm volatile("cp.async.wait_group %0;" ::"n"(newer) : "memory");
 #endif
         __syncwarp();
     }

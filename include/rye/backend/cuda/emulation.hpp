@@ -15,13 +15,14 @@
 #include <vector>
 
 #include <rye/backend/cuda.hpp>
+#include <rye/backend/cuda/host_copies.hpp>
 #include <rye/backend/cuda/unrolled.hpp>
 #include <rye/backend/cuda/warp_lanes.hpp>
 
 namespace rye {
 
 /// A warp of the host: the functions of backend/cuda/device.hpp's.
-struct HostWarp {
+struct HostWarp : HostCopies {
     using F = Lanes<float>;
     using U = Lanes<std::uint32_t>;
     using U64 = Lanes<std::uint64_t>;
@@ -30,6 +31,8 @@ struct HostWarp {
     static U lane() {
         return U::each([](int l) { return static_cast<std::uint32_t>(l); });
     }
+    /// The same, for what is seldom needed: it is not kept in registers through loops.
+    static U lane_here() { return lane(); }
     static F number(const U& x) { return F(x); }
     static F fma(const F& a, const F& b, const F& c) {
         return F::each([&](int l) { return std::fma(a.x[l], b.x[l], c.x[l]); });
@@ -144,26 +147,6 @@ struct HostWarp {
     static U read_half(const std::uint64_t* p, const U& i) {
         return U::each([&](int l) { return static_cast<std::uint32_t>(p[i.x[l]] >> (32 * half)); });
     }
-    /// Copies to shared memory that go on beside what follows: of 16 bytes, of a number. Until
-    /// their batch is waited for there is no number there.
-    static void copy4_ahead(const M& m, Quad4* to, const U& i, const Quad4* from, const U& k) {
-        for (int l = 0; l < 32; ++l)
-            if (m.x[l]) ahead(to + i.x[l], from + k.x[l], sizeof(Quad4));
-    }
-    static void copy_ahead(const M& m, float* to, const U& i, const float* from, const U& k) {
-        for (int l = 0; l < 32; ++l)
-            if (m.x[l]) ahead(to + i.x[l], from + k.x[l], sizeof(float));
-    }
-    /// Ends a batch of copies; waits for all but the last batch.
-    static void end_copies() { under_way().emplace_back(); }
-    /// Of a block that has ended.
-    static void forget_copies() { under_way().assign(1, {}); }
-    static void wait_for_copies() {
-        auto& batches = under_way(); // the last is open, the one before it may go on
-        for (std::size_t b = 0; b + 2 < batches.size(); ++b)
-            for (const Copy& c : batches[b]) std::memcpy(c.to, c.from, c.bytes);
-        if (batches.size() > 2) batches.erase(batches.begin(), batches.end() - 2);
-    }
     /// Takes one from a counter, for the warp.
     static std::uint32_t take_one(std::uint32_t* counter) { return (*counter)++; }
     static F read_where(const M& m, const float* p, const U& i, float other) {
@@ -248,21 +231,6 @@ struct HostWarp {
     }
 
   private:
-    struct Copy {
-        void* to;
-        const void* from;
-        std::size_t bytes;
-    };
-    using Batches = std::vector<std::vector<Copy>>;
-    static Batches& under_way() {
-        static thread_local Batches batches(1);
-        return batches;
-    }
-    static void ahead(void* to, const void* from, std::size_t bytes) {
-        std::memset(to, 0xFF, bytes);
-        under_way().back().push_back({to, from, bytes});
-    }
-
     static std::uint32_t half(float x) {
         const auto b = std::bit_cast<std::uint32_t>(x);
         if ((b & 0x7FFFFFFFU) > 0x7F800000U) return 0x7FFFU;

@@ -52,6 +52,9 @@ struct Lanes {
     friend Lanes operator|(const Lanes& a, const Lanes& b) {
         return each([&](int l) { return T(a.x[l] | b.x[l]); });
     }
+    friend Lanes operator^(const Lanes& a, const Lanes& b) {
+        return each([&](int l) { return T(a.x[l] ^ b.x[l]); });
+    }
     friend Lanes operator>>(const Lanes& a, const Lanes& b) {
         return each([&](int l) { return T(a.x[l] >> b.x[l]); });
     }

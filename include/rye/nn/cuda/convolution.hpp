@@ -12,6 +12,7 @@
 #include <string>
 
 #include <rye/nn/cuda/convolution_kernels.hpp>
+#include <rye/nn/cuda/convolution_operands.hpp>
 #include <rye/nn/cuda/convolution_weights.hpp>
 
 namespace rye {
@@ -45,34 +46,55 @@ class DeviceConvolution {
     }
 
     /// Blocks that the gradient of the weights is cut into, about; its rounding depends on it.
-    int weight_blocks = 256;
+    int weight_blocks = ConvolutionSlices::aim;
 
     int inputs() const { return inputs_; }
     int outputs() const { return outputs_; }
 
     /// Takes weights, outputs x 9 inputs. Throws an Error for another shape.
     void set(const CudaQueue& queue, const DeviceColumns<const float>& weight) {
+        ConvolutionPackKernel kernel;
+        take(queue, weight, kernel);
+        device_.launch(queue, kernel.blocks_of(), kernel);
+    }
+    /// The same, as two jobs of a kernel that is launched later.
+    void take(const CudaQueue& queue, const DeviceColumns<const float>& weight,
+              ConvolutionPackKernel& to) {
         require(weight.rows == outputs_ && weight.cols == Index(9) * inputs_, "DeviceConvolution",
                 "weights are " + std::to_string(weight.rows) + " x " + std::to_string(weight.cols) +
                     ", expected " + std::to_string(outputs_) + " x " + std::to_string(9 * inputs_));
         const Index in = inputs_, out = outputs_;
+        to.job[to.count++] = job(
+            queue, {weight.data, 0, in * out, out, 1, inputs_, outputs_, 0, N, nullptr}, forward_);
         // The adjoint's taps are turned by 180 degrees.
-        pack(queue, {weight.data, 0, in * out, out, 1, inputs_, outputs_, 0, N, nullptr}, forward_);
-        pack(queue,
-             {weight.data, 8 * in * out, -in * out, 1, out, outputs_, inputs_, 0, N, nullptr},
-             adjoint_);
+        to.job[to.count++] = job(
+            queue, {weight.data, 8 * in * out, -in * out, 1, out, outputs_, inputs_, 0, N, nullptr},
+            adjoint_);
     }
     /// out (outputs x pixels, floats) of an image's planes; with a bias (`outputs` numbers)
     /// relu(out + bias).
     void forward_into(const CudaQueue& queue, const DeviceImagePlanes& in, float* out,
                       const float* bias = nullptr) const {
         channels("image", in.channels, inputs_);
-        multiply(queue, in, forward_.data(), {outputs_, bias, out});
+        multiply(queue, in, forward_.data(), {outputs_, out, bias, nullptr});
+    }
+    /// The same without a bias, and moments of the channels of the result, over strips of its
+    /// pixels; returns how many strips.
+    Index forward_into(const CudaQueue& queue, const DeviceImagePlanes& in, float* out,
+                       DeviceBuffer<StripMoments>& moments) const {
+        channels("image", in.channels, inputs_);
+        Index strips = 0;
+        with_tiles(outputs_, [&](auto tiles) {
+            strips = ConvolutionKernel<decltype(tiles)>{in, nullptr, {outputs_, out}}.strips();
+        });
+        moments.reserve(queue, static_cast<std::size_t>(strips * outputs_) + 1);
+        multiply(queue, in, forward_.data(), {outputs_, out, nullptr, moments.data()});
+        return strips;
     }
     /// The cotangent of the image (inputs x pixels, floats), from that of the output as planes.
     void vjp_input_into(const CudaQueue& queue, const DeviceImagePlanes& g, float* g_in) const {
         channels("cotangent", g.channels, outputs_);
-        multiply(queue, g, adjoint_.data(), {inputs_, nullptr, g_in});
+        multiply(queue, g, adjoint_.data(), {inputs_, g_in, nullptr, nullptr});
     }
     /// Adds the cotangent of the weights. `partial` is memory for its sums.
     void vjp_weight_into(const CudaQueue& queue, const DeviceImagePlanes& in,
@@ -85,12 +107,13 @@ class DeviceConvolution {
                     ", its cotangent of " + std::to_string(g.width) + " x " +
                     std::to_string(g.height));
         if (in.pixels() == 0) return;
-        const ConvolutionSlices cut{
-            in.width,     in.height, inputs_, outputs_, ConvolutionWeightKernel<N>::tall,
-            weight_blocks};
+        const ConvolutionSlices cut{in.width, in.height, inputs_, outputs_, N, weight_blocks};
         partial.reserve(queue, cut.numbers());
-        const ConvolutionWeightKernel<N> kernel{cut, in, g, partial.data()};
-        device_.launch(queue, kernel.blocks_of(), kernel);
+        with_blocks(cut, [&](auto high, auto wide) {
+            const ConvolutionWeightKernel<N, decltype(high)::value, decltype(wide)::value> kernel{
+                cut, in, g, partial.data()};
+            device_.launch(queue, kernel.blocks_of(), kernel);
+        });
         const ConvolutionMergeKernel merge{cut, partial.data(), g_weight};
         device_.launch(queue, merge.blocks_of(), merge);
     }
@@ -98,37 +121,47 @@ class DeviceConvolution {
     std::size_t bytes() const { return forward_.bytes() + adjoint_.bytes(); }
 
   private:
-    struct Result {
-        int outputs;
-        const float* bias;
-        float* out;
-    };
-    /// Outputs of a block: wider ones for more of them, as far as registers reach.
-    static int tile(int outputs) { return outputs <= 32 ? 32 : outputs <= 64 || N == 3 ? 64 : 128; }
+    /// f of the sizes of a block's work for this many outputs.
+    template <class F>
+    static void with_tiles(int outputs, const F& f) {
+        if constexpr (N == 3)
+            f(ConvolutionTiles<3, 32, 2, 4, 2>());
+        else if (outputs <= 32)
+            f(ConvolutionTiles < N, 32, N == 1 ? 8 : 4, 4, N > ());
+        else
+            f(ConvolutionTiles < N, 64, N == 1 ? 8 : 4, 2 * N, 2 > ());
+    }
 
-    void pack(const CudaQueue& queue, ConvolutionPackKernel kernel,
-              DeviceBuffer<std::uint32_t>& to) {
-        kernel.outputs = tile(kernel.n_count);
-        to.reserve(queue, static_cast<std::size_t>(kernel.words()) * N);
-        kernel.to = to.data();
-        device_.launch(queue, kernel.blocks_of(), kernel);
+    /// f of the outputs and the inputs of a block of the weights' gradient.
+    template <class F>
+    static void with_blocks(const ConvolutionSlices& cut, const F& f) {
+        const auto with_inputs = [&](auto high) {
+            if constexpr (N == 1)
+                if (cut.wide() == 64) return f(high, Constant<64>{});
+            f(high, Constant<32>{});
+        };
+        if constexpr (N == 1)
+            if (cut.high() == 64) return with_inputs(Constant<64>{});
+        with_inputs(Constant<32>{});
+    }
+
+    ConvolutionPackJob job(const CudaQueue& queue, ConvolutionPackJob job,
+                           DeviceBuffer<std::uint32_t>& to) const {
+        with_tiles(job.n_count, [&](auto tiles) { job.outputs = decltype(tiles)::outputs; });
+        to.reserve(queue, static_cast<std::size_t>(job.words()) * N);
+        job.to = to.data();
+        return job;
     }
     void multiply(const CudaQueue& queue, const DeviceImagePlanes& in, const std::uint32_t* weight,
-                  const Result& r) const {
+                  const ConvolutionResult& r) const {
         require(weight != nullptr, "DeviceConvolution", "weights were not set");
         require(static_cast<std::uint64_t>(in.width) * static_cast<std::uint64_t>(r.outputs) <
                     std::uint64_t(1) << 32U,
                 "DeviceConvolution", "a row has more than 2^32 numbers");
-        const auto run = [&](auto tiles) {
-            const ConvolutionKernel<decltype(tiles)> kernel{in, weight, r.outputs, r.bias, r.out};
+        with_tiles(r.outputs, [&](auto tiles) {
+            const ConvolutionKernel<decltype(tiles)> kernel{in, weight, r};
             device_.launch(queue, kernel.blocks_of(), kernel);
-        };
-        if (tile(r.outputs) == 32)
-            run(ConvolutionTiles<N, 32>());
-        else if (tile(r.outputs) == 64)
-            run(ConvolutionTiles<N, 64>());
-        else if constexpr (N < 3)
-            run(ConvolutionTiles<N, 128>());
+        });
     }
     static void channels(const char* what, int got, int want) {
         require(got == want, "DeviceConvolution",

@@ -1,80 +1,47 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/cuda/convolution_kernels.hpp: a 3 x 3 convolution as one product without unfolding: a
-/// block has 16 x 16 pixels and keeps them with their border in shared memory, 32 channels at a
-/// time, from where all nine taps read them. Eight warps: four quarters of the rows by two halves
-/// of the outputs. While one tap is multiplied, the weights of the next and a ninth of the next
-/// channels are on their way.
+/// rye/nn/cuda/convolution_kernels.hpp: a 3 x 3 convolution as one product without unfolding. A
+/// block keeps the pixels of a tile with their border in shared memory, 32 channels at a time, and
+/// all nine taps read them from there: a warp has rows of 16 pixels, and what it reads of a row of
+/// the image, moved by a tap's column, is multiplied by the three taps of that column for the three
+/// rows of results that it touches. The weights of a column of taps are a step; those of the next
+/// steps, and the next channels, are copied meanwhile.
 #pragma once
 
 #include <rye/backend/cuda/planes.hpp>
-#include <rye/nn/cuda/tile_quads.hpp>
+#include <rye/math/scalar.hpp>
+#include <rye/nn/cuda/tile_copies.hpp>
 
 namespace rye {
 
-/// Sizes of a block's work: floats as N planes, `outputs` (32, 64 or 128) channels of the result.
-template <int N_, int outputs_>
+/// Sizes of a block's work: floats as N planes; `outputs` channels of the result; `high` rows of 16
+/// pixels a warp, `down` warps below one another by `beside` along the outputs.
+template <int N_, int outputs_, int high_, int down_, int beside_>
 struct ConvolutionTiles {
-    static constexpr int N = N_, outputs = outputs_;
-    static_assert(N >= 1 && N <= 3 && outputs % 32 == 0);
-    static constexpr int threads = 256;
-    static constexpr int side = 16, around = side + 2, rows = around * around; ///< [px]
-    static constexpr int chunk = 32;          ///< channels at a time
-    static constexpr int stride = chunk + 8;  ///< of a pixel in shared memory, in other banks
-    static constexpr int high = 4;            ///< rows of 16 pixels a warp
-    static constexpr int wide = outputs / 16; ///< operands of 8 outputs a warp
-    /// Words of the weights of a tap: 32 channels by all outputs.
-    static constexpr int tap_words = 2 * (outputs / 8) * N * 64;
+    static constexpr int N = N_, outputs = outputs_, high = high_, down = down_, beside = beside_;
+    static_assert(N >= 1 && N <= 3 && outputs % (8 * beside) == 0);
+    static constexpr int threads = 32 * down * beside;
+    static constexpr int side = 16, tall = high * down; ///< pixels of a tile
+    static constexpr int chunk = 32;                    ///< channels at a time
+    static constexpr int wide = outputs / (8 * beside); ///< operands of 8 outputs a warp
+    static constexpr int columns = outputs / 8;         ///< and a block
+    /// Words of the weights of a step: three taps, 32 channels, all outputs.
+    static constexpr int step_words = 3 * 2 * columns * N * 64;
+    using Image = TileShape<N, side + 2, tall + 2, chunk / 8>;
 };
 
-/// Weights as operands: for every tile of outputs, chunk of inputs and tap, 2 x (outputs / 8)
-/// operands of 16 x 8 numbers, of each its planes, of a plane two registers a lane.
-/// Element (tap, k, n) is from[first + tap tap_apart + k k_apart + n n_apart].
-struct ConvolutionPackKernel {
-    static constexpr const char* name = "convolution's operands";
-    static constexpr int threads = 128, blocks = 8;
-    struct Shared {};
-    const float* from;
-    Index first, tap_apart, k_apart, n_apart;
-    int k_count, n_count, outputs, planes;
-    std::uint32_t* to;
+/// Moments of a channel over the pixels of a warp.
+struct alignas(16) StripMoments {
+    float count, mean; ///< an approximate mean
+    float rest;        ///< sum of what the numbers are above it
+    float squares;     ///< and of the squares of that
+};
 
-    RYE_HD int chunks() const { return (k_count + 31) / 32; }
-    RYE_HD int tiles() const { return (n_count + outputs - 1) / outputs; }
-    /// Words of one plane.
-    RYE_HD Index words() const { return Index(tiles()) * chunks() * 9 * (outputs / 8) * 128; }
-    Index blocks_of() const { return (words() + threads - 1) / threads; }
-    template <class Block>
-    RYE_DEVICE void operator()(Block& block, Shared&) const {
-        block.each_thread([&](int t) {
-            const Index word = Index(block.index()) * threads + t;
-            if (word >= words()) return;
-            const Index operand = word / 64;
-            const int lane = static_cast<int>(word % 64) / 2, half = static_cast<int>(word % 2);
-            const int columns = outputs / 8;
-            const int column = static_cast<int>(operand % columns);
-            const int step = static_cast<int>(operand / columns % 2);
-            const Index stage = operand / (2 * columns);
-            const int tap = static_cast<int>(stage % 9);
-            const int chunk = static_cast<int>(stage / 9 % chunks());
-            const int tile = static_cast<int>(stage / 9 / chunks());
-            const int k = chunk * 32 + step * 16 + lane % 4 * 2 + half * 8;
-            const int n = tile * outputs + column * 8 + lane / 4;
-            float a = at(tap, k, n), b = at(tap, k + 1, n);
-            for (int p = 0; p < planes; ++p) {
-                const std::uint32_t both = Block::pack(a, b);
-                to[(operand * planes + p) * 64 + word % 64] = both;
-                a = a - Block::low(both);
-                b = b - Block::high(both);
-            }
-        });
-    }
-
-  private:
-    RYE_DEVICE float at(int tap, int k, int n) const {
-        return k < k_count && n < n_count
-                   ? from[first + tap * tap_apart + k * k_apart + n * n_apart]
-                   : 0.0F;
-    }
+/// Where results go.
+struct ConvolutionResult {
+    int outputs;
+    float* to;                       ///< outputs x pixels
+    const float* bias = nullptr;     ///< then relu(x + bias); or null: neither
+    StripMoments* moments = nullptr; ///< outputs x strips(), of the results; or null
 };
 
 /// The convolution of an image's planes, as floats.
@@ -82,104 +49,93 @@ template <class Tiles>
 struct ConvolutionKernel {
     static constexpr const char* name = "convolution";
     static constexpr int N = Tiles::N, threads = Tiles::threads;
-    static constexpr int blocks = N == 1 && Tiles::outputs <= 64 ? 2 : 1;
+    static constexpr int blocks = N == 1 && threads * Tiles::high <= 1024 ? 2 : 1;
+    using Image = typename Tiles::Image;
     struct Shared {
-        alignas(16) std::uint16_t
-            image[2][std::size_t(N)][std::size_t(Tiles::rows)][std::size_t(Tiles::stride)];
-        alignas(16) std::uint32_t weight[2][std::size_t(Tiles::tap_words)];
+        typename Image::Numbers image[2];
+        alignas(16) std::uint32_t weight[3][std::size_t(Tiles::step_words)];
     };
     DeviceImagePlanes in;
-    const std::uint32_t* weight; ///< of ConvolutionPackKernel
-    int outputs;                 ///< channels of the result
-    const float* bias;           ///< then relu(x + bias); or null: neither
-    float* out;                  ///< outputs x pixels
+    const std::uint32_t* weight; ///< of ConvolutionPackKernel (convolution_operands.hpp)
+    ConvolutionResult result;
 
     RYE_HD int across() const { return (in.width + Tiles::side - 1) / Tiles::side; }
-    RYE_HD int tiles() const { return (outputs + Tiles::outputs - 1) / Tiles::outputs; }
-    Index blocks_of() const {
-        return Index(across()) * ((in.height + Tiles::side - 1) / Tiles::side) * tiles();
-    }
+    RYE_HD int below() const { return (in.height + Tiles::tall - 1) / Tiles::tall; }
+    RYE_HD int of_outputs() const { return (result.outputs + Tiles::outputs - 1) / Tiles::outputs; }
+    Index blocks_of() const { return Index(across()) * below() * of_outputs(); }
+    /// Of moments.
+    RYE_HD Index strips() const { return Index(across()) * below() * Tiles::down; }
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         using W = typename Block::Warp;
-        const int of_outputs = block.index() % tiles(), at = block.index() / tiles();
-        const Corner corner{at % across() * Tiles::side, at / across() * Tiles::side,
-                            of_outputs * Tiles::outputs};
         const int chunks = in.padded() / Tiles::chunk;
-        const std::uint32_t* const own = weight + Index(of_outputs) * chunks * 9 * Tiles::tap_words;
-        block.each_warp([&](int w) {
-            for (int part = 0; part < 9; ++part) {
-                Part<W> p;
-                p.read(in, place(corner, 0), part * ninth, w);
-                p.write(&shared.image[0][0][0][0]);
-            }
-            Weights<W> first;
-            first.read(own, w);
-            first.write(shared, 0);
-        });
+        const Corner c = corner(block.index());
         auto sums = block.template of_warps<Sums<W>>();
-        block.each_warp([&](int w) { sums[w].clear(); });
-        for (int s = 0; s < 9 * chunks; ++s) {
-            const int chunk = s / 9, tap = s % 9;
-            block.each_warp([&](int w) {
-                const bool more = s + 1 < 9 * chunks, another = chunk + 1 < chunks;
-                Weights<W> next;
-                Part<W> part;
-                if (more) next.read(own + Index(s + 1) * Tiles::tap_words, w);
-                if (another) part.read(in, place(corner, chunk + 1), tap * ninth, w);
-                if (works(corner, w)) sums[w].add(shared, chunk % 2, s % 2, tap, w);
-                if (more) next.write(shared, (s + 1) % 2);
-                if (another) part.write(&shared.image[(chunk + 1) % 2][0][0][0]);
-            });
-        }
         block.each_warp([&](int w) {
-            if (works(corner, w)) finish(sums[w], corner, w);
+            copy_image<W>({c.x, c.y, 1, 0}, {{0, Image::rows}}, shared.image[0], w);
+            copy_weights<W>(shared, c, 0, w);
+            W::end_copies();
+            copy_weights<W>(shared, c, 1, w);
+            W::end_copies();
+            W::wait_for_copies();
+            sums[w].clear();
         });
+        for (int chunk = 0; chunk < chunks; ++chunk)
+            for (int column = 0; column < 3; ++column)
+                block.each_warp([&](int w) {
+                    copy_weights<W>(shared, c, 3 * chunk + column + 2, w);
+                    if (column < 2 && chunk + 1 < chunks)
+                        copy_image<W>(
+                            {c.x, c.y, 1, (chunk + 1) * (Tiles::chunk / 8)},
+                            {{column * half_rows, column == 0 ? int(half_rows) : int(Image::rows)}},
+                            shared.image[(chunk + 1) % 2], w);
+                    W::end_copies();
+                    if (works(c, w))
+                        sums[w].add(shared.image[chunk % 2], shared.weight[column], column, w);
+                    W::wait_for_copies();
+                });
+        block.each_warp([&](int w) { finish(sums[w], c, w); });
     }
 
   private:
-    /// The first pixel and the first output of a block.
+    static constexpr int half_rows = (Image::rows + 1) / 2;
+    /// The first pixel and the first output of a block, and which tile of the pixels it has.
     struct Corner {
-        int x, y, output;
+        int x, y, output, tile;
     };
-    RYE_DEVICE static int first_row(int w) { return w / 2 * Tiles::high; }
-    RYE_DEVICE static int first_column(int w) { return w % 2 * Tiles::wide; }
+    RYE_DEVICE Corner corner(int block) const {
+        const int at = block / of_outputs();
+        return {at % across() * Tiles::side, at / across() * Tiles::tall,
+                block % of_outputs() * Tiles::outputs, at};
+    }
+    RYE_DEVICE static int first_row(int w) { return w / Tiles::beside * Tiles::high; }
+    RYE_DEVICE static int first_column(int w) { return w % Tiles::beside * Tiles::wide; }
     /// Whether a warp has pixels and outputs.
     RYE_DEVICE bool works(const Corner& c, int w) const {
-        return c.y + first_row(w) < in.height && c.output + 8 * first_column(w) < outputs;
+        return c.y + first_row(w) < in.height && c.output + 8 * first_column(w) < result.outputs;
     }
-
-    /// A warp's part of a tap's weights on its way.
+    /// Starts to copy rows of the pixels.
     template <class W>
-    struct Weights {
+    RYE_DEVICE void copy_image(const TilePlace& at, const Array<int, 2>& part,
+                               typename Image::Numbers& to, int w) const {
+        copy_tile<W, Image, threads>(in, at, to, part, w);
+    }
+    /// Starts to copy the weights of a step: column step % 3 of the taps of channels step / 3.
+    template <class W>
+    RYE_DEVICE void copy_weights(Shared& shared, const Corner& c, int step, int w) const {
         using U = typename W::U;
-        static constexpr int quads = Tiles::tap_words / 4;
-        static constexpr int own = (quads + threads - 1) / threads;
-        Array<typename W::F, 4> quad[std::size_t(own)];
-        U place[std::size_t(own)];
-
-        RYE_DEVICE void read(const std::uint32_t* from, int w) {
-            const auto* const all = reinterpret_cast<const Quad4*>(from);
-            expanded<own>([&](auto k) {
-                place[k] = U(static_cast<std::uint32_t>(k * threads + 32 * w)) + W::lane();
-                quad[k] = W::read4_where(place[k] < U(quads), all, place[k]);
-            });
+        const int steps = in.padded() / Tiles::chunk * 3;
+        if (step >= steps) return;
+        constexpr int quads = Tiles::step_words / 4;
+        static_assert(quads % 32 == 0);
+        const auto* const from = reinterpret_cast<const Quad4*>(
+            weight + (Index(c.output / Tiles::outputs) * steps + step) * Tiles::step_words);
+        auto* const to = reinterpret_cast<Quad4*>(&shared.weight[step % 3][0]);
+        for (int first = 32 * w; first < quads; first += threads) {
+            const U q = U(static_cast<std::uint32_t>(first)) + W::lane_here();
+            W::copy4_or_zero(q < U(std::uint32_t(quads)), to, q, from, q);
         }
-        RYE_DEVICE void write(Shared& shared, int buffer) const {
-            auto* const to = reinterpret_cast<Quad4*>(&shared.weight[buffer][0]);
-            expanded<own>(
-                [&](auto k) { W::write4_where(place[k] < U(quads), to, place[k], quad[k]); });
-        }
-    };
-
-    using Around = TileShape<N, Tiles::around, Tiles::around, Tiles::chunk / 8, Tiles::stride>;
-    static constexpr int ninth = Around::quads / 9;
-    static_assert(ninth * 9 == Around::quads);
-    template <class W>
-    using Part = TileQuads<W, Around, ninth, threads>;
-    RYE_DEVICE static TilePlace place(const Corner& c, int chunk) {
-        return {c.x, c.y, 1, chunk * (Tiles::chunk / 8)};
     }
 
     /// A warp's sums.
@@ -195,59 +151,160 @@ struct ConvolutionKernel {
                     [&](auto n) { expanded<4>([&](auto k) { sum[m][n][k] = F(0.0F); }); });
             });
         }
-        RYE_DEVICE void add(const Shared& shared, int image, int weights, int tap, int w) {
-            const U lane = W::lane();
-            const U first =
-                (lane % U(16U) + U(static_cast<std::uint32_t>(
-                                     (first_row(w) + tap / 3) * Tiles::around + tap % 3))) *
-                    U(2U * Tiles::stride) +
-                lane / U(16U) * U(16U);
+        /// += the products of a column of taps.
+        RYE_DEVICE void add(const typename Image::Numbers& image, const std::uint32_t* weights,
+                            int column, int w) {
+            const U lane = W::lane(), x = lane % U(16U) + U(static_cast<std::uint32_t>(column));
+            const U row = x * U(Image::pixel_bytes) +
+                          U(static_cast<std::uint32_t>(first_row(w) * Image::row_bytes));
             expanded<2>([&](auto step) {
-                Planes<W, N, 4> left[std::size_t(Tiles::high)];
-                expanded<Tiles::high>([&](auto m) {
-                    expanded<N>([&](auto p) {
-                        left[m][p] = W::template tiles<false>(
-                            &shared.image[image][p][0][0],
-                            first + U(static_cast<std::uint32_t>(
-                                        m * Tiles::around * 2 * Tiles::stride + 32 * step)));
+                const U at =
+                    row + Image::swapped(lane / U(16U) + U(std::uint32_t(2 * step)), x) * U(16U);
+                Planes<W, N, 2> right[3][std::size_t(Tiles::wide)];
+                expanded<3>([&](auto down) {
+                    expanded<Tiles::wide>([&](auto n) {
+                        const int operand =
+                            (step * 3 + down) * Tiles::columns + first_column(w) + n;
+                        expanded<N>([&](auto p) {
+                            right[down][n][p] =
+                                W::read_words2(weights + (operand * N + p) * 64, lane);
+                        });
                     });
                 });
-                expanded<Tiles::wide>([&](auto n) {
-                    const std::uint32_t* const operand =
-                        &shared
-                             .weight[weights]
-                                    [(step * (Tiles::outputs / 8) + first_column(w) + n) * N * 64];
-                    Planes<W, N, 2> right;
-                    expanded<N>([&](auto p) { right[p] = W::read_words2(operand + p * 64, lane); });
-                    expanded<Tiles::high>(
-                        [&](auto m) { multiply<W, N>(sum[m][n], left[m], right); });
+                expanded<Tiles::high + 2>([&](auto r) {
+                    Planes<W, N, 4> left;
+                    expanded<N>([&](auto p) {
+                        left[p] = W::template tiles<false>(
+                            &image.at[p][0], at + U(std::uint32_t(r * Image::row_bytes)));
+                    });
+                    expanded<3>([&](auto down) {
+                        constexpr int m = decltype(r)::value - decltype(down)::value;
+                        if constexpr (m >= 0 && m < Tiles::high)
+                            expanded<Tiles::wide>(
+                                [&](auto n) { multiply<W, N>(sum[m][n], left, right[down][n]); });
+                    });
                 });
             });
         }
     };
 
     template <class W>
-    RYE_DEVICE void finish(const Sums<W>& sums, const Corner& corner, int w) const {
+    RYE_DEVICE void finish(Sums<W>& sums, const Corner& c, int w) const {
+        using U = typename W::U;
+        const U lane = W::lane_here();
+        const U first_x = U(static_cast<std::uint32_t>(c.x)) + lane / U(4U);
+        const U first_c =
+            U(static_cast<std::uint32_t>(c.output + 8 * first_column(w))) + lane % U(4U) * U(2U);
+        if (result.bias != nullptr) activate(sums, first_c);
+        if (result.outputs % 2 == 0)
+            write<W, true>(sums, c, first_x, first_c, w);
+        else
+            write<W, false>(sums, c, first_x, first_c, w);
+        if (result.moments == nullptr) return;
+        const int rows = rye::max(0, rye::min(int(Tiles::high), in.height - c.y - first_row(w))),
+                  columns = rye::min(int(Tiles::side), in.width - c.x);
+        const Index strip = Index(c.tile) * Tiles::down + w / Tiles::beside;
+        StripMoments* const to = result.moments + strip * result.outputs;
+        if (rows == Tiles::high && columns == Tiles::side)
+            write_moments<W, true>(sums, first_c, {rows, columns}, to);
+        else
+            write_moments<W, false>(sums, first_c, {rows, columns}, to);
+    }
+    /// What of a warp's pixels is in the image.
+    struct Inside {
+        int rows, columns;
+    };
+    template <class W>
+    RYE_DEVICE void activate(Sums<W>& sums, const typename W::U& first_c) const {
+        using U = typename W::U;
+        const U channels(static_cast<std::uint32_t>(result.outputs));
+        expanded<Tiles::wide>([&](auto n) {
+            expanded<2>([&](auto k) {
+                const U channel = first_c + U(std::uint32_t(8 * n + k));
+                const auto own = W::read_where(channel < channels, result.bias, channel, 0.0F);
+                expanded<Tiles::high>([&](auto m) {
+                    expanded<2>([&](auto half) {
+                        auto& x = sums.sum[m][n][2 * half + k];
+                        x = relu(typename W::F(x + own));
+                    });
+                });
+            });
+        });
+    }
+    template <class W, bool pairs>
+    RYE_DEVICE void write(const Sums<W>& sums, const Corner& c, const typename W::U& first_x,
+                          const typename W::U& first_c, int w) const {
+        using U = typename W::U;
+        const U channels(static_cast<std::uint32_t>(result.outputs)),
+            width(static_cast<std::uint32_t>(in.width));
+        const U first = first_x * channels + first_c, eight = U(8U) * channels;
+        expanded<Tiles::high>([&](auto m) {
+            const int y = c.y + first_row(w) + m;
+            if (y >= in.height) return;
+            float* const row = result.to + Index(y) * in.width * result.outputs;
+            expanded<2>([&](auto half) {
+                const auto there = first_x + U(std::uint32_t(8 * half)) < width;
+                const U at = half == 0 ? first : U(first + eight);
+                expanded<Tiles::wide>([&](auto n) {
+                    const U channel = first_c + U(std::uint32_t(8 * n));
+                    const U own = at + U(std::uint32_t(8 * n));
+                    const auto &a = sums.sum[m][n][2 * half], &b = sums.sum[m][n][2 * half + 1];
+                    const auto one = there && channel < channels;
+                    if constexpr (pairs) {
+                        W::write2_where(one, row, own / U(2U), a, b);
+                    } else {
+                        W::write_where(one, row, own, a);
+                        W::write_where(there && channel + U(1U) < channels, row, own + U(1U), b);
+                    }
+                });
+            });
+        });
+    }
+    /// Moments of each channel over a warp's pixels: about a mean in floats, so that nothing
+    /// cancels. `whole`: all pixels are in the image.
+    template <class W, bool whole>
+    RYE_DEVICE void write_moments(const Sums<W>& sums, const typename W::U& first_c,
+                                  const Inside& inside, StripMoments* to) const {
         using F = typename W::F;
         using U = typename W::U;
-        const U channels(static_cast<std::uint32_t>(outputs));
-        expanded<Tiles::high>([&](auto m) {
-            const int y = corner.y + first_row(w) + m;
-            if (y >= in.height) return;
-            float* const row = out + Index(y) * in.width * outputs;
-            expanded<Tiles::wide>([&](auto n) {
-                expanded<4>([&](auto k) {
-                    const U x =
-                        U(static_cast<std::uint32_t>(corner.x + k / 2 * 8)) + W::lane() / U(4U);
-                    const U c = U(static_cast<std::uint32_t>(corner.output +
-                                                             8 * (first_column(w) + n) + k % 2)) +
-                                W::lane() % U(4U) * U(2U);
-                    const auto there = x < U(static_cast<std::uint32_t>(in.width)) && c < channels;
-                    F value = sums.sum[m][n][k];
-                    if (bias != nullptr)
-                        value = relu(F(value + W::read_where(there, bias, c, 0.0F)));
-                    W::write_where(there, row, x * channels + c, value);
+        const int count = inside.rows * inside.columns;
+        const F share(count > 0 ? 1.0F / static_cast<float>(count) : 0.0F);
+        const U channels(static_cast<std::uint32_t>(result.outputs)), lane = W::lane_here();
+        // Pixels of a row that are in the image, of no row below it.
+        const auto number = [](int x) { return U(static_cast<std::uint32_t>(x)); };
+        const auto own = [&](auto m, auto half, const F& x) {
+            if constexpr (whole)
+                return x;
+            else
+                return F(select(
+                    lane / U(4U) + number(8 * half) < number(m < inside.rows ? inside.columns : 0),
+                    x, F(0.0F)));
+        };
+        const auto all = [](F x) {
+            x = x + W::template across<4>(x);
+            x = x + W::template across<8>(x);
+            return F(x + W::template across<16>(x));
+        };
+        expanded<Tiles::wide>([&](auto n) {
+            expanded<2>([&](auto k) {
+                const auto each = [&](const auto& f) {
+                    expanded<Tiles::high>([&](auto m) {
+                        expanded<2>(
+                            [&](auto half) { f(m, half, F(sums.sum[m][n][2 * half + k])); });
+                    });
+                };
+                F sum(0.0F), rest(0.0F), squares(0.0F);
+                each([&](auto m, auto half, const F& x) { sum = sum + own(m, half, x); });
+                const F mean = all(sum) * share;
+                each([&](auto m, auto half, const F& x) {
+                    const F above = own(m, half, F(x - mean));
+                    rest = rest + above;
+                    squares = W::fma(above, above, squares);
                 });
+                const U channel = first_c + U(std::uint32_t(8 * n + k));
+                W::write4_where(lane < U(4U) && channel < channels, reinterpret_cast<Quad4*>(to),
+                                channel,
+                                {{F(static_cast<float>(count)), mean, all(rest), all(squares)}});
             });
         });
     }

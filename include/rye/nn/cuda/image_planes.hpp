@@ -35,6 +35,24 @@ struct DeviceImagePlanes {
     }
 };
 
+/// Eight numbers.
+using Eight = Array<float, 8>;
+
+/// Numbers c ... c + 7 of a pixel of `channels`; 0 from there on. In quads where they begin at
+/// whole ones.
+RYE_HD inline Eight eight_of(const float* p, int c, int channels) {
+    Eight r;
+    if (c + 8 <= channels && reinterpret_cast<std::uintptr_t>(p + c) % sizeof(Quad4) == 0) {
+        const auto* const quad = reinterpret_cast<const Quad4*>(p + c);
+        const Quad4 a = quad[0], b = quad[1];
+        r = {{a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w}};
+    } else {
+        for (std::size_t k = 0; k < 8; ++k)
+            r[k] = c + static_cast<int>(k) < channels ? p[c + static_cast<int>(k)] : 0.0F;
+    }
+    return r;
+}
+
 /// Floats of an image.
 struct PlainPixels {
     const float* from;
@@ -42,9 +60,13 @@ struct PlainPixels {
 
     struct Pixel {
         const float* p;
+        int channels;
         RYE_HD float at(int c) const { return p[c]; }
+        RYE_HD Eight eight(int c) const { return eight_of(p, c, channels); }
     };
-    RYE_HD Pixel pixel(int x, int y) const { return {from + (Index(y) * width + x) * channels}; }
+    RYE_HD Pixel pixel(int x, int y) const {
+        return {from + (Index(y) * width + x) * channels, channels};
+    }
 };
 
 /// Mean and gain of an image's channels; null: it is not normalised.
@@ -54,6 +76,12 @@ struct DeviceNorm {
     /// x, normalised.
     RYE_HD float of(float x, int c) const {
         return mean != nullptr ? normalized(x, mean[c], gain[c]) : x;
+    }
+    /// Numbers of channels c ... c + 7.
+    RYE_HD void of_eight(Eight& x, int c, int channels) const {
+        if (mean == nullptr) return;
+        const Eight m = eight_of(mean, c, channels), g = eight_of(gain, c, channels);
+        for (std::size_t k = 0; k < 8; ++k) x[k] = normalized(x[k], m[k], g[k]);
     }
 };
 
@@ -66,10 +94,17 @@ struct ActivatedPixels {
     struct Pixel {
         const float* p;
         DeviceNorm norm;
+        int channels;
         RYE_HD float at(int c) const { return relu(norm.of(p[c], c)); }
+        RYE_HD Eight eight(int c) const {
+            Eight r = eight_of(p, c, channels);
+            norm.of_eight(r, c, channels);
+            for (float& x : r) x = relu(x);
+            return r;
+        }
     };
     RYE_HD Pixel pixel(int x, int y) const {
-        return {from + (Index(y) * width + x) * channels, norm};
+        return {from + (Index(y) * width + x) * channels, norm, channels};
     }
 };
 
@@ -98,6 +133,16 @@ struct DoubledPixels {
             const float r = top * corner[0][1].at(c) + bottom * corner[1][1].at(c);
             return left * l + right * r;
         }
+        RYE_HD Eight eight(int c) const {
+            const Eight a = corner[0][0].eight(c), b = corner[1][0].eight(c),
+                        d = corner[0][1].eight(c), e = corner[1][1].eight(c);
+            Eight x;
+            for (std::size_t k = 0; k < 8; ++k) {
+                const float l = top * a[k] + bottom * b[k], r = top * d[k] + bottom * e[k];
+                x[k] = left * l + right * r;
+            }
+            return x;
+        }
     };
     RYE_HD Pixel pixel(int x, int y) const {
         const DoublingTaps &u = across[x], &v = down[y];
@@ -121,6 +166,18 @@ struct CotangentPixels {
         const float *g, *p;
         DeviceNorm norm;
         const float *mean_g, *mean_gy;
+        int channels;
+        RYE_HD Eight eight(int c) const {
+            Eight x = eight_of(g, c, channels), y = eight_of(p, c, channels);
+            norm.of_eight(y, c, channels);
+            for (std::size_t k = 0; k < 8; ++k) x[k] = relu_vjp(y[k], x[k]);
+            if (norm.mean == nullptr) return x;
+            const Eight m = eight_of(mean_g, c, channels), n = eight_of(mean_gy, c, channels),
+                        gain = eight_of(norm.gain, c, channels);
+            for (std::size_t k = 0; k < 8; ++k)
+                x[k] = normalized_vjp(x[k], y[k], m[k], n[k], gain[k]);
+            return x;
+        }
         RYE_HD float at(int c) const {
             const float y = norm.of(p[c], c), through = relu_vjp(y, g[c]);
             if (norm.mean == nullptr) return through;
@@ -129,7 +186,7 @@ struct CotangentPixels {
     };
     RYE_HD Pixel pixel(int x, int y) const {
         const Index at = (Index(y) * width + x) * channels;
-        return {g + at, from + at, norm, mean_g, mean_gy};
+        return {g + at, from + at, norm, mean_g, mean_gy, channels};
     }
 };
 
@@ -148,6 +205,20 @@ struct PooledPixels {
                 detail::largest_of_four(top[0], top[channels], bottom[0], bottom[channels]);
             return (best < 2 ? top : bottom)[best % 2 * channels];
         }
+        RYE_HD Eight eight(int c) const {
+            const Eight top[2] = {eight_of(p, c, channels), eight_of(p + channels, c, channels)},
+                        bottom[2] = {eight_of(p + row, c, channels),
+                                     eight_of(p + row + channels, c, channels)};
+            Eight x;
+            for (std::size_t k = 0; k < 8; ++k) {
+                const int best =
+                    detail::largest_of_four(top[0][k], top[1][k], bottom[0][k], bottom[1][k]);
+                const float left = best < 2 ? top[0][k] : bottom[0][k],
+                            right = best < 2 ? top[1][k] : bottom[1][k];
+                x[k] = best % 2 == 0 ? left : right;
+            }
+            return x;
+        }
     };
     RYE_HD Pixel pixel(int x, int y) const {
         const Index row = Index(width) * channels;
@@ -162,7 +233,7 @@ struct ImagePlanesKernel {
     static constexpr int threads = 256, blocks = 4;
     struct Shared {};
     /// Eight numbers that are written at once.
-    struct alignas(16) Eight {
+    struct alignas(16) Halves {
         std::uint32_t pair[4];
     };
     Source source;
@@ -172,30 +243,43 @@ struct ImagePlanesKernel {
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
         block.each_thread([&](int t) {
-            const Index i = Index(block.index()) * threads + t;
-            const int groups = to.padded() / 8;
-            const Index j = i / groups;
-            if (j >= to.pixels()) return;
-            const int first = static_cast<int>(i % groups) * 8;
-            const auto pixel =
-                source.pixel(static_cast<int>(j % to.width), static_cast<int>(j / to.width));
-            Eight plane[std::size_t(N)];
-            expanded<4>([&](auto k) {
-                const int c = first + 2 * k;
-                float a = c < to.channels ? pixel.at(c) : 0.0F;
-                float b = c + 1 < to.channels ? pixel.at(c + 1) : 0.0F;
-                expanded<N>([&](auto p) {
-                    const std::uint32_t both = Block::pack(a, b);
-                    plane[p].pair[k] = both;
-                    a = a - Block::low(both);
-                    b = b - Block::high(both);
-                });
-            });
+            // Fewer than 2^32 (image_planes_into): divisions of 32 bits are much faster.
+            const auto i = static_cast<std::uint32_t>(block.index()) * std::uint32_t(threads) +
+                           static_cast<std::uint32_t>(t);
+            const auto groups = static_cast<std::uint32_t>(to.padded() / 8),
+                       width = static_cast<std::uint32_t>(to.width);
+            const std::uint32_t j = i / groups, y = j / width;
+            if (y >= static_cast<std::uint32_t>(to.height)) return;
+            const int first = static_cast<int>(i - j * groups) * 8;
+            const auto pixel = source.pixel(static_cast<int>(j - y * width), static_cast<int>(y));
+            Eight x = eight(pixel, first);
+            std::uint16_t* const at = to.data + Index(j) * to.padded() + first;
             expanded<N>([&](auto p) {
-                std::uint16_t* const at = to.data + (p * to.pixels() + j) * to.padded() + first;
-                *reinterpret_cast<Eight*>(at) = plane[p];
+                Halves plane;
+                expanded<4>([&](auto k) {
+                    const std::uint32_t both = Block::pack(x[2 * k], x[2 * k + 1]);
+                    plane.pair[k] = both;
+                    x[2 * k] = x[2 * k] - Block::low(both);
+                    x[2 * k + 1] = x[2 * k + 1] - Block::high(both);
+                });
+                *reinterpret_cast<Halves*>(at + p * to.pixels() * to.padded()) = plane;
             });
         });
+    }
+
+  private:
+    template <class Pixel>
+    RYE_DEVICE Eight eight(const Pixel& pixel, int first) const {
+        if constexpr (requires { pixel.eight(first); }) {
+            return pixel.eight(first);
+        } else {
+            Eight r;
+            for (std::size_t k = 0; k < 8; ++k) {
+                const int c = first + static_cast<int>(k);
+                r[k] = c < to.channels ? pixel.at(c) : 0.0F;
+            }
+            return r;
+        }
     }
 };
 
@@ -211,27 +295,52 @@ struct DoublingVjpKernel {
     int to_channels; ///< of the pixels of `to`, whose first are written
     bool add;
 
-    Index blocks_of() const { return (Index(width) * height * channels + threads - 1) / threads; }
+    /// Channels of a thread: four where pixels begin at whole quads.
+    RYE_HD int wide() const { return channels % 4 == 0 && to_channels % 4 == 0 ? 4 : 1; }
+    RYE_HD Index count() const { return Index(width) * height * (channels / wide()); }
+    Index blocks_of() const { return (count() + threads - 1) / threads; }
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared&) const {
         block.each_thread([&](int t) {
             const Index i = Index(block.index()) * threads + t;
-            const Index j = i / channels, c = i % channels;
-            if (j >= Index(width) * height) return;
-            const DoublingGather u = across[j % width], v = down[j / width];
-            float sum = 0;
-            for (int k = 0; k < 4; ++k) {
-                if (u.weight[k] == 0.0F) continue;
-                float line = 0;
-                for (int l = 0; l < 4; ++l)
-                    if (v.weight[l] != 0.0F)
-                        line +=
-                            v.weight[l] * g[(Index(v.at[l]) * 2 * width + u.at[k]) * channels + c];
-                sum += u.weight[k] * line;
-            }
-            float& own = to[j * to_channels + c];
-            own = add ? own + sum : sum;
+            if (i >= count()) return;
+            if (wide() == 4)
+                pull<Quad4>(static_cast<std::uint32_t>(i));
+            else
+                pull<float>(static_cast<std::uint32_t>(i));
         });
+    }
+
+  private:
+    RYE_HD static void add_times(float& sum, float weight, float x) { sum += weight * x; }
+    RYE_HD static void add_times(Quad4& sum, float weight, const Quad4& x) {
+        sum.x += weight * x.x;
+        sum.y += weight * x.y;
+        sum.z += weight * x.z;
+        sum.w += weight * x.w;
+    }
+    template <class V>
+    RYE_HD void pull(std::uint32_t i) const {
+        const auto parts = static_cast<std::uint32_t>(channels / wide()),
+                   w = static_cast<std::uint32_t>(width);
+        const std::uint32_t j = i / parts, c = i - j * parts, y = j / w;
+        const DoublingGather u = across[j - y * w], v = down[y];
+        const auto* const from = reinterpret_cast<const V*>(g) + c;
+        V sum{};
+        for (int k = 0; k < 4; ++k) {
+            if (u.weight[k] == 0.0F) continue;
+            V line{};
+            for (int l = 0; l < 4; ++l)
+                if (v.weight[l] != 0.0F)
+                    add_times(line, v.weight[l],
+                              from[(Index(v.at[l]) * 2 * width + u.at[k]) * Index(parts)]);
+            add_times(sum, u.weight[k], line);
+        }
+        V& own = reinterpret_cast<V*>(to)[Index(j) * (to_channels / wide()) + c];
+        if (add)
+            add_times(own, 1.0F, sum);
+        else
+            own = sum;
     }
 };
 

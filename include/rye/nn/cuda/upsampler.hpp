@@ -5,8 +5,8 @@
 ///     network.set(queue, device_upsampler(resident, host.upsampler));   // once a step
 ///     network.forward_into(queue, features, picture, trace);
 ///     network.vjp_into(queue, trace, g_picture, {gradient, g_features});
-/// What a convolution gives is kept in floats, normalised where it is read. Planes of a layer's
-/// input are made again by the vjp: they are cheaper to make than to keep. N planes of bf16 as in
+/// What a convolution gives is kept in floats, with moments of its channels, and normalised where
+/// it is read. Planes of a layer's input are made again by the vjp, or kept. N planes of bf16 as in
 /// nn/cuda/convolution.hpp.
 #pragma once
 
@@ -44,14 +44,16 @@ DeviceUpsamplerParameters device_upsampler(const Resident<P, Device>& resident,
 /// What a forward pass leaves for its vjp. One for each of the passes whose vjp is to come.
 struct DeviceUpsamplerTrace {
     std::vector<std::unique_ptr<DeviceBuffer<float>>> layer; ///< results, then means, then gains
-    DeviceBuffer<float> base;                                ///< of all sizes, if skip
-    DevicePicture<const float> in;                           ///< the caller's, until the vjp
+    std::vector<std::unique_ptr<DeviceBuffer<std::uint16_t>>> planes; ///< of inputs, where kept
+    DeviceBuffer<float> base;                                         ///< of all sizes, if skip
+    DevicePicture<const float> in; ///< the caller's, until the vjp
     DevicePicture<const float> out;
 
     /// Memory that is held [bytes].
     std::size_t bytes() const {
         std::size_t sum = base.bytes();
         for (const auto& l : layer) sum += l->bytes();
+        for (const auto& p : planes) sum += p->bytes();
         return sum;
     }
 };
@@ -77,14 +79,24 @@ class DeviceUpsampler {
         for (auto& d : doubling_) d = std::make_unique<DeviceDoubling<Device>>();
     }
 
+    /// Whether a trace keeps the planes of the layers' inputs: more memory, a faster vjp. The same
+    /// numbers either way.
+    bool keep_planes = false;
+
     const UpsamplerShape& shape() const { return shape_; }
 
     /// Takes the weights. Throws an Error for other shapes.
     void set(const CudaQueue& queue, const DeviceUpsamplerParameters& p) {
         check(p);
         parameters_ = p;
-        for (std::size_t l = 0; l < convolution_.size(); ++l)
-            convolution_[l]->set(queue, p.conv[l]);
+        ConvolutionPackKernel kernel;
+        for (std::size_t l = 0; l < convolution_.size(); ++l) {
+            convolution_[l]->take(queue, p.conv[l], kernel);
+            if (kernel.count + 2 <= ConvolutionPackKernel::most && l + 1 < convolution_.size())
+                continue;
+            device_.launch(queue, kernel.blocks_of(), kernel);
+            kernel.count = 0;
+        }
     }
 
     /// out (3 channels, 2^doublings times the size) of in (in_channels). Waits where the size is
@@ -101,6 +113,9 @@ class DeviceUpsampler {
         if (in.pixels.cols == 0) return;
         set_sizes(queue, in);
         trace.layer.resize(convolution_.size());
+        trace.planes.resize(keep_planes ? convolution_.size() : 0);
+        for (auto& p : trace.planes)
+            if (p == nullptr) p = std::make_unique<DeviceBuffer<std::uint16_t>>();
         for (int l = 0; l < shape_.layers(); ++l) {
             auto& layer = trace.layer[static_cast<std::size_t>(l)];
             if (layer == nullptr) layer = std::make_unique<DeviceBuffer<float>>();
@@ -108,14 +123,19 @@ class DeviceUpsampler {
             const int outputs = shape_.block_out(l / 2);
             layer->reserve(queue, static_cast<std::size_t>((s.pixels() + 2) * outputs));
             float* const result = layer->data();
-            of(l).forward_into(queue, input_planes(queue, trace, l), result);
-            if (shape_.norm == Normalization::instance)
-                norm_.forward_into(queue, {result, outputs, s.pixels()},
-                                   result + s.pixels() * outputs,
-                                   result + (s.pixels() + 1) * outputs);
+            const DeviceImagePlanes planes =
+                input_planes(queue, trace, l,
+                             keep_planes ? *trace.planes[static_cast<std::size_t>(l)] : planes_[0]);
+            if (shape_.norm == Normalization::none) {
+                of(l).forward_into(queue, planes, result);
+                continue;
+            }
+            const Index strips = of(l).forward_into(queue, planes, result, moments_);
+            norm_.forward_into(queue, {moments_.data(), strips, outputs},
+                               result + s.pixels() * outputs, result + (s.pixels() + 1) * outputs);
         }
         if (shape_.skip) make_base(queue, trace);
-        const LastLayerKernel kernel{last_layer(trace), out.pixels.data};
+        const LastLayerKernel kernel{{}, last_layer(trace), out.pixels.data};
         device_.launch(queue, kernel.blocks_of(), kernel);
     }
 
@@ -140,7 +160,7 @@ class DeviceUpsampler {
         for (int l = shape_.layers() - 1; l >= 0; --l) {
             const Layer s = size_of(trace, l);
             const DeviceImagePlanes planes = cotangent_planes(queue, trace, l, g);
-            of(l).vjp_weight_into(queue, input_planes(queue, trace, l), planes,
+            of(l).vjp_weight_into(queue, input_planes_again(queue, trace, l), planes,
                                   to.params.conv[static_cast<std::size_t>(l)].data, partial_);
             if (l == 0 && to.in.data == nullptr) return;
             of(l).vjp_input_into(queue, planes, l == 0 ? to.in.data : other);
@@ -158,7 +178,8 @@ class DeviceUpsampler {
 
     /// Memory that is held beside traces [bytes].
     std::size_t bytes() const {
-        std::size_t sum = norm_.bytes() + partial_.bytes() + sums_.bytes() + means_.bytes();
+        std::size_t sum =
+            norm_.bytes() + moments_.bytes() + partial_.bytes() + sums_.bytes() + means_.bytes();
         for (const auto& c : convolution_) sum += c->bytes();
         for (const auto& d : doubling_) sum += d->bytes();
         for (const auto& b : planes_) sum += b.bytes();
@@ -198,14 +219,17 @@ class DeviceUpsampler {
     DoubledPixels<Source> doubled(const Source& source, std::size_t d) const {
         return {source, doubling_[2 * d]->taps(), doubling_[2 * d + 1]->taps()};
     }
-    DeviceImagePlanes shaped(const CudaQueue& queue, int which, const Layer& s, int channels) {
+    DeviceImagePlanes shaped(const CudaQueue& queue, DeviceBuffer<std::uint16_t>& to,
+                             const Layer& s, int channels) const {
         DeviceImagePlanes planes{nullptr, s.width, s.height, channels};
-        planes_[which].reserve(queue, planes.halves(N));
-        planes.data = planes_[which].data();
+        to.reserve(queue, planes.halves(N));
+        planes.data = to.data();
         return planes;
     }
-    DeviceImagePlanes input_planes(const CudaQueue& queue, const DeviceUpsamplerTrace& t, int l) {
-        const DeviceImagePlanes to = shaped(queue, 0, size_of(t, l), shape_.layer_in(l));
+    /// Those that layer l multiplies, made.
+    DeviceImagePlanes input_planes(const CudaQueue& queue, const DeviceUpsamplerTrace& t, int l,
+                                   DeviceBuffer<std::uint16_t>& memory) {
+        const DeviceImagePlanes to = shaped(queue, memory, size_of(t, l), shape_.layer_in(l));
         if (l == 0)
             image_planes_into<N>(device_, queue,
                                  PlainPixels{t.in.pixels.data, t.in.width, shape_.in_channels}, to);
@@ -217,12 +241,20 @@ class DeviceUpsampler {
                                  to);
         return to;
     }
+    /// Those of a forward pass, which kept them or makes them again.
+    DeviceImagePlanes input_planes_again(const CudaQueue& queue, const DeviceUpsamplerTrace& t,
+                                         int l) {
+        if (t.planes.empty()) return input_planes(queue, t, l, planes_[0]);
+        const Layer s = size_of(t, l);
+        return {t.planes[static_cast<std::size_t>(l)]->data(), s.width, s.height,
+                shape_.layer_in(l)};
+    }
     /// The cotangent of layer l's convolution, from g, that of relu's output.
     DeviceImagePlanes cotangent_planes(const CudaQueue& queue, const DeviceUpsamplerTrace& t, int l,
                                        const float* g) {
         const ActivatedPixels own = activated(t, l);
         const Layer s = size_of(t, l);
-        const DeviceImagePlanes to = shaped(queue, 1, s, own.channels);
+        const DeviceImagePlanes to = shaped(queue, planes_[1], s, own.channels);
         CotangentPixels source{g, own.from, own.width, own.channels, own.norm, nullptr, nullptr};
         if (own.norm.mean != nullptr) {
             norm_.vjp_into(queue, {own.from, own.channels, s.pixels()}, g, own.norm, means_.data());
@@ -264,7 +296,7 @@ class DeviceUpsampler {
                         const DeviceColumns<const float>& g_out, const DeviceUpsamplerGradient& to,
                         float* g) {
         LastLayerVjpKernel kernel{
-            last_layer(t), t.out.pixels.data, g_out.data, g, g_base_[0].data(), nullptr};
+            {}, last_layer(t), t.out.pixels.data, g_out.data, g, g_base_[0].data(), nullptr};
         const int numbers = kernel.numbers();
         sums_.reserve(queue, static_cast<std::size_t>(kernel.blocks_of() * numbers));
         kernel.partial = sums_.data();
@@ -358,6 +390,7 @@ class DeviceUpsampler {
     DeviceBuffer<std::uint16_t> planes_[2];
     DeviceBuffer<float> g_[2], g_base_[2], partial_, means_;
     DeviceBuffer<double> sums_;
+    DeviceBuffer<StripMoments> moments_;
 };
 
 } // namespace rye
