@@ -83,13 +83,13 @@ class DeviceConvolution {
     Index forward_into(const CudaQueue& queue, const DeviceImagePlanes& in, float* out,
                        DeviceBuffer<StripMoments>& moments) const {
         channels("image", in.channels, inputs_);
-        Index strips = 0;
+        Index count = 0;
         with_tiles(outputs_, [&](auto tiles) {
-            strips = ConvolutionKernel<decltype(tiles)>{in, nullptr, {outputs_, out}}.strips();
+            count = ConvolutionKernel<decltype(tiles)>{in, nullptr, {outputs_, out}}.strips();
         });
-        moments.reserve(queue, static_cast<std::size_t>(strips * outputs_) + 1);
+        moments.reserve(queue, static_cast<std::size_t>(count * outputs_) + 1);
         multiply(queue, in, forward_.data(), {outputs_, out, nullptr, moments.data()});
-        return strips;
+        return count;
     }
     /// The cotangent of the image (inputs x pixels, floats), from that of the output as planes.
     void vjp_input_into(const CudaQueue& queue, const DeviceImagePlanes& g, float* g_in) const {

@@ -130,8 +130,8 @@ class DeviceUpsampler {
                 of(l).forward_into(queue, planes, result);
                 continue;
             }
-            const Index strips = of(l).forward_into(queue, planes, result, moments_);
-            norm_.forward_into(queue, {moments_.data(), strips, outputs},
+            const Index parts = of(l).forward_into(queue, planes, result, moments_);
+            norm_.forward_into(queue, {moments_.data(), parts, outputs},
                                result + s.pixels() * outputs, result + (s.pixels() + 1) * outputs);
         }
         if (shape_.skip) make_base(queue, trace);
