@@ -118,7 +118,7 @@ struct DrivenFeatures {
                                    const Vec3<T>& g_unit) {
         using D = Dual<T, 3>;
         Vec3<D> v;
-        for (int k = 0; k < 3; ++k) v[k] = D::variable(gaze[k], static_cast<std::size_t>(k));
+        for (int k = 0; k < 3; ++k) v[k] = D::variable(gaze[k], k);
         const Vec3<D> unit = normalized(v);
         const Mat3<D> turn = turn_of(unit);
         Vec3<T> sum(T(0), T(0), T(0));

@@ -46,7 +46,7 @@ struct ExplicitRotation {
     static Vec3<T> turn_vjp(const P&, std::size_t, const Vec3<T>& gaze, const Quat<T>& g_turn, P&) {
         using D = Dual<T, 3>;
         Vec3<D> x;
-        for (int k = 0; k < 3; ++k) x[k] = D::variable(gaze[k], static_cast<std::size_t>(k));
+        for (int k = 0; k < 3; ++k) x[k] = D::variable(gaze[k], k);
         const Quat<D> q = shortest_arc(Vec3<D>(D(0), D(0), D(1)), x);
         Vec3<T> g(T(0), T(0), T(0));
         for (int k = 0; k < 3; ++k)
@@ -91,7 +91,7 @@ RYE_HD Quat<T> turn_cotangent_of(const Quat<T>& turn, const Mat3<T>& g_matrix,
                                  const Quat<T>& g_quaternion) {
     using D = Dual<T, 4>;
     Quat<D> q;
-    for (int k = 0; k < 4; ++k) q[k] = D::variable(turn[k], static_cast<std::size_t>(k));
+    for (int k = 0; k < 4; ++k) q[k] = D::variable(turn[k], k);
     const Mat3<D> r = quat_matrix(q);
     Quat<T> g = g_quaternion;
     for (int k = 0; k < 4; ++k)

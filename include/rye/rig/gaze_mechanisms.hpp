@@ -83,8 +83,7 @@ struct LearnedQuaternion : ExplicitRotation {
     RYE_HD static Vec3<T> angles_vjp(const Vec3<T>& gaze, const Vec2<T>& g_angles) {
         using D = Dual<T, 3>;
         Vec3<D> direction;
-        for (int k = 0; k < 3; ++k)
-            direction[k] = D::variable(gaze[k], static_cast<std::size_t>(k));
+        for (int k = 0; k < 3; ++k) direction[k] = D::variable(gaze[k], k);
         const Vec2<D> angles = pitch_yaw(direction);
         Vec3<T> g_gaze(T(0), T(0), T(0));
         for (int k = 0; k < 3; ++k)
