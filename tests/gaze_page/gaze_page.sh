@@ -31,7 +31,9 @@ if [ -z "${AVATAR:-}" ]; then
     "$rye" capture --out "$work/capture" --size 256 --cameras 3 --frames 6 --test-frames 1 \
         --apart-frames 1 --samples 1 --quiet
     cat > "$work/short.json" << 'EOF'
-{"mesh": {"steps": 60, "pretrain_steps": 200, "fit_steps": 100}, "gaussians": {"steps": 60}}
+{"avatar": {"gaze_frequencies": 4},
+ "mesh": {"steps": 60, "pretrain_steps": 200, "fit_steps": 100, "fit_mixed": 0},
+ "gaussians": {"steps": 60, "rates": {"deform": 1e-3}}}
 EOF
     "$rye" train --capture "$work/capture" --preset cpu --config "$work/short.json" --quiet \
         --out "$work/run" > "$work/train.log"
