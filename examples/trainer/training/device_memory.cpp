@@ -174,10 +174,11 @@ DeviceSizes device_sizes(const TrainState& state, const Capture& capture) {
         s.listed = moved_by(state, {avatar.face.position, avatar.face.landmarks,
                                     VecX<double>::Ones(avatar.face.position.cols())});
     };
-    if (state.stage == Stage::avatar && state.visual) {
-        counted(state.visual->avatar);
-    } else if (state.stage == Stage::avatar && !state.compared && !state.appearance) {
-        counted(state.avatar);
+    if (state.stage == Stage::avatar) {
+        if (state.visual) counted(state.visual->avatar);
+        else if (state.compared) counted(state.compared->avatar);
+        else if (state.appearance) counted(state.appearance->avatar);
+        else counted(state.avatar);
     } else {
         s.eyes = 2.0 * state.config.gaussians.eyeball.points;
         const SurfaceGuess guess = surface_guess(state.config, state.subject);
