@@ -225,7 +225,7 @@ class Comparison {
         std::map<std::string, std::vector<PlannedRun*>> groups;
         for (const fs::path& folder : order_) {
             PlannedRun& run = runs_.at(folder);
-            // Where a device may take some of them, those that it cannot take have the CPU's.
+            // Runs that a device cannot take have the CPU's stage 1.
             const bool on_device =
                 has_device_kernels() && o_.device != "cpu" && without_kernels(run.config).empty();
             groups[run.capture + (on_device ? " on a device " : " ") +

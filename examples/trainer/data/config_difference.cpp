@@ -28,7 +28,7 @@ Json stage_one_fields(const TrainConfig& config) {
         avatar.erase(name);
     for (const char* name : {"exp_attributes", "pose_attributes"}) avatar["networks"].erase(name);
     fields["grid"].erase("subdivide");
-    // Where a capture has no eyeballs, their radius decides where their centres are taken to be.
+    // The radius decides where centres are taken to be, for a capture without measured eyeballs.
     const Json radius = fields["gaussians"]["eyeball"]["radius"];
     fields["gaussians"] = {{"eyeball", {{"radius", radius}}}};
     return fields;

@@ -12,8 +12,9 @@
 
 namespace rye::trainer {
 
-/// What work throws is thrown to the caller by the next call of start() or wait(). What work reads
-/// must stay as it is until one of them, or the destructor, has returned.
+/// A piece of work on a thread of its own, one at a time. Its exception is thrown to the caller by
+/// the next call of start() or wait(). Its inputs must stay as they are until one of these, or the
+/// destructor, has returned.
 class WorkBeside {
   public:
     /// `who` begins the warning of the destructor.

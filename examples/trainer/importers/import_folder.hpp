@@ -23,7 +23,7 @@
 
 namespace rye::trainer {
 
-/// What `rye import` is given. Options of other kinds are refused by the command.
+/// Arguments of `rye import`. Options of other kinds are refused by the command.
 struct ImportOptions {
     std::filesystem::path source;      ///< folder or file, by kind
     std::filesystem::path out;         ///< folder of the capture
@@ -36,7 +36,7 @@ struct ImportOptions {
     std::function<void(int, int)> progress = [](int, int) {};
 };
 
-/// What an import found, derived and did not find, in sentences.
+/// Report of an import: found, derived and missing inputs, in sentences.
 struct ImportSummary {
     int frames = 0, cameras = 0;
     int written = 0;      ///< frames of this run; the others were complete before

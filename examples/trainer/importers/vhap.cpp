@@ -263,7 +263,7 @@ std::array<Sphere, 2> eyeballs_of(const VhapSource& s, const Columns<double>& ve
 /// Landmarks of nose and eyes' corners, which expressions move least.
 constexpr std::array<int, 13> stable{27, 28, 29, 30, 31, 32, 33, 34, 35, 36, 39, 42, 45};
 
-/// What all frames share: the first frame's mesh decides it.
+/// Properties that all frames share, decided by the first frame's mesh.
 struct Shared {
     double factor = 1;                ///< from the export's unit to rye's
     std::vector<int> dense;           ///< vertices of the narrow face

@@ -177,7 +177,7 @@ Rigid<double> camera_pose(const Rigid<double>& stored, int camera, const Reading
     return pose;
 }
 
-/// Where the axes of a frame's patches meet.
+/// Point where the axes of a frame's patches meet.
 NearestPoint face_middle(const XgazeFrame& frame, const Rows& rotations,
                          const std::map<int, Rigid<double>>& stored, const Reading& reading) {
     const auto n = static_cast<Index>(frame.patches.size());
@@ -435,7 +435,7 @@ Rigid<double> head_of(const Columns<double>& points) {
     return pose;
 }
 
-/// What all frames share.
+/// Properties that all frames share.
 struct Shared {
     Columns<double> reference; ///< stable landmarks of the first frame, head frame
 };
