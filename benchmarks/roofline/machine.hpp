@@ -53,23 +53,26 @@ struct Machine {
     double keys;             ///< 32-bit keys sorted with 32-bit values, 100000 of them [1/s]
 };
 
-inline double peak_flops() {
+/// Ten chains of `rounds` fused products each, in lanes.
+inline void fused_products(int rounds) {
     using V = XsimdBackend<>::batch<float>;
     V a0(1.F), a1(1.F), a2(1.F), a3(1.F), a4(1.F), a5(1.F), a6(1.F), a7(1.F), a8(1.F), a9(1.F);
     float numbers[2] = {0.999F, 1e-3F};
     opaque(numbers);
     const V x(numbers[0]), y(numbers[1]);
+    for (int i = 0; i < rounds; ++i) {       // ten named chains: an array would go to memory
+        a0 = fma(a0, x, y), a1 = fma(a1, x, y), a2 = fma(a2, x, y), a3 = fma(a3, x, y);
+        a4 = fma(a4, x, y), a5 = fma(a5, x, y), a6 = fma(a6, x, y), a7 = fma(a7, x, y);
+        a8 = fma(a8, x, y), a9 = fma(a9, x, y);
+    }
+    V sum = ((a0 + a1) + (a2 + a3)) + ((a4 + a5) + (a6 + a7)) + (a8 + a9);
+    opaque(sum);
+}
+
+inline double peak_flops() {
     constexpr int rounds = 200000;
-    const double s = least_time(15, [&] {
-        for (int i = 0; i < rounds; ++i) {       // ten named chains: an array would go to memory
-            a0 = fma(a0, x, y), a1 = fma(a1, x, y), a2 = fma(a2, x, y), a3 = fma(a3, x, y);
-            a4 = fma(a4, x, y), a5 = fma(a5, x, y), a6 = fma(a6, x, y), a7 = fma(a7, x, y);
-            a8 = fma(a8, x, y), a9 = fma(a9, x, y);
-        }
-        V sum = ((a0 + a1) + (a2 + a3)) + ((a4 + a5) + (a6 + a7)) + (a8 + a9);
-        opaque(sum);
-    });
-    return rounds * 10.0 * 2.0 * static_cast<double>(V::size) / s;
+    const double s = least_time(15, [] { fused_products(rounds); });
+    return rounds * 10.0 * 2.0 * static_cast<double>(XsimdBackend<>::batch<float>::size) / s;
 }
 
 inline double memory_bytes() {

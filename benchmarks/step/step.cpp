@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A training step of stage 2 at the sizes of `rye train --preset cpu`, without any file: the time
 // of its parts, the ratio to its networks' products alone at the peak measured in the same run, and
-// the speed-up by a second thread.
+// the speed-up by threads of the step, of each part, and of the machine's own products and bytes.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -165,36 +165,69 @@ struct Trainer {
     }
 };
 
-/// Steps with one and with `threads` threads, alternating.
-void step(benchmark::State& state) {
-    const int threads = static_cast<int>(state.range(0));
-    Trainer trainer;
+/// The least times of steps with one and with `threads` threads, alternating.
+struct Alternating {
     LeastTimes serial{thread_seconds}, times{wall_seconds};
-    const double peak = measured_peak();
-    double flops = 0;
-    for (auto _ : state) {
+
+    void run(Trainer& trainer, int threads) {
         for (int round = 0; round < 8; ++round)
             for (const int n : {1, threads}) {
                 trainer.trainer.backend = on_threads(n);
                 trainer.round(n == 1 ? serial : times);
             }
+        if (threads == 1) times = serial;
+    }
+};
+
+/// A part's name as that of a counter.
+std::string counter_name(std::string part) {
+    std::replace_if(part.begin(), part.end(), [](char c) { return c == ' ' || c == '-'; }, '_');
+    return part;
+}
+
+void step(benchmark::State& state) {
+    const int threads = static_cast<int>(state.range(0));
+    Trainer trainer;
+    Alternating both;
+    const double peak = measured_peak();
+    double flops = 0;
+    for (auto _ : state) {
+        both.run(trainer, threads);
         flops = network_flops(trainer.avatar, trainer.trainer.trace().face);
     }
-    if (threads == 1) times = serial;
+    const LeastTimes& times = both.times;
     state.counters["step_ms"] = 1e3 * times.step;
     state.counters["gaussians"] = double(trainer.trainer.trace().gaussians.count());
     state.counters["gflop"] = 1e-9 * flops;
     state.counters["over_products"] = times.step * peak * threads / flops;
-    state.counters["faster"] = serial.wall / times.wall;
-    for (const auto& [part, seconds] : times.parts) {
-        std::string name = part;
-        std::replace_if(name.begin(), name.end(), [](char c) { return c == ' ' || c == '-'; }, '_');
-        state.counters[name] = seconds / times.step;
-    }
+    state.counters["faster"] = both.serial.wall / times.wall;
+    for (const auto& [part, seconds] : times.parts)
+        state.counters[counter_name(part)] = seconds / times.step;
 }
-BENCHMARK(step)->ArgName("threads")->Apply([](auto* b) {
+
+/// The speed-up of each part by threads, in wall time.
+void faster(benchmark::State& state) {
+    Trainer trainer;
+    Alternating both;
+    for (auto _ : state) both.run(trainer, static_cast<int>(state.range(0)));
+    for (const auto& [part, seconds] : both.times.parts)
+        state.counters[counter_name(part)] = both.serial.parts[part] / seconds;
+}
+
+/// What the machine itself has of n threads, a bound for everything above.
+void machine(benchmark::State& state) {
+    Together together{};
+    for (auto _ : state) together = measured_together(static_cast<int>(state.range(0)));
+    state.counters["products"] = together.products;
+    state.counters["bytes"] = together.bytes;
+}
+
+void by_threads(benchmark::internal::Benchmark* b) {
     for (int t = 1; t <= std::max(2, ThreadPool().size()); t *= 2) b->Arg(t);
-})->Iterations(1);
+}
+BENCHMARK(step)->ArgName("threads")->Apply(by_threads)->Iterations(1);
+BENCHMARK(faster)->ArgName("threads")->Apply(by_threads)->Iterations(1);
+BENCHMARK(machine)->ArgName("threads")->Apply(by_threads)->Iterations(1);
 
 } // namespace
 
