@@ -61,7 +61,7 @@ TrainState eyes_alone() {
 TrainState with(Name mechanism, TrainState s) {
     s.config.gaze_mechanism = mechanism;
     ComparedTraining& t = s.compared.emplace();
-    t.avatar = compared_avatar(s.avatar, mechanism, s.config.avatar.channels, Random{3, 0});
+    t.avatar = compared_avatar(s.avatar, s.config, Columns<float>(3, 0), Random{3, 0});
     t.adam = Adam<ComparedAvatar>(t.avatar);
     s.avatar = {};
     s.avatar_adam = {};

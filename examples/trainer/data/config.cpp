@@ -333,11 +333,11 @@ void check(const TrainConfig& c, const std::string& source) {
             "field 'avatar.gaze_mechanism': got \"" + word_of(c.gaze_mechanism) +
                 "\", expected \"rotation\", as gaze_axis is \"visual\"");
     require(c.gaze_mechanism == GazeMechanismName::rotation ||
-                (c.eye_appearance == EyeAppearanceName::free && c.shading == ShadingName::none),
+                c.eye_appearance == EyeAppearanceName::free,
             source,
             "field 'avatar.gaze_mechanism': got \"" + word_of(c.gaze_mechanism) +
                 "\", expected \"rotation\", as eye_appearance is \"" + word_of(c.eye_appearance) +
-                "\" and shading \"" + word_of(c.shading) + "\"");
+                "\"");
 }
 
 /// Networks with fewer operations: the shapes of the paper's, narrower.
@@ -362,14 +362,10 @@ void take_device_sizes(TrainConfig& c) {
     c.avatar.feature = 64;
     c.avatar.channels = 16;
     c.avatar.networks = narrow_networks(128, 64);
-    c.grid.cell = 3.5 / 32;
     c.mesh.image_size = 256;
-    c.mesh.fit_steps = 4000;
     AvatarTrainConfig& g = c.gaussians;
     g.steps = 20000;
-    g.mouth_points = 2000;
     g.spacing = 0.006;
-    g.spacing_slope = 0.06;
     g.checkpoint_every = 2000;
     g.panel_every = 2000;
     g.eyeball.points = 4000;
@@ -378,13 +374,22 @@ void take_device_sizes(TrainConfig& c) {
 }
 
 /// From `tiny` to `cpu` and `gpu`, beside the sizes: deformations that hold for expressions and
-/// gazes that no frame has, and faster Gaussians.
+/// gazes that no frame has, light that stays where the head turns, and faster Gaussians.
 void take_mixed_frames(TrainConfig& c) {
     c.avatar.pose_frequencies = c.avatar.gaze_frequencies = 1;
-    c.mesh.fit_steps = 6000;
+    c.shading = ShadingName::head_pose;
+    NetworkConfig& n = c.avatar.networks;
+    n.exp_deform.assign(4, 128);
+    n.pose_deform.assign(2, 128);
+    n.gaze_deform.assign(3, 128);
+    c.grid.cell = 3.5 / 32;
+    c.mesh.fit_steps = 10000;
     c.mesh.fit_rate = 3e-3;
-    c.mesh.fit_mixed = 0.7;
-    AvatarRates& rates = c.gaussians.rates;
+    c.mesh.fit_mixed = 0.85;
+    AvatarTrainConfig& g = c.gaussians;
+    g.mouth_points = 2000;
+    g.spacing_slope = 0.06;
+    AvatarRates& rates = g.rates;
     rates.deform = 3e-5;
     rates.position = 1e-3;
     rates.scale = rates.feature = 5e-3;
@@ -438,7 +443,7 @@ TrainConfig preset(const std::string& name) {
     c.mesh.landmarks_follow_gaze = true;
     c.mesh.fit_steps = 1500;
     AvatarTrainConfig& g = c.gaussians;
-    g.steps = tiny ? 1200 : 6000;
+    g.steps = tiny ? 1200 : 8000;
     g.mouth_points = tiny ? 300 : 600;
     g.spacing = tiny ? 0.02 : 0.012;
     g.spacing_slope = 0.2;

@@ -37,23 +37,16 @@ TwoStreamGaussians<float> driven_appearance(const AppearanceAvatar& avatar,
     return trace;
 }
 
-void require_appearance_fits(const AppearanceAvatar& avatar, const TrainConfig& config,
-                             const std::string& who) {
-    const auto agree = [&](const char* name, const Columns<float>& a, Index rows, Index cols) {
-        require(a.rows() == rows && a.cols() == cols, who,
-                std::string("tensor 'avatar.") + name + "': got shape (" +
-                    std::to_string(a.cols()) + ", " + std::to_string(a.rows()) + "), expected (" +
-                    std::to_string(cols) + ", " + std::to_string(rows) + ")");
-    };
-    agree("eyes.kappa", avatar.eyes.kappa, 2, 2);
+void require_kappa_fits(const AppearanceAvatar& avatar, const TrainConfig& config,
+                        const std::string& who) {
+    const Columns<float>& kappa = avatar.eyes.kappa;
+    require(kappa.rows() == 2 && kappa.cols() == 2, who,
+            "tensor 'avatar.eyes.kappa': got shape (" + std::to_string(kappa.cols()) + ", " +
+                std::to_string(kappa.rows()) + "), expected (2, 2)");
     if (config.gaze_axis == GazeAxis::optical)
-        require((avatar.eyes.kappa.array() == 0).all(), who,
+        require((kappa.array() == 0).all(), who,
                 "tensor 'avatar.eyes.kappa': got an angle that is not 0, expected none: the run's "
                 "gaze_axis is 'optical'");
-    if (config.shading == ShadingName::none) return;
-    agree("shading.light", avatar.shading.light, 8, 3);
-    agree("shading.normal", avatar.shading.normal, 3, avatar.face.position.cols());
-    agree("shading.eye_normal", avatar.shading.eye_normal, 3, 2);
 }
 
 } // namespace rye::trainer

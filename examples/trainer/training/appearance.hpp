@@ -20,7 +20,9 @@ struct AppearanceTraining {
 
 /// Whether a run of this configuration trains an AppearanceAvatar.
 inline bool has_appearance(const TrainConfig& config) {
-    return config.eye_appearance != EyeAppearanceName::free || config.shading != ShadingName::none;
+    return config.gaze_mechanism == GazeMechanismName::rotation &&
+           (config.eye_appearance != EyeAppearanceName::free ||
+            config.shading != ShadingName::none);
 }
 
 /// `avatar` with what the configuration has on, as a run begins: it looks as `avatar` does. The
@@ -42,9 +44,8 @@ TwoStreamGaussians<float> driven_appearance(const AppearanceAvatar& avatar,
                                             const AvatarConfig& config, const LandmarkRoles& roles,
                                             const Drivers<float>& drivers);
 
-/// Error, beginning with `who`, unless parameters of shading and kappa fit points and
-/// configuration.
-void require_appearance_fits(const AppearanceAvatar& avatar, const TrainConfig& config,
-                             const std::string& who);
+/// Error, beginning with `who`, unless the kappa fits the configuration.
+void require_kappa_fits(const AppearanceAvatar& avatar, const TrainConfig& config,
+                        const std::string& who);
 
 } // namespace rye::trainer

@@ -15,11 +15,13 @@ void hold(ComparedAvatar& avatar, int channels, const Random& random) {
 
 } // namespace
 
-ComparedAvatar compared_avatar(const Avatar& avatar, GazeMechanismName mechanism, int channels,
-                               const Random& random) {
+ComparedAvatar compared_avatar(const Avatar& avatar, const TrainConfig& config,
+                               const Columns<float>& normals, const Random& random) {
     ComparedAvatar c = restricted<ComparedEffects>(avatar);
+    if (config.shading == ShadingName::head_pose) c.shading = initial_shading<float>(normals);
+    const int channels = config.avatar.channels;
     using Name = GazeMechanismName;
-    switch (mechanism) {
+    switch (config.gaze_mechanism) {
         case Name::learned_quaternion:
             c.eyes.mechanism().held =
                 LearnedQuaternion::init<LearnedQuaternion::Parameters<float>>(channels, random);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/compared.hpp: the avatar of a run whose gaze mechanism is not explicit rotation
-/// (TrainConfig::gaze_mechanism). All of them are one type, so that a mechanism more costs no
-/// compilation of the whole avatar; avatar_steps.cpp trains and drives it, device_compared_*.cu
+/// (TrainConfig::gaze_mechanism), shaded or not. All of them are one type, so that a mechanism more
+/// costs no compilation of the whole avatar; avatar_steps.cpp trains and drives it, device_compared_*.cu
 /// train it on a device.
 #pragma once
 
@@ -19,12 +19,13 @@ struct ComparedTraining {
     Adam<ComparedAvatar> adam;
 };
 
-/// A compared avatar that is `avatar` but for the mechanism, whose parameters are initialised;
-/// without points they have the shapes that do not depend on the number of points.
-ComparedAvatar compared_avatar(const Avatar& avatar, GazeMechanismName mechanism, int channels,
-                               const Random& random);
+/// A compared avatar that is `avatar` but for the configuration's mechanism and shading, whose
+/// parameters are initialised; without points they have the shapes that do not depend on the number
+/// of points. The normals of the face's Gaussians are 3 x N, or of none.
+ComparedAvatar compared_avatar(const Avatar& avatar, const TrainConfig& config,
+                               const Columns<float>& normals, const Random& random);
 
-/// All of a compared avatar but its mechanism. Its eyes have no features, so it is not driven.
+/// All of a compared avatar but its mechanism and shading. Its eyes have no features, so it is not driven.
 Avatar without_mechanism(const ComparedAvatar& avatar);
 
 /// The driven Gaussians; the drivers' gazes are optical axes.

@@ -17,13 +17,14 @@ using Avatar = TwoStream<float, TrainEffects>;
 /// The avatar that is trained by lines of sight.
 using VisualEffects = More<TrainEffects, Kappa>;
 using VisualAvatar = TwoStream<float, VisualEffects>;
-/// The avatar of a run whose gaze mechanism is not explicit rotation.
+/// The avatar of a run whose gaze mechanism is not explicit rotation; it may be shaded.
 using ComparedMechanism = OneMechanism<FixedEye, LearnedQuaternion>;
 using ComparedAppearance =
     OneAppearance<FreeFeatures, RotatedFeatures, ConditionedFeatures, RotatedCode>;
-using ComparedEffects = More<TrainEffects, GazeBy<ComparedMechanism>, EyesBy<ComparedAppearance>>;
+using ComparedEffects =
+    More<TrainEffects, HeadShading, GazeBy<ComparedMechanism>, EyesBy<ComparedAppearance>>;
 using ComparedAvatar = TwoStream<float, ComparedEffects>;
-/// The avatar of a run with driven eyes or shading.
+/// The avatar of a run with driven eyes or shading, and explicit rotation.
 using AppearanceEffects = More<VisualEffects, HeadShading, EyesBy<DrivenFeatures>>;
 using AppearanceAvatar = TwoStream<float, AppearanceEffects>;
 

@@ -292,8 +292,13 @@ void check_clouds(const std::string& who, const A& avatar, const TrainState& s) 
     agree("eyes.centre", e.centre, 3, 2);
     agree("eyes.spacing", e.spacing, 1, m);
     agree("face.landmarks_3d_neutral", f.landmarks, 3, s.subject.neutral.cols());
-    if constexpr (std::same_as<A, AppearanceAvatar>)
-        require_appearance_fits(avatar, s.config, who);
+    if constexpr (std::same_as<A, AppearanceAvatar>) require_kappa_fits(avatar, s.config, who);
+    if constexpr (requires { avatar.shading; }) {
+        if (s.config.shading == ShadingName::none) return;
+        agree("shading.light", avatar.shading.light, 8, 3);
+        agree("shading.normal", avatar.shading.normal, 3, n);
+        agree("shading.eye_normal", avatar.shading.eye_normal, 3, 2);
+    }
 }
 
 /// Points of the left eyeball: written where the two differ.
@@ -425,8 +430,7 @@ TrainState load_checkpoint(const std::filesystem::path& run) {
             load_avatar(file, word, s, t.avatar, t.adam);
         } else if (s.config.gaze_mechanism != GazeMechanismName::rotation) {
             ComparedTraining& t = s.compared.emplace();
-            t.avatar = compared_avatar(avatar, s.config.gaze_mechanism, s.config.avatar.channels,
-                                       Random{0, 0});
+            t.avatar = compared_avatar(avatar, s.config, Columns<float>(3, 0), Random{0, 0});
             load_avatar(file, word, s, t.avatar, t.adam);
         } else {
             s.avatar = avatar;

@@ -59,7 +59,8 @@ AvatarFacts avatar_facts(const TrainState& state, const std::vector<Drivers<floa
         a.eye_offset = std::max(
             a.eye_offset, static_cast<double>((moves(d) - from).colwise().norm().maxCoeff()));
     a.channels = config.channels;
-    a.shaded = state.appearance && state.appearance->avatar.shading.any();
+    a.shaded = (state.appearance && state.appearance->avatar.shading.any()) ||
+               (state.compared && state.compared->avatar.shading.any());
     const Upsampler<float>& u = state.avatar.upsampler;
     a.refines = !u.shape.skip || (u.out_weight.array() != 0).any() || (u.out_bias.array() != 0).any();
     return a;

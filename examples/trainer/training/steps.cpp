@@ -77,12 +77,13 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     state.avatar =
         initialize_avatar(train_backend(), state.mesh, config.avatar, init, seed_of(state).fork(4));
     const AvatarSize size{state.avatar.face.position.cols(), state.avatar.eyes.position.cols()};
+    Columns<float> normals;
+    if (config.shading != ShadingName::none)
+        normals = face_points(train_backend(), state.mesh, config.avatar, init,
+                              seed_of(state).fork(4)).normals();
     if (has_appearance(config)) {
-        const Random random = seed_of(state);
-        const Columns<float> normals =
-            face_points(train_backend(), state.mesh, config.avatar, init, random.fork(4)).normals();
         AppearanceTraining& t = state.appearance.emplace();
-        t.avatar = appearance_avatar(state.avatar, config, normals, random.fork(11));
+        t.avatar = appearance_avatar(state.avatar, config, normals, seed_of(state).fork(11));
         t.adam = Adam<AppearanceAvatar>(t.avatar);
         state.avatar = {};
     } else if (config.gaze_axis == GazeAxis::visual) {
@@ -93,8 +94,7 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
         state.avatar = {};
     } else if (config.gaze_mechanism != GazeMechanismName::rotation) {
         ComparedTraining& t = state.compared.emplace();
-        t.avatar = compared_avatar(state.avatar, config.gaze_mechanism, config.avatar.channels,
-                                   seed_of(state).fork(10));
+        t.avatar = compared_avatar(state.avatar, config, normals, seed_of(state).fork(10));
         t.adam = Adam<ComparedAvatar>(t.avatar);
         state.avatar = {};
     } else {

@@ -43,6 +43,11 @@ template <Threads P>
 XsimdBackend(P) -> XsimdBackend<DefaultArch, P>;
 static_assert(Backend<XsimdBackend<>>);
 
+template <class Arch, Threads P>
+XsimdBackend<Arch, Serial> one_thread(const XsimdBackend<Arch, P>&) {
+    return {};
+}
+
 /// This unit's best vectors on the default threads.
 template <Scalar T>
 struct DefaultBackendOf<T> {

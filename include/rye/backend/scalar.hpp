@@ -17,4 +17,9 @@ template <Threads P>
 ScalarBackend(P) -> ScalarBackend<P>;
 static_assert(Backend<ScalarBackend<>>);
 
+template <Threads P>
+ScalarBackend<Serial> one_thread(const ScalarBackend<P>&) {
+    return {};
+}
+
 } // namespace rye

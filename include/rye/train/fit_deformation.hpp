@@ -26,46 +26,75 @@ struct DeformationFit {
     RegressionConfig regression = {};
 };
 
-/// `frames` need drivers and landmarks only. Returns the root mean square distance of a landmark's
-/// coordinate of a frame in the last steps (as many as there are frames), canonical units; mixed
-/// frames do not count.
+namespace detail {
+
+/// One frame of a step of the fit.
+template <class T, EffectSet E>
+struct DeformationTask {
+    FaceNetworks<T, E> grad;
+    DeformedLandmarks<T, E> landmarks;
+    T squares = T(0); ///< mean square of a landmark's coordinate that is off
+    bool mixed = false;
+};
+
+} // namespace detail
+
+/// `frames` need drivers and landmarks only. Frames of a step run side by side, each on one thread,
+/// and are added in order. Returns the root mean square distance of a landmark's coordinate of a
+/// frame in the last steps (as many as there are frames), canonical units; mixed frames do not
+/// count.
 template <Real T, EffectSet E, Backend B>
 double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const LandmarkStage& stage,
                        const std::vector<MeshSample<T, E>>& frames, const DeformationFit& fit) {
-    MeshLossConfig weights;
-    weights.landmark = weights.eye_offset = 0;
-    weights.deform = 1.0 / fit.batch;
-    Adam<GuidanceMesh<T, E>> adam(mesh);
-    GuidanceMesh<T, E> grad = zeros_like(mesh);
-    LandmarkTrace<T, E> trace;
-    const Columns<T> neutral = mesh.landmarks;
+    using Networks = FaceNetworks<T, E>;
+    const auto alone = one_thread(backend);
+    const Columns<T>& neutral = mesh.landmarks;
+    GeometryTrace<T> geometry;
+    LandmarkPlaces<T, E> places; // lattice and landmarks stay, so that these do
+    place_landmarks(backend, mesh, stage, geometry, places);
     LandmarkRegression regression;
     if (fit.mixed > 0)
         regression = landmark_regression<T, E>(backend, {stage.config, neutral, neutral},
                                                stage.roles, frames, fit.regression);
     const Random mixes = fit.random.fork(1);
+    Networks& networks = mesh.networks;
+    Adam<Networks> adam(networks);
+    Networks grad = zeros_like(networks);
+    std::vector<detail::DeformationTask<T, E>> tasks(static_cast<std::size_t>(fit.batch));
+    for (auto& t : tasks) t.grad = grad;
+    const auto run = [&](int step, Index i) {
+        detail::DeformationTask<T, E>& t = tasks[static_cast<std::size_t>(i)];
+        const auto draw = static_cast<std::uint64_t>(step * fit.batch + i);
+        t.mixed = fit.mixed > 0 && mixes.uniform(draw) < fit.mixed;
+        const MeshSample<T, E> made = t.mixed ? mixed_frame(frames, regression, neutral,
+                                                            mixes.fork(draw))
+                                              : MeshSample<T, E>{};
+        const MeshSample<T, E>& frame =
+            t.mixed ? made
+                    : frames[static_cast<std::size_t>(
+                          fit.random.below(draw, static_cast<Index>(frames.size())))];
+        const FrameCode<T, E> code = frame_code(stage.config, frame.drivers);
+        const LandmarkDeformation<T, E> at{networks, stage, places, code};
+        deform_landmarks(alone, at, t.landmarks);
+        const LossTerm<T> off = deformation_term<T>(t.landmarks.deformed, frame.landmarks);
+        t.squares = off.value;
+        Networks::fields([](const std::string&, auto& a) { a.setZero(); }, t.grad);
+        const Columns<T> g = T(1.0 / fit.batch) * off.gradient;
+        deform_landmarks_vjp<T, E>(alone, at, t.landmarks, g, {t.grad});
+    };
     double squares = 0, count = 0;
     for (int step = 0; step < fit.steps; ++step) {
-        GuidanceMesh<T, E>::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
-        for (int i = 0; i < fit.batch; ++i) {
-            const auto draw = static_cast<std::uint64_t>(step * fit.batch + i);
-            const bool mixed = fit.mixed > 0 && mixes.uniform(draw) < fit.mixed;
-            const MeshSample<T, E> made =
-                mixed ? mixed_frame(frames, regression, neutral, mixes.fork(draw))
-                      : MeshSample<T, E>{};
-            const MeshSample<T, E>& frame =
-                mixed ? made
-                      : frames[static_cast<std::size_t>(
-                            fit.random.below(draw, static_cast<Index>(frames.size())))];
-            const MeshLosses<T> l = landmark_losses(backend, mesh, {stage, weights}, frame, trace);
-            landmark_losses_vjp(backend, mesh, stage, trace, grad);
-            if (mixed || step < fit.steps - static_cast<int>(frames.size())) continue;
-            squares += static_cast<double>(l.deform);
+        backend.threads.run(fit.batch, [&](Index i) { run(step, i); });
+        Networks::fields([](const std::string&, auto& a) { a.setZero(); }, grad);
+        for (const auto& t : tasks) {
+            add_fields(grad, t.grad);
+            if (t.mixed || step < fit.steps - static_cast<int>(frames.size())) continue;
+            squares += static_cast<double>(t.squares);
             ++count;
         }
         const double rate = fit.rate * std::pow(0.05, static_cast<double>(step) / fit.steps);
-        adam_step(backend, mesh, grad, adam, [&](const std::string& name) {
-            return name.find("exp_deform") == 0 || name.find("gaze_deform") != std::string::npos
+        adam_step(backend, networks, grad, adam, [&](const std::string& name) {
+            return name.starts_with("exp_deform") || name.find("gaze_deform") != std::string::npos
                        ? rate : 0.0;
         });
     }

@@ -21,19 +21,29 @@ struct MeshLosses {
     Index vertices = 0;  ///< of the surface; 0: no surface, image losses left out
 };
 
-/// The deformation of the neutral landmarks by expression (and by gaze where asked), for L_def.
+/// The neutral landmarks as the deformations' networks see them: the same in every frame.
 template <class T, EffectSet E = PaperEffects>
-struct LandmarkTrace {
-    [[no_unique_address]] FrameCode<T, E> frame;
-    GeometryTrace<T> geometry;  ///< at the landmarks: signed distance and offset
-    Columns<T> shifted;         ///< after the lattice offset
+struct LandmarkPlaces {
+    Columns<T> shifted;         ///< after the lattice offset, 3 x L
     Columns<T> code;
     Columns<T> ones;            ///< influence 1 everywhere
-    [[no_unique_address]] Weights<T, E> weights;
+    [[no_unique_address]] Weights<T, E> weights; ///< of the gaze, where landmarks follow it
     [[no_unique_address]] WeightsTrace<T, E> nearest;
+};
+
+/// Their deformation in a frame.
+template <class T, EffectSet E = PaperEffects>
+struct DeformedLandmarks {
+    Columns<T> deformed;        ///< 3 x L
     [[no_unique_address]] Slot<E, Expression, FieldTrace<T>> exp;
     [[no_unique_address]] SkinSlot<E, FieldTrace<T>> gaze;
-    Columns<T> deformed;
+};
+
+/// The deformation of the neutral landmarks by expression (and by gaze where asked), for L_def.
+template <class T, EffectSet E = PaperEffects>
+struct LandmarkTrace : LandmarkPlaces<T, E>, DeformedLandmarks<T, E> {
+    [[no_unique_address]] FrameCode<T, E> frame;
+    GeometryTrace<T> geometry;  ///< at the landmarks: signed distance and offset
     [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetTrace<T>> eye_offset;
     Columns<T> g_deformed, g_sdf;  ///< weighted cotangents
     [[no_unique_address]] Slot<E, EyeOffset, Columns<T>, 1> g_eye_offset;
@@ -52,37 +62,91 @@ struct WeightedLandmarks : LandmarkStage {
     const MeshLossConfig& weights;
 };
 
+/// Sets the places of the landmarks; `geometry`: the lattice's network there.
+template <class T, EffectSet E, Backend B>
+void place_landmarks(const B& backend, const GuidanceMesh<T, E>& mesh, const LandmarkStage& stage,
+                     GeometryTrace<T>& geometry, LandmarkPlaces<T, E>& places) {
+    using std::tanh;
+    const AvatarConfig& config = stage.config;
+    geometry_at(backend, mesh, config, mesh.landmarks, geometry);
+    const T reach = T(config.vertex_offset);
+    places.shifted = mesh.landmarks + geometry.output.middleRows(1, 3).unaryExpr(
+                                          [&](const T& o) { return T(reach * tanh(o)); });
+    places.code = EncodingOf<E>::encode(places.shifted, config.frequencies);
+    places.ones = Columns<T>::Ones(1, places.shifted.cols());
+    if (stage.landmarks_follow_gaze && has_effect<E, Periocular>)
+        places.weights = face_weights<T>(backend, {config, places.shifted, mesh.landmarks},
+                                         stage.roles, places.nearest);
+}
+
+/// Landmarks in a frame, by a face's networks.
+template <class T, EffectSet E>
+struct LandmarkDeformation {
+    const FaceNetworks<T, E>& networks;
+    const LandmarkStage& stage;
+    const LandmarkPlaces<T, E>& places;
+    const FrameCode<T, E>& code;
+};
+
+/// Sets the deformed landmarks.
+template <class T, EffectSet E, Backend B>
+void deform_landmarks(const B& backend, const LandmarkDeformation<T, E>& at,
+                      DeformedLandmarks<T, E>& m) {
+    [[maybe_unused]] const T gain = T(at.stage.config.deform_scale);
+    [[maybe_unused]] const LandmarkPlaces<T, E>& places = at.places;
+    m.deformed = places.shifted;
+    if constexpr (has_effect<E, Expression>)
+        add_field(backend, Field{at.networks.exp_deform, Squash::tanh, gain},
+                  {places.code, places.ones, at.code.expression}, m.deformed, m.exp);
+    if (!at.stage.landmarks_follow_gaze || !has_effect<E, Periocular>) return;
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (skin_follows<E, eye>)
+            add_field(backend, Field{of_eye<eye>(at.networks.gaze_deform), Squash::tanh, gain},
+                      {places.code, of_eye<eye>(places.weights.gaze), of_eye<eye>(at.code.gaze)},
+                      m.deformed, of_eye<eye>(m.gaze));
+    });
+}
+
+/// Gradients of deform_landmarks, accumulated; those of code and influences may be null.
+template <class T, EffectSet E>
+struct LandmarkGradients {
+    FaceNetworks<T, E>& networks;
+    Columns<T>* code = nullptr;
+    Weights<T, E>* weights = nullptr;
+};
+
+/// Pulls the cotangent of the deformed landmarks, 3 x L, back; not to the places themselves.
+template <class T, EffectSet E, Backend B>
+void deform_landmarks_vjp(const B& backend, const LandmarkDeformation<T, E>& at,
+                          const DeformedLandmarks<T, E>& m, const Columns<T>& g_deformed,
+                          const LandmarkGradients<T, E>& g) {
+    [[maybe_unused]] const T gain = T(at.stage.config.deform_scale);
+    if constexpr (has_effect<E, Expression>)
+        field_vjp(backend, Field{at.networks.exp_deform, Squash::tanh, gain},
+                  {at.places.ones, at.code.expression, m.exp}, g_deformed,
+                  {&g.networks.exp_deform, g.code});
+    if (!at.stage.landmarks_follow_gaze || !has_effect<E, Periocular>) return;
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (skin_follows<E, eye>)
+            field_vjp(backend, Field{of_eye<eye>(at.networks.gaze_deform), Squash::tanh, gain},
+                      {of_eye<eye>(at.places.weights.gaze), of_eye<eye>(at.code.gaze),
+                       of_eye<eye>(m.gaze)},
+                      g_deformed,
+                      {&of_eye<eye>(g.networks.gaze_deform), g.code,
+                       g.weights != nullptr ? &of_eye<eye>(g.weights->gaze) : nullptr});
+    });
+}
+
 /// Sets deform, landmark and eye_offset of the losses.
 template <class T, EffectSet E, Backend B>
 MeshLosses<T> landmark_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
                               const WeightedLandmarks& stage, const MeshSample<T, E>& sample,
                               LandmarkTrace<T, E>& m) {
-    using std::tanh;
-    const AvatarConfig& config = stage.config;
     const MeshLossConfig& weights = stage.weights;
-    const FrameCode<T, E>& code = m.frame = frame_code(config, sample.drivers);
+    const FrameCode<T, E>& code = m.frame = frame_code(stage.config, sample.drivers);
     MeshLosses<T> l;
-    geometry_at(backend, mesh, config, mesh.landmarks, m.geometry);
-    const T reach = T(config.vertex_offset), gain = T(config.deform_scale);
-    m.shifted = mesh.landmarks + m.geometry.output.middleRows(1, 3).unaryExpr(
-                                     [&](const T& o) { return T(reach * tanh(o)); });
-    m.code = EncodingOf<E>::encode(m.shifted, config.frequencies);
-    m.ones = Columns<T>::Ones(1, m.shifted.cols());
-    m.deformed = m.shifted;
-    if constexpr (has_effect<E, Expression>)
-        add_field(backend, Field{mesh.networks.exp_deform, Squash::tanh, gain},
-                  {m.code, m.ones, code.expression}, m.deformed, m.exp);
-    if (stage.landmarks_follow_gaze && has_effect<E, Periocular>) {
-        m.weights =
-            face_weights<T>(backend, {config, m.shifted, mesh.landmarks}, stage.roles, m.nearest);
-        for_eyes([&]<std::size_t eye>() {
-            if constexpr (skin_follows<E, eye>)
-                add_field(backend,
-                          Field{of_eye<eye>(mesh.networks.gaze_deform), Squash::tanh, gain},
-                          {m.code, of_eye<eye>(m.weights.gaze), of_eye<eye>(code.gaze)}, m.deformed,
-                          of_eye<eye>(m.gaze));
-        });
-    }
+    place_landmarks<T, E>(backend, mesh, stage, m.geometry, m);
+    deform_landmarks<T, E>(backend, {mesh.networks, stage, m, code}, m);
     const LossTerm<T> def = deformation_term<T>(m.deformed, sample.landmarks);
     l.deform = def.value;
     m.g_deformed = T(weights.deform) * def.gradient;
@@ -93,7 +157,7 @@ MeshLosses<T> landmark_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
 
     if constexpr (has_effect<E, EyeOffset>) {
         const Columns<T> moved =
-            eye_offset<T>(backend, mesh.eye_offset, config, code, m.eye_offset);
+            eye_offset<T>(backend, mesh.eye_offset, stage.config, code, m.eye_offset);
         const LossTerm<T> eye = eye_offset_term<T>(moved, sample.eye_displacement);
         l.eye_offset = eye.value;
         m.g_eye_offset = T(weights.eye_offset) * eye.gradient;
@@ -109,26 +173,16 @@ void landmark_losses_vjp(const B& backend, const GuidanceMesh<T, E>& mesh,
     using std::tanh;
     const AvatarConfig& config = stage.config;
     [[maybe_unused]] const FrameCode<T, E>& code = m.frame;
-    const T reach = T(config.vertex_offset), gain = T(config.deform_scale);
+    const T reach = T(config.vertex_offset);
     Columns<T> g_code = Columns<T>::Zero(m.code.rows(), m.code.cols());
     Columns<T> g_shifted = m.g_deformed;
-    if constexpr (has_effect<E, Expression>)
-        field_vjp(backend, Field{mesh.networks.exp_deform, Squash::tanh, gain},
-                  {m.ones, code.expression, m.exp}, m.g_deformed,
-                  {&grad.networks.exp_deform, &g_code});
-    if (stage.landmarks_follow_gaze && has_effect<E, Periocular>) {
-        Weights<T, E> g_w(m.shifted.cols());
-        for_eyes([&]<std::size_t eye>() {
-            if constexpr (skin_follows<E, eye>)
-                field_vjp(
-                    backend, Field{of_eye<eye>(mesh.networks.gaze_deform), Squash::tanh, gain},
-                    {of_eye<eye>(m.weights.gaze), of_eye<eye>(code.gaze), of_eye<eye>(m.gaze)},
-                    m.g_deformed,
-                    {&of_eye<eye>(grad.networks.gaze_deform), &g_code, &of_eye<eye>(g_w.gaze)});
-        });
+    const bool follow = stage.landmarks_follow_gaze && has_effect<E, Periocular>;
+    Weights<T, E> g_w(follow ? m.shifted.cols() : 0);
+    deform_landmarks_vjp<T, E>(backend, {mesh.networks, stage, m, code}, m, m.g_deformed,
+                               {grad.networks, &g_code, &g_w});
+    if (follow)
         face_weights_vjp<T>(backend, {config, m.shifted, mesh.landmarks}, m.nearest, g_w,
                             {g_shifted, &grad.landmarks});
-    }
     g_shifted += EncodingOf<E>::vjp(m.code, g_code, config.frequencies);
     Columns<T> g_output = Columns<T>::Zero(m.geometry.output.rows(), m.geometry.output.cols());
     g_output.topRows(1) = m.g_sdf;
