@@ -293,7 +293,7 @@ void check_clouds(const std::string& who, const A& avatar, const TrainState& s) 
     agree("eyes.spacing", e.spacing, 1, m);
     agree("face.landmarks_3d_neutral", f.landmarks, 3, s.subject.neutral.cols());
     if constexpr (std::same_as<A, AppearanceAvatar>) require_kappa_fits(avatar, s.config, who);
-    if constexpr (requires { avatar.shading; }) {
+    if constexpr (requires { avatar.shading.light; }) {
         if (s.config.shading == ShadingName::none) return;
         agree("shading.light", avatar.shading.light, 8, 3);
         agree("shading.normal", avatar.shading.normal, 3, n);
