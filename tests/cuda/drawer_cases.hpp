@@ -44,9 +44,9 @@ DrawnViews drawn_on_host(const AvatarCase<E>& c, const Drivers<float, E>& driver
     drive(host, c.avatar, {c.config, c.roles, drivers}, trace);
     const VecX<float> white = VecX<float>::Ones(c.config.channels), black = VecX<float>::Zero(2);
     DrawnViews r;
-    r.picture = upsampler_forward(
-        host, c.avatar.upsampler,
-        rasterizer.forward(host, trace.gaussians, camera, white).feature, nullptr);
+    r.picture = upsampler_forward(host, c.avatar.upsampler,
+                                  rasterizer.forward(host, trace.gaussians, camera, white).feature,
+                                  nullptr);
     Gaussians<float>& both = trace.gaussians;
     both.feature = Columns<float>::Zero(2, both.count());
     for (Index e = 0; e < 2; ++e)

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// drawer_device: pictures of avatars on a device against the host's; where there is none it says so.
+// drawer_device: pictures of avatars on a device against the host's; where there is none it says
+// so.
 #define DOCTEST_CONFIG_IMPLEMENT
 #include "drawer_cases.hpp"
 

@@ -406,8 +406,9 @@ void add_compare(CLI::App& app) {
     c->add_option("--split", o->split, "Frames to measure")
         ->check(CLI::IsMember({"test", "train", "novel", "independent"}))
         ->capture_default_str();
-    add_device(*c, o->device,
-               "Where stage 2 is trained and runs are drawn, as for `rye train` and `rye evaluate`");
+    add_device(
+        *c, o->device,
+        "Where stage 2 is trained and runs are drawn, as for `rye train` and `rye evaluate`");
     c->add_option("--jobs", o->jobs, "Runs at once")
         ->check(CLI::Range(1, 64))
         ->capture_default_str();

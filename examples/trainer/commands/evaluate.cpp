@@ -159,9 +159,8 @@ void evaluate(const EvaluateOptions& o) {
         for (; i < views.size() && views[i].frame == f; ++i) {
             const ViewResult& r = found[i];
             frame.add(r);
-            Json line = {
-                {"frame", capture.frames[static_cast<std::size_t>(f)].id},
-                {"camera", capture.camera_ids[static_cast<std::size_t>(views[i].camera)]}};
+            Json line = {{"frame", capture.frames[static_cast<std::size_t>(f)].id},
+                         {"camera", capture.camera_ids[static_cast<std::size_t>(views[i].camera)]}};
             line.update(r.json());
             if (views[i].pictured) {
                 line["picture"] = picture_of(views[i]);
@@ -173,9 +172,9 @@ void evaluate(const EvaluateOptions& o) {
         if (in(capture.novel_gaze, f)) groups["novel gaze"].add(frame);
         if (in(capture.independent_gaze, f)) groups["independent eyes"].add(frame);
     }
-    Json results = {{"split", o.split}, {"frames", frames.size()}, {"views", per_view.size()},
-                    {"step", state.step}, {"device", drawer.name()},
-                    {"missed_degrees", missed_degrees},
+    Json results = {{"split", o.split},         {"frames", frames.size()},
+                    {"views", per_view.size()}, {"step", state.step},
+                    {"device", drawer.name()},  {"missed_degrees", missed_degrees},
                     {"all", all.json()}};
     for (const auto& [name, r] : groups) results[name] = r.json();
     const CentreErrors centres = centre_errors(state, capture, frames);

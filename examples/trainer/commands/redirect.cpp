@@ -309,8 +309,7 @@ void add_redirect(CLI::App& app) {
                   "folder of numbered pictures (no extension)")
         ->required()
         ->check(out_check(formats));
-    add_device(*c, o->device,
-               std::string(drawing_device_help) + ", and --effects leaves none out");
+    add_device(*c, o->device, std::string(drawing_device_help) + ", and --effects leaves none out");
     add_threads(*c, o->threads);
     c->callback([o] { redirect(*o); });
 }

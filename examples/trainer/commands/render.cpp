@@ -220,9 +220,10 @@ void add_render(CLI::App& app) {
     c->add_option("--out", o->out, "Picture to write (.png or .jpg)")
         ->required()
         ->check(out_check(formats));
-    add_device(*c, o->device,
-               "Where a run's head is drawn; auto: a CUDA device where this build has kernels and a "
-               "device is there");
+    add_device(
+        *c, o->device,
+        "Where a run's head is drawn; auto: a CUDA device where this build has kernels and a "
+        "device is there");
     add_threads(*c, o->threads);
     c->callback([o] { render(*o); });
 }

@@ -69,8 +69,9 @@ std::unique_ptr<DeviceEngine<E>> device_engine_of(const TwoStream<float, E>& ava
                                                   const Adam<TwoStream<float, E>>& adam,
                                                   const DeviceTask& task);
 
-/// Planes of bf16 a float of the networks' products of pictures that are drawn on a device, whatever
-/// the run was trained with: pictures agree with the CPU's to about 1e-5, for a millisecond a frame.
+/// Planes of bf16 a float of the networks' products of pictures that are drawn on a device,
+/// whatever the run was trained with: pictures agree with the CPU's to about 1e-5, for a
+/// millisecond a frame.
 inline constexpr int drawing_planes = 3;
 
 /// Draws one avatar on a device, for one thread at a time. All of it waits.

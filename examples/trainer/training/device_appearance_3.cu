@@ -15,7 +15,8 @@ template <>
 std::unique_ptr<DeviceDrawer> device_drawer<AppearanceEffects>(
     const TwoStream<float, AppearanceEffects>& avatar, const AvatarConfig& config,
     const LandmarkRoles& roles, const std::optional<LpipsWeights<float>>& lpips) {
-    return std::make_unique<DeviceDrawerOf<AppearanceEffects, CudaMachine>>(avatar, config, roles, lpips);
+    return std::make_unique<DeviceDrawerOf<AppearanceEffects, CudaMachine>>(avatar, config, roles,
+                                                                            lpips);
 }
 
 } // namespace rye::trainer

@@ -15,7 +15,8 @@ template <>
 std::unique_ptr<DeviceDrawer> device_drawer<ComparedEffects>(
     const TwoStream<float, ComparedEffects>& avatar, const AvatarConfig& config,
     const LandmarkRoles& roles, const std::optional<LpipsWeights<float>>& lpips) {
-    return std::make_unique<DeviceDrawerOf<ComparedEffects, CudaMachine>>(avatar, config, roles, lpips);
+    return std::make_unique<DeviceDrawerOf<ComparedEffects, CudaMachine>>(avatar, config, roles,
+                                                                          lpips);
 }
 
 } // namespace rye::trainer

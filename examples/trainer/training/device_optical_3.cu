@@ -15,7 +15,8 @@ template <>
 std::unique_ptr<DeviceDrawer> device_drawer<TrainEffects>(
     const TwoStream<float, TrainEffects>& avatar, const AvatarConfig& config,
     const LandmarkRoles& roles, const std::optional<LpipsWeights<float>>& lpips) {
-    return std::make_unique<DeviceDrawerOf<TrainEffects, CudaMachine>>(avatar, config, roles, lpips);
+    return std::make_unique<DeviceDrawerOf<TrainEffects, CudaMachine>>(avatar, config, roles,
+                                                                       lpips);
 }
 
 } // namespace rye::trainer

@@ -18,8 +18,8 @@ class AvatarDrawer {
     /// On the CPU.
     AvatarDrawer(const TrainState& state) : state_(&state) {}
     /// A device as of `decided` (device_choice.hpp), with room for what draws; the CPU where the
-    /// choice is automatic and there is none. `perceptual_weights`: a safetensors file for LPIPS, or
-    /// empty. Throws Error, beginning with --device, where `wish` asks for a device in vain.
+    /// choice is automatic and there is none. `perceptual_weights`: a safetensors file for LPIPS,
+    /// or empty. Throws Error, beginning with --device, where `wish` asks for a device in vain.
     AvatarDrawer(const TrainState& state, DeviceWish wish,
                  const std::filesystem::path& perceptual_weights = {});
 

@@ -280,8 +280,8 @@ Evaluation::Measured Evaluation::measured(const MeasuredView& v, Renders shown) 
     r.face = quality(image, truth, areas.face);
     r.eyes = quality(image, truth, areas.eyes);
     r.eyes_box = box_of(areas.eyes, truth.width);
-    r.eye_skin = quality(white_outside(image, areas.skin), white_outside(truth, areas.skin),
-                         areas.eyes);
+    r.eye_skin =
+        quality(white_outside(image, areas.skin), white_outside(truth, areas.skin), areas.eyes);
     if (lpips_) {
         m.head = white_outside(image, areas.head);
         m.head_truth = white_outside(truth, areas.head);
@@ -342,8 +342,7 @@ std::vector<ViewResult> Evaluation::views(const std::vector<MeasuredView>& which
 }
 
 ViewResult Evaluation::view(int frame, int camera, Image<float>& picture) const {
-    return views({{frame, camera, true}},
-                 [&](std::size_t, const Image<float>& p) { picture = p; })
+    return views({{frame, camera, true}}, [&](std::size_t, const Image<float>& p) { picture = p; })
         .front();
 }
 

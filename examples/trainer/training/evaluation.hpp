@@ -115,7 +115,8 @@ class Evaluation {
           capture_(capture),
           lpips_(std::move(lpips)) {}
 
-    /// Photograph, render, and render with the gaze at rest of a view, by its place among the views.
+    /// Photograph, render, and render with the gaze at rest of a view, by its place among the
+    /// views.
     using TakePicture = std::function<void(std::size_t, const Image<float>&)>;
 
     /// These views, as many at once as the program has threads, in any order; the same results for

@@ -219,8 +219,8 @@ class DeviceAvatarDrawer {
     DeviceBuffer<float> colours_; ///< white of the render's channels, then none of two
     DeviceBuffer<float> render_;  ///< features, then alpha
     DeviceBuffer<float> eyes_, eyes_alpha_, picture_;
-    bool placed_ = false;                      ///< whether drive_into has seen the parameters
-    bool drawn_ = false, eyes_drawn_ = false;  ///< since the last finish
+    bool placed_ = false;                     ///< whether drive_into has seen the parameters
+    bool drawn_ = false, eyes_drawn_ = false; ///< since the last finish
 };
 
 } // namespace rye
