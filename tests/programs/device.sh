@@ -171,12 +171,12 @@ refuses '--device: got cuda, but avatar.feature is 129, kernels have room for 12
 grep -q '^stage 2 is trained on the CPU: avatar.feature is 129' log.txt ||
     { cat log.txt; fail "the CPU takes over without a word"; }
 # Pictures: those of the CPU but for rounding, by every gaze mechanism, driven eyes and shading.
-# drawn RUN: a video of the run by both sides; no byte of a picture differs by more than 1.
+# drawn RUN [OPTION...]: a video by both sides; no byte of a picture differs by more than 1.
 drawn() {
-    "$rye" redirect --run "$1" --driving "$1" --out on_device.y4m --device cuda > log.txt
+    "$rye" redirect --run "$1" --driving "$@" --out on_device.y4m --device cuda > log.txt
     grep -q "^pictures are drawn on an emulated device$" log.txt ||
         { cat log.txt; fail "nothing is said of where $1 is drawn"; }
-    "$plain" redirect --run "$1" --driving "$1" --effects paper --out by_cpu.y4m --device cpu > log.txt
+    "$plain" redirect --run "$1" --driving "$@" --effects paper --out by_cpu.y4m --device cpu > log.txt
     [ "$(wc -c < on_device.y4m)" -eq "$(wc -c < by_cpu.y4m)" ] || fail "videos of $1 differ in size"
     # cmp prints bytes in octal.
     { cmp -l on_device.y4m by_cpu.y4m || true; } | awk '
@@ -185,6 +185,7 @@ drawn() {
         END { exit bad || apart > 2000 }' || fail "pictures of $1 differ between device and CPU"
 }
 for run in told sight parts/*; do drawn "$run"; done
+drawn told --eye 1,0,9 --size 47x33 # sides that super-resolution's blocks exceed
 "$rye" evaluate --run told --out on_device > log.txt
 "$plain" evaluate --run told --out by_cpu --threads 1 > log.txt
 grep -q '"device": "an emulated device"' on_device/results.json || fail "no device in results.json"

@@ -228,7 +228,7 @@ EyesOfView Evaluation::eyes_of(const Drivers<float>& drivers, PosedEyes posed) c
 
 EyesOfView Evaluation::own_eyes(const Drivers<float>& drivers,
                                 const Pinhole<double>& camera) const {
-    return eyes_of(drivers, drawer_.shown(drivers, camera.cast<float>()).eyes);
+    return eyes_of(drivers, posed_eyes(state_, drivers, camera.cast<float>()));
 }
 
 /// A picture of the avatar, and where it says that its eyes are.

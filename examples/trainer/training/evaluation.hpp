@@ -130,7 +130,7 @@ class Evaluation {
 
     /// By the capture's labels; by the run's rig where the capture has no label.
     EyesOfView measured_eyes(int frame, int camera) const;
-    /// By the run's rig and its own Gaussians.
+    /// By the run's rig and its own Gaussians, drawn on the CPU.
     EyesOfView own_eyes(const Drivers<float>& drivers, const Pinhole<double>& camera) const;
 
   private:
