@@ -73,7 +73,8 @@ void drawn_as_on_host(const Device& device, const CudaQueue& queue, const Avatar
     std::swap(other.gaze[0], other.gaze[1]);
     const DrawnViews first = draw(c.drivers);
     CHECK(first.picture.width == drawer.factor() * camera.width);
-    for (const Drivers<float, E>& d : {c.drivers, other}) {
+    const Drivers<float, E> frames[] = {c.drivers, other};
+    for (const Drivers<float, E>& d : frames) {
         const DrawnViews found = draw(d), host = drawn_on_host(c, d, camera, large);
         CHECK(apart(found.picture, host.picture) < bound);
         CHECK(apart(found.eyes, host.eyes) < bound);
