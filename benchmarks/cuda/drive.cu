@@ -2,19 +2,20 @@
 // drive [--json FILE]: an avatar on this device: 100,000 points of the face and 4,096 of the eyes,
 // 32 channels, the paper's effects and networks, a picture of 512 x 512; by 1, 2 and 3 planes.
 // Milliseconds of a CUDA graph, median of 100 [least-most], of a frame with new parameters, of one
-// with other drivers alone, of a frame and its vjp, and of these with the picture; then the parts
-// of a frame and its vjp, kernel by kernel, launched one after the other with an event between, and
-// the memory that is held.
+// with other drivers alone, of a frame and its vjp, and of these with the picture; of a picture as
+// programs draw it, super-resolved from 128 x 128, in device memory, and in the host's with drivers
+// that come from there; then the parts of a frame and its vjp, kernel by kernel, launched one after
+// the other with an event between, and the memory that is held.
 #include <rye/backend/cuda/device.hpp>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <map>
 #include <string>
 #include <vector>
 
-#include <rye/avatar/cuda/two_stream.hpp>
-#include <rye/splat/cuda/rasterizer.hpp>
+#include <rye/avatar/cuda/drawer.hpp>
 
 #include "scenes.hpp"
 #include "timing.hpp"
@@ -119,6 +120,11 @@ struct Subject {
         e.centre.resize(3, 2);
         e.centre << 0.3F, -0.3F, 0.25F, 0.25F, 0.8F, 0.8F;
         avatar.delta_pose = Columns<float>::Zero(6, 1);
+        UpsamplerShape shape;
+        shape.in_channels = config.channels;
+        shape.capacity = 32;
+        shape.doublings = 2;
+        avatar.upsampler = Upsampler<float>::init(shape, random.fork(14));
         drivers.expression = noise(config.expression, 1, 0.5, 13);
         drivers.pose << 0.1F, -0.1F, 0.05F, 0.02F, 0.0F, 0.01F;
         drivers.gaze = {Vec3<float>(0.2F, 0.1F, 0.97F), Vec3<float>(0.15F, 0.1F, 0.98F)};
@@ -152,6 +158,76 @@ void print_parts(Parts& timed) {
         std::printf("  %-38s %9d %9.4f %6.1f%%\n", name.c_str(), sum.launches, sum.ms,
                     100 * sum.ms / all);
     std::printf("  %-38s %9s %9.4f\n", "all, one after the other", "", all);
+}
+
+void print_row(const char* name, int planes, const Times& s) {
+    std::printf("  %-38s %.3f ms [%.3f-%.3f]\n", name, double(s.median), double(s.least),
+                double(s.most));
+    char text[192];
+    std::snprintf(text, sizeof text, "%s  {\"name\": \"cuda_drive/%s/planes:%d\", \"ms\": %.5g}",
+                  json.empty() ? "" : ",\n", name, planes, double(s.median));
+    json += text;
+    std::fflush(stdout);
+}
+
+/// Milliseconds by the clock, of 100 calls after 5.
+template <class F>
+Times clock_times(const F& f) {
+    using Clock = std::chrono::steady_clock;
+    std::vector<float> ms;
+    for (int k = 0; k < 105; ++k) {
+        const Clock::time_point begin = Clock::now();
+        f();
+        if (k >= 5)
+            ms.push_back(std::chrono::duration<float, std::milli>(Clock::now() - begin).count());
+    }
+    std::sort(ms.begin(), ms.end());
+    return {ms[ms.size() / 2], ms.front(), ms.back()};
+}
+
+/// Pictures as programs draw them.
+template <int N>
+void picture_rows(const CudaQueue& queue, const Subject& subject) {
+    using Policy = DeviceDrawingPolicy<DeviceNetworks<N>, KernelChannels<3, 32>, Balanced, N>;
+    DeviceAvatarDrawer<E, CudaDevice, Policy> drawer(
+        CudaDevice(), queue, {subject.avatar, subject.config, subject.roles});
+    const Pinhole<float> camera = bench::head(2000, 3).cameras.front();
+    Pinhole<float> small = camera;
+    small.width /= drawer.factor(), small.height /= drawer.factor();
+    for (float* const number : {&small.fx, &small.fy, &small.cx, &small.cy})
+        *number /= static_cast<float>(drawer.factor());
+    const Index pixels = Index(camera.width) * camera.height;
+    DeviceBuffer<float> images;
+    images.reserve(queue, static_cast<std::size_t>(5 * pixels));
+    const DevicePicture<float> picture{{images.data(), 3, pixels}, camera.width, camera.height};
+    const DeviceColumns<float> shares{images.data() + 3 * pixels, 2, pixels};
+    drawer.set_drivers(queue, subject.drivers);
+    do {
+        drawer.drive_into(queue);
+        drawer.draw_into(queue, small, picture);
+        drawer.eyes_into(queue, camera, shares);
+    } while (!drawer.finish(queue));
+    const auto draw = [&] {
+        drawer.drive_into(queue);
+        drawer.draw_into(queue, small, picture);
+    };
+    print_row("picture by other drivers", N, graph_times(queue.stream, draw));
+    print_row("the eyes' shares of a driven avatar", N,
+              graph_times(queue.stream, [&] { drawer.eyes_into(queue, camera, shares); }));
+    Drivers<float, E> drivers = subject.drivers;
+    const auto shown = [&] {
+        drawer.drive(queue, drivers);
+        static_cast<void>(drawer.picture(queue, small));
+    };
+    print_row("picture in host memory, new expression", N, clock_times([&] {
+                  drivers.expression *= -1;
+                  shown();
+              }));
+    print_row("picture in host memory, new gaze", N, clock_times([&] {
+                  std::swap(drivers.gaze[0], drivers.gaze[1]);
+                  shown();
+              }));
+    std::printf("  memory of a drawer %.0f MB\n", double(drawer.bytes()) / 1e6);
 }
 
 template <int N>
@@ -196,15 +272,7 @@ void rows(const CudaQueue& queue, const Subject& subject) {
     std::printf("; memory %.0f MB, of a frame's picture %.0f MB\n", double(avatar.bytes()) / 1e6,
                 double(frame.bytes()) / 1e6);
     const auto row = [&](const char* name, const auto& f) {
-        const Times s = graph_times(queue.stream, f);
-        std::printf("  %-38s %.3f ms [%.3f-%.3f]\n", name, double(s.median), double(s.least),
-                    double(s.most));
-        char text[192];
-        std::snprintf(text, sizeof text,
-                      "%s  {\"name\": \"cuda_drive/%s/planes:%d\", \"ms\": %.5g}",
-                      json.empty() ? "" : ",\n", name, N, double(s.median));
-        json += text;
-        std::fflush(stdout);
+        print_row(name, N, graph_times(queue.stream, f));
     };
     row("drive", [&] { avatar.drive_into(queue); });
     row("drive, not for a vjp", [&] { avatar.drive_into(queue, false); });
@@ -219,6 +287,7 @@ void rows(const CudaQueue& queue, const Subject& subject) {
     }
     timed.on = false;
     print_parts(timed);
+    picture_rows<N>(queue, subject);
 }
 
 } // namespace

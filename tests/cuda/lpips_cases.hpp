@@ -83,6 +83,13 @@ void lpips_against_host(const Device& device, const CudaQueue& queue, const Lpip
             return lpips.into(queue, picture.read(), bytes.read(), weight, to);
         });
     }
+    // The value alone, of whole pictures.
+    const double value = host.value(ScalarBackend<Serial>{}, in_double(a), in_double(b));
+    CHECK(std::abs(lpips.value(queue, picture.read(), truth.read()) - value) < c.bound * value);
+    CHECK(std::abs(lpips.value(queue, picture.read(), bytes.read()) - value) < c.bound * value);
+    const DeviceFloats<Device> other(device, queue, float_picture(c.width + 1, c.height, 3, 1));
+    CHECK_FAULT(lpips.value(queue, picture.read(), other.read()),
+                "DeviceLpips: truth has 3 channels");
     CHECK_FAULT(lpips.truth_into(queue, truth.read(), {c.width + 1, 16}, kept), "crop of");
     CHECK_FAULT(lpips.truth_into(queue, truth.read(), {15, 16}, kept), "got 15 x 16 pixels");
 }

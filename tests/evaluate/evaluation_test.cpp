@@ -7,6 +7,7 @@
 
 #include "../programs/tiny_capture.hpp"
 #include "../programs/tiny_run.hpp"
+#include "data/threads.hpp"
 
 using namespace rye;
 using namespace rye::trainer;
@@ -163,6 +164,45 @@ TEST_CASE("evaluation: LPIPS of what is white outside the head, where a distance
     CHECK(evaluation.view(0, 0, picture).json()["lpips"] == 0.25);
     CHECK(asked == 1);
     CHECK(!lpips_of({}));
+}
+
+TEST_CASE("evaluation: views at once have the results of one after the other, for any threads") {
+    const Folder folder;
+    const TinyCapture files(folder.path);
+    for (int f = 0; f < TinyCapture::frames; ++f)
+        for (int c = 0; c < 2; ++c) draw_eyes(files, f, c, 5);
+    for (int f = 0; f < TinyCapture::frames; ++f)
+        TinyCapture::set(files.params(f, "params.npz"), "exp_coeff", {1, 3},
+                         std::vector<float>{0.1f, 0.2f * static_cast<float>(f), 0.3f});
+    const Capture capture = read_capture(folder.path);
+    const TrainState run = drawn_state(tiny_state());
+    const Evaluation evaluation(run, capture, [](const Image<float>& a, const Image<float>& b) {
+        return static_cast<double>((a.pixels - b.pixels).cwiseAbs().sum());
+    });
+    // More than are held at once by one thread.
+    std::vector<MeasuredView> which;
+    for (int k = 0; k < 11; ++k) which.push_back({k % TinyCapture::frames, k % 2, k % 3 == 0});
+    const auto all = [&](int threads, std::vector<Image<float>>& pictures) {
+        set_threads(threads);
+        pictures.assign(which.size(), {});
+        nlohmann::ordered_json json;
+        for (const ViewResult& r :
+             evaluation.views(which, [&](std::size_t i, const Image<float>& p) { pictures[i] = p; }))
+            json.push_back(r.json());
+        return json;
+    };
+    std::vector<Image<float>> one, three;
+    const nlohmann::ordered_json alone = all(1, one);
+    CHECK(alone.dump() == all(3, three).dump());
+    for (std::size_t i = 0; i < which.size(); ++i) {
+        Image<float> picture;
+        CHECK(alone[i] == evaluation.view(which[i].frame, which[i].camera, picture).json());
+        CHECK(one[i].pixels == three[i].pixels);
+        CHECK((one[i].size() > 0) == which[i].pictured);
+        if (which[i].pictured) CHECK(one[i].pixels == picture.pixels);
+    }
+    CHECK(alone[0] != alone[1]);
+    set_threads(0);
 }
 
 TEST_CASE("evaluation: the geometry is the capture's in one row, the rig's in the other") {

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # device.sh RYE RYE_EMULATED WORK: `rye train` with stage 2 on a device, whose kernels RYE_EMULATED
 # runs on the host: losses are those of the CPU, a stopped run goes on to the same bits, checkpoints
-# are taken by either side, and what does not fit is refused before anything is written.
+# are taken by either side, and what does not fit is refused before anything is written. Then
+# pictures of these runs, on both sides.
 set -eu
 plain=$1
 rye=$2
@@ -146,6 +147,8 @@ for part in '"gaze_mechanism": "feature_rotation"' '"gaze_mechanism": "condition
     "$plain" train --out part_device --resume --device cpu --steps 4 --quiet > log.txt
     "$rye" train --out part_cpu --resume --device cuda --steps 4 --quiet > log.txt
     compares part_cpu part_device
+    mkdir -p parts
+    cp -r part_device "parts/$(ls parts | wc -l)"
 done
 
 RYE_EMULATED_BYTES=1000 refuses \
@@ -167,9 +170,53 @@ refuses '--device: got cuda, but avatar.feature is 129, kernels have room for 12
 "$rye" train --capture cap --preset tiny --config wide.json --steps 1 --out wide > log.txt 2>&1
 grep -q '^stage 2 is trained on the CPU: avatar.feature is 129' log.txt ||
     { cat log.txt; fail "the CPU takes over without a word"; }
+# Pictures: those of the CPU but for rounding, by every gaze mechanism, driven eyes and shading.
+# drawn RUN [OPTION...]: a video by both sides; no byte of a picture differs by more than 1.
+drawn() {
+    "$rye" redirect --run "$1" --driving "$@" --out on_device.y4m --device cuda > log.txt
+    grep -q "^pictures are drawn on an emulated device$" log.txt ||
+        { cat log.txt; fail "nothing is said of where $1 is drawn"; }
+    "$plain" redirect --run "$1" --driving "$@" --effects paper --out by_cpu.y4m --device cpu > log.txt
+    [ "$(wc -c < on_device.y4m)" -eq "$(wc -c < by_cpu.y4m)" ] || fail "videos of $1 differ in size"
+    # cmp prints bytes in octal.
+    { cmp -l on_device.y4m by_cpu.y4m || true; } | awk '
+        function decimal(o,  n, k) { for (k = 1; k <= length(o); ++k) n = 8 * n + substr(o, k, 1); return n }
+        { gap = decimal($2) - decimal($3); if (gap > 1 || gap < -1) bad = 1; ++apart }
+        END { exit bad || apart > 2000 }' || fail "pictures of $1 differ between device and CPU"
+}
+for run in told sight parts/*; do drawn "$run"; done
+drawn told --eye 1,0,9 --size 47x33 # sides that super-resolution's blocks exceed
+"$rye" evaluate --run told --out on_device > log.txt
+"$plain" evaluate --run told --out by_cpu --threads 1 > log.txt
+grep -q '"device": "an emulated device"' on_device/results.json || fail "no device in results.json"
+grep -q '"device": "cpu"' by_cpu/results.json || fail "no CPU in results.json"
+for side in on_device by_cpu; do
+    tr -d ' ,"' < $side/results.json | tr ':' ' ' | grep -v "^device" > $side.txt
+done
+paste -d ' ' on_device.txt by_cpu.txt | awk '
+    NF == 4 && $2 + 0 == $2 && ($2 - $4 > 1e-2 || $4 - $2 > 1e-2) { print; bad = 1 }
+    END { exit bad || NR < 50 }' || fail "results of device and CPU differ"
+"$rye" render told --out picture.png > log.txt
+grep -q "^pictures are drawn on an emulated device$" log.txt || fail "rye render is silent"
+"$rye" evaluate --run wide --out wide_results > log.txt
+grep -q "^pictures are drawn on the CPU: avatar.feature is 129, kernels have room for 128$" log.txt ||
+    { cat log.txt; fail "the CPU draws without a word"; }
+refuses '--device: got cuda, but avatar.feature is 129, kernels have room for 128' \
+    "$rye" evaluate --run wide --device cuda --out none
+"$rye" redirect --run told --effects gaze --out picture.png > log.txt
+grep -q "^pictures are drawn on the CPU: --effects gaze leaves effects out" log.txt ||
+    { cat log.txt; fail "effects are left out without a word"; }
+refuses '--device: got cuda, but --effects gaze leaves effects out, and a device draws all' \
+    "$rye" redirect --run told --effects gaze --out none.png --device cuda
+if "$plain" redirect --run told --out none.png --device cuda > out.txt 2> err.txt; then
+    [ -e none.png ] # a machine with a device
+else
+    grep -q '^rye redirect: --device: got cuda, but ' err.txt || { cat err.txt; fail "no word of --device"; }
+fi
+
 if "$plain" train --capture cap --out none --device cuda > out.txt 2> err.txt; then
     [ -e none ] # a machine with a device
 else
     grep -q '^rye train: --device: got cuda, but ' err.txt || { cat err.txt; fail "no word of --device"; }
 fi
-echo "stage 2 on an emulated device: losses of the CPU, the same bits again, either's checkpoints"
+echo "stage 2 on an emulated device: losses of the CPU, the same bits again, either's checkpoints, pictures"

@@ -11,7 +11,9 @@
 #include "tiny_run.hpp"
 #include "training/device_choice.hpp"
 #include "training/device_memory.hpp"
+#include "training/drawing.hpp"
 #include "training/run_size.hpp"
+#include "training/variants.hpp"
 
 using namespace rye;
 using namespace rye::trainer;
@@ -196,9 +198,39 @@ TEST_CASE("device: this build finds a device, or says why not") {
     if (f.found) CHECK(f.found->total >= f.found->free);
     if (!f.built) {
         TrainState s = tiny_state();
+        CHECK_FAULT(device_drawer<TrainEffects>(s.avatar, s.config.avatar, s.subject.roles, {}),
+                    "this build has no kernels (configure it with -DRYE_CUDA=ON)");
         CHECK_FAULT(device_engine<TrainEffects>(s.avatar, s.avatar_adam, {}),
                     "this build has no kernels (configure it with -DRYE_CUDA=ON)");
     }
+}
+
+TEST_CASE("device: a run is drawn on the CPU where that is asked for, and where nothing else draws") {
+    const TrainState run = drawn_state(tiny_state());
+    const Drivers<float> drivers = test::tiny_drivers<float>();
+    const Pinhole<float> camera = test::tiny_camera(63, 48).cast<float>();
+    const AvatarView whole = render_avatar(run, drivers, camera);
+    const PosedEyes eyes = posed_eyes(run, drivers, camera);
+    const AvatarDrawer plain(run), asked(run, DeviceWish::cpu);
+    for (const AvatarDrawer* d : {&plain, &asked}) {
+        CHECK(!d->on_device());
+        CHECK(d->name() == "cpu");
+        CHECK(d->words().empty());
+        CHECK(!d->lpips());
+        CHECK(d->picture(drivers, camera).pixels == whole.high.pixels);
+        const ShownAvatar shown = d->shown(drivers, camera);
+        CHECK(shown.picture.pixels == whole.high.pixels);
+        CHECK(shown.eyes.area.pixels == eyes.area.pixels);
+        CHECK(shown.eyes.centre == eyes.centre);
+    }
+    if (find_device().found) return;
+    CHECK(AvatarDrawer(run, DeviceWish::automatic).name() == "cpu");
+    CHECK_FAULT(AvatarDrawer(run, DeviceWish::cuda), "--device: got cuda, but ");
+    CHECK(left_out_on_device("", "--effects").empty());
+    CHECK(left_out_on_device("auto", "--effects").empty());
+    CHECK(left_out_on_device("paper", "--effects").empty());
+    CHECK(left_out_on_device("still", "--effects") ==
+          "--effects still leaves effects out, and a device draws all that was trained");
 }
 
 TEST_CASE("device: memory is the sum of its parts, which follow from what they hold") {

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// A device for the program rye where there is none: the kernels of stage 2 run on the host. It has
-// as many bytes free as the environment variable RYE_EMULATED_BYTES says, and after the first look
-// as RYE_EMULATED_LATER_BYTES says: others may have taken some.
+// A device for the program rye where there is none: the kernels of stage 2, and those that draw,
+// run on the host. It has as many bytes free as the environment variable RYE_EMULATED_BYTES says,
+// and after the first look as RYE_EMULATED_LATER_BYTES says: others may have taken some.
 #include <cstdlib>
 
 #include <rye/backend/cuda/emulation.hpp>
 
+#include "training/device_drawer_of.hpp"
 #include "training/device_engine_of.hpp"
 
 namespace rye::trainer {
@@ -63,6 +64,28 @@ template <>
 std::unique_ptr<DeviceEngine<AppearanceEffects>> device_engine<AppearanceEffects>(
     const AppearanceAvatar& avatar, const Adam<AppearanceAvatar>& adam, const DeviceTask& task) {
     return emulated<AppearanceEffects>(avatar, adam, task);
+}
+
+template <>
+std::unique_ptr<DeviceDrawer> device_drawer<TrainEffects>(
+    const TwoStream<float, TrainEffects>& avatar, const AvatarConfig& config,
+    const LandmarkRoles& roles, const std::optional<LpipsWeights<float>>& lpips) {
+    return std::make_unique<DeviceDrawerOf<TrainEffects, HostMachine>>(avatar, config, roles,
+                                                                       lpips);
+}
+template <>
+std::unique_ptr<DeviceDrawer> device_drawer<ComparedEffects>(
+    const TwoStream<float, ComparedEffects>& avatar, const AvatarConfig& config,
+    const LandmarkRoles& roles, const std::optional<LpipsWeights<float>>& lpips) {
+    return std::make_unique<DeviceDrawerOf<ComparedEffects, HostMachine>>(avatar, config, roles,
+                                                                          lpips);
+}
+template <>
+std::unique_ptr<DeviceDrawer> device_drawer<AppearanceEffects>(
+    const TwoStream<float, AppearanceEffects>& avatar, const AvatarConfig& config,
+    const LandmarkRoles& roles, const std::optional<LpipsWeights<float>>& lpips) {
+    return std::make_unique<DeviceDrawerOf<AppearanceEffects, HostMachine>>(avatar, config, roles,
+                                                                            lpips);
 }
 
 } // namespace rye::trainer

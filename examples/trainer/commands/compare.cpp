@@ -284,7 +284,9 @@ class Comparison {
                                           evaluation_folder(run.folder).string(),
                                           "--threads",
                                           threads};
-        if (o_.device != "auto") train.insert(train.end(), {"--device", o_.device});
+        if (o_.device != "auto")
+            for (std::vector<std::string>* words : {&train, &evaluate})
+                words->insert(words->end(), {"--device", o_.device});
         const bool resumes = fs::exists(checkpoint_path(run.folder));
         if (resumes)
             train.push_back("--resume");
@@ -404,9 +406,9 @@ void add_compare(CLI::App& app) {
     c->add_option("--split", o->split, "Frames to measure")
         ->check(CLI::IsMember({"test", "train", "novel", "independent"}))
         ->capture_default_str();
-    c->add_option("--device", o->device, "Where stage 2 is trained, as for `rye train`")
-        ->check(CLI::IsMember({"auto", "cpu", "cuda"}))
-        ->capture_default_str();
+    add_device(
+        *c, o->device,
+        "Where stage 2 is trained and runs are drawn, as for `rye train` and `rye evaluate`");
     c->add_option("--jobs", o->jobs, "Runs at once")
         ->check(CLI::Range(1, 64))
         ->capture_default_str();

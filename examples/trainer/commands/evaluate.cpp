@@ -26,7 +26,7 @@ using Json = nlohmann::ordered_json;
 
 struct EvaluateOptions {
     std::filesystem::path run, capture, out, perceptual_weights;
-    std::string split = "test";
+    std::string split = "test", device = "auto";
     bool json = false;
     int threads = 0;
 };
@@ -130,29 +130,40 @@ void evaluate(const EvaluateOptions& o) {
     const std::filesystem::path pictures = out / ("evaluate_" + o.split);
     std::filesystem::create_directories(pictures);
 
-    const Evaluation evaluation(state, capture, lpips_of(o.perceptual_weights));
+    const AvatarDrawer drawer(state, device_wish(o.device), o.perceptual_weights);
+    if (!o.json && !drawer.words().empty()) std::printf("%s\n", drawer.words().c_str());
+    const Evaluation evaluation(drawer, capture, drawer.lpips());
+    std::vector<MeasuredView> views;
+    for (const int f : frames) {
+        const int frontal = camera_index(capture, "", f);
+        for (int c = 0; c < capture.camera_count(); ++c)
+            if (capture.view(f, c).present) views.push_back({f, c, c == frontal});
+    }
+    const auto picture_of = [&](const MeasuredView& v) {
+        return "frame_" + capture.frames[static_cast<std::size_t>(v.frame)].id + ".png";
+    };
+    const std::vector<ViewResult> found =
+        evaluation.views(views, [&](std::size_t i, const Image<float>& picture) {
+            write_png(pictures / picture_of(views[i]), picture);
+        });
+
     std::map<std::string, ViewResult> groups;
     ViewResult all;
     Json per_view = Json::array();
     const auto in = [](const std::vector<int>& list, int f) {
         return std::find(list.begin(), list.end(), f) != list.end();
     };
-    for (const int f : frames) {
+    for (std::size_t i = 0; i < views.size();) {
+        const int f = views[i].frame;
         ViewResult frame;
-        const int frontal = camera_index(capture, "", f);
-        for (int c = 0; c < capture.camera_count(); ++c) {
-            if (!capture.view(f, c).present) continue;
-            Image<float> picture;
-            const ViewResult r = evaluation.view(f, c, picture);
+        for (; i < views.size() && views[i].frame == f; ++i) {
+            const ViewResult& r = found[i];
             frame.add(r);
             Json line = {{"frame", capture.frames[static_cast<std::size_t>(f)].id},
-                         {"camera", capture.camera_ids[static_cast<std::size_t>(c)]}};
+                         {"camera", capture.camera_ids[static_cast<std::size_t>(views[i].camera)]}};
             line.update(r.json());
-            if (c == frontal) {
-                const std::string name =
-                    "frame_" + capture.frames[static_cast<std::size_t>(f)].id + ".png";
-                write_png(pictures / name, picture);
-                line["picture"] = name;
+            if (views[i].pictured) {
+                line["picture"] = picture_of(views[i]);
                 line["eyes_box"] = r.eyes_box;
             }
             per_view.push_back(line);
@@ -161,8 +172,9 @@ void evaluate(const EvaluateOptions& o) {
         if (in(capture.novel_gaze, f)) groups["novel gaze"].add(frame);
         if (in(capture.independent_gaze, f)) groups["independent eyes"].add(frame);
     }
-    Json results = {{"split", o.split}, {"frames", frames.size()}, {"views", per_view.size()},
-                    {"step", state.step}, {"missed_degrees", missed_degrees},
+    Json results = {{"split", o.split},         {"frames", frames.size()},
+                    {"views", per_view.size()}, {"step", state.step},
+                    {"device", drawer.name()},  {"missed_degrees", missed_degrees},
                     {"all", all.json()}};
     for (const auto& [name, r] : groups) results[name] = r.json();
     const CentreErrors centres = centre_errors(state, capture, frames);
@@ -202,6 +214,7 @@ void add_evaluate(CLI::App& app) {
         "--perceptual-weights", o->perceptual_weights,
         "VGG16 + LPIPS weights for the LPIPS column, a safetensors file as for `rye train`");
     c->add_option("--out", o->out, "Folder for results.json and per_view.json (default: the run's)");
+    add_device(*c, o->device, drawing_device_help);
     add_threads(*c, o->threads);
     c->callback([o] { evaluate(*o); });
 }

@@ -90,6 +90,12 @@ Vec3<float> gaze_option(const std::vector<double>& pitch_yaw_deg, const std::str
     return gaze_vector(pitch_yaw_deg[0] * degree, pitch_yaw_deg[1] * degree).cast<float>();
 }
 
+void add_device(CLI::App& command, std::string& device, const std::string& help) {
+    command.add_option("--device", device, help)
+        ->check(CLI::IsMember({"auto", "cpu", "cuda"}))
+        ->capture_default_str();
+}
+
 std::filesystem::path capture_folder(const std::filesystem::path& run, const TrainState& state,
                                      const std::filesystem::path& option, const std::string& use) {
     if (!option.empty()) return option;

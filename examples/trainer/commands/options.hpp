@@ -44,6 +44,13 @@ inline constexpr int most_threads = 1024;
 /// --threads, 0 (all) to most_threads.
 void add_threads(CLI::App& command, int& threads, const std::string& help = "Threads (0: all)");
 
+/// --device: auto, cpu or cuda; `device` has its default (device_choice.hpp).
+void add_device(CLI::App& command, std::string& device, const std::string& help);
+/// What it says for a command that draws a run.
+inline constexpr const char* drawing_device_help =
+    "Where pictures are drawn; auto: a CUDA device where this build has kernels and a device is "
+    "there";
+
 /// The folder of the capture with its photographs: `option` if given, or else where the run was
 /// trained; throws Error, which says what is done with it, where that is not there any more.
 std::filesystem::path capture_folder(const std::filesystem::path& run, const TrainState& state,

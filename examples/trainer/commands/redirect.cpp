@@ -27,7 +27,7 @@ namespace {
 
 struct RedirectOptions {
     std::filesystem::path run, capture, out;
-    std::string frame, camera, effects, rate = "25";
+    std::string frame, camera, effects, rate = "25", device = "auto";
     std::vector<double> left, right;  ///< pitch, yaw [deg]
     CameraOptions own;
     DrivingOptions driving;
@@ -98,14 +98,30 @@ Image<float> around_eyes(const Image<float>& whole, const TrainState& state,
                             static_cast<int>(middle.y()) - h / 2, w, h), whole.width);
 }
 
+/// Where and how pictures of these frames are drawn; `say` receives where, if there was a choice.
+FrameDrawer drawer_of(const RedirectOptions& o, const TrainState& state,
+                      const std::vector<DrawnFrame>& frames, std::ostream& say) {
+    const DeviceWish wish = device_wish(o.device);
+    const std::string left_out = left_out_on_device(o.effects, "--effects");
+    require(wish != DeviceWish::cuda || left_out.empty(), "--device", "got cuda, but " + left_out);
+    if (left_out.empty()) {
+        AvatarDrawer drawer(state, wish);
+        if (!drawer.words().empty()) say << drawer.words() << "\n";
+        if (drawer.on_device()) return FrameDrawer(std::move(drawer));
+    } else if (wish == DeviceWish::automatic && has_device_kernels()) {
+        say << "pictures are drawn on the CPU: " << left_out << "\n";
+    }
+    return {state, frames, o.effects, "--effects", 1.0 / 255};
+}
+
 /// A contact sheet of many gazes of one frame; `explained` receives the choice of the effects.
-Image<float> contact_sheet(const TrainState& state, const DrawnFrame& frame,
-                           const std::string& effects, std::string& explained) {
+Image<float> contact_sheet(const RedirectOptions& o, const TrainState& state,
+                           const DrawnFrame& frame, std::ostream& say, std::string& explained) {
     std::vector<DrawnFrame> all;
     for (const auto* rows : {&sheet_of_heads(), &sheet_of_eyes()})
         for (const std::vector<Look>& row : *rows)
             for (const Look& look : row) all.push_back(looking(frame, look));
-    const FrameDrawer drawer(state, all, effects, "--effects", 1.0 / 255);
+    const FrameDrawer drawer = drawer_of(o, state, all, say);
     explained = drawer.explanation();
     std::vector<Image<float>> stack;
     for (const auto* rows : {&sheet_of_heads(), &sheet_of_eyes()})
@@ -186,7 +202,7 @@ void note_outside(const TrainState& state, const std::vector<DrawnFrame>& frames
 void write_video(const RedirectOptions& o, OutFormat format, const TrainState& state,
                  const std::vector<DrawnFrame>& frames, std::ostream& say) {
     const int count = static_cast<int>(frames.size());
-    const FrameDrawer drawer(state, frames, o.effects, "--effects", 1.0 / 255);
+    const FrameDrawer drawer = drawer_of(o, state, frames, say);
     say << drawer.explanation();
     const std::unique_ptr<MovingPicture> video =
         moving_picture(o.out, format, parsed_rate(o.rate, "--fps"), count);
@@ -240,9 +256,9 @@ void redirect(const RedirectOptions& o) {
     std::string explained;
     Image<float> picture;
     if (o.sweep) {
-        picture = contact_sheet(state, shot.frames.front(), o.effects, explained);
+        picture = contact_sheet(o, state, shot.frames.front(), say, explained);
     } else {
-        const FrameDrawer drawer(state, shot.frames, o.effects, "--effects", 1.0 / 255);
+        const FrameDrawer drawer = drawer_of(o, state, shot.frames, say);
         if (!o.effects.empty()) explained = drawer.explanation();
         picture = drawer.picture(shot.frames.front());
         if (shot.photograph) picture = side_by_side({*shot.photograph, picture});
@@ -293,6 +309,7 @@ void add_redirect(CLI::App& app) {
                   "folder of numbered pictures (no extension)")
         ->required()
         ->check(out_check(formats));
+    add_device(*c, o->device, std::string(drawing_device_help) + ", and --effects leaves none out");
     add_threads(*c, o->threads);
     c->callback([o] { redirect(*o); });
 }

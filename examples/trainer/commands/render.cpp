@@ -23,7 +23,7 @@
 #include "data/cameras_file.hpp"
 #include "data/picture.hpp"
 #include "data/threads.hpp"
-#include "training/steps.hpp"
+#include "training/drawing.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -32,7 +32,7 @@ namespace {
 constexpr double viewer_near_depth = 0.2;
 
 struct RenderOptions {
-    std::string ply, out, accuracy = "3dgs", max_error;
+    std::string ply, out, accuracy = "3dgs", max_error, device = "auto";
     CameraOptions own;
     std::vector<double> background{0, 0, 0};
     double alpha_floor = 0;
@@ -154,7 +154,9 @@ void render_run(const RenderOptions& o) {
     const Pinhole<double> camera =
         own_cameras(own, view.capture.camera(view.frame, view.camera), middle).front();
     const Drivers<float> drivers = frame_drivers(view.capture, view.frame, state.config.gaze_axis);
-    const Image<float> image = render_avatar(state, drivers, camera.cast<float>()).high;
+    const AvatarDrawer drawer(state, device_wish(o.device));
+    if (!drawer.words().empty()) std::printf("%s\n", drawer.words().c_str());
+    const Image<float> image = drawer.picture(drivers, camera.cast<float>());
     write_picture(o.out, image);
     std::printf("%s: the head of %s, frame %s, %d x %d pixels\n", o.out.c_str(), o.ply.c_str(),
                 view.capture.frames[static_cast<std::size_t>(view.frame)].id.c_str(), image.width,
@@ -169,6 +171,8 @@ void render(const RenderOptions& o) {
         render_run(o);
         return;
     }
+    require(o.device != "cuda", "--device",
+            "got cuda, but a splat file is drawn on the CPU, expected the folder of a run");
     Photograph view = view_of(o);
     view.camera.near_depth = o.near_depth;
     const GaussianCloud<float> cloud = read_splats<float>(o.ply);
@@ -216,6 +220,10 @@ void add_render(CLI::App& app) {
     c->add_option("--out", o->out, "Picture to write (.png or .jpg)")
         ->required()
         ->check(out_check(formats));
+    add_device(
+        *c, o->device,
+        "Where a run's head is drawn; auto: a CUDA device where this build has kernels and a "
+        "device is there");
     add_threads(*c, o->threads);
     c->callback([o] { render(*o); });
 }

@@ -56,12 +56,6 @@ struct TrainOptions {
     std::optional<std::int64_t> steps;
 };
 
-DeviceWish wish(const TrainOptions& o) {
-    return o.device == "auto"  ? DeviceWish::automatic
-           : o.device == "cpu" ? DeviceWish::cpu
-                                    : DeviceWish::cuda;
-}
-
 /// True if standard output has no progress.
 bool quiet(const TrainOptions& o) { return o.quiet || o.json; }
 
@@ -387,9 +381,9 @@ struct TrainedOn {
 
 /// By --device and the one policy; Error where the device has no room.
 TrainedOn trained_on(const TrainOptions& o, const TrainState& state, const Capture& capture) {
-    if (wish(o) == DeviceWish::cpu) return {};
+    if (device_wish(o.device) == DeviceWish::cpu) return {};
     const DeviceFinding finding = find_device();
-    const DeviceDecision decision = decided(wish(o), state.config, finding);
+    const DeviceDecision decision = decided(device_wish(o.device), state.config, finding);
     if (!decision.device)
         return {std::nullopt, decision.reason.empty()
                                   ? ""
@@ -524,11 +518,9 @@ void add_train(CLI::App& app) {
                   "large device; paper: the paper's numbers")
         ->check(CLI::IsMember({"tiny", "cpu", "gpu", "paper"}))
         ->capture_default_str();
-    c->add_option("--device", options->device,
-                  "Where stage 2 is trained; auto: a CUDA device where this build has kernels, a "
-                  "device is there and they are of the configuration's parts")
-        ->check(CLI::IsMember({"auto", "cpu", "cuda"}))
-        ->capture_default_str();
+    add_device(*c, options->device,
+               "Where stage 2 is trained; auto: a CUDA device where this build has kernels, a "
+               "device is there and they are of the configuration's parts");
     c->add_option("--config", options->config,
                   "JSON file whose fields replace the preset's (see --print-config)");
     c->add_flag("--print-config", options->print_config,

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/device.hpp: the CUDA device of this machine, and stage 2 on it, without CUDA's types.
+/// training/device.hpp: the CUDA device of this machine, and stage 2 and pictures on it, without
+/// CUDA's types.
 /// A build with -DRYE_CUDA=ON has sources of nvcc behind it (device*.cu), any other no_device.cpp.
 /// Types of Eigen cross between units of two compilers: their alignment is in the symbols' names,
 /// so that units that differ in it do not link.
@@ -67,5 +68,33 @@ template <EffectSet E, int N, int alignment = EIGEN_MAX_ALIGN_BYTES>
 std::unique_ptr<DeviceEngine<E>> device_engine_of(const TwoStream<float, E>& avatar,
                                                   const Adam<TwoStream<float, E>>& adam,
                                                   const DeviceTask& task);
+
+/// Planes of bf16 a float of the networks' products of pictures that are drawn on a device,
+/// whatever the run was trained with: pictures agree with the CPU's to about 1e-5, for a
+/// millisecond a frame.
+inline constexpr int drawing_planes = 3;
+
+/// Draws one avatar on a device, for one thread at a time. All of it waits.
+class DeviceDrawer {
+  public:
+    virtual ~DeviceDrawer() = default;
+    /// Drives the avatar for the pictures that follow; gazes are what drives this avatar.
+    virtual void drive(const Drivers<float>& drivers) = 0;
+    /// After super-resolution, on white; `camera` is that of the render.
+    virtual Image<float> picture(const Pinhole<float>& camera) = 0;
+    /// Each eye's share of the pixels' colours, two channels.
+    virtual Image<float> eyes(const Pinhole<float>& camera) = 0;
+    /// LPIPS of two pictures, of a drawer that was given its weights.
+    virtual double lpips(const Image<float>& shown, const Image<float>& truth) = 0;
+    virtual double bytes() const = 0; ///< that are held
+};
+
+/// A drawer on the current device, for each avatar that pictures of runs are drawn with: of
+/// TrainEffects, ComparedEffects and AppearanceEffects. Throws Error for what does not fit, and in
+/// a build without kernels.
+template <EffectSet E, int alignment = EIGEN_MAX_ALIGN_BYTES>
+std::unique_ptr<DeviceDrawer> device_drawer(const TwoStream<float, E>& avatar,
+                                            const AvatarConfig& config, const LandmarkRoles& roles,
+                                            const std::optional<LpipsWeights<float>>& lpips);
 
 } // namespace rye::trainer

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/device_choice.hpp: the one policy by which `rye train` takes a device or the CPU for
-/// stage 2.
+/// stage 2, and commands that draw a run for its pictures.
 #pragma once
 
 #include <limits>
@@ -14,8 +14,15 @@ namespace rye::trainer {
 /// What a user asks for by --device.
 enum class DeviceWish { automatic, cpu, cuda };
 
+/// Of its words: auto, cpu or cuda.
+inline DeviceWish device_wish(const std::string& word) {
+    return word == "auto"  ? DeviceWish::automatic
+           : word == "cpu" ? DeviceWish::cpu
+                           : DeviceWish::cuda;
+}
+
 /// What has no kernels in a configuration, as "avatar.feature is 129", with what is expected; empty
-/// where a device can train it.
+/// where a device can train and draw it.
 inline std::string without_kernels(const TrainConfig& c) {
     // Tiles of rye::DeviceNetworks.
     constexpr int widest = 256, features = 128, codes = 64, layers = 8;
@@ -49,7 +56,7 @@ inline std::string without_kernels(const TrainConfig& c) {
     return words;
 }
 
-/// Where stage 2 is trained.
+/// Where stage 2 is trained, or a run is drawn.
 struct DeviceDecision {
     bool device = false;
     std::string reason; ///< of the CPU, where a build with kernels has it by itself; else empty

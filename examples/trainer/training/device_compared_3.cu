@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stage 2 on a device: avatars of ComparedEffects, networks' products of 3 planes.
+// Stage 2 and pictures on a device: avatars of ComparedEffects, networks' products of 3 planes.
 #include "training/device_engine.hpp"
 
 namespace rye::trainer {
@@ -9,6 +9,14 @@ std::unique_ptr<DeviceEngine<ComparedEffects>> device_engine_of<ComparedEffects,
     const TwoStream<float, ComparedEffects>& avatar,
     const Adam<TwoStream<float, ComparedEffects>>& adam, const DeviceTask& task) {
     return std::make_unique<DeviceEngineOf<ComparedEffects, 3, CudaMachine>>(avatar, adam, task);
+}
+
+template <>
+std::unique_ptr<DeviceDrawer> device_drawer<ComparedEffects>(
+    const TwoStream<float, ComparedEffects>& avatar, const AvatarConfig& config,
+    const LandmarkRoles& roles, const std::optional<LpipsWeights<float>>& lpips) {
+    return std::make_unique<DeviceDrawerOf<ComparedEffects, CudaMachine>>(avatar, config, roles,
+                                                                          lpips);
 }
 
 } // namespace rye::trainer

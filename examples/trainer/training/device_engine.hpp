@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/device_engine.hpp: DeviceEngineOf for CUDA. Under nvcc only; each number of planes and
-/// list of effects is a source of its own (device_*.cu), as each takes nvcc a minute.
+/// training/device_engine.hpp: DeviceEngineOf and DeviceDrawerOf for CUDA. Under nvcc only; each
+/// number of planes and list of effects is a source of its own (device_*.cu), as each takes nvcc a
+/// minute. What draws is in those of drawing_planes, whose kernels it shares.
 #pragma once
 
 #include <rye/backend/cuda/device.hpp>
 
+#include "training/device_drawer_of.hpp"
 #include "training/device_engine_of.hpp"
 
 namespace rye::trainer {

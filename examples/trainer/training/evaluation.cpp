@@ -8,6 +8,7 @@
 #include <rye/rig/gaze.hpp>
 
 #include "data/panel.hpp"
+#include "data/threads.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -45,10 +46,13 @@ std::vector<Vec2<double>> convex_hull(std::vector<Vec2<double>> p) {
     return hull;
 }
 
-Areas areas_of(const Capture& capture, int frame, int camera) {
-    const Image<float> mask = capture.mask(frame, camera), eyes = capture.eye_mask(frame, camera);
-    const CaptureFrame& f = capture.frames[static_cast<std::size_t>(frame)];
-    const Pinhole<double>& view = capture.camera(frame, camera);
+/// A view's photograph, on white, and its masks.
+struct Photograph {
+    Image<float> truth, mask, eyes;
+};
+
+Areas areas_of(const Photograph& photograph, const CaptureFrame& f, const Pinhole<double>& view) {
+    const Image<float>&mask = photograph.mask, &eyes = photograph.eyes;
     Areas a;
     a.head = (mask.pixels.array() >= 0.5f).cast<float>();
     std::vector<Vec2<double>> points;
@@ -185,11 +189,11 @@ Json ViewResult::json() const {
             {"gaze_without_labels", own.json()}};
 }
 
-EyesOfView Evaluation::measured_eyes(int frame, int camera) const {
+EyesOfView Evaluation::labelled_eyes(int frame, Image<float> mask) const {
     const CaptureFrame& f = capture_.frames[static_cast<std::size_t>(frame)];
     const Subject& s = state_.subject;
     EyesOfView eyes;
-    eyes.area = capture_.eye_mask(frame, camera);
+    eyes.area = std::move(mask);
     for (std::size_t e = 0; e < 2; ++e) {
         const CaptureEye& label = f.eyes[e];
         EyeballGeometry& ball = eyes.ball[e];
@@ -204,9 +208,11 @@ EyesOfView Evaluation::measured_eyes(int frame, int camera) const {
     return eyes;
 }
 
-EyesOfView Evaluation::own_eyes(const Drivers<float>& drivers,
-                                const Pinhole<double>& camera) const {
-    PosedEyes posed = posed_eyes(state_, drivers, camera.cast<float>());
+EyesOfView Evaluation::measured_eyes(int frame, int camera) const {
+    return labelled_eyes(frame, capture_.eye_mask(frame, camera));
+}
+
+EyesOfView Evaluation::eyes_of(const Drivers<float>& drivers, PosedEyes posed) const {
     EyesOfView eyes;
     eyes.area = std::move(posed.area);
     eyes.area_error = own_area_error;
@@ -220,64 +226,124 @@ EyesOfView Evaluation::own_eyes(const Drivers<float>& drivers,
     return eyes;
 }
 
-ViewResult Evaluation::view(int frame, int camera, Image<float>& picture) const {
-    const GazeAxis axis = state_.config.gaze_axis;
-    const Pinhole<double>& view = capture_.camera(frame, camera);
-    const Image<float> truth =
-        on_background(capture_.image(frame, camera), capture_.mask(frame, camera), 1.0f);
-    const Drivers<float> drivers = frame_drivers(capture_, frame, axis);
+EyesOfView Evaluation::own_eyes(const Drivers<float>& drivers,
+                                const Pinhole<double>& camera) const {
+    return eyes_of(drivers, posed_eyes(state_, drivers, camera.cast<float>()));
+}
+
+/// A picture of the avatar, and where it says that its eyes are.
+struct Evaluation::Render {
+    Image<float> image;
+    EyesOfView own;
+};
+/// With the frame's gaze, with that at rest, and with each eye at its nearest training gaze.
+struct Evaluation::Renders {
+    Render frame, rest, nearest;
+};
+/// What a view has come to, and its pictures as far as somebody wants them.
+struct Evaluation::Measured {
+    ViewResult result;
+    Image<float> picture;
+    Image<float> head, head_truth; ///< white outside the head, for LPIPS
+};
+
+Evaluation::Renders Evaluation::renders(const MeasuredView& v) const {
+    const Pinhole<float> camera = capture_.camera(v.frame, v.camera).cast<float>();
+    const Drivers<float> drivers = frame_drivers(capture_, v.frame, state_.config.gaze_axis);
     Drivers<float> at_rest = drivers, at_nearest = drivers;
     for (std::size_t e = 0; e < 2; ++e) {
         at_rest.gaze[e] = Vec3<float>(0, 0, 1);
         at_nearest.gaze[e] = nearest_training_gaze(drivers.gaze[e], e);
     }
-    /// A picture, and the two ways to say where its eyes are.
-    struct Shown {
-        Image<float> image;
-        EyesOfView measured, own;
-    };
-    const EyesOfView measured = measured_eyes(frame, camera);
     const auto render = [&](const Drivers<float>& d) {
-        return Shown{render_avatar(state_, d, view.cast<float>()).high, measured,
-                     own_eyes(d, view)};
+        ShownAvatar shown = drawer_.shown(d, camera);
+        return Render{std::move(shown.picture), eyes_of(d, std::move(shown.eyes))};
     };
-    const Shown shown = render(drivers), rest = render(at_rest), nearest = render(at_nearest);
-    // The photograph is looked at where the avatar says that its eyes are.
-    const Shown photograph{truth, measured, shown.own};
+    return {render(drivers), render(at_rest), render(at_nearest)};
+}
 
-    const Areas areas = areas_of(capture_, frame, camera);
-    ViewResult r;
-    r.head = quality(shown.image, truth, areas.head);
-    r.face = quality(shown.image, truth, areas.face);
-    r.eyes = quality(shown.image, truth, areas.eyes);
+Evaluation::Measured Evaluation::measured(const MeasuredView& v, Renders shown) const {
+    const CaptureFrame& f = capture_.frames[static_cast<std::size_t>(v.frame)];
+    const Pinhole<double>& view = capture_.camera(v.frame, v.camera);
+    const Photograph photograph = [&] {
+        const std::lock_guard<std::mutex> lock(*reading_);
+        Photograph p{{}, capture_.mask(v.frame, v.camera), capture_.eye_mask(v.frame, v.camera)};
+        p.truth = on_background(capture_.image(v.frame, v.camera), p.mask, 1.0f);
+        return p;
+    }();
+    const Image<float>&truth = photograph.truth, &image = shown.frame.image;
+    const EyesOfView labelled = labelled_eyes(v.frame, photograph.eyes);
+    const Areas areas = areas_of(photograph, f, view);
+    Measured m;
+    ViewResult& r = m.result;
+    r.head = quality(image, truth, areas.head);
+    r.face = quality(image, truth, areas.face);
+    r.eyes = quality(image, truth, areas.eyes);
     r.eyes_box = box_of(areas.eyes, truth.width);
-    r.eye_skin = quality(white_outside(shown.image, areas.skin), white_outside(truth, areas.skin),
-                         areas.eyes);
-    if (lpips_)
-        r.lpips.add(
-            lpips_(white_outside(shown.image, areas.head), white_outside(truth, areas.head)));
+    r.eye_skin =
+        quality(white_outside(image, areas.skin), white_outside(truth, areas.skin), areas.eyes);
+    if (lpips_) {
+        m.head = white_outside(image, areas.head);
+        m.head_truth = white_outside(truth, areas.head);
+    }
     for (std::size_t e = 0; e < 2; ++e) {
         ++r.eyes_in_view;
-        if (usable_eye_pixels(area_of(measured, e), truth.width) < min_eye_pixels) continue;
+        if (usable_eye_pixels(area_of(labelled, e), truth.width) < min_eye_pixels) continue;
         ++r.eyes_visible;
         // The iris is seen where the optical axis is.
-        const Vec3<double> label = capture_.frames[static_cast<std::size_t>(frame)].eyes[e].optical;
-        const auto fill = [&](EyesOfView Shown::*given, GazeTable& table) {
-            const auto estimate = [&](const Shown& s) {
-                return estimate_gaze(s.image, area_of(s.*given, e), view, (s.*given).ball[e],
-                                     (s.*given).area_error);
+        const Vec3<double> label = f.eyes[e].optical;
+        const auto fill = [&](const auto& eyes_in, GazeTable& table) {
+            const auto estimate = [&](const Image<float>& picture, const EyesOfView& eyes) {
+                return estimate_gaze(picture, area_of(eyes, e), view, eyes.ball[e],
+                                     eyes.area_error);
             };
-            const std::optional<GazeEstimate> reference = estimate(photograph);
+            const auto of = [&](const Render& s) { return estimate(s.image, eyes_in(s)); };
+            // The photograph is looked at where the avatar says that its eyes are.
+            const std::optional<GazeEstimate> reference = estimate(truth, eyes_in(shown.frame));
             table.photograph.add(reference, reference, label);
-            table.render.add(estimate(shown), reference, label);
-            table.rest.add(estimate(rest), reference, label);
-            table.nearest.add(estimate(nearest), reference, label);
+            table.render.add(of(shown.frame), reference, label);
+            table.rest.add(of(shown.rest), reference, label);
+            table.nearest.add(of(shown.nearest), reference, label);
         };
-        fill(&Shown::measured, r.measured);
-        fill(&Shown::own, r.own);
+        fill([&](const Render&) -> const EyesOfView& { return labelled; }, r.measured);
+        fill([](const Render& s) -> const EyesOfView& { return s.own; }, r.own);
     }
-    picture = side_by_side({truth, shown.image, rest.image});
-    return r;
+    if (v.pictured) m.picture = side_by_side({truth, image, shown.rest.image});
+    return m;
+}
+
+std::vector<ViewResult> Evaluation::views(const std::vector<MeasuredView>& which,
+                                          const TakePicture& take) const {
+    const auto threads = static_cast<std::size_t>(program_threads().size());
+    // Pictures of so many views are held at once. A device draws while other threads measure; the
+    // CPU draws with all threads and the memory of one frame.
+    const std::size_t most = std::clamp<std::size_t>(4 * threads, 8, 64);
+    std::vector<ViewResult> results(which.size());
+    for (std::size_t first = 0; first < which.size(); first += most) {
+        const std::size_t n = std::min(most, which.size() - first);
+        std::vector<Renders> shown(n);
+        std::vector<Measured> found(n);
+        if (!drawer_.on_device())
+            for (std::size_t i = 0; i < n; ++i) shown[i] = renders(which[first + i]);
+        program_threads().run(static_cast<Index>(n), [&](Index k) {
+            const auto i = static_cast<std::size_t>(k);
+            const MeasuredView& v = which[first + i];
+            found[i] = measured(v, drawer_.on_device() ? renders(v) : std::move(shown[i]));
+            shown[i] = {};
+            if (v.pictured) take(first + i, found[i].picture);
+            found[i].picture = {};
+        });
+        for (std::size_t i = 0; i < n; ++i) {
+            if (lpips_) found[i].result.lpips.add(lpips_(found[i].head, found[i].head_truth));
+            results[first + i] = std::move(found[i].result);
+        }
+    }
+    return results;
+}
+
+ViewResult Evaluation::view(int frame, int camera, Image<float>& picture) const {
+    return views({{frame, camera, true}}, [&](std::size_t, const Image<float>& p) { picture = p; })
+        .front();
 }
 
 Vec3<float> Evaluation::nearest_training_gaze(const Vec3<float>& gaze, std::size_t eye) const {

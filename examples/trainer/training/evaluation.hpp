@@ -10,12 +10,15 @@
 
 #include <array>
 #include <cmath>
+#include <functional>
+#include <memory>
+#include <mutex>
 #include <vector>
 
 #include <nlohmann/json.hpp>
 
+#include "training/drawing.hpp"
 #include "training/gaze_estimator.hpp"
-#include "training/steps.hpp"
 
 namespace rye::trainer {
 
@@ -96,29 +99,57 @@ struct EyesOfView {
     double area_error = 0;  ///< how far its rim may be off [radii of the eyeball]
 };
 
-/// Measures views of a run that is drawn (run.hpp). Both arguments must outlive it.
+/// A view of a capture.
+struct MeasuredView {
+    int frame, camera;
+    bool pictured = false; ///< whether its pictures are wanted
+};
+
+/// Measures views of a run that is drawn (run.hpp). The state and the capture must outlive it.
 class Evaluation {
   public:
-    /// `lpips` gives the LPIPS of two pictures (lpips_of); without it there is none.
-    Evaluation(const TrainState& state, const Capture& capture, PictureDistance lpips = {})
-        : state_(state),
+    /// `lpips` gives the LPIPS of two pictures; without it there is none.
+    Evaluation(AvatarDrawer drawer, const Capture& capture, PictureDistance lpips = {})
+        : drawer_(std::move(drawer)),
+          state_(drawer_.state()),
           capture_(capture),
           lpips_(std::move(lpips)) {}
+
+    /// Photograph, render, and render with the gaze at rest of a view, by its place among the
+    /// views.
+    using TakePicture = std::function<void(std::size_t, const Image<float>&)>;
+
+    /// These views, as many at once as the program has threads, in any order; the same results for
+    /// any number of threads. `take` is called on them, at once. What draws and LPIPS, which have
+    /// the memory of a frame each, are one at a time.
+    std::vector<ViewResult> views(const std::vector<MeasuredView>& which,
+                                  const TakePicture& take) const;
 
     /// One view; `picture` receives photograph, render, and render with the gaze at rest.
     ViewResult view(int frame, int camera, Image<float>& picture) const;
 
     /// By the capture's labels; by the run's rig where the capture has no label.
     EyesOfView measured_eyes(int frame, int camera) const;
-    /// By the run's rig and its own Gaussians.
+    /// By the run's rig and its own Gaussians, drawn on the CPU.
     EyesOfView own_eyes(const Drivers<float>& drivers, const Pinhole<double>& camera) const;
 
   private:
+    struct Render;
+    struct Renders;
+    struct Measured;
+
+    EyesOfView labelled_eyes(int frame, Image<float> mask) const;
+    EyesOfView eyes_of(const Drivers<float>& drivers, PosedEyes posed) const;
+    Renders renders(const MeasuredView& v) const;
+    Measured measured(const MeasuredView& v, Renders shown) const;
     Vec3<float> nearest_training_gaze(const Vec3<float>& gaze, std::size_t eye) const;
 
+    AvatarDrawer drawer_;
     const TrainState& state_;
     const Capture& capture_;
     PictureDistance lpips_;
+    /// Of the capture, whose images are not for several threads at once.
+    std::unique_ptr<std::mutex> reading_ = std::make_unique<std::mutex>();
 };
 
 } // namespace rye::trainer

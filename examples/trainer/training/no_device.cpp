@@ -35,4 +35,23 @@ std::unique_ptr<DeviceEngine<AppearanceEffects>> device_engine<AppearanceEffects
     throw Error(std::string("device_engine: ") + why);
 }
 
+template <>
+std::unique_ptr<DeviceDrawer> device_drawer<TrainEffects>(
+    const TwoStream<float, TrainEffects>&, const AvatarConfig&, const LandmarkRoles&,
+    const std::optional<LpipsWeights<float>>&) {
+    throw Error(std::string("device_drawer: ") + why);
+}
+template <>
+std::unique_ptr<DeviceDrawer> device_drawer<ComparedEffects>(
+    const TwoStream<float, ComparedEffects>&, const AvatarConfig&, const LandmarkRoles&,
+    const std::optional<LpipsWeights<float>>&) {
+    throw Error(std::string("device_drawer: ") + why);
+}
+template <>
+std::unique_ptr<DeviceDrawer> device_drawer<AppearanceEffects>(
+    const TwoStream<float, AppearanceEffects>&, const AvatarConfig&, const LandmarkRoles&,
+    const std::optional<LpipsWeights<float>>&) {
+    throw Error(std::string("device_drawer: ") + why);
+}
+
 } // namespace rye::trainer

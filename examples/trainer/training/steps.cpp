@@ -121,13 +121,12 @@ StepReport MeshStepper::step(TrainState& state, const TetGrid<float>& grid,
     return mesh_step_by(train_backend(), *memory_, state, input);
 }
 
-namespace {
-
-/// Without the columns and rows that the blocks of the upsampler have beyond the camera's picture.
 Image<float> of_camera(Image<float> picture, const Pinhole<float>& camera) {
     if (picture.width == camera.width && picture.height == camera.height) return picture;
     return cropped(picture, 0, 0, camera.width, camera.height);
 }
+
+namespace {
 
 /// Numbers that are not finite draw nothing, or anything: neither is a picture of the avatar.
 void require_drawable(const Gaussians<float>& g) {
@@ -189,31 +188,54 @@ Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
         camera);
 }
 
-PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
-                     const Pinhole<float>& camera) {
+std::array<Vec3<double>, 2> posed_centres(const TrainState& state, const Drivers<float>& drivers) {
     const Avatar& avatar = state.avatar;
     const AvatarConfig& config = state.config.avatar;
     const Drivers<float> optical = optical_drivers(state, drivers);
     const HeadTransform<float> head = head_transform(optical);
-    TwoStreamGaussians<float> shown = driven(state, drivers);
     EyeOffsetTrace<float> offset;
     const Columns<float> centre =
         avatar.eyes.centre + eye_offset<float>(train_backend(), avatar.eyes.offset, config,
                                                frame_code(config, optical), offset);
-    Gaussians<float>& both = shown.gaussians;
-    const Index face = shown.face_count;
-    both.feature = Columns<float>::Zero(2, both.count());
-    PosedEyes eyes;
+    std::array<Vec3<double>, 2> world;
     for (Index e = 0; e < 2; ++e) {
-        both.feature.row(e)
-            .segment(face + avatar.eyes.first_point(e), avatar.eyes.points_of(e))
-            .setOnes();
         const Vec3<float> c = head.scale * (head.rotation * centre.col(e));
-        eyes.centre[static_cast<std::size_t>(e)] = (c + head.translation).cast<double>();
+        world[static_cast<std::size_t>(e)] = (c + head.translation).cast<double>();
     }
+    return world;
+}
+
+namespace {
+
+/// The area of PosedEyes, of driven Gaussians, whose features are overwritten.
+Image<float> eyes_area(const TrainState& state, TwoStreamGaussians<float>& shown,
+                       const Pinhole<float>& camera) {
+    const Avatar& avatar = state.avatar;
+    Gaussians<float>& both = shown.gaussians;
+    both.feature = Columns<float>::Zero(2, both.count());
+    for (Index e = 0; e < 2; ++e)
+        both.feature.row(e)
+            .segment(shown.face_count + avatar.eyes.first_point(e), avatar.eyes.points_of(e))
+            .setOnes();
     const VecX<float> nothing = VecX<float>::Zero(2);
-    eyes.area = TrainRasterizer().forward(train_backend(), both, camera, nothing).feature;
-    return eyes;
+    return TrainRasterizer().forward(train_backend(), both, camera, nothing).feature;
+}
+
+} // namespace
+
+PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
+                     const Pinhole<float>& camera) {
+    TwoStreamGaussians<float> shown = driven(state, drivers);
+    return {posed_centres(state, drivers), eyes_area(state, shown, camera)};
+}
+
+ShownAvatar shown_avatar(const TrainState& state, const Drivers<float>& drivers,
+                         const Pinhole<float>& camera) {
+    TwoStreamGaussians<float> shown = driven(state, drivers);
+    ShownAvatar r;
+    r.picture = picture_of(state, shown.gaussians, camera);
+    r.eyes = {posed_centres(state, drivers), eyes_area(state, shown, camera)};
+    return r;
 }
 
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers) {

@@ -102,6 +102,20 @@ struct PosedEyes {
 };
 PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
                      const Pinhole<float>& camera);
+/// Their centres alone, world units.
+std::array<Vec3<double>, 2> posed_centres(const TrainState& state, const Drivers<float>& drivers);
+
+/// A picture as of render_avatar, and its eyes as of posed_eyes, of an avatar that is driven once.
+struct ShownAvatar {
+    Image<float> picture;
+    PosedEyes eyes;
+};
+ShownAvatar shown_avatar(const TrainState& state, const Drivers<float>& drivers,
+                         const Pinhole<float>& camera);
+
+/// A picture of whole blocks of super-resolution without the columns and rows that these have
+/// beyond the camera's.
+Image<float> of_camera(Image<float> picture, const Pinhole<float>& camera);
 
 /// The driven Gaussians of both streams in the world, the face's first.
 Gaussians<float> driven_gaussians(const TrainState& state, const Drivers<float>& drivers);

@@ -24,6 +24,19 @@ EffectMask parsed(const std::string& wanted, const std::string& option) {
 
 } // namespace
 
+std::string left_out_on_device(const std::string& wanted, const std::string& option) {
+    if (wanted.empty() || wanted == "auto" ||
+        parsed(wanted, option).contains(effect_mask<TrainEffects>))
+        return "";
+    return option + " " + wanted + " leaves effects out, and a device draws all that was trained";
+}
+
+FrameDrawer::FrameDrawer(AvatarDrawer on_device)
+    : state_(&on_device.state()),
+      on_device_(std::move(on_device)),
+      variant_(PaperVariant::name),
+      explanation_("variant        " + variant_ + ": all that is trained, as a device draws\n") {}
+
 FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>& frames,
                          const std::string& wanted, const std::string& option, double bound)
     : state_(&state) {
@@ -92,6 +105,7 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
 }
 
 Image<float> FrameDrawer::picture(const DrawnFrame& frame) const {
+    if (on_device_) return on_device_->picture(frame.drivers, frame.camera);
     const bool whole = state_->appearance.has_value(); // driven_gaussians applies kappa
     return picture_of(*state_,
                       driver_(whole ? frame.drivers : optical_drivers(*state_, frame.drivers)),

@@ -9,7 +9,9 @@
 
 #include <algorithm>
 #include <array>
+#include <numeric>
 #include <string>
+#include <vector>
 
 #include <rye/loss/cuda/terms.hpp>
 #include <rye/loss/lpips.hpp>
@@ -260,6 +262,28 @@ class DeviceLpips {
             back.slope[c] = static_cast<float>(weight * 2.0 / lpips_scale[c]);
         device_.launch(queue, back.blocks_of(), back);
         return {partial, chunks, 1.0, 0.0, nullptr, weight};
+    }
+    /// The distance of two pictures of one size, without its cotangent. Waits. The truth's features
+    /// go to own memory.
+    template <class P>
+    double value(const CudaQueue& queue, const DevicePicture<const float>& picture,
+                 const DevicePicture<const P>& truth) {
+        require_picture("DeviceLpips", "truth", truth, 3, picture.width, picture.height);
+        truth_into(queue, truth, {truth.width, truth.height}, own_);
+        look(queue, picture, own_.crop);
+        Index chunks = 0;
+        for (std::size_t s = 0; s < vgg_slices; ++s) chunks += slice(own_, s).blocks_of();
+        double* const partial = sums_.reserve(queue, chunks);
+        Index first = 0;
+        for (std::size_t s = 0; s < vgg_slices; ++s) {
+            LpipsSliceKernel kernel = slice(own_, s);
+            kernel.partial = partial + first;
+            first += kernel.blocks_of();
+            device_.launch(queue, kernel.blocks_of(), kernel);
+        }
+        std::vector<double> sums(static_cast<std::size_t>(chunks));
+        device_.fetch(queue, sums.data(), partial, sums.size() * sizeof(double));
+        return std::accumulate(sums.begin(), sums.end(), 0.0);
     }
     /// As a perceptual loss of an objective: the same for a truth (floats or bytes) whose features
     /// are made here, over `crop`, or unless `kept` is null taken from there.

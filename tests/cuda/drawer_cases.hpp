@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+/// tests/cuda/drawer_cases.hpp: pictures that a device draws of an avatar against the host's in
+/// float, for the emulated device and a real one.
+#pragma once
+
+#include <doctest/doctest.h>
+
+#include <rye/avatar/cuda/drawer.hpp>
+#include <rye/splat/rasterizer.hpp>
+
+#include "../support/effect_sets.hpp"
+#include "../support/hostile.hpp"
+#include "avatar_cases.hpp"
+
+namespace rye::test {
+
+/// Tiles with room for networks of gaze mechanisms, channels of the tiny avatar's renders.
+using DrawnWide = DeviceDrawingPolicy<DeviceNetworks<3, 128, 64, 64>, KernelChannels<8>>;
+
+/// What is drawn of an avatar: its picture, and each eye's share of the pixels.
+struct DrawnViews {
+    Image<float> picture, eyes;
+
+    bool operator==(const DrawnViews& o) const {
+        return picture.pixels == o.picture.pixels && eyes.pixels == o.eyes.pixels;
+    }
+};
+
+/// The largest difference of two pictures' numbers.
+inline double apart(const Image<float>& a, const Image<float>& b) {
+    REQUIRE(a.width == b.width);
+    REQUIRE(a.height == b.height);
+    REQUIRE(a.channels() == b.channels());
+    return static_cast<double>((a.pixels - b.pixels).cwiseAbs().maxCoeff());
+}
+
+/// By the host, as its programs draw.
+template <EffectSet E>
+DrawnViews drawn_on_host(const AvatarCase<E>& c, const Drivers<float, E>& drivers,
+                         const Pinhole<float>& camera, const Pinhole<float>& eyes_camera) {
+    const ScalarBackend<Serial> host;
+    const Rasterizer<FeaturesOnly<Balanced>> rasterizer;
+    TwoStreamTrace<float, E> trace;
+    drive(host, c.avatar, {c.config, c.roles, drivers}, trace);
+    const VecX<float> white = VecX<float>::Ones(c.config.channels), black = VecX<float>::Zero(2);
+    DrawnViews r;
+    r.picture = upsampler_forward(host, c.avatar.upsampler,
+                                  rasterizer.forward(host, trace.gaussians, camera, white).feature,
+                                  nullptr);
+    Gaussians<float>& both = trace.gaussians;
+    both.feature = Columns<float>::Zero(2, both.count());
+    for (Index e = 0; e < 2; ++e)
+        both.feature.row(e)
+            .segment(trace.face_count + c.avatar.eyes.first_point(e), c.avatar.eyes.points_of(e))
+            .setOnes();
+    r.eyes = rasterizer.forward(host, both, eyes_camera, black).feature;
+    return r;
+}
+
+/// Pictures of two frames by one drawer against the host's, and the first frame's bits again.
+template <class Policy = DrawnWide, EffectSet E, class Device>
+void drawn_as_on_host(const Device& device, const CudaQueue& queue, const AvatarCase<E>& c,
+                      double bound) {
+    DeviceAvatarDrawer<E, Device, Policy> drawer(device, queue, {c.avatar, c.config, c.roles});
+    const Pinhole<float> camera = tiny_camera(24, 20).cast<float>();
+    const Pinhole<float> large = tiny_camera(50, 38).cast<float>();
+    const auto draw = [&](const Drivers<float, E>& drivers) {
+        drawer.drive(queue, drivers);
+        return DrawnViews{drawer.picture(queue, camera), drawer.eyes(queue, large)};
+    };
+    Drivers<float, E> other = c.drivers;
+    other.expression = -other.expression;
+    std::swap(other.gaze[0], other.gaze[1]);
+    const DrawnViews first = draw(c.drivers);
+    CHECK(first.picture.width == drawer.factor() * camera.width);
+    const Drivers<float, E> frames[] = {c.drivers, other};
+    for (const Drivers<float, E>& d : frames) {
+        const DrawnViews found = draw(d), host = drawn_on_host(c, d, camera, large);
+        CHECK(apart(found.picture, host.picture) < bound);
+        CHECK(apart(found.eyes, host.eyes) < bound);
+        CHECK(host.eyes.pixels.row(0).maxCoeff() > 0.1F);
+        CHECK(host.eyes.pixels.row(1).maxCoeff() > 0.1F);
+        MESSAGE("largest difference of a picture "
+                << apart(found.picture, host.picture) << ", of the eyes' shares "
+                << apart(found.eyes, host.eyes) << ", between frames "
+                << apart(found.picture, first.picture));
+    }
+    CHECK(draw(c.drivers) == first);
+    CHECK(drawer.bytes() > 0);
+
+    AvatarCase<E> brighter = c;
+    brighter.avatar.upsampler.out_bias.array() += 0.25F;
+    drawer.upload(queue, brighter.avatar);
+    const DrawnViews found = draw(c.drivers);
+    CHECK(apart(found.picture, drawn_on_host(brighter, c.drivers, camera, large).picture) < bound);
+    CHECK(apart(found.picture, first.picture) > 0.01);
+}
+
+/// Effects and parts that `rye` trains.
+template <class Device>
+void variants_drawn(const Device& device, const CudaQueue& queue, double bound) {
+    drawn_as_on_host(device, queue, case_with_parts<PaperEffects>(), bound);
+    drawn_as_on_host(device, queue, case_with_parts<AllEffects>(), bound);
+    using Still = More<PaperEffects, GazeBy<FixedEye>>;
+    drawn_as_on_host(device, queue,
+                     case_with_parts<More<PaperEffects, GazeBy<LearnedQuaternion>>>(), bound);
+    drawn_as_on_host(device, queue, case_with_parts<More<Still, EyesBy<RotatedCode>>>(), bound);
+    drawn_as_on_host(device, queue, case_with_parts<LitEffects>(), bound);
+}
+
+/// Super-resolution of no, one and two doublings.
+template <class Device>
+void sizes_drawn(const Device& device, const CudaQueue& queue, double bound) {
+    for (const int doublings : {0, 2}) {
+        AvatarCase<PaperEffects> c = case_with_parts<PaperEffects>();
+        UpsamplerShape shape = c.avatar.upsampler.shape;
+        shape.doublings = doublings;
+        c.avatar.upsampler = Upsampler<float>::init(shape, Random{5, 0});
+        drawn_as_on_host(device, queue, c, bound);
+    }
+}
+
+/// What a drawer refuses, and that it goes on afterwards.
+template <class Device>
+void drawer_bad_input(const Device& device, const CudaQueue& queue) {
+    using E = PaperEffects;
+    using Drawer = DeviceAvatarDrawer<E, Device, DrawnWide>;
+    const AvatarCase<E> c = case_with_parts<E>();
+    const Pinhole<float> camera = tiny_camera(24, 20).cast<float>();
+    Drawer drawer(device, queue, {c.avatar, c.config, c.roles});
+    CHECK_FAULT(drawer.picture(queue, camera), "nothing was driven before the picture");
+    Drivers<float, E> drivers = c.drivers;
+    drivers.expression = VecX<float>::Zero(7);
+    CHECK_FAULT(drawer.drive(queue, drivers), "expression has 7 numbers");
+    drawer.drive(queue, c.drivers);
+    const Image<float> picture = drawer.picture(queue, camera);
+
+    const float bad = std::nanf("");
+    AvatarCase<E> damaged = c;
+    damaged.avatar.face.position(1, 3) = bad;
+    drawer.upload(queue, damaged.avatar);
+    drawer.drive(queue, c.drivers);
+    CHECK_FAULT(drawer.picture(queue, camera), "of them are not finite everywhere");
+    CHECK_FAULT(drawer.eyes(queue, camera), "of them are not finite everywhere");
+    damaged = c;
+    damaged.avatar.upsampler.out_bias(0) = bad;
+    drawer.upload(queue, damaged.avatar);
+    drawer.drive(queue, c.drivers);
+    CHECK_FAULT(drawer.picture(queue, camera), "the picture is not finite everywhere");
+    drawer.upload(queue, c.avatar);
+    drawer.drive(queue, c.drivers);
+    CHECK(drawer.picture(queue, camera).pixels == picture.pixels);
+    AvatarCase<E> other = c;
+    other.config.channels = 4;
+    CHECK_FAULT(Drawer(device, queue, {other.avatar, other.config, other.roles}),
+                "super-resolution reads 5 channels, renders have 4");
+}
+
+} // namespace rye::test
