@@ -41,8 +41,8 @@ std::optional<Subject> trained(const SubjectOptions& o) {
 std::optional<Subject> trained(const SubjectOptions&) { return std::nullopt; }
 #endif
 
-/// An avatar of the size that `rye train --preset cpu` makes of a capture with 452 landmarks;
-/// points on an ellipsoid, networks as initialised.
+/// An avatar of half the Gaussians that `rye train --preset cpu` makes of a capture with 452
+/// landmarks; points on an ellipsoid, networks as initialised.
 Subject synthetic() {
     constexpr Index points = 19326, eye_points = 2410;
     constexpr int landmarks = 452;

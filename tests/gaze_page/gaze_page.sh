@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# gaze_page.sh RYE WORK: builds examples/gaze_page with an avatar of the size that `--preset cpu`
-# trains, of a few steps (its skin moves more than that of a trained one), and has a headless Chromium
+# gaze_page.sh RYE WORK: builds examples/gaze_page with an avatar of half the size that `--preset
+# cpu` trains, of a few steps (its skin moves more than that of a trained one), and has a headless Chromium
 # visit it (test.js). Where emscripten, node or Chromium is missing it says so and ends with 77. From
 # the environment:
 #   CHROMIUM   the browser (default: chromium, chromium-browser or google-chrome)
@@ -31,9 +31,12 @@ if [ -z "${AVATAR:-}" ]; then
     "$rye" capture --out "$work/capture" --size 256 --cameras 3 --frames 6 --test-frames 1 \
         --apart-frames 1 --samples 1 --quiet
     cat > "$work/short.json" << 'EOF'
-{"avatar": {"gaze_frequencies": 4},
+{"avatar": {"gaze_frequencies": 4, "shading": "none",
+            "networks": {"exp_deform": [64, 64, 64, 64], "pose_deform": [64, 64],
+                         "gaze_deform": [64, 64, 64]}},
+ "grid": {"cell": 0.1458},
  "mesh": {"steps": 60, "pretrain_steps": 200, "fit_steps": 100, "fit_mixed": 0},
- "gaussians": {"steps": 60, "rates": {"deform": 1e-3}}}
+ "gaussians": {"steps": 60, "spacing_slope": 0.2, "mouth_points": 600, "rates": {"deform": 1e-3}}}
 EOF
     "$rye" train --capture "$work/capture" --preset cpu --config "$work/short.json" --quiet \
         --out "$work/run" > "$work/train.log"
