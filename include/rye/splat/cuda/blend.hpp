@@ -34,8 +34,8 @@ struct BlendKernel {
     /// Shared memory of a block.
     struct Shared {
         NearestKeys nearest;
-        Found found[strips];
-        std::uint32_t open[strips];
+        Found found[tile_strips];
+        std::uint32_t open[tile_strips];
     };
     FrameMemory memory;
     DeviceScene scene;
@@ -78,7 +78,7 @@ struct BlendKernel {
         block.each_warp([&](int w) {
             if (memory.groups > 0)
                 W::write_where(W::lane() == typename W::U(0), memory.last,
-                               typename W::U(tile * strips + static_cast<std::uint32_t>(w)),
+                               typename W::U(tile * tile_strips + static_cast<std::uint32_t>(w)),
                                typename W::U(state[w].last));
             StripOutput<A, C>{memory, scene, images}.template write<W>(state[w], tile, w, begin);
         });

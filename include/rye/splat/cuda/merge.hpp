@@ -23,7 +23,7 @@ struct MergeKernel {
         std::uint32_t first[threads]; ///< place of each Gaussian in the block's
         std::uint32_t found[threads];
         std::uint32_t before[chunk + 1]; ///< slots of places before each
-        std::uint32_t slot[chunk * strips];
+        std::uint32_t slot[chunk * tile_strips];
     };
     DeviceGaussians<const float> g;
     DeviceGaussians<float> out;
@@ -86,9 +86,9 @@ struct MergeKernel {
             expanded<4>([&](auto e) {
                 const std::uint32_t place = 4 * static_cast<std::uint32_t>(t) + e;
                 shared.before[place] = at;
-                expanded<strips>([&](auto s) {
+                expanded<tile_strips>([&](auto s) {
                     if ((flags[t][e] >> (8 * s) & 1U) != 0)
-                        shared.slot[at++] = memory.slot[(from + place) * strips + s];
+                        shared.slot[at++] = memory.slot[(from + place) * tile_strips + s];
                 });
             });
             if (t == 0) shared.before[chunk] = total;

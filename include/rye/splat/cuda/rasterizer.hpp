@@ -54,12 +54,12 @@ struct DeviceFrameShape {
     std::size_t blocks() const { return (gaussians + 127) / 128; }
     /// Numbers of 32 bits: of Gaussians and tiles, counters, of entries, of groups.
     std::size_t words() const {
-        return 2 * gaussians + blocks() + std::size_t(2 + strips) * tiles + 2;
+        return 2 * gaussians + blocks() + std::size_t(2 + tile_strips) * tiles + 2;
     }
     std::size_t counters() const {
         return tiles * FrameMemory::apart + sizeof(FrameReport) / 4;
     }
-    std::size_t entry_words() const { return std::size_t(3 + strips) * entries; }
+    std::size_t entry_words() const { return std::size_t(3 + tile_strips) * entries; }
     std::size_t group_words() const { return groups * std::size_t(2 * group_visits + 1); }
     std::size_t transmittances() const { return groups * 64; }
     std::size_t partials() const { return groups * std::size_t(group_visits) * stride; }
@@ -113,7 +113,7 @@ struct DeviceFrame {
         place(queue, entry_words_, m.sorted, of.entry_words());
         m.owner = m.sorted + of.entries;
         m.slot = m.owner + of.entries;
-        m.touched = reinterpret_cast<std::uint8_t*>(m.slot + std::size_t(strips) * of.entries);
+        m.touched = reinterpret_cast<std::uint8_t*>(m.slot + std::size_t(tile_strips) * of.entries);
         m.entries = static_cast<std::uint32_t>(of.entries);
         m.groups = static_cast<std::uint32_t>(of.groups);
         place(queue, group_words_, m.visits, of.group_words());
@@ -239,10 +239,10 @@ struct DeviceRasterizer {
         each_block_of_channels(g.channels(), [&](auto C, Index first, int channels) {
             const DeviceScene s = scene(g, background, camera, first, channels);
             if (extra && first == 0)
-                device.launch(queue, Index(m.tiles) * strips,
+                device.launch(queue, Index(m.tiles) * tile_strips,
                               ReverseKernel<A, C(), true>{m, s, cotangent, accuracy});
             else
-                device.launch(queue, Index(m.tiles) * strips,
+                device.launch(queue, Index(m.tiles) * tile_strips,
                               ReverseKernel<A, C(), false>{m, s, cotangent, accuracy});
             device.launch(
                 queue, m.blocks,

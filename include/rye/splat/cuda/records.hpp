@@ -99,7 +99,7 @@ struct FrameMemory {
 /// Side of a strip of a tile: the pixels of a warp [px].
 inline constexpr int strip_edge = 8;
 /// Strips of a tile.
-inline constexpr int strips = 4;
+inline constexpr int tile_strips = 4;
 /// Visits that a warp takes at once.
 inline constexpr int group_visits = 16;
 

@@ -43,9 +43,9 @@ struct ReverseKernel {
         using W = typename Block::Warp;
         if (memory.report->overflow != 0) return;
         const auto strip = static_cast<std::uint32_t>(block.index());
-        const std::uint32_t tile = memory.order[strip / strips];
-        const int w = static_cast<int>(strip % strips);
-        const std::uint32_t last = memory.last[tile * strips + static_cast<std::uint32_t>(w)];
+        const std::uint32_t tile = memory.order[strip / tile_strips];
+        const int w = static_cast<int>(strip % tile_strips);
+        const std::uint32_t last = memory.last[tile * tile_strips + static_cast<std::uint32_t>(w)];
         if (last == none_of) return;
         block.each_warp([&](int) {
             const StripPixels<W> pixels(tile, memory.columns, w, scene.width, scene.height);
@@ -333,7 +333,7 @@ struct ReverseKernel {
         Step::template add_lanes<W>(v, sum, partial);
         // Pairs of a Gaussian and a tile learn of their slots.
         const auto has = W::lane() < U(group_visits) && now.owner < U(none_of);
-        const U place = now.place * U(strips) + U(static_cast<std::uint32_t>(w));
+        const U place = now.place * U(tile_strips) + U(static_cast<std::uint32_t>(w));
         W::write_where(has, memory.touched, place, U(1));
         W::write_where(has, memory.slot, place, U(now.group * group_visits) + W::lane());
     }
