@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/nn/cuda/mlp_kernels.hpp: a block of points through all layers of a network, forward and
-/// back, with what passes from layer to layer in shared memory. Eight warps: two halves of the
-/// points by four quarters of a layer's outputs. Weights stream from the cache, as operands.
+/// back, with what passes from layer to layer in shared memory. Four warps, or eight, have a
+/// quarter of a layer's columns each and all points of the block, or half of them. Weights stream
+/// from the cache to registers, two steps ahead of the products, through the ends of layers.
 #pragma once
 
 #include <rye/nn/activations.hpp>
@@ -9,143 +10,198 @@
 
 namespace rye {
 
+/// How blocks share the work: `points` a block, warps in `down` rows of four, `blocks` of a kernel
+/// together.
+template <int points_, int down_, int blocks_>
+struct MlpCut {
+    static constexpr int points = points_, down = down_, blocks = blocks_;
+};
+/// ... of floats as N planes.
+template <int N>
+using MlpCutOf =
+    std::conditional_t<N == 1, MlpCut<64, 1, 2>, MlpCut<N == 2 ? 64 : 32, 2, 1>>;
+
 /// Sizes of a block's work: widths at most `width`, inputs of points at most `inputs`, both
 /// multiples of 32; floats as N planes.
-template <int N_, int width_, int inputs_>
+template <int N_, int width_, int inputs_, class Cut = MlpCutOf<N_>>
 struct MlpTiles {
     static constexpr int N = N_, width = width_, inputs = inputs_;
     static_assert(N >= 1 && N <= 3 && width % 32 == 0 && inputs % 32 == 0);
-    static constexpr int warps = 8, threads = 32 * warps;
-    static constexpr int points = N == 1 ? 128 : N == 2 ? 64 : 32; ///< of a block
-    static constexpr int high = points / 32;                       ///< operands of 16 points a warp
+    static constexpr int points = Cut::points, down = Cut::down, blocks = Cut::blocks;
+    static constexpr int warps = 4 * down, threads = 32 * warps;
+    static constexpr int high = points / (16 * down); ///< operands of 16 points a warp
     static constexpr int wide = (width > inputs ? width : inputs) / 32; ///< and of 8 columns
+    static_assert(high >= 1 && points % (16 * down) == 0);
 
+    /// Hidden numbers, then inputs, from column `width` on.
+    using Layer = PlaneRows<N, points, width + inputs>;
     using Hidden = PlaneRows<N, points, width>;
-    using Input = PlaneRows<N, points, inputs>;
 
-    RYE_DEVICE static int first_row(int w) { return w / 4 * (points / 2); }
-    /// Columns of operands, of `count`, that warp w has: [first, first + own).
-    RYE_DEVICE static int own(int count) { return (count + 3) / 4; }
-    RYE_DEVICE static int first(int w, int count) { return w % 4 * own(count); }
+    RYE_DEVICE static int first_row(int w) { return w / 4 * (points / down); }
+    /// Tiles of 8 columns, of `tiles`, that warp w has: [first, first + own).
+    RYE_DEVICE static int first(int w, int tiles) { return w % 4 * ((tiles + 3) / 4); }
+    RYE_DEVICE static int own(int w, int tiles) {
+        return rye::max(0, rye::min((tiles + 3) / 4, tiles - first(w, tiles)));
+    }
 };
 
-/// A warp's sums, and what is done with them.
+/// A warp's sums, and the operands of its next two steps. K: a kernel, whose operand(i) is that of
+/// its product number i of `products()`.
 template <class W, class Tiles>
 struct MlpSums {
     using F = typename W::F;
     using U = typename W::U;
-    using Right = Planes<W, Tiles::N, 2>;
-    using Two = Array<F, 2>;
-    Array<F, 4> sum[std::size_t(Tiles::high)][std::size_t(Tiles::wide)];
+    static constexpr int N = Tiles::N, high = Tiles::high, wide = Tiles::wide;
+    Array<F, 4> sum[std::size_t(high)][std::size_t(wide)];
+
+    /// Begins to fetch operands.
+    template <class K>
+    RYE_DEVICE void begin(const K& kernel, int w) {
+        product_ = -1;
+        left_ = 0;
+        expanded<2>([&](auto slot) {
+            if (left_ == 0) next_operand(kernel, w);
+            expanded<wide>([&](auto n) { fetch(slot, n); });
+            fetched();
+        });
+    }
 
     RYE_DEVICE void clear() {
-        expanded<Tiles::high>([&](auto m) {
-            expanded<Tiles::wide>(
-                [&](auto n) { expanded<4>([&](auto k) { sum[m][n][k] = F(0.0F); }); });
+        expanded<high>([&](auto m) {
+            expanded<wide>([&](auto n) { expanded<4>([&](auto k) { sum[m][n][k] = F(0.0F); }); });
+        });
+    }
+    /// Sums begin as biases of their columns.
+    RYE_DEVICE void begin_with(const float* bias, int tiles, int w) {
+        const int own = Tiles::own(w, tiles), first = Tiles::first(w, tiles);
+        expanded<wide>([&](auto n) {
+            if (n >= own) return;
+            const auto b = W::read2(bias, U(static_cast<std::uint32_t>(4 * (first + n))) +
+                                              W::lane() % U(4U));
+            expanded<high>([&](auto m) {
+                expanded<4>([&](auto k) { sum[m][n][k] = b[k % 2]; });
+            });
         });
     }
 
-    /// += rows times the operand; `depth` and `count`: its numbers along K and N. Tiles of the
-    /// operand are on their way while those before are multiplied.
-    template <class Rows>
-    RYE_DEVICE void add(const Rows& rows, const std::uint32_t* operand, int depth, int count,
-                        int w) {
-        const int tiles = padded_16(count) / 8, own = Tiles::own(tiles),
-                  first = Tiles::first(w, tiles), steps = padded_16(depth) / 16;
-        const int there = rye::min(own, tiles - first);
-        Right next[std::size_t(Tiles::wide)];
-        const auto fetch = [&](int k) {
-            expanded<Tiles::wide>([&](auto n) {
-                if (n < there) next[n] = packed_tile<W, Tiles::N>(operand, k * tiles + first + n);
-            });
+    /// += rows times the operand, which is the next of the kernel; column(k): where step k of its
+    /// numbers along K begins.
+    template <class K, class Rows, class Column>
+    RYE_DEVICE void add(const K& kernel, const Rows& rows, const MlpOperand& operand, int w,
+                        const Column& column) {
+        const int own = Tiles::own(w, operand.tiles);
+        const U place = Rows::left_place(W::lane(), Tiles::first_row(w));
+        Left left[2];
+        const auto read = [&](auto slot, int k) {
+            expanded<high>(
+                [&](auto m) { left[slot][m] = rows.template left<W>(place, 16 * m, column(k)); });
         };
-        if (steps > 0) fetch(0);
-        for (int k = 0; k < steps; ++k) {
-            Right right[std::size_t(Tiles::wide)];
-            expanded<Tiles::wide>([&](auto n) { right[n] = next[n]; });
-            if (k + 1 < steps) fetch(k + 1);
-            Planes<W, Tiles::N, 4> left[std::size_t(Tiles::high)];
-            expanded<Tiles::high>(
-                [&](auto m) { left[m] = rows.template left<W>(Tiles::first_row(w) / 16 + m, k); });
-            expanded<Tiles::wide>([&](auto n) {
-                if (n < there)
-                    expanded<Tiles::high>(
-                        [&](auto m) { multiply<W, Tiles::N>(sum[m][n], left[m], right[n]); });
+        if (operand.steps > 0) read(Constant<0>{}, 0);
+        for (int k = 0; k < operand.steps; k += 2) {
+            step<0>(kernel, left[0], own, w, [&] {
+                if (k + 1 < operand.steps) read(Constant<1>{}, k + 1);
             });
+            if (k + 1 < operand.steps)
+                step<1>(kernel, left[1], own, w, [&] {
+                    if (k + 2 < operand.steps) read(Constant<0>{}, k + 2);
+                });
         }
+        if (operand.steps % 2 == 1)
+            expanded<wide>([&](auto n) {
+                const Right first = right_[0][n];
+                right_[0][n] = right_[1][n];
+                right_[1][n] = first;
+            });
     }
 
-    /// read(row, column) of the pairs of 16 rows and a few columns, then f(row, column, a, b, what
-    /// was read) of each: reads are on their way at once, though f writes memory.
-    template <class V, class Read, class F2>
-    RYE_DEVICE void each_pair_with(int count, int w, const Read& read, const F2& f) const {
-        constexpr int at_once = rye::min(Tiles::wide, Tiles::N == 1 ? 2 : 4);
-        const int tiles = padded_16(count) / 8, own = Tiles::own(tiles),
-                  first = Tiles::first(w, tiles);
-        const int there = rye::min(own, tiles - first);
-        expanded<Tiles::high>([&](auto m) {
-            const auto row = [&](int half) {
-                return U(static_cast<std::uint32_t>(Tiles::first_row(w) + 16 * m + 8 * half)) +
-                       W::lane() / U(4);
-            };
-            const auto column = [&](int n) {
-                return U(static_cast<std::uint32_t>(8 * (first + n))) + W::lane() % U(4) * U(2);
-            };
-            expanded<(Tiles::wide + at_once - 1) / at_once>([&](auto group) {
-                V kept[std::size_t(at_once)][2];
-                const auto each = [&](const auto& g) {
-                    expanded<at_once>([&](auto k) {
-                        constexpr int n = decltype(group)::value * at_once + decltype(k)::value;
-                        if constexpr (n < Tiles::wide)
-                            if (n < there)
-                                expanded<2>(
-                                    [&](auto half) { g(Constant<n>{}, half, kept[k][half]); });
-                    });
-                };
-                each([&](auto n, auto half, V& own_value) {
-                    own_value = read(row(half), column(n));
-                });
-                each([&](auto n, auto half, V& own_value) {
-                    f(row(half), column(n), sum[m][n][2 * half], sum[m][n][2 * half + 1],
-                      own_value);
-                });
-            });
-        });
+    /// f(row, n, a, b) of pairs of neighbours: lane / 4 + row of the warp's rows, columns
+    /// 2 (lane % 4) of its tile n and the next.
+    template <class F2>
+    RYE_DEVICE void each(int tiles, int w, const F2& f) const {
+        const int own = Tiles::own(w, tiles);
+        if (own == wide)
+            each_of<true>(own, f);
+        else
+            each_of<false>(own, f);
     }
-    /// read(column) of all pairs of columns once, then f(row, column, a, b, what was read).
-    template <class V, class Read, class F2>
-    RYE_DEVICE void each_pair_of_columns(int count, int w, const Read& read, const F2& f) const {
-        const int tiles = padded_16(count) / 8, own = Tiles::own(tiles),
-                  first = Tiles::first(w, tiles);
-        V kept[std::size_t(Tiles::wide)];
-        expanded<Tiles::wide>([&](auto n) {
-            if (n < own && first + n < tiles)
-                kept[n] =
-                    read(U(static_cast<std::uint32_t>(8 * (first + n))) + W::lane() % U(4) * U(2));
-        });
-        expanded<Tiles::high>([&](auto m) {
-            expanded<Tiles::wide>([&](auto n) {
-                if (n < own && first + n < tiles)
-                    expanded<2>([&](auto half) {
-                        const U row =
-                            U(static_cast<std::uint32_t>(Tiles::first_row(w) + 16 * m + 8 * half)) +
-                            W::lane() / U(4);
-                        const U column = U(static_cast<std::uint32_t>(8 * (first + n))) +
-                                         W::lane() % U(4) * U(2);
-                        f(row, column, sum[m][n][2 * half], sum[m][n][2 * half + 1], kept[n]);
-                    });
-            });
-        });
+    /// Lane / 4 of the warp's first row, and 2 (lane % 4) of its first column.
+    RYE_DEVICE static U first_row(int w) {
+        return U(static_cast<std::uint32_t>(Tiles::first_row(w))) + W::lane() / U(4U);
     }
-
-    /// Two numbers as planes.
+    RYE_DEVICE static U first_column(int w, int tiles) {
+        return U(static_cast<std::uint32_t>(8 * Tiles::first(w, tiles))) + W::lane() % U(4U) * U(2U);
+    }
+    /// Two numbers as planes at a word of rows.
     template <class Rows>
-    RYE_DEVICE static void put(Rows& rows, const U& row, const U& column, F a, F b) {
-        expanded<Tiles::N>([&](auto p) {
+    RYE_DEVICE static void put(Rows& rows, const U& word, F a, F b) {
+        expanded<N>([&](auto p) {
             const U both = W::pack(a, b);
-            W::write_word(&rows.at[p][0][0], (row * U(Rows::stride) + column) / U(2), both);
+            W::write_word(&rows.at[p][0][0], word, both);
             a = a - W::low(both);
             b = b - W::high(both);
+        });
+    }
+
+  private:
+    using Right = Planes<W, N, 2>;
+    struct Left {
+        Planes<W, N, 4> of[std::size_t(high)];
+        RYE_DEVICE Planes<W, N, 4>& operator[](int m) { return of[m]; }
+    };
+    Right right_[2][std::size_t(wide)];
+    const std::uint32_t* at_; ///< of the next step that is fetched, the warp's first tile
+    int product_, left_;      ///< product of the kernel, steps of it that are not fetched
+    int own_, apart_;         ///< tiles that are the warp's, words from step to step
+
+    template <class K>
+    RYE_DEVICE void next_operand(const K& kernel, int w) {
+        MlpOperand operand;
+        while (operand.steps == 0 && product_ + 1 < kernel.products())
+            operand = kernel.operand(++product_);
+        at_ = operand.at + Index(Tiles::first(w, operand.tiles)) * (N * 64);
+        own_ = Tiles::own(w, operand.tiles);
+        apart_ = operand.tiles * (N * 64);
+        left_ = operand.steps > 0 ? operand.steps : 1 << 30;
+    }
+    template <class Slot, class Tile>
+    RYE_DEVICE void fetch(Slot slot, Tile n) {
+        if (n < own_) right_[slot][n] = packed_tile<W, N>(at_ + n * (N * 64));
+    }
+    RYE_DEVICE void fetched() {
+        at_ += apart_;
+        --left_;
+    }
+    /// A step of 16 along K. Each tile of the operand, once it is used, is that of the next step
+    /// but one.
+    template <int slot, class K, class Ahead>
+    RYE_DEVICE void step(const K& kernel, Left& left, int own, int w, const Ahead& ahead) {
+        if (left_ == 0) next_operand(kernel, w);
+        ahead();
+        if (own == wide && own_ == wide)
+            expanded<wide>([&](auto n) {
+                expanded<high>(
+                    [&](auto m) { multiply<W, N>(sum[m][n], left[m], right_[slot][n]); });
+                right_[slot][n] = packed_tile<W, N>(at_ + n * (N * 64));
+            });
+        else
+            expanded<wide>([&](auto n) {
+                if (n < own)
+                    expanded<high>(
+                        [&](auto m) { multiply<W, N>(sum[m][n], left[m], right_[slot][n]); });
+                fetch(Constant<slot>{}, n);
+            });
+        fetched();
+    }
+    template <bool all, class F2>
+    RYE_DEVICE void each_of(int own, const F2& f) const {
+        expanded<high>([&](auto m) {
+            expanded<2>([&](auto half) {
+                expanded<wide>([&](auto n) {
+                    if (all || n < own)
+                        f(Constant<16 * decltype(m)::value + 8 * decltype(half)::value>{}, n,
+                          sum[m][n][2 * half], sum[m][n][2 * half + 1]);
+                });
+            });
         });
     }
 };
@@ -154,104 +210,92 @@ struct MlpSums {
 template <class Tiles, class A>
 struct MlpForwardKernel {
     static constexpr const char* name = "network, forward";
-    static constexpr int threads = Tiles::threads, blocks = 1;
-    struct Shared {
-        typename Tiles::Hidden hidden;
-        typename Tiles::Input input;
-    };
+    static constexpr int threads = Tiles::threads, blocks = Tiles::blocks;
+    using Rows = typename Tiles::Layer;
+    using Shared = Rows;
     DeviceMlpNetwork network;
     DeviceColumns<const float> points; ///< inputs x N
     DeviceColumns<float> out;          ///< outputs x N
     bool keep;                         ///< what a vjp reads
 
+    RYE_DEVICE int products() const { return network.layers; }
+    RYE_DEVICE const MlpOperand& operand(int i) const { return network.layer[i].to_out; }
+
     template <class Block>
-    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+    RYE_DEVICE void operator()(Block& block, Shared& rows) const {
         using W = typename Block::Warp;
+        constexpr int warps = Tiles::warps, width = Tiles::width;
         const auto first = static_cast<std::uint32_t>(block.index()) * Tiles::points;
         const std::uint32_t count = network.of.among(network.points);
         if (first >= count) return;
         const int inputs = padded_16(network.inputs);
-        const PointRows rows{points, count, network.of.which};
-        block.each_warp(
-            [&](int w) { shared.input.template load<W>(rows, first, inputs, w, Tiles::warps); });
-        if (keep)
-            block.each_thread([&](int t) {
-                shared.input.store(network.input, first, network.points, inputs, t, threads);
-            });
         auto sums = block.template of_warps<MlpSums<W, Tiles>>();
+        block.each_warp([&](int w) {
+            sums[w].begin(*this, w);
+            rows.template load<W, warps>(PointRows{points, count, network.of.which}, first, width,
+                                         inputs, w);
+        });
         for (int l = 0; l < network.layers; ++l) {
             const DeviceMlpLayer& layer = network.layer[l];
-            block.each_warp([&](int w) {
-                sums[w].clear();
-                if (layer.hidden > 0)
-                    sums[w].add(shared.hidden, layer.hidden_to_out, layer.hidden, layer.out, w);
-                if (layer.takes_input)
-                    sums[w].add(shared.input, layer.input_to_out, network.inputs, layer.out, w);
-            });
+            const int hidden = padded_16(layer.hidden);
             const bool last = l + 1 == network.layers;
             block.each_warp([&](int w) {
-                if (last)
-                    finish(sums[w], layer, {first, count}, w);
-                else
-                    activate<W>(shared, sums[w], layer, w);
-            });
-            if (keep && !last)
-                block.each_thread([&](int t) {
-                    shared.hidden.store(layer.activated, first, network.points,
-                                        padded_16(layer.out), t, threads);
+                sums[w].begin_with(layer.bias, layer.to_out.tiles, w);
+                if (keep && l == 0)
+                    rows.template store<W, warps>(network.input, first, network.points, width,
+                                                  inputs, w);
+                if (keep && l > 0)
+                    rows.template store<W, warps>(network.layer[l - 1].activated, first,
+                                                  network.points, 0, hidden, w);
+                sums[w].add(*this, rows, layer.to_out, w, [&](int k) {
+                    return 16 * k < hidden ? 16 * k : 16 * k - hidden + width;
                 });
+                if (last) finish(sums[w], layer, {first, count}, w);
+            });
+            if (!last)
+                block.each_warp([&](int w) { activate<W>(rows, sums[w], layer.to_out.tiles, w); });
         }
     }
 
   private:
-    struct Rows {
+    struct Range {
         std::uint32_t first, end; ///< points
     };
+    /// Columns beyond the layer's are those of a sum of 0: weights of 0 take them on.
     template <class W>
-    RYE_DEVICE static void activate(Shared& shared, const MlpSums<W, Tiles>& sums,
-                                    const DeviceMlpLayer& layer, int w) {
+    RYE_DEVICE static void activate(Rows& rows, const MlpSums<W, Tiles>& sums, int tiles, int w) {
         using F = typename W::F;
         using U = typename W::U;
-        const U out(static_cast<std::uint32_t>(layer.out));
         using Sums = MlpSums<W, Tiles>;
-        sums.template each_pair_of_columns<typename Sums::Two>(
-            layer.out, w, [&](const U& c) { return biases<W>(layer, c); },
-            [&](const U& row, const U& column, const F& a, const F& b,
-                const typename Sums::Two& bias) {
-                const auto value = [&](const F& x, const F& of, const U& c) {
-                    return select(c < out, F(A::value(F(x + of))), F(0.0F));
-                };
-                Sums::put(shared.hidden, row, column, value(a, bias[0], column),
-                          value(b, bias[1], column + U(1)));
-            });
-    }
-    /// Biases of an even column and the next.
-    template <class W>
-    RYE_DEVICE static Array<typename W::F, 2> biases(const DeviceMlpLayer& layer,
-                                                     const typename W::U& c) {
-        using U = typename W::U;
-        const U out(static_cast<std::uint32_t>(layer.out));
-        return {{W::read_where(c < out, layer.bias, c, 0.0F),
-                 W::read_where(c + U(1) < out, layer.bias, c + U(1), 0.0F)}};
+        constexpr int words = Rows::stride / 2;
+        const U word = Sums::first_row(w) * U(std::uint32_t(words)) +
+                       Sums::first_column(w, tiles) / U(2U);
+        sums.each(tiles, w, [&](auto row, auto n, const F& a, const F& b) {
+            Sums::put(rows, word + U(std::uint32_t(row * words + 4 * n)), F(A::value(a)),
+                      F(A::value(b)));
+        });
     }
     template <class W>
     RYE_DEVICE void finish(const MlpSums<W, Tiles>& sums, const DeviceMlpLayer& layer,
-                           const Rows& of, int w) const {
+                           const Range& of, int w) const {
         using F = typename W::F;
         using U = typename W::U;
-        using Two = typename MlpSums<W, Tiles>::Two;
+        using Sums = MlpSums<W, Tiles>;
+        const int tiles = layer.to_out.tiles;
         const U rows(static_cast<std::uint32_t>(layer.out));
-        sums.template each_pair_of_columns<Two>(
-            layer.out, w, [&](const U& c) { return biases<W>(layer, c); },
-            [&](const U& row, const U& column, const F& a, const F& b, const Two& bias) {
-                const U point = U(of.first) + row;
-                const auto one = [&](const F& x, const F& own, const U& c) {
-                    W::write_where(c < rows && point < U(of.end), out.data, point * rows + c,
-                                   F(x + own));
-                };
-                one(a, bias[0], column);
-                one(b, bias[1], column + U(1));
-            });
+        const U column = Sums::first_column(w, tiles);
+        const U first = U(of.first) + Sums::first_row(w);
+        sums.each(tiles, w, [&](auto row, auto n, const F& a, const F& b) {
+            const U point = first + U(std::uint32_t(row)), c = column + U(std::uint32_t(8 * n));
+            const U at = point * rows + c;
+            const auto there = point < U(of.end);
+            if (layer.out % 2 == 0) {
+                W::write2_where(there && c < rows, out.data, at / U(2U), a, b);
+            } else {
+                W::write_where(there && c < rows, out.data, at, a);
+                W::write_where(there && c + U(1U) < rows, out.data, at + U(1U), b);
+            }
+        });
     }
 };
 
@@ -259,135 +303,134 @@ struct MlpForwardKernel {
 template <class Tiles, class A>
 struct MlpReverseKernel {
     static constexpr const char* name = "network, reverse";
-    static constexpr int threads = Tiles::threads, blocks = 1;
+    static constexpr int threads = Tiles::threads, blocks = Tiles::blocks;
+    using Rows = typename Tiles::Hidden;
     struct Shared {
-        typename Tiles::Hidden cotangent;
+        Rows cotangent, below; ///< of a layer's outputs; outputs of the layer below
     };
     DeviceMlpNetwork network;
     DeviceColumns<const float> g_out; ///< outputs x N
     DeviceColumns<float> g_points;    ///< inputs x N, at the points' columns, or null
     bool add;                         ///< to g_points
 
+    /// From the last layer on, to its input and to the layer below.
+    RYE_DEVICE int products() const { return 2 * network.layers; }
+    RYE_DEVICE MlpOperand operand(int i) const {
+        const DeviceMlpLayer& layer = network.layer[network.layers - 1 - i / 2];
+        if (i % 2 == 1) return layer.out_to_hidden;
+        return g_points.data != nullptr ? layer.out_to_input : MlpOperand{};
+    }
+
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         using W = typename Block::Warp;
+        constexpr int warps = Tiles::warps;
         const auto first = static_cast<std::uint32_t>(block.index()) * Tiles::points;
         const std::uint32_t count = network.of.among(network.points);
         if (first >= count) return;
-        block.each_warp([&](int w) {
-            shared.cotangent.template load<W>(PointRows{g_out, count}, first,
-                                              padded_16(static_cast<int>(g_out.rows)), w,
-                                              Tiles::warps);
-        });
         auto sums = block.template of_warps<MlpSums<W, Tiles>>();
+        block.each_warp([&](int w) {
+            sums[w].begin(*this, w);
+            shared.cotangent.template load<W, warps>(PointRows{g_out, count}, first, 0,
+                                                     padded_16(static_cast<int>(g_out.rows)), w);
+        });
         bool again = add; // a layer above has written g_points
         for (int l = network.layers - 1; l >= 0; --l) {
             const DeviceMlpLayer& layer = network.layer[l];
-            block.each_thread([&](int t) {
-                shared.cotangent.store(layer.cotangent, first, network.points, padded_16(layer.out),
-                                       t, threads);
-            });
-            if (layer.takes_input && g_points.data != nullptr) {
-                block.each_warp([&](int w) {
+            const int hidden = padded_16(layer.hidden);
+            const bool to_input = layer.takes_input && g_points.data != nullptr;
+            const auto column = [](int k) { return 16 * k; };
+            block.each_warp([&](int w) {
+                if (hidden > 0)
+                    shared.below.template fetch<W, warps>(network.layer[l - 1].activated, first,
+                                                          network.points, hidden, w);
+                W::end_copies();
+                shared.cotangent.template store<W, warps>(layer.cotangent, first, network.points, 0,
+                                                          padded_16(layer.out), w);
+                if (to_input) {
                     sums[w].clear();
-                    sums[w].add(shared.cotangent, layer.out_to_input, layer.out, network.inputs, w);
+                    sums[w].add(*this, shared.cotangent, layer.out_to_input, w, column);
                     to_points(sums[w], {first, count}, w, again);
-                });
-                again = true;
-            }
-            if (layer.hidden == 0) continue;
-            block.each_warp([&](int w) {
-                sums[w].clear();
-                sums[w].add(shared.cotangent, layer.out_to_hidden, layer.out, layer.hidden, w);
+                }
+                if (hidden > 0) {
+                    sums[w].clear();
+                    sums[w].add(*this, shared.cotangent, layer.out_to_hidden, w, column);
+                }
+                W::template wait_for_copies<0>();
             });
-            const std::uint16_t* const below = network.layer[l - 1].activated;
-            block.each_warp([&](int w) {
-                through(shared, sums[w], {layer.hidden, below}, {first, count}, w);
-            });
+            again = again || to_input;
+            if (hidden > 0)
+                block.each_warp(
+                    [&](int w) { through<W>(shared, sums[w], layer.out_to_hidden.tiles, w); });
         }
     }
 
   private:
-    struct Rows {
+    struct Range {
         std::uint32_t first, end; ///< points
     };
-    struct Below {
-        int hidden;
-        const std::uint16_t* activated;
-    };
     template <class W>
-    RYE_DEVICE void to_points(const MlpSums<W, Tiles>& sums, const Rows& of, int w,
+    RYE_DEVICE void to_points(const MlpSums<W, Tiles>& sums, const Range& of, int w,
                               bool again) const {
         using F = typename W::F;
         using U = typename W::U;
+        using Sums = MlpSums<W, Tiles>;
+        const int tiles = padded_16(network.inputs) / 8;
         const U rows(static_cast<std::uint32_t>(network.inputs));
-        struct Before {
-            U at;
-            typename MlpSums<W, Tiles>::Two value;
-        };
-        const auto inside = [&](const U& row, const U& c) {
-            return U(of.first) + row < U(of.end) && c < rows;
-        };
-        sums.template each_pair_with<Before>(
-            network.inputs, w,
-            [&](const U& row, const U& column) {
-                const U point = U(of.first) + row;
-                U to = point;
-                if (network.of.which != nullptr)
-                    to = W::read(network.of.which, select(point < U(of.end), point, U(0)));
-                Before r{to * rows + column, {{F(0.0F), F(0.0F)}}};
+        const U column = Sums::first_column(w, tiles);
+        const U first = U(of.first) + Sums::first_row(w);
+        float* const to = g_points.data;
+        U place[2 * std::size_t(Tiles::high)];
+        expanded<2 * Tiles::high>([&](auto half) {
+            const U point = first + U(std::uint32_t(8 * half));
+            U at = point;
+            if (network.of.which != nullptr)
+                at = W::read(network.of.which, select(point < U(of.end), point, U(0U)));
+            place[half] = at * rows;
+        });
+        const bool pairs = network.inputs % 2 == 0 && reinterpret_cast<std::uintptr_t>(to) % 8 == 0;
+        sums.each(tiles, w, [&](auto row, auto n, const F& a, const F& b) {
+            const U c = column + U(std::uint32_t(8 * n)), at = place[row / 8] + c;
+            const auto there = first + U(std::uint32_t(row)) < U(of.end);
+            const auto one = there && c < rows, two = there && c + U(1U) < rows;
+            F x = a, y = b;
+            if (pairs) {
                 if (again) {
-                    const auto read = [&](const U& c, const U& at) {
-                        return W::read_where(inside(row, c), g_points.data, at, 0.0F);
-                    };
-                    r.value = {{read(column, r.at), read(column + U(1), r.at + U(1))}};
+                    const auto before = W::read2_where(one, to, at / U(2U));
+                    x = x + before[0], y = y + before[1];
                 }
-                return r;
-            },
-            [&](const U& row, const U& column, const F& a, const F& b, const Before& before) {
-                W::write_where(inside(row, column), g_points.data, before.at,
-                               F(a + before.value[0]));
-                W::write_where(inside(row, column + U(1)), g_points.data, before.at + U(1),
-                               F(b + before.value[1]));
-            });
+                W::write2_where(one, to, at / U(2U), x, y);
+            } else {
+                if (again) {
+                    x = x + W::read_where(one, to, at, 0.0F);
+                    y = y + W::read_where(two, to, at + U(1U), 0.0F);
+                }
+                W::write_where(one, to, at, x);
+                W::write_where(two, to, at + U(1U), y);
+            }
+        });
     }
     /// Back through the activation whose outputs were kept.
     template <class W>
-    RYE_DEVICE void through(Shared& shared, const MlpSums<W, Tiles>& sums, const Below& layer,
-                            const Rows& of, int w) const {
+    RYE_DEVICE static void through(Shared& shared, const MlpSums<W, Tiles>& sums, int tiles,
+                                   int w) {
         using F = typename W::F;
         using U = typename W::U;
-        const int hidden = layer.hidden;
-        const U width(static_cast<std::uint32_t>(padded_16(hidden)));
-        const U most(static_cast<std::uint32_t>(hidden));
-        using Kept = Array<U, std::size_t(Tiles::N)>;
-        sums.template each_pair_with<Kept>(
-            hidden, w,
-            [&](const U& row, const U& column) {
-                const U point = U(of.first) + row;
-                const U at = select(point < U(of.end), (point * width + column) / U(2), U(0));
-                Kept r;
-                expanded<Tiles::N>([&](auto p) {
-                    r[p] = W::read(
-                        reinterpret_cast<const std::uint32_t*>(
-                            layer.activated + Index(p) * network.points * padded_16(hidden)),
-                        at);
-                });
-                return r;
-            },
-            [&](const U& row, const U& column, const F& a, const F& b, const Kept& kept) {
-                const auto there = U(of.first) + row < U(of.end);
-                F low(0.0F), high(0.0F);
-                expanded<Tiles::N>([&](auto p) {
-                    low = low + W::low(kept[p]);
-                    high = high + W::high(kept[p]);
-                });
-                const auto one = [&](const F& y, const F& g, const U& c) {
-                    return select(there && c < most, F(A::vjp(y, g)), F(0.0F));
-                };
-                MlpSums<W, Tiles>::put(shared.cotangent, row, column, one(low, a, column),
-                                       one(high, b, column + U(1)));
+        using Sums = MlpSums<W, Tiles>;
+        constexpr int words = Rows::stride / 2;
+        const U first = Sums::first_row(w) * U(std::uint32_t(words)) +
+                        Sums::first_column(w, tiles) / U(2U);
+        sums.each(tiles, w, [&](auto row, auto n, const F& a, const F& b) {
+            const U word = first + U(std::uint32_t(row * words + 4 * n));
+            F low, high;
+            expanded<Tiles::N>([&](auto p) {
+                const U both = W::read(
+                    reinterpret_cast<const std::uint32_t*>(&shared.below.at[p][0][0]), word);
+                low = p == 0 ? W::low(both) : F(low + W::low(both));
+                high = p == 0 ? W::high(both) : F(high + W::high(both));
             });
+            Sums::put(shared.cotangent, word, F(A::vjp(low, a)), F(A::vjp(high, b)));
+        });
     }
 };
 
