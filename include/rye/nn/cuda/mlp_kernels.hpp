@@ -11,10 +11,11 @@
 namespace rye {
 
 /// How blocks share the work: `points` a block, warps in `down` rows of four, `blocks` of a kernel
-/// together.
-template <int points_, int down_, int blocks_>
+/// together; `early`: left operands are read a step ahead.
+template <int points_, int down_, int blocks_, bool early_ = true>
 struct MlpCut {
     static constexpr int points = points_, down = down_, blocks = blocks_;
+    static constexpr bool early = early_;
 };
 /// ... of floats as N planes.
 template <int N>
@@ -28,6 +29,7 @@ struct MlpTiles {
     static constexpr int N = N_, width = width_, inputs = inputs_;
     static_assert(N >= 1 && N <= 3 && width % 32 == 0 && inputs % 32 == 0);
     static constexpr int points = Cut::points, down = Cut::down, blocks = Cut::blocks;
+    static constexpr bool early = Cut::early;
     static constexpr int warps = 4 * down, threads = 32 * warps;
     static constexpr int high = points / (16 * down); ///< operands of 16 points a warp
     static constexpr int wide = (width > inputs ? width : inputs) / 32; ///< and of 8 columns
@@ -96,16 +98,17 @@ struct MlpSums {
             expanded<high>(
                 [&](auto m) { left[slot][m] = rows.template left<W>(place, 16 * m, column(k)); });
         };
-        if (operand.steps > 0) read(Constant<0>{}, 0);
-        for (int k = 0; k < operand.steps; k += 2) {
-            step<0>(kernel, left[0], own, w, [&] {
-                if (k + 1 < operand.steps) read(Constant<1>{}, k + 1);
+        if (Tiles::early && operand.steps > 0) read(Constant<0>{}, 0);
+        for (int k = 0; k < operand.steps; k += 2)
+            expanded<2>([&](auto slot) {
+                constexpr int other = Tiles::early ? 1 - decltype(slot)::value : 0,
+                              own_left = Tiles::early ? decltype(slot)::value : 0;
+                const int now = k + slot, next = Tiles::early ? now + 1 : now;
+                if (now < operand.steps)
+                    step<decltype(slot)::value>(kernel, left[own_left], own, w, [&] {
+                        if (next < operand.steps) read(Constant<other>{}, next);
+                    });
             });
-            if (k + 1 < operand.steps)
-                step<1>(kernel, left[1], own, w, [&] {
-                    if (k + 2 < operand.steps) read(Constant<0>{}, k + 2);
-                });
-        }
         if (operand.steps % 2 == 1)
             expanded<wide>([&](auto n) {
                 const Right first = right_[0][n];
@@ -114,15 +117,18 @@ struct MlpSums {
             });
     }
 
-    /// f(row, n, a, b) of pairs of neighbours: lane / 4 + row of the warp's rows, columns
-    /// 2 (lane % 4) of its tile n and the next.
-    template <class F2>
-    RYE_DEVICE void each(int tiles, int w, const F2& f) const {
+    /// of_row(r) of the warp's rows lane / 4 + r, then f(what it gave, n, a, b) of pairs of
+    /// neighbours: columns 2 (lane % 4) of the warp's tile n and the next.
+    template <class OfRow, class F2>
+    RYE_DEVICE void each(int tiles, int w, const OfRow& of_row, const F2& f) const {
         const int own = Tiles::own(w, tiles);
-        if (own == wide)
-            each_of<true>(own, f);
-        else
-            each_of<false>(own, f);
+        expanded<2 * high>([&](auto half) {
+            constexpr int m = decltype(half)::value / 2, k = decltype(half)::value % 2 * 2;
+            const auto row = of_row(Constant<8 * decltype(half)::value>{});
+            expanded<wide>([&](auto n) {
+                if (n < own) f(row, n, sum[m][n][k], sum[m][n][k + 1]);
+            });
+        });
     }
     /// Lane / 4 of the warp's first row, and 2 (lane % 4) of its first column.
     RYE_DEVICE static U first_row(int w) {
@@ -192,18 +198,6 @@ struct MlpSums {
             });
         fetched();
     }
-    template <bool all, class F2>
-    RYE_DEVICE void each_of(int own, const F2& f) const {
-        expanded<high>([&](auto m) {
-            expanded<2>([&](auto half) {
-                expanded<wide>([&](auto n) {
-                    if (all || n < own)
-                        f(Constant<16 * decltype(m)::value + 8 * decltype(half)::value>{}, n,
-                          sum[m][n][2 * half], sum[m][n][2 * half + 1]);
-                });
-            });
-        });
-    }
 };
 
 /// All layers of a network, forward, for a block of points.
@@ -241,12 +235,10 @@ struct MlpForwardKernel {
             const bool last = l + 1 == network.layers;
             block.each_warp([&](int w) {
                 sums[w].begin_with(layer.bias, layer.to_out.tiles, w);
-                if (keep && l == 0)
-                    rows.template store<W, warps>(network.input, first, network.points, width,
-                                                  inputs, w);
-                if (keep && l > 0)
-                    rows.template store<W, warps>(network.layer[l - 1].activated, first,
-                                                  network.points, 0, hidden, w);
+                if (keep)
+                    rows.template store<W, warps>(
+                        l == 0 ? network.input : network.layer[l - 1].activated, first,
+                        network.points, l == 0 ? width : 0, l == 0 ? inputs : hidden, w);
                 sums[w].add(*this, rows, layer.to_out, w, [&](int k) {
                     return 16 * k < hidden ? 16 * k : 16 * k - hidden + width;
                 });
@@ -270,10 +262,11 @@ struct MlpForwardKernel {
         constexpr int words = Rows::stride / 2;
         const U word = Sums::first_row(w) * U(std::uint32_t(words)) +
                        Sums::first_column(w, tiles) / U(2U);
-        sums.each(tiles, w, [&](auto row, auto n, const F& a, const F& b) {
-            Sums::put(rows, word + U(std::uint32_t(row * words + 4 * n)), F(A::value(a)),
-                      F(A::value(b)));
-        });
+        sums.each(
+            tiles, w, [&](auto row) { return U(word + U(std::uint32_t(row * words))); },
+            [&](const U& of_row, auto n, const F& a, const F& b) {
+                Sums::put(rows, of_row + U(std::uint32_t(4 * n)), F(A::value(a)), F(A::value(b)));
+            });
     }
     template <class W>
     RYE_DEVICE void finish(const MlpSums<W, Tiles>& sums, const DeviceMlpLayer& layer,
@@ -285,17 +278,23 @@ struct MlpForwardKernel {
         const U rows(static_cast<std::uint32_t>(layer.out));
         const U column = Sums::first_column(w, tiles);
         const U first = U(of.first) + Sums::first_row(w);
-        sums.each(tiles, w, [&](auto row, auto n, const F& a, const F& b) {
-            const U point = first + U(std::uint32_t(row)), c = column + U(std::uint32_t(8 * n));
-            const U at = point * rows + c;
-            const auto there = point < U(of.end);
-            if (layer.out % 2 == 0) {
-                W::write2_where(there && c < rows, out.data, at / U(2U), a, b);
-            } else {
-                W::write_where(there && c < rows, out.data, at, a);
+        const auto each = [&](const auto& write) {
+            sums.each(
+                tiles, w, [&](auto row) { return U(first + U(std::uint32_t(row))); },
+                [&](const U& point, auto n, const F& a, const F& b) {
+                    const U c = column + U(std::uint32_t(8 * n));
+                    write(point < U(of.end) && c < rows, point * rows + c, c, a, b);
+                });
+        };
+        if (layer.out % 2 == 0)
+            each([&](const auto& there, const U& at, const U&, const F& a, const F& b) {
+                W::write2_where(there, out.data, at / U(2U), a, b);
+            });
+        else
+            each([&](const auto& there, const U& at, const U& c, const F& a, const F& b) {
+                W::write_where(there, out.data, at, a);
                 W::write_where(there && c + U(1U) < rows, out.data, at + U(1U), b);
-            }
-        });
+            });
     }
 };
 
@@ -325,7 +324,10 @@ struct MlpReverseKernel {
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         using W = typename Block::Warp;
         constexpr int warps = Tiles::warps;
-        const auto first = static_cast<std::uint32_t>(block.index()) * Tiles::points;
+        // From the last points on, whose numbers the forward pass has left in the cache.
+        const std::uint32_t first =
+            ((network.points - 1) / Tiles::points - static_cast<std::uint32_t>(block.index())) *
+            Tiles::points;
         const std::uint32_t count = network.of.among(network.points);
         if (first >= count) return;
         auto sums = block.template of_warps<MlpSums<W, Tiles>>();
@@ -347,14 +349,11 @@ struct MlpReverseKernel {
                 W::end_copies();
                 shared.cotangent.template store<W, warps>(layer.cotangent, first, network.points, 0,
                                                           padded_16(layer.out), w);
-                if (to_input) {
+                for (int part = to_input ? 0 : 1; part < (hidden > 0 ? 2 : 1); ++part) {
                     sums[w].clear();
-                    sums[w].add(*this, shared.cotangent, layer.out_to_input, w, column);
-                    to_points(sums[w], {first, count}, w, again);
-                }
-                if (hidden > 0) {
-                    sums[w].clear();
-                    sums[w].add(*this, shared.cotangent, layer.out_to_hidden, w, column);
+                    sums[w].add(*this, shared.cotangent,
+                                part == 0 ? layer.out_to_input : layer.out_to_hidden, w, column);
+                    if (part == 0) to_points(sums[w], {first, count}, w, again);
                 }
                 W::template wait_for_copies<0>();
             });
@@ -366,6 +365,7 @@ struct MlpReverseKernel {
     }
 
   private:
+    static constexpr std::uint32_t nowhere = 0xFFFFFFFFU; ///< numbers of all points are fewer
     struct Range {
         std::uint32_t first, end; ///< points
     };
@@ -380,35 +380,40 @@ struct MlpReverseKernel {
         const U column = Sums::first_column(w, tiles);
         const U first = U(of.first) + Sums::first_row(w);
         float* const to = g_points.data;
-        U place[2 * std::size_t(Tiles::high)];
-        expanded<2 * Tiles::high>([&](auto half) {
-            const U point = first + U(std::uint32_t(8 * half));
-            U at = point;
-            if (network.of.which != nullptr)
-                at = W::read(network.of.which, select(point < U(of.end), point, U(0U)));
-            place[half] = at * rows;
-        });
-        const bool pairs = network.inputs % 2 == 0 && reinterpret_cast<std::uintptr_t>(to) % 8 == 0;
-        sums.each(tiles, w, [&](auto row, auto n, const F& a, const F& b) {
-            const U c = column + U(std::uint32_t(8 * n)), at = place[row / 8] + c;
-            const auto there = first + U(std::uint32_t(row)) < U(of.end);
-            const auto one = there && c < rows, two = there && c + U(1U) < rows;
-            F x = a, y = b;
-            if (pairs) {
+        const auto each = [&](const auto& write) {
+            sums.each(
+                tiles, w,
+                [&](auto row) {
+                    const U point = first + U(std::uint32_t(row));
+                    const auto there = point < U(of.end);
+                    U at = point;
+                    if (network.of.which != nullptr)
+                        at = W::read(network.of.which, select(there, point, U(0U)));
+                    return select(there, at * rows, U(nowhere));
+                },
+                [&](const U& at, auto n, const F& a, const F& b) {
+                    const U c = column + U(std::uint32_t(8 * n));
+                    write(at < U(nowhere) && c < rows, at + c, c, a, b);
+                });
+        };
+        if (network.inputs % 2 == 0 && reinterpret_cast<std::uintptr_t>(to) % 8 == 0)
+            each([&](const auto& there, const U& at, const U&, F a, F b) {
                 if (again) {
-                    const auto before = W::read2_where(one, to, at / U(2U));
-                    x = x + before[0], y = y + before[1];
+                    const auto before = W::read2_where(there, to, at / U(2U));
+                    a = a + before[0], b = b + before[1];
                 }
-                W::write2_where(one, to, at / U(2U), x, y);
-            } else {
+                W::write2_where(there, to, at / U(2U), a, b);
+            });
+        else
+            each([&](const auto& there, const U& at, const U& c, F a, F b) {
+                const auto next = there && c + U(1U) < rows;
                 if (again) {
-                    x = x + W::read_where(one, to, at, 0.0F);
-                    y = y + W::read_where(two, to, at + U(1U), 0.0F);
+                    a = a + W::read_where(there, to, at, 0.0F);
+                    b = b + W::read_where(next, to, at + U(1U), 0.0F);
                 }
-                W::write_where(one, to, at, x);
-                W::write_where(two, to, at + U(1U), y);
-            }
-        });
+                W::write_where(there, to, at, a);
+                W::write_where(next, to, at + U(1U), b);
+            });
     }
     /// Back through the activation whose outputs were kept.
     template <class W>
@@ -420,17 +425,19 @@ struct MlpReverseKernel {
         constexpr int words = Rows::stride / 2;
         const U first = Sums::first_row(w) * U(std::uint32_t(words)) +
                         Sums::first_column(w, tiles) / U(2U);
-        sums.each(tiles, w, [&](auto row, auto n, const F& a, const F& b) {
-            const U word = first + U(std::uint32_t(row * words + 4 * n));
-            F low, high;
-            expanded<Tiles::N>([&](auto p) {
-                const U both = W::read(
-                    reinterpret_cast<const std::uint32_t*>(&shared.below.at[p][0][0]), word);
-                low = p == 0 ? W::low(both) : F(low + W::low(both));
-                high = p == 0 ? W::high(both) : F(high + W::high(both));
+        sums.each(
+            tiles, w, [&](auto row) { return U(first + U(std::uint32_t(row * words))); },
+            [&](const U& of_row, auto n, const F& a, const F& b) {
+                const U word = of_row + U(std::uint32_t(4 * n));
+                F low, high;
+                expanded<Tiles::N>([&](auto p) {
+                    const U both = W::read(
+                        reinterpret_cast<const std::uint32_t*>(&shared.below.at[p][0][0]), word);
+                    low = p == 0 ? W::low(both) : F(low + W::low(both));
+                    high = p == 0 ? W::high(both) : F(high + W::high(both));
+                });
+                Sums::put(shared.cotangent, word, F(A::vjp(low, a)), F(A::vjp(high, b)));
             });
-            Sums::put(shared.cotangent, word, F(A::vjp(low, a)), F(A::vjp(high, b)));
-        });
     }
 };
 

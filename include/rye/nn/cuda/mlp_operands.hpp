@@ -330,7 +330,7 @@ struct PlaneRows {
         using F = typename W::F;
         using U = typename W::U;
         constexpr int step = 32 * warps;
-        constexpr int at_once = rye::max(4, rye::min(16, rows * 32 / step)); // on their way
+        constexpr int at_once = some == 4 ? 8 : 4; // on their way together
         const auto pieces = static_cast<std::uint32_t>(padded / some);
         const U height(static_cast<std::uint32_t>(points.from.rows));
         RowsWalk<U> walk(U(static_cast<std::uint32_t>(32 * w)) + W::lane(), pieces, step);

@@ -44,9 +44,9 @@ struct MlpWeightCut {
     RYE_HD static int own(const MlpWeightLayer& l) { return (padded_16(l.out) / 16 + 3) / 4; }
     /// Sets slices and blocks.
     void divide() {
-        const auto cost = [](const MlpWeightLayer& l) { // of a tile: copies, then products
+        const auto cost = [](const MlpWeightLayer& l) { // of a tile: copies, products, waiting
             const int rows = rye::min(l.columns.all(), int(high)), columns = padded_16(l.out);
-            return rows + columns + rows * columns / 128;
+            return rows + columns + rows * columns / 256 + 96;
         };
         int total = 0;
         for (int l = 0; l < layers; ++l) total += tiles(layer[l]) * cost(layer[l]);
@@ -66,13 +66,13 @@ struct MlpWeightCut {
 
 /// Partial sums of a slice. Eight warps have half of a block's inputs by a quarter of its outputs
 /// each; the next points are copied to shared memory meanwhile.
-template <int N>
+template <int N, int depth_ = N == 1 ? 32 : 16, int stages_ = N == 3 ? 2 : 3>
 struct MlpWeightKernel {
     static constexpr const char* name = "network's weights";
     static constexpr int threads = 256, blocks = 1;
     using Cut = MlpWeightCut;
-    static constexpr int depth = N == 1 ? 32 : 16; ///< points at a time
-    static constexpr int stages = N == 3 ? 2 : 3;
+    static constexpr int depth = depth_; ///< points at a time
+    static constexpr int stages = stages_;
     static constexpr int tall = Cut::high / 32, wide = Cut::wide / 32; ///< operands of a warp
     struct Stage {
         PlaneRows<N, depth, Cut::high> input;
