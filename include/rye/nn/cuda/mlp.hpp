@@ -13,6 +13,8 @@
 #include <vector>
 
 #include <rye/core/error.hpp>
+#include <rye/nn/cuda/mlp_kernels.hpp>
+#include <rye/nn/cuda/mlp_weight_merge.hpp>
 #include <rye/nn/cuda/mlp_weights.hpp>
 #include <rye/nn/mlp.hpp>
 

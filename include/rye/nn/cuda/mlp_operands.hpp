@@ -226,8 +226,7 @@ struct PlaneRows {
         expanded<N>([&](auto plane) {
             auto* const target =
                 reinterpret_cast<Quad4*>(to) + (Index(plane) * points + first) * Index(quads);
-            const auto* const source =
-                reinterpret_cast<const Quad4*>(&at[plane][0][0]) + from / 8;
+            const auto* const source = reinterpret_cast<const Quad4*>(&at[plane][0][0]) + from / 8;
             U k = U(static_cast<std::uint32_t>(32 * w)) + W::lane();
             RowsWalk<U> walk(k, quads, step);
             for (std::uint32_t i = 0; i < count; i += at_once * step) {
@@ -254,12 +253,13 @@ struct PlaneRows {
         const auto quads = static_cast<std::uint32_t>(padded / 8);
         const std::uint32_t count = rye::min(points - first, std::uint32_t(rows)) * quads;
         expanded<N>([&](auto plane) {
-            const auto* const source =
-                reinterpret_cast<const Quad4*>(from) + (Index(plane) * points + first) * Index(quads);
+            const auto* const source = reinterpret_cast<const Quad4*>(from) +
+                                       (Index(plane) * points + first) * Index(quads);
             auto* const target = reinterpret_cast<Quad4*>(&at[plane][0][0]);
             U k = U(static_cast<std::uint32_t>(32 * w)) + W::lane();
             RowsWalk<U> walk(k, quads, step);
-            for (std::uint32_t i = static_cast<std::uint32_t>(32 * w); i < rows * quads; i += step) {
+            for (std::uint32_t i = static_cast<std::uint32_t>(32 * w); i < rows * quads;
+                 i += step) {
                 // Beyond the rows, the first number once more.
                 const auto there = k < U(rows * quads);
                 const U place = walk.row * U(std::uint32_t(stride / 8)) + walk.number;
@@ -287,9 +287,9 @@ struct PlaneRows {
         using U = typename W::U;
         Planes<W, N, 4> r;
         expanded<N>([&](auto p) {
-            r[p] = W::template tiles<false>(
-                &at[p][0][0], place + U(static_cast<std::uint32_t>(2 * columns)) +
-                                  U(static_cast<std::uint32_t>(2 * stride * down)));
+            r[p] = W::template tiles<false>(&at[p][0][0],
+                                            place + U(static_cast<std::uint32_t>(2 * columns)) +
+                                                U(static_cast<std::uint32_t>(2 * stride * down)));
         });
         return r;
     }
@@ -349,8 +349,9 @@ struct PlaneRows {
                 if (points.which != nullptr)
                     from = W::read(points.which, select(there, point, U(0U)));
                 if constexpr (some == 4) {
-                    read[i] = W::read4_where(there, reinterpret_cast<const Quad4*>(points.from.data),
-                                             from * (height / U(4U)) + walk.number);
+                    read[i] =
+                        W::read4_where(there, reinterpret_cast<const Quad4*>(points.from.data),
+                                       from * (height / U(4U)) + walk.number);
                 } else {
                     const U place = from * height + column;
                     read[i] = {{W::read_where(there, points.from.data, place, 0.0F),
