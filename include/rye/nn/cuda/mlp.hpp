@@ -93,11 +93,16 @@ class DeviceMlp {
         Index words = 0, biases = 0;
         for (int l = 0; l < count; ++l) {
             const int out = shape_.layer_out(l), hidden = shape_.hidden_in(l);
-            words += 2 * MlpPackJob::words(hidden, out, Tiles::N);
-            if (shape_.reads_input(l)) words += 2 * MlpPackJob::words(inputs, out, Tiles::N);
+            const auto room = [&](int in) {
+                words += MlpPackJob::words(in, Tiles::tiles(out), Tiles::N) +
+                         MlpPackJob::words(out, Tiles::tiles(in), Tiles::N);
+            };
+            if (hidden > 0) room(hidden);
+            if (shape_.reads_input(l)) room(inputs);
             biases += padded_16(out);
         }
-        packed_.reserve(queue, static_cast<std::size_t>(words) + 1);
+        words += Tiles::Full::tiles * 64 * Tiles::N; // what begins is read, whatever its steps
+        packed_.reserve(queue, static_cast<std::size_t>(words));
         numbers_.reserve(queue, 2 * static_cast<std::size_t>(biases) + 1);
         std::uint32_t* word = packed_.data();
         float* bias = numbers_.data();
@@ -113,8 +118,9 @@ class DeviceMlp {
             const float* const w = p.weight[i].data;
             const auto operand = [&](const float* from, int k, int n, Index k_apart,
                                      Index n_apart) {
-                return MlpOperand{pack.add({from, k_apart, n_apart, k, n, nullptr, 0}, word),
-                                  padded_16(k) / 16, padded_16(n) / 8};
+                const int tiles = Tiles::tiles(n);
+                return MlpOperand{pack.add({from, k_apart, n_apart, k, n, tiles, nullptr, 0}, word),
+                                  padded_16(k) / 16, tiles};
             };
             const float* const of_input = w + Index(hidden) * out;
             layer.to_out = operand(w, hidden, out, out, 1);

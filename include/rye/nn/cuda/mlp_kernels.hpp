@@ -20,9 +20,6 @@ struct MlpForwardKernel {
     DeviceColumns<float> out;          ///< outputs x N
     bool keep;                         ///< what a vjp reads
 
-    RYE_DEVICE int products() const { return network.layers; }
-    RYE_DEVICE const MlpOperand& operand(int i) const { return network.layer[i].to_out; }
-
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& rows) const {
         using W = typename Block::Warp;
@@ -33,7 +30,7 @@ struct MlpForwardKernel {
         const int inputs = padded_16(network.inputs);
         auto sums = block.template of_warps<MlpSums<W, Tiles>>();
         block.each_warp([&](int w) {
-            sums[w].begin(*this, w);
+            sums[w].begin(network.layer[0].to_out, w);
             rows.template load<W, warps>(PointRows{points, count, network.of.which}, first, width,
                                          inputs, w);
         });
@@ -42,18 +39,24 @@ struct MlpForwardKernel {
             const int hidden = padded_16(layer.hidden);
             const bool last = l + 1 == network.layers;
             block.each_warp([&](int w) {
-                sums[w].begin_with(layer.bias, layer.to_out.tiles, w);
                 if (keep)
                     rows.template store<W, warps>(
                         l == 0 ? network.input : network.layer[l - 1].activated, first,
                         network.points, l == 0 ? width : 0, l == 0 ? inputs : hidden, w);
-                sums[w].add(*this, rows, layer.to_out, w, [&](int k) {
-                    return 16 * k < hidden ? 16 * k : 16 * k - hidden + width;
+                Tiles::with_part(layer.to_out.tiles, [&](auto part) {
+                    sums[w].begin_with(part, layer.bias, padded_16(layer.out), w);
+                    sums[w].add(part, rows, layer.to_out, w, [&](int k) {
+                        return 16 * k < hidden ? 16 * k : 16 * k - hidden + width;
+                    });
+                    if (last) finish(part, sums[w], layer, {first, count}, w);
                 });
-                if (last) finish(sums[w], layer, {first, count}, w);
+                if (!last) sums[w].begin(network.layer[l + 1].to_out, w);
             });
             if (!last)
-                block.each_warp([&](int w) { activate<W>(rows, sums[w], layer.to_out.tiles, w); });
+                block.each_warp([&](int w) {
+                    Tiles::with_part(layer.to_out.tiles,
+                                     [&](auto part) { activate<W>(part, rows, sums[w], w); });
+                });
         }
     }
 
@@ -61,34 +64,27 @@ struct MlpForwardKernel {
     struct Range {
         std::uint32_t first, end; ///< points
     };
-    /// Columns beyond the layer's are those of a sum of 0: weights of 0 take them on.
-    template <class W>
-    RYE_DEVICE static void activate(Rows& rows, const MlpSums<W, Tiles>& sums, int tiles, int w) {
+    /// Columns beyond the layer's are those of a sum of 0.
+    template <class W, class Part>
+    RYE_DEVICE static void activate(Part part, Rows& rows, const MlpSums<W, Tiles>& sums, int w) {
         using F = typename W::F;
         using U = typename W::U;
-        using Sums = MlpSums<W, Tiles>;
-        constexpr int words = Rows::stride / 2;
-        const U word =
-            Sums::first_row(w) * U(std::uint32_t(words)) + Sums::first_column(w, tiles) / U(2U);
-        sums.each(
-            tiles, w, [&](auto row) { return U(word + U(std::uint32_t(row * words))); },
-            [&](const U& of_row, auto n, const F& a, const F& b) {
-                Sums::put(rows, of_row + U(std::uint32_t(4 * n)), F(A::value(a)), F(A::value(b)));
-            });
+        sums.each_word(part, rows, w, [&](const U& word, const F& a, const F& b) {
+            MlpSums<W, Tiles>::put(rows, word, F(A::value(a)), F(A::value(b)));
+        });
     }
-    template <class W>
-    RYE_DEVICE void finish(const MlpSums<W, Tiles>& sums, const DeviceMlpLayer& layer,
+    template <class W, class Part>
+    RYE_DEVICE void finish(Part part, const MlpSums<W, Tiles>& sums, const DeviceMlpLayer& layer,
                            const Range& of, int w) const {
         using F = typename W::F;
         using U = typename W::U;
         using Sums = MlpSums<W, Tiles>;
-        const int tiles = layer.to_out.tiles;
         const U rows(static_cast<std::uint32_t>(layer.out));
-        const U column = Sums::first_column(w, tiles);
-        const U first = U(of.first) + Sums::first_row(w);
+        const U column = Sums::first_column(part, w);
+        const U first = U(of.first) + Sums::first_row(part, w);
         const auto each = [&](const auto& write) {
             sums.each(
-                tiles, w, [&](auto row) { return U(first + U(std::uint32_t(row))); },
+                part, [&](auto row) { return U(first + U(std::uint32_t(row))); },
                 [&](const U& point, auto n, const F& a, const F& b) {
                     const U c = column + U(std::uint32_t(8 * n));
                     write(point < U(of.end) && c < rows, point * rows + c, c, a, b);
@@ -120,14 +116,6 @@ struct MlpReverseKernel {
     DeviceColumns<float> g_points;    ///< inputs x N, at the points' columns, or null
     bool add;                         ///< to g_points
 
-    /// From the last layer on, to its input and to the layer below.
-    RYE_DEVICE int products() const { return 2 * network.layers; }
-    RYE_DEVICE MlpOperand operand(int i) const {
-        const DeviceMlpLayer& layer = network.layer[network.layers - 1 - i / 2];
-        if (i % 2 == 1) return layer.out_to_hidden;
-        return g_points.data != nullptr ? layer.out_to_input : MlpOperand{};
-    }
-
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
         using W = typename Block::Warp;
@@ -140,7 +128,7 @@ struct MlpReverseKernel {
         if (first >= count) return;
         auto sums = block.template of_warps<MlpSums<W, Tiles>>();
         block.each_warp([&](int w) {
-            sums[w].begin(*this, w);
+            begin_layer(sums[w], network.layers - 1, w);
             shared.cotangent.template load<W, warps>(PointRows{g_out, count}, first, 0,
                                                      padded_16(static_cast<int>(g_out.rows)), w);
         });
@@ -148,7 +136,7 @@ struct MlpReverseKernel {
         for (int l = network.layers - 1; l >= 0; --l) {
             const DeviceMlpLayer& layer = network.layer[l];
             const int hidden = padded_16(layer.hidden);
-            const bool to_input = layer.takes_input && g_points.data != nullptr;
+            const bool input = to_input(l);
             const auto column = [](int k) { return 16 * k; };
             block.each_warp([&](int w) {
                 if (hidden > 0)
@@ -157,18 +145,29 @@ struct MlpReverseKernel {
                 W::end_copies();
                 shared.cotangent.template store<W, warps>(layer.cotangent, first, network.points, 0,
                                                           padded_16(layer.out), w);
-                for (int part = to_input ? 0 : 1; part < (hidden > 0 ? 2 : 1); ++part) {
+                if (input) {
                     sums[w].clear();
-                    sums[w].add(*this, shared.cotangent,
-                                part == 0 ? layer.out_to_input : layer.out_to_hidden, w, column);
-                    if (part == 0) to_points(sums[w], {first, count}, w, again);
+                    Tiles::with_part(layer.out_to_input.tiles, [&](auto part) {
+                        sums[w].add(part, shared.cotangent, layer.out_to_input, w, column);
+                        if (hidden > 0) sums[w].begin(layer.out_to_hidden, w);
+                        to_points(part, sums[w], {first, count}, w, again);
+                    });
+                }
+                if (hidden > 0) {
+                    sums[w].clear();
+                    Tiles::with_part(layer.out_to_hidden.tiles, [&](auto part) {
+                        sums[w].add(part, shared.cotangent, layer.out_to_hidden, w, column);
+                    });
+                    begin_layer(sums[w], l - 1, w);
                 }
                 W::template wait_for_copies<0>();
             });
-            again = again || to_input;
+            again = again || input;
             if (hidden > 0)
-                block.each_warp(
-                    [&](int w) { through<W>(shared, sums[w], layer.out_to_hidden.tiles, w); });
+                block.each_warp([&](int w) {
+                    Tiles::with_part(layer.out_to_hidden.tiles,
+                                     [&](auto part) { through<W>(part, shared, sums[w], w); });
+                });
         }
     }
 
@@ -177,20 +176,31 @@ struct MlpReverseKernel {
     struct Range {
         std::uint32_t first, end; ///< points
     };
-    template <class W>
-    RYE_DEVICE void to_points(const MlpSums<W, Tiles>& sums, const Range& of, int w,
+    RYE_DEVICE bool to_input(int l) const {
+        return network.layer[l].takes_input && g_points.data != nullptr;
+    }
+    /// Starts to read the first operand of a layer, if it has one.
+    template <class Sums>
+    RYE_DEVICE void begin_layer(Sums& sums, int l, int w) const {
+        const DeviceMlpLayer& layer = network.layer[l];
+        if (to_input(l))
+            sums.begin(layer.out_to_input, w);
+        else if (layer.hidden > 0)
+            sums.begin(layer.out_to_hidden, w);
+    }
+    template <class W, class Part>
+    RYE_DEVICE void to_points(Part part, const MlpSums<W, Tiles>& sums, const Range& of, int w,
                               bool again) const {
         using F = typename W::F;
         using U = typename W::U;
         using Sums = MlpSums<W, Tiles>;
-        const int tiles = padded_16(network.inputs) / 8;
         const U rows(static_cast<std::uint32_t>(network.inputs));
-        const U column = Sums::first_column(w, tiles);
-        const U first = U(of.first) + Sums::first_row(w);
+        const U column = Sums::first_column(part, w);
+        const U first = U(of.first) + Sums::first_row(part, w);
         float* const to = g_points.data;
         const auto each = [&](const auto& write) {
             sums.each(
-                tiles, w,
+                part,
                 [&](auto row) {
                     const U point = first + U(std::uint32_t(row));
                     const auto there = point < U(of.end);
@@ -224,28 +234,21 @@ struct MlpReverseKernel {
             });
     }
     /// Back through the activation whose outputs were kept.
-    template <class W>
-    RYE_DEVICE static void through(Shared& shared, const MlpSums<W, Tiles>& sums, int tiles,
+    template <class W, class Part>
+    RYE_DEVICE static void through(Part part, Shared& shared, const MlpSums<W, Tiles>& sums,
                                    int w) {
         using F = typename W::F;
         using U = typename W::U;
-        using Sums = MlpSums<W, Tiles>;
-        constexpr int words = Rows::stride / 2;
-        const U first =
-            Sums::first_row(w) * U(std::uint32_t(words)) + Sums::first_column(w, tiles) / U(2U);
-        sums.each(
-            tiles, w, [&](auto row) { return U(first + U(std::uint32_t(row * words))); },
-            [&](const U& of_row, auto n, const F& a, const F& b) {
-                const U word = of_row + U(std::uint32_t(4 * n));
-                F low, high;
-                expanded<Tiles::N>([&](auto p) {
-                    const U both = W::read(
-                        reinterpret_cast<const std::uint32_t*>(&shared.below.at[p][0][0]), word);
-                    low = p == 0 ? W::low(both) : F(low + W::low(both));
-                    high = p == 0 ? W::high(both) : F(high + W::high(both));
-                });
-                Sums::put(shared.cotangent, word, F(A::vjp(low, a)), F(A::vjp(high, b)));
+        sums.each_word(part, shared.cotangent, w, [&](const U& word, const F& a, const F& b) {
+            F low, high;
+            expanded<Tiles::N>([&](auto p) {
+                const U both = W::read(
+                    reinterpret_cast<const std::uint32_t*>(&shared.below.at[p][0][0]), word);
+                low = p == 0 ? W::low(both) : F(low + W::low(both));
+                high = p == 0 ? W::high(both) : F(high + W::high(both));
             });
+            MlpSums<W, Tiles>::put(shared.cotangent, word, F(A::vjp(low, a)), F(A::vjp(high, b)));
+        });
     }
 };
 

@@ -62,11 +62,12 @@ struct MlpPackJob {
     const float* from;
     Index k_apart, n_apart;
     int k_count, n_count;
+    int tiles; ///< along N, at least those that hold n_count
     std::uint32_t* to;
     int first; ///< block
 
-    static Index words(int k_count, int n_count, int planes) {
-        return Index(padded_16(k_count)) * padded_16(n_count) / 2 * planes;
+    static Index words(int k_count, int tiles, int planes) {
+        return Index(padded_16(k_count)) / 16 * tiles * 64 * planes;
     }
 };
 
@@ -84,8 +85,8 @@ struct MlpPackKernel {
         MlpPackJob& own = job[jobs++] = of;
         own.to = word;
         own.first = static_cast<int>(all);
-        all += (MlpPackJob::words(of.k_count, of.n_count, 1) + threads - 1) / threads;
-        word += MlpPackJob::words(of.k_count, of.n_count, planes);
+        all += (MlpPackJob::words(of.k_count, of.tiles, 1) + threads - 1) / threads;
+        word += MlpPackJob::words(of.k_count, of.tiles, planes);
         return own.to;
     }
     template <class Block>
@@ -93,7 +94,7 @@ struct MlpPackKernel {
         int j = 0;
         while (j + 1 < jobs && job[j + 1].first <= block.index()) ++j;
         const MlpPackJob& own = job[j];
-        const int columns = padded_16(own.n_count) / 8;
+        const int columns = own.tiles;
         const int words = padded_16(own.k_count) / 16 * columns * 64;
         block.each_thread([&](int t) {
             const int word = (block.index() - own.first) * threads + t;
@@ -260,15 +261,8 @@ struct PlaneRows {
             RowsWalk<U> walk(k, quads, step);
             for (std::uint32_t i = static_cast<std::uint32_t>(32 * w); i < rows * quads;
                  i += step) {
-                // Beyond the rows, the first number once more.
-                const auto there = k < U(rows * quads);
-                const U place = walk.row * U(std::uint32_t(stride / 8)) + walk.number;
-                W::copy4_ahead(there && k < U(count), target, place, source, k);
-                if (i + 32 > count) {
-                    const typename W::F zero(0.0F);
-                    W::write4_where(there && k >= U(count), target, place,
-                                    {{zero, zero, zero, zero}});
-                }
+                W::copy4_or_zero(k < U(count), target,
+                                 walk.row * U(std::uint32_t(stride / 8)) + walk.number, source, k);
                 walk.advance();
                 k = k + U(std::uint32_t(step));
             }
@@ -293,29 +287,30 @@ struct PlaneRows {
         });
         return r;
     }
-    /// Rows [16 k, ...) and columns [16 m, ...), transposed, as a left operand.
+    /// Where a lane reads columns [column, column + 16) of 16 rows, transposed, as a left operand
+    /// [bytes]; and such a place, of rows [16 k, ...), moved by 16 m columns.
+    template <class U>
+    RYE_DEVICE static U left_transposed_place(const U& lane, int column) {
+        return (lane / U(16) * U(8) + lane % U(8)) * U(2 * stride) + lane / U(8) % U(2) * U(16) +
+               U(static_cast<std::uint32_t>(2 * column));
+    }
     template <class W>
-    RYE_DEVICE Planes<W, N, 4> left_transposed(int m, int k) const {
-        using U = typename W::U;
-        const U matrix = W::lane() / U(8);
-        const U row = matrix / U(2) * U(8) + W::lane() % U(8);
-        const U place = (U(static_cast<std::uint32_t>(16 * k)) + row) * U(2 * stride) +
-                        matrix % U(2) * U(16) + U(static_cast<std::uint32_t>(32 * m));
+    RYE_DEVICE Planes<W, N, 4> left_transposed(const typename W::U& place, int m, int k) const {
         Planes<W, N, 4> r;
-        expanded<N>([&](auto p) { r[p] = W::template tiles<true>(&at[p][0][0], place); });
+        expanded<N>([&](auto p) { r[p] = transposed<W>(place, p, m, k); });
         return r;
     }
-    /// Rows [16 k, ...) and columns [16 n, ...) as two right operands of 8 columns.
+    /// ... as two right operands of 8 columns.
+    template <class U>
+    RYE_DEVICE static U right_place(const U& lane, int column) {
+        return lane % U(16) * U(2 * stride) + lane / U(16) * U(16) +
+               U(static_cast<std::uint32_t>(2 * column));
+    }
     template <class W>
-    RYE_DEVICE Array<Planes<W, N, 2>, 2> right(int n, int k) const {
-        using U = typename W::U;
-        const U matrix = W::lane() / U(8);
-        const U row = matrix % U(2) * U(8) + W::lane() % U(8);
-        const U place = (U(static_cast<std::uint32_t>(16 * k)) + row) * U(2 * stride) +
-                        matrix / U(2) * U(16) + U(static_cast<std::uint32_t>(32 * n));
+    RYE_DEVICE Array<Planes<W, N, 2>, 2> right(const typename W::U& place, int n, int k) const {
         Array<Planes<W, N, 2>, 2> r;
         expanded<N>([&](auto p) {
-            const auto t = W::template tiles<true>(&at[p][0][0], place);
+            const auto t = transposed<W>(place, p, n, k);
             r[0][p] = {{t[0], t[1]}};
             r[1][p] = {{t[2], t[3]}};
         });
@@ -323,6 +318,13 @@ struct PlaneRows {
     }
 
   private:
+    template <class W>
+    RYE_DEVICE Array<typename W::U, 4> transposed(const typename W::U& place, int plane, int m,
+                                                  int k) const {
+        const int moved = 2 * ((plane * rows + 16 * k) * stride + 16 * m);
+        return W::template tiles<true>(&at[0][0][0],
+                                       place + typename W::U(static_cast<std::uint32_t>(moved)));
+    }
     /// `load` by `some` numbers of a point at once.
     template <class W, int warps, int some>
     RYE_DEVICE void load_some(const PointRows& points, std::uint32_t first, int to, int padded,

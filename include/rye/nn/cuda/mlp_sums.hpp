@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/nn/cuda/mlp_sums.hpp: how a block of points passes the products of a network. Four warps, or
-/// eight, have a quarter of a layer's columns each and all points of the block, or half of them.
-/// Weights stream from the cache to registers, two steps ahead of the products, through the ends
-/// of layers.
+/// rye/nn/cuda/mlp_sums.hpp: how a block of points passes the products of a network. Warps share a
+/// product's columns and points by its width. Weights stream from the cache to registers, two steps
+/// ahead of the products; the first two steps of a product come while the one before is finished.
 #pragma once
 
 #include <rye/nn/cuda/mlp_operands.hpp>
@@ -10,15 +9,24 @@
 namespace rye {
 
 /// How blocks share the work: `points` a block, warps in `down` rows of four, `blocks` of a kernel
-/// together; `early`: left operands are read a step ahead.
-template <int points_, int down_, int blocks_, bool early_ = true>
+/// together.
+template <int points_, int down_, int blocks_>
 struct MlpCut {
     static constexpr int points = points_, down = down_, blocks = blocks_;
-    static constexpr bool early = early_;
 };
 /// ... of floats as N planes.
 template <int N>
-using MlpCutOf = MlpCut<N == 1 ? 64 : 32, N == 3 ? 2 : 1, N == 3 ? 1 : 2>;
+using MlpCutOf = MlpCut<N == 1 ? 64 : 32, 1, 2>;
+
+/// A warp's part of a product: `high` operands of 16 points by `wide` ones of 8 columns, by warps
+/// in rows of `across`.
+template <int high_, int wide_, int across_>
+struct MlpPart {
+    static constexpr int high = high_, wide = wide_, across = across_;
+    static constexpr int tiles = wide * across; ///< of all warps
+    RYE_DEVICE static int first_row(int w) { return w / across * (16 * high); }
+    RYE_DEVICE static int first_tile(int w) { return w % across * wide; }
+};
 
 /// Sizes of a block's work: widths at most `width`, inputs of points at most `inputs`, both
 /// multiples of 32; floats as N planes.
@@ -27,26 +35,38 @@ struct MlpTiles {
     static constexpr int N = N_, width = width_, inputs = inputs_;
     static_assert(N >= 1 && N <= 3 && width % 32 == 0 && inputs % 32 == 0);
     static constexpr int points = Cut::points, down = Cut::down, blocks = Cut::blocks;
-    static constexpr bool early = Cut::early;
     static constexpr int warps = 4 * down, threads = 32 * warps;
-    static constexpr int high = points / (16 * down); ///< operands of 16 points a warp
-    static constexpr int wide = (width > inputs ? width : inputs) / 32; ///< and of 8 columns
-    static_assert(high >= 1 && points % (16 * down) == 0);
+    static constexpr int high = points / (16 * down);
+    static constexpr int wide = (width > inputs ? width : inputs) / 32;
+    static_assert(high >= 1 && points % (16 * down) == 0 && (high <= 4 ? 4 % high : high % 4) == 0);
+
+    using Full = MlpPart<high, wide, 4>;
+    using Half = MlpPart<high, (wide + 1) / 2, 4>;
+    /// Of 32 columns: warps have fewer points and more columns each.
+    using Narrow = MlpPart<(high + 3) / 4, (high < 4 ? high : 4), (high < 4 ? 4 / high : 1)>;
+    static constexpr bool has_narrow = wide >= 4, has_half = wide >= 2;
+
+    /// Tiles that an operand of so many columns has, in whole parts of all warps.
+    static int tiles(int columns) {
+        if (has_narrow && columns <= 8 * Narrow::tiles) return Narrow::tiles;
+        return has_half && columns <= 8 * Half::tiles ? Half::tiles : Full::tiles;
+    }
+    /// f(part) of an operand of so many tiles.
+    template <class F>
+    RYE_DEVICE static void with_part(int tiles, const F& f) {
+        if constexpr (has_narrow)
+            if (tiles == Narrow::tiles) return f(Narrow{});
+        if constexpr (has_half)
+            if (tiles == Half::tiles) return f(Half{});
+        f(Full{});
+    }
 
     /// Hidden numbers, then inputs, from column `width` on.
     using Layer = PlaneRows<N, points, width + inputs>;
     using Hidden = PlaneRows<N, points, width>;
-
-    RYE_DEVICE static int first_row(int w) { return w / 4 * (points / down); }
-    /// Tiles of 8 columns, of `tiles`, that warp w has: [first, first + own).
-    RYE_DEVICE static int first(int w, int tiles) { return w % 4 * ((tiles + 3) / 4); }
-    RYE_DEVICE static int own(int w, int tiles) {
-        return rye::max(0, rye::min((tiles + 3) / 4, tiles - first(w, tiles)));
-    }
 };
 
-/// A warp's sums, and the operands of its next two steps. K: a kernel, whose operand(i) is that of
-/// its product number i of `products()`.
+/// A warp's sums, and the operands of its next two steps.
 template <class W, class Tiles>
 struct MlpSums {
     using F = typename W::F;
@@ -54,15 +74,16 @@ struct MlpSums {
     static constexpr int N = Tiles::N, high = Tiles::high, wide = Tiles::wide;
     Array<F, 4> sum[std::size_t(high)][std::size_t(wide)];
 
-    /// Begins to fetch operands.
-    template <class K>
-    RYE_DEVICE void begin(const K& kernel, int w) {
-        product_ = -1;
-        left_ = 0;
-        expanded<2>([&](auto slot) {
-            if (left_ == 0) next_operand(kernel, w);
-            expanded<wide>([&](auto n) { fetch(slot, n); });
-            fetched();
+    /// Starts to read the first two steps of an operand.
+    RYE_DEVICE void begin(const MlpOperand& operand, int w) {
+        Tiles::with_part(operand.tiles, [&](auto part) {
+            const std::uint32_t* const at = first<decltype(part)>(operand, w);
+            const int next = operand.steps > 1 ? operand.tiles * (N * 64) : 0;
+            expanded<2>([&](auto slot) {
+                expanded<part.wide>([&](auto n) {
+                    right_[slot][n] = packed_tile<W, N>(at + slot * next + n * (N * 64));
+                });
+            });
         });
     }
 
@@ -71,68 +92,79 @@ struct MlpSums {
             expanded<wide>([&](auto n) { expanded<4>([&](auto k) { sum[m][n][k] = F(0.0F); }); });
         });
     }
-    /// Sums begin as biases of their columns.
-    RYE_DEVICE void begin_with(const float* bias, int tiles, int w) {
-        const int own = Tiles::own(w, tiles), first = Tiles::first(w, tiles);
-        expanded<wide>([&](auto n) {
-            if (n >= own) return;
-            const auto b =
-                W::read2(bias, U(static_cast<std::uint32_t>(4 * (first + n))) + W::lane() % U(4U));
-            expanded<high>([&](auto m) { expanded<4>([&](auto k) { sum[m][n][k] = b[k % 2]; }); });
+    /// Sums begin as biases of their columns, of which there are so many.
+    template <class Part>
+    RYE_DEVICE void begin_with(Part part, const float* bias, int columns, int w) {
+        const U end(static_cast<std::uint32_t>(columns / 2));
+        expanded<part.wide>([&](auto n) {
+            const U pair =
+                U(static_cast<std::uint32_t>(4 * (Part::first_tile(w) + n))) + W::lane() % U(4U);
+            const auto b = W::read2_where(pair < end, bias, pair);
+            expanded<part.high>(
+                [&](auto m) { expanded<4>([&](auto k) { sum[m][n][k] = b[k % 2]; }); });
         });
     }
 
-    /// += rows times the operand, which is the next of the kernel; column(k): where step k of its
-    /// numbers along K begins.
-    template <class K, class Rows, class Column>
-    RYE_DEVICE void add(const K& kernel, const Rows& rows, const MlpOperand& operand, int w,
+    /// += rows times an operand that has begun; column(k): where step k of its numbers along K
+    /// begins.
+    template <class Part, class Rows, class Column>
+    RYE_DEVICE void add(Part part, const Rows& rows, const MlpOperand& operand, int w,
                         const Column& column) {
-        const int own = Tiles::own(w, operand.tiles);
-        const U place = Rows::left_place(W::lane(), Tiles::first_row(w));
-        Left left[2];
-        const auto read = [&](auto slot, int k) {
-            expanded<high>(
-                [&](auto m) { left[slot][m] = rows.template left<W>(place, 16 * m, column(k)); });
+        const U place = Rows::left_place(W::lane(), Part::first_row(w));
+        const int apart = Part::tiles * (N * 64), steps = operand.steps;
+        const std::uint32_t* at =
+            first<Part>(operand, w) + 2 * apart; ///< the step that is read next
+        const auto step = [&](auto slot, int k) {
+            Planes<W, N, 4> left[std::size_t(Part::high)];
+            expanded<part.high>(
+                [&](auto m) { left[m] = rows.template left<W>(place, 16 * m, column(k)); });
+            const bool more = k + 2 < steps;
+            expanded<part.wide>([&](auto n) {
+                expanded<part.high>(
+                    [&](auto m) { multiply<W, N>(sum[m][n], left[m], right_[slot][n]); });
+                if (more) right_[slot][n] = packed_tile<W, N>(at + n * (N * 64));
+            });
+            at += apart;
         };
-        if (Tiles::early && operand.steps > 0) read(Constant<0>{}, 0);
-        for (int k = 0; k < operand.steps; k += 2)
-            expanded<2>([&](auto slot) {
-                constexpr int other = Tiles::early ? 1 - decltype(slot)::value : 0,
-                              own_left = Tiles::early ? decltype(slot)::value : 0;
-                const int now = k + slot, next = Tiles::early ? now + 1 : now;
-                if (now < operand.steps)
-                    step<decltype(slot)::value>(kernel, left[own_left], own, w, [&] {
-                        if (next < operand.steps) read(Constant<other>{}, next);
-                    });
-            });
-        if (operand.steps % 2 == 1)
-            expanded<wide>([&](auto n) {
-                const Right first = right_[0][n];
-                right_[0][n] = right_[1][n];
-                right_[1][n] = first;
-            });
+        int k = 0;
+        for (; k + 1 < steps; k += 2) {
+            step(Constant<0>{}, k);
+            step(Constant<1>{}, k + 1);
+        }
+        if (k < steps) step(Constant<0>{}, k);
     }
 
     /// of_row(r) of the warp's rows lane / 4 + r, then f(what it gave, n, a, b) of pairs of
     /// neighbours: columns 2 (lane % 4) of the warp's tile n and the next.
-    template <class OfRow, class F2>
-    RYE_DEVICE void each(int tiles, int w, const OfRow& of_row, const F2& f) const {
-        const int own = Tiles::own(w, tiles);
-        expanded<2 * high>([&](auto half) {
+    template <class Part, class OfRow, class F2>
+    RYE_DEVICE void each(Part part, const OfRow& of_row, const F2& f) const {
+        expanded<2 * part.high>([&](auto half) {
             constexpr int m = decltype(half)::value / 2, k = decltype(half)::value % 2 * 2;
             const auto row = of_row(Constant<8 * decltype(half)::value>{});
-            expanded<wide>([&](auto n) {
-                if (n < own) f(row, n, sum[m][n][k], sum[m][n][k + 1]);
-            });
+            expanded<part.wide>([&](auto n) { f(row, n, sum[m][n][k], sum[m][n][k + 1]); });
         });
     }
     /// Lane / 4 of the warp's first row, and 2 (lane % 4) of its first column.
-    RYE_DEVICE static U first_row(int w) {
-        return U(static_cast<std::uint32_t>(Tiles::first_row(w))) + W::lane() / U(4U);
+    template <class Part>
+    RYE_DEVICE static U first_row(Part, int w) {
+        return U(static_cast<std::uint32_t>(Part::first_row(w))) + W::lane() / U(4U);
     }
-    RYE_DEVICE static U first_column(int w, int tiles) {
-        return U(static_cast<std::uint32_t>(8 * Tiles::first(w, tiles))) +
-               W::lane() % U(4U) * U(2U);
+    template <class Part>
+    RYE_DEVICE static U first_column(Part, int w) {
+        return U(static_cast<std::uint32_t>(8 * Part::first_tile(w))) + W::lane() % U(4U) * U(2U);
+    }
+    /// f(word, n, a, b) of pairs, with their word in rows of planes, as far as the layers' width.
+    template <class Part, class Rows, class F2>
+    RYE_DEVICE void each_word(Part part, const Rows&, int w, const F2& f) const {
+        constexpr int words = Rows::stride / 2;
+        const U first =
+            first_row(part, w) * U(std::uint32_t(words)) + first_column(part, w) / U(2U);
+        each(
+            part, [&](auto row) { return U(first + U(std::uint32_t(row * words))); },
+            [&](const U& of_row, auto n, const F& a, const F& b) {
+                if (8 * Part::tiles <= Tiles::width || 8 * (Part::first_tile(w) + n) < Tiles::width)
+                    f(U(of_row + U(std::uint32_t(4 * n))), a, b);
+            });
     }
     /// Two numbers as planes at a word of rows.
     template <class Rows>
@@ -146,54 +178,11 @@ struct MlpSums {
     }
 
   private:
-    using Right = Planes<W, N, 2>;
-    struct Left {
-        Planes<W, N, 4> of[std::size_t(high)];
-        RYE_DEVICE Planes<W, N, 4>& operator[](int m) { return of[m]; }
-    };
-    Right right_[2][std::size_t(wide)];
-    const std::uint32_t* at_; ///< of the next step that is fetched, the warp's first tile
-    int product_, left_;      ///< product of the kernel, steps of it that are not fetched
-    int own_, apart_;         ///< tiles that are the warp's, words from step to step
+    Planes<W, N, 2> right_[2][std::size_t(wide)]; ///< of the next two steps
 
-    template <class K>
-    RYE_DEVICE void next_operand(const K& kernel, int w) {
-        MlpOperand operand;
-        while (operand.steps == 0 && product_ + 1 < kernel.products())
-            operand = kernel.operand(++product_);
-        at_ = operand.at + Index(Tiles::first(w, operand.tiles)) * (N * 64);
-        own_ = Tiles::own(w, operand.tiles);
-        apart_ = operand.tiles * (N * 64);
-        left_ = operand.steps > 0 ? operand.steps : 1 << 30;
-    }
-    template <class Slot, class Tile>
-    RYE_DEVICE void fetch(Slot slot, Tile n) {
-        if (n < own_) right_[slot][n] = packed_tile<W, N>(at_ + n * (N * 64));
-    }
-    RYE_DEVICE void fetched() {
-        at_ += apart_;
-        --left_;
-    }
-    /// A step of 16 along K. Each tile of the operand, once it is used, is that of the next step
-    /// but one.
-    template <int slot, class K, class Ahead>
-    RYE_DEVICE void step(const K& kernel, Left& left, int own, int w, const Ahead& ahead) {
-        if (left_ == 0) next_operand(kernel, w);
-        ahead();
-        if (own == wide && own_ == wide)
-            expanded<wide>([&](auto n) {
-                expanded<high>(
-                    [&](auto m) { multiply<W, N>(sum[m][n], left[m], right_[slot][n]); });
-                right_[slot][n] = packed_tile<W, N>(at_ + n * (N * 64));
-            });
-        else
-            expanded<wide>([&](auto n) {
-                if (n < own)
-                    expanded<high>(
-                        [&](auto m) { multiply<W, N>(sum[m][n], left[m], right_[slot][n]); });
-                fetch(Constant<slot>{}, n);
-            });
-        fetched();
+    template <class Part>
+    RYE_DEVICE static const std::uint32_t* first(const MlpOperand& operand, int w) {
+        return operand.at + Part::first_tile(w) * (N * 64);
     }
 };
 

@@ -50,9 +50,25 @@ struct MlpWeightCut {
         for (int l = 0; l < layers; ++l) total += tiles(layer[l]) * cost(layer[l]);
         all = 0;
         for (int l = 0; l < layers; ++l) {
-            layer[l].slices = rye::max(1, (cost(layer[l]) * aim + total / 2) / rye::max(total, 1));
-            layer[l].first = all;
+            layer[l].slices = rye::max(1, cost(layer[l]) * aim / rye::max(total, 1));
             all += tiles(layer[l]) * layer[l].slices;
+        }
+        // What is left over, to the longest slices: a block more than `aim` would double the time.
+        for (;;) {
+            int longest = -1;
+            for (int l = 0; l < layers; ++l)
+                if (all + tiles(layer[l]) <= aim &&
+                    (longest < 0 || cost(layer[l]) * layer[longest].slices >
+                                        cost(layer[longest]) * layer[l].slices))
+                    longest = l;
+            if (longest < 0) break;
+            ++layer[longest].slices;
+            all += tiles(layer[longest]);
+        }
+        int first = 0;
+        for (int l = 0; l < layers; ++l) {
+            layer[l].first = first;
+            first += tiles(layer[l]) * layer[l].slices;
         }
     }
     /// Points of a slice of so many, a multiple of 64.

@@ -19,9 +19,11 @@ struct MlpWeightKernel {
     static constexpr int depth = depth_; ///< points at a time
     static constexpr int stages = stages_;
     static constexpr int tall = Cut::high / 32, wide = Cut::wide / 32; ///< operands of a warp
+    using Input = PlaneRows<N, depth, Cut::high>;
+    using Cotangent = PlaneRows<N, depth, Cut::wide>;
     struct Stage {
-        PlaneRows<N, depth, Cut::high> input;
-        PlaneRows<N, depth, Cut::wide> cotangent;
+        Input input;
+        Cotangent cotangent;
     };
     struct Shared {
         Stage stage[std::size_t(stages)];
@@ -44,36 +46,40 @@ struct MlpWeightKernel {
         const std::uint32_t end = rye::min(begin + slice, count);
         if (begin >= end) return;
         auto sums = block.template of_warps<Sums<W>>();
+        auto copies = block.template of_warps<Copies<W>>();
         block.each_warp([&](int w) {
-            sums[w].clear();
+            sums[w].begin(part(layer, tile, w), w);
+            copies[w].begin(*this, layer, tile, {begin, end}, w);
             expanded<stages - 1>([&](auto i) {
-                fetch<W>(layer, tile, shared.stage[i], begin + i * depth, end, w);
+                if (begin + i * depth < end) copies[w].next(*this, shared.stage[0], i, end);
                 W::end_copies();
             });
             W::template wait_for_copies<stages - 2>();
         });
+        // The whole block alike, so that warps stay together.
+        const bool all =
+            layer.columns.all() >= (tile + 1) * Cut::high && padded_16(layer.out) == Cut::wide;
         int now = 0;
         for (std::uint32_t at = begin; at < end; at += depth) {
             block.each_warp([&](int w) {
-                fetch<W>(layer, tile, shared.stage[(now + stages - 1) % stages],
-                         at + (stages - 1) * depth, end, w);
+                const int free = now == 0 ? stages - 1 : now - 1;
+                if (at + (stages - 1) * depth < end)
+                    copies[w].next(*this, shared.stage[0], free, end);
                 W::end_copies();
-                const Own own = part(layer, tile, w);
-                if (own.rows == tall && own.pairs == wide / 2 && tile == 0)
-                    sums[w].template add<true, true>(shared.stage[now], own, w);
-                else if (own.rows == tall && own.pairs == wide / 2)
-                    sums[w].template add<true, false>(shared.stage[now], own, w);
+                if (all && tile == 0)
+                    sums[w].template add<true, true>(shared.stage[0], now, w);
+                else if (all)
+                    sums[w].template add<true, false>(shared.stage[0], now, w);
                 else
-                    sums[w].template add<false, true>(shared.stage[now], own, w);
+                    sums[w].template add<false, true>(shared.stage[0], now, w);
                 W::template wait_for_copies<stages - 2>();
             });
-            now = (now + 1) % stages;
+            now = now + 1 == stages ? 0 : now + 1;
         }
         block.each_warp([&](int w) {
             float* const to = partial + Index(block.index()) * Cut::of_block;
-            const Own own = part(layer, tile, w);
-            sums[w].store(to + Index(w) * (Cut::of_lane * 32), own);
-            if (tile == 0) sums[w].store_sums(to + Cut::numbers, own, w);
+            sums[w].store(to + Index(w) * (Cut::of_lane * 32));
+            if (tile == 0) sums[w].store_sums(to + Cut::numbers, w);
         });
     }
 
@@ -99,7 +105,13 @@ struct MlpWeightKernel {
         Array<F, 4> sum[std::size_t(tall)][std::size_t(wide)];
         Array<F, 4> of_ones[std::size_t(wide / 2)];
 
-        RYE_DEVICE void clear() {
+        Own own;
+        U left_place, right_place; ///< of the first stage
+
+        RYE_DEVICE void begin(const Own& of, int w) {
+            own = of;
+            left_place = Input::left_transposed_place(W::lane(), w / 4 * tall * 16);
+            right_place = Cotangent::right_place(W::lane(), 16 * of.first);
             expanded<wide>([&](auto n) {
                 expanded<4>([&](auto k) {
                     expanded<tall>([&](auto m) { sum[m][n][k] = F(0.0F); });
@@ -107,9 +119,12 @@ struct MlpWeightKernel {
                 });
             });
         }
-        /// `all`: the warp has all rows and pairs. `ones`: with sums of cotangents.
+        /// `all`: all warps have all rows and pairs. `ones`: with sums of cotangents. Of the stage
+        /// `now` behind the first.
         template <bool all, bool ones>
-        RYE_DEVICE void add(const Stage& stage, const Own& own, int w) {
+        RYE_DEVICE void add(const Stage& stage, int now, int w) {
+            const U moved(static_cast<std::uint32_t>(now) * std::uint32_t(sizeof(Stage)));
+            const U left_at = left_place + moved, right_at = right_place + moved;
             Planes<W, N, 4> one;
             expanded<N>([&](auto p) {
                 const U both(p == 0 ? 0x3F803F80U : 0U);
@@ -119,11 +134,11 @@ struct MlpWeightKernel {
                 Planes<W, N, 4> left[std::size_t(tall)];
                 expanded<tall>([&](auto m) {
                     if (all || m < own.rows)
-                        left[m] = stage.input.template left_transposed<W>(w / 4 * tall + m, k);
+                        left[m] = stage.input.template left_transposed<W>(left_at, m, k);
                 });
                 expanded<wide / 2>([&](auto pair) {
                     if (all || pair < own.pairs) {
-                        const auto right = stage.cotangent.template right<W>(own.first + pair, k);
+                        const auto right = stage.cotangent.template right<W>(right_at, pair, k);
                         expanded<tall>([&](auto m) {
                             if (all || m < own.rows) {
                                 multiply<W, N>(sum[m][2 * pair], left[m], right[0]);
@@ -143,7 +158,7 @@ struct MlpWeightKernel {
                 });
             });
         }
-        RYE_DEVICE void store(float* to, const Own& own) const {
+        RYE_DEVICE void store(float* to) const {
             expanded<tall>([&](auto m) {
                 expanded<wide>([&](auto n) {
                     if (m < own.rows && n < 2 * own.pairs)
@@ -153,7 +168,7 @@ struct MlpWeightKernel {
                 });
             });
         }
-        RYE_DEVICE void store_sums(float* to, const Own& own, int w) const {
+        RYE_DEVICE void store_sums(float* to, int w) const {
             expanded<wide / 2>([&](auto pair) {
                 if (pair < own.pairs)
                     expanded<2>([&](auto k) {
@@ -166,70 +181,79 @@ struct MlpWeightKernel {
         }
     };
 
-    /// Starts to copy points [at, at + depth) of a tile's inputs and of the cotangents, as far as
-    /// there are any; zeros for points from `end` on.
+    struct Range {
+        std::uint32_t first, end; ///< points
+    };
+    /// A warp's copies of a tile's inputs and of the cotangents: two rows of inputs at a time, and
+    /// one of cotangents.
     template <class W>
-    RYE_DEVICE void fetch(const MlpWeightLayer& layer, int tile, Stage& stage, std::uint32_t at,
-                          std::uint32_t end, int w) const {
-        if (at >= end) return;
-        if (at + depth <= end)
-            fetch_some<W, true>(layer, tile, stage, at, end, w);
-        else
-            fetch_some<W, false>(layer, tile, stage, at, end, w);
-    }
-    template <class W, bool all>
-    RYE_DEVICE void fetch_some(const MlpWeightLayer& layer, int tile, Stage& stage,
-                               std::uint32_t at, std::uint32_t end, int w) const {
+    struct Copies {
         using U = typename W::U;
-        const auto number = [](int x) { return U(static_cast<std::uint32_t>(x)); };
-        const auto copy = [&](const auto& own, auto* to, const U& i, const Quad4* from, const U& k,
-                              const U& point) {
-            W::copy4_ahead(own && point < U(end), to, i, from, k);
-            if constexpr (!all) {
-                const typename W::F zero(0.0F);
-                W::write4_where(own && point >= U(end), to, i, {{zero, zero, zero, zero}});
-            }
-        };
-        constexpr int left_quads = Cut::high / 8, right_quads = Cut::wide / 8;
-        constexpr int left_stride = PlaneRows<N, depth, Cut::high>::stride / 8,
-                      right_stride = PlaneRows<N, depth, Cut::wide>::stride / 8;
-        static_assert(left_quads == 16 && right_quads == 32 && depth % 16 == 0);
-        const U lane = W::lane();
-        {
+        using M = typename W::M;
+        static constexpr int in_quads = Cut::high / 8, out_quads = Cut::wide / 8;
+        static_assert(in_quads == 16 && out_quads == 32 && depth % 16 == 0);
+        const Quad4* cotangent;
+        U in, in_apart, in_point; ///< quads of the next points' inputs, from point to point
+        std::uint32_t out, out_apart, out_point;
+        U in_to, out_to; ///< quads of the first stage
+        M in_own, out_own;
+        std::uint32_t plane_apart; ///< points
+
+        RYE_DEVICE void begin(const MlpWeightKernel& kernel, const MlpWeightLayer& layer, int tile,
+                              const Range& of, int w) {
+            const auto number = [](int x) { return U(static_cast<std::uint32_t>(x)); };
+            const U lane = W::lane();
             const int hiddens = layer.columns.input_at() / 8,
                       inputs = layer.columns.all() / 8 - hiddens;
-            const U quad = number(tile * left_quads) + lane % number(left_quads);
+            const U quad = number(tile * in_quads) + lane % number(in_quads);
             const auto of_hidden = quad < number(hiddens);
-            const U from =
-                select(of_hidden, U(layer.hidden) + quad, U(layer.input) + quad - number(hiddens));
-            const U apart = select(of_hidden, number(hiddens), number(inputs));
-            const auto own = quad < number(hiddens + inputs);
-            auto* const to = reinterpret_cast<Quad4*>(&stage.input.at[0][0][0]);
-            expanded<N * depth / 16>([&](auto j) {
-                constexpr int plane = 16 * decltype(j)::value / depth,
-                              first = 16 * decltype(j)::value % depth;
-                const U row = number(first + 2 * w) + lane / number(left_quads);
-                const U point = U(at) + row;
-                copy(
-                    own, to,
-                    (row + number(plane * depth)) * number(left_stride) + lane % number(left_quads),
-                    reinterpret_cast<const Quad4*>(kept),
-                    from + (U(std::uint32_t(plane) * cut.points) + point) * apart, point);
-            });
+            const U row = number(2 * w) + lane / number(in_quads);
+            in_apart = select(of_hidden, number(hiddens), number(inputs));
+            in_point = U(of.first) + row;
+            in =
+                select(of_hidden, U(layer.hidden) + quad, U(layer.input) + quad - number(hiddens)) +
+                in_point * in_apart;
+            in_to = row * number(Input::stride / 8) + lane % number(in_quads);
+            in_own = quad < number(hiddens + inputs);
+            cotangent = reinterpret_cast<const Quad4*>(layer.cotangent);
+            out_apart = static_cast<std::uint32_t>(padded_16(layer.out) / 8);
+            out_point = of.first + static_cast<std::uint32_t>(w);
+            out = out_point * out_apart;
+            out_own = lane < U(out_apart);
+            out_to = lane + number(w * (Cotangent::stride / 8));
+            plane_apart = kernel.cut.points;
         }
-        const int outs = padded_16(layer.out) / 8;
-        auto* const to = reinterpret_cast<Quad4*>(&stage.cotangent.at[0][0][0]);
-        expanded<N * depth / 8>([&](auto j) {
-            constexpr int plane = 8 * decltype(j)::value / depth,
-                          first = 8 * decltype(j)::value % depth;
-            const std::uint32_t point = at + static_cast<std::uint32_t>(first + w);
-            copy(lane < number(outs), to, number((plane * depth + first + w) * right_stride) + lane,
-                 reinterpret_cast<const Quad4*>(layer.cotangent),
-                 U((std::uint32_t(plane) * cut.points + point) * static_cast<std::uint32_t>(outs)) +
-                     lane,
-                 U(point));
-        });
-    }
+        /// Starts to copy the next points to the stage `slot` behind the first; zeros from `end` on
+        /// and where there are no numbers.
+        RYE_DEVICE void next(const MlpWeightKernel& kernel, Stage& stage, int slot,
+                             std::uint32_t end) {
+            const U moved(static_cast<std::uint32_t>(slot) * std::uint32_t(sizeof(Stage) / 16));
+            auto* const to_in = reinterpret_cast<Quad4*>(&stage.input.at[0][0][0]);
+            const U in_at = in_to + moved;
+            expanded<N * depth / 16>([&](auto j) {
+                constexpr std::uint32_t plane = 16 * decltype(j)::value / depth,
+                                        first = 16 * decltype(j)::value % depth;
+                W::copy4_or_zero(in_own && in_point + U(first) < U(end), to_in,
+                                 in_at + U((plane * depth + first) * (Input::stride / 8)),
+                                 reinterpret_cast<const Quad4*>(kernel.kept),
+                                 in + U(plane * plane_apart + first) * in_apart);
+            });
+            auto* const to_out = reinterpret_cast<Quad4*>(&stage.cotangent.at[0][0][0]);
+            const U out_at = out_to + moved;
+            expanded<N * depth / 8>([&](auto j) {
+                constexpr std::uint32_t plane = 8 * decltype(j)::value / depth,
+                                        first = 8 * decltype(j)::value % depth;
+                W::copy4_or_zero(out_own && U(out_point + first) < U(end), to_out,
+                                 out_at + U((plane * depth + first) * (Cotangent::stride / 8)),
+                                 cotangent,
+                                 W::lane() + U(out + (plane * plane_apart + first) * out_apart));
+            });
+            in_point = in_point + U(std::uint32_t(depth));
+            in = in + in_apart * U(std::uint32_t(depth));
+            out_point += depth;
+            out += depth * out_apart;
+        }
+    };
 };
 
 } // namespace rye
