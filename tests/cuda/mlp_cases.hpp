@@ -17,11 +17,16 @@ struct MlpCase {
     Index points;
     double outputs;   ///< relative error
     double gradients; ///< with one plane, signs of activations near 0 differ
-    /// Points with a hidden sum this near to 0, whose sign rounding decides, have no cotangent.
+    /// Points with a hidden sum this near to 0, whose sign rounding decides, have no cotangent: one
+    /// sign that differs turns a whole cotangent, and a share p of signs turns gradients by
+    /// sqrt(p). Sums of order 1 err by the planes' 4e-6 (N = 2) and by what units of matrices cut
+    /// off, 1e-7 of a sum for each of its 3 K / 16 products, here 9e-6; layers add theirs up: 4e-5.
+    /// With N = 3, whose parts of 16 are added as floats, 1e-5 is ample.
     double undecided = 0;
 };
 
-/// Takes the cotangents of undecided points away; a few of many.
+/// Takes the cotangents of undecided points away; a few of many: of 1280 hidden sums of order 1,
+/// one in 4e-5 about 0 takes a point in 25 away.
 inline void leave_undecided(const MlpTrace<double>& trace, double bound, Columns<float>& g_out) {
     Index left_out = 0;
     for (Index i = 0; i < g_out.cols(); ++i) {
@@ -33,7 +38,7 @@ inline void leave_undecided(const MlpTrace<double>& trace, double bound, Columns
         g_out.col(i).setZero();
         ++left_out;
     }
-    CHECK(left_out <= g_out.cols() / 50);
+    CHECK(left_out <= g_out.cols() / 10);
 }
 
 template <class Tiles, class Device>

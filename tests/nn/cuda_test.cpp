@@ -25,6 +25,13 @@ TEST_CASE("cuda, emulated: networks are the host's") {
     mlp_against_host<MlpTiles<2, 64, 32>>(device, queue, {{{21, 40, 33, 5}, 4}, 150, 2e-5, 2e-4});
     mlp_against_host<MlpTiles<3, 64, 32>>(device, queue, {{{21, 40, 33, 5}, 4}, 70, 1e-6, 2e-6});
 }
+TEST_CASE("cuda, emulated: networks of several tiles of weights, and more points than a slice") {
+    const EmulatedDevice device{PhaseOrder::shuffled};
+    mlp_against_host<MlpTiles<1, 256, 128>>(device, queue,
+                                            {{{136, 256, 150, 28}, 8}, 300, 1e-2, 0.1});
+    mlp_against_host<MlpTiles<3, 160, 64>>(device, queue,
+                                           {{{40, 150, 136, 36}, 8}, 300, 2e-6, 1e-5, 1e-5});
+}
 TEST_CASE("cuda, emulated: networks of one layer, without a skip, of one point and of none") {
     const EmulatedDevice device;
     mlp_against_host<MlpTiles<2, 64, 32>>(device, queue,

@@ -13,6 +13,8 @@
 #include <vector>
 
 #include <rye/core/error.hpp>
+#include <rye/nn/cuda/mlp_kernels.hpp>
+#include <rye/nn/cuda/mlp_weight_merge.hpp>
 #include <rye/nn/cuda/mlp_weights.hpp>
 #include <rye/nn/mlp.hpp>
 
@@ -91,11 +93,16 @@ class DeviceMlp {
         Index words = 0, biases = 0;
         for (int l = 0; l < count; ++l) {
             const int out = shape_.layer_out(l), hidden = shape_.hidden_in(l);
-            words += 2 * MlpPackJob::words(hidden, out, Tiles::N);
-            if (shape_.reads_input(l)) words += 2 * MlpPackJob::words(inputs, out, Tiles::N);
-            biases += out;
+            const auto room = [&](int in) {
+                words += MlpPackJob::words(in, Tiles::tiles(out), Tiles::N) +
+                         MlpPackJob::words(out, Tiles::tiles(in), Tiles::N);
+            };
+            if (hidden > 0) room(hidden);
+            if (shape_.reads_input(l)) room(inputs);
+            biases += padded_16(out);
         }
-        packed_.reserve(queue, static_cast<std::size_t>(words) + 1);
+        words += Tiles::Full::tiles * 64 * Tiles::N; // what begins is read, whatever its steps
+        packed_.reserve(queue, static_cast<std::size_t>(words));
         numbers_.reserve(queue, 2 * static_cast<std::size_t>(biases) + 1);
         std::uint32_t* word = packed_.data();
         float* bias = numbers_.data();
@@ -107,22 +114,22 @@ class DeviceMlp {
             const auto i = static_cast<std::size_t>(l);
             const int out = shape_.layer_out(l), hidden = shape_.hidden_in(l);
             DeviceMlpLayer& layer = network_.layer[l];
-            layer = {
-                hidden,  out,    shape_.reads_input(l), nullptr, nullptr, nullptr, nullptr, bias,
-                nullptr, nullptr};
+            layer = {hidden, out, shape_.reads_input(l), {}, {}, {}, bias, nullptr, nullptr};
             const float* const w = p.weight[i].data;
             const auto operand = [&](const float* from, int k, int n, Index k_apart,
                                      Index n_apart) {
-                return pack.add({from, k_apart, n_apart, k, n, nullptr, 0}, word);
+                const int tiles = Tiles::tiles(n);
+                return MlpOperand{pack.add({from, k_apart, n_apart, k, n, tiles, nullptr, 0}, word),
+                                  padded_16(k) / 16, tiles};
             };
-            layer.hidden_to_out = operand(w, hidden, out, out, 1);
-            layer.out_to_hidden = operand(w, out, hidden, 1, out);
             const float* const of_input = w + Index(hidden) * out;
-            if (layer.takes_input) {
-                layer.input_to_out = operand(of_input, inputs, out, out, 1);
+            layer.to_out = operand(w, hidden, out, out, 1);
+            if (layer.takes_input) { // directly behind
+                layer.to_out.steps += operand(of_input, inputs, out, out, 1).steps;
                 layer.out_to_input = operand(of_input, out, inputs, 1, out);
             }
-            bias += out;
+            if (hidden > 0) layer.out_to_hidden = operand(w, out, hidden, 1, out);
+            bias += padded_16(out);
         }
         device_.launch(queue, pack.all, pack);
         set_frame(queue, frame);
@@ -141,7 +148,7 @@ class DeviceMlp {
                 {parameters_.bias[i].data,
                  parameters_.weight[i].data + Index(layer.hidden + network_.inputs) * layer.out,
                  layer.out, layer.takes_input ? shape_.frame_inputs : 0, bias, 0});
-            bias += layer.out;
+            bias += padded_16(layer.out);
         }
         device_.launch(queue, biases.all, biases);
     }
@@ -183,47 +190,26 @@ class DeviceMlp {
         place_cotangents(queue);
         device_.launch(queue, blocks(),
                        MlpReverseKernel<Tiles, A>{network_, g_out, g.points, g.add});
-        bool again = g.add;
+        MlpWeightKernel<Tiles::N> weights{cut(), kept_.data(), scratch_->partial.data()};
+        device_.launch(queue, weights.cut.all, weights);
+        MlpMergeKernel merge{weights.cut, weights.partial, {}};
+        MlpFrameKernel frame{{}, 0, shape_.frame_inputs, frame_, g.add, g.frame};
         float* sum = numbers_.data();
-        for (int l = 0; l < network_.layers; ++l) sum += network_.layer[l].out;
+        for (int l = 0; l < network_.layers; ++l) sum += padded_16(network_.layer[l].out);
         for (int l = 0; l < network_.layers; ++l) {
             const auto i = static_cast<std::size_t>(l);
             const DeviceMlpLayer& layer = network_.layer[l];
-            const MlpColumns columns{layer.hidden, layer.takes_input ? network_.inputs : 0};
-            float* const partial = scratch_->partial.data();
-            const auto weights = [&](auto high) {
-                const MlpWeightKernel<Tiles::N, high()> kernel{
-                    columns,         layer.out,
-                    network_.points, network_.of,
-                    layer.cotangent, l > 0 ? network_.layer[l - 1].activated : nullptr,
-                    network_.input,  partial};
-                device_.launch(queue, kernel.blocks_of(), kernel);
-            };
-            if (layer.out > 64)
-                weights(std::integral_constant<int, 128>());
-            else
-                weights(std::integral_constant<int, 64>());
-            const int of_frame = layer.takes_input ? shape_.frame_inputs : 0;
-            const MlpMergeKernel merge{columns,
-                                       layer.out,
-                                       of_frame,
-                                       network_.points,
-                                       network_.of,
-                                       partial,
-                                       frame_,
-                                       g.params.weight[i].data,
-                                       g.params.bias[i].data,
-                                       sum};
-            device_.launch(queue, merge.blocks_of(), merge);
-            if (g.frame != nullptr && of_frame > 0) {
+            float* const g_weight = g.params.weight[i].data;
+            merge.set(l, {g_weight, g.params.bias[i].data, sum, 0});
+            if (layer.takes_input && shape_.frame_inputs > 0) {
                 const Index before = Index(layer.hidden + network_.inputs) * layer.out;
-                const MlpFrameKernel frame{
-                    parameters_.weight[i].data + before, sum, layer.out, of_frame, again, g.frame};
-                device_.launch(queue, frame.blocks_of(), frame);
-                again = true;
+                frame.layer[frame.layers++] = {parameters_.weight[i].data + before,
+                                               g_weight + before, sum, layer.out};
             }
-            sum += layer.out;
+            sum += padded_16(layer.out);
         }
+        device_.launch(queue, merge.all, merge);
+        device_.launch(queue, frame.blocks_of(), frame);
     }
 
     /// Memory that is held, without what is shared [bytes].
@@ -250,22 +236,38 @@ class DeviceMlp {
         }
     }
     void place_cotangents(const CudaQueue& queue) {
-        std::size_t all = 0, partial = 0;
-        for (int l = 0; l < network_.layers; ++l) {
-            const DeviceMlpLayer& layer = network_.layer[l];
-            const MlpColumns columns{layer.hidden, layer.takes_input ? network_.inputs : 0};
-            all += halves(layer.out);
-            partial = rye::max(partial, std::size_t(MlpSlices::most) *
-                                            static_cast<std::size_t>(columns.all()) *
-                                            static_cast<std::size_t>(padded_16(layer.out)));
-        }
+        std::size_t all = 0;
+        for (int l = 0; l < network_.layers; ++l) all += halves(network_.layer[l].out);
         scratch_->cotangents.reserve(queue, all + 8);
-        scratch_->partial.reserve(queue, partial + 1);
         std::uint16_t* at = scratch_->cotangents.data();
         for (int l = 0; l < network_.layers; ++l) {
             network_.layer[l].cotangent = at;
             at += halves(network_.layer[l].out);
         }
+        scratch_->partial.reserve(queue, static_cast<std::size_t>(cut().all) *
+                                             static_cast<std::size_t>(MlpWeightCut::of_block));
+    }
+    /// What the gradients of the weights are cut into.
+    MlpWeightCut cut() const {
+        MlpWeightCut c{};
+        c.layers = network_.layers;
+        c.points = network_.points;
+        c.of = network_.of;
+        const auto place = [&](const std::uint16_t* p) {
+            return static_cast<std::uint32_t>((p - kept_.data()) / 8);
+        };
+        for (int l = 0; l < c.layers; ++l) {
+            const DeviceMlpLayer& layer = network_.layer[l];
+            c.layer[l] = {{layer.hidden, layer.takes_input ? network_.inputs : 0},
+                          layer.out,
+                          layer.cotangent,
+                          l > 0 ? place(network_.layer[l - 1].activated) : 0U,
+                          place(network_.input),
+                          0,
+                          0};
+        }
+        c.divide();
+        return c;
     }
     void check(const DeviceMlpParameters& p) const {
         const auto layers = static_cast<std::size_t>(shape_.layers());
