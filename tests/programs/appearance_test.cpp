@@ -95,11 +95,12 @@ std::string message_of(F&& f) {
 
 } // namespace
 
-TEST_CASE("appearance: fields of the configuration, which no preset sets") {
+TEST_CASE("appearance: fields of the configuration, and of the presets") {
     for (const char* name : {"tiny", "cpu", "gpu", "paper"}) {
-        CHECK_FALSE(has_appearance(preset(name)));
+        const bool shaded = name[0] == 'c' || name[0] == 'g';
+        CHECK(has_appearance(preset(name)) == shaded);
         CHECK(to_json(preset(name))["avatar"]["eye_appearance"] == "free");
-        CHECK(to_json(preset(name))["avatar"]["shading"] == "none");
+        CHECK(to_json(preset(name))["avatar"]["shading"] == (shaded ? "head_pose" : "none"));
     }
     TrainConfig c = preset("tiny");
     from_json(Json::parse(R"({"avatar": {"eye_appearance": "driven", "shading": "head_pose"}})"),
@@ -117,9 +118,9 @@ TEST_CASE("appearance: fields of the configuration, which no preset sets") {
           "my.json: field 'avatar.eye_appearance': got \"fixed\", expected \"free\" or \"driven\"");
     CHECK(refused(R"({"avatar": {"shading": true}})") ==
           "my.json: field 'avatar.shading': got true, expected \"none\" or \"head_pose\"");
-    CHECK(refused(R"({"avatar": {"shading": "head_pose", "gaze_mechanism": "condition"}})") ==
+    CHECK(refused(R"({"avatar": {"eye_appearance": "driven", "gaze_mechanism": "condition"}})") ==
           "my.json: field 'avatar.gaze_mechanism': got \"condition\", expected \"rotation\", as "
-          "eye_appearance is \"free\" and shading \"head_pose\"");
+          "eye_appearance is \"driven\"");
 }
 
 TEST_CASE("appearance: a run begins with the picture of one without it, to the bit") {

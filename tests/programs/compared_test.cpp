@@ -61,7 +61,9 @@ TrainState eyes_alone() {
 TrainState with(Name mechanism, TrainState s) {
     s.config.gaze_mechanism = mechanism;
     ComparedTraining& t = s.compared.emplace();
-    t.avatar = compared_avatar(s.avatar, s.config, Columns<float>(3, 0), Random{3, 0});
+    const Columns<float> normals =
+        Vec3<float>(0, 0, 1).replicate(1, s.avatar.face.position.cols());
+    t.avatar = compared_avatar(s.avatar, s.config, normals, Random{3, 0});
     t.adam = Adam<ComparedAvatar>(t.avatar);
     s.avatar = {};
     s.avatar_adam = {};
@@ -184,6 +186,26 @@ TEST_CASE("a run by another gaze mechanism comes back from its checkpoint and dr
         const bool same = render_avatar(drawn, d, camera()).high.pixels == other;
         CHECK(same == (m == Name::none || m == Name::learned_quaternion));
     }
+}
+
+TEST_CASE("a run by another gaze mechanism may be shaded, and has its light from the checkpoint") {
+    const TemporaryFolder folder;
+    TrainState plain = eyes_alone();
+    Drivers<float> d = looking(plain, 0.2f, -0.3f);
+    d.pose[1] = 0.4f; // shading is relative to the head at rest
+    TrainState shaded = plain;
+    shaded.config.shading = ShadingName::head_pose;
+    TrainState state = with(Name::condition, shaded);
+    const auto picture = [&](const TrainState& s) {
+        return driven_gaussians(drawn_state(s), d).feature;
+    };
+    const Columns<float> unshaded = picture(with(Name::condition, plain));
+    CHECK((picture(state).array() == unshaded.array()).all()); // light begins at 0
+    state.compared->avatar.shading.light.setConstant(0.3f);
+    const Columns<float> lit = picture(state);
+    CHECK_FALSE((lit.array() == unshaded.array()).all());
+    save_checkpoint(folder.path, state);
+    CHECK((picture(load_checkpoint(folder.path)).array() == lit.array()).all());
 }
 
 TEST_CASE("what a run by another gaze mechanism cannot do is refused by name") {

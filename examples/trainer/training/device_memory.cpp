@@ -7,6 +7,7 @@
 
 #include <rye/avatar/weights.hpp>
 #include <rye/nn/cuda/convolution_weights.hpp>
+#include <rye/nn/cuda/mlp_weight_cut.hpp>
 #include <rye/nn/features.hpp>
 #include <rye/splat/cuda/rasterizer.hpp>
 
@@ -209,7 +210,7 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
     // attributes. The driven cloud and its cotangent, parts of the other renders.
     double kept = number * s.face * (2 * (a.position_code() + a.feature + 4) + 3 + 4 + 16) +
                   number * (points * (2 * (11 + a.channels) + 14 + 3) + s.eyes * (14 + a.channels));
-    double cotangents = 0, outputs = 0, partial = 0;
+    double cotangents = 0, outputs = 0;
     for (const Network& n : networks) {
         parameters += n.parameters();
         kept += 2 * planes * half * n.parameters(); // weights as planes, for both directions
@@ -221,14 +222,12 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
             const double out = half * n.halves(shape.layer_out(l), planes);
             all += out;
             if (l + 1 < shape.layers()) kept += out;
-            const double columns =
-                shape.hidden_in(l) + (shape.reads_input(l) ? shape.point_inputs() : 0);
-            partial = std::max(partial, 40 * up(columns, 16) * up(shape.layer_out(l), 16));
         }
         cotangents = std::max(cotangents, all);
         outputs = std::max(outputs, number * shape.outputs() * n.points);
     }
-    kept += cotangents + outputs + number * partial;
+    // Sums of the weights' gradients are of one network at a time.
+    kept += cotangents + outputs + number * MlpWeightCut::aim * MlpWeightCut::of_block;
 
     const double maps = (6.0 * a.channels + 9 + 6) * small + (12 + 5) * full;
     const double pyramid = 2 * 3 * full * (1.0 / 4 + 1.0 / 16);

@@ -131,6 +131,12 @@ concept OffloadsNetworks = Backend<B> && requires(const B& b, const MlpShape& sh
     { b.networks->takes(shape, Index(1)) } -> std::convertible_to<bool>;
 };
 
+/// Its host on the calling thread: passes of one network that are side by side cannot all be kept.
+template <OffloadsNetworks B>
+auto one_thread(const B& backend) {
+    return one_thread(backend.host());
+}
+
 /// mlp_forward of an OffloadBackend. A trace of a pass on the device holds its number alone, and a
 /// device keeps what the vjps of a network's last two traced passes read.
 template <class T, class A, OffloadsNetworks B>
