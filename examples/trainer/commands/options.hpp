@@ -46,7 +46,7 @@ void add_threads(CLI::App& command, int& threads, const std::string& help = "Thr
 
 /// --device: auto, cpu or cuda; `device` has its default (device_choice.hpp).
 void add_device(CLI::App& command, std::string& device, const std::string& help);
-/// What it says for a command that draws a run.
+/// Its text for commands that draw a run.
 inline constexpr const char* drawing_device_help =
     "Where pictures are drawn; auto: a CUDA device where this build has kernels and a device is "
     "there";

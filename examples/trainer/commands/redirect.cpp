@@ -98,7 +98,8 @@ Image<float> around_eyes(const Image<float>& whole, const TrainState& state,
                             static_cast<int>(middle.y()) - h / 2, w, h), whole.width);
 }
 
-/// Where and how pictures of these frames are drawn; `say` receives where, if there was a choice.
+/// The drawer of these frames by --device and --effects; prints to `say` what draws, if there was a
+/// choice.
 FrameDrawer drawer_of(const RedirectOptions& o, const TrainState& state,
                       const std::vector<DrawnFrame>& frames, std::ostream& say) {
     const DeviceWish wish = device_wish(o.device);

@@ -375,7 +375,7 @@ void take_device_sizes(TrainConfig& c) {
 
 /// From `tiny` to `cpu` and `gpu`, beside the sizes: deformations that hold for expressions and
 /// gazes that no frame has, light that stays where the head turns, and faster Gaussians.
-void take_mixed_frames(TrainConfig& c) {
+void take_generalisation(TrainConfig& c) {
     c.avatar.pose_frequencies = c.avatar.gaze_frequencies = 1;
     c.shading = ShadingName::head_pose;
     NetworkConfig& n = c.avatar.networks;
@@ -480,7 +480,7 @@ TrainConfig preset(const std::string& name) {
     g.upsampler.doublings = tiny ? 1 : 0;
     g.upsampler.norm = Normalization::none;
     g.upsampler.skip = true;
-    if (!tiny) take_mixed_frames(c);
+    if (!tiny) take_generalisation(c);
     if (name == "gpu") take_device_sizes(c);
     return c;
 }

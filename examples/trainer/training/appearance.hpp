@@ -12,13 +12,13 @@
 
 namespace rye::trainer {
 
-/// What stage 2 of such a run trains.
+/// Parameters of such a run in stage 2, and their optimiser.
 struct AppearanceTraining {
     AppearanceAvatar avatar;
     Adam<AppearanceAvatar> adam;
 };
 
-/// Whether a run of this configuration trains an AppearanceAvatar.
+/// True if a run of this configuration trains an AppearanceAvatar.
 inline bool has_appearance(const TrainConfig& config) {
     return config.gaze_mechanism == GazeMechanismName::rotation &&
            (config.eye_appearance != EyeAppearanceName::free ||

@@ -8,7 +8,7 @@
 
 namespace rye::trainer {
 
-/// Whether the folder holds a run whose stage 1 is complete. Reads the checkpoint's words alone;
+/// True if the folder holds a run whose stage 1 is complete. Reads the checkpoint's words alone;
 /// false for a file that cannot be read.
 bool has_stage_one(const std::filesystem::path& run);
 

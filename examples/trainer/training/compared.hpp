@@ -13,7 +13,7 @@
 
 namespace rye::trainer {
 
-/// What stage 2 of such a run trains.
+/// Parameters of such a run in stage 2, and their optimiser.
 struct ComparedTraining {
     ComparedAvatar avatar;
     Adam<ComparedAvatar> adam;

@@ -25,7 +25,7 @@ struct DeviceFacts {
     double free = 0, total = 0; ///< memory [bytes]
 };
 
-/// What is known of devices here.
+/// The device that was found, or the reason why there is none.
 struct DeviceFinding {
     bool built = false;               ///< whether this build has kernels
     std::optional<DeviceFacts> found; ///< the device that is current
