@@ -174,10 +174,12 @@ grep -q "^list,cap,all,a,head_psnr," half/list.csv || { cat half/list.csv; fail 
 # ---- every gaze mechanism ------------------------------------------------------------------------
 "$rye" compare --table mechanisms,deformation --preset tiny --config small.json --capture cap \
     --seeds 1 --out tables --jobs 2 --device cpu > tables.txt
-grep -q "^7 runs, 7 of them to do" tables.txt || { cat tables.txt; fail "runs that tables share"; }
+grep -q "^8 runs, 8 of them to do" tables.txt || { cat tables.txt; fail "runs of two tables"; }
+"$rye" compare --table deformation,deformation --preset tiny --config small.json --capture cap \
+    --seeds 1 --out tables --device cpu > tables.txt
+grep -q "^2 runs, 0 of them to do" tables.txt || { cat tables.txt; fail "runs that tables share"; }
 for name in rotation feature_rotation condition latent_rotation learned_quaternion none; do
     run=tables/runs/cap/$name/seed_1
-    [ $name != rotation ] || run=tables/runs/cap/rye/seed_1
     grep -q "\"gaze_mechanism\": \"$name\"" $run/config.json || fail "$name is not in config.json"
     "$rye" redirect --run $run --gaze-left 5,10 --gaze-right -5,-10 --out $name.png > log.txt
     "$rye" redirect --run $run --sweep --out sweep.png > log.txt

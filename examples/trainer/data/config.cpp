@@ -374,10 +374,11 @@ void take_device_sizes(TrainConfig& c) {
 }
 
 /// From `tiny` to `cpu` and `gpu`, beside the sizes: deformations that hold for expressions and
-/// gazes that no frame has, light that stays where the head turns, and faster Gaussians.
+/// gazes that no frame has, light that stays where head and eyes turn, and faster Gaussians.
 void take_generalisation(TrainConfig& c) {
     c.avatar.pose_frequencies = c.avatar.gaze_frequencies = 1;
     c.shading = ShadingName::head_pose;
+    c.eye_appearance = EyeAppearanceName::driven;
     NetworkConfig& n = c.avatar.networks;
     n.exp_deform.assign(4, 128);
     n.pose_deform.assign(2, 128);
@@ -389,6 +390,8 @@ void take_generalisation(TrainConfig& c) {
     AvatarTrainConfig& g = c.gaussians;
     g.mouth_points = 2000;
     g.spacing_slope = 0.06;
+    g.weights.eye_low = g.weights.eye_high = 0.4;
+    g.weights.eye_smooth = 0.05;
     AvatarRates& rates = g.rates;
     rates.deform = 3e-5;
     rates.position = 1e-3;

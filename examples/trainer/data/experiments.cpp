@@ -37,7 +37,7 @@ Experiment mechanisms() {
     row("rotated latent code", "latent_rotation");
     row("learned quaternion", "learned_quaternion");
     row("none", "none");
-    e.rows.front().run = "rye";
+    e.base = {{"avatar", {{"eye_appearance", "free"}}}}; // other mechanisms have no driven eyes
     e.columns = {"head_ssim", "head_psnr",           "lpips", "face_ssim", "face_psnr", "eyes_psnr",
                  "gaze",      "gaze_without_labels", "irises"};
     return e;

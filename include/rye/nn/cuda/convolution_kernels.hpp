@@ -205,7 +205,8 @@ struct ConvolutionKernel {
                   columns = rye::min(int(Tiles::side), in.width - c.x);
         const Index strip = Index(c.tile) * Tiles::down + w / Tiles::beside;
         StripMoments* const to = result.moments + strip * result.outputs;
-        if (rows == Tiles::high && columns == Tiles::side)
+        // By the count: ptxas 13.0 for sm_90 takes `rows == high` to hold for any rows of the clamp.
+        if (rows * columns == Tiles::high * Tiles::side)
             write_moments<W, true>(sums, first_c, {rows, columns}, to);
         else
             write_moments<W, false>(sums, first_c, {rows, columns}, to);
