@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <numbers>
+
 #include <doctest/doctest.h>
 
 #include <rye/autodiff/dual.hpp>
@@ -41,6 +43,26 @@ TEST_CASE("four nearest: on a line the two on each side, counted from `first`; t
     std::sort(of_middle.begin(), of_middle.end());
     CHECK(of_middle == std::array<Index, 4>{102, 103, 105, 106});
     CHECK_THROWS_AS(four_nearest(Columns<float>(line.leftCols(4))), Error);
+}
+
+TEST_CASE("nearest and turned: a ring about +z, and points where a turn leads nowhere new") {
+    // 40 points on a ring, a quarter turn is 10 points on; the last two lie on the axis.
+    Columns<double> points(3, 42);
+    for (Index i = 0; i < 40; ++i) {
+        const double a = 2 * std::numbers::pi * static_cast<double>(i) / 40;
+        points.col(i) << std::cos(a), std::sin(a), 0.5;
+    }
+    points.col(40) << 0, 0, 1;
+    points.col(41) << 0, 0, 1.1;
+    const NeighbourGraph near = four_nearest(points, 7), graph = nearest_and_turned(points, 7);
+    for (Index i = 0; i < 40; ++i) {
+        CHECK(graph[static_cast<std::size_t>(i)][3] == 7 + (i + 10) % 40);
+        for (std::size_t k = 0; k < 3; ++k)
+            CHECK(graph[static_cast<std::size_t>(i)][k] == near[static_cast<std::size_t>(i)][k]);
+    }
+    CHECK(graph[40] == near[40]);
+    CHECK(graph[41] == near[41]);
+    CHECK_THROWS_AS(nearest_and_turned(Columns<double>(points.leftCols(4))), Error);
 }
 
 TEST_CASE("smoothness: by hand, one point of five that differs from its neighbours") {

@@ -37,6 +37,25 @@ NeighbourGraph four_nearest(const Columns<T>& points, Index first = 0) {
     return graph;
 }
 
+/// A graph of an eyeball's points (eyeball frame: relative to its centre, iris toward +z, 3 x N,
+/// N > 4): for each the three nearest, and the nearest to where it is after a quarter turn about
+/// +z; the fourth nearest where that is itself or one of the three. An eyeball looks alike all
+/// around its axis, so that a part that no picture shows takes the colour of the same ring, not of
+/// the shadow at the edge of what was seen.
+template <Real T>
+NeighbourGraph nearest_and_turned(const Columns<T>& points, Index first = 0) {
+    NeighbourGraph graph = four_nearest(points, first);
+    for (Index i = 0; i < points.cols(); ++i) {
+        const Vec3<T> p = points.col(i), turned(-p.y(), p.x(), p.z());
+        Index nearest = 0;
+        (points.colwise() - turned).colwise().squaredNorm().minCoeff(&nearest);
+        auto& of_i = graph[static_cast<std::size_t>(i)];
+        if (nearest != i && std::find(of_i.begin(), of_i.end(), first + nearest) == of_i.end())
+            of_i[3] = first + nearest;
+    }
+    return graph;
+}
+
 namespace detail {
 
 /// The slope of share d^2.

@@ -23,14 +23,14 @@ struct EyeballBounds {
     double thickness = 1;  ///< along the normal, times that
 };
 
-/// The four nearest neighbours of each point of the eyeballs, on its own eyeball.
+/// Four neighbours of each point of the eyeballs, on its own eyeball: nearest_and_turned.
 template <Real T, EffectSet E>
 NeighbourGraph eye_neighbours(const EyeStream<T, E>& eyes) {
     NeighbourGraph all;
     for (Index e = 0; e < 2; ++e) {
         const Index first = eyes.first_point(e);
         const Columns<T> points = eyes.position.middleCols(first, eyes.points_of(e));
-        const NeighbourGraph of_eye = four_nearest(points, first);
+        const NeighbourGraph of_eye = nearest_and_turned(points, first);
         all.insert(all.end(), of_eye.begin(), of_eye.end());
     }
     return all;
