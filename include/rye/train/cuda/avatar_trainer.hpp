@@ -36,6 +36,12 @@ struct DeviceTrainerPolicy {
     static constexpr int upsampler_planes = upsampler_planes_;
 };
 
+/// A device that is told where parts of a step end on the stream, as train/probe.hpp has them.
+template <class D>
+concept ProbedDevice = requires(const D& device, const CudaQueue& queue, const char* part) {
+    device.probe(queue, part);
+};
+
 /// A host's avatar and its optimiser.
 template <EffectSet E>
 struct AvatarAndAdam {
@@ -221,9 +227,12 @@ class DeviceAvatarTrainer {
                             static_cast<int>(avatar_.driver_places().size)});
         const DeviceStepPictures& truth = views_.into(queue, &numbers->view);
         const DeviceStepImages p = images_.of(queue, views_, channels_, d.eyes_high);
+        end_part(queue, "pictures");
         avatar_.drive_into(queue);
+        end_part(queue, "drive");
         const Renders r = renders(queue, d, p, numbers->blank);
         draw(queue, d, r);
+        end_part(queue, "renders");
 
         upsampler_.set(queue, device_upsampler(avatar_.parameters(), host.upsampler));
         if (d.scaled)
@@ -232,10 +241,16 @@ class DeviceAvatarTrainer {
                 ResizeKernel<float>{p.final.pixels, &numbers->scale, 1, p.scaled.pixels.data});
         upsampler_.forward_into(queue, d.scaled ? p.scaled : p.final, p.high, trace_[0]);
         if (d.eyes_high) upsampler_.forward_into(queue, p.eyes, p.eyes_high, trace_[1]);
+        end_part(queue, "super-resolution");
 
         compare(queue, d, p, truth);
+        end_part(queue, "losses");
         back(queue, d, p, r);
         step_end(queue);
+        end_part(queue, "optimiser");
+    }
+    void end_part(const CudaQueue& queue, const char* name) const {
+        if constexpr (ProbedDevice<Device>) device_.probe(queue, name);
     }
 
     /// A render: what it shows, on what, by which camera, into what, and where gradients go.
@@ -327,6 +342,7 @@ class DeviceAvatarTrainer {
             upsampler_.vjp_into(queue, trace_[1], p.g_eyes_high.pixels, {to, p.g_feature.pixels});
             add(p.g_eyes);
         }
+        end_part(queue, "super-resolution, back");
         for (std::size_t k = 0; k < step_renders; ++k) {
             const Render& own = r.of[k];
             rasterizer_.vjp_into(queue, own.shown, views_.camera(d.view), own.background,
@@ -339,7 +355,9 @@ class DeviceAvatarTrainer {
             smoothness_.add_into(queue, columns_from(avatar_.g_cloud(queue),
                                                      {avatar_.face_count(), avatar_.eye_count()})
                                             .feature);
+        end_part(queue, "renders, back");
         avatar_.vjp_into(queue, gradient_);
+        end_part(queue, "drive, back");
     }
     /// The optimiser, bounds, counts.
     void step_end(const CudaQueue& queue) {
