@@ -137,9 +137,20 @@ struct PartGraphs {
     }
 };
 
+/// A branch, but where kernels are timed one after the other.
+struct TimedBranch {
+    CudaBranch own;
+
+    CudaQueue begin(const CudaQueue& queue) { return recorder.timing ? queue : own.begin(queue); }
+    void end(const CudaQueue& queue) const {
+        if (!recorder.timing) own.end(queue);
+    }
+};
+
 /// A device that is told where a step's parts end.
 struct PartsDevice : CudaDevice {
     using Graph = PartGraphs;
+    using Branch = TimedBranch;
 
     void probe(const CudaQueue& queue, const char* part) const {
         if (!recorder.capturing || recorder.cut != Cut::parts) return;

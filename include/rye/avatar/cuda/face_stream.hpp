@@ -9,6 +9,7 @@
 #include <rye/avatar/cuda/face_points.hpp>
 #include <rye/avatar/cuda/field.hpp>
 #include <rye/avatar/two_stream.hpp>
+#include <rye/backend/cuda/branches.hpp>
 #include <rye/backend/cuda/lists.hpp>
 #include <rye/nn/cuda/encoding.hpp>
 #include <rye/rig/cuda/influence.hpp>
@@ -84,25 +85,21 @@ class DeviceFaceStream {
             if (&host_->seen() != &host_->position) put(anchor_, host_->anchor);
     }
 
-    /// Takes the networks' weights and the frame's codes.
+    /// Takes the networks' weights and the frame's codes, and makes what follows from the
+    /// parameters and not from a frame: codes of points, features, influences, lists.
     template <class Of>
     void set(const CudaQueue& queue, const Of& of, const float* codes) {
-        for_face_fields<E>([&](auto by) {
-            const float* const code = codes + codes_.of(by);
-            by.color(color_)->set(queue, device_parameters(by.color(host_->networks), of), code);
-            by.deform(deform_)->set(queue, device_parameters(by.deform(host_->networks), of), code);
-            if constexpr (by.attributes)
-                by.attribute(attribute_)
-                    ->set(queue, device_parameters(by.attribute(*host_), of), code);
+        branches_.run(queue, kinds + 1, [&](std::size_t k, const CudaQueue& q) {
+            if (k == kinds) return place_into(q, of);
+            for_fields_of(k, [&](auto by, auto& field, const Mlp<float, A>& host) {
+                field.set(q, device_parameters(host, of), codes + codes_.of(by));
+            });
         });
     }
     /// The frame's codes have changed, and nothing else.
     void set_frame(const CudaQueue& queue) {
-        for_face_fields<E>([&](auto by) {
-            by.color(color_)->set_frame(queue);
-            by.deform(deform_)->set_frame(queue);
-            if constexpr (by.attributes) by.attribute(attribute_)->set_frame(queue);
-        });
+        for (std::size_t k = 0; k < kinds; ++k)
+            for_fields_of(k, [&](auto, auto& field, const auto&) { field.set_frame(queue); });
     }
 
     /// What follows from the parameters and not from a frame: codes, features, influences, lists.
@@ -179,25 +176,25 @@ class DeviceFaceStream {
     void drive_into(const CudaQueue& queue, const Of& of, const DeviceFaceFrame& frame,
                     const DeviceGaussians<float>& to, bool keep) {
         const Index n = count();
-        if constexpr (face_rests<E>)
-            launch_each(device_, queue, to.feature.size(),
-                        CopyNumbers{of(host_->rest_color).data, to.feature.data});
-        else
-            device_.fill(queue, to.feature.data, 0, bytes_of(to.feature.size()));
-        launch_each(device_, queue, 3 * n, CopyNumbers{of(host_->position).data, to.mean.data});
-        for_face_fields<E>([&](auto by) {
-            by.color(color_)->add_into(queue, features(), set_of(by), to.feature, keep);
-        });
-        for_face_fields<E>([&](auto by) {
-            by.deform(deform_)->add_into(queue, codes(), set_of(by), to.mean, keep);
-        });
-        if constexpr (has_effect<E, ReadsFaceRamp>) {
-            steps_.reserve(queue, numbers(8));
-            device_.fill(queue, steps_.data(), 0, bytes_of(8 * n));
-        }
-        for_attribute_fields<E>([&](auto by) {
-            by.attribute(attribute_)
-                ->add_into(queue, features(), set_of(by), {steps_.data(), 8, n}, keep);
+        if constexpr (has_effect<E, ReadsFaceRamp>) steps_.reserve(queue, numbers(8));
+        branches_.run(queue, kinds, [&](std::size_t k, const CudaQueue& q) {
+            DeviceColumns<float> sum = to.mean;
+            if (k == of_colours) {
+                sum = to.feature;
+                if constexpr (face_rests<E>)
+                    launch_each(device_, q, sum.size(),
+                                CopyNumbers{of(host_->rest_color).data, sum.data});
+                else
+                    device_.fill(q, sum.data, 0, bytes_of(sum.size()));
+            } else if (k == of_places) {
+                launch_each(device_, q, 3 * n, CopyNumbers{of(host_->position).data, sum.data});
+            } else if constexpr (has_effect<E, ReadsFaceRamp>) {
+                sum = {steps_.data(), 8, n};
+                device_.fill(q, sum.data, 0, bytes_of(sum.size()));
+            }
+            for_fields_of(k, [&](auto by, auto& field, const auto&) {
+                field.add_into(q, k == of_places ? codes() : features(), set_of(by), sum, keep);
+            });
         });
         launch_each(device_, queue, n,
                     FinishFacePoint<E>{arrays_at(of), steps_.data(), to, frame.state});
@@ -236,6 +233,19 @@ class DeviceFaceStream {
     }
 
   private:
+    /// Kinds of fields: each adds to a sum of its own.
+    static constexpr std::size_t of_colours = 0, of_places = 1, of_attributes = 2, kinds = 3;
+    /// f(driver, field, the host's network) for all fields of a kind.
+    template <class F>
+    void for_fields_of(std::size_t kind, const F& f) {
+        for_face_fields<E>([&](auto by) {
+            if (kind == of_colours) f(by, *by.color(color_), by.color(host_->networks));
+            if (kind == of_places) f(by, *by.deform(deform_), by.deform(host_->networks));
+            if constexpr (by.attributes)
+                if (kind == of_attributes) f(by, *by.attribute(attribute_), by.attribute(*host_));
+        });
+    }
+
     static constexpr int place(ExpressionField) { return 0; }
     static constexpr int place(PoseField) { return has_effect<E, Expression> ? 1 : 0; }
     template <std::size_t eye>
@@ -358,6 +368,7 @@ class DeviceFaceStream {
     }
 
     Device device_;
+    DeviceBranches<Device> branches_;
     AvatarConfig config_;
     const FaceStream<float, E>* host_;
     CodePlaces<E> codes_;

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include <rye/avatar/cuda/two_stream.hpp>
+#include <rye/backend/cuda/branches.hpp>
 #include <rye/backend/cuda/graphs.hpp>
 #include <rye/nn/cuda/upsampler.hpp>
 #include <rye/splat/cuda/rasterizer.hpp>
@@ -225,16 +226,23 @@ class DeviceAvatarTrainer {
             queue, 1,
             BeginStepKernel{rows_.data(), rows, places_, state_.data(), numbers, avatar_.drivers(),
                             static_cast<int>(avatar_.driver_places().size)});
-        const DeviceStepPictures& truth = views_.into(queue, &numbers->view);
+        const DeviceStepPictures* truth = nullptr;
         const DeviceStepImages p = images_.of(queue, views_, channels_, d.eyes_high);
-        end_part(queue, "pictures");
-        avatar_.drive_into(queue);
+        end_part(queue, "draw");
+        branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
+            if (k == 0) {
+                avatar_.drive_into(q);
+                return;
+            }
+            truth = &views_.into(q, &numbers->view);
+            upsampler_.set(q, device_upsampler(avatar_.parameters(), host.upsampler));
+            gradient_.clear(q);
+        });
         end_part(queue, "drive");
         const Renders r = renders(queue, d, p, numbers->blank);
         draw(queue, d, r);
         end_part(queue, "renders");
 
-        upsampler_.set(queue, device_upsampler(avatar_.parameters(), host.upsampler));
         if (d.scaled)
             resize_into(
                 device_, queue,
@@ -243,7 +251,7 @@ class DeviceAvatarTrainer {
         if (d.eyes_high) upsampler_.forward_into(queue, p.eyes, p.eyes_high, trace_[1]);
         end_part(queue, "super-resolution");
 
-        compare(queue, d, p, truth);
+        compare(queue, d, p, *truth);
         end_part(queue, "losses");
         back(queue, d, p, r);
         step_end(queue);
@@ -288,12 +296,12 @@ class DeviceAvatarTrainer {
                  {eyes, g_eyes, white_.data(), p.eyes, p.g_eyes, p.alpha[2]}}};
     }
     void draw(const CudaQueue& queue, const StepDraw& d, const Renders& r) {
-        for (std::size_t k = 0; k < step_renders; ++k) {
+        branches_.run(queue, step_renders, [&](std::size_t k, const CudaQueue& q) {
             const Render& own = r.of[k];
-            rasterizer_.forward_into(queue, own.shown, views_.camera(d.view), own.background,
+            rasterizer_.forward_into(q, own.shown, views_.camera(d.view), own.background,
                                      {own.feature.pixels, {own.alpha, 1, own.feature.pixels.cols}},
                                      *frame_[k]);
-        }
+        });
     }
     /// Values and cotangents of all terms.
     void compare(const CudaQueue& queue, const StepDraw& d, const DeviceStepImages& p,
@@ -316,7 +324,6 @@ class DeviceAvatarTrainer {
             queue, images,
             {p.final.pixels, p.face.pixels, p.eyes.pixels, p.alpha[2], p.high, p.eyes_high},
             {p.g_final.pixels, p.g_face.pixels, p.g_eyes.pixels, p.g_high, p.g_eyes_high});
-        gradient_.clear(queue);
         if (weights_.eye_smooth > 0)
             losses_.add_eye_smooth(
                 smoothness_.into(queue, avatar_, weights_.eye_smooth, gradient_));
@@ -343,11 +350,11 @@ class DeviceAvatarTrainer {
             add(p.g_eyes);
         }
         end_part(queue, "super-resolution, back");
-        for (std::size_t k = 0; k < step_renders; ++k) {
+        branches_.run(queue, step_renders, [&](std::size_t k, const CudaQueue& q) {
             const Render& own = r.of[k];
-            rasterizer_.vjp_into(queue, own.shown, views_.camera(d.view), own.background,
+            rasterizer_.vjp_into(q, own.shown, views_.camera(d.view), own.background,
                                  {own.g_feature.pixels}, own.gradient, *frame_[k]);
-        }
+        });
         launch_each(device_, queue, avatar_.face_count() + avatar_.eye_count(),
                     JoinGradients{r.of[0].gradient, r.of[1].gradient, r.of[2].gradient,
                                   avatar_.face_count(), weights_.eyes_from_eye_terms});
@@ -377,6 +384,7 @@ class DeviceAvatarTrainer {
     }
 
     Device device_;
+    DeviceBranches<Device> branches_;
     AvatarLossConfig weights_;
     DeviceTwoStream<E, Device, typename Policy::Networks> avatar_;
     typename DeviceTwoStream<E, Device, typename Policy::Networks>::Parameters gradient_;
