@@ -26,6 +26,7 @@ double up(double x, double multiple) { return std::ceil(x / multiple) * multiple
 struct Network {
     MlpShape shape;
     double points;
+    bool displaces = false; ///< those that do are differentiated beside the others
 
     double parameters() const {
         double sum = 0;
@@ -43,14 +44,14 @@ std::vector<Network> networks_of(const AvatarConfig& c, const DeviceSizes& sizes
     const auto [of_exp, of_pose, left, right] = sizes.listed;
     std::vector<Network> all{
         {mlp_shape(c.feature + c.expression, c.expression, n.exp_color, c.channels), of_exp},
-        {mlp_shape(xyz + c.expression, c.expression, n.exp_deform, 3), of_exp},
+        {mlp_shape(xyz + c.expression, c.expression, n.exp_deform, 3), of_exp, true},
         {mlp_shape(c.feature + c.expression, c.expression, n.exp_attributes, 8), of_exp},
         {mlp_shape(c.feature + pose, pose, n.pose_color, c.channels), of_pose},
-        {mlp_shape(xyz + pose, pose, n.pose_deform, 3), of_pose},
+        {mlp_shape(xyz + pose, pose, n.pose_deform, 3), of_pose, true},
         {mlp_shape(c.feature + pose, pose, n.pose_attributes, 8), of_pose}};
     for (const double points : {left, right}) {
         all.push_back({mlp_shape(c.feature + gaze, gaze, n.gaze_color, c.channels), points});
-        all.push_back({mlp_shape(xyz + gaze, gaze, n.gaze_deform, 3), points});
+        all.push_back({mlp_shape(xyz + gaze, gaze, n.gaze_deform, 3), points, true});
     }
     all.push_back({mlp_shape(c.expression + pose, 0, n.eye_offset, 6), 0}); // of one column
     return all;
@@ -206,11 +207,11 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
 
     double parameters = s.face * (11 + a.feature) + s.eyes * (11 + a.channels) + 6 * s.frames +
                         upsampler.parameters();
-    // A point: code, feature, influences and their cotangents; nearest landmarks, lists, steps of
-    // attributes. The driven cloud and its cotangent, parts of the other renders.
-    double kept = number * s.face * (2 * (a.position_code() + a.feature + 4) + 3 + 4 + 16) +
+    // A point: code, feature, influences and their cotangents, the last ones twice; nearest
+    // landmarks, lists, steps of attributes. The driven cloud and its cotangent, parts of the other renders.
+    double kept = number * s.face * (2 * (a.position_code() + a.feature + 4) + 4 + 3 + 4 + 16) +
                   number * (points * (2 * (11 + a.channels) + 14 + 3) + s.eyes * (14 + a.channels));
-    double cotangents = 0, outputs = 0;
+    double cotangents[2] = {0, 0}, outputs[2] = {0, 0};
     for (const Network& n : networks) {
         parameters += n.parameters();
         kept += 2 * planes * half * n.parameters(); // weights as planes, for both directions
@@ -223,11 +224,14 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
             all += out;
             if (l + 1 < shape.layers()) kept += out;
         }
-        cotangents = std::max(cotangents, all);
-        outputs = std::max(outputs, number * shape.outputs() * n.points);
+        double& most = cotangents[n.displaces ? 1 : 0];
+        double& of_outputs = outputs[n.displaces ? 1 : 0];
+        most = std::max(most, all);
+        of_outputs = std::max(of_outputs, number * shape.outputs() * n.points);
     }
-    // Sums of the weights' gradients are of one network at a time.
-    kept += cotangents + outputs + number * MlpWeightCut::aim * MlpWeightCut::of_block;
+    // Sums of the weights' gradients are of two networks at a time.
+    for (int k = 0; k < 2; ++k)
+        kept += cotangents[k] + outputs[k] + number * MlpWeightCut::aim * MlpWeightCut::of_block;
 
     const double maps = (6.0 * a.channels + 9 + 6) * small + (12 + 5) * full;
     const double pyramid = 2 * 3 * full * (1.0 / 4 + 1.0 / 16);

@@ -52,7 +52,7 @@ class DeviceFaceStream {
                                                               Squash::none, 1.0F, scratch);
             by.deform(deform_) = std::make_unique<PositionField>(
                 device, by.deform(host.networks).shape, Squash::tanh,
-                static_cast<float>(config.deform_scale), scratch);
+                static_cast<float>(config.deform_scale), beside_scratch_);
             if constexpr (by.attributes)
                 by.attribute(attribute_) = std::make_unique<FeatureField>(
                     device, by.attribute(host).shape, Squash::none,
@@ -223,7 +223,7 @@ class DeviceFaceStream {
         std::size_t sum = lists_.bytes() + sums_.bytes() + code_.bytes() + feature_.bytes() +
                           lambda_.bytes() + nearest_.bytes() + steps_.bytes() + g_steps_.bytes() +
                           g_code_.bytes() + g_feature_.bytes() + g_lambda_.bytes() +
-                          anchor_.bytes();
+                          g_beside_.bytes() + beside_scratch_.bytes() + anchor_.bytes();
         for (const auto& l : landmarks_) sum += l.bytes();
         for_face_fields<E>([&](auto by) {
             sum += by.color(color_)->bytes() + by.deform(deform_)->bytes();
@@ -316,22 +316,28 @@ class DeviceFaceStream {
         const DeviceColumns<float> g_feature = zeroed(g_feature_, host_->feature.rows()),
                                    g_code = zeroed(g_code_, codes().rows);
         zeroed(g_lambda_, drivers);
-        for_face_fields<E>([&](auto by) {
-            by.color(color_)->vjp_into(queue, g.feature,
-                                       {device_parameters(by.color(host_->networks), to), g_feature,
-                                        row_of(g_lambda_, by), g_code_of(frame, by)});
+        // Displacements go beside the others, which share the features' cotangent, and have sums of
+        // their own of what both add to.
+        const Index lambdas = drivers * n;
+        g_beside_.reserve(queue, numbers(drivers) + static_cast<std::size_t>(codes_.size));
+        device_.fill(queue, g_beside_.data(), 0, bytes_of(lambdas + codes_.size));
+        DeviceFaceFrame beside = frame;
+        beside.g_codes = g_beside_.data() + lambdas;
+        branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
+            const auto pull = [&](std::size_t kind, const DeviceColumns<const float>& of_sum) {
+                for_fields_of(kind, [&](auto by, auto& field, const Mlp<float, A>& host) {
+                    field.vjp_into(q, of_sum,
+                                   {device_parameters(host, to), k == 1 ? g_code : g_feature,
+                                    row_of(k == 1 ? g_beside_ : g_lambda_, by),
+                                    g_code_of(k == 1 ? beside : frame, by)});
+                });
+            };
+            if (k == 1) return pull(of_places, g.mean);
+            pull(of_colours, g.feature);
+            pull(of_attributes, {g_steps_.data(), 8, n});
         });
-        for_face_fields<E>([&](auto by) {
-            by.deform(deform_)->vjp_into(queue, g.mean,
-                                         {device_parameters(by.deform(host_->networks), to), g_code,
-                                          row_of(g_lambda_, by), g_code_of(frame, by)});
-        });
-        for_attribute_fields<E>([&](auto by) {
-            by.attribute(attribute_)
-                ->vjp_into(queue, DeviceColumns<const float>{g_steps_.data(), 8, n},
-                           {device_parameters(by.attribute(*host_), to), g_feature,
-                            row_of(g_lambda_, by), g_code_of(frame, by)});
-        });
+        launch_each(device_, queue, lambdas, AddNumbers{g_beside_.data(), g_lambda_.data()});
+        launch_each(device_, queue, codes_.size, AddNumbers{beside.g_codes, frame.g_codes});
         if (anchor_.size() == 0) { // an anchor is fixed
             float* const position = to(host_->position).data;
             launch_each(
@@ -383,6 +389,8 @@ class DeviceFaceStream {
     DeviceBuffer<int> nearest_;
     DeviceBuffer<float> code_, feature_, lambda_, steps_;
     DeviceBuffer<float> g_code_, g_feature_, g_lambda_, g_steps_;
+    DeviceFieldScratch beside_scratch_; ///< of displacements
+    DeviceBuffer<float> g_beside_;      ///< what they add to influences and to codes
 };
 
 } // namespace rye
