@@ -74,8 +74,8 @@ struct Recorder {
         }
         check_cuda(cudaGraphDestroy(graph), "graph");
     }
-    /// Medians of the pieces' times, without the first launches, and of their sum.
-    std::vector<float> medians() {
+    /// Of the pieces and of all of them together, without the first launches.
+    std::vector<bench::Times> times() {
         std::vector<std::vector<float>> ms(pieces.size() + 1);
         for (std::size_t l = 0; l < launches.size(); ++l) {
             const Events& e = launches[l];
@@ -92,10 +92,10 @@ struct Recorder {
         for (const Events& e : launches)
             for (const cudaEvent_t own : e) check_cuda(cudaEventDestroy(own), "event");
         launches.clear();
-        std::vector<float> r;
+        std::vector<bench::Times> r;
         for (auto& m : ms) {
             std::sort(m.begin(), m.end());
-            r.push_back(m[m.size() / 2]);
+            r.push_back({m[m.size() / 2], m.front(), m.back()});
         }
         return r;
     }
@@ -281,20 +281,23 @@ struct PartWork {
     double flops = 0, bytes = 0;
 };
 
-void print_row(const StepSizes& s, const Piece& p, float ms, float step, const PartWork& work,
-               const Rates& rates) {
-    std::printf("  %-24s %8.3f %6.1f%% %9zu", p.name.c_str(), double(ms),
-                100 * double(ms) / double(step), p.launches);
+void print_row(const StepSizes& s, const Piece& p, const bench::Times& times, float step,
+               const PartWork& work, const Rates& rates) {
+    const float ms = times.median;
+    std::printf("  %-24s %8.3f [%.3f-%.3f] %6.1f%% %9zu", p.name.c_str(), double(ms),
+                double(times.least), double(times.most), 100 * double(ms) / double(step),
+                p.launches);
     const double flops = work.flops / double(ms) * 1e3, bytes = work.bytes / double(ms) * 1e3;
     if (flops > 0) std::printf(" %8.1f TFLOP/s %5.1f%%", flops * 1e-12, 100 * flops / rates.flops);
     if (bytes > 0) std::printf(" %8.2f TB/s    %5.1f%%", bytes * 1e-12, 100 * bytes / rates.bytes);
     std::printf("\n");
     char text[256];
-    std::snprintf(text, sizeof text,
-                  "%s  {\"name\": \"cuda_step/%s/%s\", \"ms\": %.5g, \"launches\": %zu, "
-                  "\"tflops\": %.5g, \"terabytes\": %.5g}",
-                  json.empty() ? "" : ",\n", s.name, p.name.c_str(), double(ms), p.launches,
-                  flops * 1e-12, bytes * 1e-12);
+    std::snprintf(
+        text, sizeof text,
+        "%s  {\"name\": \"cuda_step/%s/%s\", \"ms\": %.5g, \"least_ms\": %.5g, \"launches\": %zu, "
+        "\"tflops\": %.5g, \"terabytes\": %.5g}",
+        json.empty() ? "" : ",\n", s.name, p.name.c_str(), double(ms), double(times.least),
+        p.launches, flops * 1e-12, bytes * 1e-12);
     json += text;
 }
 
@@ -352,10 +355,10 @@ void table(const CudaQueue& queue, const StepSizes& s, const Rates& rates, bool 
     recorder.launches.clear();
     run(Cut::parts, 61);
     const std::vector<Piece> parts = recorder.pieces;
-    const std::vector<float> ms = recorder.medians();
+    const std::vector<bench::Times> ms = recorder.times();
     run(Cut::whole, 62);
     std::vector<Piece> whole = recorder.pieces;
-    std::vector<float> whole_ms{recorder.medians().front()};
+    std::vector<bench::Times> whole_ms{recorder.times().front()};
     whole.front().name = "one graph";
     if (s.weights.eye_high_every > 1) {
         draw.eyes_high = false;
@@ -363,7 +366,7 @@ void table(const CudaQueue& queue, const StepSizes& s, const Rates& rates, bool 
         recorder.launches.clear();
         run(Cut::whole, 63);
         whole.push_back(recorder.pieces.front());
-        whole_ms.push_back(recorder.medians().front());
+        whole_ms.push_back(recorder.times().front());
         whole.back().name = "... without the eyes' high";
         draw.eyes_high = true;
     }
@@ -384,17 +387,17 @@ void table(const CudaQueue& queue, const StepSizes& s, const Rates& rates, bool 
     work["one graph"].flops = 3 * (of_networks + of_images);
     std::printf(
         "%s: %lld points of the face, %lld of the eyes, %d x %d from %d x %d, %.3g million "
-        "parameters, %.0f MB\n  %-24s %8s %7s %9s\n",
+        "parameters, %.0f MB\n  %-24s %8s [least-most] %9s %9s\n",
         s.name, static_cast<long long>(s.subject.points),
         static_cast<long long>(2 * s.subject.of_an_eye), view.width, view.height, view.camera.width,
         view.camera.height, parameters * 1e-6, double(trainer.bytes()) / 1e6, "part", "ms", "share",
         "launches");
-    const float step = ms.back();
+    const float step = ms.back().median;
     for (std::size_t k = 0; k < parts.size(); ++k)
         print_row(s, parts[k], ms[k], step, work[parts[k].name], rates);
     std::size_t launches = 0;
     for (const Piece& p : parts) launches += p.launches;
-    print_row(s, {"all parts", launches, nullptr}, step, step, {}, rates);
+    print_row(s, {"all parts", launches, nullptr}, ms.back(), step, {}, rates);
     for (std::size_t k = 0; k < whole.size(); ++k)
         print_row(s, whole[k], whole_ms[k], step, work[whole[k].name], rates);
     if (kernels) {

@@ -69,15 +69,17 @@ struct UpsamplerLayers {
             sum += 9.0 * shape.layer_in(l) * shape.block_out(l / 2);
         return sum;
     }
-    /// What the vjp of one pass reads.
-    double trace() const {
+    /// What the vjp of one pass reads: results of layers, and their inputs as planes.
+    double trace(int planes) const {
         double sum = 0;
-        for (int l = 0; l < shape.layers(); ++l) sum += (pixels(l) + 2) * shape.block_out(l / 2);
+        for (int l = 0; l < shape.layers(); ++l)
+            sum += number * (pixels(l) + 2) * shape.block_out(l / 2) +
+                   planes * half * pixels(l) * up(shape.layer_in(l), 32);
         if (shape.skip)
-            for (int d = 0; d <= shape.doublings; ++d) sum += 3 * pixels(2 * d);
-        return number * sum;
+            for (int d = 0; d <= shape.doublings; ++d) sum += number * 3 * pixels(2 * d);
+        return sum;
     }
-    /// What the passes share: planes of two images, two cotangents, those of the skip, weights as
+    /// What the passes share: planes of a cotangent, two cotangents, those of the skip, weights as
     /// planes for both directions, partial gradients of weights.
     double shared(int planes, int width, int height) const {
         double most = 0, padded = 0, packed = 0, partial = 0;
@@ -85,14 +87,14 @@ struct UpsamplerLayers {
             const int in = shape.layer_in(l), out = shape.block_out(l / 2),
                       wide = std::max(in, out);
             most = std::max(most, wide * pixels(l));
-            padded = std::max(padded, up(wide, 16) * pixels(l));
+            padded = std::max(padded, up(wide, 32) * pixels(l));
             packed += 2 * 9 * up(in, 32) * up(out, 32);
             const ConvolutionSlices slices{
                 width << l / 2, height << l / 2, in, out, planes};
             partial = std::max(partial, static_cast<double>(slices.numbers()));
         }
         const double skip = shape.skip ? 2 * 3 * pixels(2 * shape.doublings) : 0;
-        return planes * half * (2 * padded + packed) + number * (2 * most + skip + partial);
+        return planes * half * (padded + packed) + number * (2 * most + skip + partial);
     }
 };
 
@@ -245,7 +247,7 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
           {"renders", frames_of(config, s, s.width / factor, s.height / factor) + number * maps,
            "gaussians.mouth_points or avatar.channels"},
           {"upsampler",
-           2 * upsampler.trace() + upsampler.shared(planes, s.width / factor, s.height / factor),
+           2 * upsampler.trace(planes) + upsampler.shared(planes, s.width / factor, s.height / factor),
            "gaussians.upsampler.capacity"},
           {"losses",
            s.lpips ? lpips_bytes(full, planes) + number * compared : number * (pyramid + compared),

@@ -23,25 +23,9 @@
 #include <rye/train/cuda/eye_smoothness.hpp>
 #include <rye/train/cuda/image_losses.hpp>
 #include <rye/train/cuda/step_images.hpp>
+#include <rye/train/cuda/trainer_policy.hpp>
 
 namespace rye {
-
-/// How a trainer computes: planes and widths of networks' products, numbers of channels that
-/// renders have kernels for, the rules of renders.
-template <class Networks_ = DeviceNetworks<1>, class Channels_ = KernelChannels<3, 32>,
-          DeviceAccuracy A = Balanced, int upsampler_planes_ = 1>
-struct DeviceTrainerPolicy {
-    using Networks = Networks_;
-    using Channels = Channels_;
-    using Accuracy = FeaturesOnly<A>;
-    static constexpr int upsampler_planes = upsampler_planes_;
-};
-
-/// A device that is told where parts of a step end on the stream, as train/probe.hpp has them.
-template <class D>
-concept ProbedDevice = requires(const D& device, const CudaQueue& queue, const char* part) {
-    device.probe(queue, part);
-};
 
 /// A host's avatar and its optimiser.
 template <EffectSet E>
@@ -72,6 +56,7 @@ class DeviceAvatarTrainer {
           losses_(device, weights_, perceptual),
           smoothness_(device),
           channels_(from.avatar.upsampler.shape.in_channels) {
+        upsampler_.keep_planes = true;
         for (auto& f : frame_) f = std::make_unique<DeviceFrame<Device>>(device);
         adam_.send(queue, from.adam);
         adam_.set_rates(queue, training.rates);
@@ -327,7 +312,6 @@ class DeviceAvatarTrainer {
         if (weights_.eye_smooth > 0)
             losses_.add_eye_smooth(
                 smoothness_.into(queue, avatar_, weights_.eye_smooth, gradient_));
-        losses_.report_into(queue);
     }
     /// Adds the gradient of everything to gradient_.
     void back(const CudaQueue& queue, const StepDraw& d, const DeviceStepImages& p,
@@ -350,7 +334,8 @@ class DeviceAvatarTrainer {
             add(p.g_eyes);
         }
         end_part(queue, "super-resolution, back");
-        branches_.run(queue, step_renders, [&](std::size_t k, const CudaQueue& q) {
+        branches_.run(queue, step_renders + 1, [&](std::size_t k, const CudaQueue& q) {
+            if (k == step_renders) return losses_.report_into(q); // of all terms
             const Render& own = r.of[k];
             rasterizer_.vjp_into(q, own.shown, views_.camera(d.view), own.background,
                                  {own.g_feature.pixels}, own.gradient, *frame_[k]);
