@@ -17,13 +17,14 @@
 
 #include <rye/avatar/cuda/drawer.hpp>
 
-#include "scenes.hpp"
+#include "subject.hpp"
 #include "timing.hpp"
 
 namespace {
 
 using namespace rye;
 using E = PaperEffects;
+using Subject = bench::DeviceSubject<E>;
 
 std::string json;
 
@@ -61,73 +62,6 @@ struct TimedDevice {
     }
     void fetch(const CudaQueue& q, void* to, const void* from, std::size_t bytes) const {
         device.fetch(q, to, from, bytes);
-    }
-};
-
-/// A face of points on a shell, with landmarks in front as many as a tracker gives.
-struct Subject {
-    AvatarConfig config;
-    LandmarkRoles roles;
-    TwoStream<float, E> avatar;
-    Drivers<float, E> drivers;
-
-    explicit Subject(Index points, Index of_an_eye) {
-        config.expression = 64;
-        const Random random(5);
-        const bench::DeviceScenery head = bench::head(points, config.channels);
-        const auto noise = [&](Index rows, Index cols, double size, std::uint64_t key) {
-            Columns<float> x(rows, cols);
-            const Random own = random.fork(key);
-            for (Index i = 0; i < x.size(); ++i)
-                x(i) =
-                    static_cast<float>(size * (2 * own.uniform(static_cast<std::uint64_t>(i)) - 1));
-            return x;
-        };
-        FaceStream<float, E>& f = avatar.face;
-        f.position = head.gaussians.mean;
-        f.rotation = head.gaussians.rotation;
-        f.log_scale = head.gaussians.scale.array().log();
-        f.opacity_logit = noise(1, points, 2, 1);
-        f.feature = noise(config.feature, points, 1, 2);
-        f.networks = FaceNetworks<float, E>::init(config, random.fork(3));
-        f.exp_attributes = Mlp<float>::init(
-            mlp_shape(config.feature, config.expression, config.networks.exp_attributes, 8),
-            random.fork(4));
-        f.pose_attributes = Mlp<float>::init(
-            mlp_shape(config.feature, config.pose_code(), config.networks.pose_attributes, 8),
-            random.fork(5));
-        // Landmarks on the front: 6 around each eye, the others over the face.
-        f.landmarks = noise(3, 66, 1, 6);
-        for (Index k = 0; k < 66; ++k) {
-            const bool eye = k >= 36 && k < 48;
-            float x = 0.6F * f.landmarks(0, k), y = 0.7F * f.landmarks(1, k);
-            if (eye) {
-                x = (k < 42 ? -0.3F : 0.3F) + 0.12F * f.landmarks(0, k);
-                y = 0.25F + 0.05F * f.landmarks(1, k);
-            }
-            f.landmarks.col(k) << x, y, 0.92F * std::sqrt(1 - std::min(0.9F, x * x + y * y));
-            (eye ? roles.eye[k < 42 ? 1U : 0U] : roles.expression).push_back(k);
-        }
-        EyeStream<float, E>& e = avatar.eyes;
-        const Index all = 2 * of_an_eye;
-        e.feature = noise(config.channels, all, 1, 7);
-        e.log_scale = noise(3, all, 0.3, 8).array() - 5.0F;
-        e.rotation = noise(4, all, 1, 9);
-        e.opacity_logit = noise(1, all, 2, 10);
-        e.offset = EyeOffsetNetwork<float>::init(config, random.fork(11));
-        e.position = noise(3, all, 1, 12).colwise().normalized() * 0.12F;
-        e.spacing = Columns<float>::Constant(1, all, 0.01F);
-        e.centre.resize(3, 2);
-        e.centre << 0.3F, -0.3F, 0.25F, 0.25F, 0.8F, 0.8F;
-        avatar.delta_pose = Columns<float>::Zero(6, 1);
-        UpsamplerShape shape;
-        shape.in_channels = config.channels;
-        shape.capacity = 32;
-        shape.doublings = 2;
-        avatar.upsampler = Upsampler<float>::init(shape, random.fork(14));
-        drivers.expression = noise(config.expression, 1, 0.5, 13);
-        drivers.pose << 0.1F, -0.1F, 0.05F, 0.02F, 0.0F, 0.01F;
-        drivers.gaze = {Vec3<float>(0.2F, 0.1F, 0.97F), Vec3<float>(0.15F, 0.1F, 0.98F)};
     }
 };
 
@@ -303,7 +237,9 @@ int main(int argc, char** argv) {
         check_cuda(cudaStreamCreate(&stream), "stream");
         StreamMemory memory;
         const CudaQueue queue{stream, memory};
-        const Subject subject(100000, 2048);
+        bench::DeviceSubjectSizes sizes;
+        sizes.config.expression = 64;
+        const Subject subject(sizes);
         rows<1>(queue, subject);
         rows<2>(queue, subject);
         rows<3>(queue, subject);

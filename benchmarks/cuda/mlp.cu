@@ -11,6 +11,7 @@
 
 #include "../../tests/cuda/mlp_arrays.hpp"
 #include "timing.hpp"
+#include "work.hpp"
 
 namespace {
 
@@ -19,16 +20,7 @@ using namespace rye::test;
 
 std::string json;
 
-using bench::Times, bench::graph_times;
-
-/// Multiply-adds of a point, forward.
-double products(const MlpShape& s) {
-    double sum = 0;
-    for (int l = 0; l < s.layers(); ++l)
-        sum +=
-            double(s.layer_out(l)) * (s.hidden_in(l) + (s.reads_input(l) ? s.point_inputs() : 0));
-    return sum;
-}
+using bench::Times, bench::graph_times, bench::products;
 
 template <class Tiles>
 void row(const char* name, const CudaQueue& queue, const MlpShape& s, Index n) {

@@ -19,6 +19,7 @@
 #include <rye/nn/cuda/upsampler.hpp>
 
 #include "timing.hpp"
+#include "work.hpp"
 
 namespace {
 
@@ -60,16 +61,6 @@ struct Numbers {
     DeviceColumns<float> view() const { return {buffer.data(), rows, cols}; }
 };
 
-/// Multiply-adds of all convolutions, twice, of a picture of w x h features.
-double flops_of(const UpsamplerShape& s, double w, double h) {
-    double sum = 0;
-    for (int l = 0; l < s.layers(); ++l) {
-        const double pixels = w * h * static_cast<double>(1 << l / 2 * 2);
-        sum += 2 * 9.0 * pixels * s.layer_in(l) * s.block_out(l / 2);
-    }
-    return sum;
-}
-
 template <int N>
 void upsampler_rows(const CudaQueue& queue, int side) {
     const CudaDevice device;
@@ -93,7 +84,7 @@ void upsampler_rows(const CudaQueue& queue, int side) {
         forward();
         network.vjp_into(queue, trace, g.view(), {device_upsampler(gradient, host), g_in.view()});
     };
-    const double flops = flops_of(s, side, side);
+    const double flops = 2 * bench::products(s, double(side) * side);
     const std::string name = "upsampler/" + std::to_string(side) + "-" + std::to_string(4 * side) +
                              "/planes:" + std::to_string(N);
     report(name + "/forward", graph_times(queue.stream, forward), flops);

@@ -26,6 +26,7 @@ double up(double x, double multiple) { return std::ceil(x / multiple) * multiple
 struct Network {
     MlpShape shape;
     double points;
+    bool displaces = false; ///< those that do are differentiated beside the others
 
     double parameters() const {
         double sum = 0;
@@ -43,14 +44,14 @@ std::vector<Network> networks_of(const AvatarConfig& c, const DeviceSizes& sizes
     const auto [of_exp, of_pose, left, right] = sizes.listed;
     std::vector<Network> all{
         {mlp_shape(c.feature + c.expression, c.expression, n.exp_color, c.channels), of_exp},
-        {mlp_shape(xyz + c.expression, c.expression, n.exp_deform, 3), of_exp},
+        {mlp_shape(xyz + c.expression, c.expression, n.exp_deform, 3), of_exp, true},
         {mlp_shape(c.feature + c.expression, c.expression, n.exp_attributes, 8), of_exp},
         {mlp_shape(c.feature + pose, pose, n.pose_color, c.channels), of_pose},
-        {mlp_shape(xyz + pose, pose, n.pose_deform, 3), of_pose},
+        {mlp_shape(xyz + pose, pose, n.pose_deform, 3), of_pose, true},
         {mlp_shape(c.feature + pose, pose, n.pose_attributes, 8), of_pose}};
     for (const double points : {left, right}) {
         all.push_back({mlp_shape(c.feature + gaze, gaze, n.gaze_color, c.channels), points});
-        all.push_back({mlp_shape(xyz + gaze, gaze, n.gaze_deform, 3), points});
+        all.push_back({mlp_shape(xyz + gaze, gaze, n.gaze_deform, 3), points, true});
     }
     all.push_back({mlp_shape(c.expression + pose, 0, n.eye_offset, 6), 0}); // of one column
     return all;
@@ -68,15 +69,17 @@ struct UpsamplerLayers {
             sum += 9.0 * shape.layer_in(l) * shape.block_out(l / 2);
         return sum;
     }
-    /// What the vjp of one pass reads.
-    double trace() const {
+    /// What the vjp of one pass reads: results of layers, and their inputs as planes.
+    double trace(int planes) const {
         double sum = 0;
-        for (int l = 0; l < shape.layers(); ++l) sum += (pixels(l) + 2) * shape.block_out(l / 2);
+        for (int l = 0; l < shape.layers(); ++l)
+            sum += number * (pixels(l) + 2) * shape.block_out(l / 2) +
+                   planes * half * pixels(l) * up(shape.layer_in(l), 32);
         if (shape.skip)
-            for (int d = 0; d <= shape.doublings; ++d) sum += 3 * pixels(2 * d);
-        return number * sum;
+            for (int d = 0; d <= shape.doublings; ++d) sum += number * 3 * pixels(2 * d);
+        return sum;
     }
-    /// What the passes share: planes of two images, two cotangents, those of the skip, weights as
+    /// What the passes share: planes of a cotangent, two cotangents, those of the skip, weights as
     /// planes for both directions, partial gradients of weights.
     double shared(int planes, int width, int height) const {
         double most = 0, padded = 0, packed = 0, partial = 0;
@@ -84,14 +87,14 @@ struct UpsamplerLayers {
             const int in = shape.layer_in(l), out = shape.block_out(l / 2),
                       wide = std::max(in, out);
             most = std::max(most, wide * pixels(l));
-            padded = std::max(padded, up(wide, 16) * pixels(l));
+            padded = std::max(padded, up(wide, 32) * pixels(l));
             packed += 2 * 9 * up(in, 32) * up(out, 32);
             const ConvolutionSlices slices{
                 width << l / 2, height << l / 2, in, out, planes};
             partial = std::max(partial, static_cast<double>(slices.numbers()));
         }
         const double skip = shape.skip ? 2 * 3 * pixels(2 * shape.doublings) : 0;
-        return planes * half * (2 * padded + packed) + number * (2 * most + skip + partial);
+        return planes * half * (padded + packed) + number * (2 * most + skip + partial);
     }
 };
 
@@ -206,11 +209,11 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
 
     double parameters = s.face * (11 + a.feature) + s.eyes * (11 + a.channels) + 6 * s.frames +
                         upsampler.parameters();
-    // A point: code, feature, influences and their cotangents; nearest landmarks, lists, steps of
-    // attributes. The driven cloud and its cotangent, parts of the other renders.
-    double kept = number * s.face * (2 * (a.position_code() + a.feature + 4) + 3 + 4 + 16) +
+    // A point: code, feature, influences and their cotangents, the last ones twice; nearest
+    // landmarks, lists, steps of attributes. The driven cloud and its cotangent, parts of the other renders.
+    double kept = number * s.face * (2 * (a.position_code() + a.feature + 4) + 4 + 3 + 4 + 16) +
                   number * (points * (2 * (11 + a.channels) + 14 + 3) + s.eyes * (14 + a.channels));
-    double cotangents = 0, outputs = 0;
+    double cotangents[2] = {0, 0}, outputs[2] = {0, 0};
     for (const Network& n : networks) {
         parameters += n.parameters();
         kept += 2 * planes * half * n.parameters(); // weights as planes, for both directions
@@ -223,11 +226,14 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
             all += out;
             if (l + 1 < shape.layers()) kept += out;
         }
-        cotangents = std::max(cotangents, all);
-        outputs = std::max(outputs, number * shape.outputs() * n.points);
+        double& most = cotangents[n.displaces ? 1 : 0];
+        double& of_outputs = outputs[n.displaces ? 1 : 0];
+        most = std::max(most, all);
+        of_outputs = std::max(of_outputs, number * shape.outputs() * n.points);
     }
-    // Sums of the weights' gradients are of one network at a time.
-    kept += cotangents + outputs + number * MlpWeightCut::aim * MlpWeightCut::of_block;
+    // Sums of the weights' gradients are of two networks at a time.
+    for (int k = 0; k < 2; ++k)
+        kept += cotangents[k] + outputs[k] + number * MlpWeightCut::aim * MlpWeightCut::of_block;
 
     const double maps = (6.0 * a.channels + 9 + 6) * small + (12 + 5) * full;
     const double pyramid = 2 * 3 * full * (1.0 / 4 + 1.0 / 16);
@@ -241,7 +247,7 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
           {"renders", frames_of(config, s, s.width / factor, s.height / factor) + number * maps,
            "gaussians.mouth_points or avatar.channels"},
           {"upsampler",
-           2 * upsampler.trace() + upsampler.shared(planes, s.width / factor, s.height / factor),
+           2 * upsampler.trace(planes) + upsampler.shared(planes, s.width / factor, s.height / factor),
            "gaussians.upsampler.capacity"},
           {"losses",
            s.lpips ? lpips_bytes(full, planes) + number * compared : number * (pyramid + compared),

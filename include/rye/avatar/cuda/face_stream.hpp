@@ -9,6 +9,7 @@
 #include <rye/avatar/cuda/face_points.hpp>
 #include <rye/avatar/cuda/field.hpp>
 #include <rye/avatar/two_stream.hpp>
+#include <rye/backend/cuda/branches.hpp>
 #include <rye/backend/cuda/lists.hpp>
 #include <rye/nn/cuda/encoding.hpp>
 #include <rye/rig/cuda/influence.hpp>
@@ -51,7 +52,7 @@ class DeviceFaceStream {
                                                               Squash::none, 1.0F, scratch);
             by.deform(deform_) = std::make_unique<PositionField>(
                 device, by.deform(host.networks).shape, Squash::tanh,
-                static_cast<float>(config.deform_scale), scratch);
+                static_cast<float>(config.deform_scale), beside_scratch_);
             if constexpr (by.attributes)
                 by.attribute(attribute_) = std::make_unique<FeatureField>(
                     device, by.attribute(host).shape, Squash::none,
@@ -84,25 +85,21 @@ class DeviceFaceStream {
             if (&host_->seen() != &host_->position) put(anchor_, host_->anchor);
     }
 
-    /// Takes the networks' weights and the frame's codes.
+    /// Takes the networks' weights and the frame's codes, and makes what follows from the
+    /// parameters and not from a frame: codes of points, features, influences, lists.
     template <class Of>
     void set(const CudaQueue& queue, const Of& of, const float* codes) {
-        for_face_fields<E>([&](auto by) {
-            const float* const code = codes + codes_.of(by);
-            by.color(color_)->set(queue, device_parameters(by.color(host_->networks), of), code);
-            by.deform(deform_)->set(queue, device_parameters(by.deform(host_->networks), of), code);
-            if constexpr (by.attributes)
-                by.attribute(attribute_)
-                    ->set(queue, device_parameters(by.attribute(*host_), of), code);
+        branches_.run(queue, kinds + 1, [&](std::size_t k, const CudaQueue& q) {
+            if (k == kinds) return place_into(q, of);
+            for_fields_of(k, [&](auto by, auto& field, const Mlp<float, A>& host) {
+                field.set(q, device_parameters(host, of), codes + codes_.of(by));
+            });
         });
     }
     /// The frame's codes have changed, and nothing else.
     void set_frame(const CudaQueue& queue) {
-        for_face_fields<E>([&](auto by) {
-            by.color(color_)->set_frame(queue);
-            by.deform(deform_)->set_frame(queue);
-            if constexpr (by.attributes) by.attribute(attribute_)->set_frame(queue);
-        });
+        for (std::size_t k = 0; k < kinds; ++k)
+            for_fields_of(k, [&](auto, auto& field, const auto&) { field.set_frame(queue); });
     }
 
     /// What follows from the parameters and not from a frame: codes, features, influences, lists.
@@ -179,25 +176,25 @@ class DeviceFaceStream {
     void drive_into(const CudaQueue& queue, const Of& of, const DeviceFaceFrame& frame,
                     const DeviceGaussians<float>& to, bool keep) {
         const Index n = count();
-        if constexpr (face_rests<E>)
-            launch_each(device_, queue, to.feature.size(),
-                        CopyNumbers{of(host_->rest_color).data, to.feature.data});
-        else
-            device_.fill(queue, to.feature.data, 0, bytes_of(to.feature.size()));
-        launch_each(device_, queue, 3 * n, CopyNumbers{of(host_->position).data, to.mean.data});
-        for_face_fields<E>([&](auto by) {
-            by.color(color_)->add_into(queue, features(), set_of(by), to.feature, keep);
-        });
-        for_face_fields<E>([&](auto by) {
-            by.deform(deform_)->add_into(queue, codes(), set_of(by), to.mean, keep);
-        });
-        if constexpr (has_effect<E, ReadsFaceRamp>) {
-            steps_.reserve(queue, numbers(8));
-            device_.fill(queue, steps_.data(), 0, bytes_of(8 * n));
-        }
-        for_attribute_fields<E>([&](auto by) {
-            by.attribute(attribute_)
-                ->add_into(queue, features(), set_of(by), {steps_.data(), 8, n}, keep);
+        if constexpr (has_effect<E, ReadsFaceRamp>) steps_.reserve(queue, numbers(8));
+        branches_.run(queue, kinds, [&](std::size_t k, const CudaQueue& q) {
+            DeviceColumns<float> sum = to.mean;
+            if (k == of_colours) {
+                sum = to.feature;
+                if constexpr (face_rests<E>)
+                    launch_each(device_, q, sum.size(),
+                                CopyNumbers{of(host_->rest_color).data, sum.data});
+                else
+                    device_.fill(q, sum.data, 0, bytes_of(sum.size()));
+            } else if (k == of_places) {
+                launch_each(device_, q, 3 * n, CopyNumbers{of(host_->position).data, sum.data});
+            } else if constexpr (has_effect<E, ReadsFaceRamp>) {
+                sum = {steps_.data(), 8, n};
+                device_.fill(q, sum.data, 0, bytes_of(sum.size()));
+            }
+            for_fields_of(k, [&](auto by, auto& field, const auto&) {
+                field.add_into(q, k == of_places ? codes() : features(), set_of(by), sum, keep);
+            });
         });
         launch_each(device_, queue, n,
                     FinishFacePoint<E>{arrays_at(of), steps_.data(), to, frame.state});
@@ -226,7 +223,7 @@ class DeviceFaceStream {
         std::size_t sum = lists_.bytes() + sums_.bytes() + code_.bytes() + feature_.bytes() +
                           lambda_.bytes() + nearest_.bytes() + steps_.bytes() + g_steps_.bytes() +
                           g_code_.bytes() + g_feature_.bytes() + g_lambda_.bytes() +
-                          anchor_.bytes();
+                          g_beside_.bytes() + beside_scratch_.bytes() + anchor_.bytes();
         for (const auto& l : landmarks_) sum += l.bytes();
         for_face_fields<E>([&](auto by) {
             sum += by.color(color_)->bytes() + by.deform(deform_)->bytes();
@@ -236,6 +233,19 @@ class DeviceFaceStream {
     }
 
   private:
+    /// Kinds of fields: each adds to a sum of its own.
+    static constexpr std::size_t of_colours = 0, of_places = 1, of_attributes = 2, kinds = 3;
+    /// f(driver, field, the host's network) for all fields of a kind.
+    template <class F>
+    void for_fields_of(std::size_t kind, const F& f) {
+        for_face_fields<E>([&](auto by) {
+            if (kind == of_colours) f(by, *by.color(color_), by.color(host_->networks));
+            if (kind == of_places) f(by, *by.deform(deform_), by.deform(host_->networks));
+            if constexpr (by.attributes)
+                if (kind == of_attributes) f(by, *by.attribute(attribute_), by.attribute(*host_));
+        });
+    }
+
     static constexpr int place(ExpressionField) { return 0; }
     static constexpr int place(PoseField) { return has_effect<E, Expression> ? 1 : 0; }
     template <std::size_t eye>
@@ -306,22 +316,28 @@ class DeviceFaceStream {
         const DeviceColumns<float> g_feature = zeroed(g_feature_, host_->feature.rows()),
                                    g_code = zeroed(g_code_, codes().rows);
         zeroed(g_lambda_, drivers);
-        for_face_fields<E>([&](auto by) {
-            by.color(color_)->vjp_into(queue, g.feature,
-                                       {device_parameters(by.color(host_->networks), to), g_feature,
-                                        row_of(g_lambda_, by), g_code_of(frame, by)});
+        // Displacements go beside the others, which share the features' cotangent, and have sums of
+        // their own of what both add to.
+        const Index lambdas = drivers * n;
+        g_beside_.reserve(queue, numbers(drivers) + static_cast<std::size_t>(codes_.size));
+        device_.fill(queue, g_beside_.data(), 0, bytes_of(lambdas + codes_.size));
+        DeviceFaceFrame beside = frame;
+        beside.g_codes = g_beside_.data() + lambdas;
+        branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
+            const auto pull = [&](std::size_t kind, const DeviceColumns<const float>& of_sum) {
+                for_fields_of(kind, [&](auto by, auto& field, const Mlp<float, A>& host) {
+                    field.vjp_into(q, of_sum,
+                                   {device_parameters(host, to), k == 1 ? g_code : g_feature,
+                                    row_of(k == 1 ? g_beside_ : g_lambda_, by),
+                                    g_code_of(k == 1 ? beside : frame, by)});
+                });
+            };
+            if (k == 1) return pull(of_places, g.mean);
+            pull(of_colours, g.feature);
+            pull(of_attributes, {g_steps_.data(), 8, n});
         });
-        for_face_fields<E>([&](auto by) {
-            by.deform(deform_)->vjp_into(queue, g.mean,
-                                         {device_parameters(by.deform(host_->networks), to), g_code,
-                                          row_of(g_lambda_, by), g_code_of(frame, by)});
-        });
-        for_attribute_fields<E>([&](auto by) {
-            by.attribute(attribute_)
-                ->vjp_into(queue, DeviceColumns<const float>{g_steps_.data(), 8, n},
-                           {device_parameters(by.attribute(*host_), to), g_feature,
-                            row_of(g_lambda_, by), g_code_of(frame, by)});
-        });
+        launch_each(device_, queue, lambdas, AddNumbers{g_beside_.data(), g_lambda_.data()});
+        launch_each(device_, queue, codes_.size, AddNumbers{beside.g_codes, frame.g_codes});
         if (anchor_.size() == 0) { // an anchor is fixed
             float* const position = to(host_->position).data;
             launch_each(
@@ -358,6 +374,7 @@ class DeviceFaceStream {
     }
 
     Device device_;
+    DeviceBranches<Device> branches_;
     AvatarConfig config_;
     const FaceStream<float, E>* host_;
     CodePlaces<E> codes_;
@@ -372,6 +389,8 @@ class DeviceFaceStream {
     DeviceBuffer<int> nearest_;
     DeviceBuffer<float> code_, feature_, lambda_, steps_;
     DeviceBuffer<float> g_code_, g_feature_, g_lambda_, g_steps_;
+    DeviceFieldScratch beside_scratch_; ///< of displacements
+    DeviceBuffer<float> g_beside_;      ///< what they add to influences and to codes
 };
 
 } // namespace rye

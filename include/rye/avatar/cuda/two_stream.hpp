@@ -127,9 +127,12 @@ class DeviceTwoStream {
     void drive_into(const CudaQueue& queue, bool keep = true) {
         const auto of = at(parameters_);
         code(queue);
-        face_.set(queue, of, codes_numbers_.data());
-        eyes_.set(queue, of, codes_numbers_.data(), state_.data());
-        face_.place_into(queue, of);
+        branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
+            if (k == 0)
+                face_.set(q, of, codes_numbers_.data());
+            else
+                eyes_.set(q, of, codes_numbers_.data(), state_.data());
+        });
         drive_streams(queue, of, keep);
     }
     /// The same with the parameters of the last drive_into: only what the drivers change is redone.
@@ -259,14 +262,19 @@ class DeviceTwoStream {
     }
     template <class Of>
     void drive_streams(const CudaQueue& queue, const Of& of, bool keep) {
-        face_.drive_into(queue, of, {codes_numbers_.data(), nullptr, state_.data()},
-                         face_gaussians(), keep);
-        eyes_.drive_into(queue, of, state_.data(), eye_gaussians(), keep);
+        branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
+            if (k == 0)
+                face_.drive_into(q, of, {codes_numbers_.data(), nullptr, state_.data()},
+                                 face_gaussians(), keep);
+            else
+                eyes_.drive_into(q, of, state_.data(), eye_gaussians(), keep);
+        });
         if constexpr (has_effect<E, HeadShading>)
             shading_->shade_into(queue, of, state_.data(), cloud().feature);
     }
 
     Device device_;
+    DeviceBranches<Device> branches_;
     AvatarConfig config_;
     Host host_; ///< its shapes, and the addresses that arrays are found by
     ResidentLayout<Host> layout_;

@@ -349,6 +349,7 @@ __global__ void __launch_bounds__(Kernel::threads, Kernel::blocks)
 /// The device that is current for the calling thread.
 struct CudaDevice {
     using Graph = CudaGraph;
+    using Branch = CudaBranch;
 
     template <class Kernel>
     void launch(const CudaQueue& queue, Index blocks, const Kernel& kernel) const {

@@ -7,6 +7,7 @@
 
 #include <cuda_runtime.h>
 
+#include <memory>
 #include <utility>
 
 #include <rye/backend/cuda.hpp>
@@ -62,6 +63,48 @@ class CudaGraph {
 
   private:
     cudaGraphExec_t exec_ = nullptr;
+};
+
+/// A stream beside another one, for work that may run meanwhile. Its memory is the other's, and is
+/// asked for and given back on the other's stream.
+class CudaBranch {
+  public:
+    CudaBranch() {
+        check_cuda(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking), "branch");
+        check_cuda(cudaEventCreateWithFlags(&event_, cudaEventDisableTiming), "branch");
+    }
+    CudaBranch(const CudaBranch&) = delete;
+    CudaBranch& operator=(const CudaBranch&) = delete;
+    ~CudaBranch() {
+        cudaEventDestroy(event_);
+        cudaStreamDestroy(stream_);
+    }
+
+    /// The branch's queue, for work that follows what is on `from`.
+    CudaQueue begin(const CudaQueue& from) {
+        from_ = std::make_unique<CudaQueue>(from);
+        follow(stream_, from.stream);
+        return {stream_, *this};
+    }
+    /// What is put on `to` from now on follows the branch's work.
+    void end(const CudaQueue& to) const { follow(to.stream, stream_); }
+
+    void* allocate(std::size_t bytes, CudaStream) const {
+        void* const p = from_->memory.allocate(bytes, from_->stream);
+        follow(stream_, from_->stream);
+        return p;
+    }
+    void release(void* p, CudaStream) const { from_->memory.release(p, from_->stream); }
+
+  private:
+    void follow(CudaStream later, CudaStream earlier) const {
+        check_cuda(cudaEventRecord(event_, earlier), "branch");
+        check_cuda(cudaStreamWaitEvent(later, event_, 0), "branch");
+    }
+
+    cudaStream_t stream_ = nullptr;
+    cudaEvent_t event_ = nullptr;
+    std::unique_ptr<CudaQueue> from_;
 };
 
 /// CUDA's own pool of memory, in the order of the stream.

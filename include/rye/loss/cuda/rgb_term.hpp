@@ -49,7 +49,7 @@ struct ColourTarget {
 static_assert(RgbTargetSource<PictureTarget<float>> && RgbTargetSource<ColourTarget<float>>);
 
 /// Pixels of a block's partial sum.
-inline constexpr Index rgb_chunk = 1024;
+inline constexpr Index rgb_chunk = 256;
 /// Partial sums of a picture.
 inline Index rgb_chunks(Index pixels) { return (pixels + rgb_chunk - 1) / rgb_chunk; }
 

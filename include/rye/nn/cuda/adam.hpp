@@ -136,13 +136,25 @@ struct AdamStepKernel {
         if (f.rate == 0) return;
         const AdamFormula<float> formula(config);
         block.each_thread([&](int t) {
-            for (int k = t; k < r.count; k += threads) {
-                const Index i = r.begin + k;
-                const float g = gradient[i], mean = formula.mean(m[i], g),
-                            square = formula.square(v[i], g);
-                m[i] = mean;
-                v[i] = square;
-                parameter[i] = formula.moved(parameter[i], mean, square, f.size, f.root);
+            // A few at a time: their loads are under way together.
+            constexpr int at_once = 4;
+            for (int k = t; k < r.count; k += at_once * threads) {
+                float g[at_once] = {}, mean[at_once] = {}, square[at_once] = {}, x[at_once] = {};
+                const auto each = [&](const auto& own) {
+                    expanded<at_once>([&](auto e) {
+                        if (k + e * threads < r.count) own(e, r.begin + k + e * threads);
+                    });
+                };
+                each([&](auto e, Index i) {
+                    g[e] = gradient[i], mean[e] = m[i], square[e] = v[i], x[e] = parameter[i];
+                });
+                each([&](auto e, Index i) {
+                    mean[e] = formula.mean(mean[e], g[e]);
+                    square[e] = formula.square(square[e], g[e]);
+                    m[i] = mean[e];
+                    v[i] = square[e];
+                    parameter[i] = formula.moved(x[e], mean[e], square[e], f.size, f.root);
+                });
             }
         });
     }

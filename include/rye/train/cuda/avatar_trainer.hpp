@@ -15,6 +15,7 @@
 #include <vector>
 
 #include <rye/avatar/cuda/two_stream.hpp>
+#include <rye/backend/cuda/branches.hpp>
 #include <rye/backend/cuda/graphs.hpp>
 #include <rye/nn/cuda/upsampler.hpp>
 #include <rye/splat/cuda/rasterizer.hpp>
@@ -22,19 +23,9 @@
 #include <rye/train/cuda/eye_smoothness.hpp>
 #include <rye/train/cuda/image_losses.hpp>
 #include <rye/train/cuda/step_images.hpp>
+#include <rye/train/cuda/trainer_policy.hpp>
 
 namespace rye {
-
-/// How a trainer computes: planes and widths of networks' products, numbers of channels that
-/// renders have kernels for, the rules of renders.
-template <class Networks_ = DeviceNetworks<1>, class Channels_ = KernelChannels<3, 32>,
-          DeviceAccuracy A = Balanced, int upsampler_planes_ = 1>
-struct DeviceTrainerPolicy {
-    using Networks = Networks_;
-    using Channels = Channels_;
-    using Accuracy = FeaturesOnly<A>;
-    static constexpr int upsampler_planes = upsampler_planes_;
-};
 
 /// A host's avatar and its optimiser.
 template <EffectSet E>
@@ -65,6 +56,7 @@ class DeviceAvatarTrainer {
           losses_(device, weights_, perceptual),
           smoothness_(device),
           channels_(from.avatar.upsampler.shape.in_channels) {
+        upsampler_.keep_planes = true;
         for (auto& f : frame_) f = std::make_unique<DeviceFrame<Device>>(device);
         adam_.send(queue, from.adam);
         adam_.set_rates(queue, training.rates);
@@ -219,23 +211,39 @@ class DeviceAvatarTrainer {
             queue, 1,
             BeginStepKernel{rows_.data(), rows, places_, state_.data(), numbers, avatar_.drivers(),
                             static_cast<int>(avatar_.driver_places().size)});
-        const DeviceStepPictures& truth = views_.into(queue, &numbers->view);
+        const DeviceStepPictures* truth = nullptr;
         const DeviceStepImages p = images_.of(queue, views_, channels_, d.eyes_high);
-        avatar_.drive_into(queue);
+        end_part(queue, "draw");
+        branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
+            if (k == 0) {
+                avatar_.drive_into(q);
+                return;
+            }
+            truth = &views_.into(q, &numbers->view);
+            upsampler_.set(q, device_upsampler(avatar_.parameters(), host.upsampler));
+            gradient_.clear(q);
+        });
+        end_part(queue, "drive");
         const Renders r = renders(queue, d, p, numbers->blank);
         draw(queue, d, r);
+        end_part(queue, "renders");
 
-        upsampler_.set(queue, device_upsampler(avatar_.parameters(), host.upsampler));
         if (d.scaled)
             resize_into(
                 device_, queue,
                 ResizeKernel<float>{p.final.pixels, &numbers->scale, 1, p.scaled.pixels.data});
         upsampler_.forward_into(queue, d.scaled ? p.scaled : p.final, p.high, trace_[0]);
         if (d.eyes_high) upsampler_.forward_into(queue, p.eyes, p.eyes_high, trace_[1]);
+        end_part(queue, "super-resolution");
 
-        compare(queue, d, p, truth);
+        compare(queue, d, p, *truth);
+        end_part(queue, "losses");
         back(queue, d, p, r);
         step_end(queue);
+        end_part(queue, "optimiser");
+    }
+    void end_part(const CudaQueue& queue, const char* name) const {
+        if constexpr (ProbedDevice<Device>) device_.probe(queue, name);
     }
 
     /// A render: what it shows, on what, by which camera, into what, and where gradients go.
@@ -273,12 +281,12 @@ class DeviceAvatarTrainer {
                  {eyes, g_eyes, white_.data(), p.eyes, p.g_eyes, p.alpha[2]}}};
     }
     void draw(const CudaQueue& queue, const StepDraw& d, const Renders& r) {
-        for (std::size_t k = 0; k < step_renders; ++k) {
+        branches_.run(queue, step_renders, [&](std::size_t k, const CudaQueue& q) {
             const Render& own = r.of[k];
-            rasterizer_.forward_into(queue, own.shown, views_.camera(d.view), own.background,
+            rasterizer_.forward_into(q, own.shown, views_.camera(d.view), own.background,
                                      {own.feature.pixels, {own.alpha, 1, own.feature.pixels.cols}},
                                      *frame_[k]);
-        }
+        });
     }
     /// Values and cotangents of all terms.
     void compare(const CudaQueue& queue, const StepDraw& d, const DeviceStepImages& p,
@@ -301,11 +309,9 @@ class DeviceAvatarTrainer {
             queue, images,
             {p.final.pixels, p.face.pixels, p.eyes.pixels, p.alpha[2], p.high, p.eyes_high},
             {p.g_final.pixels, p.g_face.pixels, p.g_eyes.pixels, p.g_high, p.g_eyes_high});
-        gradient_.clear(queue);
         if (weights_.eye_smooth > 0)
             losses_.add_eye_smooth(
                 smoothness_.into(queue, avatar_, weights_.eye_smooth, gradient_));
-        losses_.report_into(queue);
     }
     /// Adds the gradient of everything to gradient_.
     void back(const CudaQueue& queue, const StepDraw& d, const DeviceStepImages& p,
@@ -327,11 +333,13 @@ class DeviceAvatarTrainer {
             upsampler_.vjp_into(queue, trace_[1], p.g_eyes_high.pixels, {to, p.g_feature.pixels});
             add(p.g_eyes);
         }
-        for (std::size_t k = 0; k < step_renders; ++k) {
+        end_part(queue, "super-resolution, back");
+        branches_.run(queue, step_renders + 1, [&](std::size_t k, const CudaQueue& q) {
+            if (k == step_renders) return losses_.report_into(q); // of all terms
             const Render& own = r.of[k];
-            rasterizer_.vjp_into(queue, own.shown, views_.camera(d.view), own.background,
+            rasterizer_.vjp_into(q, own.shown, views_.camera(d.view), own.background,
                                  {own.g_feature.pixels}, own.gradient, *frame_[k]);
-        }
+        });
         launch_each(device_, queue, avatar_.face_count() + avatar_.eye_count(),
                     JoinGradients{r.of[0].gradient, r.of[1].gradient, r.of[2].gradient,
                                   avatar_.face_count(), weights_.eyes_from_eye_terms});
@@ -339,7 +347,9 @@ class DeviceAvatarTrainer {
             smoothness_.add_into(queue, columns_from(avatar_.g_cloud(queue),
                                                      {avatar_.face_count(), avatar_.eye_count()})
                                             .feature);
+        end_part(queue, "renders, back");
         avatar_.vjp_into(queue, gradient_);
+        end_part(queue, "drive, back");
     }
     /// The optimiser, bounds, counts.
     void step_end(const CudaQueue& queue) {
@@ -359,6 +369,7 @@ class DeviceAvatarTrainer {
     }
 
     Device device_;
+    DeviceBranches<Device> branches_;
     AvatarLossConfig weights_;
     DeviceTwoStream<E, Device, typename Policy::Networks> avatar_;
     typename DeviceTwoStream<E, Device, typename Policy::Networks>::Parameters gradient_;

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include <rye/backend/cuda/branches.hpp>
 #include <rye/loss/cuda/dssim.hpp>
 #include <rye/loss/cuda/pyramid.hpp>
 #include <rye/loss/cuda/rgb_term.hpp>
@@ -124,21 +125,12 @@ class DeviceImageLosses {
     void into(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
               const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
         check(images, p, g);
-        clear(queue, g.high.pixels), clear(queue, g.eyes_high.pixels);
-        clear(queue, g.final), clear(queue, g.face), clear(queue, g.eyes);
-        const DeviceAvatarImages<P> seen = images.scale != nullptr ? moved(queue, images) : images;
         terms_.assign(terms, DeviceLossTerm{});
-        terms_[0] =
-            high_.into(queue, p.high.pixels, PictureTarget<P>{seen.truth.pixels.data, seen.visible},
-                       {weights.high_resolution}, g.high.pixels);
-        terms_[1] = low_.into(
-            queue, p.final, PictureTarget<P>{images.truth_small.pixels.data, images.visible_small},
-            {weights.low_resolution}, g.final);
-        terms_[2] = perceptual_->into(queue, p.high, seen.truth, weights.perceptual, g.high);
-        if (weights.dssim > 0)
-            terms_[3] = dssim_.into(queue, p.high, seen.truth, weights.dssim, g.high);
-        eye_terms(queue, images, p, g);
-        face_terms(queue, images, p, g);
+        branches_.run(queue, 3, [&](std::size_t k, const CudaQueue& q) {
+            if (k == 0) picture_terms(q, images, p, g);
+            if (k == 1) render_terms(q, images, p, g);
+            if (k == 2) eyes_high_term(q, images, p, g);
+        });
     }
     /// A term that is not of images, such as the smoothness of the eyes' colours; between into()
     /// and report_into().
@@ -168,14 +160,39 @@ class DeviceImageLosses {
                                                  "dssim",           "eye_low",        "eye_high",
                                                  "blank",           "face_alone",     "eye_smooth"};
 
+    /// Of the final picture.
     template <class P>
-    void eye_terms(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
-                   const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
+    void picture_terms(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
+                       const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
+        clear(queue, g.high.pixels);
+        const DeviceAvatarImages<P> seen = images.scale != nullptr ? moved(queue, images) : images;
+        terms_[0] =
+            high_.into(queue, p.high.pixels, PictureTarget<P>{seen.truth.pixels.data, seen.visible},
+                       {weights.high_resolution}, g.high.pixels);
+        terms_[2] = perceptual_->into(queue, p.high, seen.truth, weights.perceptual, g.high);
+        if (weights.dssim > 0)
+            terms_[3] = dssim_.into(queue, p.high, seen.truth, weights.dssim, g.high);
+    }
+    /// Of the three renders.
+    template <class P>
+    void render_terms(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
+                      const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
+        clear(queue, g.final), clear(queue, g.face), clear(queue, g.eyes);
+        terms_[1] = low_.into(
+            queue, p.final, PictureTarget<P>{images.truth_small.pixels.data, images.visible_small},
+            {weights.low_resolution}, g.final);
         const PictureTarget<P> small{images.truth_small.pixels.data, images.eyes_small};
-        const PictureTarget<P> full{images.truth.pixels.data, images.eyes};
         small_ = gain(queue, small_gain_, small, p.eyes.cols);
         terms_[4] = eye_low_.into(queue, p.eyes, small, {weights.eye_low, small_}, g.eyes);
+        face_terms(queue, images, p, g);
+    }
+    /// Of the eyes' picture, if it is there.
+    template <class P>
+    void eyes_high_term(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
+                        const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
+        clear(queue, g.eyes_high.pixels);
         if (!images.eyes_high) return;
+        const PictureTarget<P> full{images.truth.pixels.data, images.eyes};
         const double* const whole = gain(queue, full_gain_, full, p.eyes_high.pixels.cols);
         terms_[5] =
             eye_high_.into(queue, p.eyes_high.pixels, full,
@@ -259,6 +276,7 @@ class DeviceImageLosses {
     }
 
     Device device_;
+    DeviceBranches<Device> branches_;
     Perceptual* perceptual_;
     DeviceDssim<Device> dssim_;
     DeviceRgbTerm<Device> high_, low_, eye_low_, eye_high_, blank_, alone_;

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/backend/cuda/branches.hpp: work that may run at once on a device, where each piece alone
+/// would leave most of it idle. In a captured graph these are branches.
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <vector>
+
+#include <rye/backend/cuda.hpp>
+
+namespace rye {
+
+/// A device that has streams beside a queue's.
+template <class D>
+concept DeviceWithBranches = requires {
+    typename D::Branch;
+};
+
+/// Streams beside a queue's. What they were used for must not outlive them, as memory that was
+/// asked for there goes back through them.
+template <class Device>
+class DeviceBranches {
+  public:
+    /// f(k, queue) for k in [0, count) puts work on a queue of its own, of which no piece reads or
+    /// writes what another one writes. All of it follows what was put on `queue` before, and comes
+    /// before what is put there afterwards. Where a device has one stream the last comes first,
+    /// which finds a piece that needs an earlier one.
+    template <class F>
+    void run(const CudaQueue& queue, std::size_t count, const F& f) {
+        if constexpr (DeviceWithBranches<Device>) {
+            while (branch_.size() + 1 < count)
+                branch_.push_back(std::make_unique<typename Device::Branch>());
+            std::vector<CudaQueue> queues{queue};
+            for (std::size_t k = 1; k < count; ++k) queues.push_back(branch_[k - 1]->begin(queue));
+            for (std::size_t k = 0; k < count; ++k) f(k, queues[k]);
+            for (std::size_t k = 1; k < count; ++k) branch_[k - 1]->end(queue);
+        } else {
+            for (std::size_t k = count; k-- > 0;) f(k, queue);
+        }
+    }
+
+  private:
+    struct None {};
+    template <class D>
+    struct BranchOf {
+        using type = None;
+    };
+    template <DeviceWithBranches D>
+    struct BranchOf<D> {
+        using type = typename D::Branch;
+    };
+
+    std::vector<std::unique_ptr<typename BranchOf<Device>::type>> branch_;
+};
+
+} // namespace rye
