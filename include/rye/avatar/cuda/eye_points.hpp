@@ -173,16 +173,27 @@ struct EyePointVjp {
     }
 };
 
-/// What the eyes' sums are for: cotangents of the offset network's outputs, and kappa's gradient.
+/// What the eyes' sums are for: cotangents of the offset network's outputs.
 template <EffectSet E>
-struct EyeFrameVjpKernel {
-    static constexpr const char* name = "eyes' transforms, reverse";
-    static constexpr int threads = 64, blocks = 1;
-    struct Shared {};
-    DeviceFrameNumbers frame;
+struct EyeOffsetVjp {
+    static constexpr const char* name = "eyes' offset, reverse";
     const float* sums; ///< of each eye, EyeSums::room apart
     DeviceEyeOffset offset;
     float* g_offset; ///< 6, of the network's outputs, overwritten
+
+    RYE_DEVICE void operator()(Index i) const {
+        const float* const own = sums + i / 3 * EyeSums<E, 0>::room;
+        const int at = (i < 3 ? EyeSums<E, 0>::centre_at : EyeSums<E, 1>::centre_at);
+        g_offset[i] = offset.scale * own[at + i % 3] * tanh_slope(offset.squashed[i]);
+    }
+};
+
+/// ... and kappa's gradient, eye i.
+template <EffectSet E>
+struct KappaVjp {
+    static constexpr const char* name = "kappa, reverse";
+    DeviceFrameNumbers frame;
+    const float* sums; ///< of each eye, EyeSums::room apart
     CodePlaces<E> places;
     const float* g_codes; ///< of the gaze codes
     int gaze_frequencies;
@@ -190,18 +201,11 @@ struct EyeFrameVjpKernel {
     /// Of the optical axes as parts of the eyes read them, 3 x 2.
     [[no_unique_address]] PresentIf<axes_are_trained<E>, NoTrainedAxes, const float*> g_axis = {};
 
-    template <class Block>
-    RYE_DEVICE void operator()(Block& block, Shared&) const {
-        block.each_thread([&](int t) {
-            if constexpr (has_effect<E, EyeOffset>)
-                if (t < 6) {
-                    const float* const own = sums + t / 3 * EyeSums<E, 0>::room;
-                    const int at = (t < 3 ? EyeSums<E, 0>::centre_at : EyeSums<E, 1>::centre_at);
-                    g_offset[t] = offset.scale * own[at + t % 3] * tanh_slope(offset.squashed[t]);
-                }
-            if (t == 32) kappa_of_eye<0>();
-            if (t == 33) kappa_of_eye<1>();
-        });
+    RYE_DEVICE void operator()(Index i) const {
+        if (i == 0)
+            kappa_of_eye<0>();
+        else
+            kappa_of_eye<1>();
     }
 
   private:

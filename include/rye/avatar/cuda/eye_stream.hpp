@@ -14,10 +14,9 @@
 
 namespace rye {
 
-/// World cotangents of the eyes' Gaussians, which the vjp consumes, and the codes' cotangents.
+/// World cotangents of the eyes' Gaussians, which the vjp consumes.
 struct DeviceEyeCotangent {
     DeviceGaussians<float> world, g;
-    float* g_codes;          ///< the pose's added to; the gazes' read
     float* g_pose = nullptr; ///< of the pose as the eyes' features read it, 6, added to, or null
 };
 
@@ -29,8 +28,8 @@ class DeviceEyeStream {
     using Appearance = DeviceEyeAppearance<EyeAppearanceOf<E>, Device, Networks>;
 
   public:
-    /// Throws an Error for networks that do not fit their kernels. Networks of the features share
-    /// `scratch` with others that run before or after them.
+    /// Throws an Error for networks that do not fit their kernels. Networks of the features have
+    /// `scratch` among them.
     DeviceEyeStream(const Device& device, const AvatarConfig& config,
                     const EyeStream<float, E>& host, DeviceMlpScratch& scratch)
         : device_(device),
@@ -106,10 +105,11 @@ class DeviceEyeStream {
         appearance_.features_into(queue, of, frame_, to.feature, keep);
     }
 
-    /// Adds the gradients of the last drive_into to arrays that `to` gives.
+    /// Adds the gradients of the last drive_into to arrays that `to` gives, but for what
+    /// codes_vjp_into adds.
     template <class Of, class To>
-    void vjp_into(const CudaQueue& queue, const Of& of, const To& to,
-                  const DeviceFrameNumbers& frame, const DeviceEyeCotangent& cotangent) {
+    void vjp_into(const CudaQueue& queue, const Of& of, const To& to, const DeviceFrameState* frame,
+                  const DeviceEyeCotangent& cotangent) {
         DeviceEyeFrame parts = frame_;
         parts.g_pose = cotangent.g_pose;
         if constexpr (axes_are_trained<E>) {
@@ -117,30 +117,31 @@ class DeviceEyeStream {
             device_.fill(queue, g_axis_.data(), 0, g_axis_.bytes());
         }
         appearance_.vjp_into(queue, of, to, parts, cotangent.g.feature);
-        points_vjp<0>(queue, {arrays_at(of), arrays_at(to)}, frame.state, cotangent);
-        points_vjp<1>(queue, {arrays_at(of), arrays_at(to)}, frame.state, cotangent);
+        points_vjp<0>(queue, {arrays_at(of), arrays_at(to)}, frame, cotangent);
+        points_vjp<1>(queue, {arrays_at(of), arrays_at(to)}, frame, cotangent);
         if constexpr (own_turn<E>)
             mechanism_->vjp_into(queue, to, parts, {turn_sums<0>(), turn_sums<1>()});
-        if constexpr (has_effect<E, AnyOf<EyeOffset, Kappa>>) {
-            float* g_kappa = nullptr;
-            if constexpr (has_effect<E, Kappa>) g_kappa = to(host_->kappa).data;
-            EyeFrameVjpKernel<E> kernel{frame,
-                                        sums(0),
-                                        offset(),
-                                        g_offset(),
-                                        codes_,
-                                        cotangent.g_codes,
-                                        config_.gaze_frequencies,
-                                        g_kappa};
-            if constexpr (axes_are_trained<E>) kernel.g_axis = g_axis_.data();
-            device_.launch(queue, 1, kernel);
-        }
         if constexpr (has_effect<E, EyeOffset>) {
+            launch_each(device_, queue, 6, EyeOffsetVjp<E>{sums(0), offset(), g_offset()});
             offset_->vjp_into(queue, g_offset(), device_parameters(host_->offset.mlp, to),
                               g_input());
+        }
+    }
+    /// What reads and adds to the cotangents of the codes, after the face: the offset network's
+    /// cotangent of the pose's code, kappa's gradient.
+    template <class To>
+    void codes_vjp_into(const CudaQueue& queue, const To& to, const DeviceFrameNumbers& frame,
+                        float* g_codes) {
+        if constexpr (has_effect<E, Kappa>) {
+            KappaVjp<E> kappa{
+                frame, sums(0), codes_, g_codes, config_.gaze_frequencies, to(host_->kappa).data};
+            if constexpr (axes_are_trained<E>) kappa.g_axis = g_axis_.data();
+            launch_each(device_, queue, 2, kappa);
+        }
+        if constexpr (has_effect<E, EyeOffset>) {
             const Index before = codes_.pose - codes_.expression;
             launch_each(device_, queue, offset_->shape().inputs() - before,
-                        AddNumbers{g_input() + before, cotangent.g_codes + codes_.pose});
+                        AddNumbers{g_input() + before, g_codes + codes_.pose});
         }
     }
     /// Sums over an eye's points, the head's first (EyeSums).

@@ -72,7 +72,7 @@ class DeviceTwoStream {
           drivers_(of.config),
           codes_(of.config),
           face_(device, config_, host_.face, scratch_),
-          eyes_(device, config_, host_.eyes, scratch_.mlp) {
+          eyes_(device, config_, host_.eyes, eye_scratch_) {
         parameters_.send(queue, host_);
         face_.set_fixed(queue, of.roles);
         eyes_.set_fixed(queue);
@@ -201,10 +201,15 @@ class DeviceTwoStream {
         }
         if constexpr (has_effect<E, HeadShading>)
             shading_->vjp_into(queue, of, to, {state_.data(), cloud().feature, g.feature, g_parts});
-        face_.vjp_into(queue, of, to, {codes_numbers_.data(), g_codes, state_.data()},
-                       {face_gaussians(), columns_from(g, {0, n}), sums_.data()});
-        eyes_.vjp_into(queue, of, to, numbers(),
-                       {eye_gaussians(), columns_from(g, {n, p}), g_codes, g_parts});
+        branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
+            if (k == 0)
+                face_.vjp_into(q, of, to, {codes_numbers_.data(), g_codes, state_.data()},
+                               {face_gaussians(), columns_from(g, {0, n}), sums_.data()});
+            else
+                eyes_.vjp_into(q, of, to, state_.data(),
+                               {eye_gaussians(), columns_from(g, {n, p}), g_parts});
+        });
+        eyes_.codes_vjp_into(queue, to, numbers(), g_codes);
         if constexpr (has_effect<E, ReadsHeadPose>)
             device_.launch(queue, 1,
                            FramePoseKernel<E>{drivers_,
@@ -228,7 +233,7 @@ class DeviceTwoStream {
         std::size_t shading = 0;
         if constexpr (has_effect<E, HeadShading>) shading = shading_->bytes();
         return shading + parameters_.bytes() + face_.bytes() + eyes_.bytes() + scratch_.bytes() +
-               cloud_.bytes() + g_cloud_.bytes() + driver_numbers_.bytes() +
+               eye_scratch_.bytes() + cloud_.bytes() + g_cloud_.bytes() + driver_numbers_.bytes() +
                codes_numbers_.bytes() + state_.bytes() + sums_.bytes();
     }
 
@@ -277,6 +282,7 @@ class DeviceTwoStream {
     DriverPlaces<E> drivers_;
     CodePlaces<E> codes_;
     DeviceFieldScratch scratch_;
+    DeviceMlpScratch eye_scratch_;
     DeviceFaceStream<E, Device, Networks> face_;
     DeviceEyeStream<E, Device, Networks> eyes_;
     [[no_unique_address]] Slot<E, HeadShading, std::unique_ptr<DeviceHeadShading<Device>>> shading_;
