@@ -210,7 +210,8 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
     double parameters = s.face * (11 + a.feature) + s.eyes * (11 + a.channels) + 6 * s.frames +
                         upsampler.parameters();
     // A point: code, feature, influences and their cotangents, the last ones twice; nearest
-    // landmarks, lists, steps of attributes. The driven cloud and its cotangent, parts of the other renders.
+    // landmarks, lists, steps of attributes. The driven cloud and its cotangent, parts of the other
+    // renders.
     double kept = number * s.face * (2 * (a.position_code() + a.feature + 4) + 4 + 3 + 4 + 16) +
                   number * (points * (2 * (11 + a.channels) + 14 + 3) + s.eyes * (14 + a.channels));
     double cotangents[2] = {0, 0}, outputs[2] = {0, 0};
@@ -231,9 +232,15 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
         most = std::max(most, all);
         of_outputs = std::max(of_outputs, number * shape.outputs() * n.points);
     }
-    // Sums of the weights' gradients are of two networks at a time.
-    for (int k = 0; k < 2; ++k)
-        kept += cotangents[k] + outputs[k] + number * MlpWeightCut::aim * MlpWeightCut::of_block;
+    // Sums of the weights' gradients are of two networks at a time, and of one that makes features
+    // of eyes.
+    constexpr double of_sums = number * MlpWeightCut::aim * MlpWeightCut::of_block;
+    for (int k = 0; k < 2; ++k) kept += cotangents[k] + outputs[k] + of_sums;
+    using Mechanism = GazeMechanismName;
+    const Mechanism m = config.gaze_mechanism;
+    if (m == Mechanism::feature_rotation || m == Mechanism::condition ||
+        m == Mechanism::latent_rotation || config.eye_appearance == EyeAppearanceName::driven)
+        kept += of_sums;
 
     const double maps = (6.0 * a.channels + 9 + 6) * small + (12 + 5) * full;
     const double pyramid = 2 * 3 * full * (1.0 / 4 + 1.0 / 16);
@@ -247,7 +254,8 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
           {"renders", frames_of(config, s, s.width / factor, s.height / factor) + number * maps,
            "gaussians.mouth_points or avatar.channels"},
           {"upsampler",
-           2 * upsampler.trace(planes) + upsampler.shared(planes, s.width / factor, s.height / factor),
+           2 * upsampler.trace(planes) +
+               upsampler.shared(planes, s.width / factor, s.height / factor),
            "gaussians.upsampler.capacity"},
           {"losses",
            s.lpips ? lpips_bytes(full, planes) + number * compared : number * (pyramid + compared),

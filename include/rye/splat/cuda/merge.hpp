@@ -70,11 +70,23 @@ struct MergeKernel {
                          std::uint32_t count) const {
         const auto* const touched = reinterpret_cast<const std::uint32_t*>(memory.touched) + from;
         auto flags = block.template of_threads<Array<std::uint32_t, 4>>();
+        auto slots =
+            block.template of_threads<Array<std::uint32_t, 4 * std::size_t(tile_strips)>>();
         block.each_thread([&](int t) {
             std::uint32_t n = 0;
             expanded<4>([&](auto e) {
                 const std::uint32_t place = 4 * static_cast<std::uint32_t>(t) + e;
                 flags[t][e] = place < count ? touched[place] : 0U;
+            });
+            // All under way together, and while the block counts.
+            expanded<4>([&](auto e) {
+                const std::uint32_t place = 4 * static_cast<std::uint32_t>(t) + e;
+                expanded<tile_strips>([&](auto s) {
+                    slots[t][tile_strips * e + s] =
+                        (flags[t][e] >> (8 * s) & 1U) != 0
+                            ? memory.slot[(from + place) * tile_strips + s]
+                            : 0U;
+                });
             });
             expanded<4>(
                 [&](auto e) { n += static_cast<std::uint32_t>(Block::bits_set(flags[t][e])); });
@@ -88,7 +100,7 @@ struct MergeKernel {
                 shared.before[place] = at;
                 expanded<tile_strips>([&](auto s) {
                     if ((flags[t][e] >> (8 * s) & 1U) != 0)
-                        shared.slot[at++] = memory.slot[(from + place) * tile_strips + s];
+                        shared.slot[at++] = slots[t][tile_strips * e + s];
                 });
             });
             if (t == 0) shared.before[chunk] = total;
