@@ -94,7 +94,10 @@ class CudaBranch {
         follow(stream_, from_->stream);
         return p;
     }
-    void release(void* p, CudaStream) const { from_->memory.release(p, from_->stream); }
+    void release(void* p, CudaStream) const {
+        follow(from_->stream, stream_);  // which may read it still
+        from_->memory.release(p, from_->stream);
+    }
 
   private:
     void follow(CudaStream later, CudaStream earlier) const {
