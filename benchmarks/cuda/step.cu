@@ -252,7 +252,7 @@ TrainingView view_of(const StepSizes& s) {
     return v;
 }
 
-/// Products of two numbers of the face's networks, forward.
+/// Products of two numbers of the networks over points, forward.
 template <EffectSet E>
 double network_products(const bench::DeviceSubject<E>& s) {
     const FaceStream<float, E>& f = s.avatar.face;
@@ -268,6 +268,10 @@ double network_products(const bench::DeviceSubject<E>& s) {
         add(by.deform(f.networks).shape, by.influence(w));
     });
     for_attribute_fields<E>([&](auto by) { add(by.attribute(f).shape, by.influence(w)); });
+    if constexpr (std::same_as<EyeAppearanceOf<E>, DrivenFeatures>)
+        for (Index eye = 0; eye < 2; ++eye)
+            sum += bench::products(s.avatar.eyes.networks[std::size_t(eye)].shape) *
+                   static_cast<double>(s.avatar.eyes.points_of(eye));
     return sum;
 }
 
@@ -429,9 +433,9 @@ int main(int argc, char** argv) {
         check_cuda(cudaStreamCreate(&stream), "stream");
         StreamMemory arena;
         const CudaQueue queue{stream, arena};
-        using Shaded = More<PaperEffects, HeadShading>;
-        table<Shaded>(queue, cpu(), rates, kernels);
-        table<Shaded>(queue, gpu(), rates, kernels);
+        using Lit = More<PaperEffects, HeadShading, EyesBy<DrivenFeatures>>;
+        table<Lit>(queue, cpu(), rates, kernels);
+        table<Lit>(queue, gpu(), rates, kernels);
         table<PaperEffects>(queue, paper(), rates, kernels);
     } catch (const std::exception& e) {
         std::printf("failed: %s\n", e.what());

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include <rye/avatar/two_stream.hpp>
+#include <rye/rig/driven_features.hpp>
 
 #include "scenes.hpp"
 
@@ -69,6 +70,10 @@ struct DeviceSubject {
         EyeStream<float, E>& e = avatar.eyes;
         const Index all = 2 * sizes.of_an_eye;
         e.feature = noise(config.channels, all, 1, 7);
+        if constexpr (std::same_as<EyeAppearanceOf<E>, DrivenFeatures>)
+            e.networks = init_eye_appearance<DrivenFeatures, float>(
+                             appearance_sizes<E>(config, all), random.fork(15))
+                             .networks;
         e.log_scale = noise(3, all, 0.3, 8).array() - 5.0F;
         e.rotation = noise(4, all, 1, 9);
         e.opacity_logit = noise(1, all, 2, 10);
