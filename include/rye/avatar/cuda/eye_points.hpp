@@ -188,10 +188,12 @@ struct EyeOffsetVjp {
     }
 };
 
-/// ... and kappa's gradient, eye i.
+/// ... and kappa's gradient.
 template <EffectSet E>
-struct KappaVjp {
+struct KappaVjpKernel {
     static constexpr const char* name = "kappa, reverse";
+    static constexpr int threads = 32, blocks = 1;
+    struct Shared {};
     DeviceFrameNumbers frame;
     const float* sums; ///< of each eye, EyeSums::room apart
     CodePlaces<E> places;
@@ -201,11 +203,12 @@ struct KappaVjp {
     /// Of the optical axes as parts of the eyes read them, 3 x 2.
     [[no_unique_address]] PresentIf<axes_are_trained<E>, NoTrainedAxes, const float*> g_axis = {};
 
-    RYE_DEVICE void operator()(Index i) const {
-        if (i == 0)
-            kappa_of_eye<0>();
-        else
-            kappa_of_eye<1>();
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared&) const {
+        block.each_thread([&](int t) {
+            if (t == 0) kappa_of_eye<0>();
+            if (t == 1) kappa_of_eye<1>();
+        });
     }
 
   private:

@@ -133,10 +133,10 @@ class DeviceEyeStream {
     void codes_vjp_into(const CudaQueue& queue, const To& to, const DeviceFrameNumbers& frame,
                         float* g_codes) {
         if constexpr (has_effect<E, Kappa>) {
-            KappaVjp<E> kappa{
+            KappaVjpKernel<E> kappa{
                 frame, sums(0), codes_, g_codes, config_.gaze_frequencies, to(host_->kappa).data};
             if constexpr (axes_are_trained<E>) kappa.g_axis = g_axis_.data();
-            launch_each(device_, queue, 2, kappa);
+            device_.launch(queue, 1, kappa);
         }
         if constexpr (has_effect<E, EyeOffset>) {
             const Index before = codes_.pose - codes_.expression;
