@@ -130,8 +130,9 @@ class DeviceEyeStream {
     /// What reads and adds to the cotangents of the codes, after the face: the offset network's
     /// cotangent of the pose's code, kappa's gradient.
     template <class To>
-    void codes_vjp_into(const CudaQueue& queue, const To& to, const DeviceFrameNumbers& frame,
-                        float* g_codes) {
+    void codes_vjp_into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const To& to,
+                        [[maybe_unused]] const DeviceFrameNumbers& frame,
+                        [[maybe_unused]] float* g_codes) {
         if constexpr (has_effect<E, Kappa>) {
             KappaVjpKernel<E> kappa{
                 frame, sums(0), codes_, g_codes, config_.gaze_frequencies, to(host_->kappa).data};
