@@ -365,10 +365,12 @@ void take_device_sizes(TrainConfig& c) {
     c.mesh.image_size = 256;
     AvatarTrainConfig& g = c.gaussians;
     g.steps = 20000;
-    g.spacing = 0.006;
+    g.spacing = 0.0045;
+    g.weights.dssim = 0.5;
     g.checkpoint_every = 2000;
     g.panel_every = 2000;
     g.eyeball.points = 4000;
+    g.spacing_slope = 0.04;
     g.weights.eye_high_every = 1;
     g.upsampler.capacity = 16;
 }
