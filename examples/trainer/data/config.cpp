@@ -366,11 +366,11 @@ void take_device_sizes(TrainConfig& c) {
     AvatarTrainConfig& g = c.gaussians;
     g.steps = 20000;
     g.spacing = 0.0045;
+    g.spacing_slope = 0.04;
     g.weights.dssim = 0.5;
     g.checkpoint_every = 2000;
     g.panel_every = 2000;
     g.eyeball.points = 4000;
-    g.spacing_slope = 0.04;
     g.weights.eye_high_every = 1;
     g.upsampler.capacity = 16;
 }
@@ -393,7 +393,7 @@ void take_generalisation(TrainConfig& c) {
     g.mouth_points = 2000;
     g.spacing_slope = 0.06;
     g.weights.eye_low = g.weights.eye_high = 0.4;
-    g.weights.eye_smooth = 0.05;
+    g.weights.eye_smooth = 0.1;
     AvatarRates& rates = g.rates;
     rates.deform = 3e-5;
     rates.position = 1e-3;
