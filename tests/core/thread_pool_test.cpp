@@ -49,3 +49,25 @@ TEST_CASE("a pool throws the exception of the lowest task, and goes on working")
         CHECK(thrown == 4);
     }
 }
+
+TEST_CASE("bands: each task once, whoever takes them; all arrays' elements once, empty ones too") {
+    for (const Index n : {0, 1, 3, 7, 100}) {
+        detail::TaskBands bands(4);
+        bands.deal(n);
+        std::vector<int> ran(static_cast<std::size_t>(n), 0);
+        for (const int thread : {2, 0})
+            bands.take(thread, [&](Index i) { ++ran[static_cast<std::size_t>(i)]; });
+        for (const int times : ran) CHECK(times == 1);
+    }
+    std::vector<std::vector<int>> seen{std::vector<int>(10), {}, std::vector<int>(1),
+                                       std::vector<int>(8)};
+    std::vector<ArrayWork> arrays;
+    for (auto& of : seen)
+        arrays.push_back({static_cast<Index>(of.size()), [&of](Index b, Index e) {
+                              CHECK(e - b <= 4);
+                              for (Index i = b; i < e; ++i) ++of[static_cast<std::size_t>(i)];
+                          }});
+    for_chunks(Serial{}, arrays, 4);
+    for (const auto& of : seen)
+        for (const int times : of) CHECK(times == 1);
+}

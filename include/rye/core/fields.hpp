@@ -9,8 +9,10 @@
 
 #include <string>
 #include <utility>
+#include <vector>
 
 #include <rye/core/columns.hpp>
+#include <rye/core/parallel.hpp>
 
 namespace rye {
 
@@ -27,6 +29,19 @@ P zeros_like(const P& p) {
     P z = p;
     P::fields([](const std::string&, auto& a) { a.setZero(); }, z);
     return z;
+}
+
+/// Sets every array of p to zeros.
+template <Threads Th, class P>
+void set_zero(const Th& threads, P& p) {
+    std::vector<ArrayWork> arrays;
+    P::fields(
+        [&](const std::string&, auto& a) {
+            arrays.push_back(
+                {a.size(), [&a](Index b, Index e) { a.reshaped().segment(b, e - b).setZero(); }});
+        },
+        p);
+    for_chunks(threads, arrays, 16384);
 }
 
 /// dst += src, array by array.

@@ -7,8 +7,13 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <concepts>
+#include <cstddef>
+#include <cstdint>
 #include <exception>
+#include <functional>
+#include <memory>
 #include <type_traits>
 #include <vector>
 
@@ -63,6 +68,46 @@ class TaskErrors {
     std::vector<std::exception_ptr> errors_;
 };
 
+/// Tasks [0, n), a band of successive ones for each thread. A thread takes those of its own band,
+/// then what others have left: so it returns to the same part of the data call after call, where
+/// its cache still holds it, and two threads seldom write side by side.
+class TaskBands {
+  public:
+    explicit TaskBands(int threads)
+        : count_(threads),
+          bands_(std::make_unique<Band[]>(static_cast<std::size_t>(threads))) {}
+    /// Before any thread takes tasks.
+    void deal(Index n) {
+        for (int i = 0; i < count_; ++i) {
+            at(i).next.store(begin_of(i, n), std::memory_order_relaxed);
+            at(i).end = begin_of(i + 1, n);
+        }
+    }
+    /// Calls f of tasks until none is left.
+    template <class F>
+    void take(int thread, F&& f) {
+        for (int k = 0; k < count_; ++k) {
+            Band& band = at((thread + k) % count_);
+            const auto next = [&] { return band.next.fetch_add(1, std::memory_order_relaxed); };
+            if (band.next.load(std::memory_order_relaxed) >= band.end) continue;
+            for (Index i = next(); i < band.end; i = next()) f(i);
+        }
+    }
+
+  private:
+    struct alignas(64) Band {
+        std::atomic<Index> next{0};
+        Index end = 0;
+    };
+    Band& at(int i) { return bands_[static_cast<std::size_t>(i)]; }
+    Index begin_of(int i, Index n) const {
+        return static_cast<Index>(static_cast<std::int64_t>(n) * i / count_);
+    }
+
+    int count_;
+    std::unique_ptr<Band[]> bands_;
+};
+
 } // namespace detail
 
 #ifdef _OPENMP
@@ -76,8 +121,10 @@ struct OpenMp {
         if (n == 1) return f(0);
         detail::TaskErrors errors(n);
         const int threads = size();
-#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
-        for (Index i = 0; i < n; ++i) errors.guard(i, f);
+        detail::TaskBands bands(threads);
+        bands.deal(n);
+#pragma omp parallel num_threads(threads)
+        bands.take(omp_get_thread_num(), [&](Index i) { errors.guard(i, f); });
         errors.rethrow_first();
     }
     int size() const { return count > 0 ? count : omp_get_max_threads(); }
@@ -115,5 +162,28 @@ template <Threads P, class R, class F>
         for (const R& p : parts) total += p;
         return total;
     }
+
+/// Work on the elements of one of several arrays: run(begin, end) does a part of it.
+struct ArrayWork {
+    Index size;
+    std::function<void(Index, Index)> run;
+};
+
+/// Calls run for the fixed chunks of every array, all side by side, so that small arrays leave no
+/// thread idle.
+template <Threads P>
+void for_chunks(const P& threads, const std::vector<ArrayWork>& arrays, Index grain) {
+    struct Piece {
+        const ArrayWork* of;
+        Index begin;
+    };
+    std::vector<Piece> pieces;
+    for (const ArrayWork& a : arrays)
+        for (Index b = 0; b < a.size; b += grain) pieces.push_back({&a, b});
+    threads.run(static_cast<Index>(pieces.size()), [&](Index i) {
+        const Piece& p = pieces[static_cast<std::size_t>(i)];
+        p.of->run(p.begin, std::min(p.of->size, p.begin + grain));
+    });
+}
 
 } // namespace rye

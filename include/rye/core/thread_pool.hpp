@@ -40,7 +40,8 @@ class ThreadPool {
     /// `count` threads, the caller's included; 0: one for each processor.
     explicit ThreadPool(int count = 0) {
         const int n = count > 0 ? count : static_cast<int>(std::thread::hardware_concurrency());
-        for (int i = 1; i < n; ++i) workers_.emplace_back([this] { work(); });
+        bands_ = detail::TaskBands(n);
+        for (int i = 1; i < n; ++i) workers_.emplace_back([this, i] { work(i); });
     }
     ThreadPool(const ThreadPool&) = delete;
     ThreadPool& operator=(const ThreadPool&) = delete;
@@ -66,13 +67,11 @@ class ThreadPool {
         }
         detail::TaskErrors errors(n);
         const auto task = [&](Index i) { errors.guard(i, f); };
-        job_ = {n, &task, [](const void* t, Index k) {
-                    (*static_cast<const decltype(task)*>(t))(k);
-                }};
-        next_.store(0);
+        job_ = {&task, [](const void* t, Index k) { (*static_cast<const decltype(task)*>(t))(k); }};
+        bands_.deal(n);
         open_.store(true);
         wake(std::min(n - 1, static_cast<Index>(workers_.size())));
-        take_all();
+        take_all(0);
         open_.store(false);                  // no thread joins any more
         const auto left = [&] { return inside_.load() == 0; };
         if (!spin_until(left)) {
@@ -85,14 +84,12 @@ class ThreadPool {
 
   private:
     struct Job {
-        Index n;
         const void* task;
         void (*call)(const void*, Index);
     };
 
-    void take_all() {
-        for (Index i = next_.fetch_add(1); i < job_.n; i = next_.fetch_add(1))
-            job_.call(job_.task, i);
+    void take_all(int thread) {
+        bands_.take(thread, [&](Index i) { job_.call(job_.task, i); });
     }
 
     void wake(Index helpers) {
@@ -102,7 +99,13 @@ class ThreadPool {
             const std::lock_guard<std::mutex> lock(mutex_);
             asleep = asleep_;
         }
-        for (Index i = 0; i < helpers && i < asleep; ++i) wake_.notify_one();
+        to_wake_.store(static_cast<int>(std::min<Index>(helpers, asleep)));
+        wake_two();
+    }
+    /// Each thread that is woken wakes two more: the caller would wait for every one in turn.
+    void wake_two() {
+        for (int i = 0; i < 2 && to_wake_.load() > 0 && to_wake_.fetch_sub(1) > 0; ++i)
+            wake_.notify_one();
     }
 
     /// Whether ready() came true within about the time that waking a thread takes.
@@ -117,7 +120,7 @@ class ThreadPool {
 
     /// A worker is counted as inside before it looks whether the job is open, and the caller closes
     /// the job before it looks whether anyone is inside: so the job outlives every use of it.
-    void work() {
+    void work(int thread) {
         std::uint64_t seen = 0;
         for (;;) {
             const auto called = [&] { return generation_.load() != seen; };
@@ -126,11 +129,13 @@ class ThreadPool {
                 ++asleep_;
                 wake_.wait(lock, called);
                 --asleep_;
+                lock.unlock();
+                wake_two();
             }
             seen = generation_.load();
             if (ending_.load()) return;
             inside_.fetch_add(1);
-            if (open_.load()) take_all();
+            if (open_.load()) take_all(thread);
             if (inside_.fetch_sub(1) == 1 && !open_.load()) {
                 const std::lock_guard<std::mutex> lock(mutex_);
                 done_.notify_one();
@@ -142,8 +147,9 @@ class ThreadPool {
     std::mutex mutex_;
     std::condition_variable wake_, done_;
     int asleep_ = 0;                           ///< workers in wake_.wait; guarded by mutex_
+    std::atomic<int> to_wake_{0};              ///< of the workers that sleep
     Job job_{};                                ///< changed only while nobody is inside
-    std::atomic<Index> next_{0};               ///< task of the job
+    detail::TaskBands bands_{1};               ///< of the job's tasks
     std::atomic<bool> open_{false};            ///< whether workers may join
     std::atomic<int> inside_{0};               ///< workers that may touch the job
     std::atomic<std::uint64_t> generation_{0}; ///< of jobs
