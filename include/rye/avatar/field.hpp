@@ -82,28 +82,64 @@ void squash_vjp(const B& backend, Squash squash, const Columns<T>& y, Columns<T>
 }
 
 /// Points with an influence, ascending.
-template <class T>
-std::vector<Index> influenced(const Columns<T>& lambda) {
-    std::vector<Index> set(static_cast<std::size_t>(lambda.cols()));
-    std::size_t count = 0;
-    for (Index i = 0; i < lambda.cols(); ++i) {
-        set[count] = i; // kept if the next does not overwrite it
-        if (lambda(0, i) > T(0)) ++count;
+template <class T, Backend B>
+std::vector<Index> influenced(const B& backend, const Columns<T>& lambda) {
+    constexpr Index grain = 2048;
+    const Index n = lambda.cols();
+    std::vector<Index> set(static_cast<std::size_t>(n));
+    std::vector<Index> count(static_cast<std::size_t>(chunk_count(n, grain)));
+    for_chunks(backend.threads, n, grain, [&](Index b, Index e, Index c) {
+        auto at = static_cast<std::size_t>(b);
+        for (Index i = b; i < e; ++i) {
+            set[at] = i; // kept if the next does not overwrite it
+            if (lambda(0, i) > T(0)) ++at;
+        }
+        count[static_cast<std::size_t>(c)] = static_cast<Index>(at) - b;
+    });
+    auto end = set.begin();
+    for (std::size_t c = 0; c < count.size(); ++c) {
+        const auto from = set.begin() + static_cast<std::ptrdiff_t>(c) * grain;
+        end = from == end ? end + count[c] : std::copy_n(from, count[c], end);
     }
-    set.resize(count);
+    set.erase(end, set.end());
     return set;
 }
+
+namespace detail {
+
+/// Columns [begin, end) of a field's points.
+struct FieldRange {
+    Index begin, end;
+};
+
+/// A range of pick_into's columns.
+template <class T>
+void pick_range(const Columns<T>& all, const std::vector<Index>& which, FieldRange r,
+                Columns<T>& picked) {
+    const Index rows = all.rows();
+    for (Index k = r.begin; k < r.end; ++k)
+        std::copy_n(all.data() + which[static_cast<std::size_t>(k)] * rows, rows,
+                    picked.data() + k * rows);
+}
+
+/// squash_in_place of a range of columns.
+template <class T>
+void squash_range(Squash squash, FieldRange r, Columns<T>& y) {
+    if (squash == Squash::none) return;
+    Columns<T> piece = y.middleCols(r.begin, r.end - r.begin);
+    squash_in_place(squash, piece);
+    y.middleCols(r.begin, r.end - r.begin) = piece;
+}
+
+} // namespace detail
 
 /// Those columns, in that order, on the backend's threads.
 template <class T, Backend B>
 void pick_into(const B& backend, const Columns<T>& all, const std::vector<Index>& which,
                Columns<T>& picked) {
-    const Index rows = all.rows();
-    picked.resize(rows, static_cast<Index>(which.size()));
-    for_chunks(backend.threads, picked.cols(), 1024, [&](Index b, Index e, Index) {
-        for (Index k = b; k < e; ++k)
-            std::copy_n(all.data() + which[static_cast<std::size_t>(k)] * rows, rows,
-                        picked.data() + k * rows);
+    picked.resize(all.rows(), static_cast<Index>(which.size()));
+    for_chunks(backend.threads, picked.cols(), 256, [&](Index b, Index e, Index) {
+        detail::pick_range(all, which, {b, e}, picked);
     });
 }
 
@@ -111,14 +147,11 @@ void pick_into(const B& backend, const Columns<T>& all, const std::vector<Index>
 template <class T, class A, Backend B>
 Columns<T> evaluate_field(const B& backend, const Field<T, A>& field, const Columns<T>& input,
                           const VecX<T>& frame, std::type_identity_t<MlpTrace<T>>* trace) {
-    Columns<T> output = mlp_forward<T>(backend, field.mlp, input, frame, trace);
-    const Squash squash = field.squash;
-    if (squash == Squash::none) return output;
-    for_chunks(backend.threads, input.cols(), 1024, [&](Index b, Index e, Index) {
-        Columns<T> y = output.middleCols(b, e - b);
-        squash_in_place(squash, y);
-        output.middleCols(b, e - b) = y;
-    });
+    Columns<T> output;
+    mlp_forward_around<T>(backend, field.mlp, input, frame, trace, output, detail::NothingAround{},
+                          [&](Index b, Index e) {
+                              detail::squash_range(field.squash, {b, e}, output);
+                          });
     return output;
 }
 
@@ -131,25 +164,33 @@ struct FieldOutput {
     const Columns<T>& output;
 };
 
+namespace detail {
+
+/// A range of accumulate_field's points.
+template <Backend B, class T>
+void accumulate_range(const FieldOutput<T>& field, const std::vector<Index>* listed, FieldRange r,
+                      Columns<T>& out) {
+    const Index rows = out.rows();
+    for (Index j = r.begin; j < r.end; ++j) {
+        const Index k = listed != nullptr ? (*listed)[static_cast<std::size_t>(j)] : j;
+        const Index i = field.set[static_cast<std::size_t>(k)];
+        const T w = field.gain * field.lambda(0, i);
+        transform_array<B>(
+            rows, out.data() + i * rows,
+            [&]<class V>(const V& sum, const V& y) { return sum + V(w) * y; },
+            out.data() + i * rows, field.output.data() + k * rows);
+    }
+}
+
+} // namespace detail
+
 /// out += gain lambda output, of all columns of `output`, or of those listed.
 template <class T, Backend B>
 void accumulate_field(const B& backend, const std::type_identity_t<FieldOutput<T>>& field,
                       const std::vector<Index>* listed, Columns<T>& out) {
-    const T gain = field.gain;
-    const Columns<T>&lambda = field.lambda, &output = field.output;
-    const std::vector<Index>& set = field.set;
-    const Index n = static_cast<Index>(listed != nullptr ? listed->size() : set.size());
-    const Index rows = out.rows();
-    for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
-        for (Index j = b; j < e; ++j) {
-            const Index k = listed != nullptr ? (*listed)[static_cast<std::size_t>(j)] : j;
-            const Index i = set[static_cast<std::size_t>(k)];
-            const T w = gain * lambda(0, i);
-            transform_array<B>(
-                rows, out.data() + i * rows,
-                [&]<class V>(const V& sum, const V& y) { return sum + V(w) * y; },
-                out.data() + i * rows, output.data() + k * rows);
-        }
+    const Index n = static_cast<Index>(listed != nullptr ? listed->size() : field.set.size());
+    for_chunks(backend.threads, n, 256, [&](Index b, Index e, Index) {
+        detail::accumulate_range<B>(field, listed, {b, e}, out);
     });
 }
 
@@ -158,10 +199,18 @@ template <class T, class A, Backend B>
 void add_field(const B& backend, const Field<T, A>& field,
                const std::type_identity_t<FieldInput<T>>& x, Columns<T>& out,
                FieldTrace<T>& trace) {
-    trace.set = influenced(x.lambda);
-    pick_into(backend, x.inputs, trace.set, trace.input);
-    trace.output = evaluate_field(backend, field, trace.input, x.frame, &trace.mlp);
-    accumulate_field(backend, {field.gain, x.lambda, trace.set, trace.output}, nullptr, out);
+    trace.set = influenced(backend, x.lambda);
+    trace.input.resize(x.inputs.rows(), static_cast<Index>(trace.set.size()));
+    const FieldOutput<T> added{field.gain, x.lambda, trace.set, trace.output};
+    mlp_forward_around<T>(
+        backend, field.mlp, trace.input, x.frame, &trace.mlp, trace.output,
+        [&](Index b, Index e) {
+            detail::pick_range(x.inputs, trace.set, {b, e}, trace.input);
+        },
+        [&](Index b, Index e) {
+            detail::squash_range(field.squash, {b, e}, trace.output);
+            detail::accumulate_range<B>(added, nullptr, {b, e}, out);
+        });
 }
 
 /// An evaluation, as far as its vjp reads it.
@@ -194,8 +243,8 @@ void field_vjp(const B& backend, const Field<T, A>& field,
     const Index n = static_cast<Index>(trace.set.size());
     if (n == 0) return;
     const Index rows = trace.output.rows();
-    Columns<T> g_y(rows, n);
-    for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
+    Columns<T> g_y(rows, n), g_input;
+    const auto weighted = [&](Index b, Index e) {
         for (Index k = b; k < e; ++k) {
             const Index i = trace.set[static_cast<std::size_t>(k)];
             const T w = gain * lambda(0, i);
@@ -214,23 +263,22 @@ void field_vjp(const B& backend, const Field<T, A>& field,
         Columns<T> block = g_y.middleCols(b, e - b);
         squash_vjp<T>(squash, trace.output.middleCols(b, e - b), block);
         g_y.middleCols(b, e - b) = block;
-    });
-    Columns<T> g_input;
-    VecX<T> g_frame;
-    mlp_vjp<T>(backend, field.mlp, {trace.input, pass.frame, trace.mlp}, g_y,
-               {*g.mlp, g.inputs != nullptr ? &g_input : nullptr,
-                g.frame != nullptr ? &g_frame : nullptr});
-    if (g.inputs != nullptr) {
+    };
+    const auto scattered = [&](Index b, Index e) {
+        if (g.inputs == nullptr) return;
         const Index inputs = g_input.rows();
-        for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
-            for (Index k = b; k < e; ++k) {
-                T* const to = g.inputs->data() + trace.set[static_cast<std::size_t>(k)] * inputs;
-                transform_array<B>(
-                    inputs, to, [](const auto& x, const auto& y) { return x + y; }, to,
-                    g_input.data() + k * inputs);
-            }
-        });
-    }
+        for (Index k = b; k < e; ++k) {
+            T* const to = g.inputs->data() + trace.set[static_cast<std::size_t>(k)] * inputs;
+            transform_array<B>(
+                inputs, to, [](const auto& x, const auto& y) { return x + y; }, to,
+                g_input.data() + k * inputs);
+        }
+    };
+    VecX<T> g_frame;
+    mlp_vjp_around<T>(
+        backend, field.mlp, {trace.input, pass.frame, trace.mlp}, g_y,
+        {*g.mlp, g.inputs != nullptr ? &g_input : nullptr, g.frame != nullptr ? &g_frame : nullptr},
+        weighted, scattered);
     if (g.frame != nullptr) *g.frame += g_frame;
 }
 

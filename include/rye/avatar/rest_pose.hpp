@@ -51,7 +51,7 @@ RestPose<T> rest_pose(const B& backend, const FaceStream<T>& face, const AvatarC
     tanh_into(backend, face.feature, feature);
     for (std::size_t d = 0; d < face_drivers; ++d) {
         auto& moved = rest.moved[d];
-        moved.points = influenced(rest.lambda(d));
+        moved.points = influenced(backend, rest.lambda(d));
         pick_into(backend, code, moved.points, moved.code);
         pick_into(backend, feature, moved.points, moved.feature);
     }

@@ -20,30 +20,10 @@
 #include <rye/core/fields.hpp>
 #include <rye/core/random.hpp>
 #include <rye/nn/activations.hpp>
+#include <rye/nn/mlp_shape.hpp>
 #include <rye/nn/product.hpp>
 
 namespace rye {
-
-/// Sizes of the layers of an MLP.
-struct MlpShape {
-    std::vector<int> dims; ///< sizes of the input, the hidden layers and the output
-    int frame_inputs = 0;  ///< number of trailing inputs that all points share
-    static constexpr int middle = -1, no_skip = 0;
-    int skip_layer = middle;  ///< takes the input again
-
-    int layers() const { return static_cast<int>(dims.size()) - 1; }
-    int skip() const {
-        return skip_layer == middle ? static_cast<int>(dims.size()) / 2 : skip_layer;
-    }
-    int inputs() const { return dims.front(); }
-    int outputs() const { return dims.back(); }
-    int point_inputs() const { return dims.front() - frame_inputs; }
-    int layer_out(int l) const { return dims[static_cast<std::size_t>(l) + 1]; }
-    /// Width of the hidden part of a layer's input; 0 for the first layer.
-    int hidden_in(int l) const { return l == 0 ? 0 : dims[static_cast<std::size_t>(l)]; }
-    bool reads_input(int l) const { return l == 0 || l == skip(); }
-    int fan_in(int l) const { return hidden_in(l) + (reads_input(l) ? inputs() : 0); }
-};
 
 /// Weights (out x in) and biases (out x 1); gradients and moments have the same type.
 template <class T, Activation A = LeakyRelu>
@@ -104,17 +84,10 @@ struct MlpTrace {
 
 namespace detail {
 
-/// Points per block that passes all layers: about 128 KiB of the widest layer, whole tiles.
-inline Index mlp_block(const MlpShape& s) {
-    const int widest = *std::max_element(s.dims.begin(), s.dims.end());
-    return std::clamp<Index>(32768 / std::max(widest, 1) / 12 * 12, 60, 504);
-}
-
-/// Points per partial sum of weight gradients: whole blocks, at most 16 chunks in all.
-inline Index mlp_chunk(const MlpShape& s, Index points) {
-    const Index block = mlp_block(s);
-    return block * std::max<Index>(1, chunk_count(chunk_count(points, 16), block));
-}
+/// What is done to columns [b, e) before or after a pass where nothing is.
+struct NothingAround {
+    void operator()(Index, Index) const {}
+};
 
 /// Layers prepared for the forward pass: weights as left factors, biases with the products of the
 /// frame inputs added, padded by a vector.
@@ -187,13 +160,15 @@ void mlp_layer(const typename MlpLayers<B, T>::Layer& layer, const ColumnsView<T
 
 } // namespace detail
 
-/// points: point_inputs x N, frame: frame_inputs. Returns outputs x N, before any output
-/// activation. trace may be null.
-template <class T, class A, Backend B>
-Columns<T> mlp_forward(const B& backend, const Mlp<T, A>& m,
-                       const std::type_identity_t<ColumnsView<T>>& points,
-                       const std::type_identity_t<VecX<T>>& frame,
-                       std::type_identity_t<MlpTrace<T>>* trace) {
+/// points: point_inputs x N, frame: frame_inputs. Sets y, outputs x N, before any output
+/// activation. trace may be null. before(b, e) is called before points [b, e) are read, after(b, e)
+/// when their outputs are in y, on the thread that computes them.
+template <class T, class A, Backend B, class Before, class After>
+void mlp_forward_around(const B& backend, const Mlp<T, A>& m,
+                        const std::type_identity_t<ColumnsView<T>>& points,
+                        const std::type_identity_t<VecX<T>>& frame,
+                        std::type_identity_t<MlpTrace<T>>* trace, Columns<T>& y,
+                        const Before& before, const After& after) {
     const MlpShape& s = m.shape;
     RYE_ASSERT(points.rows() == s.point_inputs(), "mlp_forward: points have other rows");
     RYE_ASSERT(frame.size() == s.frame_inputs, "mlp_forward: frame has another size");
@@ -205,8 +180,9 @@ Columns<T> mlp_forward(const B& backend, const Mlp<T, A>& m,
         for (int l = 0; l + 1 < layers; ++l)
             trace->hidden[static_cast<std::size_t>(l)].resize(s.layer_out(l), n);
     }
-    Columns<T> y(s.outputs(), n);
-    for_chunks(backend.threads, n, detail::mlp_block(s), [&](Index b, Index e, Index) {
+    y.resize(s.outputs(), n);
+    for_chunks(backend.threads, n, detail::mlp_task(s, n), [&](Index b, Index e, Index) {
+        before(b, e);
         std::vector<Columns<T>> local(trace ? 0 : 2);
         const ColumnsView<T> x = points.middleCols(b, e - b);
         Columns<T> none;
@@ -221,7 +197,19 @@ Columns<T> mlp_forward(const B& backend, const Mlp<T, A>& m,
         for (int l = 0; l < layers; ++l)
             detail::mlp_layer<B, A, T>(packed.layers[static_cast<std::size_t>(l)], hidden(l - 1), x,
                                        hidden(l));
+        after(b, e);
     });
+}
+
+/// As mlp_forward_around, with nothing around. Returns y.
+template <class T, class A, Backend B>
+Columns<T> mlp_forward(const B& backend, const Mlp<T, A>& m,
+                       const std::type_identity_t<ColumnsView<T>>& points,
+                       const std::type_identity_t<VecX<T>>& frame,
+                       std::type_identity_t<MlpTrace<T>>* trace) {
+    Columns<T> y;
+    mlp_forward_around<T>(backend, m, points, frame, trace, y, detail::NothingAround{},
+                          detail::NothingAround{});
     return y;
 }
 
@@ -241,19 +229,25 @@ struct MlpGradient {
     VecX<T>* frame = nullptr;      ///< overwritten, frame_inputs
 };
 
-/// Gradients for the cotangent g_out (outputs x N) of mlp_forward's result.
-template <class T, class A, Backend B>
-void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<MlpPass<T>>& pass,
-             const std::type_identity_t<ColumnsView<T>>& g_out,
-             const std::type_identity_t<MlpGradient<T, A>>& g) {
+/// Gradients for the cotangent g_out (outputs x N) of mlp_forward's result. before(b, e) is called
+/// before columns [b, e) of g_out are read, after(b, e) when those of g.points are set, on the
+/// thread that computes them.
+template <class T, class A, Backend B, class Before, class After>
+void mlp_vjp_around(const B& backend, const Mlp<T, A>& m,
+                    const std::type_identity_t<MlpPass<T>>& pass,
+                    const std::type_identity_t<ColumnsView<T>>& g_out,
+                    const std::type_identity_t<MlpGradient<T, A>>& g, const Before& before_piece,
+                    const After& after_piece) {
     const MlpShape& s = m.shape;
     const ColumnsView<T>& points = pass.points;
     Columns<T>* const g_points = g.points;
     const int layers = s.layers(), p = s.point_inputs();
-    const Index n = points.cols(), block = detail::mlp_block(s), chunk = detail::mlp_chunk(s, n);
+    const Index n = points.cols(), chunk = detail::mlp_chunk(n),
+                piece = detail::mlp_piece(s, chunk);
     RYE_ASSERT(g_out.rows() == s.outputs() && g_out.cols() == n, "mlp_vjp: g_out differs in shape");
     if (g_points) g_points->resize(p, n);
-    std::vector<Mlp<T, A>> parts(static_cast<std::size_t>(chunk_count(n, chunk)));
+    const detail::MlpOffsets at(s);
+    Columns<T> parts(at.size, chunk_count(n, chunk));
     std::vector<LeftFactor<B, T>> to_hidden(static_cast<std::size_t>(layers)), to_input(to_hidden);
     for (int l = 0; l < layers; ++l) {
         const std::size_t i = static_cast<std::size_t>(l);
@@ -267,18 +261,21 @@ void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<Ml
     const int reads_last = s.skip() < layers ? s.skip() : 0; // the last layer that takes the input
 
     for_chunks(backend.threads, n, chunk, [&](Index first, Index last, Index c) {
-        Mlp<T, A>& part = parts[static_cast<std::size_t>(c)] = Mlp<T, A>(s);
+        parts.col(c).setZero();
+        std::vector<Columns<T>> bias;
+        for (int l = 0; l < layers; ++l) bias.push_back(Columns<T>::Zero(s.layer_out(l), 1));
         Columns<T> buffers[2];
         LeftFactor<B, T> g_rows;
-        for (Index b = first; b < last; b += block) {
-            const Index k = std::min(block, last - b);
+        for (Index b = first; b < last; b += piece) {
+            const Index k = std::min(piece, last - b);
             const ColumnsView<T> x = points.middleCols(b, k);
             const auto layer = [&](int l, const ColumnsView<T>& gl, Columns<T>& g_below) {
                 const std::size_t i = static_cast<std::size_t>(l);
                 const int h = s.hidden_in(l);
-                g_rows.set_and_sum(gl, part.bias[i]);
+                Eigen::Map<Columns<T>> weight(&parts(at.weight[i], c), s.layer_out(l), s.fan_in(l));
+                g_rows.set_and_sum(gl, bias[i]);
                 if (s.reads_input(l) && p > 0) {
-                    g_rows.times_transposed(x, part.weight[i].middleCols(h, p), added);
+                    g_rows.times_transposed(x, weight.middleCols(h, p), added);
                     if (g_points && l == reads_last)
                         to_input[i].times(gl, g_points->middleCols(b, k), alone);
                     else if (g_points)
@@ -286,34 +283,56 @@ void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<Ml
                 }
                 if (h == 0) return;
                 const ColumnsView<T> below = pass.trace.hidden[i - 1].middleCols(b, k);
-                g_rows.times_transposed(below, part.weight[i].leftCols(h), added);
+                g_rows.times_transposed(below, weight.leftCols(h), added);
                 g_below.resize(h, k);
                 to_hidden[i].times(
                     gl, g_below,
                     [](Index, const auto& sum, const auto& y) { return A::vjp(y, sum); },
                     below);
             };
+            before_piece(b, b + k);
             layer(layers - 1, g_out.middleCols(b, k), buffers[0]);
-            for (int l = layers - 2, at = 0; l >= 0; --l, at = 1 - at)
-                layer(l, buffers[at], buffers[1 - at]);
+            for (int l = layers - 2, from = 0; l >= 0; --l, from = 1 - from)
+                layer(l, buffers[from], buffers[1 - from]);
+            after_piece(b, b + k);
         }
+        for (std::size_t i = 0; i < bias.size(); ++i)
+            parts.col(c).segment(at.bias[i], bias[i].size()) = bias[i].col(0);
     });
 
+    // The parts are added in their order, all layers in one region.
+    VecX<T> sum(at.size);
+    for_chunks(backend.threads, at.size, 1024, [&](Index b, Index e, Index) {
+        sum.segment(b, e - b).setZero();
+        for (Index c = 0; c < parts.cols(); ++c)
+            sum.segment(b, e - b) += parts.col(c).segment(b, e - b);
+        const auto add = [&](Index from, Columns<T>& to) {
+            const Index low = std::max(b, from), high = std::min(e, from + to.size());
+            if (low < high)
+                Eigen::Map<VecX<T>>(to.data() + low - from, high - low) +=
+                    sum.segment(low, high - low);
+        };
+        for (std::size_t i = 0; i < at.weight.size(); ++i) {
+            add(at.weight[i], g.params.weight[i]);
+            add(at.bias[i], g.params.bias[i]);
+        }
+    });
     if (g.frame) g.frame->setZero(s.frame_inputs);
     for (int l = 0; l < layers; ++l) {
         const std::size_t i = static_cast<std::size_t>(l);
-        for_chunks(backend.threads, m.weight[i].cols(), 16, [&](Index b, Index e, Index) {
-            for (const Mlp<T, A>& part : parts)
-                g.params.weight[i].middleCols(b, e - b) += part.weight[i].middleCols(b, e - b);
-        });
-        VecX<T> sum = VecX<T>::Zero(s.layer_out(l)); // of cotangents over all points
-        for (const Mlp<T, A>& part : parts) sum += part.bias[i].col(0);
-        g.params.bias[i] += sum;
-        if (s.reads_input(l) && s.frame_inputs > 0) {
-            g.params.weight[i].rightCols(s.frame_inputs) += sum * pass.frame.transpose();
-            if (g.frame) *g.frame += m.weight[i].rightCols(s.frame_inputs).transpose() * sum;
-        }
+        if (!s.reads_input(l) || s.frame_inputs == 0) continue;
+        const VecX<T> all = sum.segment(at.bias[i], s.layer_out(l)); // cotangents of all points
+        g.params.weight[i].rightCols(s.frame_inputs) += all * pass.frame.transpose();
+        if (g.frame) *g.frame += m.weight[i].rightCols(s.frame_inputs).transpose() * all;
     }
+}
+
+/// As mlp_vjp_around, with nothing around.
+template <class T, class A, Backend B>
+void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<MlpPass<T>>& pass,
+             const std::type_identity_t<ColumnsView<T>>& g_out,
+             const std::type_identity_t<MlpGradient<T, A>>& g) {
+    mlp_vjp_around<T>(backend, m, pass, g_out, g, detail::NothingAround{}, detail::NothingAround{});
 }
 
 } // namespace rye

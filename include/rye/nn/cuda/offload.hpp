@@ -167,4 +167,34 @@ void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<Ml
     mlp_vjp<T>(backend.host(), m, pass, g_out, g);
 }
 
+/// mlp_forward_around of an OffloadBackend: what is around the pass is done on the host.
+template <class T, class A, OffloadsNetworks B, class Before, class After>
+void mlp_forward_around(const B& backend, const Mlp<T, A>& m,
+                        const std::type_identity_t<ColumnsView<T>>& points,
+                        const std::type_identity_t<VecX<T>>& frame,
+                        std::type_identity_t<MlpTrace<T>>* trace, Columns<T>& y,
+                        const Before& before, const After& after) {
+    const auto around = [&](const auto& f) {
+        for_chunks(backend.threads, points.cols(), 768, [&](Index b, Index e, Index) { f(b, e); });
+    };
+    around(before);
+    y = mlp_forward<T>(backend, m, points, frame, trace);
+    around(after);
+}
+
+/// mlp_vjp_around of an OffloadBackend: what is around the pass is done on the host.
+template <class T, class A, OffloadsNetworks B, class Before, class After>
+void mlp_vjp_around(const B& backend, const Mlp<T, A>& m,
+                    const std::type_identity_t<MlpPass<T>>& pass,
+                    const std::type_identity_t<ColumnsView<T>>& g_out,
+                    const std::type_identity_t<MlpGradient<T, A>>& g, const Before& before,
+                    const After& after) {
+    const auto around = [&](const auto& f) {
+        for_chunks(backend.threads, g_out.cols(), 768, [&](Index b, Index e, Index) { f(b, e); });
+    };
+    around(before);
+    mlp_vjp<T>(backend, m, pass, g_out, g);
+    around(after);
+}
+
 } // namespace rye
