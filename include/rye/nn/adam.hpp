@@ -6,6 +6,7 @@
 /// Source: Kingma and Ba, "Adam", 2015, algorithm 1, in PyTorch's order of operations.
 #pragma once
 
+#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -92,15 +93,12 @@ struct AdamReport {
 namespace detail {
 
 /// Elements per chunk of an elementwise pass.
-inline constexpr Index adam_grain = 16384;
+inline constexpr Index adam_grain = 8192;
 
 /// By one vectorised sum: 0 x is 0 for every finite x and NaN for all others.
-template <class T, Backend B>
-bool all_finite(const B& backend, const Columns<T>& a) {
-    const T zero = sum_chunks(backend.threads, a.size(), adam_grain, T(0), [&](Index b, Index e) {
-        return (Eigen::Map<const VecX<T>>(a.data() + b, e - b).array() * T(0)).sum();
-    });
-    return zero == T(0);
+template <class T>
+bool all_finite(const T* x, Index n) {
+    return (Eigen::Map<const VecX<T>>(x, n).array() * T(0)).sum() == T(0);
 }
 
 } // namespace detail
@@ -111,32 +109,44 @@ template <class P, class Rate, Backend B>
     requires std::is_invocable_r_v<double, Rate, const std::string&> AdamReport
     adam_step(const B& backend, P& p, const P& g, Adam<P>& state, const Rate& rate) {
         const AdamConfig& config = state.config;
-        AdamReport report;
         std::vector<double> rates;
+        std::vector<std::string> names;
         P::fields(
-            [&](const std::string& name, const auto& a) {
+            [&](const std::string& name, const auto&) {
+                names.push_back(name);
                 rates.push_back(rate(name));
-                if (report.applied && rates.back() != 0.0 && !detail::all_finite(backend, a))
-                    report = {false, name};
             },
             g);
-        if (!report.applied) return report;
+        std::vector<std::atomic<bool>> bad(rates.size());
+        std::vector<ArrayWork> arrays;
+        P::fields(
+            [&](const std::string&, const auto& a) {
+                const std::size_t i = arrays.size();
+                arrays.push_back({rates[i] == 0.0 ? 0 : a.size(), [&a, &bad, i](Index b, Index e) {
+                                      if (!detail::all_finite(a.data() + b, e - b)) bad[i] = true;
+                                  }});
+            },
+            g);
+        for_chunks(backend.threads, arrays, detail::adam_grain);
+        for (std::size_t i = 0; i < bad.size(); ++i)
+            if (bad[i]) return {false, names[i]};
 
         state.field_steps.resize(rates.size(), state.step);
         ++state.step;
-        std::size_t field = 0;
+        arrays.clear();
         P::fields(
             [&](const std::string&, auto& a, const auto& ga, auto& m, auto& v) {
                 using T = typename std::remove_cvref_t<decltype(a)>::Scalar;
-                const std::size_t i = field++;
+                const std::size_t i = arrays.size();
+                arrays.push_back({0, nullptr});
                 if (rates[i] == 0.0) return;
                 RYE_ASSERT(T(config.eps) > T(0), "adam_step: eps is 0 in this precision");
                 RYE_ASSERT(a.size() == ga.size() && a.size() == m.size() && a.size() == v.size(),
                            "adam_step: parameter, gradient and moments differ in shape");
                 const AdamStep<T> now(config, rates[i], ++state.field_steps[i]);
                 const AdamFormula<T> formula(config);
-                for_chunks(
-                    backend.threads, a.size(), detail::adam_grain, [&](Index b, Index e, Index) {
+                arrays.back() = {
+                    a.size(), [&a, &ga, &m, &v, now, formula](Index b, Index e) {
                         const Index n = e - b;
                         T *pa = a.data() + b, *pm = m.data() + b, *pv = v.data() + b;
                         const T* pg = ga.data() + b;
@@ -150,10 +160,11 @@ template <class P, class Rate, Backend B>
                                 return formula.moved(x, mi, vi, now.size, now.root);
                             },
                             pa, pm, pv);
-                    });
+                    }};
             },
             p, g, state.m, state.v);
-        return report;
+        for_chunks(backend.threads, arrays, detail::adam_grain);
+        return {};
     }
 
 } // namespace rye
