@@ -5,7 +5,10 @@
 
 #include <rye/autodiff/dual.hpp>
 #include <rye/core/random.hpp>
+#include <rye/core/thread_pool.hpp>
 #include <rye/loss/smoothness.hpp>
+
+#include "support/random.hpp"
 
 using namespace rye;
 
@@ -81,4 +84,16 @@ TEST_CASE("smoothness: by hand, one point of five that differs from its neighbou
     CHECK(l.gradient(0, 0) == doctest::Approx(-4.0 / 5).epsilon(1e-14));
     CHECK(smoothness(Columns<double>(values.replicate(2, 1)), graph).value ==
           doctest::Approx(8.0 / 5).epsilon(1e-14));  // a mean over channels
+}
+
+TEST_CASE("smoothness: the same bits on threads, of more points than a chunk") {
+    const Columns<float> points = random_columns<float>(3, 700, 1),
+                         values = random_columns<float>(5, 700, 2);
+    const NeighbourGraph graph = four_nearest(points);
+    ThreadPool pool(3);
+    const LossGradient<float> a = smoothness(values, graph),
+                              b = smoothness(pool.threads(), values, graph, neighbour_of(graph));
+    CHECK(a.value == b.value);
+    CHECK(a.gradient == b.gradient);
+    CHECK(a.gradient.rowwise().sum().cwiseAbs().maxCoeff() < 1e-6F);  // no point pulls on itself
 }

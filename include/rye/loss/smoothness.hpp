@@ -11,6 +11,7 @@
 #include <rye/core/columns.hpp>
 #include <rye/core/concepts.hpp>
 #include <rye/core/error.hpp>
+#include <rye/core/parallel.hpp>
 #include <rye/loss/photometric.hpp>
 
 namespace rye {
@@ -66,35 +67,62 @@ RYE_HD T square_slope(const T& share, const T& d) {
 
 } // namespace detail
 
+/// For each point of a graph those that have it as a neighbour, ascending.
+inline std::vector<std::vector<Index>> neighbour_of(const NeighbourGraph& graph) {
+    std::vector<std::vector<Index>> of(graph.size());
+    for (std::size_t i = 0; i < graph.size(); ++i)
+        for (const Index k : graph[i])
+            of[static_cast<std::size_t>(k)].push_back(static_cast<Index>(i));
+    return of;
+}
+
 /// The mean over points and channels of the squared differences to the neighbours, and its
-/// gradient. values: C x N, one entry of the graph per column.
-template <class T>
-LossGradient<T> smoothness(const Columns<T>& values, const NeighbourGraph& graph) {
+/// gradient. values: C x N, one entry of the graph per column; `of` is neighbour_of(graph). A
+/// point's gradient is a sum in the order of the points that it has a part with.
+template <class T, Threads P>
+LossGradient<T> smoothness(const P& threads, const Columns<T>& values, const NeighbourGraph& graph,
+                           const std::vector<std::vector<Index>>& of) {
     require(static_cast<Index>(graph.size()) == values.cols(), "smoothness",
             "the graph has " + std::to_string(graph.size()) + " points, the values " +
                 std::to_string(values.cols()));
     const T share = T(1) / T(static_cast<real_t<T>>(std::max<Index>(values.size(), 1)));
     LossGradient<T> l;
-    l.value = T(0);
     l.gradient = Columns<T>::Zero(values.rows(), values.cols());
     const Index channels = values.rows();
-    for (Index i = 0; i < values.cols(); ++i) {
-        const T* const here = values.data() + i * channels;
-        T* const g_here = l.gradient.data() + i * channels;
-        for (const Index k : graph[static_cast<std::size_t>(i)]) {
-            const T* const there = values.data() + k * channels;
-            T* const g_there = l.gradient.data() + k * channels;
-            T squares(0);
-            for (Index c = 0; c < channels; ++c) {
-                const T d = here[c] - there[c], slope = detail::square_slope(share, d);
-                squares += d * d;
-                g_here[c] += slope;
-                g_there[c] -= slope;
+    l.value = sum_chunks(threads, values.cols(), 256, T(0), [&](Index begin, Index end) {
+        T sum(0);
+        for (Index i = begin; i < end; ++i) {
+            const T* const here = values.data() + i * channels;
+            T* const g = l.gradient.data() + i * channels;
+            const auto& from = of[static_cast<std::size_t>(i)];
+            const auto pull = [&](auto first, auto last) {
+                for (; first != last; ++first) {
+                    const T* const there = values.data() + *first * channels;
+                    for (Index c = 0; c < channels; ++c)
+                        g[c] -= detail::square_slope(share, T(there[c] - here[c]));
+                }
+            };
+            const auto own = std::lower_bound(from.begin(), from.end(), i);
+            pull(from.begin(), own);
+            for (const Index k : graph[static_cast<std::size_t>(i)]) {
+                const T* const there = values.data() + k * channels;
+                T squares(0);
+                for (Index c = 0; c < channels; ++c) {
+                    const T d = here[c] - there[c];
+                    squares += d * d;
+                    g[c] += detail::square_slope(share, d);
+                }
+                sum += share * squares;
             }
-            l.value += share * squares;
+            pull(own, from.end());
         }
-    }
+        return sum;
+    });
     return l;
+}
+template <class T>
+LossGradient<T> smoothness(const Columns<T>& values, const NeighbourGraph& graph) {
+    return smoothness(Serial{}, values, graph, neighbour_of(graph));
 }
 
 } // namespace rye

@@ -9,6 +9,7 @@
 #include <limits>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include <rye/avatar/two_stream.hpp>
 #include <rye/loss/smoothness.hpp>
@@ -67,8 +68,10 @@ class AvatarTrainer {
         : backend(on), avatar_(avatar), adam_(adam), training_(std::move(training)),
           gradient_(zeros_like(avatar)) {
         if constexpr (Real<T>)
-            if (training_.objective.weights.eye_smooth > 0)
+            if (training_.objective.weights.eye_smooth > 0) {
                 neighbours_ = eye_neighbours(avatar.eyes);
+                neighbour_of_ = neighbour_of(neighbours_);
+            }
     }
 
     /// One step; the learning rates are multiplied by `rate`.
@@ -76,13 +79,14 @@ class AvatarTrainer {
     AvatarStepReport<T> step(const Drivers<T, E>& drivers, const AvatarImages<T>& images,
                              double rate = 1, Probe&& probe = {}) {
         AvatarStepReport<T> r{losses(drivers, images, probe), {}};
-        Avatar::fields([](const std::string&, auto& a) { a.setZero(); }, gradient_);
+        set_zero(backend.threads, gradient_);
         const AvatarLossConfig& weights = training_.objective.weights;
         if constexpr (smooths_driven)
             if (weights.eye_smooth > 0) {
                 const Index all = avatar_.eyes.position.cols();
-                LossGradient<T> term =
-                    smoothness<T>(Columns<T>(trace_.gaussians.feature.rightCols(all)), neighbours_);
+                LossGradient<T> term = smoothness<T>(
+                    backend.threads, Columns<T>(trace_.gaussians.feature.rightCols(all)),
+                    neighbours_, neighbour_of_);
                 driven_smoothness_ = T(weights.eye_smooth) * term.gradient;
                 r.losses.eye_smooth = term.value;
                 r.losses.total += T(weights.eye_smooth) * term.value;
@@ -90,7 +94,8 @@ class AvatarTrainer {
         add_gradient(drivers, images, gradient_, probe);
         if constexpr (smooths)
             if (weights.eye_smooth > 0) {
-                const LossGradient<T> term = smoothness(avatar_.eyes.feature, neighbours_);
+                const LossGradient<T> term =
+                    smoothness(backend.threads, avatar_.eyes.feature, neighbours_, neighbour_of_);
                 gradient_.eyes.feature += T(weights.eye_smooth) * term.gradient;
                 r.losses.eye_smooth = term.value;
                 r.losses.total += T(weights.eye_smooth) * term.value;
@@ -165,6 +170,7 @@ class AvatarTrainer {
     TwoStreamTrace<T, E> trace_;
     AvatarPictures<T, UpsamplerOf<T, E>> pictures_;
     NeighbourGraph neighbours_;  ///< of both eyeballs' points, if their colours are smoothed
+    std::vector<std::vector<Index>> neighbour_of_; ///< of the same graph
     Columns<T> driven_smoothness_ = {}; ///< for the next add_gradient: of features, C x P
 };
 
