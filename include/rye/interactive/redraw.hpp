@@ -121,7 +121,7 @@ class Redraw {
     std::uint32_t member(Index i) const { return raster_.trace.member[at(i)]; }
     bool visible(Index i) const { return scratch_.state[at(i)] == Visibility::visible; }
     void check(const Gaussians<T>& g, const VecX<T>& background) const {
-        require(drawn_ && g.count() == static_cast<Index>(scratch_.state.size()) &&
+        require(drawn_ && g.count() == static_cast<Index>(raster_.trace.member.size()) &&
                     g.channels() == raster_.feature.channels() &&
                     background.size() == g.channels(),
                 "Redraw", "the Gaussians or the background differ in shape from those of the last "

@@ -2,6 +2,7 @@
 /// rye/splat/raster.hpp: what a render returns, and what it keeps for its vjp.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <vector>
@@ -120,7 +121,8 @@ struct RasterScratch {
     using Key = decltype(depth_key(real_t<T>()));
 
     std::vector<VisibleGaussian<T>> candidates;  ///< by index; only visible ones hold anything
-    std::vector<Footprint<real_t<T>>> footprints;  ///< by index
+    std::vector<Footprint<real_t<T>>> footprints; ///< by index; only of those whose rows do not
+                                                  ///< say which columns
     std::vector<Visibility> state;       ///< by index
     std::vector<std::uint32_t> first_tile; ///< by index: the tile that orders visible ones
     /// Of each chunk: the members of each tile, counted, then where the next one goes.
@@ -128,9 +130,9 @@ struct RasterScratch {
     BinScratch<Key> bins;
     BinScratch<std::uint64_t> fine_bins; ///< of policies that ask for more bits than T's
 
-    /// Makes room for n Gaussians.
+    /// Makes room for n Gaussians; room that an earlier render had stays as it is.
     void shape(Index n) {
-        const auto count = static_cast<std::size_t>(n);
+        const auto count = std::max(candidates.size(), static_cast<std::size_t>(n));
         candidates.resize(count);
         footprints.resize(count);
         state.resize(count);

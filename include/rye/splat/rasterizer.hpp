@@ -88,7 +88,7 @@ struct Rasterizer {
                       const Pinhole<T, D>& camera, RasterScratch<T>& s) const {
         s.shape(g.count());
         const SplatInput<A, T, D> in{g, camera, accuracy};
-        for_chunks(backend.threads, g.count(), 1024, [&](Index b, Index e, Index) {
+        for_chunks(backend.threads, g.count(), 256, [&](Index b, Index e, Index) {
             SplatKernels<B, T>::project(in, {b, e}, s);
         });
     }
@@ -151,7 +151,7 @@ struct Rasterizer {
         });
         out.resize(g.count(), g.channels());
         const SplatInput<A, T, D> in{g, camera, accuracy};
-        for_chunks(backend.threads, g.count(), 1024, [&](Index b, Index e, Index) {
+        for_chunks(backend.threads, g.count(), 256, [&](Index b, Index e, Index) {
             SplatKernels<B, T>::project_vjp(in, trace, {b, e}, s, out);
         });
     }
@@ -182,7 +182,7 @@ struct Rasterizer {
     /// f(begin, end) for runs of tiles.
     template <Backend B, class F>
     static void for_tiles(const B& backend, Index tiles, F&& f) {
-        for_chunks(backend.threads, tiles, 2, [&](Index b, Index e, Index) { f(b, e); });
+        for_chunks(backend.threads, tiles, 1, [&](Index b, Index e, Index) { f(b, e); });
     }
 
     template <class T, Distortion D>

@@ -36,10 +36,11 @@ struct TracedSlots {
     const PartialGradients<T>& slots;
 };
 
-/// Completes candidate i, whose splat and footprint are known: it is visible if it has rows, of an
-/// image that has columns.
+/// Completes candidate i, whose splat is known: it is visible if it has rows, of an image that has
+/// columns. x: its centre [px].
 template <class T, Distortion D>
-void cull(Index i, const Span& rows, const Pinhole<T, D>& camera, RasterScratch<T>& scratch) {
+void cull(Index i, const Span& rows, const real_t<T>& x, const Pinhole<T, D>& camera,
+          RasterScratch<T>& scratch) {
     using R = real_t<T>;
     const auto at = static_cast<std::size_t>(i);
     VisibleGaussian<T>& c = scratch.candidates[at];
@@ -49,9 +50,9 @@ void cull(Index i, const Span& rows, const Pinhole<T, D>& camera, RasterScratch<
     const bool visible = rows.begin < rows.end && camera.width > 0;
     scratch.state[at] = visible ? Visibility::visible : Visibility::hidden;
     if (!visible) return;
-    const R x = std::clamp(scratch.footprints[at].x, R(0), static_cast<R>(camera.width - 1));
+    const R column = std::clamp(x, R(0), static_cast<R>(camera.width - 1));
     scratch.first_tile[at] = static_cast<std::uint32_t>(
-        rows.begin / tile_edge * tiles_across(camera.width) + static_cast<int>(x) / tile_edge);
+        rows.begin / tile_edge * tiles_across(camera.width) + static_cast<int>(column) / tile_edge);
 }
 
 /// The depth of Gaussian i in double, whatever it is given in.
@@ -73,8 +74,8 @@ void gather_members(const P& threads, const SplatInput<A, T, D>& in, RasterScrat
     const Pinhole<T, D>& camera = in.camera;
     const auto tiles = static_cast<std::size_t>(tiles_across(camera.width)) *
                        static_cast<std::size_t>(tiles_across(camera.height));
-    const Index n = static_cast<Index>(scratch.candidates.size());
-    const Index grain = std::max<Index>(2048, (n + threads.size() - 1) / threads.size());
+    const Index n = in.gaussians.count();
+    const Index grain = std::max<Index>(512, (n + threads.size() - 1) / threads.size());
     const auto chunks = static_cast<std::size_t>(chunk_count(n, grain));
     if (scratch.tile_counts.size() < chunks) scratch.tile_counts.resize(chunks);
     for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {

@@ -176,7 +176,7 @@ struct TileLists {
              BinScratch<Key>& scratch) {
         const Index n = members.count;
         using Chunk = typename BinScratch<Key>::Chunk;
-        const Index grain = std::max<Index>(2048, (n + threads.size() - 1) / threads.size());
+        const Index grain = std::max<Index>(512, (n + threads.size() - 1) / threads.size());
         const Index chunks = chunk_count(n, grain);
         if (static_cast<Index>(scratch.chunks.size()) < chunks)
             scratch.chunks.resize(static_cast<std::size_t>(chunks));
@@ -221,7 +221,8 @@ struct TileLists {
                 next += std::exchange(at(at(scratch.chunks, c).cursor, t), next);
         }
         at(begin, tiles()) = static_cast<Index>(total);
-        scratch.binned.resize(static_cast<std::size_t>(total));
+        if (scratch.binned.size() < static_cast<std::size_t>(total))
+            scratch.binned.resize(static_cast<std::size_t>(total));
         for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {
             Index before = 0;
             for (Index k = 0; k < c; ++k) before += static_cast<Index>(at(scratch.chunks, k).used);
@@ -279,7 +280,7 @@ struct TileLists {
     template <Threads P, class IndexOf, class Key>
     void sort(const P& threads, const IndexOf& index, BinScratch<Key>& scratch) {
         constexpr Index run = 8;         // tiles: their lists differ in length
-        entry.resize(scratch.binned.size());
+        entry.resize(static_cast<std::size_t>(entries()));
         if (static_cast<Index>(scratch.buffers.size()) < chunk_count(tiles(), run))
             scratch.buffers.resize(static_cast<std::size_t>(chunk_count(tiles(), run)));
         for_chunks(threads, tiles(), run, [&](Index b, Index e, Index c) {

@@ -106,7 +106,7 @@ GaussianView<T> eye_view(const TwoStreamGaussians<T>& driven, const AvatarPictur
 /// many channels as `g` has.
 template <class T, Backend B>
 void add_part(const B& backend, Gaussians<T>& sum, ColumnRange range, const Gaussians<T>& g) {
-    for_chunks(backend.threads, range.count, 4096, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, range.count, 512, [&](Index b, Index e, Index) {
         Gaussians<T>::fields([&](const std::string&, auto& out, const auto& in) {
             for (Index i = b; i < e; ++i)
                 for (Index r = 0; r < in.rows(); ++r) out(r, range.begin + i) += in(r, i);

@@ -125,13 +125,16 @@ void project_range_lanes(const SplatInput<A, typename V::value_type, NoDistortio
             VisibleGaussian<T>& c = scratch.candidates[at];
             c.splat = {value(0), value(1), value(2), value(3), value(4),
                        value(5), value(6), value(7), value(8)};
-            scratch.footprints[at] = {value(9), value(10), value(11),
-                                      {value(12), value(13), value(14)}, value(15)};
             const auto span = [&](int k) {
                 return whole(PixelInterval<T>{range.row[k][lane], range.row[k + 1][lane]});
             };
-            cull(i, span(0), camera, scratch);
-            if (scratch.state[at] != Visibility::visible || !c.rows.known(camera.width)) continue;
+            cull(i, span(0), value(9), camera, scratch);
+            if (scratch.state[at] != Visibility::visible) continue;
+            if (!c.rows.known(camera.width)) {
+                scratch.footprints[at] = {value(9), value(10), value(11),
+                                          {value(12), value(13), value(14)}, value(15)};
+                continue;
+            }
             for (int j = 0; j < c.rows.last_row() - c.rows.first_row(); ++j) {
                 const Span x = tiles_of(span(2 + 2 * j));
                 c.rows.columns[static_cast<std::size_t>(j)] = {

@@ -64,11 +64,14 @@ void project_range(const SplatInput<A, T, D>& in, ChunkRange r, RasterScratch<T>
         VisibleGaussian<T>& c = scratch.candidates[at];
         c.splat = make_splat(s, kept_opacity(s, opacity), accuracy);
         if (!(c.splat.log2_opacity > c.splat.cut)) continue;
-        scratch.footprints[at] = footprint_of<A>(s, c.splat, camera.cx, camera.cy);
-        const Cover<A::support, real_t<T>> cover{scratch.footprints[at], camera.width,
-                                                 camera.height};
-        cull(i, cover.rows(), camera, scratch);
-        if (scratch.state[at] != Visibility::visible || !c.rows.known(camera.width)) continue;
+        const Footprint<real_t<T>> f = footprint_of<A>(s, c.splat, camera.cx, camera.cy);
+        const Cover<A::support, real_t<T>> cover{f, camera.width, camera.height};
+        cull(i, cover.rows(), f.x, camera, scratch);
+        if (scratch.state[at] != Visibility::visible) continue;
+        if (!c.rows.known(camera.width)) {
+            scratch.footprints[at] = f;
+            continue;
+        }
         for (int y = c.rows.first_row(); y < c.rows.last_row(); ++y) {
             const Span x = cover.columns(y, c.rows);
             c.rows.columns[static_cast<std::size_t>(y - c.rows.first_row())] = {
