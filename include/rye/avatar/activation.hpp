@@ -61,7 +61,7 @@ template <class T, Backend B, class... Steps>
     requires (sizeof...(Steps) <= 1)
 void activate_into(const B& backend, const RawAttributes<T>& raw, const DrawnAttributes<T>& to,
                    const Steps&... steps) {
-    for_chunks(backend.threads, raw.log_scale.cols(), 1024, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, raw.log_scale.cols(), 256, [&](Index b, Index e, Index) {
         for (Index i = b; i < e; ++i) activate_point(raw, i, to, steps...);
     });
 }
@@ -72,7 +72,7 @@ template <class T, Backend B>
 Columns<T> activate_vjp(const B& backend, const Columns<T>& drawn_scale,
                         const Columns<T>& drawn_opacity, Index n, const Gaussians<T>& g) {
     Columns<T> r(8, n);
-    for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, n, 256, [&](Index b, Index e, Index) {
         for (Index i = b; i < e; ++i) {
             for (Index k = 0; k < 3; ++k)
                 r(k, i) = drawn_scale_vjp<T>(drawn_scale(k, i), g.scale(k, i));

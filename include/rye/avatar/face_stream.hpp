@@ -117,20 +117,24 @@ void face_gaussians(const B& backend, const FaceStream<T, E>& face,
                                         trace.nearest);
     }
 
-    if constexpr (face_rests<E>)
-        g.feature.leftCols(n) = face.rest_color;
-    else
-        g.feature.leftCols(n).setZero();
+    if constexpr (has_effect<E, ReadsFaceRamp>) trace.attributes.resize(8, n);
+    for_chunks(backend.threads, n, 512, [&](Index b, Index e, Index) {
+        const Index k = e - b;
+        if constexpr (face_rests<E>)
+            g.feature.middleCols(b, k) = face.rest_color.middleCols(b, k);
+        else
+            g.feature.middleCols(b, k).setZero();
+        g.mean.middleCols(b, k) = face.position.middleCols(b, k);
+        if constexpr (has_effect<E, ReadsFaceRamp>) trace.attributes.middleCols(b, k).setZero();
+    });
     for_face_fields<E>([&](auto by) {
         add_field(backend, Field{by.color(nets), Squash::none, one},
                   {trace.feature, by.influence(w), by.code(code)}, g.feature, by.color(trace));
     });
-    g.mean.leftCols(n) = face.position;
     for_face_fields<E>([&](auto by) {
         add_field(backend, Field{by.deform(nets), Squash::tanh, reach},
                   {trace.code, by.influence(w), by.code(code)}, g.mean, by.deform(trace));
     });
-    if constexpr (has_effect<E, ReadsFaceRamp>) trace.attributes = Columns<T>::Zero(8, n);
     for_attribute_fields<E>([&](auto by) {
         add_field(backend, Field{by.attribute(face), Squash::none, step},
                   {trace.feature, by.influence(w), by.code(code)}, trace.attributes,
@@ -175,16 +179,19 @@ void face_vjp(const B& backend, const FaceStream<T, E>& face,
     [[maybe_unused]] FrameCotangent<T, E>& g_frame = gradients.frame;
     const Index n = face.position.cols();
     const Columns<T> g_attributes = activate_vjp(backend, driven.scale, driven.opacity, n, g);
-    grad.log_scale += g_attributes.topRows(3);
-    grad.rotation += g_attributes.middleRows(3, 4);
-    grad.opacity_logit += g_attributes.bottomRows(1);
-    grad.position += g.mean.leftCols(n);
+    for_chunks(backend.threads, n, 512, [&](Index b, Index e, Index) {
+        const Index k = e - b;
+        grad.log_scale.middleCols(b, k) += g_attributes.template middleRows<3>(0).middleCols(b, k);
+        grad.rotation.middleCols(b, k) += g_attributes.template middleRows<4>(3).middleCols(b, k);
+        grad.opacity_logit.middleCols(b, k) += g_attributes.bottomRows(1).middleCols(b, k);
+        grad.position.middleCols(b, k) += g.mean.middleCols(b, k);
+    });
     if constexpr (face_rests<E>) grad.rest_color += g.feature.leftCols(n);
     if constexpr (has_effect<E, FaceDrivers>) {
         const FaceNetworks<T, E>& nets = face.networks;
         FaceNetworks<T, E>& gnets = grad.networks;
         Columns<T> g_feature(face.feature.rows(), n), g_code(trace.code.rows(), n);
-        for_chunks(backend.threads, n, 1024, [&](Index b, Index e, Index) {
+        for_chunks(backend.threads, n, 256, [&](Index b, Index e, Index) {
             g_feature.middleCols(b, e - b).setZero();
             g_code.middleCols(b, e - b).setZero();
         });
@@ -212,7 +219,7 @@ void face_vjp(const B& backend, const FaceStream<T, E>& face,
             face_weights_vjp<T>(backend, {config, face.position, face.landmarks}, trace.nearest,
                                 g_w, {grad.position, nullptr});
         }
-        for_chunks(backend.threads, g_feature.size(), 16384, [&](Index b, Index e, Index) {
+        for_chunks(backend.threads, g_feature.size(), 8192, [&](Index b, Index e, Index) {
             T* const to = grad.feature.data() + b;
             transform_array<B>(
                 e - b, to,

@@ -52,7 +52,7 @@ RYE_HD Vec3<T> mean_to_world(const HeadTransform<T>& head, const Mat3<T>& scaled
 template <class T, Backend B>
 void to_world(const B& backend, const HeadTransform<T>& head, const Columns<T>& scale,
               Gaussians<T>& g) {
-    for_chunks(backend.threads, scale.cols(), 4096, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, scale.cols(), 512, [&](Index b, Index e, Index) {
         const Mat3<T> sr = head.scale * head.rotation;
         for (Index i = b; i < e; ++i) {
             const Vec3<T> x = g.mean.col(i);
@@ -104,7 +104,7 @@ template <class T, Backend B>
 HeadTransformGradient<T> to_world_vjp(const B& backend, const HeadTransform<T>& head,
                                       const Gaussians<T>& world, ColumnRange range,
                                       Gaussians<T>& g) {
-    return sum_chunks(backend.threads, range.count, 4096, HeadTransformGradient<T>{},
+    return sum_chunks(backend.threads, range.count, 512, HeadTransformGradient<T>{},
                       [&](Index b, Index e) {
                           HeadTransformGradient<T> sum;
                           for (Index i = range.begin + b; i < range.begin + e; ++i) {

@@ -181,7 +181,7 @@ void shade(const B& backend, const Shading<T>& shading,
     RYE_ASSERT(shading.normal.cols() == n, "shade: another number of normals");
     const detail::LightChange<T> change = detail::light_change(shading, so3_exp(frame.rotation));
     trace.gain.resize(3, n + 2);
-    for_chunks(backend.threads, n + 2, 4096, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, n + 2, 512, [&](Index b, Index e, Index) {
         for (Index i = b; i < e; ++i) {
             const Vec3<T> normal = detail::shaded_normal(shading, i);
             for (Index c = 0; c < 3; ++c)
@@ -235,7 +235,7 @@ Vec3<T> shade_vjp(const B& backend, const Shading<T>& shading,
             grad.eye_normal.col(i - n) += g_normal;
     };
     detail::LightChange<T> sum =
-        sum_chunks(backend.threads, n, 4096, detail::LightChange<T>{}, [&](Index b, Index e) {
+        sum_chunks(backend.threads, n, 512, detail::LightChange<T>{}, [&](Index b, Index e) {
             detail::LightChange<T> part;
             for (Index i = b; i < e; ++i) {
                 const Vec3<T> g = g_feature.col(i).template head<3>();

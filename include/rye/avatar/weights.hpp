@@ -100,11 +100,18 @@ Columns<T> set_weights(const B& backend, const std::type_identity_t<LandmarkRamp
                        const std::vector<Index>& set, NearestTrace<T>& trace) {
     trace.squared = nearest_squared_distance<T>(backend, of.in.points,
                                                 pick_columns(of.in.landmarks, set), &trace.nearest);
-    for (Index& k : trace.nearest)
-        if (k >= 0) k = set[static_cast<std::size_t>(k)];
-    return with_metric<M>(of.in.config, [&](const auto& metric) {
-        return influence(metric, checked_ramp(T(of.near), T(of.far)), trace.squared);
+    Columns<T> lambda(1, trace.squared.cols());
+    with_metric<M>(of.in.config, [&](const auto& metric) {
+        const Ramp<T> ramp = checked_ramp(T(of.near), T(of.far));
+        for_chunks(backend.threads, lambda.cols(), 512, [&](Index b, Index e, Index) {
+            for (Index i = b; i < e; ++i) {
+                Index& k = trace.nearest[static_cast<std::size_t>(i)];
+                if (k >= 0) k = set[static_cast<std::size_t>(k)];
+                lambda(0, i) = influence(metric, ramp, trace.squared(0, i));
+            }
+        });
     });
+    return lambda;
 }
 
 /// `g` is the cotangent of one set's influence at a point.
@@ -132,7 +139,7 @@ void set_weights_vjp(const B& backend, const std::type_identity_t<LandmarkRamp<T
         if (g_landmarks != nullptr) // many points share one
             range(0, points.cols(), 0);
         else
-            for_chunks(backend.threads, points.cols(), 2048, range);
+            for_chunks(backend.threads, points.cols(), 512, range);
     });
 }
 

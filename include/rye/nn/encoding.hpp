@@ -114,7 +114,7 @@ static_assert(Encoding<PositionalEncoding>);
 template <Encoding C = PositionalEncoding, class T, Backend B>
 void encode_points(const B& backend, const Columns<T>& x, int frequencies, Columns<T>& y) {
     y.resize(C::size(x.rows(), frequencies), x.cols());
-    for_chunks(backend.threads, x.cols(), 1024, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, x.cols(), 256, [&](Index b, Index e, Index) {
         y.middleCols(b, e - b) = C::encode(x.middleCols(b, e - b), frequencies);
     });
 }
@@ -123,7 +123,7 @@ void encode_points(const B& backend, const Columns<T>& x, int frequencies, Colum
 template <Encoding C = PositionalEncoding, class T, Backend B>
 void encode_points_vjp(const B& backend, const Columns<T>& y, const Columns<T>& g, int frequencies,
                        Columns<T>& g_x) {
-    for_chunks(backend.threads, y.cols(), 1024, [&](Index b, Index e, Index) {
+    for_chunks(backend.threads, y.cols(), 256, [&](Index b, Index e, Index) {
         g_x.middleCols(b, e - b) +=
             C::vjp(y.middleCols(b, e - b), g.middleCols(b, e - b), frequencies);
     });

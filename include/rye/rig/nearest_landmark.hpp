@@ -102,7 +102,7 @@ Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& poin
     Columns<T> squared(1, n);
     if (nearest) nearest->assign(static_cast<std::size_t>(n), -1);
     Index* const indices = nearest ? nearest->data() : nullptr;
-    for_chunks(backend.threads, n, 2048, [&](Index begin, Index end, Index) {
+    for_chunks(backend.threads, n, 512, [&](Index begin, Index end, Index) {
         if constexpr (LaneBackend<B, T>) {
             using Batch = typename B::template batch<T>;
             detail::nearest_in_lanes<Batch, T>(points, landmarks, begin, end,
