@@ -2,8 +2,11 @@
 // Sweeps of one parameter: stages, channels, Gaussians, resolution, accuracy, backend, threads.
 #include <malloc.h>
 
+#include <array>
 #include <cmath>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "work.hpp"
 
@@ -139,21 +142,80 @@ void jvp(benchmark::State& state) {
 }
 BENCHMARK(jvp)->ArgNames({"n", "c"})->ArgsProduct({{20000, 100000}, {3, 32}})->Iterations(1);
 
-/// Wall time of one thread and of `t`, in the same rounds.
+/// A call of run: its begin and its end [s].
+struct Region {
+    double begin, end;
+};
+
+/// A pool's threads that note when they were called.
+struct Noted {
+    ThreadPool::Handle threads;
+    std::vector<Region>* calls;
+
+    template <std::invocable<Index> F>
+    void run(Index n, F&& f) const {
+        const double begin = wall_seconds();
+        threads.run(n, f);
+        calls->push_back({begin, wall_seconds()});
+    }
+    int size() const { return threads.size(); }
+};
+static_assert(Threads<Noted>);
+
+/// The least times of a render's stages, by its calls of the threads: projection, two of gathering,
+/// two of binning, sorting, blending; the reverse walk, merging. `between`: in none of them.
+struct StageTimes {
+    static constexpr std::array<const char*, 8> names{"project", "gather",  "bin",   "sort",
+                                                      "blend",   "reverse", "merge", "between"};
+    static constexpr std::array<std::size_t, 9> stage_of{0, 1, 1, 2, 2, 3, 4, 5, 6};
+    std::array<double, 8> least;
+    double forward = 1e30, both = 1e30;
+
+    StageTimes() { least.fill(1e30); }
+    template <class W>
+    void round(W& work, std::vector<Region>& calls) {
+        calls.clear();
+        const double begin = wall_seconds();
+        work.forward();
+        const double middle = wall_seconds();
+        work.backward();
+        const double end = wall_seconds();
+        forward = std::min(forward, middle - begin);
+        both = std::min(both, end - begin);
+        if (calls.size() != stage_of.size()) return;
+        std::array<double, 8> now{};
+        double inside = 0;
+        for (std::size_t i = 0; i < calls.size(); ++i) {
+            now[stage_of[i]] += calls[i].end - calls[i].begin;
+            inside += calls[i].end - calls[i].begin;
+        }
+        now[7] = end - begin - inside;
+        for (std::size_t i = 0; i < now.size(); ++i) least[i] = std::min(least[i], now[i]);
+    }
+};
+
+/// The speed-up by `t` threads, and of each stage, in the same rounds: wall time.
 void threads(benchmark::State& state) {
-    ThreadPool pool(static_cast<int>(state.range(1)));
-    const XsimdBackend backend{pool.threads()};
-    Work<std::remove_const_t<decltype(backend)>, HeadRules> work{head_scene(state.range(0), 3),
-                                                                 backend};
-    Work<OneThread, HeadRules> alone{work.scene};
-    Times one, many;
+    const HeadScene scene = head_scene(state.range(0), 3);
+    ThreadPool one_pool(1), pool(static_cast<int>(state.range(1)));
+    std::vector<Region> calls;
+    using B = XsimdBackend<DefaultArch, Noted>;
+    Work<B, HeadRules> alone{scene, B{Noted{one_pool.threads(), &calls}}};
+    Work<B, HeadRules> work{scene, B{Noted{pool.threads(), &calls}}};
+    StageTimes one, many;
     for (auto _ : state)
         for (int round = 0; round < 15; ++round) {
-            time_round(alone, wall_seconds, one);
-            time_round(work, wall_seconds, many);
+            one.round(alone, calls);
+            many.round(work, calls);
         }
     state.counters["fwd_speedup"] = one.forward / many.forward;
     state.counters["both_speedup"] = one.both / many.both;
+    state.counters["both_ms"] = 1e3 * many.both;
+    for (std::size_t i = 0; i < one.least.size(); ++i) {
+        const std::string name = StageTimes::names[i];
+        state.counters[name + "_ms"] = 1e3 * many.least[i];
+        state.counters[name + "_speedup"] = one.least[i] / many.least[i];
+    }
 }
 BENCHMARK(threads)->ArgNames({"n", "t"})->Apply([](auto* b) {
     for (const int n : {20000, 100000})

@@ -4,6 +4,9 @@
 // run, and the speed-up by threads of the step, of each part, and of the machine's own products and
 // bytes.
 #include <benchmark/benchmark.h>
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
 
 #include <algorithm>
 #include <map>
@@ -232,4 +235,12 @@ BENCHMARK(machine)->ArgName("threads")->Apply(by_threads)->Iterations(1);
 
 } // namespace
 
-BENCHMARK_MAIN();
+int main(int argc, char** argv) {
+#ifdef __GLIBC__
+    // As the trainer: freed pages are kept.
+    mallopt(M_MMAP_THRESHOLD, 1 << 30);
+    mallopt(M_TRIM_THRESHOLD, 1 << 30);
+#endif
+    benchmark::Initialize(&argc, argv);
+    benchmark::RunSpecifiedBenchmarks();
+}
