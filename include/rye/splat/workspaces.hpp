@@ -1,12 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/workspaces.hpp: memory of walks over tiles, held by one thread at a time and kept for
 /// the next call. Allocating it for every run of tiles would cost as much as the walks: large
-/// blocks come from the system a page fault at a time. What it holds is anything.
+/// blocks come from the system a page fault at a time. What it holds is anything. A thread is given
+/// what it gave back before, which its cache still holds, and seldom waits for another one.
 #pragma once
 
+#include <array>
 #include <cstddef>
+#include <cstdint>
+#include <functional>
 #include <memory>
 #include <mutex>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -14,6 +19,8 @@ namespace rye {
 
 /// Memory of threads between calls, each piece used by one thread at a time.
 class Workspaces {
+    struct Shelf;
+
   public:
     /// Base of what is kept.
     struct Space {
@@ -24,7 +31,7 @@ class Workspaces {
     template <class W>
     class Acquired {
       public:
-        Acquired(Workspaces& from, std::unique_ptr<W> space)
+        Acquired(Shelf& from, std::unique_ptr<W> space)
             : from_(from),
               space_(std::move(space)) {}
         Acquired(const Acquired&) = delete;
@@ -33,7 +40,7 @@ class Workspaces {
         W& operator*() const { return *space_; }
 
       private:
-        Workspaces& from_;
+        Shelf& from_;
         std::unique_ptr<W> space_;
     };
 
@@ -44,27 +51,53 @@ class Workspaces {
 
     template <class W>
     Acquired<W> acquire() {
-        const std::lock_guard<std::mutex> lock(mutex_);
-        for (auto& idle : idle_)
-            if (auto* const w = dynamic_cast<W*>(idle.get())) {
-                idle.release();
-                std::swap(idle, idle_.back());
-                idle_.pop_back();
-                return Acquired<W>(*this, std::unique_ptr<W>(w));
-            }
-        idle_.reserve(++made_);      // giving back must not fail
-        return Acquired<W>(*this, std::make_unique<W>());
+        const std::size_t number = number_of_thread();
+        Shelf& own = shelves_[number];
+        std::unique_ptr<W> space = own.template take<W>(1);
+        for (std::size_t k = 1; k < shelves && space == nullptr; ++k)
+            space = shelves_[(number + k) % shelves].template take<W>(0);
+        return Acquired<W>(own, space != nullptr ? std::move(space) : std::make_unique<W>());
     }
 
   private:
-    void give_back(std::unique_ptr<Space> space) {
-        const std::lock_guard<std::mutex> lock(mutex_);
-        idle_.push_back(std::move(space));
+    static constexpr std::size_t shelves = 64;
+
+    /// What one thread, or a few, gave back.
+    struct alignas(64) Shelf {
+        std::mutex mutex;
+        std::vector<std::unique_ptr<Space>> idle;
+        std::size_t lent = 0;
+
+        /// One of what lies here, or null; makes room for as many more as are to be given back
+        /// here, which must not fail.
+        template <class W>
+        std::unique_ptr<W> take(std::size_t more) {
+            const std::lock_guard<std::mutex> lock(mutex);
+            lent += more;
+            idle.reserve(idle.size() + lent);
+            for (auto& space : idle)
+                if (auto* const w = dynamic_cast<W*>(space.get())) {
+                    space.release();
+                    std::swap(space, idle.back());
+                    idle.pop_back();
+                    return std::unique_ptr<W>(w);
+                }
+            return nullptr;
+        }
+        void give_back(std::unique_ptr<Space> space) {
+            const std::lock_guard<std::mutex> lock(mutex);
+            idle.push_back(std::move(space));
+            --lent;
+        }
+    };
+
+    /// Ids are often addresses, whose low bits are the same.
+    static std::size_t number_of_thread() {
+        const std::uint64_t id = std::hash<std::thread::id>()(std::this_thread::get_id());
+        return static_cast<std::size_t>(id * 0x9E3779B97F4A7C15U >> 58U) % shelves;
     }
 
-    std::mutex mutex_;
-    std::vector<std::unique_ptr<Space>> idle_;
-    std::size_t made_ = 0;
+    std::array<Shelf, shelves> shelves_;
 };
 
 } // namespace rye
