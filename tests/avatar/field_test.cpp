@@ -5,7 +5,7 @@
 
 #include <doctest/doctest.h>
 
-#include "support/random.hpp"
+#include "../support/random.hpp"
 
 using namespace rye;
 

@@ -31,7 +31,7 @@ if [ -z "${AVATAR:-}" ]; then
     "$rye" capture --out "$work/capture" --size 256 --cameras 3 --frames 6 --test-frames 1 \
         --apart-frames 1 --samples 1 --quiet
     cat > "$work/short.json" << 'EOF'
-{"avatar": {"gaze_frequencies": 4, "shading": "none",
+{"avatar": {"gaze_frequencies": 4, "shading": "none", "eye_appearance": "free",
             "networks": {"exp_deform": [64, 64, 64, 64], "pose_deform": [64, 64],
                          "gaze_deform": [64, 64, 64]}},
  "grid": {"cell": 0.1458},

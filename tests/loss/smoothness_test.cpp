@@ -8,7 +8,7 @@
 #include <rye/core/thread_pool.hpp>
 #include <rye/loss/smoothness.hpp>
 
-#include "support/random.hpp"
+#include "../support/random.hpp"
 
 using namespace rye;
 

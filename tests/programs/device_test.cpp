@@ -121,8 +121,8 @@ TEST_CASE("device: fields that stage 1 does not read do not tell two first stage
     for (const nlohmann::ordered_json& json : std::vector<nlohmann::ordered_json>{
              {{"gaussians", {{"mouth_points", 5}, {"steps", 7}, {"planes", 3}}}},
              {{"gaussians", {{"weights", {{"blank", 0}}}, {"eyeball", {{"points", 9}}}}}},
-             {{"avatar", {{"gaze_mechanism", "condition"}}}},
-             {{"avatar", {{"shading", "head_pose"}, {"eye_appearance", "driven"}}}},
+             {{"avatar", {{"gaze_mechanism", "condition"}, {"eye_appearance", "free"}}}},
+             {{"avatar", {{"shading", "none"}, {"eye_appearance", "free"}}}},
              {{"avatar", {{"attribute_scale", 3}, {"networks", {{"exp_attributes", {5}}}}}}},
              {{"grid", {{"subdivide", false}}}}})
         CHECK(differ(json) == "");
