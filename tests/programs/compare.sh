@@ -175,9 +175,9 @@ grep -q "^list,cap,all,a,head_psnr," half/list.csv || { cat half/list.csv; fail 
 "$rye" compare --table mechanisms,deformation --preset tiny --config small.json --capture cap \
     --seeds 1 --out tables --jobs 2 --device cpu > tables.txt
 grep -q "^8 runs, 8 of them to do" tables.txt || { cat tables.txt; fail "runs of two tables"; }
-"$rye" compare --table deformation,deformation --preset tiny --config small.json --capture cap \
-    --seeds 1 --out tables --device cpu > tables.txt
-grep -q "^2 runs, 0 of them to do" tables.txt || { cat tables.txt; fail "runs that tables share"; }
+"$rye" compare --table losses,deformation --preset tiny --config small.json --capture cap --steps 1 \
+    --seeds 1 --out shared --jobs 2 --device cpu > tables.txt
+grep -q "^13 runs, 13 of them to do" tables.txt || { cat tables.txt; fail "runs that tables share"; }
 for name in rotation feature_rotation condition latent_rotation learned_quaternion none; do
     run=tables/runs/cap/$name/seed_1
     grep -q "\"gaze_mechanism\": \"$name\"" $run/config.json || fail "$name is not in config.json"

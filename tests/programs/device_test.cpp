@@ -263,8 +263,8 @@ TEST_CASE("device: memory is the sum of its parts, which follow from what they h
     other.gaussians.planes = 3;
     CHECK(part(device_need(other, sizes()), "networks") > 1.5 * part(need, "networks"));
     other = c;
-    other.gaussians.upsampler.capacity *= 2;
-    CHECK(part(device_need(other, sizes()), "upsampler") > 1.5 * part(need, "upsampler"));
+    other.gaussians.upsampler.capacity *= 4; // planes of up to 32 channels do not grow
+    CHECK(part(device_need(other, sizes()), "upsampler") > 2 * part(need, "upsampler"));
     more = sizes();
     more.lpips = true;
     CHECK(part(device_need(c, more), "losses") > 10 * part(need, "losses"));
