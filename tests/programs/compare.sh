@@ -192,7 +192,8 @@ for name in rotation feature_rotation condition latent_rotation learned_quaterni
             --effects gaze --out sweep.png
     fi
 done
-echo '{"avatar": {"gaze_mechanism": "condition", "shading": "none"}}' > other.json
+echo '{"avatar": {"gaze_mechanism": "condition", "eye_appearance": "free", "shading": "none"}}' \
+    > other.json
 refuses "field 'avatar.gaze_mechanism': got \"condition\", expected \"none\"" \
     "$rye" train --out tables/runs/cap/none/seed_1 --resume --config other.json
 grep -q "eye crops, eyeballs white" tables/deformation.md || fail "table 3 has no eye crops"
