@@ -40,7 +40,7 @@ __global__ void run(float* out) {
         a + b + c + d + sum[0] + static_cast<float>(u + v + w + x);
 }
 
-/// Of a call on the default stream, mean of 10 after 3.
+/// Time of a call on the default stream, mean of 10 after 3.
 template <class F>
 float milliseconds(const F& f) {
     cudaEvent_t begin, end;

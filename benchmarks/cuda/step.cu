@@ -28,7 +28,7 @@ using namespace rye;
 
 std::string json;
 
-/// What a trainer's graph becomes.
+/// Replay of a trainer's graph.
 enum class Cut { whole, parts, kernels };
 
 /// A part of a graph.
@@ -50,7 +50,7 @@ cudaEvent_t recorded(cudaStream_t stream) {
     return e;
 }
 
-/// What was measured, of the one trainer that runs at a time.
+/// Measurements of the one trainer that runs at a time.
 struct Recorder {
     Cut cut = Cut::whole;
     bool capturing = false, timing = false;
@@ -74,7 +74,7 @@ struct Recorder {
         }
         check_cuda(cudaGraphDestroy(graph), "graph");
     }
-    /// Of the pieces and of all of them together, without the first launches.
+    /// Times of the pieces and of all of them together, without the first launches.
     std::vector<bench::Times> times() {
         std::vector<std::vector<float>> ms(pieces.size() + 1);
         for (std::size_t l = 0; l < launches.size(); ++l) {
@@ -275,12 +275,12 @@ double network_products(const bench::DeviceSubject<E>& s) {
     return sum;
 }
 
-/// What the device was measured to do a second.
+/// Measured rates of the device, a second.
 struct Rates {
     double flops, bytes;
 };
 
-/// What a part does.
+/// Work of a part.
 struct PartWork {
     double flops = 0, bytes = 0;
 };

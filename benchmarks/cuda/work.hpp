@@ -10,7 +10,7 @@
 
 namespace rye::bench {
 
-/// Of a point. What all points of a frame share is not counted.
+/// Products of a point. What all points of a frame share is not counted.
 inline double products(const MlpShape& s) {
     double sum = 0;
     for (int l = 0; l < s.layers(); ++l)
@@ -19,7 +19,7 @@ inline double products(const MlpShape& s) {
     return sum;
 }
 
-/// Of the convolutions of a picture of so many pixels of features.
+/// Products of the convolutions of a picture of so many pixels of features.
 inline double products(const UpsamplerShape& s, double pixels) {
     double sum = 0;
     for (int l = 0; l < s.layers(); ++l)

@@ -238,7 +238,7 @@ BENCHMARK(machine)->ArgName("threads")->Apply(by_threads)->Iterations(1);
 
 int main(int argc, char** argv) {
 #ifdef __GLIBC__
-    // As the trainer: freed pages are kept.
+    // Freed pages are kept, as by the trainer.
     mallopt(M_MMAP_THRESHOLD, 1 << 30);
     mallopt(M_TRIM_THRESHOLD, 1 << 30);
 #endif

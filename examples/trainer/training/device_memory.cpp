@@ -69,7 +69,7 @@ struct UpsamplerLayers {
             sum += 9.0 * shape.layer_in(l) * shape.block_out(l / 2);
         return sum;
     }
-    /// What the vjp of one pass reads: results of layers, and their inputs as planes.
+    /// Memory that the vjp of one pass reads: results of layers, and their inputs as planes.
     double trace(int planes) const {
         double sum = 0;
         for (int l = 0; l < shape.layers(); ++l)
@@ -79,7 +79,7 @@ struct UpsamplerLayers {
             for (int d = 0; d <= shape.doublings; ++d) sum += number * 3 * pixels(2 * d);
         return sum;
     }
-    /// What the passes share: planes of a cotangent, two cotangents, those of the skip, weights as
+    /// Memory that the passes share: planes of a cotangent, two cotangents, those of the skip, weights as
     /// planes for both directions, partial gradients of weights.
     double shared(int planes, int width, int height) const {
         double most = 0, padded = 0, packed = 0, partial = 0;

@@ -67,7 +67,7 @@ RYE_HD T square_slope(const T& share, const T& d) {
 
 } // namespace detail
 
-/// For each point of a graph those that have it as a neighbour, ascending.
+/// Points that have each point of a graph as a neighbour, ascending.
 inline std::vector<std::vector<Index>> neighbour_of(const NeighbourGraph& graph) {
     std::vector<std::vector<Index>> of(graph.size());
     for (std::size_t i = 0; i < graph.size(); ++i)

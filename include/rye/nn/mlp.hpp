@@ -84,7 +84,7 @@ struct MlpTrace {
 
 namespace detail {
 
-/// What is done to columns [b, e) before or after a pass where nothing is.
+/// Does nothing to columns [b, e) before or after a pass.
 struct NothingAround {
     void operator()(Index, Index) const {}
 };
@@ -201,7 +201,7 @@ void mlp_forward_around(const B& backend, const Mlp<T, A>& m,
     });
 }
 
-/// As mlp_forward_around, with nothing around. Returns y.
+/// Runs mlp_forward_around with nothing around. Returns y.
 template <class T, class A, Backend B>
 Columns<T> mlp_forward(const B& backend, const Mlp<T, A>& m,
                        const std::type_identity_t<ColumnsView<T>>& points,
@@ -327,7 +327,7 @@ void mlp_vjp_around(const B& backend, const Mlp<T, A>& m,
     }
 }
 
-/// As mlp_vjp_around, with nothing around.
+/// Runs mlp_vjp_around with nothing around.
 template <class T, class A, Backend B>
 void mlp_vjp(const B& backend, const Mlp<T, A>& m, const std::type_identity_t<MlpPass<T>>& pass,
              const std::type_identity_t<ColumnsView<T>>& g_out,

@@ -62,7 +62,7 @@ class Workspaces {
   private:
     static constexpr std::size_t shelves = 64;
 
-    /// What one thread, or a few, gave back.
+    /// Workspaces that one thread, or a few, gave back.
     struct alignas(64) Shelf {
         std::mutex mutex;
         std::vector<std::unique_ptr<Space>> idle;

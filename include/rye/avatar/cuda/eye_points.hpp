@@ -173,7 +173,7 @@ struct EyePointVjp {
     }
 };
 
-/// What the eyes' sums are for: cotangents of the offset network's outputs.
+/// Cotangents of the offset network's outputs, from the eyes' sums.
 template <EffectSet E>
 struct EyeOffsetVjp {
     static constexpr const char* name = "eyes' offset, reverse";

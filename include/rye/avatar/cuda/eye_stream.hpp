@@ -127,7 +127,7 @@ class DeviceEyeStream {
                               g_input());
         }
     }
-    /// What reads and adds to the cotangents of the codes, after the face: the offset network's
+    /// Reads and adds to the cotangents of the codes, after the face: the offset network's
     /// cotangent of the pose's code, kappa's gradient.
     template <class To>
     void codes_vjp_into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const To& to,

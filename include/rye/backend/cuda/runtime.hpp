@@ -86,7 +86,7 @@ class CudaBranch {
         follow(stream_, from.stream);
         return {stream_, *this};
     }
-    /// What is put on `to` from now on follows the branch's work.
+    /// Lets what is put on `to` from now on follow the branch's work.
     void end(const CudaQueue& to) const { follow(to.stream, stream_); }
 
     void* allocate(std::size_t bytes, CudaStream) const {
@@ -95,7 +95,7 @@ class CudaBranch {
         return p;
     }
     void release(void* p, CudaStream) const {
-        follow(from_->stream, stream_);  // which may read it still
+        follow(from_->stream, stream_);  // the branch may read it still
         from_->memory.release(p, from_->stream);
     }
 

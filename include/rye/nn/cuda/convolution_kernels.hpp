@@ -205,7 +205,7 @@ struct ConvolutionKernel {
                   columns = rye::min(int(Tiles::side), in.width - c.x);
         const Index strip = Index(c.tile) * Tiles::down + w / Tiles::beside;
         StripMoments* const to = result.moments + strip * result.outputs;
-        // By the count: ptxas 13.0 for sm_90 takes rows == high to hold for any rows in the image.
+        // Compares the count: ptxas 13.0 for sm_90 takes rows == high to hold for any rows.
         if (rows * columns == Tiles::high * Tiles::side)
             write_moments<W, true>(sums, first_c, {rows, columns}, to);
         else

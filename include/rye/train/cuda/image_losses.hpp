@@ -160,7 +160,7 @@ class DeviceImageLosses {
                                                  "dssim",           "eye_low",        "eye_high",
                                                  "blank",           "face_alone",     "eye_smooth"};
 
-    /// Of the final picture.
+    /// Terms of the final picture.
     template <class P>
     void picture_terms(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
                        const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
@@ -173,7 +173,7 @@ class DeviceImageLosses {
         if (weights.dssim > 0)
             terms_[3] = dssim_.into(queue, p.high, seen.truth, weights.dssim, g.high);
     }
-    /// Of the three renders.
+    /// Terms of the three renders.
     template <class P>
     void render_terms(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
                       const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {
@@ -186,7 +186,7 @@ class DeviceImageLosses {
         terms_[4] = eye_low_.into(queue, p.eyes, small, {weights.eye_low, small_}, g.eyes);
         face_terms(queue, images, p, g);
     }
-    /// Of the eyes' picture, if it is there.
+    /// Terms of the eyes' picture, if it is there.
     template <class P>
     void eyes_high_term(const CudaQueue& queue, const DeviceAvatarImages<P>& images,
                         const DeviceAvatarPictures& p, const DeviceAvatarCotangents& g) {

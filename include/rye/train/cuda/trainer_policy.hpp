@@ -7,7 +7,7 @@
 
 namespace rye {
 
-/// How a trainer computes: planes and widths of networks' products, numbers of channels that
+/// A trainer's way to compute: planes and widths of networks' products, numbers of channels that
 /// renders have kernels for, the rules of renders.
 template <class Networks_ = DeviceNetworks<1>, class Channels_ = KernelChannels<3, 32>,
           DeviceAccuracy A = Balanced, int upsampler_planes_ = 1>
