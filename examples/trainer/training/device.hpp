@@ -32,10 +32,10 @@ struct DeviceFinding {
     std::string reason;               ///< why there is none
 };
 DeviceFinding find_device();
-/// Whether this build has kernels; does not look for a device.
+/// True if this build has kernels; does not look for a device.
 bool has_device_kernels();
 
-/// What a device is told beside the avatar.
+/// Settings of a training on a device, beside the avatar.
 struct DeviceTask {
     AvatarTraining<Balanced, PyramidGradientLoss> training; ///< its perceptual loss is not read
     std::optional<LpipsWeights<float>> lpips;               ///< else the loss without weights

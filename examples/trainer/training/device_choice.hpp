@@ -11,18 +11,18 @@
 
 namespace rye::trainer {
 
-/// What a user asks for by --device.
+/// The words of --device.
 enum class DeviceWish { automatic, cpu, cuda };
 
-/// Of its words: auto, cpu or cuda.
+/// The wish of a word: auto, cpu or cuda.
 inline DeviceWish device_wish(const std::string& word) {
     return word == "auto"  ? DeviceWish::automatic
            : word == "cpu" ? DeviceWish::cpu
                            : DeviceWish::cuda;
 }
 
-/// What has no kernels in a configuration, as "avatar.feature is 129", with what is expected; empty
-/// where a device can train and draw it.
+/// The field of a configuration without kernels, as "avatar.feature is 129", with what is expected;
+/// empty where a device can train and draw it.
 inline std::string without_kernels(const TrainConfig& c) {
     // Tiles of rye::DeviceNetworks.
     constexpr int widest = 256, features = 128, codes = 64, layers = 8;
@@ -56,7 +56,7 @@ inline std::string without_kernels(const TrainConfig& c) {
     return words;
 }
 
-/// Where stage 2 is trained, or a run is drawn.
+/// The side that trains stage 2 or draws a run.
 struct DeviceDecision {
     bool device = false;
     std::string reason; ///< of the CPU, where a build with kernels has it by itself; else empty

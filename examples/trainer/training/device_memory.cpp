@@ -34,7 +34,7 @@ struct Network {
             sum += (static_cast<double>(shape.fan_in(l)) + 1) * shape.layer_out(l);
         return sum;
     }
-    /// What a layer's outputs, or the inputs, are in planes of half words.
+    /// Half words of the planes of a layer's outputs, or of the inputs.
     double halves(int width, int planes) const { return planes * points * up(width, 16); }
 };
 
@@ -79,8 +79,8 @@ struct UpsamplerLayers {
             for (int d = 0; d <= shape.doublings; ++d) sum += number * 3 * pixels(2 * d);
         return sum;
     }
-    /// Memory that the passes share: planes of a cotangent, two cotangents, those of the skip, weights as
-    /// planes for both directions, partial gradients of weights.
+    /// Memory that the passes share: planes of a cotangent, two cotangents, those of the skip,
+    /// weights as planes for both directions, partial gradients of weights.
     double shared(int planes, int width, int height) const {
         double most = 0, padded = 0, packed = 0, partial = 0;
         for (int l = 0; l < shape.layers(); ++l) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/device_memory.hpp: how much device memory stage 2 needs, before it begins, by formula.
-/// What CUDA itself holds (its context, code of kernels) is not in it.
+/// CUDA's own memory (its context, code of kernels) is not in it.
 #pragma once
 
 #include <array>
@@ -11,7 +11,7 @@
 
 namespace rye::trainer {
 
-/// What the memory follows from, beside the configuration.
+/// Numbers that the memory follows from, beside the configuration.
 struct DeviceSizes {
     double face = 0, eyes = 0;         ///< Gaussians
     std::array<double, 4> listed = {}; ///< points that expression, pose and both gazes move

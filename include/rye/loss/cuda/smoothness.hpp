@@ -81,13 +81,13 @@ class DeviceSmoothness {
                             " is " + std::to_string(to) + ", the graph has " + std::to_string(n) +
                             " points");
                 neighbour[4 * i + k] = static_cast<std::int32_t>(to);
-                ++begin[static_cast<std::size_t>(to) + 1];
             }
-        for (std::size_t i = 0; i < n; ++i) begin[i + 1] += begin[i];
-        std::vector<std::int32_t> next(begin, begin + n);
-        for (std::size_t i = 0; i < n; ++i)
-            for (const Index to : graph[i])
-                namer[next[static_cast<std::size_t>(to)]++] = static_cast<std::int32_t>(i);
+        std::int32_t* end = namer;
+        const std::vector<std::vector<Index>> of = neighbour_of(graph);
+        for (std::size_t i = 0; i < n; ++i) {
+            for (const Index from : of[i]) *end++ = static_cast<std::int32_t>(from);
+            begin[i + 1] = static_cast<std::int32_t>(end - namer);
+        }
         words_.reserve(queue, words.size());
         device_.send(queue, words_.data(), words.data(), words.size() * sizeof(std::int32_t));
         points_ = static_cast<Index>(n);
