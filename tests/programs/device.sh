@@ -102,8 +102,11 @@ for panel in device/panels/*; do same "$panel" "stopped/panels/${panel##*/}"; do
 "$rye" $small --out full > out.txt 2> err.txt &
 pid=$!
 begun full
+# Halted meanwhile: a checkpoint of its own could come between the two commands.
+kill -STOP $pid
 mv full/checkpoint.safetensors kept
 mkdir full/checkpoint.safetensors
+kill -CONT $pid
 code=0
 wait $pid || code=$?
 [ $code = 2 ] && [ "$(grep -vc '^rye: warning' err.txt)" -eq 1 ] &&
