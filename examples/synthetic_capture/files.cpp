@@ -199,6 +199,27 @@ Json frame_json(const HeadModel& model, const SceneFrame& f, const std::array<in
     return frame;
 }
 
+/// The displacements of landmarks and vertices by each expression alone, (E, N, 3), lids at rest.
+NpzArrays expression_shapes(const HeadModel& model) {
+    const Index count = static_cast<Index>(model.expression_names.size());
+    const VecX<double> lids = VecX<double>::Zero(static_cast<Index>(lid_names.size()));
+    const Points rest = model.vertices(VecX<double>::Zero(count), lids);
+    std::vector<float> landmarks, dense;
+    for (Index e = 0; e < count; ++e) {
+        const Points moved = model.vertices(VecX<double>::Unit(count, e), lids) - rest;
+        for (const Index i : model.landmarks)
+            for (Index d = 0; d < 3; ++d) landmarks.push_back(static_cast<float>(moved(d, i)));
+        for (const Index i : model.dense)
+            for (Index d = 0; d < 3; ++d) dense.push_back(static_cast<float>(moved(d, i)));
+    }
+    const auto array = [&](const std::vector<float>& values, std::size_t points) {
+        return npy_array<float>({count, static_cast<Index>(points), 3},
+                                std::span<const float>(values));
+    };
+    return {{"landmarks", array(landmarks, model.landmarks.size())},
+            {"vertices", array(dense, model.dense.size())}};
+}
+
 Json description(const HeadModel& model, const CaptureScene& scene, const Json& frames) {
     const CaptureSettings& s = scene.settings;
     Json ids = Json::array(), cameras = Json::array(), held_out = Json::array();
@@ -279,6 +300,7 @@ void write_capture(const HeadModel& model, const CaptureScene& scene, const fs::
     const NpyArray index = npy_array<std::int32_t>({static_cast<Index>(dense.size())},
                                                    std::span<const std::int32_t>(dense));
     write_atomic(out / "vertex_index.npy", npy_bytes(index), Durability::atomic_only);
+    write_arrays(out / "expression_shapes.npz", expression_shapes(model));
     const std::string text = description(model, scene, frames).dump(1) + "\n";
     write_atomic(out / "capture.json", as_bytes(text), Durability::atomic_only);
 }

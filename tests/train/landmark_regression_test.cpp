@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <rye/train/landmark_regression.hpp>
 
+#include <cmath>
+
 #include <doctest/doctest.h>
 
 #include <rye/backend/scalar.hpp>
@@ -58,9 +60,18 @@ struct Subject {
         }
         return all;
     }
-    LandmarkRegression regression(const std::vector<MeshSample<double>>& frames) const {
+    LandmarkRegression regression(const std::vector<MeshSample<double>>& frames,
+                                  const RegressionConfig& prior = {}) const {
         return landmark_regression<double, PaperEffects>(B{}, {config, neutral, neutral}, roles,
-                                                         frames);
+                                                         frames, prior);
+    }
+    /// Relative error for the coefficient k alone.
+    double error(const LandmarkRegression& r, Index k) const {
+        const MeshSample<double> f = frame(0.6 * VecX<double>::Unit(coefficients, k),
+                                           Vec2<double>(0.2, 0.1), Vec2<double>(0.2, 0.1));
+        const Columns<double> got =
+            neutral + r.displacement<double>(landmark_regressors(f.drivers));
+        return (got - f.landmarks).norm() / (neutral - f.landmarks).norm();
     }
 };
 
@@ -85,6 +96,77 @@ TEST_CASE("few frames give the displacements of expressions that none of them ha
         const double moved = rms(subject.neutral, f.landmarks);
         CHECK(rms(got, f.landmarks) < 0.2 * moved);
     }
+}
+
+TEST_CASE("fewer frames do where it is known which coefficients move a landmark") {
+    const Subject subject;
+    const auto frames = subject.frames(10);
+    RegressionConfig prior;
+    prior.expression_reach = Columns<double>::Constant(coefficients, subject.neutral.cols(), 0.05);
+    // A third of the coefficients may move a landmark, the right one among them.
+    for (Index l = 0; l < subject.neutral.cols(); ++l)
+        for (Index k = 0; k < coefficients; ++k)
+            if (k % 3 == (l % coefficients) % 3) prior.expression_reach(k, l) = 1;
+    const LandmarkRegression without = subject.regression(frames);
+    const LandmarkRegression with = subject.regression(frames, prior);
+    double before = 0, after = 0;
+    for (Index k = 0; k < coefficients; ++k) {
+        before += subject.error(without, k) / coefficients;
+        after += subject.error(with, k) / coefficients;
+    }
+    CHECK(before > 0.3);
+    CHECK(after < 0.7 * before);
+}
+
+TEST_CASE("known shapes hold for coefficients that are 0 in all frames") {
+    const Subject subject;
+    auto frames = subject.frames(10);
+    for (MeshSample<double>& f : frames) {
+        VecX<double> e = f.drivers.expression;
+        e[3] = 0;
+        const auto angles = [&](std::size_t eye) { return pitch_yaw(f.drivers.gaze[eye]); };
+        f = subject.frame(e, angles(0), angles(1));
+    }
+    RegressionConfig prior;
+    prior.expression_shapes = Columns<double>::Zero(coefficients, 3 * subject.neutral.cols());
+    for (Index l = 0; l < subject.neutral.cols(); ++l)
+        prior.expression_shapes.row(l % coefficients).segment(3 * l, 3) =
+            subject.direction.col(l).transpose();
+    const LandmarkRegression without = subject.regression(frames);
+    const LandmarkRegression with = subject.regression(frames, prior);
+    CHECK(subject.error(without, 3) > 0.7);
+    CHECK(subject.error(with, 3) < 0.1);
+    CHECK(!without.knows_shapes);
+    CHECK(with.knows_shapes);
+    bool unseen = false;
+    for (std::uint64_t k = 0; k < 60; ++k) {
+        const auto mixed = [&](const LandmarkRegression& r) {
+            return mixed_frame(frames, r, subject.neutral, Random{k, 0}).drivers.expression[3];
+        };
+        CHECK(mixed(without) == 0);
+        unseen |= mixed(with) != 0;
+    }
+    CHECK(unseen);
+}
+
+TEST_CASE("priors that do not fit the frames are refused") {
+    const Subject subject;
+    const auto frames = subject.frames(4);
+    const Index landmarks = subject.neutral.cols();
+    RegressionConfig prior;
+    prior.expression_reach = Columns<double>::Ones(coefficients, landmarks - 1);
+    CHECK_FAULT(subject.regression(frames, prior), "expected 20 x 66 numbers in (0, 1]");
+    prior.expression_reach = Columns<double>::Ones(coefficients, landmarks);
+    for (const double bad : {0.0, -1.0, 1.5, std::nan("")}) {
+        prior.expression_reach(2, 5) = bad;
+        CHECK_FAULT(subject.regression(frames, prior), "expected 20 x 66 numbers in (0, 1]");
+    }
+    prior.expression_reach.resize(0, 0);
+    prior.expression_shapes = Columns<double>::Zero(coefficients, 3 * landmarks);
+    prior.expression_shapes(0, 0) = std::nan("");
+    CHECK_FAULT(subject.regression(frames, prior), "expected 20 x 198 finite numbers");
+    prior.expression_shapes = Columns<double>::Zero(2, 3 * landmarks);
+    CHECK_FAULT(subject.regression(frames, prior), "expression_shapes of 2 x 198");
 }
 
 TEST_CASE("a lid follows its own eye though no frame has eyes apart") {

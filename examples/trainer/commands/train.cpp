@@ -178,7 +178,7 @@ class Trainer {
         std::vector<MeshSample<float>> frames;
         for (const int frame : capture_.train)
             frames.push_back(mesh_sample(capture_, state_.subject, state_.config, frame, {}));
-        const double left = fit_landmarks(state_, frames);
+        const double left = fit_landmarks(state_, capture_, frames);
         folder_.log({{"stage", "mesh"}, {"step", state_.step}, {"landmark_rms", left}});
         if (!quiet(options_))
             std::cout << brief("landmarks of all frames fitted: landmark_rms", left) << "\n";

@@ -114,17 +114,6 @@ Columns<double> read_points(const fs::path& path) {
 
 // ---- one frame ---------------------------------------------------------------------------------
 
-/// The landmarks common to both of Gaussian Head Avatar's sets: all but the inner lip corners.
-Columns<double> read_landmarks(const fs::path& path) {
-    const Columns<double> all = read_points(path);
-    if (all.cols() == 66) return all;
-    require(all.cols() == 68, path.string(),
-            "got " + std::to_string(all.cols()) + " landmarks, expected 66 or 68");
-    Columns<double> kept(3, 66);
-    kept << all.leftCols(48), all.middleCols(49, 5), all.rightCols(13);
-    return kept;
-}
-
 void read_gaze(const fs::path& path, CaptureFrame& frame) {
     const Archive file(path);
     static constexpr std::array<const char*, 2> sides{"left", "right"};
@@ -168,7 +157,8 @@ CaptureFrame read_frame(const fs::path& folder, const std::string& id) {
             "got " + std::to_string(frame.scale) + ", expected > 0");
     for (const double weight : file.get("exp_coeff", {}))
         frame.expression.push_back(static_cast<float>(weight));
-    frame.landmarks = read_landmarks(params / "lmk_3d.npy");
+    frame.landmarks =
+        common_landmarks(read_points(params / "lmk_3d.npy"), (params / "lmk_3d.npy").string());
     frame.vertices.resize(3, 0);
     if (fs::exists(params / "vertices.npy")) frame.vertices = read_points(params / "vertices.npy");
     if (fs::exists(params / "gaze.npz")) read_gaze(params / "gaze.npz", frame);
@@ -503,6 +493,15 @@ void read_everything(Capture& c, const CaptureOptions& options, Faults& faults) 
 }
 
 } // namespace
+
+Columns<double> common_landmarks(const Columns<double>& all, const std::string& who) {
+    if (all.cols() == 66) return all;
+    require(all.cols() == 68, who,
+            "got " + std::to_string(all.cols()) + " landmarks, expected 66 or 68");
+    Columns<double> kept(3, 66);
+    kept << all.leftCols(48), all.middleCols(49, 5), all.rightCols(13);
+    return kept;
+}
 
 const Image8& ImageCache::get(const fs::path& path, int channels) {
     const std::string key = std::to_string(channels) + ":" + path.string();

@@ -88,6 +88,10 @@ struct CaptureContents {
     std::string image_size;  ///< capture.json's, as JSON; empty where it has none
 };
 
+/// The landmarks common to both of Gaussian Head Avatar's sets, 66 of 66 or 68: all but the lip
+/// corners 48 and 54. Throws Error that begins with `who` for another number.
+Columns<double> common_landmarks(const Columns<double>& all, const std::string& who);
+
 /// Decoded 8-bit images, evicting the least recently used first.
 class ImageCache {
 public:

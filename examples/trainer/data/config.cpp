@@ -82,6 +82,8 @@ void walk(F& f, TrainConfig& c) {
         f("fit_steps", m.fit_steps, Range{0, 1e7});
         f("fit_rate", m.fit_rate, rate);
         f("fit_mixed", m.fit_mixed, Range{0, 1});
+        f("fit_regions", m.fit_regions);
+        f("fit_shapes", m.fit_shapes);
         f("weights", [&] {
             f("rgb", m.weights.rgb, any);
             f("silhouette", m.weights.silhouette, any);
@@ -389,6 +391,7 @@ void take_generalisation(TrainConfig& c) {
     c.mesh.fit_steps = 10000;
     c.mesh.fit_rate = 3e-3;
     c.mesh.fit_mixed = 0.85;
+    c.mesh.fit_regions = c.mesh.fit_shapes = true;
     AvatarTrainConfig& g = c.gaussians;
     g.mouth_points = 2000;
     g.spacing_slope = 0.06;

@@ -32,6 +32,8 @@ struct MeshTrainConfig {
     int fit_steps = 0;  ///< of fit_deformation, after the last step
     double fit_rate = 2e-3;  ///< its first learning rate
     double fit_mixed = 0;    ///< share of its frames that are mixed_frame of others
+    bool fit_regions = false; ///< mixed frames know where named coefficients act
+    bool fit_shapes = false;  ///< ... and the shapes of the capture's face model, where it has them
     MeshLossConfig weights;
     MeshRates rates;
 };

@@ -28,15 +28,19 @@ int rounded_up(int size, int factor) {
 
 } // namespace
 
+Columns<double> chosen_landmarks(const Columns<double>& landmarks,
+                                 const Columns<double>& vertices) {
+    const Index stride = std::max<Index>(1, vertices.cols() / dense_landmarks);
+    const Index dense = vertices.cols() == 0 ? 0 : (vertices.cols() - 1) / stride + 1;
+    Columns<double> all(3, landmarks.cols() + dense);
+    all.leftCols(landmarks.cols()) = landmarks;
+    for (Index k = 0; k < dense; ++k) all.col(landmarks.cols() + k) = vertices.col(k * stride);
+    return all;
+}
+
 Columns<double> frame_landmarks(const Capture& capture, int frame) {
     const CaptureFrame& f = capture.frames[static_cast<std::size_t>(frame)];
-    const Index stride = std::max<Index>(1, f.vertices.cols() / dense_landmarks);
-    const Index dense = f.vertices.cols() == 0 ? 0 : (f.vertices.cols() - 1) / stride + 1;
-    Columns<double> all(3, f.landmarks.cols() + dense);
-    all.leftCols(f.landmarks.cols()) = f.landmarks;
-    for (Index k = 0; k < dense; ++k)
-        all.col(f.landmarks.cols() + k) = f.vertices.col(k * stride);
-    return all;
+    return chosen_landmarks(f.landmarks, f.vertices);
 }
 
 Columns<double> to_canonical(const CaptureFrame& frame, const Columns<double>& world) {

@@ -38,6 +38,9 @@ void require_gazes(const Capture& capture, GazeAxis axis);
 
 Drivers<float> frame_drivers(const Capture& capture, int frame, GazeAxis axis);
 
+/// The sparse landmarks and a selection of the dense vertices, in the order of Subject::neutral.
+Columns<double> chosen_landmarks(const Columns<double>& landmarks, const Columns<double>& vertices);
+
 /// Landmarks of a frame in the world, in the order of Subject::neutral.
 Columns<double> frame_landmarks(const Capture& capture, int frame);
 

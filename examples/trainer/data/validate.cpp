@@ -15,6 +15,7 @@
 #include <rye/rig/gaze.hpp>
 
 #include "data/config.hpp"
+#include "data/expression_shapes.hpp"
 #include "data/eye_shapes.hpp"
 
 namespace rye::trainer {
@@ -397,6 +398,46 @@ void check_expressions(const Capture& c, Findings& found) {
                                      ", expected a few units at most");
 }
 
+/// Shapes in other units, or of other coefficients, move the landmarks away from where they are.
+void check_expression_shapes(const Capture& c, double span, Findings& found) {
+    const std::string where = (c.folder / "expression_shapes.npz").string() + ": ";
+    Columns<double> shapes;
+    try {
+        shapes = expression_shapes(c);
+    } catch (const Error& e) {
+        found.error("shapes", e.what());
+        return;
+    }
+    if (shapes.size() == 0) return;
+    const double longest = shapes.cwiseAbs().maxCoeff() * c.frames.front().scale;
+    if (!(longest < 10 * span)) {
+        found.error("shapes", where + "a displacement of " + text(longest) +
+                                  " units, expected less than 10 times the landmarks' span of " +
+                                  text(span));
+        return;
+    }
+    const Index sparse = c.frames.front().landmarks.cols();
+    Columns<double> moved(3 * sparse, c.frame_count()), left = moved;
+    for (Index f = 0; f < moved.cols(); ++f) {
+        const CaptureFrame& frame = c.frames[static_cast<std::size_t>(f)];
+        const Columns<double> now = head_landmarks(frame);
+        moved.col(f) = Eigen::Map<const VecX<double>>(now.data(), now.size());
+        left.col(f) = moved.col(f);
+        for (Index e = 0; e < shapes.rows(); ++e)
+            left.col(f) -= static_cast<double>(frame.expression[static_cast<std::size_t>(e)]) *
+                           shapes.row(e).head(3 * sparse).transpose();
+    }
+    const auto spread = [&](const Columns<double>& a) {
+        return std::sqrt((a.colwise() - a.rowwise().mean()).squaredNorm() /
+                         static_cast<double>(sparse * a.cols()));
+    };
+    if (spread(left) > spread(moved))
+        found.warning("shapes", where + "landmarks are " + text(spread(left)) +
+                                    " units from their mean after these displacements are taken " +
+                                    "away, " + text(spread(moved)) +
+                                    " before; expected less: are units and exp_coeff the model's?");
+}
+
 // ---- gaze --------------------------------------------------------------------------------------
 
 void check_axis(const std::string& where, const std::string& name, const Vec3<double>& v,
@@ -588,6 +629,7 @@ std::vector<Problem> validate(const Capture& c, ImagesToDecode images) {
     check_extent(c, span, found);
     check_head_frame(c, span, found);
     check_expressions(c, found);
+    check_expression_shapes(c, span, found);
     check_gaze(c, span, found);
     if (images != ImagesToDecode::none) check_pixels(c, images, found);
     return found.list();

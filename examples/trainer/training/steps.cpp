@@ -8,7 +8,9 @@
 #include <rye/train/checkpoint.hpp>
 #include <rye/train/fit_deformation.hpp>
 
+#include "data/expression_shapes.hpp"
 #include "data/panel.hpp"
+#include "training/expression_regions.hpp"
 #include "training/mesh_steps.hpp"
 
 namespace rye::trainer {
@@ -30,6 +32,9 @@ TrainEyeball eyeball_of(const Subject& s, const TrainConfig& config, std::size_t
     return shape;
 }
 
+/// Where a face model gives a coefficient's shape, the regression of what is left has it last.
+constexpr double reach_of_known_shapes = 0.05;
+
 } // namespace
 
 TetGrid<float> make_lattice(const TrainState& state) {
@@ -44,12 +49,20 @@ void pretrain_mesh(TrainState& state, MeshNetworks* networks) {
     pretrain_mesh_by(train_backend(), state);
 }
 
-double fit_landmarks(TrainState& state, const std::vector<MeshSample<float>>& frames) {
+double fit_landmarks(TrainState& state, const Capture& capture,
+                     const std::vector<MeshSample<float>>& frames) {
     DeformationFit fit;
     fit.steps = state.config.mesh.fit_steps;
     fit.rate = state.config.mesh.fit_rate;
     fit.mixed = state.config.mesh.fit_mixed;
     fit.random = seed_of(state).fork(9);
+    RegressionConfig& prior = fit.regression;
+    if (state.config.mesh.fit_regions)
+        prior.expression_reach = expression_reach(capture.expression_names, state.subject.neutral);
+    if (state.config.mesh.fit_shapes) prior.expression_shapes = expression_shapes(capture);
+    if (const Columns<double>& shapes = prior.expression_shapes; shapes.size() > 0)
+        prior.expression_reach = Columns<double>::Constant(
+            shapes.rows(), state.subject.neutral.cols(), reach_of_known_shapes);
     return fit_deformation(
         train_backend(), state.mesh,
         {state.config.avatar, state.subject.roles, state.config.mesh.landmarks_follow_gaze}, frames,

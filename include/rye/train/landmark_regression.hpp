@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <string>
 #include <vector>
 
 #include <rye/avatar/weights.hpp>
@@ -25,6 +26,12 @@ struct RegressionConfig {
     int iterations = 6;
     double ridge = 1e-3;    ///< of the squared residual, relative to a coefficient of variance 1
     double smallest = 3e-3; ///< displacement by a coefficient that counts as none [unit]
+    /// E x L in (0, 1]: how far a coefficient of the expression may move a landmark, relative to
+    /// the others (a brow's hardly moves a lip). Empty: all alike.
+    Columns<double> expression_reach = {};
+    /// E x 3 L, displacement (e, 3 l + axis) by a coefficient of 1 as a face model has it [unit];
+    /// the regression is of what these leave. Empty: unknown.
+    Columns<double> expression_shapes = {};
 };
 
 namespace detail {
@@ -56,6 +63,23 @@ void solve_positive(A& a, B& b) {
     }
 }
 
+/// Throws Error for priors that do not fit E coefficients and L landmarks.
+inline void require_prior(const RegressionConfig& config, Index expression, Index landmarks) {
+    const auto require_rows = [&](const char* name, const Columns<double>& a, Index columns,
+                                  bool good, const char* what) {
+        require(a.size() == 0 || (a.rows() == expression && a.cols() == columns && good),
+                "landmark_regression",
+                std::string("got an ") + name + " of " + std::to_string(a.rows()) + " x " +
+                    std::to_string(a.cols()) + ", expected " + std::to_string(expression) + " x " +
+                    std::to_string(columns) + what);
+    };
+    const Columns<double>& reach = config.expression_reach;
+    require_rows("expression_reach", reach, landmarks,
+                 (reach.array() > 0 && reach.array() <= 1).all(), " numbers in (0, 1]");
+    const Columns<double>& shapes = config.expression_shapes;
+    require_rows("expression_shapes", shapes, 3 * landmarks, shapes.allFinite(), " finite numbers");
+}
+
 } // namespace detail
 
 /// The regressors of a frame: 1, the expression, and (pitch, yaw) [rad] of each eye that the skin
@@ -79,6 +103,7 @@ std::vector<double> landmark_regressors(const Drivers<T, E>& drivers) {
 /// x_k.
 struct LandmarkRegression {
     Columns<double> coefficient; ///< K x 3 L [unit a unit of a regressor]
+    bool knows_shapes = false;   ///< of every coefficient of the expression, by a face model
 
     /// 3 x L. x: K regressors.
     template <class T>
@@ -96,7 +121,8 @@ struct LandmarkRegression {
 
 /// Fits the displacements of `frames` from the neutral landmarks, 3 x L. Gaze moves a landmark as
 /// far as its influence there reaches: eyes that look the same way in all frames do not say which
-/// of them a lid follows. Throws Error for frames whose landmarks are another number.
+/// of them a lid follows. Throws Error for frames whose landmarks are another number, and for an
+/// expression_reach or expression_shapes of another shape, or values they must not have.
 template <class T, EffectSet E, Backend B>
 LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>& neutral,
                                        const LandmarkRoles& roles,
@@ -115,6 +141,12 @@ LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>
     const Index regressors = static_cast<Index>(x.front().size());
     // Largest prior variance of each regressor at each landmark.
     Columns<double> reach = Columns<double>::Ones(regressors, landmarks);
+    if constexpr (has_effect<E, ReadsExpression>) {
+        detail::require_prior(config, frames.front().drivers.expression.size(), landmarks);
+        if (config.expression_reach.size() > 0)
+            reach.middleRows(1, config.expression_reach.rows()) = config.expression_reach;
+    }
+    const Columns<double>& shapes = config.expression_shapes;
     WeightsTrace<T, E> trace;
     const Weights<T, E> w = face_weights<T, E>(backend, neutral, roles, trace);
     Index row = regressors;
@@ -148,10 +180,15 @@ LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>
                                    x[static_cast<std::size_t>(g)][static_cast<std::size_t>(k)];
                         a(f, g) = sum;
                     }
-                    for (Index axis = 0; axis < 3; ++axis)
+                    for (Index axis = 0; axis < 3; ++axis) {
                         b(f, axis) = static_cast<double>(
                             frames[static_cast<std::size_t>(f)].landmarks(axis, l) -
                             neutral.landmarks(axis, l));
+                        for (Index e = 0; e < shapes.rows(); ++e)
+                            b(f, axis) -=
+                                x[static_cast<std::size_t>(f)][static_cast<std::size_t>(1 + e)] *
+                                shapes(e, 3 * l + axis);
+                    }
                 }
                 detail::solve_positive(a, b);
                 double most = 0;
@@ -172,12 +209,16 @@ LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>
         }
     };
     for_chunks(backend.threads, landmarks, 16, fit);
+    r.knows_shapes = shapes.size() > 0;
+    if (r.knows_shapes) r.coefficient.middleRows(1, shapes.rows()) += shapes;
     return r;
 }
 
 /// A frame that none of `frames` shows, with the landmarks of the regression: each coefficient of
-/// the expression is that of one of two frames, or 0; each eye looks as in a frame of its own, up
-/// to 1.3 times as far aside. Poses are those of the first. `random`: of this frame alone.
+/// the expression is that of one of two frames, or 0; where its shape is known one in four is any
+/// coefficient of any frame, so that those that no frame has are not left out. Each eye looks as in
+/// a frame of its own, up to 1.3 times as far aside. Poses are those of the first. `random`: of
+/// this frame alone.
 template <class T, EffectSet E>
 MeshSample<T, E> mixed_frame(const std::vector<MeshSample<T, E>>& frames,
                              const LandmarkRegression& regression, const Columns<T>& neutral,
@@ -193,11 +234,17 @@ MeshSample<T, E> mixed_frame(const std::vector<MeshSample<T, E>>& frames,
     mixed.eye_displacement = first.eye_displacement;
     if constexpr (has_effect<E, ReadsExpression>)
         for (Index i = 0; i < mixed.drivers.expression.size(); ++i) {
+            const Random own = random.fork(8 + static_cast<std::uint64_t>(i));
             const double u = random.uniform(8 + static_cast<std::uint64_t>(i));
             if (u < 0.25)
                 mixed.drivers.expression[i] = T(0);
             else if (u < 0.625)
                 mixed.drivers.expression[i] = second.drivers.expression[i];
+            else if (regression.knows_shapes && u >= 0.75)
+                mixed.drivers.expression[i] =
+                    frames[static_cast<std::size_t>(
+                               own.below(0, static_cast<Index>(frames.size())))]
+                        .drivers.expression[own.below(1, mixed.drivers.expression.size())];
         }
     for_eyes([&]<std::size_t eye>() {
         if constexpr (skin_follows<E, eye>) {

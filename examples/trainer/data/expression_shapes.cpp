@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "data/expression_shapes.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <rye/capture/npz.hpp>
+#include <rye/core/error.hpp>
+
+#include "data/samples.hpp"
+
+namespace rye::trainer {
+namespace {
+
+/// Points (E, N, 3) as 3 x N for each e.
+std::vector<Columns<double>> read_shapes(const NpzArrays& arrays, const std::string& file,
+                                         const std::string& name, Index expression) {
+    const std::string who = file + ": " + name;
+    const auto found = arrays.find(name);
+    require(found != arrays.end(), who, "is missing from the file");
+    const std::vector<Index>& shape = found->second.shape;
+    require(shape.size() == 3 && shape[0] == expression && shape[2] == 3, who,
+            "got shape " + shape_text(shape) + ", expected (" + std::to_string(expression) +
+                ", N, 3), a shape for each exp_coeff");
+    const std::vector<double> values = found->second.values<double>(who);
+    require(std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); }),
+            who, "has a number that is not finite");
+    std::vector<Columns<double>> all;
+    for (Index e = 0; e < expression; ++e)
+        all.emplace_back(
+            Eigen::Map<const Columns<double>>(values.data() + e * 3 * shape[1], 3, shape[1]));
+    return all;
+}
+
+} // namespace
+
+Columns<double> expression_shapes(const Capture& capture) {
+    const std::filesystem::path file = capture.folder / "expression_shapes.npz";
+    if (!std::filesystem::exists(file) || capture.frames.empty()) return {};
+    const CaptureFrame& first = capture.frames.front();
+    const Index expression = capture.expression_width();
+    const NpzArrays arrays = read_npz(file);
+    const std::string who = file.string();
+    const auto landmarks = read_shapes(arrays, who, "landmarks", expression);
+    const Index vertices = first.vertices.cols();
+    std::vector<Columns<double>> dense(static_cast<std::size_t>(expression), Columns<double>(3, 0));
+    if (vertices > 0) dense = read_shapes(arrays, who, "vertices", expression);
+    Columns<double> all;
+    for (std::size_t e = 0; e < landmarks.size(); ++e) {
+        require(dense[e].cols() == vertices, who + ": vertices",
+                "got " + std::to_string(dense[e].cols()) + " vertices, expected the " +
+                    std::to_string(vertices) + " of vertices.npy");
+        const Columns<double> moved =
+            chosen_landmarks(common_landmarks(landmarks[e], who + ": landmarks"), dense[e]);
+        if (all.size() == 0) all.resize(expression, moved.size());
+        all.row(static_cast<Index>(e)) =
+            Eigen::Map<const Eigen::RowVectorXd>(moved.data(), moved.size());
+    }
+    return all;
+}
+
+} // namespace rye::trainer

@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: Apache-2.0
+/// data/expression_shapes.hpp: the displacements that a capture's face model has for its
+/// expression coefficients, from the optional file expression_shapes.npz.
+#pragma once
+
+#include "data/capture.hpp"
+
+namespace rye::trainer {
+
+/// E x 3 L, displacement (e, 3 l + axis) by a coefficient of 1 in the head frame, for the landmarks
+/// of frame_landmarks; empty without the file. Throws Error for a file that does not fit the
+/// capture or has numbers that are not finite.
+Columns<double> expression_shapes(const Capture& capture);
+
+} // namespace rye::trainer
