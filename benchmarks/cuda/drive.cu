@@ -2,10 +2,11 @@
 // drive [--json FILE]: an avatar on this device: 100,000 points of the face and 4,096 of the eyes,
 // 32 channels, the paper's effects and networks, a picture of 512 x 512; by 1, 2 and 3 planes.
 // Milliseconds of a CUDA graph, median of 100 [least-most], of a frame with new parameters, of one
-// with other drivers alone, of a frame and its vjp, and of these with the picture; of a picture as
-// programs draw it, super-resolved from 128 x 128, in device memory, and in the host's with drivers
-// that come from there; then the parts of a frame and its vjp, kernel by kernel, launched one after
-// the other with an event between, and the memory that is held.
+// with other drivers alone, of one with another gaze alone, of a frame and its vjp, and of these
+// with the picture; of a picture as programs draw it, super-resolved from 128 x 128, in device
+// memory, and in the host's with drivers that come from there; then the parts of a frame and its
+// vjp, kernel by kernel, launched one after the other with an event between, and the memory that is
+// held.
 #include <rye/backend/cuda/device.hpp>
 
 #include <algorithm>
@@ -146,6 +147,10 @@ void picture_rows(const CudaQueue& queue, const Subject& subject) {
         drawer.draw_into(queue, small, picture);
     };
     print_row("picture by other drivers", N, graph_times(queue.stream, draw));
+    print_row("picture by another gaze alone", N, graph_times(queue.stream, [&] {
+                  drawer.regaze_into(queue);
+                  drawer.draw_into(queue, small, picture);
+              }));
     print_row("the eyes' shares of a driven avatar", N,
               graph_times(queue.stream, [&] { drawer.eyes_into(queue, camera, shares); }));
     Drivers<float, E> drivers = subject.drivers;
@@ -212,6 +217,8 @@ void rows(const CudaQueue& queue, const Subject& subject) {
     row("drive, not for a vjp", [&] { avatar.drive_into(queue, false); });
     row("drive by other drivers", [&] { avatar.redrive_into(queue); });
     row("drive by other drivers and draw", [&] { avatar.redrive_into(queue), draw(); });
+    row("drive by another gaze alone", [&] { avatar.regaze_into(queue); });
+    row("drive by another gaze alone and draw", [&] { avatar.regaze_into(queue), draw(); });
     row("drive and vjp", [&] { avatar.drive_into(queue), avatar.vjp_into(queue, gradient); });
     row("drive, draw, and vjp of both", [&] { avatar.drive_into(queue), draw(), pull(); });
     for (const bool warm : {true, false}) {

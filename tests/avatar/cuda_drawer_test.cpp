@@ -20,4 +20,7 @@ TEST_CASE("cuda, emulated: pictures of an avatar and of its parts are the host's
 TEST_CASE("cuda, emulated: pictures of other sizes of super-resolution are the host's") {
     sizes_drawn(EmulatedDevice{PhaseOrder::shuffled}, queue, 2e-5);
 }
+TEST_CASE("cuda, emulated: a drawer redoes what differs from the frame before") {
+    drawer_by_difference(EmulatedDevice{}, queue);
+}
 TEST_CASE("cuda, emulated: what a drawer refuses") { drawer_bad_input(EmulatedDevice{}, queue); }

@@ -40,6 +40,14 @@ TEST_CASE("cuda, emulated: driven features and shading are the host's") {
     CHECK(avatar_work<Wide>(EmulatedDevice{}, queue, c).launched ==
           avatar_work<Wide>(EmulatedDevice{}, queue, case_with_parts<AllEffects>()).launched);
 }
+TEST_CASE("cuda, emulated: another gaze alone gives the bits of other drivers, for all parts") {
+    variants_by_gaze<Wide>(EmulatedDevice{}, queue);
+    const WorkByDrivers lit =
+        work_by_drivers<Wide>(EmulatedDevice{}, queue, case_with_parts<LitEffects>());
+    CHECK(lit.gaze.at("shading by a gaze") == 1);
+    CHECK(lit.gaze.count("light of a frame") == 0);
+    CHECK(lit.gaze.at("network, forward") == 6);
+}
 TEST_CASE("cuda, emulated: parts of an eye that turns alone") {
     using Left = Effects<HeadPose, LeftGaze>;
     parts_against_host<More<Left, GazeBy<LearnedQuaternion>, EyesBy<RotatedCode>>>();

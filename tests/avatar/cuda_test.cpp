@@ -2,6 +2,9 @@
 // An avatar's kernels of a device, run by its emulation on the host.
 #include <rye/backend/cuda/emulation.hpp>
 
+#include <algorithm>
+#include <iterator>
+
 #include "../cuda/avatar_cases.hpp"
 
 using namespace rye;
@@ -64,6 +67,71 @@ TEST_CASE("cuda, emulated: influences by two metrics") {
     using Two = More<AllEffects, PoseInfluence<EuclideanDistance>>;
     const AvatarCase<Two> c{restricted<Two>(avatar_of_all()), restricted<Two>(drivers_of_all())};
     avatar_against_host<Fine>(EmulatedDevice{}, queue, c);
+}
+TEST_CASE("cuda, emulated: another gaze alone gives the bits of other drivers, by fewer launches") {
+    const EmulatedDevice device;
+    const AvatarCase<AllEffects> c = case_of_all();
+    avatar_by_gaze<Fine>(EmulatedDevice{PhaseOrder::shuffled}, queue, c);
+    using Launches = std::map<std::string, int>;
+    const WorkByDrivers all = work_by_drivers<Fine>(device, queue, c);
+    CHECK(all.all.at("network, forward") == 10);
+    CHECK(all.all.at("network's biases") == 10);
+    CHECK(all.gaze == Launches{{"codes of a frame", 1},
+                               {"network's biases", 4},
+                               {"network, forward", 4},
+                               {"face by a gaze, features", 1},
+                               {"face by a gaze, means", 1},
+                               {"eyes' transforms", 1},
+                               {"eyes", 1},
+                               {"copy", 1}});
+    using NoGaze = Less<AllEffects, Periocular, Kappa, LeftGaze, RightGaze>;
+    CHECK(work_by_drivers<Fine>(device, queue, case_of<NoGaze>()).gaze.empty());
+    using Turned = Effects<HeadPose, LeftGaze>;
+    CHECK(work_by_drivers<Fine>(device, queue, case_of<Turned>()).gaze ==
+          Launches{{"codes of a frame", 1}, {"eyes' transforms", 1}, {"eyes", 1}, {"copy", 1}});
+}
+TEST_CASE("cuda, emulated: points that both gazes move are summed once") {
+    const AvatarCase<AllEffects> c = case_of_all();
+    const TwoStream<double, AllEffects> avatar = lifted<double>(c.avatar);
+    TwoStreamTrace<double, AllEffects> trace;
+    drive(ScalarBackend<Serial>{}, avatar, {c.config, c.roles, c.drivers.template cast<double>()},
+          trace);
+    const std::vector<Index>&left = GazeField<0>{}.deform(trace.face).set,
+          &right = GazeField<1>{}.deform(trace.face).set;
+    std::vector<Index> both;
+    std::set_intersection(left.begin(), left.end(), right.begin(), right.end(),
+                          std::back_inserter(both));
+    CHECK(both.size() > 0);
+    CHECK(both.size() < std::min(left.size(), right.size()));
+    // Places of the first list, then of the second, which has those of the first taken out.
+    std::vector<std::uint32_t> lists[2];
+    std::vector<float> lambda(static_cast<std::size_t>(c.avatar.face.position.cols()));
+    for (const Index i : left) {
+        lists[0].push_back(static_cast<std::uint32_t>(i));
+        lambda[static_cast<std::size_t>(i)] = 1;
+    }
+    for (const Index i : right) lists[1].push_back(static_cast<std::uint32_t>(i));
+    GazedPoints points{};
+    std::uint32_t count[2];
+    for (int k = 0; k < 2; ++k) {
+        count[k] = static_cast<std::uint32_t>(lists[k].size());
+        points.of[k] = {{lists[k].data(), &count[k]}, Index(count[k]) + 5, lambda.data()};
+    }
+    std::vector<Index> found;
+    for (Index place = 0; place < points.count(); ++place)
+        if (const Index point = points.at(place); point >= 0) found.push_back(point);
+    CHECK(found.size() == left.size() + right.size() - both.size());
+    std::sort(found.begin(), found.end());
+    CHECK(std::adjacent_find(found.begin(), found.end()) == found.end());
+}
+TEST_CASE("cuda, emulated: places in a list") {
+    const std::uint32_t list[] = {2, 3, 7, 40};
+    for (std::uint32_t count = 0; count <= 4; ++count)
+        for (std::uint32_t index = 0; index < 50; ++index) {
+            std::uint32_t place = 0;
+            while (place < count && list[place] != index) ++place;
+            CHECK(place_in_list(list, count, index) == place);
+        }
 }
 TEST_CASE("cuda, emulated: effects that are off launch nothing and hold nothing") {
     using Launches = std::map<std::string, int>;

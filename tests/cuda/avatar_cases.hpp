@@ -12,6 +12,7 @@
 #include <utility>
 
 #include <rye/avatar/cuda/two_stream.hpp>
+#include <rye/core/bits.hpp>
 
 #include "../support/effect_sets.hpp"
 #include "../support/hostile.hpp"
@@ -92,6 +93,11 @@ Gaussians<float> fetch_cloud(const Device& device, const CudaQueue& queue,
     fetch(g.feature, from.feature);
     return g;
 }
+inline bool same_cloud(const Gaussians<float>& a, const Gaussians<float>& b) {
+    return same_bits(a.mean, b.mean) && same_bits(a.rotation, b.rotation) &&
+           same_bits(a.scale, b.scale) && same_bits(a.opacity, b.opacity) &&
+           same_bits(a.feature, b.feature);
+}
 inline Gaussians<float> nothing_yet(Index count, Index channels) {
     Gaussians<float> g(count, channels);
     Gaussians<float>::fields(
@@ -108,9 +114,7 @@ struct DrivenOnDevice {
     Columns<float> pose;
 
     bool operator==(const DrivenOnDevice& o) const {
-        bool same = cloud.mean == o.cloud.mean && cloud.rotation == o.cloud.rotation &&
-                    cloud.scale == o.cloud.scale && cloud.opacity == o.cloud.opacity &&
-                    cloud.feature == o.cloud.feature && pose == o.pose;
+        bool same = same_cloud(cloud, o.cloud) && pose == o.pose;
         TwoStream<float, E>::fields(
             [&](const std::string&, const auto& x, const auto& y) { same = same && x == y; },
             gradient, o.gradient);
@@ -220,12 +224,96 @@ void avatar_again(const Device& device, const CudaQueue& queue, const AvatarCase
     CHECK(!(before.mean == first.cloud.mean));
     avatar.set_drivers(queue, c.drivers, c.column);
     avatar.redrive_into(queue);
-    const Gaussians<float> after = fetch_cloud(device, queue, avatar.cloud());
-    CHECK(after.mean == first.cloud.mean);
-    CHECK(after.rotation == first.cloud.rotation);
-    CHECK(after.scale == first.cloud.scale);
-    CHECK(after.opacity == first.cloud.opacity);
-    CHECK(after.feature == first.cloud.feature);
+    CHECK(same_cloud(fetch_cloud(device, queue, avatar.cloud()), first.cloud));
+}
+
+/// The drivers with other gazes.
+template <EffectSet E>
+Drivers<float, E> gazing_elsewhere(Drivers<float, E> d, [[maybe_unused]] float aside) {
+    for_eyes([&]<std::size_t eye>() {
+        if constexpr (eye_turns<E, eye>) of_eye<eye>(d.gaze) += Vec3<float>(aside, -0.1F, 0);
+    });
+    return d;
+}
+/// The drivers with another expression and another head pose.
+template <EffectSet E>
+Drivers<float, E> of_another_face(Drivers<float, E> d) {
+    if constexpr (has_effect<E, ReadsExpression>) d.expression = -d.expression;
+    if constexpr (has_effect<E, ReadsHeadPose>) d.pose = -d.pose;
+    return d;
+}
+
+/// Frames of which some differ in the gazes alone from the one before: redone as such they have the
+/// bits of those that the drivers redo, whatever was driven before and differentiated.
+template <class Networks, EffectSet E, class Device>
+void avatar_by_gaze(const Device& device, const CudaQueue& queue, const AvatarCase<E>& c) {
+    using Avatar = DeviceTwoStream<E, Device, Networks>;
+    Avatar kept(device, queue, {c.avatar, c.config, c.roles}),
+        plain(device, queue, {c.avatar, c.config, c.roles});
+    const auto set = [&](const Drivers<float, E>& d) {
+        kept.set_drivers(queue, d, c.column);
+        plain.set_drivers(queue, d, c.column);
+    };
+    const auto cloud_of = [&](Avatar& avatar) {
+        CHECK(avatar.finish(queue));
+        return fetch_cloud(device, queue, avatar.cloud());
+    };
+    set(c.drivers);
+    for (Avatar* avatar : {&kept, &plain}) do {
+            avatar->drive_into(queue);
+        } while (!avatar->finish(queue));
+    Resident<TwoStream<float, E>, Device> gradient(device, queue, kept.layout());
+    Gaussians<float> before = cloud_of(kept);
+    send_cloud(device, queue, noise_like(before.count(), c.config.channels), kept.g_cloud(queue));
+    kept.vjp_into(queue, gradient);
+    const Drivers<float, E> other = of_another_face(c.drivers);
+    struct Frame {
+        Drivers<float, E> drivers;
+        bool by_gaze;
+    };
+    const Frame frames[] = {{gazing_elsewhere(c.drivers, 0.2F), true},
+                            {gazing_elsewhere(c.drivers, -0.3F), true},
+                            {gazing_elsewhere(other, -0.3F), false},
+                            {gazing_elsewhere(other, 0.2F), true},
+                            {other, true},
+                            {c.drivers, false},
+                            {gazing_elsewhere(c.drivers, 0.2F), true}};
+    for (const Frame& frame : frames) {
+        set(frame.drivers);
+        plain.redrive_into(queue);
+        if (frame.by_gaze)
+            kept.regaze_into(queue);
+        else
+            kept.redrive_into(queue);
+        const Gaussians<float> found = cloud_of(kept);
+        CHECK(same_cloud(found, cloud_of(plain)));
+        CHECK(found.mean.allFinite());
+        if constexpr (has_effect<E, AnyOf<LeftGaze, RightGaze>>)
+            CHECK((!frame.by_gaze || !same_cloud(found, before)));
+        before = found;
+    }
+}
+/// The same for lists of effects and for parts. Tiles have room for networks of 128.
+template <class Networks, class Device>
+void variants_by_gaze(const Device& device, const CudaQueue& queue) {
+    const auto check = [&](auto effects) {
+        avatar_by_gaze<Networks>(device, queue, case_with_parts<decltype(effects)>());
+    };
+    check(AllEffects{});
+    check(PaperEffects{});
+    check(Effects<>{});
+    check(Effects<LeftGaze>{});
+    check(Effects<Expression, HeadPose, EyeOffset, RightGaze, Kappa>{});
+    check(Effects<HeadPose, RightGaze, Periocular, Kappa>{});
+    check(Effects<PoseResidual, LeftGaze, Periocular, HeadShading>{});
+    using Still = More<PaperEffects, GazeBy<FixedEye>>;
+    check(More<AllEffects, GazeBy<LearnedQuaternion>>{});
+    check(More<Still, EyesBy<RotatedFeatures>>{});
+    check(More<Still, EyesBy<ConditionedFeatures>>{});
+    check(More<Still, EyesBy<RotatedCode>, HeadShading>{});
+    AvatarCase<LitEffects> c = case_with_parts<LitEffects>();
+    c.column = 1;
+    avatar_by_gaze<Networks>(device, queue, c);
 }
 
 /// Points that wander: lists that have no room say so, their gradient is not a number, and the
@@ -345,6 +433,31 @@ AvatarWork avatar_work(const Device& on, const CudaQueue& queue, const AvatarCas
     avatar.drive_into(queue);
     avatar.vjp_into(queue, gradient);
     work.bytes = avatar.bytes() - clouds;
+    return work;
+}
+
+/// Launches of a frame by what its drivers change.
+struct WorkByDrivers {
+    std::map<std::string, int> all, gaze;
+};
+template <class Networks, EffectSet E, class Device>
+WorkByDrivers work_by_drivers(const Device& on, const CudaQueue& queue, const AvatarCase<E>& c) {
+    WorkByDrivers work;
+    WritesDown<Device> device{on, &work.all};
+    DeviceTwoStream<E, WritesDown<Device>, Networks> avatar(device, queue,
+                                                            {c.avatar, c.config, c.roles});
+    avatar.set_drivers(queue, c.drivers);
+    avatar.drive_into(queue, false);
+    const std::size_t bytes = avatar.bytes();
+    work.all.clear();
+    avatar.redrive_into(queue);
+    const std::map<std::string, int> before = work.all;
+    avatar.regaze_into(queue);
+    for (const auto& [name, times] : work.all)
+        if (const auto at = before.find(name); at == before.end() || at->second < times)
+            work.gaze[name] = times - (at == before.end() ? 0 : at->second);
+    work.all = before;
+    CHECK(avatar.bytes() == bytes);
     return work;
 }
 

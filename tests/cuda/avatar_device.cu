@@ -63,6 +63,36 @@ void graph_case() {
     check_cuda(cudaGraphDestroy(graph), "graph");
 }
 
+/// The same of a gaze alone.
+void gaze_graph_case() {
+    const AvatarCase<AllEffects> c = case_of_all();
+    DeviceTwoStream<AllEffects, CudaDevice, Fine> avatar(CudaDevice(), queue(),
+                                                         {c.avatar, c.config, c.roles});
+    avatar.set_drivers(queue(), c.drivers);
+    avatar.drive_into(queue(), false);
+    avatar.regaze_into(queue());
+    REQUIRE(avatar.finish(queue()));
+    cudaGraph_t graph;
+    cudaGraphExec_t exec;
+    check_cuda(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "graph");
+    avatar.regaze_into(queue());
+    check_cuda(cudaStreamEndCapture(stream, &graph), "graph");
+    check_cuda(cudaGraphInstantiate(&exec, graph, 0), "graph");
+    for (const auto& d : {c.drivers, of_another_face(c.drivers)}) {
+        avatar.set_drivers(queue(), d);
+        avatar.redrive_into(queue());
+        for (const float aside : {0.2F, -0.3F}) {
+            avatar.set_drivers(queue(), gazing_elsewhere(d, aside));
+            check_cuda(cudaGraphLaunch(exec, stream), "graph");
+            const Gaussians<float> found = fetch_cloud(CudaDevice(), queue(), avatar.cloud());
+            avatar.redrive_into(queue());
+            CHECK(same_cloud(found, fetch_cloud(CudaDevice(), queue(), avatar.cloud())));
+        }
+    }
+    check_cuda(cudaGraphExecDestroy(exec), "graph");
+    check_cuda(cudaGraphDestroy(graph), "graph");
+}
+
 } // namespace
 
 TEST_CASE("device: lists are the host's") { lists_against_host(CudaDevice(), queue()); }
@@ -109,6 +139,11 @@ TEST_CASE("device: an avatar is driven, drawn and differentiated as on the host"
 }
 TEST_CASE("device: an avatar driven by a graph, with drivers that change between launches") {
     graph_case();
+}
+TEST_CASE("device: another gaze alone gives the bits of other drivers") {
+    avatar_by_gaze<Fine>(CudaDevice(), queue(), case_of_all());
+    variants_by_gaze<DeviceNetworks<3, 128, 64, 64>>(CudaDevice(), queue());
+    gaze_graph_case();
 }
 
 int main(int argc, char** argv) {

@@ -87,6 +87,14 @@ void drawn_as_on_host(const Device& device, const CudaQueue& queue, const Avatar
     }
     CHECK(draw(c.drivers) == first);
     CHECK(drawer.bytes() > 0);
+    // By another gaze alone, then by all that drivers change.
+    const Drivers<float, E> gazing = gazing_elsewhere(c.drivers, 0.2F);
+    const DrawnViews gazed = draw(gazing);
+    CHECK(!(gazed == first));
+    drawer.set_drivers(queue, gazing);
+    drawer.drive_into(queue);
+    CHECK(drawer.finish(queue));
+    CHECK(DrawnViews{drawer.picture(queue, camera), drawer.eyes(queue, large)} == gazed);
 
     AvatarCase<E> brighter = c;
     brighter.avatar.upsampler.out_bias.array() += 0.25F;
@@ -118,6 +126,41 @@ void sizes_drawn(const Device& device, const CudaQueue& queue, double bound) {
         c.avatar.upsampler = Upsampler<float>::init(shape, Random{5, 0});
         drawn_as_on_host(device, queue, c, bound);
     }
+}
+
+/// What a drawer launches for a frame, by how it differs from the one before.
+template <class Device>
+void drawer_by_difference(const Device& on, const CudaQueue& queue) {
+    using E = PaperEffects;
+    const AvatarCase<E> c = case_with_parts<E>();
+    std::map<std::string, int> launched;
+    DeviceAvatarDrawer<E, WritesDown<Device>, DrawnWide> drawer({on, &launched}, queue,
+                                                                {c.avatar, c.config, c.roles});
+    const auto networks = [&](const Drivers<float, E>& d) {
+        launched.clear();
+        drawer.drive(queue, d);
+        return launched["network, forward"];
+    };
+    const Drivers<float, E> gazing = gazing_elsewhere(c.drivers, 0.2F);
+    Drivers<float, E> larger = gazing;
+    larger.scale *= 1.5F;
+    CHECK(networks(c.drivers) == 10);
+    CHECK(networks(gazing) == 4);
+    CHECK(networks(gazing) == 0);
+    CHECK(launched.size() == 1); // what this test asked for
+    CHECK(networks(larger) == 10);
+    CHECK(networks(of_another_face(larger)) == 10);
+    CHECK(networks(larger) == 10);
+    CHECK(networks(gazing_elsewhere(larger, -0.1F)) == 4);
+    drawer.upload(queue, c.avatar);
+    CHECK(networks(larger) == 10);
+    CHECK(launched["network's operands"] > 0);
+    drawer.set_drivers(queue, c.drivers); // and not driven
+    CHECK(networks(larger) == 10);
+    Drivers<float, E> bad = larger;
+    bad.gaze[1].setZero();
+    CHECK_FAULT(drawer.drive(queue, bad), "expected a finite direction");
+    CHECK(networks(larger) == 0);
 }
 
 /// What a drawer refuses, and that it goes on afterwards.

@@ -78,7 +78,8 @@ inline constexpr int drawing_planes = 3;
 class DeviceDrawer {
   public:
     virtual ~DeviceDrawer() = default;
-    /// Drives the avatar for the pictures that follow; gazes are what drives this avatar.
+    /// Drives the avatar for the pictures that follow; gazes are what drives this avatar. Frames
+    /// that differ in the gazes alone from the one before take less time, and have the same bits.
     virtual void drive(const Drivers<float>& drivers) = 0;
     /// After super-resolution, on white; `camera` is that of the render.
     virtual Image<float> picture(const Pinhole<float>& camera) = 0;

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstring>
+#include <vector>
 
 #include <rye/core/columns.hpp>
 #include <rye/core/concepts.hpp>
@@ -22,6 +23,13 @@ bool same_bits(const Eigen::Matrix<T, R, C>& a, const Eigen::Matrix<T, R, C>& b)
     return a.rows() == b.rows() && a.cols() == b.cols() &&
            (a.size() == 0 ||
             std::memcmp(a.data(), b.data(), sizeof(T) * static_cast<std::size_t>(a.size())) == 0);
+}
+
+/// Whether two lists have the same length and the same bits.
+template <Real T>
+bool same_bits(const std::vector<T>& a, const std::vector<T>& b) {
+    return a.size() == b.size() &&
+           (a.empty() || std::memcmp(a.data(), b.data(), sizeof(T) * a.size()) == 0);
 }
 
 } // namespace rye

@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include <rye/avatar/cuda/two_stream.hpp>
 #include <rye/core/columns.hpp>
@@ -80,6 +81,7 @@ class DeviceAvatarDrawer {
         avatar_.upload(queue, from);
         upsampler_.set(queue, device_upsampler(avatar_.parameters(), avatar_.shapes().upsampler));
         placed_ = false;
+        driven_.clear();
     }
     /// The avatar, whose cloud is the driven one.
     const DeviceTwoStream<E, Device, typename Policy::Networks>& avatar() const { return avatar_; }
@@ -88,16 +90,25 @@ class DeviceAvatarDrawer {
 
     /// Takes what the next frame is driven by. Waits. Throws an Error as DeviceTwoStream's does.
     void set_drivers(const CudaQueue& queue, const Drivers<float, E>& drivers) {
+        driven_.clear();
         avatar_.set_drivers(queue, drivers);
     }
     /// Puts the driving on the stream: what the drivers alone change, but for the first frame of
     /// parameters.
     void drive_into(const CudaQueue& queue) {
+        driven_.clear();
         if (placed_)
             avatar_.redrive_into(queue);
         else
             avatar_.drive_into(queue, false);
         placed_ = true;
+    }
+    /// The same where the drivers differ in the gazes alone from those of the last driving: what
+    /// gazes move, with the same bits.
+    void regaze_into(const CudaQueue& queue) {
+        if (!placed_) return drive_into(queue);
+        driven_.clear();
+        avatar_.regaze_into(queue);
     }
     /// Puts a picture of the driven avatar on the stream: 3 x pixels, factor() times as wide and
     /// high as the camera's, which is that of the render.
@@ -152,10 +163,21 @@ class DeviceAvatarDrawer {
         return whole;
     }
 
-    /// Drives the avatar for the pictures that follow. Waits.
+    /// Drives the avatar for the pictures that follow: what gazes move where nothing else differs
+    /// from what the last call was given, and nothing where nothing does. Waits.
     void drive(const CudaQueue& queue, const Drivers<float, E>& drivers) {
+        const DriverPlaces<E>& places = avatar_.driver_places();
+        std::vector<float> numbers = places.packed(drivers, -1);
+        const bool by_gaze = placed_ && places.same_but_gazes(numbers, driven_);
+        if (by_gaze && same_bits(numbers, driven_)) return;
         set_drivers(queue, drivers);
-        drive_whole(queue);
+        do {
+            if (by_gaze)
+                regaze_into(queue);
+            else
+                drive_into(queue);
+        } while (!finish(queue));
+        driven_ = std::move(numbers);
     }
     /// A picture of the driven avatar. Waits. Throws an Error where a number of it is not finite.
     Image<float> picture(const CudaQueue& queue, const Pinhole<float>& camera) {
@@ -189,11 +211,6 @@ class DeviceAvatarDrawer {
 
     static std::size_t bytes_of(Index n) { return static_cast<std::size_t>(n) * sizeof(float); }
 
-    void drive_whole(const CudaQueue& queue) {
-        do {
-            drive_into(queue);
-        } while (!finish(queue));
-    }
     /// What `draw` puts on the stream, with room.
     template <class Draw>
     void drawn_whole(const CudaQueue& queue, const Draw& draw) {
@@ -219,6 +236,7 @@ class DeviceAvatarDrawer {
     DeviceBuffer<float> colours_; ///< white of the render's channels, then none of two
     DeviceBuffer<float> render_;  ///< features, then alpha
     DeviceBuffer<float> eyes_, eyes_alpha_, picture_;
+    std::vector<float> driven_;               ///< drivers that the cloud is by, or empty
     bool placed_ = false;                     ///< whether drive_into has seen the parameters
     bool drawn_ = false, eyes_drawn_ = false; ///< since the last finish
 };

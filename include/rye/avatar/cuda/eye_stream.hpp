@@ -93,6 +93,13 @@ class DeviceEyeStream {
     void drive_into(const CudaQueue& queue, const Of& of, DeviceFrameState* frame,
                     const DeviceGaussians<float>& to, bool keep) {
         if constexpr (has_effect<E, EyeOffset>) offset_->forward_into(queue);
+        regaze_into(queue, of, frame, to, keep);
+    }
+    /// The same with the offset of the last drive_into, which no gaze changes. All of an eye may
+    /// follow from its gaze, and its features from a network that reads it: both are done whole.
+    template <class Of>
+    void regaze_into(const CudaQueue& queue, const Of& of, DeviceFrameState* frame,
+                     const DeviceGaussians<float>& to, bool keep = false) {
         PlaceEyesKernel<E> place{centre_.data(), offset(), frame};
         if constexpr (own_turn<E>) {
             mechanism_->turn_into(queue, frame_);

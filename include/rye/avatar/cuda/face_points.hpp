@@ -58,6 +58,19 @@ DeviceGaussians<T> columns_from(const DeviceGaussians<T>& g, const ColumnRange& 
     return {part(g.mean), part(g.rotation), part(g.scale), part(g.opacity), part(g.feature)};
 }
 
+/// A mean of the face in the world, given that in the head's frame.
+template <EffectSet E>
+RYE_HD Vec3<float> mean_of_face([[maybe_unused]] const DeviceFrameState* frame,
+                                const Vec3<float>& mean) {
+    if constexpr (has_effect<E, HeadPose>) {
+        const HeadTransform<float>& head = frame->head;
+        const Mat3<float> scaled = head.scale * head.rotation;
+        return mean_to_world<float>(head, scaled, mean);
+    } else {
+        return mean;
+    }
+}
+
 /// Sets rotation, scale and opacity of face point i, and takes it, with its mean, to the world.
 template <EffectSet E>
 struct FinishFacePoint {
@@ -73,9 +86,7 @@ struct FinishFacePoint {
         Vec4<float> rotation(p.rotation(0), p.rotation(1), p.rotation(2), p.rotation(3));
         if constexpr (has_effect<E, HeadPose>) {
             const HeadTransform<float>& head = frame->head;
-            const Mat3<float> scaled = head.scale * head.rotation;
-            put_column<3>(mean_to_world<float>(head, scaled, column3(to.mean.data, i)),
-                          to.mean.data, i);
+            put_column<3>(mean_of_face<E>(frame, column3(to.mean.data, i)), to.mean.data, i);
             rotation = quat_product<float>(head.quaternion, rotation);
             for (int k = 0; k < 3; ++k) scale[k] *= head.scale;
         }

@@ -1,18 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/avatar/cuda/face_stream.hpp: the driven face (avatar/face_stream.hpp) in device memory:
-/// influences and lists of the points that each driver moves, networks over those points, and what
-/// every point does after them; with its vjp to all parameters and to the frame's codes.
+/// networks over the points that each driver moves, and what every point does after them; with its
+/// vjp to all parameters and to the frame's codes.
 #pragma once
 
 #include <memory>
 
-#include <rye/avatar/cuda/face_points.hpp>
-#include <rye/avatar/cuda/field.hpp>
+#include <rye/avatar/cuda/face_rest.hpp>
 #include <rye/avatar/two_stream.hpp>
 #include <rye/backend/cuda/branches.hpp>
-#include <rye/backend/cuda/lists.hpp>
-#include <rye/nn/cuda/encoding.hpp>
-#include <rye/rig/cuda/influence.hpp>
 
 namespace rye {
 
@@ -45,7 +41,7 @@ class DeviceFaceStream {
           config_(config),
           host_(&host),
           codes_(config),
-          lists_(device),
+          rest_(device, config, host),
           sums_(device) {
         for_face_fields<E>([&](auto by) {
             by.color(color_) = std::make_unique<FeatureField>(device, by.color(host.networks).shape,
@@ -61,36 +57,16 @@ class DeviceFaceStream {
     }
 
     Index count() const { return host_->position.cols(); }
-
-    /// Takes what is not trained: landmarks of each role, and where networks see the points. Waits.
-    void set_fixed(const CudaQueue& queue, [[maybe_unused]] const LandmarkRoles& roles) {
-        [[maybe_unused]] const auto put = [&](DeviceBuffer<float>& to, const Columns<float>& a) {
-            to.reserve(queue, static_cast<std::size_t>(a.size()) + 1);
-            device_.send(queue, to.data(), a.data(),
-                         static_cast<std::size_t>(a.size()) * sizeof(float));
-        };
-        if constexpr (has_effect<E, FaceDrivers>) {
-            const auto marks = [&](int k, const std::vector<Index>& role) {
-                const Columns<float> picked = pick_columns(host_->landmarks, role);
-                require(picked.allFinite(), "DeviceFaceStream", "a landmark is not finite");
-                put(landmarks_[k], picked);
-                landmark_count_[k] = static_cast<int>(picked.cols());
-            };
-            if constexpr (has_effect<E, ReadsFaceRamp>) marks(0, roles.expression);
-            for_eyes([&]<std::size_t eye>() {
-                if constexpr (skin_follows<E, eye>) marks(1 + int(eye), roles.eye[eye]);
-            });
-        }
-        if constexpr (face_rests<E>)
-            if (&host_->seen() != &host_->position) put(anchor_, host_->anchor);
-    }
+    /// What follows from the parameters and not from a frame.
+    DeviceFaceRest<E, Device>& rest() { return rest_; }
+    const DeviceFaceRest<E, Device>& rest() const { return rest_; }
 
     /// Takes the networks' weights and the frame's codes, and makes what follows from the
     /// parameters and not from a frame: codes of points, features, influences, lists.
     template <class Of>
     void set(const CudaQueue& queue, const Of& of, const float* codes) {
         branches_.run(queue, kinds + 1, [&](std::size_t k, const CudaQueue& q) {
-            if (k == kinds) return place_into(q, of);
+            if (k == kinds) return rest_.place_into(q, of);
             for_fields_of(k, [&](auto by, auto& field, const Mlp<float, A>& host) {
                 field.set(q, device_parameters(host, of), codes + codes_.of(by));
             });
@@ -100,75 +76,6 @@ class DeviceFaceStream {
     void set_frame(const CudaQueue& queue) {
         for (std::size_t k = 0; k < kinds; ++k)
             for_fields_of(k, [&](auto, auto& field, const auto&) { field.set_frame(queue); });
-    }
-
-    /// What follows from the parameters and not from a frame: codes, features, influences, lists.
-    template <class Of>
-    void place_into(const CudaQueue& queue, const Of& of) {
-        if constexpr (has_effect<E, FaceDrivers>) {
-            const Index n = count(), feature = host_->feature.rows();
-            const float* const seen = seen_at(of);
-            code_.reserve(queue, numbers(encoded_size(3, config_.frequencies)));
-            feature_.reserve(queue, numbers(feature));
-            lambda_.reserve(queue, numbers(drivers));
-            nearest_.reserve(queue, numbers(3));
-            launch_each(device_, queue, 3 * n,
-                        EncodeNumber{seen, 3, config_.frequencies, code_.data()});
-            launch_each(device_, queue, feature * n,
-                        TanhNumber{of(host_->feature).data, feature_.data()});
-            if constexpr (has_effect<E, ReadsFaceRamp>)
-                detail::with_metric<ExpressionInfluenceOf<E>>(config_, [&](const auto& metric) {
-                    detail::with_metric<PoseInfluenceOf<E>>(config_, [&](const auto& rest) {
-                        launch_each(device_, queue, n,
-                                    InfluenceOfPoint{ramp(seen, 0), metric, rest,
-                                                     lambda_of(ExpressionField{}),
-                                                     lambda_of(PoseField{}), nearest(0)});
-                    });
-                });
-            for_eyes([&]<std::size_t eye>() {
-                if constexpr (skin_follows<E, eye>)
-                    detail::with_metric<GazeInfluenceOf<E>>(config_, [&](const auto& metric) {
-                        launch_each(
-                            device_, queue, n,
-                            InfluenceOfPoint{ramp(seen, 1 + int(eye)), metric, metric,
-                                             lambda_of(GazeField<eye>{}),
-                                             static_cast<float*>(nullptr), nearest(1 + int(eye))});
-                    });
-            });
-            Array<const float*, DeviceListArrays::most> arrays{};
-            for (int k = 0; k < drivers; ++k) arrays[std::size_t(k)] = lambda_.data() + k * n;
-            lists_.make(queue, arrays, drivers, n);
-        }
-    }
-    /// Waits for place_into. Whether its lists had room; where they had none they have now.
-    bool finish(const CudaQueue& queue) { return make_room(listed(queue)); }
-    /// Room for lists of those lengths, from the next frame on. Whether there was.
-    bool make_room(const std::vector<std::uint32_t>& lengths) {
-        bool fits = true;
-        int k = 0;
-        for (const Index need : lengths) {
-            Index& room = room_[k++];
-            if (need <= room) continue;
-            fits = false;
-            room = rye::min(count(), need + need / 4 + 64);
-        }
-        return fits;
-    }
-    /// Lengths of the lists on the device, and the room that there is for them.
-    DeviceRooms rooms() const {
-        DeviceRooms r{};
-        if constexpr (has_effect<E, FaceDrivers>) {
-            r.count = lists_.count(0);
-            r.lists = drivers;
-            for (int k = 0; k < drivers; ++k) r.room[k] = static_cast<std::uint32_t>(room_[k]);
-        }
-        return r;
-    }
-    /// Points that each driver that is on moves, in the order of for_face_fields. Waits.
-    std::vector<std::uint32_t> listed(const CudaQueue& queue) const {
-        std::vector<std::uint32_t> found(static_cast<std::size_t>(drivers));
-        if constexpr (drivers > 0) lists_.fetch_counts(queue, found.data());
-        return found;
     }
 
     /// Puts the driven face into `to`, in the world: N columns. place_into has been.
@@ -193,11 +100,50 @@ class DeviceFaceStream {
                 device_.fill(q, sum.data, 0, bytes_of(sum.size()));
             }
             for_fields_of(k, [&](auto by, auto& field, const auto&) {
-                field.add_into(q, k == of_places ? codes() : features(), set_of(by), sum, keep);
+                field.add_into(q, k == of_places ? rest_.codes() : rest_.features(),
+                               rest_.set_of(by), sum, keep);
             });
         });
         launch_each(device_, queue, n,
                     FinishFacePoint<E>{arrays_at(of), steps_.data(), to, frame.state});
+    }
+
+    /// Redoes what gazes move of the face in `to`, after a drive_into of the same parameters, and
+    /// of the same frame but for the gazes: runs their networks, and sums means and features of
+    /// the points on their lists. Not for a vjp.
+    template <class Of>
+    void regaze_into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const Of& of,
+                     [[maybe_unused]] const DeviceFrameState* frame,
+                     [[maybe_unused]] const DeviceGaussians<float>& to) {
+        if constexpr (gazes > 0) {
+            branches_.run(queue, 2 * gazes, [&](std::size_t k, const CudaQueue& q) {
+                const std::size_t kind = k / gazes;
+                std::size_t gaze = 0;
+                for_fields_of(
+                    kind, [&]<class By>([[maybe_unused]] By by, auto& field, const auto&) {
+                        if constexpr (of_gaze<By>)
+                            if (gaze++ == k % gazes) {
+                                field.set_frame(q);
+                                field.evaluate_into(
+                                    q, kind == of_places ? rest_.codes() : rest_.features(),
+                                    rest_.set_of(by), false);
+                            }
+                    });
+            });
+            const GazedPoints points = rest_.gazed();
+            branches_.run(queue, 2, [&](std::size_t kind, const CudaQueue& q) {
+                if (kind == of_places)
+                    return launch_each(
+                        device_, q, points.count(),
+                        GazedMean<E, drivers>{points, fields_sum(kind, of(host_->position)),
+                                              to.mean.data, frame});
+                DeviceColumns<const float> before{nullptr, to.feature.rows, count()};
+                if constexpr (face_rests<E>) before = of(host_->rest_color);
+                launch_each(
+                    device_, q, points.count() * before.rows,
+                    GazedFeature<drivers>{points, fields_sum(kind, before), to.feature.data});
+            });
+        }
     }
 
     /// Adds the gradients of the last drive_into, which kept what is read here, to arrays that
@@ -210,7 +156,7 @@ class DeviceFaceStream {
         if constexpr (has_effect<E, ReadsFaceRamp>) g_steps_.reserve(queue, numbers(8));
         sums_.launch(queue, n,
                      FacePointVjp<E>{arrays_at(of), arrays_at(to), steps_.data(), g_steps_.data(),
-                                     cotangent.world, g, frame.state, rooms()},
+                                     cotangent.world, g, frame.state, rest_.rooms()},
                      {cotangent.head});
         if constexpr (face_rests<E>)
             launch_each(device_, queue, g.feature.size(),
@@ -220,11 +166,9 @@ class DeviceFaceStream {
 
     /// Memory that is held, without what is shared [bytes].
     std::size_t bytes() const {
-        std::size_t sum = lists_.bytes() + sums_.bytes() + code_.bytes() + feature_.bytes() +
-                          lambda_.bytes() + nearest_.bytes() + steps_.bytes() + g_steps_.bytes() +
+        std::size_t sum = rest_.bytes() + sums_.bytes() + steps_.bytes() + g_steps_.bytes() +
                           g_code_.bytes() + g_feature_.bytes() + g_lambda_.bytes() +
-                          g_beside_.bytes() + beside_scratch_.bytes() + anchor_.bytes();
-        for (const auto& l : landmarks_) sum += l.bytes();
+                          g_beside_.bytes() + beside_scratch_.bytes();
         for_face_fields<E>([&](auto by) {
             sum += by.color(color_)->bytes() + by.deform(deform_)->bytes();
             if constexpr (by.attributes) sum += by.attribute(attribute_)->bytes();
@@ -246,61 +190,31 @@ class DeviceFaceStream {
         });
     }
 
-    static constexpr int place(ExpressionField) { return 0; }
-    static constexpr int place(PoseField) { return has_effect<E, Expression> ? 1 : 0; }
-    template <std::size_t eye>
-    static constexpr int place(GazeField<eye>) {
-        return place(PoseField{}) + (has_effect<E, PoseResidual> ? 1 : 0) +
-               (eye == 1 && skin_follows<E, 0> ? 1 : 0);
-    }
-    static constexpr int drivers = place(GazeField<1>{}) + (skin_follows<E, 1> ? 1 : 0);
+    static constexpr int drivers = DeviceFaceRest<E, Device>::drivers;
+    static constexpr std::size_t gazes = DeviceFaceRest<E, Device>::gazes;
 
     std::size_t numbers(Index rows) const { return static_cast<std::size_t>(rows * count()) + 1; }
     static std::size_t bytes_of(Index n) { return static_cast<std::size_t>(n) * sizeof(float); }
-    template <class Of>
-    const float* seen_at(const Of& of) const {
-        return anchor_.size() > 0 ? anchor_.data() : of(host_->position).data;
-    }
     template <class Of>
     DeviceFaceArrays arrays_at(const Of& of) const {
         return {of(host_->position).data, of(host_->log_scale).data, of(host_->rotation).data,
                 of(host_->opacity_logit).data};
     }
-    /// Of a driver that is on; null of another.
-    template <class By>
-    float* row_of(const DeviceBuffer<float>& all, By by) const {
-        constexpr bool on = std::same_as<By, ExpressionField> ? has_effect<E, Expression>
-                            : std::same_as<By, PoseField>     ? has_effect<E, PoseResidual>
-                                                              : true;
-        return on ? all.data() + place(by) * count() : nullptr;
-    }
-    template <class By>
-    float* lambda_of(By by) const {
-        return row_of(lambda_, by);
-    }
-    int* nearest(int role) const { return nearest_.data() + role * count(); }
-    DeviceLandmarks ramp(const float* seen, int role) const {
-        const double near = role == 0 ? config_.exp_near : config_.gaze_near,
-                     far = role == 0 ? config_.exp_far : config_.gaze_far;
-        return {seen, landmarks_[role].data(), landmark_count_[role],
-                checked_ramp(static_cast<float>(near), static_cast<float>(far))};
-    }
-    template <class By>
-    DeviceInfluenced set_of(By by) const {
-        const int k = place(by);
-        return {{lists_.list(k), lists_.count(k)}, room_[k], lambda_of(by)};
-    }
-    DeviceColumns<float> features() const {
-        return {feature_.data(), host_->feature.rows(), count()};
-    }
-    DeviceColumns<float> codes() const {
-        return {code_.data(), encoded_size(3, config_.frequencies), count()};
+    /// The fields of a kind as regaze_into finds them: those of the gazes were evaluated, others
+    /// added before.
+    FieldsSum<drivers> fields_sum(std::size_t kind, const DeviceColumns<const float>& before) {
+        FieldsSum<drivers> sum{before.data, before.rows, {}};
+        int k = 0;
+        for_fields_of(kind, [&]<class By>(By, auto& field, const auto&) {
+            sum.of[k++] = of_gaze<By> ? field.evaluated() : field.added();
+        });
+        return sum;
     }
     /// Where the cotangent of a driver's code goes, if it leads to something that is trained.
     template <class By>
     float* g_code_of(const DeviceFaceFrame& frame, By by) const {
-        constexpr bool trained = std::same_as<By, PoseField> ||
-                                 (!std::same_as<By, ExpressionField> && has_effect<E, Kappa>);
+        constexpr bool trained =
+            std::same_as<By, PoseField> || (of_gaze<By> && has_effect<E, Kappa>);
         return trained ? frame.g_codes + codes_.of(by) : nullptr;
     }
 
@@ -314,7 +228,7 @@ class DeviceFaceStream {
             return {b.data(), rows, n};
         };
         const DeviceColumns<float> g_feature = zeroed(g_feature_, host_->feature.rows()),
-                                   g_code = zeroed(g_code_, codes().rows);
+                                   g_code = zeroed(g_code_, rest_.codes().rows);
         zeroed(g_lambda_, drivers);
         // Displacements go beside the others, which share the features' cotangent, and have sums of
         // their own of what both add to.
@@ -328,7 +242,7 @@ class DeviceFaceStream {
                 for_fields_of(kind, [&](auto by, auto& field, const Mlp<float, A>& host) {
                     field.vjp_into(q, of_sum,
                                    {device_parameters(host, to), k == 1 ? g_code : g_feature,
-                                    row_of(k == 1 ? g_beside_ : g_lambda_, by),
+                                    rest_.row_of(k == 1 ? g_beside_ : g_lambda_, by),
                                     g_code_of(k == 1 ? beside : frame, by)});
                 });
             };
@@ -338,39 +252,7 @@ class DeviceFaceStream {
         });
         launch_each(device_, queue, lambdas, AddNumbers{g_beside_.data(), g_lambda_.data()});
         launch_each(device_, queue, codes_.size, AddNumbers{beside.g_codes, frame.g_codes});
-        if (anchor_.size() == 0) { // an anchor is fixed
-            float* const position = to(host_->position).data;
-            launch_each(
-                device_, queue, 3 * n,
-                EncodeNumberVjp{code_.data(), g_code_.data(), 3, config_.frequencies, position});
-            influences_vjp(queue, of(host_->position).data, position);
-        }
-        launch_each(device_, queue, g_feature.size(),
-                    TanhNumberVjp{feature_.data(), g_feature_.data(), to(host_->feature).data});
-    }
-    void influences_vjp(const CudaQueue& queue, const float* seen, float* g_points) {
-        const auto pull = [&](const auto& metric, int role, const float* g, const float* g_rest) {
-            launch_each(
-                device_, queue, count(),
-                InfluencePull{ramp(seen, role), metric, nearest(role), g, g_rest, g_points});
-        };
-        if constexpr (has_effect<E, ReadsFaceRamp>) {
-            const float *const g = row_of(g_lambda_, ExpressionField{}), *const g_rest =
-                                                                             row_of(g_lambda_,
-                                                                                    PoseField{});
-            detail::with_metric<ExpressionInfluenceOf<E>>(config_, [&](const auto& metric) {
-                pull(metric, 0, g, one_face_metric<E> ? g_rest : nullptr);
-            });
-            if constexpr (!one_face_metric<E>)
-                detail::with_metric<PoseInfluenceOf<E>>(
-                    config_, [&](const auto& metric) { pull(metric, 0, nullptr, g_rest); });
-        }
-        for_eyes([&]<std::size_t eye>() {
-            if constexpr (skin_follows<E, eye>)
-                detail::with_metric<GazeInfluenceOf<E>>(config_, [&](const auto& metric) {
-                    pull(metric, 1 + int(eye), row_of(g_lambda_, GazeField<eye>{}), nullptr);
-                });
-        });
+        rest_.vjp_into(queue, of, to, g_code_.data(), g_feature_.data(), g_lambda_);
     }
 
     Device device_;
@@ -381,14 +263,9 @@ class DeviceFaceStream {
     FaceFields<std::unique_ptr<FeatureField>, E> color_;
     FaceFields<std::unique_ptr<PositionField>, E> deform_;
     AttributeFields<std::unique_ptr<FeatureField>, E> attribute_;
-    DeviceLists<Device> lists_;
+    DeviceFaceRest<E, Device> rest_;
     DeviceSums<Device> sums_;
-    Index room_[DeviceListArrays::most] = {};
-    DeviceBuffer<float> landmarks_[3], anchor_; ///< of the expression, of each eye
-    int landmark_count_[3] = {};
-    DeviceBuffer<int> nearest_;
-    DeviceBuffer<float> code_, feature_, lambda_, steps_;
-    DeviceBuffer<float> g_code_, g_feature_, g_lambda_, g_steps_;
+    DeviceBuffer<float> steps_, g_code_, g_feature_, g_lambda_, g_steps_;
     DeviceFieldScratch beside_scratch_; ///< of displacements
     DeviceBuffer<float> g_beside_;      ///< what they add to influences and to codes
 };

@@ -7,6 +7,7 @@
 #pragma once
 
 #include <rye/backend/cuda/each.hpp>
+#include <rye/backend/cuda/lists.hpp>
 #include <rye/nn/cuda/mlp.hpp>
 
 namespace rye {
@@ -26,6 +27,30 @@ struct DeviceInfluenced {
     const float* lambda; ///< 1 x N
 };
 
+/// What a field adds to a number of a point, by the squashed output y.
+RYE_HD inline float field_term(float gain, float lambda, float y) { return gain * lambda * y; }
+
+/// What a field's network gave for the points of its list.
+struct DeviceFieldOutputs {
+    DeviceInfluenced set;
+    Squash squash; ///< that the outputs have yet to go through
+    float gain;
+    DeviceColumns<const float> output; ///< rows x room
+
+    /// Adds the field's rows from `row` on, of a point, to n sums.
+    template <int n>
+    RYE_DEVICE void add(Index point, Index row, float* sum) const {
+        const float lambda = set.lambda[point];
+        if (!(lambda > 0.0F)) return;
+        const std::uint32_t count = set.points.among(static_cast<std::uint32_t>(set.room)),
+                            k = place_in_list(set.points.which, count,
+                                              static_cast<std::uint32_t>(point));
+        if (k == count) return; // the list has no room
+        const float* const y = output.data + Index(k) * output.rows + row;
+        for (int r = 0; r < n; ++r) sum[r] += field_term(gain, lambda, squash_value(squash, y[r]));
+    }
+};
+
 /// Squashes number i of the outputs and adds it to its point.
 struct FieldAdd {
     static constexpr const char* name = "field";
@@ -41,11 +66,10 @@ struct FieldAdd {
         const std::uint32_t k = static_cast<std::uint32_t>(i) / rows;
         if (k >= set.points.among(static_cast<std::uint32_t>(set.room))) return;
         const auto point = static_cast<Index>(set.points.column(k));
-        const float w = gain * set.lambda[point];
-        const float y = squash_value(squash, output.data[i]);
+        const float lambda = set.lambda[point], y = squash_value(squash, output.data[i]);
         if (squash != Squash::none) output.data[i] = y;
         const std::uint32_t row = static_cast<std::uint32_t>(i) % rows;
-        out[point * output.rows + static_cast<Index>(row)] += w * y;
+        out[point * output.rows + static_cast<Index>(row)] += field_term(gain, lambda, y);
     }
 };
 
@@ -150,12 +174,21 @@ class DeviceField {
         require(out.rows == rows && out.cols == inputs.cols, "DeviceField",
                 "sum is " + std::to_string(out.rows) + " x " + std::to_string(out.cols) +
                     ", expected " + std::to_string(rows) + " x " + std::to_string(inputs.cols));
-        set_ = set;
-        output_.reserve(queue, static_cast<std::size_t>(rows * set.room) + 1);
-        mlp_.forward_into(queue, DeviceMlpPoints{inputs, set.points, set.room}, output(), keep);
+        evaluate_into(queue, inputs, set, keep);
         launch_each(device_, queue, rows * set.room,
                     FieldAdd{set, squash_, gain_, output(), out.data});
     }
+    /// Runs the network alone: its outputs are not squashed, nor added to anything.
+    void evaluate_into(const CudaQueue& queue, const DeviceColumns<const float>& inputs,
+                       const DeviceInfluenced& set, bool keep) {
+        set_ = set;
+        output_.reserve(queue, static_cast<std::size_t>(mlp_.shape().outputs() * set.room) + 1);
+        mlp_.forward_into(queue, DeviceMlpPoints{inputs, set.points, set.room}, output(), keep);
+    }
+    /// What the last evaluate_into gave.
+    DeviceFieldOutputs evaluated() const { return {set_, squash_, gain_, output()}; }
+    /// What the last add_into added, until the next evaluate_into.
+    DeviceFieldOutputs added() const { return {set_, Squash::none, gain_, output()}; }
 
     /// Pulls g_out (rows x N) back through the last add_into, which kept what is read here.
     void vjp_into(const CudaQueue& queue, const DeviceColumns<const float>& g_out,

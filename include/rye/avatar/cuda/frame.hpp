@@ -12,6 +12,7 @@
 #include <rye/avatar/cuda/device_effects.hpp>
 #include <rye/avatar/eye_stream.hpp>
 #include <rye/backend/cuda/each.hpp>
+#include <rye/core/bits.hpp>
 
 namespace rye {
 
@@ -65,6 +66,15 @@ struct DriverPlaces {
                     "number " + std::to_string(k) + " of the drivers (expression, pose, scale, " +
                         "gazes) is " + std::to_string(r[k]) + ", expected a finite one");
         return r;
+    }
+    /// Whether packed drivers of two frames have the same bits but for the gazes.
+    bool same_but_gazes(const std::vector<float>& a, const std::vector<float>& b) const {
+        bool same = a.size() == b.size();
+        for (std::size_t k = 0; same && k < a.size(); ++k) {
+            const auto i = static_cast<Index>(k);
+            same = (i >= gaze[0] && i < column) || same_bits(a[k], b[k]);
+        }
+        return same;
     }
 };
 

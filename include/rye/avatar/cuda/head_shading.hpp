@@ -7,7 +7,7 @@
 #include <cmath>
 #include <string>
 
-#include <rye/avatar/cuda/face_points.hpp>
+#include <rye/avatar/cuda/gazed_face.hpp>
 #include <rye/avatar/head_shading.hpp>
 
 namespace rye {
@@ -64,6 +64,19 @@ struct ShadePoint {
     }
     RYE_DEVICE void operator()(Index i) const {
         for (int c = 0; c < 3; ++c) feature.data[i * feature.rows + c] *= gain(i, c);
+    }
+};
+
+/// The same of the points that gazes move, then of the eyes'.
+struct ShadeGazedPoint {
+    static constexpr const char* name = "shading by a gaze";
+    GazedPoints points;
+    ShadePoint shade;
+
+    RYE_DEVICE void operator()(Index i) const {
+        const Index places = points.count();
+        const Index own = i < places ? points.at(i) : shade.faces + i - places;
+        if (own >= 0) shade(own);
     }
 };
 
@@ -213,6 +226,15 @@ class DeviceHeadShading {
         if (!host_->any()) return;
         launch_each(device_, queue, 3, light_at(of, frame));
         launch_each(device_, queue, counts_.all, shade(of, feature));
+    }
+    /// The same of points whose features a gaze replaced, and of the eyes', by the light of the
+    /// last shade_into, which no gaze changes.
+    template <class Of>
+    void shade_into(const CudaQueue& queue, const Of& of, const DeviceColumns<float>& feature,
+                    const GazedPoints& points) {
+        if (!host_->any()) return;
+        launch_each(device_, queue, points.count() + counts_.all - counts_.faces,
+                    ShadeGazedPoint{points, shade(of, feature)});
     }
     /// Features as shade_into left them, and their cotangents.
     struct Pass {

@@ -74,7 +74,7 @@ class DeviceTwoStream {
           face_(device, config_, host_.face, scratch_),
           eyes_(device, config_, host_.eyes, eye_scratch_) {
         parameters_.send(queue, host_);
-        face_.set_fixed(queue, of.roles);
+        face_.rest().set_fixed(queue, of.roles);
         eyes_.set_fixed(queue);
         const Index n = face_.count() + eyes_.count();
         cloud_.reserve(queue, n, config_.channels);
@@ -87,8 +87,8 @@ class DeviceTwoStream {
                 device, queue, host_.shading,
                 ShadedCounts{face_.count(), host_.eyes.points_of(0), n});
         device.fill(queue, sums_.data(), 0, sums_.bytes());
-        face_.place_into(queue, at(parameters_));
-        static_cast<void>(face_.finish(queue));
+        face_.rest().place_into(queue, at(parameters_));
+        static_cast<void>(face_.rest().finish(queue));
     }
     DeviceTwoStream(const DeviceTwoStream&) = delete;
     DeviceTwoStream& operator=(const DeviceTwoStream&) = delete;
@@ -136,11 +136,31 @@ class DeviceTwoStream {
         drive_streams(queue, of, keep);
     }
     /// The same with the parameters of the last drive_into: only what the drivers change is redone.
+    /// Not for a vjp.
     void redrive_into(const CudaQueue& queue) {
         code(queue);
         face_.set_frame(queue);
         eyes_.set_frame(queue, at(parameters_));
         drive_streams(queue, at(parameters_), false);
+    }
+    /// The same where also the drivers are those of the last drive_into or redrive_into, but for
+    /// the gazes (the column of delta_pose too): redoes what gazes move, the points on the lists of
+    /// the gazes' networks and the eyes, with the bits of a redrive_into. Networks of expression
+    /// and head pose are not run; what they gave is still there, so this takes no memory. Lists and
+    /// influences follow from the points at rest, light from the head pose. Eyes and their features
+    /// are done whole, whatever changes them. Not for a vjp.
+    void regaze_into([[maybe_unused]] const CudaQueue& queue) {
+        if constexpr (has_effect<E, AnyOf<LeftGaze, RightGaze>>) {
+            const auto of = at(parameters_);
+            code(queue);
+            branches_.run(queue, 2, [&](std::size_t k, const CudaQueue& q) {
+                if (k == 0) return face_.regaze_into(q, of, state_.data(), face_gaussians());
+                eyes_.set_frame(q, of);
+                eyes_.regaze_into(q, of, state_.data(), eye_gaussians());
+            });
+            if constexpr (has_effect<E, HeadShading>)
+                shading_->shade_into(queue, of, cloud().feature, face_.rest().gazed());
+        }
     }
     /// Waits for the last frame. Whether its lists had room; where they had none they have now, and
     /// the frame has to be driven again: the gradient of one that had none is not a number. Throws
@@ -156,18 +176,22 @@ class DeviceTwoStream {
                                      : "left and the right") +
                         " eye is not finite or has no direction");
         }
-        return face_.finish(queue);
+        return face_.rest().finish(queue);
     }
 
     /// Room for lists of those lengths, from the next frame on: what `finish` does, for a caller
     /// that has kept the longest of several frames. Whether there was.
-    bool make_room(const std::vector<std::uint32_t>& lengths) { return face_.make_room(lengths); }
+    bool make_room(const std::vector<std::uint32_t>& lengths) {
+        return face_.rest().make_room(lengths);
+    }
     /// Lengths of the last frame's lists on the device, and the room for them.
-    DeviceRooms rooms() const { return face_.rooms(); }
+    DeviceRooms rooms() const { return face_.rest().rooms(); }
 
     /// Points of the face that each driver that is on moves, in the order of for_face_fields.
     /// Waits.
-    std::vector<std::uint32_t> listed(const CudaQueue& queue) const { return face_.listed(queue); }
+    std::vector<std::uint32_t> listed(const CudaQueue& queue) const {
+        return face_.rest().listed(queue);
+    }
 
     /// The driven Gaussians in the world: the face's columns first, then the eyes'.
     const DeviceGaussians<float>& cloud() const { return cloud_.view(); }

@@ -104,6 +104,20 @@ struct ListPlaceKernel {
     }
 };
 
+/// Place of an index in an ascending list of `count`; `count` where the list does not have it.
+RYE_HD inline std::uint32_t place_in_list(const std::uint32_t* list, std::uint32_t count,
+                                          std::uint32_t index) {
+    std::uint32_t begin = 0, end = count;
+    while (begin < end) {
+        const std::uint32_t middle = begin + (end - begin) / 2;
+        if (list[middle] < index)
+            begin = middle + 1;
+        else
+            end = middle;
+    }
+    return begin < count && list[begin] == index ? begin : count;
+}
+
 /// Lists on a device, with the memory that they are in.
 template <class Device>
 class DeviceLists {
