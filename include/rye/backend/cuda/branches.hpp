@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <rye/backend/cuda.hpp>
+#include <rye/backend/cuda/member_type.hpp>
 
 namespace rye {
 
@@ -41,17 +42,10 @@ class DeviceBranches {
     }
 
   private:
-    struct None {};
     template <class D>
-    struct BranchOf {
-        using type = None;
-    };
-    template <DeviceWithBranches D>
-    struct BranchOf<D> {
-        using type = typename D::Branch;
-    };
+    using BranchOf = typename D::Branch;
 
-    std::vector<std::unique_ptr<typename BranchOf<Device>::type>> branch_;
+    std::vector<std::unique_ptr<MemberType<Device, BranchOf>>> branch_;
 };
 
 } // namespace rye

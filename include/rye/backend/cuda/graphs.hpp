@@ -8,6 +8,7 @@
 #include <set>
 
 #include <rye/backend/cuda.hpp>
+#include <rye/backend/cuda/member_type.hpp>
 
 namespace rye {
 
@@ -48,18 +49,11 @@ class KeptGraphs {
     std::size_t size() const { return graphs_.size(); }
 
   private:
-    struct None {};
     template <class D>
-    struct GraphOf {
-        using type = None;
-    };
-    template <DeviceWithGraphs D>
-    struct GraphOf<D> {
-        using type = typename D::Graph;
-    };
+    using GraphOf = typename D::Graph;
 
     std::set<Kind> warm_;
-    std::map<Key, typename GraphOf<Device>::type> graphs_;
+    std::map<Key, MemberType<Device, GraphOf>> graphs_;
 };
 
 } // namespace rye
