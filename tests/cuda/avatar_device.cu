@@ -1,25 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // avatar_device: the cases of avatars, and of what they are made of, on a device; where there is
 // none it says so.
-#define DOCTEST_CONFIG_IMPLEMENT
+#include "on_device.hpp"
+
 #include "avatar_cases.hpp"
 #include "point_cases.hpp"
-
-#include <rye/backend/cuda/device.hpp>
-
-#include <cstdio>
 
 using namespace rye;
 using namespace rye::test;
 
 namespace {
 
-StreamMemory memory;
-cudaStream_t stream;
-const CudaQueue& queue() {
-    static const CudaQueue q{stream, memory};
-    return q;
-}
 using Fine = DeviceNetworks<3, 32, 32, 32>;
 
 AvatarCase<AllEffects> case_of_all() { return {avatar_of_all(), drivers_of_all()}; }
@@ -46,14 +37,14 @@ void graph_case() {
     REQUIRE(avatar.finish(queue()));
     cudaGraph_t graph;
     cudaGraphExec_t exec;
-    check_cuda(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "graph");
+    check_cuda(cudaStreamBeginCapture(queue().stream, cudaStreamCaptureModeThreadLocal), "graph");
     step();
-    check_cuda(cudaStreamEndCapture(stream, &graph), "graph");
+    check_cuda(cudaStreamEndCapture(queue().stream, &graph), "graph");
     check_cuda(cudaGraphInstantiate(&exec, graph, 0), "graph");
     avatar.set_drivers(queue(), c.drivers);
     send_cloud(CudaDevice(), queue(), cotangent, avatar.g_cloud(queue()));
     gradient.clear(queue());
-    check_cuda(cudaGraphLaunch(exec, stream), "graph");
+    check_cuda(cudaGraphLaunch(exec, queue().stream), "graph");
     REQUIRE(avatar.finish(queue()));
     TwoStream<float, AllEffects> found = zeros_like(c.avatar);
     gradient.fetch(queue(), found);
@@ -74,16 +65,16 @@ void gaze_graph_case() {
     REQUIRE(avatar.finish(queue()));
     cudaGraph_t graph;
     cudaGraphExec_t exec;
-    check_cuda(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "graph");
+    check_cuda(cudaStreamBeginCapture(queue().stream, cudaStreamCaptureModeThreadLocal), "graph");
     avatar.regaze_into(queue());
-    check_cuda(cudaStreamEndCapture(stream, &graph), "graph");
+    check_cuda(cudaStreamEndCapture(queue().stream, &graph), "graph");
     check_cuda(cudaGraphInstantiate(&exec, graph, 0), "graph");
     for (const auto& d : {c.drivers, of_another_face(c.drivers)}) {
         avatar.set_drivers(queue(), d);
         avatar.redrive_into(queue());
         for (const float aside : {0.2F, -0.3F}) {
             avatar.set_drivers(queue(), gazing_elsewhere(d, aside));
-            check_cuda(cudaGraphLaunch(exec, stream), "graph");
+            check_cuda(cudaGraphLaunch(exec, queue().stream), "graph");
             const Gaussians<float> found = fetch_cloud(CudaDevice(), queue(), avatar.cloud());
             avatar.redrive_into(queue());
             CHECK(same_cloud(found, fetch_cloud(CudaDevice(), queue(), avatar.cloud())));
@@ -146,12 +137,4 @@ TEST_CASE("device: another gaze alone gives the bits of other drivers") {
     gaze_graph_case();
 }
 
-int main(int argc, char** argv) {
-    int devices = 0;
-    if (cudaGetDeviceCount(&devices) != cudaSuccess || devices == 0) {
-        std::puts("avatar_device: skipped, no device is there");
-        return 77;
-    }
-    check_cuda(cudaStreamCreate(&stream), "test");
-    return doctest::Context(argc, argv).run();
-}
+int main(int argc, char** argv) { return cases_on_device("avatar_device", argc, argv); }

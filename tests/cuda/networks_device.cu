@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // networks_device: the cases of networks, layers of images, Adam and losses on a device; where
 // there is none it says so.
-#define DOCTEST_CONFIG_IMPLEMENT
+#include "on_device.hpp"
+
 #include "adam_cases.hpp"
 #include "loss_cases.hpp"
 #include "lpips_cases.hpp"
@@ -12,21 +13,8 @@
 
 #include <rye/backend/cuda/page_locked.hpp>
 
-#include <cstdio>
-
 using namespace rye;
 using namespace rye::test;
-
-namespace {
-
-StreamMemory memory;
-cudaStream_t stream;
-const CudaQueue& queue() {
-    static const CudaQueue q{stream, memory};
-    return q;
-}
-
-} // namespace
 
 TEST_CASE("device: networks are the host's") {
     const CudaDevice device;
@@ -90,12 +78,4 @@ TEST_CASE("device: networks of an offload are the host's") {
     offload_faults(device, queue(), staging);
 }
 
-int main(int argc, char** argv) {
-    int devices = 0;
-    if (cudaGetDeviceCount(&devices) != cudaSuccess || devices == 0) {
-        std::puts("networks_device: skipped, no device is there");
-        return 77;
-    }
-    check_cuda(cudaStreamCreate(&stream), "test");
-    return doctest::Context(argc, argv).run();
-}
+int main(int argc, char** argv) { return cases_on_device("networks_device", argc, argv); }

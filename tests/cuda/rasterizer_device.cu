@@ -1,28 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // rasterizer_device: the cases of cases.hpp on a device; where there is none it says so.
-#define DOCTEST_CONFIG_IMPLEMENT
+#include "on_device.hpp"
+
 #include "cases.hpp"
 
-#include <rye/backend/cuda/device.hpp>
 #include <rye/geometry/distortion.hpp>
 #include <rye/splat/cuda/sh_color.hpp>
-
-#include <cstdio>
 
 using namespace rye;
 using namespace rye::test;
 
-namespace {
-
-StreamMemory memory;
-cudaStream_t stream;
-const CudaQueue& queue() {
-    static const CudaQueue q{stream, memory};
-    return q;
-}
 using Three = KernelChannels<3>;
-
-} // namespace
 
 TEST_CASE("device: any number of channels") {
     for (const Index c : {1, 2, 3, 4, 7, 8, 16, 31, 32, 33}) // from 5 on products of two planes
@@ -100,10 +88,10 @@ TEST_CASE_TEMPLATE("device: the same bits again, beside a busy stream, elsewhere
         check_cuda(cudaMemsetAsync(load, k, (std::size_t(1) << 30U) - std::size_t(k) * 4096, other),
                    "test");
         void* moved = nullptr;
-        check_cuda(cudaMallocAsync(&moved, std::size_t(k + 1) * 100000, stream), "test");
+        check_cuda(cudaMallocAsync(&moved, std::size_t(k + 1) * 100000, queue().stream), "test");
         const auto r = render_on<Kernels>(CudaDevice(), queue(), Balanced(), s.gaussians,
                                           s.camera, s.background, &w);
-        check_cuda(cudaFreeAsync(moved, stream), "test");
+        check_cuda(cudaFreeAsync(moved, queue().stream), "test");
         REQUIRE(r.feature == once.feature);
         REQUIRE(r.gradient.mean == once.gradient.mean);
         REQUIRE(r.gradient.rotation == once.gradient.rotation);
@@ -138,11 +126,11 @@ TEST_CASE("device: a graph gives the bits of single launches") {
     const Gaussians<float> gradient = out.get();
     cudaGraph_t graph;
     cudaGraphExec_t exec;
-    check_cuda(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), "test");
+    check_cuda(cudaStreamBeginCapture(queue().stream, cudaStreamCaptureModeThreadLocal), "test");
     step();
-    check_cuda(cudaStreamEndCapture(stream, &graph), "test");
+    check_cuda(cudaStreamEndCapture(queue().stream, &graph), "test");
     check_cuda(cudaGraphInstantiate(&exec, graph, 0), "test");
-    for (int k = 0; k < 10; ++k) check_cuda(cudaGraphLaunch(exec, stream), "test");
+    for (int k = 0; k < 10; ++k) check_cuda(cudaGraphLaunch(exec, queue().stream), "test");
     CHECK(feature.get() == image);
     CHECK(out.get().mean == gradient.mean);
     CHECK(out.get().feature == gradient.feature);
@@ -155,7 +143,7 @@ __global__ void fault() { __trap(); }
 /// Ends the context, and with it this process's use of the device.
 int lose_context() {
     const Scenery<float> s = random_scene<float>(50, 3, 5);
-    fault<<<1, 1, 0, stream>>>();
+    fault<<<1, 1, 0, queue().stream>>>();
     try {
         render_on<Three>(CudaDevice(), queue(), Balanced(), s.gaussians, s.camera, s.background);
     } catch (const Error& e) {
@@ -170,12 +158,7 @@ int lose_context() {
 
 // rasterizer_device [lost]: the second shows what a lost context raises.
 int main(int argc, char** argv) {
-    int devices = 0;
-    if (cudaGetDeviceCount(&devices) != cudaSuccess || devices == 0) {
-        std::puts("rasterizer_device: skipped, no device is there");
-        return 77;
-    }
-    check_cuda(cudaStreamCreate(&stream), "test");
-    if (argc == 2 && std::string(argv[1]) == "lost") return lose_context();
-    return doctest::Context(argc, argv).run();
+    if (argc == 2 && std::string(argv[1]) == "lost")
+        return on_device("rasterizer_device", lose_context);
+    return cases_on_device("rasterizer_device", argc, argv);
 }

@@ -1,26 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // steps_device: the cases of whole training steps on a device; where there is none it says so.
-#define DOCTEST_CONFIG_IMPLEMENT
+#include "on_device.hpp"
+
 #include "step_cases.hpp"
-
-#include <rye/backend/cuda/device.hpp>
-
-#include <cstdio>
 
 using namespace rye;
 using namespace rye::test;
 
-namespace {
-
-StreamMemory memory;
-cudaStream_t stream;
-const CudaQueue& queue() {
-    static const CudaQueue q{stream, memory};
-    return q;
-}
 using Fine = DeviceTrainerPolicy<DeviceNetworks<3, 32, 32, 32>, KernelChannels<3, 8>, Balanced, 3>;
-
-} // namespace
 
 TEST_CASE("device: training steps are the host's") {
     steps_against_host<Fine>(CudaDevice(), queue(), {});
@@ -67,12 +54,4 @@ TEST_CASE("device: a graph of steps for each camera") {
     CHECK(own.trainer->graphs() >= graphs);
 }
 
-int main(int argc, char** argv) {
-    int devices = 0;
-    if (cudaGetDeviceCount(&devices) != cudaSuccess || devices == 0) {
-        std::puts("steps_device: skipped, no device is there");
-        return 77;
-    }
-    check_cuda(cudaStreamCreate(&stream), "test");
-    return doctest::Context(argc, argv).run();
-}
+int main(int argc, char** argv) { return cases_on_device("steps_device", argc, argv); }
