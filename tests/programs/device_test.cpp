@@ -250,10 +250,10 @@ TEST_CASE("device: memory is the sum of its parts, which follow from what they h
     CHECK(part(device_need(c, more), "pictures") - part(need, "pictures") ==
           doctest::Approx(6 * 512 * 512 + 4 * c.avatar.expression));
     more = sizes();
-    more.eyes += 1000; // four arrays of 11 + C numbers, and their share of frames and clouds
+    more.eyes += 1000; // four arrays of 8 + C numbers, and their share of frames and clouds
     CHECK(part(device_need(c, more), "parameters, gradient and moments") -
               part(need, "parameters, gradient and moments") ==
-          doctest::Approx(1000 * 16 * (11 + c.avatar.channels)));
+          doctest::Approx(1000 * 16 * (8 + c.avatar.channels)));
     CHECK(part(device_need(c, more), "renders") > part(need, "renders"));
     more = sizes();
     more.listed[1] += 5000;

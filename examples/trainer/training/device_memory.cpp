@@ -22,11 +22,15 @@ constexpr double number = sizeof(float), half = sizeof(std::uint16_t);
 
 double up(double x, double multiple) { return std::ceil(x / multiple) * multiple; }
 
-/// A network of a driver, over the points of its list.
+/// Which memory a network's vjp has among others: those that displace are differentiated beside
+/// the face's others, those that make features of eyes beside both.
+enum class VjpMemory { face, displacements, eyes };
+
+/// A network over the points of a driver's list, or of an eye.
 struct Network {
     MlpShape shape;
     double points;
-    bool displaces = false; ///< those that do are differentiated beside the others
+    VjpMemory memory = VjpMemory::face;
 
     double parameters() const {
         double sum = 0;
@@ -38,22 +42,28 @@ struct Network {
     double halves(int width, int planes) const { return planes * points * up(width, 16); }
 };
 
-std::vector<Network> networks_of(const AvatarConfig& c, const DeviceSizes& sizes) {
+std::vector<Network> networks_of(const TrainConfig& config, const DeviceSizes& sizes) {
+    const AvatarConfig& c = config.avatar;
+    constexpr VjpMemory beside = VjpMemory::displacements;
     const NetworkConfig& n = c.networks;
     const int xyz = c.position_code(), pose = c.pose_code(), gaze = c.gaze_code();
     const auto [of_exp, of_pose, left, right] = sizes.listed;
-    std::vector<Network> all{
-        {mlp_shape(c.feature + c.expression, c.expression, n.exp_color, c.channels), of_exp},
-        {mlp_shape(xyz + c.expression, c.expression, n.exp_deform, 3), of_exp, true},
-        {mlp_shape(c.feature + c.expression, c.expression, n.exp_attributes, 8), of_exp},
-        {mlp_shape(c.feature + pose, pose, n.pose_color, c.channels), of_pose},
-        {mlp_shape(xyz + pose, pose, n.pose_deform, 3), of_pose, true},
-        {mlp_shape(c.feature + pose, pose, n.pose_attributes, 8), of_pose}};
+    std::vector<Network> all{{mlp_shape(c.feature, c.expression, n.exp_color, c.channels), of_exp},
+                             {mlp_shape(xyz, c.expression, n.exp_deform, 3), of_exp, beside},
+                             {mlp_shape(c.feature, c.expression, n.exp_attributes, 8), of_exp},
+                             {mlp_shape(c.feature, pose, n.pose_color, c.channels), of_pose},
+                             {mlp_shape(xyz, pose, n.pose_deform, 3), of_pose, beside},
+                             {mlp_shape(c.feature, pose, n.pose_attributes, 8), of_pose}};
     for (const double points : {left, right}) {
-        all.push_back({mlp_shape(c.feature + gaze, gaze, n.gaze_color, c.channels), points});
-        all.push_back({mlp_shape(xyz + gaze, gaze, n.gaze_deform, 3), points, true});
+        all.push_back({mlp_shape(c.feature, gaze, n.gaze_color, c.channels), points});
+        all.push_back({mlp_shape(xyz, gaze, n.gaze_deform, 3), points, beside});
     }
     all.push_back({mlp_shape(c.expression + pose, 0, n.eye_offset, 6), 0}); // of one column
+    if (config.eye_appearance == EyeAppearanceName::driven)
+        all.insert(
+            all.end(), 2,
+            {DrivenFeatures::shape(appearance_sizes<AppearanceEffects>(c, Index(sizes.eyes))),
+             sizes.eyes / 2, VjpMemory::eyes});
     return all;
 }
 
@@ -205,16 +215,19 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
     const double small = full / (factor * factor), points = s.face + s.eyes;
     UpsamplerLayers upsampler{g.upsampler, small};
     upsampler.shape.in_channels = a.channels;
-    const std::vector<Network> networks = networks_of(a, s);
+    const std::vector<Network> networks = networks_of(config, s);
 
-    double parameters = s.face * (11 + a.feature) + s.eyes * (11 + a.channels) + 6 * s.frames +
+    double parameters = s.face * (11 + a.feature) + s.eyes * (8 + a.channels) + 6 * s.frames +
                         upsampler.parameters();
+    if (config.shading != ShadingName::none) parameters += 3 * s.face; // normals
     // A point: code, feature, influences and their cotangents, the last ones twice; nearest
     // landmarks, lists, steps of attributes. The driven cloud and its cotangent, parts of the other
     // renders.
     double kept = number * s.face * (2 * (a.position_code() + a.feature + 4) + 4 + 3 + 4 + 16) +
-                  number * (points * (2 * (11 + a.channels) + 14 + 3) + s.eyes * (14 + a.channels));
-    double cotangents[2] = {0, 0}, outputs[2] = {0, 0};
+                  number * (points * (2 * (11 + a.channels) + 14 + 3) + s.eyes * (17 + a.channels));
+    if (config.eye_appearance == EyeAppearanceName::driven) // directions, and their codes
+        kept += number * s.eyes * (3 + 2 * DrivenFeatures::point_inputs());
+    double cotangents[3] = {0, 0, 0}, outputs[3] = {0, 0, 0};
     for (const Network& n : networks) {
         parameters += n.parameters();
         kept += 2 * planes * half * n.parameters(); // weights as planes, for both directions
@@ -227,15 +240,16 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
             all += out;
             if (l + 1 < shape.layers()) kept += out;
         }
-        double& most = cotangents[n.displaces ? 1 : 0];
-        double& of_outputs = outputs[n.displaces ? 1 : 0];
-        most = std::max(most, all);
-        of_outputs = std::max(of_outputs, number * shape.outputs() * n.points);
+        const auto k = static_cast<std::size_t>(n.memory);
+        cotangents[k] = std::max(cotangents[k], all);
+        if (n.memory != VjpMemory::eyes) // whose outputs are the features themselves
+            outputs[k] = std::max(outputs[k], number * shape.outputs() * n.points);
     }
     // Sums of the weights' gradients are of two networks at a time, and of one that makes features
     // of eyes.
     constexpr double of_sums = number * MlpWeightCut::aim * MlpWeightCut::of_block;
-    for (int k = 0; k < 2; ++k) kept += cotangents[k] + outputs[k] + of_sums;
+    for (int k = 0; k < 3; ++k) kept += cotangents[k] + outputs[k];
+    kept += 2 * of_sums;
     using Mechanism = GazeMechanismName;
     const Mechanism m = config.gaze_mechanism;
     if (m == Mechanism::feature_rotation || m == Mechanism::condition ||
