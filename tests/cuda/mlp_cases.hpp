@@ -25,8 +25,8 @@ struct MlpCase {
     double undecided = 0;
 };
 
-/// Takes the cotangents of undecided points away; a few of many: of 1280 hidden sums of order 1,
-/// one in 4e-5 about 0 takes a point in 25 away.
+/// Takes the cotangents of undecided points away; a few of many: of a point's 512 hidden sums of
+/// order 0.2, one within 4e-5 of 0 takes a point in 12 away, one within 1e-5 a point in 50.
 inline void leave_undecided(const MlpTrace<double>& trace, double bound, Columns<float>& g_out) {
     Index left_out = 0;
     for (Index i = 0; i < g_out.cols(); ++i) {
