@@ -9,6 +9,8 @@
 #include <string_view>
 #include <utility>
 
+#include "data/expression_shapes.hpp"
+
 namespace rye::trainer {
 namespace {
 
@@ -87,6 +89,19 @@ Columns<double> expression_reach(const std::vector<std::string>& names,
         }
     }
     return any ? reach : Columns<double>();
+}
+
+RegressionConfig expression_prior(const Capture& capture, const Subject& subject,
+                                  const MeshTrainConfig& config) {
+    RegressionConfig prior;
+    if (config.fit_regions)
+        prior.expression_reach = expression_reach(capture.expression_names, subject.neutral);
+    if (config.fit_shapes) prior.expression_shapes = expression_shapes(capture);
+    // What shapes leave is explained by gaze first.
+    if (prior.expression_shapes.size() > 0)
+        prior.expression_reach = Columns<double>::Constant(prior.expression_shapes.rows(),
+                                                           subject.neutral.cols(), least);
+    return prior;
 }
 
 } // namespace rye::trainer

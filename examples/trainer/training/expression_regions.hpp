@@ -8,6 +8,10 @@
 #include <vector>
 
 #include <rye/core/columns.hpp>
+#include <rye/train/landmark_regression.hpp>
+
+#include "data/config.hpp"
+#include "data/samples.hpp"
 
 namespace rye::trainer {
 
@@ -18,5 +22,10 @@ namespace rye::trainer {
 /// canonical.
 Columns<double> expression_reach(const std::vector<std::string>& names,
                                  const Columns<double>& landmarks);
+
+/// What the names and shapes of a capture's expressions tell of frames that it has not, as
+/// mesh.fit_regions and fit_shapes say. Throws Error as expression_shapes does.
+RegressionConfig expression_prior(const Capture& capture, const Subject& subject,
+                                  const MeshTrainConfig& config);
 
 } // namespace rye::trainer

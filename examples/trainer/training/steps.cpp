@@ -8,7 +8,6 @@
 #include <rye/train/checkpoint.hpp>
 #include <rye/train/fit_deformation.hpp>
 
-#include "data/expression_shapes.hpp"
 #include "data/panel.hpp"
 #include "training/expression_regions.hpp"
 #include "training/mesh_steps.hpp"
@@ -32,9 +31,6 @@ TrainEyeball eyeball_of(const Subject& s, const TrainConfig& config, std::size_t
     return shape;
 }
 
-/// Where a face model gives a coefficient's shape, the regression of what is left has it last.
-constexpr double reach_of_known_shapes = 0.05;
-
 } // namespace
 
 TetGrid<float> make_lattice(const TrainState& state) {
@@ -56,13 +52,7 @@ double fit_landmarks(TrainState& state, const Capture& capture,
     fit.rate = state.config.mesh.fit_rate;
     fit.mixed = state.config.mesh.fit_mixed;
     fit.random = seed_of(state).fork(9);
-    RegressionConfig& prior = fit.regression;
-    if (state.config.mesh.fit_regions)
-        prior.expression_reach = expression_reach(capture.expression_names, state.subject.neutral);
-    if (state.config.mesh.fit_shapes) prior.expression_shapes = expression_shapes(capture);
-    if (const Columns<double>& shapes = prior.expression_shapes; shapes.size() > 0)
-        prior.expression_reach = Columns<double>::Constant(
-            shapes.rows(), state.subject.neutral.cols(), reach_of_known_shapes);
+    fit.regression = expression_prior(capture, state.subject, state.config.mesh);
     return fit_deformation(
         train_backend(), state.mesh,
         {state.config.avatar, state.subject.roles, state.config.mesh.landmarks_follow_gaze}, frames,

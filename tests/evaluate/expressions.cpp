@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+// landmarks_of_expressions CAPTURE: how far the regression of stage 1's mixed frames, of the
+// training frames, is from the landmarks of the training and of the test frames, by what it knows
+// of expressions, as a table in Markdown. docs/experiments.md has some.
+#include <cmath>
+#include <cstdio>
+#include <exception>
+#include <tuple>
+#include <vector>
+
+#include "training/expression_regions.hpp"
+#include "training/steps.hpp"
+
+using namespace rye;
+using namespace rye::trainer;
+
+namespace {
+
+/// Root mean square distance of a landmark [mm], mean of the frames.
+double error(const LandmarkRegression& r, const Columns<float>& neutral,
+             const std::vector<MeshSample<float>>& frames) {
+    double sum = 0;
+    for (const MeshSample<float>& f : frames) {
+        const Columns<float> got = neutral + r.displacement<float>(landmark_regressors(f.drivers));
+        sum += std::sqrt(static_cast<double>((got - f.landmarks).squaredNorm()) /
+                         static_cast<double>(neutral.cols()));
+    }
+    return 100 * sum / static_cast<double>(frames.size());
+}
+
+void print_row(const char* name, const LandmarkRegression& r, const Columns<float>& neutral,
+               const std::vector<MeshSample<float>>& train,
+               const std::vector<MeshSample<float>>& test) {
+    std::printf("| %s | %.2f | %.2f |\n", name, error(r, neutral, train), error(r, neutral, test));
+}
+
+} // namespace
+
+int main(int count, char** words) try {
+    if (count != 2) {
+        std::fprintf(stderr, "usage: landmarks_of_expressions CAPTURE\n");
+        return 2;
+    }
+    const Capture capture = read_capture(words[1]);
+    TrainConfig config = preset("cpu");
+    config.avatar.expression = capture.expression_width();
+    const Subject subject = describe_subject(capture, config);
+    const Columns<float> neutral = subject.neutral.cast<float>();
+    const auto samples = [&](const std::vector<int>& frames) {
+        std::vector<MeshSample<float>> all;
+        for (const int f : frames) all.push_back(mesh_sample(capture, subject, config, f, {}));
+        return all;
+    };
+    const auto train = samples(capture.train), test = samples(capture.test);
+    std::printf(
+        "| the regression knows | training frames [mm] | test frames [mm] |\n"
+        "|---|---|---|\n");
+    LandmarkRegression none;
+    none.coefficient = Columns<double>::Zero(
+        static_cast<Index>(landmark_regressors(train.front().drivers).size()), 3 * neutral.cols());
+    none.coefficient.row(0) = [&] {
+        Columns<double> mean = Columns<double>::Zero(3, neutral.cols());
+        for (const auto& f : train)
+            mean += (f.landmarks - neutral).cast<double>() / static_cast<double>(train.size());
+        return Eigen::RowVectorXd(Eigen::Map<const Eigen::RowVectorXd>(mean.data(), mean.size()));
+    }();
+    print_row("nothing: the mean of the training frames", none, neutral, train, test);
+    for (const auto& [name, regions, shapes] :
+         {std::tuple("the training frames", false, false),
+          std::tuple("... where named coefficients act (`fit_regions`)", true, false),
+          std::tuple("... the shapes of the face model (`fit_shapes`)", true, true)}) {
+        config.mesh.fit_regions = regions;
+        config.mesh.fit_shapes = shapes;
+        const RegressionConfig prior = expression_prior(capture, subject, config.mesh);
+        if (shapes && prior.expression_shapes.size() == 0) {
+            std::printf("| %s | no expression_shapes.npz | |\n", name);
+            continue;
+        }
+        print_row(
+            name,
+            landmark_regression<float, TrainEffects>(
+                train_backend(), {config.avatar, neutral, neutral}, subject.roles, train, prior),
+            neutral, train, test);
+    }
+    return 0;
+} catch (const std::exception& e) {
+    std::fprintf(stderr, "landmarks_of_expressions: %s\n", e.what());
+    return 1;
+}
