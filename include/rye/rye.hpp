@@ -150,6 +150,7 @@
 #include <rye/train/avatar_objective.hpp>
 #include <rye/train/avatar_trainer.hpp>
 #include <rye/train/checkpoint.hpp>
+#include <rye/train/density.hpp>
 #include <rye/train/initialize.hpp>
 #include <rye/train/probe.hpp>
 #include <rye/train/samples.hpp>

@@ -56,6 +56,27 @@ TEST_CASE("config: no number is taken out of its range, and the message names th
     CHECK(numbers > 60);
 }
 
+TEST_CASE("config: density is off in every preset, and asks for what it needs") {
+    for (const char* name : {"tiny", "cpu", "gpu", "paper"})
+        CHECK(preset(name).gaussians.density.every == 0);
+    CHECK_FAULT(with({{"gaussians", {{"density", {{"every", 100}, {"first", 500}, {"last", 400}}}}}}),
+                "settings.json: field 'gaussians.density.last': got 400, expected "
+                "gaussians.density.first (500) or more");
+    CHECK_FAULT(
+        with({{"gaussians", {{"density", {{"every", 100}}}, {"rates", {{"position", 0}}}}}}),
+        "field 'gaussians.density.every': got 100, expected 0, as gaussians.rates.position is 0");
+    CHECK_FAULT(with(one_field("gaussians.density.grow", 1.5)), "expected a number from 0 to 1");
+    TrainConfig c = with({{"gaussians", {{"steps", 1000}}}});
+    const RunSize plain = run_size(c, tiny_state().subject, 64, 64);
+    CHECK(plain.most == plain.gaussians);
+    from_json({{"gaussians", {{"density", {{"every", 100}, {"most", 1'000'000}}}}}}, "x.json", c);
+    const RunSize more = run_size(c, tiny_state().subject, 64, 64);
+    CHECK(more.gaussians == plain.gaussians);
+    CHECK(more.most > 1.2 * more.gaussians); // five times a twentieth, of the face alone
+    CHECK(more.bytes > plain.bytes);
+    CHECK(text_of(more).find(" at most ") != std::string::npos);
+}
+
 TEST_CASE("config: settings that once began a training and then ended it") {
     CHECK_FAULT(with(one_field("gaussians.checkpoint_every", 0)),
                 "field 'gaussians.checkpoint_every': got 0, expected a whole number from 1 to ");

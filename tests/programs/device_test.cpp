@@ -111,6 +111,27 @@ TEST_CASE("device: points that drivers move are those of the guess before stage 
     CHECK(sizes.listed[2] < sizes.listed[0]);                 // gazes the lids alone
 }
 
+TEST_CASE("device: memory is that of the most Gaussians that density makes") {
+    TrainState s = tiny_state();
+    s.train_frames = {};
+    Capture capture;
+    capture.width = capture.height = 64;
+    s.config.gaussians.steps = 100;
+    s.step = 10;
+    const DeviceSizes plain = device_sizes(s, capture);
+    CHECK(plain.face == 60);
+    s.config.gaussians.density = {.every = 20, .first = 20, .last = 60, .grow = 0.5, .most = 120};
+    const DeviceSizes more = device_sizes(s, capture);
+    CHECK(more.face == 120);
+    CHECK(more.eyes == plain.eyes);
+    for (std::size_t k = 0; k < 4; ++k) CHECK(more.listed[k] >= plain.listed[k]);
+    CHECK(device_need(s.config, more).sum() > device_need(s.config, plain).sum());
+    s.step = 40; // one more
+    CHECK(device_sizes(s, capture).face == 90);
+    s.step = 60;
+    CHECK(device_sizes(s, capture).face == 60);
+}
+
 TEST_CASE("device: fields that stage 1 does not read do not tell two first stages apart") {
     const TrainConfig a = preset("cpu");
     const auto differ = [&](const nlohmann::ordered_json& json) {
@@ -120,6 +141,7 @@ TEST_CASE("device: fields that stage 1 does not read do not tell two first stage
     };
     for (const nlohmann::ordered_json& json : std::vector<nlohmann::ordered_json>{
              {{"gaussians", {{"mouth_points", 5}, {"steps", 7}, {"planes", 3}}}},
+             {{"gaussians", {{"density", {{"every", 50}}}}}},
              {{"gaussians", {{"weights", {{"blank", 0}}}, {"eyeball", {{"points", 9}}}}}},
              {{"avatar", {{"gaze_mechanism", "condition"}, {"eye_appearance", "free"}}}},
              {{"avatar", {{"shading", "none"}, {"eye_appearance", "free"}}}},

@@ -107,6 +107,12 @@ TEST_CASE("draws: a chunk of steps ends where something reads the state") {
     CHECK(chunk_end(33, 1000, 20, g) == 40);
     CHECK(chunk_end(40, 1000, 20, g) == 50);
     CHECK(chunk_end(50, 55, 20, g) == 55);
+    g.density.every = 7;
+    g.density.first = 43;
+    CHECK(chunk_end(40, 1000, 20, g) == 49);
+    CHECK(chunk_end(49, 1000, 20, g) == 50);
+    CHECK(chunk_end(50, 1000, 20, g) == 56);
+    g.density.every = 0;
     g.panel_every = 0;
     CHECK(chunk_end(40, 1000, 20, g) == 60);
     Index step = 0;

@@ -24,6 +24,7 @@
 #include "data/validate.hpp"
 #include "data/work_beside.hpp"
 #include "training/begun.hpp"
+#include "training/density.hpp"
 #include "training/device_choice.hpp"
 #include "training/device_memory.hpp"
 #include "training/device_steps.hpp"
@@ -202,7 +203,7 @@ class Trainer {
         const AvatarTrainConfig& g = state_.config.gaussians;
         const SampleDraws draws(capture_, state_.config);
         const Index total = draws.total();
-        const std::unique_ptr<AvatarSteps> steps = avatar_steps(state_, options_.perceptual_weights);
+        std::unique_ptr<AvatarSteps> steps = avatar_steps(state_, options_.perceptual_weights);
         Progress progress("stage 2", total, quiet(options_));
         while (state_.step < total) {
             probe_.start();
@@ -213,12 +214,40 @@ class Trainer {
             check_applied(report, "avatar");
             const bool last = state_.step == total;
             tell("avatar", report, progress, last);
+            if (density_due(g.density, state_.step, total)) {
+                steps.reset(); // it has memory for the Gaussians that there were
+                change_density();
+                steps = avatar_steps(state_, options_.perceptual_weights);
+                probe_("density");
+            }
             if (g.panel_every > 0 && (state_.step % g.panel_every == 0 || last))
                 write_panel(state_, sample);
             if (stopped()) return false;
             if (state_.step % g.checkpoint_every == 0 || last) folder_.save(state_);
         }
+        tell_density();
         return true;
+    }
+
+    /// Splits and prunes the face's Gaussians of the state, between a step and what is made of the
+    /// state after it: a checkpoint of this step has the change.
+    void change_density() {
+        const DensityChange c = change_face(state_);
+        folder_.log({{"stage", "avatar"},
+                     {"step", state_.step},
+                     {"grown", c.grown},
+                     {"pruned", c.pruned},
+                     {"face", c.face}});
+        ++changes_;
+        changed_.grown += c.grown;
+        changed_.pruned += c.pruned;
+        changed_.face = c.face;
+    }
+    void tell_density() const {
+        if (changes_ == 0 || quiet(options_)) return;
+        std::cout << "the face has " << changed_.face << " Gaussians: " << changed_.grown
+                  << " were split and " << changed_.pruned << " were pruned, in " << changes_
+                  << (changes_ == 1 ? " change" : " changes") << " of density\n";
     }
 
     /// The same in chunks of steps. Panels and checkpoints are made from a copy of the state by a
@@ -248,6 +277,14 @@ class Trainer {
             const bool shows = g.panel_every > 0 && (state_.step % g.panel_every == 0 || last);
             const bool saves = state_.step % g.checkpoint_every == 0 || last;
             tell("avatar", report, progress, last, static_cast<Index>(chunk.size()));
+            if (density_due(g.density, state_.step, total)) {
+                files.wait();
+                steps->fetch(state_);
+                change_density();
+                steps->restart(state_);
+                copy = state_; // of the new shapes
+                probe_("density");
+            }
             if (!shows && !saves && !stop) continue;
             files.wait();
             probe_("wait for files");
@@ -266,6 +303,7 @@ class Trainer {
             return false;
         }
         files.wait();
+        tell_density();
         held_ = steps->bytes();
         taken_ = device_->free - find_device().found.value_or(*device_).free;
         if (!quiet(options_))
@@ -317,6 +355,8 @@ class Trainer {
     TimeProbe probe_;
     int skipped_ = 0;
     bool has_mesh_ = false;        ///< stage 1 is another run's
+    int changes_ = 0;              ///< of density, since this program began
+    DensityChange changed_;        ///< by all of them
     double stated_ = 0, held_ = 0, taken_ = 0; ///< device memory of stage 2 [bytes]
 
   public:

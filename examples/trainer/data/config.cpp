@@ -147,6 +147,16 @@ void walk(F& f, TrainConfig& c) {
             f("kappa", g.rates.kappa, rate);
             f("shading", g.rates.shading, rate);
         });
+        f("density", [&] {
+            f("every", g.density.every, steps);
+            f("first", g.density.first, steps);
+            f("last", g.density.last, steps);
+            f("grow", g.density.grow, Range{0, 1});
+            f("most", g.density.most, Range{1, 1e8});
+            f("prune", g.density.prune, Range{0, 1 - 1e-6});
+            f("prefer", g.density.prefer, Range{1, 1e6});
+            f("reach", g.density.reach, Range{1e-6, 1000});
+        });
         f("upsampler", [&] {
             f("capacity", g.upsampler.capacity, Range{1, 1024});
             f("doublings", g.upsampler.doublings, Range{0, 4});
@@ -328,6 +338,15 @@ void check(const TrainConfig& c, const std::string& source) {
     ordered("avatar.exp_far", c.avatar.exp_far, "avatar.exp_near", c.avatar.exp_near);
     ordered("avatar.gaze_far", c.avatar.gaze_far, "avatar.gaze_near", c.avatar.gaze_near);
     ordered("grid.half_side", c.grid.half_side, "grid.cell", c.grid.cell);
+    const DensityConfig& density = c.gaussians.density;
+    require(density.every == 0 || density.last >= density.first, source,
+            "field 'gaussians.density.last': got " + std::to_string(density.last) +
+                ", expected gaussians.density.first (" + std::to_string(density.first) +
+                ") or more");
+    require(density.every == 0 || c.gaussians.rates.position > 0, source,
+            "field 'gaussians.density.every': got " + std::to_string(density.every) +
+                ", expected 0, as gaussians.rates.position is 0: the optimiser then keeps no "
+                "gradients of positions, by which Gaussians are chosen");
     require(c.gaussians.planes != 2, source,
             "field 'gaussians.planes': got 2, expected 1 or 3, which there are kernels for");
     require(c.gaze_mechanism == GazeMechanismName::rotation || c.gaze_axis == GazeAxis::optical,

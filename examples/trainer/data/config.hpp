@@ -61,6 +61,7 @@ struct AvatarTrainConfig {
     EyeballConfig eyeball;
     AvatarLossConfig weights;
     AvatarRates rates;
+    DensityConfig density;      ///< off in every preset
     UpsamplerShape upsampler;   ///< in_channels follows from the avatar
     /// Of bf16 a float of the networks' products on a device: 1 for 8 bits of each factor, 3 for 24.
     /// The CPU computes in floats.

@@ -51,8 +51,11 @@ class DeviceEngine {
     virtual Index add(const TrainingView& view, const Drivers<float>& drivers) = 0;
     /// Takes the steps of these draws in their order, and waits.
     virtual DeviceStepsReport run(const std::vector<StepDraw>& draws) = 0;
-    /// The avatar and its optimiser as they are now.
+    /// The avatar and its optimiser as they are now, into structs of the same shapes.
     virtual void fetch(TwoStream<float, E>& avatar, Adam<TwoStream<float, E>>& adam) const = 0;
+    /// Goes on from these, whose face may have another number of Gaussians; views stay.
+    virtual void restart(const TwoStream<float, E>& avatar,
+                         const Adam<TwoStream<float, E>>& adam) = 0;
     virtual double bytes() const = 0; ///< that are held
 };
 

@@ -49,27 +49,45 @@ class DeviceEngineOf final : public DeviceEngine<E> {
     DeviceEngineOf(const TwoStream<float, E>& avatar, const Adam<TwoStream<float, E>>& adam,
                    const DeviceTask& task)
         : queue_{machine_.stream(), machine_.memory},
-          perceptual_(queue_, task.lpips),
-          trainer_(Device{}, queue_, {avatar, adam}, task.training, perceptual_) {}
+          training_(task.training),
+          perceptual_(queue_, task.lpips) {
+        begin(avatar, adam);
+    }
 
     Index add(const TrainingView& view, const Drivers<float>& drivers) override {
-        return trainer_.add(queue_, view, restricted<E>(drivers));
+        return trainer_->add(queue_, view, restricted<E>(drivers));
     }
     DeviceStepsReport run(const std::vector<StepDraw>& draws) override {
-        return trainer_.run(queue_, draws);
+        return trainer_->run(queue_, draws);
     }
     void fetch(TwoStream<float, E>& avatar, Adam<TwoStream<float, E>>& adam) const override {
-        trainer_.fetch(queue_, avatar, adam);
+        trainer_->fetch(queue_, avatar, adam);
+    }
+    void restart(const TwoStream<float, E>& avatar,
+                 const Adam<TwoStream<float, E>>& adam) override {
+        DeviceViews<Device> views(Device{}, trainer_->views().factor());
+        views.take(trainer_->views());
+        trainer_.reset(); // its memory goes before the next one's is asked for
+        begin(avatar, adam);
+        trainer_->views().take(views);
     }
     double bytes() const override {
-        return static_cast<double>(trainer_.bytes() + perceptual_.bytes());
+        return static_cast<double>(trainer_->bytes() + perceptual_.bytes());
     }
 
   private:
+    using Trainer = DeviceAvatarTrainer<E, Device, Policy, ChosenDevicePerceptual<Device, N>>;
+
+    void begin(const TwoStream<float, E>& avatar, const Adam<TwoStream<float, E>>& adam) {
+        trainer_ = std::make_unique<Trainer>(Device{}, queue_, AvatarAndAdam<E>{avatar, adam},
+                                             training_, perceptual_);
+    }
+
     Machine machine_; // goes last: memory is given back on its stream
     CudaQueue queue_;
+    decltype(DeviceTask::training) training_;
     ChosenDevicePerceptual<Device, N> perceptual_;
-    DeviceAvatarTrainer<E, Device, Policy, ChosenDevicePerceptual<Device, N>> trainer_;
+    std::unique_ptr<Trainer> trainer_;
 };
 
 } // namespace rye::trainer

@@ -10,6 +10,7 @@
 #include <rye/nn/cuda/mlp_weight_cut.hpp>
 #include <rye/nn/features.hpp>
 #include <rye/splat/cuda/rasterizer.hpp>
+#include <rye/train/density.hpp>
 
 #include "training/draws.hpp"
 #include "training/run_size.hpp"
@@ -203,7 +204,13 @@ DeviceSizes device_sizes(const TrainState& state, const Capture& capture) {
         s.face = guess.vertices.sum() + mouth;
         s.listed[0] += mouth;
     }
-    for (double& points : s.listed) points = list_room(points, s.face);
+    // Those that split may all lie where a list is.
+    const AvatarTrainConfig& g = state.config.gaussians;
+    const double most =
+        most_of_face(g.density, s.face, state.stage == Stage::avatar ? state.step : 0,
+                     total_steps(g.steps, g.epochs, capture));
+    for (double& points : s.listed) points = list_room(points + most - s.face, most);
+    s.face = most;
     return s;
 }
 
@@ -258,15 +265,20 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
 
     const double maps = (6.0 * a.channels + 9 + 6) * small + (12 + 5) * full;
     const double pyramid = 2 * 3 * full * (1.0 / 4 + 1.0 / 16);
+    const bool dense = g.density.every > 0;
     const double compared = (g.weights.dssim > 0 ? 9 * full : 0) + (g.augment ? 4 * full : 0);
     return {
         {{{"parameters, gradient and moments", 4 * number * parameters,
-           "avatar.networks, gaussians.spacing or gaussians.mouth_points"},
+           dense ? "avatar.networks, gaussians.density.most or gaussians.spacing"
+                 : "avatar.networks, gaussians.spacing or gaussians.mouth_points"},
           {"pictures", 6 * full * s.views + 4 * s.views * a.expression,
            "the capture's number or size of pictures, as no field does it"},
-          {"networks", kept, "avatar.networks, gaussians.planes or gaussians.mouth_points"},
+          {"networks", kept,
+           dense ? "avatar.networks, gaussians.planes or gaussians.density.most"
+                 : "avatar.networks, gaussians.planes or gaussians.mouth_points"},
           {"renders", frames_of(config, s, s.width / factor, s.height / factor) + number * maps,
-           "gaussians.mouth_points or avatar.channels"},
+           dense ? "gaussians.density.most or avatar.channels"
+                 : "gaussians.mouth_points or avatar.channels"},
           {"upsampler",
            2 * upsampler.trace(planes) +
                upsampler.shared(planes, s.width / factor, s.height / factor),

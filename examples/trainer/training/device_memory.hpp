@@ -13,7 +13,7 @@ namespace rye::trainer {
 
 /// Numbers that the memory follows from, beside the configuration.
 struct DeviceSizes {
-    double face = 0, eyes = 0;         ///< Gaussians
+    double face = 0, eyes = 0;         ///< Gaussians; of the face the most that there can be
     std::array<double, 4> listed = {}; ///< points that expression, pose and both gazes move
     double frames = 0, views = 0;      ///< of training
     int width = 0, height = 0;         ///< of the pictures [px]

@@ -6,6 +6,7 @@
 #include <map>
 
 #include <rye/capture/lpips_weights.hpp>
+#include <rye/train/density.hpp>
 
 #include "training/avatar_training.hpp"
 
@@ -50,6 +51,10 @@ class DeviceStepsOf final : public DeviceSteps {
     void fetch(TrainState& state) const override {
         const auto to = own(state);
         engine_->fetch(to.first, to.second);
+    }
+    void restart(const TrainState& state) override {
+        const auto from = own(state);
+        engine_->restart(from.first, from.second);
     }
     double bytes() const override { return engine_->bytes(); }
 
@@ -116,7 +121,7 @@ Index chunk_end(Index step, Index total, Index log_every, const AvatarTrainConfi
     Index end = total;
     for (const Index every : {log_every, Index(config.panel_every), Index(config.checkpoint_every)})
         if (every > 0) end = std::min(end, (step / every + 1) * every);
-    return end;
+    return std::min(end, next_density_step(config.density, step));
 }
 
 } // namespace rye::trainer

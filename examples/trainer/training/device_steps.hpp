@@ -25,6 +25,8 @@ class DeviceSteps {
     virtual StepReport run(TrainState& state, const std::vector<SampleDraw>& draws) = 0;
     /// Avatar and optimiser, into the state.
     virtual void fetch(TrainState& state) const = 0;
+    /// Goes on from the state's, whose face may have another number of Gaussians.
+    virtual void restart(const TrainState& state) = 0;
     virtual double bytes() const = 0; ///< of device memory that are held
 };
 
@@ -34,7 +36,8 @@ std::unique_ptr<DeviceSteps> device_steps(const TrainState& state, const Capture
                                           const std::filesystem::path& perceptual_weights);
 
 /// The number of steps taken after the next chunk: the next multiple of `log_every`, of the run's
-/// panel_every or of its checkpoint_every, or `total`.
+/// panel_every or of its checkpoint_every, the next step that a change of density follows, or
+/// `total`.
 Index chunk_end(Index step, Index total, Index log_every, const AvatarTrainConfig& config);
 
 } // namespace rye::trainer

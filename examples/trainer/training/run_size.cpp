@@ -4,12 +4,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <numbers>
 
 #include <sys/resource.h>
 #include <unistd.h>
 
 #include <rye/core/error.hpp>
+#include <rye/train/density.hpp>
 
 namespace rye::trainer {
 namespace {
@@ -83,10 +85,16 @@ RunSize run_size(const TrainConfig& config, const Subject& subject, int width, i
     // A vertex: place and signed distance; six tetrahedra of it with their corners and edges.
     const double lattice_bytes = s.lattice * (4 * 4 + 6 * 10 * 8);
     const double surface = surface_guess(config, subject).vertices.sum();
-    s.gaussians = surface + g.mouth_points + 2.0 * g.eyeball.points;
+    const double eyes = 2.0 * g.eyeball.points;
+    const auto with_density = [&](double face) {
+        const Index total = g.steps > 0 ? g.steps : std::numeric_limits<Index>::max();
+        return most_of_face(g.density, face, 0, total) + eyes;
+    };
+    s.gaussians = surface + g.mouth_points + eyes;
+    s.most = with_density(surface + g.mouth_points);
     // A Gaussian: value, gradient and two moments; the hidden layers that its vjp reads.
     const double gaussian_bytes =
-        (s.gaussians - (1 - least_share) * surface) * 4 *
+        with_density(least_share * surface + g.mouth_points) * 4 *
         (4.0 * (14 + std::min(a.feature, a.channels)) + sum_of(a.networks.pose_color));
     const double pixels = static_cast<double>(width) * height;
     const double small = pixels / (1 << (2 * g.upsampler.doublings));
@@ -110,9 +118,14 @@ double most_memory() {
 
 std::string text_of(const RunSize& size) {
     char text[128];
-    std::snprintf(text, sizeof text, "about %.3g Gaussians, at least %.2g GB of memory",
-                  size.gaussians, size.bytes / 1e9);
-    return text;
+    std::snprintf(text, sizeof text, "about %.3g Gaussians, ", size.gaussians);
+    std::string words = text;
+    if (size.most > size.gaussians) {
+        std::snprintf(text, sizeof text, "at most %.3g by gaussians.density, ", size.most);
+        words += text;
+    }
+    std::snprintf(text, sizeof text, "at least %.2g GB of memory", size.bytes / 1e9);
+    return words + text;
 }
 
 void require_room(const RunSize& size, double memory, const std::string& who) {
@@ -123,7 +136,7 @@ void require_room(const RunSize& size, double memory, const std::string& who) {
             std::string("got settings of a run of ") + lattice + " lattice vertices and " +
                 text_of(size) + ", expected at most the " + room +
                 " GB that there are (grid.cell, gaussians.spacing, gaussians.spacing_slope, "
-                "gaussians.mouth_points, avatar.networks)");
+                "gaussians.mouth_points, gaussians.density.most, avatar.networks)");
 }
 
 } // namespace rye::trainer

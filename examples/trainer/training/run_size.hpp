@@ -12,6 +12,7 @@ namespace rye::trainer {
 struct RunSize {
     double lattice = 0;    ///< vertices of the largest lattice
     double gaussians = 0;  ///< about; the face's depend on the surface that stage 1 finds
+    double most = 0;       ///< those and what gaussians.density may add
     double bytes = 0;      ///< of memory, at least
 };
 

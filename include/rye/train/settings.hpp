@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/train/settings.hpp: weights of the losses and learning rates of both stages. Every default
-/// is the paper's (sections 4.1, 4.2) or, where it is silent, GHA's; see docs/deviations.md.
+/// rye/train/settings.hpp: weights of the losses and learning rates of both stages, and when the
+/// face gets other Gaussians. Every default is the paper's (sections 4.1, 4.2) or, where it is
+/// silent, GHA's; see docs/deviations.md.
 #pragma once
 
 #include <string>
@@ -88,6 +89,19 @@ struct AvatarRates {
         if (last == "opacity") return opacity;
         return networks;
     }
+};
+
+/// Splitting and pruning of the face's Gaussians during stage 2 (train/density.hpp): after the
+/// steps from `first` to `last` that `every` divides. Not in the paper; see docs/deviations.md.
+struct DensityConfig {
+    int every = 0;                 ///< steps between two changes; 0: none
+    int first = 500, last = 1'000'000; ///< [steps]
+    double grow = 0.05;            ///< share of the face's Gaussians that split at once, at most
+    int most = 100'000;            ///< none splits that would make more of the face
+    double prune = 0.005;          ///< opacity at rest below which one goes; 0: none goes
+    /// Factor of the criterion at a landmark of eyes and lips, which falls to 1 at `reach` from it,
+    /// canonical units.
+    double prefer = 3, reach = 0.3;
 };
 
 } // namespace rye

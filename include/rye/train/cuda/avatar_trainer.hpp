@@ -118,7 +118,8 @@ class DeviceAvatarTrainer {
         adam_.fetch(queue, adam);
     }
 
-    const DeviceViews<Device>& views() const { return views_; }
+    /// A trainer of an avatar with the same drivers that is made after this one may take() them.
+    DeviceViews<Device>& views() { return views_; }
     /// Memory of a render (all, the face alone, the eyes alone), whose room may be set before the
     /// first step by somebody who knows how much it needs.
     DeviceFrame<Device>& frame(std::size_t render) { return *frame_[render]; }

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <rye/backend/cuda/each.hpp>
@@ -98,6 +99,18 @@ class DeviceViews {
         places_.push_back(place);
         cameras_.push_back(view.camera);
         return static_cast<Index>(places_.size()) - 1;
+    }
+
+    /// Takes all views of another one, of the same factor, which has none then; this one has none
+    /// before. Memory of a step's pictures stays the other's.
+    void take(DeviceViews& from) {
+        RYE_ASSERT(count() == 0 && factor_ == from.factor_, "DeviceViews: cannot take the views");
+        kept_ = std::exchange(from.kept_, {});
+        places_ = std::exchange(from.places_, {});
+        cameras_ = std::exchange(from.cameras_, {});
+        width_ = from.width_;
+        height_ = from.height_;
+        from.sent_ = 0;
     }
 
     Index count() const { return static_cast<Index>(places_.size()); }
