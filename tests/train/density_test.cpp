@@ -120,8 +120,8 @@ TEST_CASE("density: those of the largest gradients split, the first of equals, i
             CHECK(t.avatar.face.position.col(at) == before.avatar.face.position.col(i));
             CHECK(t.avatar.face.opacity_logit(0, at) == before.avatar.face.opacity_logit(0, i));
         } else {
-            const Vec3<double> middle = 0.5 * (t.avatar.face.position.col(at) +
-                                               t.avatar.face.position.col(at + 1));
+            const Vec3<double> middle =
+                0.5 * (t.avatar.face.position.col(at) + t.avatar.face.position.col(at + 1));
             CHECK((middle - before.avatar.face.position.col(i)).norm() < 1e-15);
         }
         at += two ? 2 : 1;
@@ -175,8 +175,7 @@ TEST_CASE("density: those that are hardly opaque go, with their normals and mome
     c.prune = 0.005;
     const DensityChange change = change_density(backend, t.avatar, t.adam, c);
     CHECK((change.grown == 0 && change.pruned == 2 && change.face == 58));
-    CHECK(t.avatar.shading.normal.leftCols(19) ==
-          before.avatar.shading.normal.middleCols(1, 19));
+    CHECK(t.avatar.shading.normal.leftCols(19) == before.avatar.shading.normal.middleCols(1, 19));
     CHECK(t.avatar.shading.normal.rightCols(39) == before.avatar.shading.normal.rightCols(39));
     CHECK(t.adam.v.shading.normal.rightCols(39) == before.adam.v.shading.normal.rightCols(39));
     CHECK(t.avatar.shading.light == before.avatar.shading.light);
@@ -199,7 +198,6 @@ TEST_CASE("density: numbers that are not finite are refused, and nothing has cha
     const auto refused = [&](const auto& damage, const std::string& words) {
         Trained t;
         damage(t);
-        const Columns<double> position = t.avatar.face.position, opacity = t.avatar.face.opacity_logit;
         CHECK_FAULT(change_density(backend, t.avatar, t.adam, even()), words);
         CHECK(t.count() == 60);
         CHECK(t.avatar.face.opacity_logit.cols() == 60);
@@ -208,8 +206,11 @@ TEST_CASE("density: numbers that are not finite are refused, and nothing has cha
             "change_density: 'face.xyz' of Gaussian 12 is nan, expected a finite number");
     refused([&](Trained<>& t) { t.adam.m.face.feature(0, 3) = nan; },
             "the mean gradient of 'face.feature' of Gaussian 3 is nan");
-    refused([&](Trained<>& t) { t.adam.v.face.position(2, 59) = std::numeric_limits<double>::infinity(); },
-            "the mean square gradient of 'face.xyz' of Gaussian 59 is inf");
+    refused(
+        [&](Trained<>& t) {
+            t.adam.v.face.position(2, 59) = std::numeric_limits<double>::infinity();
+        },
+        "the mean square gradient of 'face.xyz' of Gaussian 59 is inf");
     refused([&](Trained<>& t) { t.adam.v.face.rotation(2, 5) = -1; },
             "the mean square gradient of 'face.rotation' of Gaussian 5 is -1.000000, expected a "
             "finite number, 0 or more");
@@ -229,14 +230,14 @@ TEST_CASE("density: the same bits on any number of threads, by lanes and again")
 }
 
 TEST_CASE("density: a Gaussian splits along the axis on which moving it changes most") {
-    const Mat3<double> turned = quat_matrix(
-        quat_normalized(Quat<double>(std::sqrt(0.5), 0, 0, std::sqrt(0.5)))); // x to y
+    const Mat3<double> turned =
+        quat_matrix(quat_normalized(Quat<double>(std::sqrt(0.5), 0, 0, std::sqrt(0.5)))); // x to y
     const Vec3<double> round(0, 0, 0), square(1, 4, 2);
     CHECK(split_axis<double>(Mat3<double>::Identity(), round, square) == 1);
     CHECK(split_axis<double>(turned, round, square) == 0);
     CHECK(split_axis<double>(Mat3<double>::Identity(), round, Vec3<double>(1, 1, 1)) == 0);
-    CHECK(split_axis<double>(Mat3<double>::Identity(), Vec3<double>(0, 0, 1), Vec3<double>(1, 1, 1)) ==
-          2); // the longest
+    CHECK(split_axis<double>(Mat3<double>::Identity(), Vec3<double>(0, 0, 1),
+                             Vec3<double>(1, 1, 1)) == 2); // the longest
     CHECK(split_axis<double>(Mat3<double>::Identity(), Vec3<double>(1, 0, 0), square) == 0);
 }
 
@@ -255,8 +256,8 @@ TEST_CASE("density: halves absorb what the whole did") {
     for (double x = -6; x <= 6; x += 0.01) {
         const auto profile = [](double z) { return std::exp(-z * z / 2); };
         const double s = 1 / SplitGaussian::shrink, d = SplitGaussian::distance;
-        const double whole = profile(x), two = SplitGaussian::kappa * (profile((x - d) / s) +
-                                                                       profile((x + d) / s));
+        const double whole = profile(x),
+                     two = SplitGaussian::kappa * (profile((x - d) / s) + profile((x + d) / s));
         apart += (two - whole) * (two - whole);
         all += whole * whole;
         sums += two;
@@ -273,7 +274,8 @@ TEST_CASE("density: the picture hardly changes") {
         drive(backend, t.avatar, {config, tiny_roles(), tiny_drivers<double>()}, trace);
         const Rasterizer<FeaturesOnly<Exact32>> rasterizer;
         const VecX<double> background = VecX<double>::Ones(config.channels);
-        return rasterizer.forward(backend, trace.gaussians, tiny_camera(60, 48), background).feature;
+        return rasterizer.forward(backend, trace.gaussians, tiny_camera(60, 48), background)
+            .feature;
     };
     const auto rms = [](const Columns<double>& a) {
         return std::sqrt(a.squaredNorm() / static_cast<double>(a.size()));

@@ -41,7 +41,8 @@ inline Index next_density_step(const DensityConfig& c, Index step) {
     const Index next = (from + c.every - 1) / c.every * c.every;
     return next <= c.last ? next : none;
 }
-/// Whether a change follows step number `step` of `total`: not the last, which no step would follow.
+/// Whether a change follows step number `step` of `total`: not the last, which no step would
+/// follow.
 inline bool density_due(const DensityConfig& c, Index step, Index total) {
     return step < total && step == next_density_step(c, step - 1);
 }
@@ -56,11 +57,11 @@ inline double most_of_face(const DensityConfig& c, double n, Index step, Index t
 
 /// The halves of a Gaussian that splits along one of its axes, in multiples of its standard
 /// deviation s there: each has s / shrink, at +-distance s, and kappa of its optical depth
-/// -log(1 - opacity). With kappa = shrink / 2 both absorb what it did where the axis lies across the
-/// view, as those do that split_axis finds: moving a Gaussian along a view changes no picture. (For
-/// shrink 1, copies in one place, that is the opacity 1 - sqrt(1 - a) of the source.) Pictures of
-/// the two differ from the whole's by 11 % (rms) where a is small, by 17 % at 0.9; with the opacity
-/// of copies it would be 34 % and 15 %. The shrink is 3DGS's, which shrinks all three axes.
+/// -log(1 - opacity). With kappa = shrink / 2 both absorb what it did where the axis lies across
+/// the view, as those do that split_axis finds: moving a Gaussian along a view changes no picture.
+/// (For shrink 1, copies in one place, that is the opacity 1 - sqrt(1 - a) of the source.) Pictures
+/// of the two differ from the whole's by 11 % (rms) where a is small, by 17 % at 0.9; with the
+/// opacity of copies it would be 34 % and 15 %. The shrink is 3DGS's, which shrinks all three axes.
 struct SplitGaussian {
     static constexpr double shrink = 1.6, distance = 0.6, kappa = shrink / 2;
 
@@ -86,8 +87,8 @@ struct DensityChange {
 
 namespace detail {
 
-/// Calls f(name, array...) for all arrays that have a column for each Gaussian of a face, of avatars
-/// of one kind (parameters, moments). Those of a shading that is off are empty.
+/// Calls f(name, array...) for all arrays that have a column for each Gaussian of a face, of
+/// avatars of one kind (parameters, moments). Those of a shading that is off are empty.
 template <EffectSet E, class F, class... A>
 void for_face_columns(F&& f, A&&... avatar) {
     f("face.xyz", avatar.face.position...);
@@ -127,8 +128,7 @@ template <Real T, Backend B>
 std::vector<double> density_criterion(const B& backend, const Columns<T>& position,
                                       const Columns<T>& square, const Columns<T>& landmarks,
                                       const DensityConfig& config) {
-    const Columns<T> distance =
-        nearest_squared_distance<T>(backend, position, landmarks, nullptr);
+    const Columns<T> distance = nearest_squared_distance<T>(backend, position, landmarks, nullptr);
     const Ramp<double> ramp = checked_ramp<double>(0, config.reach);
     std::vector<double> criterion;
     for (Index i = 0; i < position.cols(); ++i) {
@@ -148,7 +148,8 @@ int split_axis(const Mat3<T>& rotation, const Vec3<T>& log_scale, const Vec3<T>&
     T most = T(-1);
     for (int k = 0; k < 3; ++k) {
         const Vec3<T> along = rotation.col(k);
-        const T pull = std::exp(T(2) * log_scale[k]) * dot(along.cwiseProduct(along).eval(), square);
+        const T pull =
+            std::exp(T(2) * log_scale[k]) * dot(along.cwiseProduct(along).eval(), square);
         if (pull > most) {
             most = pull;
             axis = k;
@@ -175,8 +176,10 @@ DensityPlan density_plan(const Columns<T>& opacity_logit, const std::vector<doub
     std::vector<std::size_t> candidates;
     for (std::size_t i = 0; i < size; ++i) {
         plan.goes[i] = sigmoid(double(opacity_logit(0, static_cast<Index>(i)))) < config.prune;
-        if (plan.goes[i]) ++plan.change.pruned;
-        else if (criterion[i] > 0) candidates.push_back(i);
+        if (plan.goes[i])
+            ++plan.change.pruned;
+        else if (criterion[i] > 0)
+            candidates.push_back(i);
     }
     const Index left = n - plan.change.pruned;
     require(left > 0, "change_density",
@@ -200,14 +203,17 @@ DensityPlan density_plan(const Columns<T>& opacity_logit, const std::vector<doub
 /// Splits and prunes Gaussians of the face, with their moments. Those below config.prune go. Of the
 /// others, those whose criterion is largest split, of equals the first ones: as many as config.grow
 /// of all before, and as config.most has room for, but none that no step has moved. Halves follow
-/// each other in the place of the whole. Eyes, networks and counts of steps stay. Error, and nothing
-/// has changed, for a number that is not finite, and where all would go.
+/// each other in the place of the whole. Eyes, networks and counts of steps stay; trainers that
+/// have memory for the avatar must be made again. The face has 66 landmarks or more, in the order
+/// of the capture. Error, and nothing has changed, for a number that is not finite, and where all
+/// would go.
 template <Real T, EffectSet E, Backend B>
     requires(!face_rests<E> && !has_own_effects<E>)
-DensityChange change_density(const B& backend, TwoStream<T, E>& avatar,
-                             Adam<TwoStream<T, E>>& adam, const DensityConfig& config) {
+DensityChange change_density(const B& backend, TwoStream<T, E>& avatar, Adam<TwoStream<T, E>>& adam,
+                             const DensityConfig& config) {
     detail::require_splittable<E>(avatar, adam);
     FaceStream<T, E>& face = avatar.face;
+    RYE_ASSERT(face.landmarks.cols() >= 66, "change_density: fewer than 66 landmarks");
     const Columns<T> eyes_and_lips = face.landmarks.middleCols(36, 30); // of GHA's numbering
     const detail::DensityPlan plan = detail::density_plan(
         face.opacity_logit,
