@@ -163,6 +163,14 @@ struct StepsOnDevice {
         trainer->fetch(queue, avatar, adam);
         return r;
     }
+    /// The trainer made again of what was fetched, with the views of the one before.
+    void renew(const Device& device, const StepSceneOf<E>& scene) {
+        DeviceViews<Device> views(device, trainer->views().factor());
+        views.take(trainer->views());
+        trainer.reset();
+        make(device, scene);
+        trainer->views().take(views);
+    }
     /// The fields that differ in a bit, in words.
     std::string differs(const StepsOnDevice& other) const {
         std::string names;
@@ -178,9 +186,12 @@ struct StepsOnDevice {
     }
 
   private:
-    void begin(const Device& device, const StepSceneOf<E>& scene) {
+    void make(const Device& device, const StepSceneOf<E>& scene) {
         trainer = std::make_unique<DeviceAvatarTrainer<E, Device, Policy>>(
             device, queue, AvatarAndAdam<E>{avatar, adam}, scene.training, pyramid);
+    }
+    void begin(const Device& device, const StepSceneOf<E>& scene) {
+        make(device, scene);
         for (std::size_t v = 0; v < scene.views.size(); ++v)
             trainer->add(queue, scene.views[v], scene.drivers[v].template cast<float>());
     }
@@ -222,7 +233,8 @@ void steps_against_host(const Device& device, const CudaQueue& queue, const Step
     }
 }
 
-/// However many steps a run takes, and resumed from what was fetched, the bits are the same.
+/// However many steps a run takes, resumed from what was fetched, and by a trainer that takes the
+/// views of another one, the bits are the same.
 template <class Policy, class Device>
 void steps_again(const Device& device, const CudaQueue& queue) {
     StepScene scene({});
@@ -232,6 +244,7 @@ void steps_again(const Device& device, const CudaQueue& queue) {
     const auto cut = scene.draws.begin() + 2;
     parts.run({scene.draws.begin(), cut});
     StepsOnDevice<Device, Policy> resumed(device, scene, parts);
+    parts.renew(device, scene);
     parts.run({cut, scene.draws.end()});
     CHECK(whole.differs(parts) == "");
     CHECK(resumed.run({cut, scene.draws.end()}).losses.total == last);

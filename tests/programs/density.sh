@@ -27,7 +27,8 @@ cat > small.json << 'EOF'
  "gaussians": {"steps": 16, "mouth_points": 10, "spacing": 0.3, "panel_every": 8,
   "checkpoint_every": 5, "augment": true, "planes": 3, "eyeball": {"points": 40},
   "upsampler": {"capacity": 2},
-  "density": {"every": 4, "first": 3, "last": 10, "grow": 0.2, "most": 100000, "prune": 0.29}}}
+  "density": {"every": 4, "first": 3, "last": 10, "grow": 0.2, "most": 100000, "prune": 0.2},
+  "rates": {"opacity": 0.1}}}
 EOF
 # begun RUN PROGRAM: a training that is under way, until its log tells of a change.
 begun() {
@@ -40,7 +41,7 @@ begun() {
 # gone_on RUN PROGRAM LIKE: the run to its end, whose files are those of LIKE.
 gone_on() {
     wait $pid 2> /dev/null || true
-    "$2" train --out "$1" --resume --quiet > log.txt
+    "$2" train --out "$1" --resume --quiet > log.txt 2>&1
     for file in checkpoint.safetensors log.jsonl panels/step_0000008.png; do
         same "$3/$file" "$1/$file"
     done
@@ -64,7 +65,7 @@ for side in cpu device; do
     kill -9 $pid 2> /dev/null || true
     gone_on killed_$side "$program" $side
 done
-"$plain" train --capture cap --preset tiny --config small.json --threads 1 --quiet --out alone
+"$plain" train --capture cap --preset tiny --config small.json --threads 1 --quiet --out alone 2> err.txt
 same cpu/checkpoint.safetensors alone/checkpoint.safetensors
 
 # The device's losses are the CPU's, and it says at least what memory it holds.
@@ -76,7 +77,8 @@ paste -d ' ' device.txt cpu.txt | awk '
     $2 + 0 == $2 && ($2 - $4 > 2e-3 * ($4 + 1) || $4 - $2 > 2e-3 * ($4 + 1)) { print; bad = 1 }
     END { exit bad }' || fail "losses of device and CPU differ"
 [ "$(grep -c '"grown"' device/log.jsonl)" -eq "$(grep -c '"grown"' cpu/log.jsonl)" ]
-"$emulated" train --capture cap --preset tiny --config small.json --quiet --json --out told > told.json
+"$emulated" train --capture cap --preset tiny --config small.json --quiet --json --out told > told.json \
+    2> err.txt
 tr -d '",' < told.json | awk '$1 == "stated:" { stated = $2 } $1 == "held:" { held = $2 }
     END { exit !(held > 1e6 && stated > 0.95 * held && stated < 1.3 * held) }' ||
     { cat told.json; fail "what was stated is not what was held"; }
@@ -90,8 +92,8 @@ for part in '"avatar": {' '"gaze_axis": "visual", "avatar": {' \
     "$emulated" train --capture cap --preset tiny --config part.json --quiet --out part > log.txt 2>&1 ||
         { cat log.txt; fail "no training of $part"; }
     grep -q '"step":4,"grown":[1-9]' part/log.jsonl || fail "no change of density with $part"
-    "$plain" train --out part --resume --steps 9 --quiet --device cpu > log.txt
-    "$emulated" train --out part --resume --steps 10 --quiet --device cuda > log.txt
+    "$plain" train --out part --resume --steps 9 --quiet --device cpu > log.txt 2>&1
+    "$emulated" train --out part --resume --steps 10 --quiet --device cuda > log.txt 2>&1
     [ "$(grep -c '"grown"' part/log.jsonl)" -eq 2 ] || { cat part/log.jsonl; fail "changes of $part"; }
     "$plain" redirect --run part --gaze-left 5,5 --out part.png > log.txt
 done

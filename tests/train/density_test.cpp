@@ -138,6 +138,12 @@ TEST_CASE("density: those of the largest gradients split, the first of equals, i
     CHECK(change_density(backend, full.avatar, full.adam, few).grown == 0);
     few.most = 5; // there are more: none goes for it
     CHECK(change_density(backend, full.avatar, full.adam, few).face == 62);
+    Trained faint; // halves of two would go
+    DensityConfig pruned = even(1);
+    pruned.prune = 0.1;
+    faint.avatar.face.opacity_logit.setConstant(1);
+    faint.avatar.face.opacity_logit(0, 8) = faint.avatar.face.opacity_logit(0, 9) = logit(0.11);
+    CHECK(change_density(backend, faint.avatar, faint.adam, pruned).grown == 58);
     Trained still; // no picture has shown more than two
     still.adam.v.face.position.rightCols(58).setZero();
     CHECK(change_density(backend, still.avatar, still.adam, even()).grown == 2);

@@ -175,10 +175,11 @@ DensityPlan density_plan(const Columns<T>& opacity_logit, const std::vector<doub
     DensityPlan plan{std::vector<bool>(size), std::vector<bool>(size), {}};
     std::vector<std::size_t> candidates;
     for (std::size_t i = 0; i < size; ++i) {
-        plan.goes[i] = sigmoid(double(opacity_logit(0, static_cast<Index>(i)))) < config.prune;
+        const double logit = double(opacity_logit(0, static_cast<Index>(i)));
+        plan.goes[i] = sigmoid(logit) < config.prune;
         if (plan.goes[i])
             ++plan.change.pruned;
-        else if (criterion[i] > 0)
+        else if (criterion[i] > 0 && sigmoid(SplitGaussian::logit_opacity(logit)) >= config.prune)
             candidates.push_back(i);
     }
     const Index left = n - plan.change.pruned;
@@ -202,11 +203,11 @@ DensityPlan density_plan(const Columns<T>& opacity_logit, const std::vector<doub
 
 /// Splits and prunes Gaussians of the face, with their moments. Those below config.prune go. Of the
 /// others, those whose criterion is largest split, of equals the first ones: as many as config.grow
-/// of all before, and as config.most has room for, but none that no step has moved. Halves follow
-/// each other in the place of the whole. Eyes, networks and counts of steps stay; trainers that
-/// have memory for the avatar must be made again. The face has 66 landmarks or more, in the order
-/// of the capture. Error, and nothing has changed, for a number that is not finite, and where all
-/// would go.
+/// of all before, and as config.most has room for, but none that no step has moved or whose halves
+/// would go. Halves follow each other in the place of the whole. Eyes, networks and counts of steps
+/// stay; trainers that have memory for the avatar must be made again. The face has 66 landmarks or
+/// more, in the order of the capture. Error, and nothing has changed, for a number that is not
+/// finite, and where all would go.
 template <Real T, EffectSet E, Backend B>
     requires(!face_rests<E> && !has_own_effects<E>)
 DensityChange change_density(const B& backend, TwoStream<T, E>& avatar, Adam<TwoStream<T, E>>& adam,
