@@ -15,7 +15,7 @@ cd "$work"
 fail() { echo "FAILED: $*" >&2; exit 1; }
 same() { cmp "$1" "$2" || fail "$1 and $2 differ"; }
 
-"$plain" capture --out cap --size 48 --cameras 2 --frames 2 --test-frames 1 --apart-frames 1 \
+"$plain" capture --out cap --size 32 --cameras 2 --frames 2 --test-frames 1 --apart-frames 1 \
     --samples 1 --quiet
 cat > small.json << 'EOF'
 {"avatar": {"feature": 8, "channels": 8,
@@ -24,11 +24,11 @@ cat > small.json << 'EOF'
     "gaze_color": [8], "eye_offset": [8]}},
  "grid": {"cell": 0.5, "subdivide": false},
  "mesh": {"steps": 8, "image_size": 24, "pretrain_steps": 30, "fit_steps": 5},
- "gaussians": {"steps": 16, "mouth_points": 10, "spacing": 0.3, "panel_every": 8,
-  "checkpoint_every": 5, "augment": true, "planes": 3, "eyeball": {"points": 40},
+ "gaussians": {"steps": 6, "mouth_points": 10, "spacing": 0, "panel_every": 4,
+  "checkpoint_every": 3, "augment": true, "planes": 3, "eyeball": {"points": 40},
   "upsampler": {"capacity": 2},
-  "density": {"every": 4, "first": 3, "last": 10, "grow": 0.2, "most": 100000, "prune": 0.2},
-  "rates": {"opacity": 0.1}}}
+  "density": {"every": 2, "first": 1, "last": 5, "grow": 0.2, "most": 100000, "prune": 0.2},
+  "rates": {"opacity": 0.2}}}
 EOF
 # begun RUN PROGRAM: a training that is under way, until its log tells of a change.
 begun() {
@@ -42,7 +42,7 @@ begun() {
 gone_on() {
     wait $pid 2> /dev/null || true
     "$2" train --out "$1" --resume --quiet > log.txt 2>&1
-    for file in checkpoint.safetensors log.jsonl panels/step_0000008.png; do
+    for file in checkpoint.safetensors log.jsonl panels/step_0000004.png; do
         same "$3/$file" "$1/$file"
     done
 }
@@ -51,7 +51,7 @@ for side in cpu device; do
     [ $side = cpu ] || program=$emulated
     "$program" train --capture cap --preset tiny --config small.json --out $side > log.txt 2>&1 ||
         { cat log.txt; fail "no training on the side $side"; }
-    [ "$(grep -c '"stage":"avatar","step":[48],"grown":[1-9][0-9]*,"pruned":[0-9]*,"face":' \
+    [ "$(grep -c '"stage":"avatar","step":[24],"grown":[1-9][0-9]*,"pruned":[0-9]*,"face":' \
         $side/log.jsonl)" -eq 2 ] || { cat $side/log.jsonl; fail "$side: no two changes in the log"; }
     grep -q '"pruned":[1-9]' $side/log.jsonl || fail "$side: none is pruned"
     grep -q "^the face has [0-9]* Gaussians: [0-9]* were split and [0-9]* were pruned, in 2 changes of density$" \
@@ -84,16 +84,16 @@ tr -d '",' < told.json | awk '$1 == "stated:" { stated = $2 } $1 == "held:" { he
     { cat told.json; fail "what was stated is not what was held"; }
 
 # Each kind of avatar; either side goes on with the other's checkpoint.
-for part in '"avatar": {' '"gaze_axis": "visual", "avatar": {' \
+for part in '"gaze_axis": "visual", "avatar": {' \
     '"avatar": {"gaze_mechanism": "condition", "shading": "head_pose", ' \
     '"avatar": {"eye_appearance": "driven", "shading": "head_pose", '; do
-    sed "s/^{\"avatar\": {/{$part/; s/\"steps\": 16/\"steps\": 6/" small.json > part.json
+    sed "s/^{\"avatar\": {/{$part/; s/\"steps\": 6/\"steps\": 3/" small.json > part.json
     rm -rf part
     "$emulated" train --capture cap --preset tiny --config part.json --quiet --out part > log.txt 2>&1 ||
         { cat log.txt; fail "no training of $part"; }
-    grep -q '"step":4,"grown":[1-9]' part/log.jsonl || fail "no change of density with $part"
-    "$plain" train --out part --resume --steps 9 --quiet --device cpu > log.txt 2>&1
-    "$emulated" train --out part --resume --steps 10 --quiet --device cuda > log.txt 2>&1
+    grep -q '"step":2,"grown":[1-9]' part/log.jsonl || fail "no change of density with $part"
+    "$plain" train --out part --resume --steps 5 --quiet --device cpu > log.txt 2>&1
+    "$emulated" train --out part --resume --steps 6 --quiet --device cuda > log.txt 2>&1
     [ "$(grep -c '"grown"' part/log.jsonl)" -eq 2 ] || { cat part/log.jsonl; fail "changes of $part"; }
     "$plain" redirect --run part --gaze-left 5,5 --out part.png > log.txt
 done
