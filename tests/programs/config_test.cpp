@@ -66,7 +66,7 @@ TEST_CASE("config: density is off in every preset, and asks for what it needs") 
         with({{"gaussians", {{"density", {{"every", 100}}}, {"rates", {{"position", 0}}}}}}),
         "field 'gaussians.density.every': got 100, expected 0, as gaussians.rates.position is 0");
     CHECK_FAULT(with(one_field("gaussians.density.grow", 1.5)), "expected a number from 0 to 1");
-    TrainConfig c = with({{"gaussians", {{"steps", 1000}}}});
+    TrainConfig c = with({{"gaussians", {{"steps", 1000}, {"mouth_points", 100'000}}}});
     const RunSize plain = run_size(c, tiny_state().subject, 64, 64);
     CHECK(plain.most == plain.gaussians);
     from_json({{"gaussians", {{"density", {{"every", 100}, {"most", 1'000'000}}}}}}, "x.json", c);
