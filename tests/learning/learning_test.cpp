@@ -110,10 +110,7 @@ TrainState mesh_stage(const Capture& capture, Names kept) {
                      [](const char*) {});
         keep(s.mesh, begin, kept);
     }
-    std::vector<MeshSample<float>> frames;
-    for (const int f : capture.train)
-        frames.push_back(mesh_sample(capture, s.subject, s.config, f, {}));
-    fit_landmarks(s, frames);
+    fit_landmarks(s, capture);
     keep(s.mesh, begin, kept);
     begin_avatar(s, grid);
     return s;

@@ -176,10 +176,7 @@ class Trainer {
 
     void fit_to_landmarks() {
         if (state_.config.mesh.fit_steps == 0) return;
-        std::vector<MeshSample<float>> frames;
-        for (const int frame : capture_.train)
-            frames.push_back(mesh_sample(capture_, state_.subject, state_.config, frame, {}));
-        const double left = fit_landmarks(state_, capture_, frames);
+        const double left = fit_landmarks(state_, capture_);
         folder_.log({{"stage", "mesh"}, {"step", state_.step}, {"landmark_rms", left}});
         if (!quiet(options_))
             std::cout << brief("landmarks of all frames fitted: landmark_rms", left) << "\n";

@@ -45,8 +45,10 @@ void pretrain_mesh(TrainState& state, MeshNetworks* networks) {
     pretrain_mesh_by(train_backend(), state);
 }
 
-double fit_landmarks(TrainState& state, const Capture& capture,
-                     const std::vector<MeshSample<float>>& frames) {
+double fit_landmarks(TrainState& state, const Capture& capture) {
+    std::vector<MeshSample<float>> frames;
+    for (const int frame : capture.train)
+        frames.push_back(mesh_sample(capture, state.subject, state.config, frame, {}));
     DeformationFit fit;
     fit.steps = state.config.mesh.fit_steps;
     fit.rate = state.config.mesh.fit_rate;

@@ -35,8 +35,7 @@ void pretrain_mesh(TrainState& state, MeshNetworks* networks = nullptr);
 /// Fits its deformations to the landmarks of all training frames; see fit_deformation. Returns the
 /// root mean square error that is left, canonical units. What the capture's names and shapes of
 /// expressions tell of frames that it has not is used as mesh.fit_regions and fit_shapes say.
-double fit_landmarks(TrainState& state, const Capture& capture,
-                     const std::vector<MeshSample<float>>& frames);
+double fit_landmarks(TrainState& state, const Capture& capture);
 
 /// How many Gaussians an avatar has.
 struct AvatarSize {
