@@ -33,7 +33,7 @@ template <int fields>
 struct FieldsSum {
     const float* before; ///< what they are added to, rows x N, or null
     Index rows;
-    DeviceFieldOutputs of[fields];
+    DeviceFieldOutputs of[static_cast<std::size_t>(fields)];
 
     /// n of its rows.
     template <int n>
