@@ -23,7 +23,7 @@ struct GazedPoints {
         const auto k = static_cast<std::uint32_t>(gaze == 0 ? place : place - of[0].room);
         const DeviceInfluenced& set = of[gaze];
         if (k >= set.points.among(static_cast<std::uint32_t>(set.room))) return -1;
-        const Index point = set.points.column(k);
+        const auto point = static_cast<Index>(set.points.column(k));
         return gaze == 1 && of[0].lambda[point] > 0.0F ? -1 : point;
     }
 };
@@ -55,7 +55,8 @@ struct GazedFeature {
     RYE_DEVICE void operator()(Index i) const {
         const auto rows = static_cast<std::uint32_t>(sum.rows),
                    number = static_cast<std::uint32_t>(i); // DeviceMlp: 2^32 numbers at most
-        const Index point = points.at(number / rows), row = number % rows;
+        const Index point = points.at(static_cast<Index>(number / rows)),
+                    row = static_cast<Index>(number % rows);
         if (point < 0) return;
         float own[1];
         sum.template at<1>(point, row, own);
