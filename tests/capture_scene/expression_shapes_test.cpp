@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a capture tells of its expressions: shapes of its face model, and regions by name.
+// Knowledge of a capture about its expressions: shapes of its face model, and regions by name.
 #include <cmath>
 #include <filesystem>
 #include <limits>

@@ -87,7 +87,7 @@ void drawn_as_on_host(const Device& device, const CudaQueue& queue, const Avatar
     }
     CHECK(draw(c.drivers) == first);
     CHECK(drawer.bytes() > 0);
-    // By another gaze alone, then by all that drivers change.
+    // Another gaze alone, then all that drivers change.
     const Drivers<float, E> gazing = gazing_elsewhere(c.drivers, 0.2F);
     const DrawnViews gazed = draw(gazing);
     CHECK(!(gazed == first));
@@ -128,7 +128,7 @@ void sizes_drawn(const Device& device, const CudaQueue& queue, double bound) {
     }
 }
 
-/// What a drawer launches for a frame, by how it differs from the one before.
+/// Launches of a drawer for a frame, by how it differs from the one before.
 template <class Device>
 void drawer_by_difference(const Device& on, const CudaQueue& queue) {
     using E = PaperEffects;

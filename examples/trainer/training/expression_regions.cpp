@@ -97,7 +97,7 @@ RegressionConfig expression_prior(const Capture& capture, const Subject& subject
     if (config.fit_regions)
         prior.expression_reach = expression_reach(capture.expression_names, subject.neutral);
     if (config.fit_shapes) prior.expression_shapes = expression_shapes(capture);
-    // What shapes leave is explained by gaze first.
+    // Gaze explains first what shapes leave.
     if (prior.expression_shapes.size() > 0)
         prior.expression_reach = Columns<double>::Constant(prior.expression_shapes.rows(),
                                                            subject.neutral.cols(), least);

@@ -23,7 +23,7 @@ namespace rye::trainer {
 Columns<double> expression_reach(const std::vector<std::string>& names,
                                  const Columns<double>& landmarks);
 
-/// What the names and shapes of a capture's expressions tell of frames that it has not, as
+/// Knowledge of frames that a capture has not, by the names and shapes of its expressions, as
 /// mesh.fit_regions and fit_shapes say. Throws Error as expression_shapes does.
 RegressionConfig expression_prior(const Capture& capture, const Subject& subject,
                                   const MeshTrainConfig& config);

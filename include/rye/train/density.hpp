@@ -41,7 +41,7 @@ inline Index next_density_step(const DensityConfig& c, Index step) {
     const Index next = (from + c.every - 1) / c.every * c.every;
     return next <= c.last ? next : none;
 }
-/// Whether a change follows step number `step` of `total`: not the last, which no step would
+/// True where a change follows step number `step` of `total`: not the last, which no step would
 /// follow.
 inline bool density_due(const DensityConfig& c, Index step, Index total) {
     return step < total && step == next_density_step(c, step - 1);
@@ -78,7 +78,7 @@ struct SplitGaussian {
     static constexpr double mean = 0.5, square = 0.25;
 };
 
-/// What a change has done.
+/// Counts of a change.
 struct DensityChange {
     Index grown = 0;  ///< Gaussians that were split, each into two
     Index pruned = 0; ///< that went
@@ -161,7 +161,7 @@ int split_axis(const Mat3<T>& rotation, const Vec3<T>& log_scale, const Vec3<T>&
 
 namespace detail {
 
-/// What becomes of each Gaussian of a face.
+/// The fate of each Gaussian of a face.
 struct DensityPlan {
     std::vector<bool> goes, splits;
     DensityChange change;

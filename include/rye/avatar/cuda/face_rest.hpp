@@ -14,7 +14,7 @@
 
 namespace rye {
 
-/// Whether a field is that of an eye's gaze.
+/// True for the field of an eye's gaze.
 template <class By>
 inline constexpr bool of_gaze = !std::same_as<By, ExpressionField> && !std::same_as<By, PoseField>;
 
@@ -68,7 +68,7 @@ class DeviceFaceRest {
             if (&host_->seen() != &host_->position) put(anchor_, host_->anchor);
     }
 
-    /// What follows from the parameters and not from a frame: codes, features, influences, lists.
+    /// All that follows from the parameters and not from a frame: codes, features, influences, lists.
     template <class Of>
     void place_into(const CudaQueue& queue, const Of& of) {
         if constexpr (has_effect<E, FaceDrivers>) {
@@ -152,7 +152,7 @@ class DeviceFaceRest {
         });
         return points;
     }
-    /// What networks read of all points: features after tanh, codes of places.
+    /// Inputs of networks at all points: features after tanh, codes of places.
     DeviceColumns<float> features() const {
         return {feature_.data(), host_->feature.rows(), count()};
     }

@@ -57,7 +57,7 @@ class DeviceFaceStream {
     }
 
     Index count() const { return host_->position.cols(); }
-    /// What follows from the parameters and not from a frame.
+    /// All that follows from the parameters and not from a frame.
     DeviceFaceRest<E, Device>& rest() { return rest_; }
     const DeviceFaceRest<E, Device>& rest() const { return rest_; }
 

@@ -27,10 +27,10 @@ struct DeviceInfluenced {
     const float* lambda; ///< 1 x N
 };
 
-/// What a field adds to a number of a point, by the squashed output y.
+/// The share of a field in a number of a point, by the squashed output y.
 RYE_HD inline float field_term(float gain, float lambda, float y) { return gain * lambda * y; }
 
-/// What a field's network gave for the points of its list.
+/// Outputs of a field's network for the points of its list.
 struct DeviceFieldOutputs {
     DeviceInfluenced set;
     Squash squash; ///< that the outputs have yet to go through
@@ -185,9 +185,9 @@ class DeviceField {
         output_.reserve(queue, static_cast<std::size_t>(mlp_.shape().outputs() * set.room) + 1);
         mlp_.forward_into(queue, DeviceMlpPoints{inputs, set.points, set.room}, output(), keep);
     }
-    /// What the last evaluate_into gave.
+    /// Outputs of the last evaluate_into.
     DeviceFieldOutputs evaluated() const { return {set_, squash_, gain_, output()}; }
-    /// What the last add_into added, until the next evaluate_into.
+    /// Outputs that the last add_into added, until the next evaluate_into.
     DeviceFieldOutputs added() const { return {set_, Squash::none, gain_, output()}; }
 
     /// Pulls g_out (rows x N) back through the last add_into, which kept what is read here.

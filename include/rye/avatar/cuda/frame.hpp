@@ -67,7 +67,7 @@ struct DriverPlaces {
                         "gazes) is " + std::to_string(r[k]) + ", expected a finite one");
         return r;
     }
-    /// Whether packed drivers of two frames have the same bits but for the gazes.
+    /// True where packed drivers of two frames have the same bits but for the gazes.
     bool same_but_gazes(const std::vector<float>& a, const std::vector<float>& b) const {
         bool same = a.size() == b.size();
         for (std::size_t k = 0; same && k < a.size(); ++k) {
