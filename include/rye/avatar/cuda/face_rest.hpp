@@ -68,7 +68,7 @@ class DeviceFaceRest {
             if (&host_->seen() != &host_->position) put(anchor_, host_->anchor);
     }
 
-    /// All that follows from the parameters and not from a frame: codes, features, influences, lists.
+    /// All that no frame changes: codes, features, influences, lists.
     template <class Of>
     void place_into(const CudaQueue& queue, const Of& of) {
         if constexpr (has_effect<E, FaceDrivers>) {
