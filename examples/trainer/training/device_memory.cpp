@@ -23,8 +23,8 @@ constexpr double number = sizeof(float), half = sizeof(std::uint16_t);
 
 double up(double x, double multiple) { return std::ceil(x / multiple) * multiple; }
 
-/// Which memory a network's vjp has among others: those that displace are differentiated beside
-/// the face's others, those that make features of eyes beside both.
+/// Memory of a network's vjp, among others: those that displace are differentiated beside the
+/// face's others, those that make features of eyes beside both.
 enum class VjpMemory { face, displacements, eyes };
 
 /// A network over the points of a driver's list, or of an eye.

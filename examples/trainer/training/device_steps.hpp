@@ -16,7 +16,7 @@ namespace rye::trainer {
 TrainingView training_view(const Capture& capture, const TrainConfig& config, int frame,
                            int camera);
 
-/// As AvatarSteps, on a device.
+/// AvatarSteps on a device.
 class DeviceSteps {
   public:
     virtual ~DeviceSteps() = default;

@@ -25,15 +25,15 @@ class AvatarDrawer {
 
     const TrainState& state() const { return *state_; }
     bool on_device() const { return device_ != nullptr; }
-    /// What draws: the device's name, or "cpu".
+    /// Name of the device that draws, or "cpu".
     std::string name() const;
     /// A line about it: that a device draws, or why the CPU does where a build with kernels has it
     /// by itself; else empty.
     const std::string& words() const { return words_; }
 
-    /// As render_avatar's `high`; `camera` is of the full-size image.
+    /// Picture like render_avatar's `high`; `camera` is of the full-size image.
     Image<float> picture(const Drivers<float>& drivers, const Pinhole<float>& camera) const;
-    /// As shown_avatar.
+    /// Picture like shown_avatar's.
     ShownAvatar shown(const Drivers<float>& drivers, const Pinhole<float>& camera) const;
     /// LPIPS where the drawer draws; empty without weights.
     const PictureDistance& lpips() const { return lpips_; }

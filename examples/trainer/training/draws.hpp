@@ -18,13 +18,13 @@ int frame_of_step(const std::vector<int>& frames, Index step, const Random& rand
 /// Cameras that have an image of a frame; Error where none has.
 std::vector<int> present_cameras(const Capture& capture, int frame);
 
-/// What is left of a learning rate that falls to `decay` of itself in `total` steps.
+/// Share left of a learning rate that falls to `decay` of itself in `total` steps.
 double decayed(double decay, Index step, Index total);
 
 /// Steps of a stage: `steps`, or unless they are above 0 `epochs` times the training frames.
 Index total_steps(int steps, int epochs, const Capture& capture);
 
-/// What one step of stage 2 is shown.
+/// Frame, camera, colour and scale that one step of stage 2 is shown.
 struct SampleDraw {
     Index step = 0;
     int frame = 0, camera = 0; ///< of the capture

@@ -240,7 +240,7 @@ struct Evaluation::Render {
 struct Evaluation::Renders {
     Render frame, rest, nearest;
 };
-/// What a view has come to, and its pictures as far as somebody wants them.
+/// Results of a view, and its pictures as far as somebody wants them.
 struct Evaluation::Measured {
     ViewResult result;
     Image<float> picture;
