@@ -387,7 +387,7 @@ void take_device_sizes(TrainConfig& c) {
     AvatarTrainConfig& g = c.gaussians;
     g.steps = 20000;
     g.spacing = 0.0045;
-    g.spacing_slope = 0.04;
+    g.spacing_slope = 0.02;
     g.weights.dssim = 0.5;
     g.checkpoint_every = 2000;
     g.panel_every = 2000;
@@ -414,7 +414,11 @@ void take_generalisation(TrainConfig& c) {
     AvatarTrainConfig& g = c.gaussians;
     g.mouth_points = 2000;
     g.spacing_slope = 0.06;
-    g.weights.eye_low = g.weights.eye_high = 0.4;
+    // Averages over the image, as published: those over an eye's few pixels outweigh all else.
+    g.weights.eye_average = EyeAverage::image;
+    g.weights.eye_low = g.weights.eye_high = 0.5;
+    g.weights.blank = 1.0;
+    g.weights.eyes_from_eye_terms = false;
     g.weights.eye_smooth = 0.1;
     AvatarRates& rates = g.rates;
     rates.deform = 3e-5;
