@@ -170,8 +170,12 @@ Eyeball find_eyeball(const Pack& pack, const Points& mean, const Points& subject
 } // namespace
 
 HeadModel ict_head(const fs::path& path, std::uint64_t seed) {
+    const fs::path list = path.parent_path() / "names.json";
+    require(!fs::exists(path) || fs::exists(list), list.string(),
+            "no such file, expected the names of the model's expressions and identities beside " +
+                path.string());
     const Pack pack(path);
-    const Names names = read_names(path.parent_path() / "names.json");
+    const Names names = read_names(list);
     HeadModel model;
     model.origin =
         "ICT-FaceKit light model, (c) 2020 USC Institute for Creative Technologies, MIT "

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <cmath>
+#include <fstream>
 #include <set>
 
 #include <doctest/doctest.h>
@@ -369,13 +370,17 @@ TEST_CASE("command: writes once, overwrites captures only, and leaves nothing ha
     CHECK(run_command(line).find("no capture") != std::string::npos);
     CHECK(fs::exists(out / "images"));
 
-    const std::vector<std::string> missing{"capture",
-                                           "--out",
-                                           (folder.path / "b").string(),
-                                           "--model",
-                                           (folder.path / "nothing.npz").string(),
-                                           "--quiet"};
+    std::vector<std::string> missing{"capture",
+                                     "--out",
+                                     (folder.path / "b").string(),
+                                     "--model",
+                                     (folder.path / "nothing.npz").string(),
+                                     "--quiet"};
     CHECK(run_command(missing).find("nothing.npz") != std::string::npos);
+    std::ofstream(folder.path / "alone.npz");
+    missing[4] = (folder.path / "alone.npz").string();
+    CHECK(run_command(missing).find("names.json: no such file, expected the names") !=
+          std::string::npos);
     CHECK_FALSE(fs::exists(folder.path / "b"));
     CHECK_FALSE(fs::exists(folder.path / "b.tmp"));
 }

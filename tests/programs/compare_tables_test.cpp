@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "commands/compare_tables.hpp"
 
+#include <algorithm>
 #include <fstream>
 
 #include <doctest/doctest.h>
@@ -141,6 +142,13 @@ TEST_CASE("lists: the built-in ones are valid for each preset, and come back fro
     CHECK(losses.rows[2].effective.gaussians.weights.blank == 0);
     CHECK(losses.rows[3].effective.gaussians.weights.eye_low == 0);
     CHECK(losses.rows.back().effective.gaussians.weights.face_alone == 1);
+    // What `tiny` alone has is in a row of its own.
+    const auto with = [&](auto&& has) {
+        return std::count_if(losses.rows.begin(), losses.rows.end(),
+                             [&](const auto& row) { return has(row.effective.gaussians.weights); });
+    };
+    CHECK(with([](const auto& w) { return w.eyes_from_eye_terms; }) == 1);
+    CHECK(with([](const auto& w) { return w.eye_average == EyeAverage::mask; }) == 1);
     Experiment deformation = built_in_experiment("deformation");
     configure(deformation, {"cpu", nullptr, "", 1});
     CHECK(deformation.rows[1].effective.avatar.gaze_far == 0);
