@@ -142,7 +142,7 @@ TEST_CASE("lists: the built-in ones are valid for each preset, and come back fro
     CHECK(losses.rows[2].effective.gaussians.weights.blank == 0);
     CHECK(losses.rows[3].effective.gaussians.weights.eye_low == 0);
     CHECK(losses.rows.back().effective.gaussians.weights.face_alone == 1);
-    // What `tiny` alone has is in a row of its own.
+    // Additions of `tiny` alone have a row of their own.
     const auto with = [&](auto&& has) {
         return std::count_if(losses.rows.begin(), losses.rows.end(),
                              [&](const auto& row) { return has(row.effective.gaussians.weights); });
