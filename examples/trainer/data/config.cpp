@@ -414,11 +414,13 @@ void take_generalisation(TrainConfig& c) {
     AvatarTrainConfig& g = c.gaussians;
     g.mouth_points = 2000;
     g.spacing_slope = 0.06;
-    // Averages over the image, as published: those over an eye's few pixels outweigh all else.
-    g.weights.eye_average = EyeAverage::image;
-    g.weights.eye_low = g.weights.eye_high = 0.5;
-    g.weights.blank = 1.0;
-    g.weights.eyes_from_eye_terms = false;
+    // Eye terms and blank of the paper: averages over an eye's few pixels outweigh all else.
+    const auto published = preset("paper").gaussians.weights;
+    g.weights.eye_average = published.eye_average;
+    g.weights.eye_low = published.eye_low;
+    g.weights.eye_high = published.eye_high;
+    g.weights.blank = published.blank;
+    g.weights.eyes_from_eye_terms = published.eyes_from_eye_terms;
     g.weights.eye_smooth = 0.1;
     AvatarRates& rates = g.rates;
     rates.deform = 3e-5;

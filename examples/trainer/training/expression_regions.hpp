@@ -15,7 +15,7 @@
 
 namespace rye::trainer {
 
-/// How far each coefficient may move each landmark, E x L in (0, 1]
+/// Limits on what each coefficient moves of each landmark, E x L in (0, 1]
 /// (RegressionConfig::expression_reach): 1 near the landmarks of its region, falling off to a
 /// twentieth over half the distance of the eyes; 1 everywhere for a name that tells no region.
 /// Empty where no name does. landmarks: 3 x L, of which the first 66 are iBUG's without 48 and 54;

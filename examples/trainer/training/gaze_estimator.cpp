@@ -186,7 +186,7 @@ std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>&
     return all;
 }
 
-/// What is left of the brightness when a disc is fitted around one gaze.
+/// Remainder of the brightness when a disc is fitted around one gaze.
 struct Fit {
     double pitch = 0, yaw = 0;
     double error = unfit;  ///< weighted sum of squares, of a dark disc
@@ -371,7 +371,7 @@ std::optional<GazeEstimate> estimate_gaze(const Image<float>& image, const Colum
     };
     const double contrast = explained(best.error);
     if (contrast < least_contrast(disc.pixels())) return std::nullopt;
-    // What is dark beside something bright and round is no iris.
+    // Dark pixels beside something bright and round are no iris.
     constexpr double beside_bright = 0.25;
     if (contrast < min_contrast && contrast < beside_bright * explained(coarse.bright))
         return std::nullopt;

@@ -12,8 +12,8 @@
 /// fit of a dark disc of known size, seen in perspective, to all pixels at once, so it is good to a
 /// fraction of a pixel and needs no whole iris. No gaze is preferred.
 ///
-/// Where the area of the eye is exact, pixels at the rim of it, but for its lower rim, are left
-/// out: lashes and the shadow of the upper lid darken them as an iris would. Where it is not, as
+/// Pixels at the rim of an exact area of the eye, but for its lower rim, are left out: lashes and
+/// the shadow of the upper lid darken them as an iris would. Where the area is not exact, as
 /// that of a run's own eyeballs on a photograph, pixels beside it may be eye and pixels in it may
 /// be skin: each counts by how much less it looks like the skin around than like anything else.
 /// Frame: world. Units: world units, [rad].
@@ -49,15 +49,15 @@ inline constexpr double min_contrast = 0.3;
 /// By how much of the sclera's brightness iris and pupil must be darker: what noise, shadow or an
 /// edge of skin leave below that is no iris.
 inline constexpr double min_darkening = 0.2;
-/// How far the rim of a run's own eyes may be off, in radii of the eyeball.
+/// Largest error of the rim of a run's own eyes, in radii of the eyeball.
 inline constexpr double own_area_error = 0.3;
 
 /// The least contrast of an iris among so many pixels: among more, noise explains a lower share.
 /// min_contrast at 23 pixels or fewer.
 double least_contrast(double pixels);
 
-/// How many pixels of the visible eye the estimate rests on: those of which no neighbour on the
-/// left, on the right or above is outside. `eye`: 1 x pixels of an image of this width.
+/// Number of pixels of the visible eye that the estimate rests on: those of which no neighbour on
+/// the left, on the right or above is outside. `eye`: 1 x pixels of an image of this width.
 int usable_eye_pixels(const Columns<float>& eye, int width);
 
 /// `image`: RGB in [0, 1]; `eye`: 1 x pixels, 0.5 or more where this eyeball is visible, with a rim

@@ -13,7 +13,7 @@
 
 namespace rye::trainer {
 
-/// What an OffloadBackend asks of networks on a device; see NetworkOffload.
+/// Interface of an OffloadBackend to networks on a device; see NetworkOffload.
 class MeshNetworks {
   public:
     virtual ~MeshNetworks() = default;

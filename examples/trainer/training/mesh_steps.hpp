@@ -13,7 +13,7 @@ namespace rye::trainer {
 
 inline Random seed_of(const TrainState& state) { return {state.config.seed, 0}; }
 
-/// What steps share.
+/// Memory that steps share.
 struct MeshMemory {
     Mesh grad;
     MeshTrace<float> trace;
