@@ -24,6 +24,9 @@ struct Seen {
     Vec2<double> at; ///< from the picture of the eyeball's centre [radii]
     double width;    ///< of the pixel on the eyeball [rad]
     double weight;   ///< how surely it is eye, 0 to 1
+    /// Where the area is not exact: the probability that it is eye before its colour is known, and
+    /// the density of its colour if it is none.
+    double prior = 1, other = 0;
 };
 
 /// f(x, y, pixel) for each usable pixel of an eye.
@@ -167,29 +170,31 @@ std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>&
             const double beside = to_area[p], away = sphere.from_middle(x, y);
             const Vec3<double> rgb = colour(image, x, y);
             if (beside <= margin && away <= 0.98) {
-                // From 0.1 a margin outside the rim to 0.6 a margin inside it.
+                // From 0.1 a margin outside the rim to 0.9 a margin inside it.
                 const double depth = inside[p] ? to_rest[p] - 0.5 : 0.5 - beside;
                 const double t = std::clamp(0.5 * (depth / margin + 1), 0.0, 1.0);
-                all.push_back(sphere.seen(x, y, rgb, 0.1 + 0.5 * t));
+                all.push_back(sphere.seen(x, y, rgb, 0.1 + 0.8 * t));
             }
             const bool background = rgb.minCoeff() >= 0.97; // white
             if (beside > margin && beside < margin + skin_width && away < 1.4 && !background)
                 around.push_back(sphere.seen(x, y, rgb, 0));
         }
-    if (const std::optional<Skin> skin = skin_of(around))
-        for (Seen& s : all) {
-            // Densities over brightness and redness: of eye, any; of what is not, skin or lashes.
-            constexpr double any = 2, lashes = 0.3;
-            const double is_eye = s.weight * any;
-            s.weight = is_eye / (is_eye + (1 - s.weight) * (skin->density(s) + lashes));
-        }
+    const std::optional<Skin> skin = skin_of(around);
+    for (Seen& s : all) {
+        // Densities over brightness and redness: of eye, any; of what is not, skin or lashes.
+        constexpr double any = 2, lashes = 2;
+        s.prior = s.weight;
+        s.other = (skin ? skin->density(s) : 0) + lashes;
+        if (skin) s.weight = s.prior * any / (s.prior * any + (1 - s.prior) * s.other);
+    }
     return all;
 }
 
 /// Remainder of the brightness when a disc is fitted around one gaze.
 struct Fit {
     double pitch = 0, yaw = 0;
-    double error = unfit;  ///< weighted sum of squares, of a dark disc
+    /// Of a dark disc: the weighted sum of squares, or the mixture's -log likelihood.
+    double error = unfit;
     double bright = unfit; ///< the same, of a disc that is brighter than the sclera
     static constexpr double unfit = 1e30;
     bool fits() const { return error < unfit; }
@@ -206,6 +211,15 @@ class DiscFit {
           least_disc_(std::max(1.0, 0.02 * pi * std::pow(rim_ * sphere.pixels, 2))) {
         normal_.setZero();
         sums_.setZero();
+        const auto n = static_cast<Index>(seen_.size());
+        without_disc_rows_.resize(n, 5);
+        for (VecX<double>* v : {&brightness_, &shares_, &priors_, &others_}) v->resize(n);
+        for (Index i = 0; i < n; ++i) {
+            const Seen& s = seen_[static_cast<std::size_t>(i)];
+            without_disc_rows_.row(i) = Row(1, 0, s.at.x(), s.at.y(), 0).transpose();
+            brightness_[i] = s.brightness, shares_[i] = s.weight;
+            priors_[i] = s.prior, others_[i] = (1 - s.prior) * s.other;
+        }
         for (const Seen& s : seen_) {
             add(Row(1, 0, s.at.x(), s.at.y(), 0), s);
             squares_ += s.weight * s.brightness * s.brightness;
@@ -226,55 +240,112 @@ class DiscFit {
     double pixels() const { return normal_(0, 0); }
     double without_disc() const { return without_; }
 
+    /// Least squares, weighted by how surely a pixel is eye.
     Fit at(double pitch, double yaw) const {
         const Vec3<double> g = gaze_vector(pitch, yaw);
         Fit fit{pitch, yaw};
         if (g.z() < least_forward) return fit;
         Normal a = normal_;
         Row b = sums_;
-        // Beyond the rim and half a pixel of the widest nothing is disc.
-        const double reach = rim_ + 0.25, least = 1 - reach * reach / 2;
         for (const Seen& s : seen_) {
-            const double along = s.direction.dot(g);
-            if (along < least) continue;
-            const double away = std::sqrt(std::max(0.0, 2 - 2 * along));
-            const double disc = std::clamp(0.5 + (rim_ - away) / s.width, 0.0, 1.0);
-            if (disc <= 0) continue;
-            const double inner = disc * std::clamp(0.5 + (pupil_ - away) / s.width, 0.0, 1.0);
-            const double k = s.weight * disc, q = s.weight * inner;
-            a(1, 0) += k, a(1, 1) += k * disc;
+            const Cover c = cover(s, g);
+            if (c.disc <= 0) continue;
+            const double k = s.weight * c.disc, q = s.weight * c.inner;
+            a(1, 0) += k, a(1, 1) += k * c.disc;
             a(2, 1) += k * s.at.x(), a(3, 1) += k * s.at.y();
             b[1] += k * s.brightness;
-            a(4, 0) += q, a(4, 1) += q * disc, a(4, 4) += q * inner;
+            a(4, 0) += q, a(4, 1) += q * c.disc, a(4, 4) += q * c.inner;
             a(4, 2) += q * s.at.x(), a(4, 3) += q * s.at.y();
             b[4] += q * s.brightness;
         }
-        const double disc = a(1, 0);
-        if (disc < least_disc_ || pixels() - disc < 1) return fit;
-        constexpr double tiny = 1e-3; // a pupil that is not seen
-        a(1, 1) += tiny, a(4, 4) += tiny;
-        a(2, 2) += even_light, a(3, 3) += even_light;
-        const Normal whole = a.selfadjointView<Eigen::Lower>();
-        Row x = whole.ldlt().solve(b);
-        if (x[4] > 0) { // no pupil is brighter than the iris
-            const Mat<double, 4, 4> part = whole.topLeftCorner<4, 4>();
-            x << part.ldlt().solve(Vec<double, 4>(b.head<4>())), 0;
+        const Levels l = levels(a, b);
+        if (!l.seen || l.sclera <= 0) return fit;
+        if (l.darker >= min_darkening * l.sclera) fit.error = squares_ - l.of.dot(b);
+        if (-l.darker >= min_darkening * l.sclera) fit.bright = squares_ - l.of.dot(b);
+        return fit;
+    }
+
+    /// -log likelihood where each pixel is either eye, as bright as the disc says but for a normal
+    /// error, or something else. What the disc does not explain counts as something else, so that
+    /// lids and their corners, which no ring of skin resembles, do not pull it.
+    Fit mixture(double pitch, double yaw) const {
+        constexpr double spread = 0.12;     // of brightness around the levels
+        constexpr double any_redness = 1.5; // density of an eye's redness
+        constexpr int rounds = 3;           // after which the shares hardly change
+        const Vec3<double> g = gaze_vector(pitch, yaw);
+        Fit fit{pitch, yaw};
+        if (g.z() < least_forward) return fit;
+        Rows rows = without_disc_rows_;
+        for (std::size_t i = 0; i < seen_.size(); ++i) {
+            const Cover c = cover(seen_[i], g);
+            rows(static_cast<Index>(i), 1) = c.disc, rows(static_cast<Index>(i), 4) = c.inner;
         }
-        // The sclera as bright as it would be in the disc's place, in this light.
-        const double sclera = x[0] + (x[2] * a(2, 1) + x[3] * a(3, 1)) / disc;
-        const double darker = -(x[1] * disc + x[4] * a(4, 0)) / disc;
-        if (sclera <= 0) return fit;
-        if (darker >= min_darkening * sclera) fit.error = squares_ - x.dot(b);
-        if (-darker >= min_darkening * sclera) fit.bright = squares_ - x.dot(b);
+        VecX<double> share = shares_; // of each pixel, how surely it is eye
+        double cost = 0;
+        for (int round = 0; round < rounds; ++round) {
+            const Rows weighted = rows.array().colwise() * share.array();
+            const Normal a = weighted.transpose() * rows;
+            const Levels l = levels(a, weighted.transpose() * brightness_);
+            if (!l.seen || l.sclera <= 0 || l.darker < min_darkening * l.sclera) return fit;
+            constexpr double density = any_redness / spread * 0.39894228040143268; // 1 / sqrt(2 pi)
+            const Eigen::ArrayXd off = (brightness_ - rows * l.of).array() / spread;
+            const Eigen::ArrayXd is_eye = density * priors_.array() * (-0.5 * off.square()).exp();
+            const Eigen::ArrayXd both = is_eye + others_.array();
+            share = is_eye / both;
+            cost = -both.log().sum();
+        }
+        fit.error = cost;
         return fit;
     }
 
   private:
     using Normal = Mat<double, 5, 5>;
     using Row = Vec<double, 5>;
+    using Rows = Eigen::Matrix<double, Eigen::Dynamic, 5>;
     static constexpr double least_forward = 0.62; ///< no eye turns farther in the head: 52 degrees
     /// Light that changes by 0.1 a radius costs what 0.03 of noise in a pixel does.
     static constexpr double even_light = 0.09;
+
+    /// Shares of a pixel that the disc and its inner disc cover.
+    struct Cover {
+        double disc = 0, inner = 0;
+    };
+    Cover cover(const Seen& s, const Vec3<double>& g) const {
+        // Beyond the rim and half a pixel of the widest nothing is disc.
+        const double reach = rim_ + 0.25, along = s.direction.dot(g);
+        if (along < 1 - reach * reach / 2) return {};
+        const double away = std::sqrt(std::max(0.0, 2 - 2 * along));
+        const double disc = std::clamp(0.5 + (rim_ - away) / s.width, 0.0, 1.0);
+        return {disc, disc * std::clamp(0.5 + (pupil_ - away) / s.width, 0.0, 1.0)};
+    }
+
+    /// Brightness of sclera, disc and inner disc, and the light.
+    struct Levels {
+        Row of = Row::Zero();
+        bool seen = false; ///< enough of disc and sclera
+        double sclera = 0; ///< as bright as it would be in the disc's place, in this light
+        double darker = 0; ///< the mean of the disc below that
+    };
+    /// From the lower half of the normal equations.
+    Levels levels(Normal a, const Row& b) const {
+        Levels l;
+        const double disc = a(1, 0), inner = a(4, 0);
+        const Vec2<double> middle = Vec2<double>(a(2, 1), a(3, 1)) / std::max(disc, 1e-12);
+        l.seen = disc >= least_disc_ && a(0, 0) - disc >= 1;
+        if (!l.seen) return l;
+        constexpr double tiny = 1e-3; // a pupil that is not seen
+        a(1, 1) += tiny, a(4, 4) += tiny;
+        a(2, 2) += even_light, a(3, 3) += even_light;
+        const Normal whole = a.selfadjointView<Eigen::Lower>();
+        l.of = whole.ldlt().solve(b);
+        if (l.of[4] > 0) { // no pupil is brighter than the iris
+            const Mat<double, 4, 4> part = whole.topLeftCorner<4, 4>();
+            l.of << part.ldlt().solve(Vec<double, 4>(b.head<4>())), 0;
+        }
+        l.sclera = l.of[0] + l.of[2] * middle.x() + l.of[3] * middle.y();
+        l.darker = -(l.of[1] * disc + l.of[4] * inner) / disc;
+        return l;
+    }
 
     static double chord(double angle) { return 2 * std::sin(angle / 2); }
     void add(const Row& row, const Seen& s) {
@@ -285,19 +356,23 @@ class DiscFit {
     const std::vector<Seen>& seen_;
     double rim_, pupil_; ///< chords of the unit sphere
     double least_disc_;  ///< [px]: a fiftieth of the whole
+    Rows without_disc_rows_;
+    VecX<double> brightness_, shares_, priors_;
+    VecX<double> others_; ///< (1 - prior) times the density of something else
     Normal normal_;      ///< without the discs
     Row sums_;
     double squares_ = 0, without_ = 0;
 };
 
 /// Least error around a gaze, by ever smaller steps.
-Fit refined(const DiscFit& disc, Fit best) {
+template <class At>
+Fit refined(const At& at, Fit best) {
     double step = 1.6 * degree;
     for (int level = 0; level < 6; ++level, step /= 2.5) { // to 0.016 degrees
         const Fit middle = best;
         for (int i = -2; i <= 2; ++i)
             for (int j = -2; j <= 2; ++j) {
-                const Fit f = disc.at(middle.pitch + i * step, middle.yaw + j * step);
+                const Fit f = at(middle.pitch + i * step, middle.yaw + j * step);
                 if (f.error < best.error) best = f;
             }
     }
@@ -308,14 +383,15 @@ struct CoarseFits {
     std::vector<Fit> least;     ///< least errors of a grid of gazes, none beside a lesser one
     double bright = Fit::unfit; ///< the least of a bright disc
 };
-CoarseFits coarse_fits(const DiscFit& disc) {
+template <class At>
+CoarseFits coarse_fits(const At& fit_at) {
     constexpr int n = 13, row = 2 * n + 1;
     constexpr double step = 4 * degree;
-    constexpr std::size_t kept = 5;
+    constexpr std::size_t kept = 3;
     std::vector<Fit> grid;
     CoarseFits fits;
     for (int i = -n; i <= n; ++i)
-        for (int j = -n; j <= n; ++j) grid.push_back(disc.at(i * step, j * step));
+        for (int j = -n; j <= n; ++j) grid.push_back(fit_at(i * step, j * step));
     const auto at = [&](int i, int j) -> const Fit& {
         return grid[static_cast<std::size_t>(i * row + j)];
     };
@@ -360,22 +436,36 @@ std::optional<GazeEstimate> estimate_gaze(const Image<float>& image, const Colum
     constexpr double least_pixels = 10; // whole ones, of weighted
     if (disc.pixels() < least_pixels || disc.without_disc() < 1e-8 * disc.pixels())
         return std::nullopt;
-    Fit best;
-    const CoarseFits coarse = coarse_fits(disc);
-    for (const Fit& f : coarse.least) {
-        const Fit finer = refined(disc, f);
-        if (finer.error < best.error) best = finer;
-    }
+    const auto squares = [&](double pitch, double yaw) { return disc.at(pitch, yaw); };
+    const auto mixture = [&](double pitch, double yaw) { return disc.mixture(pitch, yaw); };
+    const auto least = [](const auto& at, const CoarseFits& coarse) {
+        Fit best;
+        for (const Fit& f : coarse.least) {
+            const Fit finer = refined(at, f);
+            if (finer.error < best.error) best = finer;
+        }
+        return best;
+    };
+    const CoarseFits coarse = coarse_fits(squares);
     const auto explained = [&](double error) {
         return error < Fit::unfit ? 1 - error / disc.without_disc() : 0;
     };
-    const double contrast = explained(best.error);
-    if (contrast < least_contrast(disc.pixels())) return std::nullopt;
-    // Dark pixels beside something bright and round are no iris.
-    constexpr double beside_bright = 0.25;
-    if (contrast < min_contrast && contrast < beside_bright * explained(coarse.bright))
-        return std::nullopt;
-    return GazeEstimate{gaze_vector(best.pitch, best.yaw), contrast, count};
+    const auto accepted = [&](const Fit& best) -> std::optional<GazeEstimate> {
+        const double contrast = explained(best.error);
+        if (contrast < least_contrast(disc.pixels())) return std::nullopt;
+        // Dark pixels beside something bright and round are no iris.
+        constexpr double beside_bright = 0.25;
+        if (contrast < min_contrast && contrast < beside_bright * explained(coarse.bright))
+            return std::nullopt;
+        return GazeEstimate{gaze_vector(best.pitch, best.yaw), contrast, count};
+    };
+    if (!exact) {
+        const Fit likeliest = least(mixture, coarse_fits(mixture));
+        const Fit there = disc.at(likeliest.pitch, likeliest.yaw);
+        if (likeliest.fits())
+            if (const std::optional<GazeEstimate> found = accepted(there)) return found;
+    }
+    return accepted(least(squares, coarse));
 }
 
 } // namespace rye::trainer

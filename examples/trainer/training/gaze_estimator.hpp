@@ -15,7 +15,10 @@
 /// Pixels at the rim of an exact area of the eye, but for its lower rim, are left out: lashes and
 /// the shadow of the upper lid darken them as an iris would. Where the area is not exact, as
 /// that of a run's own eyeballs on a photograph, pixels beside it may be eye and pixels in it may
-/// be skin: each counts by how much less it looks like the skin around than like anything else.
+/// be skin, lid or lashes: the estimate is then the g of the most likely mixture, in which each
+/// pixel is either eye, as bright as the disc says, or something else, skin by its likeness to the
+/// skin around. Where that finds no iris it is the g of the least squared error, pixels weighted by
+/// how much less they look like that skin than like anything else.
 /// Frame: world. Units: world units, [rad].
 #pragma once
 
@@ -38,7 +41,7 @@ struct EyeballGeometry {
 
 struct GazeEstimate {
     Vec3<double> gaze; ///< unit, head frame
-    double contrast;   ///< share of the brightness' variance that the disc explains, 0 to 1
+    double contrast; ///< share of the brightness' weighted variance that the disc explains, 0 to 1
     int pixels;        ///< usable ones of the eye
 };
 
