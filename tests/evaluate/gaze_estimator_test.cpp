@@ -33,6 +33,23 @@ EyePicture raised(EyePicture p, int up) {
     return p;
 }
 
+/// Two pixels of skin below the eye as dark as this, as a lid's rim, lashes and corners are.
+EyePicture rimmed(EyePicture p, float dark) {
+    const Columns<float> eye = p.eye;
+    const int w = p.image.width;
+    for (int y = 2; y < p.image.height; ++y)
+        for (int x = 1; x + 1 < w; ++x) {
+            const auto inside = [&](int u, int v) {
+                return eye(0, static_cast<Index>(v) * w + u) >= 0.5f;
+            };
+            bool beside = false;
+            for (int v = y - 2; v <= y; ++v)
+                for (int u = x - 1; u <= x + 1; ++u) beside = beside || inside(u, v);
+            if (beside && !inside(x, y)) p.image.at(x, y) << dark + 0.1f, dark, dark - 0.1f;
+        }
+    return p;
+}
+
 /// Half of it away on the left.
 EyePicture cut(EyePicture p) {
     for (Index k = 0; k < p.eye.cols(); ++k)
@@ -167,6 +184,20 @@ TEST_CASE("gaze estimator: an area that covers the upper lid, or half of the eye
             CHECK(high <= 1);
             if (eye.yaw >= 0) CHECK(half <= 1.5); // else the iris is in the other half
         }
+}
+
+TEST_CASE("gaze estimator: a dark lower lid beside an area that may be off") {
+    DrawnEye eye;
+    eye.upper = 0.45, eye.lower = 0.35, eye.skin_red = 0.15, eye.noise = 0.02;
+    eye.sclera = 0.9, eye.iris = 0.35, eye.pupil = 0.1;
+    for (const float dark : {0.2f, 0.3f, 0.4f})
+        for (eye.camera_pitch = -20; eye.camera_pitch <= 20; eye.camera_pitch += 20)
+            for (eye.pitch = -10; eye.pitch <= 10; eye.pitch += 10)
+                for (eye.yaw = -25; eye.yaw <= 25; eye.yaw += 25) {
+                    INFO("rim " << dark << ", camera " << eye.camera_pitch << ", gaze " << eye.pitch
+                                << ", " << eye.yaw);
+                    CHECK(error_of(rimmed(draw(eye), dark), trainer::own_area_error) <= 1);
+                }
 }
 
 TEST_CASE("gaze estimator: an area that is off does not make an iris of skin or of nothing") {
