@@ -170,10 +170,12 @@ std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>&
             const double beside = to_area[p], away = sphere.from_middle(x, y);
             const Vec3<double> rgb = colour(image, x, y);
             if (beside <= margin && away <= 0.98) {
-                // From 0.1 a margin outside the rim to 0.9 a margin inside it.
+                // From 0.1 a margin outside the rim to 0.6 a margin inside it; to 0.9 where a share
+                // of the pixels may be something else.
                 const double depth = inside[p] ? to_rest[p] - 0.5 : 0.5 - beside;
                 const double t = std::clamp(0.5 * (depth / margin + 1), 0.0, 1.0);
-                all.push_back(sphere.seen(x, y, rgb, 0.1 + 0.8 * t));
+                all.push_back(sphere.seen(x, y, rgb, 0.1 + 0.5 * t));
+                all.back().prior = 0.1 + 0.8 * t;
             }
             const bool background = rgb.minCoeff() >= 0.97; // white
             if (beside > margin && beside < margin + skin_width && away < 1.4 && !background)
@@ -181,11 +183,13 @@ std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>&
         }
     const std::optional<Skin> skin = skin_of(around);
     for (Seen& s : all) {
-        // Densities over brightness and redness: of eye, any; of what is not, skin or lashes.
-        constexpr double any = 2, lashes = 2;
-        s.prior = s.weight;
-        s.other = (skin ? skin->density(s) : 0) + lashes;
-        if (skin) s.weight = s.prior * any / (s.prior * any + (1 - s.prior) * s.other);
+        // Densities over brightness and redness: of eye, any; of what is not, skin or lashes, and
+        // in the mixture lids and corners of every colour.
+        constexpr double any = 2, lashes = 0.3, lids = 2;
+        const double like_skin = skin ? skin->density(s) : 0;
+        s.other = like_skin + lids;
+        if (skin)
+            s.weight = s.weight * any / (s.weight * any + (1 - s.weight) * (like_skin + lashes));
     }
     return all;
 }
@@ -459,13 +463,16 @@ std::optional<GazeEstimate> estimate_gaze(const Image<float>& image, const Colum
             return std::nullopt;
         return GazeEstimate{gaze_vector(best.pitch, best.yaw), contrast, count};
     };
+    const Fit best = least(squares, coarse);
     if (!exact) {
+        // A disc that explains much less than another is a mixture that calls the iris no eye.
+        constexpr double share = 0.5;
         const Fit likeliest = least(mixture, coarse_fits(mixture));
         const Fit there = disc.at(likeliest.pitch, likeliest.yaw);
-        if (likeliest.fits())
+        if (likeliest.fits() && explained(there.error) >= share * explained(best.error))
             if (const std::optional<GazeEstimate> found = accepted(there)) return found;
     }
-    return accepted(least(squares, coarse));
+    return accepted(best);
 }
 
 } // namespace rye::trainer

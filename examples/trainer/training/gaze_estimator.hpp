@@ -17,9 +17,9 @@
 /// that of a run's own eyeballs on a photograph, pixels beside it may be eye and pixels in it may
 /// be skin, lid or lashes: the estimate is then the g of the most likely mixture, in which each
 /// pixel is either eye, as bright as the disc says, or something else, skin by its likeness to the
-/// skin around. Where that finds no iris it is the g of the least squared error, pixels weighted by
-/// how much less they look like that skin than like anything else.
-/// Frame: world. Units: world units, [rad].
+/// skin around. Where that finds no iris, or one that explains much less, it is the g of the least
+/// squared error, pixels weighted by how much less they look like that skin than like anything
+/// else. Frame: world. Units: world units, [rad].
 #pragma once
 
 #include <optional>
