@@ -24,8 +24,8 @@ struct Seen {
     Vec2<double> at; ///< from the picture of the eyeball's centre [radii]
     double width;    ///< of the pixel on the eyeball [rad]
     double weight;   ///< how surely it is eye, 0 to 1
-    /// Where the area is not exact: the probability that it is eye before its colour is known, and
-    /// the density of its colour if it is none.
+    /// Probability that it is eye before its colour is known, and density of its colour if it is
+    /// none; for the mixture alone.
     double prior = 1, other = 0;
 };
 
@@ -291,7 +291,7 @@ class DiscFit {
             const Normal a = weighted.transpose() * rows;
             const Levels l = levels(a, weighted.transpose() * brightness_);
             if (!l.seen || l.sclera <= 0 || l.darker < min_darkening * l.sclera) return fit;
-            constexpr double density = any_redness / spread * 0.39894228040143268; // 1 / sqrt(2 pi)
+            const double density = any_redness / (spread * std::sqrt(2 * pi));
             const Eigen::ArrayXd off = (brightness_ - rows * l.of).array() / spread;
             const Eigen::ArrayXd is_eye = density * priors_.array() * (-0.5 * off.square()).exp();
             const Eigen::ArrayXd both = is_eye + others_.array();

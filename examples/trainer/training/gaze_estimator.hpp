@@ -41,7 +41,7 @@ struct EyeballGeometry {
 
 struct GazeEstimate {
     Vec3<double> gaze; ///< unit, head frame
-    double contrast; ///< share of the brightness' weighted variance that the disc explains, 0 to 1
+    double contrast;   ///< share of the weighted variance that the disc explains, 0 to 1
     int pixels;        ///< usable ones of the eye
 };
 

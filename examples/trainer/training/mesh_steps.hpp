@@ -19,7 +19,7 @@ struct MeshMemory {
     MeshTrace<float> trace;
 };
 
-/// What a step is given beside the state; see MeshStepper::step.
+/// Inputs of a step beside the state; see MeshStepper::step.
 struct MeshStepInput {
     const TetGrid<float>& grid;
     const MeshSample<float>& sample;

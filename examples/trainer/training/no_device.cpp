@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What training/device.hpp has in a build without kernels (RYE_CUDA=OFF).
+// Functions of training/device.hpp in a build without kernels (RYE_CUDA=OFF).
 #include "training/device.hpp"
 
 namespace rye::trainer {

@@ -122,7 +122,7 @@ void require_finite(const TrainState& state, const std::string& who) {
     });
 }
 
-/// How many numbers the networks of a configuration have, in double: it may say anything.
+/// Number of parameters of a configuration's networks, in double: sizes may be anything.
 double network_numbers(const TrainConfig& config, bool with_avatar) {
     const AvatarConfig& c = config.avatar;
     const NetworkConfig& n = c.networks;
@@ -191,7 +191,7 @@ void check_subject(const std::string& who, const SubjectArrays& a) {
                         who + ": tensor 'subject.eye_sizes'");
 }
 
-/// What load_fields and load_adam cannot know of the optimiser's counts.
+/// Checks of the optimiser's counts, which load_fields and load_adam cannot make.
 template <class P>
 void check_counts(const std::string& who, const std::string& prefix, const P& p,
                   const Adam<P>& adam) {

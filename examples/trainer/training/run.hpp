@@ -19,7 +19,7 @@ namespace rye::trainer {
 
 enum class Stage { mesh, avatar };
 
-/// What stage 2 of a run by visual axes trains.
+/// Trained state of stage 2 of a run by visual axes.
 struct VisualTraining {
     VisualAvatar avatar;
     Adam<VisualAvatar> adam;
@@ -65,8 +65,9 @@ TrainState load_checkpoint(const std::filesystem::path& run);
 /// with it otherwise.
 TrainState load_trained(const std::filesystem::path& run);
 
-/// What draws as the state does, but is not trained: for all runs an avatar that optical axes drive,
-/// with the kappa that leads to them. Pictures are of `appearance`, where there is one. Without the mesh and what the optimisers keep.
+/// State that draws the same pictures but cannot be trained: for all runs an avatar that optical
+/// axes drive, with the kappa that leads to them. Pictures are of `appearance`, where there is one.
+/// Without the mesh and the optimisers' moments.
 TrainState drawn_state(const TrainState& state);
 
 /// The drivers, whose gazes are of the run's gaze_axis, with optical axes in their place.

@@ -16,8 +16,9 @@ struct DrawnFrame {
     Pinhole<float> camera;
 };
 
-/// What is drawn with an avatar that is held at the first frame: eyes that look the same in all of
-/// them need not turn. Gazes are optical axes. An eye counts as seen where its centre lies in the picture.
+/// Drivers' needs of an avatar that is held at the first frame: eyes that look the same in all of
+/// them need not turn. Gazes are optical axes. An eye counts as seen where its centre lies in the
+/// picture.
 DriverFacts driver_facts(const TrainState& state, const std::vector<DrawnFrame>& frames);
 
 /// What the avatar says of frames; centres of eyes move from where they are without its network, or,
