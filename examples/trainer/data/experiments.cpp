@@ -241,9 +241,10 @@ Experiment read_experiment(const std::filesystem::path& path) {
     f.list("columns", [&](const Json& v, const std::string& where) {
         std::vector<std::string> names;
         for (const Metric& m : all_metrics()) names.push_back(m.name);
-        require(v.is_string() && std::find(names.begin(), names.end(), v) != names.end(), who,
+        const auto name = v.is_string() ? v.get<std::string>() : std::string();
+        require(std::find(names.begin(), names.end(), name) != names.end(), who,
                 "field '" + where + "': got " + v.dump() + ", expected " + listed(names));
-        e.columns.push_back(v.get<std::string>());
+        e.columns.push_back(name);
     });
     f.list(
         "rows",
