@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdio>
 #include <map>
+#include <string_view>
 
 #include <rye/core/error.hpp>
 
@@ -32,10 +33,10 @@ std::string quoted(const std::string& word) {
     return out + "\"";
 }
 
-const Metric& metric_named(const std::string& name) {
+const Metric& metric_named(std::string_view name) {
     for (const Metric& m : all_metrics())
         if (m.name == name) return m;
-    throw Error("rye compare: got the column '" + name + "', which is no metric");
+    throw Error("rye compare: got the column '" + std::string(name) + "', which is no metric");
 }
 
 /// Groups of results.json, and what a table calls them.
