@@ -161,7 +161,8 @@ TEST_CASE("held: with fewer effects it looks the same at those drivers, and goes
                 if constexpr (eye_turns<Fewer, eye>)
                     of_eye<eye>(d.gaze) = optical_drivers(all.eyes, at).gaze[eye];
             });
-        const auto x = driven(a, d), y = driven(all, at);
+        const auto x = driven(a, d);
+        const auto y = driven(all, at);
         double most = 0;
         Gaussians<double>::fields([&](const std::string&, const auto& m, const auto& n) {
             most = std::max(most, (m - n).cwiseAbs().maxCoeff());

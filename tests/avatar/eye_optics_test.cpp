@@ -116,7 +116,8 @@ TEST_CASE("held without refraction and glint it looks the same at that camera") 
     const auto same = [&]<EffectSet Fewer>(Fewer) {
         const auto a = held<Fewer>(ScalarBackend<>{}, all, tiny_config(), tiny_roles(), drivers);
         Drivers<double, Fewer> d = restricted<Fewer>(drivers);
-        const auto x = driven(a, d), y = driven(all, drivers);
+        const auto x = driven(a, d);
+        const auto y = driven(all, drivers);
         double most = 0;
         Gaussians<double>::fields([&](const std::string&, const auto& p, const auto& q) {
             most = std::max(most, (p - q).cwiseAbs().maxCoeff());

@@ -286,7 +286,7 @@ TEST_CASE(
         REQUIRE(rye_avatar_draw(avatar, &d, &camera, nullptr, &picture) == RYE_OK);
         check_close(rgb, player.draw(p.neutral, p.camera, p.background).pixels);
         CHECK(rgba[3] == 255);
-        CHECK(std::abs(int(rgba[4]) - 255 * std::clamp(rgb(0, 1), 0.0F, 1.0F)) <= 0.51F);
+        CHECK(std::abs(float(rgba[4]) - 255 * std::clamp(rgb(0, 1), 0.0F, 1.0F)) <= 0.51F);
 
         d.gaze[1][0] = 0.2F;
         d.gaze[1][1] = -0.1F;

@@ -135,11 +135,12 @@ std::vector<ExperimentTables::Part> ExperimentTables::parts() const {
     if (captures.size() > 1) captures.insert(captures.begin(), "");
     std::vector<Part> parts;
     for (const std::string& capture : captures)
-        for (const auto& [key, title] : groups)
-            if (std::any_of(runs_.begin(), runs_.end(), [&, key = key](const ComparedRun& r) {
-                    return (capture.empty() || r.capture == capture) && group_of(r, key) != nullptr;
+        for (const auto& group : groups)
+            if (std::any_of(runs_.begin(), runs_.end(), [&](const ComparedRun& r) {
+                    return (capture.empty() || r.capture == capture) &&
+                           group_of(r, group[0]) != nullptr;
                 }))
-                parts.push_back({capture, key});
+                parts.push_back({capture, group[0]});
     return parts;
 }
 
