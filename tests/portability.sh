@@ -9,7 +9,10 @@
 #   lanes16   x86-64 with AVX-512, vectors of 16; it compiles without optimisation too
 #   libcxx    clang and its library libc++, with the tests of readers of files
 #   cxx23     C++23, every header with its warnings
-#   debian13  the Eigen and xsimd of Debian 13
+#   debian13  the Eigen and xsimd of Debian 13; where a bare system can be made (tests/bare.sh),
+#             everything is built there by its own compiler, with warnings as errors
+#   compilers the program and the library for C by g++ 12, 13 and 14 and by clang 14 and 19, each on
+#             a bare Debian, with warnings as errors
 #   newest    the Eigen and xsimd of Debian's unstable suite
 #   bits32    x86 with 32-bit pointers, with the tests of core
 #   wasm32    WebAssembly by emscripten, run by node
@@ -22,7 +25,7 @@ set -eu
 cd "$(dirname "$0")/.."
 . cmake/steps.sh
 
-all="lanes4 lanes8 lanes16 libcxx cxx23 debian13 newest bits32 wasm32 aarch64"
+all="lanes4 lanes8 lanes16 libcxx cxx23 debian13 newest bits32 wasm32 compilers aarch64"
 root=$PWD
 work=$root/${BUILD:-build/portability}
 cxx=${CXX:-g++}
@@ -130,7 +133,9 @@ run() {
     ( set -e; "$@" ) > "$run_log" 2>&1
     run_status=$?
     set -e
-    if [ "$run_status" = 0 ]; then
+    if [ "$run_status" = 77 ]; then
+        skip "$run_target" "$run_name" "$(tail -n 1 "$run_log")"
+    elif [ "$run_status" = 0 ]; then
         note "$run_target" "$run_name" passed "$(seconds_since "$run_begin")" \
             "$(facts < "$run_log")"
     else
@@ -246,7 +251,31 @@ other_versions() { # TARGET SUITE
         run "$1" "numbers" numbers "" $compiler -O1
     }
 }
-target_debian13() { other_versions debian13 trixie; }
+target_debian13() {
+    other_versions debian13 trixie
+    run debian13 "every unit" in_bare trixie "" g++ all -DRYE_MERGE_UNITS=ON \
+        -DRYE_BENCHMARK_OPTIMISATION=-O0
+}
+target_compilers() {
+    for compiler in g++-12 g++-13 g++-14 clang++-19; do
+        package=$(echo "$compiler" | sed 's/clang++/clang/')
+        run compilers "$compiler" in_bare trixie "$package" "$compiler" "rye_program rye_c"
+    done
+    run compilers "clang++-14" in_bare bookworm clang-14 clang++-14 "rye_program rye_c"
+}
+# Builds targets on a bare Debian. Units find their own headers: none is precompiled.
+in_bare() { # SUITE PACKAGE COMPILER TARGETS CMAKE_OPTIONS...
+    bare_suite=$1 bare_package=$2 bare_compiler=$3 bare_targets=$4
+    shift 4
+    # shellcheck disable=SC2016 # for the shell in there
+    PACKAGES="$bare_package" BUILD="${BUILD:-build/portability}/bare" JOBS=$jobs \
+        sh tests/bare.sh "$bare_suite" sh -c '
+        CXX=g++ sh cmake/install_dependencies.sh && . cmake/steps.sh && compiler=$1 targets=$2 &&
+        shift 2 && configure build -DRYE_WARNINGS=ON -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON \
+            "-DCMAKE_CXX_COMPILER=$compiler" "$@" &&
+        cmake --build build --parallel "$jobs" --target $targets' \
+        sh "$bare_compiler" "$bare_targets" "$@"
+}
 target_newest() { other_versions newest sid; }
 target_bits32() {
     compiler="$ccache $m32 -std=c++20 -I$root/include -isystem $eigen"
@@ -360,10 +389,12 @@ has "$cxx" && [ -e $eigen ] || sh cmake/install_dependencies.sh
 install_missing "$@"
 for target; do mkdir -p "$work/$target" && rm -f "$work/$target/results"; done
 one() { printf '%s\n' "$@" | xargs -P "$jobs" -I '{}' sh tests/portability.sh --one '{}'; }
-small=$(printf '%s\n' "$@" | grep -v '^aarch64$' || true)
+small=$(printf '%s\n' "$@" | grep -Ev '^(debian13|compilers|aarch64)$' || true)
 # shellcheck disable=SC2086 # a list
 [ -z "$small" ] || one $small
-case " $* " in *" aarch64 "*) one aarch64 ;; esac  # it fills the machine by itself
+for target in debian13 compilers aarch64; do  # each fills the machine by itself
+    case " $* " in *" $target "*) one "$target" ;; esac
+done
 
 for target; do cat "$work/$target/results"; done > "$work/results"
 awk -F'|' 'BEGIN { printf "\n%-9s %-24s %-8s %4s  %s\n", "target", "what", "result", "s", "with" }
