@@ -2,8 +2,10 @@
 // formulas.cu: a kernel for each family of formulas (families.hpp) and scalar. Compiled by nvcc it
 // compares what the device computes with what the host does, on seeded inputs; compiled as plain
 // C++, where there is no nvcc, it runs the same list of calls on the host alone.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <initializer_list>
 #include <string>
 #include <vector>
 
@@ -52,11 +54,11 @@ RYE_HD Counts evaluate(const real_t<S>* in, real_t<S>* out) {
 }
 
 template <class Family, class S>
-constexpr int numbers_in = Family::inputs * Packed<S>::parts;
+constexpr int numbers_in = Family::inputs* Packed<S>::parts;
 template <class Family, class S>
-constexpr int numbers_out = Family::outputs * Packed<S>::parts;
+constexpr int numbers_out = Family::outputs* Packed<S>::parts;
 
-constexpr int count = 4096;      // evaluations of each kernel
+constexpr int count = 4096; // evaluations of each kernel
 
 #ifdef __CUDACC__
 #define RYE_TEST_KERNEL __global__
@@ -90,7 +92,7 @@ void on_device(const std::vector<real_t<S>>& in, std::vector<real_t<S>>& out) {
     check(cudaMalloc(&from, in.size() * sizeof(R)), "cudaMalloc");
     check(cudaMalloc(&to, out.size() * sizeof(R)), "cudaMalloc");
     check(cudaMemcpy(from, in.data(), in.size() * sizeof(R), cudaMemcpyHostToDevice), "copy");
-    check(cudaMemset(to, 0xFF, out.size() * sizeof(R)), "cudaMemset");  // NaN
+    check(cudaMemset(to, 0xFF, out.size() * sizeof(R)), "cudaMemset"); // NaN
     kernel<Family, S><<<(count + 63) / 64, 64>>>(0, from, to);
     check(cudaGetLastError(), "launch");
     check(cudaMemcpy(out.data(), to, out.size() * sizeof(R), cudaMemcpyDeviceToHost), "kernel");
@@ -109,10 +111,10 @@ constexpr double share_apart() {
 
 /// Where the numbers of both sides are apart by more than the family's tolerance.
 struct Comparison {
-    double worst = 0;            // of the evaluations that are not apart [epsilon]
-    int apart = 0;               // evaluations
-    int not_finite = 0;          // numbers of the host
-    int still = 0;               // outputs that are the same for all inputs
+    double worst = 0;   // of the evaluations that are not apart [epsilon]
+    int apart = 0;      // evaluations
+    int not_finite = 0; // numbers of the host
+    int still = 0;      // outputs that are the same for all inputs
 };
 
 template <class R>
@@ -158,8 +160,7 @@ bool run(const char* scalar) {
     std::vector<R> in(static_cast<std::size_t>(count) * in_width);
     std::vector<R> host(static_cast<std::size_t>(count) * out_width), device = host;
     const Random random{20241};
-    for (std::size_t i = 0; i < in.size(); ++i)
-        in[i] = static_cast<R>(2 * random.uniform(i) - 1);
+    for (std::size_t i = 0; i < in.size(); ++i) in[i] = static_cast<R>(2 * random.uniform(i) - 1);
     Counts counts{};
     for (int i = 0; i < count; ++i)
         counts = evaluate<Family, S>(in.data() + i * in_width, host.data() + i * out_width);
@@ -175,11 +176,17 @@ bool run(const char* scalar) {
 #endif
     const Comparison c = compare(host, device, out_width, Family::ulps);
     const bool good = c.not_finite == 0 && c.apart <= share_apart<Family>() * count;
-    std::printf("%-22s %-14s %10.3g epsilon of %6g, apart %d of %d, constant %d of %d, "
-                "not finite %d%s\n",
-                Family::name, scalar, c.worst, Family::ulps, c.apart, count, c.still, out_width,
-                c.not_finite, good ? "" : "  FAILED");
+    std::printf(
+        "%-22s %-14s %10.3g epsilon of %6g, apart %d of %d, constant %d of %d, "
+        "not finite %d%s\n",
+        Family::name, scalar, c.worst, Family::ulps, c.apart, count, c.still, out_width,
+        c.not_finite, good ? "" : "  FAILED");
     return good;
+}
+
+/// Whether all are good. The braces call them in order, also those after one that is not.
+bool all_good(std::initializer_list<bool> results) {
+    return std::find(results.begin(), results.end(), false) == results.end();
 }
 
 template <class Family>
@@ -188,27 +195,42 @@ bool run_float() {
 }
 template <class Family>
 bool run_real() {
-    return run_float<Family>() & run<Family, double>("double");
+    return all_good({run_float<Family>(), run<Family, double>("double")});
 }
 template <class Family>
 bool run_all() {
-    return run_real<Family>() & run<Family, Dual<float, 1>>("Dual<float, 1>");
+    return all_good({run_real<Family>(), run<Family, Dual<float, 1>>("Dual<float, 1>")});
 }
 
 } // namespace
 
 int main() {
-    bool good = run_all<Scalars>() & run_all<Functions>() & run_all<Vectors>();
-    good &= run_all<Rotations>() & run_all<Exponentials>() & run_all<Harmonics>();
-    good &= run_all<Colours>() & run_all<Projection<Antialias::dilate, false>>();
-    good &= run_float<Projection<Antialias::mip, false>>();
-    good &= run_real<Projection<Antialias::dilate, true>>();
-    good &= run_real<Rays<false>>() & run_real<Rays<true>>() & run_float<Policies>();
-    good &= run_real<Splats<Balanced>>() & run_float<Splats<Compatible3dgsFloor>>();
-    good &= run_real<Blending<Balanced>>() & run_float<Blending<Compatible3dgsFloor>>();
-    good &= run_all<Influences<SquaredDistance>>() & run_all<Influences<EuclideanDistance>>();
-    good &= run_all<Eyes>() & run_all<Encodings>() & run_all<Activations>();
-    good &= run_all<SsimWindow>() & run_all<Corneas>();
-    good &= run_real<Motions>();
+    const bool good = all_good({
+        run_all<Scalars>(),
+        run_all<Functions>(),
+        run_all<Vectors>(),
+        run_all<Rotations>(),
+        run_all<Exponentials>(),
+        run_all<Harmonics>(),
+        run_all<Colours>(),
+        run_all<Projection<Antialias::dilate, false>>(),
+        run_float<Projection<Antialias::mip, false>>(),
+        run_real<Projection<Antialias::dilate, true>>(),
+        run_real<Rays<false>>(),
+        run_real<Rays<true>>(),
+        run_float<Policies>(),
+        run_real<Splats<Balanced>>(),
+        run_float<Splats<Compatible3dgsFloor>>(),
+        run_real<Blending<Balanced>>(),
+        run_float<Blending<Compatible3dgsFloor>>(),
+        run_all<Influences<SquaredDistance>>(),
+        run_all<Influences<EuclideanDistance>>(),
+        run_all<Eyes>(),
+        run_all<Encodings>(),
+        run_all<Activations>(),
+        run_all<SsimWindow>(),
+        run_all<Corneas>(),
+        run_real<Motions>(),
+    });
     return good ? 0 : 1;
 }

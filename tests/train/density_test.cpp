@@ -6,6 +6,7 @@
 #include <doctest/doctest.h>
 
 #include <rye/avatar/hold.hpp>
+#include <rye/core/thread_pool.hpp>
 #include <rye/splat/rasterizer.hpp>
 
 #include "../support/hostile.hpp"
@@ -232,7 +233,8 @@ TEST_CASE("density: the same bits on any number of threads, by lanes and again")
     };
     const Trained once = changed(ScalarBackend<Serial>{});
     CHECK(once == changed(ScalarBackend<Serial>{}));
-    CHECK(once == changed(ScalarBackend<OpenMp>{OpenMp{3}}));
+    ThreadPool pool(3);
+    CHECK(once == changed(ScalarBackend<ThreadPool::Handle>{pool.threads()}));
 }
 
 TEST_CASE("density: a Gaussian splits along the axis on which moving it changes most") {

@@ -6,6 +6,7 @@
 #include <doctest/doctest.h>
 
 #include <rye/backend/scalar.hpp>
+#include <rye/core/thread_pool.hpp>
 #include <rye/train/fit_deformation.hpp>
 
 #include "../support/hostile.hpp"
@@ -185,7 +186,8 @@ TEST_CASE("the coefficients do not depend on the number of threads") {
     const Subject subject;
     const auto frames = subject.frames(16);
     const LandmarkRegression one = subject.regression(frames);
-    const ScalarBackend<OpenMp> two{OpenMp{2}};
+    ThreadPool pool(2);
+    const ScalarBackend<ThreadPool::Handle> two{pool.threads()};
     const LandmarkRegression other = landmark_regression<double, PaperEffects>(
         two, {subject.config, subject.neutral, subject.neutral}, subject.roles, frames);
     CHECK(one.coefficient == other.coefficient);
