@@ -17,6 +17,7 @@
 #include <rye/splat/lanes.hpp>
 
 #include "../support/hostile.hpp"
+#include "../support/limited.hpp"
 #include "../support/random.hpp"
 #include "../support/tiny_playable.hpp"
 
@@ -325,3 +326,35 @@ TEST_CASE(
                  "page");
     CHECK(none == nullptr);
 }
+
+#ifdef RYE_HAS_LIMITS
+TEST_CASE("C interface: where the system starts few threads, objects draw the same with those") {
+    const CloudScene s;
+    const rye_cloud cloud = s.cloud();
+    const rye_camera camera = s.c_camera();
+    const auto drawn = [&](int threads) {
+        rye_renderer* renderer = renderer_of(threads);
+        Columns<float> feature(5, 48 * 40);
+        rye_image image = RYE_INIT(rye_image);
+        image.feature = feature.data();
+        REQUIRE(rye_draw(renderer, &cloud, &camera, s.background.data(), &image) == RYE_OK);
+        rye_renderer_destroy(renderer);
+        return feature;
+    };
+    const Columns<float> expected = drawn(1);
+    const TemporaryFolder folder;
+    write_avatar((folder.path / "a.avatar").string(), tiny_playable(true), AvatarPrecision::full);
+    const Bytes bytes = read_file((folder.path / "a.avatar").string());
+    const auto same = [&] {
+        rye_options options = RYE_INIT(rye_options);
+        options.threads = 1000;
+        rye_avatar* avatar = nullptr;
+        if (rye_avatar_open_memory("a", bytes.data(), bytes.size(), &options, &avatar) != RYE_OK)
+            return false;
+        rye_avatar_close(avatar);
+        return drawn(1000) == expected;
+    };
+    CHECK(in_child(20, [&] { return limit_threads(5) && same(); }) == "");
+    CHECK(in_child(20, [&] { return limit_memory(256 << 20) && same(); }) == "");
+}
+#endif

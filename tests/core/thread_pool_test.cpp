@@ -9,6 +9,8 @@
 
 #include <doctest/doctest.h>
 
+#include "../support/limited.hpp"
+
 using namespace rye;
 
 TEST_CASE("a pool runs each task once: from several threads, from within a task, asleep and awake") {
@@ -71,3 +73,27 @@ TEST_CASE("bands: each task once, whoever takes them; all arrays' elements once,
     for (const auto& of : seen)
         for (const int times : of) CHECK(times == 1);
 }
+
+#ifdef RYE_HAS_LIMITS
+namespace {
+
+/// Whether a pool that asks for `threads` has fewer and sums as one with all of them does.
+bool works_with_fewer(int threads) {
+    ThreadPool pool(threads);
+    std::vector<int> ran(1000, 0);
+    pool.threads().run(1000, [&](Index i) { ++ran[static_cast<std::size_t>(i)]; });
+    for (const int times : ran)
+        if (times != 1) return false;
+    return pool.asked() == threads && pool.size() >= 1 && pool.size() < threads;
+}
+
+} // namespace
+
+TEST_CASE("a pool goes on with the threads that the system starts") {
+    CHECK(test::in_child(20, [] { return test::limit_threads(5) && works_with_fewer(64); }) == "");
+    CHECK(test::in_child(20, [] { return test::limit_threads(1) && works_with_fewer(64); }) == "");
+    CHECK(test::in_child(20, [] {
+        return test::limit_memory(64 << 20) && works_with_fewer(300);
+    }) == "");
+}
+#endif

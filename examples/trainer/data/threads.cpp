@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "data/threads.hpp"
 
+#include <iostream>
 #include <memory>
 
 namespace rye::trainer {
@@ -13,7 +14,13 @@ std::unique_ptr<ThreadPool>& pool() {
 
 } // namespace
 
-void set_threads(int threads) { pool() = std::make_unique<ThreadPool>(threads); }
+void set_threads(int threads) {
+    pool().reset();  // its threads count against the system's limit
+    pool() = std::make_unique<ThreadPool>(threads);
+    if (pool()->size() < pool()->asked())
+        std::cerr << "rye: warning: the system started " << pool()->size() << " of "
+                  << pool()->asked() << " threads; going on with these\n";
+}
 
 ProgramThreads program_threads() {
     if (!pool()) set_threads(0);

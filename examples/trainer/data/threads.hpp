@@ -10,7 +10,7 @@ namespace rye::trainer {
 using ProgramThreads = ThreadPool::Handle;
 
 /// Sets the number of threads of all parallel code; 0: one per processor. Invalidates earlier
-/// handles.
+/// handles. Warns on standard error where the system starts fewer.
 void set_threads(int threads);
 
 /// A pool of all processors, if set_threads was not called before.

@@ -12,6 +12,7 @@
 #include <condition_variable>
 #include <cstdint>
 #include <mutex>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -37,26 +38,28 @@ class ThreadPool {
         ThreadPool* pool_;
     };
 
-    /// `count` threads, the caller's included; 0: one for each processor.
-    explicit ThreadPool(int count = 0) {
-        const int n = count > 0 ? count : static_cast<int>(std::thread::hardware_concurrency());
-        bands_ = detail::TaskBands(n);
-        for (int i = 1; i < n; ++i) workers_.emplace_back([this, i] { work(i); });
+    /// Starts `count` threads, the caller's included; 0: one for each processor. Where the system
+    /// starts no more, the pool has those that it did start: size() is smaller than asked(), and
+    /// results are the same.
+    explicit ThreadPool(int count = 0)
+        : asked_(count > 0 ? count
+                           : std::max(1, static_cast<int>(std::thread::hardware_concurrency()))) {
+        try {
+            start();
+        } catch (...) {
+            end();
+            throw;
+        }
     }
     ThreadPool(const ThreadPool&) = delete;
     ThreadPool& operator=(const ThreadPool&) = delete;
-    ~ThreadPool() {
-        ending_.store(true);
-        generation_.fetch_add(1);
-        {
-            const std::lock_guard<std::mutex> lock(mutex_);
-        }
-        wake_.notify_all();
-        for (std::thread& t : workers_) t.join();
-    }
+    ~ThreadPool() { end(); }
 
     Handle threads() { return Handle(*this); }
+    /// Number of threads that run at once, the caller's included.
     int size() const { return static_cast<int>(workers_.size()) + 1; }
+    /// Number of threads that the constructor was to start, the caller's included.
+    int asked() const { return asked_; }
 
     /// Calls f(0) ... f(n - 1) on the caller's thread and the pool's.
     template <std::invocable<Index> F>
@@ -87,6 +90,26 @@ class ThreadPool {
         const void* task;
         void (*call)(const void*, Index);
     };
+
+    /// Workers read nothing but atomics and what mutex_ guards until the first job opens.
+    void start() {
+        workers_.reserve(static_cast<std::size_t>(asked_) - 1);
+        try {
+            for (int i = 1; i < asked_; ++i) workers_.emplace_back([this, i] { work(i); });
+        } catch (const std::system_error&) {
+            // No more threads or no room for their stacks.
+        }
+        bands_ = detail::TaskBands(size());
+    }
+    void end() {
+        ending_.store(true);
+        generation_.fetch_add(1);
+        {
+            const std::lock_guard<std::mutex> lock(mutex_);
+        }
+        wake_.notify_all();
+        for (std::thread& t : workers_) t.join();
+    }
 
     void take_all(int thread) {
         bands_.take(thread, [&](Index i) { job_.call(job_.task, i); });
@@ -143,6 +166,7 @@ class ThreadPool {
         }
     }
 
+    int asked_;
     std::vector<std::thread> workers_;
     std::mutex mutex_;
     std::condition_variable wake_, done_;
