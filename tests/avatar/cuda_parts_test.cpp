@@ -77,9 +77,9 @@ TEST_CASE("cuda, emulated: a part launches its own kernels and no other's") {
     more["network's operands"] = more["network's biases"] = more["network, forward"] = 2;
     more["network, reverse"] = 2;
     more["network's weights"] = more["merge of weights"] = more["gradient of frame inputs"] = 2;
-    for (const auto& [name, times] : code.launched) {
-        CAPTURE(name);
-        CHECK(times == more[name]);
+    for (const auto& launch : code.launched) {
+        CAPTURE(launch.first);
+        CHECK(launch.second == more[launch.first]);
     }
     CHECK(code.launched.size() == more.size());
     CHECK(code.bytes > free.bytes);

@@ -44,8 +44,9 @@ void term_against_host(const Device& device, const CudaQueue& queue,
 template <class Device>
 void dssim_against_host(const Device& device, const CudaQueue& queue) {
     DeviceDssim<Device> dssim_of(device);
-    for (const auto [w, h] : {ImageSize{5, 3}, ImageSize{32, 16}, ImageSize{45, 37}}) {
-        CAPTURE(w);
+    for (const ImageSize size : {ImageSize{5, 3}, ImageSize{32, 16}, ImageSize{45, 37}}) {
+        const auto [w, h] = size;
+        CAPTURE(size.width);
         const Image<float> a = float_picture(w, h, 3, 1), b = byte_picture(w, h, 3, 2);
         const DeviceFloats<Device> da(device, queue, a), db(device, queue, b);
         const DeviceBytes<Device> bytes(device, queue, b);
@@ -74,8 +75,9 @@ template <class Device>
 void pyramid_against_host(const Device& device, const CudaQueue& queue) {
     const PyramidGradientLoss loss{{1.0, 0.5, 2.0}};
     DevicePyramidLoss<Device> own(device, loss);
-    for (const auto [w, h] : {ImageSize{1, 1}, ImageSize{7, 2}, ImageSize{33, 29}}) {
-        CAPTURE(w);
+    for (const ImageSize size : {ImageSize{1, 1}, ImageSize{7, 2}, ImageSize{33, 29}}) {
+        const auto [w, h] = size;
+        CAPTURE(size.width);
         const Image<float> a = float_picture(w, h, 3, 3), b = byte_picture(w, h, 3, 4);
         const DeviceFloats<Device> da(device, queue, a), db(device, queue, b);
         const DeviceBytes<Device> bytes(device, queue, b);

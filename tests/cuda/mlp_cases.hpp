@@ -46,7 +46,7 @@ void mlp_against_host(const Device& device, const CudaQueue& queue, const MlpCas
     CAPTURE(Tiles::N);
     CAPTURE(c.points);
     const MlpShape& s = c.shape;
-    const Mlp<float> m = Mlp<float>::init(s, Random(3));
+    const Mlp<float> m = Mlp<float>::init(s, Random{3});
     const Columns<float> points = noise<float>(s.point_inputs(), c.points, 1),
                          frame = noise<float>(s.frame_inputs, 1, 3);
     Columns<float> g_out = noise<float>(s.outputs(), c.points, 2);

@@ -32,8 +32,8 @@ struct ObjectiveScene {
     AvatarLosses<double> losses;
 
     explicit ObjectiveScene(const ObjectiveCase& c)
-        : resizing(detail::random_resizing(width, height, Random(5))),
-          upsampler(Upsampler<double>::init({5, 3, 1}, Random(6))) {
+        : resizing(detail::random_resizing(width, height, Random{5})),
+          upsampler(Upsampler<double>::init({5, 3, 1}, Random{6})) {
         const Scenery<double> scene = random_scene<double>(40, 5, 7, 0.3);
         driven.gaussians = scene.gaussians;
         driven.face_count = 25;
@@ -178,7 +178,7 @@ template <class Device>
 void resizing_against_host(const Device& device, const CudaQueue& queue) {
     for (std::uint64_t seed = 0; seed < 6; ++seed) {
         const int w = 13, h = 11;
-        const detail::Resizing r = detail::random_resizing(w, h, Random(seed));
+        const detail::Resizing r = detail::random_resizing(w, h, Random{seed});
         const std::vector<Index> map = detail::resized_map(r);
         const Image<float> source = float_picture(w, h, 4, seed);
         const DeviceFloats<Device> from(device, queue, source), to(device, queue, source),

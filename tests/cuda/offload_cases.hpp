@@ -147,7 +147,7 @@ void mesh_training_against_host(const Device& device, const CudaQueue& queue, St
     frames[1].drivers.expression *= -0.5F;
     const auto trained = [&](const auto& backend, double& left) {
         GuidanceMesh<float> mesh = rounded_mesh<float>();
-        pretrain_sphere(backend, mesh, config, {Vec3<float>::Zero(), 1.6F, 1, 1e-3}, Random(2));
+        pretrain_sphere(backend, mesh, config, {Vec3<float>::Zero(), 1.6F, 1, 1e-3}, Random{2});
         left = fit_deformation(backend, mesh, {config, tiny_roles(), true}, frames,
                                {2, 2, 2e-3, Random(5)});
         return mesh;

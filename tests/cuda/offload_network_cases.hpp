@@ -36,7 +36,7 @@ void offload_against_host(const Device& device, const CudaQueue& queue, Staging&
     const ScalarBackend<> host;
     const OffloadBackend backend{host, networks};
     const MlpShape shape{{21, 40, 33, 5}, 4};
-    Mlp<float> m = Mlp<float>::init(shape, Random(3));
+    Mlp<float> m = Mlp<float>::init(shape, Random{3});
     const Columns<float> wide = noise<float>(20, 90, 1), g_out = noise<float>(5, 90, 2);
     const auto x = wide.middleRows(1, 17); // columns lie apart
     for (const int round : {0, 1}) {
@@ -45,13 +45,13 @@ void offload_against_host(const Device& device, const CudaQueue& queue, Staging&
         if (round == 1) m.weight[1](2, 3) += 0.5F;
         MlpTrace<float> trace;
         const Columns<float> y = mlp_forward<float>(backend, m, x, frame, &trace);
-        Mlp<float> gradient = Mlp<float>::init(shape, Random(9)); // added to
+        Mlp<float> gradient = Mlp<float>::init(shape, Random{9}); // added to
         Columns<float> g_points;
         VecX<float> g_frame;
         mlp_vjp<float>(backend, m, {x, frame, trace}, g_out, {gradient, &g_points, &g_frame});
 
         const Mlp<double> m64 = in_double(m);
-        Mlp<double> gradient64 = in_double(Mlp<float>::init(shape, Random(9)));
+        Mlp<double> gradient64 = in_double(Mlp<float>::init(shape, Random{9}));
         const Columns<double> x64 = x.template cast<double>();
         const VecX<double> frame64 = frame.cast<double>();
         MlpTrace<double> trace64;
@@ -72,7 +72,7 @@ void offload_against_host(const Device& device, const CudaQueue& queue, Staging&
     }
     CHECK(networks.counts().vjp == 2);
 
-    const Mlp<float> geometry = Mlp<float>::init({{27, 20, 20, 7}}, Random(5));
+    const Mlp<float> geometry = Mlp<float>::init({{27, 20, 20, 7}}, Random{5});
     const Columns<float> points = noise<float>(3, 131, 6);
     const Columns<double> code = positional_encoding(points.cast<double>(), 4);
     CHECK(relative(networks.first_output(Serial{}, geometry, points, 4),
@@ -89,7 +89,7 @@ void offload_faults(const Device& device, const CudaQueue& queue, Staging& stagi
     networks.least_points = 4;
     const OffloadBackend backend{ScalarBackend<>{}, networks};
     const MlpShape shape{{8, 16, 3}, 2};
-    Mlp<float> m = Mlp<float>::init(shape, Random(3));
+    Mlp<float> m = Mlp<float>::init(shape, Random{3});
     const Columns<float> x = noise<float>(6, 5, 1), g = noise<float>(3, 5, 2);
     const VecX<float> frame = noise<float>(2, 1, 3);
     MlpTrace<float> first, trace;
@@ -116,7 +116,7 @@ void offload_faults(const Device& device, const CudaQueue& queue, Staging& stagi
     CHECK(!networks.takes({{8, 65, 3}}, 100));
     CHECK(!networks.takes({{40, 16, 3}}, 100));
     CHECK(!networks.takes({{8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 3}}, 100));
-    const Mlp<float> wide = Mlp<float>::init({{6, 65, 3}}, Random(4));
+    const Mlp<float> wide = Mlp<float>::init({{6, 65, 3}}, Random{4});
     MlpTrace<float> of_host;
     const Columns<float> y = mlp_forward<float>(backend, wide, x, VecX<float>(), &of_host);
     CHECK(y == mlp_forward<float>(ScalarBackend<>{}, wide, x, VecX<float>(), nullptr));

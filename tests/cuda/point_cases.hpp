@@ -176,7 +176,7 @@ void mlp_of_a_list(const Device& device, const CudaQueue& queue, Index listed) {
     CAPTURE(listed);
     const MlpShape s{{21, 40, 33, 5}, 4};
     const Index n = 400, room = listed + 37;
-    const Mlp<float> m = Mlp<float>::init(s, Random(3));
+    const Mlp<float> m = Mlp<float>::init(s, Random{3});
     const Columns<float> points = noise<float>(17, n, 1), frame = noise<float>(4, 1, 3);
     std::vector<std::uint32_t> which(static_cast<std::size_t>(room), 0xFFFFFF);
     std::vector<Index> picked;
@@ -230,7 +230,7 @@ void mlp_of_a_list(const Device& device, const CudaQueue& queue, Index listed) {
 template <class Device>
 void mlp_column_against_host(const Device& device, const CudaQueue& queue, const MlpShape& s) {
     CAPTURE(s.dims.size());
-    const Mlp<float> m = Mlp<float>::init(s, Random(3));
+    const Mlp<float> m = Mlp<float>::init(s, Random{3});
     Mlp<double> m64(s), g64(s);
     for (std::size_t l = 0; l < m.weight.size(); ++l) {
         m64.weight[l] = m.weight[l].cast<double>();

@@ -34,7 +34,7 @@ void upsampler_against_host(const Device& device, const CudaQueue& queue, const 
     CAPTURE(c.shape.skip);
     CAPTURE(c.shape.norm == Normalization::none);
     const UpsamplerShape& s = c.shape;
-    Upsampler<float> u = Upsampler<float>::init(s, Random(4));
+    Upsampler<float> u = Upsampler<float>::init(s, Random{4});
     if (s.skip) u.out_weight = noise<float>(3, s.capacity, 9); // else it begins as zero
     const Image<float> in = float_picture(c.width, c.height, s.in_channels, 1);
     const int times = 1 << s.doublings;

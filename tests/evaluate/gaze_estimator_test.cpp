@@ -179,7 +179,7 @@ TEST_CASE("gaze estimator: an area that covers the upper lid, or half of the eye
             const EyePicture p = draw(eye);
             const double high = error_of(raised(p, 2), trainer::own_area_error);
             const double half = error_of(cut(p), trainer::own_area_error);
-            INFO("camera " << pitch << ", " << yaw << ", gaze " << eye.yaw);
+            INFO("camera " << eye.camera_pitch << ", " << eye.camera_yaw << ", gaze " << eye.yaw);
             CHECK(error_of(p, trainer::own_area_error) <= 1);
             CHECK(high <= 1);
             if (eye.yaw >= 0) CHECK(half <= 1.5); // else the iris is in the other half

@@ -133,9 +133,9 @@ TEST_CASE("each gaze mechanism fits eyes that look about better than eyes that d
     std::map<Name, double> errors{{Name::rotation, error_after_training(grey, samples)}};
     for (const Name m : compared)
         if (m != Name::none) errors[m] = error_after_training(with(m, grey), samples);
-    for (const auto& [m, error] : errors) {
-        INFO(word_of(m) << ": " << error << ", fixed: " << fixed);
-        CHECK(error < 0.8 * fixed);
+    for (const auto& e : errors) {
+        INFO(word_of(e.first) << ": " << e.second << ", fixed: " << fixed);
+        CHECK(e.second < 0.8 * fixed);
     }
 }
 

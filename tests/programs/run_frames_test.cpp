@@ -154,8 +154,9 @@ TEST_CASE("damaged frames of a run are named by file and field") {
                                                                  {"cameras", "[]"},
                                                                  {"novel_gaze", "[["},
                                                                  {"independent_gaze", "[1.5]"}};
-    for (const auto& [key, value] : words) {
-        CAPTURE(key);
+    for (const auto& word : words) {
+        const auto& [key, value] = word;
+        CAPTURE(word.first);
         stored.word(key, value);
         CHECK_FAULT(load(), key == "cameras" ? "no cameras" : key);
         CHECK_FAULT(load(), path.string());
