@@ -45,6 +45,6 @@ class Rye(ConanFile):
         self.info.clear()
 
     def package_info(self):
-        self.cpp_info.defines = ["EIGEN_DONT_PARALLELIZE"]
+        self.cpp_info.defines = ["EIGEN_DONT_PARALLELIZE", "EIGEN_STACK_ALLOCATION_LIMIT=16384"]
         self.cpp_info.bindirs = []
         self.cpp_info.libdirs = []

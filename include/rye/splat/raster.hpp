@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <vector>
 
+#include <rye/core/aligned.hpp>
 #include <rye/gaussian/view.hpp>
 #include <rye/splat/falloff.hpp>
 #include <rye/splat/outputs.hpp>
@@ -94,24 +95,19 @@ enum class Visibility : std::uint8_t { hidden, visible, non_finite };
 template <class T>
 struct PartialGradients {
     static constexpr Index head = 8;     ///< features begin here
-    /// Sixteen numbers, aligned to a line of the cache.
-    struct alignas(64) Line {
-        T x[16];
-    };
-    std::vector<Line> lines;
+    AlignedArray<T> numbers;             ///< `stride` of each slot
     std::vector<std::uint8_t> touched;
     Index stride = 0;
 
     void shape(Index count, Index channels) {
         stride = head + (channels + 7) / 8 * 8;
-        const auto need = static_cast<std::size_t>((count * stride + 15) / 16);
-        if (lines.size() < need) lines.resize(need);
+        numbers.reserve(count * stride);
         touched.assign(static_cast<std::size_t>(count), 0);
     }
     /// Features of a slot, the idle ones behind the last channel too: what a walk must write.
     Index features() const { return stride - head; }
-    T* operator[](Index slot) { return lines.data()->x + slot * stride; }
-    const T* operator[](Index slot) const { return lines.data()->x + slot * stride; }
+    T* operator[](Index slot) { return numbers.data() + slot * stride; }
+    const T* operator[](Index slot) const { return numbers.data() + slot * stride; }
     bool is_touched(Index slot) const { return touched[static_cast<std::size_t>(slot)] != 0; }
 };
 

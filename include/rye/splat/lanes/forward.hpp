@@ -27,10 +27,10 @@ struct LaneCanvas : Workspaces::Space {
     static constexpr int most = LaneGroup<V>::most;
 
     LaneGroup<V> group;
-    Lines<T> state;          ///< of each strip, the vectors that LaneState numbers
+    AlignedArray<T> state;          ///< of each strip, the vectors that LaneState numbers
     // Of many channels:
-    Lines<T> sums;           ///< a row a pixel
-    Lines<T> feature;        ///< of the group
+    AlignedArray<T> sums;           ///< a row a pixel
+    AlignedArray<T> feature;        ///< of the group
     alignas(64) T weight[std::size_t(most)][V::size];         ///< of a strip's visits
     std::uint8_t of[std::size_t(most)];                       ///< their entries
 };
@@ -79,12 +79,12 @@ void blend_channels(const StripVisits<V>& visits, const typename V::value_type* 
 template <class V>
 void blend_features(int strip, int visits, Index stride, LaneCanvas<V>& canvas) {
     constexpr int lanes = static_cast<int>(V::size);
-    auto* const sums = canvas.sums.lines[0].x + strip * lanes * stride;
+    auto* const sums = canvas.sums.data() + strip * lanes * stride;
     Index c = 0;
     const auto blocks = [&]<int P>(std::integral_constant<int, P>) {
         for (; c + P * lanes <= stride; c += P * lanes)
             blend_channels<P>(StripVisits<V>{canvas.weight, canvas.of, visits},
-                              canvas.feature.lines[0].x + c, stride, sums + c);
+                              canvas.feature.data() + c, stride, sums + c);
     };
     blocks(std::integral_constant<int, 4>());
     blocks(std::integral_constant<int, 2>());
@@ -100,7 +100,7 @@ bool blend_strip(const LaneBlend<A, V>& blend, int strip, [[maybe_unused]] Index
     using T = typename V::value_type;
     using State = LaneState<A::outputs, C>;
     constexpr int lanes = static_cast<int>(V::size);
-    T* const at = canvas.state.lines[0].x + strip * (State::vectors * lanes);
+    T* const at = canvas.state.data() + strip * (State::vectors * lanes);
     std::array<V, std::size_t(State::vectors)> state;
     unrolled<State::vectors>([&](auto i) { state[i] = V::load_aligned(at + i * lanes); });
     [[maybe_unused]] int visits = 0;
@@ -161,7 +161,7 @@ void write_strip(const Scene<typename V::value_type>& scene, const Strips<V>& st
     using State = LaneState<A::outputs, C>;
     constexpr int lanes = Tile::lanes;
     const Index channels = C > 0 ? C : scene.channels();
-    T* const state = canvas.state.lines[0].x + strip * (State::vectors * lanes);
+    T* const state = canvas.state.data() + strip * (State::vectors * lanes);
     const V behind = abs(V::load_aligned(state));
     alignas(64) T alpha[V::size], pixel[std::size_t(std::max(C, 1))][V::size];
     (V(T(1)) - behind).store_aligned(alpha);
@@ -189,7 +189,7 @@ void write_strip(const Scene<typename V::value_type>& scene, const Strips<V>& st
             unrolled<C>([&](auto c) { to[c] = pixel[c][lane]; });
             if constexpr (C == 0) {
                 const Index stride = padded_channels<V>(channels);
-                const T* const sum = canvas.sums.lines[0].x + (strip * lanes + lane) * stride;
+                const T* const sum = canvas.sums.data() + (strip * lanes + lane) * stride;
                 const T* const back = scene.background.data();
                 const T share = std::abs(state[lane]);
                 Index c = 0;
@@ -240,7 +240,7 @@ void blend_tile_lanes(const Scene<typename V::value_type>& scene, const A& accur
         fetch_ahead(scene, after, std::min<Index>(all, after + most));
         fetch_features(scene, next, after);
         canvas.group.template fill<C>(scene, strips, scene.top(tile), k, next);
-        if constexpr (C == 0) copy_features<V>(scene, k, next, stride, canvas.feature.lines[0].x);
+        if constexpr (C == 0) copy_features<V>(scene, k, next, stride, canvas.feature.data());
         for (int s = 0; s < Tile::count; ++s)
             if (canvas.group.reaching[s] != 0 && open.has(s) &&
                 !blend_strip<V, C>(blend, s, k - begin, stride, canvas))

@@ -83,10 +83,10 @@ struct LaneTangentCanvas : Workspaces::Space {
     LaneEntryTangent<V> tangent[std::size_t(LaneGroup<V>::usual)];
     /// Of each strip: transmittance and its tangent, depth and its, and of each of a few channels
     /// the sum and its tangent; a vector each.
-    Lines<T> state;
+    AlignedArray<T> state;
     // Of many channels: rows of sums and of their tangents, a pixel each; the group's features and
     // their tangents; a strip's visits.
-    Lines<T> sums, sum_tangents, feature, feature_tangent;
+    AlignedArray<T> sums, sum_tangents, feature, feature_tangent;
     alignas(64) T weight[std::size_t(LaneGroup<V>::usual)][V::size];
     alignas(64) T weight_tangent[std::size_t(LaneGroup<V>::usual)][V::size];
     std::uint8_t of[std::size_t(LaneGroup<V>::usual)];
@@ -196,12 +196,12 @@ void blend_tile_jvp_lanes(const TangentScene<typename V::value_type>& moving, co
             if constexpr (C > 0) {
                 for (int i = 0; i < C; ++i) to.colour[i] = from != nullptr ? from[i] : T(0);
             } else {
-                T* const row = canvas.feature_tangent.lines[0].x + (n - k) * row_of;
+                T* const row = canvas.feature_tangent.data() + (n - k) * row_of;
                 std::fill_n(row, row_of, T(0));
                 if (from != nullptr) std::copy_n(from, channels, row);
             }
         }
-        if constexpr (C == 0) copy_features<V>(scene, k, next, row_of, canvas.feature.lines[0].x);
+        if constexpr (C == 0) copy_features<V>(scene, k, next, row_of, canvas.feature.data());
         for (int strip = 0; strip < Tile::count; ++strip) {
             if (canvas.group.reaching[strip] == 0 || !open.has(strip)) continue;
             T* const at = state + strip * stride;
@@ -243,13 +243,13 @@ void blend_tile_jvp_lanes(const TangentScene<typename V::value_type>& moving, co
             }
             unrolled<own + 2 * C>([&](auto i) { sum[i].store_aligned(at + i * lanes); });
             if constexpr (C == 0) {
-                const T* const f = canvas.feature.lines[0].x;
+                const T* const f = canvas.feature.data();
                 T* const to = sum_tangents + strip * lanes * row_of;
                 const StripVisits<V> weights{canvas.weight, canvas.of, visits};
                 blend_many(weights, f, row_of, sums + strip * lanes * row_of);
                 blend_many(StripVisits<V>{canvas.weight_tangent, canvas.of, visits}, f, row_of, to);
                 if (moving.feature != nullptr)
-                    blend_many(weights, canvas.feature_tangent.lines[0].x, row_of, to);
+                    blend_many(weights, canvas.feature_tangent.data(), row_of, to);
             }
             if (!blend.any_open(sum[0])) open.clear(strip);
         }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/lanes/registers.hpp: what the tuned walks share: loops over registers, sums of lanes,
-/// memory from a cache line's start, and asking for memory ahead of time.
+/// and asking for memory ahead of time.
 #pragma once
 
 #include <algorithm>
@@ -8,11 +8,11 @@
 #include <cstddef>
 #include <cstring>
 #include <functional>
-#include <memory>
 #include <type_traits>
 #include <utility>
 
 #include <rye/backend/lanes.hpp>
+#include <rye/core/aligned.hpp>
 #include <rye/math/scalar.hpp>
 #include <rye/splat/raster.hpp>
 
@@ -110,36 +110,6 @@ template <class V>
     else
         for (std::size_t i = 0; i < 8; ++i) to[i] = lane_sum(x[i]);
 }
-
-/// Memory from a cache line's start: a vector across two lines is slow, and slower still to read
-/// back. Its numbers are anything.
-template <class T>
-struct Lines {
-    /// A line of the cache.
-    struct alignas(64) Line {
-        T x[64 / sizeof(T)];
-    };
-    std::unique_ptr<Line[]> lines;
-    std::size_t capacity = 0;
-
-    T* reserve(Index numbers) {
-        const std::size_t n = static_cast<std::size_t>(numbers) / (64 / sizeof(T)) + 1;
-        if (!lines || n > capacity) {
-            capacity = n + n / 2;
-            lines.reset(new Line[capacity]);  // make_unique would set them to zero
-        }
-        return lines[0].x;
-    }
-    /// As reserve, but the first `kept` numbers stay.
-    T* grow(Index numbers, Index kept) {
-        if (lines && static_cast<std::size_t>(numbers) / (64 / sizeof(T)) < capacity)
-            return lines[0].x;
-        const std::unique_ptr<Line[]> old = std::move(lines);
-        T* const to = reserve(numbers);
-        if (kept > 0) std::copy_n(old[0].x, kept, to);
-        return to;
-    }
-};
 
 /// Prefetches the records of entries [entry, end). Always inlined: g++ takes
 /// a function that only prefetches for one without effect, and drops the call.

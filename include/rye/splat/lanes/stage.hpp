@@ -186,7 +186,7 @@ template <class T>
 /// Memory of one thread's gradients.
 template <class V>
 struct LaneSums : Workspaces::Space {
-    Lines<typename V::value_type> sum;
+    AlignedArray<typename V::value_type> sum;
 };
 
 /// As project_vjp_range, as many Gaussians at a time as there are lanes.

@@ -35,12 +35,12 @@ struct LaneTape : Workspaces::Space {
     alignas(64) T transmittance[tile_pixels];
     alignas(64) T behind[tile_pixels], g_alpha[tile_pixels], g_depth[tile_pixels];
     std::vector<TapeGroup<V>> groups;
-    Lines<T> steps;                     ///< of each visit: alpha and transmittance, two vectors;
+    AlignedArray<T> steps;                     ///< of each visit: alpha and transmittance, two vectors;
                                         ///< group by group, strip by strip, from near to far
-    Lines<T> cotangent;                 ///< of each strip: a vector a channel, zeros behind them
+    AlignedArray<T> cotangent;                 ///< of each strip: a vector a channel, zeros behind them
     // Of many channels, as many as a slot has features:
-    Lines<T> background;
-    Lines<T> feature;                   ///< of a group
+    AlignedArray<T> background;
+    AlignedArray<T> feature;                   ///< of a group
     // Of an entry's visits:
     std::uint8_t strip[Tile::count + 8];
     alignas(64) T along[Tile::count][V::size];
@@ -230,7 +230,7 @@ struct LaneReverse {
     /// Before the last entry of a group.
     void start(const TapeGroup<V>& group) {
         for (int s = 0; s < Tile::count; ++s)
-            visits_end[s] = tape.steps.lines[0].x + group.end[s] * (2 * lanes);
+            visits_end[s] = tape.steps.data() + group.end[s] * (2 * lanes);
     }
 
     /// An entry of `visits`, whose strips are on the tape.
@@ -355,7 +355,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
     load_cotangents<V, C>(scene, cotangent.images, strips, stride, tape);
 
     LaneReverse<V, C, Extra, A> reverse{
-        strips, tape, stride, LaneBlend<A, V>(accuracy), tape.cotangent.lines[0].x, {}};
+        strips, tape, stride, LaneBlend<A, V>(accuracy), tape.cotangent.data(), {}};
     const bool copied = C == 0 && stride != channels;    // where channels do not fill vectors
     T* const feature = tape.feature.reserve(copied ? most * stride : 1);
     for (Index group = last; group >= 0; group -= most) {
