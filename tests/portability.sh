@@ -7,7 +7,8 @@
 #   lanes4    x86-64, vectors of 4 floats
 #   lanes8    x86-64 with AVX2, vectors of 8
 #   lanes16   x86-64 with AVX-512, vectors of 16; it compiles without optimisation too
-#   libcxx    clang and its library libc++, with the tests of readers of files
+#   libcxx    clang and its library libc++, with the tests of readers of files; and clang's
+#             undefined-behaviour sanitizer over every kernel
 #   cxx23     C++23, every header with its warnings
 #   debian13  the Eigen and xsimd of Debian 13; where a bare system can be made (tests/bare.sh),
 #             everything is built there by its own compiler, with warnings as errors
@@ -222,6 +223,7 @@ target_libcxx() {
         run libcxx "numbers" numbers "" $compiler -O1
         run libcxx "every header" every_header "$(clang) -stdlib=libc++" -std=c++20
         run libcxx "test_core, test_capture" unit_tests "" "core capture" $compiler -O0
+        run libcxx "numbers, sanitized" sanitized_numbers
     }
 }
 every_header() { # COMPILER FLAGS...
@@ -230,6 +232,14 @@ every_header() { # COMPILER FLAGS...
     ( cd include && find rye -name '*.hpp' | sort | sed 's/.*/#include <&>/' ) > "$here/all.cpp"
     # shellcheck disable=SC2086 # several words
     $compiler "$@" -I"$root/include" -isystem $eigen -fsyntax-only $warnings "$here/all.cpp"
+}
+sanitized_numbers() {
+    checks="-fsanitize=undefined -fno-sanitize-recover=all"
+    # shellcheck disable=SC2086 # several words
+    compiles "$(clang)" $checks || { echo "clang's sanitizers (libclang-rt-dev)"; return 77; }
+    # shellcheck disable=SC2086 # several words
+    numbers "" $ccache "$(clang)" -std=c++20 -march=x86-64-v3 -O1 $checks -I"$root/include" \
+        -isystem $eigen
 }
 target_cxx23() {
     run cxx23 "README" readme "" $ccache "$cxx" -std=c++23 -O2 -I"$root/include" -isystem $eigen
