@@ -55,7 +55,7 @@ class ThreadPool {
         for (std::thread& t : workers_) t.join();
     }
 
-    Handle threads() { return Handle(*this); }
+    Handle threads() & { return Handle(*this); }
     int size() const { return static_cast<int>(workers_.size()) + 1; }
 
     /// Calls f(0) ... f(n - 1) on the caller's thread and the pool's.
