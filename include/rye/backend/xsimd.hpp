@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/backend/xsimd.hpp: xsimd, whose warnings are not a user's: neither those of its own code,
-/// nor those that g++ gives of vectors of 8 and 16 numbers where it inlines them into a user's code.
+/// nor those that g++ gives of vectors of 8 and 16 numbers where it inlines them into a user's.
 #pragma once
 #if defined(__GNUC__)
 #pragma GCC system_header // what it includes is one, too
