@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # ryePackage.cmake: Debian packages by `cpack -G DEB` in the build folder: librye-dev (the headers,
-# for every processor), and where they are built rye (the program) and librye-c-dev (for C). Configure with -DRYE_NATIVE=OFF for
-# a program that runs on other machines; one that does not has "native" in the name of its file.
+# for every processor), and where they are built rye (the program) and librye-c-dev (for C). Configure
+# with -DRYE_NATIVE=OFF for a program that runs on other machines; one that does not has "native" in
+# the name of its file.
 set(RYE_MAINTAINER "The maintainers of rye" CACHE STRING
     "Who answers for the packages: \"Name <address>\", as Debian wants it")
 set(CPACK_GENERATOR DEB)
@@ -42,13 +43,33 @@ set(CPACK_COMPONENT_C_DESCRIPTION
 set(CPACK_DEBIAN_C_PACKAGE_NAME librye-c-dev)
 set(CPACK_DEBIAN_C_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_C_PACKAGE_SHLIBDEPS ON)
-# The header is one of those of the other package.
-set(CPACK_DEBIAN_C_PACKAGE_DEPENDS "librye-dev (= ${PROJECT_VERSION})")
+# librye-dev has not had its header since this version.
+set(CPACK_DEBIAN_C_PACKAGE_BREAKS "librye-dev (<< ${PROJECT_VERSION})")
+set(CPACK_DEBIAN_C_PACKAGE_REPLACES "librye-dev (<< ${PROJECT_VERSION})")
 
 if(RYE_NATIVE)
   execute_process(COMMAND dpkg --print-architecture OUTPUT_VARIABLE architecture
                   OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
   set(CPACK_DEBIAN_PROGRAMS_FILE_NAME rye_${PROJECT_VERSION}_native_${architecture}.deb)
   set(CPACK_DEBIAN_C_FILE_NAME librye-c-dev_${PROJECT_VERSION}_native_${architecture}.deb)
+endif()
+
+# What is not built has no package: read by cpack before each kind of package.
+get_property(packaged GLOBAL PROPERTY rye_packaged)
+set(CPACK_PROJECT_CONFIG_FILE ${PROJECT_BINARY_DIR}/ryePackaged.cmake)
+if(NOT CMAKE_CONFIGURATION_TYPES)
+  file(GENERATE OUTPUT ${CPACK_PROJECT_CONFIG_FILE} CONTENT "
+macro(rye_package_if_built component)
+  foreach(file \${ARGN})
+    if(NOT EXISTS \"\${file}\")
+      message(STATUS \"rye: \${file} is not built, so the component \${component} has no package\")
+      list(REMOVE_ITEM CPACK_COMPONENTS_ALL \${component})
+      break()
+    endif()
+  endforeach()
+endmacro()
+${packaged}")
+else()
+  unset(CPACK_PROJECT_CONFIG_FILE)
 endif()
 include(CPack)

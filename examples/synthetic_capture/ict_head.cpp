@@ -111,12 +111,18 @@ struct Names {
 
 Names read_names(const fs::path& path) {
     const nlohmann::json json = read_json(path);
-    try {
-        return {json.at("expressions").get<std::vector<std::string>>(),
-                json.at("identity").get<std::vector<std::string>>()};
-    } catch (const nlohmann::json::exception& e) {
-        throw Error(path.string() + ": expected lists 'expressions' and 'identity': " + e.what());
-    }
+    const auto names = [&](const char* key) {
+        const std::string who = path.string() + ": " + key;
+        require(json.is_object() && json.contains(key) && json.at(key).is_array(), who,
+                "is missing or no list, expected a list of names");
+        std::vector<std::string> list;
+        for (const nlohmann::json& name : json.at(key)) {
+            require(name.is_string(), who, "got " + name.dump() + ", expected a name");
+            list.push_back(name.get<std::string>());
+        }
+        return list;
+    };
+    return {names("expressions"), names("identity")};
 }
 
 /// Deformable geometry: the subject's neutral face and its sparse blendshapes.

@@ -29,7 +29,8 @@ int main(int argc, char** argv) {
     app.set_version_flag("--version", version);
     app.require_subcommand(1);
     app.footer(
-        "Exit codes: 0 done; 1 the command ran and its answer is no (rye info: not usable); "
+        "Exit codes: 0 done; 1 the command ran and its answer is no (rye info, rye import: not "
+        "usable); "
         "2 a wrong command line, an unusable input, or no memory or disk for the work.");
     add_capture(app);
     add_import(app);

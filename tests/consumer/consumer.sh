@@ -22,9 +22,11 @@ if [ "$way" = pkg_config ]; then
     PKG_CONFIG_PATH=$(dirname "$(find "$work/prefix" -name rye.pc)")
     export PKG_CONFIG_PATH
     flags=$(pkg-config --cflags --libs rye)
-    echo "$cxx -std=c++20 -O1 main.cpp $flags"
+    wanted="-O2 -Wall -Wextra -Werror"
+    if "$cxx" -march=native -fsyntax-only -x c++ /dev/null; then wanted="$wanted -march=native"; fi
+    echo "$cxx -std=c++20 $wanted main.cpp $flags"
     # shellcheck disable=SC2086 # a list of options
-    "$cxx" -std=c++20 -O1 "$work/project/main.cpp" $flags -o "$work/consumer"
+    "$cxx" -std=c++20 $wanted "$work/project/main.cpp" $flags -o "$work/consumer"
     "$work/consumer"
     exit 0
 fi

@@ -2,6 +2,7 @@
 // `rye import` as a user runs it: its summary ends with the verdict of `rye info`.
 #include <algorithm>
 #include <filesystem>
+#include <fstream>
 #include <iostream>
 #include <sstream>
 #include <string>
@@ -15,6 +16,7 @@
 #include "../support/hostile.hpp"
 #include "commands/commands.hpp"
 #include "comparison.hpp"
+#include "data/json.hpp"
 #include "sources.hpp"
 
 using namespace rye;
@@ -25,6 +27,7 @@ namespace {
 
 struct Outcome {
     std::string printed, fault;
+    int code = 0; ///< of an error that is not a fault
 };
 
 Outcome run(std::vector<std::string> words) {
@@ -36,6 +39,8 @@ Outcome run(std::vector<std::string> words) {
     Outcome o;
     try {
         app.parse(words);
+    } catch (const CLI::RuntimeError& e) {
+        o.code = e.get_exit_code();
     } catch (const CLI::ParseError& e) {
         o.fault = e.what();
     } catch (const Error& e) {
@@ -69,10 +74,56 @@ TEST_CASE("import: the summary has what was found, derived and missing, and the 
     CHECK(run({"import", "vhap", source, "--out", out, "--quiet"}).printed.empty());
 }
 
+TEST_CASE("import: a verdict of errors is an exit code of 1, quiet or not") {
+    const TemporaryFolder folder;
+    CaptureSettings s = small_settings();
+    s.cameras = 1;
+    const TrueScene truth = true_scene(folder.path / "truth", s);
+    const std::string source = (folder.path / "source").string();
+    const std::string out = (folder.path / "out").string();
+    write_vhap_source(truth, source);
+    CHECK(run({"import", "vhap", source, "--out", out, "--quiet"}).code == 0);
+    fs::remove(fs::path(out) / "params/00000/lmk_3d.npy"); // complete frames are not written again
+    const Outcome o = run({"import", "vhap", source, "--out", out});
+    INFO(o.printed);
+    CHECK(o.fault.empty());
+    CHECK(o.printed.find(": not usable") != std::string::npos);
+    CHECK(o.code == 1);
+    CHECK(run({"import", "vhap", source, "--out", out, "--quiet"}).code == 1);
+}
+
+TEST_CASE("import: what its own record holds is refused by file, frame and fact") {
+    const TemporaryFolder folder;
+    CaptureSettings s = small_settings();
+    s.cameras = 1;
+    const TrueScene truth = true_scene(folder.path / "truth", s);
+    const std::string source = (folder.path / "source").string();
+    const std::string out = (folder.path / "out").string();
+    write_vhap_source(truth, source);
+    run({"import", "vhap", source, "--out", out, "--quiet"});
+    const fs::path record = fs::path(out) / "import.json";
+    nlohmann::json json = read_json(record);
+    json.at("frames").at("00000")["off"] = "much";
+    std::ofstream(record) << json;
+    CHECK(run({"import", "vhap", source, "--out", out}).fault.find(
+              "import.json: frames: 00000: off: got \"much\", expected a finite number") !=
+          std::string::npos);
+}
+
 TEST_CASE("import: wrong words on the command line") {
     const TemporaryFolder folder;
     const std::string out = (folder.path / "out").string();
-    CHECK(run({"import"}).fault.find("subcommand is required") != std::string::npos);
+    CHECK(run({"import"}).fault == "rye import: a kind of source is missing, expected vhap, gha, "
+                                   "xgaze, colmap or transforms");
+    // The kind is blamed, not the option after it.
+    const std::string kinds = "for the kind of source, expected vhap, gha, xgaze, colmap or "
+                              "transforms";
+    CHECK(run({"import", "flame", "x", "--out", out}).fault ==
+          "rye import: got 'flame' " + kinds);
+    CHECK(run({"import", "--out", out, "vhap", "x"}).fault ==
+          "rye import: got '--out' " + kinds);
+    CHECK(run({"import", "vhap", "x", "more", "--out", out}).fault.find("more") !=
+          std::string::npos);
     CHECK(run({"import", "vhap", "x"}).fault.find("--out is required") != std::string::npos);
     CHECK(run({"import", "vhap", "x", "--out", out, "--gaze", "g.csv"}).fault.find("--gaze") !=
           std::string::npos);

@@ -34,6 +34,8 @@ int main(int argc, char** argv) {
             write_vhap_source(truth, source);
         else if (kind == "gha")
             write_gha_source(truth, source, 0.1);
+        else if (kind == "blender")
+            write_blender_source(truth, source);
         else if (kind == "transforms")
             write_transforms_source(truth, source, true);
         else if (kind == "colmap")

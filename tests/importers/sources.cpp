@@ -380,6 +380,29 @@ void write_transforms_source(const TrueScene& truth, const fs::path& out, bool l
     write_text(out / "transforms.json", json.dump(2));
 }
 
+void write_blender_source(const TrueScene& truth, const fs::path& out) {
+    const Capture& c = truth.capture;
+    const std::array<std::string, 3> parts{"train", "val", "test"};
+    for (int k = 0; k < 3; ++k) {
+        const std::string& part = parts[static_cast<std::size_t>(k)];
+        const Pinhole<double>& camera = c.camera(0, k);
+        const Image8 color = over_white(c, 0, k), mask = to_8bit(c.mask(0, k));
+        Image8 picture{color.width, color.height, 4, {}};
+        for (std::size_t i = 0; i < mask.values.size(); ++i) {
+            for (std::size_t j = 0; j < 3; ++j) picture.values.push_back(color.values[3 * i + j]);
+            picture.values.push_back(mask.values[i]);
+        }
+        fs::create_directories(out / part);
+        write_png(out / part / "r_0.png", picture);
+        const Json json = {{"camera_angle_x", 2 * std::atan(0.5 * camera.width / camera.fx)},
+                           {"frames",
+                            {{{"file_path", "./" + part + "/r_0"},
+                              {"rotation", 0.012566370614359171},
+                              {"transform_matrix", opengl_pose(camera)}}}}};
+        write_text(out / ("transforms_" + part + ".json"), json.dump(4));
+    }
+}
+
 void write_colmap_source(const TrueScene& truth, const fs::path& out, ColmapFiles files,
                          bool lens) {
     const Capture& c = truth.capture;

@@ -34,6 +34,11 @@ void write_gha_source(const TrueScene& truth, const std::filesystem::path& out, 
 /// transforms.json.
 void write_transforms_source(const TrueScene& truth, const std::filesystem::path& out, bool lens);
 
+/// The first frame as one of Blender's data sets: transforms_train.json, _val and _test, a camera
+/// each, with camera_angle_x; RGBA pictures without background, all of one name, which the lists
+/// have without ending. All of the first camera's focal length and a principal point in the middle.
+void write_blender_source(const TrueScene& truth, const std::filesystem::path& out);
+
 enum class ColmapFiles { binary, text };
 /// The same as a COLMAP model (sparse/0) with pictures; the camera model is OPENCV with a lens,
 /// PINHOLE without.

@@ -36,6 +36,7 @@ struct Source {
         truth = true_scene(folder.path / "truth", s);
         write_transforms_source(truth, folder.path / "transforms", false);
         write_transforms_source(truth, folder.path / "transforms_lens", true);
+        write_blender_source(truth, folder.path / "blender");
         write_colmap_source(truth, folder.path / "colmap", ColmapFiles::binary, false);
         write_colmap_source(truth, folder.path / "colmap_lens", ColmapFiles::binary, true);
         write_colmap_source(truth, folder.path / "text", ColmapFiles::text, false);
@@ -139,6 +140,44 @@ TEST_CASE("stills: cameras and pictures of each layout are those of the scene") 
     }
 }
 
+TEST_CASE("stills: Blender's layout: three lists, no sizes, names without ending, alpha") {
+    const Source& source = Source::one();
+    const TemporaryFolder folder;
+    const fs::path out = folder.path / "out";
+    const ImportSummary summary = import("transforms", source.folder.path / "blender", out);
+    CHECK(summary.cameras == 3);
+    CHECK(summary.found.front() == "3 pictures and cameras, 3 masks");
+    CHECK(read_json(out / "capture.json").at("camera_ids") ==
+          nlohmann::json{"train_r_0", "val_r_0", "test_r_0"});
+    CHECK(camera_difference(source.truth.capture, out) < 1e-9);
+    for (const std::string part : {"train", "val", "test"}) {
+        const Image8 raw = read_image8(source.folder.path / "blender" / part / "r_0.png");
+        const Image8 got =
+            read_image8(out / "images/0000" / ("image_" + part + "_r_0.png"), 3);
+        const Image8 mask = read_image8(out / "images/0000" / ("mask_" + part + "_r_0.png"));
+        REQUIRE(raw.channels == 4);
+        REQUIRE(mask.values.size() * 4 == raw.values.size());
+        bool same = true;
+        for (std::size_t i = 0; i < mask.values.size(); ++i)
+            same = same && mask.values[i] == raw.values[4 * i + 3] &&
+                   got.values[3 * i] == raw.values[4 * i];
+        CHECK(same);
+    }
+    // One of the lists is a source as well.
+    const fs::path one = folder.path / "one";
+    CHECK(import("transforms", source.folder.path / "blender/transforms_val.json", one).cameras ==
+          1);
+    check_refused("transforms", "blender", "train/r_0: no such file, named by file_path of",
+                  [](const fs::path& s) { fs::remove(s / "train/r_0.png"); });
+    check_refused("transforms", "blender", "transforms_test.json: frame 0: transform_matrix: is "
+                                           "missing, expected 4 rows of 4 numbers",
+                  [](const fs::path& s) {
+                      edit_json(s / "transforms_test.json", [](nlohmann::json& j) {
+                          j.at("frames").at(0).erase("transform_matrix");
+                      });
+                  });
+}
+
 TEST_CASE("stills: a lens is straightened") {
     const Source& source = Source::one();
     const Capture& truth = source.truth.capture;
@@ -214,6 +253,10 @@ TEST_CASE("transforms: wrong sources are refused by file, field and value") {
            [](nlohmann::json& j) { j.at("frames").at(0)["fl_x"] = -5; });
     edited("transforms.json: frame 2: transform_matrix: its 3 x 3 part is not a rotation",
            [](nlohmann::json& j) { j.at("frames").at(2).at("transform_matrix").at(0).at(0) = 3; });
+    edited("transforms.json: frame 0: k1: got \"none\", expected a finite number",
+           [](nlohmann::json& j) { j["k1"] = "none"; });
+    edited("transforms.json: frame 1: transform_matrix: is missing, expected 4 rows of 4 numbers",
+           [](nlohmann::json& j) { j.at("frames").at(1).erase("transform_matrix"); });
     refused("images/photo_01.png: no such file, named by file_path",
             [](const fs::path& s) { fs::remove(s / "images/photo_01.png"); });
     refused(

@@ -127,7 +127,9 @@ TEST_CASE("vhap: wrong sources are refused by file, field and value") {
                           j.at("frames").at(1).at("timestep_index") = -1;
                       });
                   });
-    check_refused("meshes/00001.obj: no such file: landmarks and eyes come from the meshes",
+    check_refused("meshes/00001.obj: no such file: landmarks and eyes come from the meshes; export "
+                  "once more into the same folder with VHAP's `--flame-mode mesh "
+                  "--no-create-mask-from-mesh`",
                   [](const fs::path& s) { fs::remove(s / "meshes/00001.obj"); });
     check_refused("meshes/00000.obj: got 4 vertices, expected FLAME's 5023, or 5143",
                   [](const fs::path& s) {

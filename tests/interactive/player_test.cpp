@@ -2,8 +2,12 @@
 #include <rye/interactive/player.hpp>
 
 #include <limits>
+#include <type_traits>
+#include <utility>
 
 #include <doctest/doctest.h>
+
+#include <rye/core/thread_pool.hpp>
 
 #include "../support/hostile.hpp"
 #include "../support/tiny_playable.hpp"
@@ -12,6 +16,31 @@ using namespace rye;
 using namespace rye::test;
 
 namespace {
+
+// What outlives no call is not kept.
+using Kernels = XsimdBackend<>;
+using Player = AvatarPlayer<Kernels>;
+using Playable = PlayableAvatar<float>;
+static_assert(std::is_constructible_v<Player, Kernels, Playable&> &&
+              std::is_constructible_v<Player, Kernels, const Playable&>);
+static_assert(!std::is_constructible_v<Player, Kernels, Playable> &&
+              !std::is_constructible_v<Player, Kernels, const Playable>);
+template <class Cache, class Avatar, class Config, class Roles>
+constexpr bool keeps = std::is_constructible_v<Cache, Kernels, Avatar, Config, Roles>;
+using Avatar = TwoStream<float>;
+template <class Cache>
+constexpr bool keeps_lasting_ones =
+    keeps<Cache, Avatar&, AvatarConfig&, LandmarkRoles&> &&
+    keeps<Cache, const Avatar&, const AvatarConfig&, const LandmarkRoles&> &&
+    !keeps<Cache, Avatar, AvatarConfig&, LandmarkRoles&> &&
+    !keeps<Cache, const Avatar, AvatarConfig&, LandmarkRoles&> &&
+    !keeps<Cache, Avatar&, AvatarConfig, LandmarkRoles&> &&
+    !keeps<Cache, Avatar&, AvatarConfig&, LandmarkRoles>;
+static_assert(keeps_lasting_ones<DriveCache<Kernels, float>>);
+static_assert(keeps_lasting_ones<FrameCache<Kernels, Balanced, float>>);
+template <class Pool>
+concept GivesThreads = requires(Pool&& pool) { std::forward<Pool>(pool).threads(); };
+static_assert(GivesThreads<ThreadPool&> && !GivesThreads<ThreadPool>);
 
 /// The picture by the ordinary functions.
 Image<float> whole_picture(const PlayableAvatar<float>& p, const Drivers<float>& drivers,

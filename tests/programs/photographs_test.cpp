@@ -65,7 +65,44 @@ TEST_CASE("photographs: what is no lens of OPENCV, or no camera, is refused by n
     refused(scene(R"("k4": 0.1, )"), "k4");
     refused(scene("", R"({"transform_matrix": [[1, 0, 0, 0], [0, 2, 0, 0], [0, 0, 1, 0]]})"),
             "rotation");
-    refused(scene("", "{}"), "transform_matrix");
+    refused(scene("", "{}"), "frame 0: transform_matrix: is missing");
+    refused(scene(R"("k1": "none", )"), "frame 0: k1: got \"none\", expected a finite number");
+    refused(scene("", frame + R"(, "k1": [1]})"), "frame 0: k1: got [1], expected a finite number");
+    refused(scene(R"("camera_model": 3, )"), "frame 0: camera_model: got 3, expected a text");
+    refused(scene("", R"({"file_path": 1, "transform_matrix": 2})"), "frame 0: file_path: got 1");
+    refused(scene("", R"({"transform_matrix": 2})"), "frame 0: transform_matrix: got 2");
+    refused(scene("", R"({"transform_matrix": [[1, 0, 0, 0], 5, 6]})"),
+            "frame 0: transform_matrix: row 1: got 5, expected 4 numbers");
+    refused(scene("", R"({"transform_matrix": [[1, 0, 0, "x"], 5, 6]})"),
+            "frame 0: transform_matrix: row 0: got \"x\", expected a finite number");
+    refused(scene("", "7"), "frame 0: got 7");
+    refused("[]", "got [], expected an object with frames");
+    refused("{}", "frames: is missing");
+    refused(R"({"frames": {}})", "frames: got {}, expected a list");
+    CHECK_THROWS_WITH_AS(lens_coefficients(file.holds(scene(R"("k1": "none", )"))),
+                         doctest::Contains(": k1: got \"none\", expected a finite number"), Error);
+    CHECK_THROWS_WITH_AS(lens_coefficients(file.holds("{}")),
+                         doctest::Contains(": frames: is missing"), Error);
+    // No message is the library's own: those name neither file nor field.
+    const auto ours = [&](const std::string& text) {
+        try {
+            read_photographs(file.holds(text));
+        } catch (const Error& e) {
+            CHECK(std::string(e.what()).find("json.exception") == std::string::npos);
+        }
+    };
+    const nlohmann::json good = nlohmann::json::parse(scene(R"("k1": 0.1, "camera_angle_x": 1, )"));
+    for (const auto& [key, value] : good.items())
+        for (const char* other : {"null", "true", "\"none\"", "[]", "{}", "[{}]", "[[]]", "-1"}) {
+            nlohmann::json wrong = good;
+            wrong[key] = nlohmann::json::parse(other);
+            ours(wrong.dump());
+            wrong = good;
+            wrong["frames"][0][key] = nlohmann::json::parse(other);
+            ours(wrong.dump());
+            wrong["frames"][0]["transform_matrix"] = nlohmann::json::parse(other);
+            ours(wrong.dump());
+        }
     refused(R"({"frames": [)" + frame + "}]}", "w and h");
     refused("{", "json");
     CHECK_THROWS_AS(read_photographs("no such file"), Error);

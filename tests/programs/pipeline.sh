@@ -103,7 +103,7 @@ for kind in splat spz; do
     "$rye" render head.$kind --eye 0,0,-10 --target 0,0,0 --fov 18 --size 64x64 --out $kind.png
 done
 "$rye" info --effects head.spz | grep -q "^scene" || fail "rye info reads no SPZ"
-refuses "ends in .ply, .splat, .spz or .glb" "$rye" export --run one --out head.txt
+refuses "ends in .ply, .splat, .spz, .glb or .avatar" "$rye" export --run one --out head.txt
 refuses "axes of its own" "$rye" export --run one --axes world --out never.spz
 refuses "has no harmonics" "$rye" export --run one --sh 3 --out never.splat
 refuses "glTF, which is not read" "$rye" render head.glb --eye 0,0,-10 --target 0,0,0 --out never.png

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A cache compares drivers; what refraction moves, every camera moves.
 // expect: KeptFromFrameToFrame
+// lines: 34
 #include <rye/interactive/drive_cache.hpp>
 #include <rye/backend/scalar.hpp>
 

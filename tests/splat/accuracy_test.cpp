@@ -21,6 +21,30 @@ struct FineKeys : Exact32 {
     static constexpr int depth_bits = 64;
 };
 
+// Each hides one name of Balanced, or gives it another type.
+struct NoAlphaMin : Balanced { void alpha_min(); };
+struct NoFrustumMargin : Balanced { void frustum_margin(); };
+struct NoAlphaFloor : Balanced { void alpha_floor(); };
+struct NoNonFinite : Balanced { void non_finite(); };
+struct NoMaxEntries : Balanced { void max_entries(); };
+struct NoStopRule : Balanced { void stop_rule(); };
+struct NoHasFloor : Balanced { void has_floor(); };
+struct NoDepthBits : Balanced { void depth_bits(); };
+struct NonFiniteOfAnotherType : Balanced { bool non_finite = true; };
+struct NotCopied : Balanced {
+    NotCopied() = default;
+    NotCopied(const NotCopied&) = delete;
+    NotCopied& operator=(const NotCopied&) = delete;
+};
+static_assert(!AccuracyPolicy<NoAlphaMin> && !AccuracyPolicy<NoFrustumMargin> &&
+              !AccuracyPolicy<NoAlphaFloor> && !AccuracyPolicy<NoNonFinite> &&
+              !AccuracyPolicy<NoMaxEntries> && !AccuracyPolicy<NoStopRule> &&
+              !AccuracyPolicy<NoHasFloor> && !AccuracyPolicy<NoDepthBits>);
+static_assert(!AccuracyPolicy<NonFiniteOfAnotherType> &&
+              !AccuracyPolicy<NotCopied>);
+static_assert(AccuracyPolicy<FineKeys> && AccuracyPolicy<Exact64> && AccuracyPolicy<Fast> &&
+              AccuracyPolicy<FeaturesOnly<Balanced>>);
+
 using Plain = ScalarBackend<>;
 using Lanes = XsimdBackend<>;
 

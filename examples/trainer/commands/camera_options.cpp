@@ -46,22 +46,22 @@ Pinhole<double> placed(const CameraOptions& o, const Pinhole<double>& usual,
 
 } // namespace
 
-void add_camera_options(CLI::App& command, CameraOptions& o, const std::string& otherwise) {
+void add_camera_options(CLI::App& command, CameraOptions& o, const CameraDefaults& usual) {
     const auto finite = CLI::Range(-1e9, 1e9);
     const auto vector = [&](const char* name, std::vector<double>& v, const std::string& help) {
         return command.add_option(name, v, help)->delimiter(',')->expected(3)->check(finite);
     };
     CLI::Option* const eye = vector("--eye", o.eye, "A camera of one's own: its position X,Y,Z");
     vector("--look-at,--target", o.look_at,
-           "Point in the middle of its picture: X,Y,Z (default: the middle "
-           "of the face)")
+           "Point in the middle of its picture: X,Y,Z (" + usual.look_at + ")")
         ->needs(eye);
-    vector("--up", o.up, "Up direction of its picture: X,Y,Z (" + otherwise + ")")->needs(eye);
+    vector("--up", o.up, "Up direction of its picture: X,Y,Z (default: " + usual.up + ")")->needs(eye);
     command
-        .add_option("--fov", o.fov_deg, "Its vertical field of view in degrees (" + otherwise + ")")
+        .add_option("--fov", o.fov_deg,
+                    "Its vertical field of view in degrees (default: " + usual.fov + ")")
         ->check(CLI::Range(0.01, 179.0))
         ->needs(eye);
-    command.add_option("--size", o.size, "Size of the picture in pixels: WxH (" + otherwise + ")");
+    command.add_option("--size", o.size, "Size of the picture in pixels: WxH (default: " + usual.size + ")");
     CLI::Option* const file =
         command
             .add_option("--cameras", o.file,

@@ -26,8 +26,13 @@ struct CameraOptions {
     bool given() const { return !eye.empty() || !file.empty(); }
 };
 
-/// Adds the options; the help of those with defaults says `otherwise`.
-void add_camera_options(CLI::App& command, CameraOptions& options, const std::string& otherwise);
+/// What a command takes for an option that is not given, as its help says it: "0,-1,0".
+struct CameraDefaults {
+    std::string look_at, up, fov, size;
+};
+
+/// Adds the options, each with its own default in its help.
+void add_camera_options(CLI::App& command, CameraOptions& options, const CameraDefaults& defaults);
 
 /// The cameras that were given: one, or all of --cameras if --view was not. What is missing is that
 /// of `usual`, and the point to look at `middle`; of none, `usual` itself, in the size of --size.

@@ -10,7 +10,7 @@
 
 #include <rye/core/error.hpp>
 
-#include "data/json.hpp"
+#include "data/json_fields.hpp"
 #include "data/panel.hpp"
 
 namespace rye::trainer {
@@ -75,14 +75,19 @@ std::map<std::string, std::array<int, 4>> eye_boxes(const fs::path& evaluation) 
     std::map<std::string, std::array<int, 4>> boxes;
     const fs::path path = evaluation / "per_view.json";
     if (!fs::exists(path)) return boxes;
-    try {
-        for (const nlohmann::json& view : read_json(path)) {
-            if (!view.contains("picture") || !view.contains("eyes_box")) continue;
-            const auto box = view.at("eyes_box").get<std::array<int, 4>>();
-            if (box[2] > 0) boxes[view.at("picture").get<std::string>()] = box;
+    for (const nlohmann::json& view : read_json(path)) {
+        if (!view.contains("picture") || !view.contains("eyes_box")) continue;
+        const nlohmann::json& numbers = json_list(view, "eyes_box", path.string(), "4 numbers");
+        require(numbers.size() == 4, path.string() + ": eyes_box",
+                "got " + json_excerpt(numbers) + ", expected 4 numbers");
+        std::array<int, 4> box{};
+        for (std::size_t i = 0; i < 4; ++i) {
+            const double x = json_number(numbers.at(i), path.string() + ": eyes_box");
+            require(std::abs(x) <= max_image_edge, path.string() + ": eyes_box",
+                    "got " + json_excerpt(numbers) + ", expected pixels of a picture");
+            box[i] = static_cast<int>(x);
         }
-    } catch (const nlohmann::json::exception& e) {
-        throw Error(path.string() + ": fields 'picture' and 'eyes_box': " + e.what());
+        if (box[2] > 0) boxes[json_text(view, "picture", "", path.string())] = box;
     }
     return boxes;
 }

@@ -20,6 +20,7 @@
 #include "commands/export_avatar.hpp"
 #include "commands/options.hpp"
 #include "data/deflate.hpp"
+#include "data/out_format.hpp"
 #include "data/threads.hpp"
 #include "training/steps.hpp"
 
@@ -68,7 +69,7 @@ SplatFileOptions file_options(const ExportOptions& o) {
     std::error_code none;
     const bool pipe =
         std::filesystem::exists(o.out, none) && !std::filesystem::is_regular_file(o.out, none);
-    if (!pipe) options.kind = written_splat_kind(o.out, "rye export: --out");
+    if (!pipe) options.kind = written_splat_kind(o.out, "rye export: --out", ".avatar");
     require(o.axes == "ply" || options.kind == SplatKind::ply || options.kind == SplatKind::splat,
             "rye export",
             "--axes world: the format of " + o.out.string() +
@@ -108,7 +109,7 @@ std::string rounding(const GaussianCloud<float>& cloud, const Bytes& bytes, Spla
 
 void export_splats(const ExportOptions& o) {
     set_threads(o.threads);
-    if (o.out.extension() == ".avatar")
+    if (extension_of(o.out) == ".avatar")
         return export_avatar({o.run, o.capture, o.out, o.frame, o.avatar.camera,
                               o.avatar.full_precision});
     const SplatFileOptions options = file_options(o);
@@ -138,7 +139,8 @@ void export_splats(const ExportOptions& o) {
 
 void add_export(CLI::App& app) {
     auto o = std::make_shared<ExportOptions>();
-    CLI::App* c = app.add_subcommand("export", "Write a trained head as a splat file");
+    CLI::App* c = app.add_subcommand("export", "Write a trained head as a splat file, or as a whole "
+                                               "avatar");
     c->add_option("--run", o->run, "Folder of the run")
         ->required()
         ->check(folder_check("the folder of a run with its checkpoint"));

@@ -2,6 +2,7 @@
 /// `rye import KIND SOURCE --out CAPTURE`: makes a capture of other programs' data.
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <iostream>
 #include <memory>
@@ -27,6 +28,37 @@ struct Arguments {
 
 using Importer = ImportSummary (*)(const ImportOptions&);
 
+/// The kinds in the order of --help, for the error of another one.
+std::string kinds_of(const CLI::App& command) {
+    std::string all;
+    const auto kinds = command.get_subcommands([](const CLI::App*) { return true; });
+    for (const CLI::App* kind : kinds)
+        all += (all.empty() ? "" : kind == kinds.back() ? " or " : ", ") + kind->get_name();
+    return all;
+}
+
+/// Prints the verdict of `rye info`, so that the next command is known; returns whether the capture
+/// is without errors.
+bool print_verdict(const std::filesystem::path& out, bool quiet) {
+    std::vector<Problem> problems;
+    const Capture capture = read_capture(out, {}, &problems);
+    const std::vector<Problem> more = validate(capture);
+    problems.insert(problems.end(), more.begin(), more.end());
+    const Verdict verdict = judge(capture, problems);
+    for (const Problem& p : problems)
+        if (p.severity == Problem::Severity::error)
+            (quiet ? std::cerr : std::cout) << "error     " << p.message << "\n";
+    if (quiet) return verdict.errors == 0;
+    for (const std::string& words : verdict.expect) std::cout << "warning   " << words << "\n";
+    std::cout << "verdict   " << verdict.text() << "\n"
+              << "next      `rye info " << out.string() << "`"
+              << (verdict.trainable() ? ", `rye train --capture " + out.string() +
+                                            " --out RUN --preset tiny`"
+                                      : "")
+              << "\n";
+    return verdict.errors == 0;
+}
+
 void run(const Arguments& a, Importer import) {
     set_threads(a.threads);
     ImportOptions options = a.options;
@@ -38,30 +70,15 @@ void run(const Arguments& a, Importer import) {
         std::fflush(stdout);
     };
     const ImportSummary summary = import(options);
-    if (a.quiet) return;
-    std::cout << summary.text();
-    if (!summary.has_head) {
+    if (!a.quiet) std::cout << summary.text();
+    if (summary.has_head) {
+        if (!print_verdict(options.out, a.quiet)) throw CLI::RuntimeError(1);
+    } else if (!a.quiet) {
         const std::string cameras = (options.out / "transforms.json").string();
         std::cout << "verdict   pictures and cameras of a still scene, without a head to train\n"
                   << "next      `rye render GAUSSIANS.ply --cameras " << cameras
                   << " --view 0 --out view.png`\n";
-        return;
     }
-    // The verdict of `rye info`, so that the next command is known.
-    std::vector<Problem> problems;
-    const Capture capture = read_capture(options.out, {}, &problems);
-    const std::vector<Problem> more = validate(capture);
-    problems.insert(problems.end(), more.begin(), more.end());
-    const Verdict verdict = judge(capture, problems);
-    for (const Problem& p : problems)
-        if (p.severity == Problem::Severity::error) std::cout << "error     " << p.message << "\n";
-    for (const std::string& words : verdict.expect) std::cout << "warning   " << words << "\n";
-    std::cout << "verdict   " << verdict.text() << "\n"
-              << "next      `rye info " << options.out.string() << "`"
-              << (verdict.trainable() ? ", `rye train --capture " + options.out.string() +
-                                            " --out RUN --preset tiny`"
-                                      : "")
-              << "\n";
 }
 
 CLI::App* add_kind(CLI::App& command, const std::shared_ptr<Arguments>& a, const char* name,
@@ -82,7 +99,17 @@ CLI::App* add_kind(CLI::App& command, const std::shared_ptr<Arguments>& a, const
 void add_import(CLI::App& app) {
     CLI::App* command = app.add_subcommand(
         "import", "Make a capture of other programs' data; an interrupted import is continued");
-    command->require_subcommand(1);
+    // A word that is no kind is left over with all that follows: it is blamed, not an option of a
+    // kind after it.
+    command->allow_extras();
+    command->require_subcommand(0, 1);
+    command->parse_complete_callback([command] {
+        const std::vector<std::string> words = command->remaining();
+        if (words.empty() && !command->get_subcommands().empty()) return;
+        const std::string expected = ", expected " + kinds_of(*command);
+        require(!words.empty(), "rye import", "a kind of source is missing" + expected);
+        throw Error("rye import: got '" + words.front() + "' for the kind of source" + expected);
+    });
     const auto a = std::make_shared<Arguments>();
     CLI::App* vhap = add_kind(*command, a, "vhap", "FLAME tracking that VHAP exported, with meshes",
                               import_vhap);
@@ -110,7 +137,8 @@ void add_import(CLI::App& app) {
                       "ETH-XGaze's are 960 300 448");
     add_kind(*command, a, "colmap", "Pictures of a COLMAP model (sparse/0 and images)",
              import_colmap);
-    add_kind(*command, a, "transforms", "Photographs with a transforms.json (nerfstudio)",
+    add_kind(*command, a, "transforms", "Photographs with a transforms.json (nerfstudio), or of Blender's layout "
+             "(transforms_train.json)",
              import_transforms);
 }
 

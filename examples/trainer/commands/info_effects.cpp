@@ -12,7 +12,7 @@
 #include <rye/math/rotation.hpp>
 
 #include "commands/options.hpp"
-#include "data/json.hpp"
+#include "data/json_fields.hpp"
 #include "data/photographs.hpp"
 #include "training/dispatch.hpp"
 #include "training/scene_profile.hpp"
@@ -150,15 +150,11 @@ Explanation explain_photographs(const std::filesystem::path& folder, const Profi
     const std::filesystem::path path = folder / "transforms.json";
     SceneFacts facts;
     RenderFacts render;
-    std::size_t frames = 0;
-    try {
-        const nlohmann::json json = read_json(path);
-        const auto of = [&](const char* key) { return json.value(key, 0.0); };
-        render.size = render.wanted = {of("w"), of("h")};
-        frames = json.at("frames").size();
-    } catch (const nlohmann::json::exception& e) {
-        throw Error(path.string() + ": " + e.what());
-    }
+    const nlohmann::json json = read_json(path);
+    const auto of = [&](const char* key) { return json_number(json, key, 0, path.string()); };
+    const std::size_t frames =
+        json_list(json, "frames", path.string(), "a list of photographs").size();
+    render.size = render.wanted = {of("w"), of("h")};
     render.distortion = lens_coefficients(path);
     facts.render = render;
     const SceneProfile p = profile(facts, bounds);

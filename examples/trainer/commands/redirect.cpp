@@ -286,7 +286,8 @@ void add_redirect(CLI::App& app) {
     c->add_option("--frame", o->frame, "Frame whose expression and head pose are used "
                                        "(default: the first test frame)");
     c->add_option("--camera", o->camera, "Camera of that frame (default: the most frontal)");
-    add_camera_options(*c, o->own, "default: as of --camera");
+    add_camera_options(*c, o->own, {"default: the middle of the face", "that of --camera",
+                                   "that of --camera", "that of --camera"});
     c->add_option("--gaze-left", o->left, "Subject's left eye: PITCH,YAW in degrees, head frame; "
                                           "+ is up and toward the subject's left")->delimiter(',');
     c->add_option("--gaze-right", o->right, "Subject's right eye: PITCH,YAW in degrees")->delimiter(',');

@@ -202,7 +202,9 @@ void add_render(CLI::App& app) {
                   "whose head is drawn at its first test frame")
         ->required()
         ->check(CLI::ExistingPath);
-    add_camera_options(*c, o->own, "default: 0,-1,0, 40 and 512x512; of a run, as its own camera");
+    add_camera_options(*c, o->own, {"needed for a splat file; of a run, default: the middle of the face",
+                        "0,-1,0; of a run, as its own camera", "40; of a run, as its own camera",
+                        "512x512; of a run, as its own camera"});
     vector("--background", o->background, "R,G,B in 0 to 1")->check(CLI::Range(0.0, 1.0))
         ->capture_default_str();
     c->add_option("--accuracy", o->accuracy, "3dgs (as viewers draw), fast, balanced, tight or "

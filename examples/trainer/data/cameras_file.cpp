@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "data/json.hpp"
+#include "data/json_fields.hpp"
 #include "data/picture.hpp"
 
 namespace rye::trainer {
@@ -34,12 +34,6 @@ struct Fields {
     }
 };
 
-double finite(const Json& value, const std::string& who) {
-    require(value.is_number() && std::isfinite(value.get<double>()), who,
-            "got " + value.dump() + ", expected a finite number");
-    return value.get<double>();
-}
-
 /// rows x cols numbers as nested lists, or as one list if there is one row.
 Eigen::MatrixXd matrix(const Json& value, std::size_t rows, std::size_t cols, const char* key) {
     Eigen::MatrixXd m(rows, cols);
@@ -47,7 +41,7 @@ Eigen::MatrixXd matrix(const Json& value, std::size_t rows, std::size_t cols, co
         require(row.is_array() && row.size() == cols, key,
                 "got " + row.dump() + ", expected " + std::to_string(cols) + " numbers");
         for (std::size_t j = 0; j < cols; ++j)
-            m(static_cast<Index>(i), static_cast<Index>(j)) = finite(row.at(j), key);
+            m(static_cast<Index>(i), static_cast<Index>(j)) = json_number(row.at(j), key);
     };
     if (rows == 1) {
         row_of(value, 0);
@@ -103,7 +97,7 @@ Pinhole<double> by_place(const Fields& of) {
     const auto point = [&](const char* key) -> Vec3<double> {
         return matrix(of.at(key), 1, 3, key).transpose();
     };
-    const double fov = finite(of.at("fov"), "fov");
+    const double fov = json_number(of.at("fov"), "fov");
     require(fov > 0 && fov < 180, "fov",
             "got " + of.at("fov").dump() + ", expected degrees between 0 and 180");
     return look_at<double>(point("eye"), point("look_at"), point("up"), fov * degree,
@@ -119,7 +113,7 @@ Photograph camera_of(const Json& file, const Json& camera) {
     require(matrices != camera.contains("eye"), "a camera",
             "expected 'eye' (with look_at, up and fov) or 'extrinsic' (with intrinsic)");
     Photograph p;
-    p.file = camera.value("name", "");
+    p.file = json_text(camera, "name", "", "a camera");
     p.camera = matrices ? by_matrices(of) : by_place(of);
     return p;
 }

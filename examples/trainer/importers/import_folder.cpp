@@ -11,7 +11,7 @@
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 
-#include "data/json.hpp"
+#include "data/json_fields.hpp"
 #include "data/threads.hpp"
 
 namespace rye::trainer {
@@ -119,6 +119,18 @@ void require_same_job(const ImportFolder::Json& now, const ImportFolder::Json& b
                     " now; expected the same, or another --out");
 }
 
+/// Throws Error unless facts are what importers store: whether there is a gaze, and numbers.
+void require_facts(const ImportFolder::Json& facts, const std::string& who) {
+    require(facts.is_object(), who, "got " + json_excerpt(facts) + ", expected an object");
+    for (const auto& [key, value] : facts.items()) {
+        if (key == "gaze")
+            require(value.is_boolean(), who + ": gaze",
+                    "got " + json_excerpt(value) + ", expected true or false");
+        else
+            json_number(value, who + ": " + key);
+    }
+}
+
 void add_lines(std::string& text, const char* label, const std::vector<std::string>& lines) {
     for (std::size_t i = 0; i < lines.size(); ++i) {
         std::string first = i == 0 ? label : "";
@@ -149,7 +161,10 @@ ImportFolder::ImportFolder(const fs::path& out, const Json& job) : out_(out), jo
                     before.at("frames").is_object(),
                 who, "has no job and frames, expected the record of an import");
         require_same_job(job_, before.at("job"), who);
-        for (const auto& [frame, facts] : before.at("frames").items()) frames_[frame] = facts;
+        for (const auto& [frame, facts] : before.at("frames").items()) {
+            require_facts(facts, who + ": frames: " + frame);
+            frames_[frame] = facts;
+        }
         return;
     }
     require(!fs::exists(out) || (fs::is_directory(out) && fs::is_empty(out)), out.string(),

@@ -22,12 +22,16 @@ std::string size_text(int width, int height) {
     return std::to_string(width) + " x " + std::to_string(height);
 }
 
-/// Names of cameras: the path of each picture without its ending, distinct and without slashes.
+/// Names of cameras, distinct and without slashes: that of each picture without its ending, with
+/// its folder where two pictures have one name.
 std::vector<std::string> camera_names(const std::vector<Still>& stills) {
     std::vector<std::string> names;
-    std::set<std::string> used;
+    std::set<std::string> used, stems;
+    for (const Still& s : stills) stems.insert(s.image.stem().string());
+    const bool with_folder = stems.size() < stills.size();
     for (const Still& s : stills) {
         std::string name = s.image.stem().string();
+        if (with_folder) name.insert(0, s.image.parent_path().filename().string() + "_");
         for (char& c : name)
             if (std::isalnum(static_cast<unsigned char>(c)) == 0 && c != '-') c = '_';
         // "image_lowres_..." is a half-size image of Gaussian Head Avatar.

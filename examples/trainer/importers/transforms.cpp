@@ -3,7 +3,7 @@
 /// have it: camera to world in OpenGL axes. The world is kept.
 #include <rye/core/error.hpp>
 
-#include "data/json.hpp"
+#include "data/json_fields.hpp"
 #include "importers/stills.hpp"
 
 namespace rye::trainer {
@@ -15,43 +15,55 @@ using Json = ImportFolder::Json;
 /// The path as written, or with the ending that Blender's data sets leave out.
 fs::path picture_of(const fs::path& folder, const std::string& path) {
     const fs::path file = folder / path;
-    if (!fs::exists(file))
+    if (!fs::is_regular_file(file))
         for (const char* suffix : {".png", ".jpg", ".jpeg"})
-            if (fs::path with = file.string() + suffix; fs::exists(with)) return with;
+            if (fs::path with = file.string() + suffix; fs::is_regular_file(with)) return with;
     return file;
 }
 
-} // namespace
+/// The file that was given; in a folder its transforms.json, or else those of Blender's data sets,
+/// which cut one list into three.
+std::vector<fs::path> files_of(const fs::path& source) {
+    if (!fs::is_directory(source)) return {source};
+    const fs::path all = source / "transforms.json";
+    if (fs::exists(all)) return {all};
+    std::vector<fs::path> parts;
+    for (const char* part : {"train", "val", "test"})
+        if (fs::path file = source / ("transforms_" + std::string(part) + ".json");
+            fs::exists(file))
+            parts.push_back(std::move(file));
+    require(!parts.empty(), all.string(),
+            "no such file, expected transforms.json of photographs (nerfstudio, instant-ngp), or "
+            "transforms_train.json (Blender's data sets)");
+    return parts;
+}
 
-ImportSummary import_transforms(const ImportOptions& options) {
-    const Json job = import_job("transforms", options);
-    const fs::path file =
-        fs::is_directory(options.source) ? options.source / "transforms.json" : options.source;
-    require(fs::exists(file), file.string(),
-            "no such file, expected transforms.json of photographs (nerfstudio, instant-ngp)");
+/// A file of a frame, which must be there.
+fs::path file_of(const Json& frame, const char* key, const fs::path& folder,
+                 const std::string& who) {
+    fs::path path = picture_of(folder, json_text(frame, key, "", who));
+    require(fs::is_regular_file(path), path.string(),
+            "no such file, named by " + std::string(key) + " of " + who);
+    return path;
+}
+
+void add_stills(const fs::path& file, std::vector<Still>& stills) {
     Json json = read_json<Json>(file);
     const std::string name = file.string();
     require(json.is_object() && json.contains("frames") && json.at("frames").is_array() &&
                 !json.at("frames").empty(),
             name + ": frames", "is missing or empty, expected a list of photographs");
-    std::vector<Still> stills;
+    const std::size_t first = stills.size();
     for (std::size_t i = 0; i < json.at("frames").size(); ++i) {
         Json& frame = json.at("frames").at(i);
         const std::string who = name + ": frame " + std::to_string(i);
-        require(
-            frame.is_object() && frame.contains("file_path") && frame.at("file_path").is_string(),
-            who + ": file_path", "is missing, expected the path of a picture");
+        require(frame.is_object() && frame.contains("file_path"), who + ": file_path",
+                "is missing, expected the path of a picture");
         Still still;
-        still.image = picture_of(file.parent_path(), frame.at("file_path").get<std::string>());
-        require(fs::is_regular_file(still.image), still.image.string(),
-                "no such file, named by file_path of " + who);
-        if (frame.contains("mask_path")) {
-            require(frame.at("mask_path").is_string(), who + ": mask_path",
-                    "got " + frame.at("mask_path").dump() + ", expected a path");
-            still.mask = file.parent_path() / frame.at("mask_path").get<std::string>();
-            require(fs::is_regular_file(still.mask), still.mask.string(),
-                    "no such file, named by mask_path of " + who);
-        }
+        still.image = file_of(frame, "file_path", file.parent_path(), who);
+        if (frame.contains("mask_path"))
+            still.mask = file_of(frame, "mask_path", file.parent_path(), who);
+        // Blender's data sets leave the size to the pictures.
         if (!json.contains("w") && !frame.contains("w")) {
             const ImageHeader size = read_image_header(still.image);
             frame["w"] = size.width;
@@ -60,7 +72,16 @@ ImportSummary import_transforms(const ImportOptions& options) {
         stills.push_back(std::move(still));
     }
     const std::vector<Photograph> photographs = parse_photographs(json.dump(), name);
-    for (std::size_t i = 0; i < stills.size(); ++i) stills[i].photograph = photographs[i];
+    for (std::size_t i = 0; i < photographs.size(); ++i)
+        stills[first + i].photograph = photographs[i];
+}
+
+} // namespace
+
+ImportSummary import_transforms(const ImportOptions& options) {
+    const Json job = import_job("transforms", options);
+    std::vector<Still> stills;
+    for (const fs::path& file : files_of(options.source)) add_stills(file, stills);
     return import_stills(stills, job, options);
 }
 

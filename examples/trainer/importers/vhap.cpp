@@ -172,10 +172,11 @@ VhapSource read_source(const ImportOptions& o) {
     for (auto& [time, frame] : frames) s.frames.push_back(std::move(frame));
     for (const VhapFrame& f : s.frames) {
         require(fs::exists(f.params), f.params.string(),
-                "no such file: export with VHAP's `--flame-mode param` into the same folder");
+                "no such file: export once more into the same folder with VHAP's "
+                "`--flame-mode param`");
         require(fs::exists(f.mesh), f.mesh.string(),
                 "no such file: landmarks and eyes come from the meshes; export once more into the "
-                "same folder with VHAP's `--flame-mode mesh`");
+                "same folder with VHAP's `--flame-mode mesh --no-create-mask-from-mesh`");
     }
     return s;
 }

@@ -9,7 +9,7 @@
 
 #include <cmath>
 
-#include <Eigen/Core>
+#include <rye/core/eigen.hpp>
 
 #include <rye/core/array.hpp>
 #include <rye/core/concepts.hpp>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/backend/lanes.hpp: SIMD lanes times threads. The only include of xsimd, whose system
-/// headers leak macros; in rye only headers of folders named lanes/ include this one.
+/// rye/backend/lanes.hpp: SIMD lanes times threads. The only include of xsimd
+/// (backend/xsimd.hpp), whose system headers leak macros; in rye only headers of folders named
+/// lanes/ include this one.
 #pragma once
 
 #include <cstddef>
@@ -8,7 +9,7 @@
 #include <type_traits>
 #include <utility>
 
-#include <xsimd/xsimd.hpp>
+#include <rye/backend/xsimd.hpp>
 
 #include <rye/backend/backend.hpp>
 #include <rye/core/concepts.hpp>

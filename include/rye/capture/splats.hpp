@@ -132,8 +132,10 @@ GaussianCloud<T> read_splats(const std::filesystem::path& path) {
     return read_ply<T>(path.string());
 }
 
-/// The kind that a name's extension asks for; throws Error unless it is one that is written.
-inline SplatKind written_splat_kind(const std::filesystem::path& path, const std::string& who) {
+/// The kind that a name's extension asks for; throws Error, which lists the kinds and `also`, what
+/// else the caller writes, unless it is one that is written.
+inline SplatKind written_splat_kind(const std::filesystem::path& path, const std::string& who,
+                                    const std::string& also = "") {
     const std::string name = detail::lower_name(path);
     const bool packed = name.ends_with(".compressed.ply");
     const std::pair<std::string_view, SplatKind> written[]{{".ply", SplatKind::ply},
@@ -143,7 +145,8 @@ inline SplatKind written_splat_kind(const std::filesystem::path& path, const std
     for (const auto& [end, kind] : written)
         if (!packed && name.ends_with(end)) return kind;
     throw Error(who + ": got the name " + path.string() +
-                ", expected one that ends in .ply, .splat, .spz or .glb");
+                ", expected one that ends in .ply, .splat, .spz" +
+                (also.empty() ? " or .glb" : ", .glb or " + also));
 }
 
 /// How splat_file_bytes writes.

@@ -7,7 +7,7 @@
 
 #include <vector>
 
-#include <Eigen/Core>
+#include <rye/core/eigen.hpp>
 
 #include <rye/core/config.hpp>
 

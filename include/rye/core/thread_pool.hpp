@@ -55,7 +55,7 @@ class ThreadPool {
     ThreadPool& operator=(const ThreadPool&) = delete;
     ~ThreadPool() { end(); }
 
-    Handle threads() { return Handle(*this); }
+    Handle threads() & { return Handle(*this); }
     /// Number of threads that run at once, the caller's included.
     int size() const { return static_cast<int>(workers_.size()) + 1; }
     /// Number of threads that the constructor was to start, the caller's included.

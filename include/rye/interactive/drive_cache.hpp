@@ -17,6 +17,7 @@
 #pragma once
 
 #include <concepts>
+#include <functional>
 #include <optional>
 #include <string>
 
@@ -46,18 +47,22 @@ class DriveCache {
     /// The avatar, its configuration and roles must outlive the cache. Call reset() when the
     /// avatar's parameters have changed.
     template <EffectSet E>
-        requires KeptFromFrameToFrame<E> DriveCache(const B& backend, const TwoStream<T, E>& avatar,
-                                                    const AvatarConfig& config,
-                                                    const LandmarkRoles& roles)
-            : backend_(backend),
-              avatar_(&avatar),
-              config_(&config),
-              roles_(&roles) {}
+        requires KeptFromFrameToFrame<E>
+    DriveCache(const B& backend, const TwoStream<T, E>& avatar,
+               std::reference_wrapper<const AvatarConfig> config,
+               std::reference_wrapper<const LandmarkRoles> roles)
+        : backend_(backend),
+          avatar_(&avatar),
+          config_(&config.get()),
+          roles_(&roles.get()) {}
+    template <EffectSet E>
+    DriveCache(const B&, const TwoStream<T, E>&&, std::reference_wrapper<const AvatarConfig>,
+               std::reference_wrapper<const LandmarkRoles>) = delete;
 
-        /// Discards all cached values, the rest pose included.
-        void reset() {
-            rest_.reset();
-            last_.reset();
+    /// Discards all cached values, the rest pose included.
+    void reset() {
+        rest_.reset();
+        last_.reset();
     }
 
     /// Updates the Gaussians to the drivers.

@@ -16,6 +16,7 @@
 /// Memory: see bytes().
 #pragma once
 
+#include <functional>
 #include <optional>
 
 #include <rye/interactive/drive_cache.hpp>
@@ -32,18 +33,22 @@ class FrameCache {
     /// Avatar, configuration and roles must outlive the cache. Call reset() when the avatar's
     /// parameters have changed.
     template <EffectSet E>
-        requires KeptFromFrameToFrame<E> FrameCache(const B& backend, const TwoStream<T, E>& avatar,
-                                                    const AvatarConfig& config,
-                                                    const LandmarkRoles& roles,
-                                                    const Rasterizer<A>& rasterizer = {})
-            : avatar_(&avatar),
-              drive_(backend, avatar, config, roles),
-              redraw_(backend, rasterizer),
-              upsampler_(backend) {}
+        requires KeptFromFrameToFrame<E>
+    FrameCache(const B& backend, const TwoStream<T, E>& avatar,
+               std::reference_wrapper<const AvatarConfig> config,
+               std::reference_wrapper<const LandmarkRoles> roles,
+               const Rasterizer<A>& rasterizer = {})
+        : avatar_(&avatar),
+          drive_(backend, avatar, config, roles),
+          redraw_(backend, rasterizer),
+          upsampler_(backend) {}
+    template <EffectSet E>
+    FrameCache(const B&, const TwoStream<T, E>&&, std::reference_wrapper<const AvatarConfig>,
+               std::reference_wrapper<const LandmarkRoles>, const Rasterizer<A>& = {}) = delete;
 
-        void reset() {
-            drive_.reset();
-            shown_.reset();
+    void reset() {
+        drive_.reset();
+        shown_.reset();
     }
 
     /// Updates the render; `camera` is that of the render.

@@ -29,6 +29,7 @@ class AvatarPlayer {
     AvatarPlayer(const B& backend, const PlayableAvatar<T>& playable)
         : playable_(&playable),
           cache_(backend, playable.avatar, playable.config, playable.roles) {}
+    AvatarPlayer(const B&, const PlayableAvatar<T>&&) = delete; // it would not outlive the player
 
     /// The picture; valid until the next call. Gazes are as PlayableAvatar's, `camera` is that of
     /// the picture, `background` the feature behind the head, C. Throws Error for drivers, a

@@ -5,7 +5,7 @@
 
 #include <type_traits>
 
-#include <Eigen/Core>
+#include <rye/core/eigen.hpp>
 
 #include <rye/autodiff/widen.hpp>
 #include <rye/backend/backend.hpp>

@@ -8,6 +8,7 @@
 
 #include <concepts>
 #include <cstdint>
+#include <type_traits>
 
 #include <rye/core/config.hpp>
 #include <rye/gaussian/antialias.hpp>
@@ -112,20 +113,28 @@ struct Compatible3dgsFloor : Compatible3dgs {
     static constexpr bool has_floor = true;
 };
 
+/// Every name of Balanced, which a policy of one's own derives from to state only what differs.
+/// Kinds of rules are constants of the class.
 template <class A>
-concept AccuracyPolicy = std::default_initializable<A> && requires(const A a) {
+concept AccuracyPolicy = std::copyable<A> && std::default_initializable<A> && requires(const A a) {
     { a.alpha_min } -> std::convertible_to<double>;
     { a.alpha_max } -> std::convertible_to<double>;
     { a.stop } -> std::convertible_to<double>;
     { a.dilation } -> std::convertible_to<double>;
-    { A::stop_rule } -> std::convertible_to<Stop>;
-    { A::support } -> std::convertible_to<Support>;
-    { A::antialias } -> std::convertible_to<Antialias>;
-    { A::order } -> std::convertible_to<BlendOrder>;
+    { a.frustum_margin } -> std::convertible_to<double>;
+    { a.alpha_floor } -> std::convertible_to<double>;
+    { a.non_finite } -> std::convertible_to<NonFinite>;
+    { a.max_entries } -> std::convertible_to<std::int64_t>;
+    typename std::integral_constant<Stop, A::stop_rule>;
+    typename std::integral_constant<Support, A::support>;
+    typename std::integral_constant<Antialias, A::antialias>;
+    typename std::integral_constant<BlendOrder, A::order>;
     { A::outputs } -> std::convertible_to<Outputs>;
-    { A::depth_bits } -> std::convertible_to<int>;
-    { A::exp2_degree } -> std::convertible_to<int>;
+    typename std::integral_constant<int, A::depth_bits>;
+    typename std::integral_constant<bool, A::has_floor>;
+    typename std::integral_constant<int, A::exp2_degree>;
 };
+
 /// What is added to both variances on the screen [px^2].
 template <AccuracyPolicy A>
 RYE_HD constexpr double screen_dilation(const A& accuracy) {

@@ -59,6 +59,7 @@ class Resident {
         buffer_.reserve(queue, static_cast<std::size_t>(layout.size()) + 4);
         clear(queue);
     }
+    Resident(const Device&, const CudaQueue&, const ResidentLayout<P>&&) = delete;
 
     const ResidentLayout<P>& layout() const { return *layout_; }
     float* data() const { return buffer_.data(); }

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/core/eigen.hpp: Eigen, whose warnings are not a user's: neither those of its own code, nor
+/// those that g++ gives of vectors of 8 and 16 numbers where it inlines them into a user's.
+#pragma once
+#if defined(__GNUC__)
+#pragma GCC system_header // what it includes is one, too
+#endif
+
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wuninitialized"
+#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
+#pragma GCC diagnostic ignored "-Warray-bounds"
+#pragma GCC diagnostic ignored "-Wstringop-overread"
+#endif
+#include <Eigen/Core>
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC diagnostic pop
+#endif
