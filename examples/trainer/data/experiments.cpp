@@ -218,8 +218,12 @@ std::string folder_name(const std::string& name) {
 }
 
 Experiment read_experiment(const std::filesystem::path& path) {
+    return parse_experiment(as_text(read_file(path, max_json_bytes)), path);
+}
+
+Experiment parse_experiment(std::string_view text, const std::filesystem::path& path) {
     const std::string who = path.string();
-    const Json json = read_json<Json>(path, JsonComments::skipped);
+    const Json json = parse_json_text<Json>(text, who, JsonComments::skipped);
     Experiment e;
     e.name = folder_name(path.stem().string());
     e.title = path.stem().string();

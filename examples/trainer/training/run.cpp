@@ -362,7 +362,11 @@ TrainState load_checkpoint(const std::filesystem::path& run) {
     const std::string who = path.string();
     require(std::filesystem::exists(path), who,
             "there is no checkpoint here, expected a run made by `rye train --out " + run.string() + "`");
-    const Safetensors file = read_safetensors(path);
+    return parse_checkpoint(read_file(path), who);
+}
+
+TrainState parse_checkpoint(ByteSpan bytes, const std::string& who) {
+    const Safetensors file = parse_safetensors(bytes, who);
     const Words word{file, who};
     require(word("format") == format_name, who,
             "metadata 'format': got '" + word("format") + "', expected '" + format_name + "'");
