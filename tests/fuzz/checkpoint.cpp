@@ -8,7 +8,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     using namespace rye;
     fuzz::attempt([&] {
         const trainer::TrainState s =
-            trainer::parse_checkpoint(fuzz::bytes_of(data, size), fuzz::name);
+            trainer::parse_checkpoint(fuzz::unchecked(data, size), fuzz::name);
         fuzz::demand(s.step >= 0 && !s.train_frames.empty(), "there is something to train");
         fuzz::demand(s.subject.neutral.allFinite() && s.avatar.face.position.allFinite(),
                      "its numbers are finite");

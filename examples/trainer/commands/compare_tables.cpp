@@ -8,6 +8,7 @@
 #include <map>
 #include <string_view>
 
+#include <rye/core/checksum.hpp>
 #include <rye/core/error.hpp>
 
 #include "data/json.hpp"
@@ -75,8 +76,14 @@ std::map<std::string, std::array<int, 4>> eye_boxes(const fs::path& evaluation) 
     std::map<std::string, std::array<int, 4>> boxes;
     const fs::path path = evaluation / "per_view.json";
     if (!fs::exists(path)) return boxes;
+    const Bytes bytes = read_file(path, max_json_bytes);
+    const fs::path stated = evaluation / "results.json";
+    const nlohmann::json results = read_json(stated);
+    if (results.is_object() && results.contains("per_view_checksum"))
+        require(results.at("per_view_checksum") == checksum_text(crc32(bytes)), path.string(),
+                "its checksum is not the one in " + stated.string() + ": the file is damaged");
     try {
-        for (const nlohmann::json& view : read_json(path)) {
+        for (const nlohmann::json& view : parse_json_text(as_text(bytes), path.string())) {
             if (!view.contains("picture") || !view.contains("eyes_box")) continue;
             const auto box = view.at("eyes_box").get<std::array<int, 4>>();
             if (box[2] > 0) boxes[view.at("picture").get<std::string>()] = box;

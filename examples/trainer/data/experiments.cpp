@@ -230,6 +230,11 @@ Experiment parse_experiment(std::string_view text, const std::filesystem::path& 
     Fields f(json, who, "");
     f.text("title", e.title);
     f.text("preset", e.preset);
+    try {
+        preset(e.preset);
+    } catch (const Error& error) {
+        throw Error(who + ": " + error.what());
+    }
     f.object("base", e.base);
     f.list("captures", [&](const Json& v, const std::string& where) {
         require(v.is_string(), who,

@@ -11,6 +11,7 @@
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 
+#include "data/checksums.hpp"
 #include "data/json.hpp"
 #include "data/threads.hpp"
 
@@ -146,7 +147,7 @@ std::string ImportSummary::text() const {
 
 ImportRecord parse_import_record(std::string_view text, const std::string& who) {
     using Json = ImportFolder::Json;
-    const Json json = parse_json_text<Json>(text, who);
+    const Json json = parse_checked_json(text, who);
     require(json.is_object() && json.contains("job") && json.at("job").is_object() &&
                 json.contains("frames") && json.at("frames").is_object(),
             who, "has no job and frames, expected the record of an import");
@@ -187,7 +188,7 @@ ImportFolder::ImportFolder(const fs::path& out, const Json& job) : out_(out), re
 void ImportFolder::save_progress() const {
     Json frames = Json::object();
     for (const auto& [frame, facts] : record_.frames) frames[frame] = facts;
-    const std::string text = Json{{"job", record_.job}, {"frames", frames}}.dump(1) + "\n";
+    const std::string text = checked_text({{"job", record_.job}, {"frames", frames}}, 1);
     write_bytes(out_ / "import.json", as_bytes(text));
 }
 
@@ -221,7 +222,8 @@ void ImportFolder::finish(Json description, const ImportSummary& summary) {
                              {"found", summary.found},
                              {"derived", summary.derived},
                              {"missing", summary.missing}};
-    const std::string text = description.dump(1) + "\n";
+    description["checksums"] = array_checksums(out_);
+    const std::string text = checked_text(std::move(description), 1);
     write_bytes(out_ / "capture.json", as_bytes(text));
 }
 
