@@ -184,10 +184,11 @@ void evaluate(const EvaluateOptions& o) {
     write_text(out / "per_view.json", each);
     Json stated = results; // a list has no field for its checksum
     stated["per_view_checksum"] = checksum_text(crc32(as_bytes(each)));
-    write_text(out / "results.json", checked_text(stated, 2));
+    const std::string results_text = checked_text(stated, 2);
+    write_text(out / "results.json", results_text);
 
     if (o.json) {
-        std::cout << results.dump(2) << "\n";
+        std::cout << results_text;
         return;
     }
     std::vector<Row> rows{{"all " + o.split + " frames", all}};
