@@ -16,6 +16,7 @@ import argparse
 import json
 import os
 import struct
+import zlib
 
 # torchvision's numbering of the convolutions: ReLUs and maxima count too.
 CONVOLUTIONS = (0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28)
@@ -52,6 +53,12 @@ def write_safetensors(path, tensors):
         }
         blobs.append(blob)
         offset += len(blob)
+    # As rye's writer: a line of each array with the CRC-32 of its bytes, and the CRC-32 of the lines.
+    lines = ""
+    for (name, t), blob in zip(sorted(tensors.items()), blobs):
+        extents = ", ".join(map(str, t.shape)) + ("," if t.dim() == 1 else "")
+        lines += f"{name} {header[name]['dtype']} ({extents}) {zlib.crc32(blob)}\n"
+    header["__metadata__"] = {"checksum": f"{zlib.crc32(lines.encode()):08x}"}
     text = json.dumps(header, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 8)
     part = f"{path}.part"

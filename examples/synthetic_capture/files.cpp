@@ -9,6 +9,7 @@
 #include <rye/capture/npz.hpp>
 #include <rye/core/parallel.hpp>
 
+#include "data/checksums.hpp"
 #include "data/picture.hpp"
 #include "data/threads.hpp"
 #include "synthetic_capture/scene.hpp"
@@ -301,7 +302,9 @@ void write_capture(const HeadModel& model, const CaptureScene& scene, const fs::
                                                    std::span<const std::int32_t>(dense));
     write_atomic(out / "vertex_index.npy", npy_bytes(index), Durability::atomic_only);
     write_arrays(out / "expression_shapes.npz", expression_shapes(model));
-    const std::string text = description(model, scene, frames).dump(1) + "\n";
+    Json about = description(model, scene, frames);
+    about["checksums"] = array_checksums(out);
+    const std::string text = checked_text(std::move(about), 1);
     write_atomic(out / "capture.json", as_bytes(text), Durability::atomic_only);
 }
 

@@ -140,3 +140,33 @@ TEST_CASE("safetensors: a bad entry leaves the old file as it was") {
     CHECK(read_file(path) == before);
     CHECK(files_in(folder.path) == 1);
 }
+
+TEST_CASE("safetensors: a flipped bit is refused, and a file without a checksum is told apart") {
+    const TemporaryFolder folder;
+    const std::filesystem::path path = folder.path / "a.safetensors";
+    const Columns<float> w = Columns<float>::Ones(3, 2);
+    const std::vector<std::int64_t> step{5};
+    write_safetensors(path, {tensor_entry("w", w), tensor_entry<std::int64_t>("step", {}, step)},
+                      {{"format", "a"}});
+    const Bytes whole = read_file(path);
+    const Safetensors file = parse_safetensors(whole, "a");
+    CHECK(file.checked());
+    CHECK(file.metadata().count("checksum") == 0);
+    int told = 0;
+    for (std::size_t bit = 0; bit < 8 * whole.size(); ++bit) {
+        Bytes bytes = whole;
+        bytes[bit / 8] ^= static_cast<std::byte>(1U << (bit % 8));
+        try {
+            const Safetensors read = parse_safetensors(bytes, "a");
+            CHECK(read.columns<float>("w") == w);
+            CHECK(read.values<std::int64_t>("step", {}) == step);
+            CHECK(read.word("format") == "a");
+        } catch (const Error& e) {
+            CHECK(std::string(e.what()).starts_with("a: "));
+            ++told;
+        }
+    }
+    CHECK(told > static_cast<int>(8 * whole.size()) / 2);
+    CHECK(!parse(R"({"w":{"dtype":"F32","shape":[1],"data_offsets":[0,4]}})", 4).checked());
+    CHECK_FAULT(parse(R"({"__metadata__":{"checksum":"01234567"}})", 0), "the file is damaged");
+}

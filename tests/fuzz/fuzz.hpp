@@ -43,6 +43,15 @@ void attempt(F&& read, std::string_view who = name) {
     }
 }
 
+/// A copy of the input in which no checksum is found: the first "checksum" has another name. What a
+/// checksum would refuse is read too.
+inline Bytes unchecked(const std::uint8_t* data, std::size_t size) {
+    Bytes bytes(bytes_of(data, size).begin(), bytes_of(data, size).end());
+    const std::size_t at = as_text(ByteSpan(bytes)).find("checksum");
+    if (at != std::string_view::npos) bytes[at + 7] = std::byte{'n'};
+    return bytes;
+}
+
 /// A folder for targets that read files, removed at the end.
 struct Folder {
     Folder() {

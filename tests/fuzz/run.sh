@@ -17,7 +17,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 minutes=${1:-0}
 [ $# -eq 0 ] || shift
 seconds=${SECONDS_EACH:-$((minutes * 60))}
-targets=${*:-ply splats npy npz safetensors avatar capture config transforms picture cameras drivers frames sources}
+targets=${*:-ply splats npy npz safetensors avatar capture config transforms picture cameras drivers frames sources checkpoint experiments import_record expression_shapes flame_params lpips}
 build=${BUILD:-$here/../../build/fuzz}
 jobs=${JOBS:-$(nproc)}
 
@@ -52,7 +52,8 @@ limits() {
     case $1 in
         picture) echo "-max_len=2048 -malloc_limit_mb=80" ;;
         avatar) echo "-max_len=65536 -malloc_limit_mb=32" ;;
-        npz | splats) echo "-max_len=8192 -malloc_limit_mb=32" ;;
+        checkpoint) echo "-max_len=131072 -malloc_limit_mb=32" ;;
+        npz | splats | expression_shapes | flame_params) echo "-max_len=8192 -malloc_limit_mb=32" ;;
         *) echo "-max_len=8192 -malloc_limit_mb=16" ;;
     esac
 }
@@ -94,7 +95,7 @@ tr '\n' '\0' < "$out/list" |
 awk -v targets="$targets" -v out="$out" '
     BEGIN {
         n = split(targets, name, " ")
-        printf "%-12s %9s %14s %10s %8s %8s %8s\n", "target", "processes", "executions", "a second",
+        printf "%-17s %9s %14s %10s %8s %8s %8s\n", "target", "processes", "executions", "a second",
             "crashes", "seconds", "corpus"
         for (i = 1; i <= n; ++i) {
             t = name[i]; runs = 0; each = 0; slowest = 0; processes = 0
@@ -110,7 +111,7 @@ awk -v targets="$targets" -v out="$out" '
             while ((("ls " out "/crashes/" t) | getline f) > 0) ++crashes
             corpus = 0
             while ((("ls " out "/corpus/" t) | getline f) > 0) ++corpus
-            printf "%-12s %9d %14d %10d %8d %8d %8d\n", t, processes, runs,
+            printf "%-17s %9d %14d %10d %8d %8d %8d\n", t, processes, runs,
                 (each > 0 ? runs / each : 0), crashes, each, corpus
             all += runs; bad += crashes
             if (runs == 0 || each == 0) ++bad

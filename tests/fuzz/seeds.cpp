@@ -6,15 +6,18 @@
 #include <sstream>
 
 #include <rye/capture/avatar_file.hpp>
+#include <rye/capture/lpips_weights.hpp>
 #include <rye/capture/npz.hpp>
 #include <rye/capture/safetensors.hpp>
 #include <rye/capture/splats.hpp>
 
 #include "data/config.hpp"
 #include "data/driver_table.hpp"
+#include "data/experiments.hpp"
 #include "data/picture_codecs.hpp"
 #include "data/run_frames.hpp"
 
+#include "../programs/tiny_run.hpp"
 #include "../support/tiny_playable.hpp"
 
 namespace {
@@ -258,6 +261,80 @@ void sources() {
                 "cam_rotation", "cam_translation", "<data>", "</data>", "nan", "1e300", ",90"});
 }
 
+/// Runs of a training in both stages, with few numbers.
+void checkpoints() {
+    trainer::TrainState s = trainer::tiny_state();
+    s.capture = "a";
+    trainer::save_checkpoint(out, s);
+    const fs::path file = trainer::checkpoint_path(out);
+    seed("checkpoint", "avatar", read_file(file));
+    s.stage = trainer::Stage::mesh;
+    s.mesh_adam = Adam<trainer::Mesh>(s.mesh);
+    trainer::save_checkpoint(out, s);
+    seed("checkpoint", "mesh", read_file(file));
+    fs::remove(file);
+    dictionary("checkpoint",
+               {"rye-checkpoint", "__metadata__", "checksum", "stage", "mesh", "avatar", "step",
+                "measured_eyes", "true", "false", "left_eye_points", "expression", "F32", "F64",
+                "I64", "[0,0]", "[0]", "avatar_adam.v.", "field_steps", "train_frames", "1e999"});
+}
+
+void experiments() {
+    for (const std::string& name : trainer::built_in_experiments())
+        seed("experiments", name, trainer::to_json(trainer::built_in_experiment(name)).dump());
+    seed("experiments", "own",
+         std::string(R"({"title":"a","preset":"tiny","captures":["b"],"seeds":[1],)") +
+             R"("columns":["gaze"],"rows":[{"name":"c d","run":"e","config":{"seed":2}}]})");
+    dictionary("experiments",
+               {"\"title\":", "\"preset\":", "\"base\":", "\"captures\":", "\"seeds\":",
+                "\"columns\":", "\"rows\":", "\"name\":", "\"run\":", "\"config\":",
+                "\"tiny\"", "\"gaussians\":", "{\"steps\":1}", "18446744073709551615", "//",
+                "\"avatar\":", "\"gaze_mechanism\":", "\"none\"", "[[[["});
+}
+
+/// What imports read: their own record, and an export of VHAP.
+void imports() {
+    seed("import_record", "two",
+         std::string(R"({"job":{"kind":"gha","source":"/a"},"frames":{"0001":{"views":3,)") +
+             R"("spread":0.5,"sightings":2,"borrowed":0,"gaze":true},"0002":{"error":1e-3}}})");
+    seed("import_record", "none", std::string(R"({"job":{},"frames":{}})"));
+    dictionary("import_record", {"\"job\":", "\"frames\":", "\"views\":", "\"gaze\":", "true",
+                                 "\"expression\":", "null", "-1", "1e999", "\"error\":", "{}"});
+    const auto numbers = [](std::vector<Index> shape, std::size_t count) {
+        const std::vector<float> values(count, 0.1F);
+        return npy_array<float>(std::move(shape), values);
+    };
+    seed("flame_params", "zeros",
+         npz_bytes({{"expr", numbers({1, 2}, 2)}, {"jaw_pose", numbers({1, 3}, 3)},
+                    {"rotation", numbers({1, 3}, 3)}, {"neck_pose", numbers({1, 3}, 3)},
+                    {"translation", numbers({1, 3}, 3)}, {"eyes_pose", numbers({1, 6}, 6)}}));
+    dictionary("flame_params", {"PK\x03\x04", "PK\x01\x02", "PK\x05\x06", ".npy", "eyes_pose",
+                                "'<f4'", "'<f8'", "(1, 6)", "(6,)", "translation", "neck_pose"});
+    seed("expression_shapes", "landmarks",
+         npz_bytes({{"landmarks", numbers({2, 66, 3}, 396)}}));
+    seed("expression_shapes", "both", npz_bytes({{"landmarks", numbers({2, 68, 3}, 408)},
+                                                 {"vertices", numbers({2, 3, 3}, 18)}}));
+    dictionary("expression_shapes", {"PK\x03\x04", "PK\x01\x02", "PK\x05\x06", ".npy",
+                                     "landmarks", "vertices", "'<f4'", "'<f8'", "(2, 68, 3)",
+                                     "(2, 66, 3)", "(2, 3, 3)", "(2, 0, 3)", "fortran_order"});
+}
+
+void lpips() {
+    const LpipsWeights<float> weights(VggShape{3, {1, 2, 1, 1, 2}, {1, 1, 1, 1, 1}});
+    std::vector<TensorEntry> entries;
+    std::vector<std::string> words{"F32", "F16", "[0,0]", "nan"};
+    LpipsWeights<float>::fields(
+        [&](const std::string& name, const Columns<float>& a) {
+            entries.push_back(tensor_entry(name, a));
+            words.push_back("\"" + name + "\"");
+        },
+        weights);
+    write_safetensors(out / "weights", entries);
+    seed("lpips", "narrow", read_file(out / "weights"));
+    fs::remove(out / "weights");
+    dictionary("lpips", words);
+}
+
 } // namespace
 
 int main(int count, char** words) try {
@@ -275,6 +352,10 @@ int main(int count, char** words) try {
     texts();
     travel();
     sources();
+    checkpoints();
+    experiments();
+    imports();
+    lpips();
     return 0;
 } catch (const std::exception& e) {
     std::cerr << "seeds: " << e.what() << "\n";

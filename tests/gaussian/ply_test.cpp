@@ -263,3 +263,28 @@ TEST_CASE("ply: a real trained scene and a file of degree 3") {
     CHECK(three.degree() == 3);
     CHECK(same(parsed(written(three)), three));
 }
+
+TEST_CASE("ply: a flipped bit is refused, or changes nothing that is read") {
+    const auto c = cloud_of(2, 0);
+    const std::string whole = written(c, {.comment = "a"});
+    int told = 0;
+    for (std::size_t bit = 0; bit < 8 * whole.size(); ++bit) {
+        std::string damaged = whole;
+        char& byte = damaged[bit / 8];
+        byte = static_cast<char>(static_cast<unsigned char>(byte) ^ (1U << (bit % 8)));
+        try {
+            INFO(bit);
+            CHECK(same(parsed(damaged), c));
+        } catch (const Error&) {
+            ++told;
+        }
+    }
+    // Of the numbers' bits each is told.
+    CHECK(told >= 8 * 2 * 68);
+    std::string other = whole;
+    other.back() = static_cast<char>(other.back() ^ 1);
+    CHECK_THROWS_WITH_AS(parsed(other), doctest::Contains("the file is damaged"), Error);
+    const std::size_t line = other.find("comment checksum");
+    other.erase(line, other.find('\n', line) + 1 - line);
+    CHECK(parsed(other).count() == 2);
+}

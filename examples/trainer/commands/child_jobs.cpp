@@ -12,7 +12,6 @@
 #include <map>
 
 #include <fcntl.h>
-#include <sys/file.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #ifdef __linux__
@@ -170,21 +169,5 @@ int run_children(std::vector<ChildJob> jobs, int at_once,
     }
     return stop_signal;
 }
-
-FolderLock::FolderLock(const fs::path& folder) {
-    const fs::path path = folder / "lock";
-    // Not closed by exec: children hold it too, so that one whose parent was killed is waited for.
-    file_ = ::open(path.c_str(), O_RDWR | O_CREAT, 0666);
-    require(file_ >= 0, path.string(), std::string("cannot be written: ") + std::strerror(errno));
-    constexpr int tries = 300; // of 0.1 s
-    for (int i = 0; i < tries; ++i) {
-        if (::flock(file_, LOCK_EX | LOCK_NB) == 0) return;
-        ::usleep(100000);
-    }
-    ::close(file_);
-    throw Error(folder.string() + ": another rye compare works here, or a training that it began");
-}
-
-FolderLock::~FolderLock() { ::close(file_); }
 
 } // namespace rye::trainer

@@ -32,17 +32,4 @@ struct ChildResult {
 int run_children(std::vector<ChildJob> jobs, int at_once,
                  const std::function<void(std::size_t, const ChildResult&)>& ended);
 
-/// A lock of a folder, held until this process and all its children have ended. Waits a while for
-/// another process to give it back; then Error.
-class FolderLock {
-  public:
-    explicit FolderLock(const std::filesystem::path& folder);
-    ~FolderLock();
-    FolderLock(const FolderLock&) = delete;
-    FolderLock& operator=(const FolderLock&) = delete;
-
-  private:
-    int file_ = -1;
-};
-
 } // namespace rye::trainer

@@ -18,7 +18,9 @@
 #include "commands/compare_tables.hpp"
 #include "commands/options.hpp"
 #include "data/config_difference.hpp"
+#include "data/checksums.hpp"
 #include "data/experiments.hpp"
+#include "data/folder_lock.hpp"
 #include "data/json.hpp"
 #include "training/begun.hpp"
 #include "training/device_choice.hpp"
@@ -72,7 +74,8 @@ class Comparison {
         std::error_code fault;
         fs::create_directories(o_.out, fault);
         require(!fault, o_.out.string(), "cannot be made: " + fault.message());
-        const FolderLock lock(o_.out);
+        // Children hold it too, so that a training whose parent was killed is waited for.
+        const FolderLock lock(o_.out, {"rye compare", 30, true});
         for (const auto& [folder, run] : runs_) check_there(run);
         share_stage_one();
         std::vector<ChildJob> jobs;
@@ -98,7 +101,7 @@ class Comparison {
                 const std::string place =
                     "[" + std::to_string(++done) + "/" + std::to_string(jobs.size()) + "] ";
                 if (result.code == 0) {
-                    write_text(complete_path(run), completion().dump() + "\n");
+                    write_text(complete_path(run), checked_text(completion(), -1));
                     say(place + run.name + ": " +
                         std::to_string(static_cast<std::int64_t>(result.seconds)) + " s");
                 } else {
@@ -250,10 +253,13 @@ class Comparison {
     }
     Json completion() const { return {{"perceptual_weights", o_.perceptual_weights.string()}}; }
 
+    static Json read_checked(const fs::path& path) {
+        return parse_checked_json(as_text(read_file(path, max_json_bytes)), path.string());
+    }
     bool is_complete(const PlannedRun& run) const {
         const fs::path path = complete_path(run);
         return fs::exists(path) && fs::exists(checkpoint_path(run.folder)) &&
-               read_json<Json>(path) == completion();
+               read_checked(path) == completion();
     }
 
     ChildJob job_of(const PlannedRun& run) const {
@@ -318,7 +324,7 @@ class Comparison {
                     ComparedRun c{row,     name,       seed, evaluation_folder(run.folder),
                                   nullptr, run.failure};
                     if (run.failure.empty() && is_complete(run))
-                        c.results = read_json(evaluation_folder(run.folder) / "results.json");
+                        c.results = read_checked(evaluation_folder(run.folder) / "results.json");
                     all.push_back(c);
                 }
         return all;

@@ -8,6 +8,7 @@
 #include <map>
 #include <string_view>
 
+#include <rye/core/checksum.hpp>
 #include <rye/core/error.hpp>
 
 #include "data/json_fields.hpp"
@@ -75,7 +76,13 @@ std::map<std::string, std::array<int, 4>> eye_boxes(const fs::path& evaluation) 
     std::map<std::string, std::array<int, 4>> boxes;
     const fs::path path = evaluation / "per_view.json";
     if (!fs::exists(path)) return boxes;
-    for (const nlohmann::json& view : read_json(path)) {
+    const Bytes bytes = read_file(path, max_json_bytes);
+    const fs::path stated = evaluation / "results.json";
+    const nlohmann::json results = read_json(stated);
+    if (results.is_object() && results.contains("per_view_checksum"))
+        require(results.at("per_view_checksum") == checksum_text(crc32(bytes)), path.string(),
+                "its checksum is not the one in " + stated.string() + ": the file is damaged");
+    for (const nlohmann::json& view : parse_json_text(as_text(bytes), path.string())) {
         if (!view.contains("picture") || !view.contains("eyes_box")) continue;
         const nlohmann::json& numbers = json_list(view, "eyes_box", path.string(), "4 numbers");
         require(numbers.size() == 4, path.string() + ": eyes_box",

@@ -11,9 +11,11 @@
 #include <CLI/CLI.hpp>
 
 #include <rye/capture/atomic_file.hpp>
+#include <rye/core/checksum.hpp>
 
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
+#include "data/checksums.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
 #include "training/centre_errors.hpp"
@@ -100,8 +102,7 @@ void print_tables(const std::vector<Row>& rows) {
         min_eye_pixels, missed_degrees);
 }
 
-void write_json(const std::filesystem::path& path, const Json& json) {
-    const std::string text = json.dump(2) + "\n";
+void write_text(const std::filesystem::path& path, const std::string& text) {
     write_atomic(path, std::as_bytes(std::span(text)));
 }
 
@@ -179,11 +180,15 @@ void evaluate(const EvaluateOptions& o) {
     for (const auto& [name, r] : groups) results[name] = r.json();
     const CentreErrors centres = centre_errors(state, capture, frames);
     results["eyeball_centres"] = centres.json();
-    write_json(out / "results.json", results);
-    write_json(out / "per_view.json", per_view);
+    const std::string each = per_view.dump(2) + "\n";
+    write_text(out / "per_view.json", each);
+    Json stated = results; // a list has no field for its checksum
+    stated["per_view_checksum"] = checksum_text(crc32(as_bytes(each)));
+    const std::string results_text = checked_text(stated, 2);
+    write_text(out / "results.json", results_text);
 
     if (o.json) {
-        std::cout << results.dump(2) << "\n";
+        std::cout << results_text;
         return;
     }
     std::vector<Row> rows{{"all " + o.split + " frames", all}};

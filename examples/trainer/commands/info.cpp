@@ -16,6 +16,7 @@
 #include "commands/commands.hpp"
 #include "commands/info_effects.hpp"
 #include "commands/info_json.hpp"
+#include "data/checksums.hpp"
 #include "data/validate.hpp"
 #include "training/device.hpp"
 
@@ -197,6 +198,8 @@ void add_info(CLI::App& app) {
         const std::vector<Problem> more =
             validate(capture, arguments->all ? ImagesToDecode::all : ImagesToDecode::sample);
         problems.insert(problems.end(), more.begin(), more.end());
+        for (const std::string& sentence : changed_files(arguments->folder))
+            problems.push_back({Problem::Severity::warning, sentence});
         if (arguments->json) {
             nlohmann::ordered_json json = info_json(capture, problems);
             json["device"] = nullptr;

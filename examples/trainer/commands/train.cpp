@@ -17,6 +17,7 @@
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
 #include "commands/progress.hpp"
+#include "data/folder_lock.hpp"
 #include "data/json.hpp"
 #include "data/panel.hpp"
 #include "data/run_frames.hpp"
@@ -480,6 +481,9 @@ int train(const TrainOptions& o) {
     }
     require(!o.out.empty(), "rye train", "--out is missing, expected a folder for the run");
     set_threads(o.threads);
+    const LockOptions as_training{"rye train"};
+    std::optional<FolderLock> lock; // before anything of the folder is read
+    if (std::filesystem::is_directory(o.out)) lock.emplace(o.out, as_training);
     const bool there = std::filesystem::exists(checkpoint_path(o.out));
     require(!there || o.resume || o.overwrite, o.out.string(),
             "holds a run already; --resume continues it, --overwrite replaces it");
@@ -515,6 +519,12 @@ int train(const TrainOptions& o) {
         state.mesh = Mesh::init(state.config.avatar, state.subject.neutral.cast<float>(),
                                 Random{state.config.seed, 0});
         state.mesh_adam = Adam<Mesh>(state.mesh);
+    }
+    if (!lock) {
+        make_run_folder(o.out);
+        lock.emplace(o.out, as_training);
+        require(!std::filesystem::exists(checkpoint_path(o.out)), o.out.string(),
+                "holds a run since a moment ago, of another training");
     }
     std::signal(SIGXFSZ, SIG_IGN);  // exceeding the file size limit becomes an error, not a signal
     Trainer trainer(o, on.device, std::move(capture), std::move(state),

@@ -218,14 +218,23 @@ std::string folder_name(const std::string& name) {
 }
 
 Experiment read_experiment(const std::filesystem::path& path) {
+    return parse_experiment(as_text(read_file(path, max_json_bytes)), path);
+}
+
+Experiment parse_experiment(std::string_view text, const std::filesystem::path& path) {
     const std::string who = path.string();
-    const Json json = read_json<Json>(path, JsonComments::skipped);
+    const Json json = parse_json_text<Json>(text, who, JsonComments::skipped);
     Experiment e;
     e.name = folder_name(path.stem().string());
     e.title = path.stem().string();
     Fields f(json, who, "");
     f.text("title", e.title);
     f.text("preset", e.preset);
+    try {
+        preset(e.preset);
+    } catch (const Error& error) {
+        throw Error(who + ": " + error.what());
+    }
     f.object("base", e.base);
     f.list("captures", [&](const Json& v, const std::string& where) {
         require(v.is_string(), who,

@@ -47,6 +47,8 @@ Experiment built_in_experiment(const std::string& name);
 
 /// From a JSON file (docs/experiments.md); Error with file and field for what is wrong in it.
 Experiment read_experiment(const std::filesystem::path& path);
+/// As read_experiment, from the text of the list at `path`.
+Experiment parse_experiment(std::string_view text, const std::filesystem::path& path);
 
 /// The list as such a file.
 nlohmann::ordered_json to_json(const Experiment& experiment);

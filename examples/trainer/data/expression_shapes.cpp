@@ -34,15 +34,10 @@ std::vector<Columns<double>> read_shapes(const NpzArrays& arrays, const std::str
 
 } // namespace
 
-Columns<double> expression_shapes(const Capture& capture) {
-    const std::filesystem::path file = capture.folder / "expression_shapes.npz";
-    if (!std::filesystem::exists(file) || capture.frames.empty()) return {};
-    const CaptureFrame& first = capture.frames.front();
-    const Index expression = capture.expression_width();
-    const NpzArrays arrays = read_npz(file);
-    const std::string who = file.string();
+Columns<double> parse_expression_shapes(ByteSpan bytes, const std::string& who, Index expression,
+                                        Index vertices) {
+    const NpzArrays arrays = parse_npz(bytes, who);
     const auto landmarks = read_shapes(arrays, who, "landmarks", expression);
-    const Index vertices = first.vertices.cols();
     std::vector<Columns<double>> dense(static_cast<std::size_t>(expression), Columns<double>(3, 0));
     if (vertices > 0) dense = read_shapes(arrays, who, "vertices", expression);
     Columns<double> all;
@@ -57,6 +52,13 @@ Columns<double> expression_shapes(const Capture& capture) {
             Eigen::Map<const Eigen::RowVectorXd>(moved.data(), moved.size());
     }
     return all;
+}
+
+Columns<double> expression_shapes(const Capture& capture) {
+    const std::filesystem::path file = capture.folder / "expression_shapes.npz";
+    if (!std::filesystem::exists(file) || capture.frames.empty()) return {};
+    return parse_expression_shapes(read_file(file), file.string(), capture.expression_width(),
+                                   capture.frames.front().vertices.cols());
 }
 
 } // namespace rye::trainer

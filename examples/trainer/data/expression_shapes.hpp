@@ -3,6 +3,10 @@
 /// expression coefficients, from the optional file expression_shapes.npz.
 #pragma once
 
+#include <string>
+
+#include <rye/capture/bytes.hpp>
+
 #include "data/capture.hpp"
 
 namespace rye::trainer {
@@ -11,5 +15,9 @@ namespace rye::trainer {
 /// of frame_landmarks; empty without the file. Throws Error for a file that does not fit the
 /// capture or has numbers that are not finite.
 Columns<double> expression_shapes(const Capture& capture);
+/// As expression_shapes, from the bytes of the file, for these numbers of coefficients and of
+/// vertices of a frame; `who` begins the messages.
+Columns<double> parse_expression_shapes(ByteSpan bytes, const std::string& who, Index expression,
+                                        Index vertices);
 
 } // namespace rye::trainer

@@ -9,6 +9,7 @@
 
 #include <rye/capture/safetensors.hpp>
 
+#include "data/checksums.hpp"
 #include "data/json.hpp"
 
 namespace rye::trainer {
@@ -363,6 +364,7 @@ void save_frames(const fs::path& run, const Capture& capture) {
 Capture load_frames(const fs::path& run, const std::string& mark) {
     const fs::path path = frames_path(run);
     const Source from{path.string(), read_safetensors(path)};
+    if (!from.file.checked()) warn_unchecked(from.who);
     std::vector<TensorEntry> entries;
     for (const auto& [name, entry] : from.file.tensors()) entries.push_back(entry);
     if (!mark.empty() && mark_of(entries, from.file.metadata()) != mark)

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdio>
 #include <functional>
+#include <iostream>
 #include <map>
 #include <string>
 #include <utility>
@@ -14,6 +15,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/checksums.hpp"
 #include "data/config.hpp"
 #include "data/expression_shapes.hpp"
 #include "data/eye_shapes.hpp"
@@ -681,6 +683,12 @@ void require_none(const std::vector<Problem>& problems, const fs::path& folder) 
     if (count > 0) throw Error(first);
 }
 
+/// Of a capture that is not as it was written. Hands may have edited it, so it is no error.
+void warn_of_changes(const fs::path& folder) {
+    for (const std::string& sentence : changed_files(folder))
+        std::cerr << "rye: warning: " << sentence << "\n";
+}
+
 } // namespace
 
 Capture read_valid_capture(const fs::path& folder, const CaptureOptions& options,
@@ -693,6 +701,7 @@ Capture read_valid_capture(const fs::path& folder, const CaptureOptions& options
         for (const Problem& p : problems)
             if (p.severity == Problem::Severity::warning) warnings->push_back(p);
     require_none(problems, folder);
+    warn_of_changes(folder);
     return capture;
 }
 
@@ -727,6 +736,7 @@ Capture read_trainable_capture(const fs::path& folder, std::vector<std::string>*
     require_none(problems, folder);
     const Verdict verdict = judge(capture, problems);
     if (!verdict.lacks.empty()) throw Error(verdict.lacks.front());
+    warn_of_changes(folder);
     if (expect) expect->insert(expect->end(), verdict.expect.begin(), verdict.expect.end());
     return capture;
 }

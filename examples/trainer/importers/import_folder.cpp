@@ -11,6 +11,7 @@
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 
+#include "data/checksums.hpp"
 #include "data/json_fields.hpp"
 #include "data/threads.hpp"
 
@@ -114,21 +115,9 @@ void require_same_job(const ImportFolder::Json& now, const ImportFolder::Json& b
                       const std::string& who) {
     for (const auto& [key, value] : now.items())
         require(before.contains(key) && before.at(key) == value, who,
-                key + " was " + (before.contains(key) ? before.at(key).dump() : "absent") +
-                    " in the import that began this folder, and is " + value.dump() +
+                key + " was " + (before.contains(key) ? json_excerpt(before.at(key)) : "absent") +
+                    " in the import that began this folder, and is " + json_excerpt(value) +
                     " now; expected the same, or another --out");
-}
-
-/// Throws Error unless facts are what importers store: whether there is a gaze, and numbers.
-void require_facts(const ImportFolder::Json& facts, const std::string& who) {
-    require(facts.is_object(), who, "got " + json_excerpt(facts) + ", expected an object");
-    for (const auto& [key, value] : facts.items()) {
-        if (key == "gaze")
-            require(value.is_boolean(), who + ": gaze",
-                    "got " + json_excerpt(value) + ", expected true or false");
-        else
-            json_number(value, who + ": " + key);
-    }
 }
 
 void add_lines(std::string& text, const char* label, const std::vector<std::string>& lines) {
@@ -151,20 +140,37 @@ std::string ImportSummary::text() const {
     return text;
 }
 
-ImportFolder::ImportFolder(const fs::path& out, const Json& job) : out_(out), job_(job) {
+ImportRecord parse_import_record(std::string_view text, const std::string& who) {
+    using Json = ImportFolder::Json;
+    const Json json = parse_checked_json(text, who);
+    require(json.is_object() && json.contains("job") && json.at("job").is_object() &&
+                json.contains("frames") && json.at("frames").is_object(),
+            who, "has no job and frames, expected the record of an import");
+    ImportRecord record{json.at("job"), {}};
+    for (const auto& [frame, facts] : json.at("frames").items()) {
+        const std::string field = who + ": frames." + json_excerpt(Json(frame));
+        require(facts.is_object(), field, "got " + json_excerpt(facts) + ", expected an object");
+        for (const auto& [key, fact] : facts.items()) {
+            const bool flag = key == "gaze";
+            require(flag ? fact.is_boolean()
+                         : fact.is_number() && fact.get<double>() >= 0 && fact.get<double>() < 1e9,
+                    field + "." + json_excerpt(Json(key)),
+                    "got " + json_excerpt(fact) + ", expected " +
+                        (flag ? "true or false" : "a number from 0 to below 1e9"));
+        }
+        record.frames[frame] = facts;
+    }
+    return record;
+}
+
+ImportFolder::ImportFolder(const fs::path& out, const Json& job) : out_(out), record_{job, {}} {
     require(!out.empty(), "rye import", "--out is missing, expected the folder of the capture");
     const fs::path record = out / "import.json";
     if (fs::exists(record)) {
-        const Json before = read_json<Json>(record);
-        const std::string who = record.string();
-        require(before.is_object() && before.contains("job") && before.contains("frames") &&
-                    before.at("frames").is_object(),
-                who, "has no job and frames, expected the record of an import");
-        require_same_job(job_, before.at("job"), who);
-        for (const auto& [frame, facts] : before.at("frames").items()) {
-            require_facts(facts, who + ": frames: " + frame);
-            frames_[frame] = facts;
-        }
+        ImportRecord before =
+            parse_import_record(as_text(read_file(record, max_json_bytes)), record.string());
+        require_same_job(job, before.job, record.string());
+        record_.frames = std::move(before.frames);
         return;
     }
     require(!fs::exists(out) || (fs::is_directory(out) && fs::is_empty(out)), out.string(),
@@ -176,8 +182,8 @@ ImportFolder::ImportFolder(const fs::path& out, const Json& job) : out_(out), jo
 
 void ImportFolder::save_progress() const {
     Json frames = Json::object();
-    for (const auto& [frame, facts] : frames_) frames[frame] = facts;
-    const std::string text = Json{{"job", job_}, {"frames", frames}}.dump(1) + "\n";
+    for (const auto& [frame, facts] : record_.frames) frames[frame] = facts;
+    const std::string text = checked_text({{"job", record_.job}, {"frames", frames}}, 1);
     write_bytes(out_ / "import.json", as_bytes(text));
 }
 
@@ -197,7 +203,7 @@ void ImportFolder::write(const ImportFrame& frame, const Json& facts) {
         fs::create_directories(params);
         write_head(params, *frame.head);
     }
-    frames_[frame.id] = facts;
+    record_.frames[frame.id] = facts;
     save_progress();
 }
 
@@ -206,12 +212,13 @@ void ImportFolder::write_file(const std::string& name, const std::string& text) 
 }
 
 void ImportFolder::finish(Json description, const ImportSummary& summary) {
-    description["import"] = {{"kind", job_.at("kind")},
-                             {"source", job_.at("source")},
+    description["import"] = {{"kind", record_.job.at("kind")},
+                             {"source", record_.job.at("source")},
                              {"found", summary.found},
                              {"derived", summary.derived},
                              {"missing", summary.missing}};
-    const std::string text = description.dump(1) + "\n";
+    description["checksums"] = array_checksums(out_);
+    const std::string text = checked_text(std::move(description), 1);
     write_bytes(out_ / "capture.json", as_bytes(text));
 }
 

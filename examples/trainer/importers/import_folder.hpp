@@ -11,6 +11,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <nlohmann/json.hpp>
@@ -70,6 +71,16 @@ struct ImportFrame {
     std::vector<ImportView> views;
 };
 
+/// What import.json holds: the job, and the facts of each complete frame.
+struct ImportRecord {
+    nlohmann::ordered_json job;
+    std::map<std::string, nlohmann::ordered_json> frames;
+};
+
+/// Reads the text of an import.json; `who` begins the messages. Throws Error unless it has a job and
+/// frames, whose facts are numbers from 0 on, true or false.
+ImportRecord parse_import_record(std::string_view text, const std::string& who);
+
 class ImportFolder {
   public:
     using Json = nlohmann::ordered_json;
@@ -78,10 +89,10 @@ class ImportFolder {
     /// source, options. Throws Error if the folder holds anything else.
     ImportFolder(const std::filesystem::path& out, const Json& job);
 
-    bool has(const std::string& frame) const { return frames_.contains(frame); }
+    bool has(const std::string& frame) const { return record_.frames.contains(frame); }
     /// Facts that were stored with a complete frame.
-    const Json& facts(const std::string& frame) const { return frames_.at(frame); }
-    int complete() const { return static_cast<int>(frames_.size()); }
+    const Json& facts(const std::string& frame) const { return record_.frames.at(frame); }
+    int complete() const { return static_cast<int>(record_.frames.size()); }
 
     /// Writes the files of views alone: for frames whose pictures do not fit into memory together.
     void write_views(const ImportFrame& frame) const;
@@ -98,8 +109,7 @@ class ImportFolder {
   private:
     void save_progress() const;
     std::filesystem::path out_;
-    Json job_;
-    std::map<std::string, Json> frames_;
+    ImportRecord record_;
 };
 
 /// Importers of each kind of source; each throws Error, with file, field and value, for a source

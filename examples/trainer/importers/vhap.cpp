@@ -9,7 +9,6 @@
 #include <map>
 #include <set>
 
-#include <rye/capture/npz.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
@@ -18,6 +17,7 @@
 #include "data/photographs.hpp"
 #include "importers/face_geometry.hpp"
 #include "importers/flame.hpp"
+#include "importers/flame_params.hpp"
 #include "importers/import_folder.hpp"
 
 namespace rye::trainer {
@@ -51,13 +51,6 @@ struct VhapSource {
     int masks = 0, views = 0;
     std::array<int, 4> eyeballs = flame_eyeballs;
     std::array<int, 68> landmarks = flame_landmarks;
-};
-
-/// Numbers of a frame's flame_param file.
-struct FlameParams {
-    std::vector<double> expression;   ///< expr, then jaw_pose
-    Mat3<double> rotation;            ///< of the head: of the root, then of the neck
-    std::array<Vec3<double>, 2> gaze; ///< unit, head frame
 };
 
 std::string padded(Index number, std::size_t digits) {
@@ -181,46 +174,6 @@ VhapSource read_source(const ImportOptions& o) {
     return s;
 }
 
-/// `count` finite numbers of an array, or any number of them where count is 0.
-std::vector<double> array_of(const NpzArrays& arrays, const char* name, std::size_t count,
-                             const fs::path& path) {
-    const std::string who = path.string() + ": " + name;
-    const auto found = arrays.find(name);
-    require(found != arrays.end(), who, "is missing, expected FLAME parameters of VHAP");
-    std::vector<double> values = found->second.values<double>(who);
-    require(count == 0 || values.size() == count, who,
-            "got shape " + shape_text(found->second.shape) + ", expected " + std::to_string(count) +
-                " numbers of one frame");
-    require_finite_numbers(values, who);
-    return values;
-}
-
-Mat3<double> rotation_of(const std::vector<double>& v, std::size_t at = 0) {
-    return so3_exp(Vec3<double>(v[at], v[at + 1], v[at + 2]));
-}
-
-FlameParams read_params(const fs::path& path) {
-    const NpzArrays arrays = read_npz(path);
-    FlameParams p;
-    p.expression = array_of(arrays, "expr", 0, path);
-    const std::vector<double> jaw = array_of(arrays, "jaw_pose", 3, path);
-    p.expression.insert(p.expression.end(), jaw.begin(), jaw.end());
-    p.rotation = rotation_of(array_of(arrays, "rotation", 3, path)) *
-                 rotation_of(array_of(arrays, "neck_pose", 3, path));
-    array_of(arrays, "translation", 3, path);
-    // The eyes hang on the neck's joint, so that eyes_pose is in the head frame.
-    const std::vector<double> eyes = array_of(arrays, "eyes_pose", 6, path);
-    for (std::size_t e = 0; e < 2; ++e) {
-        p.gaze[e] = rotation_of(eyes, 3 * e) * Vec3<double>(0, 0, 1);
-        require(!beyond_gaze_range(p.gaze[e]), path.string() + ": eyes_pose",
-                "turns the " + std::string(e == 0 ? "left" : "right") + " eye by " +
-                    factor_text(degrees * angular_error(p.gaze[e], Vec3<double>(0, 0, 1))) +
-                    " degrees, expected at most " + factor_text(degrees * gaze_range) +
-                    " (axis-angle in radians)");
-    }
-    return p;
-}
-
 TriangleMesh<double> read_mesh(const VhapSource& s, const fs::path& path) {
     TriangleMesh<double> mesh = read_obj(path);
     const Index count = mesh.vertices.cols();
@@ -276,7 +229,7 @@ struct Shared {
 Shared shared_of(const VhapSource& s, const VhapFrame& first) {
     Shared shared;
     const TriangleMesh<double> mesh = read_mesh(s, first.mesh);
-    const FlameParams params = read_params(first.params);
+    const FlameParams params = read_flame_params(first.params);
     const Columns<double> marks = picked(mesh.vertices, s.landmarks);
     const double span = span_of(marks);
     require(span > 0, first.mesh.string(), "its landmarks are all in one place");
@@ -318,7 +271,7 @@ double disagreement(const Shared& shared, const Columns<double>& marks, const Fl
 
 ImportHead head_of(const VhapSource& s, const Shared& shared, const VhapFrame& frame,
                    const Columns<double>& vertices, double& off) {
-    const FlameParams p = read_params(frame.params);
+    const FlameParams p = read_flame_params(frame.params);
     ImportHead head;
     head.expression = p.expression;
     head.landmarks = picked(vertices, s.landmarks);

@@ -8,6 +8,7 @@
 #include <rye/avatar/hold.hpp>
 #include <rye/train/checkpoint.hpp>
 
+#include "data/checksums.hpp"
 #include "data/json.hpp"
 
 namespace rye::trainer {
@@ -325,44 +326,8 @@ void load_avatar(const Safetensors& file, const Words& word, const TrainState& s
     check_counts(word.who, "avatar_adam", avatar, adam);
 }
 
-} // namespace
-
-void save_checkpoint(const std::filesystem::path& run, const TrainState& state) {
-    require_finite(state, checkpoint_path(run).string() + ": not written");
-    const SubjectArrays subject = arrays_of(state.subject);
-    std::vector<TensorEntry> entries;
-    append_fields("subject", subject, entries);
-    append_fields("mesh", state.mesh, entries);
-    const std::vector<std::int64_t> frames(state.train_frames.begin(), state.train_frames.end());
-    entries.push_back(tensor_entry<std::int64_t>("train_frames", {static_cast<Index>(frames.size())},
-                                                 frames));
-    TensorMetadata metadata{
-        {"format", format_name},
-        {"version", format_version},
-        {"stage", state.stage == Stage::mesh ? "mesh" : "avatar"},
-        {"step", std::to_string(state.step)},
-        {"capture", state.capture},
-        {"expression", std::to_string(state.config.avatar.expression)},
-        {"measured_eyes", state.subject.measured_eyes ? "true" : "false"},
-        {"config", to_json(state.config).dump()},
-    };
-    if (!state.frames.empty()) metadata["frames"] = state.frames;
-    if (state.stage == Stage::mesh) append_adam("mesh_adam", state.mesh_adam, entries);
-    for_avatar(state, [&](const auto& avatar, const auto& adam) {
-        append_fields("avatar", avatar, entries);
-        append_adam("avatar_adam", adam, entries);
-        if (avatar.eyes.points_of(0) != avatar.eyes.points_of(1))
-            metadata[left_points_key] = std::to_string(avatar.eyes.points_of(0));
-    });
-    write_safetensors(checkpoint_path(run), entries, metadata);
-}
-
-TrainState load_checkpoint(const std::filesystem::path& run) {
-    const std::filesystem::path path = checkpoint_path(run);
-    const std::string who = path.string();
-    require(std::filesystem::exists(path), who,
-            "there is no checkpoint here, expected a run made by `rye train --out " + run.string() + "`");
-    const Safetensors file = read_safetensors(path);
+/// The state in a file; `who` begins the messages.
+TrainState state_of(const Safetensors& file, const std::string& who) {
     const Words word{file, who};
     require(word("format") == format_name, who,
             "metadata 'format': got '" + word("format") + "', expected '" + format_name + "'");
@@ -439,6 +404,52 @@ TrainState load_checkpoint(const std::filesystem::path& run) {
     }
     require_finite(s, who);
     return s;
+}
+
+} // namespace
+
+void save_checkpoint(const std::filesystem::path& run, const TrainState& state) {
+    require_finite(state, checkpoint_path(run).string() + ": not written");
+    const SubjectArrays subject = arrays_of(state.subject);
+    std::vector<TensorEntry> entries;
+    append_fields("subject", subject, entries);
+    append_fields("mesh", state.mesh, entries);
+    const std::vector<std::int64_t> frames(state.train_frames.begin(), state.train_frames.end());
+    entries.push_back(tensor_entry<std::int64_t>("train_frames", {static_cast<Index>(frames.size())},
+                                                 frames));
+    TensorMetadata metadata{
+        {"format", format_name},
+        {"version", format_version},
+        {"stage", state.stage == Stage::mesh ? "mesh" : "avatar"},
+        {"step", std::to_string(state.step)},
+        {"capture", state.capture},
+        {"expression", std::to_string(state.config.avatar.expression)},
+        {"measured_eyes", state.subject.measured_eyes ? "true" : "false"},
+        {"config", to_json(state.config).dump()},
+    };
+    if (!state.frames.empty()) metadata["frames"] = state.frames;
+    if (state.stage == Stage::mesh) append_adam("mesh_adam", state.mesh_adam, entries);
+    for_avatar(state, [&](const auto& avatar, const auto& adam) {
+        append_fields("avatar", avatar, entries);
+        append_adam("avatar_adam", adam, entries);
+        if (avatar.eyes.points_of(0) != avatar.eyes.points_of(1))
+            metadata[left_points_key] = std::to_string(avatar.eyes.points_of(0));
+    });
+    write_safetensors(checkpoint_path(run), entries, metadata);
+}
+
+TrainState load_checkpoint(const std::filesystem::path& run) {
+    const std::filesystem::path path = checkpoint_path(run);
+    const std::string who = path.string();
+    require(std::filesystem::exists(path), who,
+            "there is no checkpoint here, expected a run made by `rye train --out " + run.string() + "`");
+    const Safetensors file = read_safetensors(path);
+    if (!file.checked()) warn_unchecked(who);
+    return state_of(file, who);
+}
+
+TrainState parse_checkpoint(ByteSpan bytes, const std::string& who) {
+    return state_of(parse_safetensors(bytes, who), who);
 }
 
 TrainState load_trained(const std::filesystem::path& run) {

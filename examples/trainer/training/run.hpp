@@ -8,6 +8,7 @@
 #include <optional>
 #include <string>
 
+#include <rye/capture/bytes.hpp>
 #include <rye/nn/adam.hpp>
 
 #include "data/config.hpp"
@@ -60,6 +61,8 @@ void save_checkpoint(const std::filesystem::path& run, const TrainState& state);
 /// Error naming file and field for anything missing, of another version or shape, out of range or
 /// not finite. No more memory is taken than a few times what the file holds.
 TrainState load_checkpoint(const std::filesystem::path& run);
+/// As load_checkpoint, from the bytes of a checkpoint; `who` begins the messages.
+TrainState parse_checkpoint(ByteSpan bytes, const std::string& who);
 
 /// A run whose second stage has taken a step, to be drawn; Error naming the command that goes on
 /// with it otherwise.

@@ -5,7 +5,9 @@
 #include <cstring>
 #include <fstream>
 #include <iostream>
+#include <iterator>
 #include <span>
+#include <sstream>
 #include <utility>
 #include <vector>
 
@@ -14,6 +16,7 @@
 
 #include <rye/capture/atomic_file.hpp>
 
+#include "data/checksums.hpp"
 #include "data/picture.hpp"
 #include "data/run_frames.hpp"
 
@@ -22,7 +25,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-void make_folder(const fs::path& folder) {
+ByteSpan bytes_of(const std::string& text) { return std::as_bytes(std::span(text)); }
+
+} // namespace
+
+void make_run_folder(const fs::path& folder) {
     std::error_code fault;
     require(!fs::exists(folder, fault) || fs::is_directory(folder, fault), folder.string(),
             "is a file, expected a folder or nothing");
@@ -30,20 +37,22 @@ void make_folder(const fs::path& folder) {
     require(!fault, folder.string(), "cannot be made: " + fault.message());
 }
 
-ByteSpan bytes_of(const std::string& text) { return std::as_bytes(std::span(text)); }
-
-} // namespace
-
 std::string kept_log(const fs::path& log, const TrainState& state, int& damaged) {
-    std::ifstream old(log, std::ios::binary);
+    std::ifstream file(log, std::ios::binary);
+    const std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+    // Of an older program no line has one; else one without is damaged.
+    const bool checked = text.find("\"checksum\":") != std::string::npos;
+    std::istringstream old(text);
     std::string kept;
     for (std::string line; std::getline(old, line);) {
         const bool complete = !old.eof();  // its end was read
-        const auto json = nlohmann::json::parse(line, nullptr, false);
+        auto json = nlohmann::json::parse(line, nullptr, false);
+        const Checked sum = take_checksum(json);
         const auto is = [&](const char* key, auto type) {
             return json.contains(key) && (json.at(key).*type)();
         };
-        if (!json.is_object() || !is("stage", &nlohmann::json::is_string) ||
+        if (!json.is_object() || sum == Checked::wrong || (checked && sum == Checked::none) ||
+            !is("stage", &nlohmann::json::is_string) ||
             !is("step", &nlohmann::json::is_number_integer)) {
             if (complete) ++damaged;
             continue;
@@ -64,8 +73,8 @@ RunFolder::RunFolder(fs::path folder, const TrainState& state, Beginning beginni
     : folder_(std::move(folder)),
       capture_(capture),
       replacing_(beginning == Beginning::replacing) {
-    make_folder(folder_);
-    make_folder(folder_ / "panels");
+    make_run_folder(folder_);
+    make_run_folder(folder_ / "panels");
     AtomicFile(checkpoint_path(folder_)).write(bytes_of("trial"));  // gone again without a commit
     if (replacing_) return;
     std::string lines;
@@ -75,7 +84,7 @@ RunFolder::RunFolder(fs::path folder, const TrainState& state, Beginning beginni
         lines = kept_log(log, state, damaged);
         if (damaged > 0)
             std::cerr << "rye: warning: " << log.string() << ": " << damaged
-                      << " lines are no log lines and are left out\n";
+                      << " lines are damaged and are left out\n";
     }
     write_inputs(state);
     open_log(lines);
@@ -125,7 +134,7 @@ void RunFolder::append(const std::string& text) {
     }
 }
 
-void RunFolder::log(const nlohmann::ordered_json& line) { log_lines(line.dump() + "\n"); }
+void RunFolder::log(const nlohmann::ordered_json& line) { log_lines(checked_text(line, -1)); }
 
 void RunFolder::log_lines(const std::string& text) {
     if (replacing_) pending_ += text;

@@ -18,8 +18,11 @@ namespace rye::trainer {
 
 enum class Beginning { fresh, resumed, replacing };
 
+/// Makes the folder; Error where that cannot be.
+void make_run_folder(const std::filesystem::path& folder);
+
 /// The lines of a log.jsonl that a run which goes on from `state` keeps: what was written after its
-/// checkpoint goes, and so do lines that are no log lines, whose number is added to `damaged`. An
+/// checkpoint goes, and so do damaged lines, whose number is added to `damaged`. An
 /// unfinished last line is what a killed run leaves, and not counted. Empty without a file.
 std::string kept_log(const std::filesystem::path& log, const TrainState& state, int& damaged);
 

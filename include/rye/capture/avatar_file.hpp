@@ -7,7 +7,6 @@
 
 #include <array>
 #include <cstdint>
-#include <cstdio>
 #include <deque>
 #include <filesystem>
 #include <span>
@@ -18,7 +17,6 @@
 
 #include <rye/avatar/playable.hpp>
 #include <rye/capture/avatar_settings.hpp>
-#include <rye/capture/inflate.hpp>
 #include <rye/capture/safetensors.hpp>
 
 namespace rye {
@@ -35,23 +33,6 @@ enum class AvatarPrecision {
 };
 
 namespace detail {
-
-inline constexpr const char* checksum_key = "checksum";
-
-/// CRC-32 of the metadata, and of the CRC-32 of each array with its name, type and shape; 8
-/// hexadecimal digits. Independent of the order of the arrays in the file.
-inline std::string avatar_checksum(const std::map<std::string, TensorEntry>& tensors,
-                                   const TensorMetadata& metadata) {
-    std::string text;
-    for (const auto& [key, word] : metadata)
-        if (key != checksum_key) text += key + "=" + word + "\n";
-    for (const auto& [name, t] : tensors)
-        text += name + " " + info_of(t.type).name + " " + shape_text(t.shape) + " " +
-                std::to_string(crc32(t.bytes)) + "\n";
-    char digits[9];
-    std::snprintf(digits, sizeof digits, "%08x", static_cast<unsigned>(crc32(as_bytes(text))));
-    return digits;
-}
 
 /// f(name, network, shape) for each network of an avatar; names are those of its fields.
 template <class A, class F>
@@ -289,14 +270,9 @@ std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvat
         {"left_eye_points", std::to_string(p.avatar.eyes.points_of(0))},
         {"expression_names", detail::names_text(p.expression_names)},
     };
-    std::map<std::string, TensorEntry> by_name;
     std::uint64_t bytes = 0;
-    for (const TensorEntry& t : entries) {
-        by_name.emplace(t.name, t);
-        bytes += t.bytes.size();
-    }
-    metadata[detail::checksum_key] = detail::avatar_checksum(by_name, metadata);
-    write_safetensors(path, std::move(entries), metadata);
+    for (const TensorEntry& t : entries) bytes += t.bytes.size();
+    write_safetensors(path, std::move(entries), std::move(metadata));
     return bytes;
 }
 
@@ -315,10 +291,7 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     require(file.word("version") == avatar_version, who,
             "metadata 'version': got '" + file.word("version") + "', expected '" + avatar_version +
                 "'");
-    const std::string right = detail::avatar_checksum(file.tensors(), file.metadata());
-    require(file.word(detail::checksum_key) == right, who,
-            "metadata 'checksum': got '" + file.word(detail::checksum_key) + "', expected '" +
-                right + "': the file is damaged");
+    require(file.checked(), who, "the metadata 'checksum' is missing");
     PlayableAvatar<T> p;
     p.name = file.word("name");
     const AvatarSettings settings =

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/capture/inflate.hpp: decompression of deflate, and the checksum of zip files.
+/// rye/capture/inflate.hpp: decompression of deflate.
 /// The caller gives the size of the result; a zip bomb is an Error, not an allocation.
-/// Source: RFC 1951 (deflate), RFC 1952 (CRC-32); decoding by canonical counts as in zlib's puff.
+/// Source: RFC 1951 (deflate); decoding by canonical counts as in zlib's puff.
 #pragma once
 
 #include <array>
@@ -10,26 +10,10 @@
 #include <utility>
 
 #include <rye/capture/bytes.hpp>
+#include <rye/core/checksum.hpp>
 #include <rye/core/error.hpp>
 
 namespace rye {
-
-/// CRC-32 as used by zip and gzip.
-inline std::uint32_t crc32(ByteSpan bytes) {
-    static constexpr auto table = [] {
-        std::array<std::uint32_t, 256> t{};
-        for (std::uint32_t i = 0; i < 256; ++i) {
-            std::uint32_t c = i;
-            for (int k = 0; k < 8; ++k) c = (c >> 1U) ^ ((c & 1U) ? 0xEDB88320U : 0U);
-            t[i] = c;
-        }
-        return t;
-    }();
-    std::uint32_t crc = ~0U;
-    for (const std::byte b : bytes)
-        crc = table[(crc ^ static_cast<std::uint32_t>(b)) & 255U] ^ (crc >> 8U);
-    return ~crc;
-}
 
 namespace detail {
 

@@ -11,22 +11,27 @@
 
 namespace rye {
 
-/// Reads the weights that cmake/convert_lpips_weights.py writes. Throws Error for a missing array
-/// or another shape.
+/// Fills weights, whose shapes are expected, from a file that `who` names. Throws Error for a
+/// missing array, another shape, and numbers that are not finite or negative where none may be.
 template <Real T>
-LpipsWeights<T> read_lpips_weights(const std::filesystem::path& path) {
-    const Safetensors file = read_safetensors(path);
-    LpipsWeights<T> weights;
+void load_lpips_weights(const Safetensors& file, const std::string& who, LpipsWeights<T>& weights) {
     LpipsWeights<T>::fields(
         [&](const std::string& name, Columns<T>& a) {
             const Columns<float> read = file.columns<float>(name, a.rows(), a.cols());
-            require(read.allFinite(), path.string() + ": " + name,
-                    "has a number that is not finite");
-            require(!name.starts_with("lin") || read.minCoeff() >= 0, path.string() + ": " + name,
+            require(read.allFinite(), who + ": " + name, "has a number that is not finite");
+            require(!name.starts_with("lin") || read.minCoeff() >= 0, who + ": " + name,
                     "has a negative weight: " + std::to_string(read.minCoeff()));
             a = read.cast<T>();
         },
         weights);
+}
+
+/// Reads the weights that cmake/convert_lpips_weights.py writes. Throws Error as
+/// load_lpips_weights does.
+template <Real T>
+LpipsWeights<T> read_lpips_weights(const std::filesystem::path& path) {
+    LpipsWeights<T> weights;
+    load_lpips_weights(read_safetensors(path), path.string(), weights);
     return weights;
 }
 

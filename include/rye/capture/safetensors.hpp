@@ -2,6 +2,7 @@
 /// rye/capture/safetensors.hpp: named arrays in one file, in the format of Hugging Face.
 /// Layout: u64 header length; JSON header, padded with spaces to 8 bytes; the arrays, C order,
 /// without holes or overlaps. An array of shape (N, D) is a Columns of D x N.
+/// A file that rye writes has a checksum in its metadata; a reader refuses one that is wrong.
 /// Source: github.com/huggingface/safetensors; rejects the same faults as its reference reader.
 #pragma once
 
@@ -23,6 +24,7 @@
 #include <rye/capture/bytes.hpp>
 #include <rye/capture/json.hpp>
 #include <rye/capture/npy.hpp>
+#include <rye/core/checksum.hpp>
 #include <rye/core/columns.hpp>
 #include <rye/core/error.hpp>
 
@@ -82,6 +84,23 @@ TensorEntry tensor_entry(std::string name, const Columns<T>& columns) {
 /// String metadata by key.
 using TensorMetadata = std::map<std::string, std::string>;
 
+/// Metadata key of a file's checksum, which the writer gives and the reader takes away.
+inline constexpr const char* checksum_key = "checksum";
+
+/// The checksum of metadata and arrays: CRC-32 of a line KEY=WORD for each other word, by key, then
+/// of a line NAME TYPE SHAPE CRC for each array, by name, with the CRC-32 of its bytes. The order
+/// of the arrays in the file does not matter.
+inline std::string tensor_checksum(const std::map<std::string, TensorEntry>& tensors,
+                                   const TensorMetadata& metadata) {
+    std::string text;
+    for (const auto& [key, word] : metadata)
+        if (key != checksum_key) text += key + "=" + word + "\n";
+    for (const auto& [name, t] : tensors)
+        text += name + " " + info_of(t.type).name + " " + shape_text(t.shape) + " " +
+                std::to_string(crc32(t.bytes)) + "\n";
+    return checksum_text(crc32(as_bytes(text)));
+}
+
 /// Largest header accepted, as in the reference reader.
 inline constexpr std::uint64_t max_tensor_header = 100'000'000;
 
@@ -90,15 +109,17 @@ class Safetensors {
 public:
     Safetensors() = default;
     Safetensors(std::string who, Bytes data, std::map<std::string, TensorEntry> tensors,
-                TensorMetadata metadata)
+                TensorMetadata metadata, bool checked = false)
         : who_(std::move(who)), data_(std::move(data)), tensors_(std::move(tensors)),
-          metadata_(std::move(metadata)) {}
+          metadata_(std::move(metadata)), checked_(checked) {}
     // Entries refer to data_, whose storage a move keeps and a copy would not.
     Safetensors(Safetensors&&) = default;
     Safetensors& operator=(Safetensors&&) = default;
 
     const std::map<std::string, TensorEntry>& tensors() const { return tensors_; }
     const TensorMetadata& metadata() const { return metadata_; }
+    /// Whether the file stated its checksum, which was right.
+    bool checked() const { return checked_; }
     bool has(const std::string& name) const { return tensors_.count(name) != 0; }
 
     const TensorEntry& at(const std::string& name) const {
@@ -155,6 +176,7 @@ private:
     Bytes data_;
     std::map<std::string, TensorEntry> tensors_;
     TensorMetadata metadata_;
+    bool checked_ = false;
 };
 
 namespace detail {
@@ -218,7 +240,7 @@ inline void require_covered(const std::map<std::string, TensorEntry>& tensors, B
 
 } // namespace detail
 
-/// Parses the bytes of a file; errors begin with `who`.
+/// Parses the bytes of a file; errors begin with `who`. Throws Error for a wrong checksum.
 inline Safetensors parse_safetensors(ByteSpan file, const std::string& who) {
     const auto length = read_at<std::uint64_t>(file, 0, who, "the length of the header");
     require(length <= max_tensor_header, who,
@@ -243,7 +265,15 @@ inline Safetensors parse_safetensors(ByteSpan file, const std::string& who) {
         }
     }
     detail::require_covered(tensors, data, who);
-    return Safetensors(who, std::move(data), std::move(tensors), std::move(metadata));
+    const auto checksum = metadata.extract(checksum_key);
+    if (!checksum.empty()) {
+        const std::string right = tensor_checksum(tensors, metadata);
+        require(checksum.mapped() == right, who,
+                "metadata 'checksum': got '" + checksum.mapped() + "', expected '" + right +
+                    "': the file is damaged");
+    }
+    return Safetensors(who, std::move(data), std::move(tensors), std::move(metadata),
+                       !checksum.empty());
 }
 
 /// Reads a safetensors file. Throws Error as parse_safetensors does, with the path.
@@ -252,33 +282,35 @@ inline Safetensors read_safetensors(const std::filesystem::path& path) {
 }
 
 /// Replaces the file at `path` by one with these arrays; on failure leaves it unchanged and throws.
-/// Arrays of larger types come first, so that all are aligned.
+/// Arrays of larger types come first, so that all are aligned. The metadata get a checksum.
 inline void write_safetensors(const std::filesystem::path& path, std::vector<TensorEntry> entries,
-                              const TensorMetadata& metadata = {}) {
+                              TensorMetadata metadata = {}) {
     std::sort(entries.begin(), entries.end(), [](const TensorEntry& a, const TensorEntry& b) {
         const std::size_t sa = info_of(a.type).size, sb = info_of(b.type).size;
         return sa != sb ? sa > sb : a.name < b.name;
     });
+    std::map<std::string, TensorEntry> by_name;
+    for (const TensorEntry& t : entries) {
+        const std::string label = path.string() + ": " + t.name;
+        require(t.name != "__metadata__" && by_name.emplace(t.name, t).second, label,
+                "is the name of two tensors, or reserved");
+    }
+    metadata[checksum_key] = tensor_checksum(by_name, metadata);
     std::string text = "{";
     const auto next_member = [&](const std::string& name) {
         if (text.back() != '{') text += ',';
         text += json_string(name) + ':';
     };
-    if (!metadata.empty()) {
-        next_member("__metadata__");
-        text += '{';
-        for (const auto& [key, word] : metadata) {
-            next_member(key);
-            text += json_string(word);
-        }
-        text += '}';
+    next_member("__metadata__");
+    text += '{';
+    for (const auto& [key, word] : metadata) {
+        next_member(key);
+        text += json_string(word);
     }
-    std::map<std::string, int> seen;
+    text += '}';
     std::uint64_t offset = 0;
     for (const TensorEntry& t : entries) {
         const std::string label = path.string() + ": " + t.name;
-        require(t.name != "__metadata__" && seen[t.name]++ == 0, label,
-                "is the name of two tensors, or reserved");
         const std::uint64_t size = checked_size(t.shape, info_of(t.type).size, label);
         std::string shape;
         for (const Index d : t.shape) shape += (shape.empty() ? "" : ",") + std::to_string(d);

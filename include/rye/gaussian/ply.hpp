@@ -4,6 +4,8 @@
 /// scale, quaternion w x y z. The reader accepts properties in any order, extra ones, ascii,
 /// double, and files without normals, f_rest or the third scale. An infinite opacity, which writers
 /// make of one of exactly 0 or 1, is read as the nearest one whose logit is finite.
+/// The writer states a checksum in a comment, which covers header and numbers; the reader refuses a
+/// binary file whose own is another, and reads a file without one.
 /// Source: the writer of "3D Gaussian Splatting" (Kerbl et al., 2023).
 #pragma once
 
@@ -15,9 +17,13 @@
 #include <filesystem>
 #include <fstream>
 #include <ostream>
+#include <span>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include <rye/core/bit_cast.hpp>
+#include <rye/core/checksum.hpp>
 #include <rye/core/parse.hpp>
 #include <rye/gaussian/cloud.hpp>
 #include <rye/gaussian/ply_header.hpp>
@@ -180,8 +186,10 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
     }
     in.ignore(h.skip);
     std::vector<char> record(static_cast<std::size_t>(h.stride));
+    std::uint32_t crc = h.crc;
     for (Index i = 0; i < h.count; ++i) {
         if (!in.read(record.data(), h.stride)) throw missing(i);
+        if (!h.checksum.empty()) crc = crc32(std::as_bytes(std::span<const char>(record)), crc);
         for (std::size_t p = 0; p < targets.size(); ++p)
             if (targets[p].array != nullptr)
                 (*targets[p].array)(targets[p].row, i) =
@@ -189,6 +197,9 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
                                          h.properties[p].type),
                            p, i);
     }
+    require(h.checksum.empty() || h.checksum == checksum_text(crc), who,
+            "the header's checksum: got '" + h.checksum + "', expected '" + checksum_text(crc) +
+                "': the file is damaged, or a program that changed it kept the line");
     return cloud;
 }
 
@@ -225,42 +236,55 @@ void write_ply(std::ostream& out, const GaussianCloud<T>& cloud, const PlyOption
     require(options.comment.find('\n') == std::string::npos, "write_ply",
             "the comment \"" + options.comment + "\" has several lines");
     const int kept = sh_count(own) - 1, padded = sh_count(degree) - 1;
-    out << "ply\nformat binary_little_endian 1.0\n";
-    if (!options.comment.empty()) out << "comment " << options.comment << '\n';
-    out << "element vertex " << cloud.count() << '\n';
+    std::string header = "ply\nformat binary_little_endian 1.0\n";
+    if (!options.comment.empty()) header += "comment " + options.comment + "\n";
+    header += detail::ply_checksum_line;
+    const std::size_t digits = header.size();
+    header += std::string(checksum_digits, '0') + "\n";
+    header += "element vertex " + std::to_string(cloud.count()) + "\n";
     const auto names = [&](const std::string& stem, int count) {
-        for (int k = 0; k < count; ++k) out << "property float " << stem << k << '\n';
+        for (int k = 0; k < count; ++k)
+            header += "property float " + stem + std::to_string(k) + "\n";
     };
-    for (const char* n : {"x", "y", "z", "nx", "ny", "nz"}) out << "property float " << n << '\n';
+    for (const char* n : {"x", "y", "z", "nx", "ny", "nz"})
+        header += std::string("property float ") + n + "\n";
     names("f_dc_", 3);
     names("f_rest_", 3 * padded);
-    out << "property float opacity\n";
+    header += "property float opacity\n";
     names("scale_", 3);
     names("rot_", 4);
-    out << "end_header\n";
+    header += "end_header\n";
 
-    std::vector<float> record;
-    for (Index i = 0; i < cloud.count(); ++i) {
+    std::vector<char> record;
+    const auto put = [&](float x) {
+        std::array<char, 4> bytes = rye::bit_cast<std::array<char, 4>>(x);
+        if constexpr (std::endian::native == std::endian::big)
+            std::reverse(bytes.begin(), bytes.end());
+        record.insert(record.end(), bytes.begin(), bytes.end());
+    };
+    const auto record_of = [&](Index i) {
         record.clear();
-        const auto put = [&](const Columns<T>& a) {
-            for (Index k = 0; k < a.rows(); ++k) record.push_back(static_cast<float>(a(k, i)));
+        const auto put_all = [&](const Columns<T>& a) {
+            for (Index k = 0; k < a.rows(); ++k) put(static_cast<float>(a(k, i)));
         };
-        put(cloud.mean);
-        record.insert(record.end(), 3, 0.0F);
-        put(cloud.sh_constant);
+        put_all(cloud.mean);
+        for (int k = 0; k < 3; ++k) put(0.0F);
+        put_all(cloud.sh_constant);
         for (int c = 0; c < 3; ++c)
             for (int k = 0; k < padded; ++k)
-                record.push_back(k < kept ? static_cast<float>(cloud.sh_rest(c * kept + k, i))
-                                          : 0.0F);
-        put(cloud.logit_opacity);
-        put(cloud.log_scale);
-        put(cloud.rotation);
-        for (const float x : record) {
-            std::array<char, 4> bytes = rye::bit_cast<std::array<char, 4>>(x);
-            if constexpr (std::endian::native == std::endian::big)
-                std::reverse(bytes.begin(), bytes.end());
-            out.write(bytes.data(), 4);
-        }
+                put(k < kept ? static_cast<float>(cloud.sh_rest(c * kept + k, i)) : 0.0F);
+        put_all(cloud.logit_opacity);
+        put_all(cloud.log_scale);
+        put_all(cloud.rotation);
+        return std::span<const char>(record);
+    };
+    std::uint32_t crc = crc32(std::as_bytes(std::span<const char>(header)));
+    for (Index i = 0; i < cloud.count(); ++i) crc = crc32(std::as_bytes(record_of(i)), crc);
+    header.replace(digits, checksum_digits, checksum_text(crc));
+    out.write(header.data(), static_cast<std::streamsize>(header.size()));
+    for (Index i = 0; i < cloud.count(); ++i) {
+        const std::span<const char> bytes = record_of(i);
+        out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
     }
     out.flush();
     require(out.good(), "write_ply", "writing to the stream failed");

@@ -10,11 +10,13 @@
 #include <istream>
 #include <limits>
 #include <map>
+#include <span>
 #include <sstream>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include <rye/core/checksum.hpp>
 #include <rye/core/config.hpp>
 #include <rye/core/error.hpp>
 
@@ -38,6 +40,8 @@ struct PlyHeader {
     Index skip = 0;                      ///< binary data before the first vertex [bytes]
     Index skip_lines = 0;                ///< ascii lines before the first vertex
     std::vector<PlyProperty> properties; ///< of the vertex
+    std::string checksum;                ///< that the file states, or empty
+    std::uint32_t crc = 0;               ///< of the header, with digits of 0 for the checksum's
     std::map<std::string, Index, std::less<>> place;  ///< index of each name in `properties`
 
     /// Index of a property, or -1.
@@ -54,6 +58,10 @@ inline Index ply_size(PlyType type) {
 }
 
 namespace detail {
+
+/// Beginning of the comment with the checksum: 8 hexadecimal digits of the CRC-32 of the header,
+/// in which they are 0 and lines end with LF, and of the vertices.
+inline constexpr std::string_view ply_checksum_line = "comment checksum crc32 ";
 
 /// A header line without its line end, LF or CRLF. Throws Error for an overlong line.
 inline std::string ply_line(std::istream& in, const std::string& who) {
@@ -96,7 +104,18 @@ inline Index ply_count(const std::string& text, const std::string& who) {
 inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
     constexpr int most_lines = 65536;
     PlyHeader h;
-    require(detail::ply_line(in, who) == "ply", who, "the first line is not \"ply\"");
+    const auto next_line = [&] {
+        std::string line = detail::ply_line(in, who), counted = line + "\n";
+        const std::size_t digits = detail::ply_checksum_line.size();
+        if (line.starts_with(detail::ply_checksum_line) && h.checksum.empty() &&
+            line.size() == digits + checksum_digits) {
+            h.checksum = line.substr(digits);
+            counted.replace(digits, checksum_digits, checksum_digits, '0');
+        }
+        h.crc = crc32(std::as_bytes(std::span<const char>(counted)), h.crc);
+        return line;
+    };
+    require(next_line() == "ply", who, "the first line is not \"ply\"");
     bool format_seen = false, vertex_seen = false, in_vertex = false;
     Index element_count = 0, element_stride = 0;
     const auto close = [&] {             // skips elements before the vertices
@@ -111,7 +130,7 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
     for (int lines = 0;; ++lines) {
         require(lines < most_lines, who,
                 "no end_header in the first " + std::to_string(most_lines) + " lines");
-        std::istringstream words(detail::ply_line(in, who));
+        std::istringstream words(next_line());
         std::string key, a, b;
         words >> key >> a >> b;
         if (key == "end_header") break;

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "data/checksums.hpp"
+
+#include <algorithm>
+#include <iostream>
+
+#include <rye/core/checksum.hpp>
+#include <rye/core/error.hpp>
+
+#include "data/json.hpp"
+
+namespace rye::trainer {
+namespace {
+
+namespace fs = std::filesystem;
+constexpr const char* field = "checksum";
+
+template <class Json>
+std::string checksum_of(const Json& object) {
+    // Parsed again by the type that sorts, whose text depends on the content alone.
+    const std::string text = nlohmann::json::parse(object.dump()).dump();
+    return checksum_text(crc32(as_bytes(text)));
+}
+
+template <class Json>
+Checked taken(Json& object) {
+    if (!object.is_object() || !object.contains(field)) return Checked::none;
+    const Json stated = object.at(field);
+    object.erase(field);
+    return stated == checksum_of(object) ? Checked::right : Checked::wrong;
+}
+
+} // namespace
+
+std::string checked_text(nlohmann::ordered_json object, int indent) {
+    object[field] = checksum_of(object);
+    return object.dump(indent) + "\n";
+}
+
+Checked take_checksum(nlohmann::json& object) { return taken(object); }
+Checked take_checksum(nlohmann::ordered_json& object) { return taken(object); }
+
+void warn_unchecked(const std::string& who) {
+    std::cerr << "rye: warning: " << who
+              << ": has no checksum, as files of older versions: damage to it does not show\n";
+}
+
+nlohmann::ordered_json parse_checked_json(std::string_view text, const std::string& who) {
+    auto json = parse_json_text<nlohmann::ordered_json>(text, who);
+    const Checked checked = take_checksum(json);
+    require(checked != Checked::wrong, who,
+            "field 'checksum': is not that of the other fields: the file is damaged");
+    if (checked == Checked::none) warn_unchecked(who);
+    return json;
+}
+
+nlohmann::ordered_json array_checksums(const fs::path& folder) {
+    std::vector<std::string> names;
+    for (const auto& entry : fs::recursive_directory_iterator(folder))
+        if (entry.is_regular_file() && entry.path().extension() == ".npy")
+            names.push_back(entry.path().lexically_relative(folder).generic_string());
+    std::sort(names.begin(), names.end());
+    auto all = nlohmann::ordered_json::object();
+    for (const std::string& name : names) all[name] = checksum_text(crc32(read_file(folder / name)));
+    return all;
+}
+
+std::vector<std::string> changed_files(const fs::path& capture) {
+    const fs::path description = capture / "capture.json";
+    std::vector<std::string> changed;
+    if (!fs::exists(description)) return changed;
+    nlohmann::json json;
+    try {
+        json = read_json(description);
+    } catch (const Error&) { // the reader says so
+        return changed;
+    }
+    const auto note = [&](const fs::path& path, const char* what) {
+        changed.push_back(path.string() + ": " + what +
+                          ": is not as it was written: edited, or damaged");
+    };
+    if (take_checksum(json) == Checked::wrong) note(description, "field 'checksum'");
+    if (!json.is_object() || !json.contains("checksums") || !json.at("checksums").is_object())
+        return changed;
+    for (const auto& [name, stated] : json.at("checksums").items()) {
+        const fs::path path = capture / name;
+        std::error_code none;
+        if (fs::path(name).is_absolute() || name.find("..") != std::string::npos ||
+            !fs::is_regular_file(path, none))
+            continue; // the reader says what is missing
+        if (stated != checksum_text(crc32(read_file(path))))
+            note(path, "its checksum in capture.json");
+    }
+    return changed;
+}
+
+} // namespace rye::trainer
