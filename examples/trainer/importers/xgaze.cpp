@@ -17,6 +17,8 @@
 #include <optional>
 #include <set>
 
+#include <Eigen/LU>
+
 #include <rye/capture/npy.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
