@@ -141,7 +141,7 @@ void bad_input(const Device& device, const CudaQueue& queue) {
         render_on<KernelChannels<3>>(device, queue, strict, s.gaussians, s.camera, s.background),
         Error);
     A few;
-    few.max_entries = 10;
+    few.max_memory = 10 * TileLists::entry_bytes<>;
     CHECK_THROWS_AS(
         render_on<KernelChannels<3>>(device, queue, few, s.gaussians, s.camera, s.background),
         Error);

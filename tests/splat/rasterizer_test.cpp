@@ -235,7 +235,7 @@ TEST_CASE("rasterizer: arguments of another shape are refused") {
     s.gaussians.scale.resize(3, 4);
     CHECK_THROWS_AS(render<Plain>(s), Error);
     s = random_scene<float>(50, 3, 17, 10);
-    CHECK_THROWS_AS(render<Plain>(s, Balanced{.max_entries = 100}), Error);
+    CHECK_THROWS_AS(render<Plain>(s, Balanced{.max_memory = 100 * TileLists::entry_bytes<>}), Error);
 }
 
 TEST_CASE_TEMPLATE("rasterizer: a splat at a pixel's centre survives flips bit for bit", B, Plain,

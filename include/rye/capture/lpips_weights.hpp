@@ -7,6 +7,7 @@
 #include <string>
 
 #include <rye/capture/safetensors.hpp>
+#include <rye/core/format.hpp>
 #include <rye/loss/lpips.hpp>
 
 namespace rye {
@@ -23,7 +24,7 @@ LpipsWeights<T> read_lpips_weights(const std::filesystem::path& path) {
             require(read.allFinite(), path.string() + ": " + name,
                     "has a number that is not finite");
             require(!name.starts_with("lin") || read.minCoeff() >= 0, path.string() + ": " + name,
-                    "has a negative weight: " + std::to_string(read.minCoeff()));
+                    "has a negative weight: " + number_text(read.minCoeff()));
             a = read.cast<T>();
         },
         weights);

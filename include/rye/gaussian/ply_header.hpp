@@ -10,7 +10,6 @@
 #include <istream>
 #include <limits>
 #include <map>
-#include <sstream>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -54,6 +53,19 @@ inline Index ply_size(PlyType type) {
 }
 
 namespace detail {
+
+/// Whether a byte separates words, in any locale.
+constexpr bool ply_space(int c) { return c == ' ' || (c >= '\t' && c <= '\r'); }
+
+/// The next word of a line, which begins after it then; empty at the end.
+inline std::string_view ply_word(std::string_view& line) {
+    while (!line.empty() && ply_space(line.front())) line.remove_prefix(1);
+    std::size_t end = 0;
+    while (end < line.size() && !ply_space(line[end])) ++end;
+    const std::string_view word = line.substr(0, end);
+    line.remove_prefix(end);
+    return word;
+}
 
 /// A header line without its line end, LF or CRLF. Throws Error for an overlong line.
 inline std::string ply_line(std::istream& in, const std::string& who) {
@@ -111,9 +123,10 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
     for (int lines = 0;; ++lines) {
         require(lines < most_lines, who,
                 "no end_header in the first " + std::to_string(most_lines) + " lines");
-        std::istringstream words(detail::ply_line(in, who));
-        std::string key, a, b;
-        words >> key >> a >> b;
+        const std::string line = detail::ply_line(in, who);
+        std::string_view words = line;
+        const std::string key(detail::ply_word(words)), a(detail::ply_word(words)),
+            b(detail::ply_word(words));
         if (key == "end_header") break;
         if (key == "comment" || key == "obj_info" || key.empty()) continue;
         if (key == "format") {
