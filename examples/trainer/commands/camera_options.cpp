@@ -8,6 +8,7 @@
 
 #include <rye/core/error.hpp>
 
+#include "commands/options.hpp"
 #include "data/cameras_file.hpp"
 
 namespace rye::trainer {
@@ -61,7 +62,8 @@ void add_camera_options(CLI::App& command, CameraOptions& o, const std::string& 
         .add_option("--fov", o.fov_deg, "Its vertical field of view in degrees (" + otherwise + ")")
         ->check(CLI::Range(0.01, 179.0))
         ->needs(eye);
-    command.add_option("--size", o.size, "Size of the picture in pixels: WxH (" + otherwise + ")");
+    command.add_option("--size", o.size, "Size of the picture in pixels: WxH (" + otherwise + ")")
+        ->check(read_check(parsed_size));
     CLI::Option* const file =
         command
             .add_option("--cameras", o.file,

@@ -7,6 +7,7 @@
 #include <rye/capture/npz.hpp>
 #include <rye/core/error.hpp>
 
+#include "data/memory_limit.hpp"
 #include "data/samples.hpp"
 
 namespace rye::trainer {
@@ -39,7 +40,7 @@ Columns<double> expression_shapes(const Capture& capture) {
     if (!std::filesystem::exists(file) || capture.frames.empty()) return {};
     const CaptureFrame& first = capture.frames.front();
     const Index expression = capture.expression_width();
-    const NpzArrays arrays = read_npz(file);
+    const NpzArrays arrays = read_npz(file, memory_limit());
     const std::string who = file.string();
     const auto landmarks = read_shapes(arrays, who, "landmarks", expression);
     const Index vertices = first.vertices.cols();

@@ -12,9 +12,8 @@ namespace {
 namespace fs = std::filesystem;
 using Json = ImportFolder::Json;
 
-/// The path as written, or with the ending that Blender's data sets leave out.
-fs::path picture_of(const fs::path& folder, const std::string& path) {
-    const fs::path file = folder / path;
+/// The file, or with the ending that Blender's data sets leave out.
+fs::path picture_of(const fs::path& file) {
     if (!fs::exists(file))
         for (const char* suffix : {".png", ".jpg", ".jpeg"})
             if (fs::path with = file.string() + suffix; fs::exists(with)) return with;
@@ -42,13 +41,17 @@ ImportSummary import_transforms(const ImportOptions& options) {
             frame.is_object() && frame.contains("file_path") && frame.at("file_path").is_string(),
             who + ": file_path", "is missing, expected the path of a picture");
         Still still;
-        still.image = picture_of(file.parent_path(), frame.at("file_path").get<std::string>());
+        const auto named = [&](const char* key) {
+            return named_file(options, file.parent_path(), frame.at(key).get<std::string>(),
+                              who + ": " + key);
+        };
+        still.image = picture_of(named("file_path"));
         require(fs::is_regular_file(still.image), still.image.string(),
                 "no such file, named by file_path of " + who);
         if (frame.contains("mask_path")) {
             require(frame.at("mask_path").is_string(), who + ": mask_path",
                     "got " + frame.at("mask_path").dump() + ", expected a path");
-            still.mask = file.parent_path() / frame.at("mask_path").get<std::string>();
+            still.mask = named("mask_path");
             require(fs::is_regular_file(still.mask), still.mask.string(),
                     "no such file, named by mask_path of " + who);
         }

@@ -59,8 +59,8 @@ struct GzipContents {
     std::uint32_t size = 0; ///< of the data, as the file states it [bytes]
 };
 
-/// Finds the data of a gzip file; messages begin with `who`. Throws Error for another format and for
-/// truncation.
+/// Finds the data of a gzip file; messages begin with `who`. Throws Error for another format and
+/// for truncation.
 inline GzipContents gzip_contents(ByteSpan file, const std::string& who) {
     require(is_gzip(file), who, "not a gzip file: it does not begin with the bytes 1f 8b");
     const auto method = read_at<std::uint8_t>(file, 2, who, "the gzip header");

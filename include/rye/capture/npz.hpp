@@ -151,8 +151,8 @@ inline NpyArray unpack_npy(ByteSpan packed, const ZipMember& m, const std::strin
 
 } // namespace detail
 
-/// Parses the bytes of a .npz file; errors begin with `who`. Throws Error before its arrays, with the
-/// one that is being unpacked, take more bytes than `memory`.
+/// Parses the bytes of a .npz file; errors begin with `who`. Throws Error before its arrays, with
+/// the one that is being unpacked, take more bytes than `memory`.
 inline NpzArrays parse_npz(ByteSpan zip, const std::string& who,
                            std::uint64_t memory = default_memory) {
     NpzArrays arrays;

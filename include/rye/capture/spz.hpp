@@ -96,8 +96,8 @@ int spz_fractional_bits(const GaussianCloud<T>& cloud) {
 } // namespace detail
 
 /// The header of the data inside an SPZ file, of which the first 16 bytes suffice; `whole` is the
-/// size of all [bytes]. Throws Error for another kind of data, a version other than 2 or 3, a degree
-/// above 3 and arrays of another size than the data's.
+/// size of all [bytes]. Throws Error for another kind of data, a version other than 2 or 3, a
+/// degree above 3 and arrays of another size than the data's.
 inline SpzHeader parse_spz_header(ByteSpan data, std::uint64_t whole, const std::string& who) {
     SpzHeader h;
     const auto word = [&](std::uint64_t at) {
@@ -129,20 +129,25 @@ inline SpzHeader parse_spz_header(ByteSpan data, std::uint64_t whole, const std:
     return h;
 }
 
+/// The header of whole data.
+inline SpzHeader parse_spz_header(ByteSpan data, const std::string& who) {
+    return parse_spz_header(data, data.size(), who);
+}
+
 /// Reads the bytes of an SPZ file; messages begin with `who`. Throws Error as gunzip and
 /// parse_spz_header do, and for a file whose data and Gaussians take more bytes than `memory`,
 /// before they are allocated; every number that it returns is finite.
 template <Real T>
 GaussianCloud<T> parse_spz(ByteSpan file, const std::string& who,
                            std::uint64_t memory = default_memory) {
-    const GzipContents packed = gzip_contents(file, who);
+    const GzipContents contents = gzip_contents(file, who);
     const Bytes beginning = inflate_beginning(
-        packed.deflated, std::min<std::size_t>(packed.size, detail::spz_header_size), who);
-    const SpzHeader h = parse_spz_header(beginning, packed.size, who);
+        contents.deflated, std::min<std::size_t>(contents.size, detail::spz_header_size), who);
+    const SpzHeader h = parse_spz_header(beginning, contents.size, who);
     const auto n = static_cast<Index>(h.count);
-    require_memory(saturated_sum(packed.size, GaussianCloud<T>::memory(n, h.degree)), memory, who,
+    require_memory(saturated_sum(contents.size, GaussianCloud<T>::memory(n, h.degree)), memory, who,
                    "its " + std::to_string(h.count) + " Gaussians");
-    const Bytes data = gunzip(packed, who, memory);
+    const Bytes data = gunzip(contents, who, memory);
     GaussianCloud<T> cloud(n, h.degree);
     const std::byte* at = data.data() + detail::spz_header_size;
     const auto byte = [&] { return static_cast<T>(std::to_integer<int>(*at++)); };

@@ -214,8 +214,8 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
 } // namespace detail
 
 /// Reads a cloud; messages begin with `name`. Buffers streams that cannot seek, such as a pipe.
-/// Throws Error for a malformed header, for missing, invalid or non-finite numbers, and for a cloud,
-/// with the buffer of a pipe, of more bytes than `memory`.
+/// Throws Error for a malformed header, for missing, invalid or non-finite numbers, and for a
+/// cloud, with the buffer of a pipe, of more bytes than `memory`.
 template <Real T>
 GaussianCloud<T> read_ply(std::istream& in, const std::string& name,
                           std::uint64_t memory = default_memory) {

@@ -155,8 +155,8 @@ struct TileLists {
     /// run of tiles [bytes].
     template <class Key = std::uint32_t>
     static constexpr std::uint64_t entry_bytes =
-        sizeof(typename BinScratch<Key>::Mention) + sizeof(typename BinScratch<Key>::Binned) * 5 / 4 +
-        sizeof(Intersection);
+        sizeof(typename BinScratch<Key>::Mention) + sizeof(Intersection) +
+        sizeof(typename BinScratch<Key>::Binned) * 5 / 4;
 
     /// Entries that so much memory holds, which 32 bits count.
     template <class Key = std::uint32_t>
