@@ -32,17 +32,6 @@ int main(int argc, char** argv) {
         "Exit codes: 0 done; 1 the command ran and its answer is no (rye info, rye import: not "
         "usable); "
         "2 a wrong command line, an unusable input, or no memory or disk for the work.");
-    add_capture(app);
-    add_import(app);
-    add_info(app);
-    add_train(app);
-    add_redirect(app);
-    add_evaluate(app);
-    add_compare(app);
-    add_export(app);
-    add_render(app);
-    add_drivers(app);
-    add_completion(app);
-    add_manual(app);
+    add_commands(app);
     return run_program(app, argc, argv);
 }

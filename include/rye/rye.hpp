@@ -58,6 +58,8 @@
 #include <rye/core/config.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/fields.hpp>
+#include <rye/core/format.hpp>
+#include <rye/core/memory.hpp>
 #include <rye/core/parallel.hpp>
 #include <rye/core/parse.hpp>
 #include <rye/core/random.hpp>

@@ -139,7 +139,7 @@ DeviceRender<A> render_on(const Device& device, const CudaQueue& queue, const A&
     do {
         rasterizer.forward_into(queue, cloud.view(), camera, bg.buffer.data(), images, frame);
         ++r.draws;
-    } while (!frame.finish(queue, accuracy.max_entries, accuracy.non_finite));
+    } while (!frame.finish(queue, TileLists::most_entries(accuracy.max_memory), accuracy.non_finite));
     r.cost = frame.cost;
     r.bytes = frame.bytes();
     r.feature = feature.get();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The 127 entries of the catalogue of hard cases, by subject: A projection, B compositing,
+// The 128 entries of the catalogue of hard cases, by subject: A projection, B compositing,
 // C rotations, D influence, E colour, F learning, G surfaces, H derivatives, I machines, J files.
 #include "report.hpp"
 
@@ -25,6 +25,7 @@ const std::vector<Entry>& catalogue() {
         {"A16", "large coordinates", ""},
         {"A17", "nearest neighbours among duplicates", ""},
         {"A18", "asymmetric halves of symmetric matrices", ""},
+        {"A19", "gradient of a needle's turn", ""},
         {"B1", "clamp of alpha", ""},
         {"B2", "threshold of alpha", ""},
         {"B3", "termination", ""},

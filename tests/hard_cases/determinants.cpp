@@ -215,6 +215,35 @@ double projection_gap(const std::array<double, 10>& x, std::uint64_t seed, const
     return static_cast<double>(std::abs(reverse - e.d[0]) / scale);
 }
 
+/// Relative error of the second row of L M against long double; worsens `cancelled` by that of the
+/// difference k2 (y - m x).
+template <class T>
+double needle_gap(const std::array<double, 10>& a, double& cancelled) {
+    const Shape<T> s = shape_of<T>(a);
+    std::array<double, 10> rounded;
+    for (std::size_t i = 0; i < 10; ++i) rounded[i] = static_cast<double>(static_cast<T>(a[i]));
+    const Shape<long double> wide = shape_of<long double>(rounded);
+    const Projector<T> lens = plain_lens<T>();
+    const Projector<long double> wide_lens(lens);
+    const detail::Linearised<T, NoDistortion> l(s, lens);
+    const detail::Linearised<long double, NoDistortion> w(wide, wide_lens);
+    const auto factor = [](const auto& of, const auto& scale, const auto& d) {
+        return precision_factor(detail::scaled_by(of.along_x, scale),
+                                detail::scaled_by(of.along_y, scale), d);
+    };
+    const auto f = factor(l, s.scale, lens.dilation);
+    const auto truth = detail::whitened_second_row(w, wide.scale,
+                                                   factor(w, wide.scale, wide_lens.dilation),
+                                                   wide_lens.dilation);
+    const Vec3<T> row = detail::whitened_second_row(l, s.scale, f, lens.dilation);
+    // Along the needle alone: that is what turns it.
+    const auto relative = [&](T x) {
+        return static_cast<double>(std::abs((static_cast<long double>(x) - truth[0]) / truth[0]));
+    };
+    worsen(cancelled, relative(f.k2 * (l.along_y[0] * s.scale[0] - f.m * l.along_x[0] * s.scale[0])));
+    return relative(row[0]);
+}
+
 template <class T>
 void a4_a18(Report& report) {
     const double tol = sizeof(T) == 4 ? 1e-6 : 1e-14;
@@ -234,6 +263,18 @@ void a4_a18(Report& report) {
     if (sizeof(T) == 4)
         report.textbook_fails("A4", kind_of<T>(), "1 / (det^2 + 1e-7) at det = 3e19 is not 0",
                               T(1) / (big * big + T(1e-7)) > T(0));
+    // A19: along a needle y - m x cancels, and with it the gradient of its turn.
+    worst = 0;
+    double cancelled = 0;
+    for (std::uint64_t i = 0; i < 200; ++i) {
+        const Random turn{5, i};
+        const std::array<double, 10> needle{0.01, -0.02, 1,   turn.normal(0), turn.normal(1),
+                                            turn.normal(2), turn.normal(3), 1e6, 1e-6, 1e-6};
+        worsen(worst, needle_gap<T>(needle, cancelled));
+    }
+    report.at_most("A19", kind_of<T>(), "scales (1e6, 1e-6, 1e-6), 200 turns: turn of the rows L M",
+                   sizeof(T) == 4 ? 2e-5 : 1e-13, worst);
+    report.textbook("A19", kind_of<T>(), "k2 (y - m x)", sizeof(T) == 4 ? 2e-5 : 1e-13, cancelled);
     // A18: anisotropic and rotated, where a dropped half shows.
     worst = 0;
     const double a = 37 * 3.14159265358979 / 360, n = std::sin(a) / std::sqrt(14.0);

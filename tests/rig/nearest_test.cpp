@@ -75,6 +75,40 @@ TEST_CASE_TEMPLATE("nearest: a point on its landmark, no landmarks, numbers that
     CHECK_THROWS_AS((nearest_squared_distance<float>(B{}, x, p)), Error);
 }
 
+TEST_CASE_TEMPLATE("nearest: of finite points one is nearest, however far they are", B, Plain,
+                   Lanes) {
+    const float most = std::numeric_limits<float>::max();
+    for (const float far : {1e20F, 1e30F, most}) {
+        Columns<float> p(3, 3), x(3, 5);
+        p << -far, far, 0, 0, 0, far, 0, 0, 0;
+        x << far, 0.9F * far, -0.5F * far, 0, -far, //
+            0, 0, 0, -far, -far,                    //
+            far, 0, 0, 0, -far;
+        x(0, 3) = far / 2;
+        std::vector<Index> nearest;
+        const Columns<float> d = nearest_squared_distance<float>(B{}, x, p, &nearest);
+        CHECK(nearest == std::vector<Index>{1, 1, 0, 1, 0});
+        CHECK(d == Columns<float>::Constant(1, 5, most));
+        const NearestGradient<float> g = nearest_squared_distance_vjp<float>(
+            B{}, x, p, nearest, Columns<float>(Columns<float>::Zero(1, 5)));
+        CHECK(g.points.isZero(0));
+    }
+    // Beside one that is within the range, and of numbers that are none.
+    Columns<float> p(3, 2), x(3, 3);
+    p << 1e20F, 1e20F, 0, 0, 0, 0;
+    p(1, 1) = 1e15F;
+    x.setZero();
+    x.col(0) << 1e20F, 1e15F, 1;
+    x(2, 1) = std::numeric_limits<float>::infinity();
+    x(2, 2) = std::nanf("");
+    std::vector<Index> nearest;
+    const Columns<float> d = nearest_squared_distance<float>(B{}, x, p, &nearest);
+    CHECK(nearest == std::vector<Index>{1, -1, -1});
+    CHECK(d(0, 0) == 1);
+    CHECK(std::isinf(d(0, 1)));
+    CHECK(std::isinf(d(0, 2)));
+}
+
 TEST_CASE_TEMPLATE("nearest: adjoint to points and landmarks", T, float, double) {
     const Index n = 20000, k = 30;
     const Columns<T> x = random_columns<T>(3, n + k, {1});      // points, then landmarks

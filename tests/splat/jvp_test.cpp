@@ -121,6 +121,38 @@ TEST_CASE("jvp: <J v, w> = <v, J^T w> in double") {
     }
 }
 
+TEST_CASE_TEMPLATE("jvp: <J v, 1> = <v, J^T 1> of a needle of (1e6, 1e-6, 1e-6) in double (A19)", B,
+                   ScalarBackend<Serial>, XsimdBackend<>) {
+    auto s = random_scene<double>(1, 3, 3);
+    s.gaussians.opacity.setConstant(0.7);
+    const Rasterizer<Exact64> rasterizer;
+    double worst = 0;
+    int drawn = 0;
+    for (std::uint64_t turn = 0; turn < 20; ++turn) {
+        for (Index k = 0; k < 4; ++k)
+            s.gaussians.rotation(k, 0) = Random{turn, 8}.normal(static_cast<std::uint64_t>(k));
+        s.gaussians.scale.col(0) = Vec3<double>(1e6, 1e-6, 1e-6);
+        const Gaussians<double> v = direction(s, turn);
+        const RasterTangents<double> along{&v, nullptr};
+        const auto r = rasterizer.forward(B{}, s.gaussians, s.camera, s.background);
+        const auto j = rasterizer.jvp(B{}, s.gaussians, along, s.camera, s.background);
+        const Columns<double> one = Columns<double>::Ones(3, j.feature.cols());
+        const Gaussians<double> g =
+            rasterizer.vjp(B{}, s.gaussians, s.camera, s.background, r, one);
+        double reverse = 0, scale = 0;
+        Gaussians<double>::fields(
+            [&](const std::string&, const Columns<double>& a, const Columns<double>& b) {
+                reverse += a.cwiseProduct(b).sum();
+                scale += a.cwiseProduct(b).cwiseAbs().sum();
+            },
+            g, v);
+        if (scale > 0) ++drawn;
+        worst = std::max(worst, std::abs(j.feature.sum() - reverse) / (scale + 1e-300));
+    }
+    CHECK(drawn >= 10);
+    CHECK(worst < 1e-12);
+}
+
 TEST_CASE("jvp: equals central differences, along the Gaussians and along the camera") {
     // A pixel's set of Gaussians must not change between the two sides: no cut, no stop.
     auto s = random_scene<double>(40, 3, 3, 0.3);

@@ -191,10 +191,21 @@ TEST_CASE_TEMPLATE("rasterizer: a bad number leaves its Gaussian out, and is cou
                 }
         },
         clean.gaussians);
-    auto s = clean;
+}
+
+TEST_CASE_TEMPLATE("rasterizer: a rotation of zeros is the identity, with gradient 0 (C1)", B, Plain,
+                   Lanes) {
+    auto s = random_scene<float>(40, 3, 13);
+    s.gaussians.rotation.col(17) = Quat<float>(1, 0, 0, 0);
+    const auto expected = render<B>(s);
     s.gaussians.rotation.col(17).setZero();
-    CHECK(render<B>(s).trace.non_finite == 1);
-    CHECK(same(render<B>(s), expected));
+    const auto r = render<B>(s, Balanced{.non_finite = NonFinite::fail});
+    CHECK(r.trace.non_finite == 0);
+    CHECK(same(r, expected));
+    const auto g = gradients<B>(s, r);
+    CHECK(g.rotation.col(17).isZero(0));
+    CHECK(g.mean.allFinite());
+    CHECK_FALSE(g.scale.col(17).isZero(0));
 }
 
 TEST_CASE_TEMPLATE("rasterizer: opacity up to the threshold draws nothing", B, Plain, Lanes) {
@@ -235,7 +246,7 @@ TEST_CASE("rasterizer: arguments of another shape are refused") {
     s.gaussians.scale.resize(3, 4);
     CHECK_THROWS_AS(render<Plain>(s), Error);
     s = random_scene<float>(50, 3, 17, 10);
-    CHECK_THROWS_AS(render<Plain>(s, Balanced{.max_entries = 100}), Error);
+    CHECK_THROWS_AS(render<Plain>(s, Balanced{.max_memory = 100 * TileLists::entry_bytes<>}), Error);
 }
 
 TEST_CASE_TEMPLATE("rasterizer: a splat at a pixel's centre survives flips bit for bit", B, Plain,

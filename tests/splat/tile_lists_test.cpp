@@ -6,6 +6,7 @@
 #include <doctest/doctest.h>
 
 #include <rye/core/random.hpp>
+#include <rye/splat/accuracy.hpp>
 
 using namespace rye;
 
@@ -157,7 +158,7 @@ TEST_CASE("tile lists: threads change nothing") {
 namespace {
 
 /// The lists of n equal Gaussians that cover all of a square image, one behind the other.
-TileLists lists_of_covering(int side, Index n, Index max_entries,
+TileLists lists_of_covering(int side, Index n, std::uint64_t max_memory,
                             BinScratch<std::uint32_t>& scratch) {
     const float s = 1e6F, middle = 0.5F * static_cast<float>(side);
     const Footprint<float> f{middle, middle, 3, {s * s, 0, s * s}, s * s * s * s};
@@ -171,7 +172,7 @@ TileLists lists_of_covering(int side, Index n, Index max_entries,
                  [](Index m) { return static_cast<std::uint32_t>(m); },
                  [](Index m) { return static_cast<std::uint32_t>(m); },
                  [&](Index) -> const Footprint<float>& { return f; }},
-        max_entries, scratch);
+        max_memory, scratch);
     return out;
 }
 
@@ -179,16 +180,50 @@ TileLists lists_of_covering(int side, Index n, Index max_entries,
 
 TEST_CASE("tile lists: too many entries are refused before there is memory for them") {
     BinScratch<std::uint32_t> scratch;
-    CHECK_THROWS_AS(lists_of_covering(16384, 5000, Index(1) << 31U, scratch), Error);
+    CHECK_THROWS_AS(lists_of_covering(16384, 5000, std::uint64_t(1) << 36U, scratch), Error);
     std::size_t held = scratch.binned.capacity();
     for (const auto& chunk : scratch.chunks) held += chunk.mentions.capacity();
     CHECK(held < std::size_t(2 * TileLists::most_unchecked) * scratch.chunks.size());
 }
 
+TEST_CASE("tile lists: 5000 Gaussians that cover a picture of 2048 x 2048 are refused by default") {
+    BinScratch<std::uint32_t> scratch;
+    const std::uint64_t limit = Balanced{}.max_memory;
+    std::string message;
+    try {
+        lists_of_covering(2048, 5000, limit, scratch);
+    } catch (const Error& e) {
+        message = e.what();
+    }
+    CHECK(message == "rasterizer: got 81920000 pairs of a tile and a Gaussian, whose lists would take " +
+                         std::to_string(81920000 * TileLists::entry_bytes<>) +
+                         " bytes of memory, expected at most the limit of 2147483648: the Gaussians "
+                         "are too large for the image");
+    std::uint64_t held = scratch.binned.capacity();
+    for (const auto& chunk : scratch.chunks) held += chunk.mentions.capacity();
+    CHECK(held * sizeof(scratch.binned[0]) < limit / 4);
+    CHECK(lists_of_covering(512, 100, 102400 * TileLists::entry_bytes<>, scratch).entries() == 102400);
+    CHECK_THROWS_AS(lists_of_covering(512, 100, 102400 * TileLists::entry_bytes<> - 1, scratch), Error);
+}
+
+TEST_CASE("tile lists: what an entry is said to take is what it takes") {
+    BinScratch<std::uint32_t> scratch;
+    const TileLists lists = lists_of_covering(1024, 6000, default_memory, scratch);
+    std::uint64_t held = scratch.binned.capacity() * sizeof(scratch.binned[0]) +
+                         lists.entry.capacity() * sizeof(lists.entry[0]);
+    for (const auto& chunk : scratch.chunks)
+        held += chunk.mentions.capacity() * sizeof(chunk.mentions[0]);
+    for (const auto& buffer : scratch.buffers) held += buffer.capacity() * sizeof(buffer[0]);
+    const auto stated =
+        static_cast<std::uint64_t>(lists.entries()) * TileLists::entry_bytes<>;
+    CHECK(held <= stated);
+    CHECK(held > stated / 2);
+}
+
 TEST_CASE("tile lists: more entries than are written unchecked are all there") {
     BinScratch<std::uint32_t> scratch;
     const Index tiles = 256 * 256, n = TileLists::most_unchecked / tiles + 2;
-    const TileLists lists = lists_of_covering(4096, n, Index(1) << 31U, scratch);
+    const TileLists lists = lists_of_covering(4096, n, default_memory, scratch);
     CHECK(lists.entries() == n * tiles);
     bool each = true;
     for (Index t = 0; t < tiles; ++t)

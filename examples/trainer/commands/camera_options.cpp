@@ -8,6 +8,7 @@
 
 #include <rye/core/error.hpp>
 
+#include "commands/options.hpp"
 #include "data/cameras_file.hpp"
 
 namespace rye::trainer {
@@ -61,7 +62,9 @@ void add_camera_options(CLI::App& command, CameraOptions& o, const CameraDefault
                     "Its vertical field of view in degrees (default: " + usual.fov + ")")
         ->check(CLI::Range(0.01, 179.0))
         ->needs(eye);
-    command.add_option("--size", o.size, "Size of the picture in pixels: WxH (default: " + usual.size + ")");
+    command
+        .add_option("--size", o.size, "Size of the picture in pixels: WxH (default: " + usual.size + ")")
+        ->check(read_check(parsed_size));
     CLI::Option* const file =
         command
             .add_option("--cameras", o.file,

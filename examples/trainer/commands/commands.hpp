@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// commands/commands.hpp: the subcommands of `rye`; each function adds one to the program.
+/// commands/commands.hpp: the subcommands of `rye`; each function adds one to the program, and
+/// add_commands all of them.
 #pragma once
 
 namespace CLI {
@@ -7,6 +8,8 @@ class App;
 }
 
 namespace rye::trainer {
+
+void add_commands(CLI::App& app);
 
 void add_capture(CLI::App& app);
 void add_import(CLI::App& app);

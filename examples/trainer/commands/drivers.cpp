@@ -50,6 +50,7 @@ void add_drivers(CLI::App& app) {
     c->add_option("--out", o->out, "File to write (.csv)")
         ->required()
         ->check(out_check({OutFormat::csv}));
+    add_memory(*c);
     c->callback([o] { write_drivers(*o); });
 }
 

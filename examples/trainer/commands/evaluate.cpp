@@ -220,6 +220,7 @@ void add_evaluate(CLI::App& app) {
         "VGG16 + LPIPS weights for the LPIPS column, a safetensors file as for `rye train`");
     c->add_option("--out", o->out, "Folder for results.json and per_view.json (default: the run's)");
     add_device(*c, o->device, drawing_device_help);
+    add_memory(*c);
     add_threads(*c, o->threads);
     c->callback([o] { evaluate(*o); });
 }

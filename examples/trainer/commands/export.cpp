@@ -166,6 +166,7 @@ void add_export(CLI::App& app) {
     c->add_option("--out,--ply", o->out,
                   "File to write: .ply, .splat, .spz, .glb, or .avatar, the whole avatar")
         ->required();
+    add_memory(*c);
     add_threads(*c, o->threads);
     c->callback([o] { export_splats(*o); });
 }

@@ -88,10 +88,16 @@ CLI::App* add_kind(CLI::App& command, const std::shared_ptr<Arguments>& a, const
     kind->add_option("--out", a->options.out,
                      "Folder of the capture: a new one, or one that this command began")
         ->required();
+    add_memory(*kind);
     add_threads(*kind, a->threads, "Threads; the files do not depend on it (0: all)");
     kind->add_flag("--quiet", a->quiet, "No progress lines and no summary");
     kind->callback([a, import] { run(*a, import); });
     return kind;
+}
+
+void add_allow_outside(CLI::App* kind, const std::shared_ptr<Arguments>& a) {
+    kind->add_flag("--allow-outside", a->options.allow_outside,
+                   "Take also files that the source names outside its folder (../x.png, /x.png)");
 }
 
 } // namespace
@@ -118,6 +124,7 @@ void add_import(CLI::App& app) {
                      "topology than FLAME's (3931 4476 4477 5022)");
     vhap->add_option("--landmarks", a->options.landmarks,
                      "File of 68 vertices in the order of iBUG, for another topology");
+    add_allow_outside(vhap, a);
     CLI::App* gha = add_kind(*command, a, "gha",
                              "A folder of Gaussian Head Avatar, or a capture that lacks gaze or "
                              "eye masks",
@@ -135,11 +142,14 @@ void add_import(CLI::App& app) {
     xgaze->add_option("--normalization", a->options.normalization,
                       "Focal length [px], distance [mm] and side [px] of the normalisation; "
                       "ETH-XGaze's are 960 300 448");
-    add_kind(*command, a, "colmap", "Pictures of a COLMAP model (sparse/0 and images)",
-             import_colmap);
-    add_kind(*command, a, "transforms", "Photographs with a transforms.json (nerfstudio), or of Blender's layout "
-             "(transforms_train.json)",
-             import_transforms);
+    add_allow_outside(add_kind(*command, a, "colmap",
+                               "Pictures of a COLMAP model (sparse/0 and images)", import_colmap),
+                      a);
+    add_allow_outside(add_kind(*command, a, "transforms",
+                               "Photographs with a transforms.json (nerfstudio), or of Blender's "
+                               "layout (transforms_train.json)",
+                               import_transforms),
+                      a);
 }
 
 } // namespace rye::trainer

@@ -16,6 +16,7 @@
 #include "commands/commands.hpp"
 #include "commands/info_effects.hpp"
 #include "commands/info_json.hpp"
+#include "commands/options.hpp"
 #include "data/checksums.hpp"
 #include "data/validate.hpp"
 #include "training/device.hpp"
@@ -181,7 +182,10 @@ void add_info(CLI::App& app) {
         ->needs(effects);
     command->add_option("--bound", arguments->options.bound,
                         "With --effects: the least change of a colour that counts; 0.004 or 1/255")
-        ->needs(effects)->capture_default_str();
+        ->check(read_check(parsed_error))
+        ->needs(effects)
+        ->capture_default_str();
+    add_memory(*command);
     command->callback([arguments, effects] {
         if (effects->count() > 0) {
             arguments->options.scene = arguments->folder;

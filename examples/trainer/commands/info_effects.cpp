@@ -13,6 +13,7 @@
 
 #include "commands/options.hpp"
 #include "data/json_fields.hpp"
+#include "data/memory_limit.hpp"
 #include "data/photographs.hpp"
 #include "training/dispatch.hpp"
 #include "training/scene_profile.hpp"
@@ -118,7 +119,7 @@ Pinhole<float> view_of(const GaussianCloud<float>& cloud) {
 }
 
 Explanation explain_splats(const EffectsOptions& o, const ProfileBounds& bounds) {
-    const GaussianCloud<float> cloud = read_splats<float>(o.scene);
+    const GaussianCloud<float> cloud = read_splats<float>(o.scene, memory_limit());
     const Pinhole<float> camera = view_of(cloud);
     SceneFacts facts;
     add_sh(cloud, facts);
@@ -261,7 +262,7 @@ Explanation explain_capture(const EffectsOptions& o, const ProfileBounds& bounds
 
 Explanation explained(const EffectsOptions& o) {
     ProfileBounds bounds;
-    bounds.color = parsed_error(o.bound, "rye info", "--bound");
+    bounds.color = parsed_error(o.bound, "--bound");
     const std::filesystem::path scene = o.scene;
     require(!o.scene.empty() || !o.run.empty(), "rye info",
             "--effects: neither a scene nor --run is given");

@@ -4,14 +4,16 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <cstdio>
+#include <optional>
 
 #include <CLI/CLI.hpp>
 
 #include <rye/core/error.hpp>
+#include <rye/core/parse.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/memory_limit.hpp"
 #include "data/run_frames.hpp"
 #include "data/validate.hpp"
 
@@ -152,14 +154,9 @@ ShownView shown_view(const std::filesystem::path& run, const TrainState& state,
 }
 
 std::function<std::string(const std::string&)> out_check(std::vector<OutFormat> known) {
-    return [known = std::move(known)](const std::string& path) -> std::string {
-        try {
-            out_format(path, known, "");
-        } catch (const Error& e) {
-            return std::string(e.what()).substr(2); // the caller names the option
-        }
-        return "";
-    };
+    return read_check([known = std::move(known)](const std::string& path, const std::string& who) {
+        out_format(path, known, who);
+    });
 }
 
 std::function<std::string(const std::string&)> folder_check(const std::string& what) {
@@ -184,6 +181,16 @@ void add_threads(CLI::App& command, int& threads, const std::string& help) {
         ->capture_default_str();
 }
 
+void add_memory(CLI::App& command) {
+    command
+        .add_option_function<std::string>(
+            "--memory",
+            [](const std::string& text) { set_memory_limit(parsed_memory(text, "--memory")); },
+            "The most memory that one file may ask for, or the lists of one picture: 512M, 8G "
+            "(default: 2G)")
+        ->check(read_check(parsed_memory));
+}
+
 std::uint64_t parsed_seed(const std::string& text, const std::string& option) {
     std::uint64_t seed = 0;
     const char* const end = text.data() + text.size();
@@ -193,13 +200,14 @@ std::uint64_t parsed_seed(const std::string& text, const std::string& option) {
     return seed;
 }
 
-double parsed_error(const std::string& text, const std::string& who, const std::string& option) {
-    double above = 0, below = 1;
-    int read = 0, all = 0;
-    if (std::sscanf(text.c_str(), "%lf%n/%lf%n", &above, &read, &below, &all) == 2) read = all;
-    const double error = above / below;
-    require(static_cast<std::size_t>(read) == text.size() && error > 0 && error < 1, who,
-            option + ": got " + text + ", expected a number between 0 and 1 such as 0.004 or 1/255");
+double parsed_error(const std::string& text, const std::string& option) {
+    const std::size_t slash = text.find('/');
+    const std::optional<double> above = parse_double(std::string_view(text).substr(0, slash));
+    const std::optional<double> below =
+        slash == std::string::npos ? 1 : parse_double(std::string_view(text).substr(slash + 1));
+    const double error = above && below ? *above / *below : 0;
+    require(error > 0 && error < 1, option,
+            "got '" + text + "', expected a number between 0 and 1 such as 0.004 or 1/255");
     return error;
 }
 

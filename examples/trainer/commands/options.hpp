@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include <rye/core/error.hpp>
+
 #include "data/out_format.hpp"
 #include "training/run.hpp"
 
@@ -35,14 +37,30 @@ Vec3<float> gaze_option(const std::vector<double>& pitch_yaw_deg, const std::str
 /// A whole number below 2^64; throws Error with the option for anything else.
 std::uint64_t parsed_seed(const std::string& text, const std::string& option);
 
-/// "0.004" or "1/255", between 0 and 1; throws Error with the command and option for anything else.
-double parsed_error(const std::string& text, const std::string& who, const std::string& option);
+/// "0.004" or "1/255", between 0 and 1; throws Error with the option for anything else.
+double parsed_error(const std::string& text, const std::string& option);
 
 /// Limit on threads: each costs memory, and systems fail late when there are too many.
 inline constexpr int most_threads = 1024;
 
 /// --threads, 0 (all) to most_threads.
 void add_threads(CLI::App& command, int& threads, const std::string& help = "Threads (0: all)");
+
+/// --memory: memory_limit() (data/memory_limit.hpp).
+void add_memory(CLI::App& command);
+
+/// A check of an option by the function that reads it, f(text, option), which throws Error.
+template <class F>
+std::function<std::string(const std::string&)> read_check(F f) {
+    return [f](const std::string& text) -> std::string {
+        try {
+            f(text, "");
+        } catch (const Error& e) {
+            return std::string(e.what()).substr(2); // the caller names the option
+        }
+        return "";
+    };
+}
 
 /// --device: auto, cpu or cuda; `device` has its default (device_choice.hpp).
 void add_device(CLI::App& command, std::string& device, const std::string& help);

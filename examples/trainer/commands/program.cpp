@@ -2,6 +2,8 @@
 #include "commands/program.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdlib>
 #include <iostream>
 #include <new>
 
@@ -141,6 +143,24 @@ std::string reworded(const CLI::App& command, const CLI::ParseError& e) {
     return text;
 }
 
+/// Why a text that CLI11 reads as a number is none to work with; empty if it is finite, or no number,
+/// which CLI11 says itself.
+std::string finite_fault(const std::string& text) {
+    char* end = nullptr;
+    const auto x = static_cast<double>(std::strtold(text.c_str(), &end));
+    const bool whole = !text.empty() && end == text.c_str() + text.size();
+    return !whole || std::isfinite(x) ? "" : "got '" + text + "', expected a finite number";
+}
+
+/// Options of a command and of those below it take finite numbers alone: CLI11 reads nan and inf,
+/// and its ranges let NaN pass.
+void refuse_non_finite(CLI::App& command) {
+    for (CLI::Option* o : command.get_options())
+        if (o->get_type_name().starts_with("FLOAT")) o->check(finite_fault);
+    for (CLI::App* c : command.get_subcommands([](CLI::App*) { return true; }))
+        refuse_non_finite(*c);
+}
+
 int fault(const std::string& command, const std::string& sentence) {
     const bool named = sentence.starts_with("rye ");
     std::cerr << (named ? "" : "rye" + (command.empty() ? "" : " " + command) + ": ") << sentence
@@ -198,6 +218,7 @@ OptionValue value_of(const CLI::Option& option) {
 std::string text_of(const CLI::Option& option) { return option.get_description(); }
 
 int run_program(CLI::App& app, int argc, char** argv) {
+    refuse_non_finite(app);
     const CLI::App* const found = command_of(app, argc, argv);
     const CLI::App& command = found == nullptr ? app : *found;
     const std::string name = found == nullptr ? "" : found->get_name();

@@ -232,7 +232,6 @@ OutFormat checked_format(const RedirectOptions& o) {
                 list_of({formats.begin() + 2, formats.end()}));
     require(format != OutFormat::y4m_stream || isatty(STDOUT_FILENO) == 0, "--out",
             "got -, and standard output is a terminal, expected a pipe or a file behind it");
-    parsed_rate(o.rate, "--fps");
     for (const auto* gaze : {&o.left, &o.right})
         if (!gaze->empty()) gaze_option(*gaze, gaze == &o.left ? "--gaze-left" : "--gaze-right");
     return format;
@@ -293,6 +292,7 @@ void add_redirect(CLI::App& app) {
     c->add_option("--gaze-right", o->right, "Subject's right eye: PITCH,YAW in degrees")->delimiter(',');
     add_driving_options(*c, o->driving);
     c->add_option("--fps", o->rate, "Pictures a second of a video: 25, or 30000/1001")
+        ->check(read_check(parsed_rate))
         ->capture_default_str();
     CLI::Option* const sweep =
         c->add_flag("--sweep", o->sweep, "A contact sheet of many gazes instead")
@@ -312,6 +312,7 @@ void add_redirect(CLI::App& app) {
         ->required()
         ->check(out_check(formats));
     add_device(*c, o->device, std::string(drawing_device_help) + ", and --effects leaves none out");
+    add_memory(*c);
     add_threads(*c, o->threads);
     c->callback([o] { redirect(*o); });
 }

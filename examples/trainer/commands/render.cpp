@@ -21,6 +21,7 @@
 #include "commands/commands.hpp"
 #include "commands/options.hpp"
 #include "data/cameras_file.hpp"
+#include "data/memory_limit.hpp"
 #include "data/picture.hpp"
 #include "data/threads.hpp"
 #include "training/drawing.hpp"
@@ -56,7 +57,14 @@ const std::vector<OutFormat> formats{OutFormat::png, OutFormat::jpeg};
 template <Backend B, Real T, AccuracyPolicy A, Distortion D>
 Image<float> picture(const B& backend, const A& accuracy, const Gaussians<T>& g,
                      const Pinhole<T, D>& camera, const VecX<T>& background) {
-    const auto raster = Rasterizer<A>{accuracy}.forward(backend, g, camera, background);
+    const auto pixels =
+        static_cast<std::uint64_t>(camera.width) * static_cast<std::uint64_t>(camera.height);
+    require_memory(pixels * (4 * sizeof(T) + 3 * sizeof(float) + 3), memory_limit(), "rye render",
+                   "a picture of " + std::to_string(camera.width) + " x " +
+                       std::to_string(camera.height) + " pixels");
+    A limited = accuracy;
+    limited.max_memory = memory_limit();
+    const auto raster = Rasterizer<A>{limited}.forward(backend, g, camera, background);
     if (raster.trace.non_finite > 0)
         std::cerr << "rye render: skipped " << raster.trace.non_finite
                   << " Gaussians with numbers that are not finite\n";
@@ -104,7 +112,7 @@ Image<float> picture(const RenderOptions& o, const GaussianCloud<float>& cloud,
             const VecX<float> behind = background.cast<float>();
             const SelectedAccuracy chosen =
                 select_accuracy<float>(train_backend(), g, in_float, behind,
-                                       parsed_error(o.max_error, "rye render", "--max-error"));
+                                       parsed_error(o.max_error, "--max-error"));
             if (chosen.met)
                 std::printf("accuracy %s: the coarsest of %zu whose error stays below %s; on %td tiles it "
                             "is at most %.2g, and at most %.1f %% of all tiles are worse (95 %% sure)\n",
@@ -175,7 +183,7 @@ void render(const RenderOptions& o) {
             "got cuda, but a splat file is drawn on the CPU, expected the folder of a run");
     Photograph view = view_of(o);
     view.camera.near_depth = o.near_depth;
-    const GaussianCloud<float> cloud = read_splats<float>(o.ply);
+    const GaussianCloud<float> cloud = read_splats<float>(o.ply, memory_limit());
 
     const auto begin = std::chrono::steady_clock::now();
     const Image<float> image = view.bent()
@@ -213,7 +221,9 @@ void add_render(CLI::App& app) {
         ->capture_default_str();
     c->add_option("--max-error", o->max_error,
                   "Instead of --accuracy: the cheapest whose largest error in any channel stays below "
-                  "this, by sampled tiles; 0.004 or 1/255")->excludes("--accuracy");
+                  "this, by sampled tiles; 0.004 or 1/255")
+        ->check(read_check(parsed_error))
+        ->excludes("--accuracy");
     c->add_option("--alpha-floor", o->alpha_floor,
                   "Taken from the falloff, so that it ends at 0; viewers that do so take 0.0111")
         ->check(CLI::Range(0.0, 0.99))->capture_default_str();
@@ -226,6 +236,7 @@ void add_render(CLI::App& app) {
         *c, o->device,
         "Where a run's head is drawn; auto: a CUDA device where this build has kernels and a "
         "device is there");
+    add_memory(*c);
     add_threads(*c, o->threads);
     c->callback([o] { render(*o); });
 }

@@ -574,6 +574,7 @@ void add_train(CLI::App& app) {
                 "Print the effective configuration, every field of it, and stop");
     c->add_option("--steps", options->steps, "Steps of stage 2, instead of the configuration's");
     c->add_option("--seed", options->seed, "Seed of all randomness: any whole number below 2^64");
+    add_memory(*c);
     add_threads(*c, options->threads, "Threads; results do not depend on it (0: all)");
     c->add_option("--perceptual-weights", options->perceptual_weights,
                   "VGG16 + LPIPS weights, a safetensors file that cmake/convert_lpips_weights.py writes; "

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
-#include <cstdio>
 
 #include "data/json_fields.hpp"
 #include "data/picture.hpp"
@@ -121,11 +121,16 @@ Photograph camera_of(const Json& file, const Json& camera) {
 } // namespace
 
 ImageSize parsed_size(const std::string& text, const std::string& who) {
-    int width = 0, height = 0, read = 0;
-    const int found = std::sscanf(text.c_str(), "%5dx%5d%n", &width, &height, &read);
+    int width = 0, height = 0;
+    const char* const end = text.data() + text.size();
+    const auto [x, no_width] = std::from_chars(text.data(), end, width);
+    bool read = no_width == std::errc() && x != end && *x == 'x';
+    if (read) {
+        const auto [stop, no_height] = std::from_chars(x + 1, end, height);
+        read = no_height == std::errc() && stop == end;
+    }
     require(
-        found == 2 && static_cast<std::size_t>(read) == text.size() && width > 0 && height > 0 &&
-            width <= max_image_edge && height <= max_image_edge,
+        read && width > 0 && height > 0 && width <= max_image_edge && height <= max_image_edge,
         who,
         "got " + text + ", expected WxH, each 1 to " + std::to_string(max_image_edge) + " pixels");
     return {width, height};

@@ -12,6 +12,7 @@
 #include <rye/math/linalg.hpp>
 
 #include "data/json.hpp"
+#include "data/memory_limit.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -76,7 +77,7 @@ std::vector<double> numbers(const NpyArray& array, const std::string& who,
 
 /// The arrays of an npz and its file name.
 struct Archive {
-    explicit Archive(const fs::path& file) : path(file), arrays(read_npz(file)) {}
+    explicit Archive(const fs::path& file) : path(file), arrays(read_npz(file, memory_limit())) {}
 
     std::string label(const std::string& name) const { return path.string() + ": " + name; }
     bool has(const std::string& name) const { return arrays.count(name) != 0; }

@@ -10,7 +10,11 @@
 
 #include <rye/capture/bytes.hpp>
 #include <rye/core/error.hpp>
+#include <rye/core/format.hpp>
+#include <rye/core/memory.hpp>
 #include <rye/core/parse.hpp>
+
+#include "data/memory_limit.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -146,8 +150,8 @@ Drivers<float> drivers_of(std::string_view line, const std::string& who,
         const std::optional<double> x = parse_double(fields[i]);
         require(x && *x >= c.least && *x <= c.most, who,
                 "column '" + c.name + "': got '" + std::string(fields[i]) +
-                    "', expected a number from " + std::to_string(c.least) + " to " +
-                    std::to_string(c.most));
+                    "', expected a number from " + number_text(c.least) + " to " +
+                    number_text(c.most));
         c.set(row, *x);
         for (std::size_t e = 0; e < 2; ++e) looks[e] = looks[e] || c.name == gaze_column(e, true);
     }
@@ -178,9 +182,14 @@ std::vector<Drivers<float>> parse_drivers(std::string_view text, const std::stri
     const std::vector<Column> columns = header_of(take_line(text), name, names);
     const Row usual{otherwise, angles_of(otherwise)};
     std::vector<Drivers<float>> frames;
+    // Of a frame in a list that has grown to twice its length.
+    const std::uint64_t each =
+        2 * sizeof(Drivers<float>) + 4 * static_cast<std::uint64_t>(names.expression) + 32;
     for (std::size_t number = 2; !text.empty(); ++number) {
         const std::string_view line = take_line(text);
         if (line.empty()) continue;
+        require_memory(each * (frames.size() + 1), memory_limit(),
+                       name + ": line " + std::to_string(number), "the frames to here");
         frames.push_back(
             drivers_of(line, name + ": line " + std::to_string(number), columns, usual));
     }
@@ -208,23 +217,19 @@ std::string text_of_drivers(const std::vector<Drivers<float>>& frames,
     for (std::size_t e = 0; e < 2; ++e)
         text += "," + gaze_column(e, false) + "," + gaze_column(e, true);
     text += "\n";
-    const auto add = [&](double x, const char* format) {
-        char digits[40];
-        std::snprintf(digits, sizeof digits, format, x);
-        std::replace(digits, digits + sizeof digits, ',', '.'); // of a locale
-        text += std::string(",") + digits;
-    };
+    const auto add = [&](auto x) { text += "," + number_text(x); };
+    const auto add_angle = [&](double degrees) { add(std::round(degrees * 1e7) / 1e7 + 0.0); };
     for (std::size_t f = 0; f < frames.size(); ++f) {
         const Drivers<float>& d = frames[f];
         std::string id = ids[f];
         std::replace(id.begin(), id.end(), ',', '_');
         text += id;
         for (Index k = 0; k < d.expression.size(); ++k)
-            add(static_cast<double>(d.expression[k]), "%.9g");
-        for (Index k = 0; k < 6; ++k) add(static_cast<double>(d.pose[k]), "%.9g");
-        add(static_cast<double>(d.scale), "%.9g");
+            add(d.expression[k]);
+        for (Index k = 0; k < 6; ++k) add(d.pose[k]);
+        add(d.scale);
         const Angles a = angles_of(d);
-        for (std::size_t e = 0; e < 2; ++e) add(a.pitch[e], "%.7f"), add(a.yaw[e], "%.7f");
+        for (std::size_t e = 0; e < 2; ++e) add_angle(a.pitch[e]), add_angle(a.yaw[e]);
         text += "\n";
     }
     return text;

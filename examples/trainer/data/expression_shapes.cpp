@@ -7,6 +7,7 @@
 #include <rye/capture/npz.hpp>
 #include <rye/core/error.hpp>
 
+#include "data/memory_limit.hpp"
 #include "data/samples.hpp"
 
 namespace rye::trainer {
@@ -36,7 +37,7 @@ std::vector<Columns<double>> read_shapes(const NpzArrays& arrays, const std::str
 
 Columns<double> parse_expression_shapes(ByteSpan bytes, const std::string& who, Index expression,
                                         Index vertices) {
-    const NpzArrays arrays = parse_npz(bytes, who);
+    const NpzArrays arrays = parse_npz(bytes, who, memory_limit());
     const auto landmarks = read_shapes(arrays, who, "landmarks", expression);
     std::vector<Columns<double>> dense(static_cast<std::size_t>(expression), Columns<double>(3, 0));
     if (vertices > 0) dense = read_shapes(arrays, who, "vertices", expression);

@@ -9,7 +9,9 @@
 #include <rye/capture/atomic_file.hpp>
 #include <rye/capture/bytes.hpp>
 #include <rye/core/error.hpp>
+#include <rye/core/memory.hpp>
 
+#include "data/memory_limit.hpp"
 #include "data/picture_codecs.hpp"
 
 namespace rye::trainer {
@@ -87,7 +89,12 @@ ImageHeader read_image_header(const std::filesystem::path& path) {
 
 Image8 decode_image(ByteSpan bytes, const std::string& who, int channels) {
     RYE_ASSERT(channels == 0 || channels == 1 || channels == 3, "decode_image: bad channels");
-    check_magic(bytes, who);
+    const ImageHeader h = parse_header(bytes, who);
+    // As the file has it, as it is asked for, and in the floats that it becomes.
+    const auto pixels = static_cast<std::uint64_t>(h.width) * static_cast<std::uint64_t>(h.height);
+    const auto asked = static_cast<std::uint64_t>(channels == 0 ? h.channels : channels);
+    require_memory(pixels * (static_cast<std::uint64_t>(h.channels) + 5 * asked), memory_limit(), who,
+                   "its " + std::to_string(h.width) + " x " + std::to_string(h.height) + " pixels");
     return with_channels(is_png(bytes) ? decode_png(bytes, who) : decode_jpeg(bytes, who),
                          channels);
 }

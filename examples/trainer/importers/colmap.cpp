@@ -58,13 +58,15 @@ ImportSummary import_colmap(const ImportOptions& options) {
         still.photograph = camera->second;
         still.photograph.file = p.name;
         still.photograph.camera.camera_from_world = p.camera_from_world;
-        still.image = options.source / "images" / p.name;
+        const std::string who = file("images").string() + ": the picture '" + p.name + "'";
+        still.image = named_file(options, options.source, fs::path("images") / p.name, who);
         require(
             fs::is_regular_file(still.image), still.image.string(),
             "no such file, expected the picture '" + p.name + "' of " + file("images").string());
         // COLMAP's own names of masks.
-        if (const fs::path mask = options.source / "masks" / (p.name + ".png"); fs::exists(mask))
-            still.mask = mask;
+        const fs::path mask =
+            named_file(options, options.source, fs::path("masks") / (p.name + ".png"), who);
+        if (fs::exists(mask)) still.mask = mask;
         stills.push_back(std::move(still));
     }
     return import_stills(stills, job, options);

@@ -6,12 +6,14 @@
 #include <cmath>
 #include <cstring>
 #include <optional>
-#include <sstream>
+#include <string_view>
 
 #include <rye/core/error.hpp>
+#include <rye/core/memory.hpp>
 #include <rye/core/parse.hpp>
 #include <rye/math/rotation.hpp>
 
+#include "data/memory_limit.hpp"
 #include "data/picture.hpp"
 
 namespace rye::trainer {
@@ -181,14 +183,26 @@ struct Line {
 
 /// Lines but comments; of images.txt every second one has points, and may be empty.
 std::vector<Line> lines_of(ByteSpan bytes, const std::string& who) {
-    std::istringstream in{std::string(as_text(bytes))};
+    constexpr std::string_view spaces = " \t\r\v\f";
+    std::string_view rest = as_text(bytes);
     std::vector<Line> lines;
-    std::string text;
-    for (int number = 1; std::getline(in, text); ++number) {
-        if (!text.empty() && text[0] == '#') continue;
+    std::uint64_t memory = 0; // in lists that have grown to twice their length
+    for (int number = 1; !rest.empty(); ++number) {
+        std::string_view text = rest.substr(0, rest.find('\n'));
+        rest.remove_prefix(std::min(text.size() + 1, rest.size()));
+        if (text.starts_with('#')) continue;
         Line line{who + ": line " + std::to_string(number), {}};
-        std::istringstream words(text);
-        for (std::string word; words >> word;) line.words.push_back(word);
+        memory += 2 * sizeof(Line) + line.who.size();
+        require_memory(memory, memory_limit(), line.who, "the lines to here");
+        for (;;) {
+            text.remove_prefix(std::min(text.find_first_not_of(spaces), text.size()));
+            if (text.empty()) break;
+            const std::string_view word = text.substr(0, text.find_first_of(spaces));
+            text.remove_prefix(word.size());
+            memory += 2 * sizeof(std::string) + word.size();
+            require_memory(memory, memory_limit(), line.who, "the lines to here");
+            line.words.emplace_back(word);
+        }
         lines.push_back(std::move(line));
     }
     return lines;

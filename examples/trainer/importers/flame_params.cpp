@@ -8,6 +8,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/memory_limit.hpp"
 #include "importers/import_folder.hpp"
 
 namespace rye::trainer {
@@ -36,7 +37,7 @@ Mat3<double> rotation_of(const std::vector<double>& v, std::size_t at = 0) {
 } // namespace
 
 FlameParams parse_flame_params(ByteSpan bytes, const std::string& who) {
-    const NpzArrays arrays = parse_npz(bytes, who);
+    const NpzArrays arrays = parse_npz(bytes, who, memory_limit());
     FlameParams p;
     p.expression = array_of(arrays, "expr", 0, who);
     const std::vector<double> jaw = array_of(arrays, "jaw_pose", 3, who);

@@ -7,8 +7,11 @@
 
 #include <rye/capture/npz.hpp>
 #include <rye/core/error.hpp>
+#include <rye/core/memory.hpp>
 #include <rye/core/parse.hpp>
 #include <rye/rig/gaze.hpp>
+
+#include "data/memory_limit.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -64,6 +67,8 @@ std::map<std::string, GazeRow> parse_gaze_csv(std::string_view text, const std::
         }
         const GazeRow row{in_range(gaze_vector(angle[0], angle[1]), who + ": left"),
                           in_range(gaze_vector(angle[2], angle[3]), who + ": right")};
+        require_memory((rows.size() + 1) * (2 * sizeof(GazeRow) + field[0].size() + 64),
+                       memory_limit(), who, "the rows to here");
         require(rows.emplace(field[0], row).second, who,
                 "names the frame '" + field[0] + "' twice");
     }
@@ -79,7 +84,7 @@ std::map<std::string, GazeRow> from_csv(const std::filesystem::path& path) {
 
 std::map<std::string, GazeRow> from_npz(const std::filesystem::path& path,
                                         const std::vector<std::string>& frames) {
-    const NpzArrays arrays = read_npz(path);
+    const NpzArrays arrays = read_npz(path, memory_limit());
     std::map<std::string, GazeRow> rows;
     const auto count = static_cast<Index>(frames.size());
     for (std::size_t e = 0; e < 2; ++e) {

@@ -6,6 +6,9 @@
 #include <rye/capture/bytes.hpp>
 #include <rye/capture/npy.hpp>
 #include <rye/core/error.hpp>
+#include <rye/core/memory.hpp>
+
+#include "data/memory_limit.hpp"
 
 #ifdef RYE_HDF5
 #include <hdf5.h>
@@ -148,12 +151,10 @@ std::vector<Index> Hdf5File::shape(const std::string& array) const {
 }
 
 std::vector<double> Hdf5File::numbers(const std::string& array) const {
-    constexpr std::uint64_t most = 1ULL << 30U; // bytes
     const Id set(handle_->open(array), H5Dclose);
     const std::vector<hsize_t> shape = handle_->extents(set.id, array);
     const std::uint64_t size = checked_size(shape, 8, name_ + ": " + array);
-    require(size <= most, name_ + ": " + array,
-            "got " + std::to_string(size) + " bytes, expected at most " + std::to_string(most));
+    require_memory(size, memory_limit(), name_ + ": " + array, "the array");
     std::vector<double> values(static_cast<std::size_t>(size / 8));
     require(H5Dread(set.id, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) >= 0,
             name_ + ": " + array, "cannot be read: it is damaged, or of an unknown compression");
@@ -168,7 +169,7 @@ std::vector<std::uint8_t> Hdf5File::bytes(const std::string& array, Index row) c
             "is not in the array");
     shape[0] = 1;
     const std::uint64_t size = checked_size(shape, 1, who);
-    require(size <= 1ULL << 30U, who, "got " + std::to_string(size) + " bytes");
+    require_memory(saturated_product(size, 1 + sizeof(std::int32_t)), memory_limit(), who, "it");
     std::vector<hsize_t> start(shape.size(), 0);
     start[0] = static_cast<hsize_t>(row);
     const Id file_space(H5Dget_space(set.id), H5Sclose);

@@ -240,6 +240,18 @@ ImportFolder::Json import_job(const std::string& kind, const ImportOptions& opti
     return {{"kind", kind}, {"source", fs::weakly_canonical(options.source).string()}};
 }
 
+fs::path named_file(const ImportOptions& options, const fs::path& folder, const fs::path& name,
+                    const std::string& who) {
+    const fs::path base = fs::absolute(folder).lexically_normal();
+    const fs::path from_base = (base / name).lexically_normal().lexically_relative(base);
+    const bool inside = !from_base.empty() && *from_base.begin() != "..";
+    require(inside || options.allow_outside, who,
+            "got '" + name.string() + "', which is outside " +
+                (folder.empty() ? "." : folder.string()) +
+                ", expected a file in that folder; --allow-outside takes others, too");
+    return folder / name;
+}
+
 void require_finite_numbers(const std::vector<double>& values, const std::string& who) {
     for (std::size_t i = 0; i < values.size(); ++i)
         require(std::isfinite(values[i]), who,

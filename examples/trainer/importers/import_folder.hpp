@@ -33,6 +33,7 @@ struct ImportOptions {
     std::filesystem::path landmarks;   ///< vhap: file of 68 vertices; empty: FLAME's
     std::vector<int> eyeballs;         ///< vhap: first and last vertex, left, then right
     std::vector<double> normalization; ///< xgaze: focal length [px], distance [mm], side [px]
+    bool allow_outside = false;        ///< files that the source names may lie beside its folder
     /// Called after each frame: frames done, frames of the source.
     std::function<void(int, int)> progress = [](int, int) {};
 };
@@ -128,6 +129,12 @@ std::string factor_text(double x);
 
 /// The keys job_of writes, common to all kinds: kind, and the source as an absolute path.
 ImportFolder::Json import_job(const std::string& kind, const ImportOptions& options);
+
+/// The file that a source names, relative to `folder`. Throws Error, which begins with `who`, if it
+/// lies outside by its name ("../x.png", "/x.png"), unless the options allow it: an import copies
+/// pictures, and a source of someone else could ask for any on this machine.
+std::filesystem::path named_file(const ImportOptions& options, const std::filesystem::path& folder,
+                                 const std::filesystem::path& name, const std::string& who);
 
 /// Throws Error if a vector holds a number that is not finite.
 void require_finite_numbers(const std::vector<double>& values, const std::string& who);

@@ -12,9 +12,8 @@ namespace {
 namespace fs = std::filesystem;
 using Json = ImportFolder::Json;
 
-/// The path as written, or with the ending that Blender's data sets leave out.
-fs::path picture_of(const fs::path& folder, const std::string& path) {
-    const fs::path file = folder / path;
+/// The file, or with the ending that Blender's data sets leave out.
+fs::path picture_of(const fs::path& file) {
     if (!fs::is_regular_file(file))
         for (const char* suffix : {".png", ".jpg", ".jpeg"})
             if (fs::path with = file.string() + suffix; fs::is_regular_file(with)) return with;
@@ -38,16 +37,13 @@ std::vector<fs::path> files_of(const fs::path& source) {
     return parts;
 }
 
-/// A file of a frame, which must be there.
-fs::path file_of(const Json& frame, const char* key, const fs::path& folder,
-                 const std::string& who) {
-    fs::path path = picture_of(folder, json_text(frame, key, "", who));
-    require(fs::is_regular_file(path), path.string(),
-            "no such file, named by " + std::string(key) + " of " + who);
-    return path;
+/// Returns the file; throws Error if it is not there.
+fs::path existing(const fs::path& file, const std::string& key, const std::string& who) {
+    require(fs::is_regular_file(file), file.string(), "no such file, named by " + key + " of " + who);
+    return file;
 }
 
-void add_stills(const fs::path& file, std::vector<Still>& stills) {
+void add_stills(const ImportOptions& options, const fs::path& file, std::vector<Still>& stills) {
     Json json = read_json<Json>(file);
     const std::string name = file.string();
     require(json.is_object() && json.contains("frames") && json.at("frames").is_array() &&
@@ -60,9 +56,13 @@ void add_stills(const fs::path& file, std::vector<Still>& stills) {
         require(frame.is_object() && frame.contains("file_path"), who + ": file_path",
                 "is missing, expected the path of a picture");
         Still still;
-        still.image = file_of(frame, "file_path", file.parent_path(), who);
-        if (frame.contains("mask_path"))
-            still.mask = file_of(frame, "mask_path", file.parent_path(), who);
+        const auto of = [&](const char* key) {
+            const fs::path name = json_text(frame, key, "", who);
+            return existing(picture_of(named_file(options, file.parent_path(), name, who + ": " + key)),
+                            key, who);
+        };
+        still.image = of("file_path");
+        if (frame.contains("mask_path")) still.mask = of("mask_path");
         // Blender's data sets leave the size to the pictures.
         if (!json.contains("w") && !frame.contains("w")) {
             const ImageHeader size = read_image_header(still.image);
@@ -81,7 +81,7 @@ void add_stills(const fs::path& file, std::vector<Still>& stills) {
 ImportSummary import_transforms(const ImportOptions& options) {
     const Json job = import_job("transforms", options);
     std::vector<Still> stills;
-    for (const fs::path& file : files_of(options.source)) add_stills(file, stills);
+    for (const fs::path& file : files_of(options.source)) add_stills(options, file, stills);
     return import_stills(stills, job, options);
 }
 

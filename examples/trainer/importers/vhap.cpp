@@ -14,6 +14,7 @@
 #include <rye/rig/gaze.hpp>
 
 #include "data/json.hpp"
+#include "data/memory_limit.hpp"
 #include "data/photographs.hpp"
 #include "importers/face_geometry.hpp"
 #include "importers/flame.hpp"
@@ -144,15 +145,20 @@ VhapSource read_source(const ImportOptions& o) {
         const fs::path params =
             file_of(view, "flame_param_path",
                     beside(mesh, "flame_param", number, ".npz").generic_string(), who);
-        frame.params = s.folder / params;
-        frame.mesh = s.folder / (mesh.empty() ? beside(params, "meshes", number, ".obj") : mesh);
-        VhapView v{padded(camera, 2), s.folder / photographs[i].file, {}, photographs[i].camera};
+        const auto named = [&](const fs::path& path, const char* key) {
+            return named_file(o, s.folder, path, who + ": " + key);
+        };
+        frame.params = named(params, "flame_param_path");
+        frame.mesh =
+            named(mesh.empty() ? beside(params, "meshes", number, ".obj") : mesh, "mesh_path");
+        VhapView v{
+            padded(camera, 2), named(photographs[i].file, "file_path"), {}, photographs[i].camera};
         require(fs::is_regular_file(v.image), v.image.string(),
                 "no such file, expected the picture of frame " + std::to_string(i) + " of " +
                     file.string());
         const fs::path mask = file_of(view, "fg_mask_path", "", who);
         if (!mask.empty()) {
-            v.mask = s.folder / mask;
+            v.mask = named(mask, "fg_mask_path");
             require(fs::is_regular_file(v.mask), v.mask.string(),
                     "no such file, expected the fg_mask_path of frame " + std::to_string(i) +
                         " of " + file.string());

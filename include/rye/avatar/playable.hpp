@@ -13,6 +13,7 @@
 
 #include <rye/avatar/two_stream.hpp>
 #include <rye/core/error.hpp>
+#include <rye/core/format.hpp>
 #include <rye/geometry/camera.hpp>
 #include <rye/math/linalg.hpp>
 
@@ -74,7 +75,7 @@ void require_all_finite(const std::string& who, const std::string& name, const A
     if (a.allFinite()) return;
     for (Index i = 0; i < a.size(); ++i)
         require(std::isfinite(a(i)), who,
-                "'" + name + "': value " + std::to_string(i) + " is " + std::to_string(a(i)) +
+                "'" + name + "': value " + std::to_string(i) + " is " + number_text(a(i)) +
                     ", expected a finite number");
 }
 
@@ -86,7 +87,7 @@ void check_ranges(const std::string& who, const std::string& name, const Columns
     for (Index i = 0; i < low.size(); ++i)
         require(low(i) <= high(i), who,
                 "'" + name + "': range " + std::to_string(i) + " is from " +
-                    std::to_string(low(i)) + " to " + std::to_string(high(i)) +
+                    number_text(low(i)) + " to " + number_text(high(i)) +
                     ", expected an end above its beginning");
 }
 
@@ -102,13 +103,13 @@ void check_drivers(const std::string& who, const AvatarConfig& config, const Dri
     detail::require_all_finite(who, "expression", d.expression);
     detail::require_all_finite(who, "pose", d.pose);
     if (!(std::isfinite(d.scale) && d.scale > T(0)))
-        throw Error(who + ": 'scale': got " + std::to_string(d.scale) +
+        throw Error(who + ": 'scale': got " + number_text(d.scale) +
                     ", expected a positive number");
     for (std::size_t eye = 0; eye < 2; ++eye) {
         const T length = norm(d.gaze[eye]);
         if (!(std::abs(length - T(1)) <= T(1e-3)))
             throw Error(who + ": 'gaze': the " + (eye == 0 ? "left" : "right") +
-                        " eye's has the length " + std::to_string(length) + ", expected 1");
+                        " eye's has the length " + number_text(length) + ", expected 1");
     }
 }
 
@@ -122,7 +123,7 @@ template <Real T>
 void check_camera(const std::string& who, const Pinhole<T>& c) {
     const auto positive = [&](const char* name, T x) {
         if (!(std::isfinite(x) && x > T(0)))
-            throw Error(who + ": camera: '" + name + "' is " + std::to_string(x) +
+            throw Error(who + ": camera: '" + name + "' is " + number_text(x) +
                         ", expected a positive number");
     };
     positive("fx", c.fx);
@@ -140,7 +141,7 @@ void check_camera(const std::string& who, const Pinhole<T>& c) {
     const T volume = r.col(0).dot(cross(Vec3<T>(r.col(1)), Vec3<T>(r.col(2))));
     if (!(apart <= T(1e-3) && volume > T(0)))
         throw Error(who + ": camera: 'rotation' is no rotation: R^T R differs from 1 by " +
-                    std::to_string(apart) + ", its determinant is " + std::to_string(volume));
+                    number_text(apart) + ", its determinant is " + number_text(volume));
 }
 
 /// Throws Error("who: ...") with the first fault: shapes that do not belong together, indices of

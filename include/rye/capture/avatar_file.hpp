@@ -6,6 +6,7 @@
 #pragma once
 
 #include <array>
+#include <charconv>
 #include <cstdint>
 #include <deque>
 #include <filesystem>
@@ -18,6 +19,7 @@
 #include <rye/avatar/playable.hpp>
 #include <rye/capture/avatar_settings.hpp>
 #include <rye/capture/safetensors.hpp>
+#include <rye/core/format.hpp>
 
 namespace rye {
 
@@ -171,7 +173,7 @@ void set_scalars(const AvatarScalars& s, const std::string& who, PlayableAvatar<
         require(s.lens(side) >= 1 && s.lens(side) <= most_picture_side &&
                     s.lens(side) == std::floor(s.lens(side)),
                 who + ": camera.lens",
-                "got a side of " + std::to_string(s.lens(side)) + " pixels, expected 1 to " +
+                "got a side of " + number_text(s.lens(side)) + " pixels, expected 1 to " +
                     std::to_string(most_picture_side));
     p.neutral.expression = s.expression.row(0).transpose().template cast<T>();
     p.neutral.pose = s.pose.col(0).template cast<T>();
@@ -315,13 +317,15 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     p.avatar.eyes.spacing.setZero(1, points);
     p.avatar.delta_pose.resize(6, 0);
     const std::string& left = file.word("left_eye_points");
-    require(!left.empty() && left.size() <= 9 &&
-                left.find_first_not_of("0123456789") == std::string::npos && std::stol(left) >= 1 &&
-                std::stol(left) < points,
+    Index left_points = 0;
+    const auto [stop, fault] =
+        std::from_chars(left.data(), left.data() + left.size(), left_points);
+    require(fault == std::errc() && stop == left.data() + left.size() && left_points >= 1 &&
+                left_points < points,
             who,
             "metadata 'left_eye_points': got '" + left + "', expected a whole number from 1 to " +
                 std::to_string(points - 1));
-    p.avatar.eyes.left_points = static_cast<Index>(std::stol(left));
+    p.avatar.eyes.left_points = left_points;
     const auto list = [&](const char* name, std::vector<Index>& indices) {
         const std::vector<Index>& shape = file.at(name).shape;
         require(shape.size() == 1, who + ": " + name,

@@ -6,13 +6,13 @@
 
 #include <cmath>
 #include <cstdint>
-#include <cstdio>
 #include <string>
 #include <type_traits>
 #include <vector>
 
 #include <rye/avatar/config.hpp>
 #include <rye/capture/json.hpp>
+#include <rye/core/format.hpp>
 #include <rye/nn/upsampler.hpp>
 
 namespace rye {
@@ -69,12 +69,8 @@ inline std::string settings_text(const AvatarSettings& settings) {
             text += value == Normalization::instance ? "\"instance\"" : "\"none\"";
         } else if constexpr (std::is_same_v<V, bool>) {
             text += value ? "true" : "false";
-        } else if constexpr (std::is_same_v<V, int>) {
-            text += std::to_string(value);
-        } else if constexpr (std::is_same_v<V, double>) {
-            char digits[40];
-            std::snprintf(digits, sizeof digits, "%.17g", value);
-            text += digits;
+        } else if constexpr (std::is_arithmetic_v<V>) {
+            text += number_text(value);
         } else {
             std::string list;
             for (const int width : value) list += (list.empty() ? "" : ",") + std::to_string(width);
@@ -117,8 +113,8 @@ struct SettingReader {
             require(integer != nullptr || real != nullptr, where, "expected a number");
             value = integer != nullptr ? static_cast<double>(*integer) : *real;
             require(std::isfinite(value) && value >= low && value <= high, where,
-                    "got " + std::to_string(value) + ", expected " + std::to_string(low) + " to " +
-                        std::to_string(high));
+                    "got " + number_text(value) + ", expected " + number_text(low) + " to " +
+                        number_text(high));
         } else {
             const auto* list = found->template get<JsonArray>();
             require(list != nullptr && list->size() <= 64, where,

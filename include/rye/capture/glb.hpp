@@ -8,13 +8,11 @@
 #pragma once
 
 #include <cmath>
-#include <limits>
-#include <locale>
-#include <sstream>
 #include <string>
 
 #include <rye/capture/bytes.hpp>
 #include <rye/capture/splat_quantize.hpp>
+#include <rye/core/format.hpp>
 
 namespace rye {
 
@@ -26,14 +24,6 @@ struct GlbArrays {
     std::string attributes, accessors, views;
     int count = 0;
 
-    /// A number as JSON has it, in any locale; std::to_chars of floats is not in every libc++.
-    static std::string number(float x) {
-        std::ostringstream text;
-        text.imbue(std::locale::classic());
-        text.precision(std::numeric_limits<float>::max_digits10);
-        text << x;
-        return text.str();
-    }
     /// N columns of 1, 3 or 4 floats; `bounds` is empty or ,"min":[..],"max":[..].
     void add(const std::string& name, const Columns<float>& a, const std::string& bounds = "") {
         const std::string comma = count == 0 ? "" : ",", index = std::to_string(count);
@@ -78,8 +68,8 @@ Bytes glb_bytes(const GaussianCloud<T>& cloud) {
     mean.bottomRows(2) *= -1.0F;
     std::string least, most;
     for (Index k = 0; k < 3; ++k) {
-        least += (k > 0 ? "," : "") + detail::GlbArrays::number(mean.row(k).minCoeff());
-        most += (k > 0 ? "," : "") + detail::GlbArrays::number(mean.row(k).maxCoeff());
+        least += (k > 0 ? "," : "") + number_text(mean.row(k).minCoeff());
+        most += (k > 0 ? "," : "") + number_text(mean.row(k).maxCoeff());
     }
     arrays.add("POSITION", mean, ",\"min\":[" + least + "],\"max\":[" + most + "]");
     const std::string stem = "KHR_gaussian_splatting:";

@@ -10,6 +10,7 @@
 #include <string>
 
 #include <rye/capture/inflate.hpp>
+#include <rye/core/memory.hpp>
 
 namespace rye {
 
@@ -51,9 +52,16 @@ inline Bytes gzip_bytes(ByteSpan raw, const Deflate& deflate = stored_deflate) {
     return out;
 }
 
-/// The data of a gzip file of one member; messages begin with `who`. Allocates at most 1032 times
-/// the file. Throws Error for another format, a wrong size or checksum, and truncation.
-inline Bytes gunzip(ByteSpan file, const std::string& who) {
+/// What a gzip file of one member holds, packed.
+struct GzipContents {
+    ByteSpan deflated;
+    std::uint32_t crc = 0;  ///< of the data
+    std::uint32_t size = 0; ///< of the data, as the file states it [bytes]
+};
+
+/// Finds the data of a gzip file; messages begin with `who`. Throws Error for another format and
+/// for truncation.
+inline GzipContents gzip_contents(ByteSpan file, const std::string& who) {
     require(is_gzip(file), who, "not a gzip file: it does not begin with the bytes 1f 8b");
     const auto method = read_at<std::uint8_t>(file, 2, who, "the gzip header");
     const auto flags = read_at<std::uint8_t>(file, 3, who, "the gzip header");
@@ -73,11 +81,25 @@ inline Bytes gunzip(ByteSpan file, const std::string& who) {
                 std::to_string(at + 8) + " of a gzip header and trailer");
     const auto crc = read_at<std::uint32_t>(file, file.size() - 8, who, "gzip's checksum");
     const auto size = read_at<std::uint32_t>(file, file.size() - 4, who, "gzip's size");
-    const ByteSpan deflated =
-        file.subspan(static_cast<std::size_t>(at), static_cast<std::size_t>(file.size() - 8 - at));
-    Bytes raw = inflate(deflated, size, who);
-    require(crc32(raw) == crc, who, "gzip: the checksum of the data is wrong: a damaged file");
+    return {
+        file.subspan(static_cast<std::size_t>(at), static_cast<std::size_t>(file.size() - 8 - at)),
+        crc, size};
+}
+
+/// The data of gzip_contents. Throws Error for a wrong size or checksum, and for data of more bytes
+/// than `memory`, before they are allocated.
+inline Bytes gunzip(const GzipContents& contents, const std::string& who,
+                    std::uint64_t memory = default_memory) {
+    require_memory(contents.size, memory, who, "its data");
+    Bytes raw = inflate(contents.deflated, contents.size, who);
+    require(crc32(raw) == contents.crc, who,
+            "gzip: the checksum of the data is wrong: a damaged file");
     return raw;
+}
+
+/// The data of a gzip file of one member; throws Error as gzip_contents and gunzip above do.
+inline Bytes gunzip(ByteSpan file, const std::string& who, std::uint64_t memory = default_memory) {
+    return gunzip(gzip_contents(file, who), who, memory);
 }
 
 } // namespace rye

@@ -41,16 +41,19 @@ struct HuffmanCode {
     }
 };
 
+/// Whether a stream holds exactly the size that is asked for, or goes on beyond it.
+enum class Inflate { whole, beginning };
+
 class Inflater {
 public:
-    Inflater(ByteSpan in, std::size_t size, const std::string& who)
-        : in_(in), size_(size), who_(who) {
+    Inflater(ByteSpan in, std::size_t size, Inflate what, const std::string& who)
+        : in_(in), size_(size), what_(what), who_(who) {
         out_.reserve(size);
     }
 
     Bytes run() {
         bool last = false;
-        while (!last) {
+        while (!last && !enough()) {
             last = bits(1) != 0;
             switch (bits(2)) {
                 case 0: stored(); break;
@@ -80,7 +83,9 @@ private:
         held_ -= n;
         return value;
     }
+    bool enough() const { return what_ == Inflate::beginning && out_.size() == size_; }
     void put(std::byte b) {
+        if (enough()) return;
         if (out_.size() == size_)
             fail("more than the declared " + std::to_string(size_) + " bytes");
         out_.push_back(b);
@@ -118,7 +123,7 @@ private:
         static constexpr std::array<int, 30> distance_base{
             1,   2,   3,   4,   5,   7,    9,    13,   17,   25,   33,   49,   65,    97,    129,
             193, 257, 385, 513, 769, 1025, 1537, 2049, 3073, 4097, 6145, 8193, 12289, 16385, 24577};
-        for (;;) {
+        while (!enough()) {
             const int symbol = decode(lengths);
             if (symbol < 256) {
                 put(static_cast<std::byte>(symbol));
@@ -181,6 +186,7 @@ private:
 
     ByteSpan in_;
     std::size_t size_;
+    Inflate what_;
     const std::string& who_;
     Bytes out_;
     std::size_t at_ = 0;
@@ -198,7 +204,13 @@ inline Bytes inflate(ByteSpan compressed, std::uint64_t size, const std::string&
     require(size <= compressed.size() * max_deflate_ratio + 64, who,
             std::to_string(compressed.size()) + " compressed bytes cannot hold the declared " +
                 std::to_string(size));
-    return detail::Inflater(compressed, static_cast<std::size_t>(size), who).run();
+    return detail::Inflater(compressed, static_cast<std::size_t>(size), detail::Inflate::whole, who)
+        .run();
+}
+
+/// The first `size` bytes of a raw deflate stream; throws Error if it has fewer.
+inline Bytes inflate_beginning(ByteSpan compressed, std::size_t size, const std::string& who) {
+    return detail::Inflater(compressed, size, detail::Inflate::beginning, who).run();
 }
 
 } // namespace rye

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/capture/json.hpp: a small, strict JSON parser for headers inside binary files.
 /// Rejects duplicate keys, depth above 64, numbers out of range, NaN, lone surrogates, trailing
-/// text. Numbers are parsed exactly, independent of the locale.
+/// text, and values that take more memory than allowed: a value of two bytes takes a hundred.
+/// Numbers are parsed exactly, independent of the locale.
 /// Source: RFC 8259.
 #pragma once
 
@@ -17,6 +18,7 @@
 #include <vector>
 
 #include <rye/core/error.hpp>
+#include <rye/core/memory.hpp>
 #include <rye/core/parse.hpp>
 
 namespace rye {
@@ -59,7 +61,8 @@ namespace detail {
 
 class JsonParser {
 public:
-    JsonParser(std::string_view text, const std::string& who) : text_(text), who_(who) {}
+    JsonParser(std::string_view text, const std::string& who, std::uint64_t memory)
+        : text_(text), who_(who), memory_(memory) {}
 
     JsonValue parse() {
         JsonValue v = value(0);
@@ -73,6 +76,13 @@ private:
 
     [[noreturn]] void fail(const std::string& message) const {
         throw Error(who_ + ": JSON at byte " + std::to_string(at_) + ": " + message);
+    }
+    /// Counts memory before it is taken; lists grow to twice what they hold.
+    void count(std::uint64_t bytes) {
+        used_ += bytes;
+        if (used_ > memory_)
+            fail("its values to here would take " + std::to_string(used_) +
+                 " bytes of memory, expected at most the limit of " + std::to_string(memory_));
     }
     char peek() const { return at_ < text_.size() ? text_[at_] : '\0'; }
     void skip() {
@@ -113,6 +123,7 @@ private:
         if (take('}')) return members;
         do {
             skip();
+            count(2 * sizeof(JsonMember));
             members.push_back({string(), {}});
             expect(':');
             members.back().value = value(depth + 1);
@@ -132,8 +143,10 @@ private:
         JsonArray items;
         expect('[');
         if (take(']')) return items;
-        do items.push_back(value(depth + 1));
-        while (take(','));
+        do {
+            count(2 * sizeof(JsonValue));
+            items.push_back(value(depth + 1));
+        } while (take(','));
         expect(']');
         return items;
     }
@@ -175,7 +188,10 @@ private:
         for (;;) {
             if (at_ >= text_.size()) fail("a string does not end");
             const char c = text_[at_++];
-            if (c == '"') return out;
+            if (c == '"') {
+                count(out.size());
+                return out;
+            }
             if (static_cast<unsigned char>(c) < 0x20) fail("a control character in a string");
             if (c == '\\') escape(out);
             else out += c;
@@ -228,14 +244,17 @@ private:
 
     std::string_view text_;
     const std::string& who_;
+    std::uint64_t memory_, used_ = 0;
     std::size_t at_ = 0;
 };
 
 } // namespace detail
 
-/// Parses the whole text; errors begin with `who`.
-inline JsonValue parse_json(std::string_view text, const std::string& who) {
-    return detail::JsonParser(text, who).parse();
+/// Parses the whole text; errors begin with `who`. Throws Error before its values take more bytes
+/// than `memory`.
+inline JsonValue parse_json(std::string_view text, const std::string& who,
+                            std::uint64_t memory = default_memory / 8) {
+    return detail::JsonParser(text, who, memory).parse();
 }
 
 /// The string quoted and escaped.

@@ -7,6 +7,7 @@
 #include <string>
 
 #include <rye/capture/safetensors.hpp>
+#include <rye/core/format.hpp>
 #include <rye/loss/lpips.hpp>
 
 namespace rye {
@@ -20,7 +21,7 @@ void load_lpips_weights(const Safetensors& file, const std::string& who, LpipsWe
             const Columns<float> read = file.columns<float>(name, a.rows(), a.cols());
             require(read.allFinite(), who + ": " + name, "has a number that is not finite");
             require(!name.starts_with("lin") || read.minCoeff() >= 0, who + ": " + name,
-                    "has a negative weight: " + std::to_string(read.minCoeff()));
+                    "has a negative weight: " + number_text(read.minCoeff()));
             a = read.cast<T>();
         },
         weights);

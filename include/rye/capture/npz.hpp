@@ -19,14 +19,12 @@
 #include <rye/capture/inflate.hpp>
 #include <rye/capture/npy.hpp>
 #include <rye/core/error.hpp>
+#include <rye/core/memory.hpp>
 
 namespace rye {
 
 /// Arrays by name, without ".npy".
 using NpzArrays = std::map<std::string, NpyArray>;
-
-/// Limit on the memory of all arrays of one file.
-inline constexpr std::uint64_t max_npz_bytes = 1ULL << 32U;
 
 namespace detail {
 
@@ -153,8 +151,10 @@ inline NpyArray unpack_npy(ByteSpan packed, const ZipMember& m, const std::strin
 
 } // namespace detail
 
-/// Parses the bytes of a .npz file; errors begin with `who`.
-inline NpzArrays parse_npz(ByteSpan zip, const std::string& who) {
+/// Parses the bytes of a .npz file; errors begin with `who`. Throws Error before its arrays, with
+/// the one that is being unpacked, take more bytes than `memory`.
+inline NpzArrays parse_npz(ByteSpan zip, const std::string& who,
+                           std::uint64_t memory = default_memory) {
     NpzArrays arrays;
     std::uint64_t total = 0;
     const std::vector<detail::ZipMember> members = detail::read_zip_directory(zip, who);
@@ -168,10 +168,9 @@ inline NpzArrays parse_npz(ByteSpan zip, const std::string& who) {
         const ByteSpan packed = zip.subspan(static_cast<std::size_t>(extents[i].data),
                                             static_cast<std::size_t>(m.packed));
         require(m.name.size() > 4 && m.name.ends_with(".npy"), label, "has no name ending in .npy");
-        require(m.unpacked <= max_npz_bytes - total, label,
-                "its " + std::to_string(m.unpacked) + " bytes exceed the limit of an npz, " +
-                    std::to_string(max_npz_bytes));
-        total += m.unpacked;
+        const std::uint64_t unpacking = m.method == 8 ? m.unpacked : 0;
+        total = saturated_sum(total, m.unpacked);
+        require_memory(saturated_sum(total, unpacking), memory, label, "the file's arrays to here");
         const bool first = arrays.emplace(m.name.substr(0, m.name.size() - 4),
                                           detail::unpack_npy(packed, m, label)).second;
         require(first, label, "appears twice");
@@ -180,8 +179,9 @@ inline NpzArrays parse_npz(ByteSpan zip, const std::string& who) {
 }
 
 /// Reads the arrays of an npz file. Throws Error as parse_npz does, with the path.
-inline NpzArrays read_npz(const std::filesystem::path& path) {
-    return parse_npz(read_file(path), path.string());
+inline NpzArrays read_npz(const std::filesystem::path& path,
+                          std::uint64_t memory = default_memory) {
+    return parse_npz(read_file(path), path.string(), memory);
 }
 
 /// The bytes of a .npz file, stored, with a fixed date (1980-01-01), so that equal arrays

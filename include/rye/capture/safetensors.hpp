@@ -240,14 +240,16 @@ inline void require_covered(const std::map<std::string, TensorEntry>& tensors, B
 
 } // namespace detail
 
-/// Parses the bytes of a file; errors begin with `who`. Throws Error for a wrong checksum.
-inline Safetensors parse_safetensors(ByteSpan file, const std::string& who) {
+/// Parses the bytes of a file; errors begin with `who`. Takes the bytes once more, and at most
+/// `memory` for the values of the header. Throws Error for a wrong checksum.
+inline Safetensors parse_safetensors(ByteSpan file, const std::string& who,
+                                     std::uint64_t memory = default_memory / 8) {
     const auto length = read_at<std::uint64_t>(file, 0, who, "the length of the header");
     require(length <= max_tensor_header, who,
             "got a header of " + std::to_string(length) + " bytes, expected at most 100000000");
     const std::string_view header = as_text(slice(file, 8, length, who, "the header"));
     require(header.starts_with('{'), who, "not a safetensors file: its header is no JSON object");
-    const JsonValue json = parse_json(header, who);
+    const JsonValue json = parse_json(header, who, memory);
     const ByteSpan rest = file.subspan(8 + static_cast<std::size_t>(length));
     Bytes data(rest.begin(), rest.end());  // aligned, unlike `rest`
     std::map<std::string, TensorEntry> tensors;

@@ -14,6 +14,7 @@
 
 #include <rye/capture/bytes.hpp>
 #include <rye/capture/splat_quantize.hpp>
+#include <rye/core/format.hpp>
 
 namespace rye {
 
@@ -32,7 +33,7 @@ Bytes splat_bytes(const GaussianCloud<T>& cloud) {
         const auto stored = static_cast<float>(x);
         if (!std::isfinite(stored))
             throw Error(who + ": " + field + " of Gaussian " + std::to_string(i) + " is " +
-                        std::to_string(x) + ", beyond the range of float");
+                        number_text(x) + ", beyond the range of float");
         append(out, stored);
     };
     for (Index i = 0; i < cloud.count(); ++i) {
@@ -49,13 +50,16 @@ Bytes splat_bytes(const GaussianCloud<T>& cloud) {
 }
 
 /// Reads the bytes of a .splat file; messages begin with `who`. Throws Error unless there are
-/// whole records of finite positions and of finite scales that are not negative.
+/// whole records of finite positions and of finite scales that are not negative, and for a cloud of
+/// more bytes than `memory`.
 template <Real T>
-GaussianCloud<T> parse_splat(ByteSpan bytes, const std::string& who) {
+GaussianCloud<T> parse_splat(ByteSpan bytes, const std::string& who,
+                             std::uint64_t memory = default_memory) {
     require(bytes.size() % splat_record == 0, who,
             "got " + std::to_string(bytes.size()) + " bytes, expected a multiple of " +
                 std::to_string(splat_record) + ", one record a Gaussian");
     const auto n = static_cast<Index>(bytes.size() / splat_record);
+    require_memory(GaussianCloud<T>::memory(n, 0), memory, who, "its Gaussians");
     GaussianCloud<T> cloud(n, 0);
     for (Index i = 0; i < n; ++i) {
         const std::byte* const at = bytes.data() + splat_record * static_cast<std::size_t>(i);
@@ -65,7 +69,7 @@ GaussianCloud<T> parse_splat(ByteSpan bytes, const std::string& who) {
             const float x = number[static_cast<std::size_t>(k)];
             if (!std::isfinite(x) || (k >= 3 && x < 0))
                 throw Error(who + ": " + (k < 3 ? "position" : "scale") + " " + "xyz"[k % 3] +
-                            " of Gaussian " + std::to_string(i) + " is " + std::to_string(x) +
+                            " of Gaussian " + std::to_string(i) + " is " + number_text(x) +
                             ", expected a finite number" + (k < 3 ? "" : " of at least 0"));
         }
         const auto byte = [&](int k) { return static_cast<T>(std::to_integer<int>(at[24 + k])); };

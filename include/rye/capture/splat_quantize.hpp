@@ -12,6 +12,7 @@
 #include <string>
 
 #include <rye/core/error.hpp>
+#include <rye/core/format.hpp>
 #include <rye/gaussian/ply.hpp>
 #include <rye/math/rotation.hpp>
 
@@ -27,8 +28,8 @@ std::uint8_t nearest_byte(T x) {
 inline constexpr std::array<int, 15> sh_half_turn{-1, -1, 1,  -1, 1, 1,  -1, 1,
                                                   -1, 1,  -1, -1, 1, -1, 1};
 
-/// Throws Error, with the field and the Gaussian, unless every number is finite, every quaternion
-/// has a direction and no array has another shape than the cloud's.
+/// Throws Error, with the field and the Gaussian, unless every number is finite and no array has
+/// another shape than the cloud's.
 template <Real T>
 void check_storable(const GaussianCloud<T>& cloud, const std::string& who) {
     GaussianCloud<T>::fields(
@@ -40,13 +41,9 @@ void check_storable(const GaussianCloud<T>& cloud, const std::string& who) {
                 for (Index k = 0; k < a.rows(); ++k)
                     if (!std::isfinite(a(k, i)))
                         throw Error(who + ": " + name + " of Gaussian " + std::to_string(i) +
-                                    " is " + std::to_string(a(k, i)) + ", not finite");
+                                    " is " + number_text(a(k, i)) + ", not finite");
         },
         cloud);
-    for (Index i = 0; i < cloud.count(); ++i)
-        if (!(cloud.rotation.col(i).squaredNorm() > T(0)))
-            throw Error(who + ": rotation of Gaussian " + std::to_string(i) +
-                        " is (0, 0, 0, 0), expected a direction");
 }
 
 } // namespace rye::detail

@@ -8,7 +8,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <filesystem>
 #include <fstream>
 #include <optional>
@@ -43,7 +42,7 @@ namespace detail {
 inline std::string lower_name(const std::filesystem::path& path) {
     std::string name = path.filename().string();
     std::transform(name.begin(), name.end(), name.begin(),
-                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+                   [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; });
     return name;
 }
 
@@ -115,21 +114,22 @@ inline std::string splat_advice(SplatKind kind, const std::string& path) {
 
 /// Reads a PLY, .splat or SPZ file, or a PLY from a pipe. Throws Error, with the path, where it
 /// cannot be opened, is of another kind (with the converting command where there is one), or as
-/// read_ply, parse_splat and parse_spz do.
+/// read_ply, parse_splat and parse_spz do; `memory` is theirs.
 template <Real T>
-GaussianCloud<T> read_splats(const std::filesystem::path& path) {
+GaussianCloud<T> read_splats(const std::filesystem::path& path,
+                             std::uint64_t memory = default_memory) {
     const std::string who = "read_splats: " + path.string();
     std::error_code status;
     const bool folder = std::filesystem::is_directory(path, status);
     require(!folder, who, "a folder, expected a file: PLY, .splat or SPZ");
     if (std::filesystem::exists(path, status) && !std::filesystem::is_regular_file(path, status))
-        return read_ply<T>(path.string());
+        return read_ply<T>(path.string(), memory);
     const SplatKind kind = splat_kind(path, read_beginning(path, 65536));
     const std::string advice = splat_advice(kind, path.string());
     require(advice.empty(), who, advice);
-    if (kind == SplatKind::splat) return parse_splat<T>(read_file(path), who);
-    if (kind == SplatKind::spz) return parse_spz<T>(read_file(path), who);
-    return read_ply<T>(path.string());
+    if (kind == SplatKind::splat) return parse_splat<T>(read_file(path), who, memory);
+    if (kind == SplatKind::spz) return parse_spz<T>(read_file(path), who, memory);
+    return read_ply<T>(path.string(), memory);
 }
 
 /// The kind that a name's extension asks for; throws Error, which lists the kinds and `also`, what

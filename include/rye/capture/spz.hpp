@@ -18,6 +18,7 @@
 
 #include <rye/capture/gzip.hpp>
 #include <rye/capture/splat_quantize.hpp>
+#include <rye/core/format.hpp>
 
 namespace rye {
 
@@ -88,15 +89,16 @@ int spz_fractional_bits(const GaussianCloud<T>& cloud) {
     const T extent = cloud.count() == 0 ? T(0) : cloud.mean.cwiseAbs().maxCoeff();
     for (int bits = 12; bits >= 0; --bits)
         if (extent * static_cast<T>(1 << bits) < T((1 << 23) - 1)) return bits;
-    throw Error("spz_bytes: a mean has a coordinate of " + std::to_string(extent) +
+    throw Error("spz_bytes: a mean has a coordinate of " + number_text(extent) +
                 ", expected below " + std::to_string((1 << 23) - 1));
 }
 
 } // namespace detail
 
-/// The header of the data inside an SPZ file. Throws Error for another kind of data, a version
-/// other than 2 or 3, a degree above 3 and arrays of another size than the data's.
-inline SpzHeader parse_spz_header(ByteSpan data, const std::string& who) {
+/// The header of the data inside an SPZ file, of which the first 16 bytes suffice; `whole` is the
+/// size of all [bytes]. Throws Error for another kind of data, a version other than 2 or 3, a
+/// degree above 3 and arrays of another size than the data's.
+inline SpzHeader parse_spz_header(ByteSpan data, std::uint64_t whole, const std::string& who) {
     SpzHeader h;
     const auto word = [&](std::uint64_t at) {
         return read_at<std::uint32_t>(data, at, who, "the SPZ header");
@@ -120,20 +122,32 @@ inline SpzHeader parse_spz_header(ByteSpan data, const std::string& who) {
     const auto rest = static_cast<std::uint64_t>(3 * (sh_count(h.degree) - 1));
     const std::uint64_t each = 9 + 1 + 3 + 3 + detail::spz_rotation_size(h) + rest;
     const std::uint64_t size = detail::spz_header_size + each * h.count;
-    require(h.extended ? data.size() >= size : data.size() == size, who,
-            "got " + std::to_string(data.size()) + " bytes of data, expected " +
+    require(h.extended ? whole >= size : whole == size, who,
+            "got " + std::to_string(whole) + " bytes of data, expected " +
                 std::to_string(size) + " for " + std::to_string(h.count) + " Gaussians of degree " +
                 std::to_string(h.degree));
     return h;
 }
 
-/// Reads the bytes of an SPZ file; messages begin with `who`. Allocates at most 1032 times the
-/// bytes. Throws Error as gunzip and parse_spz_header do; every number that it returns is finite.
+/// The header of whole data.
+inline SpzHeader parse_spz_header(ByteSpan data, const std::string& who) {
+    return parse_spz_header(data, data.size(), who);
+}
+
+/// Reads the bytes of an SPZ file; messages begin with `who`. Throws Error as gunzip and
+/// parse_spz_header do, and for a file whose data and Gaussians take more bytes than `memory`,
+/// before they are allocated; every number that it returns is finite.
 template <Real T>
-GaussianCloud<T> parse_spz(ByteSpan file, const std::string& who) {
-    const Bytes data = gunzip(file, who);
-    const SpzHeader h = parse_spz_header(data, who);
+GaussianCloud<T> parse_spz(ByteSpan file, const std::string& who,
+                           std::uint64_t memory = default_memory) {
+    const GzipContents contents = gzip_contents(file, who);
+    const Bytes beginning = inflate_beginning(
+        contents.deflated, std::min<std::size_t>(contents.size, detail::spz_header_size), who);
+    const SpzHeader h = parse_spz_header(beginning, contents.size, who);
     const auto n = static_cast<Index>(h.count);
+    require_memory(saturated_sum(contents.size, GaussianCloud<T>::memory(n, h.degree)), memory, who,
+                   "its " + std::to_string(h.count) + " Gaussians");
+    const Bytes data = gunzip(contents, who, memory);
     GaussianCloud<T> cloud(n, h.degree);
     const std::byte* at = data.data() + detail::spz_header_size;
     const auto byte = [&] { return static_cast<T>(std::to_integer<int>(*at++)); };

@@ -3,6 +3,7 @@
 /// of scales, opacities and colours. World frame; a column per Gaussian.
 #pragma once
 
+#include <rye/core/memory.hpp>
 #include <rye/gaussian/gaussians.hpp>
 #include <rye/math/harmonics.hpp>
 
@@ -16,12 +17,18 @@ struct GaussianCloud {
     Columns<T> sh_rest;        ///< 3 K x N  the other K coefficients of red, of green, of blue
     Columns<T> logit_opacity;  ///< 1 x N
     Columns<T> log_scale;      ///< 3 x N
-    Columns<T> rotation;       ///< 4 x N  quaternions (w, x, y, z), any norm but 0
+    Columns<T> rotation;       ///< 4 x N  quaternions (w, x, y, z), any norm; 0: no turn
 
     GaussianCloud() = default;
     GaussianCloud(Index count, int degree)
         : mean(3, count), sh_constant(3, count), sh_rest(3 * (sh_count(degree) - 1), count),
           logit_opacity(1, count), log_scale(3, count), rotation(4, count) {}
+
+    /// Bytes that N Gaussians of a degree take.
+    static std::uint64_t memory(Index count, int degree) {
+        const auto numbers = static_cast<std::uint64_t>(14 + 3 * (sh_count(degree) - 1));
+        return saturated_product(static_cast<std::uint64_t>(count), numbers * sizeof(T));
+    }
 
     Index count() const { return mean.cols(); }
     int degree() const { return sh_degree(static_cast<int>(sh_rest.rows() / 3) + 1); }

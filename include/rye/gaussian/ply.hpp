@@ -3,9 +3,11 @@
 /// Little-endian floats: mean, normal (zeros), f_dc, f_rest channel by channel, logit opacity, log
 /// scale, quaternion w x y z. The reader accepts properties in any order, extra ones, ascii,
 /// double, and files without normals, f_rest or the third scale. An infinite opacity, which writers
-/// make of one of exactly 0 or 1, is read as the nearest one whose logit is finite.
+/// make of one of exactly 0 or 1, is read as the nearest one whose logit is finite. A quaternion of
+/// zeros is kept: it is the identity wherever quaternions are normalised (math/rotation.hpp).
 /// The writer states a checksum in a comment, which covers header and numbers; the reader refuses a
 /// binary file whose own is another, and reads a file without one.
+/// Neither the program's locale nor the stream's changes a byte or a number.
 /// Source: the writer of "3D Gaussian Splatting" (Kerbl et al., 2023).
 #pragma once
 
@@ -18,12 +20,15 @@
 #include <fstream>
 #include <ostream>
 #include <span>
+#include <sstream>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include <rye/core/bit_cast.hpp>
 #include <rye/core/checksum.hpp>
+#include <rye/core/format.hpp>
+#include <rye/core/memory.hpp>
 #include <rye/core/parse.hpp>
 #include <rye/gaussian/cloud.hpp>
 #include <rye/gaussian/ply_header.hpp>
@@ -114,29 +119,42 @@ inline std::int64_t bytes_left(std::istream& in) {
     return static_cast<std::int64_t>(end - here);
 }
 
-/// Rest of a stream of unknown length, at most the size that a binary header states.
-inline std::string drained(std::istream& in, const PlyHeader& h) {
-    const std::uint64_t endless = std::numeric_limits<std::uint64_t>::max();
-    std::uint64_t want = endless;
-    if (!h.ascii &&
-        (__builtin_mul_overflow(static_cast<std::uint64_t>(h.count),
-                                static_cast<std::uint64_t>(h.stride), &want) ||
-         __builtin_add_overflow(want, static_cast<std::uint64_t>(h.skip), &want)))
-        want = endless;
+/// Rest of a stream of unknown length, at most the size that a binary header states. Throws Error
+/// beyond the limit.
+inline std::string drained(std::istream& in, const PlyHeader& h, std::uint64_t memory,
+                           const std::string& who) {
+    const std::uint64_t want =
+        h.ascii ? std::numeric_limits<std::uint64_t>::max()
+                : saturated_sum(saturated_product(static_cast<std::uint64_t>(h.count),
+                                                  static_cast<std::uint64_t>(h.stride)),
+                                static_cast<std::uint64_t>(h.skip));
     std::string all;
     std::array<char, 4096> part;
     while (in && all.size() < want) {
         in.read(part.data(), static_cast<std::streamsize>(
                                  std::min<std::uint64_t>(part.size(), want - all.size())));
         all.append(part.data(), static_cast<std::size_t>(in.gcount()));
+        require_memory(all.size(), memory, who, "the data of a pipe");
     }
     return all;
 }
 
-/// Reads the data after the header from a stream with `left` bytes left.
+/// The next word of a stream, whatever its locale; false at its end.
+inline bool read_word(std::istream& in, std::string& word) {
+    constexpr auto eof = std::istream::traits_type::eof();
+    auto& bytes = *in.rdbuf();
+    word.clear();
+    int c = bytes.sbumpc();
+    while (c != eof && ply_space(c)) c = bytes.sbumpc();
+    for (; c != eof && !ply_space(c); c = bytes.sbumpc()) word.push_back(static_cast<char>(c));
+    return !word.empty();
+}
+
+/// Reads the data after the header from a stream with `left` bytes left; the cloud takes at most
+/// `memory` bytes.
 template <Real T>
 GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_t left,
-                               const std::string& who) {
+                               std::uint64_t memory, const std::string& who) {
     int rest = 0;
     while (h.find("f_rest_" + std::to_string(rest)) >= 0) ++rest;
     require(rest == 0 || rest == 9 || rest == 24 || rest == 45 || rest == 72, who,
@@ -155,6 +173,7 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
     const int degree = sh_degree(rest / 3 + 1);
     GaussianCloud<T> cloud(0, degree);   // allocated after all properties are found
     const auto targets = ply_targets(h, cloud, flat, who);
+    require_memory(GaussianCloud<T>::memory(h.count, degree), memory, who, "its Gaussians");
     cloud = GaussianCloud<T>(h.count, degree);
     if (flat && h.count > 0) cloud.log_scale.row(2).setConstant(static_cast<T>(flat_log_scale));
     const auto finite = [&](T x, std::size_t property, Index vertex) {
@@ -162,7 +181,7 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
             return bounded_logit(x > T(0) ? T(1) : T(0));
         if (!std::isfinite(x))
             throw Error(who + ": property " + h.properties[property].name + " of vertex " +
-                        std::to_string(vertex) + " is " + std::to_string(x) + ", not finite");
+                        std::to_string(vertex) + " is " + number_text(x) + ", not finite");
         return x;
     };
     const auto missing = [&](Index i) {
@@ -174,7 +193,7 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
         for (Index i = 0; i < h.skip_lines && in; ++i) std::getline(in, word);
         for (Index i = 0; i < h.count; ++i)
             for (std::size_t p = 0; p < targets.size(); ++p) {
-                if (!(in >> word)) throw missing(i);
+                if (!read_word(in, word)) throw missing(i);
                 const auto x = parse_double(std::string_view(word).substr(word[0] == '+' ? 1 : 0));
                 require(x.has_value(), who,
                         "property " + h.properties[p].name + " of vertex " + std::to_string(i) +
@@ -206,27 +225,31 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
 } // namespace detail
 
 /// Reads a cloud; messages begin with `name`. Buffers streams that cannot seek, such as a pipe.
-/// Throws Error for a malformed header and for missing, invalid or non-finite numbers.
+/// Throws Error for a malformed header, for missing, invalid or non-finite numbers, and for a
+/// cloud, with the buffer of a pipe, of more bytes than `memory`.
 template <Real T>
-GaussianCloud<T> read_ply(std::istream& in, const std::string& name) {
+GaussianCloud<T> read_ply(std::istream& in, const std::string& name,
+                          std::uint64_t memory = default_memory) {
     const std::string who = "read_ply: " + name;
     const PlyHeader h = read_ply_header(in, who);
     const std::int64_t left = detail::bytes_left(in);
-    if (left >= 0) return detail::read_ply_body<T>(in, h, left, who);
-    std::istringstream held(detail::drained(in, h));
-    return detail::read_ply_body<T>(held, h, detail::bytes_left(held), who);
+    if (left >= 0) return detail::read_ply_body<T>(in, h, left, memory, who);
+    std::istringstream held(detail::drained(in, h, memory, who));
+    const std::int64_t size = detail::bytes_left(held);
+    return detail::read_ply_body<T>(held, h, size, memory - static_cast<std::uint64_t>(size), who);
 }
 
 /// Reads a cloud from a file.
 template <Real T>
-GaussianCloud<T> read_ply(const std::string& path) {
+GaussianCloud<T> read_ply(const std::string& path, std::uint64_t memory = default_memory) {
     std::ifstream in(path, std::ios::binary);
     require(in.good() && !std::filesystem::is_directory(path), "read_ply",
             path + " cannot be opened as a file");
-    return read_ply<T>(in, path);
+    return read_ply<T>(in, path, memory);
 }
 
-/// Writes a cloud as floats. The caller replaces files atomically where that matters.
+/// Writes a cloud as floats, without the stream's formatting. The caller replaces files atomically
+/// where that matters.
 template <Real T>
 void write_ply(std::ostream& out, const GaussianCloud<T>& cloud, const PlyOptions& options = {}) {
     const int own = cloud.degree(), degree = options.degree < 0 ? own : options.degree;
@@ -241,16 +264,15 @@ void write_ply(std::ostream& out, const GaussianCloud<T>& cloud, const PlyOption
     header += detail::ply_checksum_line;
     const std::size_t digits = header.size();
     header += std::string(checksum_digits, '0') + "\n";
-    header += "element vertex " + std::to_string(cloud.count()) + "\n";
+    header += "element vertex " + number_text(cloud.count()) + "\n";
+    const auto name = [&](const std::string& n) { header += "property float " + n + "\n"; };
     const auto names = [&](const std::string& stem, int count) {
-        for (int k = 0; k < count; ++k)
-            header += "property float " + stem + std::to_string(k) + "\n";
+        for (int k = 0; k < count; ++k) name(stem + number_text(k));
     };
-    for (const char* n : {"x", "y", "z", "nx", "ny", "nz"})
-        header += std::string("property float ") + n + "\n";
+    for (const char* n : {"x", "y", "z", "nx", "ny", "nz"}) name(n);
     names("f_dc_", 3);
     names("f_rest_", 3 * padded);
-    header += "property float opacity\n";
+    name("opacity");
     names("scale_", 3);
     names("rot_", 4);
     header += "end_header\n";

@@ -11,7 +11,6 @@
 #include <limits>
 #include <map>
 #include <span>
-#include <sstream>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -62,6 +61,18 @@ namespace detail {
 /// Beginning of the comment with the checksum: 8 hexadecimal digits of the CRC-32 of the header,
 /// in which they are 0 and lines end with LF, and of the vertices.
 inline constexpr std::string_view ply_checksum_line = "comment checksum crc32 ";
+/// Whether a byte separates words, in any locale.
+constexpr bool ply_space(int c) { return c == ' ' || (c >= '\t' && c <= '\r'); }
+
+/// The next word of a line, which begins after it then; empty at the end.
+inline std::string_view ply_word(std::string_view& line) {
+    while (!line.empty() && ply_space(line.front())) line.remove_prefix(1);
+    std::size_t end = 0;
+    while (end < line.size() && !ply_space(line[end])) ++end;
+    const std::string_view word = line.substr(0, end);
+    line.remove_prefix(end);
+    return word;
+}
 
 /// A header line without its line end, LF or CRLF. Throws Error for an overlong line.
 inline std::string ply_line(std::istream& in, const std::string& who) {
@@ -130,9 +141,10 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
     for (int lines = 0;; ++lines) {
         require(lines < most_lines, who,
                 "no end_header in the first " + std::to_string(most_lines) + " lines");
-        std::istringstream words(next_line());
-        std::string key, a, b;
-        words >> key >> a >> b;
+        const std::string line = next_line();
+        std::string_view words = line;
+        const std::string key(detail::ply_word(words)), a(detail::ply_word(words)),
+            b(detail::ply_word(words));
         if (key == "end_header") break;
         if (key == "comment" || key == "obj_info" || key.empty()) continue;
         if (key == "format") {

@@ -110,7 +110,7 @@ Projector(const Pinhole<T, D>&, double, double) -> Projector<T, D>;
 template <Scalar T>
 struct Shape {
     Vec3<T> mean;                ///< [world units]
-    Quat<T> rotation;            ///< any norm but 0
+    Quat<T> rotation;            ///< any norm; 0: no turn
     Vec3<T> scale;               ///< [world units]
 };
 
@@ -224,6 +224,23 @@ RYE_HD Vec3<T> scaled_by(const Vec3<T>& a, const Vec3<T>& s) {
     return Vec3<T>(a[0] * s[0], a[1] * s[1], a[2] * s[2]);
 }
 
+/// The second row of L M, k2 (y - m x), of the rows x and y of M. Along a needle the difference
+/// cancels: its error is u |x| |y| / sqrt(det). Where that ratio is beyond 2^20 it is taken
+/// without: a (y - m x) = S (d B + (A x B) x S^2 A), A and B being the rows of J W R, S the scales.
+template <Scalar T, class D>
+RYE_HD Vec3<T> whitened_second_row(const Linearised<T, D>& l, const Vec3<T>& scale,
+                                   const PrecisionFactor<T>& f, const T& d) {
+    const Vec3<T> x = scaled_by(l.along_x, scale), y = scaled_by(l.along_y, scale);
+    const T few = constant<T>(0x1p-20), a = dot(x, x) + d;
+    const auto needle = gram_determinant(x, y, d) < (a * few) * ((dot(y, y) + d) * few);
+    const Vec3<T> turned = cross(cross(l.along_x, l.along_y), scaled_by(x, scale));
+    Vec3<T> v;
+    for (int i = 0; i < 3; ++i)
+        v[i] = select(needle, T(f.k2 * (scale[i] * ((d * l.along_y[i] + turned[i]) / a))),
+                      T(f.k2 * (y[i] - f.m * x[i])));
+    return v;
+}
+
 } // namespace detail
 
 /// Batches evaluate every lane; only lanes with `drawable` have meaningful values.
@@ -295,9 +312,10 @@ RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Projector<T, D>& lens,
     const Vec3<T> y = detail::scaled_by(l.along_y, g.scale);
     const PrecisionFactor<T> f = precision_factor(x, y, lens.dilation);
 
+    const Vec3<T> second = detail::whitened_second_row(l, g.scale, f, lens.dilation);
     Vec3<T> g_x, g_y;                                                     // of the rows of M
     for (int i = 0; i < 3; ++i) {
-        const T u = f.k1 * x[i], v = f.k2 * (y[i] - f.m * x[i]);          // L M
+        const T u = f.k1 * x[i], v = second[i];                           // L M
         const T mu = c.moment.xx * u + c.moment.xy * v;
         const T mv = f.k2 * (c.moment.xy * u + c.moment.yy * v);
         g_x[i] = f.k1 * mu - f.m * mv;

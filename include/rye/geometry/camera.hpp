@@ -12,6 +12,7 @@
 #include <type_traits>
 
 #include <rye/core/error.hpp>
+#include <rye/core/format.hpp>
 #include <rye/geometry/distortion.hpp>
 #include <rye/geometry/rigid.hpp>
 
@@ -104,7 +105,7 @@ Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up,
             "the image is " + std::to_string(width) + " x " + std::to_string(height) +
                 " pixels, expected both positive");
     require(vertical_fov_rad > T(0) && vertical_fov_rad < T(3.14159265358979323846), "look_at",
-            "the vertical field of view is " + std::to_string(vertical_fov_rad) +
+            "the vertical field of view is " + number_text(vertical_fov_rad) +
                 " rad, expected between 0 and pi");
     const Vec3<T> z = normalized(Vec3<T>(target - eye));
     const Vec3<T> side = cross(z, normalized(up));
@@ -127,7 +128,7 @@ template <Scalar T, Distortion D>
 Pinhole<T, D> scaled(Pinhole<T, D> camera, double factor) {
     const double w = std::round(camera.width * factor), h = std::round(camera.height * factor);
     require(w >= 1 && h >= 1 && w < 1e6 && h < 1e6, "scaled",
-            "factor " + std::to_string(factor) + " for an image of " +
+            "factor " + number_text(factor) + " for an image of " +
                 std::to_string(camera.width) + " x " + std::to_string(camera.height) +
                 " pixels, expected a result of 1 to 999999 pixels a side");
     // Sizes that do not divide evenly scale x and y separately, so the field of view is unchanged.

@@ -16,6 +16,7 @@
 
 #include <rye/backend/scalar.hpp>
 #include <rye/core/error.hpp>
+#include <rye/core/format.hpp>
 #include <rye/geometry/mesh.hpp>
 #include <rye/geometry/tet_grid.hpp>
 #include <rye/math/scalar.hpp>
@@ -91,7 +92,7 @@ SurfaceTopology surface_topology(const B& backend, const TetTopology& grid,
         for (Index v = begin; v < end; ++v) {
             if (!isfinite(sdf(0, v)))
                 throw Error("surface_topology: the sdf at vertex " + std::to_string(v) + " is " +
-                            std::to_string(static_cast<double>(value_of(sdf(0, v)))) +
+                            number_text(static_cast<double>(value_of(sdf(0, v)))) +
                             ", not finite");
             outside[at(v)] = value_of(sdf(0, v)) > 0 ? 1 : 0;
         }

@@ -17,7 +17,7 @@
 namespace rye {
 
 /// Mean squared distance of each point (3 x N) to its `k` nearest others, 1 x N; with fewer than k
-/// others, to all of them; 0 for a single point.
+/// others, to all of them; 0 for a single point; the largest number where it is beyond the range.
 template <Real T, Backend B>
 Columns<T> mean_squared_neighbour_distance(const B& backend, const Columns<T>& points, int k = 3) {
     const Index n = points.cols();
@@ -81,7 +81,7 @@ Columns<T> mean_squared_neighbour_distance(const B& backend, const Columns<T>& p
             }
             T sum = T(0);
             for (const T d2 : best) sum += d2;
-            result(0, i) = sum / static_cast<T>(wanted);
+            result(0, i) = std::min(sum / static_cast<T>(wanted), std::numeric_limits<T>::max());
         }
     });
     return result;

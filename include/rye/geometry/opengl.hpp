@@ -17,6 +17,7 @@
 #include <string>
 
 #include <rye/core/error.hpp>
+#include <rye/core/format.hpp>
 #include <rye/geometry/camera.hpp>
 
 namespace rye {
@@ -37,7 +38,7 @@ namespace detail {
 template <Real T>
 void check_view(const Mat<T, 4, 4>& view) {
     const char* const who = "pinhole_from_opengl";
-    const auto text = [](T x) { return std::to_string(x); };
+    const auto text = [](T x) { return number_text(x); };
     require(view.allFinite(), who, "the view has a number that is not finite");
     for (int j = 0; j < 4; ++j)
         require(std::abs(view(3, j) - T(j == 3)) <= T(opengl_tolerance), who,
@@ -61,7 +62,7 @@ void check_projection(const Mat<T, 4, 4>& p) {
     const auto zero = [&](int i, int j, const char* meaning) {
         require(std::abs(p(i, j)) <= T(opengl_tolerance), who,
                 "projection(" + std::to_string(i) + ", " + std::to_string(j) + ") is " +
-                    std::to_string(p(i, j)) + ", expected 0: " + meaning);
+                    number_text(p(i, j)) + ", expected 0: " + meaning);
     };
     zero(0, 1, "a pinhole camera has no skew");
     zero(1, 0, "a pinhole camera has no skew");
@@ -70,10 +71,10 @@ void check_projection(const Mat<T, 4, 4>& p) {
     zero(2, 0, "an oblique near plane is not supported");
     zero(2, 1, "an oblique near plane is not supported");
     require(p(0, 0) > T(0), who,
-            "projection(0, 0) is " + std::to_string(p(0, 0)) +
+            "projection(0, 0) is " + number_text(p(0, 0)) +
                 ", expected a positive number: the image is mirrored");
     require(p(1, 1) > T(0), who,
-            "projection(1, 1) is " + std::to_string(p(1, 1)) +
+            "projection(1, 1) is " + number_text(p(1, 1)) +
                 ", expected a positive number: the image is upside down; for Vulkan, whose device "
                 "y points down, negate the second row");
 }
@@ -99,7 +100,7 @@ Pinhole<T> pinhole_from_opengl(const Mat<T, 4, 4>& view, const Mat<T, 4, 4>& pro
     const T into = -projection(3, 2);
     const auto row = [&] {
         std::string s = "(";
-        for (int j = 0; j < 4; ++j) s += std::to_string(projection(3, j)) + (j < 3 ? ", " : ")");
+        for (int j = 0; j < 4; ++j) s += number_text(projection(3, j)) + (j < 3 ? ", " : ")");
         return "the projection's last row is " + s;
     };
     const T most = std::max(std::abs(into), std::abs(projection(3, 3)));
@@ -120,9 +121,9 @@ Pinhole<T> pinhole_from_opengl(const Mat<T, 4, 4>& view, const Mat<T, 4, 4>& pro
     const T near_depth = p(2, 3) / (at + p(2, 2));
     const bool grows = clip != ClipDepth::one_to_zero; // device z, with depth
     require(std::isfinite(near_depth) && near_depth > T(0) && (p(2, 3) < T(0)) == grows, who,
-            "projection(2, 2) is " + std::to_string(p(2, 2)) + " and projection(2, 3) " +
-                std::to_string(p(2, 3)) + ", which puts the near plane of device z " +
-                std::to_string(at) + " at depth " + std::to_string(near_depth) +
+            "projection(2, 2) is " + number_text(p(2, 2)) + " and projection(2, 3) " +
+                number_text(p(2, 3)) + ", which puts the near plane of device z " +
+                number_text(at) + " at depth " + number_text(near_depth) +
                 ", expected a positive one, before the far plane: see ClipDepth");
     Pinhole<T> camera;
     camera.width = width;

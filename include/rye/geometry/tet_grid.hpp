@@ -13,6 +13,7 @@
 #include <vector>
 
 #include <rye/core/error.hpp>
+#include <rye/core/format.hpp>
 #include <rye/geometry/mesh.hpp>
 
 namespace rye {
@@ -100,10 +101,10 @@ TetGrid<T> bcc_grid(const Vec3<T>& lo, const Vec3<T>& hi, T cell) {
     for (int d = 0; d < 3; ++d) {
         const double count = std::round(static_cast<double>((hi[d] - lo[d]) / cell));
         require(cell > T(0) && hi[d] > lo[d] && std::isfinite(count), "bcc_grid",
-                "side " + std::to_string(hi[d] - lo[d]) + " and cell " + std::to_string(cell) +
+                "side " + number_text(hi[d] - lo[d]) + " and cell " + number_text(cell) +
                     " must be positive and finite");
         cells *= std::max(count, 1.0);
-        require(cells < 1e8, "bcc_grid", "the cell of " + std::to_string(cell) +
+        require(cells < 1e8, "bcc_grid", "the cell of " + number_text(cell) +
                                              " gives more than 1e8 cells");
         n[static_cast<std::size_t>(d)] = static_cast<Index>(std::max(count, 1.0));
     }

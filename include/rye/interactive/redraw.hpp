@@ -275,7 +275,7 @@ class Redraw {
                        Index(tiles_[t].entered);
         }
         next_.begin[tiles_.size()] = entries;
-        TileLists::check_entries(entries, rasterizer_.accuracy.max_entries);
+        TileLists::check_entries(entries, rasterizer_.accuracy.max_memory);
         next_.entry.resize(at(entries));
         for_chunks(backend_.threads, old.tiles(), 8, [&](Index b, Index e, Index) {
             for (Index t = b; t < e; ++t) merge_list(at(t));

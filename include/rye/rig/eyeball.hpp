@@ -23,6 +23,7 @@
 
 #include <rye/core/columns.hpp>
 #include <rye/core/error.hpp>
+#include <rye/core/format.hpp>
 #include <rye/geometry/mesh.hpp>
 #include <rye/math/linalg.hpp>
 #include <rye/rig/effect_slots.hpp>
@@ -151,10 +152,10 @@ void check_shape(const BasicEyeballShape<E>& s) {
                        s.limbus_radius < cornea_radius && s.limbus_radius < r &&
                        cornea_offset < r;
     require(sizes, "eyeball_template",
-            "radii (sclera, cornea, limbus, pupil) = (" + std::to_string(r) + ", " +
-                std::to_string(cornea_radius) + ", " + std::to_string(s.limbus_radius) + ", " +
-                std::to_string(s.pupil_radius) + ") and cornea offset " +
-                std::to_string(cornea_offset) +
+            "radii (sclera, cornea, limbus, pupil) = (" + number_text(r) + ", " +
+                number_text(cornea_radius) + ", " + number_text(s.limbus_radius) + ", " +
+                number_text(s.pupil_radius) + ") and cornea offset " +
+                number_text(cornea_offset) +
                 " violate 0 < pupil < limbus < cornea, limbus < sclera, 0 <= offset < sclera");
     require(s.iris_rings >= 2 && s.sclera_rings >= 1 && s.back_rings >= 1 &&
                 s.iris_rings + s.sclera_rings + s.back_rings <= 1000,
@@ -163,8 +164,8 @@ void check_shape(const BasicEyeballShape<E>& s) {
                 std::to_string(s.back_rings) + " rings, expected at least 2, 1, 1, at most 1000");
     require(!s.iris_plane || (*s.iris_plane > 0 && *s.iris_plane <= s.front(0)),
             "eyeball_template",
-            "iris plane at z = " + std::to_string(s.iris_plane.value_or(0)) +
-                ", expected above 0 and at most " + std::to_string(s.front(0)) +
+            "iris plane at z = " + number_text(s.iris_plane.value_or(0)) +
+                ", expected above 0 and at most " + number_text(s.front(0)) +
                 ", the cornea's front");
 }
 

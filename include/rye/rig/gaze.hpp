@@ -8,6 +8,7 @@
 #include <string>
 
 #include <rye/core/error.hpp>
+#include <rye/core/format.hpp>
 #include <rye/math/linalg.hpp>
 #include <rye/nn/encoding.hpp>
 
@@ -53,7 +54,7 @@ RYE_HD T chord_error(const Vec3<T>& a, const Vec3<T>& b) {
 template <Scalar T>
 Vec3<T> checked_gaze(const Vec3<T>& v) {
     using std::isfinite;
-    const auto text = [](const T& x) { return std::to_string(static_cast<double>(value_of(x))); };
+    const auto text = [](const T& x) { return number_text(static_cast<double>(value_of(x))); };
     const bool finite = isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]);
     require(finite && norm(v) >= constant<T>(1e-6), "gaze",
             "got (" + text(v[0]) + ", " + text(v[1]) + ", " + text(v[2]) +

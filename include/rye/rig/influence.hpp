@@ -14,6 +14,7 @@
 
 #include <rye/core/columns.hpp>
 #include <rye/core/error.hpp>
+#include <rye/core/format.hpp>
 #include <rye/math/scalar.hpp>
 #include <rye/rig/nearest_landmark.hpp>
 
@@ -31,7 +32,7 @@ template <Scalar T>
 Ramp<T> checked_ramp(const T& near, const T& far) {
     if constexpr (Real<T>)
         require(near >= T(0) && near <= far && far <= std::numeric_limits<T>::max(), "Ramp",
-                "near = " + std::to_string(near) + ", far = " + std::to_string(far) +
+                "near = " + number_text(near) + ", far = " + number_text(far) +
                     " violate 0 <= near <= far, both finite");
     return {near, far};
 }

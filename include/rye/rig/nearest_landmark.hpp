@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/rig/nearest_landmark.hpp: squared distance from each point to its nearest landmark, with
 /// gradients of both. Squares differences of coordinates, so a point on its landmark has distance
-/// exactly 0.
+/// exactly 0. Of a finite point a landmark is always nearest, also where the squares are beyond the
+/// range of T: these distances are the largest finite number.
 #pragma once
 
 #include <array>
@@ -34,6 +35,22 @@ struct NearestSoFar {
 };
 
 namespace detail {
+
+/// The nearest of `count` landmarks, at(k), to a point whose squared distances are all beyond the
+/// range: compared by their squares in a unit in which those of all finite points are within it.
+/// None if the point is not finite.
+template <class T, class At>
+RYE_HD NearestSoFar<T> nearest_beyond_range(const Vec3<T>& point, const At& at, Index count) {
+    constexpr double unit = sizeof(real_t<T>) == 4 ? 0x1p-66 : 0x1p-514;
+    const T u = constant<T>(unit);
+    NearestSoFar<T> best;
+    for (Index k = 0; k < count; ++k) {
+        const Vec3<T> p = at(k);
+        best.offer(point[0] * u - p[0] * u, point[1] * u - p[1] * u, point[2] * u - p[2] * u, k);
+    }
+    if (best.which >= 0) best.squared = T(Limits<real_t<T>>::largest);
+    return best;
+}
 
 /// Destination of distances and, unless null, indices, one per point.
 template <class T>
@@ -77,8 +94,13 @@ void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landma
         index0.store_unaligned(index.data()), index1.store_unaligned(index.data() + lanes);
         for (Index i = 0; i < count; ++i) {
             const auto k = static_cast<std::size_t>(i);
-            out.squared[at + i] = best[k];
-            if (out.nearest) out.nearest[at + i] = static_cast<Index>(index[k]);
+            NearestSoFar<T> found{best[k], static_cast<Index>(index[k])};
+            if (found.which < 0)
+                found = nearest_beyond_range<T>(
+                    points.col(at + i), [&](Index l) { return Vec3<T>(landmarks.col(l)); },
+                    landmarks.cols());
+            out.squared[at + i] = found.squared;
+            if (out.nearest) out.nearest[at + i] = found.which;
         }
     }
 }
@@ -86,8 +108,8 @@ void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landma
 } // namespace detail
 
 /// 1 x N squared distances of 3 x N points to the nearest of 3 x K landmarks, +inf if K = 0 or the
-/// point is NaN. `nearest`, unless null, receives the landmark's index, -1 for none; the lowest
-/// index wins a tie. Throws Error if a landmark is not finite.
+/// point is not finite. `nearest`, unless null, receives the landmark's index, -1 for none; the
+/// lowest index wins a tie. Throws Error if a landmark is not finite.
 template <class T, Backend B>
 Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& points,
                                     const ColumnsView<T>& landmarks,
@@ -113,6 +135,10 @@ Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& poin
                 for (Index k = 0; k < landmarks.cols(); ++k)
                     best.offer(points(0, i) - landmarks(0, k), points(1, i) - landmarks(1, k),
                                points(2, i) - landmarks(2, k), k);
+                if (best.which < 0)
+                    best = detail::nearest_beyond_range<T>(
+                        points.col(i), [&](Index k) { return Vec3<T>(landmarks.col(k)); },
+                        landmarks.cols());
                 if (indices) indices[i] = best.which;
                 squared(0, i) = best.squared;
             }

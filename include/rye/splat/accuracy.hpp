@@ -11,6 +11,7 @@
 #include <type_traits>
 
 #include <rye/core/config.hpp>
+#include <rye/core/memory.hpp>
 #include <rye/gaussian/antialias.hpp>
 #include <rye/splat/outputs.hpp>
 
@@ -42,7 +43,7 @@ struct Balanced {
     double frustum_margin = 0.3;       ///< Jacobian is clamped this many half-images outside
     double alpha_floor = 0;            ///< f in alpha = o (exp(-|w|^2/2) - f), if has_floor
     NonFinite non_finite = NonFinite::cull;
-    std::int64_t max_entries = std::int64_t(1) << 31; ///< (tile, Gaussian) pairs, else Error
+    std::uint64_t max_memory = default_memory; ///< of the tiles' lists [bytes], else Error
 
     static constexpr Stop stop_rule = Stop::inclusive;
     static constexpr Support support = Support::ellipse;

@@ -141,7 +141,8 @@ OracleEllipse<R> oracle_ellipse(const OracleGaussian<R>& g, const Pinhole<R>& le
     const Vec3<R> x = lens.camera_from_world.apply(mean);
     if (!(x[2] > lens.near_depth)) return {index, R(0), R(0), R(0), R(0), R(0), R(0), false};
     const R n = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-    const Mat3<R> r = quat_matrix(Vec4<R>(q[0] / n, q[1] / n, q[2] / n, q[3] / n));
+    const Mat3<R> r = n > R(0) ? quat_matrix(Vec4<R>(q[0] / n, q[1] / n, q[2] / n, q[3] / n))
+                               : Mat3<R>(Mat3<R>::Identity());
     Mat3<R> axes = r;
     for (int k = 0; k < 3; ++k)
         for (int i = 0; i < 3; ++i) axes(i, k) = r(i, k) * s[k] * s[k];

@@ -37,8 +37,7 @@ struct RasterTrace {
     std::vector<RayPeak<real_t<T>>> peaks; ///< by member, if they are the order; else empty
     TileLists lists;
     std::vector<Index> used;             ///< of each tile: entries read before all pixels were full
-    Index non_finite = 0;                ///< Gaussians left out for a NaN, an infinity or a zero
-                                         ///< quaternion
+    Index non_finite = 0;                ///< Gaussians left out for a NaN or an infinity
 };
 
 /// feature = sum_i T_i a_i c_i + T_end background, alpha = 1 - T_end, and the optional outputs.

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include <rye/core/format.hpp>
 #include <rye/core/random.hpp>
 #include <rye/math/exponential.hpp>
 #include <rye/splat/plain/forward.hpp>
@@ -124,7 +125,7 @@ SelectedAccuracy select_accuracy(const B& backend, const Gaussians<T>& g, const 
                                  const SelectSettings& settings = {}) {
     using Sample = detail::TileSample<B, T>;
     require(bound > 0, "select_accuracy",
-            "got a bound of " + std::to_string(bound) + ", expected a positive one");
+            "got a bound of " + number_text(bound) + ", expected a positive one");
     check_shapes("select_accuracy", g);
     const AccuracyRung& last = accuracy_ladder.back();
     SelectedAccuracy chosen{last.accuracy(), last.name};

@@ -142,7 +142,7 @@ void bin_and_sort(const B& backend, const SplatInput<A, T, D>& in, RasterScratch
         [&](Index m) { return member(m).source; },
         [&](Index m) -> const Footprint<R>& { return scratch.footprints[member(m).source]; }};
     trace.lists.template build<A::support, R>(backend.threads, {in.camera.width, in.camera.height},
-                                              members, in.accuracy.max_entries, bins);
+                                              members, in.accuracy.max_memory, bins);
 }
 
 /// Adds a member's slots over its tiles, in the order of tiles, to sum[0 ... stride).

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include <rye/core/error.hpp>
+#include <rye/core/memory.hpp>
 #include <rye/core/parallel.hpp>
 #include <rye/geometry/camera.hpp>
 #include <rye/splat/tiles.hpp>
@@ -140,21 +141,40 @@ struct TileLists {
     Index entries() const { return begin.empty() ? 0 : begin.back(); }
 
     /// Bins members into the tiles of an image.
+    /// The lists take at most max_memory bytes, with the scratch memory that they are made in.
     template <Support support, Real R, Threads P, class Members, class Key>
-    void build(const P& threads, ImageSize size, const Members& members, std::int64_t max_entries,
+    void build(const P& threads, ImageSize size, const Members& members, std::uint64_t max_memory,
                BinScratch<Key>& scratch) {
         columns = tiles_across(size.width);
         rows = tiles_across(size.height);
-        bin<support, R>(threads, size, members, max_entries, scratch);
+        bin<support, R>(threads, size, members, max_memory, scratch);
         sort(threads, members.index, scratch);
     }
 
-    /// Throws if there are more entries than allowed.
-    static void check_entries(std::int64_t total, std::int64_t max_entries) {
-        if (total > std::min(max_entries, std::int64_t(0xFFFFFFFF)))
+    /// Memory of an entry and of what it is made of: a mention, a key with it, and the buffer of a
+    /// run of tiles [bytes].
+    template <class Key = std::uint32_t>
+    static constexpr std::uint64_t entry_bytes =
+        sizeof(typename BinScratch<Key>::Mention) + sizeof(Intersection) +
+        sizeof(typename BinScratch<Key>::Binned) * 5 / 4;
+
+    /// Entries that so much memory holds, which 32 bits count.
+    template <class Key = std::uint32_t>
+    static constexpr std::int64_t most_entries(std::uint64_t max_memory) {
+        return static_cast<std::int64_t>(
+            std::min<std::uint64_t>(max_memory / entry_bytes<Key>, 0xFFFFFFFF));
+    }
+
+    /// Throws Error if the entries take more memory than allowed.
+    template <class Key = std::uint32_t>
+    static void check_entries(std::int64_t total, std::uint64_t max_memory) {
+        if (total > most_entries<Key>(max_memory))
             throw Error("rasterizer: got " + std::to_string(total) +
-                        " pairs of a tile and a Gaussian, expected at most " +
-                        std::to_string(max_entries) +
+                        " pairs of a tile and a Gaussian, whose lists would take " +
+                        std::to_string(saturated_product(static_cast<std::uint64_t>(total),
+                                                         entry_bytes<Key>)) +
+                        " bytes of memory, expected at most the limit of " +
+                        std::to_string(std::min(max_memory, 0xFFFFFFFF * entry_bytes<Key>)) +
                         ": the Gaussians are too large for the image");
     }
 
@@ -172,9 +192,10 @@ struct TileLists {
     /// Members are cut into as many chunks as there are threads; where a chunk goes on in a tile's
     /// list follows from what the chunks before it have there. Lists do not depend on the chunks.
     template <Support support, Real R, Threads P, class Members, class Key>
-    void bin(const P& threads, ImageSize size, const Members& members, std::int64_t max_entries,
+    void bin(const P& threads, ImageSize size, const Members& members, std::uint64_t max_memory,
              BinScratch<Key>& scratch) {
         const Index n = members.count;
+        const std::int64_t max_entries = most_entries<Key>(max_memory);
         using Chunk = typename BinScratch<Key>::Chunk;
         const Index grain = std::max<Index>(512, (n + threads.size() - 1) / threads.size());
         const Index chunks = chunk_count(n, grain);
@@ -203,7 +224,7 @@ struct TileLists {
             total += at(scratch.chunks, c).used;
             most = std::max(most, at(scratch.chunks, c).used);
         }
-        check_entries(total, max_entries);
+        check_entries<Key>(total, max_memory);
         if (most > unchecked)
             for_chunks(threads, n, grain, [&](Index b, Index e, Index c) {
                 Chunk& chunk = at(scratch.chunks, c);

@@ -26,6 +26,7 @@
 #include <vector>
 
 #include <rye/avatar/two_stream.hpp>
+#include <rye/core/format.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/rig/influence.hpp>
@@ -186,7 +187,7 @@ DensityPlan density_plan(const Columns<T>& opacity_logit, const std::vector<doub
     const Index left = n - plan.change.pruned;
     require(left > 0, "change_density",
             "all " + std::to_string(n) + " Gaussians of the face have an opacity below " +
-                std::to_string(config.prune) + " (gaussians.density.prune), expected a face");
+                number_text(config.prune) + " (gaussians.density.prune), expected a face");
     const Index wanted =
         std::min(static_cast<Index>(config.grow * static_cast<double>(n)), config.most - left);
     const Index grown = std::clamp<Index>(wanted, 0, static_cast<Index>(candidates.size()));

@@ -13,6 +13,7 @@
 #include <rye/avatar/eye_stream.hpp>
 #include <rye/backend/cuda/each.hpp>
 #include <rye/core/bits.hpp>
+#include <rye/core/format.hpp>
 
 namespace rye {
 
@@ -64,7 +65,7 @@ struct DriverPlaces {
         for (std::size_t k = 0; k < r.size(); ++k)
             require(std::isfinite(r[k]), "DeviceTwoStream",
                     "number " + std::to_string(k) + " of the drivers (expression, pose, scale, " +
-                        "gazes) is " + std::to_string(r[k]) + ", expected a finite one");
+                        "gazes) is " + number_text(r[k]) + ", expected a finite one");
         return r;
     }
     /// True where packed drivers of two frames have the same bits but for the gazes.

@@ -161,8 +161,7 @@ struct ProjectKernel {
         look(g.rotation.data + 4 * Index(i), 4);
         look(g.scale.data + 3 * Index(i), 3);
         look(g.opacity.data + i, 1);
-        const float* const q = g.rotation.data + 4 * Index(i);
-        return finite && (q[0] != 0.0F || q[1] != 0.0F || q[2] != 0.0F || q[3] != 0.0F);
+        return finite;
     }
 
     /// The record, and, if it is visible, its rows of tiles; returns the number of tiles.

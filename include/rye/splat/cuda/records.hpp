@@ -44,7 +44,7 @@ struct alignas(16) TileSpans {
 
 /// What a render found out about itself. Sums are of all that it would have taken.
 struct FrameReport {
-    std::uint32_t non_finite; ///< Gaussians left out for a NaN, an infinity, no quaternion
+    std::uint32_t non_finite; ///< Gaussians left out for a NaN or an infinity
     std::uint32_t entries_low, entries_high; ///< pairs of a tile and a Gaussian, 64 bits
     std::uint32_t groups;                    ///< of visits, and at most one a strip more
     std::uint32_t overflow;                  ///< entries did not fit: nothing was drawn

@@ -42,13 +42,12 @@ struct LaneShapes {
                 Vec3<V>(in[7], in[8], in[9])};
     }
     V opacity() const { return in[10]; }
-    /// 1 where the numbers are finite and the quaternion has a direction, else 0.
+    /// 1 where the numbers are finite, else 0.
     V usable() const {
         const V zero(T(0));
         V sum = in[0] * zero;                                // 0, or NaN
         for (int k = 1; k < 11; ++k) sum = sum + in[k] * zero;
-        const auto turned = in[3] != zero || in[4] != zero || in[5] != zero || in[6] != zero;
-        return select((sum == zero) && turned, V(T(1)), zero);
+        return select(sum == zero, V(T(1)), zero);
     }
 };
 

@@ -10,7 +10,7 @@
 
 namespace rye {
 
-/// Whether every number that is read of a Gaussian is finite and its quaternion has a direction.
+/// Whether every number that is read of a Gaussian is finite.
 template <class T>
 bool usable(const GaussianView<T>& g, Index i) {
     int bad = 0;
@@ -25,9 +25,7 @@ bool usable(const GaussianView<T>& g, Index i) {
     look(g.scale(i), 3);
     look(g.opacity(i), 1);
     look(g.feature_of(i), g.channels());
-    const T* q = g.rotation(i);
-    const bool turned = q[0] != T(0) || q[1] != T(0) || q[2] != T(0) || q[3] != T(0);
-    return bad == 0 && turned;
+    return bad == 0;
 }
 
 /// Columns of fixed length; the compiler must not see a loop over a length it does not know.
