@@ -120,8 +120,9 @@ TEST_CASE("import: wrong words on the command line") {
                               "transforms";
     CHECK(run({"import", "flame", "x", "--out", out}).fault ==
           "rye import: got 'flame' " + kinds);
-    CHECK(run({"import", "--out", out, "vhap", "x"}).fault ==
-          "rye import: got '--out' " + kinds);
+    CHECK(run({"import", "--out", out}).fault == "rye import: got '--out' " + kinds);
+    CHECK(run({"import", "--bogus", "vhap", "x", "--out", out}).fault ==
+          "rye import: got '--bogus' " + kinds);
     CHECK(run({"import", "vhap", "x", "more", "--out", out}).fault.find("more") !=
           std::string::npos);
     CHECK(run({"import", "vhap", "x"}).fault.find("--out is required") != std::string::npos);

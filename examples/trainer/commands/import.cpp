@@ -105,17 +105,6 @@ void add_allow_outside(CLI::App* kind, const std::shared_ptr<Arguments>& a) {
 void add_import(CLI::App& app) {
     CLI::App* command = app.add_subcommand(
         "import", "Make a capture of other programs' data; an interrupted import is continued");
-    // A word that is no kind is left over with all that follows: it is blamed, not an option of a
-    // kind after it.
-    command->allow_extras();
-    command->require_subcommand(0, 1);
-    command->parse_complete_callback([command] {
-        const std::vector<std::string> words = command->remaining();
-        if (words.empty() && !command->get_subcommands().empty()) return;
-        const std::string expected = ", expected " + kinds_of(*command);
-        require(!words.empty(), "rye import", "a kind of source is missing" + expected);
-        throw Error("rye import: got '" + words.front() + "' for the kind of source" + expected);
-    });
     const auto a = std::make_shared<Arguments>();
     CLI::App* vhap = add_kind(*command, a, "vhap", "FLAME tracking that VHAP exported, with meshes",
                               import_vhap);
@@ -150,6 +139,17 @@ void add_import(CLI::App& app) {
                                "layout (transforms_train.json)",
                                import_transforms),
                       a);
+    // A word that is no kind is left over with all that follows: it is blamed, not an option of a
+    // kind after it. (Kinds made after this would leave over what they do not know, too.)
+    command->allow_extras();
+    command->require_subcommand(0, 1);
+    command->parse_complete_callback([command] {
+        const std::vector<std::string> words = command->remaining();
+        if (words.empty() && !command->get_subcommands().empty()) return;
+        const std::string expected = ", expected " + kinds_of(*command);
+        require(!words.empty(), "rye import", "a kind of source is missing" + expected);
+        throw Error("rye import: got '" + words.front() + "' for the kind of source" + expected);
+    });
 }
 
 } // namespace rye::trainer
