@@ -173,6 +173,29 @@ TEST_CASE("npz: members that share bytes are refused before any is unpacked") {
     append(zip, ByteSpan(one).last(22));
     const std::uint16_t count = 40;
     for (const std::size_t at : {12U, 14U}) std::memcpy(zip.data() + zip.size() - at, &count, 2);
+    const auto bytes = static_cast<std::uint32_t>(count * entry);
+    std::memcpy(zip.data() + zip.size() - 10, &bytes, 4);
     CHECK(parse_npz(one, "one.npz").size() == 1);
     CHECK_FAULT(parse_npz(zip, "forty.npz"), "forty.npz: two of its 40 members overlap");
+}
+
+TEST_CASE("npz: a flipped bit is refused, or changes nothing that is read") {
+    const NpzArrays right = two_arrays();
+    const Bytes whole = npz_bytes(right);
+    for (std::size_t bit = 0; bit < 8 * whole.size(); ++bit) {
+        Bytes damaged = whole;
+        damaged[bit / 8] ^= static_cast<std::byte>(1U << (bit % 8));
+        try {
+            const NpzArrays read = parse_npz(damaged, "a.npz");
+            INFO(bit);
+            REQUIRE(read.size() == right.size());
+            for (const auto& [name, array] : right) {
+                REQUIRE(read.count(name) == 1);
+                CHECK(read.at(name).bytes == array.bytes);
+                CHECK(read.at(name).shape == array.shape);
+            }
+        } catch (const Error& e) {
+            CHECK(std::string(e.what()).starts_with("a.npz"));
+        }
+    }
 }

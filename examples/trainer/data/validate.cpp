@@ -700,8 +700,8 @@ Capture read_valid_capture(const fs::path& folder, const CaptureOptions& options
     if (warnings)
         for (const Problem& p : problems)
             if (p.severity == Problem::Severity::warning) warnings->push_back(p);
-    require_none(problems, folder);
     warn_of_changes(folder);
+    require_none(problems, folder);
     return capture;
 }
 
@@ -733,10 +733,10 @@ Capture read_trainable_capture(const fs::path& folder, std::vector<std::string>*
     Capture capture = read_capture(folder, {}, &problems);
     const std::vector<Problem> more = validate(capture);
     problems.insert(problems.end(), more.begin(), more.end());
+    warn_of_changes(folder);
     require_none(problems, folder);
     const Verdict verdict = judge(capture, problems);
     if (!verdict.lacks.empty()) throw Error(verdict.lacks.front());
-    warn_of_changes(folder);
     if (expect) expect->insert(expect->end(), verdict.expect.begin(), verdict.expect.end());
     return capture;
 }

@@ -54,7 +54,8 @@ std::string kept_log(const fs::path& log, const TrainState& state, int& damaged)
         if (!json.is_object() || sum == Checked::wrong || (checked && sum == Checked::none) ||
             !is("stage", &nlohmann::json::is_string) ||
             !is("step", &nlohmann::json::is_number_integer)) {
-            if (complete) ++damaged;
+            // A line whose end a killed run did not write has no whole checksum.
+            if (complete || line.find("\"checksum\":") != std::string::npos) ++damaged;
             continue;
         }
         // The fit after the last step of stage 1 is done again by a run that is still in it.

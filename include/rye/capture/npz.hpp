@@ -38,7 +38,7 @@ struct ZipMember {
 };
 
 struct ZipDirectory {
-    std::uint64_t offset = 0, count = 0;
+    std::uint64_t offset = 0, count = 0, size = 0;
 };
 
 inline ZipDirectory find_zip_directory(ByteSpan zip, const std::string& who) {
@@ -52,7 +52,8 @@ inline ZipDirectory find_zip_directory(ByteSpan zip, const std::string& who) {
         if (end-- == lowest)
             throw Error(who + ": truncated or not a zip file (npz): it has no end of directory");
     ZipDirectory directory{read_at<std::uint32_t>(zip, end + 16, who, "zip end"),
-                           read_at<std::uint16_t>(zip, end + 10, who, "zip end")};
+                           read_at<std::uint16_t>(zip, end + 10, who, "zip end"),
+                           read_at<std::uint32_t>(zip, end + 12, who, "zip end")};
     if (directory.offset != 0xFFFFFFFFU && directory.count != 0xFFFFU) return directory;
     require(end >= 20 && read_at<std::uint32_t>(zip, end - 20, who, "zip64 locator") == 0x07064b50U,
             who, "its zip64 locator is missing");
@@ -60,7 +61,8 @@ inline ZipDirectory find_zip_directory(ByteSpan zip, const std::string& who) {
     require(read_at<std::uint32_t>(zip, end64, who, "zip64 end") == 0x06064b50U, who,
             "its zip64 end of directory is missing");
     return {read_at<std::uint64_t>(zip, end64 + 48, who, "zip64 end"),
-            read_at<std::uint64_t>(zip, end64 + 32, who, "zip64 end")};
+            read_at<std::uint64_t>(zip, end64 + 32, who, "zip64 end"),
+            read_at<std::uint64_t>(zip, end64 + 40, who, "zip64 end")};
 }
 
 /// Sizes and offsets of 2^32 - 1 are stored in the zip64 field, in this order, 8 bytes each.
@@ -108,6 +110,10 @@ inline std::vector<ZipMember> read_zip_directory(ByteSpan zip, const std::string
         at += 46 + std::uint64_t(name) + extra + comment;
         members.push_back(std::move(m));
     }
+    // No checksum covers the directory: its number of entries and their names are stated twice.
+    require(at - directory.offset == directory.size, who,
+            "its zip directory has " + std::to_string(at - directory.offset) + " bytes, expected " +
+                std::to_string(directory.size));
     return members;
 }
 
@@ -125,6 +131,14 @@ inline ZipExtent zip_extent(ByteSpan zip, const ZipMember& m, const std::string&
     const std::uint64_t data = m.header + 30 + name + extra;
     slice(zip, data, m.packed, who, "its data");
     return {m.header, data, data + m.packed};
+}
+
+/// Checks that the local header, which no checksum covers, has the name that the directory has.
+inline void require_same_name(ByteSpan zip, const ZipMember& m, const std::string& who) {
+    const char* what = "a zip local header";
+    const auto length = read_at<std::uint16_t>(zip, m.header + 26, who, what);
+    require(as_text(slice(zip, m.header + 30, length, who, what)) == m.name, who,
+            "its zip local header has another name: the file is damaged");
 }
 
 /// Members must not share bytes: otherwise a small file could unpack to any size.
@@ -167,6 +181,7 @@ inline NpzArrays parse_npz(ByteSpan zip, const std::string& who,
         const std::string label = who + ": '" + m.name + "'";
         const ByteSpan packed = zip.subspan(static_cast<std::size_t>(extents[i].data),
                                             static_cast<std::size_t>(m.packed));
+        detail::require_same_name(zip, m, label);
         require(m.name.size() > 4 && m.name.ends_with(".npy"), label, "has no name ending in .npy");
         const std::uint64_t unpacking = m.method == 8 ? m.unpacked : 0;
         total = saturated_sum(total, m.unpacked);
