@@ -33,16 +33,27 @@ set(CPACK_DEBIAN_UNSPECIFIED_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_UNSPECIFIED_PACKAGE_DEPENDS
     "libeigen3-dev (>= ${rye_least_Eigen3}), libxsimd-dev (>= ${rye_least_xsimd})")
 
+# Packages state the shared libraries of their programs where Debian's tools for it are.
+find_program(RYE_SHLIBDEPS dpkg-shlibdeps)
+find_program(RYE_FILE file)
+mark_as_advanced(RYE_SHLIBDEPS RYE_FILE)
+set(shlibdeps OFF)
+if(RYE_SHLIBDEPS AND RYE_FILE)
+  set(shlibdeps ON)
+else()
+  message(STATUS "rye: packages name no shared libraries (that takes Debian's dpkg-dev and file)")
+endif()
+
 set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION
     "Trainer of head avatars whose eyes can be turned: captures in, images and splat files out.")
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME rye)
-set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SHLIBDEPS ${shlibdeps})
 
 set(CPACK_COMPONENT_C_DESCRIPTION
     "The interface for C of rye: draws Gaussians and head avatars whose eyes can be turned.")
 set(CPACK_DEBIAN_C_PACKAGE_NAME librye-c-dev)
 set(CPACK_DEBIAN_C_PACKAGE_SECTION libdevel)
-set(CPACK_DEBIAN_C_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_C_PACKAGE_SHLIBDEPS ${shlibdeps})
 # librye-dev has not had its header since this version.
 set(CPACK_DEBIAN_C_PACKAGE_BREAKS "librye-dev (<< ${PROJECT_VERSION})")
 set(CPACK_DEBIAN_C_PACKAGE_REPLACES "librye-dev (<< ${PROJECT_VERSION})")

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A user's own accuracy policy that has not all names of Balanced: the error names what is missing.
-// expect: max_entries
+// expect: max_memory
 #include <rye/splat/rasterizer.hpp>
 
 struct Own {
@@ -8,7 +8,7 @@ struct Own {
            alpha_floor = 0;
     rye::NonFinite non_finite = rye::NonFinite::cull;
 #if !REJECT
-    std::int64_t max_entries = 1 << 20;
+    std::uint64_t max_memory = 1 << 20;
 #endif
     static constexpr rye::Stop stop_rule = rye::Stop::inclusive;
     static constexpr rye::Support support = rye::Support::ellipse;

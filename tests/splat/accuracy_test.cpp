@@ -26,7 +26,7 @@ struct NoAlphaMin : Balanced { void alpha_min(); };
 struct NoFrustumMargin : Balanced { void frustum_margin(); };
 struct NoAlphaFloor : Balanced { void alpha_floor(); };
 struct NoNonFinite : Balanced { void non_finite(); };
-struct NoMaxEntries : Balanced { void max_entries(); };
+struct NoMaxMemory : Balanced { void max_memory(); };
 struct NoStopRule : Balanced { void stop_rule(); };
 struct NoHasFloor : Balanced { void has_floor(); };
 struct NoDepthBits : Balanced { void depth_bits(); };
@@ -38,7 +38,7 @@ struct NotCopied : Balanced {
 };
 static_assert(!AccuracyPolicy<NoAlphaMin> && !AccuracyPolicy<NoFrustumMargin> &&
               !AccuracyPolicy<NoAlphaFloor> && !AccuracyPolicy<NoNonFinite> &&
-              !AccuracyPolicy<NoMaxEntries> && !AccuracyPolicy<NoStopRule> &&
+              !AccuracyPolicy<NoMaxMemory> && !AccuracyPolicy<NoStopRule> &&
               !AccuracyPolicy<NoHasFloor> && !AccuracyPolicy<NoDepthBits>);
 static_assert(!AccuracyPolicy<NonFiniteOfAnotherType> &&
               !AccuracyPolicy<NotCopied>);

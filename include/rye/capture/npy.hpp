@@ -106,7 +106,7 @@ private:
         return true;
     }
     void expect(char c) {
-        if (!take(c)) fail(std::string("expected '") + c + "' at byte " + std::to_string(at_));
+        if (!take(c)) fail("byte " + std::to_string(at_) + " is not the expected '" + c + "'");
     }
     bool take_word(std::string_view word) {
         skip();

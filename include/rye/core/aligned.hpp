@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/core/aligned.hpp: uninitialised memory from a cache line's start. A vector across two lines is
-/// slow, and slower still to read back.
+/// rye/core/aligned.hpp: uninitialised memory from a cache line's start. A vector across two lines
+/// is slow, and slower still to read back.
 #pragma once
 
 #include <algorithm>

@@ -112,8 +112,9 @@ class TaskBands {
 
 #ifdef _OPENMP
 /// OpenMP's threads. They wait as the OpenMP runtime is configured: GNU's spin by default, which
-/// slows other programs down; with OMP_WAIT_POLICY=passive, or a `ThreadPool`, they sleep. Where the
-/// system starts no more threads GNU's runtime ends the process; a `ThreadPool` goes on with fewer.
+/// slows other programs down; with OMP_WAIT_POLICY=passive, or a `ThreadPool`, they sleep. Where
+/// the system starts no more threads GNU's runtime ends the process; a `ThreadPool` goes on with
+/// fewer.
 struct OpenMp {
     int count = 0; ///< number of threads; 0: omp_get_max_threads()
 

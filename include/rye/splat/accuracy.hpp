@@ -125,7 +125,7 @@ concept AccuracyPolicy = std::copyable<A> && std::default_initializable<A> && re
     { a.frustum_margin } -> std::convertible_to<double>;
     { a.alpha_floor } -> std::convertible_to<double>;
     { a.non_finite } -> std::convertible_to<NonFinite>;
-    { a.max_entries } -> std::convertible_to<std::int64_t>;
+    { a.max_memory } -> std::convertible_to<std::uint64_t>;
     typename std::integral_constant<Stop, A::stop_rule>;
     typename std::integral_constant<Support, A::support>;
     typename std::integral_constant<Antialias, A::antialias>;

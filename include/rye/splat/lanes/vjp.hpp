@@ -35,12 +35,12 @@ struct LaneTape : Workspaces::Space {
     alignas(64) T transmittance[tile_pixels];
     alignas(64) T behind[tile_pixels], g_alpha[tile_pixels], g_depth[tile_pixels];
     std::vector<TapeGroup<V>> groups;
-    AlignedArray<T> steps;                     ///< of each visit: alpha and transmittance, two vectors;
+    AlignedArray<T> steps;              ///< of each visit: alpha and transmittance, two vectors;
                                         ///< group by group, strip by strip, from near to far
-    AlignedArray<T> cotangent;                 ///< of each strip: a vector a channel, zeros behind them
+    AlignedArray<T> cotangent;          ///< of each strip: a vector a channel, zeros behind them
     // Of many channels, as many as a slot has features:
     AlignedArray<T> background;
-    AlignedArray<T> feature;                   ///< of a group
+    AlignedArray<T> feature;            ///< of a group
     // Of an entry's visits:
     std::uint8_t strip[Tile::count + 8];
     alignas(64) T along[Tile::count][V::size];
