@@ -310,6 +310,57 @@ TEST_CASE("colmap: wrong sources are refused by file, field and value") {
     });
 }
 
+TEST_CASE("stills: a picture outside the folder of its source is taken only if that is asked for") {
+    const TemporaryFolder folder;
+    const fs::path outside = folder.path / "photo_01.png";
+    fs::copy(Source::one().folder.path / "transforms/images/photo_01.png", outside);
+    int number = 0;
+    const auto check = [&](const char* kind, const char* from, const std::string& words,
+                           const std::function<void(const fs::path&)>& edit) {
+        const fs::path source = folder.path / ("source" + std::to_string(number));
+        fs::copy(Source::one().folder.path / from, source, fs::copy_options::recursive);
+        edit(source);
+        ImportOptions o;
+        o.source = source;
+        o.out = folder.path / ("out" + std::to_string(number++));
+        const auto run = [&] {
+            return std::string(kind) == "colmap" ? import_colmap(o) : import_transforms(o);
+        };
+        CHECK_FAULT(run(), words + " is outside " + source.string() +
+                               ", expected a file in that folder; --allow-outside takes others");
+        CHECK(!fs::exists(o.out));
+        o.allow_outside = true;
+        CHECK(run().cameras == 3);
+    };
+    const auto path = [](const char* key, const std::string& name) {
+        return [=](const fs::path& s) {
+            edit_json(s / "transforms.json",
+                      [&](nlohmann::json& j) { j.at("frames").at(1)[key] = name; });
+        };
+    };
+    for (const std::string& name : {std::string("../photo_01.png"), outside.string(),
+                                    std::string("images/../../photo_01.png")}) {
+        check("transforms", "transforms",
+              "transforms.json: frame 1: file_path: got '" + name + "', which",
+              path("file_path", name));
+        check("transforms", "transforms",
+              "transforms.json: frame 1: mask_path: got '" + name + "', which",
+              path("mask_path", name));
+    }
+    check("colmap", "text", "the picture '../../photo_01.png': got 'images/../../photo_01.png', which",
+          [](const fs::path& s) {
+              replace_in(s / "sparse/0/images.txt", "photo_01.png", "../../photo_01.png");
+          });
+    // A name with ".." that stays inside is as good as any.
+    const fs::path source = folder.path / "inside";
+    fs::copy(Source::one().folder.path / "transforms", source, fs::copy_options::recursive);
+    path("file_path", "images/../images/photo_01.png")(source);
+    ImportOptions o;
+    o.source = source;
+    o.out = folder.path / "out";
+    CHECK(import_transforms(o).cameras == 3);
+}
+
 TEST_CASE("colmap: any damage of a model is an Error or a result") {
     const TemporaryFolder folder;
     const fs::path source = folder.path / "source";

@@ -127,6 +127,14 @@ TEST_CASE("vhap: wrong sources are refused by file, field and value") {
                           j.at("frames").at(1).at("timestep_index") = -1;
                       });
                   });
+    for (const char* key : {"file_path", "fg_mask_path", "mesh_path", "flame_param_path"})
+        check_refused("transforms.json: frame 1: " + std::string(key) +
+                          ": got '../other/x.png', which is outside ",
+                      [&](const fs::path& s) {
+                          edit_json(s / "transforms.json", [&](nlohmann::json& j) {
+                              j.at("frames").at(1)[key] = "../other/x.png";
+                          });
+                      });
     check_refused("meshes/00001.obj: no such file: landmarks and eyes come from the meshes; export "
                   "once more into the same folder with VHAP's `--flame-mode mesh "
                   "--no-create-mask-from-mesh`",

@@ -403,6 +403,7 @@ void add_compare(CLI::App& app) {
         ->delimiter(',');
     c->add_option("--out", o->out, "Folder for runs and tables; what is there is kept");
     c->add_option("--seeds", o->seeds, "Seeds, with commas (default: those of the list, or 1,2,3)")
+        ->check(read_check(parsed_seed))
         ->delimiter(',');
     c->add_option("--preset", o->preset, "Preset of all rows (default: that of the list, or cpu)")
         ->check(CLI::IsMember({"tiny", "cpu", "gpu", "paper"}));

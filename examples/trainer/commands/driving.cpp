@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "commands/driving.hpp"
 
-#include <cstdio>
+#include <charconv>
 #include <iostream>
 
 #include <CLI/CLI.hpp>
@@ -41,16 +41,28 @@ std::vector<Drivers<float>> folder_drivers(const fs::path& folder, const TrainSt
     return all;
 }
 
+/// FIRST:LAST, two whole numbers of which the first is not the larger; throws Error, which begins
+/// with `who`, for anything else.
+std::pair<int, int> parsed_range(const std::string& text, const std::string& who) {
+    int first = -1, last = -1;
+    const char* const end = text.data() + text.size();
+    const auto [colon, no_first] = std::from_chars(text.data(), end, first);
+    bool read = no_first == std::errc() && colon != end && *colon == ':';
+    if (read) {
+        const auto [stop, no_last] = std::from_chars(colon + 1, end, last);
+        read = no_last == std::errc() && stop == end;
+    }
+    require(read && first >= 0 && first <= last, who,
+            "got '" + text + "', expected FIRST:LAST, frames from 0 on");
+    return {first, last};
+}
+
 /// The frames FIRST to LAST, for "FIRST:LAST".
 std::vector<Drivers<float>> ranged(const std::vector<Drivers<float>>& all,
                                    const std::string& range) {
     if (range.empty()) return all;
-    long first = 0, last = 0;
-    int read = 0;
-    const int found = std::sscanf(range.c_str(), "%9ld:%9ld%n", &first, &last, &read);
-    require(found == 2 && static_cast<std::size_t>(read) == range.size() && first >= 0 &&
-                first <= last && last < static_cast<long>(all.size()),
-            "--range",
+    const auto [first, last] = parsed_range(range, "--range");
+    require(static_cast<std::size_t>(last) < all.size(), "--range",
             "got " + range + ", expected FIRST:LAST within 0:" + std::to_string(all.size() - 1) +
                 ", the frames of --driving");
     return {all.begin() + first, all.begin() + last + 1};
@@ -93,6 +105,7 @@ void add_driving_options(CLI::App& command, DrivingOptions& o) {
         ->capture_default_str();
     command
         .add_option("--range", o.range, "Frames of --driving: FIRST:LAST, from 0 (default: all)")
+        ->check(read_check(parsed_range))
         ->needs(driving);
 }
 

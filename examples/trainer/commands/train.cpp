@@ -573,7 +573,8 @@ void add_train(CLI::App& app) {
     c->add_flag("--print-config", options->print_config,
                 "Print the effective configuration, every field of it, and stop");
     c->add_option("--steps", options->steps, "Steps of stage 2, instead of the configuration's");
-    c->add_option("--seed", options->seed, "Seed of all randomness: any whole number below 2^64");
+    c->add_option("--seed", options->seed, "Seed of all randomness: any whole number below 2^64")
+        ->check(read_check(parsed_seed));
     add_memory(*c);
     add_threads(*c, options->threads, "Threads; results do not depend on it (0: all)");
     c->add_option("--perceptual-weights", options->perceptual_weights,

@@ -90,6 +90,7 @@ inline GzipContents gzip_contents(ByteSpan file, const std::string& who) {
 /// than `memory`, before they are allocated.
 inline Bytes gunzip(const GzipContents& contents, const std::string& who,
                     std::uint64_t memory = default_memory) {
+    require_inflatable(contents.deflated, contents.size, who);
     require_memory(contents.size, memory, who, "its data");
     Bytes raw = inflate(contents.deflated, contents.size, who);
     require(crc32(raw) == contents.crc, who,

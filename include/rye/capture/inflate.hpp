@@ -199,11 +199,16 @@ private:
 /// Largest ratio of deflate; a header that states more is invalid.
 inline constexpr std::uint64_t max_deflate_ratio = 1032;
 
-/// Decompresses a raw deflate stream to exactly `size` bytes; throws Error otherwise.
-inline Bytes inflate(ByteSpan compressed, std::uint64_t size, const std::string& who) {
+/// Throws Error if no deflate stream of so many bytes has data of the declared size.
+inline void require_inflatable(ByteSpan compressed, std::uint64_t size, const std::string& who) {
     require(size <= compressed.size() * max_deflate_ratio + 64, who,
             std::to_string(compressed.size()) + " compressed bytes cannot hold the declared " +
                 std::to_string(size));
+}
+
+/// Decompresses a raw deflate stream to exactly `size` bytes; throws Error otherwise.
+inline Bytes inflate(ByteSpan compressed, std::uint64_t size, const std::string& who) {
+    require_inflatable(compressed, size, who);
     return detail::Inflater(compressed, static_cast<std::size_t>(size), detail::Inflate::whole, who)
         .run();
 }

@@ -152,10 +152,20 @@ inline void require_apart(const std::vector<ZipMember>& members, std::vector<Zip
                     std::to_string(extents[i].begin));
 }
 
-inline NpyArray unpack_npy(ByteSpan packed, const ZipMember& m, const std::string& who) {
+/// Memory of the arrays of a file that are there, and its limit [bytes].
+struct NpzMemory {
+    std::uint64_t held = 0, most = 0;
+};
+
+inline NpyArray unpack_npy(ByteSpan packed, const ZipMember& m, NpzMemory& memory,
+                           const std::string& who) {
     require(m.method == 0 || m.method == 8, who,
             "got zip method " + std::to_string(m.method) + ", expected 0 (stored) or 8 (deflate)");
     require(m.method == 8 || m.packed == m.unpacked, who, "its two sizes differ though stored");
+    if (m.method == 8) require_inflatable(packed, m.unpacked, who);
+    memory.held = saturated_sum(memory.held, m.unpacked);
+    require_memory(saturated_sum(memory.held, m.method == 8 ? m.unpacked : 0), memory.most, who,
+                   "the file's arrays to here");
     Bytes unpacked;
     ByteSpan bytes = packed;
     if (m.method == 8) bytes = unpacked = inflate(packed, m.unpacked, who);
@@ -170,7 +180,7 @@ inline NpyArray unpack_npy(ByteSpan packed, const ZipMember& m, const std::strin
 inline NpzArrays parse_npz(ByteSpan zip, const std::string& who,
                            std::uint64_t memory = default_memory) {
     NpzArrays arrays;
-    std::uint64_t total = 0;
+    detail::NpzMemory held{0, memory};
     const std::vector<detail::ZipMember> members = detail::read_zip_directory(zip, who);
     std::vector<detail::ZipExtent> extents;
     for (const detail::ZipMember& m : members)
@@ -183,11 +193,8 @@ inline NpzArrays parse_npz(ByteSpan zip, const std::string& who,
                                             static_cast<std::size_t>(m.packed));
         detail::require_same_name(zip, m, label);
         require(m.name.size() > 4 && m.name.ends_with(".npy"), label, "has no name ending in .npy");
-        const std::uint64_t unpacking = m.method == 8 ? m.unpacked : 0;
-        total = saturated_sum(total, m.unpacked);
-        require_memory(saturated_sum(total, unpacking), memory, label, "the file's arrays to here");
         const bool first = arrays.emplace(m.name.substr(0, m.name.size() - 4),
-                                          detail::unpack_npy(packed, m, label)).second;
+                                          detail::unpack_npy(packed, m, held, label)).second;
         require(first, label, "appears twice");
     }
     return arrays;

@@ -145,6 +145,7 @@ GaussianCloud<T> parse_spz(ByteSpan file, const std::string& who,
         contents.deflated, std::min<std::size_t>(contents.size, detail::spz_header_size), who);
     const SpzHeader h = parse_spz_header(beginning, contents.size, who);
     const auto n = static_cast<Index>(h.count);
+    require_inflatable(contents.deflated, contents.size, who);
     require_memory(saturated_sum(contents.size, GaussianCloud<T>::memory(n, h.degree)), memory, who,
                    "its " + std::to_string(h.count) + " Gaussians");
     const Bytes data = gunzip(contents, who, memory);
