@@ -158,9 +158,12 @@ TEST_CASE("safetensors: a flipped bit is refused, and a file without a checksum 
         bytes[bit / 8] ^= static_cast<std::byte>(1U << (bit % 8));
         try {
             const Safetensors read = parse_safetensors(bytes, "a");
-            CHECK(read.columns<float>("w") == w);
-            CHECK(read.values<std::int64_t>("step", {}) == step);
-            CHECK(read.word("format") == "a");
+            const Columns<float> got = read.columns<float>("w");
+            const auto count = read.values<std::int64_t>("step", {});
+            const std::string word = read.word("format");
+            CHECK(got == w);
+            CHECK(count == step);
+            CHECK(word == "a");
         } catch (const Error& e) {
             CHECK(std::string(e.what()).starts_with("a: "));
             ++told;
