@@ -57,9 +57,9 @@ void add_stills(const ImportOptions& options, const fs::path& file, std::vector<
                 "is missing, expected the path of a picture");
         Still still;
         const auto of = [&](const char* key) {
-            const fs::path name = json_text(frame, key, "", who);
-            return existing(picture_of(named_file(options, file.parent_path(), name, who + ": " + key)),
-                            key, who);
+            const fs::path picture = named_file(options, file.parent_path(),
+                                                json_text(frame, key, "", who), who + ": " + key);
+            return existing(picture_of(picture), key, who);
         };
         still.image = of("file_path");
         if (frame.contains("mask_path")) still.mask = of("mask_path");
