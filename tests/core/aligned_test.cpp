@@ -23,4 +23,6 @@ TEST_CASE("an aligned array begins a line of the cache, keeps what it is told to
     bool same = true;
     for (Index i = 0; i < 1000; ++i) same = same && larger[i] == static_cast<float>(i);
     CHECK(same);
+    CHECK(AlignedArray<float>(a).data() == nullptr);
+    CHECK(a.data() == larger);
 }

@@ -112,10 +112,10 @@ TEST_CASE(
     CHECK_FAULT(player.draw(d, p.camera, p.background), "'pose': value 2 is nan");
     d = p.neutral;
     d.gaze[1].setZero();
-    CHECK_FAULT(player.draw(d, p.camera, p.background), "the right eye's has the length 0.0");
+    CHECK_FAULT(player.draw(d, p.camera, p.background), "the right eye's has the length 0,");
     Pinhole<float> c = p.camera;
     c.near_depth = 0;
-    CHECK_FAULT(player.draw(p.neutral, c, p.background), "'near_depth' is 0.0");
+    CHECK_FAULT(player.draw(p.neutral, c, p.background), "'near_depth' is 0,");
     CHECK_FAULT(player.draw(p.neutral, p.camera, VecX<float>::Zero(3)),
                 "'background': got 3 channels, expected 5");
     d = p.neutral;

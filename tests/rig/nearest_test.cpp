@@ -81,7 +81,7 @@ TEST_CASE_TEMPLATE("nearest: of finite points one is nearest, however far they a
     for (const float far : {1e20F, 1e30F, most}) {
         Columns<float> p(3, 3), x(3, 5);
         p << -far, far, 0, 0, 0, far, 0, 0, 0;
-        x << far, 0.9F * far, -0.5F * far, 0, -far, //
+        x << far, 0.5F * far, -0.5F * far, 0, -far, //
             0, 0, 0, -far, -far,                    //
             far, 0, 0, 0, -far;
         x(0, 3) = far / 2;

@@ -76,25 +76,26 @@ std::map<std::string, std::array<int, 4>> eye_boxes(const fs::path& evaluation) 
     std::map<std::string, std::array<int, 4>> boxes;
     const fs::path path = evaluation / "per_view.json";
     if (!fs::exists(path)) return boxes;
+    const std::string name = path.string();
     const Bytes bytes = read_file(path, max_json_bytes);
     const fs::path stated = evaluation / "results.json";
     const nlohmann::json results = read_json(stated);
     if (results.is_object() && results.contains("per_view_checksum"))
-        require(results.at("per_view_checksum") == checksum_text(crc32(bytes)), path.string(),
+        require(results.at("per_view_checksum") == checksum_text(crc32(bytes)), name,
                 "its checksum is not the one in " + stated.string() + ": the file is damaged");
-    for (const nlohmann::json& view : parse_json_text(as_text(bytes), path.string())) {
+    for (const nlohmann::json& view : parse_json_text(as_text(bytes), name)) {
         if (!view.contains("picture") || !view.contains("eyes_box")) continue;
-        const nlohmann::json& numbers = json_list(view, "eyes_box", path.string(), "4 numbers");
-        require(numbers.size() == 4, path.string() + ": eyes_box",
+        const nlohmann::json& numbers = json_list(view, "eyes_box", name, "4 numbers");
+        require(numbers.size() == 4, name + ": eyes_box",
                 "got " + json_excerpt(numbers) + ", expected 4 numbers");
         std::array<int, 4> box{};
         for (std::size_t i = 0; i < 4; ++i) {
-            const double x = json_number(numbers.at(i), path.string() + ": eyes_box");
-            require(std::abs(x) <= max_image_edge, path.string() + ": eyes_box",
+            const double x = json_number(numbers.at(i), name + ": eyes_box");
+            require(std::abs(x) <= max_image_edge, name + ": eyes_box",
                     "got " + json_excerpt(numbers) + ", expected pixels of a picture");
             box[i] = static_cast<int>(x);
         }
-        if (box[2] > 0) boxes[json_text(view, "picture", "", path.string())] = box;
+        if (box[2] > 0) boxes[json_text(view, "picture", "", name)] = box;
     }
     return boxes;
 }

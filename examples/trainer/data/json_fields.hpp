@@ -47,11 +47,11 @@ std::string json_text(const Json& object, const std::string& key, const std::str
 
 /// Returns the list of a field, which must be there.
 template <class Json>
-const Json& json_list(const Json& object, const std::string& key, const std::string& who,
-                      const std::string& expected) {
+const Json& json_list(const Json& object, const char* key, const std::string& who,
+                      const char* expected) {
     require(object.is_object(), who,
             "got " + json_excerpt(object) + ", expected an object with " + key);
-    require(object.contains(key), who + ": " + key, "is missing, expected " + expected);
+    require(object.contains(key), who + ": " + key, std::string("is missing, expected ") + expected);
     require(object.at(key).is_array(), who + ": " + key,
             "got " + json_excerpt(object.at(key)) + ", expected " + expected);
     return object.at(key);

@@ -109,15 +109,16 @@ std::vector<Photograph> read_photographs(const fs::path& path) {
 
 std::vector<double> lens_coefficients(const fs::path& path) {
     const Json json = read_json(path);
+    const std::string name = path.string();
     std::vector<double> all;
     const auto add = [&](const Json& from, const std::string& who) {
         for (const char* key : {"k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"})
             if (from.contains(key)) all.push_back(json_number(from.at(key), who + ": " + key));
     };
-    const Json& frames = frames_of(json, path.string());
-    add(json, path.string());
+    const Json& frames = frames_of(json, name);
+    add(json, name);
     for (std::size_t i = 0; i < frames.size(); ++i)
-        add(frames.at(i), path.string() + ": frame " + std::to_string(i));
+        add(frames.at(i), name + ": frame " + std::to_string(i));
     return all;
 }
 

@@ -14,14 +14,21 @@
 
 namespace rye {
 
-/// One array of T whose first element begins a line of the cache. It grows and never shrinks;
-/// elements have no value until they are written.
+/// Scratch of one array of T whose first element begins a line of the cache. It grows and never
+/// shrinks; elements have no value until they are written.
 template <class T>
 class AlignedArray {
     static_assert(std::is_trivially_destructible_v<T> && std::is_trivially_copyable_v<T>);
 
   public:
     static constexpr std::size_t alignment = 64; ///< [bytes]
+
+    AlignedArray() = default;
+    /// Copies begin empty: elements are a scratch of their owner.
+    AlignedArray(const AlignedArray&) {}
+    AlignedArray& operator=(const AlignedArray&) { return *this; }
+    AlignedArray(AlignedArray&&) = default;
+    AlignedArray& operator=(AlignedArray&&) = default;
 
     T* data() { return memory_.get(); }
     const T* data() const { return memory_.get(); }

@@ -224,20 +224,17 @@ RYE_HD Vec3<T> scaled_by(const Vec3<T>& a, const Vec3<T>& s) {
     return Vec3<T>(a[0] * s[0], a[1] * s[1], a[2] * s[2]);
 }
 
-/// The second row of L M, k2 (y - m x), of the rows x and y of M. Along a needle the difference
-/// cancels: its error is u |x| |y| / sqrt(det). Where that ratio is beyond 2^20 it is taken
-/// without: a (y - m x) = S (d B + (A x B) x S^2 A), A and B being the rows of J W R, S the scales.
+/// Returns the second row of L M, k2 (y - m x), of the rows x = S A and y = S B of M, A and B being
+/// the rows of J W R and S the scales. Along a needle that difference cancels, and with it the
+/// gradient of the needle's turn; a (y - m x) = S (d B + (A x B) x S^2 A) has no such difference.
 template <Scalar T, class D>
 RYE_HD Vec3<T> whitened_second_row(const Linearised<T, D>& l, const Vec3<T>& scale,
                                    const PrecisionFactor<T>& f, const T& d) {
-    const Vec3<T> x = scaled_by(l.along_x, scale), y = scaled_by(l.along_y, scale);
-    const T few = constant<T>(0x1p-20), a = dot(x, x) + d;
-    const auto needle = gram_determinant(x, y, d) < (a * few) * ((dot(y, y) + d) * few);
+    const Vec3<T> x = scaled_by(l.along_x, scale);
     const Vec3<T> turned = cross(cross(l.along_x, l.along_y), scaled_by(x, scale));
+    const T k = f.k2 / (dot(x, x) + d);
     Vec3<T> v;
-    for (int i = 0; i < 3; ++i)
-        v[i] = select(needle, T(f.k2 * (scale[i] * ((d * l.along_y[i] + turned[i]) / a))),
-                      T(f.k2 * (y[i] - f.m * x[i])));
+    for (int i = 0; i < 3; ++i) v[i] = k * (scale[i] * (d * l.along_y[i] + turned[i]));
     return v;
 }
 

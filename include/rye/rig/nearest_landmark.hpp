@@ -172,7 +172,7 @@ NearestGradient<T> nearest_squared_distance_vjp(const B& backend, const ColumnsV
                            const Index k = nearest[static_cast<std::size_t>(i)];
                            if (k < 0) continue;
                            for (int j = 0; j < 3; ++j) {
-                               const T d = T(2) * (points(j, i) - landmarks(j, k)) * g(0, i);
+                               const T d = (points(j, i) - landmarks(j, k)) * (T(2) * g(0, i));
                                r.points(j, i) = d;
                                part(j, k) -= d;
                            }
