@@ -215,8 +215,8 @@ double projection_gap(const std::array<double, 10>& x, std::uint64_t seed, const
     return static_cast<double>(std::abs(reverse - e.d[0]) / scale);
 }
 
-/// Relative error of the second row of L M against long double; worsens `cancelled` by that of the
-/// difference k2 (y - m x).
+/// Error of the second row of L M along the needle against long double, relative to what it is of a
+/// needle of the same scales across which B stands; worsens `cancelled` by that of k2 (y - m x).
 template <class T>
 double needle_gap(const std::array<double, 10>& a, double& cancelled) {
     const Shape<T> s = shape_of<T>(a);
@@ -237,8 +237,12 @@ double needle_gap(const std::array<double, 10>& a, double& cancelled) {
                                                    wide_lens.dilation);
     const Vec3<T> row = detail::whitened_second_row(l, s.scale, f, lens.dilation);
     // Along the needle alone: that is what turns it.
-    const auto relative = [&](T x) {
-        return static_cast<double>(std::abs((static_cast<long double>(x) - truth[0]) / truth[0]));
+    const Vec3<long double> x = detail::scaled_by(w.along_x, wide.scale);
+    const long double d = wide_lens.dilation;
+    const long double size = factor(w, wide.scale, d).k2 * wide.scale[0] * d *
+                             std::sqrt(dot(w.along_y, w.along_y)) / (dot(x, x) + d);
+    const auto relative = [&](T v) {
+        return static_cast<double>(std::abs(static_cast<long double>(v) - truth[0]) / size);
     };
     worsen(cancelled, relative(f.k2 * (l.along_y[0] * s.scale[0] - f.m * l.along_x[0] * s.scale[0])));
     return relative(row[0]);
