@@ -365,7 +365,7 @@ TEST_CASE("validate: what training would refuse or overflow on is an error of th
         t.edit_all("params.npz", "scale", [](Values& v) { v[0] = 1e-30; });
     });
     check_error("iris_plane 0.220000 make no eyeball (in canonical units): eyeball_template: "
-                "iris plane at z = 0.220000, expected above 0 and at most",
+                "iris plane at z = 0.22, expected above 0 and at most",
                 [](T t) {
                     t.edit_one(t.params(3, "gaze.npz"), "iris_plane", [](Values& v) { v[1] = 0.22; });
                 });
