@@ -195,7 +195,7 @@ TEST_CASE("density: those that are hardly opaque go, with their normals and mome
     gone.avatar.face.opacity_logit.setConstant(-8);
     const Trained as_it_was = gone;
     CHECK_FAULT(change_density(backend, gone.avatar, gone.adam, c),
-                "change_density: all 60 Gaussians of the face have an opacity below 0.005000 "
+                "change_density: all 60 Gaussians of the face have an opacity below 0.005 "
                 "(gaussians.density.prune), expected a face");
     CHECK(gone == as_it_was);
 }

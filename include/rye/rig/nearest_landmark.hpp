@@ -40,7 +40,7 @@ namespace detail {
 /// range: compared by their squares in a unit in which those of all finite points are within it.
 /// None if the point is not finite.
 template <class T, class At>
-RYE_HD NearestSoFar<T> nearest_beyond_range(const Vec3<T>& point, const At& at, Index count) {
+NearestSoFar<T> nearest_beyond_range(const Vec3<T>& point, const At& at, Index count) {
     constexpr double unit = sizeof(real_t<T>) == 4 ? 0x1p-66 : 0x1p-514;
     const T u = constant<T>(unit);
     NearestSoFar<T> best;
