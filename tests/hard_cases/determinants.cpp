@@ -215,18 +215,23 @@ double projection_gap(const std::array<double, 10>& x, std::uint64_t seed, const
     return static_cast<double>(std::abs(reverse - e.d[0]) / scale);
 }
 
-/// Error of the second row of L M along the needle against long double, relative to what it is of a
-/// needle of the same scales across which B stands; worsens `cancelled` by that of k2 (y - m x).
+/// Error of the second row of L M along the needle against long double of the same rows A and B,
+/// relative to what it is of a needle of the same scales across which B stands; worsens `cancelled`
+/// by that of k2 (y - m x). The rows' own rounding is no matter of this formula: where A nearly
+/// vanishes along the needle, it alone is 1e-4 of the result in float.
 template <class T>
 double needle_gap(const std::array<double, 10>& a, double& cancelled) {
     const Shape<T> s = shape_of<T>(a);
-    std::array<double, 10> rounded;
-    for (std::size_t i = 0; i < 10; ++i) rounded[i] = static_cast<double>(static_cast<T>(a[i]));
-    const Shape<long double> wide = shape_of<long double>(rounded);
+    Shape<long double> wide;
     const Projector<T> lens = plain_lens<T>();
     const Projector<long double> wide_lens(lens);
     const detail::Linearised<T, NoDistortion> l(s, lens);
-    const detail::Linearised<long double, NoDistortion> w(wide, wide_lens);
+    detail::Linearised<long double, NoDistortion> w(shape_of<long double>(a), wide_lens);
+    for (int i = 0; i < 3; ++i) {
+        wide.scale[i] = s.scale[i];
+        w.along_x[i] = l.along_x[i];
+        w.along_y[i] = l.along_y[i];
+    }
     const auto factor = [](const auto& of, const auto& scale, const auto& d) {
         return precision_factor(detail::scaled_by(of.along_x, scale),
                                 detail::scaled_by(of.along_y, scale), d);

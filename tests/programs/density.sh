@@ -69,7 +69,7 @@ done
 same cpu/checkpoint.safetensors alone/checkpoint.safetensors
 
 # The device's losses are the CPU's, and it says at least what memory it holds.
-losses() { tail -n 1 "$1/log.jsonl" | tr ',{}' '\n\n\n' | tr -d '"' | tr ':' ' '; }
+losses() { tail -n 1 "$1/log.jsonl" | tr ',{}' '\n\n\n' | tr -d '"' | tr ':' ' ' | grep -v '^checksum'; }
 losses device > device.txt
 losses cpu > cpu.txt
 paste -d ' ' device.txt cpu.txt | awk '

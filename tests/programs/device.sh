@@ -44,7 +44,7 @@ grep -q "^device memory held: .* GB (.*); waited .* s for panels and checkpoints
     fail "nothing is said of what was held and waited for"
 train --out cpu --device cpu --quiet
 # The last line of a log, as "name value" lines.
-losses() { tail -n 1 "$1/log.jsonl" | tr ',{}' '\n\n\n' | tr -d '"' | tr ':' ' '; }
+losses() { tail -n 1 "$1/log.jsonl" | tr ',{}' '\n\n\n' | tr -d '"' | tr ':' ' ' | grep -v '^checksum'; }
 # compares DEVICE CPU: the last losses of two runs.
 compares() {
     losses "$1" > device.txt
@@ -194,7 +194,7 @@ drawn told --eye 1,0,9 --size 47x33 # sides that super-resolution's blocks excee
 grep -q '"device": "an emulated device"' on_device/results.json || fail "no device in results.json"
 grep -q '"device": "cpu"' by_cpu/results.json || fail "no CPU in results.json"
 for side in on_device by_cpu; do
-    tr -d ' ,"' < $side/results.json | tr ':' ' ' | grep -v "^device" > $side.txt
+    tr -d ' ,"' < $side/results.json | tr ':' ' ' | grep -v -e "^device" -e "^checksum" > $side.txt
 done
 paste -d ' ' on_device.txt by_cpu.txt | awk '
     NF == 4 && $2 + 0 == $2 && ($2 - $4 > 1e-2 || $4 - $2 > 1e-2) { print; bad = 1 }
