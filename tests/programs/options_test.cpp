@@ -112,6 +112,23 @@ TEST_CASE("options: the four whose NaN drew a picture") {
     }
 }
 
+TEST_CASE("options: ranges in one wording, whatever the version of CLI11") {
+    const std::pair<const char*, const char*> wrong[] = {
+        {"--fov=180", "--fov: got 180, expected 0.01 to 179"},
+        {"--alpha-floor=-1", "--alpha-floor: got -1, expected 0 to 0.99"},
+        {"--near=0", "--near: got 0, expected 1e-09 to 1e+09"},
+        {"--background=0,2,0", "--background: got 2, expected 0 to 1"},
+        {"--view=-1", "--view: got -1, expected 0 to 999999"},
+        {"--threads=5000", "--threads: got 5000, expected 0 to 1024"},
+        {"--threads=x", "--threads: got 'x', expected a whole number"},
+        {"--fov=x", "--fov: got 'x', expected a number"}};
+    for (const auto& [option, sentence] : wrong) {
+        const Answer a = answer({"render", option});
+        CHECK(a.text == std::string("rye render: ") + sentence + "\n");
+        CHECK(a.code == 2);
+    }
+}
+
 TEST_CASE("options: a limit on memory") {
     CHECK(parsed_memory("512M", "--memory") == 512ULL << 20U);
     CHECK(parsed_memory("8G", "--memory") == 8ULL << 30U);

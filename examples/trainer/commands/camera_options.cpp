@@ -48,7 +48,7 @@ Pinhole<double> placed(const CameraOptions& o, const Pinhole<double>& usual,
 } // namespace
 
 void add_camera_options(CLI::App& command, CameraOptions& o, const CameraDefaults& usual) {
-    const auto finite = CLI::Range(-1e9, 1e9);
+    const auto finite = from_to(-1e9, 1e9);
     const auto vector = [&](const char* name, std::vector<double>& v, const std::string& help) {
         return command.add_option(name, v, help)->delimiter(',')->expected(3)->check(finite);
     };
@@ -60,7 +60,7 @@ void add_camera_options(CLI::App& command, CameraOptions& o, const CameraDefault
     command
         .add_option("--fov", o.fov_deg,
                     "Its vertical field of view in degrees (default: " + usual.fov + ")")
-        ->check(CLI::Range(0.01, 179.0))
+        ->check(from_to(0.01, 179.0))
         ->needs(eye);
     command
         .add_option("--size", o.size, "Size of the picture in pixels: WxH (default: " + usual.size + ")")
@@ -74,7 +74,7 @@ void add_camera_options(CLI::App& command, CameraOptions& o, const CameraDefault
             ->check(CLI::ExistingFile);
     command.add_option("--view", o.view, "Index of a camera of --cameras, from 0")
         ->needs(file)
-        ->check(CLI::NonNegativeNumber);
+        ->check(from_to(0, 999999));
 }
 
 std::vector<Pinhole<double>> own_cameras(const CameraOptions& o, const Pinhole<double>& usual,

@@ -417,7 +417,7 @@ void add_compare(CLI::App& app) {
         *c, o->device,
         "Where stage 2 is trained and runs are drawn, as for `rye train` and `rye evaluate`");
     c->add_option("--jobs", o->jobs, "Runs at once")
-        ->check(CLI::Range(1, 64))
+        ->check(from_to(1, 64))
         ->capture_default_str();
     add_threads(*c, o->threads, "Threads of each run (0: the machine's, shared by the jobs)");
     c->add_option("--perceptual-weights", o->perceptual_weights,

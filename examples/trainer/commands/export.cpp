@@ -157,7 +157,7 @@ void add_export(CLI::App& app) {
         ->check(CLI::IsMember({"ply", "world"}))
         ->capture_default_str();
     c->add_option("--sh", o->sh, "Degree of harmonics to pad with zeros, for readers that want 3")
-        ->check(CLI::Range(0, 3))
+        ->check(from_to(0, 3))
         ->capture_default_str();
     c->add_option("--camera", o->avatar.camera,
                   "NAME.avatar: its default camera (default: the most frontal)");

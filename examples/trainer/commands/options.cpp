@@ -9,6 +9,7 @@
 #include <CLI/CLI.hpp>
 
 #include <rye/core/error.hpp>
+#include <rye/core/format.hpp>
 #include <rye/core/parse.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
@@ -175,9 +176,31 @@ void require_same_subject(const TrainState& state, const Capture& capture) {
     require_gazes(capture, state.config.gaze_axis);
 }
 
+namespace {
+
+template <class T>
+std::function<std::string(const std::string&)> range_check(T least, T most) {
+    return [least, most](const std::string& text) -> std::string {
+        T x{};
+        if (!CLI::detail::lexical_cast(text, x)) return "";
+        if (!(x < least || x > most)) return ""; // NaN: run_program's own words
+        return "got " + text + ", expected " + number_text(least) + " to " + number_text(most);
+    };
+}
+
+} // namespace
+
+std::function<std::string(const std::string&)> from_to(int least, int most) {
+    return range_check(least, most);
+}
+
+std::function<std::string(const std::string&)> from_to(double least, double most) {
+    return range_check(least, most);
+}
+
 void add_threads(CLI::App& command, int& threads, const std::string& help) {
     command.add_option("--threads", threads, help)
-        ->check(CLI::Range(0, most_threads))
+        ->check(from_to(0, most_threads))
         ->capture_default_str();
 }
 

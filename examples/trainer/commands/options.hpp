@@ -62,6 +62,11 @@ std::function<std::string(const std::string&)> read_check(F f) {
     };
 }
 
+/// Return a check that an option's number is at least `least` and at most `most`, in words that do
+/// not change with CLI11's version. Text that is no number is left to CLI11, which says so.
+std::function<std::string(const std::string&)> from_to(int least, int most);
+std::function<std::string(const std::string&)> from_to(double least, double most);
+
 /// --device: auto, cpu or cuda; `device` has its default (device_choice.hpp).
 void add_device(CLI::App& command, std::string& device, const std::string& help);
 /// Its text for commands that draw a run.

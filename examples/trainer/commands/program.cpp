@@ -94,7 +94,7 @@ std::string unexpected(const CLI::App& app, const CLI::App& command) {
 /// CLI11's sentences in the words of rye: option, what it got, what is expected.
 std::string reworded(const CLI::App& command, const CLI::ParseError& e) {
     const std::string text = e.what();
-    const std::string convert = "Could not convert: ", in_range = ": Value ", in_set = " not in {";
+    const std::string convert = "Could not convert: ", in_set = " not in {";
     if (text.starts_with(convert)) {
         const std::size_t equals = text.find(" = ");
         if (equals == std::string::npos) return text;
@@ -105,13 +105,6 @@ std::string reworded(const CLI::App& command, const CLI::ParseError& e) {
             return name + ": got '" + text.substr(equals + 3) + "', expected no value";
         return name + ": got '" + text.substr(equals + 3) + "', expected " +
                (type.starts_with("FLOAT") ? "a number" : "a whole number");
-    }
-    if (const std::size_t at = text.find(in_range); at != std::string::npos) {
-        const std::size_t not_in = text.find(" not in range ", at);
-        if (not_in == std::string::npos) return text;
-        return text.substr(0, at) + ": got " +
-               text.substr(at + in_range.size(), not_in - at - in_range.size()) + ", expected " +
-               text.substr(not_in + std::string(" not in range ").size());
     }
     if (const std::size_t at = text.find(in_set); at != std::string::npos) {
         const std::size_t colon = text.find(": ");

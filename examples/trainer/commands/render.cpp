@@ -201,7 +201,7 @@ void render(const RenderOptions& o) {
 void add_render(CLI::App& app) {
     auto o = std::make_shared<RenderOptions>();
     CLI::App* c = app.add_subcommand("render", "Render a splat file to an image");
-    const auto finite = CLI::Range(-1e9, 1e9);
+    const auto finite = from_to(-1e9, 1e9);
     const auto vector = [&](const char* name, std::vector<double>& v, const char* help) {
         return c->add_option(name, v, help)->delimiter(',')->expected(3)->check(finite);
     };
@@ -213,7 +213,7 @@ void add_render(CLI::App& app) {
     add_camera_options(*c, o->own, {"needed for a splat file; of a run, default: the middle of the face",
                         "0,-1,0; of a run, as its own camera", "40; of a run, as its own camera",
                         "512x512; of a run, as its own camera"});
-    vector("--background", o->background, "R,G,B in 0 to 1")->check(CLI::Range(0.0, 1.0))
+    vector("--background", o->background, "R,G,B in 0 to 1")->check(from_to(0.0, 1.0))
         ->capture_default_str();
     c->add_option("--accuracy", o->accuracy, "3dgs (as viewers draw), fast, balanced, tight or "
                                              "exact (every Gaussian, in double: slow)")
@@ -226,9 +226,9 @@ void add_render(CLI::App& app) {
         ->excludes("--accuracy");
     c->add_option("--alpha-floor", o->alpha_floor,
                   "Taken from the falloff, so that it ends at 0; viewers that do so take 0.0111")
-        ->check(CLI::Range(0.0, 0.99))->capture_default_str();
+        ->check(from_to(0.0, 0.99))->capture_default_str();
     c->add_option("--near", o->near_depth, "Closest depth that is drawn, in the file's units")
-        ->check(CLI::Range(1e-9, 1e9))->capture_default_str();
+        ->check(from_to(1e-9, 1e9))->capture_default_str();
     c->add_option("--out", o->out, "Picture to write (.png or .jpg)")
         ->required()
         ->check(out_check(formats));
