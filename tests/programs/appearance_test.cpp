@@ -83,6 +83,19 @@ bool equal(const Gaussians<float>& a, const Gaussians<float>& b) {
     return same;
 }
 
+/// Equal but for rounding: by which products are fused into sums compilers differ from place to place.
+bool rounded_alike(const Gaussians<float>& a, const Gaussians<float>& b) {
+    bool same = true;
+    Gaussians<float>::fields(
+        [&](const std::string&, const auto& x, const auto& y) {
+            same = same && x.rows() == y.rows() && x.cols() == y.cols() &&
+                   (x.size() == 0 || (x - y).cwiseAbs().maxCoeff() <=
+                                         2e-6f * (1 + x.cwiseAbs().maxCoeff()));
+        },
+        a, b);
+    return same;
+}
+
 template <class F>
 std::string message_of(F&& f) {
     try {
@@ -123,16 +136,16 @@ TEST_CASE("appearance: fields of the configuration, and of the presets") {
           "eye_appearance is \"driven\"");
 }
 
-TEST_CASE("appearance: a run begins with the picture of one without it, to the bit") {
+TEST_CASE("appearance: a run begins with the picture of one without it") {
     const Drivers<float> drivers = test::tiny_drivers<float>();
     const Gaussians<float> plain = driven_gaussians(tiny_state(), drivers);
     const auto look = [&](EyeAppearanceName eyes, ShadingName shading) {
         return driven_gaussians(drawn_state(begun(eyes, shading)), drivers);
     };
-    CHECK(equal(look(EyeAppearanceName::driven, ShadingName::head_pose), plain));
-    CHECK(equal(look(EyeAppearanceName::free, ShadingName::head_pose), plain));
-    CHECK(equal(look(EyeAppearanceName::driven, ShadingName::none), plain));
-    CHECK_FALSE(equal(driven_gaussians(drawn_state(trained()), drivers), plain));
+    CHECK(rounded_alike(look(EyeAppearanceName::driven, ShadingName::head_pose), plain));
+    CHECK(rounded_alike(look(EyeAppearanceName::free, ShadingName::head_pose), plain));
+    CHECK(rounded_alike(look(EyeAppearanceName::driven, ShadingName::none), plain));
+    CHECK_FALSE(rounded_alike(driven_gaussians(drawn_state(trained()), drivers), plain));
 }
 
 TEST_CASE("appearance: a run comes back from its checkpoint, with the tensors that are on") {
@@ -247,5 +260,5 @@ TEST_CASE("appearance: held for other programs, the eyes look as at those driver
         held_appearance(state.appearance->avatar, state.config.avatar, state.subject.roles, at);
     TwoStreamTrace<float> trace;
     drive(train_backend(), held, {state.config.avatar, state.subject.roles, at}, trace);
-    CHECK(equal(trace.gaussians, driven_gaussians(drawn_state(state), at)));
+    CHECK(rounded_alike(trace.gaussians, driven_gaussians(drawn_state(state), at)));
 }
