@@ -282,8 +282,8 @@ void a4_a18(Report& report) {
         worsen(worst, needle_gap<T>(needle, cancelled));
     }
     report.at_most("A19", kind_of<T>(), "scales (1e6, 1e-6, 1e-6), 200 turns: turn of the rows L M",
-                   sizeof(T) == 4 ? 2e-5 : 1e-13, worst);
-    report.textbook("A19", kind_of<T>(), "k2 (y - m x)", sizeof(T) == 4 ? 2e-5 : 1e-13, cancelled);
+                   sizeof(T) == 4 ? 1e-6 : 1e-14, worst);
+    report.textbook("A19", kind_of<T>(), "k2 (y - m x)", sizeof(T) == 4 ? 1e-6 : 1e-14, cancelled);
     // A18: anisotropic and rotated, where a dropped half shows.
     worst = 0;
     const double a = 37 * 3.14159265358979 / 360, n = std::sin(a) / std::sqrt(14.0);
