@@ -51,16 +51,23 @@ Outcome run(std::vector<std::string> words) {
     return o;
 }
 
+/// A small capture of one camera as VHAP writes it, and a folder to import it to.
+struct VhapSource {
+    TemporaryFolder folder;
+    std::string source = (folder.path / "source").string(), out = (folder.path / "out").string();
+
+    VhapSource() {
+        CaptureSettings s = small_settings();
+        s.cameras = 1;
+        write_vhap_source(true_scene(folder.path / "truth", s), source);
+    }
+};
+
 } // namespace
 
 TEST_CASE("import: the summary has what was found, derived and missing, and the verdict") {
-    const TemporaryFolder folder;
-    CaptureSettings s = small_settings();
-    s.cameras = 1;
-    const TrueScene truth = true_scene(folder.path / "truth", s);
-    const std::string source = (folder.path / "source").string();
-    const std::string out = (folder.path / "out").string();
-    write_vhap_source(truth, source);
+    const VhapSource vhap;
+    const std::string &source = vhap.source, &out = vhap.out;
     const Outcome o = run({"import", "vhap", source, "--out", out});
     INFO(o.fault, o.printed);
     CHECK(o.fault.empty());
@@ -75,13 +82,8 @@ TEST_CASE("import: the summary has what was found, derived and missing, and the 
 }
 
 TEST_CASE("import: a verdict of errors is an exit code of 1, quiet or not") {
-    const TemporaryFolder folder;
-    CaptureSettings s = small_settings();
-    s.cameras = 1;
-    const TrueScene truth = true_scene(folder.path / "truth", s);
-    const std::string source = (folder.path / "source").string();
-    const std::string out = (folder.path / "out").string();
-    write_vhap_source(truth, source);
+    const VhapSource vhap;
+    const std::string &source = vhap.source, &out = vhap.out;
     CHECK(run({"import", "vhap", source, "--out", out, "--quiet"}).code == 0);
     fs::remove(fs::path(out) / "params/00000/lmk_3d.npy"); // complete frames are not written again
     const Outcome o = run({"import", "vhap", source, "--out", out});
@@ -93,13 +95,8 @@ TEST_CASE("import: a verdict of errors is an exit code of 1, quiet or not") {
 }
 
 TEST_CASE("import: what its own record holds is refused by file, frame and fact") {
-    const TemporaryFolder folder;
-    CaptureSettings s = small_settings();
-    s.cameras = 1;
-    const TrueScene truth = true_scene(folder.path / "truth", s);
-    const std::string source = (folder.path / "source").string();
-    const std::string out = (folder.path / "out").string();
-    write_vhap_source(truth, source);
+    const VhapSource vhap;
+    const std::string &source = vhap.source, &out = vhap.out;
     run({"import", "vhap", source, "--out", out, "--quiet"});
     const fs::path record = fs::path(out) / "import.json";
     nlohmann::json json = read_json(record);
