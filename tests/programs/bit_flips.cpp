@@ -18,9 +18,11 @@
 #include <rye/capture/splats.hpp>
 
 #include "../support/tiny_playable.hpp"
+#include "commands/compare_tables.hpp"
 #include "data/checksums.hpp"
 #include "data/config_difference.hpp"
 #include "data/deflate.hpp"
+#include "data/expression_shapes.hpp"
 #include "data/json.hpp"
 #include "data/run_frames.hpp"
 #include "data/validate.hpp"
@@ -93,10 +95,22 @@ class Files {
         write_capture();
         write_run();
         write_exports();
+        const std::string views =
+            R"([{"picture": "0003_c0.png", "eyes_box": [12, 20, 21, 6], "psnr": 31.25}])";
+        put(folder_.path / "per_view.json", views);
         put(folder_.path / "results.json",
-            checked_text({{"split", "test"}, {"all", {{"head", {{"psnr", 31.25}}}}}}, 2));
-        add("results.json", [](const fs::path& file) {
-            return parse_checked_json(text_of(file), file.string()).dump();
+            checked_text({{"split", "test"},
+                          {"all", {{"head", {{"psnr", 31.25}}}}},
+                          {"per_view_checksum", checksum_text(crc32(as_bytes(views)))}},
+                         2));
+        put(folder_.path / "complete.json",
+            checked_text({{"perceptual_weights", "lpips.safetensors"}}, 2));
+        for (const char* name : {"results.json", "complete.json"})
+            add(name, [](const fs::path& file) {
+                return parse_checked_json(text_of(file), file.string()).dump();
+            });
+        add("per_view.json", [](const fs::path& file) {
+            return nlohmann::json(eye_boxes(file.parent_path())).dump();
         });
         put(folder_.path / "import.json",
             checked_text({{"job", {{"kind", "gha"}, {"source", "/a"}}},
@@ -135,6 +149,18 @@ class Files {
                             std::span(i.pixels.data(), static_cast<std::size_t>(i.pixels.size())))));
             return all;
         };
+        const Index wide = capture_.expression_width();
+        const Index vertices = capture_.frames.front().vertices.cols();
+        const std::vector<float> landmarks(static_cast<std::size_t>(wide * 68 * 3), 0.5F),
+            dense(static_cast<std::size_t>(wide * vertices * 3), 0.25F);
+        write_npz(files_.folder / "expression_shapes.npz",
+                  {{"landmarks", npy_array<float>({wide, 68, 3}, landmarks)},
+                   {"vertices", npy_array<float>({wide, vertices, 3}, dense)}});
+        subjects_.push_back({files_.folder / "expression_shapes.npz", [this] {
+                                 const Columns<double> shapes = expression_shapes(capture_);
+                                 return checksum_text(crc32(std::as_bytes(std::span(
+                                     shapes.data(), static_cast<std::size_t>(shapes.size())))));
+                             }});
         for (const fs::path& file :
              {files_.folder / "capture.json", files_.params(0, "params.npz"),
               files_.params(0, "lmk_3d.npy"), files_.params(0, "vertices.npy"),

@@ -71,7 +71,8 @@ Image<float> close_up(const Image<float>& picture, const std::array<int, 4>& box
     return out;
 }
 
-/// Boxes of the eyes on the pictures of an evaluation, by their names; none without eyes.
+} // namespace
+
 std::map<std::string, std::array<int, 4>> eye_boxes(const fs::path& evaluation) {
     std::map<std::string, std::array<int, 4>> boxes;
     const fs::path path = evaluation / "per_view.json";
@@ -99,8 +100,6 @@ std::map<std::string, std::array<int, 4>> eye_boxes(const fs::path& evaluation) 
     }
     return boxes;
 }
-
-} // namespace
 
 double Spread::mean() const {
     double sum = 0;

@@ -3,7 +3,9 @@
 /// runs, by rows of an experiment, with mean and spread.
 #pragma once
 
+#include <array>
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -64,9 +66,13 @@ class ExperimentTables {
     std::vector<ComparedRun> runs_;
 };
 
+/// Boxes (x, y, width, height) of the eyes on the pictures of an evaluation [pixels], by their names,
+/// from its per_view.json; none without eyes. Throws Error where results.json says another checksum.
+std::map<std::string, std::array<int, 4>> eye_boxes(const std::filesystem::path& evaluation);
+
 /// One line of pictures for each frame: the photograph, then the render of each row's first run
-/// that has pictures, and below it close-ups of the eyes, from what `rye evaluate` wrote to `pictures` in each run's folder; and the
-/// names in that order. Empty without any.
+/// that has pictures, and below it close-ups of the eyes, from what `rye evaluate` wrote to
+/// `pictures` in each run's folder; and the names in that order. Empty without any.
 struct ContactSheet {
     Image<float> picture;
     std::vector<std::string> columns, frames;
