@@ -144,9 +144,9 @@ Bytes read_back(const std::map<std::string, Bytes>& files, const std::filesystem
 void check_same(const std::map<std::string, Bytes>& expected, const Bytes& numbers) {
     const TemporaryFolder folder;
     const auto files = written(folder.path);
-    for (const auto& [name, bytes] : expected) {
-        INFO(name);
-        CHECK(files.at(name) == bytes);
+    for (const auto& file : expected) {
+        INFO(file.first);
+        CHECK(files.at(file.first) == file.second);
     }
     CHECK(read_back(expected, folder.path) == numbers);
 }

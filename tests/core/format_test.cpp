@@ -44,6 +44,11 @@ void check_all() {
     CHECK(number_text(1234567.25) == "1234567.25");
     CHECK(number_text(std::int64_t(-1234567)) == "-1234567");
     CHECK(number_text(std::numeric_limits<double>::infinity()) == "inf");
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    for (const double x : {nan, -nan, std::numeric_limits<double>::signaling_NaN()}) {
+        CHECK(number_text(x) == "nan");
+        CHECK(number_text(static_cast<float>(x)) == "nan");
+    }
     const Random random{11, 0};
     for (std::uint64_t i = 0; i < 5000; ++i) {
         check_read_back(bit_cast<double>(random.bits(i)));

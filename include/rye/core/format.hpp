@@ -4,6 +4,7 @@
 #pragma once
 
 #include <charconv>
+#include <cmath>
 #include <concepts>
 #include <cstdio>
 #include <limits>
@@ -50,6 +51,7 @@ std::string format(T x) {
 /// "0.1", "-1e+20", "nan", "inf". Reading it back gives the same number.
 template <std::floating_point T>
 std::string number_text(T x) {
+    if (std::isnan(x)) return "nan";     // to_chars may say more, such as "-nan(ind)"
     return detail::format(x);
 }
 /// "-12", without groups of digits.
