@@ -14,6 +14,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/checksums.hpp"
 #include "data/config.hpp"
 #include "data/json.hpp"
 #include "data/threads.hpp"
@@ -430,6 +431,7 @@ ImportSummary import_gha(const ImportOptions& o) {
     Json job = import_job("gha", o);
     job["gaze"] = o.gaze.empty() ? "" : fs::weakly_canonical(o.gaze).string();
     const GhaSource s = read_source(o);
+    warn_of_changes(o.source); // where it is a capture
     ImportFolder folder(o.out, job);
     ImportSummary summary;
     Totals totals;
