@@ -373,10 +373,16 @@ Json description(const GhaSource& s, const std::set<std::string>& left_out) {
         if (json.contains(key))
             json[key] = list(std::string(key)[0] == 'n' ? s.capture.novel_gaze
                                                         : s.capture.independent_gaze);
-    json["conventions"]["image"] = s.capture.images_over_black
-                                       ? "over black"
-                                       : "photographs; multiplied by the mask when read";
-    json["conventions"]["world"] = "that of the source, lengths times " + factor_text(s.factor);
+    Json conventions = Json::object();
+    if (json.contains("conventions")) {
+        if (json.at("conventions").is_object()) conventions = json.at("conventions");
+        else conventions["source"] = json.at("conventions"); // text for people
+    }
+    conventions["image"] = s.capture.images_over_black
+                               ? "over black"
+                               : "photographs; multiplied by the mask when read";
+    conventions["world"] = "that of the source, lengths times " + factor_text(s.factor);
+    json["conventions"] = conventions;
     return json;
 }
 
