@@ -73,7 +73,7 @@ Drivers<float> drivers_of(const rye_avatar& avatar, const rye_drivers* d) {
                      eye == 0 ? "drivers: gaze of the left eye" : "drivers: gaze of the right eye");
         for (const float angle : d->gaze[eye])
             require(std::abs(angle) <= 1.57F, "drivers: gaze",
-                    "got " + std::to_string(angle) + " rad, expected at most 1.57 either way");
+                    "got " + number_text(angle) + " rad, expected at most 1.57 either way");
         drivers.gaze[eye] = gaze_vector<float>(d->gaze[eye][0], d->gaze[eye][1]);
     }
     drivers.pose = Eigen::Map<const Vec<float, 6>>(d->pose);

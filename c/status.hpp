@@ -12,6 +12,7 @@
 #include <rye/avatar/playable.hpp>
 #include <rye/backend/lanes.hpp>
 #include <rye/core/error.hpp>
+#include <rye/core/format.hpp>
 #if !defined(__EMSCRIPTEN__)
 #include <rye/core/thread_pool.hpp>
 #endif
@@ -66,7 +67,7 @@ inline void check_finite(const float* values, Index count, const char* name) {
     for (Index i = 0; i < count; ++i)
         if (!std::isfinite(values[i]))
             throw Error(std::string(name) + ": value " + std::to_string(i) + " is " +
-                        std::to_string(values[i]) + ", expected a finite number");
+                        number_text(values[i]) + ", expected a finite number");
 }
 
 /// The largest number of threads that is accepted.

@@ -16,6 +16,7 @@
 #include "../support/hostile.hpp"
 #include "commands/commands.hpp"
 #include "comparison.hpp"
+#include "data/folder_lock.hpp"
 #include "data/json.hpp"
 #include "sources.hpp"
 
@@ -92,6 +93,20 @@ TEST_CASE("import: a verdict of errors is an exit code of 1, quiet or not") {
     CHECK(o.printed.find(": not usable") != std::string::npos);
     CHECK(o.code == 1);
     CHECK(run({"import", "vhap", source, "--out", out, "--quiet"}).code == 1);
+}
+
+TEST_CASE("import: into a folder that another import has it writes nothing, and says who has it") {
+    const VhapSource vhap;
+    const std::vector<std::string> words{"import", "vhap", vhap.source, "--out", vhap.out, "--quiet"};
+    fs::create_directories(vhap.out);
+    {
+        const FolderLock other(vhap.out, {"rye import"});
+        CHECK(run(words).fault.find("out: is in use by rye import, process ") != std::string::npos);
+        CHECK_FALSE(fs::exists(fs::path(vhap.out) / "import.json"));
+    }
+    const Outcome o = run(words);
+    CHECK(o.fault == "");
+    CHECK(o.code == 0);
 }
 
 TEST_CASE("import: what its own record holds is refused by file, frame and fact") {

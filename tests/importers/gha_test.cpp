@@ -11,6 +11,7 @@
 
 #include "../support/hostile.hpp"
 #include "comparison.hpp"
+#include "data/checksums.hpp"
 #include "data/json.hpp"
 #include "data/validate.hpp"
 #include "importers/import_folder.hpp"
@@ -139,6 +140,16 @@ TEST_CASE("gha: what a capture has is kept: a rye capture without eye masks gets
     CHECK(got.images_over_black);
     CHECK(got.novel_gaze.size() == source.truth.capture.novel_gaze.size());
     CHECK(summary.found.back() == "gaze of every frame");
+    // It states checksums of its own, not the source's.
+    CHECK(read_json(from / "capture.json").contains("checksum"));
+    CHECK(changed_files(folder.path / "out").empty());
+    // Conventions may be any text.
+    nlohmann::json about = read_json(from / "capture.json");
+    about.erase("checksum");
+    about["conventions"] = "metres";
+    std::ofstream(from / "capture.json") << about;
+    import_gha(options(from, folder.path / "text"));
+    CHECK(read_json(folder.path / "text/capture.json").at("conventions").at("source") == "metres");
 }
 
 TEST_CASE("gha: wrong sources are refused by file, field and value") {

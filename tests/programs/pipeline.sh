@@ -137,6 +137,8 @@ refuses "checkpoint" "$rye" redirect --run nowhere --out x.png
 refuses "at most 70" "$rye" redirect --run one --gaze-left 80,0 --gaze-right 0,0 --out x.png
 refuses "got 'smile'" "$rye" redirect --run one --sweep --effects smile --out x.png
 refuses "frame" "$rye" redirect --run one --frame 999 --out x.png
+refuses "--size: a picture of 16000 x 16000 pixels would take 3840000000 bytes of memory, expected at most the limit of 2147483648" \
+    "$rye" redirect --run one --gaze-left 5,10 --gaze-right -5,-10 --size 16000x16000 --out x.png
 echo '{"gaussians": {"rates": {"position": "fast"}}}' > bad.json
 refuses "gaussians.rates.position" "$rye" train --capture cap --out x2 --config bad.json
 echo '{"gausians": {}}' > bad.json

@@ -21,6 +21,7 @@
 #include <rye/capture/safetensors.hpp>
 
 #include "../support/hostile.hpp"
+#include "data/checksums.hpp"
 #include "data/validate.hpp"
 #include "tiny_capture.hpp"
 #include "tiny_run.hpp"
@@ -433,6 +434,14 @@ std::string text_in(const fs::path& path) {
     std::ifstream file(path);
     return {std::istreambuf_iterator<char>(file), {}};
 }
+/// Lines of a log, each with its checksum.
+std::string checked_lines(const std::string& lines) {
+    std::istringstream in(lines);
+    std::string all;
+    for (std::string line; std::getline(in, line);)
+        all += checked_text(nlohmann::ordered_json::parse(line), -1);
+    return all;
+}
 
 } // namespace
 
@@ -448,17 +457,23 @@ TEST_CASE("run folder: the log of a resumed run keeps its own lines, whatever el
                    R"({"stage":5,"step":20})" "\n" + R"({"stage":"avatar","step":"20"})" "\n" +
                    R"({"stage":"avatar","st)");
     int damaged = 0;
-    CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == good);
+    const std::string kept = kept_log(folder.path / "log.jsonl", state, damaged);
+    CHECK(kept == checked_lines(good));
     CHECK(damaged == 7);
+    // The lines of an older program have checksums now, and are still there when it goes on again.
+    damaged = 0;
+    write_text(folder.path / "log.jsonl", kept);
+    CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == kept);
+    CHECK(damaged == 0);
     CHECK(kept_log(folder.path / "none", state, damaged).empty());
     // What was fitted after stage 1 belongs to stage 2: a run that is still in stage 1 fits again.
     const std::string step = R"({"stage":"mesh","step":15})" "\n";
     const std::string fit = R"({"stage":"mesh","step":15,"landmark_rms":0.1})" "\n";
     write_text(folder.path / "log.jsonl", step + fit);
-    CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == step + fit);
+    CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == checked_lines(step + fit));
     state.stage = Stage::mesh;
     state.step = 15;
-    CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == step);
+    CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == checked_lines(step));
 }
 
 TEST_CASE("run folder: a run is replaced when the new one has a checkpoint, not before") {

@@ -7,9 +7,11 @@
 #include <CLI/CLI.hpp>
 
 #include <rye/core/error.hpp>
+#include <rye/core/memory.hpp>
 
 #include "commands/options.hpp"
 #include "data/cameras_file.hpp"
+#include "data/memory_limit.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -43,6 +45,16 @@ Pinhole<double> placed(const CameraOptions& o, const Pinhole<double>& usual,
                         o.up.empty() ? usual_up : vector_of(o.up), fov, size);
     c.near_depth = usual.near_depth;
     return c;
+}
+
+/// Throws Error for a picture that as floats and as bytes takes more than memory_limit(): a list of
+/// cameras is small, whatever sizes it has.
+void require_room(const CameraOptions& o, const Pinhole<double>& c) {
+    const auto pixels = static_cast<std::uint64_t>(c.width) * static_cast<std::uint64_t>(c.height);
+    require_memory(pixels * 3 * (sizeof(float) + 1), memory_limit(),
+                   o.size.empty() && !o.file.empty() ? o.file.string() : "--size",
+                   "a picture of " + std::to_string(c.width) + " x " + std::to_string(c.height) +
+                       " pixels");
 }
 
 } // namespace
@@ -79,9 +91,10 @@ void add_camera_options(CLI::App& command, CameraOptions& o, const CameraDefault
 
 std::vector<Pinhole<double>> own_cameras(const CameraOptions& o, const Pinhole<double>& usual,
                                          const Vec3<double>& middle) {
-    if (!o.eye.empty()) return {placed(o, usual, middle)};
     std::vector<Pinhole<double>> all;
-    if (o.file.empty()) {
+    if (!o.eye.empty()) {
+        all.push_back(placed(o, usual, middle));
+    } else if (o.file.empty()) {
         all.push_back(usual);
     } else {
         std::vector<Photograph> read = read_cameras(o.file);
@@ -102,8 +115,9 @@ std::vector<Pinhole<double>> own_cameras(const CameraOptions& o, const Pinhole<d
                 << "rye: note: " << o.file.string()
                 << ": a lens bends (k1, k2, k3, p1 or p2 is not 0); a head is drawn without it\n";
     }
-    if (!o.size.empty())
+    if (!o.size.empty() && o.eye.empty())
         for (Pinhole<double>& c : all) c = resized(c, parsed_size(o.size, "--size"));
+    for (const Pinhole<double>& c : all) require_room(o, c);
     return all;
 }
 

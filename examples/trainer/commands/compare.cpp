@@ -34,7 +34,7 @@ namespace fs = std::filesystem;
 struct CompareOptions {
     std::vector<std::string> tables, captures, seeds;
     fs::path list, out, config, perceptual_weights;
-    std::string preset, split = "test", device = "auto";
+    std::string preset, split = "test", device = "auto", memory;
     std::optional<std::int64_t> steps;
     int jobs = 1, threads = 0;
     bool json = false, quiet = false, print_list = false;
@@ -293,6 +293,9 @@ class Comparison {
         if (o_.device != "auto")
             for (std::vector<std::string>* words : {&train, &evaluate})
                 words->insert(words->end(), {"--device", o_.device});
+        if (!o_.memory.empty())
+            for (std::vector<std::string>* words : {&train, &evaluate})
+                words->insert(words->end(), {"--memory", o_.memory});
         const bool resumes = fs::exists(checkpoint_path(run.folder));
         if (resumes)
             train.push_back("--resume");
@@ -419,6 +422,8 @@ void add_compare(CLI::App& app) {
     c->add_option("--jobs", o->jobs, "Runs at once")
         ->check(from_to(1, 64))
         ->capture_default_str();
+    add_memory(*c);
+    const CLI::Option* const memory = c->get_option("--memory");
     add_threads(*c, o->threads, "Threads of each run (0: the machine's, shared by the jobs)");
     c->add_option("--perceptual-weights", o->perceptual_weights,
                   "VGG16 + LPIPS weights, a safetensors file, for training and for LPIPS");
@@ -426,7 +431,8 @@ void add_compare(CLI::App& app) {
     c->add_flag("--quiet", o->quiet, "No line for each run that ends");
     c->add_flag("--print-list", o->print_list,
                 "Print the list as JSON, as --list reads it, and stop");
-    c->callback([o] {
+    c->callback([o, memory] {
+        if (memory->count() > 0) o->memory = memory->as<std::string>();
         const int code = compare(*o);
         if (code != 0) throw CLI::RuntimeError(code);
     });

@@ -33,6 +33,7 @@ Checked taken(Json& object) {
 } // namespace
 
 std::string checked_text(nlohmann::ordered_json object, int indent) {
+    object.erase(field); // of the file that it is made of
     object[field] = checksum_of(object);
     return object.dump(indent) + "\n";
 }
@@ -92,6 +93,11 @@ std::vector<std::string> changed_files(const fs::path& capture) {
             note(path, "its checksum in capture.json");
     }
     return changed;
+}
+
+void warn_of_changes(const fs::path& capture) {
+    for (const std::string& sentence : changed_files(capture))
+        std::cerr << "rye: warning: " << sentence << "\n";
 }
 
 } // namespace rye::trainer

@@ -39,5 +39,7 @@ nlohmann::ordered_json array_checksums(const std::filesystem::path& folder);
 
 /// A sentence for each file of a capture that is not as capture.json states it was written.
 std::vector<std::string> changed_files(const std::filesystem::path& capture);
+/// Warns on standard error of each. Hands may have edited it, so it is no error.
+void warn_of_changes(const std::filesystem::path& capture);
 
 } // namespace rye::trainer

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstdio>
 #include <functional>
-#include <iostream>
 #include <map>
 #include <string>
 #include <utility>
@@ -681,12 +680,6 @@ void require_none(const std::vector<Problem>& problems, const fs::path& folder) 
         first += " (and " + std::to_string(count - 1) + " more: `rye info " + folder.string() +
                  "` lists them)";
     if (count > 0) throw Error(first);
-}
-
-/// Of a capture that is not as it was written. Hands may have edited it, so it is no error.
-void warn_of_changes(const fs::path& folder) {
-    for (const std::string& sentence : changed_files(folder))
-        std::cerr << "rye: warning: " << sentence << "\n";
 }
 
 } // namespace

@@ -14,6 +14,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/checksums.hpp"
 #include "data/config.hpp"
 #include "data/json.hpp"
 #include "data/threads.hpp"
@@ -372,10 +373,16 @@ Json description(const GhaSource& s, const std::set<std::string>& left_out) {
         if (json.contains(key))
             json[key] = list(std::string(key)[0] == 'n' ? s.capture.novel_gaze
                                                         : s.capture.independent_gaze);
-    json["conventions"]["image"] = s.capture.images_over_black
-                                       ? "over black"
-                                       : "photographs; multiplied by the mask when read";
-    json["conventions"]["world"] = "that of the source, lengths times " + factor_text(s.factor);
+    Json conventions = Json::object();
+    if (json.contains("conventions")) {
+        if (json.at("conventions").is_object()) conventions = json.at("conventions");
+        else conventions["source"] = json.at("conventions"); // text for people
+    }
+    conventions["image"] = s.capture.images_over_black
+                               ? "over black"
+                               : "photographs; multiplied by the mask when read";
+    conventions["world"] = "that of the source, lengths times " + factor_text(s.factor);
+    json["conventions"] = conventions;
     return json;
 }
 
@@ -430,6 +437,7 @@ ImportSummary import_gha(const ImportOptions& o) {
     Json job = import_job("gha", o);
     job["gaze"] = o.gaze.empty() ? "" : fs::weakly_canonical(o.gaze).string();
     const GhaSource s = read_source(o);
+    warn_of_changes(o.source); // where it is a capture
     ImportFolder folder(o.out, job);
     ImportSummary summary;
     Totals totals;

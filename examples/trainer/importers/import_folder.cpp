@@ -128,6 +128,13 @@ void add_lines(std::string& text, const char* label, const std::vector<std::stri
     }
 }
 
+/// Whether a folder is empty but for the lock of an import that began nothing.
+bool is_free(const fs::path& folder) {
+    for (const fs::directory_entry& entry : fs::directory_iterator(folder))
+        if (entry.path().filename() != "lock") return false;
+    return true;
+}
+
 } // namespace
 
 std::string ImportSummary::text() const {
@@ -166,6 +173,12 @@ ImportRecord parse_import_record(std::string_view text, const std::string& who) 
 ImportFolder::ImportFolder(const fs::path& out, const Json& job) : out_(out), record_{job, {}} {
     require(!out.empty(), "rye import", "--out is missing, expected the folder of the capture");
     const fs::path record = out / "import.json";
+    require(!fs::exists(out) || (fs::is_directory(out) && (fs::exists(record) || is_free(out))),
+            out.string(),
+            "exists already and was not begun by `rye import` (no import.json); expected a new or "
+            "empty folder");
+    fs::create_directories(out);
+    lock_.emplace(out, LockOptions{"rye import"});
     if (fs::exists(record)) {
         ImportRecord before =
             parse_import_record(as_text(read_file(record, max_json_bytes)), record.string());
@@ -173,10 +186,6 @@ ImportFolder::ImportFolder(const fs::path& out, const Json& job) : out_(out), re
         record_.frames = std::move(before.frames);
         return;
     }
-    require(!fs::exists(out) || (fs::is_directory(out) && fs::is_empty(out)), out.string(),
-            "exists already and was not begun by `rye import` (no import.json); expected a new or "
-            "empty folder");
-    fs::create_directories(out);
     save_progress();
 }
 

@@ -20,6 +20,7 @@
 #include <rye/geometry/camera.hpp>
 
 #include "data/capture.hpp"
+#include "data/folder_lock.hpp"
 #include "data/picture.hpp"
 
 namespace rye::trainer {
@@ -87,7 +88,7 @@ class ImportFolder {
     using Json = nlohmann::ordered_json;
 
     /// A new folder, or one that the same job began. `job` has what determines the result: kind,
-    /// source, options. Throws Error if the folder holds anything else.
+    /// source, options. Throws Error if the folder holds anything else, or another import has it.
     ImportFolder(const std::filesystem::path& out, const Json& job);
 
     bool has(const std::string& frame) const { return record_.frames.contains(frame); }
@@ -111,6 +112,7 @@ class ImportFolder {
     void save_progress() const;
     std::filesystem::path out_;
     ImportRecord record_;
+    std::optional<FolderLock> lock_;
 };
 
 /// Importers of each kind of source; each throws Error, with file, field and value, for a source

@@ -40,7 +40,7 @@ void make_run_folder(const fs::path& folder) {
 std::string kept_log(const fs::path& log, const TrainState& state, int& damaged) {
     std::ifstream file(log, std::ios::binary);
     const std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
-    // Of an older program no line has one; else one without is damaged.
+    // Of an older program no line has one, and each is given its own; else one without is damaged.
     const bool checked = text.find("\"checksum\":") != std::string::npos;
     std::istringstream old(text);
     std::string kept;
@@ -64,7 +64,8 @@ std::string kept_log(const fs::path& log, const TrainState& state, int& damaged)
         const bool before = (mesh && state.stage == Stage::avatar) ||
                             (mesh == (state.stage == Stage::mesh) &&
                              json.at("step").get<std::int64_t>() <= state.step);
-        if (before) kept += line + "\n";
+        if (before)
+            kept += checked ? line + "\n" : checked_text(nlohmann::ordered_json::parse(line), -1);
     }
     return kept;
 }

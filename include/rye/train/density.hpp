@@ -112,7 +112,7 @@ void require_splittable(const Avatar& avatar, const Adam<Avatar>& adam) {
                 while (i < a.size() && std::isfinite(a(i)) && !(square && a(i) < 0)) ++i;
                 if (i == a.size()) return; // words cost more than the look
                 throw Error("change_density: " + of + "'" + name + "' of Gaussian " +
-                            std::to_string(i / a.rows()) + " is " + std::to_string(a(i)) +
+                            std::to_string(i / a.rows()) + " is " + number_text(a(i)) +
                             ", expected a finite number" + (square ? ", 0 or more" : ""));
             };
             check("", p, false);
