@@ -6,6 +6,7 @@
 
 #include <rye/avatar/drivers.hpp>
 #include <rye/core/memory.hpp>
+#include <rye/geometry/camera.hpp>
 
 #include "../support/hostile.hpp"
 #include "data/driver_table.hpp"
@@ -14,6 +15,7 @@
 #include "data/picture.hpp"
 #include "importers/colmap_model.hpp"
 #include "importers/gaze_file.hpp"
+#include "training/types.hpp"
 
 using namespace rye;
 using namespace rye::trainer;
@@ -89,4 +91,21 @@ TEST_CASE("memory: tables of short lines") {
     std::string gazes = "frame,left_pitch,left_yaw,right_pitch,right_yaw\n";
     for (int i = 0; i < 60'000; ++i) gazes += std::to_string(i) + ",0,0,0,0\n";
     CHECK_FAULT(parse_gaze_csv(gazes, "gaze.csv"), "limit of 4194304");
+}
+
+TEST_CASE("memory: lists of a run's pictures") {
+    const Limit small(2 << 20U);
+    const Index count = 400;
+    Gaussians<float> wide(count, 3);
+    wide.mean.setZero();
+    wide.rotation = Vec4<float>(1, 0, 0, 0).replicate(1, count);
+    wide.scale.setConstant(10);
+    wide.opacity.setConstant(0.5F);
+    wide.feature.setZero();
+    const auto camera = look_at<float>({0, 0, 4}, {0, 0, 0}, {0, 1, 0}, 0.5F, {512, 512});
+    const VecX<float> white = VecX<float>::Ones(3);
+    CHECK_FAULT(train_rasterizer().forward(train_backend(), wide, camera, white),
+                "expected at most the limit of 2097152");
+    set_memory_limit(default_memory);
+    CHECK(train_rasterizer().forward(train_backend(), wide, camera, white).feature.width == 512);
 }

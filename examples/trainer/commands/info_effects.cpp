@@ -50,7 +50,7 @@ std::string explain(const SceneProfile& p) {
 /// Adds facts of the scene from a render of these Gaussians.
 void add_splats(const Gaussians<float>& g, const Pinhole<float>& camera, double pixel,
                 RenderFacts& facts) {
-    const TrainRasterizer rasterizer;
+    const TrainRasterizer rasterizer = train_rasterizer();
     RasterScratch<float> scratch;
     rasterizer.project_into(train_backend(), g, camera, scratch);
     facts.dilation = rasterizer.accuracy.dilation;
@@ -83,7 +83,7 @@ struct SplatVariant {
     }();
 
     static Image<float> draw(const GaussianCloud<float>& cloud, const Pinhole<float>& camera) {
-        TrainRasterizer rasterizer;
+        TrainRasterizer rasterizer = train_rasterizer();
         if (!Antialias) rasterizer.accuracy.dilation = 0;
         const GaussianCloud<float> used = Degree >= 3 ? cloud : truncated(cloud, Degree);
         const VecX<float> black = VecX<float>::Zero(3);

@@ -20,7 +20,7 @@ AvatarTraining<Balanced, Perceptual> avatar_training(const TrainState& state) {
     t.config = c.avatar;
     t.roles = state.subject.roles;
     t.objective.weights = c.gaussians.weights;
-    t.objective.rasterizer = TrainRasterizer{};
+    t.objective.rasterizer = train_rasterizer();
     t.rates = c.gaussians.rates;
     if (c.gaze_axis == GazeAxis::optical) t.rates.kappa = 0; // where there is one, it stays 0
     t.bounds = {c.gaussians.eyeball.max_growth, c.gaussians.eyeball.thickness};

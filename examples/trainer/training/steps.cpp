@@ -165,7 +165,7 @@ AvatarView render_avatar(const TrainState& state, const Drivers<float>& drivers,
     const TwoStreamGaussians<float> trace = driven(state, drivers);
     require_drawable(trace.gaussians);
     const VecX<float> white = VecX<float>::Ones(config.avatar.channels);
-    const TrainRasterizer rasterizer;
+    const TrainRasterizer rasterizer = train_rasterizer();
     AvatarView v;
     v.final = rasterizer.forward(train_backend(), trace.gaussians, small, white).feature;
     if (streams) {
@@ -188,7 +188,7 @@ Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
     require_drawable(driven);
     return of_camera(
         upsampler_forward(train_backend(), state.avatar.upsampler,
-                          TrainRasterizer().forward(train_backend(), driven, small, white).feature,
+                          train_rasterizer().forward(train_backend(), driven, small, white).feature,
                           nullptr),
         camera);
 }
@@ -223,7 +223,7 @@ Image<float> eyes_area(const TrainState& state, TwoStreamGaussians<float>& shown
             .segment(shown.face_count + avatar.eyes.first_point(e), avatar.eyes.points_of(e))
             .setOnes();
     const VecX<float> nothing = VecX<float>::Zero(2);
-    return TrainRasterizer().forward(train_backend(), both, camera, nothing).feature;
+    return train_rasterizer().forward(train_backend(), both, camera, nothing).feature;
 }
 
 } // namespace

@@ -7,6 +7,7 @@
 #include <rye/rig/eyeball.hpp>
 #include <rye/splat/lanes.hpp>
 
+#include "data/memory_limit.hpp"
 #include "data/threads.hpp"
 #include "training/effects.hpp"
 
@@ -19,5 +20,12 @@ using TrainEyeball = BasicEyeballShape<TrainEffects>;
 
 /// The backend on the program's threads.
 inline TrainBackend train_backend() { return {program_threads()}; }
+
+/// The rasterizer of trainings and pictures of runs, whose lists take at most memory_limit().
+inline TrainRasterizer train_rasterizer() {
+    TrainRasterizer rasterizer;
+    rasterizer.accuracy.max_memory = memory_limit();
+    return rasterizer;
+}
 
 } // namespace rye::trainer
