@@ -15,14 +15,14 @@ namespace rye::bench {
 struct Traffic {
     double read, written;
 
-    /// Seconds where memory has this speed: as much is copied as is both read and written.
+    /// Takes so many seconds at this speed: as much is copied as is both read and written.
     double seconds(const MemorySpeed& speed) const {
         const double both = std::min(read, written);
         return 2 * both / speed.copy + (read - both) / speed.read + (written - both) / speed.copy;
     }
 };
 
-/// The work of a render of a scene, however it is implemented.
+/// The work of a render of a scene, by lists of tiles and vectors of pixels.
 struct SplatWork {
     double gaussians, channels, pixels;
     double visible;          ///< Gaussians that reach a tile
@@ -44,13 +44,13 @@ struct SplatWork {
     /// takes if many are done at once: it is moved beside another and added.
     static constexpr double sum_operations = 2;
 
-    /// Of pixels in the lanes of those blocks, the share that is blended.
+    /// Gives the share that is blended of all pixels in the lanes of those blocks.
     double live(double lanes) const { return pairs / (blocks * lanes); }
 
     double forward_flops() const { return 2 * pairs * (blend_products + channels); }
     double backward_flops() const { return 2 * pairs * (reverse_products + 2 * channels); }
 
-    /// Every input is read and every output written, once.
+    /// Reads every input and writes every output, once [byte].
     Traffic forward_traffic() const {
         return {4 * gaussians * (11 + channels), 4 * pixels * (channels + 2)};
     }
@@ -61,8 +61,8 @@ struct SplatWork {
     double forward_bytes() const { return forward_traffic().read + forward_traffic().written; }
     double backward_bytes() const { return backward_traffic().read + backward_traffic().written; }
 
-    /// Products of vectors. Pixels are in the lanes; or, where there are many channels, channels are
-    /// in the lanes of the colours' products, one blended pair after another.
+    /// Counts products of vectors. Pixels are in the lanes; or, of many channels, channels are in
+    /// the lanes of the colours' products, one blended pair after another.
     double blend_vectors(double lanes) const {
         return std::min(blocks * (blend_products + channels),
                         blocks * blend_products + pairs * std::ceil(channels / lanes));
@@ -76,7 +76,7 @@ struct SplatWork {
         return std::min(pixels_in_lanes, channels_in_lanes);
     }
 
-    /// Lower bound on the time of a render [s].
+    /// Bounds the time of a render from below [s].
     double forward_bound(const Machine& m) const {
         const MemorySpeed& speed = m.memory.at(forward_bytes());
         const double project = gaussians * project_products / m.lanes / m.vector_products();
@@ -86,7 +86,7 @@ struct SplatWork {
                std::max(blend, Traffic{4 * visible * channels,
                                        forward_traffic().written}.seconds(speed));
     }
-    /// Lower bound on the time of a render and its gradient [s].
+    /// Bounds the time of a render and its gradient from below [s].
     double both_bound(const Machine& m) const {
         const MemorySpeed& speed = m.memory.at(forward_bytes() + backward_bytes());
         const double reverse = reverse_vectors(m.lanes) / m.vector_products();

@@ -12,7 +12,7 @@
 
 namespace rye::bench {
 
-/// What is written in a file of the system as "48K", "32M" or "1G" [byte]; 0 if it is no such text.
+/// Reads what a file of the system states as "48K", "32M" or "1G" [byte]; 0 if it is no such text.
 inline double stated_bytes(const std::string& text) {
     std::size_t end = 0;
     double n = 0;
@@ -26,9 +26,9 @@ inline double stated_bytes(const std::string& text) {
                               : 0);
 }
 
-/// How much each level holds [byte], from the first to the last, each more than the one before. From
-/// Linux's files in `folder`, else as the C library says, else what is usual. In a virtual machine
-/// the last level may be that of the whole host, shared with others.
+/// Lists how much each level holds [byte], from the first to the last, each more than the one
+/// before: by Linux's files in `folder`, else as the C library says, else what is usual. In a
+/// virtual machine the last level may be that of the whole host, shared with others.
 inline std::vector<double> cache_sizes(
     const std::string& folder = "/sys/devices/system/cpu/cpu0/cache") {
     std::vector<double> found;
@@ -41,7 +41,8 @@ inline std::vector<double> cache_sizes(
     }
 #if defined(_SC_LEVEL1_DCACHE_SIZE)
     if (found.empty())
-        for (const int name : {_SC_LEVEL1_DCACHE_SIZE, _SC_LEVEL2_CACHE_SIZE, _SC_LEVEL3_CACHE_SIZE})
+        for (const int name :
+             {_SC_LEVEL1_DCACHE_SIZE, _SC_LEVEL2_CACHE_SIZE, _SC_LEVEL3_CACHE_SIZE})
             found.push_back(static_cast<double>(sysconf(name)));
 #endif
     std::sort(found.begin(), found.end());
@@ -58,9 +59,9 @@ struct WorkingSet {
     double holds;                        ///< the most that work may touch [byte]
 };
 
-/// Half of what a level holds; of one of more than 16 MiB, whose speed falls with the distance and
-/// which others may share, also 8 MiB, 32 MiB and so on; of memory four times the last level, where
-/// that is no more than `most`.
+/// Chooses half of what a level holds; of one of more than 16 MiB, whose speed falls with the
+/// distance and which others may share, also 8 MiB, 32 MiB and so on; of memory four times the last
+/// level, where that is no more than `most`.
 inline std::vector<WorkingSet> working_sets(const std::vector<double>& caches, double most) {
     std::vector<WorkingSet> sets;
     for (std::size_t i = 0; i < caches.size(); ++i) {

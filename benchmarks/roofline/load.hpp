@@ -8,7 +8,7 @@
 
 namespace rye::bench {
 
-/// The processor's name, from Linux's file; "unknown" without one.
+/// Reads the processor's name from Linux's file; "unknown" without one.
 inline std::string processor_name(const std::string& file = "/proc/cpuinfo") {
     std::ifstream in(file);
     for (std::string line; std::getline(in, line);) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/roofline/machine.hpp: what one thread of this machine does at most, measured in the run
-/// that uses it.
+/// benchmarks/roofline/machine.hpp: what one thread of this machine does at most, measured in the
+/// run that uses it.
 #pragma once
 
 #include "memory.hpp"
@@ -18,13 +18,13 @@ struct Machine {
     double entries;          ///< numbers appended to 1024 lists [1/s]
     MemorySpeeds memory;
 
-    /// Fused products of whole vectors [1/s].
+    /// Counts fused products of whole vectors [1/s].
     double vector_products() const { return flops / (2 * lanes); }
-    /// The same a cycle.
+    /// Counts them a cycle.
     double products_a_cycle() const { return vector_products() / cycles; }
 };
 
-/// The peak rate of products, measured once a process.
+/// Measures the peak rate of products, once a process.
 inline const PeakTurns& peak() {
     static const PeakTurns best = [] {
         PeakTurns t;
@@ -34,7 +34,7 @@ inline const PeakTurns& peak() {
     return best;
 }
 
-/// All of it, measured once a process.
+/// Measures all of it, once a process.
 inline const Machine& machine() {
     static const Machine m{peak().flops,       peak().cycles,     double(ChainValues::lanes),
                            sorted_keys(),      appended_entries(), measured_speeds()};

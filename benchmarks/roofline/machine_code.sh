@@ -11,7 +11,7 @@ bad=0
 assembly() {  # OPTIONS
     # shellcheck disable=SC2086 # the flags and options are several words
     printf '#include "%s"\n%s\n%s\n' "$3" \
-        'extern const int chains_counted; const int chains_counted = '"${4:-rye::bench::chains}"';' \
+        "extern const int chains_counted; const int chains_counted = ${4:-rye::bench::chains};" \
         'void probe(int rounds) { rye::bench::fused_products(rounds); }' |
         $1 $flags $5 -w -x c++ - -S -o -
 }

@@ -48,7 +48,7 @@ inline void copy_all(const float* from, float* to, std::size_t n) {
         });
 }
 
-/// How fast memory is at a size.
+/// The speed of memory at a size.
 struct MemorySpeed {
     WorkingSet set;
     double read;                         ///< [byte/s]
@@ -86,7 +86,7 @@ inline MemorySpeed measured_speed(const WorkingSet& set, int runs) {
 struct MemorySpeeds {
     std::vector<MemorySpeed> speeds;
 
-    /// That of the smallest cache which holds so many bytes, else that of memory.
+    /// Gives that of the smallest cache which holds so many bytes, else that of memory.
     const MemorySpeed& at(double bytes) const {
         for (const MemorySpeed& s : speeds)
             if (bytes <= s.set.holds) return s;

@@ -14,7 +14,7 @@
 
 namespace rye::bench {
 
-/// 32-bit keys sorted with 32-bit values, 100000 of them [1/s].
+/// Measures 32-bit keys sorted with 32-bit values, 100000 of them [1/s].
 inline double sorted_keys() {
     constexpr std::size_t n = 100000;
     std::vector<Keyed<std::uint32_t>> unsorted(n), x(n), buffer(n);
@@ -31,8 +31,8 @@ inline double sorted_keys() {
     return static_cast<double>(n) / least;
 }
 
-/// Entries of 4 bytes appended to 1024 lists whose lengths are known, 300000 of them in three
-/// neighbouring lists at a time, as Gaussians reach tiles [1/s].
+/// Measures entries of 4 bytes appended to 1024 lists whose lengths are known, 300000 of them in
+/// three neighbouring lists at a time, as Gaussians reach tiles [1/s].
 inline double appended_entries() {
     constexpr std::uint32_t lists = 1024, gaussians = 100000, reached = 3;
     const Random random{2, 1};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/roofline/products.hpp: how many fused products of lanes a thread does at most, and its
-/// core's frequency, which says how many that is a cycle.
+/// benchmarks/roofline/products.hpp: how many fused products of lanes a thread does at most, and
+/// its core's frequency, which says how many that is a cycle.
 #pragma once
 
 #include <algorithm>
@@ -31,7 +31,7 @@ struct ChainValues {
     static constexpr std::size_t lanes = V::size;
     alignas(64) std::array<float, std::size_t(chains) * lanes> value;
 
-    /// Different numbers, from 0.5 on.
+    /// Makes different numbers, from 0.5 on.
     static ChainValues different() {
         ChainValues r;
         for (std::size_t i = 0; i < r.value.size(); ++i)
@@ -40,7 +40,7 @@ struct ChainValues {
     }
 };
 
-/// f(0) ... f(chains - 1) with constant arguments, so that arrays indexed by them stay in registers.
+/// Calls f(0) ... f(chains - 1) with constants, so that arrays indexed by them stay in registers.
 template <class F>
 [[gnu::always_inline]] inline void each_chain(const F& f) {
     [&]<std::size_t... I>(std::index_sequence<I...>) __attribute__((always_inline)) {
@@ -98,10 +98,10 @@ inline void fused_products(int rounds) {
 
 /// The peak rate and the frequency, measured in short runs that alternate; the best of all turns
 /// counts, since other load and a core that has yet to speed up only lower them.
-/// The frequency is that of a chain of sums of integers, one a cycle on every processor known to us,
-/// on the clock of the thread. It has limits: a core may slow down for wide vectors, which then do
-/// less a cycle of this frequency than they could; a hypervisor that stops the core in the middle of
-/// every run lowers both; an emulator's cycles mean nothing.
+/// The frequency is that of a chain of sums of integers, one a cycle on every processor known to
+/// us, on the clock of the thread. It has limits: a core may slow down for wide vectors, which then
+/// do less a cycle of this frequency than they could; a hypervisor that stops the core in every run
+/// lowers both; an emulator's cycles mean nothing.
 struct PeakTurns {
     static constexpr int rounds = 40000, sums = 640000;
     double flops = 0;                    ///< float, a fused product counting as two [1/s]
@@ -116,7 +116,7 @@ struct PeakTurns {
         cycles = std::max(cycles, sums / summed);
         flops = std::max(flops, 2.0 * rounds * chains * double(ChainValues::lanes) / multiplied);
     }
-    /// Fused products of whole vectors a cycle: the units that take one each.
+    /// Counts fused products of whole vectors a cycle: the units that take one each.
     double products_a_cycle() const { return flops / (2 * double(ChainValues::lanes) * cycles); }
 };
 

@@ -13,7 +13,7 @@ namespace rye::bench {
 struct Block {
     int wide, high;
 
-    /// As many pixels as there are lanes, as square as they can be.
+    /// Makes one of as many pixels as there are lanes, as square as they can be.
     static constexpr Block of(int lanes) {
         Block b{1, 1};
         while (b.wide * b.high < lanes) (b.wide > b.high ? b.high : b.wide) *= 2;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// benchmarks/splatting/work.hpp: a scene, a rasterizer and their memory, ready for timing; and what
-/// is reported of a render.
+/// benchmarks/splatting/work.hpp: a scene, a rasterizer and their memory, ready for timing; and
+/// what is reported of a render.
 #pragma once
 
 #include <benchmark/benchmark.h>
