@@ -52,8 +52,11 @@ def table(title, rows, before, lasting):
         return ""
     shown = [h.replace("ns_per_", "time a ").replace("ns", "time") + " / first"
              if lasting and nanoseconds(h) else h for h in heads]
+    labelled = any(r.get("label") for r in rows)  # the processor that it was measured on
+    if labelled:
+        shown.append("processor")
     lines = [f"### {title}", "", "| case | " + " | ".join(shown) + " |",
-             "|---" * (len(heads) + 1) + "|"]
+             "|---" * (len(shown) + 1) + "|"]
     for row in rows:
         old = before.get(row["name"], {})
         cells = []
@@ -63,6 +66,8 @@ def table(title, rows, before, lasting):
             if old.get(h) and not lasting:
                 cell += f" ({100 * (row[h] / old[h] - 1):+.0f}%)"
             cells.append(cell)
+        if labelled:
+            cells.append(row.get("label", ""))
         label = case(row["name"]).replace("rye::", "").replace("|", "/") or "all"
         lines.append("| " + " | ".join([label] + cells) + " |")
     return "\n".join(lines + ["", ""])
@@ -119,8 +124,9 @@ def main():
             head, rest = f.read().split(BEGIN)
         with open(page, "w", encoding="utf-8") as f:
             f.write(head + BEGIN + "\n\n" + text(True) + END + rest.split(END)[1])
-        bars(families["against_naive"], os.path.join(os.path.dirname(page) or ".",
-                                                     "images", "performance.svg"))
+        if "against_naive" in families:
+            bars(families["against_naive"],
+                 os.path.join(os.path.dirname(page) or ".", "images", "performance.svg"))
 
 
 main()

@@ -9,7 +9,7 @@
 
 #include <rye/interactive/frame_cache.hpp>
 
-#include "../roofline/machine.hpp"
+#include "../roofline/clock.hpp"
 #include "subject.hpp"
 
 namespace {

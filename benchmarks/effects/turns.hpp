@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "../roofline/machine.hpp"
+#include "../roofline/clock.hpp"
 
 namespace rye::bench {
 

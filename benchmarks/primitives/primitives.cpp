@@ -4,9 +4,11 @@
 
 #include <cmath>
 
+#include <rye/backend/lanes.hpp>
+#include <rye/core/random.hpp>
 #include <rye/math/exponential.hpp>
 
-#include "../roofline/machine.hpp"
+#include "../roofline/clock.hpp"
 
 namespace {
 

@@ -2,23 +2,55 @@
 // Peak rates of one thread of this machine, the measure of all other benchmarks.
 #include <benchmark/benchmark.h>
 
+#include "load.hpp"
 #include "machine.hpp"
 
 namespace {
 
+using namespace rye::bench;
+
 void roofline(benchmark::State& state) {
+    LoadSeen load;
     for (auto _ : state) {
-        const auto* measured = &rye::bench::machine();
+        load.look();
+        const auto* measured = &machine();
         benchmark::DoNotOptimize(measured);
+        load.look();
     }
-    const auto& m = rye::bench::machine();
+    const Machine& m = machine();
     state.counters["gflop_s"] = m.flops * 1e-9;
-    state.counters["gbyte_s"] = m.bytes * 1e-9;
+    state.counters["gcycle_s"] = m.cycles * 1e-9;
+    state.counters["products_a_cycle"] = m.products_a_cycle();
     state.counters["mkey_s"] = m.keys * 1e-6;
-    state.counters["lanes"] = static_cast<double>(rye::XsimdBackend<>::batch<float>::size);
+    state.counters["mentry_s"] = m.entries * 1e-6;
+    state.counters["lanes"] = m.lanes;
+    state.counters["load"] = load.mean().average;
+    state.counters["running"] = load.mean().running;
+    state.SetLabel(processor_name());
 }
 BENCHMARK(roofline)->Iterations(1)->Unit(benchmark::kMillisecond);
 
+/// Memory at each working set: a row of its own.
+void memory_speed(benchmark::State& state, std::size_t at) {
+    for (auto _ : state) benchmark::DoNotOptimize(at);
+    const MemorySpeed& s = machine().memory.speeds[at];
+    state.counters["kbyte"] = s.set.bytes * 1e-3;
+    state.counters["read_gbyte_s"] = s.read * 1e-9;
+    state.counters["copy_gbyte_s"] = s.copy * 1e-9;
+}
+
 } // namespace
 
-BENCHMARK_MAIN();
+int main(int argc, char** argv) {
+    benchmark::Initialize(&argc, argv);
+    if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 1;
+    const auto& speeds = machine().memory.speeds;
+    for (std::size_t i = 0; i < speeds.size(); ++i) {
+        const auto kbyte = static_cast<long long>(speeds[i].set.bytes / 1024);
+        benchmark::RegisterBenchmark(
+            ("memory_speed/" + speeds[i].set.level + "/KiB:" + std::to_string(kbyte)).c_str(),
+            [i](benchmark::State& state) { memory_speed(state, i); })
+            ->Iterations(1);
+    }
+    benchmark::RunSpecifiedBenchmarks();
+}

@@ -33,9 +33,7 @@ void against_naive(benchmark::State& state) {
             theirs.forward = std::min(theirs.forward, middle - start);
             for (int i = 0; i < 5; ++i) time_round(work, thread_seconds, ours);
         }
-    SplatWork counted = work.counted();
-    counted.pairs = static_cast<double>(rasterizer.blended);
-    report(state, counted, work.raster.trace.lists.entries(), ours);
+    report(state, work.counted(), ours);
     state.counters["naive_fwd_ms"] = 1e3 * theirs.forward;
     state.counters["naive_both_ms"] = 1e3 * theirs.both;
     state.counters["fwd_ratio"] = theirs.forward / ours.forward;

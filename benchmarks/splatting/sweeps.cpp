@@ -22,7 +22,7 @@ void sweep(benchmark::State& state, HeadScene&& scene) {
     Times best;
     for (auto _ : state)
         for (int round = 0; round < rounds; ++round) time_round(work, thread_seconds, best);
-    report(state, work.counted(), work.raster.trace.lists.entries(), best);
+    report(state, work.counted(), best);
 }
 
 void stages(benchmark::State& state) {

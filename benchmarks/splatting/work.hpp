@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// benchmarks/splatting/work.hpp: a scene, a rasterizer and their memory, ready for timing; and
-/// counts of a render's work.
+/// what is reported of a render.
 #pragma once
 
 #include <benchmark/benchmark.h>
@@ -8,8 +8,10 @@
 #include <rye/core/thread_pool.hpp>
 #include <rye/splat/jvp.hpp>
 
-#include "../roofline/machine.hpp"
+#include "../roofline/bound.hpp"
+#include "../roofline/load.hpp"
 #include "../scenes/head_scene.hpp"
+#include "count.hpp"
 
 namespace rye::bench {
 
@@ -32,28 +34,26 @@ struct Work {
         rasterizer.vjp_into(backend, scene.gaussians, scene.camera, scene.background, raster,
                             RasterCotangent<float>{scene.cotangent}, gradient, &scratch);
     }
-    /// Pixel-Gaussian pairs that the last render blended, counted by plain loops.
-    double pairs() const {
+    /// What the last render blended, in blocks of pixels.
+    BlendCount count(Block block) const {
         const Scene<float> s{raster.trace,     scene.gaussians, scene.background,
                              scene.camera.cx,  scene.camera.cy,         scene.camera.width,
                              scene.camera.height};
-        double n = 0;
-        for (Index t = 0; t < raster.trace.lists.tiles(); ++t)
-            for (int y = s.top(t); y < s.bottom(t); ++y)
-                for (int x = s.left(t); x < s.right(t); ++x)
-                    walk_pixel(s, rasterizer.accuracy, {t, x, y},
-                               [&](const PixelContribution<float>&) { ++n; });
-        return n;
+        return count_blends(s, rasterizer.accuracy, block);
     }
+    /// The last render's work, for vectors of this machine's lanes.
     SplatWork counted() const {
-        return {double(scene.gaussians.count()), double(scene.gaussians.channels()),
-                double(raster.alpha.size()), pairs()};
+        const BlendCount n = count(Block::of(int(ChainValues::lanes)));
+        return {double(scene.gaussians.count()),       double(scene.gaussians.channels()),
+                double(raster.alpha.size()),           double(raster.trace.members.size()),
+                double(raster.trace.lists.entries()),  n.pairs, n.blocks, n.touched};
     }
 };
 
-/// The minimum times of several rounds [s].
+/// The minimum times of several rounds [s], and the load that they had.
 struct Times {
     double forward = 1e30, both = 1e30;
+    LoadSeen load;
 };
 template <class W, class Clock>
 void time_round(W& work, const Clock& clock, Times& best) {
@@ -64,6 +64,7 @@ void time_round(W& work, const Clock& clock, Times& best) {
     const double end = clock();
     best.forward = std::min(best.forward, middle - start);
     best.both = std::min(best.both, end - start);
+    best.load.look();
 }
 
 /// Memory that a render of floats and its vjp keep between calls [byte]: by Gaussian, by visible
@@ -77,20 +78,29 @@ inline double kept_bytes(double gaussians, double visible, double entries, int c
            pixels * 4 * (channels + 2);
 }
 
-/// Reports counts, which are independent of the machine, and times relative to its peak.
-inline void report(benchmark::State& state, const SplatWork& w, Index entries, const Times& t) {
+/// Reports counts, which are independent of the machine but for the blocks' size, times relative to
+/// the machine's bound, and which machine that is, with its load at the time.
+inline void report(benchmark::State& state, const SplatWork& w, const Times& t) {
     const Machine& m = machine();
+    const double forward = w.forward_bound(m), both = w.both_bound(m);
+    const Load load = t.load.mean();
     state.counters["fwd_ms"] = 1e3 * t.forward;
     state.counters["both_ms"] = 1e3 * t.both;
-    state.counters["entries"] = static_cast<double>(entries);
+    state.counters["fwd_bound_ms"] = 1e3 * forward;
+    state.counters["both_bound_ms"] = 1e3 * both;
+    state.counters["fwd_over_bound"] = t.forward / forward;
+    state.counters["both_over_bound"] = t.both / both;
+    state.counters["load"] = load.average;
+    state.counters["running"] = load.running;
+    state.counters["live"] = w.live(m.lanes);
+    state.counters["entries"] = w.entries;
     state.counters["pairs"] = w.pairs;
     state.counters["fwd_mflop"] = 1e-6 * w.forward_flops();
     state.counters["both_mflop"] = 1e-6 * (w.forward_flops() + w.backward_flops());
     state.counters["fwd_mbyte"] = 1e-6 * w.forward_bytes();
     state.counters["both_mbyte"] = 1e-6 * (w.forward_bytes() + w.backward_bytes());
-    state.counters["fwd_over_floor"] = t.forward / w.forward_floor(m);
-    state.counters["both_over_floor"] = t.both / w.floor(m);
     state.counters["ns_per_pair"] = 1e9 * t.both / w.pairs;
+    state.SetLabel(processor_name());
 }
 
 } // namespace rye::bench

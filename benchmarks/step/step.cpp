@@ -19,7 +19,7 @@
 #include <rye/train/avatar_trainer.hpp>
 
 #include "../effects/subject.hpp"
-#include "../roofline/machine.hpp"
+#include "../roofline/clock.hpp"
 #include "peak.hpp"
 
 namespace {
