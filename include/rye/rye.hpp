@@ -31,6 +31,7 @@
 #include <rye/avatar/trained.hpp>
 #include <rye/avatar/two_stream.hpp>
 #include <rye/avatar/weights.hpp>
+#include <rye/capture/avatar_arrays.hpp>
 #include <rye/capture/avatar_file.hpp>
 #include <rye/capture/avatar_settings.hpp>
 #include <rye/interactive/drive_cache.hpp>
