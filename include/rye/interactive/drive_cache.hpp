@@ -49,6 +49,7 @@ template <Backend B, Real T, EffectSet E = PaperEffects>
     requires KeptFromFrameToFrame<E>
 class DriveCache {
   public:
+    /// The avatars that it takes.
     using Avatar = TwoStream<T, E>;
 
     /// The avatar, its configuration and roles must outlive the cache. Call reset() when the

@@ -35,6 +35,7 @@ class FrameCache {
                   "FrameCache: an upsampler of one's own is not kept from frame to frame");
 
   public:
+    /// The avatars that it takes.
     using Avatar = TwoStream<T, E>;
 
     /// Avatar, configuration and roles must outlive the cache. Call reset() when the avatar's
