@@ -135,7 +135,7 @@ rye_status rye_avatar_describe(const rye_avatar* avatar, rye_avatar_info* info) 
         const PlayableAvatar<float>& p = avatar->playable;
         info->expression_count = p.config.expression;
         info->channels = p.config.channels;
-        info->visual_axes = p.kappa.size() > 0 ? 1 : 0;
+        info->visual_axes = p.visual_axes() ? 1 : 0;
         info->gaussians = p.avatar.face.position.cols() + p.avatar.eyes.position.cols();
         info->name = p.name.c_str();
         info->background = p.background.data();

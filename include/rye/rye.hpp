@@ -12,6 +12,8 @@
 #include <rye/avatar/drivers.hpp>
 #include <rye/avatar/eye_kappa.hpp>
 #include <rye/avatar/eye_offset.hpp>
+#include <rye/avatar/eye_parameters.hpp>
+#include <rye/avatar/eye_points.hpp>
 #include <rye/avatar/eye_stream.hpp>
 #include <rye/avatar/face_fields.hpp>
 #include <rye/avatar/face_networks.hpp>
@@ -26,8 +28,10 @@
 #include <rye/avatar/own_effects.hpp>
 #include <rye/avatar/playable.hpp>
 #include <rye/avatar/rest_pose.hpp>
+#include <rye/avatar/trained.hpp>
 #include <rye/avatar/two_stream.hpp>
 #include <rye/avatar/weights.hpp>
+#include <rye/capture/avatar_arrays.hpp>
 #include <rye/capture/avatar_file.hpp>
 #include <rye/capture/avatar_settings.hpp>
 #include <rye/interactive/drive_cache.hpp>

@@ -255,7 +255,7 @@ TEST_CASE(
     "C interface: an avatar by its drivers is the player's picture; gazes move a part of it") {
     const TemporaryFolder folder;
     const std::string path = (folder.path / "a.avatar").string();
-    const PlayableAvatar<float> p = tiny_playable(true);
+    const PlayableAvatar<float> p = tiny_playable(TinyParts{true, true, true});
     write_avatar(path, p, AvatarPrecision::full);
     AvatarPlayer<XsimdBackend<>> player(XsimdBackend<>(), p);
     const Bytes bytes = read_file(path);
@@ -296,7 +296,7 @@ TEST_CASE(
         turned.gaze[1] = gaze_vector<float>(0.2F, -0.1F);
         check_close(rgb, player.draw(turned, p.camera, p.background).pixels);
         REQUIRE(rye_avatar_last_work(avatar, &work) == RYE_OK);
-        CHECK(work.networks == 2);
+        CHECK(work.networks == 3);
         CHECK(work.gaussians > 0);
         CHECK(work.gaussians < 78);
         rye_cloud cloud = RYE_INIT(rye_cloud);

@@ -17,6 +17,7 @@
 #include "data/picture_codecs.hpp"
 #include "data/run_frames.hpp"
 
+#include "../capture/avatar_version_1.hpp"
 #include "../programs/tiny_run.hpp"
 #include "../support/tiny_playable.hpp"
 
@@ -133,14 +134,20 @@ void arrays() {
 }
 
 void avatars() {
-    for (const bool visual : {false, true}) {
-        write_avatar(out / "avatar_file", test::tiny_playable(visual),
-                     visual ? AvatarPrecision::full : AvatarPrecision::half);
-        seed("avatar", visual ? "visual" : "optical", read_file(out / "avatar_file"));
-    }
+    const auto avatar = [](const char* name, const test::TinyParts& parts) {
+        write_avatar(out / "avatar_file", test::tiny_playable(parts),
+                     parts.visual ? AvatarPrecision::full : AvatarPrecision::half);
+        seed("avatar", name, read_file(out / "avatar_file"));
+    };
+    avatar("optical", {});
+    avatar("visual", {.visual = true});
+    avatar("whole", {.visual = true, .light = true, .driven_eyes = true});
+    avatar("lit", {.light = true, .driven_eyes = true});
+    seed("avatar", "version_1", test::avatar_version_1());
     fs::remove(out / "avatar_file");
     dictionary("avatar", {"checksum", "settings", "rye-avatar", "F16", "F32", "F64", "I64", "[0,0]",
-                          "feature", "channels", "upsampler_doublings", "left_eye_points", "kappa"});
+                          "feature", "channels", "upsampler_doublings", "left_eye_points", "kappa",
+                          "eye_appearance", "driven", "shading", "head_pose", "visual"});
 }
 
 void pictures() {

@@ -5,7 +5,9 @@
 #include <limits>
 #include <doctest/doctest.h>
 
-#include "../support/tiny_avatar.hpp"
+#include <rye/avatar/trained.hpp>
+
+#include "../support/effect_sets.hpp"
 
 using namespace rye;
 using namespace rye::test;
@@ -13,20 +15,20 @@ using namespace rye::test;
 namespace {
 
 /// An avatar of several tiles, with eyes far enough apart to move alone.
-template <class T>
+template <class T, EffectSet E = PaperEffects>
 struct Stage {
     AvatarConfig config;
     LandmarkRoles roles = tiny_roles();
-    TwoStream<T> avatar;
-    Drivers<T> drivers = tiny_drivers<T>();
+    TwoStream<T, E> avatar;
+    Drivers<T, E> drivers = restricted<E>(tiny_drivers<T>());
     Pinhole<T> camera = tiny_camera(85, 69).template cast<T>();
     VecX<T> background;
 
     explicit Stage(const UpsamplerShape& upsampler) : config(tiny_config()) {
         config.gaze_near = 0.02;
         config.gaze_far = 0.06;
-        Draw draw;
-        TwoStream<double> a = tiny_avatar(config, draw);
+        TwoStream<double, E> a = avatar_with_parts<E>();
+        Draw draw{{7, 2}};
         UpsamplerShape shape = upsampler;
         shape.in_channels = config.channels;
         a.upsampler = Upsampler<double>::init(shape, Random{6, 0});
@@ -41,9 +43,9 @@ inline UpsamplerShape local_shape(int capacity, bool skip) {
 }
 
 /// The full frame by the ordinary functions.
-template <class B, class A, class T>
-void check_frame(const B& backend, FrameCache<B, A, T>& cache, const Stage<T>& s) {
-    TwoStreamTrace<T> trace;
+template <class B, class A, class T, class E>
+void check_frame(const B& backend, FrameCache<B, A, T, E>& cache, const Stage<T, E>& s) {
+    TwoStreamTrace<T, E> trace;
     drive(backend, s.avatar, {s.config, s.roles, s.drivers}, trace);
     const Gaussians<T>& g = trace.gaussians;
     const Raster<T> whole = Rasterizer<A>().forward(backend, g, s.camera, s.background);
@@ -60,8 +62,8 @@ void check_frame(const B& backend, FrameCache<B, A, T>& cache, const Stage<T>& s
 }
 
 /// Changes any of the drivers, the camera and the background, alone or together, or nothing.
-template <class T>
-void change(Stage<T>& s, int step) {
+template <class T, class E>
+void change(Stage<T, E>& s, int step) {
     const Random random{static_cast<std::uint64_t>(step) + 90, 2};
     std::uint64_t k = 0;
     const auto chance = [&](double p) { return random.uniform(k++) < p; };
@@ -80,10 +82,10 @@ void change(Stage<T>& s, int step) {
     if (all || chance(0.1)) s.camera.cx += any();
 }
 
-template <class T, class B>
+template <class T, EffectSet E = PaperEffects, class B>
 void follow(const B& backend, const UpsamplerShape& shape, int steps) {
-    Stage<T> s(shape);
-    FrameCache<B, Balanced, T> cache(backend, s.avatar, s.config, s.roles);
+    Stage<T, E> s(shape);
+    FrameCache<B, Balanced, T, E> cache(backend, s.avatar, s.config, s.roles);
     check_frame(backend, cache, s);
     for (int step = 0; step < steps; ++step) {
         INFO(step);
@@ -103,6 +105,10 @@ TEST_CASE_TEMPLATE("frame cache: the bits of the whole frame over random drivers
     follow<T>(lanes, {.capacity = 4, .doublings = 1}, 6);           // InstanceNorm
     follow<T>(lanes, {.capacity = 8, .doublings = 1, .norm = Normalization::none}, 6);
     follow<T>(ScalarBackend{}, local_shape(8, true), 5);
+}
+
+TEST_CASE("frame cache: the bits of the whole frame of an avatar of all that is trained") {
+    follow<float, TrainedEffects>(XsimdBackend{}, local_shape(8, true), 25);
 }
 
 TEST_CASE("frame cache: the bits do not depend on the number of threads") {

@@ -46,8 +46,8 @@ static_assert(GivesThreads<ThreadPool&> && !GivesThreads<ThreadPool>);
 Image<float> whole_picture(const PlayableAvatar<float>& p, const Drivers<float>& drivers,
                            const Pinhole<float>& camera, const VecX<float>& background) {
     const XsimdBackend<> backend;
-    TwoStreamTrace<float> trace;
-    drive(backend, p.avatar, {p.config, p.roles, optical_drivers(p, drivers)}, trace);
+    TwoStreamTrace<float, TrainedEffects> trace;
+    drive(backend, p.avatar, {p.config, p.roles, restricted<TrainedEffects>(drivers)}, trace);
     const Pinhole<float> small = render_camera(camera, 1 << p.avatar.upsampler.shape.doublings);
     const Image<float> large =
         upsampler_forward(backend, p.avatar.upsampler,
@@ -64,9 +64,10 @@ Image<float> whole_picture(const PlayableAvatar<float>& p, const Drivers<float>&
 } // namespace
 
 TEST_CASE("player: every picture is that of a whole render, bit for bit, at any size") {
-    for (const bool visual : {false, true})
+    for (const TinyParts& parts : {TinyParts{}, TinyParts{.visual = true},
+                                   TinyParts{.light = true}, TinyParts{true, true, true}})
         for (const int doublings : {0, 1}) {
-            const PlayableAvatar<float> p = tiny_playable(visual, doublings);
+            const PlayableAvatar<float> p = tiny_playable(parts, doublings);
             AvatarPlayer<XsimdBackend<>> player(XsimdBackend<>(), p);
             Drivers<float> drivers = p.neutral;
             Pinhole<float> camera = p.camera;
@@ -83,10 +84,12 @@ TEST_CASE("player: every picture is that of a whole render, bit for bit, at any 
             check();
             CHECK(player.work().gaussians > 0);
             CHECK(player.work().gaussians < 78);
-            CHECK(player.work().networks == 2);
+            CHECK(player.work().networks == (parts.driven_eyes ? 3 : 2));
             check();
             CHECK(player.work().gaussians == 0);
             CHECK(player.work().pixels == 0);
+            drivers.pose[1] += 0.3F;
+            check();
             drivers.expression[1] += 0.5F;
             check();
             camera.width = 61;

@@ -107,8 +107,12 @@ refuses "expected auto or paper" "$rye" redirect --run both --sweep --effects ga
 has variant.txt "yes  head shading"
 has variant.txt "within the bound"
 "$rye" export --run both --ply head.ply
-"$rye" export --run both --out head.avatar > export.txt
-has export.txt "^not in the file: "
-"$rye" export --run plain --out plain.avatar > export.txt
-has_not export.txt "^not in the file: "
+for name in plain both; do
+    "$rye" export --run $name --out $name.avatar --full-precision > export.txt
+    has export.txt "its pictures are the run's, bit for bit"
+done
+for tensor in avatar.eyes.left_appearance_mlp avatar.shading.light; do
+    has both.avatar $tensor
+    has_not plain.avatar $tensor
+done
 echo "driven eyes, shading and moving eyes: trained, drawn, exported, refused where they do not fit"

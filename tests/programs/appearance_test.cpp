@@ -7,10 +7,14 @@
 
 #include <doctest/doctest.h>
 
+#include <rye/capture/avatar_file.hpp>
 #include <rye/capture/safetensors.hpp>
+#include <rye/interactive/player.hpp>
 
 #include "../support/hostile.hpp"
+#include "tiny_capture.hpp"
 #include "tiny_run.hpp"
+#include "training/playable.hpp"
 #include "training/steps.hpp"
 #include "training/variants.hpp"
 
@@ -252,13 +256,45 @@ TEST_CASE("appearance: pictures are drawn by all of it; what variants lack is re
           "'none'");
 }
 
-TEST_CASE("appearance: held for other programs, the eyes look as at those drivers") {
-    TrainState state = trained();
-    state.appearance->avatar.shading = {};
-    const Drivers<float> at = test::tiny_drivers<float>();
-    const Avatar held =
-        held_appearance(state.appearance->avatar, state.config.avatar, state.subject.roles, at);
-    TwoStreamTrace<float> trace;
-    drive(train_backend(), held, {state.config.avatar, state.subject.roles, at}, trace);
-    CHECK(rounded_alike(trace.gaussians, driven_gaussians(drawn_state(state), at)));
+TEST_CASE("appearance: exported and read back, other programs draw the run's pictures") {
+    const Folder folder;
+    const TinyCapture files(folder.path / "capture");
+    const Capture capture = read_capture(folder.path / "capture");
+    for (const bool visual : {false, true}) {
+        TrainState state = trained();
+        if (visual) {
+            state.config.gaze_axis = GazeAxis::visual;
+            state.appearance->avatar.eyes.kappa << -0.03f, -0.02f, 0.09f, -0.08f;
+        }
+        const TrainState drawn = drawn_state(state);
+        PlayableAvatar<float> exported = playable_avatar(drawn, capture, 1, 0);
+        // The run of random numbers has another code of expressions than the capture.
+        exported.neutral.expression = test::tiny_drivers<float>().expression;
+        exported.ranges.expression_low = exported.ranges.expression_high =
+            exported.neutral.expression;
+        exported.expression_names = {};
+        write_avatar(folder.path / "a.avatar", exported, AvatarPrecision::full);
+        const PlayableAvatar<float> read = read_avatar<float>(folder.path / "a.avatar");
+        CHECK(has_driven_eyes(read.avatar));
+        CHECK(read.avatar.shading.any());
+        CHECK(read.visual_axes() == visual);
+        AvatarPlayer<TrainBackend> player(train_backend(), read);
+        DrawnFrame frame{read.neutral, test::tiny_camera(64, 48).cast<float>()};
+        const FrameDrawer drawer(drawn, {frame}, "auto", "--effects", 0.01);
+        const auto check = [&] {
+            const Image<float>& picture =
+                player.draw(frame.drivers, frame.camera, read.background);
+            // Equal but for rounding, which super-resolution's norm enlarges.
+            CHECK((picture.pixels - drawer.picture_by_all(frame).pixels).cwiseAbs().maxCoeff() <=
+                  1e-4f);
+        };
+        check();
+        frame.drivers.gaze[0] = gaze_vector(0.1f, 0.3f);
+        check();
+        CHECK(player.work().networks == 3);
+        frame.drivers.expression[1] += 0.5f;
+        check();
+        frame.drivers.pose[1] += 0.4f;
+        check();
+    }
 }

@@ -13,5 +13,5 @@ using Mine = rye::PaperEffects;
 
 void keep(const rye::TwoStream<float, Mine>& avatar, const rye::AvatarConfig& config,
           const rye::LandmarkRoles& roles) {
-    const rye::DriveCache<rye::ScalarBackend<>, float> cache({}, avatar, config, roles);
+    const rye::DriveCache<rye::ScalarBackend<>, float, Mine> cache({}, avatar, config, roles);
 }

@@ -2,13 +2,20 @@
 /// tests/support/tiny_playable.hpp: the tiny avatar with all that showing it takes.
 #pragma once
 
+#include <rye/avatar/hold.hpp>
 #include <rye/avatar/playable.hpp>
 
 #include "tiny_avatar.hpp"
 
 namespace rye::test {
 
-inline PlayableAvatar<float> tiny_playable(bool visual = false, int doublings = 1) {
+/// Parts of the tiny avatar beside the paper's.
+struct TinyParts {
+    bool visual = false; ///< it has a kappa
+    bool light = false, driven_eyes = false;
+};
+
+inline PlayableAvatar<float> tiny_playable(const TinyParts& parts, int doublings = 1) {
     PlayableAvatar<float> p;
     p.name = "tiny \"one\"";
     p.config = tiny_config();
@@ -16,7 +23,8 @@ inline PlayableAvatar<float> tiny_playable(bool visual = false, int doublings = 
     p.config.gaze_far = 0.06;
     p.roles = tiny_roles();
     Draw draw;
-    TwoStream<double> avatar = tiny_avatar(p.config, draw);
+    TwoStream<double, TrainedEffects> avatar =
+        restricted<TrainedEffects>(tiny_avatar(p.config, draw));
     UpsamplerShape shape;
     shape.in_channels = p.config.channels;
     shape.capacity = 2;
@@ -25,8 +33,17 @@ inline PlayableAvatar<float> tiny_playable(bool visual = false, int doublings = 
     shape.skip = true;
     avatar.upsampler = Upsampler<double>::init(shape, Random{6, 0});
     avatar.upsampler.out_weight = draw.columns(3, shape.capacity);
+    if (parts.visual) avatar.eyes.kappa = Columns<double>::Constant(2, 2, 0.05);
+    if (parts.light)
+        avatar.shading = {draw.columns(8, 3, 0.5), draw.columns(3, avatar.face.position.cols()),
+                          draw.columns(3, 2)};
+    if (parts.driven_eyes) {
+        const AppearanceSizes sizes =
+            appearance_sizes<TrainedEffects>(p.config, avatar.eyes.position.cols());
+        for (Mlp<double>& mlp : avatar.eyes.networks)
+            mlp = Mlp<double>::init(DrivenFeatures::shape(sizes), Random{9, draw.next++});
+    }
     p.avatar = lifted<float>(avatar);
-    if (visual) p.kappa = Columns<float>::Constant(2, 2, 0.05F);
     p.expression_names = {"jaw", "brow", "smile"};
     p.neutral = tiny_drivers<float>();
     p.ranges.expression_low = VecX<float>::Constant(3, -1);
@@ -36,6 +53,9 @@ inline PlayableAvatar<float> tiny_playable(bool visual = false, int doublings = 
     p.camera = tiny_camera(85, 69).cast<float>();
     p.background = VecX<float>::Constant(p.config.channels, 0.75F);
     return p;
+}
+inline PlayableAvatar<float> tiny_playable(bool visual = false, int doublings = 1) {
+    return tiny_playable(TinyParts{.visual = visual}, doublings);
 }
 
 } // namespace rye::test

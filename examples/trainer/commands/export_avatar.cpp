@@ -54,10 +54,6 @@ void export_avatar(const AvatarExportOptions& o) {
     if (std::isfinite(psnr))
         std::snprintf(quality, sizeof quality, "its pictures are the run's to %.1f dB or more",
                       psnr);
-    if (state.appearance)
-        std::printf("not in the file: what drives the eyes' features, which are those of frame "
-                    "%s, and shading: the face is that of a head at rotation 0\n",
-                    capture.frames[static_cast<std::size_t>(frame)].id.c_str());
     std::printf("%s: %td Gaussians, %.2f MB; %s\n", o.out.c_str(),
                 playable.avatar.face.position.cols() + playable.avatar.eyes.position.cols(),
                 static_cast<double>(std::filesystem::file_size(o.out)) / 1e6, quality);

@@ -21,14 +21,6 @@ Avatar without_appearance(const AppearanceAvatar& avatar) {
     return restricted<TrainEffects>(avatar);
 }
 
-Avatar held_appearance(const AppearanceAvatar& avatar, const AvatarConfig& config,
-                       const LandmarkRoles& roles, const Drivers<float>& drivers) {
-    AppearanceAvatar unshaded = avatar;
-    unshaded.shading = {};
-    return held<TrainEffects>(train_backend(), unshaded, config, roles,
-                              restricted<AppearanceEffects>(drivers));
-}
-
 TwoStreamGaussians<float> driven_appearance(const AppearanceAvatar& avatar,
                                             const AvatarConfig& config, const LandmarkRoles& roles,
                                             const Drivers<float>& drivers) {

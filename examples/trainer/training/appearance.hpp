@@ -34,11 +34,6 @@ AppearanceAvatar appearance_avatar(const Avatar& avatar, const TrainConfig& conf
 /// All of it but what paper effects cannot hold: eyes have their constants, nothing is shaded.
 Avatar without_appearance(const AppearanceAvatar& avatar);
 
-/// The paper's avatar with the eyes' features of these drivers. It is not shaded: the face has the
-/// colours of the head at rotation 0.
-Avatar held_appearance(const AppearanceAvatar& avatar, const AvatarConfig& config,
-                       const LandmarkRoles& roles, const Drivers<float>& drivers);
-
 /// The driven Gaussians; gazes are of the axis that the avatar's kappa leads from.
 TwoStreamGaussians<float> driven_appearance(const AppearanceAvatar& avatar,
                                             const AvatarConfig& config, const LandmarkRoles& roles,

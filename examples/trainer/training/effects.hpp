@@ -3,8 +3,7 @@
 /// that device compilers read include this and not training/types.hpp, which has lanes.
 #pragma once
 
-#include <rye/avatar/two_stream.hpp>
-#include <rye/rig/driven_features.hpp>
+#include <rye/avatar/trained.hpp>
 #include <rye/rig/gaze_features.hpp>
 #include <rye/rig/gaze_mechanisms.hpp>
 
@@ -25,7 +24,7 @@ using ComparedEffects =
     More<TrainEffects, HeadShading, GazeBy<ComparedMechanism>, EyesBy<ComparedAppearance>>;
 using ComparedAvatar = TwoStream<float, ComparedEffects>;
 /// The avatar of a run with driven eyes or shading, and explicit rotation.
-using AppearanceEffects = More<VisualEffects, HeadShading, EyesBy<DrivenFeatures>>;
-using AppearanceAvatar = TwoStream<float, AppearanceEffects>;
+using AppearanceEffects = TrainedEffects;
+using AppearanceAvatar = TrainedAvatar<float>;
 
 } // namespace rye::trainer

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "training/playable.hpp"
 
+#include <rye/avatar/hold.hpp>
 #include <rye/rig/gaze.hpp>
 
 namespace rye::trainer {
@@ -30,12 +31,9 @@ PlayableAvatar<float> playable_avatar(const TrainState& state, const Capture& ca
     p.name = capture.subject;
     p.config = state.config.avatar;
     p.roles = state.subject.roles;
-    p.avatar = state.avatar;
-    if (state.appearance)
-        p.avatar = held_appearance(
-            state.appearance->avatar, state.config.avatar, state.subject.roles,
-            optical_drivers(state, frame_drivers(capture, frame, axis)));
-    p.kappa = state.kappa;
+    p.avatar = state.appearance ? state.appearance->avatar
+                                : restricted<TrainedEffects>(state.avatar);
+    p.avatar.eyes.kappa = state.kappa;
     p.expression_names = capture.expression_names;
     p.neutral = frame_drivers(capture, frame, axis);
     p.ranges.expression_low = p.ranges.expression_high = p.neutral.expression;

@@ -10,10 +10,10 @@
 
 namespace rye::trainer {
 
-/// The avatar of a state that is drawn (run.hpp), of the paper's effects: driven eyes have their
-/// features of that frame, and nothing is shaded. Its neutral drivers and its camera are those of
-/// this frame and camera of the capture; the ranges are those of the capture's training frames,
-/// which the neutral drivers extend; the background is white.
+/// The avatar of a state that is drawn (run.hpp), with its light and driven eyes. Its neutral
+/// drivers and its camera are those of this frame and camera of the capture; the ranges are those
+/// of the capture's training frames, which the neutral drivers extend; the background is white.
+/// Throws Error for a run by another gaze mechanism than rotation.
 PlayableAvatar<float> playable_avatar(const TrainState& state, const Capture& capture, int frame,
                                       int camera);
 

@@ -6,115 +6,11 @@
 /// Source: paper eq. (9)-(10); composition as in docs/deviations.md.
 #pragma once
 
-#include <rye/avatar/eye_kappa.hpp>
-#include <rye/avatar/eye_offset.hpp>
-#include <rye/avatar/eye_optics.hpp>
+#include <rye/avatar/eye_points.hpp>
 #include <rye/avatar/frame_cotangent.hpp>
 #include <rye/avatar/head_pose.hpp>
-#include <rye/core/fields.hpp>
-#include <rye/gaussian/gaussians.hpp>
-#include <rye/rig/eye_transform.hpp>
 
 namespace rye {
-
-/// Parameters of the eyes' parts; those of the default ones: `feature`, C x P.
-template <class T, EffectSet E>
-using EyeAppearanceParameters = typename EyeAppearanceOf<E>::template Parameters<T>;
-/// Parameters of the gaze mechanism of E.
-template <class T, EffectSet E>
-using GazeMechanismParameters = typename GazeMechanismOf<E>::template Parameters<T>;
-
-/// Sizes of the eye appearance of an avatar with so many eye points.
-template <EffectSet E>
-AppearanceSizes appearance_sizes(const AvatarConfig& config, Index points) {
-    return {config.channels, points, has_effect<E, ReadsExpression> ? config.expression : 0,
-            has_effect<E, ReadsHeadPose> ? 6 : 0};
-}
-
-/// Trained parameters of the eyeballs' P Gaussians, the left eye's first. Eyeball frame
-/// (rig/eyeball.hpp).
-template <class T, EffectSet E = PaperEffects>
-struct EyeStream : EyeAppearanceParameters<T, E>, GazeMechanismParameters<T, E> {
-    Columns<T> log_scale;      ///< 3 x P
-    Columns<T> rotation;       ///< 4 x P, w x y z, in the frame of the eyeball
-    Columns<T> opacity_logit;  ///< 1 x P
-    [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetNetwork<T, NetworksOf<E>>> offset;
-    [[no_unique_address]] Slot<E, Kappa, Columns<T>> kappa;  ///< (pitch, yaw) [rad] an eye, 2 x 2
-    [[no_unique_address]] EyeOptics<T, E> optics;
-
-    Columns<T> position;  ///< fixed: template points about their centre, 3 x P
-    Columns<T> centre;    ///< fixed: neutral centres, canonical, 3 x 2
-    Columns<T> spacing;   ///< fixed: distance between neighbours of the template, 1 x P
-    Index left_points = -1;  ///< how many of P are the left eye's; negative: half of them
-
-    template <class F, class... P>
-    static void fields(F&& f, P&&... p) {
-        EyeAppearanceParameters<T, E>::fields(f, p.appearance()...);
-        GazeMechanismParameters<T, E>::fields(f, p.mechanism()...);
-        f("scales", p.log_scale...);
-        f("rotation", p.rotation...);
-        f("opacity", p.opacity_logit...);
-        if constexpr (has_effect<E, EyeOffset>)
-            EyeOffsetNetwork<T, NetworksOf<E>>::fields(f, p.offset...);
-        if constexpr (has_effect<E, Kappa>) f("kappa", p.kappa...);
-        EyeOptics<T, E>::fields(f, p.optics...);
-    }
-    template <class F, class... P>
-    static void buffers(F&& f, P&&... p) {
-        f("xyz", p.position...);
-        f("centre", p.centre...);
-        f("spacing", p.spacing...);
-        EyeOptics<T, E>::buffers(f, p.optics...);
-    }
-    const EyeAppearanceParameters<T, E>& appearance() const { return *this; }
-    EyeAppearanceParameters<T, E>& appearance() { return *this; }
-    const GazeMechanismParameters<T, E>& mechanism() const { return *this; }
-    GazeMechanismParameters<T, E>& mechanism() { return *this; }
-
-    /// Columns of an eye: its first one, and how many.
-    Index first_point(Index eye) const { return eye == 0 ? 0 : points_of(0); }
-    Index points_of(Index eye) const {
-        const Index left = left_points < 0 ? position.cols() / 2 : left_points;
-        return eye == 0 ? left : position.cols() - left;
-    }
-};
-
-/// The largest logarithms of scales that bound_scales leaves, 3 x P.
-template <Real T, EffectSet E>
-Columns<T> scale_bounds(const EyeStream<T, E>& eyes, std::type_identity_t<T> factor,
-                        std::type_identity_t<T> thickness) {
-    Columns<T> most(3, eyes.log_scale.cols());
-    for (Index i = 0; i < most.cols(); ++i) {
-        const T wide = std::log(factor * eyes.spacing(0, i));
-        most.col(i) << wide, wide, wide + std::log(thickness);
-    }
-    return most;
-}
-
-/// Takes scales back to at most `factor` times the template's spacing, and `thickness` of that
-/// along the normal, so that the eyeball keeps its shape: larger Gaussians would reach over its rim
-/// and paint lids, thicker ones stand out from its surface.
-template <Real T, EffectSet E>
-void bound_scales(EyeStream<T, E>& eyes, std::type_identity_t<T> factor,
-                  std::type_identity_t<T> thickness) {
-    eyes.log_scale = eyes.log_scale.cwiseMin(scale_bounds(eyes, factor, thickness));
-}
-
-/// The drivers with the optical axes in the place of the gazes: the same ones without Kappa.
-template <class T, EffectSet E>
-decltype(auto) optical_drivers(const EyeStream<T, E>& eyes, const Drivers<T, E>& drivers) {
-    if constexpr (has_effect<E, Kappa>) {
-        Drivers<T, E> d = drivers;
-        for_eyes([&]<std::size_t eye>() {
-            if constexpr (eye_turns<E, eye>)
-                of_eye<eye>(d.gaze) = apply_kappa<T>(of_eye<eye>(drivers.gaze),
-                                                     kappa_of(eyes.kappa, eye));
-        });
-        return d;
-    } else {
-        return (drivers);
-    }
-}
 
 /// What the vjp needs of a frame's eyeballs.
 template <class T, EffectSet E = PaperEffects>
@@ -123,70 +19,6 @@ struct EyeTrace {
     [[no_unique_address]] GazeSlot<E, Quat<T>> turn;  ///< rest (+z) to gaze, no torsion
     [[no_unique_address]] Slot<E, SeesCornea, OpticsTrace<T>> optics;
 };
-
-/// What a frame's eyes are driven by.
-template <class T, EffectSet E>
-struct EyeFrame {
-    const AvatarConfig& config;
-    const Drivers<T, E>& drivers;
-    const FrameCode<T, E>& code;
-};
-
-/// f with what the eyes' appearance may read of a frame; prepared only where it is read.
-template <class T, EffectSet E, class F>
-void with_eye_inputs(const EyeStream<T, E>& eyes, const Drivers<T, E>& optical,
-                     const FrameCode<T, E>& code, F&& f) {
-    VecX<T> expression, pose;
-    Columns<T> gaze;
-    if constexpr (EyeAppearanceOf<E>::reads_inputs) {
-        if constexpr (has_effect<E, ReadsExpression>) expression = code.expression;
-        if constexpr (has_effect<E, ReadsHeadPose>) pose = optical.pose;
-        gaze = Vec3<T>(T(0), T(0), T(1)).replicate(1, 2);
-        for_eyes([&]<std::size_t eye>() {
-            if constexpr (eye_turns<E, eye>)
-                gaze.col(static_cast<Index>(eye)) = of_eye<eye>(optical.gaze);
-        });
-    }
-    f(EyeInputs<T>{eyes.position, eyes.points_of(0), expression, gaze, pose});
-}
-
-/// Turns an eye to its gaze by the mechanism. Throws if the gaze is not finite or has no direction.
-template <class T, EffectSet E>
-void turn_eye_by(const EyeStream<T, E>& eyes, std::size_t eye, const Vec3<T>& gaze,
-                 EyeTransform<T>& placed) {
-    if constexpr (std::same_as<GazeMechanismOf<E>, ExplicitRotation>) {
-        turn_eye<T>(placed, gaze);
-    } else {
-        const Vec3<T> unit = checked_gaze(gaze);
-        placed.quaternion = GazeMechanismOf<E>::turn(eyes.mechanism(), eye, unit);
-        placed.rotation = quat_matrix(placed.quaternion);
-        placed.beyond_range = beyond_gaze_range(unit);
-    }
-}
-
-/// Sets the scales of both eyeballs' Gaussians in the world, whose units the head's scale gives, if
-/// any, in the columns of `g` from `begin` on.
-template <class T, EffectSet E, class... Scale>
-void set_eye_scales(const EyeStream<T, E>& eyes, Gaussians<T>& g, Index begin,
-                    const Scale&... head_scale) {
-    const auto exponential = [](const T& v) {
-        using std::exp;
-        return T(exp(v));
-    };
-    g.scale.middleCols(begin, eyes.log_scale.cols()) =
-        (eyes.log_scale.unaryExpr(exponential) * ... * head_scale);
-}
-
-/// Means and rotations of one eyeball's Gaussians, in the columns of `g` from `begin` on.
-template <class T, EffectSet E>
-void place_eye(const EyeStream<T, E>& eyes, Index eye, const EyeTransform<T>& placed, Index begin,
-               Gaussians<T>& g) {
-    const Index first = eyes.first_point(eye), n = eyes.points_of(eye);
-    const Columns<T> points = eyes.position.middleCols(first, n);
-    const Columns<T> rotations = eyes.rotation.middleCols(first, n);
-    g.mean.middleCols(begin, n) = eye_points<T>(placed, points);
-    g.rotation.middleCols(begin, n) = eye_rotations<T>(placed, rotations);
-}
 
 /// Where driven eyeballs go: P columns of a cloud from `begin` on.
 template <class T, EffectSet E>
@@ -211,25 +43,14 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
     if constexpr (has_effect<E, EyeOffset>)
         centre += eye_offset<T>(backend, eyes.offset, frame.config, frame.code, trace.offset);
     const Index all = eyes.position.cols();
-    with_eye_inputs(eyes, drivers, frame.code, [&](const EyeInputs<T>& inputs) {
-        EyeAppearanceOf<E>::features(backend, eyes.appearance(), inputs,
-                                     ColumnsSpan<T>(g.feature.middleCols(begin, all)));
-    });
+    eye_features(backend, eyes, frame, {true, true}, begin, g);
     set_eye_scales(eyes, g, begin, head.scale...);
     g.opacity.middleCols(begin, all) =
         eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     for_eyes([&]<std::size_t eye>() {
         constexpr Index e = static_cast<Index>(eye);
-        EyeTransform<T> placed = eye_at<T>(centre.col(e));
-        if constexpr (eye_turns<E, eye>) {
-            turn_eye_by(eyes, eye, of_eye<eye>(drivers.gaze), placed);
-            if constexpr (GazeMechanismOf<E>::changes_features)
-                GazeMechanismOf<E>::features(
-                    eyes.mechanism(), eye, checked_gaze(of_eye<eye>(drivers.gaze)),
-                    ColumnsSpan<T>(
-                        g.feature.middleCols(begin + eyes.first_point(e), eyes.points_of(e))));
-        }
-        (carry_eye<T>(placed, {{head.rotation, head.translation}, head.scale}), ...);
+        const EyeTransform<T> placed =
+            placed_eye<eye>(eyes, Vec3<T>(centre.col(e)), drivers, head...);
         if constexpr (eye_turns<E, eye>) {
             of_eye<eye>(trace.turn) = placed.quaternion;
             ((of_eye<eye>(trace.turn) =
@@ -348,6 +169,8 @@ void eye_vjp(const B& backend, const EyeStream<T, E>& eyes,
         for_eyes([&]<std::size_t eye>() {
             constexpr Index e = static_cast<Index>(eye);
             if constexpr (eye_turns<E, eye>) {
+                if constexpr (!own_turn)
+                    if (eyes.kappa.size() == 0) return; // no parameter turns the eye
                 const Index first = eyes.first_point(e), n = eyes.points_of(e);
                 const auto turned = [&](const Columns<T>& points) {
                     return turn_cotangent<T>(points, eyes.rotation.middleCols(first, n),
@@ -371,10 +194,11 @@ void eye_vjp(const B& backend, const EyeStream<T, E>& eyes,
                         grad.mechanism());
                 }
                 if constexpr (has_effect<E, Kappa>)
-                    grad.kappa.col(e) += kappa_vjp<EncodingOf<E>, T>(
-                        config, of_eye<eye>(drivers.gaze), kappa_of(eyes.kappa, eye),
-                        {own_turn ? TurnCotangent<T>{} : g_turn, g_optical,
-                         gaze_code_cotangent<eye>(g_frame)});
+                    if (eyes.kappa.size() > 0)
+                        grad.kappa.col(e) += kappa_vjp<EncodingOf<E>, T>(
+                            config, of_eye<eye>(drivers.gaze), kappa_of(eyes.kappa, eye),
+                            {own_turn ? TurnCotangent<T>{} : g_turn, g_optical,
+                             gaze_code_cotangent<eye>(g_frame)});
             }
         });
     if constexpr (has_effect<E, EyeOffset>) {

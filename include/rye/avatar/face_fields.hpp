@@ -29,6 +29,7 @@ struct AttributeFields {
 /// What each driver of the face has its things under: in FaceFields, in Weights, in FrameCode. The
 /// attributes (log-scale, quaternion, logit opacity) are stage 2's; the gaze has none.
 struct ExpressionField {
+    static constexpr std::size_t driver = 0; ///< place in the order of sums
     static constexpr bool attributes = true;
     static auto& color(auto& fields) { return fields.exp_color; }
     static auto& deform(auto& fields) { return fields.exp_deform; }
@@ -38,6 +39,7 @@ struct ExpressionField {
 };
 /// The fields that the head pose drives.
 struct PoseField {
+    static constexpr std::size_t driver = 1; ///< place in the order of sums
     static constexpr bool attributes = true;
     static auto& color(auto& fields) { return fields.pose_color; }
     static auto& deform(auto& fields) { return fields.pose_deform; }
@@ -48,12 +50,16 @@ struct PoseField {
 /// The fields that the gaze of an eye (0: the subject's left) drives.
 template <std::size_t eye>
 struct GazeField {
+    static constexpr std::size_t driver = 2 + eye; ///< place in the order of sums
     static constexpr bool attributes = false;
     static auto& color(auto& fields) { return of_eye<eye>(fields.gaze_color); }
     static auto& deform(auto& fields) { return of_eye<eye>(fields.gaze_deform); }
     static auto& influence(auto& weights) { return of_eye<eye>(weights.gaze); }
     static auto& code(auto& code) { return of_eye<eye>(code.gaze); }
 };
+
+/// Number of the drivers of the face: expression, head pose, left gaze, right gaze.
+inline constexpr std::size_t face_drivers = 4;
 
 /// Calls f(ExpressionField{}), ... for the drivers that are on, in the order of their sums.
 template <EffectSet E, class F>

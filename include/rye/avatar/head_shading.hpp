@@ -169,7 +169,38 @@ ColumnRange shaded_eye(const ShadedFrame<T>& frame, Index eye, Index all) {
                     : ColumnRange{right, all - right};
 }
 
+/// Columns [begin, end) of shading_gain's.
+template <class T>
+void gain_range(const Shading<T>& shading, const LightChange<T>& change, Index begin, Index end,
+                Columns<T>& gain) {
+    for (Index i = begin; i < end; ++i) {
+        const Vec3<T> normal = shaded_normal(shading, i);
+        for (Index c = 0; c < 3; ++c)
+            gain(c, i) = change.of[static_cast<std::size_t>(c)].at(normal);
+    }
+    const Columns<T> log_gain = gain.middleCols(begin, end - begin);
+    gain.middleCols(begin, end - begin) = log_gain.array().exp().matrix();
+}
+
 } // namespace detail
+
+/// Sets the gains of a head at this rotation (axis-angle [rad]), 3 x (N + 2): of the face's
+/// Gaussians, then of each eyeball. The shading must have parameters.
+template <class T, Backend B>
+void shading_gain(const B& backend, const Shading<T>& shading, const Vec3<T>& rotation,
+                  Columns<T>& gain) {
+    const detail::LightChange<T> change = detail::light_change(shading, so3_exp(rotation));
+    gain.resize(3, shading.normal.cols() + 2);
+    for_chunks(backend.threads, gain.cols(), 512, [&](Index b, Index e, Index) {
+        detail::gain_range(shading, change, b, e, gain);
+    });
+}
+
+/// Multiplies the first three channels of a Gaussian's features by column `of` of the gains.
+template <class T>
+void shade_point(const Columns<T>& gain, Index of, Columns<T>& feature, Index i) {
+    for (Index c = 0; c < 3; ++c) feature(c, i) *= gain(c, of);
+}
 
 /// Multiplies the first three channels of a driven cloud's features, C x P.
 template <class T, Backend B>
@@ -182,20 +213,13 @@ void shade(const B& backend, const Shading<T>& shading,
     const detail::LightChange<T> change = detail::light_change(shading, so3_exp(frame.rotation));
     trace.gain.resize(3, n + 2);
     for_chunks(backend.threads, n + 2, 512, [&](Index b, Index e, Index) {
-        for (Index i = b; i < e; ++i) {
-            const Vec3<T> normal = detail::shaded_normal(shading, i);
-            for (Index c = 0; c < 3; ++c)
-                trace.gain(c, i) = change.of[static_cast<std::size_t>(c)].at(normal);
-        }
-        const Columns<T> log_gain = trace.gain.middleCols(b, e - b);
-        trace.gain.middleCols(b, e - b) = log_gain.array().exp().matrix();
-        for (Index i = b; i < std::min(e, n); ++i)
-            for (Index c = 0; c < 3; ++c) feature(c, i) *= trace.gain(c, i);
+        detail::gain_range(shading, change, b, e, trace.gain);
+        for (Index i = b; i < std::min(e, n); ++i) shade_point(trace.gain, i, feature, i);
     });
     for (Index eye = 0; eye < 2; ++eye) {
         const ColumnRange of = detail::shaded_eye(frame, eye, feature.cols());
         for (Index i = of.begin; i < of.begin + of.count; ++i)
-            for (Index c = 0; c < 3; ++c) feature(c, i) *= trace.gain(c, n + eye);
+            shade_point(trace.gain, n + eye, feature, i);
     }
 }
 

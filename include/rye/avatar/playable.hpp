@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include <rye/avatar/two_stream.hpp>
+#include <rye/avatar/trained.hpp>
 #include <rye/core/error.hpp>
 #include <rye/core/format.hpp>
 #include <rye/geometry/camera.hpp>
@@ -33,26 +33,18 @@ struct PlayableAvatar {
     std::string name; ///< of the subject, UTF-8, may be empty
     AvatarConfig config;
     LandmarkRoles roles;
-    TwoStream<T> avatar;
-    Columns<T> kappa;                          ///< (pitch, yaw) [rad] an eye, 2 x 2; or empty
+    TrainedAvatar<T> avatar;
     std::vector<std::string> expression_names; ///< E, or empty
     /// The frame that the avatar is first shown at. Its gazes, and those of `ranges`, are visual
-    /// axes if there is a kappa, else optical ones.
+    /// axes if the avatar has a kappa, else optical ones.
     Drivers<T> neutral;
     DriverRanges<T> ranges;
     Pinhole<T> camera;  ///< of the picture after super-resolution
     VecX<T> background; ///< feature of what is behind the head, C
-};
 
-/// The drivers, with gazes as PlayableAvatar's, with optical axes in their place.
-template <class T>
-Drivers<T> optical_drivers(const PlayableAvatar<T>& playable, const Drivers<T>& drivers) {
-    Drivers<T> d = drivers;
-    if (playable.kappa.size() > 0)
-        for (std::size_t eye = 0; eye < 2; ++eye)
-            d.gaze[eye] = apply_kappa<T>(drivers.gaze[eye], kappa_of(playable.kappa, eye));
-    return d;
-}
+    /// Whether gazes are visual axes, of which kappa makes optical ones.
+    bool visual_axes() const { return avatar.eyes.kappa.size() > 0; }
+};
 
 /// The camera of the render whose super-resolution, `factor` times larger, has the first columns
 /// and rows of the camera's picture: the same view, of whole blocks of factor x factor pixels.
@@ -155,8 +147,8 @@ void check_playable(const std::string& who, const PlayableAvatar<T>& p) {
                     std::to_string(a.rows()) + "), expected (" + std::to_string(cols) + ", " +
                     std::to_string(rows) + ")");
     };
-    const FaceStream<T>& f = p.avatar.face;
-    const EyeStream<T>& e = p.avatar.eyes;
+    const auto& f = p.avatar.face;
+    const auto& e = p.avatar.eyes;
     const Index n = std::max<Index>(f.position.cols(), 1),
                 m = std::max<Index>(e.position.cols(), 2);
     shape("face.xyz", f.position, 3, n);
@@ -171,6 +163,11 @@ void check_playable(const std::string& who, const PlayableAvatar<T>& p) {
     shape("eyes.rotation", e.rotation, 4, m);
     shape("eyes.opacity", e.opacity_logit, 1, m);
     shape("eyes.centre", e.centre, 3, 2);
+    if (p.visual_axes()) shape("eyes.kappa", e.kappa, 2, 2);
+    const Shading<T>& light = p.avatar.shading;
+    shape("shading.light", light.light, light.any() ? 8 : 0, light.any() ? 3 : 0);
+    shape("shading.normal", light.normal, light.any() ? 3 : 0, light.any() ? n : 0);
+    shape("shading.eye_normal", light.eye_normal, light.any() ? 3 : 0, light.any() ? 2 : 0);
     require(e.points_of(0) >= 1 && e.points_of(1) >= 1, who,
             "the left eyeball has " + std::to_string(e.points_of(0)) + " of " + std::to_string(m) +
                 " points, expected at least one in each");
@@ -187,12 +184,10 @@ void check_playable(const std::string& who, const PlayableAvatar<T>& p) {
     const auto finite = [&](const std::string& name, const auto& a) {
         detail::require_all_finite(who, name, a);
     };
-    TwoStream<T>::fields(finite, p.avatar);
+    TrainedAvatar<T>::fields(finite, p.avatar);
     finite("face.landmarks_3d_neutral", f.landmarks);
     finite("eyes.xyz", e.position);
     finite("eyes.centre", e.centre);
-    if (p.kappa.size() > 0) shape("kappa", p.kappa, 2, 2);
-    finite("kappa", p.kappa);
     check_drivers(who + ": neutral", c, p.neutral);
     shape("range.expression", p.ranges.expression_low, c.expression, 1);
     shape("range.expression", p.ranges.expression_high, c.expression, 1);

@@ -12,14 +12,9 @@
 
 namespace rye {
 
-/// The drivers of the face's networks, in the order in which their fields are added.
-enum class FaceDriver : std::uint8_t { expression, pose, left_gaze, right_gaze };
-/// Number of the drivers of the face.
-inline constexpr std::size_t face_drivers = 4;
-
 /// What does not change while an avatar is driven: influences, and codes and features of the points
-/// that each driver moves.
-template <class T>
+/// that each driver moves. A driver that the avatar has not moves no point.
+template <class T, EffectSet E = PaperEffects>
 struct RestPose {
     /// Points that one driver moves.
     struct Moved {
@@ -28,32 +23,41 @@ struct RestPose {
         Columns<T> feature;         ///< tanh(F_0) of these
     };
     Index count = 0;                ///< of all points
-    Weights<T> weights;
-    std::array<Moved, face_drivers> moved;
+    Weights<T, E> weights;
+    std::array<Moved, face_drivers> moved; ///< in the order of their sums
 
-    const Columns<T>& lambda(std::size_t driver) const {
-        return driver == 0 ? weights.exp : driver == 1 ? weights.pose : weights.gaze[driver - 2];
+    /// The size of all of it, in numbers and in indices.
+    std::array<Index, 2> sizes() const {
+        std::array<Index, 2> n{0, 0};
+        for_face_fields<E>([&](auto by) { n[0] += by.influence(weights).size(); });
+        for (const Moved& m : moved) {
+            n[0] += m.code.size() + m.feature.size();
+            n[1] += static_cast<Index>(m.points.size());
+        }
+        return n;
     }
 };
 
 /// The rest pose of a face, by its landmarks' roles.
-template <class T, Backend B>
-RestPose<T> rest_pose(const B& backend, const FaceStream<T>& face, const AvatarConfig& config,
-                      const LandmarkRoles& roles) {
-    RestPose<T> rest;
+template <class T, EffectSet E, Backend B>
+RestPose<T, E> rest_pose(const B& backend, const FaceStream<T, E>& face,
+                         const AvatarConfig& config, const LandmarkRoles& roles) {
+    RestPose<T, E> rest;
     rest.count = face.position.cols();
-    WeightsTrace<T> nearest;
-    rest.weights =
-        face_weights<T>(backend, {config, face.position, face.landmarks}, roles, nearest);
-    // Of all points, as in face_gaussians: a number's bits may depend on its place in a vector.
-    Columns<T> code, feature;
-    encode_points(backend, face.position, config.frequencies, code);
-    tanh_into(backend, face.feature, feature);
-    for (std::size_t d = 0; d < face_drivers; ++d) {
-        auto& moved = rest.moved[d];
-        moved.points = influenced(backend, rest.lambda(d));
-        pick_into(backend, code, moved.points, moved.code);
-        pick_into(backend, feature, moved.points, moved.feature);
+    if constexpr (has_effect<E, FaceDrivers>) {
+        WeightsTrace<T, E> nearest;
+        rest.weights =
+            face_weights<T>(backend, {config, face.seen(), face.landmarks}, roles, nearest);
+        // Of all points, as in face_gaussians: a number's bits may depend on its place in a vector.
+        Columns<T> code, feature;
+        encode_points<EncodingOf<E>>(backend, face.seen(), config.frequencies, code);
+        tanh_into(backend, face.feature, feature);
+        for_face_fields<E>([&](auto by) {
+            auto& moved = rest.moved[by.driver];
+            moved.points = influenced(backend, by.influence(rest.weights));
+            pick_into(backend, code, moved.points, moved.code);
+            pick_into(backend, feature, moved.points, moved.feature);
+        });
     }
     return rest;
 }
@@ -66,8 +70,8 @@ struct Reached {
 };
 
 /// The points that the changed drivers move.
-template <class T>
-Reached reached(const RestPose<T>& rest, const std::array<bool, face_drivers>& changed) {
+template <class T, EffectSet E>
+Reached reached(const RestPose<T, E>& rest, const std::array<bool, face_drivers>& changed) {
     std::vector<bool> in(static_cast<std::size_t>(rest.count), false);
     for (std::size_t d = 0; d < face_drivers; ++d)
         if (changed[d])

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include <rye/avatar/playable.hpp>
+#include <rye/capture/avatar_arrays.hpp>
 #include <rye/capture/avatar_settings.hpp>
 #include <rye/capture/safetensors.hpp>
 #include <rye/core/format.hpp>
@@ -25,8 +26,9 @@ namespace rye {
 
 /// Name of the format in the file's metadata.
 inline constexpr const char* avatar_format = "rye-avatar";
-/// Version of the format; readers refuse others.
-inline constexpr const char* avatar_version = "1";
+/// Version of the format that is written. Readers take version 1 too, whose avatars have no light
+/// and no driven eyes, and a kappa beside them.
+inline constexpr const char* avatar_version = "2";
 
 /// How an avatar file stores parameters other than positions.
 enum class AvatarPrecision {
@@ -35,167 +37,6 @@ enum class AvatarPrecision {
 };
 
 namespace detail {
-
-/// f(name, network, shape) for each network of an avatar; names are those of its fields.
-template <class A, class F>
-void each_network(A& avatar, const AvatarConfig& c, F&& f) {
-    const NetworkConfig& n = c.networks;
-    auto& nets = avatar.face.networks;
-    const int xyz = c.position_code(), pose = c.pose_code(), gaze = c.gaze_code();
-    f("face.exp_color_mlp", nets.exp_color,
-      mlp_shape(c.feature, c.expression, n.exp_color, c.channels));
-    f("face.exp_deform_mlp", nets.exp_deform, mlp_shape(xyz, c.expression, n.exp_deform, 3));
-    f("face.pose_color_mlp", nets.pose_color, mlp_shape(c.feature, pose, n.pose_color, c.channels));
-    f("face.pose_deform_mlp", nets.pose_deform, mlp_shape(xyz, pose, n.pose_deform, 3));
-    for (std::size_t eye = 0; eye < 2; ++eye) {
-        const std::string side = eye == 0 ? "face.left" : "face.right";
-        f(side + "gaze_deform_mlp", nets.gaze_deform[eye], mlp_shape(xyz, gaze, n.gaze_deform, 3));
-        f(side + "gaze_color_mlp", nets.gaze_color[eye],
-          mlp_shape(c.feature, gaze, n.gaze_color, c.channels));
-    }
-    f("face.exp_attributes_mlp", avatar.face.exp_attributes,
-      mlp_shape(c.feature, c.expression, n.exp_attributes, 8));
-    f("face.pose_attributes_mlp", avatar.face.pose_attributes,
-      mlp_shape(c.feature, pose, n.pose_attributes, 8));
-    f("eyes.eye_offset_mlp", avatar.eyes.offset.mlp,
-      mlp_shape(c.expression + pose, 0, n.eye_offset, 6));
-}
-
-template <class A>
-void require_shape(const std::string& who, const A& a, Index rows, Index cols) {
-    require(a.rows() == rows && a.cols() == cols, who,
-            "got shape (" + std::to_string(a.cols()) + ", " + std::to_string(a.rows()) +
-                "), expected (" + std::to_string(cols) + ", " + std::to_string(rows) + ")");
-}
-
-/// Throws Error unless the networks have the shapes that the settings state.
-template <class T>
-void check_networks(const std::string& who, const TwoStream<T>& avatar, const AvatarConfig& c) {
-    each_network(avatar, c, [&](const std::string& name, const auto& net, const MlpShape& s) {
-        const auto layers = static_cast<std::size_t>(s.layers());
-        require(net.weight.size() == layers && net.bias.size() == layers, who + ": " + name,
-                "got " + std::to_string(net.weight.size()) + " layers, expected " +
-                    std::to_string(layers));
-        for (int l = 0; l < s.layers(); ++l) {
-            const auto i = static_cast<std::size_t>(l);
-            const std::string layer = who + ": " + name + ".conv" + std::to_string(l);
-            require_shape(layer + ".weight", net.weight[i], s.layer_out(l), s.fan_in(l));
-            require_shape(layer + ".bias", net.bias[i], s.layer_out(l), 1);
-        }
-    });
-    const Upsampler<T>& u = avatar.upsampler;
-    require(static_cast<int>(u.conv.size()) == u.shape.layers(), who + ": upsampler",
-            "got " + std::to_string(u.conv.size()) + " layers, expected " +
-                std::to_string(u.shape.layers()));
-    for (int l = 0; l < u.shape.layers(); ++l)
-        require_shape(who + ": upsampler, layer " + std::to_string(l),
-                      u.conv[static_cast<std::size_t>(l)], u.shape.block_out(l / 2),
-                      Index(9) * u.shape.layer_in(l));
-    require_shape(who + ": upsampler.outc.conv.weight", u.out_weight, 3, u.shape.capacity);
-    require_shape(who + ": upsampler.outc.conv.bias", u.out_bias, 3, 1);
-}
-
-/// f(name, array, precise) for each array of an avatar that a file has: fields, then buffers.
-template <class A, class F>
-void avatar_arrays(A& avatar, F&& f) {
-    using P = std::remove_const_t<A>;
-    const auto visit = [&](const std::string& name, auto& a) {
-        if (name == "delta_poses" || name == "eyes.spacing") return; // for training alone
-        f("avatar." + name, a, name.ends_with(".xyz"));
-    };
-    P::fields(visit, avatar);
-    P::buffers(
-        [&](const std::string& name, auto& a) {
-            if (name != "eyes.spacing") f("avatar." + name, a, true);
-        },
-        avatar);
-}
-
-/// The small arrays of a file, in one place for both directions, in double.
-struct AvatarScalars {
-    Columns<double> pose, scale, gaze, expression, gaze_range, expression_range, lens, rotation,
-        translation, background;
-
-    /// f(name, array, rows) with the number of rows; the file has shape (columns, rows).
-    template <class F, class S>
-    static void fields(F&& f, S& s) {
-        f("neutral.expression", s.expression, 1);
-        f("neutral.pose", s.pose, 6);
-        f("neutral.scale", s.scale, 1);
-        f("neutral.gaze", s.gaze, 3);
-        f("range.expression", s.expression_range, 2);
-        f("range.gaze", s.gaze_range, 4);
-        f("camera.lens", s.lens, 7);
-        f("camera.rotation", s.rotation, 3);
-        f("camera.translation", s.translation, 3);
-        f("background", s.background, 1);
-    }
-};
-
-template <class T>
-AvatarScalars scalars_of(const PlayableAvatar<T>& p) {
-    const auto to = [](const auto& a) { return Columns<double>(a.template cast<double>()); };
-    AvatarScalars s;
-    s.expression = to(p.neutral.expression.transpose());
-    s.pose = to(p.neutral.pose);
-    s.scale = Columns<double>::Constant(1, 1, static_cast<double>(p.neutral.scale));
-    s.gaze.resize(3, 2);
-    for (std::size_t eye = 0; eye < 2; ++eye)
-        s.gaze.col(static_cast<Index>(eye)) = p.neutral.gaze[eye].template cast<double>();
-    s.expression_range.resize(2, p.ranges.expression_low.size());
-    s.expression_range.row(0) = to(p.ranges.expression_low.transpose());
-    s.expression_range.row(1) = to(p.ranges.expression_high.transpose());
-    s.gaze_range.resize(4, 2);
-    s.gaze_range << to(p.ranges.gaze_low), to(p.ranges.gaze_high);
-    const Pinhole<double> c = p.camera.template cast<double>();
-    s.lens.resize(7, 1);
-    s.lens << c.fx, c.fy, c.cx, c.cy, c.width, c.height, c.near_depth;
-    s.rotation = c.camera_from_world.rotation.transpose(); // a row of it is a column of the file
-    s.translation = c.camera_from_world.translation;
-    s.background = to(p.background.transpose());
-    return s;
-}
-
-template <class T>
-void set_scalars(const AvatarScalars& s, const std::string& who, PlayableAvatar<T>& p) {
-    const auto columns = [&](const char* name, const Columns<double>& a, Index n) {
-        require(a.cols() == n, who + ": " + name,
-                "got " + std::to_string(a.cols()) + " columns, expected " + std::to_string(n));
-    };
-    columns("neutral.pose", s.pose, 1);
-    columns("neutral.scale", s.scale, 1);
-    columns("neutral.gaze", s.gaze, 2);
-    columns("range.gaze", s.gaze_range, 2);
-    columns("camera.lens", s.lens, 1);
-    columns("camera.rotation", s.rotation, 3);
-    columns("camera.translation", s.translation, 1);
-    for (const int side : {4, 5})
-        require(s.lens(side) >= 1 && s.lens(side) <= most_picture_side &&
-                    s.lens(side) == std::floor(s.lens(side)),
-                who + ": camera.lens",
-                "got a side of " + number_text(s.lens(side)) + " pixels, expected 1 to " +
-                    std::to_string(most_picture_side));
-    p.neutral.expression = s.expression.row(0).transpose().template cast<T>();
-    p.neutral.pose = s.pose.col(0).template cast<T>();
-    p.neutral.scale = static_cast<T>(s.scale(0));
-    for (std::size_t eye = 0; eye < 2; ++eye)
-        p.neutral.gaze[eye] = s.gaze.col(static_cast<Index>(eye)).template cast<T>();
-    p.ranges.expression_low = s.expression_range.row(0).transpose().template cast<T>();
-    p.ranges.expression_high = s.expression_range.row(1).transpose().template cast<T>();
-    p.ranges.gaze_low = s.gaze_range.topRows(2).template cast<T>();
-    p.ranges.gaze_high = s.gaze_range.bottomRows(2).template cast<T>();
-    Pinhole<T>& c = p.camera;
-    c.fx = static_cast<T>(s.lens(0));
-    c.fy = static_cast<T>(s.lens(1));
-    c.cx = static_cast<T>(s.lens(2));
-    c.cy = static_cast<T>(s.lens(3));
-    c.width = static_cast<int>(s.lens(4));
-    c.height = static_cast<int>(s.lens(5));
-    c.near_depth = static_cast<T>(s.lens(6));
-    c.camera_from_world.rotation = s.rotation.transpose().template cast<T>();
-    c.camera_from_world.translation = s.translation.col(0).template cast<T>();
-    p.background = s.background.row(0).transpose().template cast<T>();
-}
 
 inline std::string names_text(const std::vector<std::string>& names) {
     std::string text = "[";
@@ -212,6 +53,21 @@ inline std::vector<std::string> parse_names(const std::string& text, const std::
         names.push_back(*name.get<std::string>());
     }
     return names;
+}
+
+/// Whether a file has a part, by its word: off or on. Throws Error for another word, and where it
+/// has the part's first tensor though the word is off, or has not though it is on.
+inline bool has_part(const Safetensors& file, const std::string& who, const std::string& key,
+                     const std::array<std::string, 2>& words, const std::string& tensor) {
+    const std::string& word = file.word(key);
+    require(word == words[0] || word == words[1], who,
+            "metadata '" + key + "': got '" + word + "', expected '" + words[0] + "' or '" +
+                words[1] + "'");
+    const bool on = word == words[1];
+    require(on == file.has(tensor), who,
+            on ? "the tensor '" + tensor + "' is missing, though '" + key + "' is '" + word + "'"
+               : "got a tensor '" + tensor + "', expected none: '" + key + "' is '" + word + "'");
+    return on;
 }
 
 /// A matrix that the file has as F32 or F16.
@@ -260,15 +116,15 @@ std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvat
     detail::AvatarScalars::fields([&](const char* name, const Columns<double>& a,
                                       Index) { entries.push_back(tensor_entry(name, a)); },
                                   scalars);
-    Columns<double> kappa = p.kappa.template cast<double>();
-    if (kappa.size() > 0) entries.push_back(tensor_entry("kappa", kappa));
 
     TensorMetadata metadata{
         {"format", avatar_format},
         {"version", avatar_version},
         {"name", p.name},
         {"settings", settings_text({p.config, p.avatar.upsampler.shape})},
-        {"gaze_axis", kappa.size() > 0 ? "visual" : "optical"},
+        {"gaze_axis", p.visual_axes() ? "visual" : "optical"},
+        {"eye_appearance", has_driven_eyes(p.avatar) ? "driven" : "free"},
+        {"shading", p.avatar.shading.any() ? "head_pose" : "none"},
         {"left_eye_points", std::to_string(p.avatar.eyes.points_of(0))},
         {"expression_names", detail::names_text(p.expression_names)},
     };
@@ -290,9 +146,10 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
                 (found == file.metadata().end() ? std::string("none") : "'" + found->second + "'") +
                 ", expected '" + avatar_format +
                 "'; `rye export --run RUN --out NAME.avatar` writes such a file");
-    require(file.word("version") == avatar_version, who,
-            "metadata 'version': got '" + file.word("version") + "', expected '" + avatar_version +
-                "'");
+    const bool first = file.word("version") == "1";
+    require(first || file.word("version") == avatar_version, who,
+            "metadata 'version': got '" + file.word("version") + "', expected '1' or '" +
+                avatar_version + "'");
     require(file.checked(), who, "the metadata 'checksum' is missing");
     PlayableAvatar<T> p;
     p.name = file.word("name");
@@ -301,17 +158,31 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     p.config = settings.avatar;
     p.expression_names =
         detail::parse_names(file.word("expression_names"), who + ": metadata 'expression_names'");
-    // Layers without arrays, which the file's take the place of.
-    detail::each_network(p.avatar, p.config, [](const std::string&, auto& net, const MlpShape& s) {
-        net.shape = s;
-        net.weight.resize(static_cast<std::size_t>(s.layers()));
-        net.bias.resize(static_cast<std::size_t>(s.layers()));
-    });
+    const char* const kappa = first ? "kappa" : "avatar.eyes.kappa";
+    const bool visual = detail::has_part(file, who, "gaze_axis", {"optical", "visual"}, kappa);
+    const bool driven = !first && detail::has_part(file, who, "eye_appearance", {"free", "driven"},
+                                                   "avatar.eyes.left_appearance_mlp.conv0.weight");
+    const bool light = !first && detail::has_part(file, who, "shading", {"none", "head_pose"},
+                                                  "avatar.shading.light");
+    // Layers and parts without numbers, which the file's take the place of.
+    detail::each_network(p.avatar, p.config, driven,
+                         [](const std::string&, auto& net, const MlpShape& s) {
+                             net.shape = s;
+                             net.weight.resize(static_cast<std::size_t>(s.layers()));
+                             net.bias.resize(static_cast<std::size_t>(s.layers()));
+                         });
+    if (light) p.avatar.shading.light.resize(8, 3);
+    if (visual && !first) p.avatar.eyes.kappa.resize(2, 2);
     p.avatar.upsampler.shape = settings.upsampler;
     p.avatar.upsampler.conv.resize(static_cast<std::size_t>(settings.upsampler.layers()));
     detail::avatar_arrays(p.avatar, [&](const std::string& name, Columns<T>& a, bool) {
         a = detail::avatar_array<T>(file, name);
     });
+    if (visual && first)
+        p.avatar.eyes.kappa = file.columns<double>(kappa, 2, 2).template cast<T>();
+    if (visual) detail::require_shape(who + ": " + kappa, p.avatar.eyes.kappa, 2, 2);
+    if (light)
+        detail::require_shape(who + ": avatar.shading.light", p.avatar.shading.light, 8, 3);
     detail::check_networks(who, p.avatar, p.config);
     const Index points = p.avatar.eyes.position.cols();
     p.avatar.eyes.spacing.setZero(1, points);
@@ -350,14 +221,6 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
         },
         scalars);
     detail::set_scalars(scalars, who, p);
-    const bool visual = file.word("gaze_axis") == "visual";
-    require(visual || file.word("gaze_axis") == "optical", who,
-            "metadata 'gaze_axis': got '" + file.word("gaze_axis") +
-                "', expected 'optical' or 'visual'");
-    require(visual == file.has("kappa"), who,
-            visual ? "the tensor 'kappa' is missing, though 'gaze_axis' is 'visual'"
-                   : "got a tensor 'kappa', expected none: 'gaze_axis' is 'optical'");
-    if (visual) p.kappa = file.columns<double>("kappa", 2, 2).template cast<T>();
     check_playable(who, p);
     return p;
 }

@@ -2,21 +2,23 @@
 /// rye/interactive/drive_cache.hpp: the driven Gaussians of both streams, cached between frames.
 /// Runs only networks whose driver changed and sums only the points that it influences, in the
 /// order of face_gaussians, so every bit is that of drive(). Drivers are compared by bits, without
-/// a tolerance.
+/// a tolerance; gazes as optical axes, after kappa.
 ///
 ///     changed             networks                            Gaussians
 ///     nothing             none                                none
-///     a gaze              that eye's two                      skin around that eye, that eyeball
-///     expression          three of the face, the eye offset   where lambda_exp > 0; eyeballs, if
-///                                                             their offset changed
-///     head pose           three of the face, the eye offset   all
+///     a gaze              that eye's two, that eye's features skin around that eye, that eyeball
+///     expression          three of the face, the eye offset,  where lambda_exp > 0; eyeballs, if
+///                         both eyes' features                 their offset or features changed
+///     head pose           three of the face, the eye offset,  all; light, if the rotation changed
+///                         both eyes' features
 ///     scale               none                                all
 ///
+/// What an avatar has not (driven features of the eyes, light by the head's rotation, any effect
+/// that its list does not name) is not computed.
 /// Memory: the rest pose; the outputs of each network; the driven Gaussians in the head and in the
-/// world.
+/// world; the light's gains.
 #pragma once
 
-#include <concepts>
 #include <functional>
 #include <optional>
 #include <string>
@@ -27,36 +29,39 @@
 
 namespace rye {
 
-/// Effects whose Gaussians depend only on the drivers that a cache compares: the paper's. Effects
-/// that read the camera, such as CornealRefraction and Glint, change them with each view.
+/// Effects whose Gaussians depend only on the drivers that a cache compares: expression, head pose
+/// and gaze. Effects that read the camera, such as CornealRefraction and Glint, change Gaussians
+/// with each view; what a user's own effects read is not known.
 template <class E>
-concept KeptFromFrameToFrame = std::same_as<E, PaperEffects>;
+concept KeptFromFrameToFrame = EffectSet<E> && !has_effect<E, ReadsCamera> && !has_own_effects<E>;
 
 /// Work of the last update.
 struct DriveWork {
-    Index networks = 0;   ///< networks evaluated
+    Index networks = 0;   ///< networks evaluated; driven features of an eye count as one
     Index points = 0;     ///< points evaluated, summed over networks
     Index summed = 0;     ///< points of the face summed again
     Index eyes = 0;       ///< eyeballs transformed again
+    Index lit = 0;        ///< gains of the light computed again
 };
 
 /// An avatar's driven Gaussians, of which an update computes again only what changed drivers move.
-template <Backend B, Real T>
+template <Backend B, Real T, EffectSet E = PaperEffects>
+    requires KeptFromFrameToFrame<E>
 class DriveCache {
   public:
+    /// The avatars that it takes.
+    using Avatar = TwoStream<T, E>;
+
     /// The avatar, its configuration and roles must outlive the cache. Call reset() when the
     /// avatar's parameters have changed.
-    template <EffectSet E>
-        requires KeptFromFrameToFrame<E>
-    DriveCache(const B& backend, const TwoStream<T, E>& avatar,
+    DriveCache(const B& backend, const Avatar& avatar,
                std::reference_wrapper<const AvatarConfig> config,
                std::reference_wrapper<const LandmarkRoles> roles)
         : backend_(backend),
           avatar_(&avatar),
           config_(&config.get()),
           roles_(&roles.get()) {}
-    template <EffectSet E>
-    DriveCache(const B&, const TwoStream<T, E>&&, std::reference_wrapper<const AvatarConfig>,
+    DriveCache(const B&, const Avatar&&, std::reference_wrapper<const AvatarConfig>,
                std::reference_wrapper<const LandmarkRoles>) = delete;
 
     /// Discards all cached values, the rest pose included.
@@ -65,21 +70,23 @@ class DriveCache {
         last_.reset();
     }
 
-    /// Updates the Gaussians to the drivers.
-    const Gaussians<T>& update(const Drivers<T>& drivers) {
+    /// Updates the Gaussians to the drivers, whose gazes are as those of drive().
+    const Gaussians<T>& update(const Drivers<T, E>& drivers) {
         work_ = {};
         changed_.clear();
         if (!rest_) begin();
-        const Changes c = changes(drivers);
+        const Drivers<T, E>& optical = optical_drivers(avatar_->eyes, drivers);
+        const Changes c = changes(optical);
         if (!c.any()) return world_;
         last_.reset();  // invalid until the update is complete
-        code_ = frame_code(*config_, drivers);
+        code_ = frame_code(*config_, optical);
         run_networks(c);
-        const bool moved_head = c.driver[1] || c.scale;
-        if (moved_head) head_ = head_transform(drivers);
-        sum_face(c, moved_head);
-        place_eyes(c, moved_head, drivers);
-        last_ = drivers;
+        if constexpr (has_effect<E, HeadPose>)
+            if (c.moves_all()) head_ = head_transform(optical);
+        light(c, optical);
+        sum_face(c);
+        place_eyes(c, optical);
+        last_ = optical;
         return world_;
     }
 
@@ -88,23 +95,21 @@ class DriveCache {
     /// Columns that the last update changed, ascending.
     const std::vector<Index>& changed() const { return changed_; }
     const DriveWork& work() const { return work_; }
-    const RestPose<T>& rest() const { return *rest_; }
+    const RestPose<T, E>& rest() const { return *rest_; }
 
     /// Size of all cached data.
     std::size_t bytes() const {
-        Index numbers = 0, indices = 0;
+        Index numbers = attributes_.size() + gain_.size(), indices = 0;
         const auto add = [&](const std::string&, const Columns<T>& a) { numbers += a.size(); };
         Gaussians<T>::fields(add, face_);
         Gaussians<T>::fields(add, world_);
-        numbers += attributes_.size();
-        for (const Field& f : fields_)
+        for (const Outputs& f : outputs_)
             numbers += f.color.size() + f.deform.size() + f.attributes.size();
-        if (rest_)
-            for (std::size_t d = 0; d < face_drivers; ++d) {
-                const auto& m = rest_->moved[d];
-                numbers += rest_->lambda(d).size() + m.code.size() + m.feature.size();
-                indices += static_cast<Index>(m.points.size());
-            }
+        if (rest_) {
+            const auto [n, i] = rest_->sizes();
+            numbers += n;
+            indices += i;
+        }
         for (const auto& r : reached_)
             if (r) {
                 indices += static_cast<Index>(r->points.size());
@@ -115,146 +120,241 @@ class DriveCache {
     }
 
   private:
+    static constexpr bool has_attributes = has_effect<E, ReadsFaceRamp>;
+
     /// Squashed outputs of one driver's networks, a column per influenced point.
-    struct Field {
+    struct Outputs {
         Columns<T> color, deform, attributes;
     };
     struct Changes {
+        bool first = false; ///< nothing is known yet
         std::array<bool, face_drivers> driver{};
-        bool scale = false;
-        bool any() const { return scale || driver[0] || driver[1] || driver[2] || driver[3]; }
+        bool scale = false, light = false;
+        bool any() const {
+            return first || scale || driver[0] || driver[1] || driver[2] || driver[3];
+        }
+        bool moves_all() const { return first || driver[1] || scale; }
+        bool attributes() const { return driver[0] || driver[1]; }
     };
 
-    Changes changes(const Drivers<T>& d) const {
-        if (!last_) return {{true, true, true, true}, true};
-        return {{!same_bits(d.expression, last_->expression), !same_bits(d.pose, last_->pose),
-                 !same_bits(d.gaze[0], last_->gaze[0]), !same_bits(d.gaze[1], last_->gaze[1])},
-                !same_bits(d.scale, last_->scale)};
+    Changes changes(const Drivers<T, E>& d) const {
+        const bool lit = has_light();
+        if (!last_) return {true, {true, true, true, true}, true, lit};
+        Changes c;
+        if constexpr (has_effect<E, ReadsExpression>)
+            c.driver[0] = !same_bits(d.expression, last_->expression);
+        if constexpr (has_effect<E, ReadsHeadPose>) {
+            c.driver[1] = !same_bits(d.pose, last_->pose);
+            c.light = lit && !same_bits(Vec3<T>(d.pose.template head<3>()),
+                                        Vec3<T>(last_->pose.template head<3>()));
+        }
+        for_eyes([&]<std::size_t eye>() {
+            if constexpr (eye_turns<E, eye>)
+                c.driver[2 + eye] =
+                    !same_bits(of_eye<eye>(d.gaze), of_eye<eye>(last_->gaze));
+        });
+        if constexpr (has_effect<E, HeadPose>) c.scale = !same_bits(d.scale, last_->scale);
+        return c;
+    }
+
+    bool has_light() const {
+        if constexpr (has_effect<E, HeadShading>)
+            return avatar_->shading.any();
+        else
+            return false;
     }
 
     /// Computes the parts that depend on no driver.
     void begin() {
-        const FaceStream<T>& face = avatar_->face;
-        const EyeStream<T>& eyes = avatar_->eyes;
+        const FaceStream<T, E>& face = avatar_->face;
+        const EyeStream<T, E>& eyes = avatar_->eyes;
         rest_ = rest_pose(backend_, face, *config_, *roles_);
         reached_ = {};
         const Index n = face.position.cols(), all = n + eyes.position.cols();
         face_ = Gaussians<T>(n, config_->channels);
         world_ = Gaussians<T>(all, config_->channels);
-        attributes_.resize(8, n);
-        world_.feature.rightCols(all - n) = eyes.feature;
+        face_.mean = face.position;
+        if constexpr (face_rests<E>)
+            face_.feature = face.rest_color;
+        else
+            face_.feature.setZero();
+        const DrawnAttributes<T> drawn{face_.scale, face_.rotation, face_.opacity};
+        if constexpr (has_attributes) {
+            attributes_.setZero(8, n);
+            activate_into(backend_, raw_attributes(face), drawn, attributes_);
+        } else {
+            activate_into(backend_, raw_attributes(face), drawn);
+        }
         world_.opacity.rightCols(all - n) =
             eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     }
 
     void run_networks(const Changes& c) {
-        const FaceNetworks<T>& nets = avatar_->face.networks;
-        const std::array<const Mlp<T>*, face_drivers> color{
-            &nets.exp_color, &nets.pose_color, &nets.gaze_color[0], &nets.gaze_color[1]};
-        const std::array<const Mlp<T>*, face_drivers> deform{
-            &nets.exp_deform, &nets.pose_deform, &nets.gaze_deform[0], &nets.gaze_deform[1]};
-        const std::array<const Mlp<T>*, 2> attributes{&avatar_->face.exp_attributes,
-                                                      &avatar_->face.pose_attributes};
-        const std::array<const VecX<T>*, face_drivers> codes{&code_.expression, &code_.pose,
-                                                             &code_.gaze[0], &code_.gaze[1]};
-        const auto run = [&](const Mlp<T>& net, Squash squash, const Columns<T>& input,
-                             std::size_t d, Columns<T>& output) {
+        const auto run = [&](const auto& net, Squash squash, const Columns<T>& input,
+                             const VecX<T>& code, Columns<T>& output) {
             output =
-                evaluate_field(backend_, rye::Field{net, squash, T(1)}, input, *codes[d], nullptr);
+                evaluate_field(backend_, rye::Field{net, squash, T(1)}, input, code, nullptr);
             ++work_.networks;
             work_.points += input.cols();
         };
-        for (std::size_t d = 0; d < face_drivers; ++d) {
-            if (!c.driver[d]) continue;
-            const auto& moved = rest_->moved[d];
-            run(*color[d], Squash::none, moved.feature, d, fields_[d].color);
-            run(*deform[d], Squash::tanh, moved.code, d, fields_[d].deform);
-            if (d < 2)
-                run(*attributes[d], Squash::none, moved.feature, d, fields_[d].attributes);
-        }
+        const FaceStream<T, E>& face = avatar_->face;
+        for_face_fields<E>([&](auto by) {
+            if (!c.driver[by.driver]) return;
+            const auto& moved = rest_->moved[by.driver];
+            Outputs& to = outputs_[by.driver];
+            const VecX<T>& code = by.code(code_);
+            run(by.color(face.networks), Squash::none, moved.feature, code, to.color);
+            run(by.deform(face.networks), Squash::tanh, moved.code, code, to.deform);
+            if constexpr (by.attributes)
+                run(by.attribute(face), Squash::none, moved.feature, code, to.attributes);
+        });
+    }
+
+    /// The light's gains by the head's rotation.
+    void light(const Changes& c, [[maybe_unused]] const Drivers<T, E>& drivers) {
+        if (!c.light) return;
+        if constexpr (has_effect<E, HeadShading>)
+            shading_gain(backend_, avatar_->shading,
+                         Vec3<T>(drivers.pose.template head<3>()), gain_);
+        work_.lit = gain_.cols();
     }
 
     /// Sums the fields at points where one of them changed, and transforms the result to the world.
-    void sum_face(const Changes& c, bool moved_head) {
-        const FaceStream<T>& face = avatar_->face;
-        const bool attributes = c.driver[0] || c.driver[1];
+    void sum_face(const Changes& c) {
+        const FaceStream<T, E>& face = avatar_->face;
+        const bool attributes = has_attributes && c.attributes();
         const Reached& r = reached_by(c);
-        const Columns<T>& x = face.position;
-        for_chunks(backend_.threads, static_cast<Index>(r.points.size()), 1024,
-                   [&](Index b, Index e, Index) {
-                       for (Index k = b; k < e; ++k) {
-                           const Index i = r.points[static_cast<std::size_t>(k)];
-                           face_.mean.col(i) = x.col(i);
-                           face_.feature.col(i).setZero();
-                           if (attributes) attributes_.col(i).setZero();
-                       }
-                   });
-        for (std::size_t d = 0; d < face_drivers; ++d) {
-            const auto add = [&](double gain, const Columns<T>& output, Columns<T>& out) {
-                accumulate_field(backend_,
-                                 {T(gain), rest_->lambda(d), rest_->moved[d].points, output},
-                                 &r.listed[d], out);
-            };
-            add(1, fields_[d].color, face_.feature);
-            add(config_->deform_scale, fields_[d].deform, face_.mean);
-            if (attributes && d < 2)
-                add(config_->attribute_scale, fields_[d].attributes, attributes_);
-        }
-        if (attributes)
+        const auto for_points = [&](const auto& f) {
             for_chunks(backend_.threads, static_cast<Index>(r.points.size()), 1024,
                        [&](Index b, Index e, Index) {
-                           for (Index k = b; k < e; ++k)
-                               activate_point(raw_attributes(face),
-                                              r.points[static_cast<std::size_t>(k)],
-                                              {face_.scale, face_.rotation, face_.opacity},
-                                              attributes_);
+                           for (Index k = b; k < e; ++k) f(r.points[static_cast<std::size_t>(k)]);
                        });
+        };
+        for_points([&](Index i) {
+            face_.mean.col(i) = face.position.col(i);
+            if constexpr (face_rests<E>)
+                face_.feature.col(i) = face.rest_color.col(i);
+            else
+                face_.feature.col(i).setZero();
+            if (attributes) attributes_.col(i).setZero();
+        });
+        for_face_fields<E>([&](auto by) {
+            const Outputs& from = outputs_[by.driver];
+            const auto add = [&](double gain, const Columns<T>& output, Columns<T>& out) {
+                accumulate_field(backend_,
+                                 {T(gain), by.influence(rest_->weights),
+                                  rest_->moved[by.driver].points, output},
+                                 &r.listed[by.driver], out);
+            };
+            add(1, from.color, face_.feature);
+            add(config_->deform_scale, from.deform, face_.mean);
+            if constexpr (by.attributes)
+                if (attributes) add(config_->attribute_scale, from.attributes, attributes_);
+        });
+        if constexpr (has_attributes)
+            if (attributes)
+                for_points([&](Index i) {
+                    activate_point(raw_attributes(face), i,
+                                   {face_.scale, face_.rotation, face_.opacity}, attributes_);
+                });
         work_.summed = static_cast<Index>(r.points.size());
-        if (moved_head) {
+        if (c.moves_all())
             for (Index i = 0; i < rest_->count; ++i) changed_.push_back(i);
-        } else {
+        else
             changed_ = r.points;
-        }
         to_world_part();
     }
 
-    /// Gathers the changed points of the face, transforms them to the world, scatters them back.
+    /// Gathers the changed points of the face, transforms them to the world and into the light,
+    /// scatters them back.
     void to_world_part() {
         Gaussians<T>::fields([&](const std::string&, Columns<T>& to, const Columns<T>& from) {
             to = pick_columns(from, changed_);
         }, part_, face_);
-        to_world(backend_, head_, part_.scale, part_);
+        if constexpr (has_effect<E, HeadPose>) to_world(backend_, head_, part_.scale, part_);
+        if (has_light())
+            for (std::size_t k = 0; k < changed_.size(); ++k)
+                shade_point(gain_, changed_[k], part_.feature, static_cast<Index>(k));
         Gaussians<T>::fields([&](const std::string&, Columns<T>& to, const Columns<T>& from) {
             for (std::size_t k = 0; k < changed_.size(); ++k)
                 to.col(changed_[k]) = from.col(static_cast<Index>(k));
         }, world_, part_);
     }
 
-    void place_eyes(const Changes& c, bool moved_head, const Drivers<T>& drivers) {
-        const EyeStream<T>& eyes = avatar_->eyes;
-        const Index n = rest_->count;
-        std::array<bool, 2> moved{c.driver[2] || moved_head, c.driver[3] || moved_head};
-        if (c.driver[0] || c.driver[1]) {
-            EyeOffsetTrace<T> trace;
-            const Columns<T> offset = eye_offset<T>(backend_, eyes.offset, *config_, code_, trace);
-            ++work_.networks;
-            ++work_.points;
-            if (!same_bits(offset, offset_)) moved = {true, true};
-            offset_ = offset;
+    /// f(head...) with the head's transform, if the avatar has one.
+    template <class F>
+    decltype(auto) with_head(F&& f) const {
+        if constexpr (has_effect<E, HeadPose>)
+            return f(head_);
+        else
+            return f();
+    }
+
+    void place_eyes(const Changes& c, const Drivers<T, E>& drivers) {
+        const EyeStream<T, E>& eyes = avatar_->eyes;
+        std::array<bool, 2> moved{c.driver[2] || c.moves_all(), c.driver[3] || c.moves_all()};
+        Columns<T> centre = eyes.centre;
+        if constexpr (has_effect<E, EyeOffset>) {
+            if (c.driver[0] || c.driver[1]) {
+                EyeOffsetTrace<T> trace;
+                centre += eye_offset<T>(backend_, eyes.offset, *config_, code_, trace);
+                ++work_.networks;
+                ++work_.points;
+            } else {
+                centre = centre_;
+            }
         }
-        if (c.scale)
-            set_eye_scales(eyes, world_, rest_->count, head_.scale);
+        if (!same_bits(centre, centre_)) moved = {true, true};
+        centre_ = centre;
+        if (c.first || c.scale)
+            with_head([&](const auto&... head) {
+                set_eye_scales(eyes, world_, rest_->count, head.scale...);
+            });
+        const std::array<bool, 2> coloured = write_eye_features(c, drivers);
+        for_eyes([&]<std::size_t eye>() {
+            constexpr Index e = static_cast<Index>(eye);
+            const Index begin = rest_->count + eyes.first_point(e);
+            if (moved[eye]) {
+                place_eye(eyes, e, with_head([&](const auto&... head) {
+                              return placed_eye<eye>(eyes, Vec3<T>(centre_.col(e)), drivers,
+                                                     head...);
+                          }),
+                          begin, world_);
+                ++work_.eyes;
+            }
+            if (moved[eye] || coloured[eye])
+                for (Index i = begin; i < begin + eyes.points_of(e); ++i) changed_.push_back(i);
+        });
+    }
+
+    /// Writes the features of eyes whose drivers or light changed; returns of which.
+    std::array<bool, 2> write_eye_features(const Changes& c, const Drivers<T, E>& drivers) {
+        const EyeStream<T, E>& eyes = avatar_->eyes;
+        std::array<bool, 2> which{}, driven{};
+        for (std::size_t eye = 0; eye < 2; ++eye) {
+            const bool gaze = c.driver[2 + eye];
+            driven[eye] = drives_features<EyeAppearanceOf<E>>(eyes.appearance(), eye);
+            which[eye] = c.first || c.light || (driven[eye] && (c.attributes() || gaze)) ||
+                         (GazeMechanismOf<E>::changes_features && gaze);
+        }
+        if constexpr (!eyes_apart<E>)
+            if (which[0] || which[1] ||
+                ((driven[0] || driven[1]) && (c.driver[2] || c.driver[3])))
+                which = {true, true};
+        if (!which[0] && !which[1]) return which;
+        eye_features(backend_, eyes, {*config_, drivers, code_}, which, rest_->count, world_);
         for (Index eye = 0; eye < 2; ++eye) {
             const std::size_t e = static_cast<std::size_t>(eye);
-            if (!moved[e]) continue;
-            const Index begin = n + eyes.first_point(eye);
-            const EyeTransform<T> placed = eye_transform<T>(
-                {eyes.centre.col(eye), offset_.col(eye), drivers.gaze[e]},
-                {{head_.rotation, head_.translation}, head_.scale});
-            place_eye(eyes, eye, placed, begin, world_);
-            for (Index i = begin; i < begin + eyes.points_of(eye); ++i) changed_.push_back(i);
-            ++work_.eyes;
+            if (!which[e]) continue;
+            const Index begin = rest_->count + eyes.first_point(eye), n = eyes.points_of(eye);
+            if (has_light())
+                for (Index i = begin; i < begin + n; ++i)
+                    shade_point(gain_, rest_->count + eye, world_.feature, i);
+            if (!driven[e]) continue;
+            ++work_.networks;
+            work_.points += n;
         }
+        return which;
     }
 
     /// The points that a set of drivers influences; computed once per set.
@@ -267,17 +367,18 @@ class DriveCache {
     }
 
     B backend_;
-    const TwoStream<T>* avatar_;
+    const Avatar* avatar_;
     const AvatarConfig* config_;
     const LandmarkRoles* roles_;
-    std::optional<RestPose<T>> rest_;
+    std::optional<RestPose<T, E>> rest_;
     std::array<std::optional<Reached>, 16> reached_;
-    std::optional<Drivers<T>> last_;
-    FrameCode<T> code_;
-    HeadTransform<T> head_;
-    std::array<Field, face_drivers> fields_;
+    std::optional<Drivers<T, E>> last_;
+    FrameCode<T, E> code_;
+    [[no_unique_address]] HeadSlot<T, E> head_;
+    std::array<Outputs, face_drivers> outputs_;
     Columns<T> attributes_;     ///< summed steps, 8 x N
-    Columns<T> offset_;         ///< of the eyes, 3 x 2
+    Columns<T> gain_;           ///< of the light, 3 x (N + 2)
+    Columns<T> centre_;         ///< of the eyes in the head frame, 3 x 2
     Gaussians<T> face_;         ///< head frame
     Gaussians<T> world_, part_;
     std::vector<Index> changed_;

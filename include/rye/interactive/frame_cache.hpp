@@ -16,6 +16,7 @@
 /// Memory: see bytes().
 #pragma once
 
+#include <concepts>
 #include <functional>
 #include <optional>
 
@@ -27,14 +28,19 @@ namespace rye {
 
 /// Driven Gaussians, their render and the upsampled image from frame to frame, each updated where
 /// it changed.
-template <Backend B, AccuracyPolicy A, Real T>
+template <Backend B, AccuracyPolicy A, Real T, EffectSet E = PaperEffects>
+    requires KeptFromFrameToFrame<E>
 class FrameCache {
+    static_assert(std::same_as<UpsamplerOf<T, E>, Upsampler<T>>,
+                  "FrameCache: an upsampler of one's own is not kept from frame to frame");
+
   public:
+    /// The avatars that it takes.
+    using Avatar = TwoStream<T, E>;
+
     /// Avatar, configuration and roles must outlive the cache. Call reset() when the avatar's
     /// parameters have changed.
-    template <EffectSet E>
-        requires KeptFromFrameToFrame<E>
-    FrameCache(const B& backend, const TwoStream<T, E>& avatar,
+    FrameCache(const B& backend, const Avatar& avatar,
                std::reference_wrapper<const AvatarConfig> config,
                std::reference_wrapper<const LandmarkRoles> roles,
                const Rasterizer<A>& rasterizer = {})
@@ -42,8 +48,7 @@ class FrameCache {
           drive_(backend, avatar, config, roles),
           redraw_(backend, rasterizer),
           upsampler_(backend) {}
-    template <EffectSet E>
-    FrameCache(const B&, const TwoStream<T, E>&&, std::reference_wrapper<const AvatarConfig>,
+    FrameCache(const B&, const Avatar&&, std::reference_wrapper<const AvatarConfig>,
                std::reference_wrapper<const LandmarkRoles>, const Rasterizer<A>& = {}) = delete;
 
     void reset() {
@@ -52,8 +57,8 @@ class FrameCache {
     }
 
     /// Updates the render; `camera` is that of the render.
-    const Raster<T, A::outputs>& update(const Drivers<T>& drivers, const Pinhole<T>& camera,
-                            const VecX<T>& background) {
+    const Raster<T, A::outputs>& update(const Drivers<T, E>& drivers, const Pinhole<T>& camera,
+                                        const VecX<T>& background) {
         const bool whole = !shown_ || !redraw_.drawn() || !same_bits(camera, shown_->camera);
         const bool repaint = whole || !same_bits(background, shown_->background);
         shown_.reset();  // invalid until the update is complete
@@ -88,7 +93,7 @@ class FrameCache {
         return upsampler_.picture();
     }
 
-    const DriveCache<B, T>& drive() const { return drive_; }
+    const DriveCache<B, T, E>& drive() const { return drive_; }
     const Redraw<B, A, T>& render() const { return redraw_; }
     const UpsamplerCache<B, T>& upsampler() const { return upsampler_; }
     std::size_t bytes() const { return drive_.bytes() + redraw_.bytes() + upsampler_.bytes(); }
@@ -112,8 +117,8 @@ class FrameCache {
                rye::same_bits(a.camera_from_world.translation, b.camera_from_world.translation);
     }
 
-    const TwoStream<T>* avatar_;
-    DriveCache<B, T> drive_;
+    const Avatar* avatar_;
+    DriveCache<B, T, E> drive_;
     Redraw<B, A, T> redraw_;
     UpsamplerCache<B, T> upsampler_;
     std::optional<Shown> shown_;

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <string>
 
+#include <rye/avatar/hold.hpp>
 #include <rye/avatar/playable.hpp>
 #include <rye/interactive/frame_cache.hpp>
 
@@ -45,7 +46,7 @@ class AvatarPlayer {
                     std::to_string(playable_->config.channels));
         detail::require_all_finite(who, "background", background);
         const int factor = 1 << playable_->avatar.upsampler.shape.doublings;
-        cache_.update(optical_drivers(*playable_, drivers), render_camera(camera, factor),
+        cache_.update(restricted<TrainedEffects>(drivers), render_camera(camera, factor),
                       background);
         check_drawn(who);
         const Image<T>& picture = cache_.picture();
@@ -83,7 +84,7 @@ class AvatarPlayer {
     }
 
     const PlayableAvatar<T>* playable_;
-    FrameCache<B, A, T> cache_;
+    FrameCache<B, A, T, TrainedEffects> cache_;
     PlayedWork work_;
     Image<T> cropped_;
 };

@@ -66,17 +66,28 @@ struct DrivenFeatures {
         }
         return p;
     }
+    /// Whether an eye (0: the left) has a network, so that the frame drives its features.
+    template <class P>
+    static bool driven(const P& p, std::size_t eye) {
+        return !p.networks[eye].weight.empty();
+    }
     /// Writes the features, C x P: whole columns, contiguous.
     template <class B, class P, class T>
     static void features(const B& backend, const P& p, const EyeInputs<T>& in,
                          ColumnsSpan<T> feature) {
-        Eigen::Map<Columns<T>>(feature.data(), p.feature.rows(), p.feature.cols()) = p.feature;
-        for (std::size_t eye = 0; eye < 2; ++eye) {
-            if (p.networks[eye].weight.empty()) continue;
-            const Evaluated<T> x(in, eye);
-            feature.middleCols(x.first, x.direction.cols()) +=
-                mlp_forward<T>(backend, p.networks[eye], x.points, x.frame, nullptr);
-        }
+        for (std::size_t eye = 0; eye < 2; ++eye) eye_features(backend, p, in, eye, feature);
+    }
+    /// As features, of one eye's columns alone: those of the other eye stay as they are.
+    template <class B, class P, class T>
+    static void eye_features(const B& backend, const P& p, const EyeInputs<T>& in, std::size_t eye,
+                             ColumnsSpan<T> feature) {
+        const Index rows = p.feature.rows(), first = eye == 0 ? 0 : in.left_points,
+                    n = eye == 0 ? in.left_points : p.feature.cols() - in.left_points;
+        Eigen::Map<Columns<T>> to(feature.data() + first * rows, rows, n);
+        to = p.feature.middleCols(first, n);
+        if (!driven(p, eye)) return;
+        const Evaluated<T> x(in, eye);
+        to += mlp_forward<T>(backend, p.networks[eye], x.points, x.frame, nullptr);
     }
     /// Accumulates the parameters' gradient from the features' cotangent; returns that of the
     /// inputs.
@@ -86,7 +97,7 @@ struct DrivenFeatures {
         EyeInputsCotangent<T> g_in;
         grad.feature += g;
         for (std::size_t eye = 0; eye < 2; ++eye) {
-            if (p.networks[eye].weight.empty()) continue;
+            if (!driven(p, eye)) continue;
             const Evaluated<T> x(in, eye);
             MlpTrace<T> trace;
             mlp_forward<T>(backend, p.networks[eye], x.points, x.frame, &trace);

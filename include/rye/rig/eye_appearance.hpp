@@ -105,6 +105,24 @@ concept EyeAppearance =
     };
 static_assert(EyeAppearance<FreeFeatures>);
 
+/// An appearance that reads its inputs may say by driven(parameters, eye) whether the frame drives
+/// the features of an eye (0: the left), if that depends on its parameters.
+template <EyeAppearance A, class P>
+bool drives_features([[maybe_unused]] const P& p, [[maybe_unused]] std::size_t eye) {
+    if constexpr (requires { A::driven(p, eye); })
+        return A::driven(p, eye);
+    else
+        return A::reads_inputs;
+}
+/// An appearance of which an eye's features follow from that eye's gaze and not from the other's,
+/// and are written alone by eye_features(backend, parameters, inputs, eye, features of both).
+template <class A>
+concept EyeByEye = EyeAppearance<A> &&
+                   requires(const typename A::template Parameters<float>& p,
+                            const EyeInputs<float>& inputs, ColumnsSpan<float> feature) {
+                       A::eye_features(0, p, inputs, std::size_t(0), feature);
+                   };
+
 /// The first parameters of an appearance.
 template <EyeAppearance A, class T>
 typename A::template Parameters<T> init_eye_appearance(const AppearanceSizes& sizes,

@@ -1,0 +1,230 @@
+// SPDX-License-Identifier: Apache-2.0
+// Driven Gaussians kept from frame to frame, of every kind of avatar that a cache takes.
+#include <rye/interactive/drive_cache.hpp>
+
+#include <algorithm>
+#include <vector>
+
+#include <doctest/doctest.h>
+
+#include <rye/avatar/trained.hpp>
+#include <rye/backend/lanes.hpp>
+#include <rye/backend/scalar.hpp>
+#include <rye/core/thread_pool.hpp>
+#include <rye/rig/gaze_features.hpp>
+#include <rye/rig/gaze_mechanisms.hpp>
+
+#include "../support/effect_sets.hpp"
+
+using namespace rye;
+using namespace rye::test;
+
+namespace {
+
+using WithKappa = More<PaperEffects, Kappa>;
+using WithDrivenEyes = More<PaperEffects, EyesBy<DrivenFeatures>>;
+using WithLight = More<PaperEffects, HeadShading>;
+using OfFeatures = More<PaperEffects, GazeBy<FixedEye>, EyesBy<RotatedFeatures>>;
+using Talk = Less<PaperEffects, PoseResidual>;
+using Look = Effects<HeadPose, LeftGaze, RightGaze, Periocular, CornealBulge>;
+using OneEye = Effects<Expression, RightGaze, Kappa, EyesBy<DrivenFeatures>>;
+
+// An effect that reads the camera changes Gaussians with each view.
+static_assert(KeptFromFrameToFrame<PaperEffects> && KeptFromFrameToFrame<TrainedEffects> &&
+              KeptFromFrameToFrame<Effects<>>);
+static_assert(!KeptFromFrameToFrame<More<PaperEffects, Glint>> &&
+              !KeptFromFrameToFrame<More<TrainedEffects, CornealRefraction>>);
+
+inline AvatarConfig eyes_apart_config() {
+    AvatarConfig c = tiny_config(); // skin that follows each gaze alone
+    c.gaze_near = 0.02;
+    c.gaze_far = 0.06;
+    return c;
+}
+
+/// An avatar and what drives it.
+template <class T, EffectSet E>
+struct Puppet {
+    AvatarConfig config = eyes_apart_config();
+    LandmarkRoles roles = tiny_roles();
+    TwoStream<T, E> avatar;
+    Drivers<T> drivers = tiny_drivers<T>();
+
+    explicit Puppet(const TwoStream<double, E>& a) : avatar(lifted<T>(a)) {}
+    Drivers<T, E> own() const { return restricted<E>(drivers); }
+};
+
+/// A puppet with the parts of E, none of them neutral.
+template <class T, EffectSet E>
+Puppet<T, E> puppet() {
+    return Puppet<T, E>(avatar_with_parts<E>());
+}
+
+/// A puppet with fewer effects than the paper's, the others held.
+template <class T, EffectSet E>
+Puppet<T, E> held_puppet() {
+    return Puppet<T, E>(held<E>(ScalarBackend<>{}, restricted<PaperEffects>(avatar_of_all()),
+                                eyes_apart_config(), tiny_roles(), tiny_drivers<double>()));
+}
+
+/// The bits of drive(); columns that changed are listed.
+template <class B, class T, class E>
+void check(const B& backend, DriveCache<B, T, E>& cache, const Puppet<T, E>& p) {
+    const Gaussians<T> before = cache.gaussians();
+    TwoStreamTrace<T, E> trace;
+    drive(backend, p.avatar, {p.config, p.roles, p.own()}, trace);
+    const Gaussians<T>& kept = cache.update(p.own());
+    std::vector<bool> listed(static_cast<std::size_t>(kept.count()), false);
+    for (const Index i : cache.changed()) listed[static_cast<std::size_t>(i)] = true;
+    CHECK(std::is_sorted(cache.changed().begin(), cache.changed().end()));
+    Gaussians<T>::fields(
+        [&](const std::string& name, const auto& a, const auto& b, const auto& old) {
+            INFO(name);
+            CHECK(same_bits(a, b));
+            if (old.size() != a.size()) return;
+            for (Index i = 0; i < a.cols(); ++i)
+                if (!listed[static_cast<std::size_t>(i)])
+                    CHECK(same_bits(Columns<T>(a.col(i)), Columns<T>(old.col(i))));
+        },
+        kept, trace.gaussians, before);
+}
+
+/// Changes any of the drivers, alone or together, or nothing.
+template <class T>
+void change(Drivers<T>& d, int step) {
+    const Random random{static_cast<std::uint64_t>(step) + 90, 3};
+    std::uint64_t k = 0;
+    const auto chance = [&](double p) { return random.uniform(k++) < p; };
+    const auto any = [&] { return static_cast<T>(random.uniform(k++) - 0.5); };
+    const bool all = chance(0.1);
+    for (std::size_t e = 0; e < 2; ++e)
+        if (all || chance(0.4)) d.gaze[e] = Vec3<T>(any(), any(), T(1)).normalized();
+    if (all || chance(0.25)) d.expression[1] += any();
+    if (all || chance(0.2)) d.pose[static_cast<Index>(random.below(k++, 3))] += T(0.3) * any();
+    if (all || chance(0.1)) d.pose[3 + static_cast<Index>(random.below(k++, 3))] += T(0.2) * any();
+    if (all || chance(0.1)) d.scale = T(1) + T(0.2) * any();
+}
+
+template <class B, class T, class E>
+void follow(const B& backend, Puppet<T, E> p, int steps) {
+    DriveCache<B, T, E> cache(backend, p.avatar, p.config, p.roles);
+    check(backend, cache, p);
+    for (int step = 0; step < steps; ++step) {
+        INFO(step);
+        change(p.drivers, step);
+        check(backend, cache, p);
+    }
+    cache.reset();
+    check(backend, cache, p);
+    CHECK(cache.bytes() > 0);
+}
+
+} // namespace
+
+TEST_CASE_TEMPLATE("drive cache: the bits of drive() over random drivers, whatever is on", E,
+                   PaperEffects, WithKappa, WithDrivenEyes, WithLight, OfFeatures,
+                   TrainedEffects) {
+    follow(XsimdBackend<>{}, puppet<float, E>(), 40);
+}
+
+TEST_CASE_TEMPLATE("drive cache: the bits of drive() of avatars with fewer effects", E, Talk, Look,
+                   Effects<HeadPose>, Effects<>) {
+    follow(XsimdBackend<>{}, held_puppet<float, E>(), 20);
+}
+
+TEST_CASE("drive cache: the bits of drive() with one eye, in double, on one thread and two") {
+    follow(ScalarBackend<>{}, puppet<double, OneEye>(), 20);
+    follow(ScalarBackend<>{}, puppet<double, TrainedEffects>(), 20);
+    for (const int threads : {1, 2}) {
+        ThreadPool pool(threads);
+        follow(XsimdBackend{pool.threads()}, puppet<float, TrainedEffects>(), 15);
+    }
+}
+
+TEST_CASE("drive cache: eyes whose features alone change with the expression are listed") {
+    Puppet<float, TrainedEffects> p = puppet<float, TrainedEffects>();
+    p.avatar.eyes.offset.mlp.weight.back().setZero();
+    p.avatar.eyes.offset.mlp.bias.back().setZero();
+    DriveCache<XsimdBackend<>, float, TrainedEffects> cache({}, p.avatar, p.config, p.roles);
+    check(XsimdBackend<>{}, cache, p);
+    p.drivers.expression[0] += 0.25F;
+    check(XsimdBackend<>{}, cache, p);
+    CHECK(cache.work().eyes == 0);
+    CHECK(cache.changed().back() == cache.gaussians().count() - 1);
+}
+
+TEST_CASE("drive cache: of a trained avatar is done what its parts read of what changed") {
+    Puppet<float, TrainedEffects> p = puppet<float, TrainedEffects>();
+    DriveCache<XsimdBackend<>, float, TrainedEffects> cache({}, p.avatar, p.config, p.roles);
+    const auto update = [&] {
+        cache.update(p.own());
+        return cache.work();
+    };
+    const Index face = p.avatar.face.position.cols();
+    const auto points = [&](std::size_t driver) {
+        return static_cast<Index>(cache.rest().moved[driver].points.size());
+    };
+    const Index left = p.avatar.eyes.points_of(0), eyes = p.avatar.eyes.position.cols();
+    DriveWork w = update();
+    CHECK(w.networks == 13);
+    CHECK(w.eyes == 2);
+    CHECK(w.lit == face + 2);
+    w = update();
+    CHECK(w.networks == 0);
+    CHECK(cache.changed().empty());
+
+    p.drivers.gaze[0] = Vec3<float>(0.1F, 0.2F, 0.9F).normalized();
+    w = update();
+    REQUIRE(points(2) > 0);
+    CHECK(w.networks == 3);
+    CHECK(w.points == 2 * points(2) + left);
+    CHECK(w.summed == points(2));
+    CHECK(w.eyes == 1);
+    CHECK(w.lit == 0);
+    CHECK(static_cast<Index>(cache.changed().size()) == points(2) + left);
+
+    p.drivers.expression[2] += 0.5F;
+    w = update();
+    CHECK(w.networks == 6);
+    CHECK(w.points == 3 * points(0) + 1 + eyes);
+    CHECK(w.lit == 0);
+
+    p.drivers.pose[4] += 0.1F; // a translation: no other light
+    w = update();
+    CHECK(w.networks == 6);
+    CHECK(w.lit == 0);
+    CHECK(static_cast<Index>(cache.changed().size()) == face + eyes);
+    p.drivers.pose[1] += 0.1F;
+    w = update();
+    CHECK(w.networks == 6);
+    CHECK(w.lit == face + 2);
+
+    p.drivers.scale = 1.25F;
+    w = update();
+    CHECK(w.networks == 0);
+    CHECK(w.lit == 0);
+    CHECK(static_cast<Index>(cache.changed().size()) == face + eyes);
+}
+
+TEST_CASE("drive cache: what has no parameters takes no work") {
+    Puppet<float, TrainedEffects> p = puppet<float, TrainedEffects>();
+    p.avatar.eyes.kappa = {};
+    p.avatar.shading = {};
+    p.avatar.eyes.networks = {};
+    const TwoStream<float> paper = restricted<PaperEffects>(p.avatar);
+    DriveCache<XsimdBackend<>, float, TrainedEffects> cache({}, p.avatar, p.config, p.roles);
+    DriveCache<XsimdBackend<>, float> papers({}, paper, p.config, p.roles);
+    for (int step = 0; step < 30; ++step) {
+        INFO(step);
+        cache.update(p.own());
+        papers.update(p.drivers);
+        CHECK(cache.work().networks == papers.work().networks);
+        CHECK(cache.work().points == papers.work().points);
+        CHECK(cache.work().summed == papers.work().summed);
+        CHECK(cache.work().eyes == papers.work().eyes);
+        CHECK(cache.work().lit == 0);
+        CHECK(cache.changed() == papers.changed());
+        change(p.drivers, step);
+    }
+    CHECK(cache.bytes() == papers.bytes());
+}
