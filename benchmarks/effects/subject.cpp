@@ -6,6 +6,8 @@
 
 #if __has_include("commands/options.hpp")  // the trainer is built, too
 #define RYE_BENCH_TRAINED
+#include <rye/avatar/hold.hpp>
+
 #include "commands/options.hpp"
 #include "training/run.hpp"
 #endif
@@ -29,7 +31,7 @@ std::optional<Subject> trained(const SubjectOptions& o) {
     const int camera = trainer::camera_index(capture, "", frame);
     const int doublings = state.config.gaussians.upsampler.doublings;
     return Subject{"a trained avatar",
-                   state.avatar,
+                   restricted<PaperEffects>(state.avatar),
                    state.config.avatar,
                    state.subject.roles,
                    trainer::optical_drivers(

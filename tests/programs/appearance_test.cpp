@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs whose eyes' features are driven and whose head is shaded (training/appearance.hpp).
-#include "training/appearance.hpp"
+// Runs whose eyes' features are driven and whose head is shaded (training/trained_parts.hpp).
+#include "training/trained_parts.hpp"
 
 #include <filesystem>
 #include <string>
@@ -41,19 +41,15 @@ TrainState begun(EyeAppearanceName eyes, ShadingName shading) {
     s.config.eye_appearance = eyes;
     s.config.shading = shading;
     const Index n = s.avatar.face.position.cols();
-    AppearanceTraining& t = s.appearance.emplace();
-    t.avatar = appearance_avatar(s.avatar, s.config, Vec3<float>(0, 0, 1).replicate(1, n).eval(),
-                                 Random{3, 0});
-    t.adam = Adam<AppearanceAvatar>(t.avatar);
-    s.avatar = {};
-    s.avatar_adam = {};
+    begin_parts(s.avatar, s.config, Vec3<float>(0, 0, 1).replicate(1, n).eval(), Random{3, 0});
+    s.avatar_adam = Adam<Avatar>(s.avatar);
     return s;
 }
 
 /// All of it, with parameters that show.
 TrainState trained() {
     TrainState s = begun(EyeAppearanceName::driven, ShadingName::head_pose);
-    AppearanceAvatar& a = s.appearance->avatar;
+    Avatar& a = s.avatar;
     for (Mlp<float>& mlp : a.eyes.networks) mlp.weight.back().setConstant(0.02f);
     a.shading.light.setConstant(0.3f);
     s.step = 1;
@@ -115,7 +111,6 @@ std::string message_of(F&& f) {
 TEST_CASE("appearance: fields of the configuration, and of the presets") {
     for (const char* name : {"tiny", "cpu", "gpu", "paper"}) {
         const bool both = name[0] == 'c' || name[0] == 'g';
-        CHECK(has_appearance(preset(name)) == both);
         CHECK(to_json(preset(name))["avatar"]["eye_appearance"] == (both ? "driven" : "free"));
         CHECK(to_json(preset(name))["avatar"]["shading"] == (both ? "head_pose" : "none"));
     }
@@ -159,17 +154,16 @@ TEST_CASE("appearance: a run comes back from its checkpoint, with the tensors th
             if (!eyes && !shading) continue;
             TrainState state = begun(eyes ? EyeAppearanceName::driven : EyeAppearanceName::free,
                                      shading ? ShadingName::head_pose : ShadingName::none);
-            state.appearance->adam.step = 7;
+            state.avatar_adam.step = 7;
             save_checkpoint(folder.path, state);
             const Safetensors file = read_safetensors(checkpoint_path(folder.path));
             CHECK(file.has("avatar.eyes.left_appearance_mlp.conv0.weight") == eyes);
             CHECK(file.has("avatar.shading.light") == shading);
             const TrainState back = load_checkpoint(folder.path);
-            REQUIRE(back.appearance.has_value());
-            CHECK(back.appearance->adam.step == 7);
-            AppearanceAvatar::fields([](const std::string& name, const auto& a,
+            CHECK(back.avatar_adam.step == 7);
+            Avatar::fields([](const std::string& name, const auto& a,
                                         const auto& b) { CHECK_MESSAGE(a == b, name); },
-                                     back.appearance->avatar, state.appearance->avatar);
+                                     back.avatar, state.avatar);
         }
 }
 
@@ -180,24 +174,26 @@ TEST_CASE("appearance: tensors that are missing or of another shape are named") 
         return message_of([&] { load_checkpoint(folder.path); });
     };
     TrainState state = trained();
-    state.appearance->avatar.shading.light.resize(4, 3);
-    state.appearance->avatar.shading.light.setZero();
-    state.appearance->adam = Adam<AppearanceAvatar>(state.appearance->avatar);
+    state.avatar.shading.light.resize(4, 3);
+    state.avatar.shading.light.setZero();
+    state.avatar_adam = Adam<Avatar>(state.avatar);
     CHECK(message(state).find("avatar.shading.light") != std::string::npos);
     state = trained();
-    state.appearance->avatar.eyes.kappa(0, 1) = 0.1f;
+    state.avatar.eyes.kappa = Columns<float>::Zero(2, 2);
+    state.avatar.eyes.kappa(0, 1) = 0.1f;
+    state.avatar_adam = Adam<Avatar>(state.avatar);
     CHECK(message(state).find("tensor 'avatar.eyes.kappa': got an angle that is not 0, expected "
                               "none: the run's gaze_axis is 'optical'") != std::string::npos);
     state = trained();
     state.config.eye_appearance = EyeAppearanceName::driven;
-    state.appearance->avatar.eyes.networks = {};
-    state.appearance->adam = Adam<AppearanceAvatar>(state.appearance->avatar);
+    state.avatar.eyes.networks = {};
+    state.avatar_adam = Adam<Avatar>(state.avatar);
     CHECK(message(state).find("left_appearance_mlp") != std::string::npos);
     state = tiny_state();
     state.config.shading = ShadingName::head_pose;
-    CHECK(message(state).find("there is no tensor 'avatar.eyes.kappa'") != std::string::npos);
+    CHECK(message(state).find("avatar.shading.light") != std::string::npos);
     state = trained();
-    state.appearance->avatar.shading.normal(1, 2) = NAN;
+    state.avatar.shading.normal(1, 2) = NAN;
     CHECK(message_of([&] {
               save_checkpoint(folder.path, state);
           }).find("'avatar.shading.normal'") != std::string::npos);
@@ -205,55 +201,95 @@ TEST_CASE("appearance: tensors that are missing or of another shape are named") 
 
 TEST_CASE("appearance: steps train light, normals and the eyes' networks, and no kappa") {
     TrainState state = begun(EyeAppearanceName::driven, ShadingName::head_pose);
-    const AppearanceAvatar before = state.appearance->avatar;
+    const Avatar before = state.avatar;
     const auto steps = avatar_steps(state, {});
     for (int step = 0; step < 3; ++step)
         CHECK(steps->step(state, small_sample(state), 1, [](const char*) {}).bad_field.empty());
-    const AppearanceAvatar& after = state.appearance->avatar;
+    const Avatar& after = state.avatar;
     CHECK((after.shading.light - before.shading.light).cwiseAbs().maxCoeff() > 0);
     CHECK((after.shading.normal - before.shading.normal).cwiseAbs().maxCoeff() > 0);
     for (std::size_t eye = 0; eye < 2; ++eye) {
         CHECK(after.eyes.networks[eye].weight.back() != before.eyes.networks[eye].weight.back());
         CHECK(after.eyes.networks[eye].weight.front() != before.eyes.networks[eye].weight.front());
     }
-    CHECK((after.eyes.kappa.array() == 0).all());
-    state.config.gaze_axis = GazeAxis::visual;
-    avatar_steps(state, {})->step(state, small_sample(state), 1, [](const char*) {});
-    CHECK((after.eyes.kappa.array() != 0).all());
+    CHECK(after.eyes.kappa.size() == 0);
+}
+
+TEST_CASE("appearance: a kappa of 0 in an optical run changes nothing and stays 0") {
+    TrainState state = begun(EyeAppearanceName::driven, ShadingName::head_pose), zero = state;
+    zero.avatar.eyes.kappa = Columns<float>::Zero(2, 2);
+    zero.avatar_adam = Adam<Avatar>(zero.avatar);
+    const Folder folder;
+    save_checkpoint(folder.path, zero);
+    TrainState back = load_checkpoint(folder.path);
+    CHECK(back.avatar.eyes.kappa == zero.avatar.eyes.kappa);
+    for (TrainState* s : {&state, &back})
+        for (int step = 0; step < 3; ++step)
+            avatar_steps(*s, {})->step(*s, small_sample(*s), 1, [](const char*) {});
+    CHECK((back.avatar.eyes.kappa.array() == 0).all());
+    back.avatar.eyes.kappa = {};
+    Avatar::fields([](const std::string& name, const auto& a,
+                      const auto& b) { CHECK_MESSAGE(a == b, name); },
+                   back.avatar, state.avatar);
 }
 
 TEST_CASE("appearance: what is drawn of a run by lines of sight is what is trained") {
     TrainState state = trained();
     state.config.gaze_axis = GazeAxis::visual;
-    state.appearance->avatar.eyes.kappa << -0.03f, -0.02f, 0.09f, -0.08f;
+    state.avatar.eyes.kappa.resize(2, 2);
+    state.avatar.eyes.kappa << -0.03f, -0.02f, 0.09f, -0.08f;
     const Drivers<float> drivers = test::tiny_drivers<float>();
     const TrainState drawn = drawn_state(state);
-    CHECK(drawn.kappa == state.appearance->avatar.eyes.kappa);
+    CHECK(drawn.avatar.eyes.kappa == state.avatar.eyes.kappa);
     const Gaussians<float> shown = driven_gaussians(drawn, drivers);
-    CHECK(equal(shown, driven_appearance(state.appearance->avatar, state.config.avatar,
-                                         state.subject.roles, drivers)
-                           .gaussians));
+    CHECK(equal(shown, driven_gaussians(state, drivers)));
     CHECK(equal(driven_gaussians(drawn_state(drawn), drivers), shown));
     TrainState straight = drawn;
-    straight.kappa = {};
+    straight.avatar.eyes.kappa = {};
     CHECK_FALSE(equal(driven_gaussians(straight, drivers), shown));
 }
 
-TEST_CASE("appearance: pictures are drawn by all of it; what variants lack is refused") {
-    const TrainState drawn = drawn_state(trained());
-    const DrawnFrame frame{test::tiny_drivers<float>(), test::tiny_camera(64, 48).cast<float>()};
-    DrawnFrame turned = frame;
-    turned.drivers.pose[1] += 0.3f;
-    const FrameDrawer drawer(drawn, {frame, turned}, "auto", "--effects", 0.01);
-    CHECK(drawer.variant() == "paper");
-    CHECK(drawer.explanation().find("driven eyes or shading") != std::string::npos);
-    CHECK(drawer.picture(turned).pixels == drawer.picture_by_all(turned).pixels);
-    CHECK(drawer.picture(frame).pixels ==
-          render_avatar(drawn, frame.drivers, frame.camera).high.pixels);
-    CHECK(message_of([&] { FrameDrawer(drawn, {frame}, "gaze", "--effects", 0.01); }) ==
-          "--effects: got 'gaze', expected auto or paper: effects are left out only of a run whose "
-          "avatar.gaze_mechanism is 'rotation', avatar.eye_appearance 'free' and avatar.shading "
-          "'none'");
+TEST_CASE("appearance: pictures are drawn by the smallest variant with what they call for") {
+    for (const bool visual : {false, true}) {
+        CAPTURE(visual);
+        TrainState state = trained();
+        if (visual) {
+            state.config.gaze_axis = GazeAxis::visual;
+            state.avatar.eyes.kappa.resize(2, 2);
+            state.avatar.eyes.kappa << -0.03f, -0.02f, 0.09f, -0.08f;
+        }
+        // What the networks read of expression and head shows.
+        for (Mlp<float>& mlp : state.avatar.eyes.networks)
+            mlp.weight.front().rightCols(mlp.shape.frame_inputs).setConstant(0.3f);
+        const TrainState drawn = drawn_state(state);
+        DrawnFrame frame{test::tiny_drivers<float>(), test::tiny_camera(64, 48).cast<float>()};
+        DrawnFrame turned = frame, looks = frame, talks = frame;
+        turned.drivers.pose[1] += 0.3f;
+        looks.drivers.gaze[0] = gaze_vector(0.1f, 0.3f);
+        looks.drivers.gaze[1] = gaze_vector(0.1f, 0.2f);
+        talks.drivers.expression[1] += 0.5f;
+        const auto drawn_by = [&](const std::string& variant, const std::string& wanted,
+                                  const DrawnFrame& other) {
+            CAPTURE(variant);
+            const FrameDrawer drawer(drawn, {frame, other}, wanted, "--effects", 0.01);
+            CHECK(drawer.variant() == variant);
+            for (const DrawnFrame& f : {frame, other})
+                CHECK((drawer.picture(f).pixels - drawer.picture_by_all(f).pixels)
+                          .cwiseAbs()
+                          .maxCoeff() <= 1e-4f);
+            return drawer.explanation();
+        };
+        drawn_by("paper", "auto", turned);
+        drawn_by("talk", "auto", talks);
+        CHECK(drawn_by("gaze", "auto", looks).find("eye appearance") != std::string::npos);
+        CHECK(drawn_by("still", "auto", frame).find("left out     eye appearance") !=
+              std::string::npos);
+        const FrameDrawer still(drawn, {frame, looks}, "still", "--effects", 0.01);
+        CHECK(still.explanation().find("NOT drawn    eye appearance") != std::string::npos);
+        CHECK((still.picture(looks).pixels - still.picture_by_all(looks).pixels)
+                  .cwiseAbs()
+                  .maxCoeff() > 1e-3f);
+    }
 }
 
 TEST_CASE("appearance: exported and read back, other programs draw the run's pictures") {
@@ -264,7 +300,8 @@ TEST_CASE("appearance: exported and read back, other programs draw the run's pic
         TrainState state = trained();
         if (visual) {
             state.config.gaze_axis = GazeAxis::visual;
-            state.appearance->avatar.eyes.kappa << -0.03f, -0.02f, 0.09f, -0.08f;
+            state.avatar.eyes.kappa.resize(2, 2);
+            state.avatar.eyes.kappa << -0.03f, -0.02f, 0.09f, -0.08f;
         }
         const TrainState drawn = drawn_state(state);
         PlayableAvatar<float> exported = playable_avatar(drawn, capture, 1, 0);

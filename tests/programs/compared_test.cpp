@@ -34,7 +34,7 @@ TrainState eyes_alone() {
     const EyeballTemplate<float> ball = eyeball_template<float>(shape);
     const Index n = ball.points.cols();
     s.avatar.face.opacity_logit.setConstant(-20);
-    EyeStream<float>& e = s.avatar.eyes;
+    EyeStream<float, TrainEffects>& e = s.avatar.eyes;
     e.left_points = n;
     e.position = ball.points.replicate(1, 2);
     e.spacing = ball.spacing.replicate(1, 2);

@@ -37,7 +37,8 @@ double part(const DeviceNeed& need, const std::string& name) {
 /// An avatar of those sizes.
 Avatar avatar_of(const TrainConfig& config, const DeviceSizes& sizes) {
     test::Draw draw;
-    Avatar a = test::lifted<float>(test::tiny_avatar(config.avatar, draw));
+    Avatar a = restricted<TrainEffects>(
+        test::lifted<float>(test::tiny_avatar(config.avatar, draw)));
     const auto face = static_cast<Index>(sizes.face), eyes = static_cast<Index>(sizes.eyes);
     for (Columns<float>* c : {&a.face.position, &a.face.feature, &a.face.log_scale,
                               &a.face.rotation, &a.face.opacity_logit})
@@ -54,14 +55,12 @@ Avatar avatar_of(const TrainConfig& config, const DeviceSizes& sizes) {
 }
 
 /// The same with driven eyes and shading.
-TwoStream<float, AppearanceEffects> lit_avatar_of(const TrainConfig& config,
-                                                  const DeviceSizes& sizes) {
-    using E = AppearanceEffects;
-    TwoStream<float, E> a = restricted<E>(avatar_of(config, sizes));
+Avatar lit_avatar_of(const TrainConfig& config, const DeviceSizes& sizes) {
+    Avatar a = avatar_of(config, sizes);
     const Index face = a.face.position.cols(), eyes = a.eyes.position.cols();
     a.eyes.kappa = Columns<float>::Zero(2, 2);
     a.eyes.appearance() = init_eye_appearance<DrivenFeatures, float>(
-        appearance_sizes<E>(config.avatar, eyes), Random{6, 0});
+        appearance_sizes<TrainEffects>(config.avatar, eyes), Random{6, 0});
     a.shading = {Columns<float>::Zero(8, 3), Columns<float>::Zero(3, face),
                  Columns<float>::Zero(3, 2)};
     return a;

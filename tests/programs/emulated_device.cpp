@@ -51,19 +51,9 @@ std::unique_ptr<DeviceEngine<TrainEffects>> device_engine<TrainEffects>(const Av
     return emulated<TrainEffects>(avatar, adam, task);
 }
 template <>
-std::unique_ptr<DeviceEngine<VisualEffects>> device_engine<VisualEffects>(
-    const VisualAvatar& avatar, const Adam<VisualAvatar>& adam, const DeviceTask& task) {
-    return emulated<VisualEffects>(avatar, adam, task);
-}
-template <>
 std::unique_ptr<DeviceEngine<ComparedEffects>> device_engine<ComparedEffects>(
     const ComparedAvatar& avatar, const Adam<ComparedAvatar>& adam, const DeviceTask& task) {
     return emulated<ComparedEffects>(avatar, adam, task);
-}
-template <>
-std::unique_ptr<DeviceEngine<AppearanceEffects>> device_engine<AppearanceEffects>(
-    const AppearanceAvatar& avatar, const Adam<AppearanceAvatar>& adam, const DeviceTask& task) {
-    return emulated<AppearanceEffects>(avatar, adam, task);
 }
 
 template <>
@@ -79,13 +69,6 @@ std::unique_ptr<DeviceDrawer> device_drawer<ComparedEffects>(
     const LandmarkRoles& roles, const std::optional<LpipsWeights<float>>& lpips) {
     return std::make_unique<DeviceDrawerOf<ComparedEffects, HostMachine>>(avatar, config, roles,
                                                                           lpips);
-}
-template <>
-std::unique_ptr<DeviceDrawer> device_drawer<AppearanceEffects>(
-    const TwoStream<float, AppearanceEffects>& avatar, const AvatarConfig& config,
-    const LandmarkRoles& roles, const std::optional<LpipsWeights<float>>& lpips) {
-    return std::make_unique<DeviceDrawerOf<AppearanceEffects, HostMachine>>(avatar, config, roles,
-                                                                            lpips);
 }
 
 } // namespace rye::trainer

@@ -47,15 +47,11 @@ struct Folder {
 TrainState sight_state() {
     TrainState s = tiny_state();
     s.config.gaze_axis = GazeAxis::visual;
-    VisualTraining& t = s.visual.emplace();
-    t.avatar = restricted<VisualEffects>(s.avatar);
-    t.avatar.eyes.kappa.resize(2, 2);
-    t.avatar.eyes.kappa << -0.03f, -0.02f, 0.09f, -0.08f;
-    t.adam = Adam<VisualAvatar>(t.avatar);
-    t.adam.m.eyes.kappa(0, 1) = 0.25f;
-    t.adam.step = 7;
-    s.avatar = {};
-    s.avatar_adam = {};
+    s.avatar.eyes.kappa.resize(2, 2);
+    s.avatar.eyes.kappa << -0.03f, -0.02f, 0.09f, -0.08f;
+    s.avatar_adam = Adam<Avatar>(s.avatar);
+    s.avatar_adam.m.eyes.kappa(0, 1) = 0.25f;
+    s.avatar_adam.step = 7;
     return s;
 }
 
@@ -95,14 +91,12 @@ TEST_CASE("run: one by lines of sight comes back from its checkpoint, with its k
     const TrainState back = load_checkpoint(folder.path);
     CHECK(back.config.gaze_axis == GazeAxis::visual);
     CHECK(read_safetensors(checkpoint_path(folder.path)).has("avatar.eyes.kappa"));
-    REQUIRE(back.visual.has_value());
-    VisualAvatar::fields([](const std::string& name, const auto& a, const auto& b) {
+    Avatar::fields([](const std::string& name, const auto& a, const auto& b) {
         INFO(name);
         CHECK((a.array() == b.array()).all());
-    }, back.visual->avatar, state.visual->avatar);
-    CHECK(back.visual->adam.m.eyes.kappa(0, 1) == 0.25f);
-    CHECK(back.visual->adam.step == 7);
-    CHECK(back.avatar.face.position.size() == 0);
+    }, back.avatar, state.avatar);
+    CHECK(back.avatar_adam.m.eyes.kappa(0, 1) == 0.25f);
+    CHECK(back.avatar_adam.step == 7);
 }
 
 TEST_CASE("run: an optical one has no tensor of kappa") {
@@ -111,8 +105,7 @@ TEST_CASE("run: an optical one has no tensor of kappa") {
     CHECK(!read_safetensors(checkpoint_path(folder.path)).has("avatar.eyes.kappa"));
     const TrainState back = load_checkpoint(folder.path);
     CHECK(back.config.gaze_axis == GazeAxis::optical);
-    CHECK(!back.visual.has_value());
-    CHECK(drawn_state(back).kappa.size() == 0);
+    CHECK(drawn_state(back).avatar.eyes.kappa.size() == 0);
 }
 
 TEST_CASE("run: a checkpoint that does not fit its gaze_axis is refused, and why") {
@@ -120,8 +113,8 @@ TEST_CASE("run: a checkpoint that does not fit its gaze_axis is refused, and why
     TrainState state = sight_state();
     state.config.gaze_axis = GazeAxis::optical;
     save_checkpoint(folder.path, state);
-    CHECK(message(folder.path).find("got a tensor 'avatar.eyes.kappa', expected none: the run's "
-                                    "gaze_axis is 'optical'") != std::string::npos);
+    CHECK(message(folder.path).find("tensor 'avatar.eyes.kappa': got an angle that is not 0, expected "
+                                    "none: the run's gaze_axis is 'optical'") != std::string::npos);
     state = tiny_state();
     state.config.gaze_axis = GazeAxis::visual;
     save_checkpoint(folder.path, state);
@@ -132,9 +125,9 @@ TEST_CASE("run: a checkpoint that does not fit its gaze_axis is refused, and why
 TEST_CASE("run: what is drawn of one by lines of sight is what is trained, bit for bit") {
     const TrainState state = sight_state(), drawn = drawn_state(state);
     const Drivers<float> drivers = test::tiny_drivers<float>();
-    TwoStreamTrace<float, VisualEffects> trace;
-    drive(train_backend(), state.visual->avatar,
-          {state.config.avatar, state.subject.roles, restricted<VisualEffects>(drivers)}, trace);
+    TwoStreamTrace<float, TrainEffects> trace;
+    drive(train_backend(), state.avatar,
+          {state.config.avatar, state.subject.roles, restricted<TrainEffects>(drivers)}, trace);
     const Gaussians<float>& trained = trace.gaussians;
     Gaussians<float>::fields([](const std::string& name, const auto& a, const auto& b) {
         INFO(name);
@@ -142,7 +135,7 @@ TEST_CASE("run: what is drawn of one by lines of sight is what is trained, bit f
     }, driven_gaussians(drawn, drivers), trained);
     // It is not what the same gazes show as optical axes.
     TrainState optical = drawn;
-    optical.kappa = {};
+    optical.avatar.eyes.kappa = {};
     CHECK((driven_gaussians(optical, drivers).mean.array() != trained.mean.array()).any());
 }
 
@@ -151,12 +144,12 @@ TEST_CASE("run: a step by lines of sight moves kappa, and the rate 0 keeps it") 
         TrainState state = sight_state();
         state.config.gaussians.rates.kappa = rate;
         state.config.gaussians.weights.eye_smooth = 0;
-        const Columns<float> before = state.visual->avatar.eyes.kappa;
+        const Columns<float> before = state.avatar.eyes.kappa;
         const StepReport report = avatar_steps(state, {})->step(state, small_sample(state), 1,
                                                                 [](const char*) {});
         CHECK(report.bad_field.empty());
         CHECK(state.step == 1);
-        const Columns<float>& after = state.visual->avatar.eyes.kappa;
+        const Columns<float>& after = state.avatar.eyes.kappa;
         CHECK(((after - before).cwiseAbs().minCoeff() > 0) == (rate > 0));
         CHECK(((after - before).cwiseAbs().maxCoeff() > 0) == (rate > 0));
     }

@@ -3,6 +3,8 @@
 /// the image.
 #pragma once
 
+#include <rye/avatar/hold.hpp>
+
 #include "../support/tiny_avatar.hpp"
 #include "training/run.hpp"
 
@@ -17,7 +19,7 @@ inline TrainState tiny_state() {
     s.subject.roles = test::tiny_roles();
     const TwoStream<double> avatar = test::tiny_avatar(s.config.avatar, draw);
     s.config.gaussians.upsampler = avatar.upsampler.shape;
-    s.avatar = test::lifted<float>(avatar);
+    s.avatar = restricted<TrainEffects>(test::lifted<float>(avatar));
     s.avatar_adam = Adam<Avatar>(s.avatar);
     s.subject.neutral = avatar.face.landmarks;
     s.subject.head_centre.setZero();

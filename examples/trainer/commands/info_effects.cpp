@@ -236,8 +236,9 @@ Explanation explain_capture(const EffectsOptions& o, const ProfileBounds& bounds
     SceneFacts facts;
     if (state) require_same_subject(*state, c);
     facts.drivers = driver_facts(c, state ? state->config.gaze_axis : GazeAxis::optical);
-    if (state && state->kappa.size() > 0)
-        facts.drivers->kappa = static_cast<double>(state->kappa.colwise().norm().maxCoeff());
+    if (state && state->avatar.eyes.kappa.size() > 0)
+        facts.drivers->kappa =
+            static_cast<double>(state->avatar.eyes.kappa.colwise().norm().maxCoeff());
     RenderFacts render;
     render.size = render.wanted = {double(c.width), double(c.height)};
     if (state) {

@@ -40,12 +40,7 @@ class StepsOf : public AvatarSteps {
 
     StepReport step(TrainState& state, const AvatarSample<float>& sample, double rate,
                     const Probe& probe) override {
-        const auto report = [&] {
-            if constexpr (std::same_as<E, TrainEffects>)
-                return trainer_.step(sample, rate, probe);
-            else
-                return trainer_.step(restricted<E>(sample.drivers), sample, rate, probe);
-        }();
+        const auto report = trainer_.step(restricted<E>(sample.drivers), sample, rate, probe);
         ++state.step;
         return {names_of(report.losses), 0, report.adam.first_bad_field};
     }
@@ -58,12 +53,6 @@ class StepsOf : public AvatarSteps {
 
 std::unique_ptr<AvatarSteps> avatar_steps(TrainState& state,
                                           const std::filesystem::path& perceptual_weights) {
-    if (state.appearance)
-        return std::make_unique<StepsOf<AppearanceEffects>>(
-            state.appearance->avatar, state.appearance->adam, state, perceptual_weights);
-    if (state.visual)
-        return std::make_unique<StepsOf<VisualEffects>>(state.visual->avatar, state.visual->adam,
-                                                        state, perceptual_weights);
     if (state.compared)
         return std::make_unique<StepsOf<ComparedEffects>>(
             state.compared->avatar, state.compared->adam, state, perceptual_weights);

@@ -9,9 +9,7 @@ DensityChange change_face(TrainState& state) {
     const auto change = [&](auto& avatar, auto& adam) {
         return change_density(train_backend(), avatar, adam, state.config.gaussians.density);
     };
-    if (state.visual) return change(state.visual->avatar, state.visual->adam);
     if (state.compared) return change(state.compared->avatar, state.compared->adam);
-    if (state.appearance) return change(state.appearance->avatar, state.appearance->adam);
     return change(state.avatar, state.avatar_adam);
 }
 

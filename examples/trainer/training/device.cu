@@ -49,19 +49,9 @@ std::unique_ptr<DeviceEngine<TrainEffects>> device_engine<TrainEffects>(const Av
     return of_planes<TrainEffects>(avatar, adam, task);
 }
 template <>
-std::unique_ptr<DeviceEngine<VisualEffects>> device_engine<VisualEffects>(
-    const VisualAvatar& avatar, const Adam<VisualAvatar>& adam, const DeviceTask& task) {
-    return of_planes<VisualEffects>(avatar, adam, task);
-}
-template <>
 std::unique_ptr<DeviceEngine<ComparedEffects>> device_engine<ComparedEffects>(
     const ComparedAvatar& avatar, const Adam<ComparedAvatar>& adam, const DeviceTask& task) {
     return of_planes<ComparedEffects>(avatar, adam, task);
-}
-template <>
-std::unique_ptr<DeviceEngine<AppearanceEffects>> device_engine<AppearanceEffects>(
-    const AppearanceAvatar& avatar, const Adam<AppearanceAvatar>& adam, const DeviceTask& task) {
-    return of_planes<AppearanceEffects>(avatar, adam, task);
 }
 
 } // namespace rye::trainer

@@ -94,7 +94,7 @@ class DeviceDrawer {
 };
 
 /// A drawer on the current device, for each avatar that pictures of runs are drawn with: of
-/// TrainEffects, ComparedEffects and AppearanceEffects. Throws Error for what does not fit, and in
+/// TrainEffects and ComparedEffects. Throws Error for what does not fit, and in
 /// a build without kernels.
 template <EffectSet E, int alignment = EIGEN_MAX_ALIGN_BYTES>
 std::unique_ptr<DeviceDrawer> device_drawer(const TwoStream<float, E>& avatar,

@@ -63,7 +63,7 @@ std::vector<Network> networks_of(const TrainConfig& config, const DeviceSizes& s
     if (config.eye_appearance == EyeAppearanceName::driven)
         all.insert(
             all.end(), 2,
-            {DrivenFeatures::shape(appearance_sizes<AppearanceEffects>(c, Index(sizes.eyes))),
+            {DrivenFeatures::shape(appearance_sizes<TrainEffects>(c, Index(sizes.eyes))),
              sizes.eyes / 2, VjpMemory::eyes});
     return all;
 }
@@ -190,9 +190,7 @@ DeviceSizes device_sizes(const TrainState& state, const Capture& capture) {
                                     VecX<double>::Ones(avatar.face.position.cols())});
     };
     if (state.stage == Stage::avatar) {
-        if (state.visual) counted(state.visual->avatar);
-        else if (state.compared) counted(state.compared->avatar);
-        else if (state.appearance) counted(state.appearance->avatar);
+        if (state.compared) counted(state.compared->avatar);
         else counted(state.avatar);
     } else {
         s.eyes = 2.0 * state.config.gaussians.eyeball.points;

@@ -62,16 +62,9 @@ class DeviceStepsOf final : public DeviceSteps {
     /// The avatar that a run with these effects trains, and its optimiser.
     template <class State>
     static auto own(State& state) {
-        if constexpr (std::same_as<E, VisualEffects>)
-            return std::pair<decltype((state.visual->avatar)), decltype((state.visual->adam))>(
-                state.visual->avatar, state.visual->adam);
-        else if constexpr (std::same_as<E, ComparedEffects>)
+        if constexpr (std::same_as<E, ComparedEffects>)
             return std::pair<decltype((state.compared->avatar)), decltype((state.compared->adam))>(
                 state.compared->avatar, state.compared->adam);
-        else if constexpr (std::same_as<E, AppearanceEffects>)
-            return std::pair<decltype((state.appearance->avatar)),
-                             decltype((state.appearance->adam))>(state.appearance->avatar,
-                                                                 state.appearance->adam);
         else
             return std::pair<decltype((state.avatar)), decltype((state.avatar_adam))>(
                 state.avatar, state.avatar_adam);
@@ -109,9 +102,6 @@ std::unique_ptr<DeviceSteps> device_steps(const TrainState& state, const Capture
     task.training = avatar_training<PyramidGradientLoss>(state);
     task.planes = state.config.gaussians.planes;
     if (!perceptual_weights.empty()) task.lpips = read_lpips_weights<float>(perceptual_weights);
-    if (state.appearance)
-        return std::make_unique<DeviceStepsOf<AppearanceEffects>>(state, capture, task);
-    if (state.visual) return std::make_unique<DeviceStepsOf<VisualEffects>>(state, capture, task);
     if (state.compared)
         return std::make_unique<DeviceStepsOf<ComparedEffects>>(state, capture, task);
     return std::make_unique<DeviceStepsOf<TrainEffects>>(state, capture, task);

@@ -24,8 +24,6 @@ std::unique_ptr<DeviceDrawer> drawer_of(const TrainState& state,
     const LandmarkRoles& roles = state.subject.roles;
     if (state.compared)
         return device_drawer<ComparedEffects>(state.compared->avatar, config, roles, lpips);
-    if (state.appearance)
-        return device_drawer<AppearanceEffects>(state.appearance->avatar, config, roles, lpips);
     return device_drawer<TrainEffects>(state.avatar, config, roles, lpips);
 }
 
@@ -78,19 +76,17 @@ std::string AvatarDrawer::name() const { return device_ ? device_->facts.name : 
 Image<float> AvatarDrawer::picture(const Drivers<float>& drivers,
                                    const Pinhole<float>& camera) const {
     if (!device_) return render_avatar(*state_, drivers, camera).high;
-    const Drivers<float> optical = optical_drivers(*state_, drivers);
     const std::lock_guard<std::mutex> lock(device_->mutex);
-    device_->drawer->drive(optical);
+    device_->drawer->drive(drivers);
     return of_camera(device_->drawer->picture(of_render(*state_, camera)), camera);
 }
 
 ShownAvatar AvatarDrawer::shown(const Drivers<float>& drivers, const Pinhole<float>& camera) const {
     if (!device_) return shown_avatar(*state_, drivers, camera);
-    const Drivers<float> optical = optical_drivers(*state_, drivers);
     ShownAvatar r;
     r.eyes.centre = posed_centres(*state_, drivers);
     const std::lock_guard<std::mutex> lock(device_->mutex);
-    device_->drawer->drive(optical);
+    device_->drawer->drive(drivers);
     r.picture = of_camera(device_->drawer->picture(of_render(*state_, camera)), camera);
     r.eyes.area = device_->drawer->eyes(camera);
     return r;

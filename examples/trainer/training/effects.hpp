@@ -11,20 +11,17 @@
 
 namespace rye::trainer {
 
-using TrainEffects = PaperEffects;
-using Avatar = TwoStream<float, TrainEffects>;
-/// The avatar that is trained by lines of sight.
-using VisualEffects = More<TrainEffects, Kappa>;
-using VisualAvatar = TwoStream<float, VisualEffects>;
+/// Effects that stage 1 knows of: its guidance mesh and the eyeballs' template have these.
+using MeshEffects = PaperEffects;
+/// The avatar of a run; what its configuration leaves off has no parameters.
+using TrainEffects = TrainedEffects;
+using Avatar = TrainedAvatar<float>;
 /// The avatar of a run whose gaze mechanism is not explicit rotation; it may be shaded.
 using ComparedMechanism = OneMechanism<FixedEye, LearnedQuaternion>;
 using ComparedAppearance =
     OneAppearance<FreeFeatures, RotatedFeatures, ConditionedFeatures, RotatedCode>;
 using ComparedEffects =
-    More<TrainEffects, HeadShading, GazeBy<ComparedMechanism>, EyesBy<ComparedAppearance>>;
+    More<PaperEffects, HeadShading, GazeBy<ComparedMechanism>, EyesBy<ComparedAppearance>>;
 using ComparedAvatar = TwoStream<float, ComparedEffects>;
-/// The avatar of a run with driven eyes or shading, and explicit rotation.
-using AppearanceEffects = TrainedEffects;
-using AppearanceAvatar = TrainedAvatar<float>;
 
 } // namespace rye::trainer

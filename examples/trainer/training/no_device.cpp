@@ -19,19 +19,8 @@ std::unique_ptr<DeviceEngine<TrainEffects>> device_engine<TrainEffects>(const Av
     throw Error(std::string("device_engine: ") + why);
 }
 template <>
-std::unique_ptr<DeviceEngine<VisualEffects>> device_engine<VisualEffects>(const VisualAvatar&,
-                                                                          const Adam<VisualAvatar>&,
-                                                                          const DeviceTask&) {
-    throw Error(std::string("device_engine: ") + why);
-}
-template <>
 std::unique_ptr<DeviceEngine<ComparedEffects>> device_engine<ComparedEffects>(
     const ComparedAvatar&, const Adam<ComparedAvatar>&, const DeviceTask&) {
-    throw Error(std::string("device_engine: ") + why);
-}
-template <>
-std::unique_ptr<DeviceEngine<AppearanceEffects>> device_engine<AppearanceEffects>(
-    const AppearanceAvatar&, const Adam<AppearanceAvatar>&, const DeviceTask&) {
     throw Error(std::string("device_engine: ") + why);
 }
 
@@ -44,12 +33,6 @@ std::unique_ptr<DeviceDrawer> device_drawer<TrainEffects>(
 template <>
 std::unique_ptr<DeviceDrawer> device_drawer<ComparedEffects>(
     const TwoStream<float, ComparedEffects>&, const AvatarConfig&, const LandmarkRoles&,
-    const std::optional<LpipsWeights<float>>&) {
-    throw Error(std::string("device_drawer: ") + why);
-}
-template <>
-std::unique_ptr<DeviceDrawer> device_drawer<AppearanceEffects>(
-    const TwoStream<float, AppearanceEffects>&, const AvatarConfig&, const LandmarkRoles&,
     const std::optional<LpipsWeights<float>>&) {
     throw Error(std::string("device_drawer: ") + why);
 }

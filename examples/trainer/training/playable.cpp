@@ -31,9 +31,8 @@ PlayableAvatar<float> playable_avatar(const TrainState& state, const Capture& ca
     p.name = capture.subject;
     p.config = state.config.avatar;
     p.roles = state.subject.roles;
-    p.avatar = state.appearance ? state.appearance->avatar
-                                : restricted<TrainedEffects>(state.avatar);
-    p.avatar.eyes.kappa = state.kappa;
+    p.avatar = state.avatar;
+    if (axis == GazeAxis::optical) p.avatar.eyes.kappa = {}; // angles of 0
     p.expression_names = capture.expression_names;
     p.neutral = frame_drivers(capture, frame, axis);
     p.ranges.expression_low = p.ranges.expression_high = p.neutral.expression;

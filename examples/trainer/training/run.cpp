@@ -10,6 +10,7 @@
 
 #include "data/checksums.hpp"
 #include "data/json.hpp"
+#include "training/trained_parts.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -80,10 +81,7 @@ Subject subject_of(const SubjectArrays& a, bool measured) {
 template <class F>
 void for_avatar(const TrainState& state, F&& f) {
     if (state.stage == Stage::mesh) return;
-    if (state.visual) f(state.visual->avatar, state.visual->adam);
-    else if (state.compared)
-        f(state.compared->avatar, state.compared->adam);
-    else if (state.appearance) f(state.appearance->avatar, state.appearance->adam);
+    if (state.compared) f(state.compared->avatar, state.compared->adam);
     else f(state.avatar, state.avatar_adam);
 }
 
@@ -253,7 +251,7 @@ Avatar avatar_shape(const TrainState& s) {
     const AvatarConfig& c = s.config.avatar;
     UpsamplerShape shape = s.config.gaussians.upsampler;
     shape.in_channels = c.channels;
-    Avatar a;
+    TwoStream<float, MeshEffects> a;
     a.upsampler = Upsampler<float>(shape);
     a.face.networks = s.mesh.networks;
     a.face.exp_attributes =
@@ -262,7 +260,7 @@ Avatar avatar_shape(const TrainState& s) {
         Mlp<float>(mlp_shape(c.feature, c.pose_code(), c.networks.pose_attributes, 8));
     a.eyes.offset = s.mesh.eye_offset;
     a.delta_pose = Columns<float>::Zero(6, static_cast<Index>(s.train_frames.size()));
-    return a;
+    return restricted<TrainEffects>(a);
 }
 
 template <class A>
@@ -293,7 +291,7 @@ void check_clouds(const std::string& who, const A& avatar, const TrainState& s) 
     agree("eyes.centre", e.centre, 3, 2);
     agree("eyes.spacing", e.spacing, 1, m);
     agree("face.landmarks_3d_neutral", f.landmarks, 3, s.subject.neutral.cols());
-    if constexpr (std::same_as<A, AppearanceAvatar>) require_kappa_fits(avatar, s.config, who);
+    if constexpr (std::same_as<A, Avatar>) require_kappa_fits(avatar, s.config, who);
     if constexpr (requires { avatar.shading.light; }) {
         if (s.config.shading == ShadingName::none) return;
         agree("shading.light", avatar.shading.light, 8, 3);
@@ -373,32 +371,19 @@ TrainState state_of(const Safetensors& file, const std::string& who) {
         load_adam(file, "mesh_adam", s.mesh_adam);
         check_counts(who, "mesh_adam", s.mesh, s.mesh_adam);
     } else {
-        const bool appearance = has_appearance(s.config);
-        require((visual || appearance) == file.has("avatar.eyes.kappa"), who,
-                appearance
-                    ? "there is no tensor 'avatar.eyes.kappa', expected one, as of every run with "
-                      "driven eyes or shading"
-                : visual
-                    ? "there is no tensor 'avatar.eyes.kappa', expected one: the run's gaze_axis is "
-                      "'visual'"
-                    : "got a tensor 'avatar.eyes.kappa', expected none: the run's gaze_axis is "
-                      "'optical'");
-        const Avatar avatar = avatar_shape(s);
-        if (appearance) {
-            AppearanceTraining& t = s.appearance.emplace();
-            t.avatar = appearance_avatar(avatar, s.config, Columns<float>(3, 0), Random{0, 0});
-            load_avatar(file, word, s, t.avatar, t.adam);
-        } else if (visual) {
-            VisualTraining& t = s.visual.emplace();
-            t.avatar = restricted<VisualEffects>(avatar);
-            t.avatar.eyes.kappa = Columns<float>::Zero(2, 2);
-            load_avatar(file, word, s, t.avatar, t.adam);
-        } else if (s.config.gaze_mechanism != GazeMechanismName::rotation) {
+        require(!visual || file.has("avatar.eyes.kappa"), who,
+                "there is no tensor 'avatar.eyes.kappa', expected one: the run's gaze_axis is "
+                "'visual'");
+        Avatar avatar = avatar_shape(s);
+        begin_parts(avatar, s.config, Columns<float>(3, 0), Random{0, 0});
+        if (s.config.gaze_mechanism != GazeMechanismName::rotation) {
             ComparedTraining& t = s.compared.emplace();
             t.avatar = compared_avatar(avatar, s.config, Columns<float>(3, 0), Random{0, 0});
             load_avatar(file, word, s, t.avatar, t.adam);
         } else {
-            s.avatar = avatar;
+            // An angle of 0 changes no bit and is kept with its moments.
+            if (file.has("avatar.eyes.kappa")) avatar.eyes.kappa = Columns<float>::Zero(2, 2);
+            s.avatar = std::move(avatar);
             load_avatar(file, word, s, s.avatar, s.avatar_adam);
         }
     }
@@ -472,33 +457,17 @@ TrainState drawn_state(const TrainState& state) {
     s.frames = state.frames;
     s.subject = state.subject;
     s.train_frames = state.train_frames;
-    if (state.visual) {
-        s.avatar = restricted<TrainEffects>(state.visual->avatar);
-        s.kappa = state.visual->avatar.eyes.kappa;
-    } else if (state.compared) {
+    s.avatar = state.avatar;
+    if (state.compared) {
         s.avatar = without_mechanism(state.compared->avatar);
         s.compared.emplace().avatar = state.compared->avatar;
-    } else if (state.appearance) {
-        AppearanceAvatar& drawn = s.appearance.emplace().avatar;
-        drawn = state.appearance->avatar;
-        s.avatar = without_appearance(drawn);
-        s.kappa = state.config.gaze_axis == GazeAxis::visual && state.kappa.size() == 0
-                      ? drawn.eyes.kappa
-                      : state.kappa;
-        drawn.eyes.kappa.setZero();
-    } else {
-        s.avatar = state.avatar;
-        s.kappa = state.kappa;
     }
     return s;
 }
 
-Drivers<float> optical_drivers(const TrainState& drawn, const Drivers<float>& drivers) {
-    Drivers<float> d = drivers;
-    if (drawn.kappa.size() > 0)
-        for (std::size_t eye = 0; eye < 2; ++eye)
-            d.gaze[eye] = apply_kappa<float>(drivers.gaze[eye], kappa_of(drawn.kappa, eye));
-    return d;
+Drivers<float> optical_drivers(const TrainState& state, const Drivers<float>& drivers) {
+    return restricted<PaperEffects>(
+        optical_drivers(state.avatar.eyes, restricted<TrainEffects>(drivers)));
 }
 
 } // namespace rye::trainer

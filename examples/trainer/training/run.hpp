@@ -13,18 +13,11 @@
 
 #include "data/config.hpp"
 #include "data/samples.hpp"
-#include "training/appearance.hpp"
 #include "training/compared.hpp"
 
 namespace rye::trainer {
 
 enum class Stage { mesh, avatar };
-
-/// Trained state of stage 2 of a run by visual axes.
-struct VisualTraining {
-    VisualAvatar avatar;
-    Adam<VisualAvatar> adam;
-};
 
 /// Everything that the next step depends on.
 struct TrainState {
@@ -39,15 +32,9 @@ struct TrainState {
     Adam<Mesh> mesh_adam;
     Avatar avatar;           ///< empty in stage 1
     Adam<Avatar> avatar_adam;
-    std::optional<VisualTraining> visual;  ///< of a run by visual axes instead of these two
     /// Of a run by another gaze mechanism than rotation instead of these two. Where it is only
     /// drawn, without what the optimiser keeps, and `avatar` is all of it but the mechanism.
     std::optional<ComparedTraining> compared;
-    /// Of a run with driven eyes or shading (training/appearance.hpp) instead of these. Where it is
-    /// only drawn, without what the optimiser keeps and with a kappa of 0, and `avatar` is
-    /// without_appearance of it.
-    std::optional<AppearanceTraining> appearance;
-    Columns<float> kappa;    ///< of a run by visual axes that is only drawn; else empty
 };
 
 inline std::filesystem::path checkpoint_path(const std::filesystem::path& run) {
@@ -68,12 +55,11 @@ TrainState parse_checkpoint(ByteSpan bytes, const std::string& who);
 /// with it otherwise.
 TrainState load_trained(const std::filesystem::path& run);
 
-/// State that draws the same pictures but cannot be trained: for all runs an avatar that optical
-/// axes drive, with the kappa that leads to them. Pictures are of `appearance`, where there is one.
-/// Without the mesh and the optimisers' moments.
+/// Returns a state that draws the same pictures but cannot be trained: without the mesh and the
+/// optimisers' moments.
 TrainState drawn_state(const TrainState& state);
 
-/// The drivers, whose gazes are of the run's gaze_axis, with optical axes in their place.
-Drivers<float> optical_drivers(const TrainState& drawn, const Drivers<float>& drivers);
+/// Returns the drivers, whose gazes are of the run's gaze_axis, with optical axes in their place.
+Drivers<float> optical_drivers(const TrainState& state, const Drivers<float>& drivers);
 
 } // namespace rye::trainer

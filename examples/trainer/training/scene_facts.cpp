@@ -42,7 +42,7 @@ AvatarFacts avatar_facts(const TrainState& state, const std::vector<Drivers<floa
                          bool held_at_first) {
     AvatarFacts a;
     const AvatarConfig& config = state.config.avatar;
-    const RestPose<float> rest =
+    const RestPose<float, TrainEffects> rest =
         rest_pose(train_backend(), state.avatar.face, config, state.subject.roles);
     const auto moved = [&](std::size_t d) { return static_cast<Index>(rest.moved[d].points.size()); };
     a.moved_by_expression = moved(0);
@@ -59,8 +59,8 @@ AvatarFacts avatar_facts(const TrainState& state, const std::vector<Drivers<floa
         a.eye_offset = std::max(
             a.eye_offset, static_cast<double>((moves(d) - from).colwise().norm().maxCoeff()));
     a.channels = config.channels;
-    a.shaded = (state.appearance && state.appearance->avatar.shading.any()) ||
-               (state.compared && state.compared->avatar.shading.any());
+    a.shaded = state.avatar.shading.any();
+    a.driven_eyes = has_driven_eyes(state.avatar);
     const Upsampler<float>& u = state.avatar.upsampler;
     a.refines = !u.shape.skip || (u.out_weight.array() != 0).any() || (u.out_bias.array() != 0).any();
     return a;

@@ -103,6 +103,7 @@ struct AvatarFacts {
     bool refines = false;        ///< its super-resolution network changes the picture
     bool corneas = false;        ///< its eyes have irises behind corneas
     bool shaded = false;         ///< its colours depend on the head's rotation
+    bool driven_eyes = false;    ///< networks give its eyes' features
 };
 
 /// What drawing says: splats on the screen, and the sizes of pictures.
@@ -211,7 +212,7 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
     if (!drivers)
         for (const EffectName e :
              {expression, head_pose, pose_residual, left_gaze, right_gaze, eye_offset, kappa,
-              periocular, corneal_bulge, corneal_refraction, glint, head_shading})
+              periocular, corneal_bulge, corneal_refraction, glint, head_shading, eye_appearance})
             say(e, false, "nothing here is driven");
     else {
         if (expression_varies && avatar && a.moved_by_expression == 0)
@@ -273,6 +274,14 @@ inline SceneProfile profile(const SceneFacts& scene, const ProfileBounds& b) {
             compare(head_shading, d.pose.width(), b.coefficient, "the pose varies" + over);
         else
             say(head_shading, false, "no light's change with the head is known");
+        const double varies = std::max({turns, d.pose.width(), d.expression.width()});
+        if (!a.driven_eyes)
+            say(eye_appearance, false, "the eyes' features are constants");
+        else if (varies > b.coefficient && !seen)
+            say(eye_appearance, false, "what it reads varies, but no view sees an eye");
+        else
+            compare(eye_appearance, varies, b.coefficient,
+                    "gaze, head pose or expression vary" + over);
     }
 
     if (!scene.sh) {

@@ -11,6 +11,7 @@
 #include "data/panel.hpp"
 #include "training/expression_regions.hpp"
 #include "training/mesh_steps.hpp"
+#include "training/trained_parts.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -79,25 +80,15 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     init.upsampler = config.gaussians.upsampler;
     init.upsampler.in_channels = config.avatar.channels;
     init.frames = static_cast<Index>(state.train_frames.size());
-    state.avatar =
-        initialize_avatar(train_backend(), state.mesh, config.avatar, init, seed_of(state).fork(4));
+    state.avatar = restricted<TrainEffects>(
+        initialize_avatar(train_backend(), state.mesh, config.avatar, init, seed_of(state).fork(4)));
     const AvatarSize size{state.avatar.face.position.cols(), state.avatar.eyes.position.cols()};
     Columns<float> normals;
     if (config.shading != ShadingName::none)
         normals = face_points(train_backend(), state.mesh, config.avatar, init,
                               seed_of(state).fork(4)).normals();
-    if (has_appearance(config)) {
-        AppearanceTraining& t = state.appearance.emplace();
-        t.avatar = appearance_avatar(state.avatar, config, normals, seed_of(state).fork(11));
-        t.adam = Adam<AppearanceAvatar>(t.avatar);
-        state.avatar = {};
-    } else if (config.gaze_axis == GazeAxis::visual) {
-        VisualTraining& t = state.visual.emplace();
-        t.avatar = restricted<VisualEffects>(state.avatar);
-        t.avatar.eyes.kappa = Columns<float>::Zero(2, 2);
-        t.adam = Adam<VisualAvatar>(t.avatar);
-        state.avatar = {};
-    } else if (config.gaze_mechanism != GazeMechanismName::rotation) {
+    begin_parts(state.avatar, config, normals, seed_of(state).fork(11));
+    if (config.gaze_mechanism != GazeMechanismName::rotation) {
         ComparedTraining& t = state.compared.emplace();
         t.avatar = compared_avatar(state.avatar, config, normals, seed_of(state).fork(10));
         t.adam = Adam<ComparedAvatar>(t.avatar);
@@ -144,14 +135,11 @@ void require_drawable(const Gaussians<float>& g) {
 
 /// The driven Gaussians of what the state draws with.
 TwoStreamGaussians<float> driven(const TrainState& state, const Drivers<float>& drivers) {
-    const Drivers<float> optical = optical_drivers(state, drivers);
     const AvatarConfig& config = state.config.avatar;
     const LandmarkRoles& roles = state.subject.roles;
-    if (state.compared) return driven_compared(state.compared->avatar, config, roles, optical);
-    if (state.appearance)
-        return driven_appearance(state.appearance->avatar, config, roles, optical);
-    TwoStreamTrace<float> trace;
-    drive(train_backend(), state.avatar, {config, roles, optical}, trace);
+    if (state.compared) return driven_compared(state.compared->avatar, config, roles, drivers);
+    TwoStreamTrace<float, TrainEffects> trace;
+    drive(train_backend(), state.avatar, {config, roles, restricted<TrainEffects>(drivers)}, trace);
     return trace;
 }
 

@@ -15,8 +15,8 @@ namespace rye::trainer {
 
 using TrainBackend = XsimdBackend<DefaultArch, ProgramThreads>;
 using TrainRasterizer = Rasterizer<FeaturesOnly<Balanced>>;
-using Mesh = GuidanceMesh<float, TrainEffects>;
-using TrainEyeball = BasicEyeballShape<TrainEffects>;
+using Mesh = GuidanceMesh<float, MeshEffects>;
+using TrainEyeball = BasicEyeballShape<MeshEffects>;
 
 /// The backend on the program's threads.
 inline TrainBackend train_backend() { return {program_threads()}; }

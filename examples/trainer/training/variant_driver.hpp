@@ -12,7 +12,8 @@
 
 namespace rye::trainer {
 
-/// The driven Gaussians of a frame, the face's first, world units. Gazes are optical axes.
+/// Returns the driven Gaussians of a frame, the face's first, world units. Gazes are of the run's
+/// gaze_axis.
 using FrameDriver = std::function<Gaussians<float>(const Drivers<float>&)>;
 
 /// The avatar of a variant: what its effects are not looks as it does at the drivers `at`.
@@ -25,7 +26,7 @@ FrameDriver driver_of(const Avatar& avatar, const AvatarConfig& config, const La
         own = {std::shared_ptr<void>(), &avatar};  // nothing is held
     else
         own = std::make_shared<TwoStream<float, E>>(
-            held<E>(train_backend(), avatar, config, roles, at));
+            held<E>(train_backend(), avatar, config, roles, restricted<TrainEffects>(at)));
     return [own, &config, &roles](const Drivers<float>& drivers) {
         TwoStreamTrace<float, E> trace;
         drive(train_backend(), *own, {config, roles, restricted<E>(drivers)}, trace);

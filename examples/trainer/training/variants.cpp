@@ -22,11 +22,20 @@ EffectMask parsed(const std::string& wanted, const std::string& option) {
     }(AvatarVariants(), wanted, option);
 }
 
+/// The effects that the state's avatar has parameters of.
+EffectMask trained_effects(const TrainState& state) {
+    EffectMask m = effect_mask<PaperEffects>;
+    if (state.avatar.eyes.kappa.size() > 0) m.add(EffectName::kappa);
+    if (state.avatar.shading.any()) m.add(EffectName::head_shading);
+    if (has_driven_eyes(state.avatar)) m.add(EffectName::eye_appearance);
+    return m;
+}
+
 } // namespace
 
 std::string left_out_on_device(const std::string& wanted, const std::string& option) {
     if (wanted.empty() || wanted == "auto" ||
-        parsed(wanted, option).contains(effect_mask<TrainEffects>))
+        parsed(wanted, option).contains(effect_mask<PaperEffects>))
         return "";
     return option + " " + wanted + " leaves effects out, and a device draws all that was trained";
 }
@@ -41,18 +50,18 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
                          const std::string& wanted, const std::string& option, double bound)
     : state_(&state) {
     require(!frames.empty(), "FrameDrawer", "got no frames, expected at least one");
-    if (state.compared || state.appearance) {
+    if (state.compared) {
         const bool all = wanted.empty() || wanted == "auto" ||
-                         parsed(wanted, option).contains(effect_mask<TrainEffects>);
+                         parsed(wanted, option).contains(effect_mask<PaperEffects>);
         require(all, option,
                 "got '" + wanted + "', expected auto or " + std::string(PaperVariant::name) +
                     ": effects are left out only of a run whose avatar.gaze_mechanism is "
-                    "'rotation', avatar.eye_appearance 'free' and avatar.shading 'none'");
+                    "'rotation'");
         variant_ = PaperVariant::name;
         driver_ = [&state](const Drivers<float>& d) { return driven_gaussians(state, d); };
         explanation_ = "variant        " + variant_ +
                        ": all that is trained, as of every run with another gaze mechanism than "
-                       "rotation, driven eyes or shading\n";
+                       "rotation\n";
         return;
     }
     std::vector<DrawnFrame> optical = frames;
@@ -72,7 +81,7 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
         bounds.color = bound;
         return counted.emplace(profile(facts, bounds));
     };
-    constexpr EffectMask trained = effect_mask<TrainEffects>;
+    const EffectMask trained = trained_effects(state);
     const auto called = [&] {
         const EffectMask all = judged().effects;
         return all.without(all.without(trained));
@@ -84,17 +93,17 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
     dispatch(AvatarVariants(), taken, [&]<class V>(V) {
         variant_ = V::name;
         driver_ = driver_of<typename V::List>(state.avatar, state.config.avatar,
-                                              state.subject.roles, drivers.front());
-        explanation_ = "variant        " + variant_ + " (" + text_of(V::effects) + "): ";
+                                              state.subject.roles, frames.front().drivers);
+        const EffectMask drawn = trained.without(trained.without(V::effects));
+        explanation_ = "variant        " + variant_ + " (" + text_of(drawn) + "): ";
         if (single)
             explanation_ += "one picture, and leaving effects out takes a frame with all of them\n";
         else
-            explanation_ += "of " + std::to_string(AvatarVariants::count) +
-                            " that are compiled the smallest with what " +
-                            (free ? pictures + " call for: " + text_of(called())
-                                  : option + " asks for") +
-                            "\n";
-        if (V::effects.contains(trained)) return;  // nothing is left out
+            explanation_ +=
+                "of " + std::to_string(AvatarVariants::count) +
+                " that are compiled the smallest with what " +
+                (free ? pictures + " call for: " + text_of(called()) : option + " asks for") + "\n";
+        if (V::effects.contains(trained)) return; // nothing is left out
         for (const Finding& f : judged().findings) {
             if (!trained.has(f.effect) || V::effects.has(f.effect)) continue;
             explanation_ += std::string(f.called ? "  NOT drawn    " : "  left out     ") +
@@ -106,10 +115,7 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
 
 Image<float> FrameDrawer::picture(const DrawnFrame& frame) const {
     if (on_device_) return on_device_->picture(frame.drivers, frame.camera);
-    const bool whole = state_->appearance.has_value(); // driven_gaussians applies kappa
-    return picture_of(*state_,
-                      driver_(whole ? frame.drivers : optical_drivers(*state_, frame.drivers)),
-                      frame.camera);
+    return picture_of(*state_, driver_(frame.drivers), frame.camera);
 }
 
 Image<float> FrameDrawer::picture_by_all(const DrawnFrame& frame) const {

@@ -5,10 +5,12 @@
 /// The head pose has nothing to keep: without it the avatar is in the head's frame, and the camera
 /// (and lights) move instead. The face without HeadShading has the colours of the head at rotation
 /// 0, which no constant added to its networks' colours can change. Without Kappa the gazes that
-/// drive it are optical axes.
+/// drive it are optical axes. Networks of driven eyes that keep on being driven have the expression
+/// and the head's rotation that are left out in their biases.
 #pragma once
 
 #include <rye/avatar/two_stream.hpp>
+#include <rye/rig/driven_features.hpp>
 
 namespace rye {
 
@@ -36,6 +38,37 @@ template <EffectSet E>
 constexpr bool drives(PoseField) { return has_effect<E, PoseResidual>; }
 template <EffectSet E, std::size_t eye>
 constexpr bool drives(GazeField<eye>) { return skin_follows<E, eye>; }
+
+/// Inputs of a frame that keep their values.
+template <class T>
+struct HeldInputs {
+    Index first; ///< of the frame's inputs
+    VecX<T> values;
+};
+
+/// The network without these inputs, which gives what it gives where they have those values.
+template <class T>
+Mlp<T> with_held_inputs(const Mlp<T>& all, const HeldInputs<T>& held) {
+    if (all.weight.empty()) return all;
+    MlpShape shape = all.shape;
+    const Index n = held.values.size(), after = shape.frame_inputs - held.first - n;
+    shape.dims.front() -= static_cast<int>(n);
+    shape.frame_inputs -= static_cast<int>(n);
+    Mlp<T> fewer(shape);
+    for (int l = 0; l < shape.layers(); ++l) {
+        const auto i = static_cast<std::size_t>(l);
+        const Columns<T>& w = all.weight[i];
+        fewer.bias[i] = all.bias[i];
+        if (!shape.reads_input(l)) {
+            fewer.weight[i] = w;
+            continue;
+        }
+        const Index before = w.cols() - after - n;
+        fewer.weight[i] << w.leftCols(before), w.rightCols(after);
+        fewer.bias[i] += w.middleCols(before, n) * held.values;
+    }
+    return fewer;
+}
 
 } // namespace detail
 
@@ -137,6 +170,20 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
     if constexpr ((has_effect<E, Glint> && !has_effect<Fewer, Glint>) ||
                   (EyeAppearanceOf<E>::reads_inputs && !EyeAppearanceOf<Fewer>::reads_inputs))
         a.eyes.feature = trace.gaussians.feature.rightCols(a.eyes.position.cols());
+    if constexpr (std::same_as<EyeAppearanceOf<E>, DrivenFeatures> &&
+                  std::same_as<EyeAppearanceOf<Fewer>, DrivenFeatures>) {
+        static_assert(eye_turns<E, 0> == eye_turns<Fewer, 0> &&
+                          eye_turns<E, 1> == eye_turns<Fewer, 1>,
+                      "held: driven features need the gaze of their eye");
+        for (Mlp<T>& mlp : a.eyes.networks) {
+            constexpr bool rotation = has_effect<E, ReadsHeadPose>,
+                           expression = has_effect<E, ReadsExpression>;
+            if constexpr (expression && !has_effect<Fewer, ReadsExpression>)
+                mlp = detail::with_held_inputs<T>(mlp, {rotation ? 6 : 3, drivers.expression});
+            if constexpr (rotation && !has_effect<Fewer, ReadsHeadPose>)
+                mlp = detail::with_held_inputs<T>(mlp, {3, VecX<T>(drivers.pose.template head<3>())});
+        }
+    }
     const Drivers<T, E>& optical = optical_drivers(all.eyes, drivers);
     for_eyes([&]<std::size_t eye>() {
         if constexpr (eye_turns<E, eye> && !eye_turns<Fewer, eye>) {

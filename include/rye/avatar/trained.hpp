@@ -4,8 +4,7 @@
 ///     eyes.kappa        empty: gazes are optical axes; else 2 x 2 [rad], gazes are visual axes
 ///     shading           default-constructed: colours do not depend on the head's rotation
 ///     eyes.networks     default-constructed: the eyes' features are their constants
-/// With all of them empty it is TwoStream<T>, of the paper's effects. A device wants kappa's
-/// angles: 0 for optical axes, which changes no bit.
+/// With all of them empty it is TwoStream<T>, of the paper's effects.
 /// restricted<TrainedEffects> (avatar/hold.hpp) makes one of an avatar with fewer effects.
 #pragma once
 

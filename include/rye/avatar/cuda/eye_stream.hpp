@@ -119,10 +119,11 @@ class DeviceEyeStream {
                   const DeviceEyeCotangent& cotangent) {
         DeviceEyeFrame parts = frame_;
         parts.g_pose = cotangent.g_pose;
-        if constexpr (axes_are_trained<E>) {
-            parts.g_axis = g_axis_.data();
-            device_.fill(queue, g_axis_.data(), 0, g_axis_.bytes());
-        }
+        if constexpr (axes_are_trained<E>)
+            if (host_->kappa.size() > 0) {
+                parts.g_axis = g_axis_.data();
+                device_.fill(queue, g_axis_.data(), 0, g_axis_.bytes());
+            }
         appearance_.vjp_into(queue, of, to, parts, cotangent.g.feature);
         points_vjp<0>(queue, {arrays_at(of), arrays_at(to)}, frame, cotangent);
         points_vjp<1>(queue, {arrays_at(of), arrays_at(to)}, frame, cotangent);
@@ -140,12 +141,14 @@ class DeviceEyeStream {
     void codes_vjp_into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const To& to,
                         [[maybe_unused]] const DeviceFrameNumbers& frame,
                         [[maybe_unused]] float* g_codes) {
-        if constexpr (has_effect<E, Kappa>) {
-            KappaVjpKernel<E> kappa{
-                frame, sums(0), codes_, g_codes, config_.gaze_frequencies, to(host_->kappa).data};
-            if constexpr (axes_are_trained<E>) kappa.g_axis = g_axis_.data();
-            device_.launch(queue, 1, kappa);
-        }
+        if constexpr (has_effect<E, Kappa>)
+            if (host_->kappa.size() > 0) {
+                KappaVjpKernel<E> kappa{frame,   sums(0),
+                                        codes_,  g_codes,
+                                        config_.gaze_frequencies, to(host_->kappa).data};
+                if constexpr (axes_are_trained<E>) kappa.g_axis = g_axis_.data();
+                device_.launch(queue, 1, kappa);
+            }
         if constexpr (has_effect<E, EyeOffset>) {
             const Index before = codes_.pose - codes_.expression;
             launch_each(device_, queue, offset_->shape().inputs() - before,

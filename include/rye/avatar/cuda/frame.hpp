@@ -119,7 +119,7 @@ struct DeviceFrameNumbers {
     float* codes;
     DeviceFrameState* state;
     const float* delta_pose; ///< 6 x frames, or null
-    const float* kappa;      ///< 2 x 2, or null
+    const float* kappa;      ///< 2 x 2 [rad], or null: gazes are optical axes
 };
 
 /// Codes, the head's transform, and optical axes.
@@ -173,8 +173,9 @@ struct FrameCodesKernel {
         const Vec3<float> visual(g[0], g[1], g[2]);
         Vec3<float> optical = visual;
         if constexpr (has_effect<E, Kappa>)
-            optical = apply_kappa<float>(
-                visual, KappaAngles<float>{frame.kappa[2 * eye], frame.kappa[2 * eye + 1]});
+            if (frame.kappa != nullptr)
+                optical = apply_kappa<float>(
+                    visual, KappaAngles<float>{frame.kappa[2 * eye], frame.kappa[2 * eye + 1]});
         frame.state->visual[eye] = visual;
         frame.state->optical[eye] = optical;
         const float length = norm(optical);

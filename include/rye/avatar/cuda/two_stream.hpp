@@ -273,7 +273,8 @@ class DeviceTwoStream {
                              nullptr};
         if constexpr (has_effect<E, ReadsHeadPose>)
             r.delta_pose = parameters_.of(host_.delta_pose).data;
-        if constexpr (has_effect<E, Kappa>) r.kappa = parameters_.of(host_.eyes.kappa).data;
+        if constexpr (has_effect<E, Kappa>)
+            if (host_.eyes.kappa.size() > 0) r.kappa = parameters_.of(host_.eyes.kappa).data;
         return r;
     }
     void code(const CudaQueue& queue) {
