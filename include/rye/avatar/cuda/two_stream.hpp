@@ -4,7 +4,8 @@
 /// reads it, and the vjp from the cloud's cotangents to all parameters. The upsampler's parameters
 /// are in the same piece, and its part of a step is elsewhere.
 ///
-///     DeviceTwoStream<E, CudaDevice, DeviceNetworks<1>> avatar(device, queue, {host, config, roles});
+///     DeviceTwoStream<E, CudaDevice, DeviceNetworks<1>> avatar(device, queue,
+///                                                              {host, config, roles});
 ///     avatar.set_drivers(queue, drivers);
 ///     do { avatar.drive_into(queue); } while (!avatar.finish(queue));
 ///     rasterizer.forward_into(queue, avatar.cloud(), ...);  // its vjp into avatar.g_cloud(queue)
