@@ -1,6 +1,6 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# figures.sh OUT: the table and the picture of README, from nothing but the program rye: makes a
+# figures.sh OUT: the table of README and a sweep of gazes, by nothing but the program rye: makes a
 # capture, trains on it, evaluates the frames kept aside, renders a sweep of gazes, and prints the
 # table as Markdown. All of it lies in OUT; a call that was stopped goes on where it was. About
 # 40 minutes on two cores. From the environment:

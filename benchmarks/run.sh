@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # run.sh BUILD_DIR [OUT.json [BASELINE.json]]: runs every benchmark of a build, gathers what they
 # report in one JSON, and prints it as tables, beside a baseline if one is given. With PAGE set
-# (docs/performance.md), the tables of ratios and counts replace those in that page. From the
-# environment also, to run a part:
+# (docs/results/performance.md), the tables of ratios and counts replace those in that page. Also
+# from the environment, to run a part:
 #   QUESTIONS  the programs, without bench_ (default: all, and the compiler's times)
 #   FILTER     their benchmarks, by a regular expression (default: all)
 set -eu

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """tables.py OUT.json BASELINE.json|'' PAGE|'' PART...: joins Google Benchmark's files (PART.json)
 into one and prints what they counted as tables, one a benchmark, then the tables in PART.md; changes
-against a baseline in per cent. PAGE and the figure beside it get what does not depend on the
+against a baseline in per cent. PAGE and the figure in ../images get what does not depend on the
 machine: counts and ratios, and nanoseconds as multiples of the first case's."""
 import json
 import os
@@ -126,7 +126,7 @@ def main():
             f.write(head + BEGIN + "\n\n" + text(True) + END + rest.split(END)[1])
         if "against_naive" in families:
             bars(families["against_naive"],
-                 os.path.join(os.path.dirname(page) or ".", "images", "performance.svg"))
+                 os.path.join(os.path.dirname(page) or ".", "..", "images", "performance.svg"))
 
 
 main()

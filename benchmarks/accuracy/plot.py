@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """plot.py accuracy.csv FIGURE.svg: error against time of every policy and knob, the worst of all
 scenes, on logarithmic axes; what nothing else beats in both is joined by a line. Prints the same as
-a table for docs/accuracy.md."""
+a table for docs/results/accuracy.md."""
 import csv
 import math
 import sys

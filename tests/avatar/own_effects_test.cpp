@@ -12,7 +12,7 @@ using namespace rye::test;
 
 namespace {
 
-// [docs/effects.md begins]
+// [docs/parts.md begins]
 /// Adds red in proportion to the first expression coefficient, with a learned weight per Gaussian.
 struct Blush {
     static constexpr std::string_view name = "blush";
@@ -41,7 +41,7 @@ struct Blush {
     }
 };
 static_assert(OwnEffect<Blush>);
-// [docs/effects.md ends]
+// [docs/parts.md ends]
 
 /// Depends on the Gaussians it is given: the face swells by a share of its own scales.
 struct Swell {

@@ -1,13 +1,14 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# documents.sh SOURCE_DIR: what README.md, CHANGELOG.md and docs/*.md link to, or name as a header or
-# as a file of a folder of the project, exists.
+# documents.sh SOURCE_DIR: what README.md, CHANGELOG.md and the pages of docs/ link to, or name as a
+# header or as a file of a folder of the project, exists. A page of docs/ has at most 150 lines; one of
+# docs/results/ says commit and machine.
 set -eu
 cd "$1"
 bad=0
 # File names here hold no spaces.
 # shellcheck disable=SC2013,SC2016
-for page in README.md CHANGELOG.md docs/*.md; do
+for page in *.md docs/*.md docs/results/*.md; do
     folder=$(dirname "$page")
     # [text](target), without addresses and anchors
     for target in $(grep -o '](\([^)]*\))' "$page" | sed 's/^](//; s/)$//; s/#.*//' |
@@ -23,6 +24,12 @@ for page in README.md CHANGELOG.md docs/*.md; do
                   tr -d '`' | sort -u); do
         [ -e "$file" ] || { echo "$page: no such file: $file"; bad=1; }
     done
+done
+for page in docs/*.md; do
+    [ "$(wc -l < "$page")" -le 150 ] || { echo "$page: over 150 lines"; bad=1; }
+done
+for page in docs/results/*.md; do
+    grep -qi 'commit.*machine\|at every commit' "$page" || { echo "$page: no commit and machine"; bad=1; }
 done
 # VHAP ends in a KeyError where an export of meshes also cuts the masks, which is its default.
 wrong=$(grep -rn -e '--flame-mode mesh' README.md docs examples | grep -v -e '--no-create-mask-from-mesh' || true)

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // landmarks_of_expressions CAPTURE: how far the regression of stage 1's mixed frames, of the
 // training frames, is from the landmarks of the training and of the test frames, by what it knows
-// of expressions, as a table in Markdown. docs/experiments.md has some.
+// of expressions, as a table in Markdown. docs/results/experiments.md has some.
 #include <cmath>
 #include <cstdio>
 #include <exception>

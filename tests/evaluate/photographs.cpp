@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // gaze_of_photographs CAPTURE [RUN]: the gaze estimator on all photographs of a capture, against
 // its labels, as tables in Markdown: given the capture's eyeballs and eye masks, given areas that
-// lie too high, and, with a run, given what the run's own eyeballs show. docs/evaluation.md has
+// lie too high, and, with a run, given what the run's own eyeballs show. docs/results/evaluation.md has
 // some.
 #include "photographs.hpp"
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // hard_cases [--page FILE] [--flush-to-zero] [--textbook]: runs every hard case; exit status 1 if
-// one fails. --page also writes docs/hard_cases.md; --flush-to-zero flushes denormals in every
-// thread; --textbook lists the entries for which the textbook's formula fails the law that rye's
-// satisfies.
+// one fails. --page also writes docs/results/hard_cases.md; --flush-to-zero flushes denormals in
+// every thread; --textbook lists the entries for which the textbook's formula fails the law that
+// rye's satisfies.
 #include <cstdio>
 #include <cstring>
 #include <fstream>
@@ -75,16 +75,14 @@ void write_page(const Report& report, const char* path) {
     const Counts c = count(report);
     std::ofstream out(path);
     out << "# Hard cases\n\n"
-           "Written by the test program `hard_cases --page docs/hard_cases.md`. An entry is an "
-           "input\n"
-           "for which the textbook's formula fails, in float or in general, with the accuracy "
-           "required of\n"
-           "rye's formula and the worst that it reached on the machine that wrote the page. A row "
-           "in\n"
-           "*italics* is the textbook's formula, or a common alternative, under the same "
-           "requirement: it\n"
-           "must fail, which shows that the requirement is meaningful. \"holds\" is a fact without "
-           "a number.\n\n"
+           "```\nhard_cases --page docs/results/hard_cases.md\n```\n\n"
+           "Commit and machine: not recorded.\n\n"
+           "An entry is an input for which the textbook's formula fails, in float or in general, "
+           "with the accuracy required of\n"
+           "rye's formula and the worst that it reached. A row in *italics* is the textbook's "
+           "formula, or a common alternative,\n"
+           "under the same requirement: it must fail, which shows that the requirement is "
+           "meaningful. \"holds\" is a fact without a\nnumber.\n\n"
         << catalogue().size() << " entries: " << c.tested << " tested here, " << c.elsewhere
         << " by another test, " << c.absent << " about code that does not exist; for "
         << c.textbook

@@ -45,7 +45,7 @@ struct Experiment {
 const std::vector<std::string>& built_in_experiments();
 Experiment built_in_experiment(const std::string& name);
 
-/// From a JSON file (docs/experiments.md); Error with file and field for what is wrong in it.
+/// From a JSON file (docs/evaluation.md); Error with file and field for what is wrong in it.
 Experiment read_experiment(const std::filesystem::path& path);
 /// As read_experiment, from the text of the list at `path`.
 Experiment parse_experiment(std::string_view text, const std::filesystem::path& path);

@@ -2,7 +2,7 @@
 /// data/run_frames.hpp: the frames of the capture that a run was trained on, without pixels:
 /// drivers, landmarks, cameras, names. They lie in the run's folder, so that drawing needs no
 /// capture. One safetensors file, of numbers as the capture has them: a picture drawn from it has
-/// the bits of one drawn from the capture. The layout is in docs/formats.md.
+/// the bits of one drawn from the capture. The layout is in docs/runs.md.
 #pragma once
 
 #include <filesystem>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/capture/avatar_file.hpp: one file with a whole avatar to show: NAME.avatar. A safetensors
-/// file with format, version, settings and a checksum in its metadata; docs/formats.md has the
+/// file with format, version, settings and a checksum in its metadata; docs/runs.md has the
 /// tables. Positions are F32, the other parameters F16 or F32, so that a file is a few megabytes.
 /// Nothing in it depends on a path, a capture or a clock.
 #pragma once

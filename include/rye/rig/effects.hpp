@@ -4,7 +4,7 @@
 /// (rig/effect_slots.hpp).
 /// Bounds: an effect may be left out where its input varies by less than `droppable`. All bounds
 /// follow from least_move, the largest motion that changes no pixel.
-/// Source of the list: docs/effects.md, which also shows how to write your own.
+/// Source of the list: docs/effects.md; docs/parts.md shows how to write your own.
 #pragma once
 
 #include <concepts>

@@ -3,10 +3,14 @@
 /// in one piece of memory, drivers in device memory, the driven cloud where a DeviceRasterizer
 /// reads it, and the vjp from the cloud's cotangents to all parameters. The upsampler's parameters
 /// are in the same piece, and its part of a step is elsewhere.
-///     DeviceTwoStream<E, CudaDevice, DeviceNetworks<1>> avatar(device, queue, {host, config,
-///     roles}); avatar.set_drivers(queue, drivers); do { avatar.drive_into(queue); } while
-///     (!avatar.finish(queue)); rasterizer.forward_into(queue, avatar.cloud(), ...);   // and its
-///     vjp into avatar.g_cloud() avatar.vjp_into(queue, gradient);
+///
+///     DeviceTwoStream<E, CudaDevice, DeviceNetworks<1>> avatar(device, queue,
+///                                                              {host, config, roles});
+///     avatar.set_drivers(queue, drivers);
+///     do { avatar.drive_into(queue); } while (!avatar.finish(queue));
+///     rasterizer.forward_into(queue, avatar.cloud(), ...);  // its vjp into avatar.g_cloud(queue)
+///     avatar.vjp_into(queue, gradient);
+///
 /// But for set_drivers, finish, upload and download nothing waits. Sums have a fixed order: the
 /// same build gives the same bits.
 #pragma once
