@@ -78,7 +78,7 @@ int main(int count, char** words) try {
         }
         print_row(
             name,
-            landmark_regression<float, TrainEffects>(
+            landmark_regression<float, MeshEffects>(
                 train_backend(), {config.avatar, neutral, neutral}, subject.roles, train, prior),
             neutral, train, test);
     }

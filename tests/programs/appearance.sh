@@ -65,7 +65,7 @@ train --capture cap --config both.json --out two --threads 2
 same both/checkpoint.safetensors two/checkpoint.safetensors
 has both/config.json '"eye_appearance": "driven"'
 has both/config.json '"shading": "head_pose"'
-for tensor in avatar.eyes.left_appearance_mlp avatar.shading.light avatar.eyes.kappa; do
+for tensor in avatar.eyes.left_appearance_mlp avatar.shading.light; do
     has both/checkpoint.safetensors $tensor
     has_not plain/checkpoint.safetensors $tensor
 done
