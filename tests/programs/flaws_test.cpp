@@ -596,7 +596,7 @@ TEST_CASE("flaw: what is refused leaves nothing behind") {
                 "--one-camera: got 'c9', expected one of: c0 c1 c2");
     CHECK_FAULT(flaw(tiny.folder, tiny.folder / "out", 0, set), "inside the capture");
     CHECK_FAULT(flaw(tiny.folder, tiny.folder, 0, set), "which exists already");
-    // Eyes that look into the head.
+    // Eyeballs far from their lids.
     CHECK_FAULT(flaw(tiny.folder, out, 0, [](FlawOptions& o) { o.sizes[Flaw::centres] = 50; }),
                 (out / "params").string());
     TinyCapture::remove(tiny.params(1, "gaze.npz"), "eye_center_left");

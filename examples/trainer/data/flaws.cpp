@@ -155,8 +155,8 @@ const FlawOptions& checked(const FlawOptions& o) {
             "got '" + who + "', which is inside the capture " + o.capture.string());
     const bool any = std::any_of(o.sizes.values.begin(), o.sizes.values.end(),
                                  [](double size) { return size > 0; });
-    require(any || !o.one_camera.empty(), "flaw",
-            "no flaw is asked for, expected one at least, such as --gaze-common 4");
+    if (!any && o.one_camera.empty())
+        throw Error("no flaw is asked for, expected one at least, such as --gaze-common 4");
     return o;
 }
 
