@@ -14,7 +14,7 @@
 namespace rye::trainer {
 namespace {
 
-struct Options {
+struct FlawArguments {
     FlawOptions flaws;
     std::string seed = "0", labels = "train", pictures = "all";
     std::vector<double> pose; // [deg], [mm]
@@ -26,7 +26,7 @@ FlawedFrames frames_of(const std::string& word) {
     return word == "all" ? FlawedFrames::all : FlawedFrames::train;
 }
 
-void run(Options o) {
+void write_copy(FlawArguments o) {
     set_threads(o.threads);
     FlawOptions& f = o.flaws;
     f.seed = parsed_seed(o.seed, "--seed");
@@ -47,7 +47,7 @@ void run(Options o) {
 } // namespace
 
 void add_flaw(CLI::App& app) {
-    const auto o = std::make_shared<Options>();
+    const auto o = std::make_shared<FlawArguments>();
     CLI::App* c = app.add_subcommand(
         "flaw", "Copy a capture with chosen errors of labels and pictures put in");
     FlawSizes& sizes = o->flaws.sizes;
@@ -109,7 +109,7 @@ void add_flaw(CLI::App& app) {
         "Sizes are standard deviations of normal distributions, of percents those of a logarithm; "
         "of blurs that of the kernel.\nEach kind of error has random numbers of its own. --out has "
         "flaws.json, which tells what was put in.");
-    c->callback([o] { run(*o); });
+    c->callback([o] { write_copy(*o); });
 }
 
 } // namespace rye::trainer
