@@ -6,6 +6,7 @@ namespace rye::trainer {
 void add_commands(CLI::App& app) {
     add_capture(app);
     add_import(app);
+    add_flaw(app);
     add_info(app);
     add_train(app);
     add_redirect(app);
