@@ -44,8 +44,8 @@ GaussianCloud<T> activate_vjp(const GaussianCloud<T>& cloud, const Vec3<T>& eye,
 /// are clamped to the range of their logit and logarithm.
 template <Real T>
 GaussianCloud<T> deactivate(const Gaussians<T>& g) {
-    require(g.channels() >= 3, "deactivate",
-            "got " + std::to_string(g.channels()) + " channels, expected at least 3 of colour");
+    require(g.channels() >= 3, "deactivate", "got ", g.channels(),
+            " channels, expected at least 3 of colour");
     GaussianCloud<T> r(g.count(), 0);
     r.mean = g.mean;
     r.rotation = g.rotation;

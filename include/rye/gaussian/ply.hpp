@@ -68,7 +68,7 @@ std::vector<PlyTarget<T>> ply_targets(const PlyHeader& h, GaussianCloud<T>& clou
     std::vector<PlyTarget<T>> targets(h.properties.size());
     const auto bind = [&](const std::string& name, Columns<T>& array, Index row) {
         const Index i = h.find(name);
-        require(i >= 0, who, "the vertex has no property " + name);
+        require(i >= 0, who, "the vertex has no property ", name);
         targets[static_cast<std::size_t>(i)] = {&array, row};
     };
     for (int k = 0; k < 3; ++k) {
@@ -157,17 +157,16 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
                                std::uint64_t memory, const std::string& who) {
     int rest = 0;
     while (h.find("f_rest_" + std::to_string(rest)) >= 0) ++rest;
-    require(rest == 0 || rest == 9 || rest == 24 || rest == 45 || rest == 72, who,
-            "got " + std::to_string(rest) + " f_rest properties, expected 0, 9, 24, 45 or 72");
+    require(rest == 0 || rest == 9 || rest == 24 || rest == 45 || rest == 72, who, "got ", rest,
+            " f_rest properties, expected 0, 9, 24, 45 or 72");
 
     // The header is not trusted: memory is allocated after the file is known to hold that much. An
     // ascii number takes at least two bytes, the last one a byte, and a skipped line one.
     const std::int64_t stride =
         h.ascii ? 2 * static_cast<std::int64_t>(h.properties.size()) : h.stride;
     const std::int64_t skip = h.ascii ? h.skip_lines : h.skip;
-    require(stride > 0 && skip <= left && h.count <= (left - skip + 1) / stride, who,
-            std::to_string(left) + " bytes of data are too few for " + std::to_string(h.count) +
-                " vertices and the elements before them");
+    require(stride > 0 && skip <= left && h.count <= (left - skip + 1) / stride, who, left,
+            " bytes of data are too few for ", h.count, " vertices and the elements before them");
 
     const bool flat = h.find("scale_2") < 0;
     const int degree = sh_degree(rest / 3 + 1);
@@ -195,9 +194,8 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
             for (std::size_t p = 0; p < targets.size(); ++p) {
                 if (!read_word(in, word)) throw missing(i);
                 const auto x = parse_double(std::string_view(word).substr(word[0] == '+' ? 1 : 0));
-                require(x.has_value(), who,
-                        "property " + h.properties[p].name + " of vertex " + std::to_string(i) +
-                            " is \"" + word + "\", not a number");
+                require(x.has_value(), who, "property ", h.properties[p].name, " of vertex ", i,
+                        " is \"", word, "\", not a number");
                 if (targets[p].array != nullptr)
                     (*targets[p].array)(targets[p].row, i) = finite(static_cast<T>(*x), p, i);
             }
@@ -216,9 +214,10 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
                                          h.properties[p].type),
                            p, i);
     }
-    require(h.checksum.empty() || h.checksum == checksum_text(crc), who,
-            "the header's checksum: got '" + h.checksum + "', expected '" + checksum_text(crc) +
-                "': the file is damaged, or a program that changed it kept the line");
+    require(
+        h.checksum.empty() || h.checksum == checksum_text(crc), who, "the header's checksum: got '",
+        h.checksum, "', expected '", [&] { return checksum_text(crc); },
+        "': the file is damaged, or a program that changed it kept the line");
     return cloud;
 }
 
@@ -243,8 +242,8 @@ GaussianCloud<T> read_ply(std::istream& in, const std::string& name,
 template <Real T>
 GaussianCloud<T> read_ply(const std::string& path, std::uint64_t memory = default_memory) {
     std::ifstream in(path, std::ios::binary);
-    require(in.good() && !std::filesystem::is_directory(path), "read_ply",
-            path + " cannot be opened as a file");
+    require(in.good() && !std::filesystem::is_directory(path), "read_ply", path,
+            " cannot be opened as a file");
     return read_ply<T>(in, path, memory);
 }
 
@@ -253,11 +252,10 @@ GaussianCloud<T> read_ply(const std::string& path, std::uint64_t memory = defaul
 template <Real T>
 void write_ply(std::ostream& out, const GaussianCloud<T>& cloud, const PlyOptions& options = {}) {
     const int own = cloud.degree(), degree = options.degree < 0 ? own : options.degree;
-    require(degree >= own && degree <= 4, "write_ply",
-            "got degree " + std::to_string(degree) + ", expected from the cloud's, " +
-                std::to_string(own) + ", to 4");
-    require(options.comment.find('\n') == std::string::npos, "write_ply",
-            "the comment \"" + options.comment + "\" has several lines");
+    require(degree >= own && degree <= 4, "write_ply", "got degree ", degree,
+            ", expected from the cloud's, ", own, ", to 4");
+    require(options.comment.find('\n') == std::string::npos, "write_ply", "the comment \"",
+            options.comment, "\" has several lines");
     const int kept = sh_count(own) - 1, padded = sh_count(degree) - 1;
     std::string header = "ply\nformat binary_little_endian 1.0\n";
     if (!options.comment.empty()) header += "comment " + options.comment + "\n";

@@ -84,8 +84,8 @@ inline std::string ply_line(std::istream& in, const std::string& who) {
                 "the file ends within the header, before end_header");
         if (c == '\n') break;
         line.push_back(static_cast<char>(c));
-        require(line.size() <= longest, who,
-                "a header line exceeds " + std::to_string(longest) + " bytes: not a PLY file");
+        require(line.size() <= longest, who, "a header line exceeds ", longest,
+                " bytes: not a PLY file");
     }
     if (!line.empty() && line.back() == '\r') line.pop_back();
     return line;
@@ -104,8 +104,8 @@ inline Index ply_count(const std::string& text, const std::string& who) {
     Index n = -1;
     const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), n);
     require(fault == std::errc() && end == text.data() + text.size() && n >= 0, who,
-            "got element count \"" + text + "\", expected a whole number of at most " +
-                std::to_string(std::numeric_limits<Index>::max()));
+            "got element count \"", text, "\", expected a whole number of at most ",
+            std::numeric_limits<Index>::max());
     return n;
 }
 
@@ -139,8 +139,7 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
         h.skip_lines += element_count;
     };
     for (int lines = 0;; ++lines) {
-        require(lines < most_lines, who,
-                "no end_header in the first " + std::to_string(most_lines) + " lines");
+        require(lines < most_lines, who, "no end_header in the first ", most_lines, " lines");
         const std::string line = next_line();
         std::string_view words = line;
         const std::string key(detail::ply_word(words)), a(detail::ply_word(words)),
@@ -150,8 +149,8 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
         if (key == "format") {
             require(a != "binary_big_endian", who,
                     "the file is big-endian, expected ascii or binary_little_endian");
-            require(a == "ascii" || a == "binary_little_endian", who,
-                    "got format \"" + a + "\", expected ascii or binary_little_endian");
+            require(a == "ascii" || a == "binary_little_endian", who, "got format \"", a,
+                    "\", expected ascii or binary_little_endian");
             h.ascii = a == "ascii";
             format_seen = true;
         } else if (key == "element") {
@@ -175,7 +174,7 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
                 require(!b.empty(), who, "a property has no name");
                 const bool first =
                     h.place.emplace(b, static_cast<Index>(h.properties.size())).second;
-                require(first, who, "property " + b + " occurs twice");
+                require(first, who, "property ", b, " occurs twice");
                 h.properties.push_back({b, type, h.stride});
                 h.stride += ply_size(type);
             }

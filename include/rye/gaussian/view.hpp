@@ -77,9 +77,8 @@ struct GaussianView {
 
     /// Columns [begin, begin + n). Throws Error if there are fewer.
     GaussianView columns(Index begin, Index n) const {
-        require(begin >= 0 && n >= 0 && begin <= size - n, "GaussianView",
-                "got columns " + std::to_string(begin) + " to " + std::to_string(begin + n) +
-                    " of " + std::to_string(size));
+        require(begin >= 0 && n >= 0 && begin <= size - n, "GaussianView", "got columns ", begin,
+                " to ", begin + n, " of ", size);
         GaussianView v = *this;
         v.mean = mean.from(begin);
         v.rotation = rotation.from(begin);
@@ -92,17 +91,15 @@ struct GaussianView {
     }
     /// The first n channels. Throws Error if there are fewer.
     GaussianView first_channels(Index n) const {
-        require(n >= 0 && n <= rows, "GaussianView",
-                "got " + std::to_string(n) + " of " + std::to_string(rows) + " channels");
+        require(n >= 0 && n <= rows, "GaussianView", "got ", n, " of ", rows, " channels");
         GaussianView v = *this;
         v.rows = n;
         return v;
     }
     /// The same with one feature, C x 1, for all Gaussians from column `begin` on.
     GaussianView painted_from(Index begin, const VecX<T>& color) const {
-        require(color.size() == rows, "GaussianView",
-                "the feature has " + std::to_string(color.size()) + " channels, the Gaussians " +
-                    std::to_string(rows));
+        require(color.size() == rows, "GaussianView", "the feature has ", color.size(),
+                " channels, the Gaussians ", rows);
         GaussianView v = *this;
         v.painted = begin;
         v.paint = color.data();

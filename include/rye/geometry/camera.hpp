@@ -101,12 +101,10 @@ template <Real T>
 Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up, T vertical_fov_rad,
                    const ImageSize& size) {
     const auto [width, height] = size;
-    require(width > 0 && height > 0, "look_at",
-            "the image is " + std::to_string(width) + " x " + std::to_string(height) +
-                " pixels, expected both positive");
+    require(width > 0 && height > 0, "look_at", "the image is ", width, " x ", height,
+            " pixels, expected both positive");
     require(vertical_fov_rad > T(0) && vertical_fov_rad < T(3.14159265358979323846), "look_at",
-            "the vertical field of view is " + number_text(vertical_fov_rad) +
-                " rad, expected between 0 and pi");
+            "the vertical field of view is ", vertical_fov_rad, " rad, expected between 0 and pi");
     const Vec3<T> z = normalized(Vec3<T>(target - eye));
     const Vec3<T> side = cross(z, normalized(up));
     require(norm(side) > T(1e-6), "look_at",
@@ -127,10 +125,9 @@ Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up,
 template <Scalar T, Distortion D>
 Pinhole<T, D> scaled(Pinhole<T, D> camera, double factor) {
     const double w = std::round(camera.width * factor), h = std::round(camera.height * factor);
-    require(w >= 1 && h >= 1 && w < 1e6 && h < 1e6, "scaled",
-            "factor " + number_text(factor) + " for an image of " +
-                std::to_string(camera.width) + " x " + std::to_string(camera.height) +
-                " pixels, expected a result of 1 to 999999 pixels a side");
+    require(w >= 1 && h >= 1 && w < 1e6 && h < 1e6, "scaled", "factor ", factor,
+            " for an image of ", camera.width, " x ", camera.height,
+            " pixels, expected a result of 1 to 999999 pixels a side");
     // Sizes that do not divide evenly scale x and y separately, so the field of view is unchanged.
     const T sx = T(w / camera.width), sy = T(h / camera.height);
     camera.fx = camera.fx * sx;

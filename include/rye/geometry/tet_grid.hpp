@@ -100,12 +100,10 @@ TetGrid<T> bcc_grid(const Vec3<T>& lo, const Vec3<T>& hi, T cell) {
     double cells = 1;
     for (int d = 0; d < 3; ++d) {
         const double count = std::round(static_cast<double>((hi[d] - lo[d]) / cell));
-        require(cell > T(0) && hi[d] > lo[d] && std::isfinite(count), "bcc_grid",
-                "side " + number_text(hi[d] - lo[d]) + " and cell " + number_text(cell) +
-                    " must be positive and finite");
+        require(cell > T(0) && hi[d] > lo[d] && std::isfinite(count), "bcc_grid", "side ",
+                hi[d] - lo[d], " and cell ", cell, " must be positive and finite");
         cells *= std::max(count, 1.0);
-        require(cells < 1e8, "bcc_grid", "the cell of " + number_text(cell) +
-                                             " gives more than 1e8 cells");
+        require(cells < 1e8, "bcc_grid", "the cell of ", cell, " gives more than 1e8 cells");
         n[static_cast<std::size_t>(d)] = static_cast<Index>(std::max(count, 1.0));
     }
     const Index nx = n[0], ny = n[1], nz = n[2];

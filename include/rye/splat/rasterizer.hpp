@@ -190,32 +190,18 @@ struct Rasterizer {
                       const VecX<T>& background) {
         static_assert(!D::distorts || A::order == BlendOrder::by_centre,
                       "rasterizer: blending by peak needs the straight rays of a pinhole");
-        expect(background.size() == g.channels(), [&] {
-            return "got a background of " + std::to_string(background.size()) +
-                   " channels, expected " + std::to_string(g.channels());
-        });
-        expect(camera.width >= 0 && camera.height >= 0, [&] {
-            return "got an image of " + std::to_string(camera.width) + " x " +
-                   std::to_string(camera.height) + " pixels, expected no negative size";
-        });
+        require(background.size() == g.channels(), "rasterizer", "got a background of ",
+                background.size(), " channels, expected ", g.channels());
+        require(camera.width >= 0 && camera.height >= 0, "rasterizer", "got an image of ",
+                camera.width, " x ", camera.height, " pixels, expected no negative size");
         const std::int64_t pixels = static_cast<std::int64_t>(camera.width) * camera.height;
-        expect(pixels <= std::numeric_limits<Index>::max(), [&] {
-            return "got an image of " + std::to_string(pixels) + " pixels, expected at most " +
-                   std::to_string(std::numeric_limits<Index>::max());
-        });
-        expect(camera.near_depth > T(0), [] {
-            return std::string("got a near depth that is not positive, expected a positive one");
-        });
+        require(pixels <= std::numeric_limits<Index>::max(), "rasterizer", "got an image of ",
+                pixels, " pixels, expected at most ", std::numeric_limits<Index>::max());
+        require(camera.near_depth > T(0), "rasterizer",
+                "got a near depth that is not positive, expected a positive one");
         const std::int64_t count = g.count();  // Index may have 32 bits
-        expect(count < std::int64_t(no_member), [&] {
-            return "got " + std::to_string(count) + " Gaussians, expected fewer than 2^32 - 1";
-        });
-    }
-
-    /// Builds the message only on failure; a warmed-up step allocates nothing.
-    template <class Message>
-    static void expect(bool condition, const Message& message) {
-        if (!condition) throw Error("rasterizer: " + message());
+        require(count < std::int64_t(no_member), "rasterizer", "got ", count,
+                " Gaussians, expected fewer than 2^32 - 1");
     }
 
     template <class T, Distortion D>
@@ -223,11 +209,9 @@ struct Rasterizer {
                                 const RasterCotangent<T>& c) {
         const Index pixels = static_cast<Index>(camera.width) * camera.height;
         const auto check_shape = [&](const char* name, const Columns<T>* a, Index rows) {
-            expect(a == nullptr || (a->rows() == rows && a->cols() == pixels), [&] {
-                return "cotangent of " + std::string(name) + " is " + std::to_string(a->rows()) +
-                       " x " + std::to_string(a->cols()) + ", image is " + std::to_string(rows) +
-                       " x " + std::to_string(pixels);
-            });
+            if (a == nullptr) return;
+            require(a->rows() == rows && a->cols() == pixels, "rasterizer", "cotangent of ", name,
+                    " is ", a->rows(), " x ", a->cols(), ", image is ", rows, " x ", pixels);
         };
         if (!A::outputs.depth && c.depth != nullptr)
             throw Error("rasterizer: got a cotangent of depth, expected none: the policy's "

@@ -124,8 +124,7 @@ SelectedAccuracy select_accuracy(const B& backend, const Gaussians<T>& g, const 
                                  const VecX<T>& background, double bound,
                                  const SelectSettings& settings = {}) {
     using Sample = detail::TileSample<B, T>;
-    require(bound > 0, "select_accuracy",
-            "got a bound of " + number_text(bound) + ", expected a positive one");
+    require(bound > 0, "select_accuracy", "got a bound of ", bound, ", expected a positive one");
     check_shapes("select_accuracy", g);
     const AccuracyRung& last = accuracy_ladder.back();
     SelectedAccuracy chosen{last.accuracy(), last.name};

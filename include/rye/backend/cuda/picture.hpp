@@ -34,12 +34,11 @@ void require_picture(const char* who, const char* what, const DevicePicture<P>& 
     const auto text = [](Index c, Index w, Index h) {
         return std::to_string(c) + " channels of " + std::to_string(w) + " x " + std::to_string(h);
     };
-    require(p.pixels.rows == channels && p.width == width && p.height == height &&
-                p.pixels.cols == Index(width) * height,
-            who,
-            std::string(what) + " has " + text(p.pixels.rows, p.width, p.height) + " pixels in " +
-                std::to_string(p.pixels.cols) + " columns, expected " +
-                text(channels, width, height));
+    require(
+        p.pixels.rows == channels && p.width == width && p.height == height &&
+            p.pixels.cols == Index(width) * height,
+        who, what, " has ", [&] { return text(p.pixels.rows, p.width, p.height); }, " pixels in ",
+        p.pixels.cols, " columns, expected ", [&] { return text(channels, width, height); });
 }
 
 } // namespace rye

@@ -100,9 +100,8 @@ class Resident {
   private:
     static void same(const typename ResidentLayout<P>::Slice& s, const std::string& name,
                      const Columns<float>& a) {
-        require(a.rows() == s.rows && a.cols() == s.cols, "Resident",
-                name + " is " + std::to_string(a.rows()) + " x " + std::to_string(a.cols()) +
-                    ", the layout has " + std::to_string(s.rows) + " x " + std::to_string(s.cols));
+        require(a.rows() == s.rows && a.cols() == s.cols, "Resident", name, " is ", a.rows(), " x ",
+                a.cols(), ", the layout has ", s.rows, " x ", s.cols);
     }
 
     Device device_;

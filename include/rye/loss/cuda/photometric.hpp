@@ -86,9 +86,8 @@ void masked_l1_into(const Device& device, const CudaQueue& queue, const DeviceIm
                     float weight, const DeviceColumns<float>& g, DeviceBuffer<double>& partial,
                     float* value) {
     const auto shaped = [&](const char* what, Index rows, Index cols, Index want) {
-        require(rows == want && cols == images.a.cols, "masked_l1",
-                std::string(what) + " is " + std::to_string(rows) + " x " + std::to_string(cols) +
-                    ", expected " + std::to_string(want) + " x " + std::to_string(images.a.cols));
+        require(rows == want && cols == images.a.cols, "masked_l1", what, " is ", rows, " x ", cols,
+                ", expected ", want, " x ", images.a.cols);
     };
     shaped("second image", images.b.rows, images.b.cols, images.a.rows);
     shaped("gradient", g.rows, g.cols, images.a.rows);

@@ -145,14 +145,11 @@ class DeviceUpsampler {
                   const DeviceColumns<const float>& g_out, const DeviceUpsamplerGradient& to) {
         const char* const who = "DeviceUpsampler";
         check(to.params);
-        require(g_out.rows == 3 && g_out.cols == trace.out.pixels.cols, who,
-                "cotangent is " + std::to_string(g_out.rows) + " x " + std::to_string(g_out.cols) +
-                    ", expected 3 x " + std::to_string(trace.out.pixels.cols));
+        require(g_out.rows == 3 && g_out.cols == trace.out.pixels.cols, who, "cotangent is ",
+                g_out.rows, " x ", g_out.cols, ", expected 3 x ", trace.out.pixels.cols);
         require(to.in.data == nullptr ||
                     (to.in.rows == shape_.in_channels && to.in.cols == trace.in.pixels.cols),
-                who,
-                "gradient of the input is " + std::to_string(to.in.rows) + " x " +
-                    std::to_string(to.in.cols));
+                who, "gradient of the input is ", to.in.rows, " x ", to.in.cols);
         if (trace.in.pixels.cols == 0) return;
         reserve(queue, trace);
         float *g = g_[0].data(), *other = g_[1].data();
@@ -367,13 +364,11 @@ class DeviceUpsampler {
     void check(const DeviceUpsamplerParameters& p) const {
         const auto shaped_as = [](const std::string& what, const DeviceColumns<float>& a,
                                   Index rows, Index cols) {
-            require(a.rows == rows && a.cols == cols, "DeviceUpsampler",
-                    what + " is " + std::to_string(a.rows) + " x " + std::to_string(a.cols) +
-                        ", its shape has " + std::to_string(rows) + " x " + std::to_string(cols));
+            require(a.rows == rows && a.cols == cols, "DeviceUpsampler", what, " is ", a.rows,
+                    " x ", a.cols, ", its shape has ", rows, " x ", cols);
         };
-        require(p.conv.size() == convolution_.size(), "DeviceUpsampler",
-                "parameters are of " + std::to_string(p.conv.size()) + " layers, its shape has " +
-                    std::to_string(convolution_.size()));
+        require(p.conv.size() == convolution_.size(), "DeviceUpsampler", "parameters are of ",
+                p.conv.size(), " layers, its shape has ", convolution_.size());
         for (std::size_t l = 0; l < convolution_.size(); ++l)
             shaped_as("weight of layer " + std::to_string(l), p.conv[l], convolution_[l]->outputs(),
                       Index(9) * convolution_[l]->inputs());

@@ -225,14 +225,10 @@ struct DeviceRasterizer {
                   const Pinhole<float, D>& camera, const float* background,
                   const DeviceCotangent& cotangent, const DeviceGaussians<float>& out,
                   Frame& frame) const {
-        expect(frame.for_vjp, [] {
-            return std::string("got a frame that keeps nothing for a vjp, expected one that does");
-        });
-        expect(A::outputs.depth || cotangent.depth.data == nullptr, [] {
-            return std::string(
-                "got a cotangent of depth, expected none: the policy's outputs "
-                "have no depth");
-        });
+        require(frame.for_vjp, "rasterizer",
+                "got a frame that keeps nothing for a vjp, expected one that does");
+        require(A::outputs.depth || cotangent.depth.data == nullptr, "rasterizer",
+                "got a cotangent of depth, expected none: the policy's outputs have no depth");
         const FrameMemory& m = frame.m;
         const Device& device = frame.device;
         const bool extra = cotangent.alpha.data != nullptr || cotangent.depth.data != nullptr;
@@ -289,21 +285,13 @@ struct DeviceRasterizer {
         });
     }
 
-    template <class Message>
-    static void expect(bool condition, const Message& message) {
-        if (!condition) throw Error("rasterizer: " + message());
-    }
-
     template <Distortion D>
     static void check(const DeviceGaussians<const float>& g, const Pinhole<float, D>& camera,
                       const DeviceImages& images) {
         const auto shaped = [&](const char* name, Index rows, Index cols, Index want_rows,
                                 Index want) {
-            expect(rows == want_rows && cols == want, [&] {
-                return "got " + std::string(name) + " of " + std::to_string(rows) + " x " +
-                       std::to_string(cols) + ", expected " + std::to_string(want_rows) + " x " +
-                       std::to_string(want);
-            });
+            require(rows == want_rows && cols == want, "rasterizer", "got ", name, " of ", rows,
+                    " x ", cols, ", expected ", want_rows, " x ", want);
         };
         const Index n = g.count();
         shaped("mean", g.mean.rows, g.mean.cols, 3, n);
@@ -311,28 +299,21 @@ struct DeviceRasterizer {
         shaped("scale", g.scale.rows, g.scale.cols, 3, n);
         shaped("opacity", g.opacity.rows, g.opacity.cols, 1, n);
         shaped("feature", g.feature.rows, g.feature.cols, g.channels(), n);
-        expect(static_cast<std::uint64_t>(n) < std::uint64_t(1) << 31U,
-               [&] { return "got " + std::to_string(n) + " Gaussians, expected fewer than 2^31"; });
+        require(static_cast<std::uint64_t>(n) < std::uint64_t(1) << 31U, "rasterizer", "got ", n,
+                " Gaussians, expected fewer than 2^31");
         const auto numbers = [&](Index columns) { // in 64 bits: an index may have 32
             return static_cast<std::uint64_t>(columns) *
                    static_cast<std::uint64_t>(std::max<Index>(g.channels(), 1));
         };
-        expect(numbers(n) < std::uint64_t(1) << 32U, [&] {
-            return "got " + std::to_string(n) + " Gaussians of " + std::to_string(g.channels()) +
-                   " channels, expected fewer than 2^32 numbers";
-        });
-        expect(camera.width >= 0 && camera.height >= 0, [&] {
-            return "got an image of " + std::to_string(camera.width) + " x " +
-                   std::to_string(camera.height) + " pixels, expected no negative size";
-        });
+        require(numbers(n) < std::uint64_t(1) << 32U, "rasterizer", "got ", n, " Gaussians of ",
+                g.channels(), " channels, expected fewer than 2^32 numbers");
+        require(camera.width >= 0 && camera.height >= 0, "rasterizer", "got an image of ",
+                camera.width, " x ", camera.height, " pixels, expected no negative size");
         const Index pixels = static_cast<Index>(camera.width) * camera.height;
-        expect(numbers(pixels) < std::uint64_t(1) << 32U, [&] {
-            return "got an image of " + std::to_string(pixels) + " pixels and " +
-                   std::to_string(g.channels()) + " channels, expected fewer than 2^32 numbers";
-        });
-        expect(camera.near_depth > 0, [] {
-            return std::string("got a near depth that is not positive, expected a positive one");
-        });
+        require(numbers(pixels) < std::uint64_t(1) << 32U, "rasterizer", "got an image of ", pixels,
+                " pixels and ", g.channels(), " channels, expected fewer than 2^32 numbers");
+        require(camera.near_depth > 0, "rasterizer",
+                "got a near depth that is not positive, expected a positive one");
         shaped("feature image", images.feature.rows, images.feature.cols, g.channels(), pixels);
         shaped("alpha image", images.alpha.rows, images.alpha.cols, 1, pixels);
     }
