@@ -114,25 +114,40 @@ struct Compatible3dgsFloor : Compatible3dgs {
     static constexpr bool has_floor = true;
 };
 
-/// Every name of Balanced, which a policy of one's own derives from to state only what differs.
-/// Kinds of rules are constants of the class.
+/// Has every member of Balanced. A policy of one's own derives from Balanced and states only what
+/// differs. Rules are constants of the class. The compiler names the first member that is missing.
 template <class A>
 concept AccuracyPolicy = std::copyable<A> && std::default_initializable<A> && requires(const A a) {
     { a.alpha_min } -> std::convertible_to<double>;
+} && requires(const A a) {
     { a.alpha_max } -> std::convertible_to<double>;
+} && requires(const A a) {
     { a.stop } -> std::convertible_to<double>;
+} && requires(const A a) {
     { a.dilation } -> std::convertible_to<double>;
+} && requires(const A a) {
     { a.frustum_margin } -> std::convertible_to<double>;
+} && requires(const A a) {
     { a.alpha_floor } -> std::convertible_to<double>;
+} && requires(const A a) {
     { a.non_finite } -> std::convertible_to<NonFinite>;
+} && requires(const A a) {
     { a.max_memory } -> std::convertible_to<std::uint64_t>;
+} && requires {
     typename std::integral_constant<Stop, A::stop_rule>;
+} && requires {
     typename std::integral_constant<Support, A::support>;
+} && requires {
     typename std::integral_constant<Antialias, A::antialias>;
+} && requires {
     typename std::integral_constant<BlendOrder, A::order>;
-    { A::outputs } -> std::convertible_to<Outputs>;
+} && requires {
     typename std::integral_constant<int, A::depth_bits>;
+} && requires {
     typename std::integral_constant<bool, A::has_floor>;
+} && requires {
+    typename std::integral_constant<Outputs, A::outputs>;
+} && requires {
     typename std::integral_constant<int, A::exp2_degree>;
 };
 

@@ -25,6 +25,19 @@ struct RasterJvp;
 template <class B, class T>
 struct SplatJvp;
 
+namespace detail {
+
+/// Arguments of Rasterizer::forward among which the background is missing: fewer than three, or a
+/// backend and two more.
+template <class... Arguments>
+inline constexpr bool too_few_to_draw = sizeof...(Arguments) < 3;
+template <Backend B, class Gaussians, class Camera>
+inline constexpr bool too_few_to_draw<B, Gaussians, Camera> = true;
+template <class... Arguments>
+concept TooFewToDraw = too_few_to_draw<Arguments...>;
+
+} // namespace detail
+
 /// Draws Gaussians by the rules of A and differentiates the pictures, on any backend. The first
 /// argument of each call is the backend. For backends with lanes include splat/lanes.hpp. With that
 /// header, forward, forward_into and vjp may be called without a backend: on DefaultBackend, the
@@ -52,6 +65,15 @@ struct Rasterizer {
     Drawn<T> forward(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
                      const VecX<T>& background, RasterScratch<T>* scratch = nullptr) const {
         return forward(B{}, g, camera, background, scratch);
+    }
+    /// Fails to compile: names the arguments of a call that has too few of them.
+    template <class... Arguments>
+        requires detail::TooFewToDraw<Arguments...> Drawn<float> forward(const Arguments&...)
+    const {
+        static_assert(sizeof...(Arguments) > 3,
+                      "Rasterizer::forward: an argument is missing, expected "
+                      "([backend,] Gaussians, camera, background)");
+        return {};
     }
     template <class T, Distortion D, Backend B = DefaultBackend<T>>
     void forward_into(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
