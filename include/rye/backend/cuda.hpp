@@ -9,7 +9,6 @@
 #include <cstdint>
 #include <string>
 
-#include <rye/backend/backend.hpp>
 #include <rye/core/columns.hpp>
 #include <rye/core/error.hpp>
 
@@ -114,24 +113,5 @@ class DeviceBuffer {
     T* data_ = nullptr;
     std::size_t size_ = 0;
 };
-
-/// How partial gradients meet: each in its place, added in the order of tiles, so that the same
-/// build on the same architecture gives the same bits whatever the load.
-struct OrderedSums {};
-
-/// The backend of a device. What has no device version runs on the host's threads by the plain
-/// template.
-template <class Sums = OrderedSums, Threads P = DefaultThreads>
-struct CudaBackend {
-    using sums = Sums;
-    CudaQueue queue;
-    [[no_unique_address]] P threads{};
-};
-
-template <class B>
-concept DeviceBackend = Backend<B> && requires(const B& b) {
-    { b.queue } -> std::convertible_to<const CudaQueue&>;
-};
-static_assert(DeviceBackend<CudaBackend<>>);
 
 } // namespace rye
