@@ -38,8 +38,8 @@ struct DotSum {
     }
 };
 
-/// Difference of two dot products, relative to the sum of the magnitudes of their terms. Infinite
-/// where that is NaN, or where the sums differ without any term.
+/// Returns the difference of two dot products, relative to the sum of the magnitudes of their
+/// terms. Infinite if that is NaN, or if the sums differ without any term.
 inline double disagreement(const DotSum& a, const DotSum& b) {
     const double gap = std::abs(a.sum - b.sum), scale = std::max(a.magnitude, b.magnitude);
     if (gap == 0 && std::isfinite(scale)) return 0;

@@ -241,8 +241,8 @@ struct Dual {
         return isnan(x.value);
     }
 
-    /// Whether the value and every derivative are 0: the only case in which a singular slope is
-    /// dropped. (An inner dual of value 0 can still carry a derivative.)
+    /// Returns true where the value and every derivative are 0: the only case in which a singular
+    /// slope is dropped. (An inner dual of value 0 can still carry a derivative.)
     RYE_HD friend auto is_zero(const Dual& x) {
         auto all = is_zero_part(x.value);
         for (const T& t : x.d) all = all && is_zero_part(t);

@@ -30,9 +30,8 @@ B one_thread(const B& backend) {
 template <class B, class T>
 concept LaneBackend = Backend<B> && Real<T> && requires { typename B::template batch<T>; };
 
-/// What a call without a backend has where no header of lanes, such as splat/lanes.hpp, is
-/// included. It is no Backend, so the call does not compile: include the header, or give
-/// ScalarBackend{}.
+/// Backend of a call without one if no header of lanes, such as splat/lanes.hpp, is included. It
+/// is no Backend, so the call does not compile: include the header, or give ScalarBackend{}.
 struct NoDefaultBackend {};
 
 /// The backend of calls without one, for scalars T: completed by backend/lanes.hpp, so that those

@@ -131,7 +131,7 @@ class ThreadPool {
             wake_.notify_one();
     }
 
-    /// Whether ready() came true within about the time that waking a thread takes.
+    /// Returns true if ready() came true within about the time that waking a thread takes.
     template <class Ready>
     static bool spin_until(const Ready& ready) {
         constexpr auto longest = std::chrono::microseconds(30);
@@ -171,12 +171,12 @@ class ThreadPool {
     std::mutex mutex_;
     std::condition_variable wake_, done_;
     int asleep_ = 0;                           ///< workers in wake_.wait; guarded by mutex_
-    std::atomic<int> to_wake_{0};              ///< of the workers that sleep
+    std::atomic<int> to_wake_{0};              ///< number of sleeping workers to wake
     Job job_{};                                ///< changed only while nobody is inside
-    detail::TaskBands bands_{1};               ///< of the job's tasks
-    std::atomic<bool> open_{false};            ///< whether workers may join
+    detail::TaskBands bands_{1};               ///< job's tasks
+    std::atomic<bool> open_{false};            ///< true if workers may join
     std::atomic<int> inside_{0};               ///< workers that may touch the job
-    std::atomic<std::uint64_t> generation_{0}; ///< of jobs
+    std::atomic<std::uint64_t> generation_{0}; ///< number of jobs so far
     std::atomic<bool> ending_{false};
     std::atomic<bool> busy_{false};
 };

@@ -39,9 +39,9 @@ namespace rye {
 /// Log scale of the axis that flat Gaussians (2DGS) do not store: negligibly thin.
 inline constexpr double flat_log_scale = -20;
 
-/// How write_ply writes.
+/// Settings of write_ply.
 struct PlyOptions {
-    int degree = -1;           ///< of the harmonics, padded with zeros; -1: the cloud's
+    int degree = -1;           ///< degree of the harmonics, padded with zeros; -1: the cloud's
     std::string comment = {};  ///< a single line
 };
 
@@ -247,8 +247,8 @@ GaussianCloud<T> read_ply(const std::string& path, std::uint64_t memory = defaul
     return read_ply<T>(in, path, memory);
 }
 
-/// Writes a cloud as floats, without the stream's formatting. The caller replaces files atomically
-/// where that matters.
+/// Writes a cloud as floats, without the stream's formatting. Replaces no file atomically: that is
+/// the caller's task.
 template <Real T>
 void write_ply(std::ostream& out, const GaussianCloud<T>& cloud, const PlyOptions& options = {}) {
     const int own = cloud.degree(), degree = options.degree < 0 ? own : options.degree;

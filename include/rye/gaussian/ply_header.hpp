@@ -31,16 +31,16 @@ struct PlyProperty {
     Index offset = 0;                    ///< in the record [bytes]
 };
 
-/// What the header says of the vertices, and where they begin.
+/// The header's description of the vertices, and their beginning.
 struct PlyHeader {
     bool ascii = false;
-    Index count = 0;                     ///< of vertices
-    Index stride = 0;                    ///< of a binary vertex [bytes]
+    Index count = 0;                     ///< number of vertices
+    Index stride = 0;                    ///< size of a binary vertex [bytes]
     Index skip = 0;                      ///< binary data before the first vertex [bytes]
     Index skip_lines = 0;                ///< ascii lines before the first vertex
-    std::vector<PlyProperty> properties; ///< of the vertex
+    std::vector<PlyProperty> properties; ///< vertex's properties
     std::string checksum;                ///< that the file states, or empty
-    std::uint32_t crc = 0;               ///< of the header, with digits of 0 for the checksum's
+    std::uint32_t crc = 0;               ///< header's checksum, with digits of 0 in its own place
     std::map<std::string, Index, std::less<>> place;  ///< index of each name in `properties`
 
     /// Index of a property, or -1.
@@ -61,7 +61,7 @@ namespace detail {
 /// Beginning of the comment with the checksum: 8 hexadecimal digits of the CRC-32 of the header,
 /// in which they are 0 and lines end with LF, and of the vertices.
 inline constexpr std::string_view ply_checksum_line = "comment checksum crc32 ";
-/// Whether a byte separates words, in any locale.
+/// Returns true if a byte separates words, in any locale.
 constexpr bool ply_space(int c) { return c == ' ' || (c >= '\t' && c <= '\r'); }
 
 /// The next word of a line, which begins after it then; empty at the end.

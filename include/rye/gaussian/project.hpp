@@ -122,7 +122,7 @@ struct ScreenGaussian {
     Vec2<T> centre;              ///< from the principal point [px]
     T depth;                     ///< z [world units]
     Sym2<T> covariance;          ///< for bounds [px^2]
-    T determinant;               ///< of the covariance [px^4]
+    T determinant;               ///< covariance's determinant [px^4]
     PrecisionFactor<T> precision; ///< w = L (p - centre), density exp(-|w|^2 / 2)
     Mask drawable;               ///< beyond the near plane, with a finite ellipse
 };
@@ -131,7 +131,7 @@ template <Scalar T>
 struct MipGaussian : ScreenGaussian<T> {
     T share;                     ///< in [0, 1]
 };
-/// What project returns.
+/// Result of project.
 template <Scalar T, Antialias how>
 using Projected = std::conditional_t<how == Antialias::mip, MipGaussian<T>, ScreenGaussian<T>>;
 
@@ -310,7 +310,7 @@ RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Projector<T, D>& lens,
     const PrecisionFactor<T> f = precision_factor(x, y, lens.dilation);
 
     const Vec3<T> second = detail::whitened_second_row(l, g.scale, f, lens.dilation);
-    Vec3<T> g_x, g_y;                                                     // of the rows of M
+    Vec3<T> g_x, g_y;                                                     // for the rows of M
     for (int i = 0; i < 3; ++i) {
         const T u = f.k1 * x[i], v = second[i];                           // L M
         const T mu = c.moment.xx * u + c.moment.xy * v;

@@ -132,7 +132,7 @@ concept Distortion =
 static_assert(Distortion<NoDistortion> && Distortion<BrownConrady<float>> &&
               !Distortion<Distorted<float>>);
 
-/// Whether the lens is valid at a slope: before its fold, at a positive determinant.
+/// Returns true where the lens is valid at a slope: before its fold, at a positive determinant.
 template <Scalar T>
 RYE_HD auto within_lens(const Vec2<T>& s, const Sym2<T>& slope, const T& fold) {
     return (s[0] * s[0] + s[1] * s[1] < fold) && (slope.determinant() > T(0));
@@ -142,7 +142,7 @@ RYE_HD auto within_lens(const Vec2<T>& s, const Sym2<T>& slope, const T& fold) {
 template <Scalar T>
 struct Undistorted {
     Vec2<T> slope;
-    bool reached;                ///< whether a slope before the fold solves D(slope) = at
+    bool reached;                ///< true if a slope before the fold solves D(slope) = at
 };
 
 /// Solves D(s) = at by damped Newton steps from within the fold, on values; the last step carries

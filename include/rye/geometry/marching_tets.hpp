@@ -112,7 +112,7 @@ SurfaceTopology surface_topology(const B& backend, const TetTopology& grid,
     SurfaceTopology out;
     if (first.back() == 0) return out;
     out.edges.resize(at(first.back()));
-    std::vector<Index> vertex(grid.edges.size());  // of the surface, for each crossing grid edge
+    std::vector<Index> vertex(grid.edges.size());  // on the surface, for each crossing grid edge
     for_chunks(backend.threads, count(crossing), 1, [&](Index c, Index, Index) {
         Index next = first[at(c)];
         for (const Index e : crossing[at(c)]) {
@@ -121,7 +121,7 @@ SurfaceTopology surface_topology(const B& backend, const TetTopology& grid,
         }
     });
     struct Faces {
-        std::vector<Face> singles, pairs; ///< of tetrahedra with one triangle, with two
+        std::vector<Face> singles, pairs; ///< faces of tetrahedra with one triangle, with two
     };
     std::vector<Faces> found(chunks(count(grid.tets)));
     for_chunks(backend.threads, count(grid.tets), grain, [&](Index begin, Index end, Index chunk) {

@@ -53,7 +53,7 @@ void check_view(const Mat<T, 4, 4>& view) {
             ", expected 1 (a right-handed world and eye frame)");
 }
 
-/// Of a projection whose last row is (0, 0, -1, 0).
+/// Throws Error unless a projection with the last row (0, 0, -1, 0) is that of a pinhole camera.
 template <Real T>
 void check_projection(const Mat<T, 4, 4>& p) {
     const char* const who = "pinhole_from_opengl";

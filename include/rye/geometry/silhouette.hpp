@@ -15,7 +15,7 @@
 
 namespace rye {
 
-/// How soft a silhouette is, and how far it reaches.
+/// Softness and reach of a silhouette.
 struct SilhouetteSettings {
     double sharpness = 7000;  ///< [1 / (half image width)^2]; .652 at one pixel of 256
     double reach = 0.02;      ///< margin around a face's box [half image widths]
@@ -146,7 +146,7 @@ struct SilhouettePixel {
     const SilhouetteTrace& trace;
     std::size_t index;
     int width;         ///< [px]
-    double sharpness;  ///< of SilhouetteSettings
+    double sharpness;  ///< SilhouetteSettings::sharpness
 };
 
 /// Soft mask of a pixel: s <- s + p (1 - s) keeps a small union accurate.

@@ -18,7 +18,7 @@
 
 namespace rye {
 
-/// Where light crosses or is reflected by the sphere, and whether it does.
+/// Point at which the sphere refracts or reflects light, if there is one.
 template <Scalar T>
 struct SpherePath {
     Vec3<T> at;                  ///< Q

@@ -20,8 +20,8 @@ namespace rye {
 /// When a pixel is full: never, after the blend that leaves transmittance < stop, or before it.
 enum class Stop { never, inclusive, exclusive };
 
-/// Where a Gaussian is looked for: where its alpha can reach alpha_min, exactly; or, as in the
-/// first implementation, in the 16 px tiles that a square of 3 standard deviations touches.
+/// Pixels tested for a Gaussian: exactly those where its alpha can reach alpha_min; or, as in the
+/// first implementation, the 16 px tiles that a square of 3 standard deviations touches.
 enum class Support { ellipse, square };
 
 /// The order in which a pixel blends: of the depths of centres, one for all pixels; or of the
@@ -29,9 +29,9 @@ enum class Support { ellipse, square };
 /// is the better model where Gaussians cross; it has plain loops only, on every backend.
 enum class BlendOrder { by_centre, by_peak };
 
-/// What a Gaussian with a NaN or an infinity does: it is left out and counted; it throws; or the
-/// caller vouches that there is none, and nothing is looked at. If the caller errs, no memory is
-/// misused, but pixels and gradients may be NaN.
+/// Treatment of a Gaussian with a NaN or an infinity. cull: leave it out and count it; fail: throw;
+/// trust: skip the check. If there is one despite the trust, no memory is misused, but pixels and
+/// gradients may be NaN.
 enum class NonFinite { cull, fail, trust };
 
 /// The default policy: shortcuts whose error is below that of 8-bit pictures.
@@ -39,18 +39,18 @@ struct Balanced {
     double alpha_min = 1.0 / 2550.0;   ///< contributions below are skipped
     double alpha_max = 0.999;          ///< alpha is clamped here; no gradient above
     double stop = 1e-5;                ///< transmittance at which a pixel is full
-    double dilation = 0.3;             ///< of Antialias::dilate and mip [px^2]
+    double dilation = 0.3;             ///< added variance of Antialias::dilate and mip [px^2]
     double frustum_margin = 0.3;       ///< Jacobian is clamped this many half-images outside
     double alpha_floor = 0;            ///< f in alpha = o (exp(-|w|^2/2) - f), if has_floor
     NonFinite non_finite = NonFinite::cull;
-    std::uint64_t max_memory = default_memory; ///< of the tiles' lists [bytes], else Error
+    std::uint64_t max_memory = default_memory; ///< limit of the tiles' lists [bytes], else Error
 
     static constexpr Stop stop_rule = Stop::inclusive;
     static constexpr Support support = Support::ellipse;
     static constexpr Antialias antialias = Antialias::dilate;
     static constexpr BlendOrder order = BlendOrder::by_centre;
-    /// Of depths that are compared: 32, or 64, which measures float Gaussians' depths in double.
-    /// Those of double Gaussians always have 64.
+    /// Bits of the depths that are compared: 32, or 64, which measures float Gaussians' depths in
+    /// double. Double Gaussians' depths always have 64.
     static constexpr int depth_bits = 32;
     static constexpr bool has_floor = false;
     static constexpr Outputs outputs = {};
@@ -151,7 +151,7 @@ concept AccuracyPolicy = std::copyable<A> && std::default_initializable<A> && re
     typename std::integral_constant<int, A::exp2_degree>;
 };
 
-/// What is added to both variances on the screen [px^2].
+/// Returns the variance that is added along both axes of the screen [px^2].
 template <AccuracyPolicy A>
 RYE_HD constexpr double screen_dilation(const A& accuracy) {
     return A::antialias == Antialias::none ? 0.0 : accuracy.dilation;

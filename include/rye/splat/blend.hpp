@@ -127,20 +127,21 @@ struct PixelGroup {
     }
 };
 
-/// What a Gaussian would add to a pixel with nothing in front of it.
+/// A Gaussian's share of a pixel with nothing in front of it.
 template <class V>
 struct Coverage {
     V alpha;
     V bell;                  ///< alpha without its floor; where pixels keep it, 0 if clamped
 };
 
-/// What a Gaussian adds to a pixel.
+/// A Gaussian's contribution to a pixel.
 template <class V>
 struct Contribution : Coverage<V> {
     V before;                ///< transmittance in front of it
     V weight;                ///< alpha times before; 0 where nothing is added
 };
-/// ... and whether the pixel takes it before it is full: always, but by an exclusive stop.
+/// A contribution that the pixel may reject as it is full: `taken` is false only if
+/// Stop::exclusive rejects it.
 template <class V, class Mask>
 struct TakenContribution : Contribution<V> {
     Mask taken;
@@ -173,7 +174,7 @@ struct Blend {
     RYE_HD explicit Blend(const A& a)
         : alpha_max(static_cast<R>(a.alpha_max)), stop(static_cast<R>(a.stop)) {}
 
-    /// Whether a Gaussian reaches a pixel.
+    /// Returns true where a Gaussian reaches a pixel.
     [[gnu::always_inline]] RYE_HD static auto reaches(const V& exponent, const V& cut) {
         return exponent >= cut;
     }
@@ -209,7 +210,7 @@ struct Blend {
         }
     }
 
-    /// Whether a pixel can still take a contribution.
+    /// Returns true where a pixel can still take a contribution.
     [[gnu::always_inline]] RYE_HD auto open(const V& transmittance) const {
         if constexpr (Pixels::ends_when_full && A::stop_rule != Stop::inclusive) {
             return std::true_type();

@@ -63,7 +63,7 @@ RYE_HD Splat<T> make_splat(const ScreenGaussian<T>& s, const T& opacity, const A
     return r;
 }
 
-/// What the sums over pixels say of the screen Gaussian.
+/// Gradient of the screen Gaussian from the sums over pixels.
 template <class T>
 RYE_HD ScreenCotangent<T> screen_cotangent(const Splat<T>& s, const SplatCotangent<T>& g) {
     using R = real_t<T>;

@@ -27,8 +27,8 @@ struct OracleModel {
     double dilation = 0.3;         ///< [px^2]
     double frustum_margin = 0.3;   ///< [half-images]
     BlendOrder order = BlendOrder::by_centre;
-    /// alpha from the whitened distance of the pixel's ray to the mean, before the camera, instead
-    /// of from the ellipse on the screen; without dilation or margin.
+    /// Takes alpha from the whitened distance of the pixel's ray to the mean, before the camera,
+    /// and not from the ellipse on the screen; without dilation or margin.
     bool rays = false;
 };
 
@@ -64,12 +64,12 @@ struct OracleEllipse {
 
 /// A Gaussian as a ray from the camera sees it: whitened by S^-1 R', S no less than 1e-9.
 struct OracleSolid {
-    Mat3<double> whiten;       ///< of a ray's direction in the camera's frame
+    Mat3<double> whiten;       ///< whitens a ray's direction in the camera's frame
     Vec3<double> mean;         ///< whitened
 
-    /// Where a ray passes a Gaussian's densest point, and how far from its mean, whitened.
+    /// A Gaussian's densest point along a ray.
     struct Meeting {
-        double depth, form;    ///< of the peak; the squared distance there
+        double depth, form;    ///< depth of the point; its squared distance to the mean, whitened
     };
     /// The ray through (d[0], d[1]) at depth 1.
     Meeting meet(const Vec3<double>& d) const {
@@ -103,7 +103,7 @@ struct OracleScene {
     OracleScene(const Gaussians<double>&, const Pinhole<double>&,
                 const std::vector<std::uint32_t>& order, const OracleModel&);
 
-    /// What adds to a pixel: ellipse k, off its centre by (dx, dy) [px].
+    /// A contribution to a pixel: ellipse k, off its centre by (dx, dy) [px].
     template <Real T>
     struct PixelContribution {
         std::size_t k;

@@ -26,7 +26,7 @@ struct Outputs {
 /// Features and alpha alone.
 inline constexpr Outputs features_only{.depth = false, .contributor = false};
 
-/// Where nothing contributes to a pixel.
+/// Contributor of a pixel to which nothing contributes.
 inline constexpr std::uint32_t no_contributor = 0xFFFFFFFF;
 
 /// The images that a render with these outputs has.

@@ -33,10 +33,10 @@ static_assert(sizeof(VisibleGaussian<float>) == 64);
 template <class T>
 struct RasterTrace {
     std::vector<VisibleGaussian<T>> members; ///< visible Gaussians, as `lists` numbers them
-    std::vector<std::uint32_t> member;   ///< of each index: its member, or no_member
+    std::vector<std::uint32_t> member;   ///< [Gaussians] its member, or no_member
     std::vector<RayPeak<real_t<T>>> peaks; ///< by member, if they are the order; else empty
     TileLists lists;
-    std::vector<Index> used;             ///< of each tile: entries read before all pixels were full
+    std::vector<Index> used;             ///< [tiles] entries read before all pixels were full
     Index non_finite = 0;                ///< Gaussians left out for a NaN or an infinity
 };
 
@@ -57,7 +57,7 @@ struct StripMask {
     bool has(int strip) const { return (word(strip) & bit(strip)) != 0; }
     bool none() const { return (words[0] | words[1]) == 0; }
     void set(int strip) { words[static_cast<std::size_t>(strip / 64)] |= bit(strip); }
-    /// Of the first n strips.
+    /// Removes all but the first n strips.
     void keep(int n) {
         const auto low = [](int k) {
             return k <= 0 ? 0 : k >= 64 ? ~std::uint64_t(0) : (std::uint64_t(1) << k) - 1;
@@ -85,7 +85,7 @@ struct DrawnTiles {
     const StripMask& mask(Index k) const { return strips != nullptr ? strips[k] : all_strips; }
 };
 
-/// Whether a Gaussian is drawn, and if not, whether its numbers are finite.
+/// Visibility of a Gaussian: not drawn, drawn, or not drawn as a number of it is not finite.
 enum class Visibility : std::uint8_t { hidden, visible, non_finite };
 
 /// Partial gradients, one slot an entry, so that no two threads write to one: a SplatCotangent's
@@ -120,10 +120,10 @@ struct RasterScratch {
                                                   ///< say which columns
     std::vector<Visibility> state;       ///< by index
     std::vector<std::uint32_t> first_tile; ///< by index: the tile that orders visible ones
-    /// Of each chunk: the members of each tile, counted, then where the next one goes.
+    /// [chunks, tiles] Number of members in the tile, then index of the next one.
     std::vector<std::vector<std::uint32_t>> tile_counts;
     BinScratch<Key> bins;
-    BinScratch<std::uint64_t> fine_bins; ///< of policies that ask for more bits than T's
+    BinScratch<std::uint64_t> fine_bins; ///< for policies that ask for more bits than T's
 
     /// Makes room for n Gaussians; room that an earlier render had stays as it is.
     void shape(Index n) {
@@ -150,7 +150,7 @@ struct TilePixel {
     int x, y;
 };
 
-/// What a pixel walk reads.
+/// Inputs of a walk over pixels.
 template <class T>
 struct Scene {
     const RasterTrace<T>& trace;

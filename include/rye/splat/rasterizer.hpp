@@ -15,7 +15,7 @@
 
 namespace rye {
 
-/// Of splat/jvp.hpp.
+// Defined in splat/jvp.hpp.
 template <class T, Distortion D>
 struct RasterTangents;
 template <class T, Distortion D>

@@ -48,7 +48,7 @@ inline constexpr std::array<AccuracyRung, 10> accuracy_ladder{{
     {"Exact32", 1e-9, 1e-8, 1},
 }};
 
-/// How select_accuracy samples.
+/// Settings of select_accuracy's samples.
 struct SelectSettings {
     Index random_tiles = 64;   ///< drawn at random; all, if there are no more
     Index worst_tiles = 64;    ///< those whose pixel was worst
@@ -59,12 +59,12 @@ struct SelectSettings {
 /// The policy that select_accuracy chose, and why.
 struct SelectedAccuracy {
     Balanced accuracy;
-    std::string name;          ///< of the rung
+    std::string name;          ///< rung's name
     bool met = false;          ///< false: even the exact rung may break the bound
     double sampled_error = 0;  ///< the largest on the sampled tiles, against the exact rung
-    double rounding = 0;       ///< what the exact rung itself may be off by, of T's rounding
+    double rounding = 0;       ///< error of the exact rung itself, from T's rounding
     Index tiles = 0;           ///< sampled
-    double failing_share = 1;  ///< of tiles, at most, with 95 % confidence
+    double failing_share = 1;  ///< largest share of tiles, with 95 % confidence
 };
 
 namespace detail {

@@ -19,7 +19,7 @@ struct ChunkRange {
     Index begin, end;
 };
 
-/// What is drawn, by which camera and by which rules.
+/// Gaussians to draw, with the camera and the rules.
 template <class A, class T, Distortion D>
 struct SplatInput {
     GaussianView<T> gaussians;

@@ -13,7 +13,7 @@ namespace rye {
 /// A direction in the inputs of a render; what is null does not move.
 template <class T, Distortion D = NoDistortion>
 struct RasterTangents {
-    const Gaussians<T>* gaussians = nullptr;  ///< of the shapes of the Gaussians
+    const Gaussians<T>* gaussians = nullptr;  ///< tangents, in the shapes of the Gaussians
     /// Derivatives of the camera's focal lengths, principal point and pose. Size, near depth and
     /// lens do not move.
     const Pinhole<T, D>* camera = nullptr;
@@ -41,7 +41,7 @@ struct RasterJvp {
     Columns<T> feature;      ///< C x pixels
     Columns<T> alpha;        ///< 1 x pixels
     Columns<T> depth;        ///< 1 x pixels, if the outputs have depth; else empty
-    std::vector<SplatTangent<T>> splats;  ///< of each visible Gaussian; lanes' alone
+    std::vector<SplatTangent<T>> splats;  ///< [visible Gaussians] for lanes only
 };
 
 /// x with the derivative dx.

@@ -101,15 +101,15 @@ struct BinScratch {
     struct Mention {
         std::uint32_t tile, member;
     };
-    /// What one chunk of members counts and bins.
+    /// Counts and bins of one chunk of members.
     struct Chunk {
         std::vector<Mention> mentions;    ///< member by member, in the order of tiles
-        std::int64_t used;                ///< of these, or how many there would be
-        std::vector<std::uint32_t> cursor; ///< where it goes on in each list
+        std::int64_t used;                ///< number of mentions, or the number that there would be
+        std::vector<std::uint32_t> cursor; ///< [lists] index of the chunk's next entry
     };
     std::vector<Chunk> chunks;
     std::vector<Binned> binned;
-    std::vector<std::vector<Binned>> buffers;  ///< of each run of tiles
+    std::vector<std::vector<Binned>> buffers;  ///< [runs of tiles]
 };
 
 /// Members that are binned: key(m) says how far m is, of equal ones that with the lower index(m)
@@ -127,11 +127,11 @@ template <class PixelRows, class KeyOf, class IndexOf, class Footprints>
 BinInput(Index, PixelRows, KeyOf, IndexOf, Footprints)
     -> BinInput<PixelRows, KeyOf, IndexOf, Footprints>;
 
-/// For each tile its Gaussians, near to far. Visible Gaussians are members 0, 1, ... in the order
-/// of the tiles that they lie in, so that what a tile reads lies together.
+/// Lists of each tile's Gaussians, near to far. Visible Gaussians are members 0, 1, ... in the
+/// order of the tiles that they lie in, so that a tile reads adjacent memory.
 struct TileLists {
     using Entry = Intersection;
-    int columns = 0, rows = 0;            ///< of tiles
+    int columns = 0, rows = 0;            ///< numbers of tiles
     std::vector<Index> begin;             ///< tile t holds entries [begin[t], begin[t + 1])
     std::vector<Entry> entry;
     std::vector<Index> first;             ///< member m owns slots [first[m], first[m + 1]), in the
@@ -203,7 +203,7 @@ struct TileLists {
             scratch.chunks.resize(static_cast<std::size_t>(chunks));
         first.resize(static_cast<std::size_t>(n) + 1);
         // Chunks of more mentions are only counted at first, and written once the total is allowed:
-        // what is refused has cost little memory.
+        // a refusal costs little memory.
         const std::int64_t unchecked =
             std::min<std::int64_t>(max_entries, most_unchecked / std::max<Index>(chunks, 1));
         const auto write = [&](Index b, Index e, Chunk& chunk, std::int64_t allowed) {
@@ -267,7 +267,7 @@ struct TileLists {
                  Chunk& chunk) const {
         const auto& pixel_rows = members.pixel_rows(m);
         using Rows = std::remove_cvref_t<decltype(pixel_rows)>;
-        constexpr int at_once = mention_slack;  // of a row of tiles, whether it has them or not
+        constexpr int at_once = mention_slack;  // tiles of a row, even beyond its end
         const auto member = static_cast<std::uint32_t>(m);
         const auto append = [&](int row, int from, int count, int most) {
             const std::int64_t used = chunk.used;
@@ -312,7 +312,7 @@ struct TileLists {
                     buffer.resize(static_cast<std::size_t>(n + n / 2));
                 auto* const x = scratch.binned.data() + at(begin, t);
                 sort_by_key(x, buffer.data(), n);
-                for (Index i = 0; i < n;) {      // of equal keys, the lower index first
+                for (Index i = 0; i < n;) {      // equal keys: the lower index first
                     Index end = i + 1;
                     while (end < n && x[end].key == x[i].key) ++end;
                     if (end - i > 1)

@@ -73,7 +73,7 @@ template <Support support, class R>  // Real, or a batch of them
 struct Cover {
     using S = real_t<R>;
     Footprint<R> f;
-    int width, height;           ///< of the image [px]
+    int width, height;           ///< image's extent [px]
 
     RYE_HD Span rows() const { return whole(row_range()); }
 
@@ -104,7 +104,7 @@ struct Cover {
             const Footprint<R>& from = cover.f;
             slack = c.slack();
             inverse_yy = R(S(1)) / from.covariance.yy;
-            tilt = from.covariance.xy * inverse_yy;                         // of E[x | y]
+            tilt = from.covariance.xy * inverse_yy;                         // slope of E[x | y]
             // y of the rightmost point
             widest = from.radius * from.covariance.xy / sqrt(from.covariance.xx);
             squared = from.radius * from.radius;
@@ -159,7 +159,7 @@ struct TileRows : Span {
 
     RYE_HD int first_row() const { return begin / tile_edge; }
     RYE_HD int last_row() const { return (end + tile_edge - 1) / tile_edge; }
-    /// Whether an image's columns of tiles fit.
+    /// Returns true if an image's columns of tiles fit.
     RYE_HD static bool fits(int width) { return width / tile_edge < 0xFFFF; }
     RYE_HD bool known(int width) const { return last_row() - first_row() <= most && fits(width); }
 };

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/workspaces.hpp: memory of walks over tiles, held by one thread at a time and kept for
 /// the next call. Allocating it for every run of tiles would cost as much as the walks: large
-/// blocks come from the system a page fault at a time. What it holds is anything. A thread is given
-/// what it gave back before, which its cache still holds, and seldom waits for another one.
+/// blocks come from the system a page fault at a time. Contents are uninitialised. A thread gets
+/// back the memory that it returned before, which its cache still holds, and seldom waits for
+/// another one.
 #pragma once
 
 #include <array>

@@ -254,7 +254,7 @@ struct DeviceWarp {
     }
 };
 
-/// What one thread keeps from phase to phase: a register of its own.
+/// A thread's value from phase to phase: a register of its own.
 template <class T>
 struct OwnState {
     T value;

@@ -64,14 +64,14 @@ struct HostWarp : HostCopies {
     static std::uint32_t bits_set(std::uint32_t x) {
         return static_cast<std::uint32_t>(std::popcount(x));
     }
-    /// How many lanes of these come before each.
+    /// Returns for each lane the number of these lanes before it.
     static U below(std::uint32_t lanes) {
         return U::each([&](int l) {
             return static_cast<std::uint32_t>(std::popcount(lanes & ((1U << l) - 1U)));
         });
     }
 
-    /// What the lane `k` before, or after, holds within four lanes; else `other`.
+    /// Returns the value of the lane `k` before, or after, within four lanes; else `other`.
     template <int k, class T>
     static Lanes<T> quad_up(const Lanes<T>& a, T other) {
         return Lanes<T>::each([&](int l) { return l % 4 >= k ? a.x[l - k] : other; });
@@ -80,7 +80,7 @@ struct HostWarp : HostCopies {
     static Lanes<T> quad_down(const Lanes<T>& a, T other) {
         return Lanes<T>::each([&](int l) { return l % 4 + k < 4 ? a.x[l + k] : other; });
     }
-    /// What lane k of the four holds.
+    /// Returns the value of lane k of each four.
     template <int k, class T>
     static Lanes<T> of_quad(const Lanes<T>& a) {
         return Lanes<T>::each([&](int l) { return a.x[l / 4 * 4 + k]; });
@@ -265,7 +265,7 @@ class HostBlock {
     T agree(const T& shared) const {
         return shared;
     }
-    /// What threads, or warps, keep from phase to phase.
+    /// Values of threads, or of warps, from phase to phase.
     template <class T>
     auto of_threads() const {
         return std::vector<T>(static_cast<std::size_t>(threads));

@@ -41,7 +41,7 @@ class KeptGraphs {
         }
         f();
     }
-    /// Where memory that graphs use was moved, or is to grow.
+    /// Forgets all graphs: to be called if memory that they use was moved, or is to grow.
     void forget() {
         graphs_.clear();
         warm_.clear();

@@ -18,11 +18,11 @@ struct DeviceListArrays {
     std::uint32_t* list[most];
     int arrays;
     Index size;
-    std::uint32_t* before; ///< arrays x blocks: how many in each block, then how many before it
-    std::uint32_t* count;  ///< of each list
+    std::uint32_t* before; ///< [arrays, blocks] listed indices of the block, then before it
+    std::uint32_t* count;  ///< [arrays] length of the list
 };
 
-/// How many each block of indices has.
+/// Counts the listed indices of each block.
 struct ListCountKernel {
     static constexpr const char* name = "lists, counts";
     static constexpr int threads = 256, blocks = 4;
@@ -47,7 +47,7 @@ struct ListCountKernel {
     }
 };
 
-/// How many there are before each block, and in all; a block does an array.
+/// Counts the listed indices before each block, and in all; a block does an array.
 struct ListScanKernel {
     static constexpr const char* name = "lists, scan";
     static constexpr int threads = 256, blocks = 1;
@@ -145,10 +145,10 @@ class DeviceLists {
         device_.launch(queue, blocks, ListPlaceKernel{arrays_});
     }
 
-    /// Of array k: indices, and how many, both in device memory.
+    /// Returns array k's list, or the place of its length, both in device memory.
     const std::uint32_t* list(int k) const { return arrays_.list[k]; }
     const std::uint32_t* count(int k) const { return arrays_.count + k; }
-    /// How many, for each array. Waits.
+    /// Copies the length of each list. Waits.
     void fetch_counts(const CudaQueue& queue, std::uint32_t* to) const {
         device_.fetch(queue, to, arrays_.count,
                       static_cast<std::size_t>(arrays_.arrays) * sizeof(std::uint32_t));

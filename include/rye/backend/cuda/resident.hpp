@@ -12,14 +12,14 @@
 
 namespace rye {
 
-/// Where the arrays of a struct of parameters lie in device memory. The struct stays where it is:
-/// its arrays are found by their addresses.
+/// The arrays of a struct of parameters in device memory. The struct must not move: its arrays are
+/// found by their addresses.
 template <class P>
 class ResidentLayout {
   public:
     struct Slice {
         std::string name;
-        const void* array; ///< of the host's struct
+        const void* array; ///< array of the host's struct
         Index offset, rows, cols;
 
         Index size() const { return rows * cols; }

@@ -19,7 +19,7 @@ struct FoundVisits {
     Quad4 shape[room]; ///< vy, log2 o, depth, floor
     Quad4 colour[colours ? room : 1];
     std::uint32_t owner[room];
-    std::uint32_t place_of[room]; ///< of (Gaussian, tile)
+    std::uint32_t place_of[room]; ///< places of the pairs (Gaussian, tile)
     std::uint32_t entry[room];    ///< its number in the tile's list
 };
 
@@ -135,7 +135,7 @@ struct BlendKernel {
             const U entry = U(at) + W::lane(), own_owner = owner;
             const auto valid = entry < U(part);
             const TileSplat<W> splat(place, shape, centre.x, centre.y);
-            fetch(at + 32); // of the next 32, while these are walked
+            fetch(at + 32); // the next 32, while these are walked
             const auto visited = valid && splat.reaches(w, accuracy, least);
             const std::uint32_t lanes = W::ballot(visited);
             if (lanes == 0) continue;
@@ -209,7 +209,7 @@ struct BlendKernel {
             W::write_where(W::lane() == U(0), memory.before, U(group), U(s.last));
             s.last = group;
         }
-        s.group = W::take_one(&memory.report->groups); // of the next; it takes its time
+        s.group = W::take_one(&memory.report->groups); // the next group, early to hide latency
     }
 
     template <class W>

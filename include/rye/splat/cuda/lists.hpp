@@ -31,10 +31,10 @@ struct BlockTiles {
     static constexpr int threads = 128;
     TileSpans spans[threads];
     std::uint32_t before[threads]; ///< tasks of Gaussians before each
-    std::uint32_t tall;            ///< how many are in many rows
-    std::uint32_t index[threads];  ///< which
+    std::uint32_t tall;            ///< number of Gaussians in many rows
+    std::uint32_t index[threads];  ///< those Gaussians
 
-    /// What Gaussian t has: its spans are there.
+    /// Enters Gaussian t, whose spans are set, with its number of places.
     template <class Block>
     RYE_DEVICE void put(Block& block, int t, std::uint32_t places) {
         const bool is_tall = spans[t].rows > TileSpans::most;
@@ -85,7 +85,7 @@ struct ProjectKernel {
     struct Shared {
         BlockTiles tiles;
         std::uint32_t places[threads];
-        std::uint8_t finite[threads]; ///< whether the features are
+        std::uint8_t finite[threads]; ///< 1 if all features of the Gaussian are finite
     };
     DeviceGaussians<const float> g;
     DeviceLens<D> lens;
@@ -206,8 +206,8 @@ struct ProjectKernel {
     }
 };
 
-/// Where each tile's list begins, where each block's places begin, and the order in which tiles
-/// are drawn: by length, the longest first, so that no long list begins last.
+/// Computes the beginning of each tile's list, the beginning of each block's places, and the order
+/// in which tiles are drawn: by length, the longest first, so that no long list begins last.
 struct ScanKernel {
     static constexpr const char* name = "scan of tiles";
     static constexpr int threads = 1024, blocks = 1;
@@ -257,7 +257,7 @@ struct ScanKernel {
     }
 
   private:
-    /// Of the blocks of Gaussians: how many places come before.
+    /// Replaces the number of places of each block of Gaussians by the number before it.
     template <class Block>
     RYE_DEVICE void places(Block& block, Shared& shared) const {
         const std::uint32_t run = (memory.blocks + threads - 1) / threads;

@@ -2,7 +2,7 @@
 /// rye/splat/cuda/rasterizer.hpp: Rasterizer's verbs for Gaussians in device memory: it puts
 /// kernels on the caller's stream, and neither waits nor reads anything back, so a step can be
 /// captured as a CUDA graph. Memory is reserved when a frame is shaped, never while it is drawn.
-/// How many entries a frame has is known to the device alone. Where they do not fit, nothing is
+/// The number of a frame's entries is known to the device alone. If they do not fit, nothing is
 /// drawn and `finish`, the one function that waits, says so and makes room:
 ///     do { r.forward_into(...); } while (!frame.finish(queue));
 #pragma once
@@ -38,14 +38,14 @@ struct KernelChannels {
 /// Kernels for the usual numbers of channels.
 using AnyChannels = KernelChannels<1, 3, 4, 8, 16, 32>;
 
-/// What a frame has cost.
+/// Counts of a finished frame.
 struct DeviceFrameCost {
     std::int64_t entries = 0;    ///< pairs of a tile and a Gaussian
-    std::int64_t groups = 0;     ///< of 16 visits of a strip, and at most one a strip more
+    std::int64_t groups = 0;     ///< groups of 16 visits of a strip, and at most one a strip more
     std::int64_t non_finite = 0; ///< Gaussians left out
 };
 
-/// What a frame is made for; its memory follows.
+/// Extents for which a frame is made; they determine its memory.
 struct DeviceFrameShape {
     std::size_t gaussians, tiles;
     std::size_t entries, groups; ///< that there is room for; no groups: no vjp
@@ -80,10 +80,10 @@ struct DeviceFrame {
     explicit DeviceFrame(const Device& on = {}) : device(on) {}
 
     Device device;
-    bool for_vjp = true; ///< whether a render keeps what its vjp reads
+    bool for_vjp = true; ///< true if a render keeps what its vjp reads
     /// Room for entries and groups of visits; it grows by `finish`.
     std::int64_t entry_capacity = 0, group_capacity = 0;
-    DeviceFrameCost cost = {}; ///< of the last finished frame
+    DeviceFrameCost cost = {}; ///< counts of the last finished frame
 
     /// Makes room for n Gaussians in an image, with `stride` numbers a slot; guesses the number of
     /// entries.

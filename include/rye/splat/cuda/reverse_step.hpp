@@ -7,7 +7,7 @@
 
 namespace rye {
 
-/// What a warp keeps of its pixels on the way back.
+/// A warp's state of its pixels on the way back.
 template <class W, int C, bool extra>
 struct StripCotangents {
     using F = typename W::F;
@@ -35,7 +35,7 @@ struct ReverseStep {
     template <class W>
     struct Moments {
         using F = typename W::F;
-        F one[4], y[4], yy[4]; ///< of h, h y, h y^2; y in rows
+        F one[4], y[4], yy[4]; ///< sums of h, h y, h y^2; y in rows
         F alpha[A::has_floor ? 4 : 1], depth[extra ? 4 : 1];
         F colour[Layout::products ? 1 : 4][Layout::products ? 1 : C];
 

@@ -10,7 +10,7 @@
 
 namespace rye {
 
-/// What colours depend on, in device memory.
+/// Inputs of colours, in device memory.
 template <class T>
 struct DeviceHarmonics {
     DeviceColumns<T> mean;     ///< 3 x N

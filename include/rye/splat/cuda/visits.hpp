@@ -10,8 +10,8 @@
 
 namespace rye {
 
-/// How many bf16 numbers stand for one float in products of matrices: their relative errors are
-/// about 2.4e-3, 4.2e-6 and 6e-9. The policy may say so by a static `planes`.
+/// Number of bf16 numbers that stand for one float in products of matrices: the relative errors of
+/// 1, 2 and 3 are about 2.4e-3, 4.2e-6 and 6e-9. A policy may choose it by a static `planes`.
 template <class A>
 inline constexpr int planes_of = [] {
     if constexpr (requires { A::planes; })
@@ -20,7 +20,7 @@ inline constexpr int planes_of = [] {
         return A::exp2_degree == 0 || A::exp2_degree > 5 || std::derived_from<A, Tight> ? 3 : 2;
 }();
 
-/// What a walking kernel reads.
+/// Inputs of a walking kernel.
 struct DeviceScene {
     DeviceColumns<const float> feature; ///< C x N
     const float* background;            ///< C numbers
@@ -32,7 +32,7 @@ struct DeviceScene {
     RYE_DEVICE float background_of(int c) const {
         return c < channels ? background[first_channel + c] : 0.0F;
     }
-    /// Whether the features of kernels of C channels can be read two at a time.
+    /// Returns true if the features of kernels of C channels can be read two at a time.
     template <int C>
     RYE_DEVICE bool in_pairs() const {
         return channels == C && feature.rows % 2 == 0 && first_channel % 2 == 0 &&
@@ -56,7 +56,7 @@ struct TileSplat {
     /// u = u0 + ux x, v = v0 + vx x + vy y.
     F u0, ux, v0, vx, vy, log2_opacity, depth, floor;
 
-    /// Of a record's eight numbers.
+    /// Unpacks a record's eight numbers.
     RYE_DEVICE TileSplat(const Array<F, 4>& place, const Array<F, 4>& shape, float centre_x,
                          float centre_y)
         : ux(place[2]),
@@ -71,8 +71,8 @@ struct TileSplat {
     }
     RYE_DEVICE TileSplat() {}
 
-    /// Whether strip w has a pixel whose exponent reaches the cut: exactly, but for what rounding
-    /// may add, which this gives away. `least`: the exponent at the cut, without a floor.
+    /// Returns true where strip w has a pixel whose exponent reaches the cut: exactly, but for a
+    /// margin as large as rounding may be. `least`: the exponent at the cut, without a floor.
     template <class A>
     RYE_DEVICE M reaches(int w, const A& accuracy, float least) const {
         F cut(least);

@@ -27,11 +27,11 @@ struct LaneCanvas : Workspaces::Space {
     static constexpr int most = LaneGroup<V>::most;
 
     LaneGroup<V> group;
-    AlignedArray<T> state;   ///< of each strip, the vectors that LaneState numbers
-    // Of many channels:
+    AlignedArray<T> state;   ///< [strips] the vectors that LaneState numbers
+    // For many channels:
     AlignedArray<T> sums;    ///< a row a pixel
-    AlignedArray<T> feature; ///< of the group
-    alignas(64) T weight[std::size_t(most)][V::size];         ///< of a strip's visits
+    AlignedArray<T> feature; ///< features of the group
+    alignas(64) T weight[std::size_t(most)][V::size];         ///< weights of a strip's visits
     std::uint8_t of[std::size_t(most)];                       ///< their entries
 };
 

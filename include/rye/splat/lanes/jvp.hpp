@@ -69,7 +69,7 @@ struct alignas(64) LaneEntryTangent {
     using T = typename V::value_type;
     using Tile = Strips<V>;
     T v[Tile::sides][Tile::lanes];         ///< tangent of v = this + down
-    T exponent[Tile::sides][Tile::lanes];  ///< of the exponent = this - 2 v (tangent of v)
+    T exponent[Tile::sides][Tile::lanes];  ///< tangent of the exponent = this - 2 v (tangent of v)
     T down[tile_edge];
     T floor, depth;
     T colour[std::size_t(LaneEntry<V>::few)];
@@ -81,10 +81,10 @@ struct LaneTangentCanvas : Workspaces::Space {
     using T = typename V::value_type;
     LaneGroup<V> group;
     LaneEntryTangent<V> tangent[std::size_t(LaneGroup<V>::usual)];
-    /// Of each strip: transmittance and its tangent, depth and its, and of each of a few channels
-    /// the sum and its tangent; a vector each.
+    /// [strips] Transmittance and its tangent, depth and its tangent, and for each of a few
+    /// channels the sum and its tangent; a vector each.
     AlignedArray<T> state;
-    // Of many channels: rows of sums and of their tangents, a pixel each; the group's features and
+    // For many channels: rows of sums and of their tangents, a pixel each; the group's features and
     // their tangents; a strip's visits.
     AlignedArray<T> sums, sum_tangents, feature, feature_tangent;
     alignas(64) T weight[std::size_t(LaneGroup<V>::usual)][V::size];
@@ -92,11 +92,11 @@ struct LaneTangentCanvas : Workspaces::Space {
     std::uint8_t of[std::size_t(LaneGroup<V>::usual)];
 };
 
-/// What a walk for tangents reads.
+/// Inputs of a walk for tangents.
 template <class T>
 struct TangentScene {
     const Scene<T>& scene;
-    const SplatTangent<T>* splats;         ///< of each visible Gaussian
+    const SplatTangent<T>* splats;         ///< [visible Gaussians]
     const Columns<T>* feature;             ///< C x N, or null
     T cx, cy;                              ///< tangents of the principal point
 };

@@ -67,7 +67,7 @@ struct RealOf<Bundle<V, N>> {
     using type = typename V::value_type;
 };
 
-/// Whether lanes can be filled with a pair of numbers, over and over, by one instruction.
+/// True if one instruction fills the lanes with a pair of numbers, over and over.
 template <class V>
 concept LoadsPairs = std::is_same_v<typename V::value_type, float> &&
                      2 * LanesLike<V, double>::type::size == V::size;

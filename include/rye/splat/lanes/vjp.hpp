@@ -15,14 +15,14 @@
 
 namespace rye {
 
-/// What a group of entries leaves on the tape.
+/// A group of entries on the tape.
 template <class V>
 struct TapeGroup {
     using Tile = Strips<V>;
     static constexpr int words = (Tile::count + 63) / 64;
-    /// Of each entry its visits: a bit for each strip.
+    /// [entries] Visits of the entry: a bit for each strip.
     std::uint64_t strips[std::size_t(LaneGroup<V>::usual)][std::size_t(words)];
-    Index end[std::size_t(Tile::count)];  ///< of each strip: where its visits end
+    Index end[std::size_t(Tile::count)];  ///< [strips] end of the strip's visits
 };
 
 /// Memory of one thread's tiles.
@@ -35,13 +35,13 @@ struct LaneTape : Workspaces::Space {
     alignas(64) T transmittance[tile_pixels];
     alignas(64) T behind[tile_pixels], g_alpha[tile_pixels], g_depth[tile_pixels];
     std::vector<TapeGroup<V>> groups;
-    AlignedArray<T> steps;              ///< of each visit: alpha and transmittance, two vectors;
+    AlignedArray<T> steps;              ///< [visits] alpha and transmittance, two vectors;
                                         ///< group by group, strip by strip, from near to far
-    AlignedArray<T> cotangent;          ///< of each strip: a vector a channel, zeros behind them
-    // Of many channels, as many as a slot has features:
+    AlignedArray<T> cotangent;          ///< [strips] a vector a channel, zeros behind them
+    // For many channels, as many as a slot has features:
     AlignedArray<T> background;
-    AlignedArray<T> feature;            ///< of a group
-    // Of an entry's visits:
+    AlignedArray<T> feature;            ///< features of a group
+    // For an entry's visits:
     std::uint8_t strip[Tile::count + 8];
     alignas(64) T along[Tile::count][V::size];
     alignas(64) T weight[Tile::count][V::size];
@@ -225,7 +225,7 @@ struct LaneReverse {
     Index stride;
     LaneBlend<A, V> blend;
     const T* cotangent;
-    const T* visits_end[Tile::count];    ///< of each strip: where its visits on the tape end
+    const T* visits_end[Tile::count];    ///< [strips] end of the strip's visits on the tape
 
     /// Before the last entry of a group.
     void start(const TapeGroup<V>& group) {
@@ -356,7 +356,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
 
     LaneReverse<V, C, Extra, A> reverse{
         strips, tape, stride, LaneBlend<A, V>(accuracy), tape.cotangent.data(), {}};
-    const bool copied = C == 0 && stride != channels;    // where channels do not fill vectors
+    const bool copied = C == 0 && stride != channels;    // if channels do not fill vectors
     T* const feature = tape.feature.reserve(copied ? most * stride : 1);
     for (Index group = last; group >= 0; group -= most) {
         const Index end = std::min(entries, group + most);

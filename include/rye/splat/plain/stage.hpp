@@ -10,7 +10,7 @@
 
 namespace rye {
 
-/// Whether every number that is read of a Gaussian is finite.
+/// Returns true if every number that is read of a Gaussian is finite.
 template <class T>
 bool usable(const GaussianView<T>& g, Index i) {
     int bad = 0;
