@@ -19,8 +19,9 @@ concept Backend = std::copy_constructible<B> && requires(const B& b) {
     requires Threads<std::remove_cvref_t<decltype(b.threads)>>;
 };
 
-/// The same backend on the calling thread alone, for tasks that are themselves run side by side. A
-/// backend of one's own has an overload, or stays as it is: its threads then take nested calls.
+/// Returns the same backend on the calling thread alone, for tasks that are themselves run side by
+/// side. A backend of one's own has an overload, or stays as it is: its threads then take nested
+/// calls.
 template <Backend B>
 B one_thread(const B& backend) {
     return backend;

@@ -107,8 +107,8 @@ constexpr bool has_sign_bits() {
 
 } // namespace detail
 
-/// A mask as bits, the first lane lowest. Where xsimd has no mask.mask(): the sign-bit instruction,
-/// or one lane after another.
+/// Returns a mask as bits, the first lane lowest. Where xsimd has no mask.mask(): the sign-bit
+/// instruction, or one lane after another.
 template <class M>
 [[gnu::always_inline]] inline std::uint64_t lane_bits(const M& mask) {
     if constexpr (requires { mask.mask(); }) {
@@ -127,7 +127,7 @@ template <class M>
     }
 }
 
-/// x where the mask is true, else 0: one instruction where a mask is a wide register.
+/// Returns x where the mask is true, else 0: one instruction where a mask is a wide register.
 template <class V>
 [[gnu::always_inline]] inline V where(const typename V::batch_bool_type& mask, const V& x) {
     if constexpr (detail::wide_mask<typename V::batch_bool_type>)

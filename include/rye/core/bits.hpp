@@ -25,7 +25,7 @@ bool same_bits(const Eigen::Matrix<T, R, C>& a, const Eigen::Matrix<T, R, C>& b)
             std::memcmp(a.data(), b.data(), sizeof(T) * static_cast<std::size_t>(a.size())) == 0);
 }
 
-/// True where two lists have the same length and the same bits.
+/// Returns true where two lists have the same length and the same bits.
 template <Real T>
 bool same_bits(const std::vector<T>& a, const std::vector<T>& b) {
     return a.size() == b.size() &&

@@ -56,9 +56,9 @@ class ThreadPool {
     ~ThreadPool() { end(); }
 
     Handle threads() & { return Handle(*this); }
-    /// Number of threads that run at once, the caller's included.
+    /// Returns the number of threads that run at once, the caller's included.
     int size() const { return static_cast<int>(workers_.size()) + 1; }
-    /// Number of threads that the constructor was to start, the caller's included.
+    /// Returns the number of threads that the constructor was to start, the caller's included.
     int asked() const { return asked_; }
 
     /// Calls f(0) ... f(n - 1) on the caller's thread and the pool's.
@@ -125,7 +125,7 @@ class ThreadPool {
         to_wake_.store(static_cast<int>(std::min<Index>(helpers, asleep)));
         wake_two();
     }
-    /// Each thread that is woken wakes two more: the caller would wait for every one in turn.
+    /// Wakes two threads. Each wakes two more: the caller alone would wait for every one in turn.
     void wake_two() {
         for (int i = 0; i < 2 && to_wake_.load() > 0 && to_wake_.fetch_sub(1) > 0; ++i)
             wake_.notify_one();

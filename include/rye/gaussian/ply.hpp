@@ -47,7 +47,8 @@ struct PlyOptions {
 
 namespace detail {
 
-/// The logit of an opacity in 0..1, finite at both ends: those of the largest number below 1.
+/// Returns the logit of an opacity in 0..1, finite at both ends: there it is that of the largest
+/// number below 1, or its negative.
 template <Real T>
 T bounded_logit(T opacity) {
     constexpr T u = std::numeric_limits<T>::epsilon() / 2;
@@ -61,7 +62,7 @@ struct PlyTarget {
     Index row = 0;
 };
 
-/// Destinations of the properties of a vertex; throws Error for a missing property.
+/// Returns destinations of the properties of a vertex; throws Error for a missing property.
 template <class T>
 std::vector<PlyTarget<T>> ply_targets(const PlyHeader& h, GaussianCloud<T>& cloud, bool flat,
                                       const std::string& who) {
@@ -106,7 +107,7 @@ T ply_number(const char* at, PlyType type) {
     return T(0);
 }
 
-/// Bytes left in a stream, or -1 if it cannot seek, such as a pipe.
+/// Returns the bytes left in a stream, or -1 if it cannot seek, such as a pipe.
 inline std::int64_t bytes_left(std::istream& in) {
     const auto here = in.tellg();
     if (here == std::istream::pos_type(-1)) {
@@ -119,8 +120,8 @@ inline std::int64_t bytes_left(std::istream& in) {
     return static_cast<std::int64_t>(end - here);
 }
 
-/// Rest of a stream of unknown length, at most the size that a binary header states. Throws Error
-/// beyond the limit.
+/// Returns the rest of a stream of unknown length, at most the size that a binary header states.
+/// Throws Error beyond the limit.
 inline std::string drained(std::istream& in, const PlyHeader& h, std::uint64_t memory,
                            const std::string& who) {
     const std::uint64_t want =
@@ -139,7 +140,7 @@ inline std::string drained(std::istream& in, const PlyHeader& h, std::uint64_t m
     return all;
 }
 
-/// The next word of a stream, whatever its locale; false at its end.
+/// Reads the next word of a stream, whatever its locale; returns false at its end.
 inline bool read_word(std::istream& in, std::string& word) {
     constexpr auto eof = std::istream::traits_type::eof();
     auto& bytes = *in.rdbuf();

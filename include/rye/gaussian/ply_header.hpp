@@ -39,18 +39,18 @@ struct PlyHeader {
     Index skip = 0;                      ///< binary data before the first vertex [bytes]
     Index skip_lines = 0;                ///< ascii lines before the first vertex
     std::vector<PlyProperty> properties; ///< vertex's properties
-    std::string checksum;                ///< that the file states, or empty
+    std::string checksum;                ///< checksum that the file states, or empty
     std::uint32_t crc = 0;               ///< header's checksum, with digits of 0 in its own place
     std::map<std::string, Index, std::less<>> place;  ///< index of each name in `properties`
 
-    /// Index of a property, or -1.
+    /// Returns the index of a property, or -1.
     Index find(std::string_view name) const {
         const auto found = place.find(name);
         return found == place.end() ? -1 : found->second;
     }
 };
 
-/// Bytes of a number in a binary file.
+/// Returns the bytes of a number in a binary file.
 inline Index ply_size(PlyType type) {
     constexpr std::array<Index, 8> bytes{1, 1, 2, 2, 4, 4, 4, 8};
     return bytes[static_cast<std::size_t>(type)];
@@ -64,7 +64,7 @@ inline constexpr std::string_view ply_checksum_line = "comment checksum crc32 ";
 /// Returns true if a byte separates words, in any locale.
 constexpr bool ply_space(int c) { return c == ' ' || (c >= '\t' && c <= '\r'); }
 
-/// The next word of a line, which begins after it then; empty at the end.
+/// Removes the next word from the beginning of a line and returns it; empty at the end.
 inline std::string_view ply_word(std::string_view& line) {
     while (!line.empty() && ply_space(line.front())) line.remove_prefix(1);
     std::size_t end = 0;
@@ -74,7 +74,7 @@ inline std::string_view ply_word(std::string_view& line) {
     return word;
 }
 
-/// A header line without its line end, LF or CRLF. Throws Error for an overlong line.
+/// Returns a header line without its line end, LF or CRLF. Throws Error for an overlong line.
 inline std::string ply_line(std::istream& in, const std::string& who) {
     constexpr std::size_t longest = 4096;
     std::string line;

@@ -31,11 +31,11 @@ struct Pinhole {
     T near_depth = constant<T>(0.01);              ///< closest visible depth [world units]
     [[no_unique_address]] D distortion = {};
 
-    /// The camera's centre in the world.
+    /// Returns the camera's centre in the world.
     RYE_HD Vec3<T> centre() const { return camera_from_world.inverse().translation; }
 
-    /// (u [px], v [px], depth [world units]) of a world point; the depth must not be 0. u and v are
-    /// NaN outside the valid range of the lens.
+    /// Returns (u [px], v [px], depth [world units]) of a world point; the depth must not be 0. u
+    /// and v are NaN outside the valid range of the lens.
     RYE_HD Vec3<T> project_point(const Vec3<T>& x_world) const {
         const Vec3<T> x = camera_from_world.apply(x_world);
         if constexpr (D::distorts) {
@@ -50,8 +50,8 @@ struct Pinhole {
         }
     }
 
-    /// Unit direction in the world of the ray through an image point [px]; NaN where no ray of the
-    /// lens reaches it.
+    /// Returns the unit direction in the world of the ray through an image point [px]; NaN where no
+    /// ray of the lens reaches it.
     RYE_HD Vec3<T> ray(const Vec2<T>& pixel) const {
         Vec3<T> d((pixel[0] - cx) / fx, (pixel[1] - cy) / fy, T(1));
         if constexpr (D::distorts) {
@@ -96,7 +96,8 @@ struct ImageSize {
     int width, height;  ///< [px]
 };
 
-/// A camera at `eye`, looking at `target` in the image centre. Throws Error for bad arguments.
+/// Returns a camera at `eye`, looking at `target` in the image centre. Throws Error for bad
+/// arguments.
 template <Real T>
 Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up, T vertical_fov_rad,
                    const ImageSize& size) {
@@ -121,7 +122,8 @@ Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up,
     return camera;
 }
 
-/// The same view in an image `factor` times as large: 0.5 halves the size and the intrinsics.
+/// Returns the same view in an image `factor` times as large: 0.5 halves the size and the
+/// intrinsics.
 template <Scalar T, Distortion D>
 Pinhole<T, D> scaled(Pinhole<T, D> camera, double factor) {
     const double w = std::round(camera.width * factor), h = std::round(camera.height * factor);

@@ -221,7 +221,8 @@ MeshRaster<T> rasterize_mesh(const B& backend, const AttributeMesh<T>& mesh,
     return out;
 }
 
-/// Gradients of vertices and attributes, given those of the images, with the same mesh and camera.
+/// Returns the gradients of vertices and attributes, given those of the images, with the same mesh
+/// and camera.
 template <class T, Backend B>
 MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& raster,
                                          const AttributeMesh<T>& mesh,

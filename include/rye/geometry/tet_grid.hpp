@@ -82,7 +82,7 @@ inline TetTopology tet_topology(Index vertex_count, std::vector<Tet> tets) {
     return out;
 }
 
-/// Signed volume det(b - a, c - a, d - a) / 6 of a tetrahedron.
+/// Returns the signed volume det(b - a, c - a, d - a) / 6 of a tetrahedron.
 template <class T>
 T tet_volume(const ColumnsView<T>& vertices, const Tet& tet) {
     const Vec3<T> a = vertices.col(tet[0]), b = vertices.col(tet[1]), c = vertices.col(tet[2]);
@@ -90,9 +90,9 @@ T tet_volume(const ColumnsView<T>& vertices, const Tet& tet) {
     return area_vector<T>(a, b, c).dot(ad) / T(6);
 }
 
-/// A body-centred cubic lattice that fills the box [lo, hi] exactly; throws Error for bad sizes.
-/// The cell edge is rounded to fit whole cells. Four tetrahedra surround each cell face: its four
-/// sides, joined to the two cell centres (at the box border, to the cell and face centres).
+/// Returns a body-centred cubic lattice that fills the box [lo, hi] exactly; throws Error for bad
+/// sizes. The cell edge is rounded to fit whole cells. Four tetrahedra surround each cell face: its
+/// four sides, joined to the two cell centres (at the box border, to the cell and face centres).
 /// Vertices: corners, then centres, then centres of border faces; about 12 tetrahedra a cell.
 template <Real T>
 TetGrid<T> bcc_grid(const Vec3<T>& lo, const Vec3<T>& hi, T cell) {

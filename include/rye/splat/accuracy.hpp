@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/accuracy.hpp: what each shortcut of splatting may cost, as a policy.
+/// rye/splat/accuracy.hpp: the permitted error of each shortcut of splatting, as a policy.
 /// Numbers are fields that a caller may change; kinds of rules are static, so that a kernel holds
 /// only the rule it uses. The named presets are ordered from exact to fast. With D the range of
 /// colour along a ray: a skipped contribution costs at most alpha_min D, the inclusive stop

@@ -29,14 +29,14 @@ struct Response {
     T exponent;
 };
 
-/// One of the two squares of the exponent log2 o - u^2 - v^2. Apart, since the pixels of a column
-/// share the one in u.
+/// Returns one of the two squares of the exponent log2 o - u^2 - v^2. Apart, since the pixels of a
+/// column share the one in u.
 template <class V>
 [[gnu::always_inline]] RYE_HD inline V less_square(const V& exponent, const V& w) {
     return exponent - w * w;
 }
 
-/// The response of a Gaussian at an offset (dx, dy) from its centre [px].
+/// Returns the response of a Gaussian at an offset (dx, dy) from its centre [px].
 template <class T>
 RYE_HD Response<T> respond(const Splat<T>& s, const T& dx, const T& dy) {
     const T u = s.ux * dx;
@@ -54,12 +54,12 @@ struct SinglePixel {
     /// Without a floor, d / d exponent is alpha T (s - b), from the weight; else (T (s - b)) alpha.
     static constexpr bool slope_from_weight = false;
 
-    /// A condition that a branch of the walk has settled.
+    /// Returns a condition, or true where a branch of the walk has settled it.
     template <class M>
     RYE_HD static std::true_type settled(const M&) {
         return {};
     }
-    /// x where the condition holds, else 0.
+    /// Returns x where the condition holds, else 0.
     template <class V>
     RYE_HD static V when(std::true_type, const V& x) {
         return x;
@@ -68,22 +68,22 @@ struct SinglePixel {
     RYE_HD static V when(bool condition, const V& x) {
         return select(condition, x, V(0));
     }
-    /// min(most, x), of derivative 0 from `most` on; a NaN becomes `most`.
+    /// Returns min(most, x), of derivative 0 from `most` on; a NaN becomes `most`.
     template <class V>
     RYE_HD static V at_most(const V& most, const V& x) {
         return select(x < most, x, most);
     }
-    /// The transmittance behind a contribution.
+    /// Returns the transmittance behind a contribution.
     template <class V>
     RYE_HD static V behind(const V& before, const V& alpha, const V&) {
         return before * (V(1) - alpha);
     }
-    /// The transmittance of a pixel that is full before it falls below `stop`.
+    /// Returns the transmittance of a pixel that is full before it falls below `stop`.
     template <class V>
     RYE_HD static V full(const V& transmittance) {
         return transmittance;
     }
-    /// c + a b.
+    /// Returns c + a b.
     template <class V>
     [[gnu::always_inline]] RYE_HD static V add_product(const V& c, const V& a, const V& b) {
         return c + a * b;
@@ -188,7 +188,8 @@ struct Blend {
         return {Pixels::when(reached, V(Pixels::at_most(alpha_max, alpha))), bell};
     }
 
-    /// The contribution to a pixel by the stop rule; `transmittance` becomes what is behind it.
+    /// Returns the contribution to a pixel by the stop rule; `transmittance` becomes what is behind
+    /// it.
     [[gnu::always_inline]] RYE_HD auto take(const Coverage<V>& given, V& transmittance) const {
         const V before = transmittance;
         V alpha = given.alpha;
@@ -222,8 +223,8 @@ struct Blend {
         }
     }
 
-    /// The derivative of `take` in a direction, for contribution c, which it returned: from the
-    /// tangents of the exponent and of the floor to that of the weight; `transmittance_tangent`
+    /// Returns the derivative of `take` in a direction, for contribution c, which it returned: from
+    /// the tangents of the exponent and of the floor to that of the weight; `transmittance_tangent`
     /// becomes that of what is behind. What is clamped, or not taken, does not move.
     [[gnu::always_inline]] RYE_HD V take_jvp(const Contribution<V>& c, const V& exponent_tangent,
                                              [[maybe_unused]] const V& floor_tangent,
@@ -237,8 +238,8 @@ struct Blend {
         return weight;
     }
 
-    /// s - b for a Gaussian: what a pixel would gain by more of it in place of what is behind it.
-    /// g: a ColourCotangent or PixelCotangent; depth is read of `gaussian`.
+    /// Returns s - b for a Gaussian: what a pixel would gain by more of it in place of what is
+    /// behind it. g: a ColourCotangent or PixelCotangent; depth is read of `gaussian`.
     template <class Gaussian, class Cotangent>
     [[gnu::always_inline]] RYE_HD static V excess(const Gaussian& gaussian, const Cotangent& g,
                                                   const V& behind) {
@@ -247,13 +248,13 @@ struct Blend {
             more = more + Pixels::add_product(g.alpha, g.depth, gaussian.depth);
         return more;
     }
-    /// b in front of a Gaussian.
+    /// Returns b in front of a Gaussian.
     [[gnu::always_inline]] RYE_HD static V in_front(const V& behind, const V& alpha,
                                                     const V& excess) {
         return Pixels::add_product(behind, alpha, excess);
     }
 
-    /// The step back over contribution c, whose excess is `more`; b becomes that in front of it.
+    /// Steps back over contribution c, whose excess is `more`; b becomes that in front of it.
     [[gnu::always_inline]] RYE_HD ResponseCotangent<V> step_back(const Contribution<V>& c, V more,
                                                                  const V& floor, V& b) const {
         if constexpr (A::has_floor || !Pixels::slope_from_weight)

@@ -40,7 +40,7 @@ struct SplatCotangent {
     T depth;                 ///< sum of weight d/d depth
 };
 
-/// The record of a Gaussian of opacity o > 0.
+/// Returns the record of a Gaussian of opacity o > 0.
 template <class A, class T>
 RYE_HD Splat<T> make_splat(const ScreenGaussian<T>& s, const T& opacity, const A& accuracy) {
     using std::log2;
@@ -63,7 +63,7 @@ RYE_HD Splat<T> make_splat(const ScreenGaussian<T>& s, const T& opacity, const A
     return r;
 }
 
-/// Gradient of the screen Gaussian from the sums over pixels.
+/// Returns the gradient of the screen Gaussian from the sums over pixels.
 template <class T>
 RYE_HD ScreenCotangent<T> screen_cotangent(const Splat<T>& s, const SplatCotangent<T>& g) {
     using R = real_t<T>;

@@ -11,7 +11,7 @@
 
 namespace rye {
 
-/// The value of a screen Gaussian's extent, in the image's pixels.
+/// Returns a screen Gaussian's extent without derivatives, in the image's pixels.
 template <class A, class T>
 RYE_HD auto footprint_of(const ScreenGaussian<T>& s, const Splat<T>& splat, const T& cx,
                          const T& cy) {

@@ -41,7 +41,8 @@ struct OracleImages {
     Image<double> feature, alpha, depth;
 };
 
-/// Indices near to far by z in the precision of T, ties by index: the order is part of the model.
+/// Returns indices near to far by z in the precision of T, ties by index: the order is part of the
+/// model.
 template <Real T>
 std::vector<std::uint32_t> depth_order(const Gaussians<T>& g, const Pinhole<T>& camera) {
     std::vector<T> z(static_cast<std::size_t>(g.count()));
@@ -71,7 +72,7 @@ struct OracleSolid {
     struct Meeting {
         double depth, form;    ///< depth of the point; its squared distance to the mean, whitened
     };
-    /// The ray through (d[0], d[1]) at depth 1.
+    /// Returns the ray through (d[0], d[1]) at depth 1.
     Meeting meet(const Vec3<double>& d) const {
         const Vec3<double> w(whiten * d), miss(cross(mean, w));
         const double square = w.squaredNorm();
@@ -125,7 +126,7 @@ struct OracleGaussian {
     Vec3<R> scale;
 };
 
-/// A Gaussian's ellipse on the screen, by the model's rules.
+/// Returns a Gaussian's ellipse on the screen, by the model's rules.
 template <Scalar R>
 OracleEllipse<R> oracle_ellipse(const OracleGaussian<R>& g, const Pinhole<R>& lens,
                                 const OracleModel& model) {
@@ -163,7 +164,7 @@ OracleEllipse<R> oracle_ellipse(const OracleGaussian<R>& g, const Pinhole<R>& le
             cov(1, 1) / det, -cov(0, 1) / det, cov(0, 0) / det, true};
 }
 
-/// The ellipses of the Gaussians before the camera, in the given order.
+/// Returns the ellipses of the Gaussians before the camera, in the given order.
 inline std::vector<OracleEllipse<long double>> oracle_ellipses(
     const Gaussians<double>& g, const Pinhole<double>& camera,
     const std::vector<std::uint32_t>& order, const OracleModel& model) {

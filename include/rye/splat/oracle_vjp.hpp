@@ -75,7 +75,7 @@ inline void oracle_pixel_vjp(const OracleScene& scene, const VecX<double>& backg
 
 } // namespace detail
 
-/// Gradients of everything in the scene's Gaussians for a cotangent of the image.
+/// Returns the gradients of everything in the scene's Gaussians for a cotangent of the image.
 inline Gaussians<double> oracle_vjp(const OracleScene& scene, const VecX<double>& background,
                                     const OracleCotangent& w) {
     using D = Dual<long double, 10>;

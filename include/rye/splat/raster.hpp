@@ -103,7 +103,8 @@ struct PartialGradients {
         numbers.reserve(count * stride);
         touched.assign(static_cast<std::size_t>(count), 0);
     }
-    /// Features of a slot, the idle ones behind the last channel too: what a walk must write.
+    /// Returns features of a slot, the idle ones behind the last channel too: what a walk must
+    /// write.
     Index features() const { return stride - head; }
     T* operator[](Index slot) { return numbers.data() + slot * stride; }
     const T* operator[](Index slot) const { return numbers.data() + slot * stride; }
@@ -174,7 +175,7 @@ struct Scene {
     Index begin(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile)]; }
     Index end(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile) + 1]; }
     Index used(Index tile) const { return trace.used[static_cast<std::size_t>(tile)]; }
-    /// Top left pixel of a tile, and the end of its pixels.
+    /// Returns the top left pixel of a tile, and the end of its pixels.
     int left(Index tile) const { return static_cast<int>(tile % trace.lists.columns) * tile_edge; }
     int top(Index tile) const { return static_cast<int>(tile / trace.lists.columns) * tile_edge; }
     int right(Index tile) const { return std::min(width, left(tile) + tile_edge); }

@@ -60,7 +60,7 @@ struct Rasterizer {
         return out;
     }
 
-    /// The same on the default backend.
+    /// Returns the same on the default backend.
     template <class T, Distortion D, Backend B = DefaultBackend<T>>
     Drawn<T> forward(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
                      const VecX<T>& background, RasterScratch<T>* scratch = nullptr) const {
@@ -132,8 +132,9 @@ struct Rasterizer {
         return {trace, g, background, camera.cx, camera.cy, camera.width, camera.height};
     }
 
-    /// Gradients of everything in `g` for the cotangents of the images; the background's is
-    /// background_vjp. Arguments are those of the forward call that returned `raster`.
+    /// Returns the gradients of everything in `g` for the cotangents of the images; the
+    /// background's is background_vjp. Arguments are those of the forward call that returned
+    /// `raster`.
     template <Backend B, class T, Distortion D>
     Gaussians<T> vjp(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
                      const Pinhole<T, D>& camera, const VecX<T>& background,
@@ -147,7 +148,7 @@ struct Rasterizer {
         return out;
     }
 
-    /// The same on the default backend.
+    /// Returns the same on the default backend.
     template <class T, Distortion D, Backend B = DefaultBackend<T>>
     Gaussians<T> vjp(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
                      const VecX<T>& background, const Drawn<T>& raster,
@@ -178,7 +179,7 @@ struct Rasterizer {
         });
     }
 
-    /// The render and its derivative in the direction of the tangents. Needs splat/jvp.hpp.
+    /// Returns the render and its derivative in the direction of the tangents. Needs splat/jvp.hpp.
     template <Backend B, class T, Distortion D>
     RasterJvp<T, A::outputs> jvp(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
                                  const RasterTangents<T, D>& tangents,
@@ -263,7 +264,7 @@ struct Rasterizer {
     }
 };
 
-/// Gradient of the background: what reaches it, weighted by the transmittance.
+/// Returns the gradient of the background: what reaches it, weighted by the transmittance.
 template <class T, Outputs O>
 VecX<T> background_vjp(const Raster<T, O>& raster, const Columns<T>& g_feature) {
     VecX<T> g = VecX<T>::Zero(g_feature.rows());

@@ -101,7 +101,7 @@ struct TileSample {
     }
 };
 
-/// The largest difference of two samples in one tile; `stride` leaves pixels out.
+/// Returns the largest difference of two samples in one tile; `stride` leaves pixels out.
 template <class Sample>
 double tile_gap(const Sample& a, const Sample& b, Index tile, int first, int stride) {
     const auto sa = a.scene(), sb = b.scene();

@@ -55,7 +55,7 @@ void cull(Index i, const Span& rows, const real_t<T>& x, const Pinhole<T, D>& ca
         rows.begin / tile_edge * tiles_across(camera.width) + static_cast<int>(column) / tile_edge);
 }
 
-/// The depth of Gaussian i in double, whatever it is given in.
+/// Returns the depth of Gaussian i in double, whatever it is given in.
 template <class T, Distortion D>
 double fine_depth(const GaussianView<T>& g, const Pinhole<T, D>& camera, Index i) {
     const auto& pose = camera.camera_from_world;

@@ -44,7 +44,7 @@ struct RasterJvp {
     std::vector<SplatTangent<T>> splats;  ///< [visible Gaussians] for lanes only
 };
 
-/// x with the derivative dx.
+/// Returns x with the derivative dx.
 template <class V>
 Dual<V, 1> dual_of(const V& x, const V& dx) {
     Dual<V, 1> r;
@@ -53,8 +53,8 @@ Dual<V, 1> dual_of(const V& x, const V& dx) {
     return r;
 }
 
-/// The camera and its tangent in numbers Dual<V, 1>: V is the camera's kind of number, or a batch
-/// of it.
+/// Returns the camera and its tangent in numbers Dual<V, 1>: V is the camera's kind of number, or a
+/// batch of it.
 template <class V, class T, Distortion D>
 auto dual_camera(const Pinhole<T, D>& camera, const Pinhole<T, D>* tangent) {
     using Number = Dual<V, 1>;

@@ -158,7 +158,7 @@ struct TileLists {
         sizeof(typename BinScratch<Key>::Mention) + sizeof(Intersection) +
         sizeof(typename BinScratch<Key>::Binned) * 5 / 4;
 
-    /// Entries that so much memory holds, which 32 bits count.
+    /// Returns the entries that so much memory holds, which 32 bits count.
     template <class Key = std::uint32_t>
     static constexpr std::int64_t most_entries(std::uint64_t max_memory) {
         return static_cast<std::int64_t>(

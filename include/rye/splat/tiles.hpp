@@ -40,7 +40,7 @@ struct PixelInterval {
     R begin, end;
 };
 
-/// Whole pixels whose centres lie in [low, high], cut to [0, size).
+/// Returns whole pixels whose centres lie in [low, high], cut to [0, size).
 template <class R>
 RYE_HD PixelInterval<R> pixel_interval(const R& low, const R& high, int size) {
     using std::ceil, std::floor;
@@ -50,19 +50,19 @@ RYE_HD PixelInterval<R> pixel_interval(const R& low, const R& high, int size) {
     const R e = floor(min(top, R(max(R(S(-1)), R(high - R(S(0.5))))))) + R(S(1));
     return {b, min(top, e)};
 }
-/// The interval in integers.
+/// Returns the interval in integers.
 template <Real R>
 RYE_HD Span whole(const PixelInterval<R>& r) {
     return {static_cast<int>(r.begin), static_cast<int>(r.end)};
 }
-/// The pixels of a row or column of `size` whose centres lie in [low, high].
+/// Returns the pixels of a row or column of `size` whose centres lie in [low, high].
 template <Real R>
 RYE_HD Span pixels_between(R low, R high, int size) {
     return whole(pixel_interval(low, high, size));
 }
 /// Tiles along a side of an image.
 RYE_HD inline int tiles_across(int pixels) { return (pixels + tile_edge - 1) / tile_edge; }
-/// The tiles that these pixels lie in.
+/// Returns the tiles that these pixels lie in.
 RYE_HD inline Span tiles_of(const Span& px) {
     if (px.begin >= px.end) return {};
     return {px.begin / tile_edge, (px.end - 1) / tile_edge + 1};
@@ -87,7 +87,7 @@ struct Cover {
         }
     }
 
-    /// Columns of tiles of tile row `row`, whose pixels within `rows` are all that count.
+    /// Returns the columns of tiles in tile row `row`; only pixels within `rows` count.
     RYE_HD Span columns(int row, const Span& rows) const {
         const auto top = static_cast<R>(max(row * tile_edge, rows.begin));
         const auto bottom = static_cast<R>(min((row + 1) * tile_edge, rows.end));
@@ -121,7 +121,8 @@ struct Cover {
         }
 
       private:
-        /// Left (-1) or right (+1) end of the ellipse at the y in [low, high] nearest to `nearest`.
+        /// Returns the left (-1) or right (+1) end of the ellipse at the y in [low, high] nearest
+        /// to `nearest`.
         RYE_HD R end(const R& nearest, const R& low, const R& high, S side) const {
             using std::sqrt;
             const R at = min(high, R(max(low, nearest)));
@@ -139,7 +140,7 @@ struct Cover {
                 f.radius * sqrt(f.covariance.yy) + R(S(1)));
     }
 
-    /// The 16 px tiles that [centre - radius, centre + radius] touches, as pixels.
+    /// Returns the 16 px tiles that [centre - radius, centre + radius] touches, as pixels.
     RYE_HD PixelInterval<R> square(const R& centre, int size) const {
         using std::floor;
         constexpr S coarse = 16;
@@ -190,7 +191,7 @@ void each_tile_row(int width, int height, const Rows& rows, const Footprint& foo
     }
 }
 
-/// Bits that compare as the number does.
+/// Returns the bits that compare as the number does.
 template <Real R>
 RYE_HD auto depth_key(R depth) {
     using Bits = std::conditional_t<sizeof(R) == 4, std::uint32_t, std::uint64_t>;

@@ -69,8 +69,8 @@ class Workspaces {
         std::vector<std::unique_ptr<Space>> idle;
         std::size_t lent = 0;
 
-        /// One of what lies here, or null; makes room for as many more as are to be given back
-        /// here, which must not fail.
+        /// Returns an idle workspace, or null; reserves room for the workspaces that are still to
+        /// be given back, which must not fail.
         template <class W>
         std::unique_ptr<W> take(std::size_t more) {
             const std::lock_guard<std::mutex> lock(mutex);

@@ -31,7 +31,7 @@ struct HostWarp : HostCopies {
     static U lane() {
         return U::each([](int l) { return static_cast<std::uint32_t>(l); });
     }
-    /// The same, for what is seldom needed: it is not kept in registers through loops.
+    /// Returns the same for rare uses: it is not kept in registers through loops.
     static U lane_here() { return lane(); }
     static F number(const U& x) { return F(x); }
     static F fma(const F& a, const F& b, const F& c) {
@@ -55,7 +55,7 @@ struct HostWarp : HostCopies {
         return r;
     }
     static void sync() {}
-    /// A bit for each lane.
+    /// Returns a bit for each lane.
     static std::uint32_t ballot(const M& m) {
         std::uint32_t r = 0;
         for (int l = 0; l < 32; ++l) r |= m.x[l] ? 1U << l : 0U;
@@ -103,7 +103,7 @@ struct HostWarp : HostCopies {
         using V = std::conditional_t<std::is_same_v<T, float>, float, std::uint32_t>;
         return Lanes<V>::each([&](int l) { return static_cast<V>(p[i.x[l]]); });
     }
-    /// Numbers 4 i ... 4 i + 3.
+    /// Returns the numbers 4 i ... 4 i + 3.
     static Array<F, 4> read4(const Quad4* p, const U& i) {
         return {{F::each([&](int l) { return p[i.x[l]].x; }),
                  F::each([&](int l) { return p[i.x[l]].y; }),
@@ -119,7 +119,7 @@ struct HostWarp : HostCopies {
         for (int l = 0; l < 32; ++l)
             if (m.x[l]) p[i.x[l]] = static_cast<T>(v.x[l]);
     }
-    /// Numbers 4 i ... 4 i + 3 where the mask holds; elsewhere 0.
+    /// Returns the numbers 4 i ... 4 i + 3 where the mask holds; elsewhere 0.
     static Array<F, 4> read4_where(const M& m, const Quad4* p, const U& i) {
         const U at = select(m, i, U(0));
         Array<F, 4> r;
@@ -142,7 +142,7 @@ struct HostWarp : HostCopies {
         for (int l = 0; l < 32; ++l)
             if (m.x[l]) std::memcpy(static_cast<unsigned char*>(p) + 4 * i.x[l], &v.x[l], 4);
     }
-    /// The low or the high half of each lane's number.
+    /// Returns the low or the high half of each lane's number.
     template <int half>
     static U read_half(const std::uint64_t* p, const U& i) {
         return U::each([&](int l) { return static_cast<std::uint32_t>(p[i.x[l]] >> (32 * half)); });
@@ -152,7 +152,7 @@ struct HostWarp : HostCopies {
     static F read_where(const M& m, const float* p, const U& i, float other) {
         return F::each([&](int l) { return m.x[l] ? p[i.x[l]] : other; });
     }
-    /// Numbers 2 i and 2 i + 1, 8 bytes at once; 0 where the mask does not hold.
+    /// Returns the numbers 2 i and 2 i + 1, 8 bytes at once; 0 where the mask does not hold.
     static Array<F, 2> read2_where(const M& m, const float* p, const U& i) {
         return {{F::each([&](int l) { return m.x[l] ? p[2 * i.x[l]] : 0.0F; }),
                  F::each([&](int l) { return m.x[l] ? p[2 * i.x[l] + 1] : 0.0F; })}};
@@ -203,7 +203,7 @@ struct HostWarp : HostCopies {
                 d[std::size_t(i)].x[l] = static_cast<float>(sum);
             }
     }
-    /// The transpose of 8 x 8 halves, of which each lane has two neighbours of a row.
+    /// Returns the transpose of 8 x 8 halves, of which each lane has two neighbours of a row.
     static U transpose(const U& a) {
         return U::each([&](int l) {
             const int r = l / 4, c = l % 4 * 2;
@@ -260,12 +260,12 @@ class HostBlock {
     void each_warp(F&& f) {
         in_order(threads / 32, f);
     }
-    /// A number of shared memory that all threads take, before any goes on to change it.
+    /// Returns a number of shared memory that all threads take, before any goes on to change it.
     template <class T>
     T agree(const T& shared) const {
         return shared;
     }
-    /// Values of threads, or of warps, from phase to phase.
+    /// Returns the values of threads, or of warps, from phase to phase.
     template <class T>
     auto of_threads() const {
         return std::vector<T>(static_cast<std::size_t>(threads));

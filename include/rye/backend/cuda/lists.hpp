@@ -104,7 +104,8 @@ struct ListPlaceKernel {
     }
 };
 
-/// Place of an index in an ascending list of `count`; `count` where the list does not have it.
+/// Returns the place of an index in an ascending list of `count`; `count` where the list does not
+/// have it.
 RYE_HD inline std::uint32_t place_in_list(const std::uint32_t* list, std::uint32_t count,
                                           std::uint32_t index) {
     std::uint32_t begin = 0, end = count;

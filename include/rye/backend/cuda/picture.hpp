@@ -10,9 +10,9 @@
 
 namespace rye {
 
-/// A number of a picture in 0..1: a float as it is, a byte as a share of 255.
+/// Returns a number of a picture in 0..1: a float as it is, a byte as a share of 255.
 RYE_HD inline float unit_value(float x) { return x; }
-/// The same of a byte.
+/// Returns the same of a byte.
 RYE_HD inline float unit_value(std::uint8_t x) { return static_cast<float>(x) / 255.0F; }
 
 /// A picture in device memory, channels x (width height), pixel (x, y) in column y width + x.

@@ -65,7 +65,7 @@ class Resident {
     float* data() const { return buffer_.data(); }
     std::size_t bytes() const { return buffer_.bytes(); }
 
-    /// The slice of an array of the struct that the layout was made of.
+    /// Returns the slice of an array of the struct that the layout was made of.
     DeviceColumns<float> of(const Columns<float>& array) const {
         const auto& s = layout_->of(array);
         return {buffer_.data() + s.offset, s.rows, s.cols};

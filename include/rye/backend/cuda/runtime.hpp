@@ -80,7 +80,7 @@ class CudaBranch {
         cudaStreamDestroy(stream_);
     }
 
-    /// The branch's queue, for work that follows what is on `from`.
+    /// Returns the branch's queue, for work that follows what is on `from`.
     CudaQueue begin(const CudaQueue& from) {
         from_ = std::make_unique<CudaQueue>(from);
         follow(stream_, from.stream);

@@ -92,7 +92,7 @@ struct Lanes {
     }
 };
 
-/// a where c holds, else b, lane by lane.
+/// Returns a where c holds, else b, lane by lane.
 template <class T>
 Lanes<T> select(const Lanes<bool>& c, const Lanes<T>& a, const Lanes<T>& b) {
     return Lanes<T>::each([&](int l) { return c.x[l] ? a.x[l] : b.x[l]; });

@@ -164,7 +164,8 @@ struct ProjectKernel {
         return finite;
     }
 
-    /// The record, and, if it is visible, its rows of tiles; returns the number of tiles.
+    /// Writes a Gaussian's record and, if it is visible, its rows of tiles; returns the number of
+    /// tiles.
     RYE_DEVICE std::uint32_t reach(std::uint32_t i, TileSpans& spans) const {
         typename DeviceLens<D>::Held held;
         lens.put(held);

@@ -48,8 +48,8 @@ struct NearestFirst {
     }
 
   private:
-    /// The nearest buckets that hold no more than fit. A bucket that alone holds more is split by
-    /// its next bits; as keys are unique, that ends.
+    /// Chooses the nearest buckets that hold no more than fit. A bucket that alone holds more is
+    /// split by its next bits; as keys are unique, that ends.
     RYE_DEVICE std::uint32_t choose(Block& block) {
         if (taken == 0) {
             block.each_thread([&](int t) {

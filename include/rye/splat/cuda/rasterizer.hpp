@@ -23,7 +23,7 @@ template <int... C>
 struct KernelChannels {
     static constexpr int largest = (std::max)({C...});
 
-    /// f(integral_constant) of the kernels for this many channels.
+    /// Calls f(integral_constant) of the kernels for this many channels.
     template <class F>
     static auto with(Index channels, const F& f) {
         bool done = false;
@@ -52,7 +52,8 @@ struct DeviceFrameShape {
     std::size_t stride;          ///< numbers of a slot, ChannelLayout<C>::stride
 
     std::size_t blocks() const { return (gaussians + 127) / 128; }
-    /// Numbers of 32 bits: of Gaussians and tiles, counters, of entries, of groups.
+    /// Returns the count of 32-bit words: of Gaussians and tiles, of counters, of entries, of
+    /// groups.
     std::size_t words() const {
         return 2 * gaussians + blocks() + std::size_t(2 + tile_strips) * tiles + 2;
     }
@@ -64,7 +65,7 @@ struct DeviceFrameShape {
     std::size_t transmittances() const { return groups * 64; }
     std::size_t partials() const { return groups * std::size_t(group_visits) * stride; }
 
-    /// Device memory of the frame [bytes]; each array has one number more.
+    /// Returns the device memory of the frame [bytes]; each array has one number more.
     std::size_t bytes() const {
         return (gaussians + 1) *
                    (sizeof(SplatRecord) + sizeof(TileSpans) + sizeof(Footprint<float>)) +
@@ -148,7 +149,7 @@ struct DeviceFrame {
         return fits;
     }
 
-    /// Memory that is held [bytes].
+    /// Returns the memory that is held [bytes].
     std::size_t bytes() const {
         return records_.bytes() + spans_.bytes() + footprints_.bytes() + words_.bytes() +
                counters_.bytes() + keys_.bytes() + entry_words_.bytes() + group_words_.bytes() +

@@ -213,7 +213,7 @@ struct ReverseKernel {
     template <class W>
     using OverChannels = Array<Array<Planes<W, N, 2>, std::size_t(steps)>, 2>;
 
-    /// Features as operands: of the visits at positions lane / 4 and 8 more.
+    /// Returns features as operands: of the visits at positions lane / 4 and 8 more.
     template <class W>
     RYE_DEVICE static OverChannels<W> over_channels(const float* rows, const typename W::U& first,
                                                     const typename W::U& second) {
@@ -225,7 +225,7 @@ struct ReverseKernel {
         return r;
     }
 
-    /// <cotangent, colour> of two rows of pixels and 16 visits, by matrices.
+    /// Returns <cotangent, colour> of two rows of pixels and 16 visits, by matrices.
     template <class W, class M>
     RYE_DEVICE Array<Array<typename W::F, 4>, 2> along(const Shared& shared, M m,
                                                        const OverChannels<W>& features) const {
@@ -241,7 +241,8 @@ struct ReverseKernel {
         });
         return s;
     }
-    /// Rows of pixels 2 m and 2 m + 1 and 16 channels: where this lane's row begins [bytes].
+    /// Returns rows of pixels 2 m and 2 m + 1 and 16 channels: where this lane's row begins
+    /// [bytes].
     template <class W>
     RYE_DEVICE static typename W::U tile_of(int m, int c) {
         using U = typename W::U;

@@ -23,8 +23,8 @@ struct ReverseStep {
     /// Numbers of a visit that are summed over lanes.
     static constexpr int sums = Layout::products ? 8 : Layout::stride;
 
-    /// <cotangent, colour>: one function for Gaussians and background, so that equal colours give
-    /// equal sums.
+    /// Returns <cotangent, colour>: one function for Gaussians and background, so that equal
+    /// colours give equal sums.
     template <class W, class F>
     RYE_DEVICE static F along(const F (&cotangent)[std::size_t(C)], const Array<F, 4>& colour) {
         F s = cotangent[0] * colour[0];
@@ -50,7 +50,7 @@ struct ReverseStep {
         }
     };
 
-    /// One row of pixels: from <cotangent, colour> of its visits to their sums.
+    /// Steps back over one row of pixels: from <cotangent, colour> of its visits to their sums.
     template <class W, class J>
     RYE_DEVICE static Taken<W> one_row(StripCotangents<W, C, extra>& s, Moments<W>& sum,
                                        const Visits<W, A>& v, const WarpBlend<W, A>& rules, J j,

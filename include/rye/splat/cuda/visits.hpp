@@ -40,7 +40,7 @@ struct DeviceScene {
     }
 };
 
-/// The exponent below which alpha is 0.
+/// Returns the exponent below which alpha is 0.
 template <class A>
 RYE_DEVICE float least_exponent(const A& accuracy) {
     using std::log2;
@@ -103,11 +103,12 @@ struct TileSplat {
 
   private:
     RYE_DEVICE static F size(const F& x) { return W::max(x, -x); }
-    /// The least |x| of an interval, less what rounding may take away; 0 where it holds a 0.
+    /// Returns the least |x| of an interval, less what rounding may take away; 0 where it holds a
+    /// 0.
     RYE_DEVICE static F nearest(const F& a, const F& b, const F& slack) {
         return W::max(W::max(W::min(a, b), -W::max(a, b)) - slack, F(0.0F));
     }
-    /// The least of a horizontal edge, v being `v` in the middle column.
+    /// Returns the least of a horizontal edge, v being `v` in the middle column.
     RYE_DEVICE F on_row(const F& v, const F& inverse, const F& left, const F& right, const F& du,
                         const F& dv) const {
         const F x = W::min(right, W::max(left, -W::fma(u0, ux, v * vx) * inverse));

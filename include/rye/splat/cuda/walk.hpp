@@ -103,8 +103,9 @@ struct WarpBlend {
 
     RYE_DEVICE explicit WarpBlend(const A& a) : one_visit(a), least(least_exponent(a)) {}
 
-    /// The visits v at row `row`, of transmittance t in front of all sixteen. That in front of each
-    /// lane's four is a scan of the products of 1 - alpha; along them it is taken one by one.
+    /// Returns the contributions of visits v in row `row`, given the transmittance t in front of
+    /// all sixteen. The transmittance in front of each lane's four is a scan of the products of
+    /// 1 - alpha; within the four it is computed one by one.
     RYE_DEVICE Taken<W> take(const Visits<W, A>& v, int row, const F& t) const {
         Taken<W> r;
         Coverage<F> given[4];
@@ -121,8 +122,8 @@ struct WarpBlend {
         return r;
     }
 
-    /// The transmittance behind all of them, t being in front. Transmittance never rises: of a
-    /// pixel that got full in a lane, those of the lanes after it take nothing.
+    /// Returns the transmittance behind all visits, t being in front. Transmittance never rises: if
+    /// a pixel got full in a lane, the visits of later lanes take nothing.
     RYE_DEVICE F behind(const Taken<W>& r, const F& t) const {
         if constexpr (A::stop_rule == Stop::never) {
             return W::template of_quad<3>(r.behind);
@@ -172,8 +173,8 @@ struct StripPixels {
     RYE_DEVICE U pixel(const U& j) const { return pixel(W::lane() / U(4), j); }
 };
 
-/// x of quad lane k in rows 2 k and 2 k + 1: of eight rows that all four lanes have, the two that
-/// each writes.
+/// Returns x of quad lane k in rows 2 k and 2 k + 1: of eight rows that all four lanes have, the
+/// two that each writes.
 template <class W, class V>
 RYE_DEVICE Array<V, 2> own_rows(const V (&x)[8]) {
     const auto q = W::lane() % typename W::U(4);

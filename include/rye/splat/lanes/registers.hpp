@@ -72,7 +72,7 @@ template <class V>
 concept LoadsPairs = std::is_same_v<typename V::value_type, float> &&
                      2 * LanesLike<V, double>::type::size == V::size;
 
-/// n numbers over and over; n is 1, or 2 where pairs can be loaded.
+/// Returns n numbers over and over; n is 1, or 2 where pairs can be loaded.
 template <int n, class V>
 [[gnu::always_inline]] inline V repeat(const typename V::value_type* numbers) {
     if constexpr (n == 1) {
@@ -84,14 +84,14 @@ template <int n, class V>
     }
 }
 
-/// i, as a number the compiler knows nothing about: loads at it stay loads. A compiler that turns
-/// loads of several lanes into one gather makes them slower.
+/// Returns i, as a number the compiler knows nothing about: loads at it stay loads. A compiler that
+/// turns loads of several lanes into one gather makes them slower.
 [[gnu::always_inline]] inline Index opaque(Index i) {
     asm("" : "+r"(i));
     return i;
 }
 
-/// Sum of a batch's lanes; the library renamed it.
+/// Returns the sum of a batch's lanes; the library renamed it.
 template <class V>
 typename V::value_type lane_sum(const V& x) {
     if constexpr (requires { reduce_add(x); })
@@ -134,7 +134,7 @@ template <class T>
     }
 }
 
-/// Channels in whole vectors.
+/// Returns channels in whole vectors.
 template <class V>
 constexpr Index padded_channels(Index channels) {
     constexpr Index lanes = static_cast<Index>(V::size);

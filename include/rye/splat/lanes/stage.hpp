@@ -42,7 +42,7 @@ struct LaneShapes {
                 Vec3<V>(in[7], in[8], in[9])};
     }
     V opacity() const { return in[10]; }
-    /// 1 where the numbers are finite, else 0.
+    /// Returns 1 where the numbers are finite, else 0.
     V usable() const {
         const V zero(T(0));
         V sum = in[0] * zero;                                // 0, or NaN

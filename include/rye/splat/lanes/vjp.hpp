@@ -108,7 +108,8 @@ inline constexpr auto bit_places = [] {
 
 } // namespace detail
 
-/// The strips of an entry's visits, in order; up to seven numbers behind them are written too.
+/// Returns the strips of an entry's visits, in order; up to seven numbers behind them are written
+/// too.
 template <class V>
 int list_strips(const std::uint64_t* words, std::uint8_t* strip) {
     constexpr std::uint64_t every_byte = 0x0101010101010101U;
@@ -123,8 +124,8 @@ int list_strips(const std::uint64_t* words, std::uint8_t* strip) {
     return n;
 }
 
-/// <cotangent, colour> of a strip's pixels, for a few channels. One expression for entries and
-/// background, so that equal colours give equal sums.
+/// Returns <cotangent, colour> of a strip's pixels, for a few channels. One expression for entries
+/// and background, so that equal colours give equal sums.
 template <class V, int C>
 [[gnu::always_inline]] inline V along(const typename V::value_type* cotangent,
                                       const std::array<V, std::size_t(C)>& colour) {

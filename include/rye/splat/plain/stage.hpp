@@ -28,7 +28,8 @@ bool usable(const GaussianView<T>& g, Index i) {
     return bad == 0;
 }
 
-/// Columns of fixed length; the compiler must not see a loop over a length it does not know.
+/// Returns the shape of Gaussian i. Reads columns of fixed length, so that the compiler sees no
+/// loop over a length it does not know.
 template <class T>
 Shape<T> load_shape(const GaussianView<T>& g, Index i) {
     return {Eigen::Map<const Vec3<T>>(g.mean(i)), Eigen::Map<const Quat<T>>(g.rotation(i)),
