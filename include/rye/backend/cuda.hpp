@@ -83,7 +83,7 @@ class DeviceBuffer {
     DeviceBuffer& operator=(const DeviceBuffer&) = delete;
     ~DeviceBuffer() { clear(); }
 
-    /// Room for n numbers. What was held is lost where it grows.
+    /// Makes room for n numbers. If it grows, the former numbers are lost.
     void reserve(const CudaQueue& queue, std::size_t n) {
         if (n <= size_) return;
         clear();

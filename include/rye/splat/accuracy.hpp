@@ -17,16 +17,17 @@
 
 namespace rye {
 
-/// When a pixel is full: never, after the blend that leaves transmittance < stop, or before it.
+/// End of a pixel's blending: never, after the blend that leaves transmittance < stop, or before
+/// it.
 enum class Stop { never, inclusive, exclusive };
 
 /// Pixels tested for a Gaussian: exactly those where its alpha can reach alpha_min; or, as in the
 /// first implementation, the 16 px tiles that a square of 3 standard deviations touches.
 enum class Support { ellipse, square };
 
-/// The order in which a pixel blends: of the depths of centres, one for all pixels; or of the
-/// depths where the pixel's own ray is closest to each Gaussian, sorted at every pixel. The second
-/// is the better model where Gaussians cross; it has plain loops only, on every backend.
+/// The order in which a pixel blends: by the depths of centres, one order for all pixels; or by the
+/// depths at which the pixel's own ray is closest to each Gaussian, sorted at every pixel. The
+/// second is the better model where Gaussians cross; it has plain loops only, on every backend.
 enum class BlendOrder { by_centre, by_peak };
 
 /// Treatment of a Gaussian with a NaN or an infinity. cull: leave it out and count it; fail: throw;
@@ -57,7 +58,7 @@ struct Balanced {
     static constexpr int exp2_degree = 5;   ///< polynomial in lanes; 0 is the library's exp2
 };
 
-/// Errors of an image against every Gaussian at every pixel in double: below 1e-11 (in double).
+/// Errors below 1e-11 (in double), against an image of every Gaussian at every pixel in double.
 struct Exact64 : Balanced {
     RYE_HD constexpr Exact64() {
         alpha_min = 1e-15;
@@ -67,7 +68,7 @@ struct Exact64 : Balanced {
     static constexpr int exp2_degree = 0;
 };
 
-/// Only float's rounding is left: below 5e-5.
+/// Errors below 5e-5: only float's rounding is left.
 struct Exact32 : Balanced {
     RYE_HD constexpr Exact32() {
         alpha_min = 1e-9;
@@ -77,7 +78,7 @@ struct Exact32 : Balanced {
     static constexpr int exp2_degree = 6;
 };
 
-/// Below 1e-3.
+/// Errors below 1e-3.
 struct Tight : Balanced {
     RYE_HD constexpr Tight() {
         alpha_min = 1.0 / 25500.0;
@@ -86,7 +87,7 @@ struct Tight : Balanced {
     }
 };
 
-/// Several 8-bit steps, at the speed of a preview.
+/// Errors of several 8-bit steps, at the speed of a preview.
 struct Fast : Balanced {
     RYE_HD constexpr Fast() {
         alpha_min = 1.0 / 255.0;

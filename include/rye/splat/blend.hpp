@@ -8,7 +8,7 @@
 ///     d/d alpha_i = T_i (s_i - b_i),   b_{i-1} = b_i + alpha_i (s_i - b_i),
 /// which neither divides by 1 - alpha nor subtracts large sums: it is 0 where a Gaussian has the
 /// colour of what is behind it.
-/// Walks keep iteration, addressing and sums over pixels and channels; nothing of this is theirs.
+/// Walks do iteration, addressing and sums over pixels and channels, and none of these formulas.
 /// A walk that takes several Gaussians of a pixel at once (cuda/walk.hpp) has T and b in front of
 /// and behind each by scans over these steps.
 #pragma once
@@ -45,8 +45,8 @@ RYE_HD Response<T> respond(const Splat<T>& s, const T& dx, const T& dy) {
 }
 
 /// A pixel that is walked by itself: the walk branches past a Gaussian that does not reach it, and
-/// ends when it is full. So conditions that hold for all that is visited need no mask.
-/// Products that two kinds of pixels round differently are named by each.
+/// ends when it is full. So conditions that hold for every visit need no mask. Members name the
+/// products that the two kinds of pixels round differently.
 struct SinglePixel {
     static constexpr bool ends_when_full = true;
     static constexpr bool keeps_bell = true;     ///< for the way back; else alpha alone
@@ -158,7 +158,7 @@ template <class V>
 struct ColourCotangent {
     V colour;
 };
-/// ... and those of alpha and depth.
+/// Cotangent of a pixel, with those of alpha and depth.
 template <class V>
 struct PixelCotangent : ColourCotangent<V> {
     V alpha, depth;
@@ -178,7 +178,7 @@ struct Blend {
     [[gnu::always_inline]] RYE_HD static auto reaches(const V& exponent, const V& cut) {
         return exponent >= cut;
     }
-    /// `floor` is o f, not read unless the rules have one.
+    /// Returns the coverage of a pixel. `floor` is o f, not read unless the rules have one.
     [[gnu::always_inline]] RYE_HD Coverage<V> coverage(const V& exponent, const V& cut,
                                                        const V& floor) const {
         V bell = V(Exp2()(exponent)), alpha = bell;
@@ -279,8 +279,8 @@ struct Blend {
         }
     }
 
-    /// The step back over contribution c at offsets (u, v), of g, a ColourCotangent or
-    /// PixelCotangent. `behind`, b, becomes that of what is in front of c. Cotangents of
+    /// Steps back over contribution c at offsets (u, v), for g, a ColourCotangent or
+    /// PixelCotangent. `behind`, b, becomes the b in front of c. Cotangents of
     /// `gaussian`, of which floor and depth are read, are added to `sum`: the numbers of
     /// SplatCotangent in their order.
     template <class Gaussian, class Cotangent, class Sums>

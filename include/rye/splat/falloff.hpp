@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/falloff.hpp: how opaque a Gaussian is at a pixel, and what that says of its gradient.
+/// rye/splat/falloff.hpp: the opacity of a Gaussian at a pixel, and its gradient.
 /// alpha = min(alpha_max, o exp(-|w|^2 / 2) - o f), w = L (p - centre), evaluated as
 /// 2^(log2 o - u^2 - v^2) with sqrt(log2(e) / 2) folded into L: the cut-off is then a comparison
 /// before the exponential, and the exponent never exceeds log2 o.

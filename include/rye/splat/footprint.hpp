@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/footprint.hpp: how far a screen Gaussian can be seen, from the numbers that a pixel
-/// sees of it. Pixel units.
+/// rye/splat/footprint.hpp: the extent of a screen Gaussian, from the numbers that a pixel reads of
+/// it. Pixel units.
 #pragma once
 
 #include <cmath>

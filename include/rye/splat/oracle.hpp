@@ -80,7 +80,7 @@ struct OracleSolid {
     }
 };
 
-/// Gaussian i of a cloud as the rays of a camera see it.
+/// Returns Gaussian i of a cloud as the rays of a camera see it.
 inline OracleSolid oracle_solid(const Gaussians<double>& g, const Pinhole<double>& camera,
                                 Index i) {
     const Vec4<double> q = g.rotation.col(i);
@@ -93,7 +93,7 @@ inline OracleSolid oracle_solid(const Gaussians<double>& g, const Pinhole<double
     return {whiten, Vec3<double>(whiten * camera.camera_from_world.apply(g.mean.col(i)))};
 }
 
-/// The Gaussians before the camera, and, of models that ask for rays, what a ray sees of them.
+/// The Gaussians before the camera, and, if the model asks for rays, their solids.
 struct OracleScene {
     const Gaussians<double>& g;
     const Pinhole<double>& camera;
@@ -112,7 +112,7 @@ struct OracleScene {
         T bell, alpha, depth;
         double peak;
     };
-    /// The hits of a pixel, near to far.
+    /// Finds the hits of a pixel, near to far.
     template <Real T>
     void pixel(int x, int y, std::vector<PixelContribution<T>>& hits) const;
 };
@@ -218,7 +218,8 @@ void OracleScene::pixel(int x, int y, std::vector<PixelContribution<T>>& hits) c
                          [](const auto& a, const auto& b) { return a.peak < b.peak; });
 }
 
-/// T is the scalar of the sums: double, or long double to check the sums themselves.
+/// Returns the true images. T is the scalar of the sums: double, or long double to check the sums
+/// themselves.
 template <Real T = double>
 OracleImages oracle(const Gaussians<double>& g, const Pinhole<double>& camera,
                     const VecX<double>& background, const std::vector<std::uint32_t>& order,

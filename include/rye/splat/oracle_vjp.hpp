@@ -33,7 +33,7 @@ struct OracleSums {
     Columns<double>& feature;
 };
 
-/// One pixel: every alpha near to far, then the recursion far to near.
+/// Adds the cotangents of one pixel: every alpha near to far, then the recursion far to near.
 inline void oracle_pixel_vjp(const OracleScene& scene, const VecX<double>& background,
                              const OracleCotangent& w, Index p, OracleSums& sums) {
     std::vector<OracleScene::PixelContribution<double>> hits;

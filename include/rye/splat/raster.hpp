@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/raster.hpp: what a render returns, and what it keeps for its vjp.
+/// rye/splat/raster.hpp: the result of a render, and its trace for the vjp.
 #pragma once
 
 #include <algorithm>
@@ -17,7 +17,7 @@
 
 namespace rye {
 
-/// In the place of a member's number: the Gaussian is not visible.
+/// Number of the member of a Gaussian that is not visible.
 inline constexpr std::uint32_t no_member = 0xFFFFFFFF;
 
 /// A visible Gaussian, all that tiles read of it. In float it fills a line of the cache.

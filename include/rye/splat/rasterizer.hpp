@@ -104,7 +104,7 @@ struct Rasterizer {
                    DrawnTiles().part(0, out.trace.lists.tiles()), out, s);
     }
 
-    /// The first step of forward_into: candidate and state of every Gaussian.
+    /// Does the first step of forward_into: candidate and state of every Gaussian.
     template <Backend B, class T, Distortion D>
     void project_into(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
                       const Pinhole<T, D>& camera, RasterScratch<T>& s) const {
@@ -115,7 +115,7 @@ struct Rasterizer {
         });
     }
 
-    /// The last step: draws tiles. The other pixels stay.
+    /// Does the last step of forward_into: draws tiles. The other pixels stay.
     template <Backend B, class T>
     void blend_into(const B& backend, const Scene<T>& scene, const DrawnTiles& drawn, Drawn<T>& out,
                     RasterScratch<T>& s) const {
@@ -202,7 +202,7 @@ struct Rasterizer {
     }
 
   private:
-    /// f(begin, end) for runs of tiles.
+    /// Calls f(begin, end) for runs of tiles.
     template <Backend B, class F>
     static void for_tiles(const B& backend, Index tiles, F&& f) {
         for_chunks(backend.threads, tiles, 1, [&](Index b, Index e, Index) { f(b, e); });
@@ -244,7 +244,8 @@ struct Rasterizer {
         check_shape("depth", c.depth, 1);
     }
 
-    /// A contributor is an entry of its tile, in a number of the pixels' kind until it is drawn.
+    /// Throws Error if a tile has more entries than T counts: until it is drawn, a contributor is
+    /// an entry of its tile in a number of the pixels' type.
     template <class T>
     static void check_countable(const TileLists& lists) {
         constexpr std::int64_t most = std::int64_t(1) << std::numeric_limits<real_t<T>>::digits;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/ray_peak.hpp: how deep a Gaussian is densest along the ray of a pixel, for policies
-/// that blend by it. With m the mean in the camera's frame, d the ray (its z is 1) and axes r_i of
+/// rye/splat/ray_peak.hpp: the depth at which a Gaussian is densest along the ray of a pixel, for
+/// policies that blend by it. With m the mean in the camera's frame, d the ray (z = 1), axes r_i of
 /// standard deviations s_i, the whitened distance |S^-1 R' (t d - m)| is least at
 ///     t = sum_i (b_i m) (b_i d) / sum_i (b_i d)^2,    b_i = (min s / s_i) r_i',
 /// which stays finite where s_i is 0: flat Gaussians peak where the ray meets their plane.

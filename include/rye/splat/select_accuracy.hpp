@@ -2,8 +2,8 @@
 /// rye/splat/select_accuracy.hpp: the cheapest accuracy whose error on sampled tiles stays within a
 /// bound. A ladder of Balanced's numbers is climbed from coarse to exact. On each rung one pixel of
 /// every tile is compared with the exact rung; then whole tiles are: those whose pixel was worst,
-/// and others drawn at random. What is said of the picture is no more than the sample allows: if n
-/// random tiles all keep the bound, at most 3 / n of all tiles break it, with 95 % confidence.
+/// and others drawn at random. The sample allows this statement about the picture: if n random
+/// tiles all keep the bound, at most 3 / n of all tiles break it, with 95 % confidence.
 #pragma once
 
 #include <algorithm>
@@ -56,7 +56,7 @@ struct SelectSettings {
     std::uint64_t seed = 1;
 };
 
-/// The policy that select_accuracy chose, and why.
+/// The policy that select_accuracy chose, with the errors that it found.
 struct SelectedAccuracy {
     Balanced accuracy;
     std::string name;          ///< rung's name
@@ -117,8 +117,8 @@ double tile_gap(const Sample& a, const Sample& b, Index tile, int first, int str
 
 } // namespace detail
 
-/// `bound`: the largest absolute error of any channel of any pixel against every Gaussian at every
-/// pixel. The answer is used as Rasterizer{chosen.accuracy}.
+/// Returns the cheapest policy that keeps `bound`, the largest absolute error of any channel of any
+/// pixel against every Gaussian at every pixel. Use it as Rasterizer{chosen.accuracy}.
 template <Real T, Backend B>
 SelectedAccuracy select_accuracy(const B& backend, const Gaussians<T>& g, const Pinhole<T>& camera,
                                  const VecX<T>& background, double bound,

@@ -10,7 +10,7 @@
 
 namespace rye {
 
-/// A direction in the inputs of a render; what is null does not move.
+/// A direction in the inputs of a render; null inputs do not move.
 template <class T, Distortion D = NoDistortion>
 struct RasterTangents {
     const Gaussians<T>* gaussians = nullptr;  ///< tangents, in the shapes of the Gaussians

@@ -37,7 +37,7 @@ void sort_by_key(Keyed<Key, Value>* x, Keyed<Key, Value>* buffer, Index n) {
     using Item = Keyed<Key, Value>;
     constexpr int widest = 11;
     constexpr Index few = 16, moves_each = 8;
-    /// False when it gave up; x holds the same values then.
+    /// Returns false if it gave up; x holds the same values then.
     const auto insert = [&](Index allowed) {
         for (Index i = 1; i < n; ++i) {
             const Item moved = x[i];
@@ -62,7 +62,7 @@ void sort_by_key(Keyed<Key, Value>* x, Keyed<Key, Value>* buffer, Index n) {
         widest, static_cast<int>(std::bit_width(static_cast<std::uint64_t>(n))));
     std::array<std::uint32_t, (1 << widest)> even, odd;
     const std::size_t mask = (std::size_t(1) << digit) - 1;
-    /// By the two digits above `shift`, between x and the buffer and back.
+    /// Sorts by the two digits above `shift`, from x to the buffer and back.
     const auto two_digits = [&](int shift) {
         const auto bucket = [&](Key key, int up) {
             return static_cast<std::size_t>((key - low) >> shift >> up) & mask;
@@ -89,7 +89,7 @@ void sort_by_key(Keyed<Key, Value>* x, Keyed<Key, Value>* buffer, Index n) {
 /// A Gaussian that a tile's list holds.
 struct Intersection {
     std::uint32_t member;
-    std::uint32_t slot;                   ///< its place among its member's
+    std::uint32_t slot;                   ///< place among its member's slots
     bool operator==(const Intersection&) const = default;
 };
 
@@ -112,8 +112,8 @@ struct BinScratch {
     std::vector<std::vector<Binned>> buffers;  ///< [runs of tiles]
 };
 
-/// Members that are binned: key(m) says how far m is, of equal ones that with the lower index(m)
-/// comes first; footprint(m) is a Footprint, and pixel_rows(m) its rows of pixels, not empty.
+/// Members to be binned: key(m) is the distance of m; of equal ones the lower index(m) comes first;
+/// footprint(m) is a Footprint, and pixel_rows(m) its rows of pixels, not empty.
 template <class PixelRows, class KeyOf, class IndexOf, class Footprints>
     requires std::derived_from<std::remove_cvref_t<std::invoke_result_t<PixelRows, Index>>, Span>
 struct BinInput {
@@ -151,8 +151,8 @@ struct TileLists {
         sort(threads, members.index, scratch);
     }
 
-    /// Memory of an entry and of what it is made of: a mention, a key with it, and the buffer of a
-    /// run of tiles [bytes].
+    /// Memory of an entry and of its making: a mention, a key with it, and the buffer of a run of
+    /// tiles [bytes].
     template <class Key = std::uint32_t>
     static constexpr std::uint64_t entry_bytes =
         sizeof(typename BinScratch<Key>::Mention) + sizeof(Intersection) +
@@ -178,7 +178,7 @@ struct TileLists {
                         ": the Gaussians are too large for the image");
     }
 
-    /// Mentions that all chunks write before their total has been compared with what is allowed.
+    /// Number of mentions that all chunks write before their total is compared with the limit.
     static constexpr Index most_unchecked = Index(1) << 24;
 
   private:
@@ -189,8 +189,8 @@ struct TileLists {
         return x[static_cast<std::size_t>(i)];
     }
 
-    /// Members are cut into as many chunks as there are threads; where a chunk goes on in a tile's
-    /// list follows from what the chunks before it have there. Lists do not depend on the chunks.
+    /// Bins members in as many chunks as there are threads. A chunk's place in a tile's list
+    /// follows from the counts of the chunks before it, so lists do not depend on the chunks.
     template <Support support, Real R, Threads P, class Members, class Key>
     void bin(const P& threads, ImageSize size, const Members& members, std::uint64_t max_memory,
              BinScratch<Key>& scratch) {
@@ -261,7 +261,7 @@ struct TileLists {
         });
     }
 
-    /// Appends the tiles of member m to its chunk's, or, beyond what is allowed, counts them.
+    /// Appends the tiles of member m to its chunk's, or, beyond the limit, counts them.
     template <Support support, Real R, class Members, class Chunk>
     void mention(ImageSize size, const Members& members, Index m, std::int64_t max_entries,
                  Chunk& chunk) const {

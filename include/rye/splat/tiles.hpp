@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/tiles.hpp: which pixels and which tiles a Gaussian can be seen in. Pixel units.
+/// rye/splat/tiles.hpp: the pixels and tiles in which a Gaussian can be seen. Pixel units.
 /// Source: bounds as in Radl et al., "StopThePop", 2024, but per row of tiles and exact.
 #pragma once
 
@@ -15,7 +15,7 @@
 
 namespace rye {
 
-/// Side of a tile [px]: 8 and 16 were tried; the larger halves the entries.
+/// Side of a tile [px]: 16 has half the entries of 8.
 inline constexpr int tile_edge = 16;
 /// Pixels of a tile.
 inline constexpr int tile_pixels = tile_edge * tile_edge;
@@ -60,7 +60,7 @@ template <Real R>
 RYE_HD Span pixels_between(R low, R high, int size) {
     return whole(pixel_interval(low, high, size));
 }
-/// Tiles along a side of an image.
+/// Returns the number of tiles along a side of an image.
 RYE_HD inline int tiles_across(int pixels) { return (pixels + tile_edge - 1) / tile_edge; }
 /// Returns the tiles that these pixels lie in.
 RYE_HD inline Span tiles_of(const Span& px) {
@@ -132,7 +132,8 @@ struct Cover {
     };
 
   private:
-    /// Rounding moves a bound by a few units in the last place of a position; this covers it.
+    /// Returns a margin for rounding, which moves a bound by a few units in the last place of a
+    /// position.
     RYE_HD R slack() const {
         using std::abs, std::sqrt;
         return R(S(8) * Limits<S>::epsilon) *
@@ -170,8 +171,8 @@ struct TileRowSpan {
     int row, begin, end;
 };
 
-/// f of each row of tiles that a footprint reaches; `rows` are its rows of pixels, not empty, and
-/// footprint() is asked for only where these do not say which columns.
+/// Calls f for each row of tiles that a footprint reaches; `rows` are its rows of pixels, not
+/// empty, and footprint() is called only if these do not give the columns.
 template <Support support, Real R, class Rows, class Footprint, class F>
 void each_tile_row(int width, int height, const Rows& rows, const Footprint& footprint,
                    const F& f) {

@@ -23,7 +23,7 @@ class Workspaces {
     struct Shelf;
 
   public:
-    /// Base of what is kept.
+    /// Base of workspaces.
     struct Space {
         virtual ~Space() = default;
     };
@@ -92,7 +92,8 @@ class Workspaces {
         }
     };
 
-    /// Ids are often addresses, whose low bits are the same.
+    /// Returns a number of the calling thread: its id, mixed, as ids are often addresses, whose low
+    /// bits are the same.
     static std::size_t number_of_thread() {
         const std::uint64_t id = std::hash<std::thread::id>()(std::this_thread::get_id());
         return static_cast<std::size_t>(id * 0x9E3779B97F4A7C15U >> 58U) % shelves;

@@ -18,8 +18,8 @@ concept DeviceWithBranches = requires {
     typename D::Branch;
 };
 
-/// Streams beside a queue's. What they were used for must not outlive them, as memory that was
-/// asked for there goes back through them.
+/// Streams beside a queue's. Memory that was allocated on them must not outlive them, as it goes
+/// back through them.
 template <class Device>
 class DeviceBranches {
   public:

@@ -133,7 +133,7 @@ struct HostWarp : HostCopies {
         for (int l = 0; l < 32; ++l)
             if (m.x[l]) p[i.x[l]] = {v[0].x[l], v[1].x[l], v[2].x[l], v[3].x[l]};
     }
-    /// Bytes 4 i ... 4 i + 3.
+    /// Writes bytes 4 i ... 4 i + 3.
     static void write_word(void* p, const U& i, const U& v) {
         for (int l = 0; l < 32; ++l)
             std::memcpy(static_cast<unsigned char*>(p) + 4 * i.x[l], &v.x[l], 4);
@@ -274,7 +274,7 @@ class HostBlock {
     auto of_warps() const {
         return std::vector<T>(static_cast<std::size_t>(threads / 32));
     }
-    /// A phase of threads that wait for those of their own warp only.
+    /// Runs a phase of threads that wait for those of their own warp only.
     template <class F>
     void each_lane(F&& f) {
         in_order(threads, f);
@@ -286,7 +286,7 @@ class HostBlock {
     static float high(std::uint32_t a) { return HostWarp::high(Lanes<std::uint32_t>(a)).x[0]; }
     static int bits_set(std::uint32_t x) { return std::popcount(x); }
     static int leading_zeros(std::uint64_t x) { return std::countl_zero(x); }
-    /// Sums of what is before each of the block's numbers; returns that of all.
+    /// Replaces each of the block's numbers by the sum of those before it; returns the sum of all.
     template <class T>
     T exclusive_sums(T* x) {
         T sum = 0;

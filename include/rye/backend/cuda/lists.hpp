@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/backend/cuda/lists.hpp: lists of the indices at which numbers are positive, ascending, made
-/// on the device by counts, a scan and places, for several arrays at once. How long a list is is
+/// on the device by counts, a scan and places, for several arrays at once. The length of a list is
 /// known to the device alone.
 #pragma once
 
@@ -125,7 +125,7 @@ class DeviceLists {
   public:
     explicit DeviceLists(const Device& device) : device_(device) {}
 
-    /// Puts the making of the lists on the stream: of `arrays` arrays of `size` numbers.
+    /// Makes the lists of `arrays` arrays of `size` numbers, on the stream.
     void make(const CudaQueue& queue, const Array<const float*, DeviceListArrays::most>& number,
               int arrays, Index size) {
         const Index blocks = (size + ListCountKernel::threads - 1) / ListCountKernel::threads;

@@ -52,7 +52,7 @@ class ResidentLayout {
 template <class P, class Device>
 class Resident {
   public:
-    /// All zero.
+    /// Allocates zeros.
     Resident(const Device& device, const CudaQueue& queue, const ResidentLayout<P>& layout)
         : device_(device),
           layout_(&layout) {
@@ -72,7 +72,7 @@ class Resident {
     }
 
     void clear(const CudaQueue& queue) { device_.fill(queue, buffer_.data(), 0, buffer_.bytes()); }
-    /// From a struct of the same shapes; waits.
+    /// Copies from a struct of the same shapes; waits.
     void send(const CudaQueue& queue, const P& host) {
         std::size_t at = 0;
         P::fields(
@@ -84,7 +84,7 @@ class Resident {
             },
             host);
     }
-    /// Into a struct of the same shapes; waits.
+    /// Copies into a struct of the same shapes; waits.
     void fetch(const CudaQueue& queue, P& host) const {
         std::size_t at = 0;
         P::fields(

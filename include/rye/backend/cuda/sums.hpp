@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/backend/cuda/sums.hpp: sums of a block's threads in one order, whatever runs first.
+/// rye/backend/cuda/sums.hpp: sums of a block's threads, in one order whichever thread runs first.
 #pragma once
 
 #include <rye/core/config.hpp>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/cuda/blend.hpp: tiles drawn on a device: a block a tile, a warp a strip of 8 x 8
 /// pixels. Lists are sorted here, as far as a pixel is open. Between parts of a list warps do not
-/// wait for one another: each takes what its own strip has to look at, 16 visits at a time. For the
-/// vjp it keeps, of every group of visits, which they were and the transmittance in front of them.
+/// wait for one another: each takes the visits of its own strip, 16 at a time. For the vjp it keeps
+/// the visits of every group and the transmittance in front of them.
 #pragma once
 
 #include <rye/splat/cuda/nearest.hpp>
@@ -20,7 +20,7 @@ struct FoundVisits {
     Quad4 colour[colours ? room : 1];
     std::uint32_t owner[room];
     std::uint32_t place_of[room]; ///< places of the pairs (Gaussian, tile)
-    std::uint32_t entry[room];    ///< its number in the tile's list
+    std::uint32_t entry[room];    ///< numbers in the tile's list
 };
 
 /// Draws the pixels of a tile, near to far, C channels at a time.
@@ -110,7 +110,7 @@ struct BlendKernel {
         if (memory.groups > 0 && s.open) s.group = W::take_one(&memory.report->groups);
     }
 
-    /// A part of the list: what the strip has to look at is found 32 entries at a time.
+    /// Walks a part of the list: finds the strip's visits, 32 entries at a time.
     template <class W>
     RYE_DEVICE void walk(Shared& shared, StripSums<W, A, C>& s, const StripPixels<W>& pixels,
                          std::uint32_t tile, int w, std::uint32_t before,
@@ -171,7 +171,7 @@ struct BlendKernel {
         }
     }
 
-    /// The last visits, with some that reach no pixel, to a whole group.
+    /// Blends the last visits, filled up to a whole group by visits that reach no pixel.
     template <class W>
     RYE_DEVICE void flush(Shared& shared, StripSums<W, A, C>& s, const StripPixels<W>& pixels,
                           int w) const {
@@ -192,7 +192,7 @@ struct BlendKernel {
         s.done += group_visits;
     }
 
-    /// Keeps for the vjp what a group is, and what is in front of it.
+    /// Keeps a group's visits, and the transmittance in front of it, for the vjp.
     template <class W>
     RYE_DEVICE void keep(const Found& found, StripSums<W, A, C>& s, std::uint32_t at) const {
         using U = typename W::U;

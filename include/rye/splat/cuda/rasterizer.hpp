@@ -17,8 +17,8 @@
 
 namespace rye {
 
-/// The numbers of channels that kernels are made for, ascending, of 1 to 4, 8, 16 and 32. Others
-/// are drawn by the next larger one, or by the largest several times.
+/// The numbers of channels that kernels are made for: some of 1 to 4, 8, 16 and 32, ascending.
+/// Other numbers are drawn by the next larger kernel, or by the largest several times.
 template <int... C>
 struct KernelChannels {
     static constexpr int largest = (std::max)({C...});
@@ -48,7 +48,7 @@ struct DeviceFrameCost {
 /// Extents for which a frame is made; they determine its memory.
 struct DeviceFrameShape {
     std::size_t gaussians, tiles;
-    std::size_t entries, groups; ///< that there is room for; no groups: no vjp
+    std::size_t entries, groups; ///< capacities; no groups: no vjp
     std::size_t stride;          ///< numbers of a slot, ChannelLayout<C>::stride
 
     std::size_t blocks() const { return (gaussians + 127) / 128; }
@@ -82,7 +82,7 @@ struct DeviceFrame {
 
     Device device;
     bool for_vjp = true; ///< true if a render keeps what its vjp reads
-    /// Room for entries and groups of visits; it grows by `finish`.
+    /// Capacities for entries and for groups of visits; `finish` raises them.
     std::int64_t entry_capacity = 0, group_capacity = 0;
     DeviceFrameCost cost = {}; ///< counts of the last finished frame
 
@@ -123,8 +123,8 @@ struct DeviceFrame {
         place(queue, partial_, m.partial, of.partials());
     }
 
-    /// Waits for the frame. Whether it had room; where it had none it has now, and the frame has to
-    /// be drawn again.
+    /// Waits for the frame; returns true if everything fitted. Otherwise makes room, and the frame
+    /// must be drawn again.
     bool finish(const CudaQueue& queue, std::int64_t max_entries = std::int64_t(1) << 31,
                 NonFinite non_finite = NonFinite::cull) {
         FrameReport r{};
@@ -141,7 +141,8 @@ struct DeviceFrame {
                         ": the Gaussians are too large for the image");
         return make_room(cost.entries, cost.groups);
     }
-    /// Room for frames of that many entries and groups, from the next one on. Whether there was.
+    /// Makes room for frames of that many entries and groups, from the next frame on; returns true
+    /// if there was enough.
     bool make_room(std::int64_t entries, std::int64_t groups) {
         const bool fits = entries <= m.entries && (!for_vjp || groups <= m.groups);
         if (entries > m.entries) entry_capacity = grown(entries);
@@ -176,10 +177,10 @@ struct DeviceFrame {
     DeviceBuffer<float> transmittance_, partial_;
 };
 
-/// Pixels blend in the order of centres' depths; by_peak has plain loops alone.
+/// True if pixels blend in the order of centres' depths: by_peak has plain loops only.
 template <class A>
 concept BlendsByCentre = A::order == BlendOrder::by_centre;
-/// Depths are compared as 32 bits; more have the host's backends.
+/// True if depths are compared as 32 bits: only backends of the host compare more.
 template <class A>
 concept DepthsOf32Bits = A::depth_bits == 32;
 /// An accuracy policy that has kernels on a device.
@@ -247,8 +248,8 @@ struct DeviceRasterizer {
         });
     }
 
-    /// The gradient of the background, a number a channel; `partial` has room for as many numbers
-    /// as background_numbers says.
+    /// Puts the gradient of the background on the stream, a number a channel; `partial` has room
+    /// for background_numbers numbers.
     void background_vjp_into(const CudaQueue& queue, const DeviceColumns<const float>& g_feature,
                              const DeviceColumns<const float>& alpha, float* partial, float* out,
                              const Frame& frame) const {
@@ -274,7 +275,7 @@ struct DeviceRasterizer {
                 camera.cx, camera.cy,  camera.width, camera.height};
     }
 
-    /// f(C, first, channels): channels [first, first + channels) by kernels of C channels.
+    /// Calls f(C, first, channels): kernels of C channels do channels [first, first + channels).
     template <class F>
     static void each_block_of_channels(Index channels, const F& f) {
         Kernels::with(channels, [&](auto C) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/cuda/records.hpp: what the kernels of a render hand to one another in device memory.
+/// rye/splat/cuda/records.hpp: data between the kernels of a render, in device memory.
 #pragma once
 
 #include <cstdint>

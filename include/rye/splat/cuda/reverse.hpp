@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/cuda/reverse.hpp: the way back over strips on a device, from far to near, a warp a
-/// strip, by the groups of visits that the blend kept. What is behind a visit is followed as its
-/// difference from what is behind the group, which is exactly 0 as long as colours are equal;
-/// transmittance is that which was kept, and nothing is divided by 1 - alpha.
+/// strip, by the groups of visits that the blend kept. The colour behind a visit is tracked as its
+/// difference from the colour behind the group, which is exactly 0 as long as colours are equal;
+/// transmittance is the kept one, and nothing is divided by 1 - alpha.
 /// A visit owns a slot for its partial gradient, numbers of SplatCotangent and features.
 #pragma once
 
@@ -53,7 +53,7 @@ struct ReverseKernel {
             const WarpBlend<W, A> rules(accuracy);
             StripCotangents<W, C, extra> s;
             start<W>(shared, s, pixels);
-            W::sync(); // it read a row of what is copied to now
+            W::sync(); // the warp has read a row that is overwritten now
             // A group's number is known two groups before it is walked, its Gaussians one.
             Next<W> now = next<W>(last), soon = next<W>(memory.before[last]);
             std::uint32_t late = soon.group != none_of ? memory.before[soon.group] : none_of;
@@ -181,7 +181,7 @@ struct ReverseKernel {
             });
     }
 
-    /// The planes of the strip's cotangents: a row a pixel.
+    /// Writes the planes of the strip's cotangents: a row a pixel.
     template <class W>
     RYE_DEVICE void planes(Shared& shared, const StripPixels<W>& pixels) const {
         using F = typename W::F;

@@ -20,7 +20,7 @@ struct StripCotangents {
 template <class A, int C, bool extra>
 struct ReverseStep {
     using Layout = ChannelLayout<C>;
-    /// Numbers of a visit that are summed over lanes.
+    /// Count of a visit's numbers that are summed over lanes.
     static constexpr int sums = Layout::products ? 8 : Layout::stride;
 
     /// Returns <cotangent, colour>: one function for Gaussians and background, so that equal
@@ -102,8 +102,8 @@ struct ReverseStep {
         return t;
     }
 
-    /// From rows to offsets (u, v), and over the eight columns: by halves, each lane going on with
-    /// one of them.
+    /// Converts sums over rows to offsets (u, v), and adds the eight columns: by halves, each lane
+    /// going on with one of them.
     template <class W>
     RYE_DEVICE static void add_lanes(const Visits<W, A>& v, const Moments<W>& sum, float* partial) {
         using F = typename W::F;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/cuda/sh_color.hpp: colours from spherical harmonics on a device, and their gradients,
 /// by the formula of gaussian/sh_color.hpp. Coefficients go through shared memory, since a
-/// Gaussian's own lie far from its neighbour's. Where a frame is given, those that it does not show
-/// are left out: their colours are 0, and so are their gradients.
+/// Gaussian's own lie far from its neighbour's. If a frame is given, Gaussians that it does not
+/// show are left out: their colours are 0, and so are their gradients.
 #pragma once
 
 #include <rye/gaussian/sh_color.hpp>

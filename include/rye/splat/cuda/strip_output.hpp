@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/cuda/strip_output.hpp: what a warp gathers of a strip's pixels while it draws them,
-/// and how that becomes pixels of images.
+/// rye/splat/cuda/strip_output.hpp: a warp's sums for a strip's pixels while it draws them, and
+/// their way into images.
 #pragma once
 
 #include <rye/splat/cuda/walk.hpp>
@@ -18,9 +18,9 @@ struct StripSums {
     Array<F, 4> sums[products ? 4 : 1][std::size_t(products ? C / 8 : 1)];
     F depth[A::outputs.depth ? 8 : 1];
     F most[A::outputs.contributor ? 8 : 1];
-    U contributor[A::outputs.contributor ? 8 : 1]; ///< its number in the tile's list
+    U contributor[A::outputs.contributor ? 8 : 1]; ///< number in the tile's list
     bool open;
-    std::uint32_t found, done; ///< visits: that there are, that were walked
+    std::uint32_t found, done; ///< numbers of visits found, and walked
     std::uint32_t group, last; ///< kept groups: the next, the one before it
 };
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/cuda/visits.hpp: a Gaussian as the pixels of one tile see it, and whether a strip of
-/// 8 x 8 of them has to look at it. Offsets are from the tile's centre, so that those of pixels are
-/// small numbers without error. Every lane has a Gaussian of its own.
+/// rye/splat/cuda/visits.hpp: a Gaussian as the pixels of one tile see it, and the test whether it
+/// reaches a strip of 8 x 8 of them. Offsets are from the tile's centre, so that those of pixels
+/// are small numbers without error. Every lane has a Gaussian of its own.
 #pragma once
 
 #include <cstdint>

@@ -45,7 +45,7 @@ struct Strips {
         for (int i = 0; i < tile_edge; ++i)
             y[i] = static_cast<T>(scene.top(tile) + i) + T(0.5) - scene.cy;
     }
-    /// Transmittance 1 where a pixel is drawn, else 0; a vector every `stride` numbers.
+    /// Sets transmittance to 1 where a pixel is drawn, else to 0; a vector every `stride` numbers.
     void start(const StripMask& drawn, T* transmittance, Index stride) const {
         for (int s = 0; s < count; ++s)
             for (int lane = 0; lane < lanes; ++lane)
@@ -91,8 +91,8 @@ struct LaneGroup {
     using Tile = Strips<V>;
     static constexpr int lanes = Tile::lanes;
     static constexpr int most = 64;      ///< entries
-    /// Entries that are best taken at once, unless sums of many channels go to memory and back with
-    /// each group.
+    /// Best number of entries to take at once, unless sums of many channels go to memory and back
+    /// with each group.
     static constexpr int usual = 32;
 
     LaneEntry<V> entry[most];
@@ -208,9 +208,9 @@ template <class A, class V>
 struct LaneBlend : Blend<A, V, LanePixels, LaneExp2<A::exp2_degree, typename V::value_type>> {
     using LaneBlend::Blend::Blend;
 
-    /// visit(k, entry, contribution) of each entry of the group that reaches a strip, from near to
-    /// far. One after another: several alphas side by side, or the first half of the next one, were
-    /// tried and cost more than they hide.
+    /// Calls visit(k, entry, contribution) for each entry of the group that reaches a strip, from
+    /// near to far. One after another: several alphas side by side, or the first half of the next
+    /// one, cost more than they hide.
     template <class F>
     [[gnu::always_inline]] void along(const LaneGroup<V>& group, int strip, V& transmittance,
                                       const F& visit) const {

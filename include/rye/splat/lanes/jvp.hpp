@@ -20,7 +20,7 @@ struct TangentInput {
     const A& accuracy;
 };
 
-/// Tangents of the screen numbers of a range of visible Gaussians.
+/// Computes the tangents of the screen numbers of a range of visible Gaussians.
 template <class V, class A>
 void project_tangents(const TangentInput<V, A>& moves,
                       const RasterTrace<typename V::value_type>& trace, ChunkRange r,
@@ -101,7 +101,7 @@ struct TangentScene {
     T cx, cy;                              ///< tangents of the principal point
 };
 
-/// Tangents of what strips share of an entry.
+/// Computes the tangents of the terms of an entry that all strips share.
 template <class V>
 void share_tangent(const Splat<typename V::value_type>& s,
                    const SplatTangent<typename V::value_type>& d,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/lanes/registers.hpp: what the tuned walks share: loops over registers, sums of lanes,
-/// and asking for memory ahead of time.
+/// rye/splat/lanes/registers.hpp: parts of all tuned walks: loops over registers, sums of lanes,
+/// and prefetches.
 #pragma once
 
 #include <algorithm>
@@ -18,7 +18,8 @@
 
 namespace rye {
 
-/// f(0) ... f(N - 1) with constant arguments, so that arrays indexed by them stay in registers.
+/// Calls f(0) ... f(N - 1) with constant arguments, so that arrays indexed by them stay in
+/// registers.
 template <int N, class F>
 [[gnu::always_inline]] inline void unrolled(F&& f) {
     [&]<int... I>(std::integer_sequence<int, I...>) __attribute__((always_inline)) {
@@ -33,14 +34,14 @@ struct Bundle {
     std::array<V, std::size_t(N)> x;
 
     Bundle() = default;
-    /// All N alike.
+    /// Sets all N alike.
     template <class S>
         requires std::is_arithmetic_v<S>
     explicit Bundle(S s) {
         x.fill(V(static_cast<typename V::value_type>(s)));
     }
 
-    /// f of each batch and the one beside it in `other`.
+    /// Returns f of each batch and of its counterpart in `other`.
     template <class F>
     [[gnu::always_inline]] Bundle each(const Bundle& other, const F& f) const {
         Bundle r;
@@ -100,7 +101,7 @@ typename V::value_type lane_sum(const V& x) {
         return hadd(x);
 }
 
-/// The sums of eight batches' lanes, into eight numbers at `to`.
+/// Writes the sums of eight batches' lanes to the eight numbers at `to`.
 template <class V>
 [[gnu::always_inline]] inline void lane_sums(const std::array<V, 8>& x,
                                              typename V::value_type* to) {
@@ -141,8 +142,8 @@ constexpr Index padded_channels(Index channels) {
     return (channels + lanes - 1) / lanes * lanes;
 }
 
-/// The features of entries [begin, end), a row of `stride` each, of whole vectors or not, with
-/// zeros behind the channels.
+/// Copies the features of entries [begin, end) to rows of `stride` numbers, whole vectors or not,
+/// with zeros behind the channels.
 template <class V>
 void copy_features(const Scene<typename V::value_type>& scene, Index begin, Index end,
                    Index stride, typename V::value_type* to) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/lanes/stage.hpp: the per-Gaussian formulas with a Gaussian in each lane. The formulas
-/// are those of gaussian/project.hpp, instantiated on batches; here is only how lanes are filled.
+/// are those of gaussian/project.hpp, instantiated on batches; this file only fills the lanes.
 #pragma once
 
 #include <rye/splat/lanes/registers.hpp>

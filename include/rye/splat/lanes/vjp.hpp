@@ -47,7 +47,7 @@ struct LaneTape : Workspaces::Space {
     alignas(64) T weight[Tile::count][V::size];
 };
 
-/// Repeats the forward walk of a tile onto the tape; returns how many entries that took.
+/// Repeats the forward walk of a tile onto the tape; returns the number of entries that it took.
 template <class V, class A>
 Index record_tile(const Scene<typename V::value_type>& scene, const A& accuracy, Index tile,
                   const Strips<V>& strips, LaneTape<V>& tape) {
@@ -93,7 +93,7 @@ Index record_tile(const Scene<typename V::value_type>& scene, const A& accuracy,
 
 namespace detail {
 
-/// The places of the bits that are set in a byte, a byte each, from the first in memory on.
+/// Places of the bits that are set in a byte, a byte each, from the first in memory on.
 inline constexpr auto bit_places = [] {
     std::array<std::uint64_t, 256> table{};
     for (std::size_t byte = 0; byte < 256; ++byte) {
@@ -143,8 +143,8 @@ struct VisitedStrips {
     Index count;
 };
 
-/// The same of many channels for several strips: to[i] of strip[i], eight channels at a time, whose
-/// colours stay in registers.
+/// Does the same for many channels and several strips: to[i] is that of strip[i]. Eight channels at
+/// a time, whose colours stay in registers.
 template <class V>
 void along_strips(const typename V::value_type* cotangent, VisitedStrips visited,
                   const typename V::value_type* colour, Index stride,
@@ -168,7 +168,8 @@ void along_strips(const typename V::value_type* cotangent, VisitedStrips visited
     }
 }
 
-/// The cotangents of a tile's pixels, strip by strip, and that of the background seen through it.
+/// Loads the cotangents of a tile's pixels, strip by strip, and that of the background seen through
+/// it.
 template <class V, int C>
 void load_cotangents(const Scene<typename V::value_type>& scene,
                      const RasterCotangent<typename V::value_type>& g, const Strips<V>& strips,
@@ -213,8 +214,8 @@ void load_cotangents(const Scene<typename V::value_type>& scene,
     }
 }
 
-/// One entry of the reverse walk, into its slot. C few channels, or any number for C = 0; only
-/// `Extra` if alpha or depth has a cotangent.
+/// The reverse walk of one entry, into its slot. C few channels, or any number for C = 0; `Extra`
+/// only if alpha or depth has a cotangent.
 template <class V, int C, bool Extra, class A>
 struct LaneReverse {
     using T = typename V::value_type;
@@ -228,13 +229,13 @@ struct LaneReverse {
     const T* cotangent;
     const T* visits_end[Tile::count];    ///< [strips] end of the strip's visits on the tape
 
-    /// Before the last entry of a group.
+    /// Starts a group; to be called before its last entry.
     void start(const TapeGroup<V>& group) {
         for (int s = 0; s < Tile::count; ++s)
             visits_end[s] = tape.steps.data() + group.end[s] * (2 * lanes);
     }
 
-    /// An entry of `visits`, whose strips are on the tape.
+    /// Walks an entry of `visits` visits, whose strips are on the tape.
     void operator()(const Splat<T>& s, int visits, const T* feature, T* slot) {
         const V zero(T(0));
         const std::uint8_t* const strip = tape.strip;
@@ -304,7 +305,7 @@ struct LaneReverse {
     }
 
   private:
-    /// Sums of weight times cotangent, eight channels at a time.
+    /// Adds the sums of weight times cotangent, eight channels at a time.
     void gather_features(const std::uint8_t* strip, Index visits, T* to) {
         for (Index c = 0; c < stride; c += 8) {
             std::array<V, 8> sum;
@@ -332,7 +333,7 @@ template <class T>
             __builtin_prefetch(slots[scene.slot(k)] + c, 1);
 }
 
-/// Gradients of one tile's pixels, into the slots of its entries.
+/// Adds the gradients of one tile's pixels to the slots of its entries.
 template <class V, int C, bool Extra, class A>
 void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& accuracy,
                           const TileCotangent<typename V::value_type>& cotangent,

@@ -79,7 +79,7 @@ void project_range(const SplatInput<A, T, D>& in, ChunkRange r, RasterScratch<T>
     }
 }
 
-/// Gradients of a range of Gaussians, from slots to world.
+/// Computes the gradients of a range of Gaussians, from slots to world.
 template <class A, class T, Distortion D>
 void project_vjp_range(const SplatInput<A, T, D>& in,
                        const std::type_identity_t<TracedSlots<T>>& traced, ChunkRange r,
