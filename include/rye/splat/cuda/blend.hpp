@@ -14,13 +14,13 @@ namespace rye {
 /// Visits that a warp has found and not walked yet, in a ring.
 template <bool colours>
 struct FoundVisits {
-    static constexpr std::uint32_t room = 64;
-    Quad4 place[room]; ///< u0, ux, v0, vx
-    Quad4 shape[room]; ///< vy, log2 o, depth, floor
-    Quad4 colour[colours ? room : 1];
-    std::uint32_t owner[room];
-    std::uint32_t place_of[room]; ///< places of the pairs (Gaussian, tile)
-    std::uint32_t entry[room];    ///< numbers in the tile's list
+    static constexpr std::uint32_t capacity = 64;
+    Quad4 place[capacity]; ///< u0, ux, v0, vx
+    Quad4 shape[capacity]; ///< vy, log2 o, depth, floor
+    Quad4 colour[colours ? capacity : 1];
+    std::uint32_t owner[capacity];
+    std::uint32_t place_of[capacity]; ///< places of the pairs (Gaussian, tile)
+    std::uint32_t entry[capacity];    ///< numbers in the tile's list
 };
 
 /// Draws the pixels of a tile, near to far, C channels at a time.
@@ -139,7 +139,7 @@ struct BlendKernel {
             const auto visited = valid && splat.reaches(w, accuracy, least);
             const std::uint32_t lanes = W::ballot(visited);
             if (lanes == 0) continue;
-            const U to = (U(s.found) + W::below(lanes)) % U(Found::room);
+            const U to = (U(s.found) + W::below(lanes)) % U(Found::capacity);
             W::write4_where(visited, found.place, to,
                             Array<F, 4>{{splat.u0, splat.ux, splat.v0, splat.vx}});
             W::write4_where(visited, found.shape, to,
@@ -181,7 +181,7 @@ struct BlendKernel {
         Found& found = shared.found[w];
         const U at = U(s.done) + W::lane();
         const auto idle = W::lane() < U(group_visits) && !(at < U(s.found));
-        const U to = at % U(Found::room);
+        const U to = at % U(Found::capacity);
         const Array<F, 4> zero{{F(0.0F), F(0.0F), F(0.0F), F(0.0F)}};
         W::write4_where(idle, found.place, to, zero);
         W::write4_where(idle, found.shape, to, Array<F, 4>{{F(0.0F), F(-1e30F), F(0.0F), F(0.0F)}});
@@ -218,7 +218,7 @@ struct BlendKernel {
         using F = typename W::F;
         using U = typename W::U;
         const WarpBlend<W, A> rules(accuracy);
-        const std::uint32_t at = s.done % Found::room;
+        const std::uint32_t at = s.done % Found::capacity;
         if (memory.groups > 0) keep<W>(found, s, at);
         const U first = U(at) + W::lane() % U(4) * U(4);
         const Visits<W, A> v(

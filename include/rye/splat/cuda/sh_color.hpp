@@ -28,7 +28,7 @@ template <int degree>
 struct ShBlock {
     static constexpr int threads = 128;
     static constexpr int row = 3 * (sh_count(degree) - 1);
-    static constexpr int room = row > 0 ? row* threads : 1;
+    static constexpr int capacity = row > 0 ? row* threads : 1;
 
     /// Copies the rows of a block's Gaussians, to shared memory or from it.
     RYE_DEVICE static void copy(float* to, const float* from, Index count, int t) {
@@ -46,7 +46,7 @@ struct ShColorKernel : detail::ShBlock<degree> {
     static constexpr int blocks = 8;
     /// Shared memory of a block.
     struct Shared {
-        alignas(16) float rest[Rows::room];
+        alignas(16) float rest[Rows::capacity];
     };
     DeviceHarmonics<const float> in;
     Vec3<float> eye;
@@ -82,7 +82,7 @@ struct ShColorVjpKernel : detail::ShBlock<degree> {
     static constexpr int blocks = 4;
     /// Shared memory of a block.
     struct Shared {
-        alignas(16) float rest[Rows::room], gradient[Rows::room];
+        alignas(16) float rest[Rows::capacity], gradient[Rows::capacity];
     };
     DeviceHarmonics<const float> in;
     Vec3<float> eye;
