@@ -27,14 +27,23 @@ struct SplatJvp;
 
 namespace detail {
 
-/// Arguments of Rasterizer::forward among which the background is missing: fewer than three, or a
+/// True for arguments of Rasterizer::forward among which one is missing: fewer than three, or a
 /// backend and two more.
 template <class... Arguments>
 inline constexpr bool too_few_to_draw = sizeof...(Arguments) < 3;
 template <Backend B, class Gaussians, class Camera>
 inline constexpr bool too_few_to_draw<B, Gaussians, Camera> = true;
+
+/// True for arguments whose camera and background have different scalars.
 template <class... Arguments>
-concept TooFewToDraw = too_few_to_draw<Arguments...>;
+inline constexpr bool mixed_scalars = false;
+template <class Gaussians, class T, class D, class U>
+inline constexpr bool mixed_scalars<Gaussians, Pinhole<T, D>, VecX<U>> = !std::is_same_v<T, U>;
+template <class B, class Gaussians, class T, class D, class U>
+inline constexpr bool mixed_scalars<B, Gaussians, Pinhole<T, D>, VecX<U>> = !std::is_same_v<T, U>;
+
+template <class... Arguments>
+concept Undrawable = too_few_to_draw<Arguments...> || mixed_scalars<Arguments...>;
 
 } // namespace detail
 
@@ -66,13 +75,15 @@ struct Rasterizer {
                      const VecX<T>& background, RasterScratch<T>* scratch = nullptr) const {
         return forward(B{}, g, camera, background, scratch);
     }
-    /// Fails to compile: names the arguments of a call that has too few of them.
+    /// Does not compile: says what is wrong with a call's arguments.
     template <class... Arguments>
-        requires detail::TooFewToDraw<Arguments...> Drawn<float> forward(const Arguments&...)
-    const {
-        static_assert(sizeof...(Arguments) > 3,
+        requires detail::Undrawable<Arguments...>
+    Drawn<float> forward(const Arguments&...) const {
+        static_assert(!detail::too_few_to_draw<Arguments...>,
                       "Rasterizer::forward: an argument is missing, expected "
                       "([backend,] Gaussians, camera, background)");
+        static_assert(!detail::mixed_scalars<Arguments...>,
+                      "Rasterizer::forward: camera and background have different scalars");
         return {};
     }
     template <class T, Distortion D, Backend B = DefaultBackend<T>>
