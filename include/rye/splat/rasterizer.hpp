@@ -42,8 +42,16 @@ inline constexpr bool mixed_scalars<Gaussians, Pinhole<T, D>, VecX<U>> = !std::i
 template <class B, class Gaussians, class T, class D, class U>
 inline constexpr bool mixed_scalars<B, Gaussians, Pinhole<T, D>, VecX<U>> = !std::is_same_v<T, U>;
 
+/// True for arguments without a backend where there is no default one.
 template <class... Arguments>
-concept Undrawable = too_few_to_draw<Arguments...> || mixed_scalars<Arguments...>;
+inline constexpr bool without_backend = false;
+template <class Gaussians, class T, class D>
+inline constexpr bool without_backend<Gaussians, Pinhole<T, D>, VecX<T>> =
+    !Backend<DefaultBackend<T>>;
+
+template <class... Arguments>
+concept Undrawable = too_few_to_draw<Arguments...> || mixed_scalars<Arguments...> ||
+                     without_backend<Arguments...>;
 
 } // namespace detail
 
@@ -84,6 +92,9 @@ struct Rasterizer {
                       "([backend,] Gaussians, camera, background)");
         static_assert(!detail::mixed_scalars<Arguments...>,
                       "Rasterizer::forward: camera and background have different scalars");
+        static_assert(!detail::without_backend<Arguments...>,
+                      "Rasterizer::forward: there is no default Backend, expected ScalarBackend{} "
+                      "as the first argument, or #include <rye/splat/lanes.hpp>");
         return {};
     }
     template <class T, Distortion D, Backend B = DefaultBackend<T>>
