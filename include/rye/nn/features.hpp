@@ -75,7 +75,7 @@ struct VggTrace {
 
 namespace detail {
 
-/// Which of four numbers is the largest, 0 to 3; the first on a tie.
+/// Returns the place of the largest of four numbers, 0 to 3; the first on a tie.
 template <class T>
 RYE_HD int largest_of_four(const T& a, const T& b, const T& c, const T& d) {
     int best = b > a ? 1 : 0;

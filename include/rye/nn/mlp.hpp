@@ -94,7 +94,7 @@ struct MlpLayers {
     struct Layer {
         LeftFactor<B, T> hidden, input;
         VecX<T> bias;
-        bool takes_hidden, takes_points;  ///< which products it sums
+        bool takes_hidden, takes_points;  ///< products that it sums
         bool last;                        ///< without LeakyReLU
     };
     std::vector<Layer> layers;

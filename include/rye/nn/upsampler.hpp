@@ -21,7 +21,7 @@
 
 namespace rye {
 
-/// What each block of the upsampler does to its channels' mean and variance.
+/// Treatment of the channels' mean and variance in each block of the upsampler.
 enum class Normalization {
     instance, ///< as published
     none      ///< a crop then gives the same pixels as the whole image

@@ -20,7 +20,7 @@ struct PoolVjpKernel {
     struct Shared {};
     const float *image, *g; ///< channels x pixels; of half the size
     int width, height, channels;
-    float* to; ///< of the image's shape, written
+    float* to; ///< destination, of the image's shape
 
     Index blocks_of() const { return (Index(width) * height * channels + threads - 1) / threads; }
     template <class Block>
@@ -46,7 +46,7 @@ struct PoolVjpKernel {
 
 /// Outputs of all convolutions after ReLU, for the vjp.
 struct DeviceVggTrace {
-    int width = 0, height = 0; ///< of the image [px]
+    int width = 0, height = 0; ///< image's extent [px]
     std::vector<std::unique_ptr<DeviceBuffer<float>>> layer;
 
     /// Memory that is held [bytes].

@@ -169,7 +169,7 @@ class DeviceMlp {
         device_.launch(queue, blocks(),
                        MlpForwardKernel<Tiles, A>{network_, points.inputs, out, keep});
     }
-    /// Of all columns.
+    /// Puts the forward pass of all columns on the stream.
     void forward_into(const CudaQueue& queue, const DeviceColumns<const float>& points,
                       const DeviceColumns<float>& out, bool keep = true) {
         forward_into(queue, DeviceMlpPoints{points}, out, keep);
@@ -245,7 +245,7 @@ class DeviceMlp {
         scratch_->partial.reserve(queue, static_cast<std::size_t>(cut().all) *
                                              static_cast<std::size_t>(MlpWeightCut::of_block));
     }
-    /// What the gradients of the weights are cut into.
+    /// Returns the slices of the gradients of the weights.
     MlpWeightCut cut() const {
         MlpWeightCut c{};
         c.layers = network_.layers;

@@ -16,7 +16,7 @@ struct MlpColumnLayer {
     const float* bias;
     int hidden, inputs, out; ///< hidden is 0 for the first layer, inputs where they are not taken
     float* value;            ///< outputs
-    float* cotangent;        ///< of the sums before the activation
+    float* cotangent;        ///< cotangents of the sums before the activation
 };
 
 /// A network of one column as its kernels take it.

@@ -8,7 +8,7 @@
 
 namespace rye {
 
-/// Where a rectangle begins: its first pixel is (x - edge, y - edge), its first channel 8 group.
+/// Beginning of a rectangle: its first pixel is (x - edge, y - edge), its first channel 8 group.
 struct TilePlace {
     int x, y, edge, group;
 };

@@ -41,11 +41,11 @@ DeviceUpsamplerParameters device_upsampler(const Resident<P, Device>& resident,
     return r;
 }
 
-/// What a forward pass leaves for its vjp. One for each of the passes whose vjp is to come.
+/// Trace of a forward pass for its vjp: one for each pass whose vjp is still to come.
 struct DeviceUpsamplerTrace {
     std::vector<std::unique_ptr<DeviceBuffer<float>>> layer; ///< results, then means, then gains
-    std::vector<std::unique_ptr<DeviceBuffer<std::uint16_t>>> planes; ///< of inputs, where kept
-    DeviceBuffer<float> base;                                         ///< of all sizes, if skip
+    std::vector<std::unique_ptr<DeviceBuffer<std::uint16_t>>> planes; ///< planes of inputs, if kept
+    DeviceBuffer<float> base;                                         ///< all sizes, if skip
     DevicePicture<const float> in; ///< the caller's, until the vjp
     DevicePicture<const float> out;
 
@@ -58,7 +58,7 @@ struct DeviceUpsamplerTrace {
     }
 };
 
-/// Where gradients go.
+/// Destinations of gradients.
 struct DeviceUpsamplerGradient {
     DeviceUpsamplerParameters params; ///< added to
     DeviceColumns<float> in = {};     ///< overwritten, in_channels x pixels; null skips it
@@ -79,8 +79,8 @@ class DeviceUpsampler {
         for (auto& d : doubling_) d = std::make_unique<DeviceDoubling<Device>>();
     }
 
-    /// Whether a trace keeps the planes of the layers' inputs: more memory, a faster vjp. The same
-    /// numbers either way.
+    /// True if a trace keeps the planes of the layers' inputs: more memory, a faster vjp, the same
+    /// numbers.
     bool keep_planes = false;
 
     const UpsamplerShape& shape() const { return shape_; }
@@ -268,7 +268,7 @@ class DeviceUpsampler {
         return {activated(t, shape_.layers() - 1), t.out.pixels.cols, parameters_.out_weight.data,
                 parameters_.out_bias.data, base};
     }
-    /// Where the base after d doublings begins.
+    /// Returns the beginning of the base after d doublings.
     Index base_at(const DeviceUpsamplerTrace& t, int d) const {
         Index at = 0;
         for (int k = 0; k < d; ++k) at += 3 * size_of(t, 2 * k).pixels();
