@@ -117,8 +117,8 @@ void require_same_job(const ImportFolder::Json& now, const ImportFolder::Json& b
         require(
             before.contains(key) && before.at(key) == value, who, key, " was ",
             (before.contains(key) ? json_excerpt(before.at(key)) : "absent"),
-            " in the import that began this folder, and is ", [&] { return json_excerpt(value); },
-            " now; expected the same, or another --out");
+            " in the import that began this folder, and is ",
+            [&v = value] { return json_excerpt(v); }, " now; expected the same, or another --out");
 }
 
 void add_lines(std::string& text, const char* label, const std::vector<std::string>& lines) {
@@ -158,15 +158,16 @@ ImportRecord parse_import_record(std::string_view text, const std::string& who) 
     for (const auto& [frame, facts] : json.at("frames").items()) {
         const std::string field = who + ": frames." + json_excerpt(Json(frame));
         require(
-            facts.is_object(), field, "got ", [&] { return json_excerpt(facts); },
+            facts.is_object(), field, "got ", [&v = facts] { return json_excerpt(v); },
             ", expected an object");
         for (const auto& [key, fact] : facts.items()) {
             const bool flag = key == "gaze";
             require(
                 flag ? fact.is_boolean()
                      : fact.is_number() && fact.get<double>() >= 0 && fact.get<double>() < 1e9,
-                field + "." + json_excerpt(Json(key)), "got ", [&] { return json_excerpt(fact); },
-                ", expected ", (flag ? "true or false" : "a number from 0 to below 1e9"));
+                field + "." + json_excerpt(Json(key)), "got ",
+                [&v = fact] { return json_excerpt(v); }, ", expected ",
+                (flag ? "true or false" : "a number from 0 to below 1e9"));
         }
         record.frames[frame] = facts;
     }
