@@ -62,8 +62,8 @@ auto of_file(F&& f) {
 Drivers<float> drivers_of(const rye_avatar& avatar, const rye_drivers* d) {
     check_struct(d, "drivers");
     const int width = avatar.playable.config.expression;
-    require(d->expression_count == width, "drivers: expression_count",
-            "got " + std::to_string(d->expression_count) + ", expected " + std::to_string(width));
+    require(d->expression_count == width, "drivers: expression_count", "got ", d->expression_count,
+            ", expected ", width);
     if (width > 0) check_pointer(d->expression, "drivers: expression");
     Drivers<float> drivers;
     drivers.expression = VecX<float>::Zero(width);
@@ -72,8 +72,8 @@ Drivers<float> drivers_of(const rye_avatar& avatar, const rye_drivers* d) {
         check_finite(d->gaze[eye], 2,
                      eye == 0 ? "drivers: gaze of the left eye" : "drivers: gaze of the right eye");
         for (const float angle : d->gaze[eye])
-            require(std::abs(angle) <= 1.57F, "drivers: gaze",
-                    "got " + number_text(angle) + " rad, expected at most 1.57 either way");
+            require(std::abs(angle) <= 1.57F, "drivers: gaze", "got ", angle,
+                    " rad, expected at most 1.57 either way");
         drivers.gaze[eye] = gaze_vector<float>(d->gaze[eye][0], d->gaze[eye][1]);
     }
     drivers.pose = Eigen::Map<const Vec<float, 6>>(d->pose);

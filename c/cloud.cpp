@@ -45,11 +45,11 @@ AnyDrawing drawing_of(int accuracy) {
 
 GaussianView<float> view_of(const rye_cloud* cloud) {
     check_struct(cloud, "cloud");
-    require(cloud->channels >= 1 && cloud->channels <= 1024, "cloud: channels",
-            "got " + std::to_string(cloud->channels) + ", expected 1 to 1024");
+    require(cloud->channels >= 1 && cloud->channels <= 1024, "cloud: channels", "got ",
+            cloud->channels, ", expected 1 to 1024");
     constexpr std::int64_t most = std::numeric_limits<std::int32_t>::max();
-    require(cloud->count >= 0 && cloud->count <= most, "cloud: count",
-            "got " + std::to_string(cloud->count) + ", expected 0 to " + std::to_string(most));
+    require(cloud->count >= 0 && cloud->count <= most, "cloud: count", "got ", cloud->count,
+            ", expected 0 to ", most);
     GaussianView<float> v;
     v.mean = cloud->mean;
     v.rotation = cloud->rotation;

@@ -76,11 +76,10 @@ inline constexpr int most_threads = 1024;
 inline rye_options checked_options(const rye_options* options) {
     if (options == nullptr) return RYE_INIT(rye_options);
     check_struct(options, "options");
-    require(options->threads >= 0 && options->threads <= most_threads, "options: threads",
-            "got " + std::to_string(options->threads) + ", expected 0 to " +
-                std::to_string(most_threads));
+    require(options->threads >= 0 && options->threads <= most_threads, "options: threads", "got ",
+            options->threads, ", expected 0 to ", most_threads);
     require(options->accuracy >= 0 && options->accuracy <= RYE_ACCURACY_3DGS, "options: accuracy",
-            "got " + std::to_string(options->accuracy) + ", expected 0 to 3");
+            "got ", options->accuracy, ", expected 0 to 3");
     return *options;
 }
 

@@ -53,7 +53,7 @@ NpzArrays read_pack(const fs::path& path) {
         const ByteSpan packed = slice(zip, m.header + 30 + name + extra, m.packed, who, "its data");
         Bytes bytes =
             m.method == 8 ? inflate(packed, m.unpacked, who) : Bytes(packed.begin(), packed.end());
-        require(crc32(bytes) == m.crc, who, "'" + m.name + "' is damaged: its checksum is wrong");
+        require(crc32(bytes) == m.crc, who, "'", m.name, "' is damaged: its checksum is wrong");
         constexpr std::string_view half = "'<f2'";
         const std::string_view head =
             as_text(ByteSpan(bytes).first(std::min<std::size_t>(128, bytes.size())));
@@ -71,20 +71,19 @@ class Pack {
 
     const NpyArray& array(const std::string& name, Index columns) const {
         const auto found = arrays_.find(name);
-        require(found != arrays_.end(), who_, "has no array '" + name + "', expected the ICT pack");
+        require(found != arrays_.end(), who_, "has no array '", name, "', expected the ICT pack");
         const std::vector<Index>& shape = found->second.shape;
-        require(!shape.empty() && (columns == 1 ? shape.size() == 1 : shape.back() == columns),
-                who_,
-                name + ": got shape " + shape_text(shape) + ", expected rows of " +
-                    std::to_string(columns));
+        require(
+            !shape.empty() && (columns == 1 ? shape.size() == 1 : shape.back() == columns), who_,
+            name, ": got shape ", [&] { return shape_text(shape); }, ", expected rows of ",
+            columns);
         return found->second;
     }
     std::vector<Index> indices(const std::string& name, Index columns, Index below) const {
         std::vector<Index> list = array(name, columns).values<Index>(who_ + ": " + name);
         for (const Index i : list)
-            require(i >= 0 && i < below, who_,
-                    name + ": got the index " + std::to_string(i) + ", expected 0 to " +
-                        std::to_string(below - 1));
+            require(i >= 0 && i < below, who_, name, ": got the index ", i, ", expected 0 to ",
+                    below - 1);
         return list;
     }
     /// Floats or half floats, as columns of D.
@@ -117,7 +116,8 @@ Names read_names(const fs::path& path) {
                 "is missing or no list, expected a list of names");
         std::vector<std::string> list;
         for (const nlohmann::json& name : json.at(key)) {
-            require(name.is_string(), who, "got " + name.dump() + ", expected a name");
+            require(
+                name.is_string(), who, "got ", [&] { return name.dump(); }, ", expected a name");
             list.push_back(name.get<std::string>());
         }
         return list;
@@ -178,8 +178,8 @@ Eyeball find_eyeball(const Pack& pack, const Points& mean, const Points& subject
 HeadModel ict_head(const fs::path& path, std::uint64_t seed) {
     const fs::path list = path.parent_path() / "names.json";
     require(!fs::exists(path) || fs::exists(list), list.string(),
-            "no such file, expected the names of the model's expressions and identities beside " +
-                path.string());
+            "no such file, expected the names of the model's expressions and identities beside ",
+            path.string());
     const Pack pack(path);
     const Names names = read_names(list);
     HeadModel model;
@@ -214,7 +214,7 @@ HeadModel ict_head(const fs::path& path, std::uint64_t seed) {
     std::map<std::string, std::size_t> number;
     for (std::size_t i = 0; i < names.expressions.size(); ++i) number[names.expressions[i]] = i;
     for (const std::string& name : lid_names) {
-        require(number.contains(name), pack.who(), "has no expression '" + name + "'");
+        require(number.contains(name), pack.who(), "has no expression '", name, "'");
         shapes->lids.push_back(number[name]);
     }
     for (const std::string& name : names.expressions) {
@@ -245,8 +245,7 @@ HeadModel ict_head(const fs::path& path, std::uint64_t seed) {
     model.uv.row(1) = (1 - uv.row(1).array()).matrix();
 
     const std::vector<Index> marks = pack.indices("lmk68", 1, n);
-    require(marks.size() == 68, pack.who(),
-            "lmk68 has " + std::to_string(marks.size()) + " vertices, expected 68");
+    require(marks.size() == 68, pack.who(), "lmk68 has ", marks.size(), " vertices, expected 68");
     std::array<V3, 68> places;
     for (std::size_t i = 0; i < 68; ++i) {
         model.landmarks[i] = marks[i];

@@ -161,6 +161,39 @@ RayCaster::RayCaster(const ColumnsView<double>& vertices, const std::vector<Face
     }
 }
 
+namespace {
+
+/// Calls visit(leaf) for the leaves that a ray enters, the nearer child first, until it returns
+/// true. `entry` returns the distance at which the ray enters a node, infinity if it misses;
+/// `furthest` the distance beyond which nothing is looked for.
+template <class Node, class Entry, class Furthest, class Visit>
+void visit_leaves(const std::vector<Node>& nodes, const Entry& entry, const Furthest& furthest,
+                  const Visit& visit) {
+    struct Waiting {
+        Index node;
+        double enter;
+    };
+    std::array<Waiting, max_depth + 2> stack;
+    std::size_t waiting = 0;
+    if (entry(nodes[0]) < infinity) stack[waiting++] = {0, 0.0};
+    while (waiting > 0) {
+        const Waiting next = stack[--waiting];
+        if (next.enter > furthest()) continue;
+        const Node& node = nodes[static_cast<std::size_t>(next.node)];
+        if (node.count > 0) {
+            if (visit(node)) return;
+            continue;
+        }
+        Waiting near{node.first, entry(nodes[static_cast<std::size_t>(node.first)])};
+        Waiting far{node.first + 1, entry(nodes[static_cast<std::size_t>(node.first) + 1])};
+        if (far.enter < near.enter) std::swap(near, far);
+        if (far.enter < infinity) stack[waiting++] = far;
+        if (near.enter < infinity) stack[waiting++] = near;
+    }
+}
+
+} // namespace
+
 template <bool any>
 Hit RayCaster::walk(const Ray& ray) const {
     Hit hit;
@@ -178,46 +211,29 @@ Hit RayCaster::walk(const Ray& ray) const {
         }
         return enter <= leave ? enter : infinity;
     };
-    struct Waiting {
-        Index node;
-        double enter;
-    };
-    std::array<Waiting, max_depth + 2> stack;
-    std::size_t waiting = 0;
-    if (entry(nodes_[0]) < infinity) stack[waiting++] = {0, 0.0};
-    while (waiting > 0) {
-        const Waiting next = stack[--waiting];
-        if (next.enter > hit.t) continue;
-        const Node& node = nodes_[static_cast<std::size_t>(next.node)];
-        if (node.count == 0) {
-            const double l = entry(nodes_[static_cast<std::size_t>(node.first)]);
-            const double r = entry(nodes_[static_cast<std::size_t>(node.first) + 1]);
-            const bool left_first = l <= r;
-            const double near = left_first ? l : r, far = left_first ? r : l;
-            const Index near_node = node.first + (left_first ? 0 : 1);
-            const Index far_node = node.first + (left_first ? 1 : 0);
-            if (far <= hit.t && std::isfinite(far)) stack[waiting++] = {far_node, far};
-            if (near <= hit.t && std::isfinite(near)) stack[waiting++] = {near_node, near};
-            continue;
-        }
-        for (Index i = node.first; i < node.first + node.count; ++i) {
-            const Triangle& tri = triangles_[static_cast<std::size_t>(i)];
-            const Vec3<double> p = cross(ray.direction, tri.ac);
-            const double det = tri.ab.dot(p);
-            if (det == 0) continue;
-            const Vec3<double> s = ray.origin - tri.a;
-            const double u = s.dot(p) / det;
-            if (u < -edge_slack || u > 1 + edge_slack) continue;
-            const Vec3<double> q = cross(s, tri.ab);
-            const double v = ray.direction.dot(q) / det;
-            if (v < -edge_slack || u + v > 1 + edge_slack) continue;
-            const double t = tri.ac.dot(q) / det;
-            // At equal distance the face of lower index wins, so the tree does not matter.
-            if (t < ray.t_min || t > hit.t || (t == hit.t && hit && tri.face > hit.face)) continue;
-            hit = {tri.face, t, u, v};
-            if constexpr (any) return hit;
-        }
-    }
+    visit_leaves(
+        nodes_, entry, [&] { return hit.t; },
+        [&](const Node& node) {
+            for (Index i = node.first; i < node.first + node.count; ++i) {
+                const Triangle& tri = triangles_[static_cast<std::size_t>(i)];
+                const Vec3<double> p = cross(ray.direction, tri.ac);
+                const double det = tri.ab.dot(p);
+                if (det == 0) continue;
+                const Vec3<double> s = ray.origin - tri.a;
+                const double u = s.dot(p) / det;
+                if (u < -edge_slack || u > 1 + edge_slack) continue;
+                const Vec3<double> q = cross(s, tri.ab);
+                const double v = ray.direction.dot(q) / det;
+                if (v < -edge_slack || u + v > 1 + edge_slack) continue;
+                const double t = tri.ac.dot(q) / det;
+                // At equal distance the face of lower index wins, so the tree does not matter.
+                if (t < ray.t_min || t > hit.t || (t == hit.t && hit && tri.face > hit.face))
+                    continue;
+                hit = {tri.face, t, u, v};
+                if constexpr (any) return true;
+            }
+            return false;
+        });
     return hit;
 }
 
@@ -265,26 +281,13 @@ std::array<Hit, 4> RayCaster::nearest(const RayBundle& rays) const {
             closest[k] = t[k];
         }
     };
-    struct Waiting {
-        Index node;
-        double enter;
-    };
-    std::array<Waiting, max_depth + 2> stack;
-    std::size_t waiting = 0;
-    if (entry(nodes_[0]) < infinity) stack[waiting++] = {0, 0.0};
-    while (waiting > 0) {
-        const Waiting next = stack[--waiting];
-        if (next.enter > closest.maxCoeff()) continue;
-        const Node& node = nodes_[static_cast<std::size_t>(next.node)];
-        for (Index i = node.first; i < node.first + node.count; ++i)
-            meet(triangles_[static_cast<std::size_t>(i)]);
-        if (node.count > 0) continue;
-        Waiting near{node.first, entry(nodes_[static_cast<std::size_t>(node.first)])};
-        Waiting far{node.first + 1, entry(nodes_[static_cast<std::size_t>(node.first) + 1])};
-        if (far.enter < near.enter) std::swap(near, far);
-        if (far.enter < infinity) stack[waiting++] = far;
-        if (near.enter < infinity) stack[waiting++] = near;
-    }
+    visit_leaves(
+        nodes_, entry, [&] { return closest.maxCoeff(); },
+        [&](const Node& node) {
+            for (Index i = node.first; i < node.first + node.count; ++i)
+                meet(triangles_[static_cast<std::size_t>(i)]);
+            return false;
+        });
     return hits;
 }
 

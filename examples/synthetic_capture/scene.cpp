@@ -195,22 +195,25 @@ void look_apart(SceneFrame& f, int index, const CaptureScene& scene, const Rando
 
 CaptureScene capture_scene(const HeadModel& model, const CaptureSettings& s) {
     const auto check = [](const char* name, int value, int low, int high) {
-        require(value >= low && value <= high, "capture",
-                std::string("got ") + std::to_string(value) + " for " + name + ", expected " +
-                    std::to_string(low) + " to " + std::to_string(high));
+        require(
+            value >= low && value <= high, "capture", "got ", [&] { return std::to_string(value); },
+            " for ", name, ", expected ", [&] { return std::to_string(low); }, " to ",
+            [&] { return std::to_string(high); });
     };
     check("the image size", s.size, 32, 4096);
-    require(s.size % 2 == 0, "capture",
-            "image size " + std::to_string(s.size) +
-                " is odd, but half-size images need an even one");
+    require(s.size % 2 == 0, "capture", "image size ", s.size,
+            " is odd, but half-size images need an even one");
     check("the cameras", s.cameras, 1, static_cast<int>(rig.size()));
     check("the training frames", s.train_frames, 1, 9000);
     check("the test frames", s.novel_frames, 0, 900);
     check("the frames with eyes apart", s.independent_frames, 0, 90);
     check("the samples", s.samples, 1, 1024);
-    require(s.eye_translation_mm >= 0 && s.eye_translation_mm <= most_eye_translation_mm, "capture",
-            "got " + std::to_string(s.eye_translation_mm) + " for the eye translation [mm], "
-            "expected 0 to " + std::to_string(most_eye_translation_mm));
+    require(
+        s.eye_translation_mm >= 0 && s.eye_translation_mm <= most_eye_translation_mm, "capture",
+        "got ", [&] { return std::to_string(s.eye_translation_mm); },
+        " for the eye translation [mm], "
+        "expected 0 to ",
+        [&] { return std::to_string(most_eye_translation_mm); });
 
     CaptureScene scene{s, make_cameras(s), {}, kappas, cells};
     const int total = s.train_frames + s.novel_frames + s.independent_frames;

@@ -4,7 +4,6 @@
 #include "on_device.hpp"
 
 #include "adam_cases.hpp"
-#include "loss_cases.hpp"
 #include "lpips_cases.hpp"
 #include "mlp_cases.hpp"
 #include "objective_cases.hpp"
@@ -29,9 +28,6 @@ TEST_CASE("device: networks are the host's") {
     mlp_against_host<MlpTiles<2, 64, 32>>(device, queue(), {odd, 0, 2e-5, 2e-4});
 }
 TEST_CASE("device: Adam is the host's") { adam_against_host(CudaDevice(), queue(), 1e-7); }
-TEST_CASE("device: the masked L1 term is the host's") {
-    masked_l1_against_host(CudaDevice(), queue());
-}
 TEST_CASE("device: networks that do not fit") { mlp_too_wide(CudaDevice()); }
 TEST_CASE("device: convolutions are the host's") {
     const CudaDevice device;

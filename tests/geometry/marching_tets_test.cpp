@@ -11,18 +11,11 @@
 
 #include "../support/flush_to_zero.hpp"
 #include "../support/laws.hpp"
+#include "../support/unit_tetrahedron.hpp"
 
 using namespace rye;
 
 namespace {
-
-TetGrid<double> unit_tet() {
-    TetGrid<double> g;
-    g.vertices.resize(3, 4);
-    g.vertices << 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1;
-    g.topology = tet_topology(4, {{0, 1, 2, 3}});
-    return g;
-}
 
 template <class T>
 TetGrid<T> cube(T half, T cell) {
@@ -82,7 +75,7 @@ double surface_dot_error(const TetGrid<T>& grid, const Columns<T>& sdf, Index ch
 } // namespace
 
 TEST_CASE("marching_tetrahedra: the published example") {
-    const TetGrid<double> g = unit_tet();
+    const TetGrid<double> g = test::unit_tet();
     Columns<double> sdf(1, 4), expected(3, 4);
     sdf << -1, -1, 0.5, 0.5;
     const Surface<double> s = marching_tetrahedra<double>(g.topology, g.vertices, sdf);
@@ -94,7 +87,7 @@ TEST_CASE("marching_tetrahedra: the published example") {
 }
 
 TEST_CASE("marching_tetrahedra: in all sixteen cases normals point outside") {
-    const TetGrid<double> g = unit_tet();
+    const TetGrid<double> g = test::unit_tet();
     for (int bits = 0; bits < 16; ++bits) {
         Columns<double> sdf(1, 4);
         for (int i = 0; i < 4; ++i) sdf(0, i) = (bits >> i & 1) != 0 ? 0.7 : -0.4;
@@ -165,7 +158,7 @@ TEST_CASE("marching_tetrahedra: a surface through lattice vertices has no face w
 TEST_CASE("marching_tetrahedra: values too small to divide give the middle and no gradient") {
     const TetGrid<float> g = [] {
         TetGrid<float> t;
-        const TetGrid<double> d = unit_tet();
+        const TetGrid<double> d = test::unit_tet();
         t.vertices = d.vertices.cast<float>();
         t.topology = d.topology;
         return t;
@@ -190,7 +183,7 @@ TEST_CASE("marching_tetrahedra: values too small to divide give the middle and n
 }
 
 TEST_CASE("marching_tetrahedra: no surface, one tetrahedron, values that are not finite") {
-    const TetGrid<double> g = unit_tet();
+    const TetGrid<double> g = test::unit_tet();
     for (const double value : {1.0, -1.0, 0.0}) {
         const Columns<double> sdf = Columns<double>::Constant(1, 4, value);
         const Surface<double> s = marching_tetrahedra<double>(g.topology, g.vertices, sdf);

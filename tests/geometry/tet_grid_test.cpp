@@ -9,17 +9,11 @@
 
 #include <doctest/doctest.h>
 
+#include "../support/unit_tetrahedron.hpp"
+
 using namespace rye;
 
 namespace {
-
-TetGrid<double> unit_tet() {
-    TetGrid<double> g;
-    g.vertices.resize(3, 4);
-    g.vertices << 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1;
-    g.topology = tet_topology(4, {{0, 1, 2, 3}});
-    return g;
-}
 
 double total_volume(const TetGrid<double>& g) {
     double sum = 0;
@@ -72,7 +66,7 @@ void check_edges(const TetTopology& t) {
 } // namespace
 
 TEST_CASE("subdivide: one tetrahedron becomes the eight of the published example") {
-    const TetGrid<double> g = subdivide(unit_tet());
+    const TetGrid<double> g = subdivide(test::unit_tet());
     CHECK(g.vertices.cols() == 10);
     CHECK(g.vertices.col(7) == Vec3<double>(0.5, 0.5, 0));
     const std::vector<Tet> expected{{0, 4, 5, 6}, {1, 7, 4, 8}, {2, 5, 7, 9}, {3, 6, 9, 8},

@@ -3,7 +3,6 @@
 #include <rye/backend/cuda/emulation.hpp>
 
 #include "../cuda/image_loss_cases.hpp"
-#include "../cuda/loss_cases.hpp"
 #include "../cuda/lpips_cases.hpp"
 
 using namespace rye;
@@ -17,9 +16,6 @@ constexpr PhaseOrder orders[] = {PhaseOrder::forward, PhaseOrder::backward, Phas
 
 } // namespace
 
-TEST_CASE("cuda, emulated: the masked L1 term is the host's") {
-    for (const auto order : orders) masked_l1_against_host(EmulatedDevice{order}, queue);
-}
 TEST_CASE("cuda, emulated: D-SSIM is the host's") {
     for (const auto order : orders) dssim_against_host(EmulatedDevice{order}, queue);
 }

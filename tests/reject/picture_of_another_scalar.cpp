@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Gaussians in double and a camera in float would round silently somewhere in between.
-// expect: no matching (member )?function
+// expect: camera and background have different scalars
 #include <rye/splat/rasterizer.hpp>
 
 rye::Raster<double> draw(const rye::Gaussians<double>& g, const rye::Pinhole<float>& camera,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // There is a default backend only where a header of lanes is included.
-// expect: Backend<.*NoDefaultBackend
-// lines: 30
+// expect: no default Backend, expected
+// lines: 7
 #include <rye/splat/rasterizer.hpp>
 
 rye::Raster<float> draw(const rye::Gaussians<float>& g, const rye::Pinhole<float>& camera,

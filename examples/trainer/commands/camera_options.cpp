@@ -99,9 +99,8 @@ std::vector<Pinhole<double>> own_cameras(const CameraOptions& o, const Pinhole<d
     } else {
         std::vector<Photograph> read = read_cameras(o.file);
         if (o.view >= 0) {
-            require(static_cast<std::size_t>(o.view) < read.size(), "--view",
-                    "got " + std::to_string(o.view) + ", expected 0 to below " +
-                        std::to_string(read.size()) + ", the cameras of " + o.file.string());
+            require(static_cast<std::size_t>(o.view) < read.size(), "--view", "got ", o.view,
+                    ", expected 0 to below ", read.size(), ", the cameras of ", o.file.string());
             read = {read[static_cast<std::size_t>(o.view)]};
         }
         bool bent = false;

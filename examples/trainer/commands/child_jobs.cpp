@@ -65,7 +65,7 @@ pid_t start(const std::vector<std::string>& command, const fs::path& log) {
     const int err = ::open(errors.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
     const int in = ::open("/dev/null", O_RDONLY | O_CLOEXEC);
     require(out >= 0 && err >= 0 && in >= 0, log.string(),
-            std::string("cannot be written: ") + std::strerror(errno));
+            "cannot be written: ", [&] { return std::strerror(errno); });
     const pid_t parent = ::getpid();
     const pid_t child = ::fork();
     if (child == 0) { // between fork and exec only what is safe in a signal handler
@@ -84,7 +84,7 @@ pid_t start(const std::vector<std::string>& command, const fs::path& log) {
     }
     for (const int file : {out, err, in}) ::close(file);
     require(child > 0, "rye compare",
-            std::string("cannot start a process: ") + std::strerror(errno));
+            "cannot start a process: ", [&] { return std::strerror(errno); });
     return child;
 }
 
@@ -102,8 +102,8 @@ int code_of(int status) { return WIFEXITED(status) ? WEXITSTATUS(status) : 128 +
 
 int run_children(std::vector<ChildJob> jobs, int at_once,
                  const std::function<void(std::size_t, const ChildResult&)>& ended) {
-    require(::access(self, X_OK) == 0, "rye compare",
-            std::string(self) + " is not there, by which it starts its own commands");
+    require(::access(self, X_OK) == 0, "rye compare", self,
+            " is not there, by which it starts its own commands");
     struct Running {
         std::size_t job, command;
         Clock::time_point began;

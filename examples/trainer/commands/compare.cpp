@@ -73,7 +73,7 @@ class Comparison {
         plan();
         std::error_code fault;
         fs::create_directories(o_.out, fault);
-        require(!fault, o_.out.string(), "cannot be made: " + fault.message());
+        require(!fault, o_.out.string(), "cannot be made: ", [&] { return fault.message(); });
         // Children hold it too, so that a training whose parent was killed is waited for.
         const FolderLock lock(o_.out, {"rye compare", 30, true});
         for (const auto& [folder, run] : runs_) check_there(run);
@@ -121,9 +121,7 @@ class Comparison {
         if (o_.json) std::cout << json().dump(2) << "\n";
         const auto failed = std::count_if(runs_.begin(), runs_.end(),
                                           [](const auto& r) { return !r.second.failure.empty(); });
-        require(
-            failed == 0, o_.out.string(),
-            std::to_string(failed) + " of " + std::to_string(runs_.size()) +
+        require(failed == 0, o_.out.string(), failed, " of ", runs_.size(),
                 " runs failed; the tables name them, and their last words are in log.txt.errors "
                 "of their folders");
         return 0;
@@ -138,8 +136,8 @@ class Comparison {
                 "got neither --table nor --list, expected a table to make");
         for (std::size_t i = 0; i < all.size(); ++i)
             for (std::size_t k = 0; k < i; ++k)
-                require(all[i].name != all[k].name, "rye compare",
-                        "got two tables named '" + all[i].name + "'");
+                require(all[i].name != all[k].name, "rye compare", "got two tables named '",
+                        all[i].name, "'");
         return all;
     }
 
@@ -157,8 +155,8 @@ class Comparison {
         require(!captures.empty(), "rye compare",
                 "--capture is missing, expected the folder of a capture");
         for (const fs::path& c : captures)
-            require(fs::is_directory(c), e.name,
-                    "field 'captures': got '" + c.string() + "', which is no folder");
+            require(fs::is_directory(c), e.name, "field 'captures': got '", c.string(),
+                    "', which is no folder");
         return captures;
     }
 
@@ -191,8 +189,8 @@ class Comparison {
                     const fs::path whole = fs::weakly_canonical(capture);
                     const auto [known, fresh] = names.try_emplace(name, whole);
                     require(fresh || known->second == whole, "--capture",
-                            "got two captures named '" + name + "': " + known->second.string() +
-                                " and " + whole.string());
+                            "got two captures named '", name, "': ", known->second.string(),
+                            " and ", whole.string());
                     for (const ExperimentRow& row : e.rows) {
                         PlannedRun run{folder_of(name, row, seed),
                                        capture,
@@ -204,10 +202,11 @@ class Comparison {
                         const auto [there, added] = runs_.try_emplace(run.folder, run);
                         if (added) order_.push_back(run.folder);
                         require(to_json(there->second.config) == to_json(run.config), e.name,
-                                "row '" + row.name + "': its run '" + row.run +
-                                    "' is that of another table, whose configuration differs: " +
-                                    first_difference(to_json(run.config),
-                                                     to_json(there->second.config)));
+                                "row '", row.name, "': its run '", row.run,
+                                "' is that of another table, whose configuration differs: ", [&] {
+                                    return first_difference(to_json(run.config),
+                                                            to_json(there->second.config));
+                                });
                     }
                 }
     }
@@ -218,8 +217,8 @@ class Comparison {
         if (!fs::exists(checkpoint_path(run.folder)) || !fs::exists(config)) return;
         const std::string difference =
             first_difference(read_json<Json>(config), to_json(run.config));
-        require(difference.empty(), config.string(),
-                difference + ", as this table has it; name another --out, or remove that run");
+        require(difference.empty(), config.string(), difference,
+                ", as this table has it; name another --out, or remove that run");
     }
 
     /// Stage 1 is trained once for runs that agree in all that it reads: by the first that has one,
@@ -265,7 +264,7 @@ class Comparison {
     ChildJob job_of(const PlannedRun& run) const {
         std::error_code fault;
         fs::create_directories(run.folder, fault);
-        require(!fault, run.folder.string(), "cannot be made: " + fault.message());
+        require(!fault, run.folder.string(), "cannot be made: ", [&] { return fault.message(); });
         const fs::path config = run.folder / "wanted.json";
         write_text(config, to_json(run.config).dump(2) + "\n");
         const int all = static_cast<int>(std::thread::hardware_concurrency());
@@ -383,8 +382,8 @@ class Comparison {
 int compare(const CompareOptions& o) {
     Comparison comparison(o);
     if (!o.print_list) return comparison.run();
-    require(comparison.all().size() == 1, "--print-list",
-            "got " + std::to_string(comparison.all().size()) + " tables, expected one");
+    require(comparison.all().size() == 1, "--print-list", "got ", comparison.all().size(),
+            " tables, expected one");
     std::cout << to_json(comparison.all().front()).dump(2) << "\n";
     return 0;
 }

@@ -83,17 +83,19 @@ std::map<std::string, std::array<int, 4>> eye_boxes(const fs::path& evaluation) 
     const nlohmann::json results = fs::exists(stated) ? read_json(stated) : nlohmann::json();
     if (results.is_object() && results.contains("per_view_checksum"))
         require(results.at("per_view_checksum") == checksum_text(crc32(bytes)), name,
-                "its checksum is not the one in " + stated.string() + ": the file is damaged");
+                "its checksum is not the one in ", stated.string(), ": the file is damaged");
     for (const nlohmann::json& view : parse_json_text(as_text(bytes), name)) {
         if (!view.contains("picture") || !view.contains("eyes_box")) continue;
         const nlohmann::json& numbers = json_list(view, "eyes_box", name, "4 numbers");
-        require(numbers.size() == 4, name + ": eyes_box",
-                "got " + json_excerpt(numbers) + ", expected 4 numbers");
+        require(
+            numbers.size() == 4, name + ": eyes_box", "got ", [&] { return json_excerpt(numbers); },
+            ", expected 4 numbers");
         std::array<int, 4> box{};
         for (std::size_t i = 0; i < 4; ++i) {
             const double x = json_number(numbers.at(i), name + ": eyes_box");
-            require(std::abs(x) <= max_image_edge, name + ": eyes_box",
-                    "got " + json_excerpt(numbers) + ", expected pixels of a picture");
+            require(
+                std::abs(x) <= max_image_edge, name + ": eyes_box", "got ",
+                [&] { return json_excerpt(numbers); }, ", expected pixels of a picture");
             box[i] = static_cast<int>(x);
         }
         if (box[2] > 0) boxes[json_text(view, "picture", "", name)] = box;

@@ -52,8 +52,8 @@ std::pair<int, int> parsed_range(const std::string& text, const std::string& who
         const auto [stop, no_last] = std::from_chars(colon + 1, end, last);
         read = no_last == std::errc() && stop == end;
     }
-    require(read && first >= 0 && first <= last, who,
-            "got '" + text + "', expected FIRST:LAST, frames from 0 on");
+    require(read && first >= 0 && first <= last, who, "got '", text,
+            "', expected FIRST:LAST, frames from 0 on");
     return {first, last};
 }
 
@@ -62,9 +62,8 @@ std::vector<Drivers<float>> ranged(const std::vector<Drivers<float>>& all,
                                    const std::string& range) {
     if (range.empty()) return all;
     const auto [first, last] = parsed_range(range, "--range");
-    require(static_cast<std::size_t>(last) < all.size(), "--range",
-            "got " + range + ", expected FIRST:LAST within 0:" + std::to_string(all.size() - 1) +
-                ", the frames of --driving");
+    require(static_cast<std::size_t>(last) < all.size(), "--range", "got ", range,
+            ", expected FIRST:LAST within 0:", all.size() - 1, ", the frames of --driving");
     return {all.begin() + first, all.begin() + last + 1};
 }
 

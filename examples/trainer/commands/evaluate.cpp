@@ -125,8 +125,7 @@ void evaluate(const EvaluateOptions& o) {
     std::vector<int> frames = o.split == "train" ? capture.train : capture.test;
     if (o.split == "novel") frames = capture.novel_gaze;
     if (o.split == "independent") frames = capture.independent_gaze;
-    require(!frames.empty(), capture.folder.string(),
-            "split '" + o.split + "' has no frames");
+    require(!frames.empty(), capture.folder.string(), "split '", o.split, "' has no frames");
     const std::filesystem::path out = o.out.empty() ? o.run : o.out;
     const std::filesystem::path pictures = out / ("evaluate_" + o.split);
     std::filesystem::create_directories(pictures);

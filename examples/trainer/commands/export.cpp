@@ -71,11 +71,10 @@ SplatFileOptions file_options(const ExportOptions& o) {
         std::filesystem::exists(o.out, none) && !std::filesystem::is_regular_file(o.out, none);
     if (!pipe) options.kind = written_splat_kind(o.out, "rye export: --out", ".avatar");
     require(o.axes == "ply" || options.kind == SplatKind::ply || options.kind == SplatKind::splat,
-            "rye export",
-            "--axes world: the format of " + o.out.string() +
-                " has axes of its own (y up, z toward the viewer), expected a .ply or .splat");
-    require(o.sh == 0 || options.kind != SplatKind::splat, "rye export",
-            "--sh " + std::to_string(o.sh) + ": a .splat has no harmonics, expected 0");
+            "rye export", "--axes world: the format of ", o.out.string(),
+            " has axes of its own (y up, z toward the viewer), expected a .ply or .splat");
+    require(o.sh == 0 || options.kind != SplatKind::splat, "rye export", "--sh ", o.sh,
+            ": a .splat has no harmonics, expected 0");
     options.ply.degree = o.sh;
     options.ply.comment = o.axes == "ply" ? "Vertical axis: y" : "axes: y up, z toward the viewer";
     options.deflate = zlib_deflate;

@@ -147,7 +147,7 @@ void add_import(CLI::App& app) {
         const std::vector<std::string> words = command->remaining();
         if (words.empty() && !command->get_subcommands().empty()) return;
         const std::string expected = ", expected " + kinds_of(*command);
-        require(!words.empty(), "rye import", "a kind of source is missing" + expected);
+        require(!words.empty(), "rye import", "a kind of source is missing", expected);
         throw Error("rye import: got '" + words.front() + "' for the kind of source" + expected);
     });
 }

@@ -61,9 +61,9 @@ int camera_index(const Capture& capture, const std::string& id, int frame) {
     if (!id.empty()) {
         for (int c = 0; c < capture.camera_count(); ++c) {
             if (capture.camera_ids[static_cast<std::size_t>(c)] != id) continue;
-            require(capture.view(frame, c).present, "--camera",
-                    "camera '" + id + "' has no image of frame '" +
-                        capture.frames[static_cast<std::size_t>(frame)].id + "'");
+            require(capture.view(frame, c).present, "--camera", "camera '", id,
+                    "' has no image of frame '", capture.frames[static_cast<std::size_t>(frame)].id,
+                    "'");
             return c;
         }
         throw no_camera(id, capture.camera_ids);
@@ -79,16 +79,17 @@ int camera_index(const Capture& capture, const std::string& id, int frame) {
         const double facing = to.normalized().dot(forward);
         if (facing > most) most = facing, best = c;
     }
-    require(best >= 0, capture.folder.string(), "frame '" + f.id + "' has no image");
+    require(best >= 0, capture.folder.string(), "frame '", f.id, "' has no image");
     return best;
 }
 
 Vec3<float> gaze_option(const std::vector<double>& pitch_yaw_deg, const std::string& option) {
-    require(pitch_yaw_deg.size() == 2, option,
-            "got " + std::to_string(pitch_yaw_deg.size()) + " numbers, expected PITCH,YAW");
+    require(pitch_yaw_deg.size() == 2, option, "got ", pitch_yaw_deg.size(),
+            " numbers, expected PITCH,YAW");
     for (const double a : pitch_yaw_deg)
-        require(std::isfinite(a) && std::abs(a) <= 70, option,
-                "got " + std::to_string(a) + " degrees, expected at most 70 either way");
+        require(
+            std::isfinite(a) && std::abs(a) <= 70, option, "got ",
+            [&] { return std::to_string(a); }, " degrees, expected at most 70 either way");
     constexpr double degree = 3.14159265358979323846 / 180;
     return gaze_vector(pitch_yaw_deg[0] * degree, pitch_yaw_deg[1] * degree).cast<float>();
 }
@@ -102,9 +103,9 @@ void add_device(CLI::App& command, std::string& device, const std::string& help)
 std::filesystem::path capture_folder(const std::filesystem::path& run, const TrainState& state,
                                      const std::filesystem::path& option, const std::string& use) {
     if (!option.empty()) return option;
-    require(std::filesystem::is_directory(state.capture), run.string(),
-            use + " needs the photographs of its capture, which is not at '" + state.capture +
-                "' any more; name its folder by --capture");
+    require(std::filesystem::is_directory(state.capture), run.string(), use,
+            " needs the photographs of its capture, which is not at '", state.capture,
+            "' any more; name its folder by --capture");
     return state.capture;
 }
 
@@ -117,11 +118,11 @@ bool has_own_frames(const std::filesystem::path& run) {
 /// The capture of an older run.
 std::filesystem::path old_capture(const std::filesystem::path& run, const TrainState& state) {
     require(std::filesystem::is_directory(state.capture), run.string(),
-            "holds no frames.safetensors (older versions wrote none), and its capture is not at '" +
-                state.capture +
-                "' any more; name its folder by --capture, or let `rye train "
-                "--resume --out " +
-                run.string() + " --capture FOLDER` add the file");
+            "holds no frames.safetensors (older versions wrote none), and its capture is not at '",
+            state.capture,
+            "' any more; name its folder by --capture, or let `rye train "
+            "--resume --out ",
+            run.string(), " --capture FOLDER` add the file");
     return state.capture;
 }
 
@@ -170,9 +171,9 @@ std::function<std::string(const std::string&)> folder_check(const std::string& w
 
 void require_same_subject(const TrainState& state, const Capture& capture) {
     const int width = capture.expression_width();
-    require(width == state.config.avatar.expression, capture.folder.string(),
-            "exp_coeff has " + std::to_string(width) + " values, expected " +
-                std::to_string(state.config.avatar.expression) + ", as this run was trained with");
+    require(width == state.config.avatar.expression, capture.folder.string(), "exp_coeff has ",
+            width, " values, expected ", state.config.avatar.expression,
+            ", as this run was trained with");
     require_gazes(capture, state.config.gaze_axis);
 }
 
@@ -218,8 +219,8 @@ std::uint64_t parsed_seed(const std::string& text, const std::string& option) {
     std::uint64_t seed = 0;
     const char* const end = text.data() + text.size();
     const auto [stop, fault] = std::from_chars(text.data(), end, seed);
-    require(fault == std::errc() && stop == end, option,
-            "got '" + text + "', expected a whole number from 0 to 18446744073709551615");
+    require(fault == std::errc() && stop == end, option, "got '", text,
+            "', expected a whole number from 0 to 18446744073709551615");
     return seed;
 }
 
@@ -229,8 +230,8 @@ double parsed_error(const std::string& text, const std::string& option) {
     const std::optional<double> below =
         slash == std::string::npos ? 1 : parse_double(std::string_view(text).substr(slash + 1));
     const double error = above && below ? *above / *below : 0;
-    require(error > 0 && error < 1, option,
-            "got '" + text + "', expected a number between 0 and 1 such as 0.004 or 1/255");
+    require(error > 0 && error < 1, option, "got '", text,
+            "', expected a number between 0 and 1 such as 0.004 or 1/255");
     return error;
 }
 

@@ -104,7 +104,7 @@ FrameDrawer drawer_of(const RedirectOptions& o, const TrainState& state,
                       const std::vector<DrawnFrame>& frames, std::ostream& say) {
     const DeviceWish wish = device_wish(o.device);
     const std::string left_out = left_out_on_device(o.effects, "--effects");
-    require(wish != DeviceWish::cuda || left_out.empty(), "--device", "got cuda, but " + left_out);
+    require(wish != DeviceWish::cuda || left_out.empty(), "--device", "got cuda, but ", left_out);
     if (left_out.empty()) {
         AvatarDrawer drawer(state, wish);
         if (!drawer.words().empty()) say << drawer.words() << "\n";
@@ -167,9 +167,8 @@ Shot shot_of(const RedirectOptions& o, const TrainState& state) {
     std::vector<Drivers<float>> drivers{base};
     if (!o.driving.path.empty()) drivers = driving_frames(o.driving, state, capture, base);
     const std::size_t d = drivers.size(), c = cameras.size();
-    require(d == c || d == 1 || c == 1, "rye redirect",
-            "got " + std::to_string(d) + " frames of --driving and " + std::to_string(c) +
-                " cameras of --cameras, expected as many of both, or one of either (--view)");
+    require(d == c || d == 1 || c == 1, "rye redirect", "got ", d, " frames of --driving and ", c,
+            " cameras of --cameras, expected as many of both, or one of either (--view)");
     Shot shot;
     for (std::size_t i = 0; i < std::max(d, c); ++i) {
         DrawnFrame f{drivers[d == 1 ? 0 : i], cameras[c == 1 ? 0 : i].cast<float>()};
@@ -222,14 +221,18 @@ void write_video(const RedirectOptions& o, OutFormat format, const TrainState& s
 OutFormat checked_format(const RedirectOptions& o) {
     const OutFormat format = out_format(o.out, formats, "--out");
     const bool many = !o.driving.path.empty() || (!o.own.file.empty() && o.own.view < 0);
-    require(!moves(format) || many, "--out",
-            "got " + o.out.string() +
-                ", a video, but nothing moves: expected --driving, or --cameras "
-                "without --view, or a single picture (" +
-                list_of({OutFormat::png, OutFormat::jpeg}) + ")");
-    require(moves(format) || o.driving.path.empty(), "--out",
-            "got " + o.out.string() + ", one picture, but --driving makes a video, expected " +
-                list_of({formats.begin() + 2, formats.end()}));
+    require(
+        !moves(format) || many, "--out", "got ", o.out.string(),
+        ", a video, but nothing moves: expected --driving, or --cameras "
+        "without --view, or a single picture (",
+        [&] {
+            return list_of({OutFormat::png, OutFormat::jpeg});
+        },
+        ")");
+    require(moves(format) || o.driving.path.empty(), "--out", "got ", o.out.string(),
+            ", one picture, but --driving makes a video, expected ", [&] {
+                return list_of({formats.begin() + 2, formats.end()});
+            });
     require(format != OutFormat::y4m_stream || isatty(STDOUT_FILENO) == 0, "--out",
             "got -, and standard output is a terminal, expected a pipe or a file behind it");
     for (const auto* gaze : {&o.left, &o.right})
@@ -248,11 +251,14 @@ void redirect(const RedirectOptions& o) {
         write_video(o, format, state, shot.frames, say);
         return;
     }
-    require(shot.frames.size() == 1, "--out",
-            "got " + o.out.string() + ", one picture, but " + o.own.file.string() + " has " +
-                std::to_string(shot.frames.size()) +
-                " cameras: choose one by --view, or a video (" +
-                list_of({formats.begin() + 2, formats.end()}) + ")");
+    require(
+        shot.frames.size() == 1, "--out", "got ", o.out.string(), ", one picture, but ",
+        o.own.file.string(), " has ", shot.frames.size(),
+        " cameras: choose one by --view, or a video (",
+        [&] {
+            return list_of({formats.begin() + 2, formats.end()});
+        },
+        ")");
     std::string explained;
     Image<float> picture;
     if (o.sweep) {

@@ -134,9 +134,8 @@ Photograph view_of(const RenderOptions& o) {
     if (!o.own.file.empty()) {
         const std::vector<Photograph> all = read_cameras(o.own.file);
         const int view = std::max(0, o.own.view);
-        require(static_cast<std::size_t>(view) < all.size(), "rye render",
-                "--view: got " + std::to_string(view) + ", expected 0 to below " +
-                    std::to_string(all.size()) + ", the cameras of " + o.own.file.string());
+        require(static_cast<std::size_t>(view) < all.size(), "rye render", "--view: got ", view,
+                ", expected 0 to below ", all.size(), ", the cameras of ", o.own.file.string());
         require(o.own.size.empty(), "rye render",
                 "--size: the cameras of --cameras have their own");
         return all[static_cast<std::size_t>(view)];
@@ -174,7 +173,7 @@ void render_run(const RenderOptions& o) {
 void render(const RenderOptions& o) {
     set_threads(o.threads);
     require(o.alpha_floor == 0 || o.accuracy == "3dgs", "rye render",
-            "--alpha-floor needs --accuracy 3dgs, got --accuracy " + o.accuracy);
+            "--alpha-floor needs --accuracy 3dgs, got --accuracy ", o.accuracy);
     if (std::filesystem::is_directory(o.ply)) {
         render_run(o);
         return;

@@ -116,10 +116,9 @@ class Trainer {
                                               : skipped_ + 1;
         if (skipped_ == 0) return;
         folder_.log({{"stage", stage}, {"step", state_.step}, {"skipped", report.bad_field}});
-        require(skipped_ < max_skipped_steps, options_.out.string(),
-                "the gradient of '" + report.bad_field + "' was not finite " +
-                    std::to_string(skipped_) + " times in a row at step " +
-                    std::to_string(state_.step) + "; the last checkpoint is sound");
+        require(skipped_ < max_skipped_steps, options_.out.string(), "the gradient of '",
+                report.bad_field, "' was not finite ", skipped_, " times in a row at step ",
+                state_.step, "; the last checkpoint is sound");
     }
 
     bool stopped() {
@@ -164,8 +163,8 @@ class Trainer {
                 state_, grid_, sample, decayed(m.rate_decay, step, total), std::ref(probe_));
             empty = report.vertices == 0 ? empty + 1 : 0;
             require(empty < 100, options_.out.string(),
-                    "the signed distance of stage 1 has had no surface for 100 steps (step " +
-                        std::to_string(step) + "); check units and head pose with `rye info`");
+                    "the signed distance of stage 1 has had no surface for 100 steps (step ", step,
+                    "); check units and head pose with `rye info`");
             check_applied(report, "mesh");
             tell("mesh", report, progress, state_.step == total);
             if (stopped()) return false;
@@ -439,13 +438,13 @@ void check_resumed(const TrainOptions& o, const TrainState& state, const Capture
     if (!o.config.empty()) {
         const TrainConfig config = config_of(o);
         require(config.gaze_axis == state.config.gaze_axis, o.config.string(),
-                "field 'gaze_axis': differs from that of the run in " + o.out.string() +
-                    ", whose checkpoint has a kappa or has none");
+                "field 'gaze_axis': differs from that of the run in ", o.out.string(),
+                ", whose checkpoint has a kappa or has none");
         const auto same = [&](const char* field, const auto& got, const auto& begun) {
-            require(got == begun, o.config.string(),
-                    "field 'avatar." + std::string(field) + "': got \"" + word_of(got) +
-                        "\", expected \"" + word_of(begun) + "\", as the run in " +
-                        o.out.string() + " began with");
+            require(
+                got == begun, o.config.string(), "field 'avatar.", field, "': got \"",
+                [&] { return word_of(got); }, "\", expected \"", [&] { return word_of(begun); },
+                "\", as the run in ", o.out.string(), " began with");
         };
         same("eye_appearance", config.eye_appearance, state.config.eye_appearance);
         same("shading", config.shading, state.config.shading);
@@ -455,9 +454,9 @@ void check_resumed(const TrainOptions& o, const TrainState& state, const Capture
             "its training frames differ from those this run began with");
     require_same_subject(state, capture);
     const Index landmarks = frame_landmarks(capture, capture.train.front()).cols();
-    require(landmarks == state.subject.neutral.cols(), who,
-            "got " + std::to_string(landmarks) + " landmarks and vertices, expected " +
-                std::to_string(state.subject.neutral.cols()) + ", as this run began with");
+    require(landmarks == state.subject.neutral.cols(), who, "got ", landmarks,
+            " landmarks and vertices, expected ", state.subject.neutral.cols(),
+            ", as this run began with");
 }
 
 /// The initial state of a run.

@@ -38,8 +38,9 @@ struct Fields {
 Eigen::MatrixXd matrix(const Json& value, std::size_t rows, std::size_t cols, const char* key) {
     Eigen::MatrixXd m(rows, cols);
     const auto row_of = [&](const Json& row, std::size_t i) {
-        require(row.is_array() && row.size() == cols, key,
-                "got " + row.dump() + ", expected " + std::to_string(cols) + " numbers");
+        require(
+            row.is_array() && row.size() == cols, key, "got ", [&] { return row.dump(); },
+            ", expected ", cols, " numbers");
         for (std::size_t j = 0; j < cols; ++j)
             m(static_cast<Index>(i), static_cast<Index>(j)) = json_number(row.at(j), key);
     };
@@ -47,8 +48,8 @@ Eigen::MatrixXd matrix(const Json& value, std::size_t rows, std::size_t cols, co
         row_of(value, 0);
         return m;
     }
-    require(value.is_array() && value.size() >= rows, key,
-            "expected " + std::to_string(rows) + " rows of " + std::to_string(cols) + " numbers");
+    require(value.is_array() && value.size() >= rows, key, "expected ", rows, " rows of ", cols,
+            " numbers");
     for (std::size_t i = 0; i < rows; ++i) row_of(value.at(i), i);
     return m;
 }
@@ -56,9 +57,10 @@ Eigen::MatrixXd matrix(const Json& value, std::size_t rows, std::size_t cols, co
 ImageSize size_of(const Json& value) {
     const Eigen::MatrixXd size = matrix(value, 1, 2, "size");
     for (const double side : {size(0, 0), size(0, 1)})
-        require(side >= 1 && side <= max_image_edge && side == std::floor(side), "size",
-                "got " + value.dump() + ", expected width and height, each 1 to " +
-                    std::to_string(max_image_edge) + " pixels");
+        require(
+            side >= 1 && side <= max_image_edge && side == std::floor(side), "size", "got ",
+            [&] { return value.dump(); }, ", expected width and height, each 1 to ", max_image_edge,
+            " pixels");
     return {static_cast<int>(size(0, 0)), static_cast<int>(size(0, 1))};
 }
 
@@ -98,14 +100,17 @@ Pinhole<double> by_place(const Fields& of) {
         return matrix(of.at(key), 1, 3, key).transpose();
     };
     const double fov = json_number(of.at("fov"), "fov");
-    require(fov > 0 && fov < 180, "fov",
-            "got " + of.at("fov").dump() + ", expected degrees between 0 and 180");
+    require(
+        fov > 0 && fov < 180, "fov", "got ", [&] { return of.at("fov").dump(); },
+        ", expected degrees between 0 and 180");
     return look_at<double>(point("eye"), point("look_at"), point("up"), fov * degree,
                            size_of(of.at("size")));
 }
 
 Photograph camera_of(const Json& file, const Json& camera) {
-    require(camera.is_object(), "a camera", "got " + camera.dump() + ", expected an object");
+    require(
+        camera.is_object(), "a camera", "got ", [&] { return camera.dump(); },
+        ", expected an object");
     require_known(camera,
                   {"name", "eye", "look_at", "up", "fov", "size", "intrinsic", "extrinsic"});
     const Fields of{file, camera};
@@ -129,10 +134,8 @@ ImageSize parsed_size(const std::string& text, const std::string& who) {
         const auto [stop, no_height] = std::from_chars(x + 1, end, height);
         read = no_height == std::errc() && stop == end;
     }
-    require(
-        read && width > 0 && height > 0 && width <= max_image_edge && height <= max_image_edge,
-        who,
-        "got " + text + ", expected WxH, each 1 to " + std::to_string(max_image_edge) + " pixels");
+    require(read && width > 0 && height > 0 && width <= max_image_edge && height <= max_image_edge,
+            who, "got ", text, ", expected WxH, each 1 to ", max_image_edge, " pixels");
     return {width, height};
 }
 

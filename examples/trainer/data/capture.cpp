@@ -96,8 +96,9 @@ struct Archive {
     }
     void require_shape(const std::string& name, const std::vector<Index>& shape) const {
         const std::vector<Index>& got = arrays.at(name).shape;
-        require(got == shape, label(name),
-                "got shape " + shape_text(got) + ", expected " + shape_text(shape));
+        require(
+            got == shape, label(name), "got shape ", [&] { return shape_text(got); }, ", expected ",
+            [&] { return shape_text(shape); });
     }
 
     fs::path path;
@@ -107,8 +108,9 @@ struct Archive {
 /// Points (N, 3) as 3 x N.
 Columns<double> read_points(const fs::path& path) {
     const NpyArray array = read_npy(path);
-    require(array.shape.size() == 2 && array.shape[1] == 3, path.string(),
-            "got shape " + shape_text(array.shape) + ", expected (N, 3)");
+    require(
+        array.shape.size() == 2 && array.shape[1] == 3, path.string(), "got shape ",
+        [&] { return shape_text(array.shape); }, ", expected (N, 3)");
     const std::vector<double> v = numbers(array, path.string(), {});
     return Eigen::Map<const Columns<double>>(v.data(), 3, array.shape[0]);
 }
@@ -128,8 +130,9 @@ void read_gaze(const fs::path& path, CaptureFrame& frame) {
         const auto of_both = [&](const std::string& name) -> std::optional<double> {
             if (!file.has(name)) return std::nullopt;
             const double length = file.get(name, {2})[e];
-            require(length > 0, file.label(name),
-                    "got " + std::to_string(length) + " for the " + side + " eye, expected > 0");
+            require(
+                length > 0, file.label(name), "got ", [&] { return std::to_string(length); },
+                " for the ", side, " eye, expected > 0");
             return length;
         };
         eye.optical = Vec3<double>(file.get("gaze_" + side, {3}).data());
@@ -154,8 +157,9 @@ CaptureFrame read_frame(const fs::path& folder, const std::string& id) {
     const std::vector<double> pose = file.get("pose", {6});
     frame.pose = Eigen::Map<const Vec<double, 6>>(pose.data());
     if (file.has("scale")) frame.scale = file.get("scale", {1})[0];
-    require(frame.scale > 0, file.label("scale"),
-            "got " + std::to_string(frame.scale) + ", expected > 0");
+    require(
+        frame.scale > 0, file.label("scale"), "got ", [&] { return std::to_string(frame.scale); },
+        ", expected > 0");
     for (const double weight : file.get("exp_coeff", {}))
         frame.expression.push_back(static_cast<float>(weight));
     frame.landmarks =
@@ -172,18 +176,21 @@ Pinhole<double> read_camera(const fs::path& path) {
     const Archive file(path);
     const Mat3<double> k = file.matrix<3, 3>("intrinsic");
     const std::string label = file.label("intrinsic");
-    require(k(0, 0) > 0 && k(1, 1) > 0, label,
-            "got focal lengths " + std::to_string(k(0, 0)) + " and " + std::to_string(k(1, 1)) +
-                ", expected > 0");
-    require(std::abs(k(0, 1)) <= 1e-6 * k(0, 0), label,
-            "got skew " + std::to_string(k(0, 1)) + ", expected 0");
+    require(
+        k(0, 0) > 0 && k(1, 1) > 0, label, "got focal lengths ",
+        [&] { return std::to_string(k(0, 0)); }, " and ", [&] { return std::to_string(k(1, 1)); },
+        ", expected > 0");
+    require(
+        std::abs(k(0, 1)) <= 1e-6 * k(0, 0), label, "got skew ",
+        [&] { return std::to_string(k(0, 1)); }, ", expected 0");
     require(k(1, 0) == 0 && k(2, 0) == 0 && k(2, 1) == 0 && std::abs(k(2, 2) - 1) < 1e-9, label,
             "its rows are not (fx 0 cx), (0 fy cy), (0 0 1)");
     if (file.has("distortion"))
         for (const double x : file.get("distortion", {}))
-            require(x == 0, file.label("distortion"),
-                    "got a coefficient of " + std::to_string(x) +
-                        ", expected 0: captures are pinhole images, undistort them first");
+            require(
+                x == 0, file.label("distortion"), "got a coefficient of ",
+                [&] { return std::to_string(x); },
+                ", expected 0: captures are pinhole images, undistort them first");
     Pinhole<double> camera;
     camera.fx = k(0, 0);
     camera.fy = k(1, 1);
@@ -198,8 +205,8 @@ Pinhole<double> read_camera(const fs::path& path) {
     const Mat3<double> r = extrinsic.leftCols<3>();
     const double skewed = (r * r.transpose() - Mat3<double>::Identity()).cwiseAbs().maxCoeff();
     require(skewed < 1e-3, file.label("extrinsic"),
-            "its 3 x 3 part is no rotation: R R^T differs from the identity by " +
-                std::to_string(skewed));
+            "its 3 x 3 part is no rotation: R R^T differs from the identity by ",
+            [&] { return std::to_string(skewed); });
     const Vec3<double> x = r.row(0), y = r.row(1), z = r.row(2);
     require(cross(x, y).dot(z) > 0, file.label("extrinsic"),
             "its 3 x 3 part has determinant -1: the camera is mirrored (one axis negated)");
@@ -222,9 +229,10 @@ std::string size_text(int width, int height) {
 void require_size(const fs::path& path, int width, int height) {
     if (path.empty()) return;
     const ImageHeader h = read_image_header(path);
-    require(h.width == width && h.height == height, path.string(),
-            "got " + size_text(h.width, h.height) + " pixels, expected " +
-                size_text(width, height) + " as the first image has");
+    require(
+        h.width == width && h.height == height, path.string(), "got ",
+        [&] { return size_text(h.width, h.height); }, " pixels, expected ",
+        [&] { return size_text(width, height); }, " as the first image has");
 }
 
 /// Reads the files of one camera in one frame; the first image sets the capture's size.
@@ -308,14 +316,15 @@ std::vector<std::string> strings(const Json& json, const char* key, const std::s
     require(json.at(key).is_array(), who + ": " + key, "expected a list of names");
     std::set<std::string> seen;
     for (const Json& item : json.at(key)) {
-        require(item.is_string(), who + ": " + key, "got " + item.dump() + ", expected a name");
+        require(
+            item.is_string(), who + ": " + key, "got ", [&] { return item.dump(); },
+            ", expected a name");
         out.push_back(item.get<std::string>());
         // Names become path components.
         require(!out.back().empty() && out.back().find_first_of("/\\") == std::string::npos &&
                     out.back() != "..",
-                who + ": " + key, "got '" + out.back() + "', expected a name without slashes");
-        require(seen.insert(out.back()).second, who + ": " + key,
-                "names '" + out.back() + "' twice");
+                who + ": " + key, "got '", out.back(), "', expected a name without slashes");
+        require(seen.insert(out.back()).second, who + ": " + key, "names '", out.back(), "' twice");
     }
     return out;
 }
@@ -336,16 +345,17 @@ Splits described_splits(const Json& json, const std::string& who) {
     const std::set<std::string> train(s.train.begin(), s.train.end());
     for (const auto* list : {&s.test, &s.novel_gaze, &s.independent_gaze})
         for (const std::string& id : *list)
-            require(!train.contains(id), who,
-                    "frame '" + id + "' is in train_frames and in a list of test frames");
+            require(!train.contains(id), who, "frame '", id,
+                    "' is in train_frames and in a list of test frames");
     require(!s.train.empty(), who, "train_frames is empty, expected at least one frame");
     return s;
 }
 
 /// Assigns the last frames to the tests, at least one of two or more.
 Splits default_splits(const std::vector<std::string>& ids, double test_fraction) {
-    require(test_fraction >= 0 && test_fraction < 1, "test_fraction",
-            "got " + std::to_string(test_fraction) + ", expected 0 to below 1");
+    require(
+        test_fraction >= 0 && test_fraction < 1, "test_fraction", "got ",
+        [&] { return std::to_string(test_fraction); }, ", expected 0 to below 1");
     const auto n = static_cast<double>(ids.size());
     auto tests = static_cast<std::ptrdiff_t>(std::lround(n * test_fraction));
     if (test_fraction > 0 && ids.size() > 1) tests = std::max<std::ptrdiff_t>(tests, 1);
@@ -497,8 +507,7 @@ void read_everything(Capture& c, const CaptureOptions& options, Faults& faults) 
 
 Columns<double> common_landmarks(const Columns<double>& all, const std::string& who) {
     if (all.cols() == 66) return all;
-    require(all.cols() == 68, who,
-            "got " + std::to_string(all.cols()) + " landmarks, expected 66 or 68");
+    require(all.cols() == 68, who, "got ", all.cols(), " landmarks, expected 66 or 68");
     Columns<double> kept(3, 66);
     kept << all.leftCols(48), all.middleCols(49, 5), all.rightCols(13);
     return kept;
@@ -540,9 +549,8 @@ namespace {
 
 const CaptureView& present_view(const Capture& c, int frame, int camera) {
     const CaptureView& v = c.view(frame, camera);
-    require(v.present, c.folder.string(),
-            "camera " + c.camera_ids[static_cast<std::size_t>(camera)] + " has no frame " +
-                c.frames[static_cast<std::size_t>(frame)].id);
+    require(v.present, c.folder.string(), "camera ", c.camera_ids[static_cast<std::size_t>(camera)],
+            " has no frame ", c.frames[static_cast<std::size_t>(frame)].id);
     return v;
 }
 

@@ -331,34 +331,33 @@ struct Reader {
 /// Checks across fields.
 void check(const TrainConfig& c, const std::string& source) {
     const auto ordered = [&](const char* field, double v, const char* bound, double least) {
-        require(v >= least, source, std::string("field '") + field + "': got " + std::to_string(v) +
-                                        ", expected " + bound + " (" + std::to_string(least) +
-                                        ") or more");
+        require(
+            v >= least, source, "field '", field, "': got ", [&] { return std::to_string(v); },
+            ", expected ", bound, " (", [&] { return std::to_string(least); }, ") or more");
     };
     ordered("avatar.exp_far", c.avatar.exp_far, "avatar.exp_near", c.avatar.exp_near);
     ordered("avatar.gaze_far", c.avatar.gaze_far, "avatar.gaze_near", c.avatar.gaze_near);
     ordered("grid.half_side", c.grid.half_side, "grid.cell", c.grid.cell);
     const DensityConfig& density = c.gaussians.density;
     require(density.every == 0 || density.last >= density.first, source,
-            "field 'gaussians.density.last': got " + std::to_string(density.last) +
-                ", expected gaussians.density.first (" + std::to_string(density.first) +
-                ") or more");
+            "field 'gaussians.density.last': got ", density.last,
+            ", expected gaussians.density.first (", density.first, ") or more");
     require(density.every == 0 || c.gaussians.rates.position > 0, source,
-            "field 'gaussians.density.every': got " + std::to_string(density.every) +
-                ", expected 0, as gaussians.rates.position is 0: the optimiser then keeps no "
-                "gradients of positions, by which Gaussians are chosen");
+            "field 'gaussians.density.every': got ", density.every,
+            ", expected 0, as gaussians.rates.position is 0: the optimiser then keeps no "
+            "gradients of positions, by which Gaussians are chosen");
     require(c.gaussians.planes != 2, source,
             "field 'gaussians.planes': got 2, expected 1 or 3, which there are kernels for");
-    require(c.gaze_mechanism == GazeMechanismName::rotation || c.gaze_axis == GazeAxis::optical,
-            source,
-            "field 'avatar.gaze_mechanism': got \"" + word_of(c.gaze_mechanism) +
-                "\", expected \"rotation\", as gaze_axis is \"visual\"");
-    require(c.gaze_mechanism == GazeMechanismName::rotation ||
-                c.eye_appearance == EyeAppearanceName::free,
-            source,
-            "field 'avatar.gaze_mechanism': got \"" + word_of(c.gaze_mechanism) +
-                "\", expected \"rotation\", as eye_appearance is \"" + word_of(c.eye_appearance) +
-                "\"");
+    require(
+        c.gaze_mechanism == GazeMechanismName::rotation || c.gaze_axis == GazeAxis::optical, source,
+        "field 'avatar.gaze_mechanism': got \"", [&] { return word_of(c.gaze_mechanism); },
+        "\", expected \"rotation\", as gaze_axis is \"visual\"");
+    require(
+        c.gaze_mechanism == GazeMechanismName::rotation ||
+            c.eye_appearance == EyeAppearanceName::free,
+        source, "field 'avatar.gaze_mechanism': got \"", [&] { return word_of(c.gaze_mechanism); },
+        "\", expected \"rotation\", as eye_appearance is \"",
+        [&] { return word_of(c.eye_appearance); }, "\"");
 }
 
 /// Networks with fewer operations: the shapes of the paper's, narrower.
@@ -448,7 +447,7 @@ nlohmann::ordered_json to_json(const TrainConfig& config) {
 }
 
 void from_json(const nlohmann::ordered_json& json, const std::string& source, TrainConfig& config) {
-    require(json.is_object(), source, "got " + std::string(json.type_name()) + ", expected an object");
+    require(json.is_object(), source, "got ", json.type_name(), ", expected an object");
     Reader reader{source, "", &json};
     walk(reader, config);
     reader.check_all_used();
@@ -459,8 +458,8 @@ TrainConfig preset(const std::string& name) {
     TrainConfig c;
     c.preset = name;
     if (name == "paper") return c;
-    require(name == "cpu" || name == "tiny" || name == "gpu", "preset",
-            "got '" + name + "', expected tiny, cpu, gpu or paper");
+    require(name == "cpu" || name == "tiny" || name == "gpu", "preset", "got '", name,
+            "', expected tiny, cpu, gpu or paper");
     const bool tiny = name == "tiny";
     // Reductions of the paper's days on a graphics card: narrower networks, fewer Gaussians, one
     // doubling of the image, larger rates that decay.

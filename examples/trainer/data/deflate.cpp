@@ -36,8 +36,8 @@ Bytes zlib_deflate(ByteSpan raw) {
         append(out, ByteSpan(part).first(part.size() - stream.avail_out));
     }
     deflateEnd(&stream);
-    require(state == Z_STREAM_END, "zlib_deflate",
-            "zlib ended with code " + std::to_string(state) + ", expected that of the end");
+    require(state == Z_STREAM_END, "zlib_deflate", "zlib ended with code ", state,
+            ", expected that of the end");
     return out;
 }
 

@@ -100,14 +100,13 @@ std::vector<Column> header_of(std::string_view line, const std::string& who,
     for (const std::string_view field : fields_of(line)) {
         const std::string name(field);
         const auto found = known.find(name);
-        require(found != known.end(), who + ": line 1",
-                "column " + std::to_string(columns.size() + 1) + " is '" + name +
-                    "', expected frame, expression_0 to expression_" +
-                    std::to_string(std::max(0, names.expression - 1)) +
-                    (names.coefficients.empty() ? "" : " (or the coefficients' names)") +
-                    ", rotation_x, _y, _z, translation_x, _y, _z, scale, gaze_left_pitch, "
-                    "gaze_left_yaw, gaze_right_pitch or gaze_right_yaw");
-        require(seen.insert(name).second, who + ": line 1", "names '" + name + "' twice");
+        require(found != known.end(), who + ": line 1", "column ", columns.size() + 1, " is '",
+                name, "', expected frame, expression_0 to expression_",
+                std::max(0, names.expression - 1),
+                (names.coefficients.empty() ? "" : " (or the coefficients' names)"),
+                ", rotation_x, _y, _z, translation_x, _y, _z, scale, gaze_left_pitch, "
+                "gaze_left_yaw, gaze_right_pitch or gaze_right_yaw");
+        require(seen.insert(name).second, who + ": line 1", "names '", name, "' twice");
         columns.push_back(found->second);
     }
     const auto together = [&](const std::vector<std::string>& group) {
@@ -117,9 +116,8 @@ std::vector<Column> header_of(std::string_view line, const std::string& who,
             there += seen.count(name);
             if (!seen.contains(name) && missing.empty()) missing = name;
         }
-        require(there == 0 || there == group.size(), who + ": line 1",
-                "the column '" + missing + "' is missing beside " +
-                    (group.front() == missing ? group.back() : group.front()));
+        require(there == 0 || there == group.size(), who + ": line 1", "the column '", missing,
+                "' is missing beside ", (group.front() == missing ? group.back() : group.front()));
     };
     together({"rotation_x", "rotation_y", "rotation_z"});
     together({"translation_x", "translation_y", "translation_z"});
@@ -139,19 +137,16 @@ std::string_view take_line(std::string_view& text) {
 Drivers<float> drivers_of(std::string_view line, const std::string& who,
                           const std::vector<Column>& columns, const Row& otherwise) {
     const std::vector<std::string_view> fields = fields_of(line);
-    require(fields.size() == columns.size(), who,
-            "got " + std::to_string(fields.size()) + " fields, expected " +
-                std::to_string(columns.size()) + " as line 1 has");
+    require(fields.size() == columns.size(), who, "got ", fields.size(), " fields, expected ",
+            columns.size(), " as line 1 has");
     Row row = otherwise;
     std::array<bool, 2> looks{};
     for (std::size_t i = 0; i < columns.size(); ++i) {
         const Column& c = columns[i];
         if (!c.set) continue;
         const std::optional<double> x = parse_double(fields[i]);
-        require(x && *x >= c.least && *x <= c.most, who,
-                "column '" + c.name + "': got '" + std::string(fields[i]) +
-                    "', expected a number from " + number_text(c.least) + " to " +
-                    number_text(c.most));
+        require(x && *x >= c.least && *x <= c.most, who, "column '", c.name, "': got '", fields[i],
+                "', expected a number from ", c.least, " to ", c.most);
         c.set(row, *x);
         for (std::size_t e = 0; e < 2; ++e) looks[e] = looks[e] || c.name == gaze_column(e, true);
     }

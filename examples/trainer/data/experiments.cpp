@@ -125,7 +125,7 @@ class Fields {
             if (!v.is_string() || v.get<std::string>().empty()) fail(name, v, "a word");
             to = v.get<std::string>();
         });
-        require(there || !needed, who_, "field '" + path_ + name + "' is missing");
+        require(there || !needed, who_, "field '", path_, name, "' is missing");
     }
     void object(const std::string& name, Json& to) {
         read(name, [&](const Json& v, const std::string&) {
@@ -140,12 +140,12 @@ class Fields {
             for (std::size_t i = 0; i < v.size(); ++i)
                 each(v[i], where + "[" + std::to_string(i) + "]");
         });
-        require(there || !needed, who_, "field '" + path_ + name + "' is missing");
+        require(there || !needed, who_, "field '", path_, name, "' is missing");
     }
     void all_known() const {
         for (const auto& [key, value] : json_.items())
-            require(std::find(known_.begin(), known_.end(), key) != known_.end(), who_,
-                    "field '" + path_ + key + "' is unknown, expected " + listed(known_));
+            require(std::find(known_.begin(), known_.end(), key) != known_.end(), who_, "field '",
+                    path_, key, "' is unknown, expected ", [&] { return listed(known_); });
     }
     [[noreturn]] void fail(const std::string& name, const Json& got,
                            const std::string& expected) const {
@@ -165,9 +165,8 @@ class Fields {
 void check_names(const Experiment& e, const std::string& who) {
     for (std::size_t i = 0; i < e.rows.size(); ++i)
         for (std::size_t k = 0; k < i; ++k)
-            require(e.rows[i].name != e.rows[k].name, who,
-                    "field 'rows[" + std::to_string(i) + "].name': got '" + e.rows[i].name +
-                        "', which rows[" + std::to_string(k) + "] has already");
+            require(e.rows[i].name != e.rows[k].name, who, "field 'rows[", i, "].name': got '",
+                    e.rows[i].name, "', which rows[", k, "] has already");
 }
 
 } // namespace
@@ -237,22 +236,25 @@ Experiment parse_experiment(std::string_view text, const std::filesystem::path& 
     }
     f.object("base", e.base);
     f.list("captures", [&](const Json& v, const std::string& where) {
-        require(v.is_string(), who,
-                "field '" + where + "': got " + v.dump() + ", expected a folder");
+        require(
+            v.is_string(), who, "field '", where, "': got ", [&] { return v.dump(); },
+            ", expected a folder");
         const std::filesystem::path folder = v.get<std::string>();
         e.captures.push_back(folder.is_absolute() ? folder : path.parent_path() / folder);
     });
     f.list("seeds", [&](const Json& v, const std::string& where) {
-        require(v.is_number_unsigned(), who,
-                "field '" + where + "': got " + v.dump() + ", expected a whole number below 2^64");
+        require(
+            v.is_number_unsigned(), who, "field '", where, "': got ", [&] { return v.dump(); },
+            ", expected a whole number below 2^64");
         e.seeds.push_back(v.get<std::uint64_t>());
     });
     f.list("columns", [&](const Json& v, const std::string& where) {
         std::vector<std::string> names;
         for (const Metric& m : all_metrics()) names.push_back(m.name);
         const auto name = v.is_string() ? v.get<std::string>() : std::string();
-        require(std::find(names.begin(), names.end(), name) != names.end(), who,
-                "field '" + where + "': got " + v.dump() + ", expected " + listed(names));
+        require(
+            std::find(names.begin(), names.end(), name) != names.end(), who, "field '", where,
+            "': got ", [&] { return v.dump(); }, ", expected ", [&] { return listed(names); });
         e.columns.push_back(name);
     });
     f.list(
@@ -263,9 +265,9 @@ Experiment parse_experiment(std::string_view text, const std::filesystem::path& 
             r.text("name", row.name, true);
             row.run = folder_name(row.name);
             r.text("run", row.run);
-            require(row.run == folder_name(row.run) && row.run.front() != '.', who,
-                    "field '" + where + ".run': got '" + row.run +
-                        "', expected letters, digits, '-', '_' and '.', no '.' first");
+            require(row.run == folder_name(row.run) && row.run.front() != '.', who, "field '",
+                    where, ".run': got '", row.run,
+                    "', expected letters, digits, '-', '_' and '.', no '.' first");
             r.object("config", row.config);
             r.all_known();
             e.rows.push_back(row);
@@ -303,9 +305,8 @@ void configure(Experiment& e, const ExperimentSettings& settings) {
         row.effective.seed = settings.seed;
         const std::string text = to_json(row.effective).dump();
         const auto [other, fresh] = runs.try_emplace(row.run, text, row.name);
-        require(fresh || other->second.first == text, who,
-                "its run '" + row.run + "' is that of row '" + other->second.second +
-                    "', whose configuration differs");
+        require(fresh || other->second.first == text, who, "its run '", row.run,
+                "' is that of row '", other->second.second, "', whose configuration differs");
     }
 }
 

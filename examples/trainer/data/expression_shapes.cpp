@@ -20,9 +20,10 @@ std::vector<Columns<double>> read_shapes(const NpzArrays& arrays, const std::str
     const auto found = arrays.find(name);
     require(found != arrays.end(), who, "is missing from the file");
     const std::vector<Index>& shape = found->second.shape;
-    require(shape.size() == 3 && shape[0] == expression && shape[2] == 3, who,
-            "got shape " + shape_text(shape) + ", expected (" + std::to_string(expression) +
-                ", N, 3), a shape for each exp_coeff");
+    require(
+        shape.size() == 3 && shape[0] == expression && shape[2] == 3, who, "got shape ",
+        [&] { return shape_text(shape); }, ", expected (", expression,
+        ", N, 3), a shape for each exp_coeff");
     const std::vector<double> values = found->second.values<double>(who);
     require(std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); }),
             who, "has a number that is not finite");
@@ -43,9 +44,8 @@ Columns<double> parse_expression_shapes(ByteSpan bytes, const std::string& who, 
     if (vertices > 0) dense = read_shapes(arrays, who, "vertices", expression);
     Columns<double> all;
     for (std::size_t e = 0; e < landmarks.size(); ++e) {
-        require(dense[e].cols() == vertices, who + ": vertices",
-                "got " + std::to_string(dense[e].cols()) + " vertices, expected the " +
-                    std::to_string(vertices) + " of vertices.npy");
+        require(dense[e].cols() == vertices, who + ": vertices", "got ", dense[e].cols(),
+                " vertices, expected the ", vertices, " of vertices.npy");
         const Columns<double> moved =
             chosen_landmarks(common_landmarks(landmarks[e], who + ": landmarks"), dense[e]);
         if (all.size() == 0) all.resize(expression, moved.size());

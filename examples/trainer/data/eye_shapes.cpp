@@ -23,8 +23,9 @@ EyeballShape eyeball_shape(const EyeSizes& sizes) {
 void require_eyeball(const EyeSizes& sizes, const std::string& who) {
     try {
         for (const double x : {sizes.radius, sizes.limbus_radius, sizes.iris_plane})
-            require(std::isfinite(x) && x > 1e-6 && x < 1e6, "sizes",
-                    "got " + std::to_string(x) + ", expected a length above 1e-6 and below 1e6");
+            require(
+                std::isfinite(x) && x > 1e-6 && x < 1e6, "sizes", "got ",
+                [&] { return std::to_string(x); }, ", expected a length above 1e-6 and below 1e6");
         EyeballShape shape = eyeball_shape(sizes);
         shape.iris_rings = 2;
         shape.sclera_rings = shape.back_rings = 1;

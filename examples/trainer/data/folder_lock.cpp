@@ -46,7 +46,7 @@ FolderLock::FolderLock(const std::filesystem::path& folder, const LockOptions& o
     const std::filesystem::path path = folder / "lock";
     // Where children are to hold it too, it is not closed by exec.
     file_ = ::open(path.c_str(), O_RDWR | O_CREAT | (options.children_too ? 0 : O_CLOEXEC), 0666);
-    require(file_ >= 0, path.string(), std::string("cannot be written: ") + std::strerror(errno));
+    require(file_ >= 0, path.string(), "cannot be written: ", [&] { return std::strerror(errno); });
     const int tries = 1 + static_cast<int>(10 * options.patience); // one each 0.1 s
     for (int i = 0; ::flock(file_, LOCK_EX | LOCK_NB) != 0; ++i) {
         if (errno == EINTR) continue;

@@ -22,8 +22,9 @@ std::string json_excerpt(const Json& value) {
 /// Returns a finite number.
 template <class Json>
 double json_number(const Json& value, const std::string& who) {
-    require(value.is_number() && std::isfinite(value.template get<double>()), who,
-            "got " + json_excerpt(value) + ", expected a finite number");
+    require(
+        value.is_number() && std::isfinite(value.template get<double>()), who, "got ",
+        [&] { return json_excerpt(value); }, ", expected a finite number");
     return value.template get<double>();
 }
 
@@ -40,8 +41,9 @@ std::string json_text(const Json& object, const std::string& key, const std::str
                       const std::string& who) {
     if (!object.contains(key)) return otherwise;
     const Json& value = object.at(key);
-    require(value.is_string(), who + ": " + key,
-            "got " + json_excerpt(value) + ", expected a text in quotation marks");
+    require(
+        value.is_string(), who + ": " + key, "got ", [&] { return json_excerpt(value); },
+        ", expected a text in quotation marks");
     return value.template get<std::string>();
 }
 
@@ -49,11 +51,13 @@ std::string json_text(const Json& object, const std::string& key, const std::str
 template <class Json>
 const Json& json_list(const Json& object, const char* key, const std::string& who,
                       const char* expected) {
-    require(object.is_object(), who,
-            "got " + json_excerpt(object) + ", expected an object with " + key);
-    require(object.contains(key), who + ": " + key, std::string("is missing, expected ") + expected);
-    require(object.at(key).is_array(), who + ": " + key,
-            "got " + json_excerpt(object.at(key)) + ", expected " + expected);
+    require(
+        object.is_object(), who, "got ", [&] { return json_excerpt(object); },
+        ", expected an object with ", key);
+    require(object.contains(key), who + ": " + key, "is missing, expected ", expected);
+    require(
+        object.at(key).is_array(), who + ": " + key, "got ",
+        [&] { return json_excerpt(object.at(key)); }, ", expected ", expected);
     return object.at(key);
 }
 

@@ -34,8 +34,8 @@ std::uint64_t parsed_memory(const std::string& text, const std::string& who) {
         read = unit != 0;
     }
     const std::uint64_t bytes = saturated_product(number, unit);
-    require(read && bytes >= 1U << 20U, who,
-            "got '" + text + "', expected bytes, at least 1M, such as 512M or 8G");
+    require(read && bytes >= 1U << 20U, who, "got '", text,
+            "', expected bytes, at least 1M, such as 512M or 8G");
     return bytes;
 }
 

@@ -24,11 +24,8 @@ namespace fs = std::filesystem;
 
 void check_picture(const Image8& picture, const Image8& first, const std::string& who) {
     require(picture.channels == 3 && picture.width == first.width && picture.height == first.height,
-            who,
-            "got a picture of " + std::to_string(picture.width) + " x " +
-                std::to_string(picture.height) + " x " + std::to_string(picture.channels) +
-                ", expected " + std::to_string(first.width) + " x " + std::to_string(first.height) +
-                " x 3 as of the first one");
+            who, "got a picture of ", picture.width, " x ", picture.height, " x ", picture.channels,
+            ", expected ", first.width, " x ", first.height, " x 3 as of the first one");
 }
 
 // ---- a folder ----------------------------------------------------------------------------------
@@ -40,11 +37,11 @@ class PictureFolder : public MovingPicture {
         require(!fs::exists(folder_, fault) || fs::is_directory(folder_, fault), folder_.string(),
                 "is a file, expected a folder or nothing");
         fs::create_directories(folder_, fault);
-        require(!fault, folder_.string(), "cannot be made: " + fault.message());
+        require(!fault, folder_.string(), "cannot be made: ", [&] { return fault.message(); });
         for (const fs::directory_entry& e : fs::directory_iterator(folder_))
             require(!e.path().filename().string().starts_with("frame_"), folder_.string(),
-                    "holds pictures already (" + e.path().filename().string() +
-                        "), expected a new or an empty folder");
+                    "holds pictures already (", e.path().filename().string(),
+                    "), expected a new or an empty folder");
     }
     void add(const Image8& picture) override {
         write_png(folder_ / numbered_picture(next_++, count_), picture);
@@ -166,7 +163,7 @@ class StandardOutput {
             const ::ssize_t n = ::write(STDOUT_FILENO, bytes.data(), bytes.size());
             if (n < 0 && errno == EINTR) continue;
             require(n > 0, "standard output",
-                    std::string("cannot be written: ") + std::strerror(errno));
+                    "cannot be written: ", [&] { return std::strerror(errno); });
             bytes = bytes.subspan(static_cast<std::size_t>(n));
         }
     }
@@ -241,8 +238,8 @@ FrameRate parsed_rate(const std::string& text, const std::string& who) {
     constexpr int most = 65535; // as APNG stores them
     require(read && r.pictures >= 1 && r.pictures <= most && r.seconds >= 1 && r.seconds <= most &&
                 r.pictures >= r.seconds && r.pictures / r.seconds <= 1000,
-            who,
-            "got '" + text + "', expected 1 to 1000 pictures a second, such as 25 or 30000/1001");
+            who, "got '", text,
+            "', expected 1 to 1000 pictures a second, such as 25 or 30000/1001");
     return r;
 }
 

@@ -50,9 +50,8 @@ Image<float> side_by_side(const std::vector<Image<float>>& images) {
 
 Image<float> row_part(const Image<float>& row, int part, int count) {
     const int all = row.width - gap * (count - 1);
-    require(count > 0 && all >= count && all % count == 0, "row_part",
-            "got a picture of width " + std::to_string(row.width) + ", expected " +
-                std::to_string(count) + " pictures of one width side by side");
+    require(count > 0 && all >= count && all % count == 0, "row_part", "got a picture of width ",
+            row.width, ", expected ", count, " pictures of one width side by side");
     const int width = all / count;
     return cropped(row, part * (width + gap), 0, width, row.height);
 }

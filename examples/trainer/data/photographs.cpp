@@ -24,14 +24,16 @@ Rigid<double> world_from_camera(const Json& frame, const std::string& frame_name
     const std::string who = frame_name + ": transform_matrix";
     require(frame.contains("transform_matrix"), who, "is missing, expected 4 rows of 4 numbers");
     const Json& m = frame.at("transform_matrix");
-    require(m.is_array() && (m.size() == 3 || m.size() == 4), who,
-            "got " + json_excerpt(m) + ", expected 4 rows of 4 numbers");
+    require(
+        m.is_array() && (m.size() == 3 || m.size() == 4), who, "got ",
+        [&] { return json_excerpt(m); }, ", expected 4 rows of 4 numbers");
     Mat3<double> axes;
     Vec3<double> centre;
     for (std::size_t i = 0; i < 3; ++i) {
         const std::string row_name = who + ": row " + std::to_string(i);
-        require(m.at(i).is_array() && m.at(i).size() == 4, row_name,
-                "got " + json_excerpt(m.at(i)) + ", expected 4 numbers");
+        require(
+            m.at(i).is_array() && m.at(i).size() == 4, row_name, "got ",
+            [&] { return json_excerpt(m.at(i)); }, ", expected 4 numbers");
         const auto row = static_cast<Index>(i);
         for (std::size_t j = 0; j < 3; ++j)  // OpenGL's y and z are opposite
             axes(row, static_cast<Index>(j)) = (j == 0 ? 1 : -1) * json_number(m.at(i).at(j), row_name);
@@ -48,7 +50,9 @@ Rigid<double> world_from_camera(const Json& frame, const std::string& frame_name
 constexpr std::array models{"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"};
 
 Photograph photograph(const Json& file, const Json& frame, const std::string& who) {
-    require(frame.is_object(), who, "got " + json_excerpt(frame) + ", expected a photograph");
+    require(
+        frame.is_object(), who, "got ", [&] { return json_excerpt(frame); },
+        ", expected a photograph");
     const auto of = [&](const char* key, double otherwise) {
         return number(file, frame, key, otherwise, who);
     };
@@ -56,28 +60,29 @@ Photograph photograph(const Json& file, const Json& frame, const std::string& wh
                                         "camera_model", "OPENCV", who);
     bool known = false;
     for (const char* name : models) known = known || model == name;
-    require(known, who + ": camera_model",
-            "got " + model + ", expected OPENCV: undistort the photographs first");
+    require(known, who + ": camera_model", "got ", model,
+            ", expected OPENCV: undistort the photographs first");
     for (const char* key : {"k4", "k5", "k6"})
-        require(of(key, 0) == 0, who + ": " + key,
-                "got " + std::to_string(of(key, 0)) +
-                    ", expected 0: OPENCV has k1, k2, k3, p1 and p2");
+        require(
+            of(key, 0) == 0, who + ": " + key, "got ", [&] { return std::to_string(of(key, 0)); },
+            ", expected 0: OPENCV has k1, k2, k3, p1 and p2");
     Photograph p;
     p.file = json_text(frame, "file_path", "", who);
     Pinhole<double>& c = p.camera;
     const double w = of("w", 0), h = of("h", 0);
     require(w >= 1 && h >= 1 && w <= max_image_edge && h <= max_image_edge, who + ": w and h",
-            "got " + std::to_string(w) + " x " + std::to_string(h) + " pixels, expected 1 to " +
-                std::to_string(max_image_edge));
+            "got ", w, " x ", h, " pixels, expected 1 to ", max_image_edge);
     c.width = static_cast<int>(std::lround(w));
     c.height = static_cast<int>(std::lround(h));
     const double angle = of("camera_angle_x", 0);
-    require(angle >= 0 && angle < 3.14159265358979323846, who + ": camera_angle_x",
-            "got " + std::to_string(angle) + ", expected radians between 0 and pi");
+    require(
+        angle >= 0 && angle < 3.14159265358979323846, who + ": camera_angle_x", "got ",
+        [&] { return std::to_string(angle); }, ", expected radians between 0 and pi");
     c.fx = of("fl_x", angle > 0 ? 0.5 * w / std::tan(0.5 * angle) : 0);
     c.fy = of("fl_y", c.fx);
-    require(c.fx > 0 && c.fy > 0, who + ": fl_x and fl_y",
-            "got " + std::to_string(c.fx) + " and " + std::to_string(c.fy) + ", expected > 0 [px]");
+    require(
+        c.fx > 0 && c.fy > 0, who + ": fl_x and fl_y", "got ", [&] { return std::to_string(c.fx); },
+        " and ", [&] { return std::to_string(c.fy); }, ", expected > 0 [px]");
     c.cx = of("cx", 0.5 * w);
     c.cy = of("cy", 0.5 * h);
     p.lens = {of("k1", 0), of("k2", 0), of("k3", 0), of("p1", 0), of("p2", 0)};

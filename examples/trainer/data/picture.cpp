@@ -57,10 +57,8 @@ Image8 with_channels(Image8 image, int channels) {
 
 void check_pixels(const std::filesystem::path& path, const Image8& image) {
     require(image.width > 0 && image.height > 0 && image.channels >= 1 && image.channels <= 4,
-            path.string(),
-            "got an image of " + std::to_string(image.width) + " x " +
-                std::to_string(image.height) + " x " + std::to_string(image.channels) +
-                ", expected pixels in 1 to 4 channels");
+            path.string(), "got an image of ", image.width, " x ", image.height, " x ",
+            image.channels, ", expected pixels in 1 to 4 channels");
     RYE_ASSERT(image.values.size() == std::size_t(image.width) * std::size_t(image.height) *
                                           std::size_t(image.channels),
                "check_pixels: values do not match the size");
@@ -70,9 +68,8 @@ void check_pixels(const std::filesystem::path& path, const Image8& image) {
 
 void check_image_size(const ImageHeader& h, const std::string& who) {
     require(h.width > 0 && h.height > 0 && h.width <= max_image_edge && h.height <= max_image_edge,
-            who,
-            "got an image of " + std::to_string(h.width) + " x " + std::to_string(h.height) +
-                " pixels, expected 1 to " + std::to_string(max_image_edge) + " a side");
+            who, "got an image of ", h.width, " x ", h.height, " pixels, expected 1 to ",
+            max_image_edge, " a side");
 }
 
 ImageHeader read_image_header(const std::filesystem::path& path) {

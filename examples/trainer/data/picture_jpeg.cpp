@@ -80,8 +80,8 @@ public:
         });
         const J_COLOR_SPACE space = info_.jpeg_color_space;
         require(space == JCS_GRAYSCALE || space == JCS_YCbCr || space == JCS_RGB, who_,
-                "got a JPEG of " + std::to_string(info_.num_components) +
-                    " channels (CMYK, or of unknown colour), expected grey or RGB: convert it");
+                "got a JPEG of ", info_.num_components,
+                " channels (CMYK, or of unknown colour), expected grey or RGB: convert it");
         require(info_.arith_code == 0, who_,
                 "got a JPEG with arithmetic coding, expected Huffman coding");
         const ImageHeader h{static_cast<int>(info_.image_width),
@@ -95,10 +95,9 @@ public:
         for (int i = 0; i < info_.num_components; ++i)
             blocks += std::uint64_t(info_.comp_info[i].width_in_blocks) *
                       info_.comp_info[i].height_in_blocks;
-        require(blocks <= 8 * std::uint64_t(bytes_.size()), who_,
-                "JPEG: truncated: got " + std::to_string(bytes_.size()) + " bytes for " +
-                    std::to_string(h.width) + " x " + std::to_string(h.height) +
-                    " pixels, too few to hold them");
+        require(blocks <= 8 * std::uint64_t(bytes_.size()), who_, "JPEG: truncated: got ",
+                bytes_.size(), " bytes for ", h.width, " x ", h.height,
+                " pixels, too few to hold them");
     }
     void read_pixels(std::uint8_t* to, std::size_t row) {
         run([=, this] {
@@ -171,9 +170,8 @@ Image8 decode_jpeg(ByteSpan bytes, const std::string& who) {
 }
 
 Bytes encode_jpeg(const Image8& image, int quality, const std::string& who) {
-    require(image.channels == 1 || image.channels == 3, who,
-            "got an image of " + std::to_string(image.channels) +
-                " channels, expected 1 or 3 for a JPEG");
+    require(image.channels == 1 || image.channels == 3, who, "got an image of ", image.channels,
+            " channels, expected 1 or 3 for a JPEG");
     JpegWriter writer(who);
     const ByteSpan bytes = writer.write(image, quality);
     return {bytes.begin(), bytes.end()};

@@ -90,10 +90,8 @@ public:
     /// Checks the size against the bytes: deflate compresses at most a thousandfold.
     void require_held(const ImageHeader& h) const {
         const std::uint64_t need = std::uint64_t(stored_row_) * std::uint64_t(h.height);
-        require(need <= all_.size() * max_deflate_ratio, who_,
-                "PNG: got " + std::to_string(all_.size()) + " bytes for " +
-                    std::to_string(h.width) + " x " + std::to_string(h.height) +
-                    " pixels, too few to hold them");
+        require(need <= all_.size() * max_deflate_ratio, who_, "PNG: got ", all_.size(),
+                " bytes for ", h.width, " x ", h.height, " pixels, too few to hold them");
     }
 
 private:

@@ -345,9 +345,9 @@ void save_frames(const fs::path& run, const Capture& capture) {
     const Arrays a = arrays_of(capture);
     const auto check = [&](const char* name, const auto& values) {
         for (const auto x : values)
-            require(std::isfinite(x), frames_path(run).string() + ": not written",
-                    std::string("tensor '") + name + "': got " + std::to_string(x) +
-                        ", expected finite numbers");
+            require(
+                std::isfinite(x), frames_path(run).string() + ": not written", "tensor '", name,
+                "': got ", [&] { return std::to_string(x); }, ", expected finite numbers");
     };
     check("expression", a.expression);
     check("pose", a.pose);

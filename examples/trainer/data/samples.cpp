@@ -22,7 +22,9 @@ Vec3<double> eye_landmark_centre(const Columns<double>& landmarks, int eye) {
 }
 
 int rounded_up(int size, int factor) {
-    require(factor > 0, "rounded_up", "got the factor " + std::to_string(factor) + ", expected > 0");
+    require(
+        factor > 0, "rounded_up", "got the factor ", [&] { return std::to_string(factor); },
+        ", expected > 0");
     return (size + factor - 1) / factor * factor;
 }
 
@@ -100,9 +102,9 @@ void require_gazes(const Capture& capture, GazeAxis axis) {
     if (axis == GazeAxis::optical) return;
     for (const CaptureFrame& f : capture.frames)
         for (std::size_t e = 0; e < 2; ++e)
-            require(f.has_gaze && f.eyes[e].visual, capture.folder.string(),
-                    "frame '" + f.id + "': gaze.npz has no visual_" + (e == 0 ? "left" : "right") +
-                        ", expected it in every frame, since the run's gaze_axis is 'visual'");
+            require(f.has_gaze && f.eyes[e].visual, capture.folder.string(), "frame '", f.id,
+                    "': gaze.npz has no visual_", (e == 0 ? "left" : "right"),
+                    ", expected it in every frame, since the run's gaze_axis is 'visual'");
 }
 
 Drivers<float> frame_drivers(const Capture& capture, int frame, GazeAxis axis) {

@@ -51,18 +51,18 @@ ImportSummary import_colmap(const ImportOptions& options) {
     std::vector<Still> stills;
     for (const ColmapPicture& p : pictures) {
         const auto camera = cameras.find(p.camera);
-        require(camera != cameras.end(), file("images").string() + ": " + p.name,
-                "got the camera " + std::to_string(p.camera) + ", expected one of the " +
-                    std::to_string(cameras.size()) + " of " + file("cameras").string());
+        require(camera != cameras.end(), file("images").string() + ": " + p.name, "got the camera ",
+                p.camera, ", expected one of the ", cameras.size(), " of ",
+                [&] { return file("cameras").string(); });
         Still still;
         still.photograph = camera->second;
         still.photograph.file = p.name;
         still.photograph.camera.camera_from_world = p.camera_from_world;
         const std::string who = file("images").string() + ": the picture '" + p.name + "'";
         still.image = named_file(options, options.source, fs::path("images") / p.name, who);
-        require(
-            fs::is_regular_file(still.image), still.image.string(),
-            "no such file, expected the picture '" + p.name + "' of " + file("images").string());
+        require(fs::is_regular_file(still.image), still.image.string(),
+                "no such file, expected the picture '", p.name, "' of ",
+                [&] { return file("images").string(); });
         // COLMAP's own names of masks.
         const fs::path mask =
             named_file(options, options.source, fs::path("masks") / (p.name + ".png"), who);

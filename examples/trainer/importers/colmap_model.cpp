@@ -38,10 +38,9 @@ constexpr std::array models{Model{0, "SIMPLE_PINHOLE", 3},
                             Model{10, "THIN_PRISM_FISHEYE", 12}};
 
 void require_known(bool known, const std::string& model, const std::string& who) {
-    require(known, who + ": model",
-            "got " + model +
-                ", expected SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV: "
-                "`colmap image_undistorter` makes pinhole pictures of others");
+    require(known, who + ": model", "got ", model,
+            ", expected SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV: "
+            "`colmap image_undistorter` makes pinhole pictures of others");
 }
 
 /// The camera of COLMAP's parameters.
@@ -49,9 +48,9 @@ Photograph camera_of(const Model& model, ImageSize size, const std::vector<doubl
                      const std::string& who) {
     require_known(model.id <= 4, model.name, who);
     for (std::size_t i = 0; i < p.size(); ++i)
-        require(std::isfinite(p[i]), who + ": params",
-                "number " + std::to_string(i) + " is " + std::to_string(p[i]) +
-                    ", expected a finite number");
+        require(
+            std::isfinite(p[i]), who + ": params", "number ", i, " is ",
+            [&] { return std::to_string(p[i]); }, ", expected a finite number");
     const bool one_focal = model.id == 0 || model.id == 2 || model.id == 3;
     const std::size_t at = one_focal ? 1 : 2;
     Photograph photo;
@@ -61,29 +60,30 @@ Photograph camera_of(const Model& model, ImageSize size, const std::vector<doubl
     photo.camera.cy = p[at + 1];
     photo.camera.width = size.width;
     photo.camera.height = size.height;
-    require(p[0] > 0 && p[at - 1] > 0, who + ": params",
-            "got focal lengths " + std::to_string(p[0]) + " and " + std::to_string(p[at - 1]) +
-                ", expected > 0 [px]");
+    require(
+        p[0] > 0 && p[at - 1] > 0, who + ": params", "got focal lengths ",
+        [&] { return std::to_string(p[0]); }, " and ", [&] { return std::to_string(p[at - 1]); },
+        ", expected > 0 [px]");
     const auto k = [&](std::size_t i) { return p.size() > at + 2 + i ? p[at + 2 + i] : 0.0; };
     photo.lens = {k(0), k(1), 0, k(2), k(3)};
     return photo;
 }
 
 ImageSize checked_size(double w, double h, const std::string& who) {
-    require(w >= 1 && h >= 1 && w <= max_image_edge && h <= max_image_edge, who,
-            "got " + std::to_string(w) + " x " + std::to_string(h) + " pixels, expected 1 to " +
-                std::to_string(max_image_edge));
+    require(w >= 1 && h >= 1 && w <= max_image_edge && h <= max_image_edge, who, "got ", w, " x ",
+            h, " pixels, expected 1 to ", max_image_edge);
     return {static_cast<int>(w), static_cast<int>(h)};
 }
 
 Rigid<double> pose_of(const std::array<double, 7>& v, const std::string& who) {
     for (std::size_t i = 0; i < v.size(); ++i)
-        require(std::isfinite(v[i]), who + ": pose",
-                "number " + std::to_string(i) + " is " + std::to_string(v[i]) +
-                    ", expected a finite number");
+        require(
+            std::isfinite(v[i]), who + ": pose", "number ", i, " is ",
+            [&] { return std::to_string(v[i]); }, ", expected a finite number");
     const Quat<double> q(v[0], v[1], v[2], v[3]);
-    require(std::abs(q.norm() - 1) < 1e-3, who + ": pose",
-            "got a quaternion of length " + std::to_string(q.norm()) + ", expected 1");
+    require(
+        std::abs(q.norm() - 1) < 1e-3, who + ": pose", "got a quaternion of length ",
+        [&] { return std::to_string(q.norm()); }, ", expected 1");
     Rigid<double> pose;
     pose.rotation = quat_matrix(quat_normalized(q));
     pose.translation = Vec3<double>(v[4], v[5], v[6]);
@@ -121,10 +121,8 @@ class Reader {
     /// Number of records, each of at least `least` bytes.
     std::uint64_t count(std::uint64_t least, const char* what) {
         const auto n = take<std::uint64_t>(what);
-        require(n <= (bytes_.size() - at_) / least, who_,
-                std::string(what) + ": got " + std::to_string(n) + ", expected at most " +
-                    std::to_string((bytes_.size() - at_) / least) + " in a file of " +
-                    std::to_string(bytes_.size()) + " bytes");
+        require(n <= (bytes_.size() - at_) / least, who_, what, ": got ", n, ", expected at most ",
+                (bytes_.size() - at_) / least, " in a file of ", bytes_.size(), " bytes");
         return n;
     }
     const std::string& who() const { return who_; }
@@ -211,15 +209,15 @@ std::vector<Line> lines_of(ByteSpan bytes, const std::string& who) {
 double number_of(const Line& line, std::size_t i, const char* field) {
     require(i < line.words.size(), line.who + ": " + field, "is missing");
     const std::optional<double> x = parse_double(line.words[i]);
-    require(x.has_value() && std::isfinite(*x), line.who + ": " + field,
-            "got '" + line.words[i] + "', expected a finite number");
+    require(x.has_value() && std::isfinite(*x), line.who + ": " + field, "got '", line.words[i],
+            "', expected a finite number");
     return *x;
 }
 
 std::uint32_t id_of(const Line& line, std::size_t i, const char* field) {
     const double x = number_of(line, i, field);
-    require(x >= 0 && x < 4e9 && std::floor(x) == x, line.who + ": " + field,
-            "got '" + line.words[i] + "', expected a whole number from 0 on");
+    require(x >= 0 && x < 4e9 && std::floor(x) == x, line.who + ": " + field, "got '",
+            line.words[i], "', expected a whole number from 0 on");
     return static_cast<std::uint32_t>(x);
 }
 
@@ -232,11 +230,9 @@ ColmapCameras text_cameras(ByteSpan bytes, const std::string& who) {
         const auto* model = std::find_if(models.begin(), models.end(),
                                          [&](const Model& m) { return name == m.name; });
         require_known(model != models.end(), "'" + name + "'", line.who);
-        require(
-            line.words.size() == 4 + model->parameters, line.who + ": PARAMS",
-            "got " +
-                std::to_string(line.words.size() - std::min<std::size_t>(4, line.words.size())) +
-                " numbers, expected " + std::to_string(model->parameters) + " of " + name);
+        require(line.words.size() == 4 + model->parameters, line.who + ": PARAMS", "got ",
+                line.words.size() - std::min<std::size_t>(4, line.words.size()),
+                " numbers, expected ", model->parameters, " of ", name);
         const ImageSize size =
             checked_size(number_of(line, 2, "WIDTH"), number_of(line, 3, "HEIGHT"), line.who);
         std::vector<double> p;

@@ -23,9 +23,10 @@ std::vector<double> array_of(const NpzArrays& arrays, const char* name, std::siz
     const auto found = arrays.find(name);
     require(found != arrays.end(), who, "is missing, expected FLAME parameters of VHAP");
     std::vector<double> values = found->second.values<double>(who);
-    require(count == 0 || values.size() == count, who,
-            "got shape " + shape_text(found->second.shape) + ", expected " + std::to_string(count) +
-                " numbers of one frame");
+    require(
+        count == 0 || values.size() == count, who, "got shape ",
+        [&] { return shape_text(found->second.shape); }, ", expected ", count,
+        " numbers of one frame");
     require_finite_numbers(values, who);
     return values;
 }
@@ -49,11 +50,12 @@ FlameParams parse_flame_params(ByteSpan bytes, const std::string& who) {
     const std::vector<double> eyes = array_of(arrays, "eyes_pose", 6, who);
     for (std::size_t e = 0; e < 2; ++e) {
         p.gaze[e] = rotation_of(eyes, 3 * e) * Vec3<double>(0, 0, 1);
-        require(!beyond_gaze_range(p.gaze[e]), who + ": eyes_pose",
-                "turns the " + std::string(e == 0 ? "left" : "right") + " eye by " +
-                    factor_text(degrees * angular_error(p.gaze[e], Vec3<double>(0, 0, 1))) +
-                    " degrees, expected at most " + factor_text(degrees * gaze_range) +
-                    " (axis-angle in radians)");
+        require(
+            !beyond_gaze_range(p.gaze[e]), who + ": eyes_pose", "turns the ",
+            e == 0 ? "left" : "right", " eye by ",
+            [&] { return factor_text(degrees * angular_error(p.gaze[e], Vec3<double>(0, 0, 1))); },
+            " degrees, expected at most ", [&] { return factor_text(degrees * gaze_range); },
+            " (axis-angle in radians)");
     }
     return p;
 }

@@ -33,10 +33,11 @@ std::vector<std::string> fields(std::string line) {
 
 Vec3<double> in_range(const Vec3<double>& gaze, const std::string& who) {
     const Vec3<double> ahead(0, 0, 1);
-    require(!beyond_gaze_range(gaze), who,
-            "got " + std::to_string(degrees * angular_error(gaze, ahead)) +
-                " degrees from straight ahead, expected at most " +
-                std::to_string(degrees * gaze_range));
+    require(
+        !beyond_gaze_range(gaze), who, "got ",
+        [&] { return std::to_string(degrees * angular_error(gaze, ahead)); },
+        " degrees from straight ahead, expected at most ",
+        [&] { return std::to_string(degrees * gaze_range); });
     return gaze;
 }
 
@@ -50,27 +51,25 @@ std::map<std::string, GazeRow> parse_gaze_csv(std::string_view text, const std::
         const std::string who = name + ": line " + std::to_string(number);
         const std::vector<std::string> field = fields(line);
         if (number == 1) {
-            require(field == fields(header), who,
-                    "got '" + line.substr(0, 80) + "', expected '" + header + "'");
+            require(field == fields(header), who, "got '", line.substr(0, 80), "', expected '",
+                    header, "'");
             continue;
         }
         if (field.empty()) continue;
-        require(field.size() == 5, who,
-                "got " + std::to_string(field.size()) + " fields, expected 5: " + header);
+        require(field.size() == 5, who, "got ", field.size(), " fields, expected 5: ", header);
         std::array<double, 4> angle{};
         for (std::size_t i = 0; i < 4; ++i) {
             const std::optional<double> x = parse_double(field[i + 1]);
             require(x && std::isfinite(*x) && std::abs(*x) <= 90,
-                    who + ": " + fields(header)[i + 1],
-                    "got '" + field[i + 1] + "', expected degrees, -90 to 90");
+                    who + ": " + fields(header)[i + 1], "got '", field[i + 1],
+                    "', expected degrees, -90 to 90");
             angle[i] = *x / degrees;
         }
         const GazeRow row{in_range(gaze_vector(angle[0], angle[1]), who + ": left"),
                           in_range(gaze_vector(angle[2], angle[3]), who + ": right")};
         require_memory((rows.size() + 1) * (2 * sizeof(GazeRow) + field[0].size() + 64),
                        memory_limit(), who, "the rows to here");
-        require(rows.emplace(field[0], row).second, who,
-                "names the frame '" + field[0] + "' twice");
+        require(rows.emplace(field[0], row).second, who, "names the frame '", field[0], "' twice");
     }
     return rows;
 }
@@ -93,16 +92,18 @@ std::map<std::string, GazeRow> from_npz(const std::filesystem::path& path,
         const auto found = arrays.find(name);
         require(found != arrays.end(), who, "is missing");
         const std::vector<Index> shape{count, 3};
-        require(found->second.shape == shape, who,
-                "got shape " + shape_text(found->second.shape) + ", expected " + shape_text(shape) +
-                    ", one row a frame");
+        require(
+            found->second.shape == shape, who, "got shape ",
+            [&] { return shape_text(found->second.shape); }, ", expected ",
+            [&] { return shape_text(shape); }, ", one row a frame");
         const std::vector<double> v = found->second.values<double>(who);
         for (std::size_t i = 0; i < frames.size(); ++i) {
             const Vec3<double> gaze(v[3 * i], v[3 * i + 1], v[3 * i + 2]);
             const std::string row = who + ": row " + std::to_string(i);
-            require(gaze.allFinite() && std::abs(gaze.norm() - 1) < 1e-3, row,
-                    "got a vector of length " + std::to_string(gaze.norm()) +
-                        ", expected a unit vector");
+            require(
+                gaze.allFinite() && std::abs(gaze.norm() - 1) < 1e-3, row,
+                "got a vector of length ", [&] { return std::to_string(gaze.norm()); },
+                ", expected a unit vector");
             rows[frames[i]][e] = in_range(normalized(gaze), row);
         }
     }
@@ -114,12 +115,12 @@ std::map<std::string, GazeRow> from_npz(const std::filesystem::path& path,
 std::map<std::string, GazeRow> read_gaze_file(const std::filesystem::path& path,
                                               const std::vector<std::string>& frames) {
     const std::string suffix = path.extension().string();
-    require(suffix == ".csv" || suffix == ".npz", path.string(),
-            "got the ending '" + suffix + "', expected .csv or .npz");
+    require(suffix == ".csv" || suffix == ".npz", path.string(), "got the ending '", suffix,
+            "', expected .csv or .npz");
     auto rows = suffix == ".csv" ? from_csv(path) : from_npz(path, frames);
     for (const std::string& frame : frames)
-        require(rows.contains(frame), path.string(),
-                "has no line for the frame '" + frame + "', expected every frame of the source");
+        require(rows.contains(frame), path.string(), "has no line for the frame '", frame,
+                "', expected every frame of the source");
     return rows;
 }
 

@@ -19,9 +19,8 @@ namespace rye::trainer {
 std::vector<std::uint8_t> decode_lzf(const std::uint8_t* data, std::size_t count, std::size_t size,
                                      const std::string& who) {
     // The longest copy, 264 bytes, takes 3: a small file cannot state a large size.
-    require(size / 88 <= count, who,
-            "states " + std::to_string(size) + " bytes from " + std::to_string(count) +
-                " of LZF data, expected at most 88 times as many");
+    require(size / 88 <= count, who, "states ", size, " bytes from ", count,
+            " of LZF data, expected at most 88 times as many");
     std::vector<std::uint8_t> out;
     out.reserve(size);
     std::size_t at = 0;
@@ -45,9 +44,7 @@ std::vector<std::uint8_t> decode_lzf(const std::uint8_t* data, std::size_t count
         require(back <= out.size() && length <= size - out.size(), who, "its LZF data are damaged");
         for (std::size_t i = 0; i < length; ++i) out.push_back(out[out.size() - back]);
     }
-    require(out.size() == size, who,
-            "its LZF data make " + std::to_string(out.size()) + " bytes, expected " +
-                std::to_string(size));
+    require(out.size() == size, who, "its LZF data make ", out.size(), " bytes, expected ", size);
     return out;
 }
 
@@ -111,8 +108,7 @@ struct Hdf5File::Handle {
         const H5T_class_t kind = H5Tget_class(type.id);
         require(kind == H5T_INTEGER || kind == H5T_FLOAT, who, "expected an array of numbers");
         const int rank = H5Sget_simple_extent_ndims(space.id);
-        require(rank >= 0 && rank <= 8, who,
-                "got " + std::to_string(rank) + " extents, expected at most 8");
+        require(rank >= 0 && rank <= 8, who, "got ", rank, " extents, expected at most 8");
         std::vector<hsize_t> shape(static_cast<std::size_t>(rank));
         if (rank > 0) H5Sget_simple_extent_dims(space.id, shape.data(), nullptr);
         checked_size(shape, 8, who);
@@ -184,7 +180,9 @@ std::vector<std::uint8_t> Hdf5File::bytes(const std::string& array, Index row) c
     std::vector<std::uint8_t> out;
     out.reserve(values.size());
     for (const std::int32_t x : values) {
-        require(x >= 0 && x <= 255, who, "got " + std::to_string(x) + ", expected 0 to 255");
+        require(
+            x >= 0 && x <= 255, who, "got ", [&] { return std::to_string(x); },
+            ", expected 0 to 255");
         out.push_back(static_cast<std::uint8_t>(x));
     }
     return out;

@@ -114,10 +114,11 @@ void write_view(const fs::path& images, const fs::path& cameras, const ImportVie
 void require_same_job(const ImportFolder::Json& now, const ImportFolder::Json& before,
                       const std::string& who) {
     for (const auto& [key, value] : now.items())
-        require(before.contains(key) && before.at(key) == value, who,
-                key + " was " + (before.contains(key) ? json_excerpt(before.at(key)) : "absent") +
-                    " in the import that began this folder, and is " + json_excerpt(value) +
-                    " now; expected the same, or another --out");
+        require(
+            before.contains(key) && before.at(key) == value, who, key, " was ",
+            (before.contains(key) ? json_excerpt(before.at(key)) : "absent"),
+            " in the import that began this folder, and is ",
+            [&v = value] { return json_excerpt(v); }, " now; expected the same, or another --out");
 }
 
 void add_lines(std::string& text, const char* label, const std::vector<std::string>& lines) {
@@ -156,14 +157,17 @@ ImportRecord parse_import_record(std::string_view text, const std::string& who) 
     ImportRecord record{json.at("job"), {}};
     for (const auto& [frame, facts] : json.at("frames").items()) {
         const std::string field = who + ": frames." + json_excerpt(Json(frame));
-        require(facts.is_object(), field, "got " + json_excerpt(facts) + ", expected an object");
+        require(
+            facts.is_object(), field, "got ", [&v = facts] { return json_excerpt(v); },
+            ", expected an object");
         for (const auto& [key, fact] : facts.items()) {
             const bool flag = key == "gaze";
-            require(flag ? fact.is_boolean()
-                         : fact.is_number() && fact.get<double>() >= 0 && fact.get<double>() < 1e9,
-                    field + "." + json_excerpt(Json(key)),
-                    "got " + json_excerpt(fact) + ", expected " +
-                        (flag ? "true or false" : "a number from 0 to below 1e9"));
+            require(
+                flag ? fact.is_boolean()
+                     : fact.is_number() && fact.get<double>() >= 0 && fact.get<double>() < 1e9,
+                field + "." + json_excerpt(Json(key)), "got ",
+                [&v = fact] { return json_excerpt(v); }, ", expected ",
+                (flag ? "true or false" : "a number from 0 to below 1e9"));
         }
         record.frames[frame] = facts;
     }
@@ -254,18 +258,17 @@ fs::path named_file(const ImportOptions& options, const fs::path& folder, const 
     const fs::path base = fs::absolute(folder).lexically_normal();
     const fs::path from_base = (base / name).lexically_normal().lexically_relative(base);
     const bool inside = !from_base.empty() && *from_base.begin() != "..";
-    require(inside || options.allow_outside, who,
-            "got '" + name.string() + "', which is outside " +
-                (folder.empty() ? "." : folder.string()) +
-                ", expected a file in that folder; --allow-outside takes others, too");
+    require(inside || options.allow_outside, who, "got '", name.string(), "', which is outside ",
+            (folder.empty() ? "." : folder.string()),
+            ", expected a file in that folder; --allow-outside takes others, too");
     return folder / name;
 }
 
 void require_finite_numbers(const std::vector<double>& values, const std::string& who) {
     for (std::size_t i = 0; i < values.size(); ++i)
-        require(std::isfinite(values[i]), who,
-                "value " + std::to_string(i) + " is " + std::to_string(values[i]) +
-                    ", expected a finite number");
+        require(
+            std::isfinite(values[i]), who, "value ", i, " is ",
+            [&] { return std::to_string(values[i]); }, ", expected a finite number");
 }
 
 } // namespace rye::trainer

@@ -32,9 +32,7 @@ Index corner(std::string_view text, Index count, const std::string& who) {
     const long long vertex = i > 0 ? i - 1 : static_cast<long long>(count) + i;
     require(status == std::errc() && end == digits.data() + digits.size() && i != 0 &&
                 vertex >= 0 && vertex < static_cast<long long>(count),
-            who,
-            "got the corner '" + std::string(text) + "', expected a vertex, 1 to " +
-                std::to_string(count));
+            who, "got the corner '", text, "', expected a vertex, 1 to ", count);
     return static_cast<Index>(vertex);
 }
 
@@ -53,9 +51,8 @@ TriangleMesh<double> parse_obj(std::string_view text, const std::string& name) {
             for (int d = 0; d < 3; ++d) {
                 const std::string_view digits = word(line);
                 const std::optional<double> x = parse_double(digits);
-                require(
-                    x && std::isfinite(*x), who,
-                    "got the coordinate '" + std::string(digits) + "', expected a finite number");
+                require(x && std::isfinite(*x), who, "got the coordinate '", digits,
+                        "', expected a finite number");
                 xyz.push_back(*x);
             }
             continue;
@@ -64,8 +61,8 @@ TriangleMesh<double> parse_obj(std::string_view text, const std::string& name) {
         const Index count = static_cast<Index>(xyz.size() / 3);
         for (std::string_view c = word(line); !c.empty(); c = word(line))
             polygon.push_back(corner(c, count, who));
-        require(polygon.size() >= 3, who,
-                "got a face of " + std::to_string(polygon.size()) + " corners, expected 3 or more");
+        require(polygon.size() >= 3, who, "got a face of ", polygon.size(),
+                " corners, expected 3 or more");
         for (std::size_t k = 1; k + 1 < polygon.size(); ++k)
             mesh.faces.push_back({polygon[0], polygon[k], polygon[k + 1]});
     }

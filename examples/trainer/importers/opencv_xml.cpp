@@ -43,12 +43,11 @@ std::vector<double> OpencvXml::matrix(const std::string& name, int rows, int col
     std::vector<double> values;
     for (std::string word; in >> word;) {
         const std::optional<double> x = parse_double(word);
-        require(x && std::isfinite(*x), who, "got '" + word + "', expected a finite number");
+        require(x && std::isfinite(*x), who, "got '", word, "', expected a finite number");
         values.push_back(*x);
     }
-    require(values.size() == static_cast<std::size_t>(rows * cols), who,
-            "got " + std::to_string(values.size()) + " numbers, expected " + std::to_string(rows) +
-                " x " + std::to_string(cols));
+    require(values.size() == static_cast<std::size_t>(rows * cols), who, "got ", values.size(),
+            " numbers, expected ", rows, " x ", cols);
     return values;
 }
 
@@ -62,7 +61,8 @@ Rigid<double> OpencvXml::pose() const {
                            .cwiseAbs()
                            .maxCoeff();
     require(off < 1e-3 && pose.rotation.determinant() > 0, who_ + ": cam_rotation",
-            "is no rotation: R R^T differs from the identity by " + std::to_string(off));
+            "is no rotation: R R^T differs from the identity by ",
+            [&] { return std::to_string(off); });
     return pose;
 }
 

@@ -74,15 +74,17 @@ ImportView view_of(const Still& still, const std::string& name, ImageSize size) 
     view.pinhole = still.photograph.camera;
     const Image8 stored = read_image8(still.image);
     const Pinhole<double>& camera = still.photograph.camera;
-    require(stored.width == camera.width && stored.height == camera.height, still.image.string(),
-            "got " + size_text(stored.width, stored.height) + " pixels, expected " +
-                size_text(camera.width, camera.height) + " as its camera has");
+    require(
+        stored.width == camera.width && stored.height == camera.height, still.image.string(),
+        "got ", [&] { return size_text(stored.width, stored.height); }, " pixels, expected ",
+        [&] { return size_text(camera.width, camera.height); }, " as its camera has");
     if (!still.mask.empty()) {
         view.mask = read_image8(still.mask, 1);
-        require(view.mask.width == stored.width && view.mask.height == stored.height,
-                still.mask.string(),
-                "got " + size_text(view.mask.width, view.mask.height) + " pixels, expected " +
-                    size_text(stored.width, stored.height) + " as the picture has");
+        require(
+            view.mask.width == stored.width && view.mask.height == stored.height,
+            still.mask.string(), "got ",
+            [&] { return size_text(view.mask.width, view.mask.height); }, " pixels, expected ",
+            [&] { return size_text(stored.width, stored.height); }, " as the picture has");
     } else if (stored.channels == 2 || stored.channels == 4) {
         view.mask = alpha_of(stored);
     }

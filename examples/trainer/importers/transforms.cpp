@@ -39,7 +39,7 @@ std::vector<fs::path> files_of(const fs::path& source) {
 
 /// Returns the file; throws Error if it is not there.
 fs::path existing(const fs::path& file, const std::string& key, const std::string& who) {
-    require(fs::is_regular_file(file), file.string(), "no such file, named by " + key + " of " + who);
+    require(fs::is_regular_file(file), file.string(), "no such file, named by ", key, " of ", who);
     return file;
 }
 

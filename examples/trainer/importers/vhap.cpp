@@ -64,8 +64,10 @@ Index whole(const Json& frame, const char* key, const std::string& who) {
     require(frame.contains(key), who + ": " + key,
             "is missing, expected a whole number: not an export of VHAP");
     const Json& value = frame.at(key);
-    require(value.is_number_integer() && value.get<double>() >= 0 && value.get<double>() < 1e6,
-            who + ": " + key, "got " + value.dump() + ", expected a whole number from 0 on");
+    require(
+        value.is_number_integer() && value.get<double>() >= 0 && value.get<double>() < 1e6,
+        who + ": " + key, "got ", [&] { return value.dump(); },
+        ", expected a whole number from 0 on");
     return value.get<Index>();
 }
 
@@ -73,8 +75,9 @@ Index whole(const Json& frame, const char* key, const std::string& who) {
 fs::path file_of(const Json& frame, const char* key, const std::string& otherwise,
                  const std::string& who) {
     if (!frame.contains(key)) return otherwise;
-    require(frame.at(key).is_string(), who + ": " + key,
-            "got " + frame.at(key).dump() + ", expected a path");
+    require(
+        frame.at(key).is_string(), who + ": " + key, "got ", [&] { return frame.at(key).dump(); },
+        ", expected a path");
     return frame.at(key).get<std::string>();
 }
 
@@ -94,13 +97,11 @@ std::array<int, 68> read_landmark_vertices(const fs::path& path) {
     std::size_t n = 0;
     for (std::string word; in >> word; ++n) {
         require(n < all.size(), path.string(), "got more than 68 vertices, expected 68");
-        require(
-            word.size() < 7 && word.find_first_not_of("0123456789") == std::string::npos,
-            path.string(),
-            "landmark " + std::to_string(n) + ": got '" + word + "', expected a vertex from 0 on");
+        require(word.size() < 7 && word.find_first_not_of("0123456789") == std::string::npos,
+                path.string(), "landmark ", n, ": got '", word, "', expected a vertex from 0 on");
         all[n] = std::stoi(word);
     }
-    require(n == all.size(), path.string(), "got " + std::to_string(n) + " vertices, expected 68");
+    require(n == all.size(), path.string(), "got ", n, " vertices, expected 68");
     return all;
 }
 
@@ -109,14 +110,13 @@ VhapSource read_source(const ImportOptions& o) {
     s.folder = o.source;
     if (!o.landmarks.empty()) s.landmarks = read_landmark_vertices(o.landmarks);
     if (!o.eyeballs.empty()) {
-        require(o.eyeballs.size() == 4, "--eyeballs",
-                "got " + std::to_string(o.eyeballs.size()) +
-                    " numbers, expected 4: first and last vertex of the left and right eyeball");
+        require(o.eyeballs.size() == 4, "--eyeballs", "got ", o.eyeballs.size(),
+                " numbers, expected 4: first and last vertex of the left and right eyeball");
         std::copy(o.eyeballs.begin(), o.eyeballs.end(), s.eyeballs.begin());
         for (std::size_t e = 0; e < 4; e += 2)
             require(s.eyeballs[e] >= 0 && s.eyeballs[e + 1] - s.eyeballs[e] >= 15, "--eyeballs",
-                    "got the vertices " + std::to_string(s.eyeballs[e]) + " to " +
-                        std::to_string(s.eyeballs[e + 1]) + ", expected at least 16 of an eyeball");
+                    "got the vertices ", s.eyeballs[e], " to ", s.eyeballs[e + 1],
+                    ", expected at least 16 of an eyeball");
     }
     const fs::path file = s.folder / "transforms.json";
     require(fs::exists(file), file.string(), "no such file, expected the export folder of VHAP");
@@ -132,9 +132,8 @@ VhapSource read_source(const ImportOptions& o) {
         const std::string who = file.string() + ": frame " + std::to_string(i);
         const Index time = whole(view, "timestep_index", who);
         const Index camera = whole(view, "camera_index", who);
-        require(seen.insert({time, camera}).second, who + ": camera_index",
-                "got " + std::to_string(camera) + " twice for timestep_index " +
-                    std::to_string(time) + ", expected each view once");
+        require(seen.insert({time, camera}).second, who + ": camera_index", "got ", camera,
+                " twice for timestep_index ", time, ", expected each view once");
         require(!photographs[i].bent(), who,
                 "has lens distortion, expected the pinhole pictures of an export");
         const std::string number = padded(time, 5);
@@ -154,14 +153,12 @@ VhapSource read_source(const ImportOptions& o) {
         VhapView v{
             padded(camera, 2), named(photographs[i].file, "file_path"), {}, photographs[i].camera};
         require(fs::is_regular_file(v.image), v.image.string(),
-                "no such file, expected the picture of frame " + std::to_string(i) + " of " +
-                    file.string());
+                "no such file, expected the picture of frame ", i, " of ", file.string());
         const fs::path mask = file_of(view, "fg_mask_path", "", who);
         if (!mask.empty()) {
             v.mask = named(mask, "fg_mask_path");
             require(fs::is_regular_file(v.mask), v.mask.string(),
-                    "no such file, expected the fg_mask_path of frame " + std::to_string(i) +
-                        " of " + file.string());
+                    "no such file, expected the fg_mask_path of frame ", i, " of ", file.string());
             ++s.masks;
         }
         s.cameras.insert(v.camera);
@@ -186,17 +183,15 @@ TriangleMesh<double> read_mesh(const VhapSource& s, const fs::path& path) {
     const bool flame = s.eyeballs == flame_eyeballs && s.landmarks == flame_landmarks;
     if (flame)
         require(count == flame_vertices || count == flame_vertices_with_teeth, path.string(),
-                "got " + std::to_string(count) +
-                    " vertices, expected FLAME's 5023, or 5143 with "
-                    "VHAP's teeth; for another topology give --eyeballs and --landmarks");
+                "got ", count,
+                " vertices, expected FLAME's 5023, or 5143 with "
+                "VHAP's teeth; for another topology give --eyeballs and --landmarks");
     for (const int i : s.eyeballs)
-        require(i < count, path.string(),
-                "has " + std::to_string(count) + " vertices, expected vertex " + std::to_string(i) +
-                    " of --eyeballs in it");
+        require(i < count, path.string(), "has ", count, " vertices, expected vertex ", i,
+                " of --eyeballs in it");
     for (const int i : s.landmarks)
-        require(i < count, path.string(),
-                "has " + std::to_string(count) + " vertices, expected vertex " + std::to_string(i) +
-                    " of --landmarks in it");
+        require(i < count, path.string(), "has ", count, " vertices, expected vertex ", i,
+                " of --landmarks in it");
     require(!mesh.faces.empty(), path.string(), "has no faces, expected a triangle mesh");
     return mesh;
 }
@@ -283,10 +278,11 @@ ImportHead head_of(const VhapSource& s, const Shared& shared, const VhapFrame& f
     head.landmarks = picked(vertices, s.landmarks);
     head.vertices = picked(vertices, shared.dense);
     off = disagreement(shared, head.landmarks / shared.factor, p);
-    require(off < most_disagreement, frame.mesh.string(),
-            "the head is turned by " + factor_text(off) + " degrees from the rotation in " +
-                frame.params.string() + ", expected below " + factor_text(most_disagreement) +
-                ": mesh and parameters are of different exports");
+    require(
+        off < most_disagreement, frame.mesh.string(), "the head is turned by ",
+        [&] { return factor_text(off); }, " degrees from the rotation in ", frame.params.string(),
+        ", expected below ", [&] { return factor_text(most_disagreement); },
+        ": mesh and parameters are of different exports");
     const std::array<Sphere, 2> balls = eyeballs_of(s, vertices);
     const Vec3<double> middle = 0.5 * (balls[0].centre + balls[1].centre);
     head.pose.head<3>() = so3_log(p.rotation);
@@ -294,10 +290,10 @@ ImportHead head_of(const VhapSource& s, const Shared& shared, const VhapFrame& f
     head.has_gaze = true;
     for (std::size_t e = 0; e < 2; ++e) {
         require(
-            balls[e].error < 0.1 * balls[e].radius, frame.mesh.string(),
-            "the vertices of the " + std::string(e == 0 ? "left" : "right") + " eyeball are " +
-                factor_text(balls[e].error / balls[e].radius * 100) +
-                " % of a radius off a sphere, expected below 10: another topology than FLAME's?");
+            balls[e].error < 0.1 * balls[e].radius, frame.mesh.string(), "the vertices of the ",
+            e == 0 ? "left" : "right", " eyeball are ",
+            [&] { return factor_text(balls[e].error / balls[e].radius * 100); },
+            " % of a radius off a sphere, expected below 10: another topology than FLAME's?");
         head.eyes[e].optical = p.gaze[e];
         head.eyes[e].centre = balls[e].centre;
         head.eyes[e].radius = balls[e].radius;
@@ -313,18 +309,14 @@ ImportView view_of(const VhapView& source, const LabelledMesh& mesh, double fact
     view.pinhole.camera_from_world.translation *= factor;
     const ImageHeader size = read_image_header(source.image);
     require(size.width == view.pinhole.width && size.height == view.pinhole.height,
-            source.image.string(),
-            "got " + std::to_string(size.width) + " x " + std::to_string(size.height) +
-                " pixels, expected " + std::to_string(view.pinhole.width) + " x " +
-                std::to_string(view.pinhole.height) + " as transforms.json has");
+            source.image.string(), "got ", size.width, " x ", size.height, " pixels, expected ",
+            view.pinhole.width, " x ", view.pinhole.height, " as transforms.json has");
     view.eyes = draw_labels(mesh, view.pinhole);
     if (!source.mask.empty()) {
         view.mask = read_image8(source.mask, 1);
         require(view.mask.width == size.width && view.mask.height == size.height,
-                source.mask.string(),
-                "got " + std::to_string(view.mask.width) + " x " +
-                    std::to_string(view.mask.height) + " pixels, expected " +
-                    std::to_string(size.width) + " x " + std::to_string(size.height));
+                source.mask.string(), "got ", view.mask.width, " x ", view.mask.height,
+                " pixels, expected ", size.width, " x ", size.height);
     } else {
         view.mask = view.eyes;
         for (std::uint8_t& v : view.mask.values) v = v == 255 ? 0 : 255;
@@ -386,8 +378,8 @@ ImportSummary import_vhap(const ImportOptions& o) {
         if (!folder.has(frame.id)) {
             TriangleMesh<double> mesh = read_mesh(s, frame.mesh);
             require(mesh.faces == shared.faces, frame.mesh.string(),
-                    "its faces differ from those of " + s.frames.front().mesh.string() +
-                        ", expected one topology for all frames");
+                    "its faces differ from those of ", s.frames.front().mesh.string(),
+                    ", expected one topology for all frames");
             const LabelledMesh scaled{mesh.vertices * shared.factor, mesh.faces, shared.labels};
             double off = 0;
             ImportFrame out{frame.id, head_of(s, shared, frame, scaled.vertices, off), {}};
@@ -398,9 +390,8 @@ ImportSummary import_vhap(const ImportOptions& o) {
         }
         const Json& facts = folder.facts(frame.id);
         const std::size_t width = facts.value("expression", std::size_t(0));
-        require(expression == 0 || width == expression, frame.params.string() + ": expr",
-                "got " + std::to_string(width) + " numbers with jaw_pose, expected " +
-                    std::to_string(expression) + " as in the first frame");
+        require(expression == 0 || width == expression, frame.params.string() + ": expr", "got ",
+                width, " numbers with jaw_pose, expected ", expression, " as in the first frame");
         expression = width;
         worst = std::max(worst, facts.value("off", 0.0));
         o.progress(++summary.frames, static_cast<int>(s.frames.size()));

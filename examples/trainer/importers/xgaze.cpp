@@ -76,14 +76,14 @@ class Rows {
     Rows(const Hdf5File& file, const std::string& name, Index rows, Index per_patch)
         : who_(file.name() + ": " + name) {
         const std::vector<Index> shape = file.shape(name);
-        require(!shape.empty() && shape[0] == rows, who_,
-                "got shape " + shape_text(shape) + ", expected " + std::to_string(rows) +
-                    " rows as face_patch has");
+        require(
+            !shape.empty() && shape[0] == rows, who_, "got shape ",
+            [&] { return shape_text(shape); }, ", expected ", rows, " rows as face_patch has");
         width_ = 1;
         for (std::size_t d = 1; d < shape.size(); ++d) width_ *= shape[d];
-        require(per_patch == 0 || width_ == per_patch, who_,
-                "got shape " + shape_text(shape) + ", expected " + std::to_string(per_patch) +
-                    " numbers a row");
+        require(
+            per_patch == 0 || width_ == per_patch, who_, "got shape ",
+            [&] { return shape_text(shape); }, ", expected ", per_patch, " numbers a row");
         values_ = file.numbers(name);
     }
     Index width() const { return width_; }
@@ -91,18 +91,18 @@ class Rows {
     /// The row, after a check that its numbers are finite.
     const double* finite(Index i) const {
         for (Index k = 0; k < width_; ++k)
-            require(std::isfinite(row(i)[k]), who_,
-                    "row " + std::to_string(i) + ": number " + std::to_string(k) + " is " +
-                        std::to_string(row(i)[k]) + ", expected a finite number");
+            require(
+                std::isfinite(row(i)[k]), who_, "row ", i, ": number ", k, " is ",
+                [&] { return std::to_string(row(i)[k]); }, ", expected a finite number");
         return row(i);
     }
     Mat3<double> rotation(Index i) const {
         const Mat3<double> r =
             Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(finite(i));
         const double off = (r * r.transpose() - Mat3<double>::Identity()).cwiseAbs().maxCoeff();
-        require(off < 1e-3 && r.determinant() > 0, who_,
-                "row " + std::to_string(i) +
-                    " is no rotation: R R^T differs from the identity by " + std::to_string(off));
+        require(off < 1e-3 && r.determinant() > 0, who_, "row ", i,
+                " is no rotation: R R^T differs from the identity by ",
+                [&] { return std::to_string(off); });
         return r;
     }
     const std::string& who() const { return who_; }
@@ -115,9 +115,10 @@ class Rows {
 
 Index whole(const Rows& rows, Index i, double most) {
     const double x = rows.row(i)[0];
-    require(x >= 0 && x <= most && std::floor(x) == x, rows.who(),
-            "row " + std::to_string(i) + ": got " + std::to_string(x) +
-                ", expected a whole number from 0 to " + factor_text(most));
+    require(
+        x >= 0 && x <= most && std::floor(x) == x, rows.who(), "row ", i, ": got ",
+        [&] { return std::to_string(x); }, ", expected a whole number from 0 to ",
+        [&] { return factor_text(most); });
     return static_cast<Index>(x);
 }
 
@@ -199,13 +200,13 @@ void place_normalized(XgazeSource& s, const Rows& rotations, const ImportOptions
             "cam17.xml)");
     const std::vector<double> usual{960, 300, 448};
     const std::vector<double>& norm = o.normalization.empty() ? usual : o.normalization;
-    require(norm.size() == 3, "--normalization",
-            "got " + std::to_string(norm.size()) +
-                " numbers, expected 3: focal length [px], "
-                "distance [mm], side [px]");
+    require(norm.size() == 3, "--normalization", "got ", norm.size(),
+            " numbers, expected 3: focal length [px], "
+            "distance [mm], side [px]");
     for (const double x : norm)
-        require(std::isfinite(x) && x > 0, "--normalization",
-                "got " + std::to_string(x) + ", expected > 0");
+        require(
+            std::isfinite(x) && x > 0, "--normalization", "got ", [&] { return std::to_string(x); },
+            ", expected > 0");
     std::map<int, Rigid<double>> stored;
     for (const XgazeFrame& f : s.frames)
         for (const Patch& p : f.patches)
@@ -237,16 +238,18 @@ void place_normalized(XgazeSource& s, const Rows& rotations, const ImportOptions
             best = reading;
         }
     }
-    require(least < 0.05, o.calibration.string(),
-            "the axes of the patches of a frame miss one another by " + factor_text(100 * least) +
-                " % of the distance of the face, expected below 5: calibration and patches do not "
-                "belong together");
+    require(
+        least < 0.05, o.calibration.string(),
+        "the axes of the patches of a frame miss one another by ",
+        [&] { return factor_text(100 * least); },
+        " % of the distance of the face, expected below 5: calibration and patches do not "
+        "belong together");
     s.calibration = best.text() + "; the axes of a frame's patches meet to " +
                     factor_text(100 * least) + " % of the face's distance";
     for (XgazeFrame& f : s.frames) {
-        require(f.patches.size() >= 2, s.file->name() + ": frame_index",
-                "frame " + f.id + " has " + std::to_string(f.patches.size()) +
-                    " patch, expected two cameras or more: landmarks are triangulated");
+        require(f.patches.size() >= 2, s.file->name() + ": frame_index", "frame ", f.id, " has ",
+                f.patches.size(),
+                " patch, expected two cameras or more: landmarks are triangulated");
         const Vec3<double> face = face_middle(f, rotations, stored, best).point;
         for (Patch& p : f.patches) {
             const Rigid<double> pose = camera_pose(stored.at(p.camera), p.camera, best);
@@ -269,9 +272,10 @@ void place_gazenerf(XgazeSource& s, const Rows& rotations, Index rows) {
             c.camera_from_world.translation =
                 Eigen::Map<const Vec3<double>>(translations.finite(p.row));
             const double* k = intrinsics.finite(p.row);
-            require(k[0] > 0 && k[4] > 0, intrinsics.who(),
-                    "row " + std::to_string(p.row) + ": got focal lengths " + std::to_string(k[0]) +
-                        " and " + std::to_string(k[4]) + ", expected > 0 [px]");
+            require(
+                k[0] > 0 && k[4] > 0, intrinsics.who(), "row ", p.row, ": got focal lengths ",
+                [&] { return std::to_string(k[0]); }, " and ", [&] { return std::to_string(k[4]); },
+                ", expected > 0 [px]");
             c.fx = k[0];
             c.fy = k[4];
             c.cx = k[2] + 0.5;
@@ -284,9 +288,9 @@ void place_gazenerf(XgazeSource& s, const Rows& rotations, Index rows) {
 Vec2<double> angles(const Rows& rows, Index i) {
     const double* a = rows.finite(i);
     for (int d = 0; d < 2; ++d)
-        require(std::abs(a[d]) <= 1.6, rows.who(),
-                "row " + std::to_string(i) + ": got the angle " + std::to_string(a[d]) +
-                    ", expected radians, -pi/2 to pi/2");
+        require(
+            std::abs(a[d]) <= 1.6, rows.who(), "row ", i, ": got the angle ",
+            [&] { return std::to_string(a[d]); }, ", expected radians, -pi/2 to pi/2");
     return {a[0], a[1]};
 }
 
@@ -333,10 +337,11 @@ XgazeSource read_source(const Hdf5File& file, const ImportOptions& o) {
     XgazeSource s;
     s.file = &file;
     const std::vector<Index> shape = file.shape("face_patch");
-    require(shape.size() == 4 && shape[0] > 0 && shape[1] == shape[2] && shape[3] == 3 &&
-                shape[1] >= 16 && shape[1] <= max_image_edge,
-            file.name() + ": face_patch",
-            "got shape " + shape_text(shape) + ", expected (N, side, side, 3), side from 16 on");
+    require(
+        shape.size() == 4 && shape[0] > 0 && shape[1] == shape[2] && shape[3] == 3 &&
+            shape[1] >= 16 && shape[1] <= max_image_edge,
+        file.name() + ": face_patch", "got shape ", [&] { return shape_text(shape); },
+        ", expected (N, side, side, 3), side from 16 on");
     const Index rows = shape[0];
     s.side = static_cast<int>(shape[1]);
     s.gazenerf = file.has("w2c_Rmat");
@@ -475,9 +480,8 @@ Image8 padding_of(const Image8& picture) {
 Image8 mask_of(const Hdf5File& file, const char* name, Index row, int side) {
     Image8 mask{side, side, 1, file.bytes(name, row)};
     const std::size_t count = static_cast<std::size_t>(side) * static_cast<std::size_t>(side);
-    require(mask.values.size() == count, file.name() + ": " + name,
-            "got " + std::to_string(mask.values.size()) + " pixels a row, expected " +
-                std::to_string(count));
+    require(mask.values.size() == count, file.name() + ": " + name, "got ", mask.values.size(),
+            " pixels a row, expected ", count);
     const std::uint8_t most = *std::max_element(mask.values.begin(), mask.values.end());
     if (most == 1)
         for (std::uint8_t& v : mask.values) v = v > 0 ? 255 : 0;
@@ -553,11 +557,12 @@ void require_landmarks(const XgazeSource& s, const XgazeFrame& f, const Columns<
         for (Index i = 0; i < landmark_count; ++i)
             off += (p.pinhole.project_point(points.col(i)).head<2>() - p.landmarks.col(i)).norm() /
                    static_cast<double>(landmark_count);
-        require(off < most * s.side, s.file->name() + ": facial_landmarks",
-                "row " + std::to_string(p.row) + ": its landmarks are " + factor_text(off) +
-                    " pixels from those that the other cameras of frame " + f.id +
-                    " see, expected below " + factor_text(most * s.side) + ": the camera " +
-                    std::to_string(p.camera) + " of the calibration is not that of the patch");
+        require(
+            off < most * s.side, s.file->name() + ": facial_landmarks", "row ", p.row,
+            ": its landmarks are ", [&] { return factor_text(off); },
+            " pixels from those that the other cameras of frame ", f.id, " see, expected below ",
+            [&] { return factor_text(most * s.side); }, ": the camera ", p.camera,
+            " of the calibration is not that of the patch");
     }
 }
 
@@ -585,10 +590,11 @@ ImportFrame frame_of(const XgazeSource& s, const Shared& shared, const XgazeFram
             spread += degrees *
                       angular_error(gaze, Vec3<double>(pose.rotation.transpose() * *p.gaze_world)) /
                       static_cast<double>(f.patches.size());
-    require(!beyond_gaze_range(gaze), s.file->name() + ": frame " + f.id,
-            "its gaze is " + factor_text(degrees * angular_error(gaze, Vec3<double>(0, 0, 1))) +
-                " degrees from straight ahead, expected at most " +
-                factor_text(degrees * gaze_range));
+    require(
+        !beyond_gaze_range(gaze), s.file->name() + ": frame " + f.id, "its gaze is ",
+        [&] { return factor_text(degrees * angular_error(gaze, Vec3<double>(0, 0, 1))); },
+        " degrees from straight ahead, expected at most ",
+        [&] { return factor_text(degrees * gaze_range); });
     for (CaptureEye& eye : head.eyes) eye.optical = gaze;
     facts = {{"error", t.error}, {"spread", spread}, {"views", f.patches.size()}};
     ImportFrame frame{f.id, head, {}};

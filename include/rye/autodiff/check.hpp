@@ -38,8 +38,8 @@ struct DotSum {
     }
 };
 
-/// Difference of two dot products, relative to the sum of the magnitudes of their terms. Infinite
-/// where that is NaN, or where the sums differ without any term.
+/// Returns the difference of two dot products, relative to the sum of the magnitudes of their
+/// terms. Infinite if that is NaN, or if the sums differ without any term.
 inline double disagreement(const DotSum& a, const DotSum& b) {
     const double gap = std::abs(a.sum - b.sum), scale = std::max(a.magnitude, b.magnitude);
     if (gap == 0 && std::isfinite(scale)) return 0;
@@ -47,8 +47,8 @@ inline double disagreement(const DotSum& a, const DotSum& b) {
     return std::isfinite(r) ? r : std::numeric_limits<double>::infinity();
 }
 
-/// Disagreement of <J dx, w> and <dx, vjp(w)> at x. `f` takes columns of duals, `vjp` takes the
-/// cotangent of f(x) and returns that of x.
+/// Returns the disagreement of <J dx, w> and <dx, vjp(w)> at x. `f` takes columns of duals, `vjp`
+/// takes the cotangent of f(x) and returns that of x.
 template <class F, class Vjp, class X>
 double dot_product_test(F&& f, Vjp&& vjp, const Columns<X>& x, const Columns<X>& dx,
                         const Columns<X>& w) {
@@ -59,7 +59,8 @@ double dot_product_test(F&& f, Vjp&& vjp, const Columns<X>& x, const Columns<X>&
     return disagreement(forward, reverse);
 }
 
-/// (f(x + h dx) - f(x - h dx)) / 2h; `f` takes columns of doubles. The step suits inputs near 1.
+/// Returns (f(x + h dx) - f(x - h dx)) / 2h; `f` takes columns of doubles. The step suits inputs
+/// near 1.
 template <class F>
 Columns<double> central_difference(F&& f, const Columns<double>& x, const Columns<double>& dx,
                                    double h = 6e-6) {
@@ -68,7 +69,7 @@ Columns<double> central_difference(F&& f, const Columns<double>& x, const Column
     return (above - below) / (2 * h);
 }
 
-/// Disagreement of <central difference, w> and <dx, vjp(w)> at x.
+/// Returns the disagreement of <central difference, w> and <dx, vjp(w)> at x.
 template <class F, class Vjp>
 double difference_test(F&& f, Vjp&& vjp, const Columns<double>& x, const Columns<double>& dx,
                        const Columns<double>& w) {
@@ -79,7 +80,7 @@ double difference_test(F&& f, Vjp&& vjp, const Columns<double>& x, const Columns
     return disagreement(forward, reverse);
 }
 
-/// Standard normal numbers, for directions and cotangents.
+/// Returns standard normal numbers, for directions and cotangents.
 template <Real T>
 Columns<T> random_columns(Index rows, Index cols, const Random& random) {
     Columns<T> r(rows, cols);
@@ -88,7 +89,7 @@ Columns<T> random_columns(Index rows, Index cols, const Random& random) {
     return r;
 }
 
-/// A struct of p's shapes, filled with standard normal numbers.
+/// Returns a struct of p's shapes, filled with standard normal numbers.
 template <class P>
 P random_like(const P& p, const Random& random) {
     P r = p;

@@ -8,7 +8,7 @@
 
 namespace rye {
 
-/// x + dx e, entry by entry; both of one shape.
+/// Returns x + dx e, entry by entry; both of one shape.
 template <class X, class D>
 Columns<Dual<typename X::Scalar, 1>> seeded(const Eigen::MatrixBase<X>& x,
                                             const Eigen::MatrixBase<D>& dx) {
@@ -22,7 +22,7 @@ Columns<Dual<typename X::Scalar, 1>> seeded(const Eigen::MatrixBase<X>& x,
     return r;
 }
 
-/// The values of an array of duals.
+/// Returns the values of an array of duals.
 template <Scalar T, int N, class Tag>
 Columns<T> values_of(const Columns<Dual<T, N, Tag>>& x) {
     Columns<T> r(x.rows(), x.cols());
@@ -30,7 +30,7 @@ Columns<T> values_of(const Columns<Dual<T, N, Tag>>& x) {
     return r;
 }
 
-/// Their derivatives in direction k, 0 to N - 1.
+/// Returns the derivatives of an array of duals in direction k, 0 to N - 1.
 template <Scalar T, int N, class Tag>
 Columns<T> tangents_of(const Columns<Dual<T, N, Tag>>& x, std::size_t k = 0) {
     Columns<T> r(x.rows(), x.cols());
@@ -38,13 +38,13 @@ Columns<T> tangents_of(const Columns<Dual<T, N, Tag>>& x, std::size_t k = 0) {
     return r;
 }
 
-/// f'(x) of a scalar function. T may itself be a dual (second derivatives).
+/// Returns f'(x) of a scalar function. T may itself be a dual (second derivatives).
 template <Scalar T, class F>
 T derivative(F&& f, const T& x) {
     return Dual<T, 1>(f(Dual<T, 1>::variable(x))).d[0];
 }
 
-/// J dx, in the shape of f(x).
+/// Returns J dx, in the shape of f(x).
 template <class F, class X, class D>
 Columns<typename X::Scalar> jvp(F&& f, const Eigen::MatrixBase<X>& x,
                                 const Eigen::MatrixBase<D>& dx) {
@@ -52,7 +52,7 @@ Columns<typename X::Scalar> jvp(F&& f, const Eigen::MatrixBase<X>& x,
     return tangents_of(y);
 }
 
-/// J, a row per entry of f(x) and a column per entry of x, both in column-major order.
+/// Returns J, a row per entry of f(x) and a column per entry of x, both in column-major order.
 template <class F, class X>
 Columns<typename X::Scalar> jacobian(F&& f, const Eigen::MatrixBase<X>& x) {
     using T = typename X::Scalar;

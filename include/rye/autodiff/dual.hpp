@@ -40,7 +40,7 @@ struct Dual {
         : Dual() {
         value = x;
     }
-    /// x with derivative 1 in direction i.
+    /// Returns x with derivative 1 in direction i.
     RYE_HD static constexpr Dual variable(const T& x, int i = 0) {
         Dual r;
         r.value = x;
@@ -48,7 +48,7 @@ struct Dual {
         return r;
     }
 
-    /// f(value) with f'(value) = slope: the chain rule, 0 * inf being 0.
+    /// Returns f(value) with f'(value) = slope: the chain rule, 0 * inf being 0.
     RYE_HD constexpr Dual chain(const T& f, const T& slope) const {
         Dual r;
         r.value = f;
@@ -241,8 +241,8 @@ struct Dual {
         return isnan(x.value);
     }
 
-    /// Whether the value and every derivative are 0: the only case in which a singular slope is
-    /// dropped. (An inner dual of value 0 can still carry a derivative.)
+    /// Returns true where the value and every derivative are 0: the only case in which a singular
+    /// slope is dropped. (An inner dual of value 0 can still carry a derivative.)
     RYE_HD friend auto is_zero(const Dual& x) {
         auto all = is_zero_part(x.value);
         for (const T& t : x.d) all = all && is_zero_part(t);
@@ -273,7 +273,7 @@ struct RealOf<Dual<T, N, Tag>> {
     using type = real_t<T>;
 };
 
-/// The innermost value.
+/// Returns the innermost value.
 template <class T, int N, class Tag>
 RYE_HD constexpr auto value_of(const Dual<T, N, Tag>& x) {
     if constexpr (requires { x.value.value; })

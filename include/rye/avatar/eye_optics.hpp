@@ -62,9 +62,8 @@ Cornea<T> cornea_of(const BasicEyeballShape<S>& shape) {
 template <class T>
 Cornea<T> cornea_of(const Columns<T>& cornea, std::size_t eye) {
     const Index e = static_cast<Index>(eye);
-    require(cornea.rows() == 8 && cornea.cols() == 2, "eye_optics",
-            "got corneas of " + std::to_string(cornea.rows()) + " x " +
-                std::to_string(cornea.cols()) + ", expected 8 x 2: see set_corneas");
+    require(cornea.rows() == 8 && cornea.cols() == 2, "eye_optics", "got corneas of ",
+            cornea.rows(), " x ", cornea.cols(), ", expected 8 x 2: see set_corneas");
     return {cornea.template block<3, 1>(0, e), cornea(3, e), cornea.template block<3, 1>(4, e),
             cornea(7, e)};
 }

@@ -19,7 +19,7 @@ struct EyeFrame {
     const FrameCode<T, E>& code;
 };
 
-/// f with what the eyes' appearance may read of a frame; prepared only where it is read.
+/// Calls f(inputs) with the frame's inputs of the eyes' appearance, computed only if used.
 template <class T, EffectSet E, class F>
 void with_eye_inputs(const EyeStream<T, E>& eyes, const Drivers<T, E>& optical,
                      const FrameCode<T, E>& code, F&& f) {

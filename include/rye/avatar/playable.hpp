@@ -50,8 +50,7 @@ struct PlayableAvatar {
 /// and rows of the camera's picture: the same view, of whole blocks of factor x factor pixels.
 template <Real T>
 Pinhole<T> render_camera(const Pinhole<T>& camera, int factor) {
-    require(factor > 0, "render_camera",
-            "got the factor " + std::to_string(factor) + ", expected 1 or more");
+    require(factor > 0, "render_camera", "got the factor ", factor, ", expected 1 or more");
     const auto up = [factor](int side) { return (side + factor - 1) / factor * factor; };
     Pinhole<T> whole = camera;
     whole.width = up(camera.width);
@@ -66,9 +65,8 @@ template <class A>
 void require_all_finite(const std::string& who, const std::string& name, const A& a) {
     if (a.allFinite()) return;
     for (Index i = 0; i < a.size(); ++i)
-        require(std::isfinite(a(i)), who,
-                "'" + name + "': value " + std::to_string(i) + " is " + number_text(a(i)) +
-                    ", expected a finite number");
+        require(std::isfinite(a(i)), who, "'", name, "': value ", i, " is ", a(i),
+                ", expected a finite number");
 }
 
 template <class T>
@@ -77,10 +75,8 @@ void check_ranges(const std::string& who, const std::string& name, const Columns
     require_all_finite(who, name, low);
     require_all_finite(who, name, high);
     for (Index i = 0; i < low.size(); ++i)
-        require(low(i) <= high(i), who,
-                "'" + name + "': range " + std::to_string(i) + " is from " +
-                    number_text(low(i)) + " to " + number_text(high(i)) +
-                    ", expected an end above its beginning");
+        require(low(i) <= high(i), who, "'", name, "': range ", i, " is from ", low(i), " to ",
+                high(i), ", expected an end above its beginning");
 }
 
 } // namespace detail
@@ -142,10 +138,8 @@ template <Real T>
 void check_playable(const std::string& who, const PlayableAvatar<T>& p) {
     const AvatarConfig& c = p.config;
     const auto shape = [&](const std::string& name, const auto& a, Index rows, Index cols) {
-        require(a.rows() == rows && a.cols() == cols, who,
-                "'" + name + "': got shape (" + std::to_string(a.cols()) + ", " +
-                    std::to_string(a.rows()) + "), expected (" + std::to_string(cols) + ", " +
-                    std::to_string(rows) + ")");
+        require(a.rows() == rows && a.cols() == cols, who, "'", name, "': got shape (", a.cols(),
+                ", ", a.rows(), "), expected (", cols, ", ", rows, ")");
     };
     const auto& f = p.avatar.face;
     const auto& e = p.avatar.eyes;
@@ -168,15 +162,13 @@ void check_playable(const std::string& who, const PlayableAvatar<T>& p) {
     shape("shading.light", light.light, light.any() ? 8 : 0, light.any() ? 3 : 0);
     shape("shading.normal", light.normal, light.any() ? 3 : 0, light.any() ? n : 0);
     shape("shading.eye_normal", light.eye_normal, light.any() ? 3 : 0, light.any() ? 2 : 0);
-    require(e.points_of(0) >= 1 && e.points_of(1) >= 1, who,
-            "the left eyeball has " + std::to_string(e.points_of(0)) + " of " + std::to_string(m) +
-                " points, expected at least one in each");
+    require(e.points_of(0) >= 1 && e.points_of(1) >= 1, who, "the left eyeball has ",
+            e.points_of(0), " of ", m, " points, expected at least one in each");
     const auto landmarks = [&](const char* name, const std::vector<Index>& list) {
-        require(!list.empty(), who, std::string("'") + name + "': got none, expected landmarks");
+        require(!list.empty(), who, "'", name, "': got none, expected landmarks");
         for (const Index i : list)
-            require(i >= 0 && i < f.landmarks.cols(), who,
-                    std::string("'") + name + "': got landmark " + std::to_string(i) +
-                        ", expected 0 to " + std::to_string(f.landmarks.cols() - 1));
+            require(i >= 0 && i < f.landmarks.cols(), who, "'", name, "': got landmark ", i,
+                    ", expected 0 to ", f.landmarks.cols() - 1);
     };
     landmarks("roles.expression", p.roles.expression);
     landmarks("roles.left_eye", p.roles.eye[0]);
@@ -198,9 +190,8 @@ void check_playable(const std::string& who, const PlayableAvatar<T>& p) {
     detail::check_ranges<T>(who, "range.gaze", p.ranges.gaze_low, p.ranges.gaze_high);
     require(
         p.expression_names.empty() || static_cast<Index>(p.expression_names.size()) == c.expression,
-        who,
-        "got names of " + std::to_string(p.expression_names.size()) +
-            " expression coefficients, expected " + std::to_string(c.expression));
+        who, "got names of ", p.expression_names.size(), " expression coefficients, expected ",
+        c.expression);
     check_camera(who, p.camera);
     shape("background", p.background, c.channels, 1);
     finite("background", p.background);

@@ -19,8 +19,9 @@ concept Backend = std::copy_constructible<B> && requires(const B& b) {
     requires Threads<std::remove_cvref_t<decltype(b.threads)>>;
 };
 
-/// The same backend on the calling thread alone, for tasks that are themselves run side by side. A
-/// backend of one's own has an overload, or stays as it is: its threads then take nested calls.
+/// Returns the same backend on the calling thread alone, for tasks that are themselves run side by
+/// side. A backend of one's own has an overload, or stays as it is: its threads then take nested
+/// calls.
 template <Backend B>
 B one_thread(const B& backend) {
     return backend;
@@ -30,9 +31,8 @@ B one_thread(const B& backend) {
 template <class B, class T>
 concept LaneBackend = Backend<B> && Real<T> && requires { typename B::template batch<T>; };
 
-/// What a call without a backend has where no header of lanes, such as splat/lanes.hpp, is
-/// included. It is no Backend, so the call does not compile: include the header, or give
-/// ScalarBackend{}.
+/// Backend of a call without one if no header of lanes, such as splat/lanes.hpp, is included. It
+/// is no Backend, so the call does not compile: include the header, or give ScalarBackend{}.
 struct NoDefaultBackend {};
 
 /// The backend of calls without one, for scalars T: completed by backend/lanes.hpp, so that those

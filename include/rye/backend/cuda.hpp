@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/backend/cuda.hpp: what device code is called with: the caller's stream, the caller's memory,
-/// views of the caller's arrays. Types only: this header needs neither nvcc nor CUDA's headers.
-/// Nothing here is found by itself: there is no default stream, no pool, no device that is chosen.
+/// rye/backend/cuda.hpp: arguments of device code: the caller's stream, the caller's memory, views
+/// of the caller's arrays. Types only: this header needs neither nvcc nor CUDA's headers.
+/// No implicit stream, pool or device.
 #pragma once
 
 #include <concepts>
@@ -9,7 +9,6 @@
 #include <cstdint>
 #include <string>
 
-#include <rye/backend/backend.hpp>
 #include <rye/core/columns.hpp>
 #include <rye/core/error.hpp>
 
@@ -17,11 +16,11 @@ struct CUstream_st;
 
 namespace rye {
 
-/// What CUDA calls cudaStream_t.
+/// CUDA's cudaStream_t.
 using CudaStream = CUstream_st*;
 
-/// Where device memory comes from: any type with these two. Memory is used on the stream that it
-/// was asked for. `allocate` returns null, or throws, where there is none.
+/// A source of device memory: any type with these two functions. Memory is used on the stream that
+/// it was allocated for. `allocate` returns null, or throws, if it fails.
 template <class M>
 concept DeviceMemory = requires(M& m, void* p, std::size_t bytes, CudaStream stream) {
     { m.allocate(bytes, stream) } -> std::same_as<void*>;
@@ -40,7 +39,7 @@ class DeviceArena {
           }),
           release_([](void* m, void* p, CudaStream s) { static_cast<M*>(m)->release(p, s); }) {}
 
-    /// Throws an Error where there is not as much.
+    /// Throws an Error if the allocation fails.
     void* allocate(std::size_t bytes, CudaStream stream) const {
         void* const p = allocate_(memory_, bytes, stream);
         if (p == nullptr)
@@ -55,7 +54,7 @@ class DeviceArena {
     void (*release_)(void*, void*, CudaStream);
 };
 
-/// Where device work goes: the caller's stream, with memory of the caller's. Passed, never found.
+/// The caller's stream, with the caller's memory. Always an argument, never a global.
 struct CudaQueue {
     CudaStream stream;
     DeviceArena memory;
@@ -84,7 +83,7 @@ class DeviceBuffer {
     DeviceBuffer& operator=(const DeviceBuffer&) = delete;
     ~DeviceBuffer() { clear(); }
 
-    /// Room for n numbers. What was held is lost where it grows.
+    /// Makes room for n numbers. If it grows, the former numbers are lost.
     void reserve(const CudaQueue& queue, std::size_t n) {
         if (n <= size_) return;
         clear();
@@ -114,24 +113,5 @@ class DeviceBuffer {
     T* data_ = nullptr;
     std::size_t size_ = 0;
 };
-
-/// How partial gradients meet: each in its place, added in the order of tiles, so that the same
-/// build on the same architecture gives the same bits whatever the load.
-struct OrderedSums {};
-
-/// The backend of a device. What has no device version runs on the host's threads by the plain
-/// template.
-template <class Sums = OrderedSums, Threads P = DefaultThreads>
-struct CudaBackend {
-    using sums = Sums;
-    CudaQueue queue;
-    [[no_unique_address]] P threads{};
-};
-
-template <class B>
-concept DeviceBackend = Backend<B> && requires(const B& b) {
-    { b.queue } -> std::convertible_to<const CudaQueue&>;
-};
-static_assert(DeviceBackend<CudaBackend<>>);
 
 } // namespace rye

@@ -70,7 +70,7 @@ struct LanesLike<xsimd::batch<T, A>, U> {
 
 namespace detail {
 
-/// Whether a mask is a register with all bits of a true lane set: x86 before AVX-512, and wasm.
+/// True if a mask is a register with all bits of a true lane set: x86 before AVX-512, and wasm.
 /// Decided by its type, as other masks can have the same size (NEON's are of integers).
 template <class M>
 inline constexpr bool wide_mask = false;
@@ -78,7 +78,7 @@ template <class T, class A>
 inline constexpr bool wide_mask<xsimd::batch_bool<T, A>> =
     std::is_base_of_v<xsimd::types::simd_register<T, A>, xsimd::batch_bool<T, A>>;
 
-/// Whether a mask is an integer with one bit a lane: AVX-512. Only for masks that are not wide.
+/// True if a mask is an integer with one bit a lane: AVX-512. Only for masks that are not wide.
 template <class M>
 struct BitMask : std::false_type {};
 template <class T, class A>
@@ -96,7 +96,7 @@ inline int sign_bits(__m256 x) { return _mm256_movemask_ps(x); }
 inline int sign_bits(__m256d x) { return _mm256_movemask_pd(x); }
 #endif
 
-/// Whether sign_bits has an instruction for the mask M.
+/// True if sign_bits has an instruction for the mask M.
 template <class M>
 constexpr bool has_sign_bits() {
     if constexpr (wide_mask<M>)
@@ -107,8 +107,8 @@ constexpr bool has_sign_bits() {
 
 } // namespace detail
 
-/// A mask as bits, the first lane lowest. Where xsimd has no mask.mask(): the sign-bit instruction,
-/// or one lane after another.
+/// Returns a mask as bits, the first lane lowest. Where xsimd has no mask.mask(): the sign-bit
+/// instruction, or one lane after another.
 template <class M>
 [[gnu::always_inline]] inline std::uint64_t lane_bits(const M& mask) {
     if constexpr (requires { mask.mask(); }) {
@@ -127,7 +127,7 @@ template <class M>
     }
 }
 
-/// x where the mask is true, else 0: one instruction where a mask is a wide register.
+/// Returns x where the mask is true, else 0: one instruction where a mask is a wide register.
 template <class V>
 [[gnu::always_inline]] inline V where(const typename V::batch_bool_type& mask, const V& x) {
     if constexpr (detail::wide_mask<typename V::batch_bool_type>)

@@ -45,9 +45,8 @@ void each_network(A& avatar, const AvatarConfig& c, bool driven_eyes, F&& f) {
 
 template <class A>
 void require_shape(const std::string& who, const A& a, Index rows, Index cols) {
-    require(a.rows() == rows && a.cols() == cols, who,
-            "got shape (" + std::to_string(a.cols()) + ", " + std::to_string(a.rows()) +
-                "), expected (" + std::to_string(cols) + ", " + std::to_string(rows) + ")");
+    require(a.rows() == rows && a.cols() == cols, who, "got shape (", a.cols(), ", ", a.rows(),
+            "), expected (", cols, ", ", rows, ")");
 }
 
 /// Throws Error unless the networks have the shapes that the settings state.
@@ -56,9 +55,10 @@ void check_networks(const std::string& who, const TrainedAvatar<T>& avatar,
                     const AvatarConfig& c) {
     const auto check = [&](const std::string& name, const auto& net, const MlpShape& s) {
         const auto layers = static_cast<std::size_t>(s.layers());
-        require(net.weight.size() == layers && net.bias.size() == layers, who + ": " + name,
-                "got " + std::to_string(net.weight.size()) + " layers, expected " +
-                    std::to_string(layers));
+        require(
+            net.weight.size() == layers && net.bias.size() == layers,
+            [&] { return who + ": " + name; }, "got ", net.weight.size(), " layers, expected ",
+            layers);
         for (int l = 0; l < s.layers(); ++l) {
             const auto i = static_cast<std::size_t>(l);
             const std::string layer = who + ": " + name + ".conv" + std::to_string(l);
@@ -68,9 +68,9 @@ void check_networks(const std::string& who, const TrainedAvatar<T>& avatar,
     };
     each_network(avatar, c, has_driven_eyes(avatar), check);
     const Upsampler<T>& u = avatar.upsampler;
-    require(static_cast<int>(u.conv.size()) == u.shape.layers(), who + ": upsampler",
-            "got " + std::to_string(u.conv.size()) + " layers, expected " +
-                std::to_string(u.shape.layers()));
+    require(
+        static_cast<int>(u.conv.size()) == u.shape.layers(), [&] { return who + ": upsampler"; },
+        "got ", u.conv.size(), " layers, expected ", u.shape.layers());
     for (int l = 0; l < u.shape.layers(); ++l)
         require_shape(who + ": upsampler, layer " + std::to_string(l),
                       u.conv[static_cast<std::size_t>(l)], u.shape.block_out(l / 2),
@@ -143,8 +143,9 @@ AvatarScalars scalars_of(const PlayableAvatar<T>& p) {
 template <class T>
 void set_scalars(const AvatarScalars& s, const std::string& who, PlayableAvatar<T>& p) {
     const auto columns = [&](const char* name, const Columns<double>& a, Index n) {
-        require(a.cols() == n, who + ": " + name,
-                "got " + std::to_string(a.cols()) + " columns, expected " + std::to_string(n));
+        require(
+            a.cols() == n, [&] { return who + ": " + name; }, "got ", a.cols(),
+            " columns, expected ", n);
     };
     columns("neutral.pose", s.pose, 1);
     columns("neutral.scale", s.scale, 1);
@@ -154,11 +155,11 @@ void set_scalars(const AvatarScalars& s, const std::string& who, PlayableAvatar<
     columns("camera.rotation", s.rotation, 3);
     columns("camera.translation", s.translation, 1);
     for (const int side : {4, 5})
-        require(s.lens(side) >= 1 && s.lens(side) <= most_picture_side &&
-                    s.lens(side) == std::floor(s.lens(side)),
-                who + ": camera.lens",
-                "got a side of " + number_text(s.lens(side)) + " pixels, expected 1 to " +
-                    std::to_string(most_picture_side));
+        require(
+            s.lens(side) >= 1 && s.lens(side) <= most_picture_side &&
+                s.lens(side) == std::floor(s.lens(side)),
+            [&] { return who + ": camera.lens"; }, "got a side of ", s.lens(side),
+            " pixels, expected 1 to ", most_picture_side);
     p.neutral.expression = s.expression.row(0).transpose().template cast<T>();
     p.neutral.pose = s.pose.col(0).template cast<T>();
     p.neutral.scale = static_cast<T>(s.scale(0));

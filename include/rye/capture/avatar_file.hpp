@@ -60,9 +60,8 @@ inline std::vector<std::string> parse_names(const std::string& text, const std::
 inline bool has_part(const Safetensors& file, const std::string& who, const std::string& key,
                      const std::array<std::string, 2>& words, const std::string& tensor) {
     const std::string& word = file.word(key);
-    require(word == words[0] || word == words[1], who,
-            "metadata '" + key + "': got '" + word + "', expected '" + words[0] + "' or '" +
-                words[1] + "'");
+    require(word == words[0] || word == words[1], who, "metadata '", key, "': got '", word,
+            "', expected '", words[0], "' or '", words[1], "'");
     const bool on = word == words[1];
     require(on == file.has(tensor), who,
             on ? "the tensor '" + tensor + "' is missing, though '" + key + "' is '" + word + "'"
@@ -142,14 +141,13 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     const Safetensors file = parse_safetensors(bytes, who);
     const auto found = file.metadata().find("format");
     require(found != file.metadata().end() && found->second == avatar_format, who,
-            "metadata 'format': got " +
-                (found == file.metadata().end() ? std::string("none") : "'" + found->second + "'") +
-                ", expected '" + avatar_format +
-                "'; `rye export --run RUN --out NAME.avatar` writes such a file");
+            "metadata 'format': got ",
+            (found == file.metadata().end() ? std::string("none") : "'" + found->second + "'"),
+            ", expected '", avatar_format,
+            "'; `rye export --run RUN --out NAME.avatar` writes such a file");
     const bool first = file.word("version") == "1";
-    require(first || file.word("version") == avatar_version, who,
-            "metadata 'version': got '" + file.word("version") + "', expected '1' or '" +
-                avatar_version + "'");
+    require(first || file.word("version") == avatar_version, who, "metadata 'version': got '",
+            file.word("version"), "', expected '1' or '", avatar_version, "'");
     require(file.checked(), who, "the metadata 'checksum' is missing");
     PlayableAvatar<T> p;
     p.name = file.word("name");
@@ -193,18 +191,18 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
         std::from_chars(left.data(), left.data() + left.size(), left_points);
     require(fault == std::errc() && stop == left.data() + left.size() && left_points >= 1 &&
                 left_points < points,
-            who,
-            "metadata 'left_eye_points': got '" + left + "', expected a whole number from 1 to " +
-                std::to_string(points - 1));
+            who, "metadata 'left_eye_points': got '", left, "', expected a whole number from 1 to ",
+            points - 1);
     p.avatar.eyes.left_points = left_points;
     const auto list = [&](const char* name, std::vector<Index>& indices) {
         const std::vector<Index>& shape = file.at(name).shape;
-        require(shape.size() == 1, who + ": " + name,
-                "got shape " + shape_text(shape) + ", expected one extent");
+        require(
+            shape.size() == 1, [&] { return who + ": " + name; }, "got shape ",
+            [&] { return shape_text(shape); }, ", expected one extent");
         for (const std::int64_t i : file.values<std::int64_t>(name, shape)) {
-            require(i >= 0 && i < p.avatar.face.landmarks.cols(), who + ": " + name,
-                    "got landmark " + std::to_string(i) + ", expected 0 to " +
-                        std::to_string(p.avatar.face.landmarks.cols() - 1));
+            require(
+                i >= 0 && i < p.avatar.face.landmarks.cols(), [&] { return who + ": " + name; },
+                "got landmark ", i, ", expected 0 to ", p.avatar.face.landmarks.cols() - 1);
             indices.push_back(static_cast<Index>(i));
         }
     };
@@ -215,8 +213,9 @@ PlayableAvatar<T> parse_avatar(ByteSpan bytes, const std::string& who) {
     detail::AvatarScalars::fields(
         [&](const char* name, Columns<double>& a, Index rows) {
             a = file.columns<double>(name);
-            require(a.rows() == rows, who + ": " + name,
-                    "got " + std::to_string(a.rows()) + " rows, expected " + std::to_string(rows));
+            require(
+                a.rows() == rows, [&] { return who + ": " + name; }, "got ", a.rows(),
+                " rows, expected ", rows);
             detail::require_all_finite(who, name, a);
         },
         scalars);

@@ -112,9 +112,8 @@ struct SettingReader {
             const auto* real = found->template get<double>();
             require(integer != nullptr || real != nullptr, where, "expected a number");
             value = integer != nullptr ? static_cast<double>(*integer) : *real;
-            require(std::isfinite(value) && value >= low && value <= high, where,
-                    "got " + number_text(value) + ", expected " + number_text(low) + " to " +
-                        number_text(high));
+            require(std::isfinite(value) && value >= low && value <= high, where, "got ", value,
+                    ", expected ", low, " to ", high);
         } else {
             const auto* list = found->template get<JsonArray>();
             require(list != nullptr && list->size() <= 64, where,
@@ -129,18 +128,16 @@ struct SettingReader {
         const auto* integer = v.get<std::int64_t>();
         require(integer != nullptr, where, "expected a whole number");
         const auto real = static_cast<double>(*integer);
-        require(real >= low && real <= high, where,
-                "got " + std::to_string(*integer) + ", expected " +
-                    std::to_string(static_cast<std::int64_t>(low)) + " to " +
-                    std::to_string(static_cast<std::int64_t>(high)));
+        require(real >= low && real <= high, where, "got ", *integer, ", expected ",
+                static_cast<std::int64_t>(low), " to ", static_cast<std::int64_t>(high));
         return static_cast<int>(*integer);
     }
     static bool word(const JsonValue& v, const std::string& where, const std::string& yes,
                      const std::string& no) {
         const auto* text = v.get<std::string>();
         require(text != nullptr && (*text == yes || *text == no), where,
-                (text != nullptr ? "got '" + *text + "', " : std::string()) + "expected '" + yes +
-                    "' or '" + no + "'");
+                (text != nullptr ? "got '" + *text + "', " : std::string()), "expected '", yes,
+                "' or '", no, "'");
         return *text == yes;
     }
 };

@@ -62,15 +62,13 @@ inline Bytes read_beginning(const std::filesystem::path& path, std::size_t most)
 inline Bytes read_file(const std::filesystem::path& path, std::uint64_t max_bytes = 1ULL << 34U) {
     const std::string who = path.string();
     const std::uint64_t size = detail::regular_file_size(path);
-    require(size <= max_bytes, who,
-            "got " + std::to_string(size) + " bytes, expected at most " +
-                std::to_string(max_bytes));
+    require(size <= max_bytes, who, "got ", size, " bytes, expected at most ", max_bytes);
     std::ifstream in(path, std::ios::binary);
     if (!in) throw Error(who + ": cannot be opened for reading");
     Bytes bytes(static_cast<std::size_t>(size));
     in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
-    require(static_cast<std::uint64_t>(in.gcount()) == size, who,
-            "got " + std::to_string(in.gcount()) + " bytes, expected " + std::to_string(size));
+    require(static_cast<std::uint64_t>(in.gcount()) == size, who, "got ", in.gcount(),
+            " bytes, expected ", size);
     return bytes;
 }
 
@@ -134,8 +132,8 @@ std::uint64_t checked_size(const Extents& extents, std::uint64_t item, const std
         if (extent != 0) size = checked_product(size, static_cast<std::uint64_t>(extent), who);
     }
     require(size <= static_cast<std::uint64_t>(std::numeric_limits<Index>::max()), who,
-            "the product of its extents overflows: an array of " + std::to_string(size) +
-                " bytes, expected at most " + std::to_string(std::numeric_limits<Index>::max()));
+            "the product of its extents overflows: an array of ", size, " bytes, expected at most ",
+            std::numeric_limits<Index>::max());
     return empty ? 0 : size;
 }
 

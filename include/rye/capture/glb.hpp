@@ -59,9 +59,8 @@ Bytes glb_bytes(const GaussianCloud<T>& cloud) {
     require(cloud.count() > 0, who,
             "got no Gaussians, expected at least one: glTF has no empty "
             "arrays");
-    require(cloud.degree() <= 3, who,
-            "got harmonics of degree " + std::to_string(cloud.degree()) +
-                ", expected at most 3: see truncated()");
+    require(cloud.degree() <= 3, who, "got harmonics of degree ", cloud.degree(),
+            ", expected at most 3: see truncated()");
     const Index n = cloud.count(), more = cloud.sh_rest.rows() / 3;
     detail::GlbArrays arrays;
     Columns<float> mean = detail::glb_floats("mean", cloud.mean);
@@ -105,8 +104,8 @@ Bytes glb_bytes(const GaussianCloud<T>& cloud) {
         "],\"buffers\":[{\"byteLength\":" + std::to_string(arrays.data.size()) + "}]}";
     json.resize((json.size() + 3) / 4 * 4, ' ');
     const std::uint64_t size = 12 + 8 + json.size() + 8 + arrays.data.size();
-    require(size < (std::uint64_t(1) << 32U), who,
-            "got " + std::to_string(size) + " bytes, expected fewer than 2^32");
+    require(size < (std::uint64_t(1) << 32U), who, "got ", size,
+            " bytes, expected fewer than 2^32");
     Bytes out;
     out.reserve(static_cast<std::size_t>(size));
     append(out, std::uint32_t(0x46546C67)); // "glTF"

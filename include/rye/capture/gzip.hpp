@@ -41,8 +41,8 @@ inline bool is_gzip(ByteSpan bytes) {
 
 /// A gzip file of `raw`; throws Error from 4 GiB on, whose size the format does not hold.
 inline Bytes gzip_bytes(ByteSpan raw, const Deflate& deflate = stored_deflate) {
-    require(std::uint64_t{raw.size()} < (std::uint64_t(1) << 32U), "gzip_bytes",
-            "got " + std::to_string(raw.size()) + " bytes, expected fewer than 2^32");
+    require(std::uint64_t{raw.size()} < (std::uint64_t(1) << 32U), "gzip_bytes", "got ", raw.size(),
+            " bytes, expected fewer than 2^32");
     Bytes out;
     for (const unsigned b : {0x1FU, 0x8BU, 8U, 0U, 0U, 0U, 0U, 0U, 0U, 255U})
         append(out, static_cast<std::uint8_t>(b)); // deflate, no name, no time, unknown system
@@ -65,10 +65,8 @@ inline GzipContents gzip_contents(ByteSpan file, const std::string& who) {
     require(is_gzip(file), who, "not a gzip file: it does not begin with the bytes 1f 8b");
     const auto method = read_at<std::uint8_t>(file, 2, who, "the gzip header");
     const auto flags = read_at<std::uint8_t>(file, 3, who, "the gzip header");
-    require(method == 8, who,
-            "gzip: got method " + std::to_string(method) + ", expected 8 (deflate)");
-    require((flags & 0xE0U) == 0, who,
-            "gzip: got flags " + std::to_string(flags) + ", expected below 32");
+    require(method == 8, who, "gzip: got method ", method, ", expected 8 (deflate)");
+    require((flags & 0xE0U) == 0, who, "gzip: got flags ", flags, ", expected below 32");
     std::uint64_t at = 10;
     if ((flags & 4U) != 0) at += 2U + read_at<std::uint16_t>(file, at, who, "gzip's extra field");
     for (const unsigned text : {8U, 16U}) { // name, comment
@@ -76,9 +74,8 @@ inline GzipContents gzip_contents(ByteSpan file, const std::string& who) {
         while (read_at<std::uint8_t>(file, at++, who, "gzip's name or comment") != 0) {}
     }
     if ((flags & 2U) != 0) at += 2;
-    require(at + 8 <= file.size(), who,
-            "truncated: got " + std::to_string(file.size()) + " bytes, expected at least the " +
-                std::to_string(at + 8) + " of a gzip header and trailer");
+    require(at + 8 <= file.size(), who, "truncated: got ", file.size(),
+            " bytes, expected at least the ", at + 8, " of a gzip header and trailer");
     const auto crc = read_at<std::uint32_t>(file, file.size() - 8, who, "gzip's checksum");
     const auto size = read_at<std::uint32_t>(file, file.size() - 4, who, "gzip's size");
     return {

@@ -201,9 +201,8 @@ inline constexpr std::uint64_t max_deflate_ratio = 1032;
 
 /// Throws Error if no deflate stream of so many bytes has data of the declared size.
 inline void require_inflatable(ByteSpan compressed, std::uint64_t size, const std::string& who) {
-    require(size <= compressed.size() * max_deflate_ratio + 64, who,
-            std::to_string(compressed.size()) + " compressed bytes cannot hold the declared " +
-                std::to_string(size));
+    require(size <= compressed.size() * max_deflate_ratio + 64, who, compressed.size(),
+            " compressed bytes cannot hold the declared ", size);
 }
 
 /// Decompresses a raw deflate stream to exactly `size` bytes; throws Error otherwise.

@@ -19,9 +19,12 @@ void load_lpips_weights(const Safetensors& file, const std::string& who, LpipsWe
     LpipsWeights<T>::fields(
         [&](const std::string& name, Columns<T>& a) {
             const Columns<float> read = file.columns<float>(name, a.rows(), a.cols());
-            require(read.allFinite(), who + ": " + name, "has a number that is not finite");
-            require(!name.starts_with("lin") || read.minCoeff() >= 0, who + ": " + name,
-                    "has a negative weight: " + number_text(read.minCoeff()));
+            require(
+                read.allFinite(), [&] { return who + ": " + name; },
+                "has a number that is not finite");
+            require(
+                !name.starts_with("lin") || read.minCoeff() >= 0, [&] { return who + ": " + name; },
+                "has a negative weight: ", read.minCoeff());
             a = read.cast<T>();
         },
         weights);

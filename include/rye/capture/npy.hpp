@@ -191,15 +191,13 @@ inline NpyArray parse_npy(ByteSpan bytes, const std::string& who) {
     require(as_text(slice(bytes, 0, 8, who, "the npy magic")).substr(0, 6) == "\x93NUMPY", who,
             "not an npy array: it does not begin with \\x93NUMPY");
     const int version = static_cast<int>(bytes[6]);
-    require(version >= 1 && version <= 3, who,
-            "got npy version " + std::to_string(version) + ", expected 1, 2 or 3");
+    require(version >= 1 && version <= 3, who, "got npy version ", version, ", expected 1, 2 or 3");
     const std::uint64_t start = version == 1 ? 10 : 12;
     const std::uint64_t length = version == 1
                                      ? read_at<std::uint16_t>(bytes, 8, who, "the header length")
                                      : read_at<std::uint32_t>(bytes, 8, who, "the header length");
-    require(length <= max_npy_header, who,
-            "got an npy header of " + std::to_string(length) + " bytes, expected at most " +
-                std::to_string(max_npy_header));
+    require(length <= max_npy_header, who, "got an npy header of ", length,
+            " bytes, expected at most ", max_npy_header);
     detail::NpyHeader header =
         detail::NpyHeaderParser(as_text(slice(bytes, start, length, who, "the npy header")), who)
             .parse();
@@ -207,9 +205,9 @@ inline NpyArray parse_npy(ByteSpan bytes, const std::string& who) {
     const auto item = static_cast<std::size_t>(array.item_size);
     const std::uint64_t size = checked_size(array.shape, item, who);
     const ByteSpan data = bytes.subspan(static_cast<std::size_t>(start + length));
-    require(data.size() == size, who,
-            "shape " + shape_text(array.shape) + " of " + array.type() + " needs " +
-                std::to_string(size) + " bytes, got " + std::to_string(data.size()));
+    require(
+        data.size() == size, who, "shape ", [&] { return shape_text(array.shape); }, " of ",
+        array.type(), " needs ", size, " bytes, got ", data.size());
     array.bytes = header.fortran ? detail::c_order(data, array.shape, item)
                                  : Bytes(data.begin(), data.end());
     if (header.swapped)

@@ -43,9 +43,8 @@ struct ZipDirectory {
 
 inline ZipDirectory find_zip_directory(ByteSpan zip, const std::string& who) {
     // The end record has 22 bytes, then a comment of up to 65535.
-    require(zip.size() >= 22, who,
-            "truncated: got " + std::to_string(zip.size()) +
-                " bytes, expected a zip file (npz) of at least 22");
+    require(zip.size() >= 22, who, "truncated: got ", zip.size(),
+            " bytes, expected a zip file (npz) of at least 22");
     std::uint64_t end = zip.size() - 22;
     const std::uint64_t lowest = end > 65535 ? end - 65535 : 0;
     while (read_at<std::uint32_t>(zip, end, who, "zip end") != 0x06054b50U)
@@ -92,8 +91,8 @@ inline std::vector<ZipMember> read_zip_directory(ByteSpan zip, const std::string
     std::vector<ZipMember> members;
     for (std::uint64_t i = 0; i < directory.count; ++i) {
         const char* what = "the zip directory";
-        require(read_at<std::uint32_t>(zip, at, who, what) == 0x02014b50U, who,
-                "entry " + std::to_string(i) + " of its zip directory is damaged");
+        require(read_at<std::uint32_t>(zip, at, who, what) == 0x02014b50U, who, "entry ", i,
+                " of its zip directory is damaged");
         const auto flags = read_at<std::uint16_t>(zip, at + 8, who, what);
         ZipMember m;
         m.method = read_at<std::uint16_t>(zip, at + 10, who, what);
@@ -105,15 +104,14 @@ inline std::vector<ZipMember> read_zip_directory(ByteSpan zip, const std::string
         const auto comment = read_at<std::uint16_t>(zip, at + 32, who, what);
         m.header = read_at<std::uint32_t>(zip, at + 42, who, what);
         m.name = as_text(slice(zip, at + 46, name, who, what));
-        require((flags & 1U) == 0, who, "'" + m.name + "' is encrypted");
+        require((flags & 1U) == 0, who, "'", m.name, "' is encrypted");
         read_zip64_field(slice(zip, at + 46 + name, extra, who, what), m, who);
         at += 46 + std::uint64_t(name) + extra + comment;
         members.push_back(std::move(m));
     }
     // No checksum covers the directory: its number of entries and their names are stated twice.
-    require(at - directory.offset == directory.size, who,
-            "its zip directory has " + std::to_string(at - directory.offset) + " bytes, expected " +
-                std::to_string(directory.size));
+    require(at - directory.offset == directory.size, who, "its zip directory has ",
+            at - directory.offset, " bytes, expected ", directory.size);
     return members;
 }
 
@@ -147,9 +145,8 @@ inline void require_apart(const std::vector<ZipMember>& members, std::vector<Zip
     std::sort(extents.begin(), extents.end(),
               [](const ZipExtent& a, const ZipExtent& b) { return a.begin < b.begin; });
     for (std::size_t i = 1; i < extents.size(); ++i)
-        require(extents[i - 1].end <= extents[i].begin, who,
-                "two of its " + std::to_string(members.size()) + " members overlap at byte " +
-                    std::to_string(extents[i].begin));
+        require(extents[i - 1].end <= extents[i].begin, who, "two of its ", members.size(),
+                " members overlap at byte ", extents[i].begin);
 }
 
 /// Memory of the arrays of a file that are there, and its limit [bytes].
@@ -159,8 +156,8 @@ struct NpzMemory {
 
 inline NpyArray unpack_npy(ByteSpan packed, const ZipMember& m, NpzMemory& memory,
                            const std::string& who) {
-    require(m.method == 0 || m.method == 8, who,
-            "got zip method " + std::to_string(m.method) + ", expected 0 (stored) or 8 (deflate)");
+    require(m.method == 0 || m.method == 8, who, "got zip method ", m.method,
+            ", expected 0 (stored) or 8 (deflate)");
     require(m.method == 8 || m.packed == m.unpacked, who, "its two sizes differ though stored");
     if (m.method == 8) require_inflatable(packed, m.unpacked, who);
     memory.held = saturated_sum(memory.held, m.unpacked);

@@ -124,21 +124,22 @@ public:
 
     const TensorEntry& at(const std::string& name) const {
         const auto found = tensors_.find(name);
-        require(found != tensors_.end(), who_, "the tensor '" + name + "' is missing");
+        require(found != tensors_.end(), who_, "the tensor '", name, "' is missing");
         return found->second;
     }
     /// A metadata value; throws Error if it is missing.
     const std::string& word(const std::string& key) const {
         const auto found = metadata_.find(key);
-        require(found != metadata_.end(), who_, "the metadata '" + key + "' is missing");
+        require(found != metadata_.end(), who_, "the metadata '", key, "' is missing");
         return found->second;
     }
     /// The values of a tensor; throws Error unless its type is T and its shape this.
     template <class T>
     std::vector<T> values(const std::string& name, const std::vector<Index>& shape) const {
         const TensorEntry& t = at(name);
-        require(t.shape == shape, who_ + ": " + name,
-                "got shape " + shape_text(t.shape) + ", expected " + shape_text(shape));
+        require(
+            t.shape == shape, [&] { return who_ + ": " + name; }, "got shape ",
+            [&] { return shape_text(t.shape); }, ", expected ", [&] { return shape_text(shape); });
         std::vector<T> out(check_type<T>(t) / sizeof(T));
         if (!out.empty()) std::memcpy(out.data(), t.bytes.data(), t.bytes.size());
         return out;
@@ -147,8 +148,9 @@ public:
     template <class T>
     Columns<T> columns(const std::string& name) const {
         const TensorEntry& t = at(name);
-        require(t.shape.size() == 2, who_ + ": " + name,
-                "got shape " + shape_text(t.shape) + ", expected two extents");
+        require(
+            t.shape.size() == 2, [&] { return who_ + ": " + name; }, "got shape ",
+            [&] { return shape_text(t.shape); }, ", expected two extents");
         Columns<T> out(t.shape[1], t.shape[0]);
         if (check_type<T>(t) > 0) std::memcpy(out.data(), t.bytes.data(), t.bytes.size());
         return out;
@@ -157,8 +159,9 @@ public:
     template <class T>
     Columns<T> columns(const std::string& name, Index rows, Index cols) const {
         const std::vector<Index>&got = at(name).shape, expected{cols, rows};
-        require(got == expected, who_ + ": " + name,
-                "got shape " + shape_text(got) + ", expected " + shape_text(expected));
+        require(
+            got == expected, [&] { return who_ + ": " + name; }, "got shape ",
+            [&] { return shape_text(got); }, ", expected ", [&] { return shape_text(expected); });
         return columns<T>(name);
     }
 
@@ -166,9 +169,9 @@ private:
     /// The size of its elements [bytes]; throws Error for another type.
     template <class T>
     std::size_t check_type(const TensorEntry& t) const {
-        require(t.type == tensor_type<T>(), who_ + ": " + t.name,
-                std::string("got type ") + info_of(t.type).name + ", expected " +
-                    info_of(tensor_type<T>()).name);
+        require(
+            t.type == tensor_type<T>(), [&] { return who_ + ": " + t.name; }, "got type ",
+            info_of(t.type).name, ", expected ", info_of(tensor_type<T>()).name);
         return t.bytes.size();
     }
 
@@ -204,16 +207,16 @@ inline TensorEntry parse_tensor(const std::string& name, const JsonValue& v, Byt
             t.type = type;
             known = true;
         }
-    require(known, who,
-            "got type " + *dtype->get<std::string>() + ", expected F64, F32, F16, I64 or U8");
+    require(known, who, "got type ", *dtype->get<std::string>(),
+            ", expected F64, F32, F16, I64 or U8");
     for (const JsonValue& extent : *shape->get<JsonArray>())
         t.shape.push_back(static_cast<Index>(tensor_count(extent, who)));
     const std::uint64_t size = checked_size(t.shape, info_of(t.type).size, who);
     const std::uint64_t begin = tensor_count(offsets->get<JsonArray>()->at(0), who);
     const std::uint64_t end = tensor_count(offsets->get<JsonArray>()->at(1), who);
-    require(begin <= end && end - begin == size, who,
-            "shape " + shape_text(t.shape) + " needs " + std::to_string(size) +
-                " bytes, got data_offsets " + std::to_string(begin) + " to " + std::to_string(end));
+    require(
+        begin <= end && end - begin == size, who, "shape ", [&] { return shape_text(t.shape); },
+        " needs ", size, " bytes, got data_offsets ", begin, " to ", end);
     t.bytes = slice(data, begin, size, who, "its data");
     return t;
 }
@@ -229,13 +232,11 @@ inline void require_covered(const std::map<std::string, TensorEntry>& tensors, B
     std::sort(ranges.begin(), ranges.end());
     std::size_t covered = 0;
     for (const auto& [begin, end] : ranges) {
-        require(begin == covered, who,
-                "its tensors overlap or leave a hole at byte " + std::to_string(covered));
+        require(begin == covered, who, "its tensors overlap or leave a hole at byte ", covered);
         covered = end;
     }
-    require(covered == data.size(), who,
-            "its tensors end at byte " + std::to_string(covered) + " of the data, which have " +
-                std::to_string(data.size()));
+    require(covered == data.size(), who, "its tensors end at byte ", covered,
+            " of the data, which have ", data.size());
 }
 
 } // namespace detail
@@ -245,8 +246,8 @@ inline void require_covered(const std::map<std::string, TensorEntry>& tensors, B
 inline Safetensors parse_safetensors(ByteSpan file, const std::string& who,
                                      std::uint64_t memory = default_memory / 8) {
     const auto length = read_at<std::uint64_t>(file, 0, who, "the length of the header");
-    require(length <= max_tensor_header, who,
-            "got a header of " + std::to_string(length) + " bytes, expected at most 100000000");
+    require(length <= max_tensor_header, who, "got a header of ", length,
+            " bytes, expected at most 100000000");
     const std::string_view header = as_text(slice(file, 8, length, who, "the header"));
     require(header.starts_with('{'), who, "not a safetensors file: its header is no JSON object");
     const JsonValue json = parse_json(header, who, memory);
@@ -262,7 +263,7 @@ inline Safetensors parse_safetensors(ByteSpan file, const std::string& who,
             continue;
         }
         for (const auto& [key, word] : *member.get<JsonObject>()) {
-            require(word.get<std::string>(), label, "'" + key + "' is no string");
+            require(word.get<std::string>(), label, "'", key, "' is no string");
             metadata.emplace(key, *word.get<std::string>());
         }
     }
@@ -270,9 +271,8 @@ inline Safetensors parse_safetensors(ByteSpan file, const std::string& who,
     const auto checksum = metadata.extract(checksum_key);
     if (!checksum.empty()) {
         const std::string right = tensor_checksum(tensors, metadata);
-        require(checksum.mapped() == right, who,
-                "metadata 'checksum': got '" + checksum.mapped() + "', expected '" + right +
-                    "': the file is damaged");
+        require(checksum.mapped() == right, who, "metadata 'checksum': got '", checksum.mapped(),
+                "', expected '", right, "': the file is damaged");
     }
     return Safetensors(who, std::move(data), std::move(tensors), std::move(metadata),
                        !checksum.empty());
@@ -316,9 +316,9 @@ inline void write_safetensors(const std::filesystem::path& path, std::vector<Ten
         const std::uint64_t size = checked_size(t.shape, info_of(t.type).size, label);
         std::string shape;
         for (const Index d : t.shape) shape += (shape.empty() ? "" : ",") + std::to_string(d);
-        require(size == t.bytes.size(), label,
-                "shape " + shape_text(t.shape) + " of " + info_of(t.type).name + " needs " +
-                    std::to_string(size) + " bytes, got " + std::to_string(t.bytes.size()));
+        require(
+            size == t.bytes.size(), label, "shape ", [&] { return shape_text(t.shape); }, " of ",
+            info_of(t.type).name, " needs ", size, " bytes, got ", t.bytes.size());
         next_member(t.name);
         text += std::string(R"({"dtype":")") + info_of(t.type).name + R"(","shape":[)" + shape +
                 R"(],"data_offsets":[)" + std::to_string(offset) + "," +

@@ -55,9 +55,8 @@ Bytes splat_bytes(const GaussianCloud<T>& cloud) {
 template <Real T>
 GaussianCloud<T> parse_splat(ByteSpan bytes, const std::string& who,
                              std::uint64_t memory = default_memory) {
-    require(bytes.size() % splat_record == 0, who,
-            "got " + std::to_string(bytes.size()) + " bytes, expected a multiple of " +
-                std::to_string(splat_record) + ", one record a Gaussian");
+    require(bytes.size() % splat_record == 0, who, "got ", bytes.size(),
+            " bytes, expected a multiple of ", splat_record, ", one record a Gaussian");
     const auto n = static_cast<Index>(bytes.size() / splat_record);
     require_memory(GaussianCloud<T>::memory(n, 0), memory, who, "its Gaussians");
     GaussianCloud<T> cloud(n, 0);

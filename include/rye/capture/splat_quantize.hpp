@@ -34,9 +34,8 @@ template <Real T>
 void check_storable(const GaussianCloud<T>& cloud, const std::string& who) {
     GaussianCloud<T>::fields(
         [&](const std::string& name, const Columns<T>& a) {
-            require(a.cols() == cloud.count(), who,
-                    name + " has " + std::to_string(a.cols()) + " columns, expected " +
-                        std::to_string(cloud.count()));
+            require(a.cols() == cloud.count(), who, name, " has ", a.cols(), " columns, expected ",
+                    cloud.count());
             for (Index i = 0; i < a.cols(); ++i)
                 for (Index k = 0; k < a.rows(); ++k)
                     if (!std::isfinite(a(k, i)))

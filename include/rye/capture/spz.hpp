@@ -113,19 +113,16 @@ inline SpzHeader parse_spz_header(ByteSpan data, std::uint64_t whole, const std:
     h.fractional_bits = byte(13);
     h.antialiased = (byte(14) & 1) != 0;
     h.extended = (byte(14) & 2) != 0;
-    require(h.version == 2 || h.version == 3, who,
-            "got SPZ version " + std::to_string(h.version) + ", expected 2 or 3");
-    require(h.degree <= 3, who,
-            "got harmonics of degree " + std::to_string(h.degree) + ", expected 0 to 3");
-    require(h.fractional_bits < 24, who,
-            "got " + std::to_string(h.fractional_bits) + " fractional bits, expected 0 to 23");
+    require(h.version == 2 || h.version == 3, who, "got SPZ version ", h.version,
+            ", expected 2 or 3");
+    require(h.degree <= 3, who, "got harmonics of degree ", h.degree, ", expected 0 to 3");
+    require(h.fractional_bits < 24, who, "got ", h.fractional_bits,
+            " fractional bits, expected 0 to 23");
     const auto rest = static_cast<std::uint64_t>(3 * (sh_count(h.degree) - 1));
     const std::uint64_t each = 9 + 1 + 3 + 3 + detail::spz_rotation_size(h) + rest;
     const std::uint64_t size = detail::spz_header_size + each * h.count;
-    require(h.extended ? whole >= size : whole == size, who,
-            "got " + std::to_string(whole) + " bytes of data, expected " +
-                std::to_string(size) + " for " + std::to_string(h.count) + " Gaussians of degree " +
-                std::to_string(h.degree));
+    require(h.extended ? whole >= size : whole == size, who, "got ", whole,
+            " bytes of data, expected ", size, " for ", h.count, " Gaussians of degree ", h.degree);
     return h;
 }
 
@@ -198,12 +195,11 @@ Bytes spz_bytes(const GaussianCloud<T>& cloud, const Deflate& deflate = stored_d
                 bool antialiased = false) {
     const std::string who = "spz_bytes";
     detail::check_storable(cloud, who);
-    require(cloud.degree() <= 3, who,
-            "got harmonics of degree " + std::to_string(cloud.degree()) +
-                ", expected at most 3: see truncated()");
+    require(cloud.degree() <= 3, who, "got harmonics of degree ", cloud.degree(),
+            ", expected at most 3: see truncated()");
     const std::int64_t count = cloud.count();
-    require(count < (std::int64_t(1) << 32U), who,
-            "got " + std::to_string(count) + " Gaussians, expected fewer than 2^32");
+    require(count < (std::int64_t(1) << 32U), who, "got ", count,
+            " Gaussians, expected fewer than 2^32");
     const int bits = detail::spz_fractional_bits(cloud);
     Bytes data;
     append(data, detail::spz_magic);

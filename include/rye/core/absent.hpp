@@ -21,7 +21,7 @@ struct Without {
     void operator[](U&&) const = delete;
 };
 
-/// Whether V is a Without.
+/// True if V is a Without.
 template <class V>
 inline constexpr bool is_absent = false;
 template <class X, int number>

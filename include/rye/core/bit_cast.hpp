@@ -8,7 +8,7 @@
 
 namespace rye {
 
-/// The same bits as another type of the same size.
+/// Returns the same bits as another type of the same size.
 template <class To, class From>
     requires(sizeof(To) == sizeof(From) && std::is_trivially_copyable_v<To> &&
              std::is_trivially_copyable_v<From>)

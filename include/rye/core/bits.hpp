@@ -11,13 +11,13 @@
 
 namespace rye {
 
-/// Whether two numbers have the same bits: NaNs may be equal, 0 and -0 are not.
+/// Returns true if two numbers have the same bits: NaNs may be equal, 0 and -0 are not.
 template <Real T>
 bool same_bits(const T& a, const T& b) {
     return std::memcmp(&a, &b, sizeof(T)) == 0;
 }
 
-/// Whether two matrices have the same shape and the same bits.
+/// Returns true if two matrices have the same shape and the same bits.
 template <Real T, int R, int C>
 bool same_bits(const Eigen::Matrix<T, R, C>& a, const Eigen::Matrix<T, R, C>& b) {
     return a.rows() == b.rows() && a.cols() == b.cols() &&
@@ -25,7 +25,7 @@ bool same_bits(const Eigen::Matrix<T, R, C>& a, const Eigen::Matrix<T, R, C>& b)
             std::memcmp(a.data(), b.data(), sizeof(T) * static_cast<std::size_t>(a.size())) == 0);
 }
 
-/// True where two lists have the same length and the same bits.
+/// Returns true where two lists have the same length and the same bits.
 template <Real T>
 bool same_bits(const std::vector<T>& a, const std::vector<T>& b) {
     return a.size() == b.size() &&

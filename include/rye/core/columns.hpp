@@ -51,7 +51,7 @@ using Mat = Eigen::Matrix<T, R, C>;
 template <class T>
 using Mat3 = Mat<T, 3, 3>;
 
-/// Columns which[0], which[1], ... of `all`.
+/// Returns columns which[0], which[1], ... of `all`.
 template <class T>
 Columns<T> pick_columns(const Columns<T>& all, const std::vector<Index>& which) {
     Columns<T> r(all.rows(), static_cast<Index>(which.size()));

@@ -34,7 +34,7 @@ struct RealOf {
 template <class T>
 using real_t = typename RealOf<T>::type;
 
-/// The value of a scalar without its derivative; the identity for Real and batches.
+/// Returns the value of a scalar without its derivative; the identity for Real and batches.
 /// Overloaded beside Dual. Branches and comparisons are taken on values only.
 template <Real T>
 RYE_HD constexpr T value_of(T x) {

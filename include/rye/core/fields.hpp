@@ -23,7 +23,7 @@ void nested_fields(const std::string& prefix, F&& f, Ps&&... ps) {
               std::forward<Ps>(ps)...);
 }
 
-/// A struct of the same shapes, all zero: a gradient accumulator, or a moment.
+/// Returns a struct of the same shapes, all zero: a gradient accumulator, or a moment.
 template <class P>
 P zeros_like(const P& p) {
     P z = p;
@@ -44,13 +44,13 @@ void set_zero(const Th& threads, P& p) {
     for_chunks(threads, arrays, 16384);
 }
 
-/// dst += src, array by array.
+/// Adds src to dst, array by array.
 template <class P>
 void add_fields(P& dst, const P& src) {
     P::fields([](const std::string&, auto& a, const auto& b) { a += b; }, dst, src);
 }
 
-/// Number of trainable scalars.
+/// Returns the number of trainable scalars.
 template <class P>
 Index count_fields(const P& p) {
     Index n = 0;

@@ -17,8 +17,8 @@ namespace rye {
 
 namespace detail {
 
-/// By snprintf, whose decimal point is the locale's, of one or more bytes: no other byte of a
-/// number is unknown.
+/// Formats by snprintf, whose decimal point is the locale's, of one or more bytes: no other byte of
+/// a number is unknown.
 template <std::floating_point T>
 std::string format_by_snprintf(T x) {
     char digits[64];
@@ -35,7 +35,7 @@ std::string format_by_snprintf(T x) {
     }
 }
 
-/// T is always float or double; a template, so that a missing overload of to_chars is no error.
+/// Formats a float or a double; a template, so that a missing overload of to_chars is no error.
 template <class T>
 std::string format(T x) {
     if constexpr (requires(char* p) { std::to_chars(p, p, x); }) {
@@ -48,13 +48,13 @@ std::string format(T x) {
 
 } // namespace detail
 
-/// "0.1", "-1e+20", "nan", "inf". Reading it back gives the same number.
+/// Returns a text such as "0.1", "-1e+20", "nan", "inf". Reading it back gives the same number.
 template <std::floating_point T>
 std::string number_text(T x) {
     if (std::isnan(x)) return "nan";     // to_chars may say more, such as "-nan(ind)"
     return detail::format(x);
 }
-/// "-12", without groups of digits.
+/// Returns a text such as "-12", without groups of digits.
 template <std::integral T>
 std::string number_text(T x) {
     return std::to_string(x);

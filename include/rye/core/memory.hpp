@@ -12,16 +12,16 @@
 
 namespace rye {
 
-/// Limit of one file, or of the lists of one picture, where a caller gives no other [bytes]: 2 GiB,
+/// Limit of one file, or of the lists of one picture, unless a caller gives another [bytes]: 2 GiB,
 /// which holds 8 million Gaussians of degree 3.
 inline constexpr std::uint64_t default_memory = std::uint64_t(1) << 31U;
 
-/// a * b, or the largest number where that is beyond 64 bits.
+/// Returns a * b, or the largest number where that is beyond 64 bits.
 constexpr std::uint64_t saturated_product(std::uint64_t a, std::uint64_t b) {
     constexpr std::uint64_t most = std::numeric_limits<std::uint64_t>::max();
     return b != 0 && a > most / b ? most : a * b;
 }
-/// a + b, or the largest number where that is beyond 64 bits.
+/// Returns a + b, or the largest number where that is beyond 64 bits.
 constexpr std::uint64_t saturated_sum(std::uint64_t a, std::uint64_t b) {
     constexpr std::uint64_t most = std::numeric_limits<std::uint64_t>::max();
     return a > most - b ? most : a + b;

@@ -76,7 +76,7 @@ class TaskBands {
     explicit TaskBands(int threads)
         : count_(threads),
           bands_(std::make_unique<Band[]>(static_cast<std::size_t>(threads))) {}
-    /// Before any thread takes tasks.
+    /// Deals n tasks; to be called before any thread takes one.
     void deal(Index n) {
         for (int i = 0; i < count_; ++i) {
             at(i).next.store(begin_of(i, n), std::memory_order_relaxed);
@@ -141,7 +141,7 @@ using DefaultThreads = OpenMp;
 using DefaultThreads = Serial;
 #endif
 
-/// Number of chunks of at most `grain` items; a function of its arguments alone.
+/// Returns the number of chunks of at most `grain` items; a function of its arguments alone.
 constexpr Index chunk_count(Index n, Index grain) { return (n + grain - 1) / grain; }
 
 /// Calls f(begin, end, chunk) for the fixed chunks of [0, n).
@@ -152,7 +152,7 @@ void for_chunks(const P& threads, Index n, Index grain, F&& f) {
                 [&](Index c) { f(c * grain, std::min(n, (c + 1) * grain), c); });
 }
 
-/// Sum of f(begin, end) over fixed chunks, added in the order of the chunks.
+/// Returns the sum of f(begin, end) over fixed chunks, added in the order of the chunks.
 template <Threads P, class R, class F>
     requires std::invocable<F, Index, Index> R sum_chunks(const P& threads, Index n, Index grain,
                                                           const R& zero, F&& f) {

@@ -24,7 +24,8 @@ namespace rye {
 namespace detail {
 
 #if !defined(_WIN32)
-/// By POSIX strtod_l, without what std::from_chars rejects: spaces, a plus sign, hexadecimals.
+/// Parses by POSIX strtod_l, but rejects what std::from_chars rejects: spaces, a plus sign,
+/// hexadecimals.
 inline std::optional<double> parse_by_strtod(std::string_view text) {
     static const locale_t plain = newlocale(LC_ALL_MASK, "C", locale_t());
     const std::string copy(text);        // ends with a zero
@@ -40,7 +41,7 @@ inline std::optional<double> parse_by_strtod(std::string_view text) {
 }
 #endif
 
-/// T is always double; a template, so that a missing overload of from_chars is no error.
+/// Parses a double; a template, so that a missing overload of from_chars is no error.
 template <class T>
 std::optional<T> parse(std::string_view text) {
     if constexpr (requires(const char* p, T& x) { std::from_chars(p, p, x); }) {
@@ -55,8 +56,8 @@ std::optional<T> parse(std::string_view text) {
 
 } // namespace detail
 
-/// The number that the whole text is; accepts "inf" and "nan". Empty if it is not a number, or if a
-/// finite number overflows, or a number other than 0 rounds to 0.
+/// Returns the number that the whole text states; accepts "inf" and "nan". Returns nothing if it is
+/// not a number, or if a finite number overflows, or a number other than 0 rounds to 0.
 inline std::optional<double> parse_double(std::string_view text) {
     return detail::parse<double>(text);
 }

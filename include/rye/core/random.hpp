@@ -11,7 +11,7 @@
 
 namespace rye {
 
-/// One round of splitmix64.
+/// Applies one round of splitmix64.
 constexpr std::uint64_t mix64(std::uint64_t z) {
     z += 0x9E3779B97F4A7C15ULL;
     z = (z ^ (z >> 30U)) * 0xBF58476D1CE4E5B9ULL;
@@ -27,21 +27,21 @@ struct Random {
     constexpr std::uint64_t bits(std::uint64_t index) const {
         return mix64(mix64(seed ^ (stream * 0xD1B54A32D192ED03ULL)) + index);
     }
-    /// Uniform in (0, 1), 24 bits, never 0 or 1.
+    /// Returns a number uniform in (0, 1), 24 bits, never 0 or 1.
     constexpr double uniform(std::uint64_t index) const {
         return (static_cast<double>(bits(index) >> 40U) + 0.5) * 0x1.0p-24;
     }
-    /// Standard normal (Box-Muller); uses stream and stream + 1.
+    /// Returns a standard normal number (Box-Muller); uses stream and stream + 1.
     double normal(std::uint64_t index) const {
         const Random other{seed, stream + 1};
         return std::sqrt(-2.0 * std::log(uniform(index))) *
                std::cos(6.283185307179586476925 * other.uniform(index));
     }
-    /// Uniform in {0, ..., n - 1}.
+    /// Returns a number uniform in {0, ..., n - 1}.
     constexpr Index below(std::uint64_t index, Index n) const {
         return static_cast<Index>(bits(index) % static_cast<std::uint64_t>(n));
     }
-    /// An independent generator, for a training step or a purpose.
+    /// Returns an independent generator, for a training step or a purpose.
     constexpr Random fork(std::uint64_t key) const { return {mix64(seed ^ mix64(key)), stream}; }
 };
 

@@ -44,8 +44,8 @@ class Region {
         for (const Window& w : o.bands()) add(w);
     }
 
-    /// Grown by one pixel on every side, ends of runs rounded outwards to multiples of `step`,
-    /// clipped to the image.
+    /// Returns the region grown by one pixel on every side, ends of runs rounded outwards to
+    /// multiples of `step`, clipped to the image.
     Region grown(int step) const {
         Region r(width_, height());
         for (const Window& w : bands())
@@ -60,7 +60,7 @@ class Region {
             if (!r.empty() && r.end - r.begin < least) r = {0, width_};
     }
 
-    /// Rectangles of consecutive rows with the same run, from the top.
+    /// Returns rectangles of consecutive rows with the same run, from the top.
     std::vector<Window> bands() const {
         std::vector<Window> bands;
         for (int y = 0; y < height(); ++y) {

@@ -56,9 +56,9 @@ class ThreadPool {
     ~ThreadPool() { end(); }
 
     Handle threads() & { return Handle(*this); }
-    /// Number of threads that run at once, the caller's included.
+    /// Returns the number of threads that run at once, the caller's included.
     int size() const { return static_cast<int>(workers_.size()) + 1; }
-    /// Number of threads that the constructor was to start, the caller's included.
+    /// Returns the number of threads that the constructor was to start, the caller's included.
     int asked() const { return asked_; }
 
     /// Calls f(0) ... f(n - 1) on the caller's thread and the pool's.
@@ -125,13 +125,13 @@ class ThreadPool {
         to_wake_.store(static_cast<int>(std::min<Index>(helpers, asleep)));
         wake_two();
     }
-    /// Each thread that is woken wakes two more: the caller would wait for every one in turn.
+    /// Wakes two threads. Each wakes two more: the caller alone would wait for every one in turn.
     void wake_two() {
         for (int i = 0; i < 2 && to_wake_.load() > 0 && to_wake_.fetch_sub(1) > 0; ++i)
             wake_.notify_one();
     }
 
-    /// Whether ready() came true within about the time that waking a thread takes.
+    /// Returns true if ready() came true within about the time that waking a thread takes.
     template <class Ready>
     static bool spin_until(const Ready& ready) {
         constexpr auto longest = std::chrono::microseconds(30);
@@ -171,12 +171,12 @@ class ThreadPool {
     std::mutex mutex_;
     std::condition_variable wake_, done_;
     int asleep_ = 0;                           ///< workers in wake_.wait; guarded by mutex_
-    std::atomic<int> to_wake_{0};              ///< of the workers that sleep
+    std::atomic<int> to_wake_{0};              ///< number of sleeping workers to wake
     Job job_{};                                ///< changed only while nobody is inside
-    detail::TaskBands bands_{1};               ///< of the job's tasks
-    std::atomic<bool> open_{false};            ///< whether workers may join
+    detail::TaskBands bands_{1};               ///< job's tasks
+    std::atomic<bool> open_{false};            ///< true if workers may join
     std::atomic<int> inside_{0};               ///< workers that may touch the job
-    std::atomic<std::uint64_t> generation_{0}; ///< of jobs
+    std::atomic<std::uint64_t> generation_{0}; ///< number of jobs so far
     std::atomic<bool> ending_{false};
     std::atomic<bool> busy_{false};
 };

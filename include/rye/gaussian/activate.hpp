@@ -11,7 +11,8 @@
 
 namespace rye {
 
-/// The activated cloud as seen from `eye`, three colour channels, harmonics of degree <= `most`.
+/// Returns the activated cloud as seen from `eye`, three colour channels, harmonics of degree <=
+/// `most`.
 template <int most = 4, class T>
 Gaussians<T> activate(const GaussianCloud<T>& cloud, const Vec3<T>& eye) {
     Gaussians<T> g;
@@ -23,7 +24,7 @@ Gaussians<T> activate(const GaussianCloud<T>& cloud, const Vec3<T>& eye) {
     return g;
 }
 
-/// Gradient of the cloud, given that of the result `drawn` of activate.
+/// Returns the gradient of the cloud, given that of the result `drawn` of activate.
 template <int most = 4, class T>
 GaussianCloud<T> activate_vjp(const GaussianCloud<T>& cloud, const Vec3<T>& eye,
                               const Gaussians<T>& drawn, const Gaussians<T>& g) {
@@ -40,12 +41,12 @@ GaussianCloud<T> activate_vjp(const GaussianCloud<T>& cloud, const Vec3<T>& eye,
     return r;
 }
 
-/// The cloud of degree 0 that renders as `g`, from its first three channels. Opacities and scales
-/// are clamped to the range of their logit and logarithm.
+/// Returns the cloud of degree 0 that renders as `g`, from its first three channels. Opacities and
+/// scales are clamped to the range of their logit and logarithm.
 template <Real T>
 GaussianCloud<T> deactivate(const Gaussians<T>& g) {
-    require(g.channels() >= 3, "deactivate",
-            "got " + std::to_string(g.channels()) + " channels, expected at least 3 of colour");
+    require(g.channels() >= 3, "deactivate", "got ", g.channels(),
+            " channels, expected at least 3 of colour");
     GaussianCloud<T> r(g.count(), 0);
     r.mean = g.mean;
     r.rotation = g.rotation;

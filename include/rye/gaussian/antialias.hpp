@@ -17,8 +17,8 @@ namespace rye {
 /// same integral.
 enum class Antialias { none, dilate, mip };
 
-/// sqrt(det Sigma / det(Sigma + d I)) in [0, 1], from the rows of the factor, never from the
-/// entries of Sigma. 1 without dilation.
+/// Returns sqrt(det Sigma / det(Sigma + d I)) in [0, 1], from the rows of the factor, never from
+/// the entries of Sigma. 1 without dilation.
 template <Scalar T>
 RYE_HD T dilation_share(const Vec3<T>& x, const Vec3<T>& y, const T& dilation) {
     using std::sqrt;

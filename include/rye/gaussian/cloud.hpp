@@ -24,7 +24,7 @@ struct GaussianCloud {
         : mean(3, count), sh_constant(3, count), sh_rest(3 * (sh_count(degree) - 1), count),
           logit_opacity(1, count), log_scale(3, count), rotation(4, count) {}
 
-    /// Bytes that N Gaussians of a degree take.
+    /// Returns the bytes that N Gaussians of a degree take.
     static std::uint64_t memory(Index count, int degree) {
         const auto numbers = static_cast<std::uint64_t>(14 + 3 * (sh_count(degree) - 1));
         return saturated_product(static_cast<std::uint64_t>(count), numbers * sizeof(T));
@@ -44,7 +44,7 @@ struct GaussianCloud {
     }
 };
 
-/// The cloud without harmonics above `degree`; unchanged if it has none.
+/// Returns the cloud without harmonics above `degree`; unchanged if it has none.
 template <class T>
 GaussianCloud<T> truncated(const GaussianCloud<T>& cloud, int degree) {
     if (degree >= cloud.degree()) return cloud;

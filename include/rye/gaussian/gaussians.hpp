@@ -24,7 +24,7 @@ struct Gaussians {
         : mean(3, count), rotation(4, count), scale(3, count), opacity(1, count),
           feature(channels, count) {}
 
-    /// Numbers that were there are lost if the shape changes.
+    /// Changes the shape; if it differs, all numbers are lost.
     void resize(Index count, Index channels) {
         mean.resize(3, count);
         rotation.resize(4, count);

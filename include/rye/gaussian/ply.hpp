@@ -39,15 +39,16 @@ namespace rye {
 /// Log scale of the axis that flat Gaussians (2DGS) do not store: negligibly thin.
 inline constexpr double flat_log_scale = -20;
 
-/// How write_ply writes.
+/// Settings of write_ply.
 struct PlyOptions {
-    int degree = -1;           ///< of the harmonics, padded with zeros; -1: the cloud's
+    int degree = -1;           ///< degree of the harmonics, padded with zeros; -1: the cloud's
     std::string comment = {};  ///< a single line
 };
 
 namespace detail {
 
-/// The logit of an opacity in 0..1, finite at both ends: those of the largest number below 1.
+/// Returns the logit of an opacity in 0..1, finite at both ends: there it is that of the largest
+/// number below 1, or its negative.
 template <Real T>
 T bounded_logit(T opacity) {
     constexpr T u = std::numeric_limits<T>::epsilon() / 2;
@@ -61,14 +62,14 @@ struct PlyTarget {
     Index row = 0;
 };
 
-/// Destinations of the properties of a vertex; throws Error for a missing property.
+/// Returns destinations of the properties of a vertex; throws Error for a missing property.
 template <class T>
 std::vector<PlyTarget<T>> ply_targets(const PlyHeader& h, GaussianCloud<T>& cloud, bool flat,
                                       const std::string& who) {
     std::vector<PlyTarget<T>> targets(h.properties.size());
     const auto bind = [&](const std::string& name, Columns<T>& array, Index row) {
         const Index i = h.find(name);
-        require(i >= 0, who, "the vertex has no property " + name);
+        require(i >= 0, who, "the vertex has no property ", name);
         targets[static_cast<std::size_t>(i)] = {&array, row};
     };
     for (int k = 0; k < 3; ++k) {
@@ -106,7 +107,7 @@ T ply_number(const char* at, PlyType type) {
     return T(0);
 }
 
-/// Bytes left in a stream, or -1 if it cannot seek, such as a pipe.
+/// Returns the bytes left in a stream, or -1 if it cannot seek, such as a pipe.
 inline std::int64_t bytes_left(std::istream& in) {
     const auto here = in.tellg();
     if (here == std::istream::pos_type(-1)) {
@@ -119,8 +120,8 @@ inline std::int64_t bytes_left(std::istream& in) {
     return static_cast<std::int64_t>(end - here);
 }
 
-/// Rest of a stream of unknown length, at most the size that a binary header states. Throws Error
-/// beyond the limit.
+/// Returns the rest of a stream of unknown length, at most the size that a binary header states.
+/// Throws Error beyond the limit.
 inline std::string drained(std::istream& in, const PlyHeader& h, std::uint64_t memory,
                            const std::string& who) {
     const std::uint64_t want =
@@ -139,7 +140,7 @@ inline std::string drained(std::istream& in, const PlyHeader& h, std::uint64_t m
     return all;
 }
 
-/// The next word of a stream, whatever its locale; false at its end.
+/// Reads the next word of a stream, whatever its locale; returns false at its end.
 inline bool read_word(std::istream& in, std::string& word) {
     constexpr auto eof = std::istream::traits_type::eof();
     auto& bytes = *in.rdbuf();
@@ -157,17 +158,16 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
                                std::uint64_t memory, const std::string& who) {
     int rest = 0;
     while (h.find("f_rest_" + std::to_string(rest)) >= 0) ++rest;
-    require(rest == 0 || rest == 9 || rest == 24 || rest == 45 || rest == 72, who,
-            "got " + std::to_string(rest) + " f_rest properties, expected 0, 9, 24, 45 or 72");
+    require(rest == 0 || rest == 9 || rest == 24 || rest == 45 || rest == 72, who, "got ", rest,
+            " f_rest properties, expected 0, 9, 24, 45 or 72");
 
     // The header is not trusted: memory is allocated after the file is known to hold that much. An
     // ascii number takes at least two bytes, the last one a byte, and a skipped line one.
     const std::int64_t stride =
         h.ascii ? 2 * static_cast<std::int64_t>(h.properties.size()) : h.stride;
     const std::int64_t skip = h.ascii ? h.skip_lines : h.skip;
-    require(stride > 0 && skip <= left && h.count <= (left - skip + 1) / stride, who,
-            std::to_string(left) + " bytes of data are too few for " + std::to_string(h.count) +
-                " vertices and the elements before them");
+    require(stride > 0 && skip <= left && h.count <= (left - skip + 1) / stride, who, left,
+            " bytes of data are too few for ", h.count, " vertices and the elements before them");
 
     const bool flat = h.find("scale_2") < 0;
     const int degree = sh_degree(rest / 3 + 1);
@@ -195,9 +195,8 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
             for (std::size_t p = 0; p < targets.size(); ++p) {
                 if (!read_word(in, word)) throw missing(i);
                 const auto x = parse_double(std::string_view(word).substr(word[0] == '+' ? 1 : 0));
-                require(x.has_value(), who,
-                        "property " + h.properties[p].name + " of vertex " + std::to_string(i) +
-                            " is \"" + word + "\", not a number");
+                require(x.has_value(), who, "property ", h.properties[p].name, " of vertex ", i,
+                        " is \"", word, "\", not a number");
                 if (targets[p].array != nullptr)
                     (*targets[p].array)(targets[p].row, i) = finite(static_cast<T>(*x), p, i);
             }
@@ -216,9 +215,10 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
                                          h.properties[p].type),
                            p, i);
     }
-    require(h.checksum.empty() || h.checksum == checksum_text(crc), who,
-            "the header's checksum: got '" + h.checksum + "', expected '" + checksum_text(crc) +
-                "': the file is damaged, or a program that changed it kept the line");
+    require(
+        h.checksum.empty() || h.checksum == checksum_text(crc), who, "the header's checksum: got '",
+        h.checksum, "', expected '", [&] { return checksum_text(crc); },
+        "': the file is damaged, or a program that changed it kept the line");
     return cloud;
 }
 
@@ -243,21 +243,20 @@ GaussianCloud<T> read_ply(std::istream& in, const std::string& name,
 template <Real T>
 GaussianCloud<T> read_ply(const std::string& path, std::uint64_t memory = default_memory) {
     std::ifstream in(path, std::ios::binary);
-    require(in.good() && !std::filesystem::is_directory(path), "read_ply",
-            path + " cannot be opened as a file");
+    require(in.good() && !std::filesystem::is_directory(path), "read_ply", path,
+            " cannot be opened as a file");
     return read_ply<T>(in, path, memory);
 }
 
-/// Writes a cloud as floats, without the stream's formatting. The caller replaces files atomically
-/// where that matters.
+/// Writes a cloud as floats, without the stream's formatting. Replaces no file atomically: that is
+/// the caller's task.
 template <Real T>
 void write_ply(std::ostream& out, const GaussianCloud<T>& cloud, const PlyOptions& options = {}) {
     const int own = cloud.degree(), degree = options.degree < 0 ? own : options.degree;
-    require(degree >= own && degree <= 4, "write_ply",
-            "got degree " + std::to_string(degree) + ", expected from the cloud's, " +
-                std::to_string(own) + ", to 4");
-    require(options.comment.find('\n') == std::string::npos, "write_ply",
-            "the comment \"" + options.comment + "\" has several lines");
+    require(degree >= own && degree <= 4, "write_ply", "got degree ", degree,
+            ", expected from the cloud's, ", own, ", to 4");
+    require(options.comment.find('\n') == std::string::npos, "write_ply", "the comment \"",
+            options.comment, "\" has several lines");
     const int kept = sh_count(own) - 1, padded = sh_count(degree) - 1;
     std::string header = "ply\nformat binary_little_endian 1.0\n";
     if (!options.comment.empty()) header += "comment " + options.comment + "\n";

@@ -31,26 +31,26 @@ struct PlyProperty {
     Index offset = 0;                    ///< in the record [bytes]
 };
 
-/// What the header says of the vertices, and where they begin.
+/// The header's description of the vertices, and their beginning.
 struct PlyHeader {
     bool ascii = false;
-    Index count = 0;                     ///< of vertices
-    Index stride = 0;                    ///< of a binary vertex [bytes]
+    Index count = 0;                     ///< number of vertices
+    Index stride = 0;                    ///< size of a binary vertex [bytes]
     Index skip = 0;                      ///< binary data before the first vertex [bytes]
     Index skip_lines = 0;                ///< ascii lines before the first vertex
-    std::vector<PlyProperty> properties; ///< of the vertex
-    std::string checksum;                ///< that the file states, or empty
-    std::uint32_t crc = 0;               ///< of the header, with digits of 0 for the checksum's
+    std::vector<PlyProperty> properties; ///< vertex's properties
+    std::string checksum;                ///< checksum that the file states, or empty
+    std::uint32_t crc = 0;               ///< header's checksum, with digits of 0 in its own place
     std::map<std::string, Index, std::less<>> place;  ///< index of each name in `properties`
 
-    /// Index of a property, or -1.
+    /// Returns the index of a property, or -1.
     Index find(std::string_view name) const {
         const auto found = place.find(name);
         return found == place.end() ? -1 : found->second;
     }
 };
 
-/// Bytes of a number in a binary file.
+/// Returns the bytes of a number in a binary file.
 inline Index ply_size(PlyType type) {
     constexpr std::array<Index, 8> bytes{1, 1, 2, 2, 4, 4, 4, 8};
     return bytes[static_cast<std::size_t>(type)];
@@ -61,10 +61,10 @@ namespace detail {
 /// Beginning of the comment with the checksum: 8 hexadecimal digits of the CRC-32 of the header,
 /// in which they are 0 and lines end with LF, and of the vertices.
 inline constexpr std::string_view ply_checksum_line = "comment checksum crc32 ";
-/// Whether a byte separates words, in any locale.
+/// Returns true if a byte separates words, in any locale.
 constexpr bool ply_space(int c) { return c == ' ' || (c >= '\t' && c <= '\r'); }
 
-/// The next word of a line, which begins after it then; empty at the end.
+/// Removes the next word from the beginning of a line and returns it; empty at the end.
 inline std::string_view ply_word(std::string_view& line) {
     while (!line.empty() && ply_space(line.front())) line.remove_prefix(1);
     std::size_t end = 0;
@@ -74,7 +74,7 @@ inline std::string_view ply_word(std::string_view& line) {
     return word;
 }
 
-/// A header line without its line end, LF or CRLF. Throws Error for an overlong line.
+/// Returns a header line without its line end, LF or CRLF. Throws Error for an overlong line.
 inline std::string ply_line(std::istream& in, const std::string& who) {
     constexpr std::size_t longest = 4096;
     std::string line;
@@ -84,8 +84,8 @@ inline std::string ply_line(std::istream& in, const std::string& who) {
                 "the file ends within the header, before end_header");
         if (c == '\n') break;
         line.push_back(static_cast<char>(c));
-        require(line.size() <= longest, who,
-                "a header line exceeds " + std::to_string(longest) + " bytes: not a PLY file");
+        require(line.size() <= longest, who, "a header line exceeds ", longest,
+                " bytes: not a PLY file");
     }
     if (!line.empty() && line.back() == '\r') line.pop_back();
     return line;
@@ -104,8 +104,8 @@ inline Index ply_count(const std::string& text, const std::string& who) {
     Index n = -1;
     const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), n);
     require(fault == std::errc() && end == text.data() + text.size() && n >= 0, who,
-            "got element count \"" + text + "\", expected a whole number of at most " +
-                std::to_string(std::numeric_limits<Index>::max()));
+            "got element count \"", text, "\", expected a whole number of at most ",
+            std::numeric_limits<Index>::max());
     return n;
 }
 
@@ -139,8 +139,7 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
         h.skip_lines += element_count;
     };
     for (int lines = 0;; ++lines) {
-        require(lines < most_lines, who,
-                "no end_header in the first " + std::to_string(most_lines) + " lines");
+        require(lines < most_lines, who, "no end_header in the first ", most_lines, " lines");
         const std::string line = next_line();
         std::string_view words = line;
         const std::string key(detail::ply_word(words)), a(detail::ply_word(words)),
@@ -150,8 +149,8 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
         if (key == "format") {
             require(a != "binary_big_endian", who,
                     "the file is big-endian, expected ascii or binary_little_endian");
-            require(a == "ascii" || a == "binary_little_endian", who,
-                    "got format \"" + a + "\", expected ascii or binary_little_endian");
+            require(a == "ascii" || a == "binary_little_endian", who, "got format \"", a,
+                    "\", expected ascii or binary_little_endian");
             h.ascii = a == "ascii";
             format_seen = true;
         } else if (key == "element") {
@@ -175,7 +174,7 @@ inline PlyHeader read_ply_header(std::istream& in, const std::string& who) {
                 require(!b.empty(), who, "a property has no name");
                 const bool first =
                     h.place.emplace(b, static_cast<Index>(h.properties.size())).second;
-                require(first, who, "property " + b + " occurs twice");
+                require(first, who, "property ", b, " occurs twice");
                 h.properties.push_back({b, type, h.stride});
                 h.stride += ply_size(type);
             }

@@ -122,7 +122,7 @@ struct ScreenGaussian {
     Vec2<T> centre;              ///< from the principal point [px]
     T depth;                     ///< z [world units]
     Sym2<T> covariance;          ///< for bounds [px^2]
-    T determinant;               ///< of the covariance [px^4]
+    T determinant;               ///< covariance's determinant [px^4]
     PrecisionFactor<T> precision; ///< w = L (p - centre), density exp(-|w|^2 / 2)
     Mask drawable;               ///< beyond the near plane, with a finite ellipse
 };
@@ -131,16 +131,16 @@ template <Scalar T>
 struct MipGaussian : ScreenGaussian<T> {
     T share;                     ///< in [0, 1]
 };
-/// What project returns.
+/// Result of project.
 template <Scalar T, Antialias how>
 using Projected = std::conditional_t<how == Antialias::mip, MipGaussian<T>, ScreenGaussian<T>>;
 
-/// The opacity that is rendered.
+/// Returns the opacity that is rendered.
 template <Scalar T>
 RYE_HD T kept_opacity(const ScreenGaussian<T>&, const T& opacity) {
     return opacity;
 }
-/// The opacity times the share.
+/// Returns the opacity times the share.
 template <Scalar T>
 RYE_HD T kept_opacity(const MipGaussian<T>& s, const T& opacity) {
     return opacity * s.share;
@@ -240,7 +240,8 @@ RYE_HD Vec3<T> whitened_second_row(const Linearised<T, D>& l, const Vec3<T>& sca
 
 } // namespace detail
 
-/// Batches evaluate every lane; only lanes with `drawable` have meaningful values.
+/// Returns a Gaussian on the screen. Batches evaluate every lane; only lanes with `drawable` have
+/// meaningful values.
 template <Antialias how = Antialias::dilate, Scalar T, Distortion D>
 RYE_HD Projected<T, how> project(const Shape<T>& g, const Projector<T, D>& lens) {
     const detail::Linearised<T, D> l(g, lens);
@@ -267,8 +268,8 @@ RYE_HD Projected<T, how> project(const Shape<T>& g, const Projector<T, D>& lens)
 
 namespace detail {
 
-/// Cotangent of (x/z, y/z) through D at the point, and, within the limits, through the rows of
-/// J W: directly and by D'.
+/// Returns the cotangent of (x/z, y/z) through D at the point, and, within the limits, through the
+/// rows of J W: directly and by D'.
 template <Scalar T, class D>
 RYE_HD Vec2<T> distorted_slope_vjp(const Linearised<T, D>& l, const Projector<T, D>& lens,
                                    const Vec2<T>& g_centre, const Vec3<T>& g_toward_x,
@@ -298,9 +299,9 @@ RYE_HD Vec2<T> distorted_slope_vjp(const Linearised<T, D>& l, const Projector<T,
 
 } // namespace detail
 
-/// Cotangents of mean, rotation and scale. Sigma = M M^T + d I gives g_M = 2 g_Sigma M, which in
-/// whitened terms is L^T (moment) (L M). `alpha` is the cotangent of log(opacity), which depends on
-/// the shape only through a MipGaussian's share.
+/// Returns the cotangents of mean, rotation and scale. Sigma = M M^T + d I gives g_M = 2 g_Sigma M,
+/// which in whitened terms is L^T (moment) (L M). `alpha` is the cotangent of log(opacity), which
+/// depends on the shape only through a MipGaussian's share.
 template <Antialias how = Antialias::dilate, Scalar T, Distortion D>
 RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Projector<T, D>& lens,
                             const ScreenCotangent<T>& c, [[maybe_unused]] const T& alpha = T(0)) {
@@ -310,7 +311,7 @@ RYE_HD Shape<T> project_vjp(const Shape<T>& g, const Projector<T, D>& lens,
     const PrecisionFactor<T> f = precision_factor(x, y, lens.dilation);
 
     const Vec3<T> second = detail::whitened_second_row(l, g.scale, f, lens.dilation);
-    Vec3<T> g_x, g_y;                                                     // of the rows of M
+    Vec3<T> g_x, g_y;                                                     // for the rows of M
     for (int i = 0; i < 3; ++i) {
         const T u = f.k1 * x[i], v = second[i];                           // L M
         const T mu = c.moment.xx * u + c.moment.xy * v;

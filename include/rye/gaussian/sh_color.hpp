@@ -51,7 +51,7 @@ struct ShColor {
     }
 };
 
-/// 3 x N colours of a cloud seen from `eye`.
+/// Returns 3 x N colours of a cloud seen from `eye`.
 template <int most = 4, class T>
 Columns<T> sh_colors(const GaussianCloud<T>& cloud, const Vec3<T>& eye) {
     using Map3 = Eigen::Map<const Vec3<T>>;

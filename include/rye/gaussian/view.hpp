@@ -14,7 +14,8 @@
 
 namespace rye {
 
-/// Numbers of T from one Record of an array to the next, for views of interleaved memory.
+/// Returns the stride, in numbers of T, from one Record of an array to the next, for views of
+/// interleaved memory.
 template <class T, class Record>
 constexpr Index stride_in() {
     static_assert(sizeof(Record) % sizeof(T) == 0,
@@ -33,9 +34,9 @@ struct ViewColumns {
     ViewColumns(const T* first, Index numbers = Rows) // NOLINT(google-explicit-constructor)
         : data(first),
           stride(numbers) {}
-    /// The Rows numbers of column i.
+    /// Returns the Rows numbers of column i.
     const T* operator()(Index i) const { return data + stride * i; }
-    /// Columns from `begin` on.
+    /// Returns columns from `begin` on.
     ViewColumns from(Index begin) const { return {data + stride * begin, stride}; }
 };
 
@@ -75,11 +76,10 @@ struct GaussianView {
     Index channels() const { return rows; }
     const T* feature_of(Index i) const { return i < painted ? feature + i * stride : paint; }
 
-    /// Columns [begin, begin + n). Throws Error if there are fewer.
+    /// Returns columns [begin, begin + n). Throws Error if there are fewer.
     GaussianView columns(Index begin, Index n) const {
-        require(begin >= 0 && n >= 0 && begin <= size - n, "GaussianView",
-                "got columns " + std::to_string(begin) + " to " + std::to_string(begin + n) +
-                    " of " + std::to_string(size));
+        require(begin >= 0 && n >= 0 && begin <= size - n, "GaussianView", "got columns ", begin,
+                " to ", begin + n, " of ", size);
         GaussianView v = *this;
         v.mean = mean.from(begin);
         v.rotation = rotation.from(begin);
@@ -90,19 +90,17 @@ struct GaussianView {
         if (paint != nullptr) v.painted = std::max<Index>(painted - begin, 0);
         return v;
     }
-    /// The first n channels. Throws Error if there are fewer.
+    /// Returns the first n channels. Throws Error if there are fewer.
     GaussianView first_channels(Index n) const {
-        require(n >= 0 && n <= rows, "GaussianView",
-                "got " + std::to_string(n) + " of " + std::to_string(rows) + " channels");
+        require(n >= 0 && n <= rows, "GaussianView", "got ", n, " of ", rows, " channels");
         GaussianView v = *this;
         v.rows = n;
         return v;
     }
-    /// The same with one feature, C x 1, for all Gaussians from column `begin` on.
+    /// Returns the same with one feature, C x 1, for all Gaussians from column `begin` on.
     GaussianView painted_from(Index begin, const VecX<T>& color) const {
-        require(color.size() == rows, "GaussianView",
-                "the feature has " + std::to_string(color.size()) + " channels, the Gaussians " +
-                    std::to_string(rows));
+        require(color.size() == rows, "GaussianView", "the feature has ", color.size(),
+                " channels, the Gaussians ", rows);
         GaussianView v = *this;
         v.painted = begin;
         v.paint = color.data();
@@ -110,13 +108,13 @@ struct GaussianView {
     }
 };
 
-/// A view of a whole cloud.
+/// Returns a view of a whole cloud.
 template <class T>
 GaussianView<T> view_of(const Gaussians<T>& g) {
     return g;
 }
 
-/// A copy of the viewed Gaussians.
+/// Returns a copy of the viewed Gaussians.
 template <class T>
 Gaussians<T> copy_of(const GaussianView<T>& v) {
     Gaussians<T> g(v.count(), v.channels());
@@ -139,7 +137,7 @@ struct GaussianSpan {
     Index channels() const { return feature.rows(); }
 };
 
-/// The first n columns.
+/// Returns the first n columns.
 template <class T>
 GaussianSpan<T> first_columns(Gaussians<T>& g, Index n) {
     return {g.mean.leftCols(n), g.rotation.leftCols(n), g.scale.leftCols(n), g.opacity.leftCols(n),

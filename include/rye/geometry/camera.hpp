@@ -31,11 +31,11 @@ struct Pinhole {
     T near_depth = constant<T>(0.01);              ///< closest visible depth [world units]
     [[no_unique_address]] D distortion = {};
 
-    /// The camera's centre in the world.
+    /// Returns the camera's centre in the world.
     RYE_HD Vec3<T> centre() const { return camera_from_world.inverse().translation; }
 
-    /// (u [px], v [px], depth [world units]) of a world point; the depth must not be 0. u and v are
-    /// NaN outside the valid range of the lens.
+    /// Returns (u [px], v [px], depth [world units]) of a world point; the depth must not be 0. u
+    /// and v are NaN outside the valid range of the lens.
     RYE_HD Vec3<T> project_point(const Vec3<T>& x_world) const {
         const Vec3<T> x = camera_from_world.apply(x_world);
         if constexpr (D::distorts) {
@@ -50,8 +50,8 @@ struct Pinhole {
         }
     }
 
-    /// Unit direction in the world of the ray through an image point [px]; NaN where no ray of the
-    /// lens reaches it.
+    /// Returns the unit direction in the world of the ray through an image point [px]; NaN where no
+    /// ray of the lens reaches it.
     RYE_HD Vec3<T> ray(const Vec2<T>& pixel) const {
         Vec3<T> d((pixel[0] - cx) / fx, (pixel[1] - cy) / fy, T(1));
         if constexpr (D::distorts) {
@@ -96,17 +96,16 @@ struct ImageSize {
     int width, height;  ///< [px]
 };
 
-/// A camera at `eye`, looking at `target` in the image centre. Throws Error for bad arguments.
+/// Returns a camera at `eye`, looking at `target` in the image centre. Throws Error for bad
+/// arguments.
 template <Real T>
 Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up, T vertical_fov_rad,
                    const ImageSize& size) {
     const auto [width, height] = size;
-    require(width > 0 && height > 0, "look_at",
-            "the image is " + std::to_string(width) + " x " + std::to_string(height) +
-                " pixels, expected both positive");
+    require(width > 0 && height > 0, "look_at", "the image is ", width, " x ", height,
+            " pixels, expected both positive");
     require(vertical_fov_rad > T(0) && vertical_fov_rad < T(3.14159265358979323846), "look_at",
-            "the vertical field of view is " + number_text(vertical_fov_rad) +
-                " rad, expected between 0 and pi");
+            "the vertical field of view is ", vertical_fov_rad, " rad, expected between 0 and pi");
     const Vec3<T> z = normalized(Vec3<T>(target - eye));
     const Vec3<T> side = cross(z, normalized(up));
     require(norm(side) > T(1e-6), "look_at",
@@ -123,14 +122,14 @@ Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up,
     return camera;
 }
 
-/// The same view in an image `factor` times as large: 0.5 halves the size and the intrinsics.
+/// Returns the same view in an image `factor` times as large: 0.5 halves the size and the
+/// intrinsics.
 template <Scalar T, Distortion D>
 Pinhole<T, D> scaled(Pinhole<T, D> camera, double factor) {
     const double w = std::round(camera.width * factor), h = std::round(camera.height * factor);
-    require(w >= 1 && h >= 1 && w < 1e6 && h < 1e6, "scaled",
-            "factor " + number_text(factor) + " for an image of " +
-                std::to_string(camera.width) + " x " + std::to_string(camera.height) +
-                " pixels, expected a result of 1 to 999999 pixels a side");
+    require(w >= 1 && h >= 1 && w < 1e6 && h < 1e6, "scaled", "factor ", factor,
+            " for an image of ", camera.width, " x ", camera.height,
+            " pixels, expected a result of 1 to 999999 pixels a side");
     // Sizes that do not divide evenly scale x and y separately, so the field of view is unchanged.
     const T sx = T(w / camera.width), sy = T(h / camera.height);
     camera.fx = camera.fx * sx;

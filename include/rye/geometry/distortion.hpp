@@ -52,7 +52,7 @@ struct BrownConrady {
                  radial + two * y * y * rate + six * p1 * y + two * p2 * x}};
     }
 
-    /// Cotangent of s, given that of the Jacobian's stored numbers.
+    /// Returns the cotangent of s, given that of the Jacobian's stored numbers.
     RYE_HD Vec2<T> slope_vjp(const Vec2<T>& s, const Sym2<T>& g) const {
         const T x = s[0], y = s[1], t = x * x + y * y, two = T(2), four = T(4), six = T(6);
         const T rate = k1 + t * (two * k2 + T(3) * t * k3);
@@ -65,7 +65,7 @@ struct BrownConrady {
                        g.xx * xxy + g.xy * xyy + g.yy * yyy);
     }
 
-    /// r^2 of the fold; infinite if the radial part never turns back. Without derivative.
+    /// Returns r^2 of the fold; infinite if the radial part never turns back. Without derivative.
     RYE_HD real_t<T> fold() const {
         using R = real_t<T>;
         // d(r D)/dr = 1 + 3 k1 t + 5 k2 t^2 + 7 k3 t^3: its first root, between turning points.
@@ -109,7 +109,7 @@ struct BrownConrady {
         const auto to = [](const T& x) { return static_cast<U>(x); };
         return {to(k1), to(k2), to(k3), to(p1), to(p2)};
     }
-    /// The same lens in double, without derivatives.
+    /// Returns the same lens in double, without derivatives.
     RYE_HD BrownConrady<double> values() const {
         return {number(k1), number(k2), number(k3), number(p1), number(p2)};
     }
@@ -132,7 +132,7 @@ concept Distortion =
 static_assert(Distortion<NoDistortion> && Distortion<BrownConrady<float>> &&
               !Distortion<Distorted<float>>);
 
-/// Whether the lens is valid at a slope: before its fold, at a positive determinant.
+/// Returns true where the lens is valid at a slope: before its fold, at a positive determinant.
 template <Scalar T>
 RYE_HD auto within_lens(const Vec2<T>& s, const Sym2<T>& slope, const T& fold) {
     return (s[0] * s[0] + s[1] * s[1] < fold) && (slope.determinant() > T(0));
@@ -142,7 +142,7 @@ RYE_HD auto within_lens(const Vec2<T>& s, const Sym2<T>& slope, const T& fold) {
 template <Scalar T>
 struct Undistorted {
     Vec2<T> slope;
-    bool reached;                ///< whether a slope before the fold solves D(slope) = at
+    bool reached;                ///< true if a slope before the fold solves D(slope) = at
 };
 
 /// Solves D(s) = at by damped Newton steps from within the fold, on values; the last step carries

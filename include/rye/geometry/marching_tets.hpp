@@ -42,7 +42,7 @@ struct SurfaceTopology {
     Index vertex_count() const { return static_cast<Index>(edges.size()); }
 };
 
-/// A surface of zero signed distance, with where its vertices lie on the edges of the tetrahedra.
+/// A surface of zero signed distance, with the places of its vertices on edges of tetrahedra.
 template <Scalar T>
 struct Surface {
     Columns<T> positions;  ///< 3 x M
@@ -76,7 +76,8 @@ inline constexpr std::array<TetCase, 16> tet_cases{{{0, {}},
 
 } // namespace detail
 
-/// The topology of the zero surface of sdf, 1 x V; sdf = 0 is inside. Throws Error if not finite.
+/// Returns the topology of the zero surface of sdf, 1 x V; sdf = 0 is inside. Throws Error if not
+/// finite.
 template <class T, Backend B>
 SurfaceTopology surface_topology(const B& backend, const TetTopology& grid,
                                  const std::type_identity_t<ColumnsView<T>>& sdf) {
@@ -112,7 +113,7 @@ SurfaceTopology surface_topology(const B& backend, const TetTopology& grid,
     SurfaceTopology out;
     if (first.back() == 0) return out;
     out.edges.resize(at(first.back()));
-    std::vector<Index> vertex(grid.edges.size());  // of the surface, for each crossing grid edge
+    std::vector<Index> vertex(grid.edges.size());  // on the surface, for each crossing grid edge
     for_chunks(backend.threads, count(crossing), 1, [&](Index c, Index, Index) {
         Index next = first[at(c)];
         for (const Index e : crossing[at(c)]) {
@@ -121,7 +122,7 @@ SurfaceTopology surface_topology(const B& backend, const TetTopology& grid,
         }
     });
     struct Faces {
-        std::vector<Face> singles, pairs; ///< of tetrahedra with one triangle, with two
+        std::vector<Face> singles, pairs; ///< faces of tetrahedra with one triangle, with two
     };
     std::vector<Faces> found(chunks(count(grid.tets)));
     for_chunks(backend.threads, count(grid.tets), grain, [&](Index begin, Index end, Index chunk) {
@@ -148,13 +149,13 @@ SurfaceTopology surface_topology(const B& backend, const TetTopology& grid,
             out.faces.insert(out.faces.end(), (f.*of).begin(), (f.*of).end());
     return out;
 }
-/// On the calling thread.
+/// Does the same on the calling thread.
 template <class T>
 SurfaceTopology surface_topology(const TetTopology& grid, const ColumnsView<T>& sdf) {
     return surface_topology<T>(ScalarBackend{Serial{}}, grid, sdf);
 }
 
-/// t = s_a / (s_a - s_b) of every surface vertex, 1 x M, with the exceptions of EdgeCut.
+/// Returns t = s_a / (s_a - s_b) of every surface vertex, 1 x M, with the exceptions of EdgeCut.
 template <class T>
 Columns<T> crossing_fractions(const SurfaceTopology& surface, const ColumnsView<T>& sdf,
                               const EdgeCut& cut = {}) {
@@ -209,7 +210,7 @@ Columns<T> interpolate(const B& backend, const SurfaceTopology& surface,
     });
     return out;
 }
-/// On the calling thread.
+/// Does the same on the calling thread.
 template <class T>
 Columns<T> interpolate(const SurfaceTopology& surface, const ColumnsView<T>& fraction,
                        const ColumnsView<T>& values) {
@@ -267,14 +268,15 @@ Columns<T> interpolate_vjp(const B& backend, const SurfaceTopology& surface,
     return g_values;
 }
 
-/// The vertex positions, 3 x M, on a fixed topology.
+/// Returns the vertex positions, 3 x M, on a fixed topology.
 template <class T>
 Columns<T> surface_positions(const SurfaceTopology& surface, const ColumnsView<T>& vertices,
                              const ColumnsView<T>& sdf, const EdgeCut& cut = {}) {
     return interpolate<T>(surface, crossing_fractions<T>(surface, sdf, cut), vertices);
 }
 
-/// The surface where sdf, 1 x V, is zero; vertices is 3 x V and may differ from the grid's own.
+/// Returns the surface where sdf, 1 x V, is zero; vertices is 3 x V and may differ from the grid's
+/// own.
 template <class T>
 Surface<T> marching_tetrahedra(const TetTopology& grid, const ColumnsView<T>& vertices,
                                const ColumnsView<T>& sdf, const EdgeCut& cut = {}) {
@@ -300,7 +302,7 @@ struct SurfaceCotangent {
     ColumnsView<T> features;   ///< C x M, interpolated
 };
 
-/// Gradients of what a surface was made from.
+/// Gradients of a surface's inputs.
 template <Scalar T>
 struct SurfaceGradient {
     Columns<T> vertices;  ///< 3 x V
@@ -308,7 +310,8 @@ struct SurfaceGradient {
     Columns<T> features;  ///< C x V
 };
 
-/// Gradients of the grid's vertices, sdf and features, given those at the surface's vertices.
+/// Returns the gradients of the grid's vertices, sdf and features, given those at the surface's
+/// vertices.
 template <class T, Backend B>
 SurfaceGradient<T> surface_vjp(const B& backend, const Surface<T>& surface,
                                const std::type_identity_t<SurfaceInputs<T>>& in,
@@ -327,15 +330,15 @@ SurfaceGradient<T> surface_vjp(const B& backend, const Surface<T>& surface,
     crossing_fractions_vjp<T>(top, in.sdf, g_fraction, g.sdf, cut);
     return g;
 }
-/// On the calling thread.
+/// Does the same on the calling thread.
 template <class T>
 SurfaceGradient<T> surface_vjp(const Surface<T>& surface, const SurfaceInputs<T>& in,
                                const SurfaceCotangent<T>& g_out, const EdgeCut& cut = {}) {
     return surface_vjp<T>(ScalarBackend{Serial{}}, surface, in, g_out, cut);
 }
 
-/// The grid vertices on edges that the surface cuts, ascending. Only they have a gradient, so
-/// networks over the grid need a trace and a backward pass for them alone.
+/// Returns the grid vertices on edges that the surface cuts, ascending. Only they have a gradient,
+/// so networks over the grid need a trace and a backward pass for them alone.
 inline std::vector<Index> touched_vertices(const SurfaceTopology& surface) {
     std::vector<Index> out;
     out.reserve(2 * surface.edges.size());
@@ -345,7 +348,7 @@ inline std::vector<Index> touched_vertices(const SurfaceTopology& surface) {
     return out;
 }
 
-/// The same surface with its edges renumbered to indices into the list `touched`.
+/// Returns the same surface with its edges renumbered to indices into the list `touched`.
 inline SurfaceTopology over_touched(SurfaceTopology surface, const std::vector<Index>& touched) {
     const auto place = [&](Index v) {
         return std::lower_bound(touched.begin(), touched.end(), v) - touched.begin();

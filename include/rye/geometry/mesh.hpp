@@ -24,14 +24,14 @@ struct TriangleMesh {
     std::vector<Face> faces;  ///< indices of vertices
 };
 
-/// (b - a) x (c - a): twice the area times the outward normal. Takes differences first, so a small
-/// triangle far from the origin stays accurate.
+/// Returns (b - a) x (c - a): twice the area times the outward normal. Takes differences first, so
+/// a small triangle far from the origin stays accurate.
 template <Scalar T>
 Vec3<T> area_vector(const Vec3<T>& a, const Vec3<T>& b, const Vec3<T>& c) {
     return cross<T>(Vec3<T>(b - a), Vec3<T>(c - a));
 }
 
-/// Number of faces at each vertex.
+/// Returns the number of faces at each vertex.
 inline std::vector<Index> face_counts(Index vertex_count, const std::vector<Face>& faces) {
     std::vector<Index> counts(static_cast<std::size_t>(vertex_count), 0);
     for (const Face& f : faces)
@@ -39,8 +39,8 @@ inline std::vector<Index> face_counts(Index vertex_count, const std::vector<Face
     return counts;
 }
 
-/// L_i = sum over the n_i faces (i, j, k) at i of (x_j - x_i) + (x_k - x_i), divided by 2 n_i.
-/// 0 at a vertex without faces. Returns D x V, in units of the vertices.
+/// Returns the Laplacian, D x V, in units of the vertices: at vertex i the sum over its n_i faces
+/// (i, j, k) of (x_j - x_i) + (x_k - x_i), divided by 2 n_i; 0 at a vertex without faces.
 template <class T>
 Columns<T> uniform_laplacian(const ColumnsView<T>& vertices, const std::vector<Face>& faces) {
     const std::vector<Index> counts = face_counts(vertices.cols(), faces);
@@ -61,7 +61,7 @@ Columns<T> uniform_laplacian(const ColumnsView<T>& vertices, const std::vector<F
     return sum;
 }
 
-/// Gradient of the vertices, D x V, given that of the Laplacian, D x V.
+/// Returns the gradient of the vertices, D x V, given that of the Laplacian, D x V.
 template <class T>
 Columns<T> laplacian_vjp(const std::vector<Face>& faces, const ColumnsView<T>& g_laplacian) {
     const std::vector<Index> counts = face_counts(g_laplacian.cols(), faces);

@@ -27,7 +27,7 @@ enum class Culling {
     none
 };
 
-/// What a mesh's rasterizer draws, and how soft its silhouette is.
+/// Settings of a mesh's rasterizer: its outputs and the softness of its silhouette.
 struct MeshRasterSettings {
     Culling culling = Culling::back_faces;
     /// Smaller faces are skipped: barycentrics divide by the area, and a face that small covers a
@@ -77,7 +77,7 @@ template <class W>
 struct PixelFace {
     std::array<Vec2<W>, 3> r;
     std::array<W, 3> barycentric;
-    W sum;  // of e_k
+    W sum;  // sum of e_k
 
     PixelFace(const Columns<W>& camera, const Face& f, double ray_x, double ray_y) {
         for (std::size_t k = 0; k < 3; ++k)
@@ -221,7 +221,8 @@ MeshRaster<T> rasterize_mesh(const B& backend, const AttributeMesh<T>& mesh,
     return out;
 }
 
-/// Gradients of vertices and attributes, given those of the images, with the same mesh and camera.
+/// Returns the gradients of vertices and attributes, given those of the images, with the same mesh
+/// and camera.
 template <class T, Backend B>
 MeshRasterGradient<T> rasterize_mesh_vjp(const B& backend, const MeshRaster<T>& raster,
                                          const AttributeMesh<T>& mesh,

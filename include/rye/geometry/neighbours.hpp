@@ -16,8 +16,9 @@
 
 namespace rye {
 
-/// Mean squared distance of each point (3 x N) to its `k` nearest others, 1 x N; with fewer than k
-/// others, to all of them; 0 for a single point; the largest number where it is beyond the range.
+/// Returns the mean squared distance of each point (3 x N) to its `k` nearest others, 1 x N; with
+/// fewer than k others, to all of them; 0 for a single point; the largest number where it is beyond
+/// the range.
 template <Real T, Backend B>
 Columns<T> mean_squared_neighbour_distance(const B& backend, const Columns<T>& points, int k = 3) {
     const Index n = points.cols();

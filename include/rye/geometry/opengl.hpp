@@ -38,31 +38,28 @@ namespace detail {
 template <Real T>
 void check_view(const Mat<T, 4, 4>& view) {
     const char* const who = "pinhole_from_opengl";
-    const auto text = [](T x) { return number_text(x); };
     require(view.allFinite(), who, "the view has a number that is not finite");
     for (int j = 0; j < 4; ++j)
-        require(std::abs(view(3, j) - T(j == 3)) <= T(opengl_tolerance), who,
-                "view(3, " + std::to_string(j) + ") is " + text(view(3, j)) + ", expected " +
-                    (j == 3 ? "1" : "0") + ": a rigid motion, as columns");
+        require(std::abs(view(3, j) - T(j == 3)) <= T(opengl_tolerance), who, "view(3, ", j,
+                ") is ", view(3, j), ", expected ", (j == 3 ? "1" : "0"),
+                ": a rigid motion, as columns");
     const Mat3<T> r = view.template topLeftCorner<3, 3>();
     const T off = (r * r.transpose() - Mat3<T>::Identity()).cwiseAbs().maxCoeff();
     require(off <= T(opengl_tolerance), who,
-            "the view scales or shears: its 3 x 3 part R has R R' - I up to " + text(off) +
-                ", expected at most " + text(T(opengl_tolerance)));
+            "the view scales or shears: its 3 x 3 part R has R R' - I up to ", off,
+            ", expected at most ", T(opengl_tolerance));
     const T det = dot(Vec3<T>(r.col(0)), cross(Vec3<T>(r.col(1)), Vec3<T>(r.col(2))));
-    require(det > T(0), who,
-            "the view mirrors: determinant " + text(det) +
-                ", expected 1 (a right-handed world and eye frame)");
+    require(det > T(0), who, "the view mirrors: determinant ", det,
+            ", expected 1 (a right-handed world and eye frame)");
 }
 
-/// Of a projection whose last row is (0, 0, -1, 0).
+/// Throws Error unless a projection with the last row (0, 0, -1, 0) is that of a pinhole camera.
 template <Real T>
 void check_projection(const Mat<T, 4, 4>& p) {
     const char* const who = "pinhole_from_opengl";
     const auto zero = [&](int i, int j, const char* meaning) {
-        require(std::abs(p(i, j)) <= T(opengl_tolerance), who,
-                "projection(" + std::to_string(i) + ", " + std::to_string(j) + ") is " +
-                    number_text(p(i, j)) + ", expected 0: " + meaning);
+        require(std::abs(p(i, j)) <= T(opengl_tolerance), who, "projection(", i, ", ", j, ") is ",
+                p(i, j), ", expected 0: ", meaning);
     };
     zero(0, 1, "a pinhole camera has no skew");
     zero(1, 0, "a pinhole camera has no skew");
@@ -70,31 +67,28 @@ void check_projection(const Mat<T, 4, 4>& p) {
     zero(1, 3, "a perspective projection has no shift of its own; it belongs to the view");
     zero(2, 0, "an oblique near plane is not supported");
     zero(2, 1, "an oblique near plane is not supported");
-    require(p(0, 0) > T(0), who,
-            "projection(0, 0) is " + number_text(p(0, 0)) +
-                ", expected a positive number: the image is mirrored");
-    require(p(1, 1) > T(0), who,
-            "projection(1, 1) is " + number_text(p(1, 1)) +
-                ", expected a positive number: the image is upside down; for Vulkan, whose device "
-                "y points down, negate the second row");
+    require(p(0, 0) > T(0), who, "projection(0, 0) is ", p(0, 0),
+            ", expected a positive number: the image is mirrored");
+    require(p(1, 1) > T(0), who, "projection(1, 1) is ", p(1, 1),
+            ", expected a positive number: the image is upside down; for Vulkan, whose device "
+            "y points down, negate the second row");
 }
 
 } // namespace detail
 
-/// The camera of a view (world to eye) and a perspective projection, for an image of width x height
-/// pixels; off-centre projections (glFrustum) give a principal point off the centre. The near
-/// plane, by `clip`, is the camera's near_depth [world units]; a far plane is not kept. A positive
-/// multiple of the specification's matrix is the same camera, as clip coordinates are homogeneous.
-/// Throws Error, with the entry and its value, for an empty image, numbers that are
+/// Returns the camera of a view (world to eye) and a perspective projection, for an image of width
+/// x height pixels; off-centre projections (glFrustum) give a principal point off the centre. The
+/// near plane, by `clip`, is the camera's near_depth [world units]; a far plane is not kept. A
+/// positive multiple of the specification's matrix is the same camera, as clip coordinates are
+/// homogeneous. Throws Error, with the entry and its value, for an empty image, numbers that are
 /// not finite, a view that is not rigid or mirrors, a projection that is orthographic, left-handed,
 /// skewed, mirrored or has an oblique near plane, and a near plane that is not in front.
 template <Real T>
 Pinhole<T> pinhole_from_opengl(const Mat<T, 4, 4>& view, const Mat<T, 4, 4>& projection, int width,
                                int height, ClipDepth clip = ClipDepth::minus_one_to_one) {
     const char* const who = "pinhole_from_opengl";
-    require(width > 0 && height > 0, who,
-            "the image is " + std::to_string(width) + " x " + std::to_string(height) +
-                " pixels, expected both positive");
+    require(width > 0 && height > 0, who, "the image is ", width, " x ", height,
+            " pixels, expected both positive");
     detail::check_view<T>(view);
     require(projection.allFinite(), who, "the projection has a number that is not finite");
     const T into = -projection(3, 2);
@@ -104,14 +98,14 @@ Pinhole<T> pinhole_from_opengl(const Mat<T, 4, 4>& view, const Mat<T, 4, 4>& pro
         return "the projection's last row is " + s;
     };
     const T most = std::max(std::abs(into), std::abs(projection(3, 3)));
-    require(std::abs(into) > T(opengl_tolerance) * most && most > T(0), who,
-            row() + ", expected a multiple of (0, 0, -1, 0): this one is orthographic");
-    require(into > T(0), who,
-            row() + ", expected a positive multiple of (0, 0, -1, 0): this one is left-handed");
+    require(std::abs(into) > T(opengl_tolerance) * most && most > T(0), who, row,
+            ", expected a multiple of (0, 0, -1, 0): this one is orthographic");
+    require(into > T(0), who, row,
+            ", expected a positive multiple of (0, 0, -1, 0): this one is left-handed");
     const Mat<T, 4, 4> p = projection / into;
     for (const int j : {0, 1, 3})
-        require(std::abs(p(3, j)) <= T(opengl_tolerance), who,
-                row() + ", expected a multiple of (0, 0, -1, 0)");
+        require(std::abs(p(3, j)) <= T(opengl_tolerance), who, row,
+                ", expected a multiple of (0, 0, -1, 0)");
     detail::check_projection<T>(p);
 
     // Device z is -p22 + p23 / depth.
@@ -121,10 +115,9 @@ Pinhole<T> pinhole_from_opengl(const Mat<T, 4, 4>& view, const Mat<T, 4, 4>& pro
     const T near_depth = p(2, 3) / (at + p(2, 2));
     const bool grows = clip != ClipDepth::one_to_zero; // device z, with depth
     require(std::isfinite(near_depth) && near_depth > T(0) && (p(2, 3) < T(0)) == grows, who,
-            "projection(2, 2) is " + number_text(p(2, 2)) + " and projection(2, 3) " +
-                number_text(p(2, 3)) + ", which puts the near plane of device z " +
-                number_text(at) + " at depth " + number_text(near_depth) +
-                ", expected a positive one, before the far plane: see ClipDepth");
+            "projection(2, 2) is ", p(2, 2), " and projection(2, 3) ", p(2, 3),
+            ", which puts the near plane of device z ", at, " at depth ", near_depth,
+            ", expected a positive one, before the far plane: see ClipDepth");
     Pinhole<T> camera;
     camera.width = width;
     camera.height = height;

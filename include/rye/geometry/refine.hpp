@@ -20,7 +20,7 @@ template <Scalar T, class Spacing>
 void refine(TriangleMesh<T>& mesh, Columns<T>& attributes, Spacing&& spacing, int passes) {
     const auto at = [](Index i) { return static_cast<std::size_t>(i); };
     for (int pass = 0; pass < passes; ++pass) {
-        std::map<Edge, Index> middle;  // of the edges (smaller, larger) that are halved
+        std::map<Edge, Index> middle;  // midpoints of halved edges (smaller, larger)
         std::vector<Edge> halved;
         const Index before = mesh.vertices.cols();
         const auto split = [&](Index a, Index b) -> Index {

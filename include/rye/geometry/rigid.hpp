@@ -53,7 +53,7 @@ struct Rigid {
     }
 };
 
-/// a_from_c = compose(a_from_b, b_from_c).
+/// Returns a_from_c = compose(a_from_b, b_from_c).
 template <Scalar T>
 RYE_HD Rigid<T> compose(const Rigid<T>& a_from_b, const Rigid<T>& b_from_c) {
     Mat3<T> r;

@@ -35,13 +35,13 @@ struct ScreenFace {
 struct PixelRange {
     int first, last;
 };
-/// The pixels of [lo, hi] of a row or column of n.
+/// Returns the pixels of [lo, hi] of a row or column of n.
 inline PixelRange pixel_range(double lo, double hi, int n) {
     return {static_cast<int>(std::ceil(std::clamp(lo - 0.5, 0.0, static_cast<double>(n)))),
             static_cast<int>(std::floor(std::clamp(hi - 0.5, -1.0, n - 1.0)))};
 }
 
-/// The vertices (3 x M, world) as a camera sees them.
+/// Returns the vertices (3 x M, world) as a camera sees them.
 template <class T>
 ScreenMesh<T> screen_mesh(const ColumnsView<T>& vertices, const Pinhole<real_t<T>>& view) {
     using W = widened_t<T>;
@@ -62,8 +62,8 @@ ScreenMesh<T> screen_mesh(const ColumnsView<T>& vertices, const Pinhole<real_t<T
     return out;
 }
 
-/// Gradient of the vertices, 3 x M, given those of their camera points, 3 x M, and image points,
-/// 2 x M, the latter 0 for vertices that are not beyond near_depth.
+/// Returns the gradient of the vertices, 3 x M, given those of their camera points, 3 x M, and
+/// image points, 2 x M, the latter 0 for vertices that are not beyond near_depth.
 template <class T>
 Columns<T> screen_mesh_vjp(const ScreenMesh<T>& mesh, const Pinhole<real_t<T>>& view,
                            Columns<widened_t<T>> g_camera, const Columns<widened_t<T>>& g_image) {
@@ -86,7 +86,7 @@ Columns<T> screen_mesh_vjp(const ScreenMesh<T>& mesh, const Pinhole<real_t<T>>& 
     return g;
 }
 
-/// The box, area and side of each face.
+/// Returns the box, area and side of each face.
 template <class T>
 std::vector<ScreenFace> screen_faces(const ScreenMesh<T>& mesh, const std::vector<Face>& faces,
                                      double near_depth) {
@@ -145,7 +145,7 @@ struct ScreenFaces {
     const std::vector<ScreenFace>& boxes;
 };
 
-/// The faces that each band of rows may show, with a margin around their boxes [px].
+/// Returns the faces that each band of rows may show, with a margin around their boxes [px].
 inline FaceBands face_bands(const std::vector<ScreenFace>& faces, int width, int height,
                             double margin_px) {
     FaceBands out;

@@ -15,7 +15,7 @@
 
 namespace rye {
 
-/// How soft a silhouette is, and how far it reaches.
+/// Softness and reach of a silhouette.
 struct SilhouetteSettings {
     double sharpness = 7000;  ///< [1 / (half image width)^2]; .652 at one pixel of 256
     double reach = 0.02;      ///< margin around a face's box [half image widths]
@@ -38,7 +38,7 @@ struct SilhouetteTrace {
 
 namespace detail {
 
-/// Point of the outline of face f nearest to q, all in [px], by value.
+/// Returns the point of the outline of face f nearest to q, all in [px], by value.
 template <class T>
 SilhouetteTrace::Nearest nearest_on_outline(const ScreenMesh<T>& mesh, const Face& f,
                                             const Vec2<double>& q) {
@@ -61,7 +61,7 @@ SilhouetteTrace::Nearest nearest_on_outline(const ScreenMesh<T>& mesh, const Fac
     return best;
 }
 
-/// Offset from the pixel centre to the outline's point, [half image widths].
+/// Returns the offset from the pixel centre to the outline's point, [half image widths].
 template <class T>
 Vec2<widened_t<T>> to_outline(const ScreenMesh<T>& mesh, const SilhouetteTrace::Nearest& n,
                               Index pixel, int width) {
@@ -146,10 +146,10 @@ struct SilhouettePixel {
     const SilhouetteTrace& trace;
     std::size_t index;
     int width;         ///< [px]
-    double sharpness;  ///< of SilhouetteSettings
+    double sharpness;  ///< SilhouetteSettings::sharpness
 };
 
-/// Soft mask of a pixel: s <- s + p (1 - s) keeps a small union accurate.
+/// Returns the soft mask of a pixel: s <- s + p (1 - s) keeps a small union accurate.
 template <class T>
 widened_t<T> silhouette_value(const ScreenMesh<T>& mesh, const SilhouettePixel& pixel) {
     using W = widened_t<T>;

@@ -18,7 +18,7 @@
 
 namespace rye {
 
-/// Where light crosses or is reflected by the sphere, and whether it does.
+/// Point at which the sphere refracts or reflects light, if there is one.
 template <Scalar T>
 struct SpherePath {
     Vec3<T> at;                  ///< Q
@@ -80,7 +80,7 @@ struct PathPlane {
         return p;
     }
 
-    /// w of the sphere's rim as seen from the eye, on the side of the source; at most 1.
+    /// Returns w of the sphere's rim as seen from the eye, on the side of the source; at most 1.
     RYE_HD T rim() const {
         using std::sqrt;
         const T a = dot(ahead, toward) / radius;                // along the eye's direction
@@ -103,8 +103,8 @@ struct OpticalSphere {
     T radius, index;
 };
 
-/// The eye must be outside the sphere. Bracketed Newton's method on values; a final step carries
-/// the derivatives.
+/// Returns the path from a source to an eye by way of the sphere. The eye must be outside. By a
+/// bracketed Newton's method on values; a final step carries the derivatives.
 template <Scalar T>
 RYE_HD SpherePath<T> sphere_path(const Vec3<T>& eye, const Vec3<T>& source,
                                  const OpticalSphere<std::type_identity_t<T>>& sphere) {
@@ -145,9 +145,9 @@ struct SpherePathCotangent {
     Vec3<T> eye, source;
 };
 
-/// Cotangents of the ends of a visible path, given that of its point Q, `at`. With the Hessian H of
-/// L on the sphere, dQ = -H^-1 (d grad L); H is kept times |Q - P|, which stays finite for a source
-/// at the surface.
+/// Returns the cotangents of the ends of a visible path, given that of its point Q, `at`. With the
+/// Hessian H of L on the sphere, dQ = -H^-1 (d grad L); H is kept times |Q - P|, which stays finite
+/// for a source at the surface.
 template <Scalar T>
 RYE_HD SpherePathCotangent<T> sphere_path_vjp(const Vec3<T>& eye, const Vec3<T>& source,
                                               const OpticalSphere<std::type_identity_t<T>>& sphere,

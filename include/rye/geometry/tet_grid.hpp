@@ -82,7 +82,7 @@ inline TetTopology tet_topology(Index vertex_count, std::vector<Tet> tets) {
     return out;
 }
 
-/// Signed volume det(b - a, c - a, d - a) / 6 of a tetrahedron.
+/// Returns the signed volume det(b - a, c - a, d - a) / 6 of a tetrahedron.
 template <class T>
 T tet_volume(const ColumnsView<T>& vertices, const Tet& tet) {
     const Vec3<T> a = vertices.col(tet[0]), b = vertices.col(tet[1]), c = vertices.col(tet[2]);
@@ -90,9 +90,9 @@ T tet_volume(const ColumnsView<T>& vertices, const Tet& tet) {
     return area_vector<T>(a, b, c).dot(ad) / T(6);
 }
 
-/// A body-centred cubic lattice that fills the box [lo, hi] exactly; throws Error for bad sizes.
-/// The cell edge is rounded to fit whole cells. Four tetrahedra surround each cell face: its four
-/// sides, joined to the two cell centres (at the box border, to the cell and face centres).
+/// Returns a body-centred cubic lattice that fills the box [lo, hi] exactly; throws Error for bad
+/// sizes. The cell edge is rounded to fit whole cells. Four tetrahedra surround each cell face: its
+/// four sides, joined to the two cell centres (at the box border, to the cell and face centres).
 /// Vertices: corners, then centres, then centres of border faces; about 12 tetrahedra a cell.
 template <Real T>
 TetGrid<T> bcc_grid(const Vec3<T>& lo, const Vec3<T>& hi, T cell) {
@@ -100,12 +100,10 @@ TetGrid<T> bcc_grid(const Vec3<T>& lo, const Vec3<T>& hi, T cell) {
     double cells = 1;
     for (int d = 0; d < 3; ++d) {
         const double count = std::round(static_cast<double>((hi[d] - lo[d]) / cell));
-        require(cell > T(0) && hi[d] > lo[d] && std::isfinite(count), "bcc_grid",
-                "side " + number_text(hi[d] - lo[d]) + " and cell " + number_text(cell) +
-                    " must be positive and finite");
+        require(cell > T(0) && hi[d] > lo[d] && std::isfinite(count), "bcc_grid", "side ",
+                hi[d] - lo[d], " and cell ", cell, " must be positive and finite");
         cells *= std::max(count, 1.0);
-        require(cells < 1e8, "bcc_grid", "the cell of " + number_text(cell) +
-                                             " gives more than 1e8 cells");
+        require(cells < 1e8, "bcc_grid", "the cell of ", cell, " gives more than 1e8 cells");
         n[static_cast<std::size_t>(d)] = static_cast<Index>(std::max(count, 1.0));
     }
     const Index nx = n[0], ny = n[1], nz = n[2];

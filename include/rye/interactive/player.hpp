@@ -41,9 +41,8 @@ class AvatarPlayer {
         const std::string who = "AvatarPlayer";
         check_drivers(who, playable_->config, drivers);
         check_camera(who, camera);
-        require(background.size() == playable_->config.channels, who,
-                "'background': got " + std::to_string(background.size()) + " channels, expected " +
-                    std::to_string(playable_->config.channels));
+        require(background.size() == playable_->config.channels, who, "'background': got ",
+                background.size(), " channels, expected ", playable_->config.channels);
         detail::require_all_finite(who, "background", background);
         const int factor = 1 << playable_->avatar.upsampler.shape.doublings;
         cache_.update(restricted<TrainedEffects>(drivers), render_camera(camera, factor),

@@ -141,8 +141,7 @@ struct LpipsVgg {
     std::array<VggTrace<T>, 2> traces(const B& backend, const Image<T>& a,
                                       const Image<T>& b) const {
         detail::require_same_shape<T>("LpipsVgg", a.pixels, b.pixels, Columns<T>());
-        require(a.channels() == 3, "LpipsVgg",
-                "got " + std::to_string(a.channels()) + " channels, expected 3");
+        require(a.channels() == 3, "LpipsVgg", "got ", a.channels(), " channels, expected 3");
         return {vgg_forward(backend, weights.net, detail::lpips_input(a)),
                 vgg_forward(backend, weights.net, detail::lpips_input(b))};
     }

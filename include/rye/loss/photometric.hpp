@@ -35,10 +35,12 @@ void require_same_shape(const char* who, const ColumnsView<T>& a, const ColumnsV
     const auto text = [](const ColumnsView<T>& m) {
         return std::to_string(m.rows()) + " x " + std::to_string(m.cols());
     };
-    require(a.rows() == b.rows() && a.cols() == b.cols(), who,
-            "images " + text(a) + " and " + text(b) + " differ in shape");
-    require(mask.size() == 0 || (mask.rows() == 1 && mask.cols() == a.cols()), who,
-            "mask is " + text(mask) + ", expected 1 x " + std::to_string(a.cols()));
+    require(
+        a.rows() == b.rows() && a.cols() == b.cols(), who, "images ", [&] { return text(a); },
+        " and ", [&] { return text(b); }, " differ in shape");
+    require(
+        mask.size() == 0 || (mask.rows() == 1 && mask.cols() == a.cols()), who, "mask is ",
+        [&] { return text(mask); }, ", expected 1 x ", a.cols());
 }
 
 } // namespace detail

@@ -24,7 +24,7 @@ using NeighbourGraph = std::vector<std::array<Index, 4>>;
 template <Real T>
 NeighbourGraph four_nearest(const Columns<T>& points, Index first = 0) {
     const Index n = points.cols();
-    require(n > 4, "four_nearest", "got " + std::to_string(n) + " points, expected at least 5");
+    require(n > 4, "four_nearest", "got ", n, " points, expected at least 5");
     NeighbourGraph graph;
     std::vector<std::pair<T, Index>> by_distance;
     for (Index i = 0; i < n; ++i) {
@@ -82,9 +82,8 @@ inline std::vector<std::vector<Index>> neighbour_of(const NeighbourGraph& graph)
 template <class T, Threads P>
 LossGradient<T> smoothness(const P& threads, const Columns<T>& values, const NeighbourGraph& graph,
                            const std::vector<std::vector<Index>>& of) {
-    require(static_cast<Index>(graph.size()) == values.cols(), "smoothness",
-            "the graph has " + std::to_string(graph.size()) + " points, the values " +
-                std::to_string(values.cols()));
+    require(static_cast<Index>(graph.size()) == values.cols(), "smoothness", "the graph has ",
+            graph.size(), " points, the values ", values.cols());
     const T share = T(1) / T(static_cast<real_t<T>>(std::max<Index>(values.size(), 1)));
     LossGradient<T> l;
     l.gradient = Columns<T>::Zero(values.rows(), values.cols());

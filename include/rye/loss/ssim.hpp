@@ -79,16 +79,12 @@ template <class T, Backend B>
 double ssim(const B& backend, const Image<T>& a, const Image<T>& b,
             const std::type_identity_t<Columns<T>>& mask) {
     require(a.width == b.width && a.height == b.height && a.channels() == b.channels(), "ssim",
-            "images of " + std::to_string(a.width) + " x " + std::to_string(a.height) + " x " +
-                std::to_string(a.channels()) + " and " + std::to_string(b.width) + " x " +
-                std::to_string(b.height) + " x " + std::to_string(b.channels()) +
-                " differ in shape");
-    require(a.width >= ssim_window && a.height >= ssim_window, "ssim",
-            "got " + std::to_string(a.width) + " x " + std::to_string(a.height) +
-                " pixels, expected at least 11 x 11");
-    require(
-        mask.size() == 0 || mask.size() == a.size(), "ssim",
-        "mask has " + std::to_string(mask.size()) + " pixels, image " + std::to_string(a.size()));
+            "images of ", a.width, " x ", a.height, " x ", a.channels(), " and ", b.width, " x ",
+            b.height, " x ", b.channels(), " differ in shape");
+    require(a.width >= ssim_window && a.height >= ssim_window, "ssim", "got ", a.width, " x ",
+            a.height, " pixels, expected at least 11 x 11");
+    require(mask.size() == 0 || mask.size() == a.size(), "ssim", "mask has ", mask.size(),
+            " pixels, image ", a.size());
     const Array<double, ssim_window> weight = detail::ssim_weights();
     constexpr Index margin = ssim_window / 2;
     const Index c = a.channels(), columns = a.width - 2 * margin;

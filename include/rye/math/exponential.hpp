@@ -28,8 +28,8 @@ namespace detail {
 template <class R>
 inline constexpr double rounder = sizeof(R) == 4 ? 0x1.8p23 : 0x1.8p52;
 
-/// p 2^k for p in [1/2, 2) and t = k + rounder, k in the range of normal exponents, by adding k to
-/// the exponent bits. Unspecified for other k.
+/// Returns p 2^k for p in [1/2, 2) and t = k + rounder, k in the range of normal exponents, by
+/// adding k to the exponent bits. Unspecified for other k.
 template <Scalar T>
 RYE_HD T scale_by_power(const T& p, const T& t) {
     if constexpr (std::same_as<T, float>) {
@@ -95,7 +95,7 @@ struct Exp2Poly {
         }
     }
 
-    /// The same for x in [-126, 127], not a dual; unspecified elsewhere.
+    /// Returns the same for x in [-126, 127], not a dual; unspecified elsewhere.
     template <Scalar T>
     [[gnu::always_inline]] RYE_HD static T within(const T& x) {
         const T round = constant<T>(detail::rounder<real_t<T>>);
@@ -106,7 +106,8 @@ struct Exp2Poly {
     }
 
   private:
-    /// Horner's scheme as a fold expression: compilers do not unroll a loop over the coefficients.
+    /// Evaluates by Horner's scheme as a fold expression: compilers do not unroll a loop over the
+    /// coefficients.
     template <Scalar T, std::size_t... I>
     [[gnu::always_inline]] RYE_HD static T polynomial(const T& f, std::index_sequence<I...>) {
         T p = constant<T>(Coefficients::c[0]);

@@ -14,10 +14,11 @@
 
 namespace rye {
 
-/// Number of basis functions up to a degree.
+/// Returns the number of basis functions up to a degree.
 RYE_HD constexpr int sh_count(int degree) { return (degree + 1) * (degree + 1); }
 
-/// The degree of a number of basis functions; throws Error if it is none of 1, 4, 9, 16, 25.
+/// Returns the degree of a number of basis functions; throws Error if it is none of 1, 4, 9, 16,
+/// 25.
 inline int sh_degree(int count) {
     for (int d = 0; d <= 4; ++d)
         if (sh_count(d) == count) return d;
@@ -25,8 +26,8 @@ inline int sh_degree(int count) {
                 " coefficients, expected 1, 4, 9, 16 or 25");
 }
 
-/// Factors that make the basis orthonormal on the sphere, in order, signs included. The table is
-/// inside the function because device code cannot read a global one.
+/// Returns the factor that makes basis function k orthonormal on the sphere, sign included. The
+/// table is inside the function because device code cannot read a global one.
 RYE_HD inline double sh_factor(std::size_t k) {
     static constexpr Array<double, 25> factors{
         0.28209479177387814,                                                    // l = 0
@@ -45,7 +46,7 @@ RYE_HD inline double sh_factor(std::size_t k) {
 template <Scalar T, int Degree>
 using ShArray = Array<T, static_cast<std::size_t>(sh_count(Degree))>;
 
-/// The basis at a unit direction.
+/// Returns the basis at a unit direction.
 template <Scalar T, int Degree>
 RYE_HD ShArray<T, Degree> sh_basis(const Vec3<T>& direction) {
     static_assert(Degree >= 0 && Degree <= 4, "sh_basis: the degree must be 0 to 4");
@@ -74,7 +75,7 @@ RYE_HD ShArray<T, Degree> sh_basis(const Vec3<T>& direction) {
     return b;
 }
 
-/// Cotangent of the direction (chain with normalized_vjp).
+/// Returns the cotangent of the direction (chain with normalized_vjp).
 template <Scalar T, int Degree>
 RYE_HD Vec3<T> sh_basis_vjp(const Vec3<T>& direction, const ShArray<T, Degree>& g) {
     const T &x = direction[0], &y = direction[1], &z = direction[2];
@@ -117,7 +118,7 @@ RYE_HD Vec3<T> sh_basis_vjp(const Vec3<T>& direction, const ShArray<T, Degree>& 
 
 namespace detail {
 
-/// f(std::integral_constant<int, degree>) for a degree known at run time.
+/// Calls f(std::integral_constant<int, degree>) for a degree known at run time.
 template <class F>
 auto with_sh_degree(int degree, F&& f) {
     switch (degree) {
@@ -131,7 +132,7 @@ auto with_sh_degree(int degree, F&& f) {
     throw Error("sh_basis: got degree " + std::to_string(degree) + ", expected 0 to 4");
 }
 
-/// f(std::integral_constant<int, min(degree, most)>); generates no code for higher degrees.
+/// Calls f(std::integral_constant<int, min(degree, most)>); generates no code for higher degrees.
 template <int most, class F>
 auto with_sh_degree_up_to(int degree, F&& f) {
     static_assert(most >= 0 && most <= 4, "sh_basis: the degree must be 0 to 4");
@@ -146,7 +147,7 @@ auto with_sh_degree_up_to(int degree, F&& f) {
 
 } // namespace detail
 
-/// The basis, for a degree known at run time.
+/// Returns the basis, for a degree known at run time.
 template <Scalar T>
 VecX<T> sh_basis(int degree, const Vec3<T>& direction) {
     return detail::with_sh_degree(degree, [&](auto d) {
@@ -157,7 +158,8 @@ VecX<T> sh_basis(int degree, const Vec3<T>& direction) {
     });
 }
 
-/// Cotangent of the direction, for a degree known at run time; g has sh_count(degree) entries.
+/// Returns the cotangent of the direction, for a degree known at run time; g has sh_count(degree)
+/// entries.
 template <Scalar T>
 Vec3<T> sh_basis_vjp(int degree, const Vec3<T>& direction, const VecX<T>& g) {
     return detail::with_sh_degree(degree, [&](auto d) {

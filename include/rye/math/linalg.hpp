@@ -13,7 +13,7 @@
 
 namespace rye {
 
-/// a . b, summed from the first entry on, for batches too.
+/// Returns a . b, summed from the first entry on, for batches too.
 template <Scalar T, int N>
 RYE_HD T dot(const Vec<T, N>& a, const Vec<T, N>& b) {
     T s = a[0] * b[0];
@@ -21,13 +21,13 @@ RYE_HD T dot(const Vec<T, N>& a, const Vec<T, N>& b) {
     return s;
 }
 
-/// The cross product a x b.
+/// Returns the cross product a x b.
 template <Scalar T>
 RYE_HD Vec3<T> cross(const Vec3<T>& a, const Vec3<T>& b) {
     return Vec3<T>(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]);
 }
 
-/// select(condition, a, b), entry by entry.
+/// Returns select(condition, a, b), entry by entry.
 template <class Condition, Scalar T, int R, int C>
 RYE_HD Mat<T, R, C> select_all(const Condition& c, const Mat<T, R, C>& a, const Mat<T, R, C>& b) {
     Mat<T, R, C> r;
@@ -35,7 +35,8 @@ RYE_HD Mat<T, R, C> select_all(const Condition& c, const Mat<T, R, C>& a, const 
     return r;
 }
 
-/// x / |x| without underflow or overflow of |x|^2; the zero vector stays zero, with derivative 0.
+/// Returns x / |x| without underflow or overflow of |x|^2; the zero vector stays zero, with
+/// derivative 0.
 template <Scalar T, int N>
 RYE_HD Vec<T, N> normalized(const Vec<T, N>& x) {
     using std::abs, std::sqrt;
@@ -50,7 +51,7 @@ RYE_HD Vec<T, N> normalized(const Vec<T, N>& x) {
     return u;
 }
 
-/// |x| without underflow or overflow of |x|^2; derivative 0 at x = 0.
+/// Returns |x| without underflow or overflow of |x|^2; derivative 0 at x = 0.
 template <Scalar T, int N>
 RYE_HD T norm(const Vec<T, N>& x) {
     using std::abs, std::sqrt;
@@ -63,7 +64,7 @@ RYE_HD T norm(const Vec<T, N>& x) {
     return select(zero, T(0), T(s * sqrt(select(zero, T(1), dot(u, u)))));
 }
 
-/// Cotangent of x for y = x / |x|: (g - y (y . g)) / |x|, and 0 at x = 0.
+/// Returns the cotangent of x for y = x / |x|: (g - y (y . g)) / |x|, and 0 at x = 0.
 template <Scalar T, int N>
 RYE_HD Vec<T, N> normalized_vjp(const Vec<T, N>& x, const Vec<T, N>& g) {
     const Vec<T, N> y = normalized(x);
@@ -88,7 +89,7 @@ struct Sym2 {
     }
 };
 
-/// <cotangent, tangent> over the stored numbers of Sym2.
+/// Returns <cotangent, tangent> over the stored numbers of Sym2.
 template <Scalar T>
 RYE_HD T pairing(const Sym2<T>& g, const Sym2<T>& d) {
     return g.xx * d.xx + g.xy * d.xy + g.yy * d.yy;
@@ -101,21 +102,21 @@ struct Sym3 {
     T xx, xy, xz, yy, yz, zz;
 };
 
-/// M M^T for a factor with three rows.
+/// Returns M M^T for a factor with three rows.
 template <Scalar T>
 RYE_HD Sym3<T> gram(const Mat3<T>& m) {
     const Vec3<T> x = m.row(0), y = m.row(1), z = m.row(2);
     return {dot(x, x), dot(x, y), dot(x, z), dot(y, y), dot(y, z), dot(z, z)};
 }
 
-/// M M^T + d I for the two rows of a 2 x 3 factor; d >= 0 is the dilation.
+/// Returns M M^T + d I for the two rows of a 2 x 3 factor; d >= 0 is the dilation.
 template <Scalar T>
 RYE_HD Sym2<T> gram(const Vec3<T>& x, const Vec3<T>& y, const T& d) {
     return {dot(x, x) + d, dot(x, y), dot(y, y) + d};
 }
 
-/// det(M M^T + d I) = |x cross y|^2 + d (|x|^2 + |y|^2) + d^2, every term >= 0. The direct form
-/// xx yy - xy^2 is 20 % wrong for a needle of 1000 px.
+/// Returns det(M M^T + d I) = |x cross y|^2 + d (|x|^2 + |y|^2) + d^2, every term >= 0. The direct
+/// form xx yy - xy^2 is 20 % wrong for a needle of 1000 px.
 template <Scalar T>
 RYE_HD T gram_determinant(const Vec3<T>& x, const Vec3<T>& y, const T& d) {
     const Vec3<T> n = cross(x, y);
@@ -134,8 +135,9 @@ struct PrecisionFactor {
     }
 };
 
-/// From the rows of the factor and the dilation. Requires a positive determinant. The choice of the
-/// pivot, x or y, does not matter: the rounding error of v is u |x| |y| / sqrt(det) either way.
+/// Returns the factor of the precision from the rows of M and the dilation. Requires a positive
+/// determinant. The choice of the pivot, x or y, does not matter: the rounding error of v is
+/// u |x| |y| / sqrt(det) either way.
 template <Scalar T>
 RYE_HD PrecisionFactor<T> precision_factor(const Vec3<T>& x, const Vec3<T>& y, const T& d) {
     using std::sqrt;

@@ -12,19 +12,19 @@ namespace rye {
 template <Scalar T>
 using Quat = Vec4<T>;
 
-/// The rotation by nothing: (1, 0, 0, 0).
+/// Returns the identity, (1, 0, 0, 0).
 template <Scalar T>
 RYE_HD Quat<T> quat_identity() {
     return Quat<T>(T(1), T(0), T(0), T(0));
 }
 
-/// The inverse rotation of a unit quaternion.
+/// Returns the inverse rotation of a unit quaternion.
 template <Scalar T>
 RYE_HD Quat<T> quat_conjugate(const Quat<T>& q) {
     return Quat<T>(q[0], -q[1], -q[2], -q[3]);
 }
 
-/// q / |q| for every magnitude; the identity for the zero quaternion.
+/// Returns q / |q| for every magnitude; the identity for the zero quaternion.
 template <Scalar T>
 RYE_HD Quat<T> quat_normalized(const Quat<T>& q) {
     Quat<T> u = normalized(q);
@@ -32,13 +32,13 @@ RYE_HD Quat<T> quat_normalized(const Quat<T>& q) {
     return u;
 }
 
-/// Cotangent of q for quat_normalized: orthogonal to q; 0 for the zero quaternion.
+/// Returns the cotangent of q for quat_normalized: orthogonal to q; 0 for the zero quaternion.
 template <Scalar T>
 RYE_HD Quat<T> quat_normalized_vjp(const Quat<T>& q, const Quat<T>& g) {
     return normalized_vjp(q, g);
 }
 
-/// Hamilton product: rotation b, then rotation a.
+/// Returns the Hamilton product: rotation b, then rotation a.
 template <Scalar T>
 RYE_HD Quat<T> quat_product(const Quat<T>& a, const Quat<T>& b) {
     return Quat<T>(a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
@@ -47,19 +47,19 @@ RYE_HD Quat<T> quat_product(const Quat<T>& a, const Quat<T>& b) {
                    a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]);
 }
 
-/// Cotangent of a for a b, for any norms: g b*.
+/// Returns the cotangent of a for a b, for any norms: g b*.
 template <Scalar T>
 RYE_HD Quat<T> quat_product_vjp_left(const Quat<T>& b, const Quat<T>& g) {
     return quat_product(g, quat_conjugate(b));
 }
 
-/// Cotangent of b for a b: a* g.
+/// Returns the cotangent of b for a b: a* g.
 template <Scalar T>
 RYE_HD Quat<T> quat_product_vjp_right(const Quat<T>& a, const Quat<T>& g) {
     return quat_product(quat_conjugate(a), g);
 }
 
-/// The matrix of a unit quaternion.
+/// Returns the matrix of a unit quaternion.
 template <Scalar T>
 RYE_HD Mat3<T> quat_matrix(const Quat<T>& q) {
     const T &w = q[0], &x = q[1], &y = q[2], &z = q[3];
@@ -77,7 +77,7 @@ RYE_HD Mat3<T> quat_matrix(const Quat<T>& q) {
     return r;
 }
 
-/// Cotangent of q for the polynomial of quat_matrix (chain with quat_normalized_vjp).
+/// Returns the cotangent of q for the polynomial of quat_matrix (chain with quat_normalized_vjp).
 template <Scalar T>
 RYE_HD Quat<T> quat_matrix_vjp(const Quat<T>& q, const Mat3<T>& g) {
     const T &w = q[0], &x = q[1], &y = q[2], &z = q[3];
@@ -90,7 +90,7 @@ RYE_HD Quat<T> quat_matrix_vjp(const Quat<T>& q, const Mat3<T>& g) {
                    two * (w * az + x * sxz + y * syz - two * z * (g(0, 0) + g(1, 1))));
 }
 
-/// v rotated by a unit quaternion: the same polynomial as quat_matrix(q) v.
+/// Returns v rotated by a unit quaternion: the same polynomial as quat_matrix(q) v.
 template <Scalar T>
 RYE_HD Vec3<T> quat_rotate(const Quat<T>& q, const Vec3<T>& v) {
     const Vec3<T> u(q[1], q[2], q[3]);
@@ -101,7 +101,8 @@ RYE_HD Vec3<T> quat_rotate(const Quat<T>& q, const Vec3<T>& v) {
                    v[2] + q[0] * t[2] + ut[2]);
 }
 
-/// The unit quaternion, w >= 0, of a rotation matrix (Shepperd: divide by the largest entry).
+/// Returns the unit quaternion, w >= 0, of a rotation matrix (Shepperd: divide by the largest
+/// entry).
 template <Scalar T>
 RYE_HD Quat<T> matrix_quat(const Mat3<T>& r) {
     const T ax = r(2, 1) - r(1, 2), ay = r(0, 2) - r(2, 0), az = r(1, 0) - r(0, 1);
@@ -122,8 +123,9 @@ RYE_HD Quat<T> matrix_quat(const Mat3<T>& r) {
     return select_all(q[0] < T(0), Quat<T>(-q), q);
 }
 
-/// The smallest rotation (no torsion) that takes unit vector a to unit vector b, within 6e-7 rad in
-/// float at every angle. At the antipode, where any axis would do, the axis is orthogonal to a.
+/// Returns the smallest rotation (no torsion) that takes unit vector a to unit vector b, within
+/// 6e-7 rad in float at every angle. At the antipode, where any axis would do, the axis is
+/// orthogonal to a.
 template <Scalar T>
 RYE_HD Quat<T> shortest_arc(const Vec3<T>& a, const Vec3<T>& b) {
     using std::abs, std::sqrt;
@@ -150,7 +152,7 @@ RYE_HD Quat<T> shortest_arc(const Vec3<T>& a, const Vec3<T>& b) {
     return normalized(q);
 }
 
-/// sin(sqrt(s)) / sqrt(s): smooth in s >= 0, with its derivatives, at 0 too.
+/// Returns sin(sqrt(s)) / sqrt(s): smooth in s >= 0, with its derivatives, at 0 too.
 template <Scalar T>
 RYE_HD T sinc_of_square(const T& s) {
     using std::sin, std::sqrt;
@@ -161,7 +163,8 @@ RYE_HD T sinc_of_square(const T& s) {
     return select(small, tail, sin(angle) / angle);
 }
 
-/// d sinc_of_square / ds = (cos(t) - sin(t) / t) / (2 s), t = sqrt(s); its Taylor tail for s < 1.
+/// Returns d sinc_of_square / ds = (cos(t) - sin(t) / t) / (2 s), t = sqrt(s); its Taylor tail for
+/// s < 1.
 template <Scalar T>
 RYE_HD T sinc_of_square_slope(const T& s) {
     using std::cos, std::sin, std::sqrt;
@@ -174,8 +177,9 @@ RYE_HD T sinc_of_square_slope(const T& s) {
     return select(small, constant<T>(-1.0 / 6.0) * tail, direct);
 }
 
-/// Spherical interpolation from a (t = 0) to b (t = 1) along the shorter arc; unit quaternions. The
-/// ratio of sines is a ratio of sincs, so neither equal nor opposite ends are special cases.
+/// Returns the spherical interpolation from a (t = 0) to b (t = 1) along the shorter arc; unit
+/// quaternions. The ratio of sines is a ratio of sincs, so neither equal nor opposite ends are
+/// special cases.
 template <Scalar T>
 RYE_HD Quat<T> quat_slerp(const Quat<T>& a, const Quat<T>& b, const T& t) {
     using std::atan2;
@@ -189,8 +193,8 @@ RYE_HD Quat<T> quat_slerp(const Quat<T>& a, const Quat<T>& b, const T& t) {
     return normalized(q);
 }
 
-/// exp([w]x) = I + A [w]x + B (w w^T - |w|^2 I), A = sinc(|w|), B = (1 - cos|w|) / |w|^2, which
-/// is sinc(|w|/2)^2 / 2, free of cancellation.
+/// Returns exp([w]x) = I + A [w]x + B (w w^T - |w|^2 I), A = sinc(|w|), B = (1 - cos|w|) / |w|^2,
+/// which is sinc(|w|/2)^2 / 2, free of cancellation.
 template <Scalar T>
 RYE_HD Mat3<T> so3_exp(const Vec3<T>& w) {
     const T s = dot(w, w), h = sinc_of_square(T(0.25) * s);
@@ -207,7 +211,7 @@ RYE_HD Mat3<T> so3_exp(const Vec3<T>& w) {
     return r;
 }
 
-/// Cotangent of w for so3_exp.
+/// Returns the cotangent of w for so3_exp.
 template <Scalar T>
 RYE_HD Vec3<T> so3_exp_vjp(const Vec3<T>& w, const Mat3<T>& g) {
     const T s = dot(w, w), quarter = T(0.25) * s, h = sinc_of_square(quarter);
@@ -226,7 +230,7 @@ RYE_HD Vec3<T> so3_exp_vjp(const Vec3<T>& w, const Mat3<T>& g) {
     return r;
 }
 
-/// The unit quaternion of exp([w]x): (cos(|w|/2), w sin(|w|/2) / |w|).
+/// Returns the unit quaternion of exp([w]x): (cos(|w|/2), w sin(|w|/2) / |w|).
 template <Scalar T>
 RYE_HD Quat<T> so3_exp_quat(const Vec3<T>& w) {
     const T s = dot(w, w), sixteenth = T(0.0625) * s, h = sinc_of_square(sixteenth);
@@ -234,7 +238,8 @@ RYE_HD Quat<T> so3_exp_quat(const Vec3<T>& w) {
     return Quat<T>(T(1) - T(2) * sixteenth * h * h, k * w[0], k * w[1], k * w[2]);
 }
 
-/// The axis-angle vector, |w| <= pi, of a unit quaternion of either sign: 2 atan2(|v|, w) v / |v|.
+/// Returns the axis-angle vector, |w| <= pi, of a unit quaternion of either sign: 2 atan2(|v|, w) v
+/// / |v|.
 template <Scalar T>
 RYE_HD Vec3<T> quat_log(const Quat<T>& unit) {
     using std::atan2, std::sqrt;
@@ -250,7 +255,7 @@ RYE_HD Vec3<T> quat_log(const Quat<T>& unit) {
     return Vec3<T>(f * q[1], f * q[2], f * q[3]);
 }
 
-/// The axis-angle vector, |w| <= pi, of a rotation matrix; accurate at 0 and at pi.
+/// Returns the axis-angle vector, |w| <= pi, of a rotation matrix; accurate at 0 and at pi.
 template <Scalar T>
 RYE_HD Vec3<T> so3_log(const Mat3<T>& r) {
     return quat_log(matrix_quat(r));

@@ -12,7 +12,7 @@
 
 namespace rye {
 
-/// A double literal, rounded once to the innermost Real; also for batches and duals.
+/// Returns a double literal, rounded once to the innermost Real; also for batches and duals.
 template <Scalar T>
 RYE_HD constexpr T constant(double x) {
     return T(static_cast<real_t<T>>(x));
@@ -27,7 +27,7 @@ struct Limits {
     static constexpr R nan = std::numeric_limits<R>::quiet_NaN();
 };
 
-/// std::min and std::max for device code: of a NaN and a number, the first argument.
+/// Returns std::min, or std::max, in device code: of a NaN and a number, the first argument.
 /// (Batches and duals have their own.)
 template <class T>
     requires std::is_arithmetic_v<T>
@@ -41,21 +41,21 @@ RYE_HD constexpr T max(const T& a, const T& b) {
     return a < b ? b : a;
 }
 
-/// a where the condition holds, else b. (Batches and duals have their own.)
+/// Returns a where the condition holds, else b. (Batches and duals have their own.)
 template <class T>
     requires std::is_arithmetic_v<T>
 RYE_HD constexpr T select(bool condition, const T& a, const T& b) {
     return condition ? a : b;
 }
 
-/// x x.
+/// Returns x x.
 template <class T>
 RYE_HD constexpr T square(const T& x) {
     return x * x;
 }
 
-/// The bits of a batch as another type of the same size. The template argument of bitwise_cast is a
-/// batch type before xsimd 11, and a scalar type since.
+/// Returns the bits of a batch as another type of the same size. The template argument of
+/// bitwise_cast is a batch type before xsimd 11, and a scalar type since.
 template <class To, class From>
 [[gnu::always_inline]] inline To cast_bits(const From& x) {
     using Number = typename To::value_type;
@@ -65,20 +65,20 @@ template <class To, class From>
         return bitwise_cast<To>(x);
 }
 
-/// The slope of |x|: -1, 0 or 1; 0 at 0. Without derivative.
+/// Returns the slope of |x|: -1, 0 or 1; 0 at 0. Without derivative.
 template <Scalar T>
 RYE_HD T sign_of(const T& x) {
     return select(x > T(0), T(1), select(x < T(0), T(-1), T(0)));
 }
 
-/// min(max(x, lo), hi), with derivative 1 inside, 1/2 at the ends, 0 outside.
+/// Returns min(max(x, lo), hi), with derivative 1 inside, 1/2 at the ends, 0 outside.
 template <Scalar T>
 RYE_HD T clamp_value(const T& x, const T& lo, const T& hi) {
     return min(max(x, lo), hi);
 }
 
-/// 1 / (1 + exp(-x)) without overflow: takes exp of non-positive numbers only. Not in terms of |x|,
-/// whose derivative of 0 at 0 would give sigmoid'(0) = 0.
+/// Returns 1 / (1 + exp(-x)) without overflow: takes exp of non-positive numbers only. Not in terms
+/// of |x|, whose derivative of 0 at 0 would give sigmoid'(0) = 0.
 template <Scalar T>
 RYE_HD T sigmoid(const T& x) {
     using std::exp;
@@ -87,14 +87,14 @@ RYE_HD T sigmoid(const T& x) {
     return select(negative, e, T(1)) / (T(1) + e);
 }
 
-/// log(1 + exp(x)) = max(x, 0) + log1p(exp(-|x|)); equals -log(1 - sigmoid(x)).
+/// Returns log(1 + exp(x)) = max(x, 0) + log1p(exp(-|x|)); equals -log(1 - sigmoid(x)).
 template <Scalar T>
 RYE_HD T softplus(const T& x) {
     using std::abs, std::exp, std::log1p;
     return max(x, T(0)) + log1p(exp(-abs(x)));
 }
 
-/// log(p) - log1p(-p), the inverse of sigmoid, for p in (0, 1).
+/// Returns log(p) - log1p(-p), the inverse of sigmoid, for p in (0, 1).
 template <Scalar T>
 RYE_HD T logit(const T& p) {
     using std::log, std::log1p;

@@ -84,7 +84,7 @@ struct Adam {
         : m(zeros_like(p)), v(zeros_like(p)), config(c) {}
 };
 
-/// Whether a step was applied.
+/// Outcome of a step: applied, or not.
 struct AdamReport {
     bool applied = true;         ///< false: a gradient was not finite and nothing has changed
     std::string first_bad_field; ///< empty if applied

@@ -69,7 +69,8 @@ Padded<T> padded(const B& backend, const Image<T>& in) {
 
 namespace detail {
 
-/// Whether register tiles are faster: outputs fill whole vectors and the weights fit the cache.
+/// Returns true if register tiles are faster: outputs fill whole vectors and the weights fit the
+/// cache.
 template <class B, class T>
 bool runs_in_lanes(Index outputs, Index inputs, Index width) {
     if constexpr (LaneBackend<B, T>)

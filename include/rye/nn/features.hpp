@@ -75,7 +75,7 @@ struct VggTrace {
 
 namespace detail {
 
-/// Which of four numbers is the largest, 0 to 3; the first on a tie.
+/// Returns the place of the largest of four numbers, 0 to 3; the first on a tie.
 template <class T>
 RYE_HD int largest_of_four(const T& a, const T& b, const T& c, const T& d) {
     int best = b > a ? 1 : 0;
@@ -136,10 +136,8 @@ void add_bias_relu(const B& backend, Image<T>& image, const Columns<T>& bias) {
 template <class T, Backend B>
 VggTrace<T> vgg_forward(const B& backend, const Vgg<T>& net, const Image<T>& in) {
     require(in.channels() == net.shape.in_channels && in.width >= 16 && in.height >= 16,
-            "vgg_forward",
-            "got " + std::to_string(in.channels()) + " channels of " + std::to_string(in.width) +
-                " x " + std::to_string(in.height) + " pixels, expected " +
-                std::to_string(net.shape.in_channels) + " of at least 16 x 16");
+            "vgg_forward", "got ", in.channels(), " channels of ", in.width, " x ", in.height,
+            " pixels, expected ", net.shape.in_channels, " of at least 16 x 16");
     VggTrace<T> t;
     for (std::size_t slice = 0; slice < vgg_slices; ++slice)
         for (int k = 0; k < net.shape.convolutions[slice]; ++k) {

@@ -36,11 +36,9 @@ struct Mlp {
     Mlp() = default;
     /// All weights and biases zero.
     explicit Mlp(const MlpShape& s) : shape(s) {
-        require(s.dims.size() >= 2, "Mlp",
-                "got " + std::to_string(s.dims.size()) + " dims, expected at least 2");
-        require(s.frame_inputs >= 0 && s.frame_inputs <= s.dims[0], "Mlp",
-                "got " + std::to_string(s.frame_inputs) + " frame inputs, expected 0 to " +
-                    std::to_string(s.dims[0]));
+        require(s.dims.size() >= 2, "Mlp", "got ", s.dims.size(), " dims, expected at least 2");
+        require(s.frame_inputs >= 0 && s.frame_inputs <= s.dims[0], "Mlp", "got ", s.frame_inputs,
+                " frame inputs, expected 0 to ", s.dims[0]);
         for (int l = 0; l < s.layers(); ++l) {
             weight.push_back(Columns<T>::Zero(s.layer_out(l), s.fan_in(l)));
             bias.push_back(Columns<T>::Zero(s.layer_out(l), 1));
@@ -96,7 +94,7 @@ struct MlpLayers {
     struct Layer {
         LeftFactor<B, T> hidden, input;
         VecX<T> bias;
-        bool takes_hidden, takes_points;  ///< which products it sums
+        bool takes_hidden, takes_points;  ///< products that it sums
         bool last;                        ///< without LeakyReLU
     };
     std::vector<Layer> layers;

@@ -21,7 +21,7 @@
 
 namespace rye {
 
-/// What each block of the upsampler does to its channels' mean and variance.
+/// Treatment of the channels' mean and variance in each block of the upsampler.
 enum class Normalization {
     instance, ///< as published
     none      ///< a crop then gives the same pixels as the whole image
@@ -66,10 +66,8 @@ struct Upsampler {
           out_weight(Columns<T>::Zero(3, s.capacity)),
           out_bias(Columns<T>::Zero(3, 1)) {
         require(s.in_channels >= (s.skip ? 3 : 1) && s.capacity >= 1 && s.doublings >= 0,
-                "Upsampler",
-                "got " + std::to_string(s.in_channels) + " channels, capacity " +
-                    std::to_string(s.capacity) + ", " + std::to_string(s.doublings) +
-                    " doublings, expected at least 1 channel (3 with skip), 1 and 0");
+                "Upsampler", "got ", s.in_channels, " channels, capacity ", s.capacity, ", ",
+                s.doublings, " doublings, expected at least 1 channel (3 with skip), 1 and 0");
         for (int l = 0; l < s.layers(); ++l)
             conv.push_back(Columns<T>::Zero(s.block_out(l / 2), 9 * s.layer_in(l)));
     }

@@ -151,22 +151,17 @@ void check_shape(const BasicEyeballShape<E>& s) {
                        s.pupil_radius > 0 && s.pupil_radius < s.limbus_radius &&
                        s.limbus_radius < cornea_radius && s.limbus_radius < r &&
                        cornea_offset < r;
-    require(sizes, "eyeball_template",
-            "radii (sclera, cornea, limbus, pupil) = (" + number_text(r) + ", " +
-                number_text(cornea_radius) + ", " + number_text(s.limbus_radius) + ", " +
-                number_text(s.pupil_radius) + ") and cornea offset " +
-                number_text(cornea_offset) +
-                " violate 0 < pupil < limbus < cornea, limbus < sclera, 0 <= offset < sclera");
+    require(sizes, "eyeball_template", "radii (sclera, cornea, limbus, pupil) = (", r, ", ",
+            cornea_radius, ", ", s.limbus_radius, ", ", s.pupil_radius, ") and cornea offset ",
+            cornea_offset,
+            " violate 0 < pupil < limbus < cornea, limbus < sclera, 0 <= offset < sclera");
     require(s.iris_rings >= 2 && s.sclera_rings >= 1 && s.back_rings >= 1 &&
                 s.iris_rings + s.sclera_rings + s.back_rings <= 1000,
-            "eyeball_template",
-            "got " + std::to_string(s.iris_rings) + ", " + std::to_string(s.sclera_rings) + ", " +
-                std::to_string(s.back_rings) + " rings, expected at least 2, 1, 1, at most 1000");
-    require(!s.iris_plane || (*s.iris_plane > 0 && *s.iris_plane <= s.front(0)),
-            "eyeball_template",
-            "iris plane at z = " + number_text(s.iris_plane.value_or(0)) +
-                ", expected above 0 and at most " + number_text(s.front(0)) +
-                ", the cornea's front");
+            "eyeball_template", "got ", s.iris_rings, ", ", s.sclera_rings, ", ", s.back_rings,
+            " rings, expected at least 2, 1, 1, at most 1000");
+    require(!s.iris_plane || (*s.iris_plane > 0 && *s.iris_plane <= s.front(0)), "eyeball_template",
+            "iris plane at z = ", s.iris_plane.value_or(0), ", expected above 0 and at most ",
+            s.front(0), ", the cornea's front");
 }
 
 /// Triangulates the band between two rings with first points a, b and sizes n, m (a in front of b),

@@ -56,9 +56,10 @@ Vec3<T> checked_gaze(const Vec3<T>& v) {
     using std::isfinite;
     const auto text = [](const T& x) { return number_text(static_cast<double>(value_of(x))); };
     const bool finite = isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2]);
-    require(finite && norm(v) >= constant<T>(1e-6), "gaze",
-            "got (" + text(v[0]) + ", " + text(v[1]) + ", " + text(v[2]) +
-                "), expected a finite direction, longer than 1e-6");
+    require(
+        finite && norm(v) >= constant<T>(1e-6), "gaze", "got (", [&] { return text(v[0]); }, ", ",
+        [&] { return text(v[1]); }, ", ", [&] { return text(v[2]); },
+        "), expected a finite direction, longer than 1e-6");
     return normalized(v);
 }
 

@@ -32,8 +32,7 @@ template <Scalar T>
 Ramp<T> checked_ramp(const T& near, const T& far) {
     if constexpr (Real<T>)
         require(near >= T(0) && near <= far && far <= std::numeric_limits<T>::max(), "Ramp",
-                "near = " + number_text(near) + ", far = " + number_text(far) +
-                    " violate 0 <= near <= far, both finite");
+                "near = ", near, ", far = ", far, " violate 0 <= near <= far, both finite");
     return {near, far};
 }
 

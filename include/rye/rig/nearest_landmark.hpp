@@ -118,8 +118,7 @@ Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& poin
     RYE_ASSERT(points.rows() == 3 && landmarks.rows() == 3, "nearest: not three rows");
     for (Index k = 0; k < landmarks.cols(); ++k)
         require(isfinite(landmarks(0, k)) && isfinite(landmarks(1, k)) && isfinite(landmarks(2, k)),
-                "nearest_squared_distance",
-                "landmark " + std::to_string(k) + " is not finite");
+                "nearest_squared_distance", "landmark ", k, " is not finite");
     const Index n = points.cols();
     Columns<T> squared(1, n);
     if (nearest) nearest->assign(static_cast<std::size_t>(n), -1);

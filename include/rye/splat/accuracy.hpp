@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/accuracy.hpp: what each shortcut of splatting may cost, as a policy.
+/// rye/splat/accuracy.hpp: the permitted error of each shortcut of splatting, as a policy.
 /// Numbers are fields that a caller may change; kinds of rules are static, so that a kernel holds
 /// only the rule it uses. The named presets are ordered from exact to fast. With D the range of
 /// colour along a ray: a skipped contribution costs at most alpha_min D, the inclusive stop
@@ -17,21 +17,22 @@
 
 namespace rye {
 
-/// When a pixel is full: never, after the blend that leaves transmittance < stop, or before it.
+/// End of a pixel's blending: never, after the blend that leaves transmittance < stop, or before
+/// it.
 enum class Stop { never, inclusive, exclusive };
 
-/// Where a Gaussian is looked for: where its alpha can reach alpha_min, exactly; or, as in the
-/// first implementation, in the 16 px tiles that a square of 3 standard deviations touches.
+/// Pixels tested for a Gaussian: exactly those where its alpha can reach alpha_min; or, as in the
+/// first implementation, the 16 px tiles that a square of 3 standard deviations touches.
 enum class Support { ellipse, square };
 
-/// The order in which a pixel blends: of the depths of centres, one for all pixels; or of the
-/// depths where the pixel's own ray is closest to each Gaussian, sorted at every pixel. The second
-/// is the better model where Gaussians cross; it has plain loops only, on every backend.
+/// The order in which a pixel blends: by the depths of centres, one order for all pixels; or by the
+/// depths at which the pixel's own ray is closest to each Gaussian, sorted at every pixel. The
+/// second is the better model where Gaussians cross; it has plain loops only, on every backend.
 enum class BlendOrder { by_centre, by_peak };
 
-/// What a Gaussian with a NaN or an infinity does: it is left out and counted; it throws; or the
-/// caller vouches that there is none, and nothing is looked at. If the caller errs, no memory is
-/// misused, but pixels and gradients may be NaN.
+/// Treatment of a Gaussian with a NaN or an infinity. cull: leave it out and count it; fail: throw;
+/// trust: skip the check. If there is one despite the trust, no memory is misused, but pixels and
+/// gradients may be NaN.
 enum class NonFinite { cull, fail, trust };
 
 /// The default policy: shortcuts whose error is below that of 8-bit pictures.
@@ -39,25 +40,25 @@ struct Balanced {
     double alpha_min = 1.0 / 2550.0;   ///< contributions below are skipped
     double alpha_max = 0.999;          ///< alpha is clamped here; no gradient above
     double stop = 1e-5;                ///< transmittance at which a pixel is full
-    double dilation = 0.3;             ///< of Antialias::dilate and mip [px^2]
+    double dilation = 0.3;             ///< added variance of Antialias::dilate and mip [px^2]
     double frustum_margin = 0.3;       ///< Jacobian is clamped this many half-images outside
     double alpha_floor = 0;            ///< f in alpha = o (exp(-|w|^2/2) - f), if has_floor
     NonFinite non_finite = NonFinite::cull;
-    std::uint64_t max_memory = default_memory; ///< of the tiles' lists [bytes], else Error
+    std::uint64_t max_memory = default_memory; ///< limit of the tiles' lists [bytes], else Error
 
     static constexpr Stop stop_rule = Stop::inclusive;
     static constexpr Support support = Support::ellipse;
     static constexpr Antialias antialias = Antialias::dilate;
     static constexpr BlendOrder order = BlendOrder::by_centre;
-    /// Of depths that are compared: 32, or 64, which measures float Gaussians' depths in double.
-    /// Those of double Gaussians always have 64.
+    /// Bits of the depths that are compared: 32, or 64, which measures float Gaussians' depths in
+    /// double. Double Gaussians' depths always have 64.
     static constexpr int depth_bits = 32;
     static constexpr bool has_floor = false;
     static constexpr Outputs outputs = {};
     static constexpr int exp2_degree = 5;   ///< polynomial in lanes; 0 is the library's exp2
 };
 
-/// Errors of an image against every Gaussian at every pixel in double: below 1e-11 (in double).
+/// Errors below 1e-11 (in double), against an image of every Gaussian at every pixel in double.
 struct Exact64 : Balanced {
     RYE_HD constexpr Exact64() {
         alpha_min = 1e-15;
@@ -67,7 +68,7 @@ struct Exact64 : Balanced {
     static constexpr int exp2_degree = 0;
 };
 
-/// Only float's rounding is left: below 5e-5.
+/// Errors below 5e-5: only float's rounding is left.
 struct Exact32 : Balanced {
     RYE_HD constexpr Exact32() {
         alpha_min = 1e-9;
@@ -77,7 +78,7 @@ struct Exact32 : Balanced {
     static constexpr int exp2_degree = 6;
 };
 
-/// Below 1e-3.
+/// Errors below 1e-3.
 struct Tight : Balanced {
     RYE_HD constexpr Tight() {
         alpha_min = 1.0 / 25500.0;
@@ -86,7 +87,7 @@ struct Tight : Balanced {
     }
 };
 
-/// Several 8-bit steps, at the speed of a preview.
+/// Errors of several 8-bit steps, at the speed of a preview.
 struct Fast : Balanced {
     RYE_HD constexpr Fast() {
         alpha_min = 1.0 / 255.0;
@@ -114,29 +115,44 @@ struct Compatible3dgsFloor : Compatible3dgs {
     static constexpr bool has_floor = true;
 };
 
-/// Every name of Balanced, which a policy of one's own derives from to state only what differs.
-/// Kinds of rules are constants of the class.
+/// Has every member of Balanced. A policy of one's own derives from Balanced and states only what
+/// differs. Rules are constants of the class. The compiler names the first member that is missing.
 template <class A>
 concept AccuracyPolicy = std::copyable<A> && std::default_initializable<A> && requires(const A a) {
     { a.alpha_min } -> std::convertible_to<double>;
+} && requires(const A a) {
     { a.alpha_max } -> std::convertible_to<double>;
+} && requires(const A a) {
     { a.stop } -> std::convertible_to<double>;
+} && requires(const A a) {
     { a.dilation } -> std::convertible_to<double>;
+} && requires(const A a) {
     { a.frustum_margin } -> std::convertible_to<double>;
+} && requires(const A a) {
     { a.alpha_floor } -> std::convertible_to<double>;
+} && requires(const A a) {
     { a.non_finite } -> std::convertible_to<NonFinite>;
+} && requires(const A a) {
     { a.max_memory } -> std::convertible_to<std::uint64_t>;
+} && requires {
     typename std::integral_constant<Stop, A::stop_rule>;
+} && requires {
     typename std::integral_constant<Support, A::support>;
+} && requires {
     typename std::integral_constant<Antialias, A::antialias>;
+} && requires {
     typename std::integral_constant<BlendOrder, A::order>;
-    { A::outputs } -> std::convertible_to<Outputs>;
+} && requires {
     typename std::integral_constant<int, A::depth_bits>;
+} && requires {
     typename std::integral_constant<bool, A::has_floor>;
+} && requires {
+    typename std::integral_constant<Outputs, A::outputs>;
+} && requires {
     typename std::integral_constant<int, A::exp2_degree>;
 };
 
-/// What is added to both variances on the screen [px^2].
+/// Returns the variance that is added along both axes of the screen [px^2].
 template <AccuracyPolicy A>
 RYE_HD constexpr double screen_dilation(const A& accuracy) {
     return A::antialias == Antialias::none ? 0.0 : accuracy.dilation;

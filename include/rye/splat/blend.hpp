@@ -8,7 +8,7 @@
 ///     d/d alpha_i = T_i (s_i - b_i),   b_{i-1} = b_i + alpha_i (s_i - b_i),
 /// which neither divides by 1 - alpha nor subtracts large sums: it is 0 where a Gaussian has the
 /// colour of what is behind it.
-/// Walks keep iteration, addressing and sums over pixels and channels; nothing of this is theirs.
+/// Walks do iteration, addressing and sums over pixels and channels, and none of these formulas.
 /// A walk that takes several Gaussians of a pixel at once (cuda/walk.hpp) has T and b in front of
 /// and behind each by scans over these steps.
 #pragma once
@@ -29,14 +29,14 @@ struct Response {
     T exponent;
 };
 
-/// One of the two squares of the exponent log2 o - u^2 - v^2. Apart, since the pixels of a column
-/// share the one in u.
+/// Returns one of the two squares of the exponent log2 o - u^2 - v^2. Apart, since the pixels of a
+/// column share the one in u.
 template <class V>
 [[gnu::always_inline]] RYE_HD inline V less_square(const V& exponent, const V& w) {
     return exponent - w * w;
 }
 
-/// The response of a Gaussian at an offset (dx, dy) from its centre [px].
+/// Returns the response of a Gaussian at an offset (dx, dy) from its centre [px].
 template <class T>
 RYE_HD Response<T> respond(const Splat<T>& s, const T& dx, const T& dy) {
     const T u = s.ux * dx;
@@ -45,8 +45,8 @@ RYE_HD Response<T> respond(const Splat<T>& s, const T& dx, const T& dy) {
 }
 
 /// A pixel that is walked by itself: the walk branches past a Gaussian that does not reach it, and
-/// ends when it is full. So conditions that hold for all that is visited need no mask.
-/// Products that two kinds of pixels round differently are named by each.
+/// ends when it is full. So conditions that hold for every visit need no mask. Members name the
+/// products that the two kinds of pixels round differently.
 struct SinglePixel {
     static constexpr bool ends_when_full = true;
     static constexpr bool keeps_bell = true;     ///< for the way back; else alpha alone
@@ -54,12 +54,12 @@ struct SinglePixel {
     /// Without a floor, d / d exponent is alpha T (s - b), from the weight; else (T (s - b)) alpha.
     static constexpr bool slope_from_weight = false;
 
-    /// A condition that a branch of the walk has settled.
+    /// Returns a condition, or true where a branch of the walk has settled it.
     template <class M>
     RYE_HD static std::true_type settled(const M&) {
         return {};
     }
-    /// x where the condition holds, else 0.
+    /// Returns x where the condition holds, else 0.
     template <class V>
     RYE_HD static V when(std::true_type, const V& x) {
         return x;
@@ -68,22 +68,22 @@ struct SinglePixel {
     RYE_HD static V when(bool condition, const V& x) {
         return select(condition, x, V(0));
     }
-    /// min(most, x), of derivative 0 from `most` on; a NaN becomes `most`.
+    /// Returns min(most, x), of derivative 0 from `most` on; a NaN becomes `most`.
     template <class V>
     RYE_HD static V at_most(const V& most, const V& x) {
         return select(x < most, x, most);
     }
-    /// The transmittance behind a contribution.
+    /// Returns the transmittance behind a contribution.
     template <class V>
     RYE_HD static V behind(const V& before, const V& alpha, const V&) {
         return before * (V(1) - alpha);
     }
-    /// The transmittance of a pixel that is full before it falls below `stop`.
+    /// Returns the transmittance of a pixel that is full before it falls below `stop`.
     template <class V>
     RYE_HD static V full(const V& transmittance) {
         return transmittance;
     }
-    /// c + a b.
+    /// Returns c + a b.
     template <class V>
     [[gnu::always_inline]] RYE_HD static V add_product(const V& c, const V& a, const V& b) {
         return c + a * b;
@@ -127,20 +127,21 @@ struct PixelGroup {
     }
 };
 
-/// What a Gaussian would add to a pixel with nothing in front of it.
+/// A Gaussian's share of a pixel with nothing in front of it.
 template <class V>
 struct Coverage {
     V alpha;
     V bell;                  ///< alpha without its floor; where pixels keep it, 0 if clamped
 };
 
-/// What a Gaussian adds to a pixel.
+/// A Gaussian's contribution to a pixel.
 template <class V>
 struct Contribution : Coverage<V> {
     V before;                ///< transmittance in front of it
     V weight;                ///< alpha times before; 0 where nothing is added
 };
-/// ... and whether the pixel takes it before it is full: always, but by an exclusive stop.
+/// A contribution that the pixel may reject as it is full: `taken` is false only if
+/// Stop::exclusive rejects it.
 template <class V, class Mask>
 struct TakenContribution : Contribution<V> {
     Mask taken;
@@ -157,7 +158,7 @@ template <class V>
 struct ColourCotangent {
     V colour;
 };
-/// ... and those of alpha and depth.
+/// Cotangent of a pixel, with those of alpha and depth.
 template <class V>
 struct PixelCotangent : ColourCotangent<V> {
     V alpha, depth;
@@ -173,11 +174,11 @@ struct Blend {
     RYE_HD explicit Blend(const A& a)
         : alpha_max(static_cast<R>(a.alpha_max)), stop(static_cast<R>(a.stop)) {}
 
-    /// Whether a Gaussian reaches a pixel.
+    /// Returns true where a Gaussian reaches a pixel.
     [[gnu::always_inline]] RYE_HD static auto reaches(const V& exponent, const V& cut) {
         return exponent >= cut;
     }
-    /// `floor` is o f, not read unless the rules have one.
+    /// Returns the coverage of a pixel. `floor` is o f, not read unless the rules have one.
     [[gnu::always_inline]] RYE_HD Coverage<V> coverage(const V& exponent, const V& cut,
                                                        const V& floor) const {
         V bell = V(Exp2()(exponent)), alpha = bell;
@@ -187,7 +188,8 @@ struct Blend {
         return {Pixels::when(reached, V(Pixels::at_most(alpha_max, alpha))), bell};
     }
 
-    /// The contribution to a pixel by the stop rule; `transmittance` becomes what is behind it.
+    /// Returns the contribution to a pixel by the stop rule; `transmittance` becomes what is behind
+    /// it.
     [[gnu::always_inline]] RYE_HD auto take(const Coverage<V>& given, V& transmittance) const {
         const V before = transmittance;
         V alpha = given.alpha;
@@ -209,7 +211,7 @@ struct Blend {
         }
     }
 
-    /// Whether a pixel can still take a contribution.
+    /// Returns true where a pixel can still take a contribution.
     [[gnu::always_inline]] RYE_HD auto open(const V& transmittance) const {
         if constexpr (Pixels::ends_when_full && A::stop_rule != Stop::inclusive) {
             return std::true_type();
@@ -221,8 +223,8 @@ struct Blend {
         }
     }
 
-    /// The derivative of `take` in a direction, for contribution c, which it returned: from the
-    /// tangents of the exponent and of the floor to that of the weight; `transmittance_tangent`
+    /// Returns the derivative of `take` in a direction, for contribution c, which it returned: from
+    /// the tangents of the exponent and of the floor to that of the weight; `transmittance_tangent`
     /// becomes that of what is behind. What is clamped, or not taken, does not move.
     [[gnu::always_inline]] RYE_HD V take_jvp(const Contribution<V>& c, const V& exponent_tangent,
                                              [[maybe_unused]] const V& floor_tangent,
@@ -236,8 +238,8 @@ struct Blend {
         return weight;
     }
 
-    /// s - b for a Gaussian: what a pixel would gain by more of it in place of what is behind it.
-    /// g: a ColourCotangent or PixelCotangent; depth is read of `gaussian`.
+    /// Returns s - b for a Gaussian: what a pixel would gain by more of it in place of what is
+    /// behind it. g: a ColourCotangent or PixelCotangent; depth is read of `gaussian`.
     template <class Gaussian, class Cotangent>
     [[gnu::always_inline]] RYE_HD static V excess(const Gaussian& gaussian, const Cotangent& g,
                                                   const V& behind) {
@@ -246,13 +248,13 @@ struct Blend {
             more = more + Pixels::add_product(g.alpha, g.depth, gaussian.depth);
         return more;
     }
-    /// b in front of a Gaussian.
+    /// Returns b in front of a Gaussian.
     [[gnu::always_inline]] RYE_HD static V in_front(const V& behind, const V& alpha,
                                                     const V& excess) {
         return Pixels::add_product(behind, alpha, excess);
     }
 
-    /// The step back over contribution c, whose excess is `more`; b becomes that in front of it.
+    /// Steps back over contribution c, whose excess is `more`; b becomes that in front of it.
     [[gnu::always_inline]] RYE_HD ResponseCotangent<V> step_back(const Contribution<V>& c, V more,
                                                                  const V& floor, V& b) const {
         if constexpr (A::has_floor || !Pixels::slope_from_weight)
@@ -277,8 +279,8 @@ struct Blend {
         }
     }
 
-    /// The step back over contribution c at offsets (u, v), of g, a ColourCotangent or
-    /// PixelCotangent. `behind`, b, becomes that of what is in front of c. Cotangents of
+    /// Steps back over contribution c at offsets (u, v), for g, a ColourCotangent or
+    /// PixelCotangent. `behind`, b, becomes the b in front of c. Cotangents of
     /// `gaussian`, of which floor and depth are read, are added to `sum`: the numbers of
     /// SplatCotangent in their order.
     template <class Gaussian, class Cotangent, class Sums>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/falloff.hpp: how opaque a Gaussian is at a pixel, and what that says of its gradient.
+/// rye/splat/falloff.hpp: the opacity of a Gaussian at a pixel, and its gradient.
 /// alpha = min(alpha_max, o exp(-|w|^2 / 2) - o f), w = L (p - centre), evaluated as
 /// 2^(log2 o - u^2 - v^2) with sqrt(log2(e) / 2) folded into L: the cut-off is then a comparison
 /// before the exponential, and the exponent never exceeds log2 o.
@@ -40,7 +40,7 @@ struct SplatCotangent {
     T depth;                 ///< sum of weight d/d depth
 };
 
-/// The record of a Gaussian of opacity o > 0.
+/// Returns the record of a Gaussian of opacity o > 0.
 template <class A, class T>
 RYE_HD Splat<T> make_splat(const ScreenGaussian<T>& s, const T& opacity, const A& accuracy) {
     using std::log2;
@@ -63,7 +63,7 @@ RYE_HD Splat<T> make_splat(const ScreenGaussian<T>& s, const T& opacity, const A
     return r;
 }
 
-/// What the sums over pixels say of the screen Gaussian.
+/// Returns the gradient of the screen Gaussian from the sums over pixels.
 template <class T>
 RYE_HD ScreenCotangent<T> screen_cotangent(const Splat<T>& s, const SplatCotangent<T>& g) {
     using R = real_t<T>;

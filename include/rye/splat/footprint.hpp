@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/footprint.hpp: how far a screen Gaussian can be seen, from the numbers that a pixel
-/// sees of it. Pixel units.
+/// rye/splat/footprint.hpp: the extent of a screen Gaussian, from the numbers that a pixel reads of
+/// it. Pixel units.
 #pragma once
 
 #include <cmath>
@@ -11,7 +11,7 @@
 
 namespace rye {
 
-/// The value of a screen Gaussian's extent, in the image's pixels.
+/// Returns a screen Gaussian's extent without derivatives, in the image's pixels.
 template <class A, class T>
 RYE_HD auto footprint_of(const ScreenGaussian<T>& s, const Splat<T>& splat, const T& cx,
                          const T& cy) {

@@ -31,10 +31,9 @@ struct SplatJvp {
     static void check_tangent(const GaussianView<T>& g, const RasterTangents<T, D>& tangents) {
         if (tangents.gaussians == nullptr) return;
         const auto check = [&](const char* name, const Columns<T>& dx, Index rows) {
-            require(dx.rows() == rows && dx.cols() == g.count(), "rasterizer",
-                    "tangent of " + std::string(name) + " is " + std::to_string(dx.rows()) +
-                        " x " + std::to_string(dx.cols()) + ", " + name + " is " +
-                        std::to_string(rows) + " x " + std::to_string(g.count()));
+            require(dx.rows() == rows && dx.cols() == g.count(), "rasterizer", "tangent of ", name,
+                    " is ", dx.rows(), " x ", dx.cols(), ", ", name, " is ", rows, " x ",
+                    g.count());
         };
         check("mean", tangents.gaussians->mean, 3);
         check("rotation", tangents.gaussians->rotation, 4);

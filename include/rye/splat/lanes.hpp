@@ -13,7 +13,7 @@
 
 namespace rye {
 
-/// f with the number of channels as a constant where it is one of the few, else with 0.
+/// Calls f with the number of channels as a constant if it is one of the few, else with 0.
 template <int... Few, class F>
 void dispatch_channels(Index channels, F&& f) {
     const bool few =

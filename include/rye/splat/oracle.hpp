@@ -27,8 +27,8 @@ struct OracleModel {
     double dilation = 0.3;         ///< [px^2]
     double frustum_margin = 0.3;   ///< [half-images]
     BlendOrder order = BlendOrder::by_centre;
-    /// alpha from the whitened distance of the pixel's ray to the mean, before the camera, instead
-    /// of from the ellipse on the screen; without dilation or margin.
+    /// Takes alpha from the whitened distance of the pixel's ray to the mean, before the camera,
+    /// and not from the ellipse on the screen; without dilation or margin.
     bool rays = false;
 };
 
@@ -41,7 +41,8 @@ struct OracleImages {
     Image<double> feature, alpha, depth;
 };
 
-/// Indices near to far by z in the precision of T, ties by index: the order is part of the model.
+/// Returns indices near to far by z in the precision of T, ties by index: the order is part of the
+/// model.
 template <Real T>
 std::vector<std::uint32_t> depth_order(const Gaussians<T>& g, const Pinhole<T>& camera) {
     std::vector<T> z(static_cast<std::size_t>(g.count()));
@@ -64,14 +65,14 @@ struct OracleEllipse {
 
 /// A Gaussian as a ray from the camera sees it: whitened by S^-1 R', S no less than 1e-9.
 struct OracleSolid {
-    Mat3<double> whiten;       ///< of a ray's direction in the camera's frame
+    Mat3<double> whiten;       ///< whitens a ray's direction in the camera's frame
     Vec3<double> mean;         ///< whitened
 
-    /// Where a ray passes a Gaussian's densest point, and how far from its mean, whitened.
+    /// A Gaussian's densest point along a ray.
     struct Meeting {
-        double depth, form;    ///< of the peak; the squared distance there
+        double depth, form;    ///< depth of the point; its squared distance to the mean, whitened
     };
-    /// The ray through (d[0], d[1]) at depth 1.
+    /// Returns the ray through (d[0], d[1]) at depth 1.
     Meeting meet(const Vec3<double>& d) const {
         const Vec3<double> w(whiten * d), miss(cross(mean, w));
         const double square = w.squaredNorm();
@@ -79,7 +80,7 @@ struct OracleSolid {
     }
 };
 
-/// Gaussian i of a cloud as the rays of a camera see it.
+/// Returns Gaussian i of a cloud as the rays of a camera see it.
 inline OracleSolid oracle_solid(const Gaussians<double>& g, const Pinhole<double>& camera,
                                 Index i) {
     const Vec4<double> q = g.rotation.col(i);
@@ -92,7 +93,7 @@ inline OracleSolid oracle_solid(const Gaussians<double>& g, const Pinhole<double
     return {whiten, Vec3<double>(whiten * camera.camera_from_world.apply(g.mean.col(i)))};
 }
 
-/// The Gaussians before the camera, and, of models that ask for rays, what a ray sees of them.
+/// The Gaussians before the camera, and, if the model asks for rays, their solids.
 struct OracleScene {
     const Gaussians<double>& g;
     const Pinhole<double>& camera;
@@ -103,7 +104,7 @@ struct OracleScene {
     OracleScene(const Gaussians<double>&, const Pinhole<double>&,
                 const std::vector<std::uint32_t>& order, const OracleModel&);
 
-    /// What adds to a pixel: ellipse k, off its centre by (dx, dy) [px].
+    /// A contribution to a pixel: ellipse k, off its centre by (dx, dy) [px].
     template <Real T>
     struct PixelContribution {
         std::size_t k;
@@ -111,7 +112,7 @@ struct OracleScene {
         T bell, alpha, depth;
         double peak;
     };
-    /// The hits of a pixel, near to far.
+    /// Finds the hits of a pixel, near to far.
     template <Real T>
     void pixel(int x, int y, std::vector<PixelContribution<T>>& hits) const;
 };
@@ -125,7 +126,7 @@ struct OracleGaussian {
     Vec3<R> scale;
 };
 
-/// A Gaussian's ellipse on the screen, by the model's rules.
+/// Returns a Gaussian's ellipse on the screen, by the model's rules.
 template <Scalar R>
 OracleEllipse<R> oracle_ellipse(const OracleGaussian<R>& g, const Pinhole<R>& lens,
                                 const OracleModel& model) {
@@ -163,7 +164,7 @@ OracleEllipse<R> oracle_ellipse(const OracleGaussian<R>& g, const Pinhole<R>& le
             cov(1, 1) / det, -cov(0, 1) / det, cov(0, 0) / det, true};
 }
 
-/// The ellipses of the Gaussians before the camera, in the given order.
+/// Returns the ellipses of the Gaussians before the camera, in the given order.
 inline std::vector<OracleEllipse<long double>> oracle_ellipses(
     const Gaussians<double>& g, const Pinhole<double>& camera,
     const std::vector<std::uint32_t>& order, const OracleModel& model) {
@@ -217,7 +218,8 @@ void OracleScene::pixel(int x, int y, std::vector<PixelContribution<T>>& hits) c
                          [](const auto& a, const auto& b) { return a.peak < b.peak; });
 }
 
-/// T is the scalar of the sums: double, or long double to check the sums themselves.
+/// Returns the true images. T is the scalar of the sums: double, or long double to check the sums
+/// themselves.
 template <Real T = double>
 OracleImages oracle(const Gaussians<double>& g, const Pinhole<double>& camera,
                     const VecX<double>& background, const std::vector<std::uint32_t>& order,

@@ -23,17 +23,17 @@ namespace detail {
 
 /// Sums over pixels of the cotangents of one ellipse.
 struct EllipseCotangent {
-    std::array<double, 5> part{};  ///< of u, v, a, b, c
+    std::array<double, 5> part{};  ///< cotangents of u, v, a, b, c
     double opacity = 0;
 };
 
-/// Of all ellipses, and of the Gaussians' features.
+/// Sums of all ellipses, and of the Gaussians' features.
 struct OracleSums {
     std::vector<EllipseCotangent> ellipses;
     Columns<double>& feature;
 };
 
-/// One pixel: every alpha near to far, then the recursion far to near.
+/// Adds the cotangents of one pixel: every alpha near to far, then the recursion far to near.
 inline void oracle_pixel_vjp(const OracleScene& scene, const VecX<double>& background,
                              const OracleCotangent& w, Index p, OracleSums& sums) {
     std::vector<OracleScene::PixelContribution<double>> hits;
@@ -48,7 +48,7 @@ inline void oracle_pixel_vjp(const OracleScene& scene, const VecX<double>& backg
     const VecX<double> wp = w.feature.col(p);
     double behind = wp.dot(background);
     const double extra = w.alpha.size() > 0 ? w.alpha(0, p) : 0.0;
-    double behind_alpha = 0;                           // of alpha, composited likewise
+    double behind_alpha = 0;                           // the same of alpha
     for (auto h = hits.rbegin(); h != hits.rend(); ++h) {
         const OracleEllipse<long double>& e = scene.ellipses[h->k];
         const double mine = wp.dot(scene.g.feature.col(e.index));
@@ -75,7 +75,7 @@ inline void oracle_pixel_vjp(const OracleScene& scene, const VecX<double>& backg
 
 } // namespace detail
 
-/// Gradients of everything in the scene's Gaussians for a cotangent of the image.
+/// Returns the gradients of everything in the scene's Gaussians for a cotangent of the image.
 inline Gaussians<double> oracle_vjp(const OracleScene& scene, const VecX<double>& background,
                                     const OracleCotangent& w) {
     using D = Dual<long double, 10>;

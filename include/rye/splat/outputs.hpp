@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/outputs.hpp: what a render draws besides features and alpha. An image that is not
+/// rye/splat/outputs.hpp: the images of a render besides features and alpha. An image that is not
 /// asked for has no memory and costs no instruction.
 #pragma once
 
@@ -26,13 +26,14 @@ struct Outputs {
 /// Features and alpha alone.
 inline constexpr Outputs features_only{.depth = false, .contributor = false};
 
-/// Where nothing contributes to a pixel.
+/// Contributor of a pixel to which nothing contributes.
 inline constexpr std::uint32_t no_contributor = 0xFFFFFFFF;
 
 /// The images that a render with these outputs has.
 template <class T, Outputs O>
 struct OutputImages {
-    /// Divide by alpha, where that is positive, for the expected depth [world units].
+    /// Depth times alpha, 1 x pixels; divided by alpha, if positive, the expected depth
+    /// [world units].
     [[no_unique_address]] PresentIf<O.depth, DepthImage, Image<T>> depth;
     /// Indices of Gaussians, or no_contributor; of equal weights the nearer one. No derivative.
     [[no_unique_address]] PresentIf<O.contributor, ContributorImage, Image<std::uint32_t>>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/raster.hpp: what a render returns, and what it keeps for its vjp.
+/// rye/splat/raster.hpp: the result of a render, and its trace for the vjp.
 #pragma once
 
 #include <algorithm>
@@ -17,7 +17,7 @@
 
 namespace rye {
 
-/// In the place of a member's number: the Gaussian is not visible.
+/// Number of the member of a Gaussian that is not visible.
 inline constexpr std::uint32_t no_member = 0xFFFFFFFF;
 
 /// A visible Gaussian, all that tiles read of it. In float it fills a line of the cache.
@@ -33,10 +33,10 @@ static_assert(sizeof(VisibleGaussian<float>) == 64);
 template <class T>
 struct RasterTrace {
     std::vector<VisibleGaussian<T>> members; ///< visible Gaussians, as `lists` numbers them
-    std::vector<std::uint32_t> member;   ///< of each index: its member, or no_member
+    std::vector<std::uint32_t> member;   ///< [Gaussians] its member, or no_member
     std::vector<RayPeak<real_t<T>>> peaks; ///< by member, if they are the order; else empty
     TileLists lists;
-    std::vector<Index> used;             ///< of each tile: entries read before all pixels were full
+    std::vector<Index> used;             ///< [tiles] entries read before all pixels were full
     Index non_finite = 0;                ///< Gaussians left out for a NaN or an infinity
 };
 
@@ -57,7 +57,7 @@ struct StripMask {
     bool has(int strip) const { return (word(strip) & bit(strip)) != 0; }
     bool none() const { return (words[0] | words[1]) == 0; }
     void set(int strip) { words[static_cast<std::size_t>(strip / 64)] |= bit(strip); }
-    /// Of the first n strips.
+    /// Removes all but the first n strips.
     void keep(int n) {
         const auto low = [](int k) {
             return k <= 0 ? 0 : k >= 64 ? ~std::uint64_t(0) : (std::uint64_t(1) << k) - 1;
@@ -85,7 +85,7 @@ struct DrawnTiles {
     const StripMask& mask(Index k) const { return strips != nullptr ? strips[k] : all_strips; }
 };
 
-/// Whether a Gaussian is drawn, and if not, whether its numbers are finite.
+/// Visibility of a Gaussian: not drawn, drawn, or not drawn as a number of it is not finite.
 enum class Visibility : std::uint8_t { hidden, visible, non_finite };
 
 /// Partial gradients, one slot an entry, so that no two threads write to one: a SplatCotangent's
@@ -103,7 +103,8 @@ struct PartialGradients {
         numbers.reserve(count * stride);
         touched.assign(static_cast<std::size_t>(count), 0);
     }
-    /// Features of a slot, the idle ones behind the last channel too: what a walk must write.
+    /// Returns features of a slot, the idle ones behind the last channel too: what a walk must
+    /// write.
     Index features() const { return stride - head; }
     T* operator[](Index slot) { return numbers.data() + slot * stride; }
     const T* operator[](Index slot) const { return numbers.data() + slot * stride; }
@@ -120,10 +121,10 @@ struct RasterScratch {
                                                   ///< say which columns
     std::vector<Visibility> state;       ///< by index
     std::vector<std::uint32_t> first_tile; ///< by index: the tile that orders visible ones
-    /// Of each chunk: the members of each tile, counted, then where the next one goes.
+    /// [chunks, tiles] Number of members in the tile, then index of the next one.
     std::vector<std::vector<std::uint32_t>> tile_counts;
     BinScratch<Key> bins;
-    BinScratch<std::uint64_t> fine_bins; ///< of policies that ask for more bits than T's
+    BinScratch<std::uint64_t> fine_bins; ///< for policies that ask for more bits than T's
 
     /// Makes room for n Gaussians; room that an earlier render had stays as it is.
     void shape(Index n) {
@@ -150,7 +151,7 @@ struct TilePixel {
     int x, y;
 };
 
-/// What a pixel walk reads.
+/// Inputs of a walk over pixels.
 template <class T>
 struct Scene {
     const RasterTrace<T>& trace;
@@ -174,7 +175,7 @@ struct Scene {
     Index begin(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile)]; }
     Index end(Index tile) const { return trace.lists.begin[static_cast<std::size_t>(tile) + 1]; }
     Index used(Index tile) const { return trace.used[static_cast<std::size_t>(tile)]; }
-    /// Top left pixel of a tile, and the end of its pixels.
+    /// Returns the top left pixel of a tile, and the end of its pixels.
     int left(Index tile) const { return static_cast<int>(tile % trace.lists.columns) * tile_edge; }
     int top(Index tile) const { return static_cast<int>(tile / trace.lists.columns) * tile_edge; }
     int right(Index tile) const { return std::min(width, left(tile) + tile_edge); }

@@ -15,7 +15,7 @@
 
 namespace rye {
 
-/// Of splat/jvp.hpp.
+// Defined in splat/jvp.hpp.
 template <class T, Distortion D>
 struct RasterTangents;
 template <class T, Distortion D>
@@ -24,6 +24,36 @@ template <class T, Outputs O>
 struct RasterJvp;
 template <class B, class T>
 struct SplatJvp;
+
+namespace detail {
+
+/// True for arguments of Rasterizer::forward among which one is missing: fewer than three, or a
+/// backend and two more.
+template <class... Arguments>
+inline constexpr bool too_few_to_draw = sizeof...(Arguments) < 3;
+template <Backend B, class Gaussians, class Camera>
+inline constexpr bool too_few_to_draw<B, Gaussians, Camera> = true;
+
+/// True for arguments whose camera and background have different scalars.
+template <class... Arguments>
+inline constexpr bool mixed_scalars = false;
+template <class Gaussians, class T, class D, class U>
+inline constexpr bool mixed_scalars<Gaussians, Pinhole<T, D>, VecX<U>> = !std::is_same_v<T, U>;
+template <class B, class Gaussians, class T, class D, class U>
+inline constexpr bool mixed_scalars<B, Gaussians, Pinhole<T, D>, VecX<U>> = !std::is_same_v<T, U>;
+
+/// True for arguments without a backend where there is no default one.
+template <class... Arguments>
+inline constexpr bool without_backend = false;
+template <class Gaussians, class T, class D>
+inline constexpr bool without_backend<Gaussians, Pinhole<T, D>, VecX<T>> =
+    !Backend<DefaultBackend<T>>;
+
+template <class... Arguments>
+concept Undrawable = too_few_to_draw<Arguments...> || mixed_scalars<Arguments...> ||
+                     without_backend<Arguments...>;
+
+} // namespace detail
 
 /// Draws Gaussians by the rules of A and differentiates the pictures, on any backend. The first
 /// argument of each call is the backend. For backends with lanes include splat/lanes.hpp. With that
@@ -47,11 +77,25 @@ struct Rasterizer {
         return out;
     }
 
-    /// The same on the default backend.
+    /// Returns the same on the default backend.
     template <class T, Distortion D, Backend B = DefaultBackend<T>>
     Drawn<T> forward(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
                      const VecX<T>& background, RasterScratch<T>* scratch = nullptr) const {
         return forward(B{}, g, camera, background, scratch);
+    }
+    /// Does not compile: says what is wrong with a call's arguments.
+    template <class... Arguments>
+        requires detail::Undrawable<Arguments...>
+    Drawn<float> forward(const Arguments&...) const {
+        static_assert(!detail::too_few_to_draw<Arguments...>,
+                      "Rasterizer::forward: an argument is missing, expected "
+                      "([backend,] Gaussians, camera, background)");
+        static_assert(!detail::mixed_scalars<Arguments...>,
+                      "Rasterizer::forward: camera and background have different scalars");
+        static_assert(!detail::without_backend<Arguments...>,
+                      "Rasterizer::forward: there is no default Backend, expected ScalarBackend{} "
+                      "as the first argument, or #include <rye/splat/lanes.hpp>");
+        return {};
     }
     template <class T, Distortion D, Backend B = DefaultBackend<T>>
     void forward_into(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
@@ -82,7 +126,7 @@ struct Rasterizer {
                    DrawnTiles().part(0, out.trace.lists.tiles()), out, s);
     }
 
-    /// The first step of forward_into: candidate and state of every Gaussian.
+    /// Does the first step of forward_into: candidate and state of every Gaussian.
     template <Backend B, class T, Distortion D>
     void project_into(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
                       const Pinhole<T, D>& camera, RasterScratch<T>& s) const {
@@ -93,7 +137,7 @@ struct Rasterizer {
         });
     }
 
-    /// The last step: draws tiles. The other pixels stay.
+    /// Does the last step of forward_into: draws tiles. The other pixels stay.
     template <Backend B, class T>
     void blend_into(const B& backend, const Scene<T>& scene, const DrawnTiles& drawn, Drawn<T>& out,
                     RasterScratch<T>& s) const {
@@ -110,8 +154,9 @@ struct Rasterizer {
         return {trace, g, background, camera.cx, camera.cy, camera.width, camera.height};
     }
 
-    /// Gradients of everything in `g` for the cotangents of the images; the background's is
-    /// background_vjp. Arguments are those of the forward call that returned `raster`.
+    /// Returns the gradients of everything in `g` for the cotangents of the images; the
+    /// background's is background_vjp. Arguments are those of the forward call that returned
+    /// `raster`.
     template <Backend B, class T, Distortion D>
     Gaussians<T> vjp(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
                      const Pinhole<T, D>& camera, const VecX<T>& background,
@@ -125,7 +170,7 @@ struct Rasterizer {
         return out;
     }
 
-    /// The same on the default backend.
+    /// Returns the same on the default backend.
     template <class T, Distortion D, Backend B = DefaultBackend<T>>
     Gaussians<T> vjp(const std::type_identity_t<GaussianView<T>>& g, const Pinhole<T, D>& camera,
                      const VecX<T>& background, const Drawn<T>& raster,
@@ -156,7 +201,7 @@ struct Rasterizer {
         });
     }
 
-    /// The render and its derivative in the direction of the tangents. Needs splat/jvp.hpp.
+    /// Returns the render and its derivative in the direction of the tangents. Needs splat/jvp.hpp.
     template <Backend B, class T, Distortion D>
     RasterJvp<T, A::outputs> jvp(const B& backend, const std::type_identity_t<GaussianView<T>>& g,
                                  const RasterTangents<T, D>& tangents,
@@ -179,7 +224,7 @@ struct Rasterizer {
     }
 
   private:
-    /// f(begin, end) for runs of tiles.
+    /// Calls f(begin, end) for runs of tiles.
     template <Backend B, class F>
     static void for_tiles(const B& backend, Index tiles, F&& f) {
         for_chunks(backend.threads, tiles, 1, [&](Index b, Index e, Index) { f(b, e); });
@@ -190,32 +235,18 @@ struct Rasterizer {
                       const VecX<T>& background) {
         static_assert(!D::distorts || A::order == BlendOrder::by_centre,
                       "rasterizer: blending by peak needs the straight rays of a pinhole");
-        expect(background.size() == g.channels(), [&] {
-            return "got a background of " + std::to_string(background.size()) +
-                   " channels, expected " + std::to_string(g.channels());
-        });
-        expect(camera.width >= 0 && camera.height >= 0, [&] {
-            return "got an image of " + std::to_string(camera.width) + " x " +
-                   std::to_string(camera.height) + " pixels, expected no negative size";
-        });
+        require(background.size() == g.channels(), "rasterizer", "got a background of ",
+                background.size(), " channels, expected ", g.channels());
+        require(camera.width >= 0 && camera.height >= 0, "rasterizer", "got an image of ",
+                camera.width, " x ", camera.height, " pixels, expected no negative size");
         const std::int64_t pixels = static_cast<std::int64_t>(camera.width) * camera.height;
-        expect(pixels <= std::numeric_limits<Index>::max(), [&] {
-            return "got an image of " + std::to_string(pixels) + " pixels, expected at most " +
-                   std::to_string(std::numeric_limits<Index>::max());
-        });
-        expect(camera.near_depth > T(0), [] {
-            return std::string("got a near depth that is not positive, expected a positive one");
-        });
+        require(pixels <= std::numeric_limits<Index>::max(), "rasterizer", "got an image of ",
+                pixels, " pixels, expected at most ", std::numeric_limits<Index>::max());
+        require(camera.near_depth > T(0), "rasterizer",
+                "got a near depth that is not positive, expected a positive one");
         const std::int64_t count = g.count();  // Index may have 32 bits
-        expect(count < std::int64_t(no_member), [&] {
-            return "got " + std::to_string(count) + " Gaussians, expected fewer than 2^32 - 1";
-        });
-    }
-
-    /// Builds the message only on failure; a warmed-up step allocates nothing.
-    template <class Message>
-    static void expect(bool condition, const Message& message) {
-        if (!condition) throw Error("rasterizer: " + message());
+        require(count < std::int64_t(no_member), "rasterizer", "got ", count,
+                " Gaussians, expected fewer than 2^32 - 1");
     }
 
     template <class T, Distortion D>
@@ -223,11 +254,9 @@ struct Rasterizer {
                                 const RasterCotangent<T>& c) {
         const Index pixels = static_cast<Index>(camera.width) * camera.height;
         const auto check_shape = [&](const char* name, const Columns<T>* a, Index rows) {
-            expect(a == nullptr || (a->rows() == rows && a->cols() == pixels), [&] {
-                return "cotangent of " + std::string(name) + " is " + std::to_string(a->rows()) +
-                       " x " + std::to_string(a->cols()) + ", image is " + std::to_string(rows) +
-                       " x " + std::to_string(pixels);
-            });
+            if (a == nullptr) return;
+            require(a->rows() == rows && a->cols() == pixels, "rasterizer", "cotangent of ", name,
+                    " is ", a->rows(), " x ", a->cols(), ", image is ", rows, " x ", pixels);
         };
         if (!A::outputs.depth && c.depth != nullptr)
             throw Error("rasterizer: got a cotangent of depth, expected none: the policy's "
@@ -237,7 +266,8 @@ struct Rasterizer {
         check_shape("depth", c.depth, 1);
     }
 
-    /// A contributor is an entry of its tile, in a number of the pixels' kind until it is drawn.
+    /// Throws Error if a tile has more entries than T counts: until it is drawn, a contributor is
+    /// an entry of its tile in a number of the pixels' type.
     template <class T>
     static void check_countable(const TileLists& lists) {
         constexpr std::int64_t most = std::int64_t(1) << std::numeric_limits<real_t<T>>::digits;
@@ -257,7 +287,7 @@ struct Rasterizer {
     }
 };
 
-/// Gradient of the background: what reaches it, weighted by the transmittance.
+/// Returns the gradient of the background: what reaches it, weighted by the transmittance.
 template <class T, Outputs O>
 VecX<T> background_vjp(const Raster<T, O>& raster, const Columns<T>& g_feature) {
     VecX<T> g = VecX<T>::Zero(g_feature.rows());

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/ray_peak.hpp: how deep a Gaussian is densest along the ray of a pixel, for policies
-/// that blend by it. With m the mean in the camera's frame, d the ray (its z is 1) and axes r_i of
+/// rye/splat/ray_peak.hpp: the depth at which a Gaussian is densest along the ray of a pixel, for
+/// policies that blend by it. With m the mean in the camera's frame, d the ray (z = 1), axes r_i of
 /// standard deviations s_i, the whitened distance |S^-1 R' (t d - m)| is least at
 ///     t = sum_i (b_i m) (b_i d) / sum_i (b_i d)^2,    b_i = (min s / s_i) r_i',
 /// which stays finite where s_i is 0: flat Gaussians peak where the ray meets their plane.
@@ -20,9 +20,9 @@ template <Real R>
 struct RayPeak {
     Mat3<R> axes;            ///< rows b_i, of which columns 0 and 1 are per pixel
     Vec3<R> along;           ///< b_i m [world units]
-    R depth;                 ///< of the centre, for rays that lie in the plane of a flat Gaussian
+    R depth;                 ///< depth of the centre, for rays in the plane of a flat Gaussian
 
-    /// At a pixel, from the principal point [px].
+    /// Returns the peak's depth at a pixel, given from the principal point [px].
     RYE_HD R at(R px, R py) const {
         R sum(0), square(0);
         for (int i = 0; i < 3; ++i) {
@@ -34,7 +34,8 @@ struct RayPeak {
     }
 };
 
-/// Of a Gaussian's mean, rotation and scale, by a camera's pose and focal lengths [px].
+/// Returns the peak of a Gaussian by its mean, rotation and scale, for a camera's pose and focal
+/// lengths [px].
 template <Real R>
 RYE_HD RayPeak<R> ray_peak(const Shape<R>& g, const Rigid<R>& pose, R fx, R fy) {
     const Mat3<R> r = quat_matrix(quat_normalized(g.rotation));
@@ -53,7 +54,7 @@ RYE_HD RayPeak<R> ray_peak(const Shape<R>& g, const Rigid<R>& pose, R fx, R fy) 
     return p;
 }
 
-/// Of Gaussian i; of duals, their values.
+/// Returns the peak of Gaussian i; duals give their values.
 template <class T>
 RayPeak<real_t<T>> ray_peak(const std::type_identity_t<GaussianView<T>>& g,
                             const Pinhole<T>& camera, Index i) {

@@ -2,8 +2,8 @@
 /// rye/splat/select_accuracy.hpp: the cheapest accuracy whose error on sampled tiles stays within a
 /// bound. A ladder of Balanced's numbers is climbed from coarse to exact. On each rung one pixel of
 /// every tile is compared with the exact rung; then whole tiles are: those whose pixel was worst,
-/// and others drawn at random. What is said of the picture is no more than the sample allows: if n
-/// random tiles all keep the bound, at most 3 / n of all tiles break it, with 95 % confidence.
+/// and others drawn at random. The sample allows this statement about the picture: if n random
+/// tiles all keep the bound, at most 3 / n of all tiles break it, with 95 % confidence.
 #pragma once
 
 #include <algorithm>
@@ -48,7 +48,7 @@ inline constexpr std::array<AccuracyRung, 10> accuracy_ladder{{
     {"Exact32", 1e-9, 1e-8, 1},
 }};
 
-/// How select_accuracy samples.
+/// Settings of select_accuracy's samples.
 struct SelectSettings {
     Index random_tiles = 64;   ///< drawn at random; all, if there are no more
     Index worst_tiles = 64;    ///< those whose pixel was worst
@@ -56,15 +56,15 @@ struct SelectSettings {
     std::uint64_t seed = 1;
 };
 
-/// The policy that select_accuracy chose, and why.
+/// The policy that select_accuracy chose, with the errors that it found.
 struct SelectedAccuracy {
     Balanced accuracy;
-    std::string name;          ///< of the rung
+    std::string name;          ///< rung's name
     bool met = false;          ///< false: even the exact rung may break the bound
     double sampled_error = 0;  ///< the largest on the sampled tiles, against the exact rung
-    double rounding = 0;       ///< what the exact rung itself may be off by, of T's rounding
+    double rounding = 0;       ///< error of the exact rung itself, from T's rounding
     Index tiles = 0;           ///< sampled
-    double failing_share = 1;  ///< of tiles, at most, with 95 % confidence
+    double failing_share = 1;  ///< largest share of tiles, with 95 % confidence
 };
 
 namespace detail {
@@ -101,7 +101,7 @@ struct TileSample {
     }
 };
 
-/// The largest difference of two samples in one tile; `stride` leaves pixels out.
+/// Returns the largest difference of two samples in one tile; `stride` leaves pixels out.
 template <class Sample>
 double tile_gap(const Sample& a, const Sample& b, Index tile, int first, int stride) {
     const auto sa = a.scene(), sb = b.scene();
@@ -117,15 +117,14 @@ double tile_gap(const Sample& a, const Sample& b, Index tile, int first, int str
 
 } // namespace detail
 
-/// `bound`: the largest absolute error of any channel of any pixel against every Gaussian at every
-/// pixel. The answer is used as Rasterizer{chosen.accuracy}.
+/// Returns the cheapest policy that keeps `bound`, the largest absolute error of any channel of any
+/// pixel against every Gaussian at every pixel. Use it as Rasterizer{chosen.accuracy}.
 template <Real T, Backend B>
 SelectedAccuracy select_accuracy(const B& backend, const Gaussians<T>& g, const Pinhole<T>& camera,
                                  const VecX<T>& background, double bound,
                                  const SelectSettings& settings = {}) {
     using Sample = detail::TileSample<B, T>;
-    require(bound > 0, "select_accuracy",
-            "got a bound of " + number_text(bound) + ", expected a positive one");
+    require(bound > 0, "select_accuracy", "got a bound of ", bound, ", expected a positive one");
     check_shapes("select_accuracy", g);
     const AccuracyRung& last = accuracy_ladder.back();
     SelectedAccuracy chosen{last.accuracy(), last.name};

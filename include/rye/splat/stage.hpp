@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/stage.hpp: what all backends' per-Gaussian work before and after the pixel walks has
-/// in common: cull, count, sort by depth, bin into tiles; merge the tiles' gradients. Projection
-/// and its adjoint are in plain/stage.hpp and lanes/stage.hpp.
+/// rye/splat/stage.hpp: work per Gaussian before and after the pixel walks, for all backends: cull,
+/// count, sort by depth, bin into tiles; merge the tiles' gradients. Projection and its adjoint are
+/// in plain/stage.hpp and lanes/stage.hpp.
 #pragma once
 
 #include <string>
@@ -19,7 +19,7 @@ struct ChunkRange {
     Index begin, end;
 };
 
-/// What is drawn, by which camera and by which rules.
+/// Gaussians to draw, with the camera and the rules.
 template <class A, class T, Distortion D>
 struct SplatInput {
     GaussianView<T> gaussians;
@@ -55,7 +55,7 @@ void cull(Index i, const Span& rows, const real_t<T>& x, const Pinhole<T, D>& ca
         rows.begin / tile_edge * tiles_across(camera.width) + static_cast<int>(column) / tile_edge);
 }
 
-/// The depth of Gaussian i in double, whatever it is given in.
+/// Returns the depth of Gaussian i in double, whatever it is given in.
 template <class T, Distortion D>
 double fine_depth(const GaussianView<T>& g, const Pinhole<T, D>& camera, Index i) {
     const auto& pose = camera.camera_from_world;
@@ -66,7 +66,7 @@ double fine_depth(const GaussianView<T>& g, const Pinhole<T, D>& camera, Index i
     return z + static_cast<double>(value_of(pose.translation[2]));
 }
 
-/// Visible candidates become members, in the order of the tiles that they lie in, there by index.
+/// Makes visible candidates members, in the order of the tiles that they lie in, there by index.
 /// Candidates are cut into as many chunks as there are threads, as in TileLists.
 template <Threads P, class A, class T, Distortion D>
 void gather_members(const P& threads, const SplatInput<A, T, D>& in, RasterScratch<T>& scratch,
@@ -113,7 +113,7 @@ void gather_members(const P& threads, const SplatInput<A, T, D>& in, RasterScrat
     });
 }
 
-/// Visible candidates become members and entries of tiles in the order of depth, ties by index.
+/// Makes visible candidates members and entries of tiles in the order of depth, ties by index.
 template <class A, class T, Distortion D, Backend B>
 void bin_and_sort(const B& backend, const SplatInput<A, T, D>& in, RasterScratch<T>& scratch,
                   RasterTrace<T>& trace) {
@@ -157,7 +157,7 @@ void merge_slots(const TileLists& lists, const PartialGradients<T>& slots, Index
     }
 }
 
-/// Zeros for a Gaussian that is not drawn.
+/// Writes zeros for a Gaussian that is not drawn.
 template <class T>
 void clear_gradient(Gaussians<T>& out, Index i) {
     Gaussians<T>::fields(

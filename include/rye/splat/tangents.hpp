@@ -10,10 +10,10 @@
 
 namespace rye {
 
-/// A direction in the inputs of a render; what is null does not move.
+/// A direction in the inputs of a render; null inputs do not move.
 template <class T, Distortion D = NoDistortion>
 struct RasterTangents {
-    const Gaussians<T>* gaussians = nullptr;  ///< of the shapes of the Gaussians
+    const Gaussians<T>* gaussians = nullptr;  ///< tangents, in the shapes of the Gaussians
     /// Derivatives of the camera's focal lengths, principal point and pose. Size, near depth and
     /// lens do not move.
     const Pinhole<T, D>* camera = nullptr;
@@ -41,10 +41,10 @@ struct RasterJvp {
     Columns<T> feature;      ///< C x pixels
     Columns<T> alpha;        ///< 1 x pixels
     Columns<T> depth;        ///< 1 x pixels, if the outputs have depth; else empty
-    std::vector<SplatTangent<T>> splats;  ///< of each visible Gaussian; lanes' alone
+    std::vector<SplatTangent<T>> splats;  ///< [visible Gaussians] for lanes only
 };
 
-/// x with the derivative dx.
+/// Returns x with the derivative dx.
 template <class V>
 Dual<V, 1> dual_of(const V& x, const V& dx) {
     Dual<V, 1> r;
@@ -53,8 +53,8 @@ Dual<V, 1> dual_of(const V& x, const V& dx) {
     return r;
 }
 
-/// The camera and its tangent in numbers Dual<V, 1>: V is the camera's kind of number, or a batch
-/// of it.
+/// Returns the camera and its tangent in numbers Dual<V, 1>: V is the camera's kind of number, or a
+/// batch of it.
 template <class V, class T, Distortion D>
 auto dual_camera(const Pinhole<T, D>& camera, const Pinhole<T, D>* tangent) {
     using Number = Dual<V, 1>;

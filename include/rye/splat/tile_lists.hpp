@@ -37,7 +37,7 @@ void sort_by_key(Keyed<Key, Value>* x, Keyed<Key, Value>* buffer, Index n) {
     using Item = Keyed<Key, Value>;
     constexpr int widest = 11;
     constexpr Index few = 16, moves_each = 8;
-    /// False when it gave up; x holds the same values then.
+    /// Returns false if it gave up; x holds the same values then.
     const auto insert = [&](Index allowed) {
         for (Index i = 1; i < n; ++i) {
             const Item moved = x[i];
@@ -62,7 +62,7 @@ void sort_by_key(Keyed<Key, Value>* x, Keyed<Key, Value>* buffer, Index n) {
         widest, static_cast<int>(std::bit_width(static_cast<std::uint64_t>(n))));
     std::array<std::uint32_t, (1 << widest)> even, odd;
     const std::size_t mask = (std::size_t(1) << digit) - 1;
-    /// By the two digits above `shift`, between x and the buffer and back.
+    /// Sorts by the two digits above `shift`, from x to the buffer and back.
     const auto two_digits = [&](int shift) {
         const auto bucket = [&](Key key, int up) {
             return static_cast<std::size_t>((key - low) >> shift >> up) & mask;
@@ -89,7 +89,7 @@ void sort_by_key(Keyed<Key, Value>* x, Keyed<Key, Value>* buffer, Index n) {
 /// A Gaussian that a tile's list holds.
 struct Intersection {
     std::uint32_t member;
-    std::uint32_t slot;                   ///< its place among its member's
+    std::uint32_t slot;                   ///< place among its member's slots
     bool operator==(const Intersection&) const = default;
 };
 
@@ -101,19 +101,19 @@ struct BinScratch {
     struct Mention {
         std::uint32_t tile, member;
     };
-    /// What one chunk of members counts and bins.
+    /// Counts and bins of one chunk of members.
     struct Chunk {
         std::vector<Mention> mentions;    ///< member by member, in the order of tiles
-        std::int64_t used;                ///< of these, or how many there would be
-        std::vector<std::uint32_t> cursor; ///< where it goes on in each list
+        std::int64_t used;                ///< number of mentions, or the number that there would be
+        std::vector<std::uint32_t> cursor; ///< [lists] index of the chunk's next entry
     };
     std::vector<Chunk> chunks;
     std::vector<Binned> binned;
-    std::vector<std::vector<Binned>> buffers;  ///< of each run of tiles
+    std::vector<std::vector<Binned>> buffers;  ///< [runs of tiles]
 };
 
-/// Members that are binned: key(m) says how far m is, of equal ones that with the lower index(m)
-/// comes first; footprint(m) is a Footprint, and pixel_rows(m) its rows of pixels, not empty.
+/// Members to be binned: key(m) is the distance of m; of equal ones the lower index(m) comes first;
+/// footprint(m) is a Footprint, and pixel_rows(m) its rows of pixels, not empty.
 template <class PixelRows, class KeyOf, class IndexOf, class Footprints>
     requires std::derived_from<std::remove_cvref_t<std::invoke_result_t<PixelRows, Index>>, Span>
 struct BinInput {
@@ -127,11 +127,11 @@ template <class PixelRows, class KeyOf, class IndexOf, class Footprints>
 BinInput(Index, PixelRows, KeyOf, IndexOf, Footprints)
     -> BinInput<PixelRows, KeyOf, IndexOf, Footprints>;
 
-/// For each tile its Gaussians, near to far. Visible Gaussians are members 0, 1, ... in the order
-/// of the tiles that they lie in, so that what a tile reads lies together.
+/// Lists of each tile's Gaussians, near to far. Visible Gaussians are members 0, 1, ... in the
+/// order of the tiles that they lie in, so that a tile reads adjacent memory.
 struct TileLists {
     using Entry = Intersection;
-    int columns = 0, rows = 0;            ///< of tiles
+    int columns = 0, rows = 0;            ///< numbers of tiles
     std::vector<Index> begin;             ///< tile t holds entries [begin[t], begin[t + 1])
     std::vector<Entry> entry;
     std::vector<Index> first;             ///< member m owns slots [first[m], first[m + 1]), in the
@@ -151,14 +151,14 @@ struct TileLists {
         sort(threads, members.index, scratch);
     }
 
-    /// Memory of an entry and of what it is made of: a mention, a key with it, and the buffer of a
-    /// run of tiles [bytes].
+    /// Memory of an entry and of its making: a mention, a key with it, and the buffer of a run of
+    /// tiles [bytes].
     template <class Key = std::uint32_t>
     static constexpr std::uint64_t entry_bytes =
         sizeof(typename BinScratch<Key>::Mention) + sizeof(Intersection) +
         sizeof(typename BinScratch<Key>::Binned) * 5 / 4;
 
-    /// Entries that so much memory holds, which 32 bits count.
+    /// Returns the entries that so much memory holds, which 32 bits count.
     template <class Key = std::uint32_t>
     static constexpr std::int64_t most_entries(std::uint64_t max_memory) {
         return static_cast<std::int64_t>(
@@ -178,7 +178,7 @@ struct TileLists {
                         ": the Gaussians are too large for the image");
     }
 
-    /// Mentions that all chunks write before their total has been compared with what is allowed.
+    /// Number of mentions that all chunks write before their total is compared with the limit.
     static constexpr Index most_unchecked = Index(1) << 24;
 
   private:
@@ -189,8 +189,8 @@ struct TileLists {
         return x[static_cast<std::size_t>(i)];
     }
 
-    /// Members are cut into as many chunks as there are threads; where a chunk goes on in a tile's
-    /// list follows from what the chunks before it have there. Lists do not depend on the chunks.
+    /// Bins members in as many chunks as there are threads. A chunk's place in a tile's list
+    /// follows from the counts of the chunks before it, so lists do not depend on the chunks.
     template <Support support, Real R, Threads P, class Members, class Key>
     void bin(const P& threads, ImageSize size, const Members& members, std::uint64_t max_memory,
              BinScratch<Key>& scratch) {
@@ -203,7 +203,7 @@ struct TileLists {
             scratch.chunks.resize(static_cast<std::size_t>(chunks));
         first.resize(static_cast<std::size_t>(n) + 1);
         // Chunks of more mentions are only counted at first, and written once the total is allowed:
-        // what is refused has cost little memory.
+        // a refusal costs little memory.
         const std::int64_t unchecked =
             std::min<std::int64_t>(max_entries, most_unchecked / std::max<Index>(chunks, 1));
         const auto write = [&](Index b, Index e, Chunk& chunk, std::int64_t allowed) {
@@ -261,13 +261,13 @@ struct TileLists {
         });
     }
 
-    /// Appends the tiles of member m to its chunk's, or, beyond what is allowed, counts them.
+    /// Appends the tiles of member m to its chunk's, or, beyond the limit, counts them.
     template <Support support, Real R, class Members, class Chunk>
     void mention(ImageSize size, const Members& members, Index m, std::int64_t max_entries,
                  Chunk& chunk) const {
         const auto& pixel_rows = members.pixel_rows(m);
         using Rows = std::remove_cvref_t<decltype(pixel_rows)>;
-        constexpr int at_once = mention_slack;  // of a row of tiles, whether it has them or not
+        constexpr int at_once = mention_slack;  // tiles of a row, even beyond its end
         const auto member = static_cast<std::uint32_t>(m);
         const auto append = [&](int row, int from, int count, int most) {
             const std::int64_t used = chunk.used;
@@ -312,7 +312,7 @@ struct TileLists {
                     buffer.resize(static_cast<std::size_t>(n + n / 2));
                 auto* const x = scratch.binned.data() + at(begin, t);
                 sort_by_key(x, buffer.data(), n);
-                for (Index i = 0; i < n;) {      // of equal keys, the lower index first
+                for (Index i = 0; i < n;) {      // equal keys: the lower index first
                     Index end = i + 1;
                     while (end < n && x[end].key == x[i].key) ++end;
                     if (end - i > 1)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/tiles.hpp: which pixels and which tiles a Gaussian can be seen in. Pixel units.
+/// rye/splat/tiles.hpp: the pixels and tiles in which a Gaussian can be seen. Pixel units.
 /// Source: bounds as in Radl et al., "StopThePop", 2024, but per row of tiles and exact.
 #pragma once
 
@@ -15,7 +15,7 @@
 
 namespace rye {
 
-/// Side of a tile [px]: 8 and 16 were tried; the larger halves the entries.
+/// Side of a tile [px]: 16 has half the entries of 8.
 inline constexpr int tile_edge = 16;
 /// Pixels of a tile.
 inline constexpr int tile_pixels = tile_edge * tile_edge;
@@ -40,7 +40,7 @@ struct PixelInterval {
     R begin, end;
 };
 
-/// Whole pixels whose centres lie in [low, high], cut to [0, size).
+/// Returns whole pixels whose centres lie in [low, high], cut to [0, size).
 template <class R>
 RYE_HD PixelInterval<R> pixel_interval(const R& low, const R& high, int size) {
     using std::ceil, std::floor;
@@ -50,19 +50,19 @@ RYE_HD PixelInterval<R> pixel_interval(const R& low, const R& high, int size) {
     const R e = floor(min(top, R(max(R(S(-1)), R(high - R(S(0.5))))))) + R(S(1));
     return {b, min(top, e)};
 }
-/// The interval in integers.
+/// Returns the interval in integers.
 template <Real R>
 RYE_HD Span whole(const PixelInterval<R>& r) {
     return {static_cast<int>(r.begin), static_cast<int>(r.end)};
 }
-/// The pixels of a row or column of `size` whose centres lie in [low, high].
+/// Returns the pixels of a row or column of `size` whose centres lie in [low, high].
 template <Real R>
 RYE_HD Span pixels_between(R low, R high, int size) {
     return whole(pixel_interval(low, high, size));
 }
-/// Tiles along a side of an image.
+/// Returns the number of tiles along a side of an image.
 RYE_HD inline int tiles_across(int pixels) { return (pixels + tile_edge - 1) / tile_edge; }
-/// The tiles that these pixels lie in.
+/// Returns the tiles that these pixels lie in.
 RYE_HD inline Span tiles_of(const Span& px) {
     if (px.begin >= px.end) return {};
     return {px.begin / tile_edge, (px.end - 1) / tile_edge + 1};
@@ -73,7 +73,7 @@ template <Support support, class R>  // Real, or a batch of them
 struct Cover {
     using S = real_t<R>;
     Footprint<R> f;
-    int width, height;           ///< of the image [px]
+    int width, height;           ///< image's extent [px]
 
     RYE_HD Span rows() const { return whole(row_range()); }
 
@@ -87,7 +87,7 @@ struct Cover {
         }
     }
 
-    /// Columns of tiles of tile row `row`, whose pixels within `rows` are all that count.
+    /// Returns the columns of tiles in tile row `row`; only pixels within `rows` count.
     RYE_HD Span columns(int row, const Span& rows) const {
         const auto top = static_cast<R>(max(row * tile_edge, rows.begin));
         const auto bottom = static_cast<R>(min((row + 1) * tile_edge, rows.end));
@@ -104,7 +104,7 @@ struct Cover {
             const Footprint<R>& from = cover.f;
             slack = c.slack();
             inverse_yy = R(S(1)) / from.covariance.yy;
-            tilt = from.covariance.xy * inverse_yy;                         // of E[x | y]
+            tilt = from.covariance.xy * inverse_yy;                         // slope of E[x | y]
             // y of the rightmost point
             widest = from.radius * from.covariance.xy / sqrt(from.covariance.xx);
             squared = from.radius * from.radius;
@@ -121,7 +121,8 @@ struct Cover {
         }
 
       private:
-        /// Left (-1) or right (+1) end of the ellipse at the y in [low, high] nearest to `nearest`.
+        /// Returns the left (-1) or right (+1) end of the ellipse at the y in [low, high] nearest
+        /// to `nearest`.
         RYE_HD R end(const R& nearest, const R& low, const R& high, S side) const {
             using std::sqrt;
             const R at = min(high, R(max(low, nearest)));
@@ -131,7 +132,8 @@ struct Cover {
     };
 
   private:
-    /// Rounding moves a bound by a few units in the last place of a position; this covers it.
+    /// Returns a margin for rounding, which moves a bound by a few units in the last place of a
+    /// position.
     RYE_HD R slack() const {
         using std::abs, std::sqrt;
         return R(S(8) * Limits<S>::epsilon) *
@@ -139,7 +141,7 @@ struct Cover {
                 f.radius * sqrt(f.covariance.yy) + R(S(1)));
     }
 
-    /// The 16 px tiles that [centre - radius, centre + radius] touches, as pixels.
+    /// Returns the 16 px tiles that [centre - radius, centre + radius] touches, as pixels.
     RYE_HD PixelInterval<R> square(const R& centre, int size) const {
         using std::floor;
         constexpr S coarse = 16;
@@ -159,7 +161,7 @@ struct TileRows : Span {
 
     RYE_HD int first_row() const { return begin / tile_edge; }
     RYE_HD int last_row() const { return (end + tile_edge - 1) / tile_edge; }
-    /// Whether an image's columns of tiles fit.
+    /// Returns true if an image's columns of tiles fit.
     RYE_HD static bool fits(int width) { return width / tile_edge < 0xFFFF; }
     RYE_HD bool known(int width) const { return last_row() - first_row() <= most && fits(width); }
 };
@@ -169,8 +171,8 @@ struct TileRowSpan {
     int row, begin, end;
 };
 
-/// f of each row of tiles that a footprint reaches; `rows` are its rows of pixels, not empty, and
-/// footprint() is asked for only where these do not say which columns.
+/// Calls f for each row of tiles that a footprint reaches; `rows` are its rows of pixels, not
+/// empty, and footprint() is called only if these do not give the columns.
 template <Support support, Real R, class Rows, class Footprint, class F>
 void each_tile_row(int width, int height, const Rows& rows, const Footprint& footprint,
                    const F& f) {
@@ -190,7 +192,7 @@ void each_tile_row(int width, int height, const Rows& rows, const Footprint& foo
     }
 }
 
-/// Bits that compare as the number does.
+/// Returns the bits that compare as the number does.
 template <Real R>
 RYE_HD auto depth_key(R depth) {
     using Bits = std::conditional_t<sizeof(R) == 4, std::uint32_t, std::uint64_t>;

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/workspaces.hpp: memory of walks over tiles, held by one thread at a time and kept for
 /// the next call. Allocating it for every run of tiles would cost as much as the walks: large
-/// blocks come from the system a page fault at a time. What it holds is anything. A thread is given
-/// what it gave back before, which its cache still holds, and seldom waits for another one.
+/// blocks come from the system a page fault at a time. Contents are uninitialised. A thread gets
+/// back the memory that it returned before, which its cache still holds, and seldom waits for
+/// another one.
 #pragma once
 
 #include <array>
@@ -22,7 +23,7 @@ class Workspaces {
     struct Shelf;
 
   public:
-    /// Base of what is kept.
+    /// Base of workspaces.
     struct Space {
         virtual ~Space() = default;
     };
@@ -68,8 +69,8 @@ class Workspaces {
         std::vector<std::unique_ptr<Space>> idle;
         std::size_t lent = 0;
 
-        /// One of what lies here, or null; makes room for as many more as are to be given back
-        /// here, which must not fail.
+        /// Returns an idle workspace, or null; reserves room for the workspaces that are still to
+        /// be given back, which must not fail.
         template <class W>
         std::unique_ptr<W> take(std::size_t more) {
             const std::lock_guard<std::mutex> lock(mutex);
@@ -91,7 +92,8 @@ class Workspaces {
         }
     };
 
-    /// Ids are often addresses, whose low bits are the same.
+    /// Returns a number of the calling thread: its id, mixed, as ids are often addresses, whose low
+    /// bits are the same.
     static std::size_t number_of_thread() {
         const std::uint64_t id = std::hash<std::thread::id>()(std::this_thread::get_id());
         return static_cast<std::size_t>(id * 0x9E3779B97F4A7C15U >> 58U) % shelves;

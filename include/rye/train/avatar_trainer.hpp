@@ -48,7 +48,7 @@ struct AvatarTraining {
     EyeballBounds bounds = {};
 };
 
-/// What a step of training says of itself.
+/// Result of a training step.
 template <class T>
 struct AvatarStepReport {
     AvatarLosses<T> losses;

@@ -185,9 +185,8 @@ DensityPlan density_plan(const Columns<T>& opacity_logit, const std::vector<doub
             candidates.push_back(i);
     }
     const Index left = n - plan.change.pruned;
-    require(left > 0, "change_density",
-            "all " + std::to_string(n) + " Gaussians of the face have an opacity below " +
-                number_text(config.prune) + " (gaussians.density.prune), expected a face");
+    require(left > 0, "change_density", "all ", n, " Gaussians of the face have an opacity below ",
+            config.prune, " (gaussians.density.prune), expected a face");
     const Index wanted =
         std::min(static_cast<Index>(config.grow * static_cast<double>(n)), config.most - left);
     const Index grown = std::clamp<Index>(wanted, 0, static_cast<Index>(candidates.size()));

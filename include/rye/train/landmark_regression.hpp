@@ -68,10 +68,8 @@ inline void require_prior(const RegressionConfig& config, Index expression, Inde
     const auto require_rows = [&](const char* name, const Columns<double>& a, Index columns,
                                   bool good, const char* what) {
         require(a.size() == 0 || (a.rows() == expression && a.cols() == columns && good),
-                "landmark_regression",
-                std::string("got an ") + name + " of " + std::to_string(a.rows()) + " x " +
-                    std::to_string(a.cols()) + ", expected " + std::to_string(expression) + " x " +
-                    std::to_string(columns) + what);
+                "landmark_regression", "got an ", name, " of ", a.rows(), " x ", a.cols(),
+                ", expected ", expression, " x ", columns, what);
     };
     const Columns<double>& reach = config.expression_reach;
     require_rows("expression_reach", reach, landmarks,
@@ -131,9 +129,8 @@ LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>
     const Index n = static_cast<Index>(frames.size()), landmarks = neutral.landmarks.cols();
     std::vector<std::vector<double>> x;
     for (const MeshSample<T, E>& f : frames) {
-        require(f.landmarks.cols() == landmarks, "landmark_regression",
-                "got a frame of " + std::to_string(f.landmarks.cols()) + " landmarks, expected " +
-                    std::to_string(landmarks));
+        require(f.landmarks.cols() == landmarks, "landmark_regression", "got a frame of ",
+                f.landmarks.cols(), " landmarks, expected ", landmarks);
         x.push_back(landmark_regressors(f.drivers));
     }
     LandmarkRegression r;

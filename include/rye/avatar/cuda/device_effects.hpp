@@ -10,10 +10,10 @@
 
 namespace rye {
 
-/// The encoding that kernels know; another one has the host alone.
+/// The encoding that kernels know; other encodings run on the host only.
 template <class E>
 concept EncodedByDevice = std::same_as<EncodingOf<E>, PositionalEncoding>;
-/// What is seen through a cornea, and on it, has the host alone.
+/// Refraction and reflection by a cornea run on the host only.
 template <class E>
 concept SeesNoCornea = !has_effect<E, SeesCornea>;
 /// Whether a gaze mechanism or an eye appearance has kernels: a specialisation of

@@ -64,9 +64,8 @@ class DeviceAvatarDrawer {
           eyes_frame_(device) {
         frame_.for_vjp = eyes_frame_.for_vjp = false;
         const Index channels = of.avatar.upsampler.shape.in_channels;
-        require(channels == of.config.channels, "DeviceAvatarDrawer",
-                "super-resolution reads " + std::to_string(channels) + " channels, renders have " +
-                    std::to_string(of.config.channels));
+        require(channels == of.config.channels, "DeviceAvatarDrawer", "super-resolution reads ",
+                channels, " channels, renders have ", of.config.channels);
         const Columns<float> colours = Columns<float>::Ones(channels, 1);
         colours_.reserve(queue, static_cast<std::size_t>(channels) + 2);
         device.fill(queue, colours_.data(), 0, colours_.bytes());
@@ -156,9 +155,9 @@ class DeviceAvatarDrawer {
             *drawn = false;
             whole = frame->finish(queue, most_entries, NonFinite::cull) && whole;
             require(!driven || frame->cost.non_finite == 0, "the driven Gaussians",
-                    std::to_string(frame->cost.non_finite) +
-                        " of them are not finite everywhere; the avatar is damaged, or its drivers "
-                        "are far from those of its training");
+                    frame->cost.non_finite,
+                    " of them are not finite everywhere; the avatar is damaged, or its drivers "
+                    "are far from those of its training");
         }
         return whole;
     }

@@ -141,9 +141,8 @@ class DeviceEyeAppearance<FreeFeatures, Device, Networks> {
 /// Throws an Error unless an array of an eye appearance has this shape.
 inline void require_eye_array(const std::string& name, const Columns<float>& a, Index rows,
                               Index cols) {
-    require(a.rows() == rows && a.cols() == cols, "DeviceEyeAppearance",
-            name + " is " + std::to_string(a.rows()) + " x " + std::to_string(a.cols()) +
-                ", expected " + std::to_string(rows) + " x " + std::to_string(cols));
+    require(a.rows() == rows && a.cols() == cols, "DeviceEyeAppearance", name, " is ", a.rows(),
+            " x ", a.cols(), ", expected ", rows, " x ", cols);
 }
 
 } // namespace rye

@@ -55,8 +55,8 @@ class DeviceEyeStream {
                          static_cast<std::size_t>(a.size()) * sizeof(float));
         };
         require(host_->centre.rows() == 3 && host_->centre.cols() == 2, "DeviceEyeStream",
-                "centre is " + std::to_string(host_->centre.rows()) + " x " +
-                    std::to_string(host_->centre.cols()) + ", expected 3 x 2");
+                "centre is ", host_->centre.rows(), " x ", host_->centre.cols(),
+                ", expected 3 x 2");
         put(position_, host_->position);
         put(centre_, host_->centre);
         const std::size_t inputs =

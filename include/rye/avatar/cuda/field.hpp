@@ -171,9 +171,8 @@ class DeviceField {
     void add_into(const CudaQueue& queue, const DeviceColumns<const float>& inputs,
                   const DeviceInfluenced& set, const DeviceColumns<float>& out, bool keep) {
         const Index rows = mlp_.shape().outputs();
-        require(out.rows == rows && out.cols == inputs.cols, "DeviceField",
-                "sum is " + std::to_string(out.rows) + " x " + std::to_string(out.cols) +
-                    ", expected " + std::to_string(rows) + " x " + std::to_string(inputs.cols));
+        require(out.rows == rows && out.cols == inputs.cols, "DeviceField", "sum is ", out.rows,
+                " x ", out.cols, ", expected ", rows, " x ", inputs.cols);
         evaluate_into(queue, inputs, set, keep);
         launch_each(device_, queue, rows * set.room,
                     FieldAdd{set, squash_, gain_, output(), out.data});

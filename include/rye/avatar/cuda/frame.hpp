@@ -46,9 +46,8 @@ struct DriverPlaces {
         };
         if constexpr (has_effect<E, ReadsExpression>) {
             require(drivers.expression.size() == pose - expression, "DeviceTwoStream",
-                    "expression has " + std::to_string(drivers.expression.size()) +
-                        " numbers, the avatar's networks read " +
-                        std::to_string(pose - expression));
+                    "expression has ", drivers.expression.size(),
+                    " numbers, the avatar's networks read ", pose - expression);
             put(expression, drivers.expression);
         }
         if constexpr (has_effect<E, ReadsHeadPose>) {
@@ -63,9 +62,10 @@ struct DriverPlaces {
             }
         });
         for (std::size_t k = 0; k < r.size(); ++k)
-            require(std::isfinite(r[k]), "DeviceTwoStream",
-                    "number " + std::to_string(k) + " of the drivers (expression, pose, scale, " +
-                        "gazes) is " + number_text(r[k]) + ", expected a finite one");
+            require(std::isfinite(r[k]), "DeviceTwoStream", "number ", k,
+                    " of the drivers (expression, pose, scale, "
+                    "gazes) is ",
+                    r[k], ", expected a finite one");
         return r;
     }
     /// True where packed drivers of two frames have the same bits but for the gazes.

@@ -212,9 +212,8 @@ class DeviceHeadShading {
           counts_(counts),
           sums_(device) {
         if (!host.any()) return;
-        require(host.normal.cols() == counts.faces, "DeviceHeadShading",
-                "there are " + std::to_string(host.normal.cols()) + " normals, expected " +
-                    std::to_string(counts.faces));
+        require(host.normal.cols() == counts.faces, "DeviceHeadShading", "there are ",
+                host.normal.cols(), " normals, expected ", counts.faces);
         light_.reserve(queue, 1);
         numbers_.reserve(queue, std::size_t(ShadeFaceVjp::sums + ShadeEyesVjp::sums));
     }

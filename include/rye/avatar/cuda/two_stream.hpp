@@ -119,8 +119,8 @@ class DeviceTwoStream {
     void set_drivers(const CudaQueue& queue, const Drivers<float, E>& drivers, Index column = -1) {
         if constexpr (has_effect<E, ReadsHeadPose>)
             require(column >= -1 && column < host_.delta_pose.cols(), "DeviceTwoStream",
-                    "column of delta_pose is " + std::to_string(column) + ", expected -1 to " +
-                        std::to_string(host_.delta_pose.cols() - 1));
+                    "column of delta_pose is ", column, ", expected -1 to ",
+                    host_.delta_pose.cols() - 1);
         const std::vector<float> numbers = drivers_.packed(drivers, column);
         device_.send(queue, driver_numbers_.data(), numbers.data(), numbers.size() * sizeof(float));
     }
@@ -173,12 +173,11 @@ class DeviceTwoStream {
         if constexpr (has_effect<E, AnyOf<LeftGaze, RightGaze>>) {
             std::uint32_t bad = 0;
             device_.fetch(queue, &bad, &state_.data()->bad_gaze, sizeof bad);
-            require(bad == 0, "DeviceTwoStream",
-                    std::string("gaze of the ") +
-                        (bad == 1U   ? "left"
-                         : bad == 2U ? "right"
-                                     : "left and the right") +
-                        " eye is not finite or has no direction");
+            require(bad == 0, "DeviceTwoStream", "gaze of the ",
+                    (bad == 1U   ? "left"
+                     : bad == 2U ? "right"
+                                 : "left and the right"),
+                    " eye is not finite or has no direction");
         }
         return face_.rest().finish(queue);
     }

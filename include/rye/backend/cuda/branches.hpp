@@ -18,15 +18,15 @@ concept DeviceWithBranches = requires {
     typename D::Branch;
 };
 
-/// Streams beside a queue's. What they were used for must not outlive them, as memory that was
-/// asked for there goes back through them.
+/// Streams beside a queue's. Memory that was allocated on them must not outlive them, as it goes
+/// back through them.
 template <class Device>
 class DeviceBranches {
   public:
-    /// f(k, queue) for k in [0, count) puts work on a queue of its own, of which no piece reads or
-    /// writes what another one writes. All of it follows what was put on `queue` before, and comes
-    /// before what is put there afterwards. Where a device has one stream the last comes first,
-    /// which finds a piece that needs an earlier one.
+    /// Calls f(k, queue) for k in [0, count), each with a queue of its own. No piece of work may
+    /// read or write what another one writes. All of it runs after earlier work of `queue` and
+    /// before later work. A device of one stream runs the last piece first, which exposes a piece
+    /// that needs an earlier one.
     template <class F>
     void run(const CudaQueue& queue, std::size_t count, const F& f) {
         if constexpr (DeviceWithBranches<Device>) {

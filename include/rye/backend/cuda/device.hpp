@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/backend/cuda/device.hpp: a device of CUDA: how kernels are launched, and what their text
-/// means in machine code: a lane's number is a register, a phase ends at a barrier of its block.
+/// rye/backend/cuda/device.hpp: a device of CUDA: launches of kernels, and the meaning of their
+/// text in machine code: a lane's number is a register, a phase ends at a barrier of its block.
 /// Under nvcc only. backend/cuda/emulation.hpp is the same for the host.
 /// Source: NVIDIA, "PTX ISA", 9.7 (mma, ldmatrix, movmatrix).
 #pragma once
@@ -254,7 +254,7 @@ struct DeviceWarp {
     }
 };
 
-/// What one thread keeps from phase to phase: a register of its own.
+/// A thread's value from phase to phase: a register of its own.
 template <class T>
 struct OwnState {
     T value;

@@ -82,7 +82,7 @@ struct MergeSumsKernel {
     const float* partial; ///< sums x blocks
     Index count;          ///< blocks
     int sums;
-    bool again; ///< whether to add to what is there
+    bool again; ///< true to add to the present values
     float* to;
 
     template <class Block>
@@ -104,7 +104,7 @@ struct MergeSumsKernel {
     }
 };
 
-/// Where sums go: F::sums numbers in device memory, which they replace, or add to.
+/// Destination of sums: F::sums numbers in device memory, which they replace, or add to.
 struct SumsTo {
     float* numbers;
     bool again = false;

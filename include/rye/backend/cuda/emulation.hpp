@@ -31,7 +31,7 @@ struct HostWarp : HostCopies {
     static U lane() {
         return U::each([](int l) { return static_cast<std::uint32_t>(l); });
     }
-    /// The same, for what is seldom needed: it is not kept in registers through loops.
+    /// Returns the same for rare uses: it is not kept in registers through loops.
     static U lane_here() { return lane(); }
     static F number(const U& x) { return F(x); }
     static F fma(const F& a, const F& b, const F& c) {
@@ -55,7 +55,7 @@ struct HostWarp : HostCopies {
         return r;
     }
     static void sync() {}
-    /// A bit for each lane.
+    /// Returns a bit for each lane.
     static std::uint32_t ballot(const M& m) {
         std::uint32_t r = 0;
         for (int l = 0; l < 32; ++l) r |= m.x[l] ? 1U << l : 0U;
@@ -64,14 +64,14 @@ struct HostWarp : HostCopies {
     static std::uint32_t bits_set(std::uint32_t x) {
         return static_cast<std::uint32_t>(std::popcount(x));
     }
-    /// How many lanes of these come before each.
+    /// Returns for each lane the number of these lanes before it.
     static U below(std::uint32_t lanes) {
         return U::each([&](int l) {
             return static_cast<std::uint32_t>(std::popcount(lanes & ((1U << l) - 1U)));
         });
     }
 
-    /// What the lane `k` before, or after, holds within four lanes; else `other`.
+    /// Returns the value of the lane `k` before, or after, within four lanes; else `other`.
     template <int k, class T>
     static Lanes<T> quad_up(const Lanes<T>& a, T other) {
         return Lanes<T>::each([&](int l) { return l % 4 >= k ? a.x[l - k] : other; });
@@ -80,7 +80,7 @@ struct HostWarp : HostCopies {
     static Lanes<T> quad_down(const Lanes<T>& a, T other) {
         return Lanes<T>::each([&](int l) { return l % 4 + k < 4 ? a.x[l + k] : other; });
     }
-    /// What lane k of the four holds.
+    /// Returns the value of lane k of each four.
     template <int k, class T>
     static Lanes<T> of_quad(const Lanes<T>& a) {
         return Lanes<T>::each([&](int l) { return a.x[l / 4 * 4 + k]; });
@@ -103,7 +103,7 @@ struct HostWarp : HostCopies {
         using V = std::conditional_t<std::is_same_v<T, float>, float, std::uint32_t>;
         return Lanes<V>::each([&](int l) { return static_cast<V>(p[i.x[l]]); });
     }
-    /// Numbers 4 i ... 4 i + 3.
+    /// Returns the numbers 4 i ... 4 i + 3.
     static Array<F, 4> read4(const Quad4* p, const U& i) {
         return {{F::each([&](int l) { return p[i.x[l]].x; }),
                  F::each([&](int l) { return p[i.x[l]].y; }),
@@ -119,7 +119,7 @@ struct HostWarp : HostCopies {
         for (int l = 0; l < 32; ++l)
             if (m.x[l]) p[i.x[l]] = static_cast<T>(v.x[l]);
     }
-    /// Numbers 4 i ... 4 i + 3 where the mask holds; elsewhere 0.
+    /// Returns the numbers 4 i ... 4 i + 3 where the mask holds; elsewhere 0.
     static Array<F, 4> read4_where(const M& m, const Quad4* p, const U& i) {
         const U at = select(m, i, U(0));
         Array<F, 4> r;
@@ -133,7 +133,7 @@ struct HostWarp : HostCopies {
         for (int l = 0; l < 32; ++l)
             if (m.x[l]) p[i.x[l]] = {v[0].x[l], v[1].x[l], v[2].x[l], v[3].x[l]};
     }
-    /// Bytes 4 i ... 4 i + 3.
+    /// Writes bytes 4 i ... 4 i + 3.
     static void write_word(void* p, const U& i, const U& v) {
         for (int l = 0; l < 32; ++l)
             std::memcpy(static_cast<unsigned char*>(p) + 4 * i.x[l], &v.x[l], 4);
@@ -142,7 +142,7 @@ struct HostWarp : HostCopies {
         for (int l = 0; l < 32; ++l)
             if (m.x[l]) std::memcpy(static_cast<unsigned char*>(p) + 4 * i.x[l], &v.x[l], 4);
     }
-    /// The low or the high half of each lane's number.
+    /// Returns the low or the high half of each lane's number.
     template <int half>
     static U read_half(const std::uint64_t* p, const U& i) {
         return U::each([&](int l) { return static_cast<std::uint32_t>(p[i.x[l]] >> (32 * half)); });
@@ -152,7 +152,7 @@ struct HostWarp : HostCopies {
     static F read_where(const M& m, const float* p, const U& i, float other) {
         return F::each([&](int l) { return m.x[l] ? p[i.x[l]] : other; });
     }
-    /// Numbers 2 i and 2 i + 1, 8 bytes at once; 0 where the mask does not hold.
+    /// Returns the numbers 2 i and 2 i + 1, 8 bytes at once; 0 where the mask does not hold.
     static Array<F, 2> read2_where(const M& m, const float* p, const U& i) {
         return {{F::each([&](int l) { return m.x[l] ? p[2 * i.x[l]] : 0.0F; }),
                  F::each([&](int l) { return m.x[l] ? p[2 * i.x[l] + 1] : 0.0F; })}};
@@ -203,7 +203,7 @@ struct HostWarp : HostCopies {
                 d[std::size_t(i)].x[l] = static_cast<float>(sum);
             }
     }
-    /// The transpose of 8 x 8 halves, of which each lane has two neighbours of a row.
+    /// Returns the transpose of 8 x 8 halves, of which each lane has two neighbours of a row.
     static U transpose(const U& a) {
         return U::each([&](int l) {
             const int r = l / 4, c = l % 4 * 2;
@@ -260,12 +260,12 @@ class HostBlock {
     void each_warp(F&& f) {
         in_order(threads / 32, f);
     }
-    /// A number of shared memory that all threads take, before any goes on to change it.
+    /// Returns a number of shared memory that all threads take, before any goes on to change it.
     template <class T>
     T agree(const T& shared) const {
         return shared;
     }
-    /// What threads, or warps, keep from phase to phase.
+    /// Returns the values of threads, or of warps, from phase to phase.
     template <class T>
     auto of_threads() const {
         return std::vector<T>(static_cast<std::size_t>(threads));
@@ -274,7 +274,7 @@ class HostBlock {
     auto of_warps() const {
         return std::vector<T>(static_cast<std::size_t>(threads / 32));
     }
-    /// A phase of threads that wait for those of their own warp only.
+    /// Runs a phase of threads that wait for those of their own warp only.
     template <class F>
     void each_lane(F&& f) {
         in_order(threads, f);
@@ -286,7 +286,7 @@ class HostBlock {
     static float high(std::uint32_t a) { return HostWarp::high(Lanes<std::uint32_t>(a)).x[0]; }
     static int bits_set(std::uint32_t x) { return std::popcount(x); }
     static int leading_zeros(std::uint64_t x) { return std::countl_zero(x); }
-    /// Sums of what is before each of the block's numbers; returns that of all.
+    /// Replaces each of the block's numbers by the sum of those before it; returns the sum of all.
     template <class T>
     T exclusive_sums(T* x) {
         T sum = 0;

@@ -18,15 +18,15 @@ concept DeviceWithGraphs = requires {
     typename D::Graph;
 };
 
-/// Graphs of one device by their keys. Key: all that the work was put on the stream with and that
-/// may change; Kind: what decides which memory it takes.
+/// Graphs of one device by their keys. Key: all arguments of the work that may change; Kind: those
+/// that determine its memory.
 template <class Device, class Kind, class Key>
 class KeptGraphs {
   public:
-    static constexpr std::size_t most = 64; ///< more run as they are
+    static constexpr std::size_t most = 64; ///< graphs that are kept; more work runs as it is
 
-    /// f() puts the work of a key on the queue's stream. The first work of a kind may move memory
-    /// that other kinds share, so what was kept of them is forgotten.
+    /// Runs the work of a key, which f() puts on the queue's stream. The first work of a kind may
+    /// move memory that other kinds share, so it forgets their graphs.
     template <class F>
     void run(const CudaQueue& queue, const Kind& kind, const Key& key, const F& f) {
         if constexpr (DeviceWithGraphs<Device>) {
@@ -41,7 +41,7 @@ class KeptGraphs {
         }
         f();
     }
-    /// Where memory that graphs use was moved, or is to grow.
+    /// Forgets all graphs: to be called if memory that they use was moved, or is to grow.
     void forget() {
         graphs_.clear();
         warm_.clear();

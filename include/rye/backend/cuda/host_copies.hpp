@@ -17,7 +17,7 @@ struct HostCopies {
     using U = Lanes<std::uint32_t>;
     using M = Lanes<bool>;
 
-    /// Of 16 bytes, and of a number, where the mask holds.
+    /// Starts copies of 16 bytes, or of a number, in the lanes of the mask.
     static void copy4_ahead(const M& m, Quad4* to, const U& i, const Quad4* from, const U& k) {
         for (int l = 0; l < Lanes<int>::count; ++l)
             if (m.x[l]) ahead(to + i.x[l], from + k.x[l], sizeof(Quad4));
@@ -26,7 +26,7 @@ struct HostCopies {
         for (int l = 0; l < Lanes<int>::count; ++l)
             if (m.x[l]) ahead(to + i.x[l], from + k.x[l], sizeof(float));
     }
-    /// Of 16 bytes where the mask holds, else of zeros.
+    /// Starts copies of 16 bytes in the lanes of the mask, of zeros in the others.
     static void copy4_or_zero(const M& m, Quad4* to, const U& i, const Quad4* from, const U& k) {
         static const Quad4 zero{0, 0, 0, 0};
         for (int l = 0; l < Lanes<int>::count; ++l)
@@ -43,7 +43,7 @@ struct HostCopies {
         if (batches.size() > kept)
             batches.erase(batches.begin(), batches.end() - std::ptrdiff_t(kept));
     }
-    /// Of a block that has ended.
+    /// Drops the copies of a block that has ended.
     static void forget_copies() { under_way().assign(1, {}); }
 
   private:

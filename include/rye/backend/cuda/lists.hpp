@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/backend/cuda/lists.hpp: lists of the indices at which numbers are positive, ascending, made
-/// on the device by counts, a scan and places, for several arrays at once. How long a list is is
+/// on the device by counts, a scan and places, for several arrays at once. The length of a list is
 /// known to the device alone.
 #pragma once
 
@@ -18,11 +18,11 @@ struct DeviceListArrays {
     std::uint32_t* list[most];
     int arrays;
     Index size;
-    std::uint32_t* before; ///< arrays x blocks: how many in each block, then how many before it
-    std::uint32_t* count;  ///< of each list
+    std::uint32_t* before; ///< [arrays, blocks] listed indices of the block, then before it
+    std::uint32_t* count;  ///< [arrays] length of the list
 };
 
-/// How many each block of indices has.
+/// Counts the listed indices of each block.
 struct ListCountKernel {
     static constexpr const char* name = "lists, counts";
     static constexpr int threads = 256, blocks = 4;
@@ -47,7 +47,7 @@ struct ListCountKernel {
     }
 };
 
-/// How many there are before each block, and in all; a block does an array.
+/// Counts the listed indices before each block, and in all; a block does an array.
 struct ListScanKernel {
     static constexpr const char* name = "lists, scan";
     static constexpr int threads = 256, blocks = 1;
@@ -104,7 +104,8 @@ struct ListPlaceKernel {
     }
 };
 
-/// Place of an index in an ascending list of `count`; `count` where the list does not have it.
+/// Returns the place of an index in an ascending list of `count`; `count` where the list does not
+/// have it.
 RYE_HD inline std::uint32_t place_in_list(const std::uint32_t* list, std::uint32_t count,
                                           std::uint32_t index) {
     std::uint32_t begin = 0, end = count;
@@ -124,7 +125,7 @@ class DeviceLists {
   public:
     explicit DeviceLists(const Device& device) : device_(device) {}
 
-    /// Puts the making of the lists on the stream: of `arrays` arrays of `size` numbers.
+    /// Makes the lists of `arrays` arrays of `size` numbers, on the stream.
     void make(const CudaQueue& queue, const Array<const float*, DeviceListArrays::most>& number,
               int arrays, Index size) {
         const Index blocks = (size + ListCountKernel::threads - 1) / ListCountKernel::threads;
@@ -145,10 +146,10 @@ class DeviceLists {
         device_.launch(queue, blocks, ListPlaceKernel{arrays_});
     }
 
-    /// Of array k: indices, and how many, both in device memory.
+    /// Returns array k's list, or the place of its length, both in device memory.
     const std::uint32_t* list(int k) const { return arrays_.list[k]; }
     const std::uint32_t* count(int k) const { return arrays_.count + k; }
-    /// How many, for each array. Waits.
+    /// Copies the length of each list. Waits.
     void fetch_counts(const CudaQueue& queue, std::uint32_t* to) const {
         device_.fetch(queue, to, arrays_.count,
                       static_cast<std::size_t>(arrays_.arrays) * sizeof(std::uint32_t));

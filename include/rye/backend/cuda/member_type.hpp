@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/backend/cuda/member_type.hpp: types that some devices have and others have not, as members
-/// of what is written for both.
+/// rye/backend/cuda/member_type.hpp: types that only some devices have, as members of types for all
+/// devices.
 #pragma once
 
 namespace rye {
 
-/// In the place of a type that a device has not.
+/// Replaces a type that a device does not have.
 struct NoSuchType {};
 
 namespace detail {

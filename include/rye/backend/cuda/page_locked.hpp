@@ -12,7 +12,7 @@ namespace rye {
 /// Page-locked memory of the host, a DeviceMemory for NetworkOffload's staging. Each allocation
 /// takes the driver about a millisecond.
 struct PageLockedMemory {
-    /// Error with CUDA's reason where there is no such memory.
+    /// Returns page-locked memory; throws Error with CUDA's reason if there is none.
     void* allocate(std::size_t bytes, CudaStream) {
         void* p = nullptr;
         check_cuda(cudaMallocHost(&p, bytes), "page-locked memory");

@@ -10,9 +10,9 @@
 
 namespace rye {
 
-/// A number of a picture in 0..1: a float as it is, a byte as a share of 255.
+/// Returns a number of a picture in 0..1: a float as it is, a byte as a share of 255.
 RYE_HD inline float unit_value(float x) { return x; }
-/// The same of a byte.
+/// Returns the same of a byte.
 RYE_HD inline float unit_value(std::uint8_t x) { return static_cast<float>(x) / 255.0F; }
 
 /// A picture in device memory, channels x (width height), pixel (x, y) in column y width + x.
@@ -34,12 +34,11 @@ void require_picture(const char* who, const char* what, const DevicePicture<P>& 
     const auto text = [](Index c, Index w, Index h) {
         return std::to_string(c) + " channels of " + std::to_string(w) + " x " + std::to_string(h);
     };
-    require(p.pixels.rows == channels && p.width == width && p.height == height &&
-                p.pixels.cols == Index(width) * height,
-            who,
-            std::string(what) + " has " + text(p.pixels.rows, p.width, p.height) + " pixels in " +
-                std::to_string(p.pixels.cols) + " columns, expected " +
-                text(channels, width, height));
+    require(
+        p.pixels.rows == channels && p.width == width && p.height == height &&
+            p.pixels.cols == Index(width) * height,
+        who, what, " has ", [&] { return text(p.pixels.rows, p.width, p.height); }, " pixels in ",
+        p.pixels.cols, " columns, expected ", [&] { return text(channels, width, height); });
 }
 
 } // namespace rye

@@ -12,14 +12,14 @@
 
 namespace rye {
 
-/// Where the arrays of a struct of parameters lie in device memory. The struct stays where it is:
-/// its arrays are found by their addresses.
+/// The arrays of a struct of parameters in device memory. The struct must not move: its arrays are
+/// found by their addresses.
 template <class P>
 class ResidentLayout {
   public:
     struct Slice {
         std::string name;
-        const void* array; ///< of the host's struct
+        const void* array; ///< array of the host's struct
         Index offset, rows, cols;
 
         Index size() const { return rows * cols; }
@@ -52,7 +52,7 @@ class ResidentLayout {
 template <class P, class Device>
 class Resident {
   public:
-    /// All zero.
+    /// Allocates zeros.
     Resident(const Device& device, const CudaQueue& queue, const ResidentLayout<P>& layout)
         : device_(device),
           layout_(&layout) {
@@ -65,14 +65,14 @@ class Resident {
     float* data() const { return buffer_.data(); }
     std::size_t bytes() const { return buffer_.bytes(); }
 
-    /// The slice of an array of the struct that the layout was made of.
+    /// Returns the slice of an array of the struct that the layout was made of.
     DeviceColumns<float> of(const Columns<float>& array) const {
         const auto& s = layout_->of(array);
         return {buffer_.data() + s.offset, s.rows, s.cols};
     }
 
     void clear(const CudaQueue& queue) { device_.fill(queue, buffer_.data(), 0, buffer_.bytes()); }
-    /// From a struct of the same shapes; waits.
+    /// Copies from a struct of the same shapes; waits.
     void send(const CudaQueue& queue, const P& host) {
         std::size_t at = 0;
         P::fields(
@@ -84,7 +84,7 @@ class Resident {
             },
             host);
     }
-    /// Into a struct of the same shapes; waits.
+    /// Copies into a struct of the same shapes; waits.
     void fetch(const CudaQueue& queue, P& host) const {
         std::size_t at = 0;
         P::fields(
@@ -100,9 +100,8 @@ class Resident {
   private:
     static void same(const typename ResidentLayout<P>::Slice& s, const std::string& name,
                      const Columns<float>& a) {
-        require(a.rows() == s.rows && a.cols() == s.cols, "Resident",
-                name + " is " + std::to_string(a.rows()) + " x " + std::to_string(a.cols()) +
-                    ", the layout has " + std::to_string(s.rows) + " x " + std::to_string(s.cols));
+        require(a.rows() == s.rows && a.cols() == s.cols, "Resident", name, " is ", a.rows(), " x ",
+                a.cols(), ", the layout has ", s.rows, " x ", s.cols);
     }
 
     Device device_;

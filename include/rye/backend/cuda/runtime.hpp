@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/backend/cuda/runtime.hpp: what is asked of CUDA's runtime beside launches: its errors, work
-/// that is kept to be launched again, its pool of memory. Under nvcc only.
+/// rye/backend/cuda/runtime.hpp: CUDA's runtime beside launches: its errors, graphs of work, its
+/// pool of memory. Under nvcc only.
 #pragma once
 
 #if defined(__CUDACC__)
@@ -38,7 +38,8 @@ class CudaGraph {
         if (exec_ != nullptr) cudaGraphExecDestroy(exec_);
     }
 
-    /// Keeps what f puts on the queue's stream, which must not wait nor ask for memory.
+    /// Returns the graph of the work that f puts on the queue's stream. f must not wait nor ask for
+    /// memory.
     template <class F>
     static CudaGraph of(const CudaQueue& queue, const F& f) {
         CudaGraph r;
@@ -80,13 +81,13 @@ class CudaBranch {
         cudaStreamDestroy(stream_);
     }
 
-    /// The branch's queue, for work that follows what is on `from`.
+    /// Returns the branch's queue, for work that follows what is on `from`.
     CudaQueue begin(const CudaQueue& from) {
         from_ = std::make_unique<CudaQueue>(from);
         follow(stream_, from.stream);
         return {stream_, *this};
     }
-    /// Lets what is put on `to` from now on follow the branch's work.
+    /// Lets later work of `to` follow the branch's work.
     void end(const CudaQueue& to) const { follow(to.stream, stream_); }
 
     void* allocate(std::size_t bytes, CudaStream) const {

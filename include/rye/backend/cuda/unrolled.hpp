@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/backend/cuda/unrolled.hpp: loops of a fixed length, written out: arrays that they index stay
-/// in registers whatever the compiler thinks of their size.
+/// rye/backend/cuda/unrolled.hpp: unrolled loops of a fixed length: arrays that they index stay in
+/// registers whatever their size.
 #pragma once
 
 #include <utility>
@@ -24,7 +24,7 @@ __device__ __forceinline__ void unroll(F&& f, std::integer_sequence<int, I...>) 
     (f(Constant<I>{}), ...);
 }
 #else
-/// The host has no use for it, and would compile for minutes.
+/// Not unrolled on the host, which gains nothing and would compile for minutes.
 template <class F, int... I>
 [[gnu::noinline]] void unroll(F&& f, std::integer_sequence<int, I...>) {
     (f(Constant<I>{}), ...);
@@ -33,7 +33,7 @@ template <class F, int... I>
 
 } // namespace detail
 
-/// f(0) ... f(n - 1), each with its number as a type.
+/// Calls f(0) ... f(n - 1), each with its number as a type.
 template <int n, class F>
 RYE_DEVICE inline void expanded(F&& f) {
     detail::unroll(f, std::make_integer_sequence<int, n>());

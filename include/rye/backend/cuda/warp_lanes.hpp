@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/backend/cuda/warp_lanes.hpp: the lanes of a warp of the host: an array of 32 numbers, with
-/// what numbers have. Where a warp of a device has a number in a register, one of the host has
-/// these.
+/// the operators of a number. It stands for a register of a device's warp.
 #pragma once
 
 #include <type_traits>
@@ -26,7 +25,8 @@ struct Lanes {
         for (int l = 0; l < count; ++l) x[l] = static_cast<T>(o.x[l]);
     }
 
-    /// Never inlined: kernels are long, and the host's compiler would take minutes.
+    /// Returns f of each lane. Never inlined: kernels are long, and the host's compiler would take
+    /// minutes.
     template <class F>
     [[gnu::noinline]] static Lanes each(const F& f) {
         Lanes r;
@@ -92,7 +92,7 @@ struct Lanes {
     }
 };
 
-/// a where c holds, else b, lane by lane.
+/// Returns a where c holds, else b, lane by lane.
 template <class T>
 Lanes<T> select(const Lanes<bool>& c, const Lanes<T>& a, const Lanes<T>& b) {
     return Lanes<T>::each([&](int l) { return c.x[l] ? a.x[l] : b.x[l]; });

@@ -207,9 +207,8 @@ class DeviceLpips {
         net_.set(queue, weights.net);
         for (std::size_t s = 0; s < vgg_slices; ++s) {
             const Columns<float>& w = weights.linear[s];
-            require(w.size() == weights.net.shape.channels[s], "DeviceLpips",
-                    "weights of slice " + std::to_string(s) + " are " + std::to_string(w.size()) +
-                        " numbers, expected " + std::to_string(weights.net.shape.channels[s]));
+            require(w.size() == weights.net.shape.channels[s], "DeviceLpips", "weights of slice ",
+                    s, " are ", w.size(), " numbers, expected ", weights.net.shape.channels[s]);
             linear_[s].reserve(queue, static_cast<std::size_t>(w.size()));
             device.send(queue, linear_[s].data(), w.data(),
                         static_cast<std::size_t>(w.size()) * sizeof(float));
@@ -319,9 +318,8 @@ class DeviceLpips {
               const DeviceCrop& where) {
         require_picture("DeviceLpips", "picture", picture, 3, picture.width, picture.height);
         require(where.width <= picture.width && where.height <= picture.height, "DeviceLpips",
-                "crop of " + std::to_string(where.width) + " x " + std::to_string(where.height) +
-                    " from a picture of " + std::to_string(picture.width) + " x " +
-                    std::to_string(picture.height));
+                "crop of ", where.width, " x ", where.height, " from a picture of ", picture.width,
+                " x ", picture.height);
         LpipsPixels<P> source{picture.pixels.data, picture.width, where.at, {}, {}};
         for (std::size_t c = 0; c < 3; ++c) {
             source.gain[c] = static_cast<float>(2.0 / lpips_scale[c]);

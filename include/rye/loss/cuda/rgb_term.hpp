@@ -174,9 +174,8 @@ class DeviceRgbTerm {
     DeviceLossTerm into(const CudaQueue& queue, const DeviceColumns<const float>& picture,
                         const G& target, const TermWeight& w, const DeviceColumns<float>& g) {
         require(picture.rows >= 3 && g.rows == picture.rows && g.cols == picture.cols, "rgb term",
-                "picture is " + std::to_string(picture.rows) + " x " +
-                    std::to_string(picture.cols) + ", its gradient " + std::to_string(g.rows) +
-                    " x " + std::to_string(g.cols) + ", expected one shape of at least 3 rows");
+                "picture is ", picture.rows, " x ", picture.cols, ", its gradient ", g.rows, " x ",
+                g.cols, ", expected one shape of at least 3 rows");
         const Index chunks = rgb_chunks(picture.cols);
         double* const partial = sums_.reserve(queue, chunks);
         const double share = 1.0 / static_cast<double>(std::max<Index>(3 * picture.cols, 1));

@@ -68,18 +68,15 @@ class DeviceSmoothness {
     void set(const CudaQueue& queue, const NeighbourGraph& graph) {
         const std::size_t n = graph.size();
         require(std::uint64_t(n) * 5 < std::uint64_t(std::numeric_limits<std::int32_t>::max()),
-                "smoothness",
-                "the graph has " + std::to_string(n) + " points, 2^31 / 5 is the most");
+                "smoothness", "the graph has ", n, " points, 2^31 / 5 is the most");
         std::vector<std::int32_t> words(9 * n + 1, 0);
         std::int32_t *const neighbour = words.data(), *const begin = neighbour + 4 * n,
                             *const namer = begin + n + 1;
         for (std::size_t i = 0; i < n; ++i)
             for (std::size_t k = 0; k < 4; ++k) {
                 const Index to = graph[i][k];
-                require(to >= 0 && static_cast<std::size_t>(to) < n, "smoothness",
-                        "neighbour " + std::to_string(k) + " of point " + std::to_string(i) +
-                            " is " + std::to_string(to) + ", the graph has " + std::to_string(n) +
-                            " points");
+                require(to >= 0 && static_cast<std::size_t>(to) < n, "smoothness", "neighbour ", k,
+                        " of point ", i, " is ", to, ", the graph has ", n, " points");
                 neighbour[4 * i + k] = static_cast<std::int32_t>(to);
             }
         std::int32_t* end = namer;
@@ -96,13 +93,10 @@ class DeviceSmoothness {
     /// times its cotangent is added to g. Throws an Error for other shapes.
     DeviceLossTerm into(const CudaQueue& queue, const DeviceColumns<const float>& values,
                         double weight, const DeviceColumns<float>& g) {
-        require(values.cols == points_, "smoothness",
-                "the graph has " + std::to_string(points_) + " points, the values " +
-                    std::to_string(values.cols));
-        require(g.rows == values.rows && g.cols == values.cols, "smoothness",
-                "gradient is " + std::to_string(g.rows) + " x " + std::to_string(g.cols) +
-                    ", expected " + std::to_string(values.rows) + " x " +
-                    std::to_string(values.cols));
+        require(values.cols == points_, "smoothness", "the graph has ", points_,
+                " points, the values ", values.cols);
+        require(g.rows == values.rows && g.cols == values.cols, "smoothness", "gradient is ",
+                g.rows, " x ", g.cols, ", expected ", values.rows, " x ", values.cols);
         const double share = 1.0 / static_cast<double>(std::max<Index>(values.size(), 1));
         const std::int32_t *const neighbour = words_.data(), *const begin = neighbour + 4 * points_;
         SmoothnessKernel kernel{values,

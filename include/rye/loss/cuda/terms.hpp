@@ -100,9 +100,8 @@ class DeviceLossReport {
 
     /// Puts the sums of the terms on the stream. Throws an Error for more than there is room for.
     void sum_into(const CudaQueue& queue, const std::vector<DeviceLossTerm>& terms) {
-        require(terms.size() <= std::size_t(LossReport::most), "DeviceLossReport",
-                "got " + std::to_string(terms.size()) + " terms, " +
-                    std::to_string(LossReport::most) + " are the most");
+        require(terms.size() <= std::size_t(LossReport::most), "DeviceLossReport", "got ",
+                terms.size(), " terms, ", LossReport::most, " are the most");
         report_.reserve(queue, 1);
         LossReportKernel kernel{{}, static_cast<int>(terms.size()), report_.data()};
         for (std::size_t k = 0; k < terms.size(); ++k) kernel.term[k] = terms[k];

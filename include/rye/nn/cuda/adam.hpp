@@ -15,11 +15,11 @@
 
 namespace rye {
 
-/// What Adam keeps of a field.
+/// Adam's state of a field.
 struct DeviceAdamField {
     double rate;        ///< 0: it keeps its values and moments, and its gradient is not read
     std::int64_t steps; ///< applied so far
-    float size, root;   ///< of the step under way
+    float size, root;   ///< factors of the step under way
 };
 /// A range of one field, for a block.
 struct DeviceAdamRange {
@@ -35,7 +35,7 @@ struct DeviceAdamState {
     static constexpr std::uint32_t stopped = 1; ///< `bad` of a step that a control has stopped
 };
 
-/// What a step follows beside its gradient, in device memory.
+/// Inputs of a step beside its gradient, in device memory.
 struct DeviceAdamControl {
     double rate = 1;        ///< factor of all learning rates
     std::uint32_t stop = 0; ///< not 0: nothing is changed and nothing is counted
@@ -221,7 +221,7 @@ class DeviceAdam {
                                       gradient.data(), parameters.data(), m.data(), v.data()});
     }
 
-    /// Of the last step. Waits.
+    /// Returns the report of the last step. Waits.
     AdamReport report(const CudaQueue& queue) const {
         DeviceAdamState s{};
         device_.fetch(queue, &s, state_.data(), sizeof s);

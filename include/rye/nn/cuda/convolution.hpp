@@ -25,9 +25,8 @@ void image_planes_into(const Device& device, const CudaQueue& queue, const Sourc
     const std::uint64_t eights =
         static_cast<std::uint64_t>(N) * static_cast<std::uint64_t>(to.width) *
         static_cast<std::uint64_t>(to.height) * static_cast<std::uint64_t>(to.padded() / 8);
-    require(eights < std::uint64_t(1) << 32U, "image planes",
-            "image of " + std::to_string(to.width) + " x " + std::to_string(to.height) + " x " +
-                std::to_string(to.channels) + " is too large, 2^35 numbers are the most");
+    require(eights < std::uint64_t(1) << 32U, "image planes", "image of ", to.width, " x ",
+            to.height, " x ", to.channels, " is too large, 2^35 numbers are the most");
     const ImagePlanesKernel<N, Source> kernel{source, to};
     device.launch(queue, kernel.blocks_of(), kernel);
 }
@@ -40,9 +39,8 @@ class DeviceConvolution {
         : device_(device),
           inputs_(inputs),
           outputs_(outputs) {
-        require(inputs >= 1 && outputs >= 1, "DeviceConvolution",
-                "got " + std::to_string(inputs) + " inputs and " + std::to_string(outputs) +
-                    " outputs, expected at least 1");
+        require(inputs >= 1 && outputs >= 1, "DeviceConvolution", "got ", inputs, " inputs and ",
+                outputs, " outputs, expected at least 1");
     }
 
     /// Blocks that the gradient of the weights is cut into, about; its rounding depends on it.
@@ -61,8 +59,8 @@ class DeviceConvolution {
     void take(const CudaQueue& queue, const DeviceColumns<const float>& weight,
               ConvolutionPackKernel& to) {
         require(weight.rows == outputs_ && weight.cols == Index(9) * inputs_, "DeviceConvolution",
-                "weights are " + std::to_string(weight.rows) + " x " + std::to_string(weight.cols) +
-                    ", expected " + std::to_string(outputs_) + " x " + std::to_string(9 * inputs_));
+                "weights are ", weight.rows, " x ", weight.cols, ", expected ", outputs_, " x ",
+                9 * inputs_);
         const Index in = inputs_, out = outputs_;
         to.job[to.count++] = job(
             queue, {weight.data, 0, in * out, out, 1, inputs_, outputs_, 0, N, nullptr}, forward_);
@@ -102,10 +100,8 @@ class DeviceConvolution {
                          DeviceBuffer<float>& partial) const {
         channels("image", in.channels, inputs_);
         channels("cotangent", g.channels, outputs_);
-        require(in.width == g.width && in.height == g.height, "DeviceConvolution",
-                "image of " + std::to_string(in.width) + " x " + std::to_string(in.height) +
-                    ", its cotangent of " + std::to_string(g.width) + " x " +
-                    std::to_string(g.height));
+        require(in.width == g.width && in.height == g.height, "DeviceConvolution", "image of ",
+                in.width, " x ", in.height, ", its cotangent of ", g.width, " x ", g.height);
         if (in.pixels() == 0) return;
         const ConvolutionSlices cut{in.width, in.height, inputs_, outputs_, N, weight_blocks};
         partial.reserve(queue, cut.numbers());
@@ -164,9 +160,7 @@ class DeviceConvolution {
         });
     }
     static void channels(const char* what, int got, int want) {
-        require(got == want, "DeviceConvolution",
-                std::string(what) + " has " + std::to_string(got) + " channels, expected " +
-                    std::to_string(want));
+        require(got == want, "DeviceConvolution", what, " has ", got, " channels, expected ", want);
     }
 
     Device device_;

@@ -36,7 +36,7 @@ struct alignas(16) StripMoments {
     float squares;     ///< and of the squares of that
 };
 
-/// Where results go.
+/// Destination of results.
 struct ConvolutionResult {
     int outputs;
     float* to;                       ///< outputs x pixels
@@ -56,14 +56,14 @@ struct ConvolutionKernel {
         alignas(16) std::uint32_t weight[3][std::size_t(Tiles::step_words)];
     };
     DeviceImagePlanes in;
-    const std::uint32_t* weight; ///< of ConvolutionPackKernel (convolution_operands.hpp)
+    const std::uint32_t* weight; ///< operands by ConvolutionPackKernel (convolution_operands.hpp)
     ConvolutionResult result;
 
     RYE_HD int across() const { return (in.width + Tiles::side - 1) / Tiles::side; }
     RYE_HD int below() const { return (in.height + Tiles::tall - 1) / Tiles::tall; }
     RYE_HD int of_outputs() const { return (result.outputs + Tiles::outputs - 1) / Tiles::outputs; }
     Index blocks_of() const { return Index(across()) * below() * of_outputs(); }
-    /// Of moments.
+    /// Returns the number of strips that have moments of their own.
     RYE_HD Index strips() const { return Index(across()) * below() * Tiles::down; }
 
     template <class Block>
@@ -111,7 +111,7 @@ struct ConvolutionKernel {
     }
     RYE_DEVICE static int first_row(int w) { return w / Tiles::beside * Tiles::high; }
     RYE_DEVICE static int first_column(int w) { return w % Tiles::beside * Tiles::wide; }
-    /// Whether a warp has pixels and outputs.
+    /// Returns true if a warp has pixels and outputs.
     RYE_DEVICE bool works(const Corner& c, int w) const {
         return c.y + first_row(w) < in.height && c.output + 8 * first_column(w) < result.outputs;
     }
@@ -211,7 +211,7 @@ struct ConvolutionKernel {
         else
             write_moments<W, false>(sums, first_c, {rows, columns}, to);
     }
-    /// What of a warp's pixels is in the image.
+    /// Part of a warp's pixels inside the image.
     struct Inside {
         int rows, columns;
     };

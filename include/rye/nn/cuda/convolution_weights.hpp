@@ -15,12 +15,12 @@
 
 namespace rye {
 
-/// What the gradient of a convolution's weights is cut into.
+/// Slices of the gradient of a convolution's weights.
 struct ConvolutionSlices {
     static constexpr int across_tile = 16; ///< pixels of a tile, of a row
     static constexpr int aim = 132;        ///< blocks: one for each unit of the largest devices
-    int width, height, inputs, outputs;    ///< of the convolution
-    int planes;                            ///< of a number
+    int width, height, inputs, outputs;    ///< extents of the convolution
+    int planes;                            ///< number of planes of a float
     int most = aim;                        ///< blocks that are aimed at
 
     /// Outputs and inputs of a block, rows of a tile.
@@ -73,12 +73,12 @@ struct ConvolutionWeightKernel {
     static constexpr const char* name = "convolution's weights";
     static constexpr int threads = 256, blocks = 1;
     using Cut = ConvolutionSlices;
-    static constexpr int operands = N == 1 ? 2 : 1; ///< of 16 outputs a warp
+    static constexpr int operands = N == 1 ? 2 : 1; ///< operands of 16 outputs a warp
     static constexpr int beside_outputs = high / (16 * operands), beside_inputs = wide / 16;
     static constexpr int groups = beside_outputs * beside_inputs;
     static constexpr int parts = threads / 32 / groups; ///< warps that share outputs and inputs
     static constexpr int tall = N == 1 && high == 32 && wide == 32 ? 16 : 8;
-    static constexpr int rows = tall / parts; ///< of a warp
+    static constexpr int rows = tall / parts; ///< rows of a warp
     static_assert(parts * groups * 32 == threads && rows * parts == tall);
     using Image = TileShape<N, Cut::across_tile + 2, tall + 2, wide / 8>;
     using Cotangent = TileShape<N, Cut::across_tile, tall, high / 8>;
@@ -89,11 +89,11 @@ struct ConvolutionWeightKernel {
     static constexpr int sums_of_lane = operands * 2 * 9 * 4;
     union Shared {
         Stage stage[2];
-        float sum[std::size_t(groups)][std::size_t(sums_of_lane)][32]; ///< of a part, at the end
+        float sum[std::size_t(groups)][std::size_t(sums_of_lane)][32]; ///< a part, at the end
     };
     Cut cut;
-    DeviceImagePlanes in, g; ///< of the inputs, of the cotangent of the outputs
-    float* partial;          ///< of a block: groups x sums of a lane x 32
+    DeviceImagePlanes in, g; ///< inputs, cotangent of the outputs
+    float* partial;          ///< [blocks] groups x sums of a lane x 32
 
     Index blocks_of() const { return Index(cut.pairs()) * cut.count(); }
 
@@ -145,7 +145,7 @@ struct ConvolutionWeightKernel {
         return w % groups / beside_inputs * (16 * operands);
     }
     RYE_DEVICE static int first_input(int w) { return w % beside_inputs * 16; }
-    /// Whether a warp has outputs and inputs.
+    /// Returns true if a warp has outputs and inputs.
     RYE_DEVICE bool works(const Corner& c, int w) const {
         return c.output + first_output(w) < cut.outputs && c.input + first_input(w) < cut.inputs;
     }

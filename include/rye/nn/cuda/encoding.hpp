@@ -9,8 +9,8 @@
 
 namespace rye {
 
-/// Where the codes of number i of columns of `rows` numbers begin: numbers are fewer than 2^32, of
-/// which a device finds quotients faster.
+/// Returns the beginning of the codes of number i of columns of `rows` numbers. Numbers are fewer
+/// than 2^32, of which a device finds quotients faster.
 RYE_DEVICE inline Index code_place(Index i, std::uint32_t rows, int frequencies) {
     const auto k = static_cast<std::uint32_t>(i);
     return static_cast<Index>(k / rows) * encoded_size(static_cast<Index>(rows), frequencies) +
@@ -35,7 +35,7 @@ struct EncodeNumber {
 struct EncodeNumberVjp {
     static constexpr const char* name = "encoding, reverse";
     const float* code;
-    const float* g;     ///< of the code
+    const float* g;     ///< cotangent of the code
     std::uint32_t rows; ///< numbers are fewer than 2^32
     int frequencies;
     float* g_x; ///< rows x N, added to

@@ -20,7 +20,7 @@ struct PoolVjpKernel {
     struct Shared {};
     const float *image, *g; ///< channels x pixels; of half the size
     int width, height, channels;
-    float* to; ///< of the image's shape, written
+    float* to; ///< destination, of the image's shape
 
     Index blocks_of() const { return (Index(width) * height * channels + threads - 1) / threads; }
     template <class Block>
@@ -46,7 +46,7 @@ struct PoolVjpKernel {
 
 /// Outputs of all convolutions after ReLU, for the vjp.
 struct DeviceVggTrace {
-    int width = 0, height = 0; ///< of the image [px]
+    int width = 0, height = 0; ///< image's extent [px]
     std::vector<std::unique_ptr<DeviceBuffer<float>>> layer;
 
     /// Memory that is held [bytes].
@@ -83,9 +83,8 @@ class DeviceVgg {
 
     /// Takes the weights; waits. Throws an Error for a network of another shape.
     void set(const CudaQueue& queue, const Vgg<float>& net) {
-        require(net.weight.size() == layers_.size(), "DeviceVgg",
-                "network has " + std::to_string(net.weight.size()) + " convolutions, its shape " +
-                    std::to_string(layers_.size()));
+        require(net.weight.size() == layers_.size(), "DeviceVgg", "network has ", net.weight.size(),
+                " convolutions, its shape ", layers_.size());
         Index most = 0, biases = 0;
         for (std::size_t l = 0; l < layers_.size(); ++l) {
             most = std::max(most, net.weight[l].size());
@@ -96,10 +95,8 @@ class DeviceVgg {
         float* bias = bias_.data();
         for (std::size_t l = 0; l < layers_.size(); ++l) {
             const Columns<float>&w = net.weight[l], &b = net.bias[l];
-            require(b.size() == layers_[l].out, "DeviceVgg",
-                    "bias of convolution " + std::to_string(l) + " has " +
-                        std::to_string(b.size()) + " numbers, expected " +
-                        std::to_string(layers_[l].out));
+            require(b.size() == layers_[l].out, "DeviceVgg", "bias of convolution ", l, " has ",
+                    b.size(), " numbers, expected ", layers_[l].out);
             device_.send(queue, weight_.data(), w.data(),
                          static_cast<std::size_t>(w.size()) * sizeof(float));
             convolution_[l]->set(queue, {weight_.data(), w.rows(), w.cols()});
@@ -114,9 +111,8 @@ class DeviceVgg {
     template <class Source>
     void forward_into(const CudaQueue& queue, const Source& source, int width, int height,
                       DeviceVggTrace& trace) {
-        require(width >= 16 && height >= 16, "DeviceVgg",
-                "got " + std::to_string(width) + " x " + std::to_string(height) +
-                    " pixels, expected at least 16 x 16");
+        require(width >= 16 && height >= 16, "DeviceVgg", "got ", width, " x ", height,
+                " pixels, expected at least 16 x 16");
         trace.width = width;
         trace.height = height;
         trace.layer.resize(layers_.size());

@@ -160,7 +160,7 @@ struct CotangentPixels {
     const float *g, *from;
     int width, channels;
     DeviceNorm norm;
-    const float *mean_g, *mean_gy; ///< of the channels; not read without a normalisation
+    const float *mean_g, *mean_gy; ///< [channels] not read without a normalisation
 
     struct Pixel {
         const float *g, *p;
@@ -193,7 +193,7 @@ struct CotangentPixels {
 /// The largest of each 2 x 2 pixels; an odd last row or column is dropped.
 struct PooledPixels {
     const float* from;
-    int width, channels; ///< of the image that is pooled
+    int width, channels; ///< extents of the image to pool
 
     struct Pixel {
         const float* p;
@@ -289,10 +289,10 @@ struct DoublingVjpKernel {
     static constexpr int threads = 256, blocks = 4;
     struct Shared {};
     const float* g;              ///< channels x (4 width height)
-    int width, height, channels; ///< of the result
+    int width, height, channels; ///< extents of the result
     const DoublingGather *across, *down;
     float* to;
-    int to_channels; ///< of the pixels of `to`, whose first are written
+    int to_channels; ///< channels of a pixel of `to`, the first of which are written
     bool add;
 
     /// Channels of a thread: four where pixels begin at whole quads.
@@ -348,7 +348,7 @@ struct DoublingVjpKernel {
 template <class Device>
 class DeviceDoubling {
   public:
-    /// Of n pixels; waits where n is new.
+    /// Makes the taps of n pixels; waits if n is new.
     void set(const Device& device, const CudaQueue& queue, int n) {
         if (n == size_) return;
         const Doubling exact(n);

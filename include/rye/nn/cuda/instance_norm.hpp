@@ -26,7 +26,7 @@ struct ChannelChunks {
     RYE_HD int channel(int block, int t) const { return block % groups() * wide + t % wide; }
     RYE_HD Index begin(int block) const { return block / groups() * pixels_of; }
     RYE_HD Index end(int block) const { return rye::min(begin(block) + pixels_of, pixels); }
-    /// Where a channel's result of a chunk is.
+    /// Returns the place of a channel's result of a chunk.
     RYE_HD Index place(int block, int channel) const {
         return Index(block / groups()) * channels + channel;
     }
@@ -158,9 +158,9 @@ struct ChannelCotangentKernel {
         double g[parts][ChannelChunks::wide], gy[parts][ChannelChunks::wide];
     };
     ChannelChunks chunks;
-    const float *g, *image; ///< of relu's output, and what was normalised; channels x pixels
+    const float *g, *image; ///< [channels, pixels] cotangent of relu's output; the normalised image
     DeviceNorm norm;
-    double* partial; ///< of a chunk: channels sums of g, channels sums of g y
+    double* partial; ///< [chunks] channels sums of g, channels sums of g y
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
@@ -286,7 +286,7 @@ class DeviceInstanceNorm {
             device_.launch(queue, of.channels,
                            NormMergeKernel{of, parts_.data(), parts, mean, gain});
     }
-    /// What CotangentPixels reads: 2 x channels means, of the cotangent through relu and of its
+    /// Inputs of CotangentPixels: 2 x channels means, of the cotangent through relu and of its
     /// product with the normalised image.
     void vjp_into(const CudaQueue& queue, const DeviceColumns<const float>& image, const float* g,
                   const DeviceNorm& norm, float* means) {

@@ -67,9 +67,8 @@ class DeviceMlp {
     /// Throws an Error for a shape that does not fit the tiles.
     DeviceMlp(const Device& device, const MlpShape& shape) : device_(device), shape_(shape) {
         const auto within = [](const std::string& what, int x, int most) {
-            require(x >= 0 && x <= most, "DeviceMlp",
-                    what + " is " + std::to_string(x) + ", its tiles have room for " +
-                        std::to_string(most));
+            require(x >= 0 && x <= most, "DeviceMlp", what, " is ", x, ", its tiles have room for ",
+                    most);
         };
         within("number of layers", shape.layers(), DeviceMlpNetwork::most_layers);
         within("number of point inputs", shape.point_inputs(), Tiles::inputs);
@@ -162,16 +161,15 @@ class DeviceMlp {
         require(static_cast<std::uint64_t>(rye::max(room, points.inputs.cols)) *
                         static_cast<std::uint64_t>(rye::max(Tiles::width, Tiles::inputs)) <
                     std::uint64_t(1) << 32U,
-                "DeviceMlp",
-                "number of points is " + std::to_string(rye::max(room, points.inputs.cols)) +
-                    ", 2^32 numbers of a layer are the most");
+                "DeviceMlp", "number of points is ", rye::max(room, points.inputs.cols),
+                ", 2^32 numbers of a layer are the most");
         network_.points = static_cast<std::uint32_t>(room);
         network_.of = points.of;
         if (keep) place(queue);
         device_.launch(queue, blocks(),
                        MlpForwardKernel<Tiles, A>{network_, points.inputs, out, keep});
     }
-    /// Of all columns.
+    /// Puts the forward pass of all columns on the stream.
     void forward_into(const CudaQueue& queue, const DeviceColumns<const float>& points,
                       const DeviceColumns<float>& out, bool keep = true) {
         forward_into(queue, DeviceMlpPoints{points}, out, keep);
@@ -247,7 +245,7 @@ class DeviceMlp {
         scratch_->partial.reserve(queue, static_cast<std::size_t>(cut().all) *
                                              static_cast<std::size_t>(MlpWeightCut::of_block));
     }
-    /// What the gradients of the weights are cut into.
+    /// Returns the slices of the gradients of the weights.
     MlpWeightCut cut() const {
         MlpWeightCut c{};
         c.layers = network_.layers;
@@ -272,8 +270,7 @@ class DeviceMlp {
     void check(const DeviceMlpParameters& p) const {
         const auto layers = static_cast<std::size_t>(shape_.layers());
         require(p.weight.size() == layers && p.bias.size() == layers, "DeviceMlp",
-                "parameters are of " + std::to_string(p.weight.size()) + " layers, its shape has " +
-                    std::to_string(layers));
+                "parameters are of ", p.weight.size(), " layers, its shape has ", layers);
         for (std::size_t l = 0; l < layers; ++l) {
             const int out = shape_.layer_out(static_cast<int>(l));
             shaped("weights", p.weight[l].rows, p.weight[l].cols, out,
@@ -283,10 +280,8 @@ class DeviceMlp {
     }
     static void shaped(const std::string& what, Index rows, Index cols, Index want_rows,
                        Index want_cols) {
-        require(rows == want_rows && cols == want_cols, "DeviceMlp",
-                what + " are " + std::to_string(rows) + " x " + std::to_string(cols) +
-                    ", its shape has " + std::to_string(want_rows) + " x " +
-                    std::to_string(want_cols));
+        require(rows == want_rows && cols == want_cols, "DeviceMlp", what, " are ", rows, " x ",
+                cols, ", its shape has ", want_rows, " x ", want_cols);
     }
 
     Device device_;

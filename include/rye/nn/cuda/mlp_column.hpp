@@ -16,7 +16,7 @@ struct MlpColumnLayer {
     const float* bias;
     int hidden, inputs, out; ///< hidden is 0 for the first layer, inputs where they are not taken
     float* value;            ///< outputs
-    float* cotangent;        ///< of the sums before the activation
+    float* cotangent;        ///< cotangents of the sums before the activation
 };
 
 /// A network of one column as its kernels take it.
@@ -119,10 +119,10 @@ class DeviceMlpColumn {
     /// Throws an Error for more layers than a kernel has room for.
     DeviceMlpColumn(const Device& device, const MlpShape& shape) : device_(device), shape_(shape) {
         require(shape.layers() <= DeviceMlpNetwork::most_layers, "DeviceMlpColumn",
-                "number of layers is " + std::to_string(shape.layers()) + ", expected at most " +
-                    std::to_string(DeviceMlpNetwork::most_layers));
-        require(shape.frame_inputs == 0, "DeviceMlpColumn",
-                "number of frame inputs is " + std::to_string(shape.frame_inputs) + ", expected 0");
+                "number of layers is ", shape.layers(), ", expected at most ",
+                DeviceMlpNetwork::most_layers);
+        require(shape.frame_inputs == 0, "DeviceMlpColumn", "number of frame inputs is ",
+                shape.frame_inputs, ", expected 0");
     }
     const MlpShape& shape() const { return shape_; }
 

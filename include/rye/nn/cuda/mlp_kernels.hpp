@@ -109,7 +109,7 @@ struct MlpReverseKernel {
     static constexpr int threads = Tiles::threads, blocks = Tiles::blocks;
     using Rows = typename Tiles::Hidden;
     struct Shared {
-        Rows cotangent, below; ///< of a layer's outputs; outputs of the layer below
+        Rows cotangent, below; ///< cotangents of a layer's outputs; outputs of the layer below
     };
     DeviceMlpNetwork network;
     DeviceColumns<const float> g_out; ///< outputs x N

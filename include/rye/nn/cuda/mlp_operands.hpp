@@ -31,7 +31,7 @@ struct DeviceMlpLayer {
     MlpOperand out_to_input;
     const float* bias;        ///< padded_16(out), with the products of the frame inputs
     std::uint16_t* activated; ///< outputs, planes x points x padded_16(out); kept for a vjp
-    std::uint16_t* cotangent; ///< of the outputs, likewise
+    std::uint16_t* cotangent; ///< cotangents of the outputs, likewise
 };
 
 /// Points of which the device alone knows how many there are: columns of arrays that have more.
@@ -122,7 +122,7 @@ struct MlpPackKernel {
 /// Biases of a layer with the products of the frame inputs.
 struct MlpBiasJob {
     const float* bias;   ///< out
-    const float* weight; ///< of the frame inputs, out x frame_inputs
+    const float* weight; ///< [out, frame_inputs] weights of the frame inputs
     int out, frame_inputs;
     float* to; ///< padded_16(out), zeros beyond
     int first; ///< block
@@ -175,7 +175,7 @@ struct PointRows {
     const std::uint32_t* which = nullptr; ///< their columns, or null: the first ones
 };
 
-/// Where a lane is that goes through rows of `each` numbers one after the other, `step` numbers at
+/// Place of a lane that goes through rows of `each` numbers one after the other, `step` numbers at
 /// a time.
 template <class U>
 struct RowsWalk {
@@ -269,7 +269,8 @@ struct PlaneRows {
         });
     }
 
-    /// Where a lane reads rows [row, row + 16) and columns [0, 16) as a left operand [bytes].
+    /// Returns the place at which a lane reads rows [row, row + 16) and columns [0, 16) as a left
+    /// operand [bytes].
     template <class U>
     RYE_DEVICE static U left_place(const U& lane, int row) {
         return (U(static_cast<std::uint32_t>(row)) + lane % U(16)) * U(2 * stride) +
@@ -287,8 +288,9 @@ struct PlaneRows {
         });
         return r;
     }
-    /// Where a lane reads columns [column, column + 16) of 16 rows, transposed, as a left operand
-    /// [bytes]; and such a place, of rows [16 k, ...), moved by 16 m columns.
+    /// Returns the place at which a lane reads columns [column, column + 16) of 16 rows,
+    /// transposed, as a left operand [bytes]; and such a place, of rows [16 k, ...), moved by 16 m
+    /// columns.
     template <class U>
     RYE_DEVICE static U left_transposed_place(const U& lane, int column) {
         return (lane / U(16) * U(8) + lane % U(8)) * U(2 * stride) + lane / U(8) % U(2) * U(16) +

@@ -8,7 +8,7 @@
 
 namespace rye {
 
-/// How blocks share the work: `points` a block, warps in `down` rows of four, `blocks` of a kernel
+/// Shape of the work: `points` a block, warps in `down` rows of four, `blocks` of a kernel
 /// together.
 template <int points_, int down_, int blocks_>
 struct MlpCut {
@@ -23,7 +23,7 @@ using MlpCutOf = MlpCut<N == 1 ? 64 : 32, N == 2 ? 1 : 2, N == 3 ? 1 : 2>;
 template <int high_, int wide_, int across_>
 struct MlpPart {
     static constexpr int high = high_, wide = wide_, across = across_;
-    static constexpr int tiles = wide * across; ///< of all warps
+    static constexpr int tiles = wide * across; ///< tiles of all warps
     RYE_DEVICE static int first_row(int w) { return w / across * (16 * high); }
     RYE_DEVICE static int first_tile(int w) { return w % across * wide; }
 };
@@ -42,7 +42,7 @@ struct MlpTiles {
 
     using Full = MlpPart<high, wide, 4>;
     using Half = MlpPart<high, (wide + 1) / 2, 4>;
-    /// Of 32 columns: warps have fewer points and more columns each.
+    /// The part for 32 columns: warps have fewer points and more columns each.
     using Narrow = MlpPart<(high + 3) / 4, (high < 4 ? high : 4), (high < 4 ? 4 / high : 1)>;
     static constexpr bool has_narrow = wide >= 4, has_half = wide >= 2;
 
@@ -178,7 +178,7 @@ struct MlpSums {
     }
 
   private:
-    Planes<W, N, 2> right_[2][std::size_t(wide)]; ///< of the next two steps
+    Planes<W, N, 2> right_[2][std::size_t(wide)]; ///< operands of the next two steps
 
     template <class Part>
     RYE_DEVICE static const std::uint32_t* first(const MlpOperand& operand, int w) {

@@ -23,14 +23,14 @@ struct MlpWeightLayer {
     int slices, first;              ///< slices of the points; first block
 };
 
-/// What the gradients of a network's weights are cut into. It follows from shapes alone, so that
-/// sums keep their order.
+/// Slices of the gradients of a network's weights. They follow from shapes alone, so that sums keep
+/// their order.
 struct MlpWeightCut {
     static constexpr int high = 128, wide = 256; ///< inputs and outputs of a block, at most
     static constexpr int aim = 132; ///< blocks: one for each unit of the largest devices
     static constexpr std::uint32_t least = 256;          ///< points of a slice
     static constexpr int warps = 8, of_lane = 128;       ///< sums
-    static constexpr int numbers = warps * of_lane * 32; ///< of a block, without sums of cotangents
+    static constexpr int numbers = warps * of_lane * 32; ///< a block, less sums of cotangents
     static constexpr int of_block = numbers + wide;
     MlpWeightLayer layer[DeviceMlpNetwork::most_layers];
     int layers, all;      ///< blocks
@@ -42,7 +42,7 @@ struct MlpWeightCut {
     RYE_HD static int own(const MlpWeightLayer& l) { return (padded_16(l.out) / 16 + 3) / 4; }
     /// Sets slices and blocks.
     void divide() {
-        const auto cost = [](const MlpWeightLayer& l) { // of a tile: copies, products, waiting
+        const auto cost = [](const MlpWeightLayer& l) { // cost of a tile: copies, products, waiting
             const int rows = rye::min(l.columns.all(), int(high)), columns = padded_16(l.out);
             return rows + columns + rows * columns / 256 + 96;
         };
@@ -53,7 +53,7 @@ struct MlpWeightCut {
             layer[l].slices = rye::max(1, cost(layer[l]) * aim / rye::max(total, 1));
             all += tiles(layer[l]) * layer[l].slices;
         }
-        // What is left over, to the longest slices: a block more than `aim` would double the time.
+        // The rest goes to the longest slices: a block more than `aim` would double the time.
         for (;;) {
             int longest = -1;
             for (int l = 0; l < layers; ++l)

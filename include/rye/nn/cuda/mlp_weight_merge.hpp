@@ -7,11 +7,11 @@
 
 namespace rye {
 
-/// Where a layer's gradient goes.
+/// Destination of a layer's gradient.
 struct MlpWeightTarget {
     float* weight; ///< out x (hidden + input + frame inputs); added to
     float* bias;   ///< added to
-    float* sum;    ///< of cotangents over points, out
+    float* sum;    ///< [out] sums of cotangents over points
     int first;     ///< block
 };
 
@@ -91,7 +91,7 @@ struct MlpMergeKernel {
 struct MlpFrameLayer {
     const float* weight; ///< out x frame inputs
     float* g_weight;     ///< added to
-    const float* sum;    ///< of cotangents over points, out
+    const float* sum;    ///< [out] sums of cotangents over points
     int out;
 };
 

@@ -30,7 +30,7 @@ struct MlpWeightKernel {
     };
     Cut cut;
     const std::uint16_t* kept;
-    float* partial; ///< of a block: warps x sums of a lane x 32, then sums of cotangents
+    float* partial; ///< [blocks] warps x sums of a lane x 32, then sums of cotangents
 
     template <class Block>
     RYE_DEVICE void operator()(Block& block, Shared& shared) const {
@@ -84,11 +84,11 @@ struct MlpWeightKernel {
     }
 
   private:
-    /// What of a warp's inputs and outputs there is.
+    /// Part of a warp's inputs and outputs that exists.
     struct Own {
         int rows;  ///< operands of 16 inputs
         int pairs; ///< operands of 16 outputs
-        int first; ///< of those
+        int first; ///< first of those
     };
     RYE_DEVICE static Own part(const MlpWeightLayer& layer, int tile, int w) {
         const int rows = (layer.columns.all() - tile * Cut::high) / 16 - w / 4 * tall;
@@ -106,7 +106,7 @@ struct MlpWeightKernel {
         Array<F, 4> of_ones[std::size_t(wide / 2)];
 
         Own own;
-        U left_place, right_place; ///< of the first stage
+        U left_place, right_place; ///< places of the first stage
 
         RYE_DEVICE void begin(const Own& of, int w) {
             own = of;

@@ -39,8 +39,8 @@ class NetworkOffload {
     NetworkOffload(const NetworkOffload&) = delete;
     NetworkOffload& operator=(const NetworkOffload&) = delete;
 
-    /// Whether a pass of so many points runs on the device: there are enough, and the network fits
-    /// the tiles.
+    /// Returns true if a pass of so many points runs on the device: there are enough, and the
+    /// network fits the tiles.
     bool takes(const MlpShape& s, Index points) const {
         bool fits = s.layers() <= DeviceMlpNetwork::most_layers && s.point_inputs() > 0 &&
                     s.point_inputs() <= Tiles::inputs;

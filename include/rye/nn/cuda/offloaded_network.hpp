@@ -117,7 +117,7 @@ class OffloadedNetwork : public OffloadedPasses {
                            [&](const Pass& p) { return p.number == number; });
     }
 
-    /// Whether networks of that shape have their passes here.
+    /// Returns true if networks of that shape have their passes here.
     bool is(const MlpShape& s) const {
         const MlpShape& own = sent_.shape;
         return s.dims == own.dims && s.frame_inputs == own.frame_inputs && s.skip() == own.skip();
@@ -305,10 +305,10 @@ class OffloadedNetwork : public OffloadedPasses {
     Transfer& transfer_;
     Network sent_;              ///< the parameters of version_
     std::uint64_t version_ = 0; ///< 0: none were sent
-    bool whole_ = false;        ///< whether all of that version were sent
+    bool whole_ = false;        ///< true if all of that version were sent
     DeviceBuffer<float> parameters_, gradient_;
     Pass kept_[most_kept];
-    Pass loose_; ///< of no trace
+    Pass loose_; ///< pass without a trace
 };
 
 } // namespace rye

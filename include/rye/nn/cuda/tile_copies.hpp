@@ -8,7 +8,7 @@
 
 namespace rye {
 
-/// Where a rectangle begins: its first pixel is (x - edge, y - edge), its first channel 8 group.
+/// Beginning of a rectangle: its first pixel is (x - edge, y - edge), its first channel 8 group.
 struct TilePlace {
     int x, y, edge, group;
 };
@@ -27,7 +27,7 @@ struct TileShape {
     struct Numbers {
         alignas(16) std::uint16_t at[std::size_t(planes)][std::size_t(plane_bytes / 2)];
     };
-    /// Which place of its pixel, of column x, has the group: an involution.
+    /// Returns the XOR swizzle of a group's slot in the pixel of column x, an involution.
     template <class U>
     RYE_DEVICE static U swapped(const U& group, const U& x) {
         return group ^ (groups == 4 ? x / U(2U) % U(4U) : x % U(8U));

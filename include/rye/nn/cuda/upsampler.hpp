@@ -41,11 +41,11 @@ DeviceUpsamplerParameters device_upsampler(const Resident<P, Device>& resident,
     return r;
 }
 
-/// What a forward pass leaves for its vjp. One for each of the passes whose vjp is to come.
+/// Trace of a forward pass for its vjp: one for each pass whose vjp is still to come.
 struct DeviceUpsamplerTrace {
     std::vector<std::unique_ptr<DeviceBuffer<float>>> layer; ///< results, then means, then gains
-    std::vector<std::unique_ptr<DeviceBuffer<std::uint16_t>>> planes; ///< of inputs, where kept
-    DeviceBuffer<float> base;                                         ///< of all sizes, if skip
+    std::vector<std::unique_ptr<DeviceBuffer<std::uint16_t>>> planes; ///< planes of inputs, if kept
+    DeviceBuffer<float> base;                                         ///< all sizes, if skip
     DevicePicture<const float> in; ///< the caller's, until the vjp
     DevicePicture<const float> out;
 
@@ -58,7 +58,7 @@ struct DeviceUpsamplerTrace {
     }
 };
 
-/// Where gradients go.
+/// Destinations of gradients.
 struct DeviceUpsamplerGradient {
     DeviceUpsamplerParameters params; ///< added to
     DeviceColumns<float> in = {};     ///< overwritten, in_channels x pixels; null skips it
@@ -79,8 +79,8 @@ class DeviceUpsampler {
         for (auto& d : doubling_) d = std::make_unique<DeviceDoubling<Device>>();
     }
 
-    /// Whether a trace keeps the planes of the layers' inputs: more memory, a faster vjp. The same
-    /// numbers either way.
+    /// True if a trace keeps the planes of the layers' inputs: more memory, a faster vjp, the same
+    /// numbers.
     bool keep_planes = false;
 
     const UpsamplerShape& shape() const { return shape_; }
@@ -145,14 +145,11 @@ class DeviceUpsampler {
                   const DeviceColumns<const float>& g_out, const DeviceUpsamplerGradient& to) {
         const char* const who = "DeviceUpsampler";
         check(to.params);
-        require(g_out.rows == 3 && g_out.cols == trace.out.pixels.cols, who,
-                "cotangent is " + std::to_string(g_out.rows) + " x " + std::to_string(g_out.cols) +
-                    ", expected 3 x " + std::to_string(trace.out.pixels.cols));
+        require(g_out.rows == 3 && g_out.cols == trace.out.pixels.cols, who, "cotangent is ",
+                g_out.rows, " x ", g_out.cols, ", expected 3 x ", trace.out.pixels.cols);
         require(to.in.data == nullptr ||
                     (to.in.rows == shape_.in_channels && to.in.cols == trace.in.pixels.cols),
-                who,
-                "gradient of the input is " + std::to_string(to.in.rows) + " x " +
-                    std::to_string(to.in.cols));
+                who, "gradient of the input is ", to.in.rows, " x ", to.in.cols);
         if (trace.in.pixels.cols == 0) return;
         reserve(queue, trace);
         float *g = g_[0].data(), *other = g_[1].data();
@@ -271,7 +268,7 @@ class DeviceUpsampler {
         return {activated(t, shape_.layers() - 1), t.out.pixels.cols, parameters_.out_weight.data,
                 parameters_.out_bias.data, base};
     }
-    /// Where the base after d doublings begins.
+    /// Returns the beginning of the base after d doublings.
     Index base_at(const DeviceUpsamplerTrace& t, int d) const {
         Index at = 0;
         for (int k = 0; k < d; ++k) at += 3 * size_of(t, 2 * k).pixels();
@@ -367,13 +364,11 @@ class DeviceUpsampler {
     void check(const DeviceUpsamplerParameters& p) const {
         const auto shaped_as = [](const std::string& what, const DeviceColumns<float>& a,
                                   Index rows, Index cols) {
-            require(a.rows == rows && a.cols == cols, "DeviceUpsampler",
-                    what + " is " + std::to_string(a.rows) + " x " + std::to_string(a.cols) +
-                        ", its shape has " + std::to_string(rows) + " x " + std::to_string(cols));
+            require(a.rows == rows && a.cols == cols, "DeviceUpsampler", what, " is ", a.rows,
+                    " x ", a.cols, ", its shape has ", rows, " x ", cols);
         };
-        require(p.conv.size() == convolution_.size(), "DeviceUpsampler",
-                "parameters are of " + std::to_string(p.conv.size()) + " layers, its shape has " +
-                    std::to_string(convolution_.size()));
+        require(p.conv.size() == convolution_.size(), "DeviceUpsampler", "parameters are of ",
+                p.conv.size(), " layers, its shape has ", convolution_.size());
         for (std::size_t l = 0; l < convolution_.size(); ++l)
             shaped_as("weight of layer " + std::to_string(l), p.conv[l], convolution_[l]->outputs(),
                       Index(9) * convolution_[l]->inputs());

@@ -53,7 +53,7 @@ struct AddChannelsKernel {
     }
 };
 
-/// What the last layer reads.
+/// Inputs of the last layer.
 struct LastLayer {
     ActivatedPixels below;
     Index pixels;
@@ -92,7 +92,7 @@ struct LastLayerLanes {
                 }
             });
         }
-        /// What is below a pixel, activated; 0 outside.
+        /// Returns the layer below at a pixel, activated; 0 outside.
         RYE_DEVICE Array<F, 4> read(const LastLayer& layer, Index block, const U& pixel) const {
             const int all = layer.below.channels;
             const Index begin = block * threads;
@@ -187,14 +187,14 @@ struct LastLayerVjpKernel : LastLayerLanes {
     static constexpr int blocks = 4;
     struct Shared {
         float g[3 * threads];
-        float sum[warps][12][32]; ///< of a lane: its channels' cotangents
+        float sum[warps][12][32]; ///< sums of each lane: its channels' cotangents
         double of_bias[3][32];
     };
     LastLayer layer;
     const float *out, *g_out; ///< 3 x pixels
     float* g_below;           ///< channels x pixels, of relu's output
     float* g_base;            ///< 3 x pixels; not written without skip
-    double* partial;          ///< of a block: 3 x channels, then 3
+    double* partial;          ///< [blocks] 3 x channels, then 3
 
     Index blocks_of() const { return (layer.pixels + threads - 1) / threads; }
     RYE_HD int numbers() const { return 3 * (layer.below.channels + 1); }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/cuda/blend.hpp: tiles drawn on a device: a block a tile, a warp a strip of 8 x 8
 /// pixels. Lists are sorted here, as far as a pixel is open. Between parts of a list warps do not
-/// wait for one another: each takes what its own strip has to look at, 16 visits at a time. For the
-/// vjp it keeps, of every group of visits, which they were and the transmittance in front of them.
+/// wait for one another: each takes the visits of its own strip, 16 at a time. For the vjp it keeps
+/// the visits of every group and the transmittance in front of them.
 #pragma once
 
 #include <rye/splat/cuda/nearest.hpp>
@@ -14,13 +14,13 @@ namespace rye {
 /// Visits that a warp has found and not walked yet, in a ring.
 template <bool colours>
 struct FoundVisits {
-    static constexpr std::uint32_t room = 64;
-    Quad4 place[room]; ///< u0, ux, v0, vx
-    Quad4 shape[room]; ///< vy, log2 o, depth, floor
-    Quad4 colour[colours ? room : 1];
-    std::uint32_t owner[room];
-    std::uint32_t place_of[room]; ///< of (Gaussian, tile)
-    std::uint32_t entry[room];    ///< its number in the tile's list
+    static constexpr std::uint32_t capacity = 64;
+    Quad4 place[capacity]; ///< u0, ux, v0, vx
+    Quad4 shape[capacity]; ///< vy, log2 o, depth, floor
+    Quad4 colour[colours ? capacity : 1];
+    std::uint32_t owner[capacity];
+    std::uint32_t place_of[capacity]; ///< places of the pairs (Gaussian, tile)
+    std::uint32_t entry[capacity];    ///< numbers in the tile's list
 };
 
 /// Draws the pixels of a tile, near to far, C channels at a time.
@@ -110,7 +110,7 @@ struct BlendKernel {
         if (memory.groups > 0 && s.open) s.group = W::take_one(&memory.report->groups);
     }
 
-    /// A part of the list: what the strip has to look at is found 32 entries at a time.
+    /// Walks a part of the list: finds the strip's visits, 32 entries at a time.
     template <class W>
     RYE_DEVICE void walk(Shared& shared, StripSums<W, A, C>& s, const StripPixels<W>& pixels,
                          std::uint32_t tile, int w, std::uint32_t before,
@@ -135,11 +135,11 @@ struct BlendKernel {
             const U entry = U(at) + W::lane(), own_owner = owner;
             const auto valid = entry < U(part);
             const TileSplat<W> splat(place, shape, centre.x, centre.y);
-            fetch(at + 32); // of the next 32, while these are walked
+            fetch(at + 32); // the next 32, while these are walked
             const auto visited = valid && splat.reaches(w, accuracy, least);
             const std::uint32_t lanes = W::ballot(visited);
             if (lanes == 0) continue;
-            const U to = (U(s.found) + W::below(lanes)) % U(Found::room);
+            const U to = (U(s.found) + W::below(lanes)) % U(Found::capacity);
             W::write4_where(visited, found.place, to,
                             Array<F, 4>{{splat.u0, splat.ux, splat.v0, splat.vx}});
             W::write4_where(visited, found.shape, to,
@@ -171,7 +171,7 @@ struct BlendKernel {
         }
     }
 
-    /// The last visits, with some that reach no pixel, to a whole group.
+    /// Blends the last visits, filled up to a whole group by visits that reach no pixel.
     template <class W>
     RYE_DEVICE void flush(Shared& shared, StripSums<W, A, C>& s, const StripPixels<W>& pixels,
                           int w) const {
@@ -181,7 +181,7 @@ struct BlendKernel {
         Found& found = shared.found[w];
         const U at = U(s.done) + W::lane();
         const auto idle = W::lane() < U(group_visits) && !(at < U(s.found));
-        const U to = at % U(Found::room);
+        const U to = at % U(Found::capacity);
         const Array<F, 4> zero{{F(0.0F), F(0.0F), F(0.0F), F(0.0F)}};
         W::write4_where(idle, found.place, to, zero);
         W::write4_where(idle, found.shape, to, Array<F, 4>{{F(0.0F), F(-1e30F), F(0.0F), F(0.0F)}});
@@ -192,7 +192,7 @@ struct BlendKernel {
         s.done += group_visits;
     }
 
-    /// Keeps for the vjp what a group is, and what is in front of it.
+    /// Keeps a group's visits, and the transmittance in front of it, for the vjp.
     template <class W>
     RYE_DEVICE void keep(const Found& found, StripSums<W, A, C>& s, std::uint32_t at) const {
         using U = typename W::U;
@@ -209,7 +209,7 @@ struct BlendKernel {
             W::write_where(W::lane() == U(0), memory.before, U(group), U(s.last));
             s.last = group;
         }
-        s.group = W::take_one(&memory.report->groups); // of the next; it takes its time
+        s.group = W::take_one(&memory.report->groups); // the next group, early to hide latency
     }
 
     template <class W>
@@ -218,7 +218,7 @@ struct BlendKernel {
         using F = typename W::F;
         using U = typename W::U;
         const WarpBlend<W, A> rules(accuracy);
-        const std::uint32_t at = s.done % Found::room;
+        const std::uint32_t at = s.done % Found::capacity;
         if (memory.groups > 0) keep<W>(found, s, at);
         const U first = U(at) + W::lane() % U(4) * U(4);
         const Visits<W, A> v(

@@ -49,7 +49,7 @@ struct DeviceLens {
         for (int k = 0; k < 3; ++k) translation[k] = p.camera_from_world.translation[k];
     }
 
-    /// A Projector that is made of numbers that another had.
+    /// Memory of a Projector, which is put together from numbers.
     union Held {
         Projector<float, D> projector;
         RYE_HD Held() {}

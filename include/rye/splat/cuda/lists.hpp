@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/cuda/lists.hpp: from Gaussians to the entries of tiles, on a device: project and
-/// count, scan, bin. Lists are those of TileLists; what is not decided here is the order within a
-/// tile's list, which is sorted where it is drawn, by keys that are unique.
+/// count, scan, bin. Lists are those of TileLists, but the order within a tile's list is not yet
+/// decided: the list is sorted when it is drawn, by unique keys.
 #pragma once
 
 #include <rye/splat/cuda/lens.hpp>
@@ -9,7 +9,7 @@
 
 namespace rye {
 
-/// f(row, begin, end) of each row of tiles that a Gaussian reaches.
+/// Calls f(row, begin, end) for each row of tiles that a Gaussian reaches.
 template <Support support, class F>
 RYE_DEVICE void each_span(const TileSpans& s, const Footprint<float>* footprint, int width,
                           int height, const F& f) {
@@ -31,10 +31,10 @@ struct BlockTiles {
     static constexpr int threads = 128;
     TileSpans spans[threads];
     std::uint32_t before[threads]; ///< tasks of Gaussians before each
-    std::uint32_t tall;            ///< how many are in many rows
-    std::uint32_t index[threads];  ///< which
+    std::uint32_t tall;            ///< number of Gaussians in many rows
+    std::uint32_t index[threads];  ///< those Gaussians
 
-    /// What Gaussian t has: its spans are there.
+    /// Enters Gaussian t, whose spans are set, with its number of places.
     template <class Block>
     RYE_DEVICE void put(Block& block, int t, std::uint32_t places) {
         const bool is_tall = spans[t].rows > TileSpans::most;
@@ -42,14 +42,14 @@ struct BlockTiles {
         if (is_tall) index[block.add(&tall, 1U)] = static_cast<std::uint32_t>(t);
     }
 
-    /// f(Gaussian, its tile's rank, row, column) for all tiles of the block.
+    /// Calls f(Gaussian, its tile's rank, row, column) for all tiles of the block.
     template <Support support, class Block, class F>
     RYE_DEVICE void each(Block& block, const Footprint<float>* footprints, int width, int height,
                          const F& f) {
         const std::uint32_t tasks = block.exclusive_sums(before);
         block.each_thread([&](int t) {
             for (std::uint32_t k = static_cast<std::uint32_t>(t); k < tasks; k += threads) {
-                int low = 0; // the last whose tasks begin at k or before
+                int low = 0; // the last Gaussian whose tasks begin at k or before
                 for (int step = threads / 2; step > 0; step /= 2)
                     if (before[low + step] <= k) low += step;
                 const TileSpans& s = spans[low];
@@ -85,7 +85,7 @@ struct ProjectKernel {
     struct Shared {
         BlockTiles tiles;
         std::uint32_t places[threads];
-        std::uint8_t finite[threads]; ///< whether the features are
+        std::uint8_t finite[threads]; ///< 1 if all features of the Gaussian are finite
     };
     DeviceGaussians<const float> g;
     DeviceLens<D> lens;
@@ -131,7 +131,7 @@ struct ProjectKernel {
     }
 
   private:
-    /// Features of the block's Gaussians, neighbours by neighbouring threads.
+    /// Tests the features of the block's Gaussians; neighbouring threads read neighbours.
     RYE_DEVICE void look_at_features(Shared& shared, std::uint32_t base, int t) const {
         const auto channels = static_cast<std::uint32_t>(g.channels());
         const std::uint32_t count =
@@ -164,7 +164,8 @@ struct ProjectKernel {
         return finite;
     }
 
-    /// The record, and, if it is visible, its rows of tiles; returns the number of tiles.
+    /// Writes a Gaussian's record and, if it is visible, its rows of tiles; returns the number of
+    /// tiles.
     RYE_DEVICE std::uint32_t reach(std::uint32_t i, TileSpans& spans) const {
         typename DeviceLens<D>::Held held;
         lens.put(held);
@@ -206,8 +207,8 @@ struct ProjectKernel {
     }
 };
 
-/// Where each tile's list begins, where each block's places begin, and the order in which tiles
-/// are drawn: by length, the longest first, so that no long list begins last.
+/// Computes the beginning of each tile's list, the beginning of each block's places, and the order
+/// in which tiles are drawn: by length, the longest first, so that no long list begins last.
 struct ScanKernel {
     static constexpr const char* name = "scan of tiles";
     static constexpr int threads = 1024, blocks = 1;
@@ -257,7 +258,7 @@ struct ScanKernel {
     }
 
   private:
-    /// Of the blocks of Gaussians: how many places come before.
+    /// Replaces the number of places of each block of Gaussians by the number before it.
     template <class Block>
     RYE_DEVICE void places(Block& block, Shared& shared) const {
         const std::uint32_t run = (memory.blocks + threads - 1) / threads;
@@ -280,7 +281,7 @@ struct ScanKernel {
         });
     }
 
-    /// f(k, read(k)) of the numbers of thread t, whose reads are under way together.
+    /// Calls f(k, read(k)) for the numbers of thread t, whose reads run together.
     template <class Read, class F>
     RYE_DEVICE static void each(int t, std::uint32_t run, std::uint32_t n, const Read& read,
                                 const F& f) {
@@ -295,7 +296,7 @@ struct ScanKernel {
             });
         }
     }
-    /// By fours of entries.
+    /// Returns the class of a list's length, one for every four entries.
     RYE_DEVICE static std::uint32_t class_of(std::uint32_t n) {
         return threads - 1 - rye::min(n / 4, std::uint32_t(threads - 1));
     }

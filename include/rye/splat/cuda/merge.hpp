@@ -7,15 +7,15 @@
 
 namespace rye {
 
-/// C: of the layout. Channels [first, first + channels) of the features' gradient are written; with
-/// `add`, those of shape and opacity are added to what is there.
+/// Merges slots to gradients. C: channels of the layout. Writes channels [first, first + channels)
+/// of the features' gradient; with `add`, adds the gradients of shape and opacity to those present.
 template <class A, class D, int C>
 struct MergeKernel {
     using Layout = ChannelLayout<C>;
     static constexpr const char* name = "merge of gradients";
     static constexpr int threads = 128, blocks = 7;
     static constexpr int quads = Layout::stride / 4;
-    /// Places that are looked at together, four a thread.
+    /// Number of places that are tested together, four a thread.
     static constexpr std::uint32_t chunk = 4 * threads;
     /// Shared memory of a block.
     struct Shared {
@@ -64,7 +64,7 @@ struct MergeKernel {
     }
 
   private:
-    /// The slots of a chunk of places, in the order of places, then of strips.
+    /// Lists the slots of a chunk of places, in the order of places, then of strips.
     template <class Block>
     RYE_DEVICE void find(Block& block, Shared& shared, std::size_t from,
                          std::uint32_t count) const {
@@ -161,8 +161,8 @@ struct MergeKernel {
     }
 };
 
-/// The gradient of the background: what reaches it. The first of two steps: pixels in fixed chunks,
-/// a channel a block of them at a time.
+/// First step of the background's gradient: sums over pixels in fixed chunks, a channel a block of
+/// them at a time.
 struct BackgroundKernel {
     static constexpr const char* name = "gradient of the background";
     static constexpr int threads = 128, blocks = 8;
@@ -194,7 +194,7 @@ struct BackgroundKernel {
         }
     }
 };
-/// The second step: chunks in their order.
+/// Second step of the background's gradient: sums over chunks, in their order.
 struct BackgroundSumKernel {
     static constexpr const char* name = "gradient of the background";
     static constexpr int threads = 128, blocks = 1;

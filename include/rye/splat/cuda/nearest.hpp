@@ -20,7 +20,7 @@ struct NearestKeys {
     std::uint32_t count, most_depth, pick, picked;
 };
 
-/// The keys of one tile, n from `keys`, in parts. Every thread of the block holds the same.
+/// Walk over the n keys of one tile in parts. Every thread of the block holds the same values.
 template <class Block>
 struct NearestFirst {
     static constexpr int threads = Block::threads;
@@ -30,7 +30,7 @@ struct NearestFirst {
     NearestKeys& shared;
     const std::uint64_t* keys;
     std::uint32_t n, taken = 0;
-    std::uint64_t from = 0, last = 0; ///< keys in [from, last] are left, of a long list
+    std::uint64_t from = 0, last = 0; ///< range [from, last] of the keys left in a long list
 
     RYE_DEVICE NearestFirst(NearestKeys& s, const std::uint64_t* all, std::uint32_t count)
         : shared(s),
@@ -48,8 +48,8 @@ struct NearestFirst {
     }
 
   private:
-    /// The nearest buckets that hold no more than fit. A bucket that alone holds more is split by
-    /// its next bits; as keys are unique, that ends.
+    /// Chooses the nearest buckets that hold no more than fit. A bucket that alone holds more is
+    /// split by its next bits; as keys are unique, that ends.
     RYE_DEVICE std::uint32_t choose(Block& block) {
         if (taken == 0) {
             block.each_thread([&](int t) {
@@ -130,8 +130,8 @@ struct NearestFirst {
             sort<8>(block, source, count);
     }
 
-    /// Bitonic, in registers: over distances within a lane, between lanes, and, in three steps of
-    /// all, between warps through shared memory.
+    /// Sorts bitonically in registers: over distances within a lane, between lanes, and, in only
+    /// three steps, between warps through shared memory.
     template <int K>
     RYE_DEVICE void sort(Block& block, const std::uint64_t* source, std::uint32_t count) {
         using W = typename Block::Warp;
@@ -182,7 +182,7 @@ struct NearestFirst {
         key = select((key < other) == least, key, other);
     }
 
-    /// Runs of up to K keys, in each lane; the last ascend and descend by turns.
+    /// Sorts runs of up to K keys in each lane; the last runs ascend and descend by turns.
     template <class W, int K>
     RYE_DEVICE static void within_lane(typename W::U64 (&key)[std::size_t(K)]) {
         expanded<log2_of(K)>([&](auto level) {
@@ -211,7 +211,7 @@ struct NearestFirst {
         a = low;
     }
 
-    /// Steps of a run at distances from `apart`, at most 16 K, down to 1.
+    /// Does the steps of a run at distances from `apart`, at most 16 K, down to 1.
     template <class W, int K>
     RYE_DEVICE static void within_warp(typename W::U64 (&key)[std::size_t(K)], int w,
                                        std::uint32_t run, std::uint32_t apart) {

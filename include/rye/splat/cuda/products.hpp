@@ -10,15 +10,15 @@
 
 namespace rye {
 
-/// The visit at each lane's position of a group: of lanes' position p = lane % 16.
+/// Returns the visit at each lane's position of a group: of lanes' position p = lane % 16.
 template <class W>
 RYE_DEVICE typename W::U visit_at(const typename W::U& p) {
     using U = typename W::U;
     return p % U(8) / U(2) * U(4) + p % U(2) + select(p < U(8), U(0), U(2));
 }
 
-/// The features of a group's visits as the right operand of products over visits (K) for channels
-/// (N): 8 of them. owner[i]: the Gaussian of the lane's visit i, or none_of.
+/// Returns the features of a group's visits as the right operand of products over visits (K) for
+/// channels (N): 8 of them. owner[i]: the Gaussian of the lane's visit i, or none_of.
 template <class W, int N>
 RYE_DEVICE Planes<W, N, 2> features_over_visits(const DeviceScene& scene,
                                                 const typename W::U (&owner)[4], int eight) {
@@ -39,8 +39,8 @@ RYE_DEVICE Planes<W, N, 2> features_over_visits(const DeviceScene& scene,
     return r;
 }
 
-/// The same as the right operand of products over channels (K), 16 of them, for visits (N). Rows
-/// of numbers in shared memory; `row`: that of the visit at position lane / 4.
+/// Returns the same as the right operand of products over channels (K), 16 of them, for visits (N).
+/// Rows of numbers in shared memory; `row`: that of the visit at position lane / 4.
 template <class W, int N>
 RYE_DEVICE Planes<W, N, 2> features_over_channels(const float* rows, int stride,
                                                   const typename W::U& row, int sixteen) {

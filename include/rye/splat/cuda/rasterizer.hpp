@@ -2,7 +2,7 @@
 /// rye/splat/cuda/rasterizer.hpp: Rasterizer's verbs for Gaussians in device memory: it puts
 /// kernels on the caller's stream, and neither waits nor reads anything back, so a step can be
 /// captured as a CUDA graph. Memory is reserved when a frame is shaped, never while it is drawn.
-/// How many entries a frame has is known to the device alone. Where they do not fit, nothing is
+/// The number of a frame's entries is known to the device alone. If they do not fit, nothing is
 /// drawn and `finish`, the one function that waits, says so and makes room:
 ///     do { r.forward_into(...); } while (!frame.finish(queue));
 #pragma once
@@ -17,13 +17,13 @@
 
 namespace rye {
 
-/// The numbers of channels that kernels are made for, ascending, of 1 to 4, 8, 16 and 32. Others
-/// are drawn by the next larger one, or by the largest several times.
+/// The numbers of channels that kernels are made for: some of 1 to 4, 8, 16 and 32, ascending.
+/// Other numbers are drawn by the next larger kernel, or by the largest several times.
 template <int... C>
 struct KernelChannels {
     static constexpr int largest = (std::max)({C...});
 
-    /// f(integral_constant) of the kernels for this many channels.
+    /// Calls f(integral_constant) of the kernels for this many channels.
     template <class F>
     static auto with(Index channels, const F& f) {
         bool done = false;
@@ -38,21 +38,22 @@ struct KernelChannels {
 /// Kernels for the usual numbers of channels.
 using AnyChannels = KernelChannels<1, 3, 4, 8, 16, 32>;
 
-/// What a frame has cost.
+/// Counts of a finished frame.
 struct DeviceFrameCost {
     std::int64_t entries = 0;    ///< pairs of a tile and a Gaussian
-    std::int64_t groups = 0;     ///< of 16 visits of a strip, and at most one a strip more
+    std::int64_t groups = 0;     ///< groups of 16 visits of a strip, and at most one a strip more
     std::int64_t non_finite = 0; ///< Gaussians left out
 };
 
-/// What a frame is made for; its memory follows.
+/// Extents for which a frame is made; they determine its memory.
 struct DeviceFrameShape {
     std::size_t gaussians, tiles;
-    std::size_t entries, groups; ///< that there is room for; no groups: no vjp
+    std::size_t entries, groups; ///< capacities; no groups: no vjp
     std::size_t stride;          ///< numbers of a slot, ChannelLayout<C>::stride
 
     std::size_t blocks() const { return (gaussians + 127) / 128; }
-    /// Numbers of 32 bits: of Gaussians and tiles, counters, of entries, of groups.
+    /// Returns the count of 32-bit words: of Gaussians and tiles, of counters, of entries, of
+    /// groups.
     std::size_t words() const {
         return 2 * gaussians + blocks() + std::size_t(2 + tile_strips) * tiles + 2;
     }
@@ -64,7 +65,7 @@ struct DeviceFrameShape {
     std::size_t transmittances() const { return groups * 64; }
     std::size_t partials() const { return groups * std::size_t(group_visits) * stride; }
 
-    /// Device memory of the frame [bytes]; each array has one number more.
+    /// Returns the device memory of the frame [bytes]; each array has one number more.
     std::size_t bytes() const {
         return (gaussians + 1) *
                    (sizeof(SplatRecord) + sizeof(TileSpans) + sizeof(Footprint<float>)) +
@@ -80,10 +81,10 @@ struct DeviceFrame {
     explicit DeviceFrame(const Device& on = {}) : device(on) {}
 
     Device device;
-    bool for_vjp = true; ///< whether a render keeps what its vjp reads
-    /// Room for entries and groups of visits; it grows by `finish`.
+    bool for_vjp = true; ///< true if a render keeps what its vjp reads
+    /// Capacities for entries and for groups of visits; `finish` raises them.
     std::int64_t entry_capacity = 0, group_capacity = 0;
-    DeviceFrameCost cost = {}; ///< of the last finished frame
+    DeviceFrameCost cost = {}; ///< counts of the last finished frame
 
     /// Makes room for n Gaussians in an image, with `stride` numbers a slot; guesses the number of
     /// entries.
@@ -122,8 +123,8 @@ struct DeviceFrame {
         place(queue, partial_, m.partial, of.partials());
     }
 
-    /// Waits for the frame. Whether it had room; where it had none it has now, and the frame has to
-    /// be drawn again.
+    /// Waits for the frame; returns true if everything fitted. Otherwise makes room, and the frame
+    /// must be drawn again.
     bool finish(const CudaQueue& queue, std::int64_t max_entries = std::int64_t(1) << 31,
                 NonFinite non_finite = NonFinite::cull) {
         FrameReport r{};
@@ -140,7 +141,8 @@ struct DeviceFrame {
                         ": the Gaussians are too large for the image");
         return make_room(cost.entries, cost.groups);
     }
-    /// Room for frames of that many entries and groups, from the next one on. Whether there was.
+    /// Makes room for frames of that many entries and groups, from the next frame on; returns true
+    /// if there was enough.
     bool make_room(std::int64_t entries, std::int64_t groups) {
         const bool fits = entries <= m.entries && (!for_vjp || groups <= m.groups);
         if (entries > m.entries) entry_capacity = grown(entries);
@@ -148,7 +150,7 @@ struct DeviceFrame {
         return fits;
     }
 
-    /// Memory that is held [bytes].
+    /// Returns the memory that is held [bytes].
     std::size_t bytes() const {
         return records_.bytes() + spans_.bytes() + footprints_.bytes() + words_.bytes() +
                counters_.bytes() + keys_.bytes() + entry_words_.bytes() + group_words_.bytes() +
@@ -175,10 +177,10 @@ struct DeviceFrame {
     DeviceBuffer<float> transmittance_, partial_;
 };
 
-/// Pixels blend in the order of centres' depths; by_peak has plain loops alone.
+/// True if pixels blend in the order of centres' depths: by_peak has plain loops only.
 template <class A>
 concept BlendsByCentre = A::order == BlendOrder::by_centre;
-/// Depths are compared as 32 bits; more have the host's backends.
+/// True if depths are compared as 32 bits: only backends of the host compare more.
 template <class A>
 concept DepthsOf32Bits = A::depth_bits == 32;
 /// An accuracy policy that has kernels on a device.
@@ -225,14 +227,10 @@ struct DeviceRasterizer {
                   const Pinhole<float, D>& camera, const float* background,
                   const DeviceCotangent& cotangent, const DeviceGaussians<float>& out,
                   Frame& frame) const {
-        expect(frame.for_vjp, [] {
-            return std::string("got a frame that keeps nothing for a vjp, expected one that does");
-        });
-        expect(A::outputs.depth || cotangent.depth.data == nullptr, [] {
-            return std::string(
-                "got a cotangent of depth, expected none: the policy's outputs "
-                "have no depth");
-        });
+        require(frame.for_vjp, "rasterizer",
+                "got a frame that keeps nothing for a vjp, expected one that does");
+        require(A::outputs.depth || cotangent.depth.data == nullptr, "rasterizer",
+                "got a cotangent of depth, expected none: the policy's outputs have no depth");
         const FrameMemory& m = frame.m;
         const Device& device = frame.device;
         const bool extra = cotangent.alpha.data != nullptr || cotangent.depth.data != nullptr;
@@ -250,8 +248,8 @@ struct DeviceRasterizer {
         });
     }
 
-    /// The gradient of the background, a number a channel; `partial` has room for as many numbers
-    /// as background_numbers says.
+    /// Puts the gradient of the background on the stream, a number a channel; `partial` has room
+    /// for background_numbers numbers.
     void background_vjp_into(const CudaQueue& queue, const DeviceColumns<const float>& g_feature,
                              const DeviceColumns<const float>& alpha, float* partial, float* out,
                              const Frame& frame) const {
@@ -277,7 +275,7 @@ struct DeviceRasterizer {
                 camera.cx, camera.cy,  camera.width, camera.height};
     }
 
-    /// f(C, first, channels): channels [first, first + channels) by kernels of C channels.
+    /// Calls f(C, first, channels): kernels of C channels do channels [first, first + channels).
     template <class F>
     static void each_block_of_channels(Index channels, const F& f) {
         Kernels::with(channels, [&](auto C) {
@@ -289,21 +287,13 @@ struct DeviceRasterizer {
         });
     }
 
-    template <class Message>
-    static void expect(bool condition, const Message& message) {
-        if (!condition) throw Error("rasterizer: " + message());
-    }
-
     template <Distortion D>
     static void check(const DeviceGaussians<const float>& g, const Pinhole<float, D>& camera,
                       const DeviceImages& images) {
         const auto shaped = [&](const char* name, Index rows, Index cols, Index want_rows,
                                 Index want) {
-            expect(rows == want_rows && cols == want, [&] {
-                return "got " + std::string(name) + " of " + std::to_string(rows) + " x " +
-                       std::to_string(cols) + ", expected " + std::to_string(want_rows) + " x " +
-                       std::to_string(want);
-            });
+            require(rows == want_rows && cols == want, "rasterizer", "got ", name, " of ", rows,
+                    " x ", cols, ", expected ", want_rows, " x ", want);
         };
         const Index n = g.count();
         shaped("mean", g.mean.rows, g.mean.cols, 3, n);
@@ -311,28 +301,21 @@ struct DeviceRasterizer {
         shaped("scale", g.scale.rows, g.scale.cols, 3, n);
         shaped("opacity", g.opacity.rows, g.opacity.cols, 1, n);
         shaped("feature", g.feature.rows, g.feature.cols, g.channels(), n);
-        expect(static_cast<std::uint64_t>(n) < std::uint64_t(1) << 31U,
-               [&] { return "got " + std::to_string(n) + " Gaussians, expected fewer than 2^31"; });
+        require(static_cast<std::uint64_t>(n) < std::uint64_t(1) << 31U, "rasterizer", "got ", n,
+                " Gaussians, expected fewer than 2^31");
         const auto numbers = [&](Index columns) { // in 64 bits: an index may have 32
             return static_cast<std::uint64_t>(columns) *
                    static_cast<std::uint64_t>(std::max<Index>(g.channels(), 1));
         };
-        expect(numbers(n) < std::uint64_t(1) << 32U, [&] {
-            return "got " + std::to_string(n) + " Gaussians of " + std::to_string(g.channels()) +
-                   " channels, expected fewer than 2^32 numbers";
-        });
-        expect(camera.width >= 0 && camera.height >= 0, [&] {
-            return "got an image of " + std::to_string(camera.width) + " x " +
-                   std::to_string(camera.height) + " pixels, expected no negative size";
-        });
+        require(numbers(n) < std::uint64_t(1) << 32U, "rasterizer", "got ", n, " Gaussians of ",
+                g.channels(), " channels, expected fewer than 2^32 numbers");
+        require(camera.width >= 0 && camera.height >= 0, "rasterizer", "got an image of ",
+                camera.width, " x ", camera.height, " pixels, expected no negative size");
         const Index pixels = static_cast<Index>(camera.width) * camera.height;
-        expect(numbers(pixels) < std::uint64_t(1) << 32U, [&] {
-            return "got an image of " + std::to_string(pixels) + " pixels and " +
-                   std::to_string(g.channels()) + " channels, expected fewer than 2^32 numbers";
-        });
-        expect(camera.near_depth > 0, [] {
-            return std::string("got a near depth that is not positive, expected a positive one");
-        });
+        require(numbers(pixels) < std::uint64_t(1) << 32U, "rasterizer", "got an image of ", pixels,
+                " pixels and ", g.channels(), " channels, expected fewer than 2^32 numbers");
+        require(camera.near_depth > 0, "rasterizer",
+                "got a near depth that is not positive, expected a positive one");
         shaped("feature image", images.feature.rows, images.feature.cols, g.channels(), pixels);
         shaped("alpha image", images.alpha.rows, images.alpha.cols, 1, pixels);
     }

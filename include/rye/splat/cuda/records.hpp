@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/cuda/records.hpp: what the kernels of a render hand to one another in device memory.
+/// rye/splat/cuda/records.hpp: data between the kernels of a render, in device memory.
 #pragma once
 
 #include <cstdint>
@@ -38,15 +38,15 @@ struct SplatRecord {
 /// than `most` they follow from its footprint.
 struct alignas(16) TileSpans {
     static constexpr int most = 7;
-    std::uint16_t first, rows; ///< of tiles; no rows: it is not visible
+    std::uint16_t first, rows; ///< first row of tiles, number of rows; 0 rows: not visible
     std::uint16_t begin[most], end[most];
 };
 
-/// What a render found out about itself. Sums are of all that it would have taken.
+/// Counts of a render. Sums include what did not fit.
 struct FrameReport {
     std::uint32_t non_finite; ///< Gaussians left out for a NaN or an infinity
     std::uint32_t entries_low, entries_high; ///< pairs of a tile and a Gaussian, 64 bits
-    std::uint32_t groups;                    ///< of visits, and at most one a strip more
+    std::uint32_t groups;                    ///< groups of visits, and at most one a strip more
     std::uint32_t overflow;                  ///< entries did not fit: nothing was drawn
 };
 
@@ -54,33 +54,33 @@ struct FrameReport {
 struct FrameMemory {
     std::uint32_t count; ///< Gaussians
     std::uint32_t tiles, columns;
-    std::uint32_t blocks;  ///< of Gaussians
+    std::uint32_t blocks;  ///< blocks of Gaussians
     std::uint32_t entries; ///< capacity
     std::uint32_t groups;  ///< capacity; 0: the render keeps nothing for a vjp
 
     // By Gaussian.
     SplatRecord* record;
     TileSpans* spans;
-    Footprint<float>* footprint; ///< of those with more rows of tiles than spans hold
+    Footprint<float>* footprint; ///< only if there are more rows of tiles than spans hold
     std::uint32_t* first;        ///< its places are [first, first + count)
-    std::uint32_t* places;       ///< how many
-    std::uint32_t* block_places; ///< of each block: how many, then how many before it
+    std::uint32_t* places;       ///< number of places
+    std::uint32_t* block_places; ///< [blocks]: number of places in it, then before it
     // By tile.
-    std::uint32_t* counters; ///< of entries, then where the next one goes
+    std::uint32_t* counters; ///< number of entries, then index of the next one
     std::uint32_t* begin;    ///< tile t has entries [begin[t], begin[t + 1])
     std::uint32_t* order;    ///< tiles, the longest lists first
-    std::uint32_t* last;     ///< of each strip: its last group, or none_of
+    std::uint32_t* last;     ///< [strips] last group of the strip, or none_of
     // By entry.
     std::uint64_t* key;    ///< depth, then place; in the tile's list in any order
     std::uint32_t* sorted; ///< Gaussians near to far, as far as they were sorted
     // By place: a pair of a Gaussian and a tile, in the order of Gaussians, then of tiles.
     std::uint32_t* owner;  ///< the Gaussian
-    std::uint8_t* touched; ///< of each strip: whether it has a slot
-    std::uint32_t* slot;   ///< of each strip: which, where it has one
+    std::uint8_t* touched; ///< [strips] 1 if the strip has a slot
+    std::uint32_t* slot;   ///< [strips] index of the slot, if there is one
     // By group of visits of a strip.
     std::uint32_t* before; ///< the strip's group nearer to the eye, or none_of
     std::uint32_t* visits; ///< 16 Gaussians, then their 16 places
-    float* transmittance;  ///< of 64 pixels, in front of the group
+    float* transmittance;  ///< [64 pixels] in front of the group
     float* partial;        ///< 16 slots: partial gradients of its visits
 
     FrameReport* report;
@@ -103,13 +103,13 @@ inline constexpr int tile_strips = 4;
 /// Visits that a warp takes at once.
 inline constexpr int group_visits = 16;
 
-/// What depends on the number of channels C that a kernel is made for.
+/// Constants that depend on the number of channels C that a kernel is made for.
 template <int C>
 struct ChannelLayout {
     static constexpr bool products = C > 4; ///< sums over channels are of matrices
     static constexpr int padded = products ? (C + 15) / 16 * 16 : 4;
     static constexpr int head = products ? 8 : 7;         ///< features begin here in a slot
-    static constexpr int stride = (head + C + 3) / 4 * 4; ///< of a slot
+    static constexpr int stride = (head + C + 3) / 4 * 4; ///< numbers in a slot
     static_assert(C >= 1 && (C <= 4 || C % 8 == 0) && C <= 32);
 };
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/cuda/reverse.hpp: the way back over strips on a device, from far to near, a warp a
-/// strip, by the groups of visits that the blend kept. What is behind a visit is followed as its
-/// difference from what is behind the group, which is exactly 0 as long as colours are equal;
-/// transmittance is that which was kept, and nothing is divided by 1 - alpha.
+/// strip, by the groups of visits that the blend kept. The colour behind a visit is tracked as its
+/// difference from the colour behind the group, which is exactly 0 as long as colours are equal;
+/// transmittance is the kept one, and nothing is divided by 1 - alpha.
 /// A visit owns a slot for its partial gradient, numbers of SplatCotangent and features.
 #pragma once
 
@@ -53,7 +53,7 @@ struct ReverseKernel {
             const WarpBlend<W, A> rules(accuracy);
             StripCotangents<W, C, extra> s;
             start<W>(shared, s, pixels);
-            W::sync(); // it read a row of what is copied to now
+            W::sync(); // the warp has read a row that is overwritten now
             // A group's number is known two groups before it is walked, its Gaussians one.
             Next<W> now = next<W>(last), soon = next<W>(memory.before[last]);
             std::uint32_t late = soon.group != none_of ? memory.before[soon.group] : none_of;
@@ -181,7 +181,7 @@ struct ReverseKernel {
             });
     }
 
-    /// The planes of the strip's cotangents: a row a pixel.
+    /// Writes the planes of the strip's cotangents: a row a pixel.
     template <class W>
     RYE_DEVICE void planes(Shared& shared, const StripPixels<W>& pixels) const {
         using F = typename W::F;
@@ -213,7 +213,7 @@ struct ReverseKernel {
     template <class W>
     using OverChannels = Array<Array<Planes<W, N, 2>, std::size_t(steps)>, 2>;
 
-    /// Features as operands: of the visits at positions lane / 4 and 8 more.
+    /// Returns features as operands: of the visits at positions lane / 4 and 8 more.
     template <class W>
     RYE_DEVICE static OverChannels<W> over_channels(const float* rows, const typename W::U& first,
                                                     const typename W::U& second) {
@@ -225,7 +225,7 @@ struct ReverseKernel {
         return r;
     }
 
-    /// <cotangent, colour> of two rows of pixels and 16 visits, by matrices.
+    /// Returns <cotangent, colour> of two rows of pixels and 16 visits, by matrices.
     template <class W, class M>
     RYE_DEVICE Array<Array<typename W::F, 4>, 2> along(const Shared& shared, M m,
                                                        const OverChannels<W>& features) const {
@@ -241,7 +241,8 @@ struct ReverseKernel {
         });
         return s;
     }
-    /// Rows of pixels 2 m and 2 m + 1 and 16 channels: where this lane's row begins [bytes].
+    /// Returns rows of pixels 2 m and 2 m + 1 and 16 channels: where this lane's row begins
+    /// [bytes].
     template <class W>
     RYE_DEVICE static typename W::U tile_of(int m, int c) {
         using U = typename W::U;

@@ -7,7 +7,7 @@
 
 namespace rye {
 
-/// What a warp keeps of its pixels on the way back.
+/// A warp's state of its pixels on the way back.
 template <class W, int C, bool extra>
 struct StripCotangents {
     using F = typename W::F;
@@ -20,11 +20,11 @@ struct StripCotangents {
 template <class A, int C, bool extra>
 struct ReverseStep {
     using Layout = ChannelLayout<C>;
-    /// Numbers of a visit that are summed over lanes.
+    /// Count of a visit's numbers that are summed over lanes.
     static constexpr int sums = Layout::products ? 8 : Layout::stride;
 
-    /// <cotangent, colour>: one function for Gaussians and background, so that equal colours give
-    /// equal sums.
+    /// Returns <cotangent, colour>: one function for Gaussians and background, so that equal
+    /// colours give equal sums.
     template <class W, class F>
     RYE_DEVICE static F along(const F (&cotangent)[std::size_t(C)], const Array<F, 4>& colour) {
         F s = cotangent[0] * colour[0];
@@ -35,7 +35,7 @@ struct ReverseStep {
     template <class W>
     struct Moments {
         using F = typename W::F;
-        F one[4], y[4], yy[4]; ///< of h, h y, h y^2; y in rows
+        F one[4], y[4], yy[4]; ///< sums of h, h y, h y^2; y in rows
         F alpha[A::has_floor ? 4 : 1], depth[extra ? 4 : 1];
         F colour[Layout::products ? 1 : 4][Layout::products ? 1 : C];
 
@@ -50,7 +50,7 @@ struct ReverseStep {
         }
     };
 
-    /// One row of pixels: from <cotangent, colour> of its visits to their sums.
+    /// Steps back over one row of pixels: from <cotangent, colour> of its visits to their sums.
     template <class W, class J>
     RYE_DEVICE static Taken<W> one_row(StripCotangents<W, C, extra>& s, Moments<W>& sum,
                                        const Visits<W, A>& v, const WarpBlend<W, A>& rules, J j,
@@ -102,8 +102,8 @@ struct ReverseStep {
         return t;
     }
 
-    /// From rows to offsets (u, v), and over the eight columns: by halves, each lane going on with
-    /// one of them.
+    /// Converts sums over rows to offsets (u, v), and adds the eight columns: by halves, each lane
+    /// going on with one of them.
     template <class W>
     RYE_DEVICE static void add_lanes(const Visits<W, A>& v, const Moments<W>& sum, float* partial) {
         using F = typename W::F;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/cuda/sh_color.hpp: colours from spherical harmonics on a device, and their gradients,
 /// by the formula of gaussian/sh_color.hpp. Coefficients go through shared memory, since a
-/// Gaussian's own lie far from its neighbour's. Where a frame is given, those that it does not show
-/// are left out: their colours are 0, and so are their gradients.
+/// Gaussian's own lie far from its neighbour's. If a frame is given, Gaussians that it does not
+/// show are left out: their colours are 0, and so are their gradients.
 #pragma once
 
 #include <rye/gaussian/sh_color.hpp>
@@ -10,7 +10,7 @@
 
 namespace rye {
 
-/// What colours depend on, in device memory.
+/// Inputs of colours, in device memory.
 template <class T>
 struct DeviceHarmonics {
     DeviceColumns<T> mean;     ///< 3 x N
@@ -28,7 +28,7 @@ template <int degree>
 struct ShBlock {
     static constexpr int threads = 128;
     static constexpr int row = 3 * (sh_count(degree) - 1);
-    static constexpr int room = row > 0 ? row* threads : 1;
+    static constexpr int capacity = row > 0 ? row* threads : 1;
 
     /// Copies the rows of a block's Gaussians, to shared memory or from it.
     RYE_DEVICE static void copy(float* to, const float* from, Index count, int t) {
@@ -46,7 +46,7 @@ struct ShColorKernel : detail::ShBlock<degree> {
     static constexpr int blocks = 8;
     /// Shared memory of a block.
     struct Shared {
-        alignas(16) float rest[Rows::room];
+        alignas(16) float rest[Rows::capacity];
     };
     DeviceHarmonics<const float> in;
     Vec3<float> eye;
@@ -82,7 +82,7 @@ struct ShColorVjpKernel : detail::ShBlock<degree> {
     static constexpr int blocks = 4;
     /// Shared memory of a block.
     struct Shared {
-        alignas(16) float rest[Rows::room], gradient[Rows::room];
+        alignas(16) float rest[Rows::capacity], gradient[Rows::capacity];
     };
     DeviceHarmonics<const float> in;
     Vec3<float> eye;

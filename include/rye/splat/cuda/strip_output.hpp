@@ -1,26 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/cuda/strip_output.hpp: what a warp gathers of a strip's pixels while it draws them,
-/// and how that becomes pixels of images.
+/// rye/splat/cuda/strip_output.hpp: a warp's sums for a strip's pixels while it draws them, and
+/// their way into images.
 #pragma once
 
 #include <rye/splat/cuda/walk.hpp>
 
 namespace rye {
 
-/// What a warp keeps of its pixels while it draws them.
+/// A warp's state of its pixels while it draws them.
 template <class W, class A, int C>
 struct StripSums {
     using F = typename W::F;
     using U = typename W::U;
     static constexpr bool products = ChannelLayout<C>::products;
     F transmittance[8];
-    F colour[8][std::size_t(products ? 1 : C)]; ///< of the lane's visits
+    F colour[8][std::size_t(products ? 1 : C)]; ///< colours of the lane's visits
     Array<F, 4> sums[products ? 4 : 1][std::size_t(products ? C / 8 : 1)];
     F depth[A::outputs.depth ? 8 : 1];
     F most[A::outputs.contributor ? 8 : 1];
-    U contributor[A::outputs.contributor ? 8 : 1]; ///< its number in the tile's list
+    U contributor[A::outputs.contributor ? 8 : 1]; ///< number in the tile's list
     bool open;
-    std::uint32_t found, done; ///< visits: that there are, that were walked
+    std::uint32_t found, done; ///< numbers of visits found, and walked
     std::uint32_t group, last; ///< kept groups: the next, the one before it
 };
 
@@ -106,7 +106,8 @@ struct StripOutput {
     }
 
   private:
-    /// Of the four lanes of a pixel the largest weight; of equal ones the nearest.
+    /// Writes the contributor of the largest weight among a pixel's four lanes; the nearest if
+    /// weights are equal.
     template <class W>
     RYE_DEVICE void contributors(StripSums<W, A, C>& s, const StripPixels<W>& pixels,
                                  std::uint32_t begin) const {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/cuda/visits.hpp: a Gaussian as the pixels of one tile see it, and whether a strip of
-/// 8 x 8 of them has to look at it. Offsets are from the tile's centre, so that those of pixels are
-/// small numbers without error. Every lane has a Gaussian of its own.
+/// rye/splat/cuda/visits.hpp: a Gaussian as the pixels of one tile see it, and the test whether it
+/// reaches a strip of 8 x 8 of them. Offsets are from the tile's centre, so that those of pixels
+/// are small numbers without error. Every lane has a Gaussian of its own.
 #pragma once
 
 #include <cstdint>
@@ -10,8 +10,8 @@
 
 namespace rye {
 
-/// How many bf16 numbers stand for one float in products of matrices: their relative errors are
-/// about 2.4e-3, 4.2e-6 and 6e-9. The policy may say so by a static `planes`.
+/// Number of bf16 numbers that stand for one float in products of matrices: the relative errors of
+/// 1, 2 and 3 are about 2.4e-3, 4.2e-6 and 6e-9. A policy may choose it by a static `planes`.
 template <class A>
 inline constexpr int planes_of = [] {
     if constexpr (requires { A::planes; })
@@ -20,7 +20,7 @@ inline constexpr int planes_of = [] {
         return A::exp2_degree == 0 || A::exp2_degree > 5 || std::derived_from<A, Tight> ? 3 : 2;
 }();
 
-/// What a walking kernel reads.
+/// Inputs of a walking kernel.
 struct DeviceScene {
     DeviceColumns<const float> feature; ///< C x N
     const float* background;            ///< C numbers
@@ -32,7 +32,7 @@ struct DeviceScene {
     RYE_DEVICE float background_of(int c) const {
         return c < channels ? background[first_channel + c] : 0.0F;
     }
-    /// Whether the features of kernels of C channels can be read two at a time.
+    /// Returns true if the features of kernels of C channels can be read two at a time.
     template <int C>
     RYE_DEVICE bool in_pairs() const {
         return channels == C && feature.rows % 2 == 0 && first_channel % 2 == 0 &&
@@ -40,7 +40,7 @@ struct DeviceScene {
     }
 };
 
-/// The exponent below which alpha is 0.
+/// Returns the exponent below which alpha is 0.
 template <class A>
 RYE_DEVICE float least_exponent(const A& accuracy) {
     using std::log2;
@@ -56,7 +56,7 @@ struct TileSplat {
     /// u = u0 + ux x, v = v0 + vx x + vy y.
     F u0, ux, v0, vx, vy, log2_opacity, depth, floor;
 
-    /// Of a record's eight numbers.
+    /// Unpacks a record's eight numbers.
     RYE_DEVICE TileSplat(const Array<F, 4>& place, const Array<F, 4>& shape, float centre_x,
                          float centre_y)
         : ux(place[2]),
@@ -71,8 +71,8 @@ struct TileSplat {
     }
     RYE_DEVICE TileSplat() {}
 
-    /// Whether strip w has a pixel whose exponent reaches the cut: exactly, but for what rounding
-    /// may add, which this gives away. `least`: the exponent at the cut, without a floor.
+    /// Returns true where strip w has a pixel whose exponent reaches the cut: exactly, but for a
+    /// margin as large as rounding may be. `least`: the exponent at the cut, without a floor.
     template <class A>
     RYE_DEVICE M reaches(int w, const A& accuracy, float least) const {
         F cut(least);
@@ -103,11 +103,12 @@ struct TileSplat {
 
   private:
     RYE_DEVICE static F size(const F& x) { return W::max(x, -x); }
-    /// The least |x| of an interval, less what rounding may take away; 0 where it holds a 0.
+    /// Returns the least |x| of an interval, less what rounding may take away; 0 where it holds a
+    /// 0.
     RYE_DEVICE static F nearest(const F& a, const F& b, const F& slack) {
         return W::max(W::max(W::min(a, b), -W::max(a, b)) - slack, F(0.0F));
     }
-    /// The least of a horizontal edge, v being `v` in the middle column.
+    /// Returns the least of a horizontal edge, v being `v` in the middle column.
     RYE_DEVICE F on_row(const F& v, const F& inverse, const F& left, const F& right, const F& du,
                         const F& dv) const {
         const F x = W::min(right, W::max(left, -W::fma(u0, ux, v * vx) * inverse));

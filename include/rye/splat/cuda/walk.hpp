@@ -4,7 +4,7 @@
 /// and visits 4 q ... 4 q + 3: so a visit's offset u is computed once for a column, weights lie as
 /// the operands of matrix units want them, and what runs along visits, transmittance forward and
 /// the colour behind on the way back, is a scan over four lanes.
-/// What a Gaussian does at a pixel, forward and back, is splat/blend.hpp's; here are the scans.
+/// Formulas per pixel, forward and back, are in splat/blend.hpp; scans of a warp are here.
 #pragma once
 
 #include <rye/splat/blend.hpp>
@@ -42,7 +42,7 @@ struct Visits {
         static_cast<void>(accuracy);
     }
 
-    /// Of visit i in row `row`.
+    /// Returns the exponent of visit i in row `row`.
     RYE_DEVICE F exponent(int i, int row) const {
         return less(rest[i], W::fma(vy[i], F(static_cast<float>(row) - 3.5F), v[i]));
     }
@@ -85,13 +85,13 @@ struct WarpExp2 {
     RYE_DEVICE typename W::F operator()(const typename W::F& x) const { return W::exp2(x); }
 };
 
-/// What a pixel's four visits of a lane take from it.
+/// Contributions of a lane's four visits to a pixel.
 template <class W>
 struct Taken {
     using F = typename W::F;
     Contribution<F> visit[4]; ///< alpha and weight 0 where the pixel is full
     F behind;                 ///< transmittance behind the four
-    F product;                ///< of 1 - alpha, where none is left out
+    F product;                ///< product of 1 - alpha, if none is left out
 };
 
 /// The formulas of splat/blend.hpp for four visits of each of four lanes at once.
@@ -103,8 +103,9 @@ struct WarpBlend {
 
     RYE_DEVICE explicit WarpBlend(const A& a) : one_visit(a), least(least_exponent(a)) {}
 
-    /// The visits v at row `row`, of transmittance t in front of all sixteen. That in front of each
-    /// lane's four is a scan of the products of 1 - alpha; along them it is taken one by one.
+    /// Returns the contributions of visits v in row `row`, given the transmittance t in front of
+    /// all sixteen. The transmittance in front of each lane's four is a scan of the products of
+    /// 1 - alpha; within the four it is computed one by one.
     RYE_DEVICE Taken<W> take(const Visits<W, A>& v, int row, const F& t) const {
         Taken<W> r;
         Coverage<F> given[4];
@@ -121,8 +122,8 @@ struct WarpBlend {
         return r;
     }
 
-    /// The transmittance behind all of them, t being in front. Transmittance never rises: of a
-    /// pixel that got full in a lane, those of the lanes after it take nothing.
+    /// Returns the transmittance behind all visits, t being in front. Transmittance never rises: if
+    /// a pixel got full in a lane, the visits of later lanes take nothing.
     RYE_DEVICE F behind(const Taken<W>& r, const F& t) const {
         if constexpr (A::stop_rule == Stop::never) {
             return W::template of_quad<3>(r.behind);
@@ -141,10 +142,10 @@ template <class W>
 struct StripPixels {
     using F = typename W::F;
     using U = typename W::U;
-    int left, top;     ///< of the strip [px]
-    int width, height; ///< of the image [px]
-    F x;               ///< of the lane's column, from the tile's centre [px]
-    float y;           ///< of the middle row, likewise
+    int left, top;     ///< strip's corner [px]
+    int width, height; ///< image's extent [px]
+    F x;               ///< lane's column, from the tile's centre [px]
+    float y;           ///< middle row, from the tile's centre [px]
 
     RYE_DEVICE StripPixels(std::uint32_t tile, std::uint32_t columns, int w, int image_width,
                            int image_height)
@@ -155,7 +156,8 @@ struct StripPixels {
           x(F(static_cast<float>(w % 2 * strip_edge) - 7.5F) + W::number(W::lane() / U(4))),
           y(static_cast<float>(w / 2 * strip_edge) - 4.0F) {}
 
-    /// Whether a pixel is in the image: that of the lane's column and row j, or of another column.
+    /// Returns true where a pixel is in the image: that of the lane's column and row j, or of
+    /// another column.
     RYE_DEVICE auto inside(const U& column, const U& j) const {
         return (column < U(static_cast<std::uint32_t>(rye::max(width - left, 0)))) &&
                (j < U(static_cast<std::uint32_t>(rye::max(height - top, 0))));
@@ -171,8 +173,8 @@ struct StripPixels {
     RYE_DEVICE U pixel(const U& j) const { return pixel(W::lane() / U(4), j); }
 };
 
-/// x of quad lane k in rows 2 k and 2 k + 1: of eight rows that all four lanes have, the two that
-/// each writes.
+/// Returns x of quad lane k in rows 2 k and 2 k + 1: of eight rows that all four lanes have, the
+/// two that each writes.
 template <class W, class V>
 RYE_DEVICE Array<V, 2> own_rows(const V (&x)[8]) {
     const auto q = W::lane() % typename W::U(4);

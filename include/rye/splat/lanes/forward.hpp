@@ -10,7 +10,7 @@
 
 namespace rye {
 
-/// The vectors of a strip: transmittance, what the outputs ask for, sums of C channels.
+/// Places of a strip's vectors: transmittance, those of the outputs, sums of C channels.
 template <Outputs O, int C>
 struct LaneState {
     static constexpr int depth = 1;
@@ -27,15 +27,15 @@ struct LaneCanvas : Workspaces::Space {
     static constexpr int most = LaneGroup<V>::most;
 
     LaneGroup<V> group;
-    AlignedArray<T> state;   ///< of each strip, the vectors that LaneState numbers
-    // Of many channels:
+    AlignedArray<T> state;   ///< [strips] the vectors that LaneState numbers
+    // For many channels:
     AlignedArray<T> sums;    ///< a row a pixel
-    AlignedArray<T> feature; ///< of the group
-    alignas(64) T weight[std::size_t(most)][V::size];         ///< of a strip's visits
+    AlignedArray<T> feature; ///< features of the group
+    alignas(64) T weight[std::size_t(most)][V::size];         ///< weights of a strip's visits
     std::uint8_t of[std::size_t(most)];                       ///< their entries
 };
 
-/// A strip's visits: their weights, and the entries that they are of.
+/// A strip's visits: their weights and entries.
 template <class V>
 struct StripVisits {
     const typename V::value_type (*weight)[V::size];
@@ -75,7 +75,7 @@ void blend_channels(const StripVisits<V>& visits, const typename V::value_type* 
     }
 }
 
-/// The product of matrices of a strip's visits.
+/// Adds the product of matrices of a strip's visits.
 template <class V>
 void blend_features(int strip, int visits, Index stride, LaneCanvas<V>& canvas) {
     constexpr int lanes = static_cast<int>(V::size);
@@ -92,7 +92,7 @@ void blend_features(int strip, int visits, Index stride, LaneCanvas<V>& canvas) 
 }
 
 /// Blends a group's visits of a strip. C few channels, or any number for C = 0. `first` is the
-/// group's first entry, counted from the tile's. Returns whether the strip can still take a
+/// group's first entry, counted from the tile's. Returns true if the strip can still take a
 /// contribution.
 template <class V, int C, class A>
 bool blend_strip(const LaneBlend<A, V>& blend, int strip, [[maybe_unused]] Index first,
@@ -129,7 +129,7 @@ bool blend_strip(const LaneBlend<A, V>& blend, int strip, [[maybe_unused]] Index
     return blend.any_open(state[0]);
 }
 
-/// Tiles [first, last) of one row of tiles, which hold no Gaussian, row of pixels by row.
+/// Draws tiles [first, last) of one row of tiles, which hold no Gaussian, row of pixels by row.
 template <class T, Outputs O>
 void draw_background(const Scene<T>& scene, Index first, Index last, Raster<T, O>& out) {
     const Index channels = scene.channels(), n = scene.right(last - 1) - scene.left(first);

@@ -33,7 +33,7 @@ struct Strips {
     alignas(64) T x[std::size_t(sides * lanes)];  ///< pixel centres from the principal point [px],
                                               ///< by lane
     alignas(64) T y[tile_edge];          ///< the same, by row
-    int width, height;                   ///< of the part inside the image [px]
+    int width, height;                   ///< extent of the part inside the image [px]
     Index tile;
 
     Strips(const Scene<T>& scene, Index of)
@@ -45,7 +45,7 @@ struct Strips {
         for (int i = 0; i < tile_edge; ++i)
             y[i] = static_cast<T>(scene.top(tile) + i) + T(0.5) - scene.cy;
     }
-    /// Transmittance 1 where a pixel is drawn, else 0; a vector every `stride` numbers.
+    /// Sets transmittance to 1 where a pixel is drawn, else to 0; a vector every `stride` numbers.
     void start(const StripMask& drawn, T* transmittance, Index stride) const {
         for (int s = 0; s < count; ++s)
             for (int lane = 0; lane < lanes; ++lane)
@@ -55,7 +55,7 @@ struct Strips {
                         ? T(1)
                         : T(0);
     }
-    /// Of the strips of `drawn`, those with a pixel inside the image.
+    /// Returns the strips of `drawn` that have a pixel inside the image.
     StripMask inside(StripMask drawn) const {
         if (width < tile_edge || height < tile_edge)
             for (int s = 0; s < count; ++s)
@@ -63,10 +63,10 @@ struct Strips {
         drawn.keep(count);
         return drawn;
     }
-    /// Where a pixel of a tile is.
+    /// Returns a pixel's strip, or its lane, by its place in the tile [px].
     static int strip(int px, int py) { return px / wide * rows + py / high; }
     static int lane(int px, int py) { return px % wide * high + py % high; }
-    /// Where a strip is: its side, and its first row of pixels.
+    /// Returns a strip's side, or its first row of pixels.
     static constexpr int side(int strip) { return strip / rows; }
     static constexpr int row(int strip) { return strip % rows * high; }
 };
@@ -78,10 +78,10 @@ struct alignas(64) LaneEntry {
     using Tile = Strips<V>;
     T v[Tile::sides][Tile::lanes];         ///< v = this + down
     T exponent[Tile::sides][Tile::lanes];  ///< exponent = this - v^2
-    T down[tile_edge];                     ///< of each row
+    T down[tile_edge];                     ///< offset of each row
     static constexpr int few = 8;          ///< channels at most
     T cut, floor, depth;
-    T colour[few];                         ///< of a few channels
+    T colour[few];                         ///< a few channels
 };
 
 /// A group of a tile's entries, and which of them reach each strip.
@@ -91,12 +91,12 @@ struct LaneGroup {
     using Tile = Strips<V>;
     static constexpr int lanes = Tile::lanes;
     static constexpr int most = 64;      ///< entries
-    /// Entries that are best taken at once, unless sums of many channels go to memory and back with
-    /// each group.
+    /// Best number of entries to take at once, unless sums of many channels go to memory and back
+    /// with each group.
     static constexpr int usual = 32;
 
     LaneEntry<V> entry[most];
-    std::uint64_t reaching[Tile::count]; ///< of each strip: entries that reach it, a bit each
+    std::uint64_t reaching[Tile::count]; ///< [strips] entries that reach it, a bit each
 
     /// Takes entries [first, last), with the features of C few channels.
     template <int C>
@@ -119,7 +119,7 @@ struct LaneGroup {
     alignas(64) T x_[most], y_[most], ux_[most], vx_[most], vy_[most], lost_[most];
     alignas(64) T begin_[most], end_[most];      ///< rows of the tile
 
-    /// What strips share of an entry.
+    /// Computes the terms of an entry that all strips share.
     [[gnu::always_inline]] void share(const VisibleGaussian<T>& member, const Tile& tile, int top,
                                       int k) {
         const Splat<T>& s = member.splat;
@@ -141,9 +141,9 @@ struct LaneGroup {
         });
     }
 
-    /// Which strips entries k, k + 1, ... reach, an entry in each lane: those that meet what the
-    /// entry covers of their rows, where the exponent is not below the cut; and a bit more for the
-    /// rounding. In a row, u^2 + v^2 = s (dx - nearest)^2 + (ux down)^2 / s with s = ux^2 + vx^2.
+    /// Marks the strips that entries k, k + 1, ... reach, an entry in each lane: those that meet
+    /// the part of their rows where the exponent is not below the cut, and a bit more for rounding.
+    /// In a row, u^2 + v^2 = s (dx - nearest)^2 + (ux down)^2 / s with s = ux^2 + vx^2.
     void reach(const Tile& tile, int k) {
         const auto load = [k](const T* from) { return V::load_aligned(from + k); };
         const V cx = load(x_), cy = load(y_), a = load(ux_), b = load(vx_), c = load(vy_);
@@ -208,9 +208,9 @@ template <class A, class V>
 struct LaneBlend : Blend<A, V, LanePixels, LaneExp2<A::exp2_degree, typename V::value_type>> {
     using LaneBlend::Blend::Blend;
 
-    /// visit(k, entry, contribution) of each entry of the group that reaches a strip, from near to
-    /// far. One after another: several alphas side by side, or the first half of the next one, were
-    /// tried and cost more than they hide.
+    /// Calls visit(k, entry, contribution) for each entry of the group that reaches a strip, from
+    /// near to far. One after another: several alphas side by side, or the first half of the next
+    /// one, cost more than they hide.
     template <class F>
     [[gnu::always_inline]] void along(const LaneGroup<V>& group, int strip, V& transmittance,
                                       const F& visit) const {
@@ -227,7 +227,7 @@ struct LaneBlend : Blend<A, V, LanePixels, LaneExp2<A::exp2_degree, typename V::
         transmittance = t;
     }
 
-    /// Whether some pixel of a strip can still take a contribution.
+    /// Returns true if some pixel of a strip can still take a contribution.
     [[gnu::always_inline]] bool any_open(const V& transmittance) const {
         return any(this->open(transmittance));
     }

@@ -20,7 +20,7 @@ struct TangentInput {
     const A& accuracy;
 };
 
-/// Tangents of the screen numbers of a range of visible Gaussians.
+/// Computes the tangents of the screen numbers of a range of visible Gaussians.
 template <class V, class A>
 void project_tangents(const TangentInput<V, A>& moves,
                       const RasterTrace<typename V::value_type>& trace, ChunkRange r,
@@ -69,7 +69,7 @@ struct alignas(64) LaneEntryTangent {
     using T = typename V::value_type;
     using Tile = Strips<V>;
     T v[Tile::sides][Tile::lanes];         ///< tangent of v = this + down
-    T exponent[Tile::sides][Tile::lanes];  ///< of the exponent = this - 2 v (tangent of v)
+    T exponent[Tile::sides][Tile::lanes];  ///< tangent of the exponent = this - 2 v (tangent of v)
     T down[tile_edge];
     T floor, depth;
     T colour[std::size_t(LaneEntry<V>::few)];
@@ -81,10 +81,10 @@ struct LaneTangentCanvas : Workspaces::Space {
     using T = typename V::value_type;
     LaneGroup<V> group;
     LaneEntryTangent<V> tangent[std::size_t(LaneGroup<V>::usual)];
-    /// Of each strip: transmittance and its tangent, depth and its, and of each of a few channels
-    /// the sum and its tangent; a vector each.
+    /// [strips] Transmittance and its tangent, depth and its tangent, and for each of a few
+    /// channels the sum and its tangent; a vector each.
     AlignedArray<T> state;
-    // Of many channels: rows of sums and of their tangents, a pixel each; the group's features and
+    // For many channels: rows of sums and of their tangents, a pixel each; the group's features and
     // their tangents; a strip's visits.
     AlignedArray<T> sums, sum_tangents, feature, feature_tangent;
     alignas(64) T weight[std::size_t(LaneGroup<V>::usual)][V::size];
@@ -92,16 +92,16 @@ struct LaneTangentCanvas : Workspaces::Space {
     std::uint8_t of[std::size_t(LaneGroup<V>::usual)];
 };
 
-/// What a walk for tangents reads.
+/// Inputs of a walk for tangents.
 template <class T>
 struct TangentScene {
     const Scene<T>& scene;
-    const SplatTangent<T>* splats;         ///< of each visible Gaussian
+    const SplatTangent<T>* splats;         ///< [visible Gaussians]
     const Columns<T>* feature;             ///< C x N, or null
     T cx, cy;                              ///< tangents of the principal point
 };
 
-/// Tangents of what strips share of an entry.
+/// Computes the tangents of the terms of an entry that all strips share.
 template <class V>
 void share_tangent(const Splat<typename V::value_type>& s,
                    const SplatTangent<typename V::value_type>& d,

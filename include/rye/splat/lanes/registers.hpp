@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/lanes/registers.hpp: what the tuned walks share: loops over registers, sums of lanes,
-/// and asking for memory ahead of time.
+/// rye/splat/lanes/registers.hpp: parts of all tuned walks: loops over registers, sums of lanes,
+/// and prefetches.
 #pragma once
 
 #include <algorithm>
@@ -18,7 +18,8 @@
 
 namespace rye {
 
-/// f(0) ... f(N - 1) with constant arguments, so that arrays indexed by them stay in registers.
+/// Calls f(0) ... f(N - 1) with constant arguments, so that arrays indexed by them stay in
+/// registers.
 template <int N, class F>
 [[gnu::always_inline]] inline void unrolled(F&& f) {
     [&]<int... I>(std::integer_sequence<int, I...>) __attribute__((always_inline)) {
@@ -33,14 +34,14 @@ struct Bundle {
     std::array<V, std::size_t(N)> x;
 
     Bundle() = default;
-    /// All N alike.
+    /// Sets all N alike.
     template <class S>
         requires std::is_arithmetic_v<S>
     explicit Bundle(S s) {
         x.fill(V(static_cast<typename V::value_type>(s)));
     }
 
-    /// f of each batch and the one beside it in `other`.
+    /// Returns f of each batch and of its counterpart in `other`.
     template <class F>
     [[gnu::always_inline]] Bundle each(const Bundle& other, const F& f) const {
         Bundle r;
@@ -67,12 +68,12 @@ struct RealOf<Bundle<V, N>> {
     using type = typename V::value_type;
 };
 
-/// Whether lanes can be filled with a pair of numbers, over and over, by one instruction.
+/// True if one instruction fills the lanes with a pair of numbers, over and over.
 template <class V>
 concept LoadsPairs = std::is_same_v<typename V::value_type, float> &&
                      2 * LanesLike<V, double>::type::size == V::size;
 
-/// n numbers over and over; n is 1, or 2 where pairs can be loaded.
+/// Returns n numbers over and over; n is 1, or 2 where pairs can be loaded.
 template <int n, class V>
 [[gnu::always_inline]] inline V repeat(const typename V::value_type* numbers) {
     if constexpr (n == 1) {
@@ -84,14 +85,14 @@ template <int n, class V>
     }
 }
 
-/// i, as a number the compiler knows nothing about: loads at it stay loads. A compiler that turns
-/// loads of several lanes into one gather makes them slower.
+/// Returns i, as a number the compiler knows nothing about: loads at it stay loads. A compiler that
+/// turns loads of several lanes into one gather makes them slower.
 [[gnu::always_inline]] inline Index opaque(Index i) {
     asm("" : "+r"(i));
     return i;
 }
 
-/// Sum of a batch's lanes; the library renamed it.
+/// Returns the sum of a batch's lanes; the library renamed it.
 template <class V>
 typename V::value_type lane_sum(const V& x) {
     if constexpr (requires { reduce_add(x); })
@@ -100,7 +101,7 @@ typename V::value_type lane_sum(const V& x) {
         return hadd(x);
 }
 
-/// The sums of eight batches' lanes, into eight numbers at `to`.
+/// Writes the sums of eight batches' lanes to the eight numbers at `to`.
 template <class V>
 [[gnu::always_inline]] inline void lane_sums(const std::array<V, 8>& x,
                                              typename V::value_type* to) {
@@ -134,15 +135,15 @@ template <class T>
     }
 }
 
-/// Channels in whole vectors.
+/// Returns channels in whole vectors.
 template <class V>
 constexpr Index padded_channels(Index channels) {
     constexpr Index lanes = static_cast<Index>(V::size);
     return (channels + lanes - 1) / lanes * lanes;
 }
 
-/// The features of entries [begin, end), a row of `stride` each, of whole vectors or not, with
-/// zeros behind the channels.
+/// Copies the features of entries [begin, end) to rows of `stride` numbers, whole vectors or not,
+/// with zeros behind the channels.
 template <class V>
 void copy_features(const Scene<typename V::value_type>& scene, Index begin, Index end,
                    Index stride, typename V::value_type* to) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/splat/lanes/stage.hpp: the per-Gaussian formulas with a Gaussian in each lane. The formulas
-/// are those of gaussian/project.hpp, instantiated on batches; here is only how lanes are filled.
+/// are those of gaussian/project.hpp, instantiated on batches; this file only fills the lanes.
 #pragma once
 
 #include <rye/splat/lanes/registers.hpp>
@@ -42,7 +42,7 @@ struct LaneShapes {
                 Vec3<V>(in[7], in[8], in[9])};
     }
     V opacity() const { return in[10]; }
-    /// 1 where the numbers are finite, else 0.
+    /// Returns 1 where the numbers are finite, else 0.
     V usable() const {
         const V zero(T(0));
         V sum = in[0] * zero;                                // 0, or NaN
@@ -51,7 +51,7 @@ struct LaneShapes {
     }
 };
 
-/// Whether n numbers are finite.
+/// Returns true if n numbers are finite.
 template <class V>
 bool finite_numbers(const typename V::value_type* x, Index n) {
     using T = typename V::value_type;
@@ -98,7 +98,7 @@ void project_range_lanes(const SplatInput<A, typename V::value_type, NoDistortio
         visible.set(0, select(seen, V(T(1)), zero));
         const Cover<A::support, V> cover{f, camera.width, camera.height};
         const PixelInterval<V> rows = cover.row_range();
-        LaneBlock<V, 2 + 2 * TileRows::most> range;    // of pixels: rows, then columns
+        LaneBlock<V, 2 + 2 * TileRows::most> range;    // range of pixels: rows, then columns
         range.set(0, rows.begin);
         range.set(1, rows.end);
         const typename Cover<A::support, V>::Slabs slabs(cover);

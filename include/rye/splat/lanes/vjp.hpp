@@ -15,14 +15,14 @@
 
 namespace rye {
 
-/// What a group of entries leaves on the tape.
+/// A group of entries on the tape.
 template <class V>
 struct TapeGroup {
     using Tile = Strips<V>;
     static constexpr int words = (Tile::count + 63) / 64;
-    /// Of each entry its visits: a bit for each strip.
+    /// [entries] Visits of the entry: a bit for each strip.
     std::uint64_t strips[std::size_t(LaneGroup<V>::usual)][std::size_t(words)];
-    Index end[std::size_t(Tile::count)];  ///< of each strip: where its visits end
+    Index end[std::size_t(Tile::count)];  ///< [strips] end of the strip's visits
 };
 
 /// Memory of one thread's tiles.
@@ -35,19 +35,19 @@ struct LaneTape : Workspaces::Space {
     alignas(64) T transmittance[tile_pixels];
     alignas(64) T behind[tile_pixels], g_alpha[tile_pixels], g_depth[tile_pixels];
     std::vector<TapeGroup<V>> groups;
-    AlignedArray<T> steps;              ///< of each visit: alpha and transmittance, two vectors;
+    AlignedArray<T> steps;              ///< [visits] alpha and transmittance, two vectors;
                                         ///< group by group, strip by strip, from near to far
-    AlignedArray<T> cotangent;          ///< of each strip: a vector a channel, zeros behind them
-    // Of many channels, as many as a slot has features:
+    AlignedArray<T> cotangent;          ///< [strips] a vector a channel, zeros behind them
+    // For many channels, as many as a slot has features:
     AlignedArray<T> background;
-    AlignedArray<T> feature;            ///< of a group
-    // Of an entry's visits:
+    AlignedArray<T> feature;            ///< features of a group
+    // For an entry's visits:
     std::uint8_t strip[Tile::count + 8];
     alignas(64) T along[Tile::count][V::size];
     alignas(64) T weight[Tile::count][V::size];
 };
 
-/// Repeats the forward walk of a tile onto the tape; returns how many entries that took.
+/// Repeats the forward walk of a tile onto the tape; returns the number of entries that it took.
 template <class V, class A>
 Index record_tile(const Scene<typename V::value_type>& scene, const A& accuracy, Index tile,
                   const Strips<V>& strips, LaneTape<V>& tape) {
@@ -93,7 +93,7 @@ Index record_tile(const Scene<typename V::value_type>& scene, const A& accuracy,
 
 namespace detail {
 
-/// The places of the bits that are set in a byte, a byte each, from the first in memory on.
+/// Places of the bits that are set in a byte, a byte each, from the first in memory on.
 inline constexpr auto bit_places = [] {
     std::array<std::uint64_t, 256> table{};
     for (std::size_t byte = 0; byte < 256; ++byte) {
@@ -108,7 +108,8 @@ inline constexpr auto bit_places = [] {
 
 } // namespace detail
 
-/// The strips of an entry's visits, in order; up to seven numbers behind them are written too.
+/// Returns the strips of an entry's visits, in order; up to seven numbers behind them are written
+/// too.
 template <class V>
 int list_strips(const std::uint64_t* words, std::uint8_t* strip) {
     constexpr std::uint64_t every_byte = 0x0101010101010101U;
@@ -123,8 +124,8 @@ int list_strips(const std::uint64_t* words, std::uint8_t* strip) {
     return n;
 }
 
-/// <cotangent, colour> of a strip's pixels, for a few channels. One expression for entries and
-/// background, so that equal colours give equal sums.
+/// Returns <cotangent, colour> of a strip's pixels, for a few channels. One expression for entries
+/// and background, so that equal colours give equal sums.
 template <class V, int C>
 [[gnu::always_inline]] inline V along(const typename V::value_type* cotangent,
                                       const std::array<V, std::size_t(C)>& colour) {
@@ -142,8 +143,8 @@ struct VisitedStrips {
     Index count;
 };
 
-/// The same of many channels for several strips: to[i] of strip[i], eight channels at a time, whose
-/// colours stay in registers.
+/// Does the same for many channels and several strips: to[i] is that of strip[i]. Eight channels at
+/// a time, whose colours stay in registers.
 template <class V>
 void along_strips(const typename V::value_type* cotangent, VisitedStrips visited,
                   const typename V::value_type* colour, Index stride,
@@ -167,7 +168,8 @@ void along_strips(const typename V::value_type* cotangent, VisitedStrips visited
     }
 }
 
-/// The cotangents of a tile's pixels, strip by strip, and that of the background seen through it.
+/// Loads the cotangents of a tile's pixels, strip by strip, and that of the background seen through
+/// it.
 template <class V, int C>
 void load_cotangents(const Scene<typename V::value_type>& scene,
                      const RasterCotangent<typename V::value_type>& g, const Strips<V>& strips,
@@ -212,8 +214,8 @@ void load_cotangents(const Scene<typename V::value_type>& scene,
     }
 }
 
-/// One entry of the reverse walk, into its slot. C few channels, or any number for C = 0; only
-/// `Extra` if alpha or depth has a cotangent.
+/// The reverse walk of one entry, into its slot. C few channels, or any number for C = 0; `Extra`
+/// only if alpha or depth has a cotangent.
 template <class V, int C, bool Extra, class A>
 struct LaneReverse {
     using T = typename V::value_type;
@@ -225,15 +227,15 @@ struct LaneReverse {
     Index stride;
     LaneBlend<A, V> blend;
     const T* cotangent;
-    const T* visits_end[Tile::count];    ///< of each strip: where its visits on the tape end
+    const T* visits_end[Tile::count];    ///< [strips] end of the strip's visits on the tape
 
-    /// Before the last entry of a group.
+    /// Starts a group; to be called before its last entry.
     void start(const TapeGroup<V>& group) {
         for (int s = 0; s < Tile::count; ++s)
             visits_end[s] = tape.steps.data() + group.end[s] * (2 * lanes);
     }
 
-    /// An entry of `visits`, whose strips are on the tape.
+    /// Walks an entry of `visits` visits, whose strips are on the tape.
     void operator()(const Splat<T>& s, int visits, const T* feature, T* slot) {
         const V zero(T(0));
         const std::uint8_t* const strip = tape.strip;
@@ -303,7 +305,7 @@ struct LaneReverse {
     }
 
   private:
-    /// Sums of weight times cotangent, eight channels at a time.
+    /// Adds the sums of weight times cotangent, eight channels at a time.
     void gather_features(const std::uint8_t* strip, Index visits, T* to) {
         for (Index c = 0; c < stride; c += 8) {
             std::array<V, 8> sum;
@@ -331,7 +333,7 @@ template <class T>
             __builtin_prefetch(slots[scene.slot(k)] + c, 1);
 }
 
-/// Gradients of one tile's pixels, into the slots of its entries.
+/// Adds the gradients of one tile's pixels to the slots of its entries.
 template <class V, int C, bool Extra, class A>
 void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& accuracy,
                           const TileCotangent<typename V::value_type>& cotangent,
@@ -356,7 +358,7 @@ void blend_tile_vjp_lanes(const Scene<typename V::value_type>& scene, const A& a
 
     LaneReverse<V, C, Extra, A> reverse{
         strips, tape, stride, LaneBlend<A, V>(accuracy), tape.cotangent.data(), {}};
-    const bool copied = C == 0 && stride != channels;    // where channels do not fill vectors
+    const bool copied = C == 0 && stride != channels;    // if channels do not fill vectors
     T* const feature = tape.feature.reserve(copied ? most * stride : 1);
     for (Index group = last; group >= 0; group -= most) {
         const Index end = std::min(entries, group + most);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/plain/kernels.hpp: what Rasterizer runs on a backend's threads, and its choice by the
-/// backend's type. Here are the plain loops, for any scalar; splat/lanes.hpp adds the lanes'.
+/// rye/splat/plain/kernels.hpp: the kernels of Rasterizer on a backend's threads, chosen by the
+/// backend's type. Here are the plain loops, for any scalar; splat/lanes.hpp adds those of lanes.
 #pragma once
 
 #include <vector>
@@ -31,7 +31,7 @@ struct PlainSplatKernels {
         std::vector<PixelContribution<T>> hits;
         for (Index t = r.begin; t < r.end; ++t) blend_tile_vjp(scene, accuracy, {g, t}, s, hits);
     }
-    /// Gradients of Gaussians from their slots.
+    /// Computes the gradients of Gaussians from their slots.
     template <class A, Distortion D>
     static void project_vjp(const SplatInput<A, T, D>& in, const RasterTrace<T>& trace,
                             ChunkRange r, RasterScratch<T>& s, Gaussians<T>& out) {

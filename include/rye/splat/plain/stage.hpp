@@ -10,7 +10,7 @@
 
 namespace rye {
 
-/// Whether every number that is read of a Gaussian is finite.
+/// Returns true if every number that is read of a Gaussian is finite.
 template <class T>
 bool usable(const GaussianView<T>& g, Index i) {
     int bad = 0;
@@ -28,7 +28,8 @@ bool usable(const GaussianView<T>& g, Index i) {
     return bad == 0;
 }
 
-/// Columns of fixed length; the compiler must not see a loop over a length it does not know.
+/// Returns the shape of Gaussian i. Reads columns of fixed length, so that the compiler sees no
+/// loop over a length it does not know.
 template <class T>
 Shape<T> load_shape(const GaussianView<T>& g, Index i) {
     return {Eigen::Map<const Vec3<T>>(g.mean(i)), Eigen::Map<const Quat<T>>(g.rotation(i)),
@@ -78,7 +79,7 @@ void project_range(const SplatInput<A, T, D>& in, ChunkRange r, RasterScratch<T>
     }
 }
 
-/// Gradients of a range of Gaussians, from slots to world.
+/// Computes the gradients of a range of Gaussians, from slots to world.
 template <class A, class T, Distortion D>
 void project_vjp_range(const SplatInput<A, T, D>& in,
                        const std::type_identity_t<TracedSlots<T>>& traced, ChunkRange r,

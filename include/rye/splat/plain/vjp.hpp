@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/splat/plain/vjp.hpp: the reverse pixel walk: each pixel's contributions are found as on the
-/// way there, then walked from far to near by the step of splat/blend.hpp.
+/// rye/splat/plain/vjp.hpp: the reverse pixel walk: each pixel's contributions are found as in the
+/// forward walk, then walked from far to near by the step of splat/blend.hpp.
 #pragma once
 
 #include <rye/splat/plain/forward.hpp>
@@ -8,7 +8,7 @@
 namespace rye {
 
 /// Adds the gradients of one tile's pixels to the slots of its entries, in the order of pixels.
-/// Slots may be of a wider type S than what is added to them.
+/// Adds the gradients of one tile's pixels to slots, which may be of a wider type S.
 template <class A, class T, class S>
 void blend_tile_vjp(const Scene<T>& scene, const A& accuracy,
                     const std::type_identity_t<TileCotangent<T>>& cotangent,

@@ -83,10 +83,8 @@ class DeviceAvatarTrainer {
     Index add(const CudaQueue& queue, const TrainingView& view, const Drivers<float, E>& drivers) {
         if constexpr (has_effect<E, ReadsHeadPose>)
             require(view.frame >= -1 && view.frame < avatar_.shapes().delta_pose.cols(),
-                    "DeviceAvatarTrainer",
-                    "view " + std::to_string(views_.count()) + ": frame is " +
-                        std::to_string(view.frame) + ", expected -1 to " +
-                        std::to_string(avatar_.shapes().delta_pose.cols() - 1));
+                    "DeviceAvatarTrainer", "view ", views_.count(), ": frame is ", view.frame,
+                    ", expected -1 to ", avatar_.shapes().delta_pose.cols() - 1);
         return views_.add(queue, view, avatar_.driver_places().packed(drivers, view.frame));
     }
 
@@ -103,9 +101,8 @@ class DeviceAvatarTrainer {
                 launch(queue, draws[i], static_cast<Index>(draws.size()));
             device_.fetch(queue, &here_, state_.data(), sizeof here_);
             if (here_.control.stop == 0) break;
-            require(waited < most_waits, "DeviceAvatarTrainer",
-                    "room for lists was made " + std::to_string(most_waits) +
-                        " times for one run of steps, expected fewer");
+            require(waited < most_waits, "DeviceAvatarTrainer", "room for lists was made ",
+                    most_waits, " times for one run of steps, expected fewer");
             make_room();
         }
         steps_ += here_.taken;
@@ -166,9 +163,8 @@ class DeviceAvatarTrainer {
     void send_rows(const CudaQueue& queue, const std::vector<StepDraw>& draws) {
         std::vector<DeviceStepRow> rows;
         for (const StepDraw& d : draws) {
-            require(d.view >= 0 && d.view < views_.count(), "DeviceAvatarTrainer",
-                    "step " + std::to_string(rows.size()) + " shows view " +
-                        std::to_string(d.view) + ", there are " + std::to_string(views_.count()));
+            require(d.view >= 0 && d.view < views_.count(), "DeviceAvatarTrainer", "step ",
+                    rows.size(), " shows view ", d.view, ", there are ", views_.count());
             rows.push_back({d.view, d.rate, d.scale, {d.blank[0], d.blank[1], d.blank[2]}});
         }
         if (rows.size() > rows_.size()) graphs_.forget(); // they read rows where they lay

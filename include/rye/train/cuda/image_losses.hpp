@@ -259,9 +259,8 @@ class DeviceImageLosses {
             require_picture(who, "its gradient", g.eyes_high, 3, t.width, t.height);
         }
         const auto render = [&](const char* what, Index cols) {
-            require(cols == s.pixels.cols, who,
-                    std::string(what) + " has " + std::to_string(cols) + " pixels, expected " +
-                        std::to_string(s.pixels.cols));
+            require(cols == s.pixels.cols, who, what, " has ", cols, " pixels, expected ",
+                    s.pixels.cols);
         };
         render("final render", p.final.cols);
         render("render of the face", p.face.cols);
@@ -269,10 +268,8 @@ class DeviceImageLosses {
         require(images.scale == nullptr ||
                     (s.width > 0 && s.height > 0 && t.width % s.width == 0 &&
                      t.height / s.height == t.width / s.width && t.height % s.height == 0),
-                who,
-                "truth of " + std::to_string(t.width) + " x " + std::to_string(t.height) +
-                    " is no multiple of the render's " + std::to_string(s.width) + " x " +
-                    std::to_string(s.height) + ", as a random scale needs");
+                who, "truth of ", t.width, " x ", t.height, " is no multiple of the render's ",
+                s.width, " x ", s.height, ", as a random scale needs");
     }
 
     Device device_;

@@ -72,8 +72,7 @@ class DeviceViews {
   public:
     /// `factor`: how many times the picture is as large as the render.
     DeviceViews(const Device& device, int factor) : device_(device), factor_(factor) {
-        require(factor >= 1, "DeviceViews",
-                "factor is " + std::to_string(factor) + ", expected 1 or more");
+        require(factor >= 1, "DeviceViews", "factor is ", factor, ", expected 1 or more");
     }
 
     /// Takes a view and what drives its frame (packed by DriverPlaces); returns its number. Waits.
@@ -165,30 +164,25 @@ class DeviceViews {
         const char* const who = "DeviceViews";
         const std::string number = "view " + std::to_string(count());
         const auto side = [&](const char* name, int got, int first) {
-            require(got > 0 && got % factor_ == 0, who,
-                    number + ": " + name + " is " + std::to_string(got) +
-                        ", expected a positive multiple of " + std::to_string(factor_));
-            require(count() == 0 || got == first, who,
-                    number + ": " + name + " is " + std::to_string(got) +
-                        ", expected the first view's, " + std::to_string(first));
+            require(got > 0 && got % factor_ == 0, who, number, ": ", name, " is ", got,
+                    ", expected a positive multiple of ", factor_);
+            require(count() == 0 || got == first, who, number, ": ", name, " is ", got,
+                    ", expected the first view's, ", first);
         };
         side("width", v.width, width_);
         side("height", v.height, height_);
         const std::size_t pixels =
             static_cast<std::size_t>(v.width) * static_cast<std::size_t>(v.height);
         const auto sized = [&](const char* name, std::size_t got, std::size_t want) {
-            require(got == want, who,
-                    number + ": " + name + " has " + std::to_string(got) + " bytes, expected " +
-                        std::to_string(want));
+            require(got == want, who, number, ": ", name, " has ", got, " bytes, expected ", want);
         };
         sized("rgb", v.rgb.size(), 3 * pixels);
         sized("mask", v.mask.size(), pixels);
         sized("visible", v.visible.size(), pixels);
         sized("eyes", v.eyes.size(), pixels);
         require(v.camera.width * factor_ == v.width && v.camera.height * factor_ == v.height, who,
-                number + ": its camera has " + std::to_string(v.camera.width) + " x " +
-                    std::to_string(v.camera.height) + " pixels, expected " +
-                    std::to_string(v.width / factor_) + " x " + std::to_string(v.height / factor_));
+                number, ": its camera has ", v.camera.width, " x ", v.camera.height,
+                " pixels, expected ", v.width / factor_, " x ", v.height / factor_);
         width_ = v.width;
         height_ = v.height;
     }
