@@ -96,6 +96,7 @@
 #include <rye/loss/ssim.hpp>
 #include <rye/math/exponential.hpp>
 #include <rye/math/harmonics.hpp>
+#include <rye/math/levenberg.hpp>
 #include <rye/math/linalg.hpp>
 #include <rye/math/rotation.hpp>
 #include <rye/math/scalar.hpp>
@@ -159,6 +160,7 @@
 #include <rye/train/density.hpp>
 #include <rye/train/initialize.hpp>
 #include <rye/train/probe.hpp>
+#include <rye/train/refine_labels.hpp>
 #include <rye/train/samples.hpp>
 #include <rye/train/settings.hpp>
 #include <rye/train/stage_mesh.hpp>

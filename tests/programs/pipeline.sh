@@ -89,6 +89,19 @@ grep -q "avatar.eyes.kappa" one/checkpoint.safetensors && fail "a kappa that nob
 "$rye" info cap --effects --run sight1 > variant.txt
 grep -q "yes  kappa" variant.txt || { cat variant.txt; fail "its kappa is not called for"; }
 
+# Labels by the run's pictures: a capture that the program takes, with other labels in training frames.
+for threads in 1 2; do
+    "$rye" refine one --capture cap --out refined$threads --steps 2 --expression none \
+        --threads $threads > refined.txt
+    "$rye" info refined$threads > info.txt || { cat info.txt; fail "rye refine writes no capture"; }
+done
+grep -q "^10 unknowns a frame" refined.txt || { cat refined.txt; fail "rye refine says little"; }
+for frame in cap/params/*; do
+    same "refined1/${frame#cap/}/params.npz" "refined2/${frame#cap/}/params.npz"
+    same "refined1/${frame#cap/}/gaze.npz" "refined2/${frame#cap/}/gaze.npz"
+done
+refuses "exists already" "$rye" refine one --capture cap --out refined1
+
 "$rye" export --run one --ply head.ply
 "$rye" export --run one --ply canonical.ply --canonical --sh 3
 "$rye" render head.ply --eye 0,0,-10 --target 0,0,0 --up 0,-1,0 --fov 18 --size 64x64 \

@@ -9,6 +9,7 @@ void add_commands(CLI::App& app) {
     add_flaw(app);
     add_info(app);
     add_train(app);
+    add_refine(app);
     add_redirect(app);
     add_evaluate(app);
     add_compare(app);

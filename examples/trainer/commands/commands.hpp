@@ -16,6 +16,7 @@ void add_import(CLI::App& app);
 void add_flaw(CLI::App& app);
 void add_info(CLI::App& app);
 void add_train(CLI::App& app);
+void add_refine(CLI::App& app);
 void add_redirect(CLI::App& app);
 void add_evaluate(CLI::App& app);
 void add_compare(CLI::App& app);

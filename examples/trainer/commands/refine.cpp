@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: Apache-2.0
+/// `rye refine`: a capture whose labels are corrected by its photographs and a trained avatar.
+#include <cmath>
+#include <cstdio>
+#include <memory>
+
+#include <CLI/CLI.hpp>
+
+#include "commands/commands.hpp"
+#include "commands/options.hpp"
+#include "data/samples.hpp"
+#include "data/threads.hpp"
+#include "data/validate.hpp"
+#include "training/refine.hpp"
+
+namespace rye::trainer {
+namespace {
+
+constexpr double degree = 0.017453292519943295;
+
+struct RefineCommand {
+    std::filesystem::path run, capture, out;
+    std::string frames = "train", expression = "active";
+    double gaze_sigma = 4, rotation_sigma = 1; ///< [deg]
+    bool no_gaze = false, no_pose = false, keep_points = false;
+    int threads = 0;
+    RefineOptions options;
+};
+
+/// Root mean square of some of the unknowns.
+double rms(const VecX<double>& v) {
+    return v.size() == 0 ? 0 : std::sqrt(v.squaredNorm() / static_cast<double>(v.size()));
+}
+
+void print_head(const LabelUnknowns& u) {
+    std::printf("%td unknowns a frame: gaze %td, head pose %td, expression %zu\n", u.count(),
+                u.gaze_count(), u.pose_count(), u.expression.size());
+    std::printf("%-12s %8s %8s %6s %9s %9s %9s %9s\n%-12s %8s %8s %6s %9s %9s %9s %9s\n", "frame",
+                "residual", "refined", "steps", "gaze", "sigma", "rotation", "transl.", "", "[1/255]",
+                "[1/255]", "", "[deg]", "[deg]", "[deg]", "[unit]");
+}
+
+void print_frame(const Capture& capture, const LabelUnknowns& u, const RefinedFrame& f) {
+    const RefinedLabels& r = f.found;
+    const Index g = u.gaze_count(), p = u.pose_count() / 2;
+    std::printf("%-12s %8.2f %8.2f %6d %9.2f %9.2f %9.2f %9.4f%s\n",
+                capture.frames[static_cast<std::size_t>(f.frame)].id.c_str(),
+                255 * r.first_residual, 255 * r.residual, r.steps, rms(r.change.head(g)) / degree,
+                rms(r.sigma.head(g)) / degree, rms(r.change.segment(g, p)) / degree,
+                rms(r.change.segment(g + p, p)), r.settled ? "" : "  not settled");
+    std::fflush(stdout);
+}
+
+void refine(RefineCommand o) {
+    set_threads(o.threads);
+    const TrainState state = load_trained(o.run);
+    const Capture capture =
+        read_valid_capture(capture_folder(o.run, state, o.capture, "refining"));
+    check_new_capture(capture.folder, o.out);
+    require_same_subject(state, capture);
+    require(capture.has_gaze(), capture.folder.string(),
+            "a frame has no params/<frame>/gaze.npz, expected a gaze to begin from");
+    require_gazes(capture, state.config.gaze_axis);
+    LabelUnknowns& u = o.options.unknowns;
+    u.gaze = !o.no_gaze;
+    u.pose = !o.no_pose;
+    u.gaze_sigma = o.gaze_sigma * degree;
+    u.rotation_sigma = o.rotation_sigma * degree;
+    o.options.expression = o.expression == "none"  ? RefinedExpression::none
+                           : o.expression == "all" ? RefinedExpression::all
+                                                   : RefinedExpression::active;
+    std::vector<int> frames = capture.train;
+    if (o.frames == "all") {
+        frames.clear();
+        for (int f = 0; f < capture.frame_count(); ++f) frames.push_back(f);
+    }
+    LabelUnknowns listed = u;
+    listed.expression = refined_coefficients(capture, o.options.expression);
+    require(listed.count() > 0, "rye refine",
+            "--no-gaze, --no-pose and no expression leave nothing to refine");
+    const PlayableAvatar<float> avatar = refined_avatar(state, capture);
+    print_head(listed);
+    const RefinedCapture refined =
+        refine_capture(avatar, state.config.gaze_axis, capture, frames, o.options,
+                       [&](const RefinedFrame& f) { print_frame(capture, listed, f); });
+    nlohmann::ordered_json record = {{"run", o.run.string()},
+                                     {"capture", capture.folder.string()},
+                                     {"step", state.step}};
+    record.update(refine_record(refined, capture, o.options));
+    write_changed_capture(capture.folder, o.out, label_changes(refined, capture),
+                          o.keep_points ? HeadPoints::kept : HeadPoints::moved,
+                          {{"refine.json", record}});
+    const VecX<double>& mean = refined.mean;
+    if (u.gaze)
+        std::printf("mean change taken off the gazes: left %.2f, %.2f, right %.2f, %.2f deg of "
+                    "pitch and yaw\n",
+                    mean[0] / degree, mean[1] / degree, mean[2] / degree, mean[3] / degree);
+    for (const RefinedFrame& f : refined.frames)
+        if (f.outlier)
+            std::printf("frame %s: its residual of %.2f/255 is far from the others': look at its "
+                        "photographs\n",
+                        capture.frames[static_cast<std::size_t>(f.frame)].id.c_str(),
+                        255 * f.found.residual);
+    std::printf("%s\n%s\n", o.out.string().c_str(), (o.out / "refine.json").string().c_str());
+}
+
+} // namespace
+
+void add_refine(CLI::App& app) {
+    auto o = std::make_shared<RefineCommand>();
+    CLI::App* c = app.add_subcommand(
+        "refine", "Correct a capture's gazes, head poses and expressions by a trained run");
+    c->add_option("run", o->run, "Folder of the run")
+        ->required()
+        ->check(folder_check("the folder of a run with its checkpoint"));
+    c->add_option("--capture", o->capture, "Folder of the capture (default: the one trained on)")
+        ->check(folder_check("the folder of a capture"));
+    c->add_option("--out", o->out, "Folder of the new capture")->required();
+    c->add_option("--frames", o->frames, "Frames that are refined; the others keep their labels")
+        ->check(CLI::IsMember({"train", "all"}))
+        ->capture_default_str();
+    c->add_option("--size", o->options.size, "Largest side of the pictures that are compared [px]")
+        ->check(from_to(16, 4096))
+        ->capture_default_str();
+    c->add_flag("--no-gaze", o->no_gaze, "Gazes keep their labels");
+    c->add_flag("--no-pose", o->no_pose, "Head poses keep their labels");
+    c->add_option("--expression", o->expression,
+                  "Coefficients that are refined; active: those that differ between frames")
+        ->check(CLI::IsMember({"none", "active", "all"}))
+        ->capture_default_str();
+    c->add_option("--gaze-sigma", o->gaze_sigma, "How far off an angle of a gaze may be [deg]")
+        ->check(from_to(1e-6, 60.0))
+        ->capture_default_str();
+    c->add_option("--rotation-sigma", o->rotation_sigma,
+                  "How far off an angle of the head may be [deg]")
+        ->check(from_to(1e-6, 60.0))
+        ->capture_default_str();
+    c->add_option("--translation-sigma", o->options.unknowns.translation_sigma,
+                  "How far off a coordinate of the head may be [world units]")
+        ->check(from_to(1e-9, 1e9))
+        ->capture_default_str();
+    c->add_option("--expression-sigma", o->options.unknowns.expression_sigma,
+                  "How far off a coefficient may be")
+        ->check(from_to(1e-9, 1e9))
+        ->capture_default_str();
+    c->add_option("--steps", o->options.settings.levenberg.steps,
+                  "Most steps of a frame in each of two rounds")
+        ->check(from_to(1, 1000))
+        ->capture_default_str();
+    c->add_flag("--keep-gaze-mean", o->options.keep_gaze_mean,
+                "The mean change of the gazes stays; else it is left to the avatar's kappa");
+    c->add_flag("--keep-pose-mean", o->options.keep_pose_mean,
+                "The mean change of the head poses stays");
+    c->add_flag("--keep-points", o->keep_points,
+                "Landmarks, vertices and eyeball centres stay in the world; else they move with "
+                "the head");
+    add_memory(*c);
+    add_threads(*c, o->threads);
+    c->callback([o] { refine(*o); });
+}
+
+} // namespace rye::trainer

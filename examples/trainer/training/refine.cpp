@@ -1,0 +1,210 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/refine.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <rye/avatar/hold.hpp>
+
+#include "data/samples.hpp"
+#include "training/playable.hpp"
+#include "training/types.hpp"
+
+namespace rye::trainer {
+namespace {
+
+using Json = nlohmann::ordered_json;
+using Refiner = LabelRefiner<TrainBackend, float, TrainedEffects>;
+constexpr double degrees = 57.29577951308232;
+
+/// The mask, and the pixels up to `reach` beside it.
+Columns<float> widened(const Image<float>& mask, int reach) {
+    Columns<float> out(1, mask.size());
+    for (int y = 0; y < mask.height; ++y)
+        for (int x = 0; x < mask.width; ++x) {
+            float most = 0;
+            for (int v = std::max(0, y - reach); v <= std::min(mask.height - 1, y + reach); ++v)
+                for (int u = std::max(0, x - reach); u <= std::min(mask.width - 1, x + reach); ++u)
+                    most = std::max(most, mask.at(u, v)(0));
+            out(0, static_cast<Index>(y) * mask.width + x) = most;
+        }
+    return out;
+}
+
+/// A photograph, averaged over blocks, on white; what counts is the head and the pixels beside it.
+LabelView<float> label_view(const Capture& capture, int frame, int camera, int block) {
+    constexpr int beside = 2; // [px]
+    LabelView<float> v;
+    v.camera = reduced(capture.camera(frame, camera).cast<float>(), block);
+    const Image<float> mask = extended(capture.mask(frame, camera), block);
+    v.truth =
+        shrunk(on_background(extended(capture.image(frame, camera), block), mask, 1.0F), block)
+            .pixels;
+    const Image<float> visible = extended(capture.visible(frame, camera), block, Border::zero);
+    v.weight = widened(shrunk(mask, block), beside)
+                   .cwiseProduct(shrunk(visible, block).pixels);
+    return v;
+}
+
+double median(std::vector<double> v) {
+    const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
+    std::nth_element(v.begin(), middle, v.end());
+    return *middle;
+}
+
+/// Marks frames whose residual is above the median by three deviations and a quarter.
+void mark_outliers(std::vector<RefinedFrame>& frames) {
+    std::vector<double> residuals, apart;
+    for (const RefinedFrame& f : frames) residuals.push_back(f.found.residual);
+    const double middle = median(residuals);
+    for (const double r : residuals) apart.push_back(std::abs(r - middle));
+    const double far = std::max(0.25 * middle, 3 * 1.4826 * median(apart));
+    for (RefinedFrame& f : frames) f.outlier = f.found.residual > middle + far;
+}
+
+/// Takes the mean change off the frames: of gazes it is the avatar's kappa, of poses the head's
+/// frame. Outliers have no part in it. Of a single frame it would be all.
+VecX<double> take_mean(RefinedCapture& refined, const RefineOptions& options) {
+    const LabelUnknowns& u = refined.unknowns;
+    VecX<double> mean = VecX<double>::Zero(u.count());
+    int count = 0;
+    for (const RefinedFrame& f : refined.frames)
+        if (!f.outlier) mean += f.found.change, ++count;
+    if (count < 2) return VecX<double>::Zero(u.count());
+    mean /= count;
+    mean.tail(static_cast<Index>(u.expression.size())).setZero();
+    if (options.keep_gaze_mean) mean.head(u.gaze_count()).setZero();
+    if (options.keep_pose_mean) mean.segment(u.gaze_count(), u.pose_count()).setZero();
+    for (RefinedFrame& f : refined.frames) f.found.change -= mean;
+    return mean;
+}
+
+Json numbers(const VecX<double>& v, double unit) {
+    Json list = Json::array();
+    for (Index i = 0; i < v.size(); ++i) list.push_back(v[i] * unit);
+    return list;
+}
+
+/// The parts of a vector of unknowns, by name and in the units of people.
+Json parts_of(const LabelUnknowns& u, const VecX<double>& v) {
+    Json parts = Json::object();
+    if (u.gaze) {
+        parts["gaze_left"] = numbers(v.head(2), degrees);
+        parts["gaze_right"] = numbers(v.segment(2, 2), degrees);
+    }
+    if (u.pose) {
+        parts["rotation"] = numbers(v.segment(u.gaze_count(), 3), degrees);
+        parts["translation"] = numbers(v.segment(u.gaze_count() + 3, 3), 1);
+    }
+    if (!u.expression.empty())
+        parts["expression"] = numbers(v.tail(static_cast<Index>(u.expression.size())), 1);
+    return parts;
+}
+
+} // namespace
+
+PlayableAvatar<float> refined_avatar(const TrainState& drawn, const Capture& capture) {
+    const int frame = capture.train.empty() ? 0 : capture.train.front();
+    return playable_avatar(drawn, capture, frame, 0);
+}
+
+std::vector<Index> refined_coefficients(const Capture& capture, RefinedExpression which) {
+    std::vector<Index> chosen;
+    if (which == RefinedExpression::none) return chosen;
+    for (int k = 0; k < capture.expression_width(); ++k) {
+        const auto of = [k](const CaptureFrame& f) {
+            return f.expression[static_cast<std::size_t>(k)];
+        };
+        const float first = of(capture.frames.front());
+        if (which == RefinedExpression::all ||
+            std::any_of(capture.frames.begin(), capture.frames.end(),
+                        [&](const CaptureFrame& f) { return std::abs(of(f) - first) > 1e-6F; }))
+            chosen.push_back(k);
+    }
+    return chosen;
+}
+
+RefinedCapture refine_capture(const PlayableAvatar<float>& avatar, GazeAxis axis,
+                              const Capture& capture, const std::vector<int>& frames,
+                              const RefineOptions& options,
+                              const std::function<void(const RefinedFrame&)>& told) {
+    require(!frames.empty(), capture.folder.string(), "got no frames to refine");
+    RefinedCapture r;
+    r.unknowns = options.unknowns;
+    r.unknowns.expression = refined_coefficients(capture, options.expression);
+    const int side = std::max(capture.width, capture.height);
+    r.block = std::max(1 << avatar.avatar.upsampler.shape.doublings,
+                       (side + options.size - 1) / options.size);
+    Rasterizer<FeaturesOnly<Balanced>> rasterizer;
+    rasterizer.accuracy.max_memory = memory_limit();
+    Refiner refiner(train_backend(), avatar.avatar, avatar.config, avatar.roles, r.unknowns,
+                    options.settings, rasterizer);
+    for (const int f : frames) {
+        RefinedFrame one;
+        one.frame = f;
+        std::vector<LabelView<float>> views;
+        for (int c = 0; c < capture.camera_count(); ++c)
+            if (capture.view(f, c).present) views.push_back(label_view(capture, f, c, r.block));
+        one.views = static_cast<int>(views.size());
+        try {
+            one.found = refiner.refine(
+                restricted<TrainedEffects>(frame_drivers(capture, f, axis)), views);
+        } catch (const Error& e) {
+            throw Error(capture.folder.string() + ": frame '" +
+                        capture.frames[static_cast<std::size_t>(f)].id + "': " + e.what());
+        }
+        r.frames.push_back(std::move(one));
+        if (told) told(r.frames.back());
+    }
+    mark_outliers(r.frames);
+    r.mean = take_mean(r, options);
+    return r;
+}
+
+std::vector<LabelChange> label_changes(const RefinedCapture& refined, const Capture& capture) {
+    const LabelUnknowns& u = refined.unknowns;
+    std::vector<LabelChange> changes;
+    for (const RefinedFrame& f : refined.frames) {
+        LabelChange c;
+        const CaptureFrame& frame = capture.frames[static_cast<std::size_t>(f.frame)];
+        c.frame = frame.id;
+        const VecX<double>& x = f.found.change;
+        if (u.gaze) c.gaze = {Vec2<double>(x.head(2)), Vec2<double>(x.segment(2, 2))};
+        if (u.pose) c.pose = x.segment(u.gaze_count(), 6);
+        if (!u.expression.empty()) c.expression.assign(frame.expression.size(), 0);
+        for (std::size_t k = 0; k < u.expression.size(); ++k)
+            c.expression[static_cast<std::size_t>(u.expression[k])] =
+                x[u.gaze_count() + u.pose_count() + static_cast<Index>(k)];
+        changes.push_back(c);
+    }
+    return changes;
+}
+
+Json refine_record(const RefinedCapture& refined, const Capture& capture,
+                   const RefineOptions& options) {
+    const LabelUnknowns& u = refined.unknowns;
+    Json record = {{"block", refined.block},
+                   {"alike", options.settings.alike},
+                   {"expression_coefficients", u.expression},
+                   {"prior_sigma", parts_of(u, u.sigma())},
+                   {"mean_taken_off", parts_of(u, refined.mean)}};
+    Json frames = Json::object();
+    for (const RefinedFrame& f : refined.frames)
+        frames[capture.frames[static_cast<std::size_t>(f.frame)].id] = {
+            {"cameras", f.views},
+            {"cost_before", f.found.first_cost},
+            {"cost", f.found.cost},
+            {"residual_before", f.found.first_residual},
+            {"residual", f.found.residual},
+            {"noise", f.found.noise},
+            {"steps", f.found.steps},
+            {"refused_steps", f.found.refused},
+            {"settled", f.found.settled},
+            {"outlier", f.outlier},
+            {"change", parts_of(u, f.found.change)},
+            {"sigma", parts_of(u, f.found.sigma)}};
+    record["frames"] = frames;
+    return record;
+}
+
+} // namespace rye::trainer

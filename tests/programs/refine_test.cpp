@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+// `rye refine`: captures with other labels, and the command that writes them.
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <fstream>
+#include <iterator>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "../support/hostile.hpp"
+#include "commands/commands.hpp"
+#include "data/checksums.hpp"
+#include "data/json.hpp"
+#include "data/samples.hpp"
+#include "data/validate.hpp"
+#include "tiny_capture.hpp"
+#include "tiny_run.hpp"
+#include "training/refine.hpp"
+
+using namespace rye;
+using namespace rye::trainer;
+namespace fs = std::filesystem;
+
+namespace {
+
+std::string bytes_of(const fs::path& file) {
+    std::ifstream in(file, std::ios::binary);
+    return {std::istreambuf_iterator<char>(in), {}};
+}
+
+/// A tiny run, and a capture that fits it, whose last frame is for tests.
+struct RefinedScene {
+    TemporaryFolder folder;
+    TinyCapture capture{folder.path / "capture"};
+    fs::path out = folder.path / "refined";
+
+    RefinedScene() {
+        for (int f = 0; f < TinyCapture::frames; ++f) {
+            const std::vector<float> weights{0.2f * static_cast<float>(f), 0.5f, -0.1f};
+            TinyCapture::set<float>(capture.params(f, "params.npz"), "exp_coeff", {1, 3}, weights);
+        }
+        TrainState state = tiny_state();
+        state.step = 1;
+        state.capture = capture.folder.string();
+        fs::create_directories(folder.path / "run");
+        save_checkpoint(folder.path / "run", state);
+    }
+
+    /// Runs the command.
+    void run(const std::vector<std::string>& options) const {
+        CLI::App app;
+        add_refine(app);
+        std::vector<std::string> words{"refine", (folder.path / "run").string(), "--steps", "2"};
+        words.insert(words.end(), options.begin(), options.end());
+        std::reverse(words.begin(), words.end());  // as CLI11 takes them
+        app.parse(words);
+    }
+    void refine(const fs::path& to, const std::string& threads) const {
+        run({"--capture", capture.folder.string(), "--out", to.string(), "--threads", threads});
+    }
+};
+
+} // namespace
+
+TEST_CASE("changed labels: points, centres and axes move with the head, kappa stays") {
+    TemporaryFolder folder;
+    const TinyCapture tiny(folder.path / "capture");
+    LabelChange change;
+    change.frame = TinyCapture::frame(1);
+    change.gaze = {Vec2<double>(0.05, -0.04), Vec2<double>(-0.03, 0.02)};
+    change.pose << 0.02, -0.03, 0.01, 0.05, -0.02, 0.04;
+    change.expression = {0.25, -0.125};
+    const fs::path out = folder.path / "out";
+    write_changed_capture(tiny.folder, out, {change}, HeadPoints::moved);
+    const Capture before = read_valid_capture(tiny.folder), after = read_valid_capture(out);
+    const CaptureFrame &a = before.frames[1], &b = after.frames[1];
+    CHECK((b.pose - a.pose - change.pose).norm() < 1e-12);
+    CHECK(b.expression[0] == a.expression[0] + 0.25F);
+    CHECK(b.expression[1] == a.expression[1] - 0.125F);
+    CHECK((to_canonical(b, b.landmarks) - to_canonical(a, a.landmarks)).cwiseAbs().maxCoeff() <
+          1e-6);
+    CHECK((to_canonical(b, b.vertices) - to_canonical(a, a.vertices)).cwiseAbs().maxCoeff() <
+          1e-12);
+    for (std::size_t e = 0; e < 2; ++e) {
+        const CaptureEye &from = a.eyes[e], &to = b.eyes[e];
+        CHECK((pitch_yaw(to.optical) - pitch_yaw(from.optical) - change.gaze[e]).norm() < 1e-12);
+        if (from.visual) {
+            CHECK((pitch_yaw(*to.visual) - pitch_yaw(*from.visual) - change.gaze[e]).norm() <
+                  1e-12);
+        }
+        if (from.centre) {
+            CHECK((to_canonical(b, *to.centre) - to_canonical(a, *from.centre)).norm() < 1e-12);
+        }
+        if (to.optical_world) {
+            CHECK((*to.optical_world -
+                   so3_exp(Vec3<double>(b.pose.head<3>())) * to.optical).norm() < 1e-12);
+        }
+    }
+    // Other frames and the pictures are as they were.
+    CHECK(bytes_of(out / "params" / TinyCapture::frame(0) / "params.npz") ==
+          bytes_of(tiny.params(0, "params.npz")));
+    CHECK(bytes_of(out / fs::relative(tiny.image(1, 2), tiny.folder)) ==
+          bytes_of(tiny.image(1, 2)));
+    CHECK(!fs::exists(folder.path / "out.partial"));
+
+    const fs::path kept = folder.path / "kept";
+    write_changed_capture(tiny.folder, kept, {change}, HeadPoints::kept);
+    CHECK(bytes_of(kept / "params" / TinyCapture::frame(1) / "lmk_3d.npy") ==
+          bytes_of(tiny.params(1, "lmk_3d.npy")));
+}
+
+TEST_CASE("changed labels: what capture.json states of the arrays stays true") {
+    TemporaryFolder folder;
+    const TinyCapture tiny(folder.path / "capture");
+    nlohmann::ordered_json description = {{"subject", "one"},
+                                          {"checksums", array_checksums(tiny.folder)}};
+    tiny.write_text("capture.json", checked_text(description, 1));
+    LabelChange change;
+    change.frame = TinyCapture::frame(0);
+    change.pose[3] = 0.1;
+    write_changed_capture(tiny.folder, folder.path / "out", {change}, HeadPoints::moved);
+    CHECK(changed_files(folder.path / "out").empty());
+    CHECK(bytes_of(folder.path / "out" / "params" / TinyCapture::frame(0) / "lmk_3d.npy") !=
+          bytes_of(tiny.params(0, "lmk_3d.npy")));
+}
+
+TEST_CASE("changed labels: a folder that is in use, or in the capture, stays as it is") {
+    TemporaryFolder folder;
+    const TinyCapture tiny(folder.path / "capture");
+    CHECK_FAULT(write_changed_capture(tiny.folder, tiny.folder, {}, HeadPoints::moved),
+                "exists already, expected a new or empty folder");
+    CHECK_FAULT(write_changed_capture(tiny.folder, tiny.folder / "new", {}, HeadPoints::moved),
+                "lies in the capture");
+    LabelChange change;
+    change.frame = TinyCapture::frame(0);
+    change.expression = {1, 2, 3};
+    CHECK_FAULT(
+        write_changed_capture(tiny.folder, folder.path / "out", {change}, HeadPoints::moved),
+        "exp_coeff: got 2 coefficients, expected 3");
+    CHECK(!fs::exists(folder.path / "out"));
+    CHECK(!fs::exists(folder.path / "out.partial"));
+}
+
+TEST_CASE("refine: training frames change, test frames and pictures do not; any threads") {
+    const RefinedScene scene;
+    scene.refine(scene.out, "1");
+    const Capture before = read_valid_capture(scene.capture.folder),
+                  after = read_valid_capture(scene.out);
+    REQUIRE(!before.test.empty());
+    for (const int f : before.test)
+        CHECK(bytes_of(scene.out / "params" / TinyCapture::frame(f) / "params.npz") ==
+              bytes_of(scene.capture.params(f, "params.npz")));
+    Vec2<double> mean = Vec2<double>::Zero();
+    for (const int f : before.train) {
+        const auto at = static_cast<std::size_t>(f);
+        CHECK(after.frames[at].pose != before.frames[at].pose);
+        mean += pitch_yaw(after.frames[at].eyes[0].optical) -
+                pitch_yaw(before.frames[at].eyes[0].optical);
+    }
+    auto record = read_json(scene.out / "refine.json");
+    CHECK(take_checksum(record) == Checked::right);
+    CHECK(record.at("frames").size() == before.train.size());
+    const bool outlier =
+        std::any_of(record.at("frames").begin(), record.at("frames").end(),
+                    [](const auto& f) { return f.at("outlier").template get<bool>(); });
+    if (!outlier) CHECK(mean.norm() < 1e-9);
+    for (const auto& f : record.at("frames")) CHECK(f.at("cost") <= f.at("cost_before"));
+
+    scene.refine(scene.folder.path / "again", "2");
+    for (const int f : before.train)
+        for (const char* file : {"params.npz", "gaze.npz", "lmk_3d.npy"})
+            CHECK(bytes_of(scene.out / "params" / TinyCapture::frame(f) / file) ==
+                  bytes_of(scene.folder.path / "again" / "params" / TinyCapture::frame(f) / file));
+}
+
+TEST_CASE("refine: what it cannot do it says") {
+    const RefinedScene scene;
+    const std::string capture = scene.capture.folder.string(), out = scene.out.string();
+    CHECK_FAULT(scene.run({"--capture", capture, "--out", capture}), "exists already");
+    CHECK_FAULT(scene.run({"--capture", capture, "--out", out, "--no-gaze", "--no-pose",
+                           "--expression", "none"}),
+                "leave nothing to refine");
+    CHECK(!fs::exists(scene.out));
+}
