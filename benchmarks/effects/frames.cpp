@@ -17,7 +17,7 @@ namespace {
 using namespace rye;
 using namespace rye::bench;
 using OneThread = XsimdBackend<DefaultArch, Serial>;
-using Cache = FrameCache<OneThread, Balanced, float>;
+using Cache = FrameCache<OneThread, Balanced, float, TrainedEffects>;
 
 /// The minimum time of f, and of other work timed between its calls.
 struct Least {
@@ -32,13 +32,13 @@ struct Least {
 
 /// A full frame, computed into allocated memory.
 struct WholeFrame {
-    TwoStreamTrace<float> trace;
+    TwoStreamTrace<float, TrainedEffects> trace;
     RasterScratch<float> scratch;
     Raster<float> raster;
     Image<float> picture;
     Least deform, render, upsample;
 
-    void run(const Subject& s, const Drivers<float>& drivers, const Pinhole<float>& camera,
+    void run(const Subject& s, const Drivers<float, TrainedEffects>& drivers, const Pinhole<float>& camera,
              const VecX<float>& background) {
         Gaussians<float> g;
         deform.time([&] {
@@ -65,7 +65,7 @@ bool same_picture(const WholeFrame& whole, Cache& cache) {
 
 /// Inputs of a frame.
 struct Shot {
-    Drivers<float> drivers;
+    Drivers<float, TrainedEffects> drivers;
     Pinhole<float> camera;
     VecX<float> background;
 };
@@ -120,7 +120,7 @@ void frames(benchmark::State& state, const Next& next) {
     const Subject& s = subject();
     const auto fresh = [&] { return Cache({}, s.avatar, s.config, s.roles); };
     Cache kept = fresh(), all = fresh();
-    DriveCache<OneThread, float> driven({}, s.avatar, s.config, s.roles);
+    DriveCache<OneThread, float, TrainedEffects> driven({}, s.avatar, s.config, s.roles);
     Shot shot{s.drivers, s.camera, s.background};
     WholeFrame whole;
     Least deform, update, upsample, everything;
@@ -235,7 +235,7 @@ void influence(benchmark::State& state) {
     s.config.exp_far = threshold(s, state.range(0));
     most.config.exp_near = 0;
     most.config.exp_far = threshold(s, 100);
-    DriveCache<OneThread, float> some({}, s.avatar, s.config, s.roles),
+    DriveCache<OneThread, float, TrainedEffects> some({}, s.avatar, s.config, s.roles),
         all({}, most.avatar, most.config, most.roles);
     some.update(s.drivers);
     all.update(s.drivers);

@@ -31,11 +31,11 @@ std::optional<Subject> trained(const SubjectOptions& o) {
     const int camera = trainer::camera_index(capture, "", frame);
     const int doublings = state.config.gaussians.upsampler.doublings;
     return Subject{"a trained avatar",
-                   restricted<PaperEffects>(state.avatar),
+                   state.avatar,
                    state.config.avatar,
                    state.subject.roles,
-                   trainer::optical_drivers(
-                       state, trainer::frame_drivers(capture, frame, state.config.gaze_axis)),
+                   restricted<TrainedEffects>(
+                       trainer::frame_drivers(capture, frame, state.config.gaze_axis)),
                    scaled(capture.camera(frame, camera).cast<float>(), 1.0 / (1 << doublings)),
                    VecX<float>::Ones(state.config.avatar.channels)};
 }
@@ -69,14 +69,14 @@ Subject synthetic() {
         if (face) d.z() = std::abs(d.z());
         return Vec3<float>(0.75f * d.x(), d.y(), 0.95f * d.z());
     };
-    FaceStream<float>& f = s.avatar.face;
+    FaceStream<float, TrainedEffects>& f = s.avatar.face;
     f.position.resize(3, points);
     for (Index i = 0; i < points; ++i) f.position.col(i) = on_head(i % 3 != 0);
     f.feature = columns(c.feature, points, 1, 0);
     f.log_scale = columns(3, points, 0.3f, -4.2f);
     f.rotation = columns(4, points, 1, 0);
     f.opacity_logit = columns(1, points, 1, 1);
-    f.networks = FaceNetworks<float>::init(c, Random{1, 0});
+    f.networks = FaceNetworks<float, TrainedEffects>::init(c, Random{1, 0});
     f.exp_attributes = Mlp<float>::init(
         mlp_shape(c.feature, c.expression, c.networks.exp_attributes, 8), Random{2, 0});
     f.pose_attributes = Mlp<float>::init(
@@ -92,7 +92,7 @@ Subject synthetic() {
             s.roles.expression.push_back(k);
         }
     }
-    EyeStream<float>& e = s.avatar.eyes;
+    EyeStream<float, TrainedEffects>& e = s.avatar.eyes;
     e.feature = columns(c.channels, 2 * eye_points, 0.3f, 0.5f);
     e.log_scale = columns(3, 2 * eye_points, 0.2f, -5.3f);
     e.rotation = columns(4, 2 * eye_points, 1, 0);
@@ -104,6 +104,11 @@ Subject synthetic() {
     e.spacing = Columns<float>::Constant(1, 2 * eye_points, 0.005f);
     e.centre.resize(3, 2);
     e.centre << 0.3f, -0.3f, 0.15f, 0.15f, 0.8f, 0.8f;
+    const MlpShape eye_network = DrivenFeatures::shape(appearance_sizes<TrainedEffects>(c, 0));
+    for (std::size_t eye = 0; eye < 2; ++eye)
+        e.networks[eye] = Mlp<float>::init(eye_network, Random{6 + eye, 0});
+    s.avatar.shading = initial_shading<float>(f.position.colwise().normalized());
+    s.avatar.shading.light.setConstant(0.2f);
     s.avatar.upsampler = Upsampler<float>::init({.in_channels = c.channels,
                                                  .capacity = 8,
                                                  .doublings = 0,

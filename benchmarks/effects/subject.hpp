@@ -5,7 +5,7 @@
 
 #include <string>
 
-#include <rye/avatar/two_stream.hpp>
+#include <rye/avatar/trained.hpp>
 #include <rye/geometry/camera.hpp>
 
 namespace rye::bench {
@@ -18,10 +18,10 @@ SubjectOptions& subject_options();
 
 struct Subject {
     std::string name;              ///< for the output
-    TwoStream<float> avatar;
+    TrainedAvatar<float> avatar;
     AvatarConfig config;
     LandmarkRoles roles;
-    Drivers<float> drivers;
+    Drivers<float, TrainedEffects> drivers;
     Pinhole<float> camera;         ///< of the render
     VecX<float> background;
 };
