@@ -12,6 +12,7 @@
 #include <map>
 #include <string>
 
+#include <rye/avatar/hold.hpp>
 #include <rye/core/thread_pool.hpp>
 #include <rye/loss/smoothness.hpp>
 #include <rye/nn/adam.hpp>
@@ -95,16 +96,16 @@ AvatarRates equal_rates() {
 /// The sample of a step: the subject with other drivers.
 AvatarSample<float> sample_of(const Subject& s, const Rasterizer<Balanced>& rasterizer) {
     AvatarSample<float> sample;
-    sample.drivers = s.drivers;
+    sample.drivers = restricted<PaperEffects>(s.drivers);
     sample.camera = s.camera;
     sample.background = s.background;
     sample.blank = VecX<float>::Constant(s.background.size(), 0.7F);
-    Drivers<float> other = s.drivers;
+    Drivers<float> other = sample.drivers;
     other.expression *= -1;
     other.pose[0] += 0.1F;
     TwoStreamTrace<float> trace;
     const B backend = on_threads(1);
-    drive(backend, s.avatar, {s.config, s.roles, other}, trace);
+    drive(backend, restricted<PaperEffects>(s.avatar), {s.config, s.roles, other}, trace);
     const Raster<float> shown = rasterizer.forward(
         backend, trace.gaussians, s.camera, s.background);
     const Raster<float> eyes =
@@ -148,7 +149,7 @@ Avatar with_delta_pose(Avatar avatar) {
 
 struct Trainer {
     const Subject& s = subject();
-    Avatar avatar = with_delta_pose(s.avatar);
+    Avatar avatar = with_delta_pose(restricted<PaperEffects>(s.avatar));
     Adam<Avatar> adam{avatar};
     AvatarSample<float> sample = sample_of(s, Rasterizer<Balanced>{});
     AvatarTrainer<B, float, PaperEffects, Balanced, PyramidGradientLoss, AvatarRates> trainer{
