@@ -181,7 +181,8 @@ TwoStream<T, Fewer> held(const B& backend, const TwoStream<T, E>& all, const Ava
             if constexpr (expression && !has_effect<Fewer, ReadsExpression>)
                 mlp = detail::with_held_inputs<T>(mlp, {rotation ? 6 : 3, drivers.expression});
             if constexpr (rotation && !has_effect<Fewer, ReadsHeadPose>)
-                mlp = detail::with_held_inputs<T>(mlp, {3, VecX<T>(drivers.pose.template head<3>())});
+                mlp = detail::with_held_inputs<T>(mlp,
+                                                  {3, VecX<T>(drivers.pose.template head<3>())});
         }
     }
     const Drivers<T, E>& optical = optical_drivers(all.eyes, drivers);

@@ -368,9 +368,8 @@ class LabelRefiner {
                 square(n, n) = costs;
                 return square;
             };
-            const Columns<double> all = sum_chunks(backend_.threads, r.cols(), chunk,
-                                                   Columns<double>(Columns<double>::Zero(n + 1, n + 1)),
-                                                   part);
+            const Columns<double> none = Columns<double>::Zero(n + 1, n + 1);
+            const Columns<double> all = sum_chunks(backend_.threads, r.cols(), chunk, none, part);
             sums += all / settings_.alike;
         }
         sum += sums(n, n);
