@@ -98,11 +98,13 @@ for name in plain eyes shading both; do
     "$rye" redirect --run $name --gaze-left 5,10 --gaze-right -5,-10 --out look_$name.png
     "$rye" redirect --run $name --sweep --out sweep_$name.png > variant.txt
 done
-has variant.txt "^variant .*paper: all that is trained"
+has variant.txt "^variant  *gaze (head pose, .*, head shading, eye appearance)"
 for name in eyes shading both; do
     if cmp -s look_plain.png look_$name.png; then fail "$name draws what plain draws"; fi
 done
-refuses "expected auto or paper" "$rye" redirect --run both --sweep --effects gaze --out never.png
+"$rye" redirect --run both --sweep --effects gaze --out gaze.png
+same sweep_both.png gaze.png
+refuses "the nearest lacks glint" "$rye" redirect --run both --sweep --effects glint --out never.png
 "$rye" info cap --effects --run both > variant.txt
 has variant.txt "yes  head shading"
 has variant.txt "within the bound"
