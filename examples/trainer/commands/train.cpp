@@ -29,6 +29,7 @@
 #include "training/device_choice.hpp"
 #include "training/device_memory.hpp"
 #include "training/device_steps.hpp"
+#include "training/labels.hpp"
 #include "training/draws.hpp"
 #include "training/mesh_networks.hpp"
 #include "training/run_folder.hpp"
@@ -82,6 +83,8 @@ class Trainer {
 
     /// Writes the checkpoint as it is.
     void save() { folder_.save(state_); }
+    /// Writes a line of the log.
+    void log(const Json& line) { folder_.log(line); }
     /// Goes on as if stage 1 were done: the state has the mesh that `run` found.
     void begin_after(const std::filesystem::path& run) {
         has_mesh_ = true;
@@ -501,6 +504,8 @@ int train(const TrainOptions& o) {
     const TrainConfig config = o.resume ? state.config : config_of(o);
     std::vector<std::string> expect;
     Capture capture = read_trainable_capture(folder, &expect);
+    LabelFindings labels;
+    if (config.correct_labels && capture.has_gaze()) labels = correct_labels(capture, config);
     if (o.resume) check_resumed(o, state, capture);
     else state = first_state(config, capture, folder);
     const RunSize size = run_size(state.config, state.subject, capture.width, capture.height);
@@ -534,6 +539,9 @@ int train(const TrainOptions& o) {
     if (config.preset == "paper" && o.perceptual_weights.empty())
         std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
                      "VGG16 term is replaced by one of gradient pyramids\n";
+    if (!quiet(o))
+        for (const std::string& line : labels.lines()) std::cout << line << "\n";
+    if (!o.resume && !labels.empty()) trainer.log(labels.json());
     if (!quiet(o)) std::cout << text_of(size) << "\n";
     if (!quiet(o) && !on.words.empty()) std::cout << on.words << "\n";
     if (!o.begin.empty()) trainer.begin_after(o.begin);

@@ -32,6 +32,7 @@ void walk(F& f, TrainConfig& c) {
     f("seed", c.seed, seeds);
     f("gaze_axis", c.gaze_axis);
     f("measured_eyes", c.measured_eyes);
+    f("correct_labels", c.correct_labels);
     f("avatar", [&] {
         AvatarConfig& a = c.avatar;
         f("feature", a.feature, Range{1, 4096});
@@ -395,9 +396,10 @@ void take_device_sizes(TrainConfig& c) {
     g.upsampler.capacity = 16;
 }
 
-/// From `tiny` to `cpu` and `gpu`, beside the sizes: deformations that hold for expressions and
+/// From `tiny` to `cpu` and `gpu`, beside the sizes: labels that are corrected, deformations that hold for expressions and
 /// gazes that no frame has, light that stays where head and eyes turn, and faster Gaussians.
 void take_generalisation(TrainConfig& c) {
+    c.correct_labels = true;
     c.avatar.pose_frequencies = c.avatar.gaze_frequencies = 1;
     c.shading = ShadingName::head_pose;
     c.eye_appearance = EyeAppearanceName::driven;

@@ -21,6 +21,11 @@ Vec3<double> eye_landmark_centre(const Columns<double>& landmarks, int eye) {
     return sum / 6.0;
 }
 
+/// Of vertices, each so many one is a landmark.
+Index vertex_stride(const Columns<double>& vertices) {
+    return std::max<Index>(1, vertices.cols() / dense_landmarks);
+}
+
 int rounded_up(int size, int factor) {
     require(
         factor > 0, "rounded_up", "got the factor ", [&] { return std::to_string(factor); },
@@ -32,7 +37,7 @@ int rounded_up(int size, int factor) {
 
 Columns<double> chosen_landmarks(const Columns<double>& landmarks,
                                  const Columns<double>& vertices) {
-    const Index stride = std::max<Index>(1, vertices.cols() / dense_landmarks);
+    const Index stride = vertex_stride(vertices);
     const Index dense = vertices.cols() == 0 ? 0 : (vertices.cols() - 1) / stride + 1;
     Columns<double> all(3, landmarks.cols() + dense);
     all.leftCols(landmarks.cols()) = landmarks;
@@ -43,6 +48,13 @@ Columns<double> chosen_landmarks(const Columns<double>& landmarks,
 Columns<double> frame_landmarks(const Capture& capture, int frame) {
     const CaptureFrame& f = capture.frames[static_cast<std::size_t>(frame)];
     return chosen_landmarks(f.landmarks, f.vertices);
+}
+
+void set_frame_landmarks(CaptureFrame& frame, const Columns<double>& landmarks) {
+    const Index sparse = frame.landmarks.cols(), stride = vertex_stride(frame.vertices);
+    frame.landmarks = landmarks.leftCols(sparse);
+    for (Index k = sparse; k < landmarks.cols(); ++k)
+        frame.vertices.col((k - sparse) * stride) = landmarks.col(k);
 }
 
 Columns<double> to_canonical(const CaptureFrame& frame, const Columns<double>& world) {

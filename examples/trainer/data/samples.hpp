@@ -43,6 +43,8 @@ Columns<double> chosen_landmarks(const Columns<double>& landmarks, const Columns
 
 /// Landmarks of a frame in the world, in the order of Subject::neutral.
 Columns<double> frame_landmarks(const Capture& capture, int frame);
+/// Replaces them, 3 x L in the world; vertices that are not chosen stay as they are.
+void set_frame_landmarks(CaptureFrame& frame, const Columns<double>& landmarks);
 
 /// Centres of both eyeballs of a frame relative to the neutral ones, canonical, 3 x 2: the target
 /// of the eye offset; from gaze.npz, or from the centres of the landmarks around the eyes.

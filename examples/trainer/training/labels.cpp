@@ -1,0 +1,339 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "training/labels.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+
+#include <rye/math/rotation.hpp>
+#include <rye/rig/gaze.hpp>
+#include <rye/train/label_consistency.hpp>
+
+#include "training/centre_errors.hpp"
+#include "training/seen_gazes.hpp"
+
+namespace rye::trainer {
+namespace {
+
+constexpr double degree = 3.14159265358979323846 / 180;
+
+/// Root mean square.
+double rms(const std::vector<double>& v) {
+    double sum = 0;
+    for (const double x : v) sum += x * x;
+    return v.empty() ? 0 : std::sqrt(sum / static_cast<double>(v.size()));
+}
+
+/// What drives the frames: K x F, expression and (pitch, yaw) of both eyes [rad].
+Columns<double> regressors(const Capture& capture) {
+    const auto width = static_cast<Index>(capture.expression_width());
+    Columns<double> x(width + 4, static_cast<Index>(capture.train.size()));
+    for (std::size_t i = 0; i < capture.train.size(); ++i) {
+        const CaptureFrame& f = capture.frames[static_cast<std::size_t>(capture.train[i])];
+        const auto k = static_cast<Index>(i);
+        for (Index e = 0; e < width; ++e)
+            x(e, k) = static_cast<double>(f.expression[static_cast<std::size_t>(e)]);
+        for (Index e = 0; e < 2; ++e)
+            x.col(k).segment<2>(width + 2 * e) =
+                pitch_yaw(f.eyes[static_cast<std::size_t>(e)].optical);
+    }
+    return x;
+}
+
+/// Corrects the labels of one capture.
+class Corrector {
+  public:
+    Corrector(Capture& capture, const TrainConfig& config) : c_(capture), config_(config) {
+        if (capture.train.size() < fewest) {
+            found_.not_judged.push_back("labels: " + std::to_string(capture.train.size()) +
+                                        " training frames say too little about each other, " +
+                                        std::to_string(fewest) + " are needed");
+            return;
+        }
+        poses();
+        landmarks();
+        eyes();
+    }
+    LabelFindings take() { return std::move(found_); }
+
+  private:
+    static constexpr std::size_t fewest = 6;
+
+    CaptureFrame& frame(std::size_t i) {
+        return c_.frames[static_cast<std::size_t>(c_.train[i])];
+    }
+    std::size_t count() const { return c_.train.size(); }
+
+    void poses() {
+        // Of many frames those of every n-th together: the unknowns of one least squares are few.
+        constexpr std::size_t most = 160;
+        const Columns<double> x = regressors(c_);
+        const std::size_t groups = (count() + most - 1) / most;
+        std::vector<RigidMotion> motion(count());
+        for (std::size_t g = 0; g < groups; ++g) {
+            std::vector<Columns<double>> canonical;
+            std::vector<std::size_t> which;
+            for (std::size_t i = g; i < count(); i += groups) {
+                which.push_back(i);
+                canonical.push_back(to_canonical(frame(i), frame_landmarks(c_, c_.train[i])));
+            }
+            Columns<double> of(x.rows(), static_cast<Index>(which.size()));
+            for (std::size_t k = 0; k < which.size(); ++k)
+                of.col(static_cast<Index>(k)) = x.col(static_cast<Index>(which[k]));
+            const std::vector<RigidMotion> found = align_frames(canonical, of);
+            for (std::size_t k = 0; k < which.size(); ++k) motion[which[k]] = found[k];
+        }
+        std::vector<double> turn, shift;
+        for (const RigidMotion& m : motion) {
+            turn.push_back(so3_log(m.rotation).norm() / degree);
+            shift.push_back(mm_per_unit * m.translation.norm());
+        }
+        const LabelFinding turned{"head poses", rms(turn), 0.15, "deg",
+                                  rms(turn) > 0.15, "aligned by the landmarks of all frames"};
+        const LabelFinding moved{"head poses", rms(shift), 0.2, "mm", rms(shift) > 0.2,
+                                 turned.remedy};
+        found_.all.push_back(turned);
+        found_.all.push_back(moved);
+        if (!turned.wrong && !moved.wrong) return;
+        for (std::size_t i = 0; i < count(); ++i) {
+            // x_head,new = m(x_head): the world is where it was.
+            CaptureFrame& f = frame(i);
+            const RigidMotion back = motion[i].inverse();
+            const Mat3<double> r = so3_exp(Vec3<double>(f.pose.head<3>()));
+            f.pose.tail<3>() += f.scale * (r * back.translation);
+            f.pose.head<3>() = so3_log(Mat3<double>(r * back.rotation));
+        }
+    }
+
+    void landmarks() {
+        std::vector<Columns<double>> canonical;
+        for (std::size_t i = 0; i < count(); ++i)
+            canonical.push_back(to_canonical(frame(i), frame_landmarks(c_, c_.train[i])));
+        SmoothedLandmarks s = smoothed_landmarks(canonical);
+        const double noise = mm_per_unit * s.noise;
+        found_.all.push_back({"landmarks", noise, 0.6, "mm", noise > 0.6,
+                              "smoothed by their neighbours and all frames"});
+        if (!found_.all.back().wrong) return;
+        for (std::size_t i = 0; i < count(); ++i) {
+            CaptureFrame& f = frame(i);
+            const Mat3<double> r = so3_exp(Vec3<double>(f.pose.head<3>()));
+            const Columns<double> world =
+                (f.scale * (r * s.frames[i])).colwise() + Vec3<double>(f.pose.tail<3>());
+            set_frame_landmarks(f, world);
+        }
+    }
+
+    std::vector<std::array<EyeballInHead, 2>> balls(const std::array<Vec3<double>, 2>* held) {
+        std::vector<std::array<EyeballInHead, 2>> all(count());
+        for (std::size_t i = 0; i < count(); ++i)
+            for (std::size_t e = 0; e < 2; ++e) {
+                const CaptureEye& eye = frame(i).eyes[e];
+                const EyeSizes sizes =
+                    eye_sizes(eye, frame(i).scale, config_.gaussians.eyeball.radius);
+                const Vec3<double> centre =
+                    held != nullptr ? (*held)[e]
+                                    : Vec3<double>(to_canonical(frame(i), *eye.centre));
+                all[i][e] = {centre, sizes.radius, sizes.limbus_radius, sizes.iris_plane};
+            }
+        return all;
+    }
+
+    /// Seen gazes less labels, (pitch, yaw), of the frames that show the eye [rad].
+    struct Differences {
+        std::array<std::vector<std::size_t>, 2> frame;
+        std::array<std::vector<Vec2<double>>, 2> off; ///< less their mean over frames
+        std::array<std::vector<Vec2<double>>, 2> sigma;
+        std::array<Vec2<double>, 2> mean{Vec2<double>::Zero(), Vec2<double>::Zero()};
+        double rms = 0;   ///< of an angle
+        double noise = 0; ///< of an angle as pictures tell it
+        std::size_t eyes = 0;
+    };
+    Differences differences(const std::vector<std::array<SeenGaze, 2>>& seen) {
+        Differences d;
+        double squares = 0, noise = 0;
+        for (std::size_t e = 0; e < 2; ++e) {
+            for (std::size_t i = 0; i < count(); ++i) {
+                if (seen[i][e].views == 0) continue;
+                d.frame[e].push_back(i);
+                d.off[e].push_back(seen[i][e].angles - pitch_yaw(frame(i).eyes[e].optical));
+                d.sigma[e].push_back(seen[i][e].sigma);
+                d.mean[e] += d.off[e].back();
+            }
+            if (d.off[e].empty()) continue;
+            d.mean[e] /= static_cast<double>(d.off[e].size());
+            for (std::size_t k = 0; k < d.off[e].size(); ++k) {
+                d.off[e][k] -= d.mean[e];
+                squares += d.off[e][k].squaredNorm() / 2;
+                noise += d.sigma[e][k].squaredNorm() / 2;
+            }
+            d.eyes += d.off[e].size();
+        }
+        if (d.eyes > 0) {
+            d.rms = std::sqrt(squares / static_cast<double>(d.eyes));
+            d.noise = std::sqrt(noise / static_cast<double>(d.eyes));
+        }
+        return d;
+    }
+
+    void eyes() {
+        if (!c_.has_eye_masks || !c_.has_centres() || !config_.measured_eyes) {
+            found_.not_judged.push_back(
+                "gazes and eyeball centres: the pictures tell of them where the capture has eye "
+                "masks and eyeball centres");
+            return;
+        }
+        std::array<Vec3<double>, 2> rig{Vec3<double>::Zero(), Vec3<double>::Zero()};
+        std::vector<double> moved;
+        for (std::size_t e = 0; e < 2; ++e) {
+            for (std::size_t i = 0; i < count(); ++i)
+                rig[e] += to_canonical(frame(i), *frame(i).eyes[e].centre) /
+                          static_cast<double>(count());
+            for (std::size_t i = 0; i < count(); ++i)
+                moved.push_back(
+                    mm_per_unit * (to_canonical(frame(i), *frame(i).eyes[e].centre) - rig[e]).norm());
+        }
+        std::vector<std::array<SeenGaze, 2>> seen = seen_gazes(c_, c_.train, balls(nullptr));
+        Differences d = differences(seen);
+        const double bound = 2 * degree, least_motion = 0.1;
+        if (2 * d.eyes < count()) {
+            found_.not_judged.push_back("gazes and eyeball centres: too few irises are seen");
+            return;
+        }
+        bool hold = false;
+        if (rms(moved) > least_motion && off_of(d) > bound / 2) {
+            const std::vector<std::array<SeenGaze, 2>> with_rig =
+                seen_gazes(c_, c_.train, balls(&rig));
+            const Differences r = differences(with_rig);
+            hold = r.rms < 0.97 * d.rms;
+            if (hold) {
+                seen = with_rig;
+                d = r;
+            }
+        }
+        found_.all.push_back({"eyeball centres", rms(moved), least_motion, "mm", hold,
+                              "held at their mean, by which gazes agree with the irises"});
+        if (hold)
+            for (std::size_t i = 0; i < count(); ++i) {
+                CaptureFrame& f = frame(i);
+                const Mat3<double> r = so3_exp(Vec3<double>(f.pose.head<3>()));
+                for (std::size_t e = 0; e < 2; ++e)
+                    f.eyes[e].centre = Vec3<double>(f.scale * (r * rig[e]) + f.pose.tail<3>());
+            }
+        gazes(d, bound);
+    }
+
+    /// How far the labels are off by the differences, without what the pictures are [rad].
+    static double off_of(const Differences& d) {
+        return std::sqrt(std::max(0.0, d.rms * d.rms - d.noise * d.noise));
+    }
+
+    void gazes(const Differences& d, double bound) {
+        const double off = off_of(d);
+        found_.all.push_back({"gazes, an angle", off / degree, bound / degree, "deg", off > bound,
+                              "taken from the irises, their mean over frames from the labels"});
+        for (std::size_t e = 0; e < 2; ++e)
+            for (std::size_t k = 0; k < d.off[e].size(); ++k)
+                found_.worst.emplace_back(frame(d.frame[e][k]).id + (e == 0 ? " left" : " right"),
+                                          d.off[e][k].norm() / degree);
+        std::sort(found_.worst.begin(), found_.worst.end(),
+                  [](const auto& a, const auto& b) { return a.second > b.second; });
+        if (found_.worst.size() > 5) found_.worst.resize(5);
+        if (off <= bound) return;
+        // Both eyes' corrections of each frame, (pitch, yaw), and whether its irises told them.
+        std::vector<std::array<Vec2<double>, 2>> change(count());
+        std::vector<std::array<bool, 2>> told(count(), {false, false});
+        std::array<Vec2<double>, 2> mean{Vec2<double>::Zero(), Vec2<double>::Zero()};
+        for (std::size_t e = 0; e < 2; ++e) {
+            if (d.off[e].empty()) continue;
+            // The mean over frames: of labels it is off by their error, of pictures by a bias that
+            // is no larger than this. A larger difference is the visual axis', and stays.
+            constexpr double bias = 0.7 * degree;
+            const double of_labels = off * off / static_cast<double>(d.off[e].size());
+            const double trusted = of_labels / (of_labels + bias * bias);
+            if (d.mean[e].norm() <= 3 * std::sqrt(2 * (of_labels + bias * bias)))
+                mean[e] = trusted * d.mean[e];
+            for (std::size_t k = 0; k < d.off[e].size(); ++k) {
+                const Vec2<double> variance = d.sigma[e][k].array().square();
+                const std::size_t i = d.frame[e][k];
+                change[i][e] =
+                    d.off[e][k].array() * (off * off / (off * off + variance.array()));
+                told[i][e] = true;
+            }
+        }
+        // An eye that no view shows is off by what it has in common with the other.
+        double both = 0, alone = 0;
+        for (std::size_t i = 0; i < count(); ++i)
+            if (told[i][0] && told[i][1]) {
+                both += change[i][0].dot(change[i][1]);
+                alone += (change[i][0].squaredNorm() + change[i][1].squaredNorm()) / 2;
+            }
+        const double alike = alone > 0 ? std::clamp(both / alone, 0.0, 1.0) : 0;
+        for (std::size_t i = 0; i < count(); ++i)
+            for (std::size_t e = 0; e < 2; ++e) {
+                if (!told[i][e])
+                    change[i][e] =
+                        told[i][1 - e] ? Vec2<double>(alike * change[i][1 - e])
+                                       : Vec2<double>(Vec2<double>::Zero());
+                turn_gaze(frame(i), e, mean[e] + change[i][e]);
+            }
+    }
+    static void turn_gaze(CaptureFrame& f, std::size_t e, const Vec2<double>& by) {
+        CaptureEye& eye = f.eyes[e];
+        const auto turned = [&](const Vec3<double>& axis) {
+            const Vec2<double> angles = pitch_yaw(axis) + by;
+            return gaze_vector(angles[0], angles[1]);
+        };
+        eye.optical = turned(eye.optical);
+        if (eye.visual) eye.visual = turned(*eye.visual);
+        if (eye.optical_world)
+            eye.optical_world = so3_exp(Vec3<double>(f.pose.head<3>())) * eye.optical;
+    }
+
+    Capture& c_;
+    const TrainConfig& config_;
+    LabelFindings found_;
+};
+
+std::string text(const char* format, double x) {
+    char out[64];
+    std::snprintf(out, sizeof out, format, x);
+    return out;
+}
+
+} // namespace
+
+bool LabelFindings::any_wrong() const {
+    return std::any_of(all.begin(), all.end(), [](const LabelFinding& f) { return f.wrong; });
+}
+
+std::vector<std::string> LabelFindings::lines() const {
+    std::vector<std::string> out;
+    for (const LabelFinding& f : all)
+        out.push_back(f.label + ": " + text("%.2f ", f.off) + f.unit + " off" +
+                      (f.wrong ? ", " + f.remedy : ", within " + text("%.2g ", f.bound) + f.unit));
+    for (const std::string& s : not_judged) out.push_back(s);
+    if (!worst.empty()) {
+        std::string frames = "gazes farthest from their irises:";
+        for (const auto& [name, off] : worst) frames += " " + name + text(" %.1f deg;", off);
+        frames.pop_back();
+        out.push_back(frames);
+    }
+    return out;
+}
+
+nlohmann::ordered_json LabelFindings::json() const {
+    nlohmann::ordered_json findings = nlohmann::ordered_json::array();
+    for (const LabelFinding& f : all)
+        findings.push_back({{"label", f.label}, {"off", f.off}, {"bound", f.bound},
+                            {"unit", f.unit}, {"wrong", f.wrong}});
+    nlohmann::ordered_json frames = nlohmann::ordered_json::array();
+    for (const auto& [name, off] : worst) frames.push_back({{"eye", name}, {"deg", off}});
+    return {{"stage", "labels"}, {"labels", findings}, {"not_judged", not_judged}, {"worst_gazes", frames}};
+}
+
+LabelFindings correct_labels(Capture& capture, const TrainConfig& config) {
+    return Corrector(capture, config).take();
+}
+
+} // namespace rye::trainer

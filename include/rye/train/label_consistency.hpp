@@ -1,0 +1,287 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/label_consistency.hpp: what the labels of many frames say about each other, before
+/// any picture is looked at: how well a quantity of a frame is predicted by the other frames, the
+/// rigid motions that bring frames of one head together, and landmarks without the noise that
+/// their neighbours do not share. Lengths in any unit; a frame is a column.
+/// Source: ridge regression with leave-one-out residuals in closed form (Golub, Heath and Wahba,
+/// 1979); generalised Procrustes analysis (Gower, 1975); Wiener's filter over the eigenvectors of a
+/// graph's Laplacian.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <vector>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+
+#include <rye/core/columns.hpp>
+#include <rye/core/error.hpp>
+#include <rye/math/rotation.hpp>
+
+namespace rye {
+
+/// Linear regressions of quantities of F frames on what drives the frames, each with the ridge by
+/// which it predicts best the frames that are left out of it.
+class LeftOutRidge {
+  public:
+    /// x: K regressors x F frames. Throws Error for fewer than three frames.
+    explicit LeftOutRidge(const Columns<double>& x) {
+        const Index n = x.cols();
+        require(n >= 3, "LeftOutRidge", "got ", n, " frames, expected 3 or more");
+        const Columns<double> centred = x.colwise() - x.rowwise().mean();
+        const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(
+            Eigen::MatrixXd(centred.transpose() * centred));
+        vectors_ = solver.eigenvectors();
+        values_ = solver.eigenvalues().cwiseMax(0.0);
+        const double largest = std::max(values_.maxCoeff(), 1e-12);
+        ridges_ = {std::numeric_limits<double>::infinity()};
+        for (double r = 30; r > 1e-4; r /= 3) ridges_.push_back(r * largest);
+    }
+
+    /// Predictions of some quantities, D x F.
+    struct Fit {
+        Columns<double> fitted;   ///< D x F
+        Columns<double> left_out; ///< each frame as the others predict it, D x F
+        double rms = 0;           ///< of what left_out is off by
+        double ridge = 0;         ///< infinite: the mean is the best prediction
+    };
+    /// y: D x F, which share a ridge.
+    Fit fit(const Columns<double>& y) const {
+        Fit best;
+        best.rms = std::numeric_limits<double>::infinity();
+        const Index n = y.cols();
+        const VecX<double> mean = y.rowwise().mean();
+        const Eigen::MatrixXd turned = (y.colwise() - mean) * vectors_; // D x F
+        for (const double ridge : ridges_) {
+            VecX<double> keep = VecX<double>::Zero(n);
+            if (std::isfinite(ridge)) keep = values_.array() / (values_.array() + ridge);
+            Columns<double> fitted = turned * keep.asDiagonal() * vectors_.transpose();
+            fitted.colwise() += mean;
+            Columns<double> left_out = fitted;
+            for (Index f = 0; f < n; ++f) {
+                const double own =
+                    1.0 / static_cast<double>(n) +
+                    (vectors_.row(f).transpose().array().square() * keep.array()).sum();
+                const double rest = std::max(1 - own, 1e-9);
+                left_out.col(f) = y.col(f) - (y.col(f) - fitted.col(f)) / rest;
+            }
+            const double rms = std::sqrt((y - left_out).squaredNorm() / static_cast<double>(y.size()));
+            // A regression has to be better than the mean by more than chance.
+            if (rms < (best.ridge == ridges_.front() ? 0.97 : 1.0) * best.rms)
+                best = {std::move(fitted), std::move(left_out), rms, ridge};
+        }
+        return best;
+    }
+
+    /// F x F: what a quantity of the frames is off by, each as the others predict it, is this times
+    /// the quantity.
+    Eigen::MatrixXd left_out_residual(double ridge) const {
+        const Index n = vectors_.rows();
+        VecX<double> keep = VecX<double>::Zero(n);
+        if (std::isfinite(ridge)) keep = values_.array() / (values_.array() + ridge);
+        Eigen::MatrixXd off = -(vectors_ * keep.asDiagonal() * vectors_.transpose());
+        off.array() -= 1.0 / static_cast<double>(n);
+        off.diagonal().array() += 1;
+        for (Index f = 0; f < n; ++f) off.row(f) /= std::max(off(f, f), 1e-9);
+        return off;
+    }
+
+  private:
+    Eigen::MatrixXd vectors_; ///< F x F
+    VecX<double> values_;
+    std::vector<double> ridges_; ///< the infinite one first
+};
+
+/// A rigid motion: R x + t.
+struct RigidMotion {
+    Mat3<double> rotation = Mat3<double>::Identity();
+    Vec3<double> translation = Vec3<double>::Zero();
+
+    Columns<double> operator()(const Columns<double>& x) const {
+        return (rotation * x).colwise() + translation;
+    }
+    /// This after the other.
+    RigidMotion operator*(const RigidMotion& first) const {
+        return {rotation * first.rotation, rotation * first.translation + translation};
+    }
+    RigidMotion inverse() const {
+        return {rotation.transpose(), -(rotation.transpose() * translation)};
+    }
+};
+
+namespace detail {
+
+/// 3 x 6: a point's motion by a small turn and shift.
+inline Mat<double, 3, 6> motion_jacobian(const Vec3<double>& x) {
+    Mat<double, 3, 6> j;
+    j << 0, x.z(), -x.y(), 1, 0, 0, -x.z(), 0, x.x(), 0, 1, 0, x.y(), -x.x(), 0, 0, 0, 1;
+    return j;
+}
+
+} // namespace detail
+
+/// How frames are aligned.
+struct AlignSettings {
+    int rounds = 8;        ///< of relinearised least squares
+    double turn = 0.005;   ///< deviation of a frame's turn that is expected at first [rad]
+    double shift = 0.005;  ///< of its shift [unit]
+};
+
+/// The motions that bring the landmarks of each frame, 3 x L in the frame that its head pose gives,
+/// to where the other frames expect them; their mean over frames is none. x: K regressors x F
+/// frames, by which landmarks move. The motions of all frames are unknowns of one least squares,
+/// whose residuals are those of the left-out predictions: these are linear in the landmarks, and so
+/// in small motions. A landmark counts by how well it is predicted, and in a frame less where it
+/// disagrees with the stillest landmarks.
+inline std::vector<RigidMotion> align_frames(const std::vector<Columns<double>>& frames,
+                                             const Columns<double>& x,
+                                             const AlignSettings& settings = {}) {
+    const auto n = static_cast<Index>(frames.size());
+    std::vector<RigidMotion> motion(frames.size());
+    if (n < 3) return motion;
+    const Index landmarks = frames.front().cols();
+    const LeftOutRidge ridge(x);
+    double turn2 = settings.turn * settings.turn, shift2 = settings.shift * settings.shift;
+    const auto centred = [&] {
+        Vec3<double> turn = Vec3<double>::Zero(), shift = Vec3<double>::Zero();
+        for (const RigidMotion& m : motion) {
+            turn += so3_log(m.rotation) / static_cast<double>(n);
+            shift += m.translation / static_cast<double>(n);
+        }
+        const RigidMotion back = RigidMotion{so3_exp(turn), shift}.inverse();
+        for (RigidMotion& m : motion) m = back * m;
+    };
+    for (int round = 0; round < settings.rounds; ++round) {
+        // Landmarks as they are moved now, 3 x F each, and what is known of them.
+        std::vector<Columns<double>> now(static_cast<std::size_t>(landmarks), Columns<double>(3, n));
+        for (Index f = 0; f < n; ++f) {
+            const auto at = static_cast<std::size_t>(f);
+            const Columns<double> moved = motion[at](frames[at]);
+            for (Index l = 0; l < landmarks; ++l)
+                now[static_cast<std::size_t>(l)].col(f) = moved.col(l);
+        }
+        std::vector<double> spread, by;
+        for (const Columns<double>& y : now) {
+            const LeftOutRidge::Fit fit = ridge.fit(y);
+            spread.push_back(std::max(fit.rms, 1e-9));
+            by.push_back(fit.ridge);
+        }
+        std::vector<double> sorted = spread;
+        const auto tenth = sorted.begin() + landmarks / 10;
+        std::nth_element(sorted.begin(), tenth, sorted.end());
+        const double still = *tenth, still2 = still * still;
+        Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(6 * n, 6 * n);
+        VecX<double> right = VecX<double>::Zero(6 * n);
+        for (std::size_t l = 0; l < now.size(); ++l) {
+            const Eigen::MatrixXd off = ridge.left_out_residual(by[l]);
+            const Columns<double> residual = now[l] * off.transpose(); // 3 x F
+            const double s2 = spread[l] * spread[l] + still2;
+            VecX<double> weight(n); // in units of still^-2
+            for (Index f = 0; f < n; ++f) {
+                const double outlying = 1 + residual.col(f).squaredNorm() / (12 * still2);
+                weight[f] = still2 * still2 / (s2 * s2 * outlying * outlying);
+            }
+            const Mat<double, 3, 6> j =
+                detail::motion_jacobian(Vec3<double>(now[l].rowwise().mean()));
+            const Mat<double, 6, 6> jj = j.transpose() * j;
+            const Eigen::MatrixXd weighted = weight.asDiagonal() * off;
+            const Eigen::MatrixXd both = off.transpose() * weighted;
+            const Eigen::MatrixXd pulled = j.transpose() * residual * weighted; // 6 x F
+            for (Index f = 0; f < n; ++f) {
+                right.segment<6>(6 * f) -= pulled.col(f);
+                for (Index g = 0; g <= f; ++g)
+                    normal.block<6, 6>(6 * f, 6 * g) += both(f, g) * jj;
+            }
+        }
+        VecX<double> total(6 * n);
+        for (Index f = 0; f < n; ++f) {
+            const RigidMotion& m = motion[static_cast<std::size_t>(f)];
+            total.segment<3>(6 * f) = so3_log(m.rotation);
+            total.segment<3>(6 * f + 3) = m.translation;
+        }
+        for (Index i = 0; i < 6 * n; ++i) {
+            const double p = still2 / (i % 6 < 3 ? turn2 : shift2);
+            normal(i, i) += p;
+            right[i] -= p * total[i];
+        }
+        const Eigen::LDLT<Eigen::MatrixXd, Eigen::Lower> solver(normal);
+        const VecX<double> step = solver.solve(right);
+        const Eigen::MatrixXd inverse =
+            solver.solve(Eigen::MatrixXd::Identity(6 * n, 6 * n));
+        total += step;
+        turn2 = shift2 = 0;
+        for (Index i = 0; i < 6 * n; ++i)
+            (i % 6 < 3 ? turn2 : shift2) += (total[i] * total[i] + still2 * inverse(i, i)) /
+                                            static_cast<double>(3 * n);
+        for (Index f = 0; f < n; ++f) {
+            const Vec<double, 6> s = step.segment<6>(6 * f);
+            RigidMotion& m = motion[static_cast<std::size_t>(f)];
+            m = RigidMotion{so3_exp(Vec3<double>(s.head<3>())), Vec3<double>(s.tail<3>())} * m;
+        }
+        centred();
+    }
+    return motion;
+}
+
+/// Landmarks of frames without the noise that neighbours do not share.
+struct SmoothedLandmarks {
+    std::vector<Columns<double>> frames; ///< 3 x L each
+    double noise = 0;                    ///< deviation of a coordinate that was found
+};
+
+/// Takes noise off the landmarks of frames, 3 x L each: what differs from their mean over frames is
+/// filtered over the eigenvectors of the landmarks' neighbourhood, each kept by the share of it
+/// that is above the noise; the roughest quarter of them tells the noise.
+inline SmoothedLandmarks smoothed_landmarks(const std::vector<Columns<double>>& frames) {
+    SmoothedLandmarks s{frames, 0};
+    const auto n = static_cast<Index>(frames.size());
+    if (n < 3) return s;
+    const Index landmarks = frames.front().cols();
+    Columns<double> mean = Columns<double>::Zero(3, landmarks);
+    for (const Columns<double>& f : frames) mean += f / static_cast<double>(n);
+    constexpr Index near = 8;
+    const Index neighbours = std::min(near, landmarks - 1);
+    Eigen::MatrixXd laplacian = Eigen::MatrixXd::Zero(landmarks, landmarks);
+    for (Index l = 0; l < landmarks; ++l) {
+        std::vector<std::pair<double, Index>> by_distance;
+        for (Index k = 0; k < landmarks; ++k)
+            if (k != l) by_distance.emplace_back((mean.col(k) - mean.col(l)).squaredNorm(), k);
+        std::sort(by_distance.begin(), by_distance.end());
+        for (Index i = 0; i < neighbours; ++i) {
+            const Index k = by_distance[static_cast<std::size_t>(i)].second;
+            laplacian(l, k) = laplacian(k, l) = -1;
+        }
+    }
+    for (Index l = 0; l < landmarks; ++l) laplacian(l, l) = -laplacian.row(l).sum();
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(laplacian);
+    const Eigen::MatrixXd& modes = solver.eigenvectors(); // the smoothest first
+    std::vector<Eigen::MatrixXd> parts; // 3 x L of each frame
+    for (const Columns<double>& f : frames) parts.push_back((f - mean) * modes);
+    // Energy of a coordinate of each mode, over frames; the mean over frames has taken a share.
+    const double left = static_cast<double>(n - 1) / static_cast<double>(n);
+    VecX<double> energy = VecX<double>::Zero(landmarks);
+    for (const Eigen::MatrixXd& p : parts)
+        energy += p.colwise().squaredNorm().transpose() / (3 * static_cast<double>(n) * left);
+    std::vector<double> rough(energy.data() + 3 * landmarks / 4, energy.data() + landmarks);
+    std::nth_element(rough.begin(), rough.begin() + static_cast<std::ptrdiff_t>(rough.size() / 2),
+                     rough.end());
+    const double variance = rough[rough.size() / 2];
+    s.noise = std::sqrt(variance);
+    // Of a few modes together, so that chance does not decide about one.
+    constexpr Index together = 3;
+    for (Index m = 0; m < landmarks; m += together) {
+        const Index count = std::min(together, landmarks - m);
+        const double mine = energy.segment(m, count).mean();
+        const double keep = mine > variance ? 1 - variance / mine : 0;
+        for (Eigen::MatrixXd& p : parts) p.middleCols(m, count) *= keep;
+    }
+    for (std::size_t f = 0; f < frames.size(); ++f)
+        s.frames[f] = mean + parts[f] * modes.transpose();
+    return s;
+}
+
+} // namespace rye
