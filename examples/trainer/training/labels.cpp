@@ -329,7 +329,11 @@ nlohmann::ordered_json LabelFindings::json() const {
                             {"unit", f.unit}, {"wrong", f.wrong}});
     nlohmann::ordered_json frames = nlohmann::ordered_json::array();
     for (const auto& [name, off] : worst) frames.push_back({{"eye", name}, {"deg", off}});
-    return {{"stage", "labels"}, {"labels", findings}, {"not_judged", not_judged}, {"worst_gazes", frames}};
+    return {{"stage", "labels"},
+            {"step", 0},
+            {"labels", findings},
+            {"not_judged", not_judged},
+            {"worst_gazes", frames}};
 }
 
 LabelFindings correct_labels(Capture& capture, const TrainConfig& config) {

@@ -16,13 +16,31 @@
 #include <vector>
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
+#include <Eigen/SVD>
 
 #include <rye/core/columns.hpp>
 #include <rye/core/error.hpp>
 #include <rye/math/rotation.hpp>
 
 namespace rye {
+
+namespace detail {
+
+/// Eigenvectors of a positive semidefinite matrix, and their values, the largest first. By Jacobi's
+/// rotations, which need no block of memory on the stack.
+struct PositiveModes {
+    Eigen::MatrixXd vectors;
+    VecX<double> values;
+
+    explicit PositiveModes(const Eigen::MatrixXd& a) {
+        const Eigen::JacobiSVD<Eigen::MatrixXd, Eigen::NoQRPreconditioner> svd(a,
+                                                                               Eigen::ComputeFullU);
+        vectors = svd.matrixU();
+        values = svd.singularValues();
+    }
+};
+
+} // namespace detail
 
 /// Linear regressions of quantities of F frames on what drives the frames, each with the ridge by
 /// which it predicts best the frames that are left out of it.
@@ -33,10 +51,9 @@ class LeftOutRidge {
         const Index n = x.cols();
         require(n >= 3, "LeftOutRidge", "got ", n, " frames, expected 3 or more");
         const Columns<double> centred = x.colwise() - x.rowwise().mean();
-        const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(
-            Eigen::MatrixXd(centred.transpose() * centred));
-        vectors_ = solver.eigenvectors();
-        values_ = solver.eigenvalues().cwiseMax(0.0);
+        const detail::PositiveModes modes(centred.transpose() * centred);
+        vectors_ = modes.vectors;
+        values_ = modes.values;
         const double largest = std::max(values_.maxCoeff(), 1e-12);
         ridges_ = {std::numeric_limits<double>::infinity()};
         for (double r = 30; r > 1e-4; r /= 3) ridges_.push_back(r * largest);
@@ -257,8 +274,8 @@ inline SmoothedLandmarks smoothed_landmarks(const std::vector<Columns<double>>& 
         }
     }
     for (Index l = 0; l < landmarks; ++l) laplacian(l, l) = -laplacian.row(l).sum();
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(laplacian);
-    const Eigen::MatrixXd& modes = solver.eigenvectors(); // the smoothest first
+    const Eigen::MatrixXd modes = // the smoothest first
+        detail::PositiveModes(laplacian).vectors.rowwise().reverse();
     std::vector<Eigen::MatrixXd> parts; // 3 x L of each frame
     for (const Columns<double>& f : frames) parts.push_back((f - mean) * modes);
     // Energy of a coordinate of each mode, over frames; the mean over frames has taken a share.
