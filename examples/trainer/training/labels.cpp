@@ -11,6 +11,7 @@
 #include <rye/train/label_consistency.hpp>
 
 #include "training/centre_errors.hpp"
+#include "training/expression_regions.hpp"
 #include "training/seen_gazes.hpp"
 
 namespace rye::trainer {
@@ -69,6 +70,7 @@ class Corrector {
         // Of many frames those of every n-th together: the unknowns of one least squares are few.
         constexpr std::size_t most = 160;
         const Columns<double> x = regressors(c_);
+        const Columns<double> reach = reaches();
         const std::size_t groups = (count() + most - 1) / most;
         std::vector<RigidMotion> motion(count());
         for (std::size_t g = 0; g < groups; ++g) {
@@ -81,7 +83,7 @@ class Corrector {
             Columns<double> of(x.rows(), static_cast<Index>(which.size()));
             for (std::size_t k = 0; k < which.size(); ++k)
                 of.col(static_cast<Index>(k)) = x.col(static_cast<Index>(which[k]));
-            const std::vector<RigidMotion> found = align_frames(canonical, of);
+            const std::vector<RigidMotion> found = align_frames(canonical, of, reach);
             for (std::size_t k = 0; k < which.size(); ++k) motion[which[k]] = found[k];
         }
         std::vector<double> turn, shift;
@@ -104,6 +106,17 @@ class Corrector {
             f.pose.tail<3>() += f.scale * (r * back.translation);
             f.pose.head<3>() = so3_log(Mat3<double>(r * back.rotation));
         }
+    }
+
+    /// How far regressors move landmarks, by the names of the coefficients; gazes move the lids.
+    Columns<double> reaches() {
+        const Columns<double> neutral = to_canonical(frame(0), frame_landmarks(c_, c_.train[0]));
+        const Columns<double> named = expression_reach(c_.expression_names, neutral);
+        if (named.size() == 0) return named;
+        Columns<double> all(named.rows() + 4, named.cols());
+        const Columns<double> lids = expression_reach({"eye_L", "eye_R"}, neutral);
+        all << named, lids.row(0), lids.row(0), lids.row(1), lids.row(1);
+        return all;
     }
 
     void landmarks() {

@@ -12,6 +12,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <numeric>
 #include <vector>
 
@@ -146,22 +147,40 @@ struct AlignSettings {
     int rounds = 8;        ///< of relinearised least squares
     double turn = 0.005;   ///< deviation of a frame's turn that is expected at first [rad]
     double shift = 0.005;  ///< of its shift [unit]
+    double alike = 70;     ///< landmarks that an expression moves alike
 };
 
 /// The motions that bring the landmarks of each frame, 3 x L in the frame that its head pose gives,
 /// to where the other frames expect them; their mean over frames is none. x: K regressors x F
-/// frames, by which landmarks move. The motions of all frames are unknowns of one least squares,
+/// frames, by which landmarks move; reach: K x L in [0, 1], how far each may move a landmark relative
+/// to the others, or empty: all alike. The motions of all frames are unknowns of one least squares,
 /// whose residuals are those of the left-out predictions: these are linear in the landmarks, and so
 /// in small motions. A landmark counts by how well it is predicted, and in a frame less where it
 /// disagrees with the stillest landmarks.
 inline std::vector<RigidMotion> align_frames(const std::vector<Columns<double>>& frames,
                                              const Columns<double>& x,
+                                             const Columns<double>& reach = {},
                                              const AlignSettings& settings = {}) {
     const auto n = static_cast<Index>(frames.size());
     std::vector<RigidMotion> motion(frames.size());
     if (n < 3) return motion;
     const Index landmarks = frames.front().cols();
-    const LeftOutRidge ridge(x);
+    // Landmarks that are moved by the same share a regression.
+    std::vector<LeftOutRidge> ridges;
+    std::vector<std::size_t> ridge_of(static_cast<std::size_t>(landmarks), 0);
+    if (reach.size() == 0) ridges.emplace_back(x);
+    std::map<std::vector<int>, std::size_t> same;
+    for (Index l = 0; l < reach.cols(); ++l) {
+        std::vector<int> levels;
+        VecX<double> rounded(reach.rows());
+        for (Index k = 0; k < reach.rows(); ++k) {
+            levels.push_back(static_cast<int>(std::lround(4 * std::sqrt(reach(k, l)))));
+            rounded[k] = std::pow(levels.back() / 4.0, 2);
+        }
+        const auto [found, is_new] = same.emplace(levels, ridges.size());
+        if (is_new) ridges.emplace_back(rounded.asDiagonal() * x);
+        ridge_of[static_cast<std::size_t>(l)] = found->second;
+    }
     double turn2 = settings.turn * settings.turn, shift2 = settings.shift * settings.shift;
     const auto centred = [&] {
         Vec3<double> turn = Vec3<double>::Zero(), shift = Vec3<double>::Zero();
@@ -182,25 +201,27 @@ inline std::vector<RigidMotion> align_frames(const std::vector<Columns<double>>&
                 now[static_cast<std::size_t>(l)].col(f) = moved.col(l);
         }
         std::vector<double> spread, by;
-        for (const Columns<double>& y : now) {
-            const LeftOutRidge::Fit fit = ridge.fit(y);
+        for (std::size_t l = 0; l < now.size(); ++l) {
+            const LeftOutRidge::Fit fit = ridges[ridge_of[l]].fit(now[l]);
             spread.push_back(std::max(fit.rms, 1e-9));
             by.push_back(fit.ridge);
         }
         std::vector<double> sorted = spread;
-        const auto tenth = sorted.begin() + landmarks / 10;
-        std::nth_element(sorted.begin(), tenth, sorted.end());
-        const double still = *tenth, still2 = still * still;
+        const auto quarter = sorted.begin() + landmarks / 4;
+        std::nth_element(sorted.begin(), quarter, sorted.end());
+        const double still2 = *quarter * *quarter;
         Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(6 * n, 6 * n);
         VecX<double> right = VecX<double>::Zero(6 * n);
         for (std::size_t l = 0; l < now.size(); ++l) {
-            const Eigen::MatrixXd off = ridge.left_out_residual(by[l]);
+            const Eigen::MatrixXd off = ridges[ridge_of[l]].left_out_residual(by[l]);
             const Columns<double> residual = now[l] * off.transpose(); // 3 x F
-            const double s2 = spread[l] * spread[l] + still2;
-            VecX<double> weight(n); // in units of still^-2
+            // What a landmark is off by more than still ones, those that move with it are off by,
+            // too: many of them tell no more than one.
+            const double excess = std::max(0.0, spread[l] * spread[l] - 1.25 * still2);
+            VecX<double> weight(n); // in units of still2^-1
             for (Index f = 0; f < n; ++f) {
                 const double outlying = 1 + residual.col(f).squaredNorm() / (12 * still2);
-                weight[f] = still2 * still2 / (s2 * s2 * outlying * outlying);
+                weight[f] = still2 / ((still2 + settings.alike * excess) * outlying * outlying);
             }
             const Mat<double, 3, 6> j =
                 detail::motion_jacobian(Vec3<double>(now[l].rowwise().mean()));
