@@ -145,6 +145,7 @@ void walk(F& f, TrainConfig& c) {
             f("eye_feature", g.rates.eye_feature, rate);
             f("eye_offset", g.rates.eye_offset, rate);
             f("kappa", g.rates.kappa, rate);
+            f("delta_gaze", g.rates.delta_gaze, rate);
             f("shading", g.rates.shading, rate);
         });
         f("density", [&] {

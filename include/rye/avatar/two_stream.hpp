@@ -20,6 +20,9 @@ struct TwoStream : OwnParameters<T, E> {
     UpsamplerOf<T, E> upsampler;
     /// 6 x training frames, added to the tracked pose.
     [[no_unique_address]] Slot<E, ReadsHeadPose, Columns<T>> delta_pose;
+    /// 4 x training frames, or empty: added to the angles of the tracked gazes, (pitch, yaw) of the
+    /// left eye, then of the right [rad]. Needs eyes.kappa, which may be 0.
+    [[no_unique_address]] Slot<E, Kappa, Columns<T>> delta_gaze;
     [[no_unique_address]] Slot<E, HeadShading, Shading<T>> shading;
 
     template <class F, class... P>
@@ -29,6 +32,8 @@ struct TwoStream : OwnParameters<T, E> {
         nested_fields<EyeStream<T, E>>("eyes", f, p.eyes...);
         nested_fields<UpsamplerOf<T, E>>("upsampler", f, p.upsampler...);
         if constexpr (has_effect<E, ReadsHeadPose>) f("delta_poses", p.delta_pose...);
+        if constexpr (has_effect<E, Kappa>)
+            if (((p.delta_gaze.size() > 0) || ...)) f("delta_gazes", p.delta_gaze...);
         if constexpr (has_effect<E, HeadShading>)
             nested_fields<Shading<T>>("shading", f, p.shading...);
     }

@@ -103,6 +103,9 @@ class AvatarTrainer {
         r.adam = adam_step(backend, avatar_, gradient_, adam_, [&](const std::string& name) {
             return rate * training_.rates(name);
         });
+        if constexpr (has_effect<E, Kappa>)
+            if (avatar_.delta_gaze.size() > 0) // what all frames have in common is kappa's
+                avatar_.delta_gaze.colwise() -= avatar_.delta_gaze.rowwise().mean().eval();
         if (training_.bounds.growth > 0)
             bound_scales(avatar_.eyes, T(training_.bounds.growth), T(training_.bounds.thickness));
         probe("optimiser");
@@ -136,11 +139,17 @@ class AvatarTrainer {
                     driven_smoothness_;
                 driven_smoothness_.resize(0, 0);
             }
+        [[maybe_unused]] Columns<T> g_kappa;
+        if constexpr (has_effect<E, Kappa>) g_kappa = gradient.eyes.kappa;
         const Vec<T, 6> g_pose = drive_vjp(
             backend, avatar_, {training_.config, training_.roles, corrected(drivers, images)},
             trace_, {pictures_.g_gaussians, gradient});
         if constexpr (has_effect<E, ReadsHeadPose>)
             if (images.frame >= 0) gradient.delta_pose.col(images.frame) += g_pose;
+        if constexpr (has_effect<E, Kappa>)
+            if (images.frame >= 0 && avatar_.delta_gaze.size() > 0) // angles add up, so as kappa's
+                gradient.delta_gaze.col(images.frame) +=
+                    Columns<T>(gradient.eyes.kappa - g_kappa).reshaped();
         probe("networks vjp");
     }
 
@@ -153,11 +162,20 @@ class AvatarTrainer {
     static constexpr bool smooths = requires(const Avatar& a) { a.eyes.feature; } && Real<T>;
     static constexpr bool smooths_driven = !smooths && Real<T>;
 
-    /// Drivers with the frame's delta pose and the camera.
+    /// Drivers with the frame's corrections and the camera.
     Drivers<T, E> corrected(const Drivers<T, E>& tracked, const AvatarImages<T>& images) const {
         Drivers<T, E> drivers = tracked;
         if constexpr (has_effect<E, ReadsHeadPose>)
             if (images.frame >= 0) drivers.pose += avatar_.delta_pose.col(images.frame);
+        if constexpr (has_effect<E, Kappa>)
+            if (images.frame >= 0 && avatar_.delta_gaze.size() > 0)
+                for_eyes([&]<std::size_t eye>() {
+                    const Index at = 2 * static_cast<Index>(eye);
+                    if constexpr (eye_turns<E, eye>)
+                        of_eye<eye>(drivers.gaze) = apply_kappa<T>(
+                            of_eye<eye>(tracked.gaze), {avatar_.delta_gaze(at, images.frame),
+                                                        avatar_.delta_gaze(at + 1, images.frame)});
+                });
         if constexpr (has_effect<E, ReadsCamera>)
             drivers.camera = images.camera.centre().template cast<T>();
         return drivers;
