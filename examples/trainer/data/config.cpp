@@ -148,6 +148,7 @@ void walk(F& f, TrainConfig& c) {
             f("delta_gaze", g.rates.delta_gaze, rate);
             f("shading", g.rates.shading, rate);
         });
+        f("centre_corrections", g.centre_corrections);
         f("density", [&] {
             f("every", g.density.every, steps);
             f("first", g.density.first, steps);

@@ -26,8 +26,6 @@ inline DeviceWish device_wish(const std::string& word) {
 inline std::string without_kernels(const TrainConfig& c) {
     // Tiles of rye::DeviceNetworks.
     constexpr int widest = 256, features = 128, codes = 64, layers = 8;
-    if (c.gaussians.rates.delta_gaze > 0)
-        return "gaussians.rates.delta_gaze is above 0, which has no kernels";
     const AvatarConfig& a = c.avatar;
     const auto over = [](const std::string& field, int got, int most) {
         return got <= most ? ""

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/avatar/two_stream.hpp: the whole avatar: face stream, eyeball stream, upsampler, and a small
-/// correction of each frame's head pose.
+/// rye/avatar/two_stream.hpp: the whole avatar: face stream, eyeball stream, upsampler, and small
+/// corrections of each frame's head pose and gazes.
 /// Source: paper fig. 2 and section 3.2.
 #pragma once
 
@@ -12,7 +12,7 @@
 namespace rye {
 
 /// Trained parameters of an avatar: its face, its eyes, its upsampler, corrections of the tracked
-/// head poses, its shading, and those of own effects.
+/// head poses and gazes, its shading, and those of own effects.
 template <class T, EffectSet E = PaperEffects>
 struct TwoStream : OwnParameters<T, E> {
     FaceStream<T, E> face;
@@ -45,6 +45,22 @@ struct TwoStream : OwnParameters<T, E> {
                                  p.eyes...);
     }
 };
+
+/// Throws an Error unless delta_gaze is empty, or has a column for each of delta_pose's beside a
+/// kappa.
+template <class T, EffectSet E>
+void check_corrections([[maybe_unused]] const TwoStream<T, E>& avatar,
+                       [[maybe_unused]] const char* who) {
+    if constexpr (has_effect<E, Kappa>) {
+        const Columns<T>& gaze = avatar.delta_gaze;
+        if (gaze.size() == 0) return;
+        Index frames = gaze.cols();
+        if constexpr (has_effect<E, ReadsHeadPose>) frames = avatar.delta_pose.cols();
+        require(gaze.rows() == 4 && gaze.cols() == frames, who, "delta_gaze is ", gaze.rows(),
+                " x ", gaze.cols(), ", expected 4 x ", frames);
+        require(avatar.eyes.kappa.size() > 0, who, "delta_gaze needs a kappa, which may be 0");
+    }
+}
 
 /// Driven Gaussians in the world: the face's columns first, then the eyes'.
 template <class T>

@@ -15,6 +15,7 @@
 #include <rye/loss/smoothness.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/train/avatar_objective.hpp>
+#include <rye/train/centring.hpp>
 
 namespace rye {
 
@@ -46,6 +47,9 @@ struct AvatarTraining {
     AvatarObjective<A, Perceptual> objective = {};
     Rates rates = {};
     EyeballBounds bounds = {};
+    /// Whether the mean over frames is taken off corrections of head poses after each step: what is
+    /// common to all frames is the avatar's. That of gazes is taken off in any case.
+    bool centred_corrections = false;
 };
 
 /// Result of a training step.
@@ -67,6 +71,7 @@ class AvatarTrainer {
                   AvatarTraining<A, Perceptual, Rates> training)
         : backend(on), avatar_(avatar), adam_(adam), training_(std::move(training)),
           gradient_(zeros_like(avatar)) {
+        check_corrections(avatar, "AvatarTrainer");
         if constexpr (Real<T>)
             if (training_.objective.weights.eye_smooth > 0) {
                 neighbours_ = eye_neighbours(avatar.eyes);
@@ -103,9 +108,7 @@ class AvatarTrainer {
         r.adam = adam_step(backend, avatar_, gradient_, adam_, [&](const std::string& name) {
             return rate * training_.rates(name);
         });
-        if constexpr (has_effect<E, Kappa>)
-            if (avatar_.delta_gaze.size() > 0) // what all frames have in common is kappa's
-                avatar_.delta_gaze.colwise() -= avatar_.delta_gaze.rowwise().mean().eval();
+        if (r.adam.applied) centre();
         if (training_.bounds.growth > 0)
             bound_scales(avatar_.eyes, T(training_.bounds.growth), T(training_.bounds.thickness));
         probe("optimiser");
@@ -147,7 +150,7 @@ class AvatarTrainer {
         if constexpr (has_effect<E, ReadsHeadPose>)
             if (images.frame >= 0) gradient.delta_pose.col(images.frame) += g_pose;
         if constexpr (has_effect<E, Kappa>)
-            if (images.frame >= 0 && avatar_.delta_gaze.size() > 0) // angles add up, so as kappa's
+            if (images.frame >= 0 && avatar_.delta_gaze.size() > 0) // kappa's, as angles add up
                 gradient.delta_gaze.col(images.frame) +=
                     Columns<T>(gradient.eyes.kappa - g_kappa).reshaped();
         probe("networks vjp");
@@ -170,15 +173,21 @@ class AvatarTrainer {
         if constexpr (has_effect<E, Kappa>)
             if (images.frame >= 0 && avatar_.delta_gaze.size() > 0)
                 for_eyes([&]<std::size_t eye>() {
-                    const Index at = 2 * static_cast<Index>(eye);
                     if constexpr (eye_turns<E, eye>)
-                        of_eye<eye>(drivers.gaze) = apply_kappa<T>(
-                            of_eye<eye>(tracked.gaze), {avatar_.delta_gaze(at, images.frame),
-                                                        avatar_.delta_gaze(at + 1, images.frame)});
+                        of_eye<eye>(drivers.gaze) =
+                            corrected_gaze<T>(of_eye<eye>(tracked.gaze),
+                                              avatar_.delta_gaze.col(images.frame).data(), eye);
                 });
         if constexpr (has_effect<E, ReadsCamera>)
             drivers.camera = images.camera.centre().template cast<T>();
         return drivers;
+    }
+
+    /// Takes off what corrections of all frames have in common.
+    void centre() {
+        if constexpr (has_effect<E, Kappa>) centre_rows(avatar_.delta_gaze);
+        if constexpr (has_effect<E, ReadsHeadPose>)
+            if (training_.centred_corrections) centre_rows(avatar_.delta_pose);
     }
 
     Avatar& avatar_;
