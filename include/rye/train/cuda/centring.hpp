@@ -26,7 +26,7 @@ struct CentreRowsKernel {
                 shared.mean[t] = mean_of_row<float>(array.data + t, array.rows, array.cols);
         });
         block.each_thread([&](int t) {
-            for (Index i = t; i < array.size(); i += threads)
+            for (Index i = t; i < array.rows * array.cols; i += threads)
                 array.data[i] -= shared.mean[i % array.rows];
         });
     }
