@@ -43,8 +43,9 @@ TEST_CASE("cuda, emulated: corrected gazes are the host's") {
     avatar_again<Fine>(EmulatedDevice{PhaseOrder::shuffled}, queue, c);
     avatar_by_gaze<Fine>(EmulatedDevice{}, queue, c);
     // Without a head pose to correct, and of one eye.
-    avatar_against_host<Fine>(EmulatedDevice{}, queue,
-                              with_corrected_gazes(case_of<Effects<Expression, LeftGaze, Kappa>>()));
+    avatar_against_host<Fine>(
+        EmulatedDevice{}, queue,
+        with_corrected_gazes(case_of<Effects<Expression, LeftGaze, Kappa>>()));
     AvatarCase<AllEffects> none = c; // of a frame without corrections
     none.column = -1;
     avatar_against_host<Fine>(EmulatedDevice{}, queue, none);

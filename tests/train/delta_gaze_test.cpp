@@ -7,6 +7,10 @@
 
 #include <doctest/doctest.h>
 
+#include <limits>
+#include <utility>
+
+#include "../support/hostile.hpp"
 #include "../support/tiny_avatar.hpp"
 
 using namespace rye;
@@ -92,6 +96,44 @@ TEST_CASE("corrected gazes: their gradient is the transpose of their duals") {
     CHECK(gradient.delta_gaze.col(0).isZero(0)); // the sample is of frame 1
 }
 
+TEST_CASE("corrections: what frames have in common is taken off by steps that are applied") {
+    const auto off = [](const Columns<double>& a) {
+        return a.rowwise().mean().cwiseAbs().maxCoeff();
+    };
+    const auto sample = tiny_sample<double>(Draw{{9, 0}});
+    for (const bool poses : {false, true}) {
+        CAPTURE(poses);
+        AvatarTraining<> t = training();
+        t.centred_corrections = poses;
+        t.rates.delta_gaze = 1e-4;
+        Avatar<double> avatar = corrected_avatar();
+        Adam<Avatar<double>> adam(avatar);
+        AvatarTrainer trainer{ScalarBackend<>{}, avatar, adam, t};
+        double& bias = avatar.upsampler.out_bias(1, 0);
+        const double finite = std::exchange(bias, std::numeric_limits<double>::quiet_NaN());
+        CHECK(!trainer.step(sample).adam.applied);
+        bias = finite;
+        CHECK(avatar.delta_gaze == corrected_avatar().delta_gaze);
+        CHECK(avatar.delta_pose == corrected_avatar().delta_pose);
+        const Columns<double> apart = avatar.delta_gaze.col(1) - avatar.delta_gaze.col(0);
+        CHECK(trainer.step(sample).adam.applied);
+        CHECK(off(avatar.delta_gaze) <= 1e-15);
+        CHECK((off(avatar.delta_pose) <= 1e-15) == poses);
+        const Columns<double> now = avatar.delta_gaze.col(1) - avatar.delta_gaze.col(0);
+        CHECK((now - apart).cwiseAbs().maxCoeff() <= 2.1e-4); // a step of Adam
+        CHECK(!(now == apart));
+    }
+    Avatar<double> wrong = corrected_avatar();
+    Adam<Avatar<double>> adam(wrong);
+    wrong.eyes.kappa.resize(0, 0);
+    CHECK_FAULT((AvatarTrainer{ScalarBackend<>{}, wrong, adam, training()}),
+                "delta_gaze needs a kappa");
+    wrong = corrected_avatar();
+    wrong.delta_gaze.resize(4, 3);
+    CHECK_FAULT((AvatarTrainer{ScalarBackend<>{}, wrong, adam, training()}),
+                "delta_gaze is 4 x 3, expected 4 x 2");
+}
+
 TEST_CASE("corrected gazes: wrong labels come back, and their mean over frames stays 0") {
     const XsimdBackend backend;
     Avatar<float> truth = lifted<float>(corrected_avatar());
@@ -101,7 +143,7 @@ TEST_CASE("corrected gazes: wrong labels come back, and their mean over frames s
     const auto at = [&](Index frame) {
         auto s = tiny_sample<float>(Draw{{9, 0}});
         s.frame = frame;
-        s.camera = tiny_camera(48, 36).cast<float>();
+        s.camera = tiny_camera(24, 18).cast<float>();
         s.drivers.gaze = {gaze_vector(0.1F, 0.1F * float(frame)),
                           gaze_vector(-0.1F, 0.05F - 0.1F * float(frame))};
         return s;
@@ -120,8 +162,7 @@ TEST_CASE("corrected gazes: wrong labels come back, and their mean over frames s
         s.truth_small.pixels = small.pixels.topRows(3);
         const Index pixels = s.truth_small.size();
         s.visible_small = s.mask_small = s.eyes_small = Columns<float>::Ones(1, pixels);
-        const Image<float> high =
-            upsampler_forward(backend, truth.upsampler, small, nullptr);
+        const Image<float> high = upsampler_forward(backend, truth.upsampler, small, nullptr);
         s.truth = high;
         s.visible = s.eyes = Columns<float>::Ones(1, high.size());
         s.scale = {};
@@ -129,15 +170,14 @@ TEST_CASE("corrected gazes: wrong labels come back, and their mean over frames s
     }
     // Labels that are off by up to 4 degrees, their errors 0 on average.
     Columns<float> error(4, frames);
-    for (Index f = 0; f < frames; ++f)
-        error.col(f) << 0.07F, -0.05F, 0.06F, 0.04F;
+    for (Index f = 0; f < frames; ++f) error.col(f) << 0.07F, -0.05F, 0.06F, 0.04F;
     for (Index f = 0; f < frames; f += 2) error.col(f) *= -1;
     error.colwise() -= error.rowwise().mean().eval();
     Avatar<float> avatar = truth;
     Adam<Avatar<float>> adam(avatar);
     AvatarTraining<> t = training();
-    // Terms that the true gazes make smallest; those of the blank and of the eyes alone ask the face
-    // and the eyes for more, where all of the picture counts as eyes.
+    // Terms that the true gazes make smallest; those of the blank and of the eyes alone ask the
+    // face and the eyes for more, where all of the picture counts as eyes.
     AvatarLossConfig& w = t.objective.weights;
     w.dssim = w.blank = w.eye_low = w.eye_high = 0;
     for (double* r : {&t.rates.upsampler, &t.rates.networks, &t.rates.opacity, &t.rates.scale,
@@ -164,9 +204,9 @@ TEST_CASE("corrected gazes: wrong labels come back, and their mean over frames s
     avatar.delta_gaze = -error;
     CHECK(loss(0) < 1e-3F * wrong);
     avatar.delta_gaze.setZero();
-    for (Index step = 0; step < 200; ++step) {
+    for (Index step = 0; step < 160; ++step) {
         const auto s = labelled(step % frames);
-        trainer.step(s.drivers, s, step < 120 ? 1 : 0.2);
+        trainer.step(s.drivers, s, step < 100 ? 1 : 0.2);
     }
     CAPTURE(avatar.delta_gaze);
     CAPTURE(error);

@@ -22,8 +22,7 @@ KappaAngles<T> kappa_of(const Columns<T>& kappa, std::size_t eye) {
 /// TwoStream::delta_gaze: (pitch, yaw) of the left eye, then of the right [rad].
 template <class T>
 RYE_HD Vec3<T> corrected_gaze(const Vec3<T>& tracked, const T* correction, std::size_t eye) {
-    return apply_kappa<T>(tracked,
-                          KappaAngles<T>{correction[2 * eye], correction[2 * eye + 1]});
+    return apply_kappa<T>(tracked, KappaAngles<T>{correction[2 * eye], correction[2 * eye + 1]});
 }
 
 /// Cotangents of an eye's turn, as a matrix and as a quaternion.

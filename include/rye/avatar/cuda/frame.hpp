@@ -19,8 +19,8 @@ namespace rye {
 
 /// Whether frames have corrections: of their poses, of their gazes.
 template <EffectSet E>
-inline constexpr bool frames_have_corrections = has_effect<E, ReadsHeadPose> ||
-                                                has_effect<E, Kappa>;
+inline constexpr bool frames_have_corrections =
+    has_effect<E, ReadsHeadPose> || has_effect<E, Kappa>;
 
 /// Where the numbers of a frame's drivers lie, one after the other, as far as effects read them:
 /// expression, pose, scale, gaze of each eye that turns, and the column of delta_pose and

@@ -127,8 +127,8 @@ class DeviceTwoStream {
     /// delta_gaze, which correct pose and gazes, -1 for none. Waits. Throws an Error for an
     /// expression of another width, a gaze without direction, a column that is not there.
     void set_drivers(const CudaQueue& queue, const Drivers<float, E>& drivers, Index column = -1) {
-        require(column >= -1 && column < frames(), "DeviceTwoStream",
-                "column of delta_pose is ", column, ", expected -1 to ", frames() - 1);
+        require(column >= -1 && column < frames(), "DeviceTwoStream", "column of delta_pose is ",
+                column, ", expected -1 to ", frames() - 1);
         const std::vector<float> numbers = drivers_.packed(drivers, column);
         device_.send(queue, driver_numbers_.data(), numbers.data(), numbers.size() * sizeof(float));
     }

@@ -37,8 +37,7 @@ struct CentreRowsKernel {
 template <class Device, EffectSet E>
 void centre_corrections_into(
     [[maybe_unused]] const Device& device, [[maybe_unused]] const CudaQueue& queue,
-    [[maybe_unused]] const DeviceAdamState* adam,
-    [[maybe_unused]] const TwoStream<float, E>& host,
+    [[maybe_unused]] const DeviceAdamState* adam, [[maybe_unused]] const TwoStream<float, E>& host,
     [[maybe_unused]] const Resident<TwoStream<float, E>, Device>& parameters,
     [[maybe_unused]] bool poses) {
     [[maybe_unused]] const auto centre = [&](const Columns<float>& array) {
