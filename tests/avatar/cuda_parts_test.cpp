@@ -31,6 +31,7 @@ TEST_CASE("cuda, emulated: driven features and shading are the host's") {
     c.column = 1;
     avatar_against_host<Wide>(EmulatedDevice{PhaseOrder::shuffled}, queue, c);
     avatar_again<Wide>(EmulatedDevice{}, queue, c);
+    avatar_against_host<Wide>(EmulatedDevice{}, queue, with_corrected_gazes(c));
     c.avatar.shading = {};
     c.avatar.eyes.networks[0] = {};
     avatar_against_host<Wide>(EmulatedDevice{}, queue, c);

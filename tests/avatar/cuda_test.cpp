@@ -37,6 +37,19 @@ TEST_CASE("cuda, emulated: an avatar of every effect is the host's") {
     avatar_against_host<Fine>(EmulatedDevice{PhaseOrder::shuffled}, queue, c);
     avatar_against_host<Fine>(EmulatedDevice{PhaseOrder::backward}, queue, c);
 }
+TEST_CASE("cuda, emulated: corrected gazes are the host's") {
+    const AvatarCase<AllEffects> c = with_corrected_gazes(case_of_all());
+    avatar_against_host<Fine>(EmulatedDevice{}, queue, c);
+    avatar_again<Fine>(EmulatedDevice{PhaseOrder::shuffled}, queue, c);
+    avatar_by_gaze<Fine>(EmulatedDevice{}, queue, c);
+    // Without a head pose to correct, and of one eye.
+    avatar_against_host<Fine>(
+        EmulatedDevice{}, queue,
+        with_corrected_gazes(case_of<Effects<Expression, LeftGaze, Kappa>>()));
+    AvatarCase<AllEffects> none = c; // of a frame without corrections
+    none.column = -1;
+    avatar_against_host<Fine>(EmulatedDevice{}, queue, none);
+}
 TEST_CASE("cuda, emulated: an avatar gives the same bits again, in any order of threads") {
     const AvatarCase<AllEffects> c = case_of_all();
     avatar_again<Fine>(EmulatedDevice{}, queue, c);

@@ -159,6 +159,17 @@ void avatar_against_host(const Device& device, const CudaQueue& queue, const Ava
     Drivers<double, E> drivers = c.drivers.template cast<double>();
     if constexpr (has_effect<E, ReadsHeadPose>)
         if (c.column >= 0) drivers.pose += avatar.delta_pose.col(c.column);
+    [[maybe_unused]] bool gaze_corrected = false;
+    if constexpr (has_effect<E, Kappa>) {
+        gaze_corrected = c.column >= 0 && avatar.delta_gaze.size() > 0;
+        if (gaze_corrected)
+            for_eyes([&]<std::size_t eye>() {
+                if constexpr (eye_turns<E, eye>) {
+                    Vec3<double>& gaze = of_eye<eye>(drivers.gaze);
+                    gaze = corrected_gaze(gaze, avatar.delta_gaze.col(c.column).data(), eye);
+                }
+            });
+    }
     const ScalarBackend<Serial> host;
     TwoStreamTrace<double, E> trace;
     drive(host, avatar, {c.config, c.roles, drivers}, trace);
@@ -171,6 +182,11 @@ void avatar_against_host(const Device& device, const CudaQueue& queue, const Ava
         CHECK(relative(found.pose, Columns<double>(g_pose)) < bounds.gradient);
         if (c.column >= 0) gradient.delta_pose.col(c.column) += g_pose;
     }
+    if constexpr (has_effect<E, Kappa>)
+        if (gaze_corrected) {
+            gradient.delta_gaze.col(c.column) = gradient.eyes.kappa.reshaped();
+            CHECK(!gradient.delta_gaze.col(c.column).isZero(0));
+        }
     CHECK(gradients_apart(found.gradient, gradient, bounds.gradient) == "");
     if constexpr (has_effect<E, FaceDrivers>) { // some points move, and some do not
         bool some_rest = false;
@@ -182,6 +198,14 @@ void avatar_against_host(const Device& device, const CudaQueue& queue, const Ava
         });
         CHECK(some_rest);
     }
+}
+
+/// The case with corrections of the gazes of two frames, of which it shows the second.
+template <EffectSet E>
+AvatarCase<E> with_corrected_gazes(AvatarCase<E> c) {
+    c.avatar.delta_gaze = 0.1F * noise<float>(4, 2, 51);
+    c.column = 1;
+    return c;
 }
 
 template <EffectSet E>
@@ -382,6 +406,11 @@ void avatar_bad_input(const Device& device, const CudaQueue& queue, const Avatar
     wrong.avatar.face.landmarks(1, 5) = std::numeric_limits<float>::infinity();
     CHECK_FAULT(Avatar(device, queue, {wrong.avatar, wrong.config, wrong.roles}),
                 "a landmark is not finite");
+    wrong = c;
+    wrong.avatar.delta_gaze = Columns<float>::Zero(4, 3);
+    CHECK_FAULT(Avatar(device, queue, {wrong.avatar, wrong.config, wrong.roles}),
+                "delta_gaze is 4 x 3, expected 4 x 2");
+    CHECK_FAULT(avatar.upload(queue, with_corrected_gazes(c).avatar), "not the layout's field");
     wrong = c;
     wrong.config.exp_near = 2;
     CHECK_FAULT(Avatar(device, queue, {wrong.avatar, wrong.config, wrong.roles}), "Ramp");

@@ -9,6 +9,7 @@
 #include <rye/nn/cuda/mlp.hpp>
 #include <rye/nn/cuda/upsampler.hpp>
 #include <rye/splat/cuda/sh_color.hpp>
+#include <rye/train/cuda/centring.hpp>
 #include <rye/train/cuda/image_losses.hpp>
 #include <rye/train/cuda/step_kernels.hpp>
 
@@ -71,6 +72,7 @@ const void* const kernels[] = {kernel<ProjectKernel<Rules, NoDistortion>>(),
                                kernel<EachKernel<JoinGradients>>(),
                                kernel<RoomKernel>(),
                                kernel<EachKernel<BoundNumbers>>(),
+                               kernel<CentreRowsKernel>(),
                                kernel<EndStepKernel>(),
                                kernel<PlaceEyesKernel<Learned>>(),
                                kernel<KappaVjpKernel<Learned>>(),

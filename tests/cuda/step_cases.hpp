@@ -19,6 +19,7 @@ namespace rye::test {
 struct StepCase {
     bool measured = true; ///< losses as the preset `cpu` has them, else the paper's
     bool scaled = true;
+    bool corrected = false;      ///< gazes of frames, and all corrections centred
     int width = 18, height = 14; ///< of the render [px]
     double gradient = 1e-5;      ///< relative error of the first one
 };
@@ -47,6 +48,12 @@ struct StepSceneOf {
             w.eyes_from_eye_terms = true, w.eye_smooth = 0.2, w.eye_high_every = 2;
             training.bounds = {0.7, 0.1};
         }
+        if constexpr (has_effect<E, Kappa>)
+            if (c.corrected) {
+                avatar.delta_gaze = 0.05 * noise<double>(4, avatar.delta_pose.cols(), 52);
+                training.rates.delta_gaze = 1e-3;
+                training.centred_corrections = true;
+            }
         for (std::uint64_t v = 0; v < 3; ++v) {
             TrainingView view;
             view.camera = tiny_camera(c.width, c.height).template cast<float>();
@@ -231,13 +238,46 @@ void steps_against_host(const Device& device, const CudaQueue& queue, const Step
         CHECK(own.adam.step == adam.step);
         if (k == 0) CHECK(gradients_apart(own.adam.m, adam.m, c.gradient) == "");
     }
+    if constexpr (has_effect<E, Kappa>)
+        if (c.corrected) {
+            const auto centred = [](const auto& a) {
+                return a.rowwise().mean().cwiseAbs().maxCoeff() <= 1e-8;
+            };
+            CHECK((centred(own.avatar.delta_gaze) && centred(own.avatar.delta_pose)));
+            CHECK((centred(avatar.delta_gaze) && centred(avatar.delta_pose)));
+            CHECK(!own.avatar.delta_gaze.isZero(1e-3F));
+            CHECK(relative(own.avatar.delta_gaze, avatar.delta_gaze) <= 1e-3);
+            CHECK(relative(own.avatar.delta_pose, avatar.delta_pose) <= 1e-3);
+        }
+}
+
+/// Rows are centred with the host's bits, but not by a step that Adam has not applied.
+template <class Device>
+void rows_centred(const Device& device, const CudaQueue& queue) {
+    for (const Index cols : {1, 2, 1001}) {
+        const Columns<float> before = noise<float>(6, cols, 53).array() + 0.3F;
+        Columns<float> expected = before;
+        centre_rows(expected);
+        CHECK(expected.rowwise().mean().cwiseAbs().maxCoeff() <= 1e-6F);
+        const DeviceArray<Device> array(device, queue, before);
+        DeviceBuffer<DeviceAdamState> adam;
+        adam.reserve(queue, 1);
+        const auto centre = [&](std::uint32_t bad) {
+            const DeviceAdamState state{bad, DeviceAdamState::none_bad, 1};
+            device.send(queue, adam.data(), &state, sizeof state);
+            device.launch(queue, 1, CentreRowsKernel{adam.data(), array.view()});
+            return array.get();
+        };
+        CHECK(same_bits(centre(DeviceAdamState::stopped), before));
+        CHECK(same_bits(centre(0), expected));
+    }
 }
 
 /// However many steps a run takes, resumed from what was fetched, and by a trainer that takes the
 /// views of another one, the bits are the same.
 template <class Policy, class Device>
 void steps_again(const Device& device, const CudaQueue& queue) {
-    StepScene scene({});
+    StepScene scene({.corrected = true});
     scene.draws.resize(4);
     StepsOnDevice<Device, Policy> whole(device, queue, scene), parts(device, queue, scene);
     const float last = whole.run(scene.draws).losses.total;
@@ -279,7 +319,7 @@ void steps_make_room(const Device& device, const CudaQueue& queue) {
 /// A gradient that is not finite changes nothing, and is named; bad input is refused.
 template <class Policy, class Device>
 void steps_refused(const Device& device, const CudaQueue& queue) {
-    StepScene scene({});
+    StepScene scene({.corrected = true});
     StepsOnDevice<Device, Policy> own(device, queue, scene);
     own.run({scene.draws[0]});
     StepScene bad = scene;
@@ -292,6 +332,7 @@ void steps_refused(const Device& device, const CudaQueue& queue) {
     CHECK(r.bad_field != "");
     CHECK(broken.adam.step == 0);
     CHECK(broken.avatar.face.feature == before.face.feature);
+    CHECK(broken.avatar.delta_gaze == before.delta_gaze); // not centred either
 
     std::vector<StepDraw> draws = {scene.draws[0]};
     draws[0].view = 3;

@@ -19,6 +19,10 @@ TEST_CASE("device: training steps of a gaze mechanism with generated features") 
     using E = More<AllEffects, GazeBy<LearnedQuaternion>, EyesBy<RotatedFeatures>>;
     steps_against_host<Wide, E>(CudaDevice(), queue(), {.gradient = 3e-5});
 }
+TEST_CASE("device: steps that correct gazes and centre corrections") {
+    steps_against_host<Fine>(CudaDevice(), queue(), {.corrected = true});
+    rows_centred(CudaDevice(), queue());
+}
 TEST_CASE("device: training steps give the same bits again, as graphs too") {
     steps_again<Fine>(CudaDevice(), queue());
 }

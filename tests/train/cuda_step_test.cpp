@@ -50,6 +50,10 @@ TEST_CASE("cuda, emulated: training steps are the host's") {
     steps_against_host<Fine>(EmulatedDevice{PhaseOrder::shuffled}, queue,
                              {.measured = false, .scaled = false});
 }
+TEST_CASE("cuda, emulated: steps that correct gazes and centre corrections") {
+    steps_against_host<Fine>(EmulatedDevice{}, queue, {.corrected = true});
+    rows_centred(EmulatedDevice{}, queue);
+}
 TEST_CASE("cuda, emulated: training steps give the same bits again") {
     steps_again<Fine>(EmulatedDevice{}, queue);
 }

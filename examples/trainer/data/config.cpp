@@ -146,8 +146,10 @@ void walk(F& f, TrainConfig& c) {
             f("eye_feature", g.rates.eye_feature, rate);
             f("eye_offset", g.rates.eye_offset, rate);
             f("kappa", g.rates.kappa, rate);
+            f("delta_gaze", g.rates.delta_gaze, rate);
             f("shading", g.rates.shading, rate);
         });
+        f("centre_corrections", g.centre_corrections);
         f("density", [&] {
             f("every", g.density.every, steps);
             f("first", g.density.first, steps);

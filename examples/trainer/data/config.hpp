@@ -61,6 +61,9 @@ struct AvatarTrainConfig {
     EyeballConfig eyeball;
     AvatarLossConfig weights;
     AvatarRates rates;
+    /// Takes the mean over frames off the corrections of head poses after each step, so that they
+    /// do not move the head's frame.
+    bool centre_corrections = false;
     DensityConfig density;      ///< off in every preset
     UpsamplerShape upsampler;   ///< in_channels follows from the avatar
     /// Of bf16 a float of the networks' products on a device: 1 for 8 bits of each factor, 3 for 24.

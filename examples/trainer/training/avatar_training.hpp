@@ -23,6 +23,7 @@ AvatarTraining<Balanced, Perceptual> avatar_training(const TrainState& state) {
     t.objective.rasterizer = train_rasterizer();
     t.rates = c.gaussians.rates;
     if (c.gaze_axis == GazeAxis::optical) t.rates.kappa = 0; // where there is one, it stays 0
+    t.centred_corrections = c.gaussians.centre_corrections;
     t.bounds = {c.gaussians.eyeball.max_growth, c.gaussians.eyeball.thickness};
     return t;
 }

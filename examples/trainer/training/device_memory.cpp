@@ -224,6 +224,7 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
 
     double parameters = s.face * (11 + a.feature) + s.eyes * (8 + a.channels) + 6 * s.frames +
                         upsampler.parameters();
+    if (g.rates.delta_gaze > 0) parameters += 4 * s.frames;
     if (config.shading != ShadingName::none) parameters += 3 * s.face; // normals
     // A point: code, feature, influences and their cotangents, the last ones twice; nearest
     // landmarks, lists, steps of attributes. The driven cloud and its cotangent, parts of the other

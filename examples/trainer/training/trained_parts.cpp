@@ -6,7 +6,10 @@ namespace rye::trainer {
 void begin_parts(Avatar& avatar, const TrainConfig& config, const Columns<float>& normals,
                  const Random& random) {
     if (config.gaze_mechanism != GazeMechanismName::rotation) return;
-    if (config.gaze_axis == GazeAxis::visual) avatar.eyes.kappa = Columns<float>::Zero(2, 2);
+    const bool refined = config.gaussians.rates.delta_gaze > 0;
+    if (config.gaze_axis == GazeAxis::visual || refined)
+        avatar.eyes.kappa = Columns<float>::Zero(2, 2);
+    if (refined) avatar.delta_gaze = Columns<float>::Zero(4, avatar.delta_pose.cols());
     const AppearanceSizes sizes =
         appearance_sizes<TrainEffects>(config.avatar, avatar.eyes.position.cols());
     if (config.eye_appearance == EyeAppearanceName::driven)

@@ -18,6 +18,13 @@ KappaAngles<T> kappa_of(const Columns<T>& kappa, std::size_t eye) {
     return {kappa(0, e), kappa(1, e)};
 }
 
+/// The tracked gaze of an eye (0: the subject's left) with its frame's correction, a column of
+/// TwoStream::delta_gaze: (pitch, yaw) of the left eye, then of the right [rad].
+template <class T>
+RYE_HD Vec3<T> corrected_gaze(const Vec3<T>& tracked, const T* correction, std::size_t eye) {
+    return apply_kappa<T>(tracked, KappaAngles<T>{correction[2 * eye], correction[2 * eye + 1]});
+}
+
 /// Cotangents of an eye's turn, as a matrix and as a quaternion.
 template <class T>
 struct TurnCotangent {

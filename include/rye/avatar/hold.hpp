@@ -119,6 +119,7 @@ TwoStream<T, Fewer> restricted(const TwoStream<T, E>& all) {
     copy_slot(eyes.optics.light_width, a.eyes.optics.light_width);
     a.upsampler = all.upsampler;
     copy_slot(all.delta_pose, a.delta_pose);
+    copy_slot(all.delta_gaze, a.delta_gaze);
     copy_slot(all.shading, a.shading);
     return a;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// rye/avatar/two_stream.hpp: the whole avatar: face stream, eyeball stream, upsampler, and a small
-/// correction of each frame's head pose.
+/// rye/avatar/two_stream.hpp: the whole avatar: face stream, eyeball stream, upsampler, and small
+/// corrections of each frame's head pose and gazes.
 /// Source: paper fig. 2 and section 3.2.
 #pragma once
 
@@ -12,7 +12,7 @@
 namespace rye {
 
 /// Trained parameters of an avatar: its face, its eyes, its upsampler, corrections of the tracked
-/// head poses, its shading, and those of own effects.
+/// head poses and gazes, its shading, and those of own effects.
 template <class T, EffectSet E = PaperEffects>
 struct TwoStream : OwnParameters<T, E> {
     FaceStream<T, E> face;
@@ -20,6 +20,9 @@ struct TwoStream : OwnParameters<T, E> {
     UpsamplerOf<T, E> upsampler;
     /// 6 x training frames, added to the tracked pose.
     [[no_unique_address]] Slot<E, ReadsHeadPose, Columns<T>> delta_pose;
+    /// 4 x training frames, or empty: added to the angles of the tracked gazes, (pitch, yaw) of the
+    /// left eye, then of the right [rad]. Needs eyes.kappa, which may be 0.
+    [[no_unique_address]] Slot<E, Kappa, Columns<T>> delta_gaze;
     [[no_unique_address]] Slot<E, HeadShading, Shading<T>> shading;
 
     template <class F, class... P>
@@ -29,6 +32,8 @@ struct TwoStream : OwnParameters<T, E> {
         nested_fields<EyeStream<T, E>>("eyes", f, p.eyes...);
         nested_fields<UpsamplerOf<T, E>>("upsampler", f, p.upsampler...);
         if constexpr (has_effect<E, ReadsHeadPose>) f("delta_poses", p.delta_pose...);
+        if constexpr (has_effect<E, Kappa>)
+            if (((p.delta_gaze.size() > 0) || ...)) f("delta_gazes", p.delta_gaze...);
         if constexpr (has_effect<E, HeadShading>)
             nested_fields<Shading<T>>("shading", f, p.shading...);
     }
@@ -40,6 +45,22 @@ struct TwoStream : OwnParameters<T, E> {
                                  p.eyes...);
     }
 };
+
+/// Throws an Error unless delta_gaze is empty, or has a column for each of delta_pose's beside a
+/// kappa.
+template <class T, EffectSet E>
+void check_corrections([[maybe_unused]] const TwoStream<T, E>& avatar,
+                       [[maybe_unused]] const char* who) {
+    if constexpr (has_effect<E, Kappa>) {
+        const Columns<T>& gaze = avatar.delta_gaze;
+        if (gaze.size() == 0) return;
+        Index frames = gaze.cols();
+        if constexpr (has_effect<E, ReadsHeadPose>) frames = avatar.delta_pose.cols();
+        require(gaze.rows() == 4 && gaze.cols() == frames, who, "delta_gaze is ", gaze.rows(),
+                " x ", gaze.cols(), ", expected 4 x ", frames);
+        require(avatar.eyes.kappa.size() > 0, who, "delta_gaze needs a kappa, which may be 0");
+    }
+}
 
 /// Driven Gaussians in the world: the face's columns first, then the eyes'.
 template <class T>

@@ -84,7 +84,8 @@ template <class A, class F>
 void avatar_arrays(A& avatar, F&& f) {
     using P = std::remove_const_t<A>;
     const auto visit = [&](const std::string& name, auto& a) {
-        if (name == "delta_poses" || name == "eyes.spacing") return; // for training alone
+        // For training alone.
+        if (name == "delta_poses" || name == "delta_gazes" || name == "eyes.spacing") return;
         f("avatar." + name, a, name.ends_with(".xyz") || name == "eyes.kappa");
     };
     P::fields(visit, avatar);

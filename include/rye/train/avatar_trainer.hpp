@@ -15,6 +15,7 @@
 #include <rye/loss/smoothness.hpp>
 #include <rye/nn/adam.hpp>
 #include <rye/train/avatar_objective.hpp>
+#include <rye/train/centring.hpp>
 
 namespace rye {
 
@@ -46,6 +47,9 @@ struct AvatarTraining {
     AvatarObjective<A, Perceptual> objective = {};
     Rates rates = {};
     EyeballBounds bounds = {};
+    /// Whether the mean over frames is taken off corrections of head poses after each step: what is
+    /// common to all frames is the avatar's. That of gazes is taken off in any case.
+    bool centred_corrections = false;
 };
 
 /// Result of a training step.
@@ -67,6 +71,7 @@ class AvatarTrainer {
                   AvatarTraining<A, Perceptual, Rates> training)
         : backend(on), avatar_(avatar), adam_(adam), training_(std::move(training)),
           gradient_(zeros_like(avatar)) {
+        check_corrections(avatar, "AvatarTrainer");
         if constexpr (Real<T>)
             if (training_.objective.weights.eye_smooth > 0) {
                 neighbours_ = eye_neighbours(avatar.eyes);
@@ -103,6 +108,7 @@ class AvatarTrainer {
         r.adam = adam_step(backend, avatar_, gradient_, adam_, [&](const std::string& name) {
             return rate * training_.rates(name);
         });
+        if (r.adam.applied) centre();
         if (training_.bounds.growth > 0)
             bound_scales(avatar_.eyes, T(training_.bounds.growth), T(training_.bounds.thickness));
         probe("optimiser");
@@ -136,11 +142,17 @@ class AvatarTrainer {
                     driven_smoothness_;
                 driven_smoothness_.resize(0, 0);
             }
+        [[maybe_unused]] Columns<T> g_kappa;
+        if constexpr (has_effect<E, Kappa>) g_kappa = gradient.eyes.kappa;
         const Vec<T, 6> g_pose = drive_vjp(
             backend, avatar_, {training_.config, training_.roles, corrected(drivers, images)},
             trace_, {pictures_.g_gaussians, gradient});
         if constexpr (has_effect<E, ReadsHeadPose>)
             if (images.frame >= 0) gradient.delta_pose.col(images.frame) += g_pose;
+        if constexpr (has_effect<E, Kappa>)
+            if (images.frame >= 0 && avatar_.delta_gaze.size() > 0) // kappa's, as angles add up
+                gradient.delta_gaze.col(images.frame) +=
+                    Columns<T>(gradient.eyes.kappa - g_kappa).reshaped();
         probe("networks vjp");
     }
 
@@ -153,14 +165,29 @@ class AvatarTrainer {
     static constexpr bool smooths = requires(const Avatar& a) { a.eyes.feature; } && Real<T>;
     static constexpr bool smooths_driven = !smooths && Real<T>;
 
-    /// Drivers with the frame's delta pose and the camera.
+    /// Drivers with the frame's corrections and the camera.
     Drivers<T, E> corrected(const Drivers<T, E>& tracked, const AvatarImages<T>& images) const {
         Drivers<T, E> drivers = tracked;
         if constexpr (has_effect<E, ReadsHeadPose>)
             if (images.frame >= 0) drivers.pose += avatar_.delta_pose.col(images.frame);
+        if constexpr (has_effect<E, Kappa>)
+            if (images.frame >= 0 && avatar_.delta_gaze.size() > 0)
+                for_eyes([&]<std::size_t eye>() {
+                    if constexpr (eye_turns<E, eye>)
+                        of_eye<eye>(drivers.gaze) =
+                            corrected_gaze<T>(of_eye<eye>(tracked.gaze),
+                                              avatar_.delta_gaze.col(images.frame).data(), eye);
+                });
         if constexpr (has_effect<E, ReadsCamera>)
             drivers.camera = images.camera.centre().template cast<T>();
         return drivers;
+    }
+
+    /// Takes off what corrections of all frames have in common.
+    void centre() {
+        if constexpr (has_effect<E, Kappa>) centre_rows(avatar_.delta_gaze);
+        if constexpr (has_effect<E, ReadsHeadPose>)
+            if (training_.centred_corrections) centre_rows(avatar_.delta_pose);
     }
 
     Avatar& avatar_;

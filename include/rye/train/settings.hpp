@@ -70,12 +70,14 @@ struct AvatarRates {
     double eye_feature = 1e-4;  ///< free colours or latents of the eyeballs; GHA has none
     double eye_offset = 1e-4;   ///< 0 keeps the eyeball centres that stage 1 has learned
     double kappa = 1e-4;        ///< of avatars with Kappa; 0 keeps the angles as they are [rad]
+    double delta_gaze = 0;      ///< of each frame's gaze angles, where an avatar has them [rad]
     double shading = 1e-3;      ///< of avatars with HeadShading: light and normals
     double deform = 1e-4;       ///< the face's networks of displacements
 
     double operator()(const std::string& name) const {
         if (name.starts_with("upsampler.")) return upsampler;
         if (name == "delta_poses") return delta_pose;
+        if (name == "delta_gazes") return delta_gaze;
         if (name == "eyes.feature" || name == "eyes.latent") return eye_feature;
         if (name.starts_with("eyes.eye_offset_mlp.")) return eye_offset;
         if (name == "eyes.kappa") return kappa;

@@ -188,7 +188,14 @@ struct EyeOffsetVjp {
     }
 };
 
-/// ... and kappa's gradient.
+/// Where gradients of angles of the eyes go.
+struct DeviceAngleGradients {
+    float* kappa;      ///< 2 x 2, added to
+    float* delta_gaze; ///< 4 x frames, whose column of the frame is added to, or null
+};
+
+/// ... and the gradients of kappa and of the frame's correction of gazes, which adds to the same
+/// angles.
 template <EffectSet E>
 struct KappaVjpKernel {
     static constexpr const char* name = "kappa, reverse";
@@ -199,7 +206,8 @@ struct KappaVjpKernel {
     CodePlaces<E> places;
     const float* g_codes; ///< of the gaze codes
     int gaze_frequencies;
-    float* g_kappa; ///< 2 x 2, added to
+    DeviceAngleGradients gradient;
+    Index column; ///< place of the frame's column of delta_gaze among the drivers
     /// Of the optical axes as parts of the eyes read them, 3 x 2.
     [[no_unique_address]] PresentIf<axes_are_trained<E>, NoTrainedAxes, const float*> g_axis = {};
 
@@ -239,7 +247,10 @@ struct KappaVjpKernel {
                 if constexpr (axes_are_trained<E>)
                     for (int k = 0; k < 3; ++k)
                         s += g_axis[3 * eye + k] * tangent.optical[k].d[std::size_t(a)];
-                g_kappa[2 * eye + a] += s;
+                gradient.kappa[2 * eye + a] += s;
+                const float frames_column = frame.drivers[column];
+                if (gradient.delta_gaze != nullptr && frames_column >= 0.0F)
+                    gradient.delta_gaze[4 * Index(frames_column) + 2 * eye + a] += s;
             }
         }
     }

@@ -136,16 +136,21 @@ class DeviceEyeStream {
         }
     }
     /// Reads and adds to the cotangents of the codes, after the face: the offset network's
-    /// cotangent of the pose's code, kappa's gradient.
+    /// cotangent of the pose's code, the gradients of kappa and of delta_gaze (`g_delta_gaze`, 4 x
+    /// frames or null).
     template <class To>
     void codes_vjp_into([[maybe_unused]] const CudaQueue& queue, [[maybe_unused]] const To& to,
                         [[maybe_unused]] const DeviceFrameNumbers& frame,
-                        [[maybe_unused]] float* g_codes) {
+                        [[maybe_unused]] float* g_codes, [[maybe_unused]] float* g_delta_gaze) {
         if constexpr (has_effect<E, Kappa>)
             if (host_->kappa.size() > 0) {
-                KappaVjpKernel<E> kappa{frame,   sums(0),
-                                        codes_,  g_codes,
-                                        config_.gaze_frequencies, to(host_->kappa).data};
+                KappaVjpKernel<E> kappa{frame,
+                                        sums(0),
+                                        codes_,
+                                        g_codes,
+                                        config_.gaze_frequencies,
+                                        {to(host_->kappa).data, g_delta_gaze},
+                                        DriverPlaces<E>(config_).column};
                 if constexpr (axes_are_trained<E>) kappa.g_axis = g_axis_.data();
                 device_.launch(queue, 1, kappa);
             }

@@ -17,8 +17,14 @@
 
 namespace rye {
 
+/// Whether frames have corrections: of their poses, of their gazes.
+template <EffectSet E>
+inline constexpr bool frames_have_corrections =
+    has_effect<E, ReadsHeadPose> || has_effect<E, Kappa>;
+
 /// Where the numbers of a frame's drivers lie, one after the other, as far as effects read them:
-/// expression, pose, scale, gaze of each eye that turns, and the column of delta_pose, -1 for none.
+/// expression, pose, scale, gaze of each eye that turns, and the column of delta_pose and
+/// delta_gaze, -1 for none.
 template <EffectSet E>
 struct DriverPlaces {
     Index expression = 0, pose = 0, scale = 0, gaze[2] = {0, 0}, column = 0, size = 0;
@@ -33,12 +39,14 @@ struct DriverPlaces {
         next(scale, has_effect<E, HeadPose>, 1);
         next(gaze[0], eye_turns<E, 0>, 3);
         next(gaze[1], eye_turns<E, 1>, 3);
-        next(column, has_effect<E, ReadsHeadPose>, 1);
+        next(column, frames_have_corrections<E>, 1);
     }
 
-    /// The numbers of a frame's drivers; `column` is the frame's in delta_pose, -1: none. Throws an
-    /// Error for an expression of another width, and for a gaze without a direction.
-    std::vector<float> packed(const Drivers<float, E>& drivers, Index frame_column) const {
+    /// The numbers of a frame's drivers; `frame_column` is the frame's in delta_pose and
+    /// delta_gaze, -1: none. Throws an Error for an expression of another width, and for a gaze
+    /// without a direction.
+    std::vector<float> packed(const Drivers<float, E>& drivers,
+                              [[maybe_unused]] Index frame_column) const {
         std::vector<float> r(static_cast<std::size_t>(size));
         [[maybe_unused]] const auto put = [&](Index at, const auto& numbers) {
             for (Index k = 0; k < numbers.size(); ++k)
@@ -50,10 +58,9 @@ struct DriverPlaces {
                     " numbers, the avatar's networks read ", pose - expression);
             put(expression, drivers.expression);
         }
-        if constexpr (has_effect<E, ReadsHeadPose>) {
-            put(pose, drivers.pose);
+        if constexpr (has_effect<E, ReadsHeadPose>) put(pose, drivers.pose);
+        if constexpr (frames_have_corrections<E>)
             r[static_cast<std::size_t>(column)] = static_cast<float>(frame_column);
-        }
         if constexpr (has_effect<E, HeadPose>) r[static_cast<std::size_t>(scale)] = drivers.scale;
         for_eyes([&]<std::size_t eye>() {
             if constexpr (eye_turns<E, eye>) {
@@ -109,7 +116,8 @@ struct DeviceFrameState {
     EyeTransform<float> eye[2]; ///< to the world
     Quat<float> turn[2];        ///< rest (+z) to gaze
     Vec<float, 6> pose;         ///< with its correction
-    Vec3<float> visual[2], optical[2];
+    Vec3<float> visual[2];      ///< gazes with their correction
+    Vec3<float> optical[2];     ///< optical axes, by kappa
     std::uint32_t bad_gaze; ///< a bit an eye whose gaze has no direction
 };
 
@@ -118,8 +126,9 @@ struct DeviceFrameNumbers {
     const float* drivers;
     float* codes;
     DeviceFrameState* state;
-    const float* delta_pose; ///< 6 x frames, or null
-    const float* kappa;      ///< 2 x 2 [rad], or null: gazes are optical axes
+    const float* delta_pose = nullptr; ///< 6 x frames, or null
+    const float* kappa = nullptr;      ///< 2 x 2 [rad], or null: gazes are optical axes
+    const float* delta_gaze = nullptr; ///< 4 x frames [rad], or null; not without kappa
 };
 
 /// Codes, the head's transform, and optical axes.
@@ -170,7 +179,12 @@ struct FrameCodesKernel {
     template <int eye>
     RYE_DEVICE void take_gaze() const {
         const float* const g = frame.drivers + from.gaze[eye];
-        const Vec3<float> visual(g[0], g[1], g[2]);
+        Vec3<float> visual(g[0], g[1], g[2]);
+        if constexpr (has_effect<E, Kappa>) {
+            const float column = frame.drivers[from.column];
+            if (frame.delta_gaze != nullptr && column >= 0.0F)
+                visual = corrected_gaze<float>(visual, frame.delta_gaze + 4 * Index(column), eye);
+        }
         Vec3<float> optical = visual;
         if constexpr (has_effect<E, Kappa>)
             if (frame.kappa != nullptr)

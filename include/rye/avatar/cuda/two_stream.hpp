@@ -15,6 +15,7 @@
 /// same build gives the same bits.
 #pragma once
 
+#include <limits>
 #include <memory>
 
 #include <rye/avatar/cuda/eye_stream.hpp>
@@ -77,6 +78,7 @@ class DeviceTwoStream {
           codes_(of.config),
           face_(device, config_, host_.face, scratch_),
           eyes_(device, config_, host_.eyes, eye_scratch_) {
+        check_corrections(host_, "DeviceTwoStream");
         parameters_.send(queue, host_);
         face_.rest().set_fixed(queue, of.roles);
         eyes_.set_fixed(queue);
@@ -105,6 +107,14 @@ class DeviceTwoStream {
     /// Where every array lies; gradients and moments of an optimiser have the same layout.
     const ResidentLayout<Host>& layout() const { return layout_; }
     const Parameters& parameters() const { return parameters_; }
+    /// Frames that have corrections; any number where the avatar has none.
+    Index frames() const {
+        Index count = std::numeric_limits<Index>::max();
+        if constexpr (has_effect<E, Kappa>)
+            if (host_.delta_gaze.size() > 0) count = host_.delta_gaze.cols();
+        if constexpr (has_effect<E, ReadsHeadPose>) count = host_.delta_pose.cols();
+        return count;
+    }
     Index face_count() const { return face_.count(); }
     Index eye_count() const { return eyes_.count(); }
 
@@ -113,14 +123,12 @@ class DeviceTwoStream {
     /// Gives them: the host's avatar, as its checkpoints have it. Waits.
     void download(const CudaQueue& queue, Host& to) const { parameters_.fetch(queue, to); }
 
-    /// Takes what the next frames are driven by; `column`: the frame's in delta_pose, which is
-    /// added to the pose, -1 for none. Waits. Throws an Error for an expression of another width,
-    /// a gaze without direction, a column that is not there.
+    /// Takes what the next frames are driven by; `column`: the frame's in delta_pose and
+    /// delta_gaze, which correct pose and gazes, -1 for none. Waits. Throws an Error for an
+    /// expression of another width, a gaze without direction, a column that is not there.
     void set_drivers(const CudaQueue& queue, const Drivers<float, E>& drivers, Index column = -1) {
-        if constexpr (has_effect<E, ReadsHeadPose>)
-            require(column >= -1 && column < host_.delta_pose.cols(), "DeviceTwoStream",
-                    "column of delta_pose is ", column, ", expected -1 to ",
-                    host_.delta_pose.cols() - 1);
+        require(column >= -1 && column < frames(), "DeviceTwoStream", "column of delta_pose is ",
+                column, ", expected -1 to ", frames() - 1);
         const std::vector<float> numbers = drivers_.packed(drivers, column);
         device_.send(queue, driver_numbers_.data(), numbers.data(), numbers.size() * sizeof(float));
     }
@@ -148,7 +156,7 @@ class DeviceTwoStream {
         drive_streams(queue, at(parameters_), false);
     }
     /// The same where also the drivers are those of the last drive_into or redrive_into, but for
-    /// the gazes (the column of delta_pose too): redoes what gazes move, the points on the lists of
+    /// the gazes (the frame's column too): redoes what gazes move, the points on the lists of
     /// the gazes' networks and the eyes, with the bits of a redrive_into. Networks of expression
     /// and head pose are not run; what they gave is still there, so this takes no memory. Lists and
     /// influences follow from the points at rest, light from the head pose. Eyes and their features
@@ -212,8 +220,8 @@ class DeviceTwoStream {
     }
 
     /// Adds the gradients of the last drive_into, given the cotangents in g_cloud, which it
-    /// consumes: of all parameters but the upsampler's; that of the frame's column of delta_pose,
-    /// if it has one.
+    /// consumes: of all parameters but the upsampler's; those of the frame's column of delta_pose
+    /// and delta_gaze, if it has one.
     void vjp_into(const CudaQueue& queue, const Parameters& gradient) {
         require(&gradient.layout() == &layout_, "DeviceTwoStream", "gradient is of another layout");
         const auto of = at(parameters_), to = at(gradient);
@@ -236,7 +244,10 @@ class DeviceTwoStream {
                 eyes_.vjp_into(q, of, to, state_.data(),
                                {eye_gaussians(), columns_from(g, {n, p}), g_parts});
         });
-        eyes_.codes_vjp_into(queue, to, numbers(), g_codes);
+        float* g_delta_gaze = nullptr;
+        if constexpr (has_effect<E, Kappa>)
+            if (host_.delta_gaze.size() > 0) g_delta_gaze = to(host_.delta_gaze).data;
+        eyes_.codes_vjp_into(queue, to, numbers(), g_codes, g_delta_gaze);
         if constexpr (has_effect<E, ReadsHeadPose>)
             device_.launch(queue, 1,
                            FramePoseKernel<E>{drivers_,
@@ -272,12 +283,13 @@ class DeviceTwoStream {
         return [&p](const Columns<float>& array) { return p.of(array); };
     }
     DeviceFrameNumbers numbers() const {
-        DeviceFrameNumbers r{driver_numbers_.data(), codes_numbers_.data(), state_.data(), nullptr,
-                             nullptr};
+        DeviceFrameNumbers r{driver_numbers_.data(), codes_numbers_.data(), state_.data()};
         if constexpr (has_effect<E, ReadsHeadPose>)
             r.delta_pose = parameters_.of(host_.delta_pose).data;
-        if constexpr (has_effect<E, Kappa>)
+        if constexpr (has_effect<E, Kappa>) {
             if (host_.eyes.kappa.size() > 0) r.kappa = parameters_.of(host_.eyes.kappa).data;
+            if (host_.delta_gaze.size() > 0) r.delta_gaze = parameters_.of(host_.delta_gaze).data;
+        }
         return r;
     }
     void code(const CudaQueue& queue) {

@@ -77,27 +77,41 @@ class Resident {
         std::size_t at = 0;
         P::fields(
             [&](const std::string& name, const auto& a) {
-                const auto& s = layout_->slices()[at++];
+                const auto& s = slice(at++, name);
                 same(s, name, a);
                 device_.send(queue, buffer_.data() + s.offset, a.data(),
                              static_cast<std::size_t>(a.size()) * sizeof(float));
             },
             host);
+        all(at);
     }
     /// Copies into a struct of the same shapes; waits.
     void fetch(const CudaQueue& queue, P& host) const {
         std::size_t at = 0;
         P::fields(
             [&](const std::string& name, auto& a) {
-                const auto& s = layout_->slices()[at++];
+                const auto& s = slice(at++, name);
                 same(s, name, a);
                 device_.fetch(queue, a.data(), buffer_.data() + s.offset,
                               static_cast<std::size_t>(a.size()) * sizeof(float));
             },
             host);
+        all(at);
     }
 
   private:
+    void all(std::size_t fields) const {
+        require(fields == layout_->slices().size(), "Resident", "the struct has ", fields,
+                " fields, the layout ", layout_->slices().size());
+    }
+    /// Slice number `at`. Throws an Error unless it is of that name: a struct may have fields that
+    /// the layout's had not.
+    const typename ResidentLayout<P>::Slice& slice(std::size_t at, const std::string& name) const {
+        const auto& all = layout_->slices();
+        require(at < all.size() && all[at].name == name, "Resident", name,
+                " is not the layout's field number ", at);
+        return all[at];
+    }
     static void same(const typename ResidentLayout<P>::Slice& s, const std::string& name,
                      const Columns<float>& a) {
         require(a.rows() == s.rows && a.cols() == s.cols, "Resident", name, " is ", a.rows(), " x ",

@@ -20,6 +20,7 @@
 #include <rye/nn/cuda/upsampler.hpp>
 #include <rye/splat/cuda/rasterizer.hpp>
 #include <rye/train/avatar_trainer.hpp>
+#include <rye/train/cuda/centring.hpp>
 #include <rye/train/cuda/eye_smoothness.hpp>
 #include <rye/train/cuda/image_losses.hpp>
 #include <rye/train/cuda/step_images.hpp>
@@ -55,7 +56,8 @@ class DeviceAvatarTrainer {
           views_(device, 1 << from.avatar.upsampler.shape.doublings),
           losses_(device, weights_, perceptual),
           smoothness_(device),
-          channels_(from.avatar.upsampler.shape.in_channels) {
+          channels_(from.avatar.upsampler.shape.in_channels),
+          centred_poses_(training.centred_corrections) {
         upsampler_.keep_planes = true;
         for (auto& f : frame_) f = std::make_unique<DeviceFrame<Device>>(device);
         adam_.send(queue, from.adam);
@@ -81,10 +83,9 @@ class DeviceAvatarTrainer {
     /// Takes a view, whose pictures stay on the device; returns its number. Waits. Throws an Error
     /// for sizes that differ from the first view's, and for drivers that an avatar refuses.
     Index add(const CudaQueue& queue, const TrainingView& view, const Drivers<float, E>& drivers) {
-        if constexpr (has_effect<E, ReadsHeadPose>)
-            require(view.frame >= -1 && view.frame < avatar_.shapes().delta_pose.cols(),
-                    "DeviceAvatarTrainer", "view ", views_.count(), ": frame is ", view.frame,
-                    ", expected -1 to ", avatar_.shapes().delta_pose.cols() - 1);
+        require(view.frame >= -1 && view.frame < avatar_.frames(), "DeviceAvatarTrainer", "view ",
+                views_.count(), ": frame is ", view.frame, ", expected -1 to ",
+                avatar_.frames() - 1);
         return views_.add(queue, view, avatar_.driver_places().packed(drivers, view.frame));
     }
 
@@ -348,7 +349,7 @@ class DeviceAvatarTrainer {
         avatar_.vjp_into(queue, gradient_);
         end_part(queue, "drive, back");
     }
-    /// The optimiser, bounds, counts.
+    /// The optimiser, centred corrections, bounds, counts.
     void step_end(const CudaQueue& queue) {
         RoomKernel room{{}, avatar_.rooms(), state_.data()};
         for (std::size_t k = 0; k < step_renders; ++k)
@@ -356,9 +357,11 @@ class DeviceAvatarTrainer {
         device_.launch(queue, 1, room);
         const DeviceAdamControl* const control = &state_.data()->control;
         adam_.step_into(queue, avatar_.parameters(), gradient_, control);
+        const Host& host = avatar_.shapes();
+        centre_corrections_into(device_, queue, adam_.state(), host, avatar_.parameters(),
+                                centred_poses_);
         if (most_.size() > 0) {
-            const DeviceColumns<float> scales =
-                avatar_.parameters().of(avatar_.shapes().eyes.log_scale);
+            const DeviceColumns<float> scales = avatar_.parameters().of(host.eyes.log_scale);
             launch_each(device_, queue, scales.size(),
                         BoundNumbers{control, most_.data(), scales.data});
         }
@@ -379,6 +382,7 @@ class DeviceAvatarTrainer {
     DeviceImageLosses<Device, Perceptual> losses_;
     DeviceEyeSmoothness<E, Device> smoothness_;
     Index channels_;            ///< channels of a render
+    bool centred_poses_;
     DeviceCloudBuffer part_[2]; ///< gradients of the face's render, of the eyes'
     DeviceStepImageMemory images_;
     DeviceBuffer<float> colours_, white_, most_;

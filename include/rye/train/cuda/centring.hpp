@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+/// rye/train/cuda/centring.hpp: what train/centring.hpp does, in device memory.
+#pragma once
+
+#include <rye/avatar/two_stream.hpp>
+#include <rye/nn/cuda/adam.hpp>
+#include <rye/train/centring.hpp>
+
+namespace rye {
+
+/// Takes the mean over columns off each row, where the optimiser has applied its step.
+struct CentreRowsKernel {
+    static constexpr const char* name = "corrections centred";
+    static constexpr int threads = 128, blocks = 1, most = 8;
+    struct Shared {
+        float mean[most];
+    };
+    const DeviceAdamState* adam;
+    DeviceColumns<float> array; ///< with `most` rows at most
+
+    template <class Block>
+    RYE_DEVICE void operator()(Block& block, Shared& shared) const {
+        if (adam->bad != 0) return;
+        block.each_thread([&](int t) {
+            if (t < array.rows)
+                shared.mean[t] = mean_of_row<float>(array.data + t, array.rows, array.cols);
+        });
+        block.each_thread([&](int t) {
+            for (Index i = t; i < array.rows * array.cols; i += threads)
+                array.data[i] -= shared.mean[i % array.rows];
+        });
+    }
+};
+
+/// Takes off what corrections of all frames have in common; of poses if `poses`. `parameters`: of
+/// the host's avatar.
+template <class Device, EffectSet E>
+void centre_corrections_into(
+    [[maybe_unused]] const Device& device, [[maybe_unused]] const CudaQueue& queue,
+    [[maybe_unused]] const DeviceAdamState* adam, [[maybe_unused]] const TwoStream<float, E>& host,
+    [[maybe_unused]] const Resident<TwoStream<float, E>, Device>& parameters,
+    [[maybe_unused]] bool poses) {
+    [[maybe_unused]] const auto centre = [&](const Columns<float>& array) {
+        device.launch(queue, 1, CentreRowsKernel{adam, parameters.of(array)});
+    };
+    if constexpr (has_effect<E, Kappa>)
+        if (host.delta_gaze.size() > 0) centre(host.delta_gaze);
+    if constexpr (has_effect<E, ReadsHeadPose>)
+        if (poses && host.delta_pose.size() > 0) centre(host.delta_pose);
+}
+
+} // namespace rye

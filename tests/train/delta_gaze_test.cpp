@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: Apache-2.0
+// Corrections of tracked gazes (TwoStream::delta_gaze) that a training of stage 2 makes.
+#include <rye/avatar/hold.hpp>
+#include <rye/avatar/trained.hpp>
+#include <rye/splat/lanes.hpp>
+#include <rye/train/avatar_trainer.hpp>
+
+#include <doctest/doctest.h>
+
+#include <limits>
+#include <utility>
+
+#include "../support/hostile.hpp"
+#include "../support/tiny_avatar.hpp"
+
+using namespace rye;
+using namespace rye::test;
+
+namespace {
+
+template <class T>
+AvatarSample<T, TrainedEffects> tiny_sample(Draw draw) {
+    constexpr int w = 18, h = 14;
+    const auto image = [&](int width, int height) {
+        Image<T> i(width, height, 3);
+        i.pixels = draw.columns(3, i.size(), 0.5).unaryExpr([](double x) { return T(x + 0.5); });
+        return i;
+    };
+    AvatarSample<T, TrainedEffects> s;
+    s.drivers = restricted<TrainedEffects>(tiny_drivers<T>());
+    s.frame = 1;
+    s.camera = tiny_camera(w, h).cast<T>();
+    s.truth = image(2 * w, 2 * h);
+    s.truth_small = image(w, h);
+    s.visible = Columns<T>::Ones(1, s.truth.size());
+    s.visible_small = Columns<T>::Ones(1, s.truth_small.size());
+    s.visible_small(0, 5) = T(0);
+    s.eyes = Columns<T>::Zero(1, s.truth.size());
+    s.eyes_small = Columns<T>::Zero(1, s.truth_small.size());
+    for (Index i = 60; i < 90; ++i) s.eyes_small(0, i) = T(1);
+    for (Index i = 300; i < 400; ++i) s.eyes(0, i) = T(1);
+    s.mask_small = Columns<T>::Constant(1, s.truth_small.size(), T(0.75));
+    s.scale = random_scale(w, h, 2, draw.random.fork(3));
+    s.background = VecX<T>::Ones(5);
+    s.blank = draw.columns(5, 1, 0.5).unaryExpr([](double x) { return T(x + 0.5); });
+    return s;
+}
+
+template <class T>
+using Avatar = TrainedAvatar<T>;
+
+/// The tiny avatar with driven eyes, kappa, and a correction for each of its frames.
+Avatar<double> corrected_avatar() {
+    Draw draw{{3, 3}};
+    Avatar<double> a = restricted<TrainedEffects>(tiny_avatar(tiny_config(), draw));
+    a.eyes.kappa = Columns<double>::Constant(2, 2, 0.03);
+    a.delta_gaze = draw.columns(4, a.delta_pose.cols(), 0.05);
+    const AppearanceSizes sizes =
+        appearance_sizes<TrainedEffects>(tiny_config(), a.eyes.position.cols());
+    for (Mlp<double>& mlp : a.eyes.networks)
+        mlp = Mlp<double>::init(DrivenFeatures::shape(sizes), Random{9, draw.next++});
+    return a;
+}
+
+AvatarTraining<> training() {
+    AvatarTraining<> t;
+    t.config = tiny_config();
+    t.roles = tiny_roles();
+    t.objective.weights.eye_smooth = 0;
+    return t;
+}
+
+} // namespace
+
+TEST_CASE("corrected gazes: their gradient is the transpose of their duals") {
+    using D = Dual<double, 1>;
+    const Avatar<double> avatar = corrected_avatar();
+    const auto sample = tiny_sample<double>(Draw{{9, 0}});
+    Avatar<double> own = avatar, gradient = zeros_like(avatar);
+    Adam<Avatar<double>> adam(own);
+    AvatarTrainer trainer{ScalarBackend<>{}, own, adam, training()};
+    trainer.losses(sample.drivers, sample);
+    trainer.add_gradient(sample.drivers, sample, gradient);
+    Draw draw{{4, 1}};
+    const Columns<double> direction = draw.columns(4, avatar.delta_gaze.cols());
+    Avatar<D> dual = lifted<D>(avatar);
+    for (Index i = 0; i < direction.size(); ++i)
+        dual.delta_gaze.data()[i].d[0] = direction.data()[i];
+    Adam<Avatar<D>> dual_adam(dual);
+    AvatarTrainer dual_trainer{ScalarBackend<>{}, dual, dual_adam, training()};
+    const auto dual_sample = tiny_sample<D>(Draw{{9, 0}});
+    const double by_dual = dual_trainer.losses(dual_sample.drivers, dual_sample).total.d[0];
+    const double by_vjp = gradient.delta_gaze.cwiseProduct(direction).sum();
+    CHECK(std::abs(by_dual) > 1e-4);
+    CHECK(std::abs(by_dual - by_vjp) <= 1e-10 * std::abs(by_dual));
+    CHECK(gradient.delta_gaze.col(0).isZero(0)); // the sample is of frame 1
+}
+
+TEST_CASE("corrections: what frames have in common is taken off by steps that are applied") {
+    const auto off = [](const Columns<double>& a) {
+        return a.rowwise().mean().cwiseAbs().maxCoeff();
+    };
+    const auto sample = tiny_sample<double>(Draw{{9, 0}});
+    for (const bool poses : {false, true}) {
+        CAPTURE(poses);
+        AvatarTraining<> t = training();
+        t.centred_corrections = poses;
+        t.rates.delta_gaze = 1e-4;
+        Avatar<double> avatar = corrected_avatar();
+        Adam<Avatar<double>> adam(avatar);
+        AvatarTrainer trainer{ScalarBackend<>{}, avatar, adam, t};
+        double& bias = avatar.upsampler.out_bias(1, 0);
+        const double finite = std::exchange(bias, std::numeric_limits<double>::quiet_NaN());
+        CHECK(!trainer.step(sample).adam.applied);
+        bias = finite;
+        CHECK(avatar.delta_gaze == corrected_avatar().delta_gaze);
+        CHECK(avatar.delta_pose == corrected_avatar().delta_pose);
+        const Columns<double> apart = avatar.delta_gaze.col(1) - avatar.delta_gaze.col(0);
+        CHECK(trainer.step(sample).adam.applied);
+        CHECK(off(avatar.delta_gaze) <= 1e-15);
+        CHECK((off(avatar.delta_pose) <= 1e-15) == poses);
+        const Columns<double> now = avatar.delta_gaze.col(1) - avatar.delta_gaze.col(0);
+        CHECK((now - apart).cwiseAbs().maxCoeff() <= 2.1e-4); // a step of Adam
+        CHECK(!(now == apart));
+    }
+    Avatar<double> wrong = corrected_avatar();
+    Adam<Avatar<double>> adam(wrong);
+    wrong.eyes.kappa.resize(0, 0);
+    CHECK_FAULT((AvatarTrainer{ScalarBackend<>{}, wrong, adam, training()}),
+                "delta_gaze needs a kappa");
+    wrong = corrected_avatar();
+    wrong.delta_gaze.resize(4, 3);
+    CHECK_FAULT((AvatarTrainer{ScalarBackend<>{}, wrong, adam, training()}),
+                "delta_gaze is 4 x 3, expected 4 x 2");
+}
+
+TEST_CASE("corrected gazes: wrong labels come back, and their mean over frames stays 0") {
+    const XsimdBackend backend;
+    Avatar<float> truth = lifted<float>(corrected_avatar());
+    truth.eyes.kappa.setZero();
+    truth.delta_gaze.setZero();
+    truth.delta_pose.setZero();
+    const auto at = [&](Index frame) {
+        auto s = tiny_sample<float>(Draw{{9, 0}});
+        s.frame = frame;
+        s.camera = tiny_camera(24, 18).cast<float>();
+        s.drivers.gaze = {gaze_vector(0.1F, 0.1F * float(frame)),
+                          gaze_vector(-0.1F, 0.05F - 0.1F * float(frame))};
+        return s;
+    };
+    const Index frames = truth.delta_pose.cols();
+    std::vector<AvatarSample<float, TrainedEffects>> samples;
+    TwoStreamTrace<float, TrainedEffects> trace;
+    for (Index f = 0; f < frames; ++f) {
+        auto s = at(f);
+        drive(backend, truth, {tiny_config(), tiny_roles(), s.drivers}, trace);
+        const VecX<float> white = s.background;
+        const auto small = Rasterizer<FeaturesOnly<Balanced>>{}
+                               .forward(backend, trace.gaussians, s.camera, white)
+                               .feature;
+        s.truth_small = Image<float>(small.width, small.height, 3);
+        s.truth_small.pixels = small.pixels.topRows(3);
+        const Index pixels = s.truth_small.size();
+        s.visible_small = s.mask_small = s.eyes_small = Columns<float>::Ones(1, pixels);
+        const Image<float> high = upsampler_forward(backend, truth.upsampler, small, nullptr);
+        s.truth = high;
+        s.visible = s.eyes = Columns<float>::Ones(1, high.size());
+        s.scale = {};
+        samples.push_back(s);
+    }
+    // Labels that are off by up to 4 degrees, their errors 0 on average.
+    Columns<float> error(4, frames);
+    for (Index f = 0; f < frames; ++f) error.col(f) << 0.07F, -0.05F, 0.06F, 0.04F;
+    for (Index f = 0; f < frames; f += 2) error.col(f) *= -1;
+    error.colwise() -= error.rowwise().mean().eval();
+    Avatar<float> avatar = truth;
+    Adam<Avatar<float>> adam(avatar);
+    AvatarTraining<> t = training();
+    // Terms that the true gazes make smallest; those of the blank and of the eyes alone ask the
+    // face and the eyes for more, where all of the picture counts as eyes.
+    AvatarLossConfig& w = t.objective.weights;
+    w.dssim = w.blank = w.eye_low = w.eye_high = 0;
+    for (double* r : {&t.rates.upsampler, &t.rates.networks, &t.rates.opacity, &t.rates.scale,
+                      &t.rates.position, &t.rates.feature, &t.rates.rotation, &t.rates.delta_pose,
+                      &t.rates.eye_feature, &t.rates.eye_offset, &t.rates.kappa, &t.rates.shading,
+                      &t.rates.deform})
+        *r = 0;
+    t.rates.delta_gaze = 3e-3;
+    AvatarTrainer trainer{backend, avatar, adam, t};
+    const auto labelled = [&](Index frame) {
+        auto s = samples[static_cast<std::size_t>(frame)];
+        for (std::size_t eye = 0; eye < 2; ++eye) {
+            const Index row = 2 * static_cast<Index>(eye);
+            s.drivers.gaze[eye] = apply_kappa<float>(
+                s.drivers.gaze[eye], {error(row, s.frame), error(row + 1, s.frame)});
+        }
+        return s;
+    };
+    const auto loss = [&](Index frame) {
+        const auto s = labelled(frame);
+        return trainer.losses(s.drivers, s).total;
+    };
+    const float wrong = loss(0);
+    avatar.delta_gaze = -error;
+    CHECK(loss(0) < 1e-3F * wrong);
+    avatar.delta_gaze.setZero();
+    for (Index step = 0; step < 160; ++step) {
+        const auto s = labelled(step % frames);
+        trainer.step(s.drivers, s, step < 100 ? 1 : 0.2);
+    }
+    CAPTURE(avatar.delta_gaze);
+    CAPTURE(error);
+    CHECK(loss(0) < 0.2F * wrong);
+    CHECK((avatar.delta_gaze + error).cwiseAbs().maxCoeff() <= 0.01F);
+    CHECK(avatar.delta_gaze.rowwise().mean().cwiseAbs().maxCoeff() <= 1e-6F);
+    CHECK(avatar.eyes.kappa.isZero(0));
+}
