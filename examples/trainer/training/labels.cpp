@@ -10,6 +10,7 @@
 #include <rye/rig/gaze.hpp>
 #include <rye/train/label_consistency.hpp>
 
+#include "data/expression_shapes.hpp"
 #include "training/centre_errors.hpp"
 #include "training/expression_regions.hpp"
 #include "training/seen_gazes.hpp"
@@ -52,6 +53,7 @@ class Corrector {
                                         std::to_string(fewest) + " are needed");
             return;
         }
+        shapes_ = expression_shapes(c_);
         poses();
         landmarks();
         eyes();
@@ -68,7 +70,7 @@ class Corrector {
 
     void poses() {
         // Of many frames those of every n-th together: the unknowns of one least squares are few.
-        constexpr std::size_t most = 160;
+        constexpr std::size_t most = 96;
         const Columns<double> x = regressors(c_);
         const Columns<double> reach = reaches();
         const std::size_t groups = (count() + most - 1) / most;
@@ -78,7 +80,7 @@ class Corrector {
             std::vector<std::size_t> which;
             for (std::size_t i = g; i < count(); i += groups) {
                 which.push_back(i);
-                canonical.push_back(to_canonical(frame(i), frame_landmarks(c_, c_.train[i])));
+                canonical.push_back(at_rest(i));
             }
             Columns<double> of(x.rows(), static_cast<Index>(which.size()));
             for (std::size_t k = 0; k < which.size(); ++k)
@@ -108,6 +110,22 @@ class Corrector {
         }
     }
 
+    /// Landmarks of a frame in the head's frame, without what the face model's shapes tell of the
+    /// expression, where the capture has them.
+    Columns<double> at_rest(std::size_t i) {
+        return to_canonical(frame(i), frame_landmarks(c_, c_.train[i])) - expressed(i);
+    }
+    /// What the expression moves them by the shapes, 3 x L.
+    Columns<double> expressed(std::size_t i) {
+        Columns<double> moved =
+            Columns<double>::Zero(3, frame_landmarks(c_, c_.train[i]).cols());
+        for (Index e = 0; e < shapes_.rows(); ++e) {
+            const double by = static_cast<double>(frame(i).expression[static_cast<std::size_t>(e)]);
+            moved.reshaped() += by * shapes_.row(e).transpose();
+        }
+        return moved;
+    }
+
     /// How far regressors move landmarks, by the names of the coefficients; gazes move the lids.
     Columns<double> reaches() {
         const Columns<double> neutral = to_canonical(frame(0), frame_landmarks(c_, c_.train[0]));
@@ -120,10 +138,9 @@ class Corrector {
     }
 
     void landmarks() {
-        std::vector<Columns<double>> canonical;
-        for (std::size_t i = 0; i < count(); ++i)
-            canonical.push_back(to_canonical(frame(i), frame_landmarks(c_, c_.train[i])));
-        SmoothedLandmarks s = smoothed_landmarks(canonical);
+        std::vector<Columns<double>> rest;
+        for (std::size_t i = 0; i < count(); ++i) rest.push_back(at_rest(i));
+        const SmoothedLandmarks s = smoothed_landmarks(rest);
         const double noise = mm_per_unit * s.noise;
         found_.all.push_back({"landmarks", noise, 0.6, "mm", noise > 0.6,
                               "smoothed by their neighbours and all frames"});
@@ -132,7 +149,8 @@ class Corrector {
             CaptureFrame& f = frame(i);
             const Mat3<double> r = so3_exp(Vec3<double>(f.pose.head<3>()));
             const Columns<double> world =
-                (f.scale * (r * s.frames[i])).colwise() + Vec3<double>(f.pose.tail<3>());
+                (f.scale * (r * (s.frames[i] + expressed(i)))).colwise() +
+                Vec3<double>(f.pose.tail<3>());
             set_frame_landmarks(f, world);
         }
     }
@@ -305,6 +323,7 @@ class Corrector {
 
     Capture& c_;
     const TrainConfig& config_;
+    Columns<double> shapes_; ///< of the face model, E x 3 L, or empty
     LabelFindings found_;
 };
 
