@@ -20,6 +20,7 @@
 #include "data/checksums.hpp"
 #include "data/validate.hpp"
 #include "training/device.hpp"
+#include "training/labels.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -132,6 +133,12 @@ std::string describe_device(const DeviceFinding& device) {
                               number(device.found->total / 1e9, 1) + " GB free");
 }
 
+/// How far the labels of a capture that can be trained on are off. Corrects them in it.
+LabelFindings judged_labels(Capture& capture, const Verdict& verdict) {
+    if (verdict.errors > 0 || capture.train.empty() || !capture.has_gaze()) return {};
+    return correct_labels(capture, preset("cpu"));
+}
+
 } // namespace
 
 std::string describe(const Capture& c) {
@@ -198,7 +205,7 @@ void add_info(CLI::App& app) {
         require(!arguments->folder.empty(), "rye info",
                 "--capture is missing, expected the folder of a capture");
         std::vector<Problem> problems;
-        const Capture capture = read_capture(arguments->folder, {}, &problems);
+        Capture capture = read_capture(arguments->folder, {}, &problems);
         const std::vector<Problem> more =
             validate(capture, arguments->all ? ImagesToDecode::all : ImagesToDecode::sample);
         problems.insert(problems.end(), more.begin(), more.end());
@@ -206,6 +213,8 @@ void add_info(CLI::App& app) {
             problems.push_back({Problem::Severity::warning, sentence});
         if (arguments->json) {
             nlohmann::ordered_json json = info_json(capture, problems);
+            const LabelFindings labels = judged_labels(capture, judge(capture, problems));
+            json["label_findings"] = labels.empty() ? nlohmann::ordered_json() : labels.json();
             json["device"] = nullptr;
             if (const auto device = find_device().found)
                 json["device"] = {
@@ -220,6 +229,8 @@ void add_info(CLI::App& app) {
             std::cout << (error ? "error:   " : "warning: ") << p.message << "\n";
         }
         const Verdict verdict = judge(capture, problems);
+        for (const std::string& words : judged_labels(capture, verdict).lines())
+            std::cout << line("labels", words);
         for (const std::string& words : verdict.expect) std::cout << "warning: " << words << "\n";
         std::cout << line("verdict", verdict.text());
         if (verdict.errors > 0) throw CLI::RuntimeError(1);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye refine`: a capture whose labels are corrected by its photographs and a trained avatar.
+/// `rye refine`: a capture whose labels are corrected by its photographs and a trained avatar, or
+/// by each other and the irises in its photographs.
 #include <cmath>
 #include <cstdio>
 #include <memory>
@@ -11,6 +12,7 @@
 #include "data/samples.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
+#include "training/labels.hpp"
 #include "training/refine.hpp"
 
 namespace rye::trainer {
@@ -51,8 +53,45 @@ void print_frame(const Capture& capture, const LabelUnknowns& u, const RefinedFr
     std::fflush(stdout);
 }
 
+/// Without a run: labels by each other and by irises, as `rye train` corrects them.
+void refine_by_labels(const RefineCommand& o) {
+    require(!o.capture.empty(), "rye refine", "--capture is missing, expected the folder of a "
+                                              "capture where no run is named");
+    require(o.frames == "train", "rye refine", "--frames all needs a run, expected train: without "
+                                               "one the labels of training frames are corrected");
+    Capture capture = read_valid_capture(o.capture);
+    check_new_capture(capture.folder, o.out);
+    require(capture.has_gaze(), capture.folder.string(),
+            "a frame has no params/<frame>/gaze.npz, expected a gaze to begin from");
+    const std::vector<CaptureFrame> before = capture.frames;
+    const LabelFindings found = correct_labels(capture, preset("cpu"));
+    std::vector<LabelChange> changes;
+    nlohmann::ordered_json frames = nlohmann::ordered_json::object();
+    for (const int f : capture.train) {
+        const auto i = static_cast<std::size_t>(f);
+        changes.push_back(change_between(before[i], capture.frames[i]));
+        const LabelChange& c = changes.back();
+        const auto angles = [&](std::size_t e) {
+            return std::vector<double>{c.gaze[e][0] / degree, c.gaze[e][1] / degree};
+        };
+        frames[c.frame] = {{"gaze_left", angles(0)},
+                           {"gaze_right", angles(1)},
+                           {"pose", std::vector<double>(c.pose.data(), c.pose.data() + 6)}};
+    }
+    nlohmann::ordered_json record = {{"capture", capture.folder.string()}};
+    record.update(found.json());
+    record.erase("stage");
+    record.erase("step");
+    record["changes"] = frames;
+    write_changed_capture(capture.folder, o.out, changes, HeadPoints::kept,
+                          {{"refine.json", record}});
+    for (const std::string& line : found.lines()) std::printf("%s\n", line.c_str());
+    std::printf("%s\n%s\n", o.out.string().c_str(), (o.out / "refine.json").string().c_str());
+}
+
 void refine(RefineCommand o) {
     set_threads(o.threads);
+    if (o.run.empty()) return refine_by_labels(o);
     const TrainState state = load_trained(o.run);
     const Capture capture =
         read_valid_capture(capture_folder(o.run, state, o.capture, "refining"));
@@ -109,9 +148,9 @@ void refine(RefineCommand o) {
 void add_refine(CLI::App& app) {
     auto o = std::make_shared<RefineCommand>();
     CLI::App* c = app.add_subcommand(
-        "refine", "Correct a capture's gazes, head poses and expressions by a trained run");
-    c->add_option("run", o->run, "Folder of the run")
-        ->required()
+        "refine", "Correct a capture's gazes, head poses and expressions");
+    c->add_option("run", o->run, "Folder of the run (default: none, labels are corrected by each "
+                                 "other and by irises, as `rye train` does)")
         ->check(folder_check("the folder of a run with its checkpoint"));
     c->add_option("--capture", o->capture, "Folder of the capture (default: the one trained on)")
         ->check(folder_check("the folder of a capture"));

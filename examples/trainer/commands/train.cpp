@@ -508,6 +508,7 @@ int train(const TrainOptions& o) {
     if (config.correct_labels && capture.has_gaze()) labels = correct_labels(capture, config);
     if (o.resume) check_resumed(o, state, capture);
     else state = first_state(config, capture, folder);
+    const std::string refined = o.resume ? "" : refine_further(labels, state.config);
     const RunSize size = run_size(state.config, state.subject, capture.width, capture.height);
     require_room(size, most_memory(), o.config.empty() ? "--preset " + config.preset
                                                        : o.config.string());
@@ -541,6 +542,7 @@ int train(const TrainOptions& o) {
                      "VGG16 term is replaced by one of gradient pyramids\n";
     if (!quiet(o))
         for (const std::string& line : labels.lines()) std::cout << line << "\n";
+    if (!quiet(o) && !refined.empty()) std::cout << refined << "\n";
     if (!o.resume && !labels.empty()) trainer.log(labels.json());
     if (!quiet(o)) std::cout << text_of(size) << "\n";
     if (!quiet(o) && !on.words.empty()) std::cout << on.words << "\n";

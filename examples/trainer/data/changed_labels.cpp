@@ -111,9 +111,10 @@ void change_gaze(const fs::path& file, const LabelChange& change, const HeadMoti
         edit(arrays, "gaze_" + side + "_world", who, [&](std::vector<double>& v) {
             vector_of(v, "gaze_" + side + "_world") = motion.last * gaze;
         });
-        if (points == HeadPoints::moved)
-            edit(arrays, "eye_center_" + side, who,
-                 [&](std::vector<double>& v) { motion.move(v); });
+        edit(arrays, "eye_center_" + side, who, [&](std::vector<double>& v) {
+            if (points == HeadPoints::moved) motion.move(v);
+            if (change.centre[e]) vector_of(v, "eye_center_" + side) = *change.centre[e];
+        });
     }
     write_bytes(file, npz_bytes(arrays));
 }
@@ -147,6 +148,21 @@ bool is_below(const fs::path& path, const fs::path& folder) {
 }
 
 } // namespace
+
+LabelChange change_between(const CaptureFrame& before, const CaptureFrame& after) {
+    LabelChange change;
+    change.frame = before.id;
+    change.pose = after.pose - before.pose;
+    for (std::size_t e = 0; e < 2; ++e) {
+        change.gaze[e] = pitch_yaw(after.eyes[e].optical) - pitch_yaw(before.eyes[e].optical);
+        if (after.eyes[e].centre && after.eyes[e].centre != before.eyes[e].centre)
+            change.centre[e] = after.eyes[e].centre;
+    }
+    for (std::size_t k = 0; k < after.expression.size(); ++k)
+        change.expression.push_back(static_cast<double>(after.expression[k]) -
+                                    static_cast<double>(before.expression[k]));
+    return change;
+}
 
 void check_new_capture(const fs::path& from, const fs::path& out) {
     require(!out.empty(), "--out", "is missing, expected the folder of the new capture");

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,6 +21,7 @@ struct LabelChange {
     std::array<Vec2<double>, 2> gaze{Vec2<double>::Zero(), Vec2<double>::Zero()};
     Vec<double, 6> pose = Vec<double, 6>::Zero(); ///< axis-angle [rad], translation [world unit]
     std::vector<double> expression;               ///< of every coefficient; empty: none changes
+    std::array<std::optional<Vec3<double>>, 2> centre; ///< instead of the eyeball's [world unit]
 };
 
 /// What lies in the world and belongs to the head: landmarks, vertices and eyeball centres.
@@ -31,6 +33,10 @@ enum class HeadPoints {
 /// Throws Error unless `out` can become a capture made of `from`: it is not there, or an empty
 /// folder, and not below `from`.
 void check_new_capture(const std::filesystem::path& from, const std::filesystem::path& out);
+
+struct CaptureFrame;
+/// What turns the labels of a frame into those of another: all but landmarks and vertices.
+LabelChange change_between(const CaptureFrame& before, const CaptureFrame& after);
 
 /// Copies the capture and changes the labels of these frames. `records` are further files, by name,
 /// each an object that gets its checksum. The folder appears whole or not at all.

@@ -99,7 +99,8 @@ class Corrector {
                                  turned.remedy};
         found_.all.push_back(turned);
         found_.all.push_back(moved);
-        if (!turned.wrong && !moved.wrong) return;
+        found_.poses = turned.wrong || moved.wrong;
+        if (!found_.poses) return;
         for (std::size_t i = 0; i < count(); ++i) {
             // x_head,new = m(x_head): the world is where it was.
             CaptureFrame& f = frame(i);
@@ -270,7 +271,8 @@ class Corrector {
         std::sort(found_.worst.begin(), found_.worst.end(),
                   [](const auto& a, const auto& b) { return a.second > b.second; });
         if (found_.worst.size() > 5) found_.worst.resize(5);
-        if (off <= bound) return;
+        found_.gazes = off > bound;
+        if (!found_.gazes) return;
         // Both eyes' corrections of each frame, (pitch, yaw), and whether its irises told them.
         std::vector<std::array<Vec2<double>, 2>> change(count());
         std::vector<std::array<bool, 2>> told(count(), {false, false});
@@ -335,10 +337,6 @@ std::string text(const char* format, double x) {
 
 } // namespace
 
-bool LabelFindings::any_wrong() const {
-    return std::any_of(all.begin(), all.end(), [](const LabelFinding& f) { return f.wrong; });
-}
-
 std::vector<std::string> LabelFindings::lines() const {
     std::vector<std::string> out;
     for (const LabelFinding& f : all)
@@ -366,6 +364,21 @@ nlohmann::ordered_json LabelFindings::json() const {
             {"labels", findings},
             {"not_judged", not_judged},
             {"worst_gazes", frames}};
+}
+
+std::string refine_further(const LabelFindings& findings, TrainConfig& config) {
+    if (config.gaze_mechanism != GazeMechanismName::rotation) return {};
+    AvatarTrainConfig& g = config.gaussians;
+    if (findings.gazes) g.rates.delta_gaze = 3e-4;
+    if (findings.poses) {
+        g.centre_corrections = true;
+        g.rates.delta_pose = 3e-4;
+    }
+    const std::string what = findings.gazes && findings.poses ? "gazes and head poses"
+                             : findings.gazes                 ? "gazes"
+                             : findings.poses                 ? "head poses"
+                                                              : "";
+    return what.empty() ? "" : "stage 2 goes on refining the " + what + " of training frames";
 }
 
 LabelFindings correct_labels(Capture& capture, const TrainConfig& config) {

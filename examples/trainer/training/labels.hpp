@@ -30,9 +30,9 @@ struct LabelFindings {
     std::vector<LabelFinding> all;
     std::vector<std::string> not_judged; ///< sentences: which label, and why
     std::vector<std::pair<std::string, double>> worst; ///< frames, the worst first [deg of gaze]
+    bool poses = false, gazes = false; ///< whether they were corrected
 
     bool empty() const { return all.empty() && not_judged.empty(); }
-    bool any_wrong() const;
     std::vector<std::string> lines() const;
     nlohmann::ordered_json json() const;
 };
@@ -40,5 +40,9 @@ struct LabelFindings {
 /// Judges the labels of the training frames of a capture that has gazes, and corrects them in it.
 /// Deterministic: the same capture gives the same bits.
 LabelFindings correct_labels(Capture& capture, const TrainConfig& config);
+
+/// Lets a training go on with what was corrected: gazes, and head poses, of each frame become
+/// parameters of stage 2. Where nothing was, nothing changes. Returns a sentence, or an empty text.
+std::string refine_further(const LabelFindings& findings, TrainConfig& config);
 
 } // namespace rye::trainer
