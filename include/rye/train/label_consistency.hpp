@@ -87,7 +87,8 @@ class LeftOutRidge {
                 const double rest = std::max(1 - own, 1e-9);
                 left_out.col(f) = y.col(f) - (y.col(f) - fitted.col(f)) / rest;
             }
-            const double rms = std::sqrt((y - left_out).squaredNorm() / static_cast<double>(y.size()));
+            const double rms =
+                std::sqrt((y - left_out).squaredNorm() / static_cast<double>(y.size()));
             // A regression has to be better than the mean by more than chance.
             if (rms < (best.ridge == ridges_.front() ? 0.97 : 1.0) * best.rms)
                 best = {std::move(fitted), std::move(left_out), rms, ridge};
@@ -152,8 +153,8 @@ struct AlignSettings {
 
 /// The motions that bring the landmarks of each frame, 3 x L in the frame that its head pose gives,
 /// to where the other frames expect them; their mean over frames is none. x: K regressors x F
-/// frames, by which landmarks move; reach: K x L in [0, 1], how far each may move a landmark relative
-/// to the others, or empty: all alike. The motions of all frames are unknowns of one least squares,
+/// frames, by which landmarks move; reach: K x L in [0, 1], how far each may move a landmark
+/// relative to the others, or empty: all alike. The motions of all frames are unknowns of one least squares,
 /// whose residuals are those of the left-out predictions: these are linear in the landmarks, and so
 /// in small motions. A landmark counts by how well it is predicted, and in a frame less where it
 /// disagrees with the stillest landmarks.
@@ -193,7 +194,8 @@ inline std::vector<RigidMotion> align_frames(const std::vector<Columns<double>>&
     };
     for (int round = 0; round < settings.rounds; ++round) {
         // Landmarks as they are moved now, 3 x F each, and what is known of them.
-        std::vector<Columns<double>> now(static_cast<std::size_t>(landmarks), Columns<double>(3, n));
+        std::vector<Columns<double>> now(static_cast<std::size_t>(landmarks),
+                                         Columns<double>(3, n));
         for (Index f = 0; f < n; ++f) {
             const auto at = static_cast<std::size_t>(f);
             const Columns<double> moved = motion[at](frames[at]);
