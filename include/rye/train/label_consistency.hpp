@@ -154,10 +154,11 @@ struct AlignSettings {
 /// The motions that bring the landmarks of each frame, 3 x L in the frame that its head pose gives,
 /// to where the other frames expect them; their mean over frames is none. x: K regressors x F
 /// frames, by which landmarks move; reach: K x L in [0, 1], how far each may move a landmark
-/// relative to the others, or empty: all alike. The motions of all frames are unknowns of one least squares,
-/// whose residuals are those of the left-out predictions: these are linear in the landmarks, and so
-/// in small motions. A landmark counts by how well it is predicted, and in a frame less where it
-/// disagrees with the stillest landmarks.
+/// relative to the others, or empty: all alike. The motions of all frames are unknowns of one least
+/// squares, whose residuals are those of the left-out predictions: these are linear in the
+/// landmarks, and so in small motions. How large motions are expected is found in rounds. A
+/// landmark counts by how well it is predicted, and in a frame less where it disagrees with the
+/// stillest landmarks.
 inline std::vector<RigidMotion> align_frames(const std::vector<Columns<double>>& frames,
                                              const Columns<double>& x,
                                              const Columns<double>& reach = {},
