@@ -243,7 +243,7 @@ class Corrector {
                 d = r;
             }
         }
-        found_.all.push_back({"eyeball centres", rms(moved), least_motion, "mm", hold,
+        found_.all.push_back({"eyeball centres from their mean", rms(moved), least_motion, "mm", hold,
                               "held at their mean, by which gazes agree with the irises"});
         if (hold)
             for (std::size_t i = 0; i < count(); ++i) {
@@ -341,7 +341,9 @@ std::vector<std::string> LabelFindings::lines() const {
     std::vector<std::string> out;
     for (const LabelFinding& f : all)
         out.push_back(f.label + ": " + text("%.2f ", f.off) + f.unit + " off" +
-                      (f.wrong ? ", " + f.remedy : ", within " + text("%.2g ", f.bound) + f.unit));
+                      (f.wrong          ? ", " + f.remedy
+                       : f.off > f.bound ? ", which the irises agree with"
+                                         : ", within " + text("%.2g ", f.bound) + f.unit));
     for (const std::string& s : not_judged) out.push_back(s);
     if (!worst.empty()) {
         std::string frames = "gazes farthest from their irises:";
