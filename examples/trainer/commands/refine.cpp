@@ -80,8 +80,6 @@ void refine_by_labels(const RefineCommand& o) {
     }
     nlohmann::ordered_json record = {{"capture", capture.folder.string()}};
     record.update(found.json());
-    record.erase("stage");
-    record.erase("step");
     record["changes"] = frames;
     write_changed_capture(capture.folder, o.out, changes, HeadPoints::kept,
                           {{"refine.json", record}});

@@ -543,7 +543,11 @@ int train(const TrainOptions& o) {
     if (!quiet(o))
         for (const std::string& line : labels.lines()) std::cout << line << "\n";
     if (!quiet(o) && !refined.empty()) std::cout << refined << "\n";
-    if (!o.resume && !labels.empty()) trainer.log(labels.json());
+    if (!o.resume && !labels.empty()) {
+        Json line = {{"stage", "labels"}, {"step", 0}};
+        line.update(labels.json());
+        trainer.log(line);
+    }
     if (!quiet(o)) std::cout << text_of(size) << "\n";
     if (!quiet(o) && !on.words.empty()) std::cout << on.words << "\n";
     if (!o.begin.empty()) trainer.begin_after(o.begin);

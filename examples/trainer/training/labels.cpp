@@ -361,9 +361,7 @@ nlohmann::ordered_json LabelFindings::json() const {
                             {"unit", f.unit}, {"wrong", f.wrong}});
     nlohmann::ordered_json frames = nlohmann::ordered_json::array();
     for (const auto& [name, off] : worst) frames.push_back({{"eye", name}, {"deg", off}});
-    return {{"stage", "labels"},
-            {"step", 0},
-            {"labels", findings},
+    return {{"labels", findings},
             {"not_judged", not_judged},
             {"worst_gazes", frames}};
 }
