@@ -27,6 +27,13 @@ double rms(const std::vector<double>& v) {
     return v.empty() ? 0 : std::sqrt(sum / static_cast<double>(v.size()));
 }
 
+/// The middle one.
+double median(std::vector<double> v) {
+    const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
+    std::nth_element(v.begin(), middle, v.end());
+    return *middle;
+}
+
 /// What drives the frames: K x F, expression and (pitch, yaw) of both eyes [rad].
 Columns<double> regressors(const Capture& capture) {
     const auto width = static_cast<Index>(capture.expression_width());
@@ -174,36 +181,51 @@ class Corrector {
     /// Seen gazes less labels, (pitch, yaw), of the frames that show the eye [rad].
     struct Differences {
         std::array<std::vector<std::size_t>, 2> frame;
-        std::array<std::vector<Vec2<double>>, 2> off; ///< less their mean over frames
+        std::array<std::vector<Vec2<double>>, 2> off; ///< less their middle over frames
         std::array<std::vector<Vec2<double>>, 2> sigma;
         std::array<Vec2<double>, 2> mean{Vec2<double>::Zero(), Vec2<double>::Zero()};
-        double rms = 0;   ///< of an angle
-        double noise = 0; ///< of an angle as pictures tell it
+        /// Deviation of an angle, of what pictures tell of it, both by medians: a closed eye may
+        /// show an iris that is none.
+        double deviation = 0, noise = 0;
         std::size_t eyes = 0;
     };
     Differences differences(const std::vector<std::array<SeenGaze, 2>>& seen) {
         Differences d;
-        double squares = 0, noise = 0;
+        std::vector<double> lengths, noises;
         for (std::size_t e = 0; e < 2; ++e) {
+            std::array<std::vector<double>, 2> angles;
             for (std::size_t i = 0; i < count(); ++i) {
                 if (seen[i][e].views == 0) continue;
                 d.frame[e].push_back(i);
                 d.off[e].push_back(seen[i][e].angles - pitch_yaw(frame(i).eyes[e].optical));
                 d.sigma[e].push_back(seen[i][e].sigma);
-                d.mean[e] += d.off[e].back();
+                for (std::size_t k = 0; k < 2; ++k)
+                    angles[k].push_back(d.off[e].back()[static_cast<Index>(k)]);
             }
             if (d.off[e].empty()) continue;
-            d.mean[e] /= static_cast<double>(d.off[e].size());
+            const Vec2<double> middle(median(angles[0]), median(angles[1]));
+            // The mean of what is not far from the middle.
+            std::vector<double> away;
+            for (const Vec2<double>& off : d.off[e]) away.push_back((off - middle).norm());
+            const double far = 3 * median(away);
+            double near = 0;
+            for (const Vec2<double>& off : d.off[e])
+                if ((off - middle).norm() <= far) {
+                    d.mean[e] += off;
+                    ++near;
+                }
+            d.mean[e] /= near;
             for (std::size_t k = 0; k < d.off[e].size(); ++k) {
                 d.off[e][k] -= d.mean[e];
-                squares += d.off[e][k].squaredNorm() / 2;
-                noise += d.sigma[e][k].squaredNorm() / 2;
+                lengths.push_back(d.off[e][k].norm());
+                noises.push_back(d.sigma[e][k].norm() / std::sqrt(2.0));
             }
             d.eyes += d.off[e].size();
         }
         if (d.eyes > 0) {
-            d.rms = std::sqrt(squares / static_cast<double>(d.eyes));
-            d.noise = std::sqrt(noise / static_cast<double>(d.eyes));
+            constexpr double of_median = 1.1774; // of the length of two normal numbers
+            d.deviation = median(lengths) / of_median;
+            d.noise = median(noises);
         }
         return d;
     }
@@ -237,7 +259,7 @@ class Corrector {
             const std::vector<std::array<SeenGaze, 2>> with_rig =
                 seen_gazes(c_, c_.train, balls(&rig));
             const Differences r = differences(with_rig);
-            hold = r.rms < 0.97 * d.rms;
+            hold = r.deviation < 0.97 * d.deviation;
             if (hold) {
                 seen = with_rig;
                 d = r;
@@ -257,7 +279,7 @@ class Corrector {
 
     /// How far the labels are off by the differences, without what the pictures are [rad].
     static double off_of(const Differences& d) {
-        return std::sqrt(std::max(0.0, d.rms * d.rms - d.noise * d.noise));
+        return std::sqrt(std::max(0.0, d.deviation * d.deviation - d.noise * d.noise));
     }
 
     void gazes(const Differences& d, double bound) {
@@ -288,6 +310,9 @@ class Corrector {
                 mean[e] = trusted * d.mean[e];
             for (std::size_t k = 0; k < d.off[e].size(); ++k) {
                 const Vec2<double> variance = d.sigma[e][k].array().square();
+                // No label is that far off: what the picture showed was no iris.
+                constexpr double most = 5;
+                if (d.off[e][k].norm() > most * std::sqrt(off * off + variance.mean())) continue;
                 const std::size_t i = d.frame[e][k];
                 change[i][e] =
                     d.off[e][k].array() * (off * off / (off * off + variance.array()));
