@@ -1,0 +1,326 @@
+// SPDX-License-Identifier: Apache-2.0
+// Labels of a rendered capture with errors put in, against the right ones: what is found to be
+// wrong, and how much nearer it comes.
+#include "training/labels.hpp"
+
+#include <cmath>
+#include <filesystem>
+
+#include <doctest/doctest.h>
+
+#include <rye/math/rotation.hpp>
+#include <rye/rig/gaze.hpp>
+
+#include "../support/hostile.hpp"
+#include "data/flaws.hpp"
+#include "synthetic_capture/scene.hpp"
+#include "training/gaze_estimator.hpp"
+
+using namespace rye;
+using namespace rye::trainer;
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr double degree = 3.14159265358979323846 / 180;
+
+/// A capture whose labels are right, written once: its irises are seen by 80 pixels and more.
+struct Right {
+    TemporaryFolder folder;
+    fs::path path = folder.path / "right";
+    Capture capture;
+    Right() {
+        const CaptureSettings settings{.size = 256,
+                                       .cameras = 6,
+                                       .train_frames = 10,
+                                       .novel_frames = 2,
+                                       .independent_frames = 0,
+                                       .samples = 1};
+        const HeadModel head = procedural_head(1);
+        write_capture(head, capture_scene(head, settings), path, [](int, int) {});
+        capture = read_capture(path);
+    }
+    const CaptureFrame& frame(int f) const { return capture.frames[static_cast<std::size_t>(f)]; }
+};
+const Right& right() {
+    static const Right made;
+    return made;
+}
+
+/// A copy with errors of training frames. The pictures are where the folder is.
+struct Flawed {
+    TemporaryFolder folder;
+    Capture capture;
+
+    template <class Set>
+    explicit Flawed(const Set& set, std::uint64_t seed = 0) {
+        FlawOptions o;
+        o.capture = right().path;
+        o.out = folder.path / "flawed";
+        o.seed = seed;
+        set(o.sizes);
+        write_flawed(o);
+        capture = read_capture(o.out);
+    }
+};
+
+/// The one of a label that begins so.
+const LabelFinding& finding(const LabelFindings& all, const std::string& label,
+                            const std::string& unit) {
+    for (const LabelFinding& f : all.all)
+        if (f.label.starts_with(label) && f.unit == unit) return f;
+    FAIL("no finding about ", label, " in ", unit);
+    return all.all.front();
+}
+
+/// To the bit.
+bool same(const CaptureEye& a, const CaptureEye& b) {
+    return a.optical == b.optical && a.optical_world == b.optical_world && a.visual == b.visual &&
+           a.centre == b.centre && a.kappa == b.kappa && a.radius == b.radius &&
+           a.limbus_radius == b.limbus_radius && a.iris_plane == b.iris_plane;
+}
+bool same(const CaptureFrame& a, const CaptureFrame& b) {
+    return a.expression == b.expression && a.pose == b.pose && a.scale == b.scale &&
+           a.landmarks == b.landmarks && a.vertices == b.vertices && same(a.eyes[0], b.eyes[0]) &&
+           same(a.eyes[1], b.eyes[1]);
+}
+bool same(const std::vector<CaptureFrame>& a, const std::vector<CaptureFrame>& b) {
+    if (a.size() != b.size()) return false;
+    for (std::size_t f = 0; f < a.size(); ++f)
+        if (!same(a[f], b[f])) return false;
+    return true;
+}
+
+/// Whether a picture of the frame shows enough of the eye.
+bool is_seen(int f, std::size_t e) {
+    for (int c = 0; c < right().capture.camera_count(); ++c) {
+        const Image<float> eyes = right().capture.eye_mask(f, c);
+        const Columns<float> eye = eyes.pixels.row(static_cast<Index>(e));
+        if (usable_eye_pixels(eye, eyes.width) >= 80) return true;
+    }
+    return false;
+}
+
+/// Root mean square of the angles by which gazes of training frames are off, of eyes that are seen
+/// and of all [degrees].
+struct GazeErrors {
+    double seen = 0, all = 0;
+    int seen_eyes = 0;
+
+    explicit GazeErrors(const Capture& c) {
+        for (const int f : c.train)
+            for (std::size_t e = 0; e < 2; ++e) {
+                const Vec3<double> is = c.frames[static_cast<std::size_t>(f)].eyes[e].optical;
+                const double off = angular_error(is, right().frame(f).eyes[e].optical) / degree;
+                all += off * off / (2 * static_cast<double>(c.train.size()));
+                if (!is_seen(f, e)) continue;
+                seen += off * off;
+                ++seen_eyes;
+            }
+        seen = std::sqrt(seen / seen_eyes);
+        all = std::sqrt(all);
+    }
+};
+
+/// Root mean squares of what head poses of training frames are off by, without what is common to
+/// all of them: [degrees] and [mm].
+struct PoseErrors {
+    double turn = 0, shift = 0;
+
+    explicit PoseErrors(const Capture& c) {
+        const auto n = static_cast<double>(c.train.size());
+        std::vector<Vec3<double>> turns, shifts;
+        Vec3<double> mean_turn = Vec3<double>::Zero(), mean_shift = Vec3<double>::Zero();
+        for (const int f : c.train) {
+            const Vec<double, 6>&is = c.frames[static_cast<std::size_t>(f)].pose,
+                  &truth = right().frame(f).pose;
+            const Mat3<double> back = so3_exp(Vec3<double>(truth.head<3>())).transpose();
+            turns.push_back(so3_log(Mat3<double>(back * so3_exp(Vec3<double>(is.head<3>())))));
+            shifts.push_back(back * (is - truth).tail<3>());
+            mean_turn += turns.back() / n;
+            mean_shift += shifts.back() / n;
+        }
+        for (std::size_t i = 0; i < turns.size(); ++i) {
+            turn += (turns[i] - mean_turn).squaredNorm() / n;
+            shift += (shifts[i] - mean_shift).squaredNorm() / n;
+        }
+        turn = std::sqrt(turn) / degree;
+        shift = 100 * std::sqrt(shift);
+    }
+};
+
+/// Root mean square of a coordinate by which landmarks and eyeball centres of training frames are
+/// off in the world [mm].
+struct PointErrors {
+    double landmarks = 0, centres = 0;
+
+    explicit PointErrors(const Capture& c) {
+        const auto n = static_cast<double>(c.train.size());
+        for (const int f : c.train) {
+            const CaptureFrame& is = c.frames[static_cast<std::size_t>(f)];
+            const Columns<double> off =
+                frame_landmarks(c, f) - frame_landmarks(right().capture, f);
+            landmarks += off.squaredNorm() / (static_cast<double>(off.size()) * n);
+            for (std::size_t e = 0; e < 2; ++e)
+                centres += (*is.eyes[e].centre - *right().frame(f).eyes[e].centre).squaredNorm() /
+                           (6 * n);
+        }
+        landmarks = 100 * std::sqrt(landmarks);
+        centres = 100 * std::sqrt(centres);
+    }
+};
+
+/// Test frames keep their labels, whatever those of training frames are.
+void check_tests_kept(const Capture& before, const Capture& after) {
+    REQUIRE(!before.test.empty());
+    for (const int f : before.test) {
+        const auto at = static_cast<std::size_t>(f);
+        CHECK(same(before.frames[at], after.frames[at]));
+    }
+}
+
+} // namespace
+
+TEST_CASE("labels: right ones are found right and stay as they are, to the bit") {
+    Capture c = read_capture(right().path);
+    const LabelFindings found = correct_labels(c, preset("cpu"));
+    for (const LabelFinding& f : found.all) {
+        CAPTURE(f.label);
+        CAPTURE(f.off);
+        CHECK(!f.wrong);
+        CHECK(f.off <= f.bound);
+    }
+    CHECK(found.not_judged.empty());
+    CHECK(found.all.size() == 5);
+    CHECK(!found.poses);
+    CHECK(!found.gazes);
+    CHECK(same(c.frames, right().capture.frames));
+    TrainConfig config = preset("cpu");
+    CHECK(refine_further(found, config).empty());
+    CHECK(config.gaussians.rates.delta_gaze == preset("cpu").gaussians.rates.delta_gaze);
+    CHECK(config.gaussians.rates.delta_pose == preset("cpu").gaussians.rates.delta_pose);
+}
+
+TEST_CASE("labels: gazes come back from the irises") {
+    for (const std::uint64_t seed : {0, 1}) {
+        const Flawed flawed(
+            [](FlawSizes& s) {
+                s[Flaw::gaze_common] = 4;
+                s[Flaw::gaze_single] = 2;
+            },
+            seed);
+        Capture c = read_capture(flawed.capture.folder);
+        const LabelFindings found = correct_labels(c, preset("cpu"));
+        const GazeErrors before(flawed.capture), after(c);
+        CAPTURE(seed);
+        CAPTURE(before.all);
+        CAPTURE(after.all);
+        MESSAGE("gazes of ", before.seen_eyes, " eyes: ", before.seen, " deg, then ", after.seen);
+        CHECK(before.seen_eyes >= 15);
+        CHECK(found.gazes);
+        CHECK(!found.poses);
+        CHECK(finding(found, "gazes", "deg").off ==
+              doctest::Approx(before.all / std::sqrt(2.0)).epsilon(0.35));
+        CHECK(3 * after.seen < before.seen);
+        CHECK(2 * after.all < before.all);
+        check_tests_kept(flawed.capture, c);
+        // Lines of sight turn alike, and gazes in the world are those in the head.
+        for (const int f : c.train) {
+            const CaptureFrame& is = c.frames[static_cast<std::size_t>(f)];
+            CHECK(is.pose == right().frame(f).pose);
+            for (std::size_t e = 0; e < 2; ++e) {
+                const CaptureEye &eye = is.eyes[e],
+                                 &was = flawed.capture.frames[static_cast<std::size_t>(f)].eyes[e];
+                CHECK(eye.optical.norm() == doctest::Approx(1));
+                CHECK(eye.centre == was.centre);
+                const Vec2<double> by = pitch_yaw(eye.optical) - pitch_yaw(was.optical);
+                REQUIRE(eye.visual);
+                CHECK((pitch_yaw(*eye.visual) - pitch_yaw(*was.visual) - by).norm() < 1e-9);
+                if (!eye.optical_world) continue;
+                const Vec3<double> world =
+                    so3_exp(Vec3<double>(is.pose.head<3>())) * eye.optical;
+                CHECK((*eye.optical_world - world).norm() < 1e-9);
+            }
+        }
+        TrainConfig config = preset("cpu");
+        if (config.gaze_mechanism == GazeMechanismName::rotation) {
+            CHECK(refine_further(found, config) ==
+                  "stage 2 goes on refining the gazes of training frames");
+            CHECK(config.gaussians.rates.delta_gaze > 0);
+        }
+    }
+}
+
+TEST_CASE("labels: head poses and landmarks come nearer by those of all frames") {
+    const Flawed flawed([](FlawSizes& s) {
+        s[Flaw::pose_rotation] = 0.6;
+        s[Flaw::pose_position] = 1;
+        s[Flaw::landmarks] = 1.5;
+    });
+    Capture c = read_capture(flawed.capture.folder);
+    const LabelFindings found = correct_labels(c, preset("cpu"));
+    const PoseErrors before(flawed.capture), after(c);
+    const PointErrors points_before(flawed.capture), points_after(c);
+    MESSAGE("head poses: ", before.turn, " deg, then ", after.turn, "; ", before.shift,
+            " mm, then ", after.shift, "; landmarks ", points_before.landmarks, " mm, then ",
+            points_after.landmarks);
+    CHECK(found.poses);
+    CHECK(!found.gazes);
+    CHECK(finding(found, "head poses", "deg").off == doctest::Approx(before.turn).epsilon(0.3));
+    CHECK(finding(found, "landmarks", "mm").wrong);
+    CHECK(finding(found, "landmarks", "mm").off == doctest::Approx(1.5).epsilon(0.2));
+    CHECK(2 * after.turn < before.turn);
+    CHECK(2 * after.shift < before.shift);
+    CHECK(1.5 * points_after.landmarks < points_before.landmarks);
+    check_tests_kept(flawed.capture, c);
+    // Twice the same bits.
+    Capture again = read_capture(flawed.capture.folder);
+    CHECK(correct_labels(again, preset("cpu")).lines() == found.lines());
+    CHECK(same(c.frames, again.frames));
+}
+
+TEST_CASE("labels: eyeballs that only seem to move are held where irises agree better") {
+    const Flawed flawed([](FlawSizes& s) { s[Flaw::centres] = 1.5; });
+    Capture c = read_capture(flawed.capture.folder);
+    const LabelFindings found = correct_labels(c, preset("cpu"));
+    const PointErrors before(flawed.capture), after(c);
+    MESSAGE("eyeball centres: ", before.centres, " mm, then ", after.centres);
+    CHECK(finding(found, "eyeball centres", "mm").wrong);
+    CHECK(2 * after.centres < before.centres);
+    CHECK(!found.poses);
+    check_tests_kept(flawed.capture, c);
+    // Gazes were right: what is left of the centres' errors does not spoil them.
+    CHECK(GazeErrors(c).all < 1);
+}
+
+TEST_CASE("labels: too few frames, or no picture of an eye, are no reason to change anything") {
+    const Flawed flawed([](FlawSizes& s) {
+        s[Flaw::gaze_common] = 4;
+        s[Flaw::pose_rotation] = 0.6;
+        s[Flaw::pose_position] = 1;
+    });
+    Capture few = read_capture(flawed.capture.folder);
+    few.train.resize(5);
+    LabelFindings found = correct_labels(few, preset("cpu"));
+    REQUIRE(found.not_judged.size() == 1);
+    CHECK(found.not_judged[0].find("5 training frames") != std::string::npos);
+    CHECK(found.not_judged[0].find("6 are needed") != std::string::npos);
+    CHECK(found.all.empty());
+    CHECK(found.lines() == found.not_judged);
+    CHECK(found.json().at("not_judged").size() == 1);
+    CHECK(same(few.frames, flawed.capture.frames));
+
+    Capture blind = read_capture(flawed.capture.folder);
+    blind.has_eye_masks = false;
+    found = correct_labels(blind, preset("cpu"));
+    REQUIRE(found.not_judged.size() == 1);
+    CHECK(found.not_judged[0].find("eye masks") != std::string::npos);
+    CHECK(found.poses);
+    CHECK(!found.gazes);
+    for (std::size_t f = 0; f < blind.frames.size(); ++f)
+        for (std::size_t e = 0; e < 2; ++e) {
+            const CaptureEye &is = blind.frames[f].eyes[e], &was = flawed.capture.frames[f].eyes[e];
+            CHECK(is.optical == was.optical);
+            CHECK(is.centre == was.centre);
+        }
+}
