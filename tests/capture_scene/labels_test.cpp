@@ -14,6 +14,7 @@
 #include "../support/hostile.hpp"
 #include "data/flaws.hpp"
 #include "synthetic_capture/scene.hpp"
+#include "training/camera_colours.hpp"
 #include "training/gaze_estimator.hpp"
 
 using namespace rye;
@@ -323,4 +324,64 @@ TEST_CASE("labels: too few frames, or no picture of an eye, are no reason to cha
             CHECK(is.optical == was.optical);
             CHECK(is.centre == was.centre);
         }
+}
+
+namespace {
+
+/// Mean square by which pictures are off those of the right capture.
+double picture_error(const Capture& c) {
+    double squares = 0, count = 0;
+    for (int f = 0; f < c.frame_count(); f += 3)
+        for (int k = 0; k < c.camera_count(); ++k) {
+            const Image<float> picture = c.image(f, k), truth = right().capture.image(f, k);
+            squares += static_cast<double>((picture.pixels - truth.pixels).squaredNorm());
+            count += static_cast<double>(truth.pixels.size());
+        }
+    return squares / count;
+}
+
+} // namespace
+
+TEST_CASE("colours of cameras that are alike stay as they are") {
+    Capture capture = read_capture(right().path);
+    const LabelFinding found = correct_colours(capture, preset("cpu"));
+    CAPTURE(found.off);
+    CHECK_FALSE(found.wrong);
+    CHECK(found.off < 2);
+    CHECK(capture.camera_gains.empty());
+    CHECK(picture_error(capture) == 0);
+}
+
+TEST_CASE("gains and white balance of cameras are taken out of their pictures") {
+    Flawed flawed([](FlawSizes& s) {
+        s[Flaw::gain] = 12;
+        s[Flaw::white_balance] = 5;
+    });
+    const double before = picture_error(flawed.capture);
+    const LabelFinding found = correct_colours(flawed.capture, preset("cpu"));
+    const double after = picture_error(flawed.capture);
+    CAPTURE(found.off);
+    CAPTURE(before);
+    CAPTURE(after);
+    CHECK(found.wrong);
+    CHECK(after < before / 8);
+    Vec3<double> sum = Vec3<double>::Zero(); // drawn in the colours of the mean camera
+    for (const Vec3<double>& gain : flawed.capture.camera_gains) {
+        CHECK(gain.minCoeff() > 0.5);
+        sum += Vec3<double>(gain.array().log());
+    }
+    CHECK(sum.cwiseAbs().maxCoeff() < 1e-9);
+}
+
+TEST_CASE("one camera has no colours of its own") {
+    const TemporaryFolder folder;
+    FlawOptions o;
+    o.capture = right().path;
+    o.out = folder.path / "one";
+    o.sizes[Flaw::gain] = 12;
+    o.one_camera = right().capture.camera_ids.front();
+    write_flawed(o);
+    Capture capture = read_capture(o.out);
+    CHECK_FALSE(correct_colours(capture, preset("cpu")).wrong);
+    CHECK(capture.camera_gains.empty());
 }

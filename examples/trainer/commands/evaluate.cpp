@@ -18,6 +18,7 @@
 #include "data/checksums.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
+#include "training/camera_colours.hpp"
 #include "training/centre_errors.hpp"
 #include "training/evaluation.hpp"
 
@@ -119,9 +120,14 @@ void print_centres(const CentreErrors& c) {
 void evaluate(const EvaluateOptions& o) {
     set_threads(o.threads);
     const TrainState state = load_trained(o.run);
-    const Capture capture =
-        read_valid_capture(capture_folder(o.run, state, o.capture, "measuring"));
+    Capture capture = read_valid_capture(capture_folder(o.run, state, o.capture, "measuring"));
     require_same_subject(state, capture);
+    if (state.config.correct_colours && !capture.train.empty() && capture.has_gaze()) {
+        const LabelFinding colours = correct_colours(capture, state.config);
+        if (colours.wrong && !o.json)
+            std::printf("colours of cameras: %.1f %% apart, taken out of the photographs\n",
+                        colours.off);
+    }
     std::vector<int> frames = o.split == "train" ? capture.train : capture.test;
     if (o.split == "novel") frames = capture.novel_gaze;
     if (o.split == "independent") frames = capture.independent_gaze;

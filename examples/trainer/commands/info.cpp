@@ -19,6 +19,7 @@
 #include "commands/options.hpp"
 #include "data/checksums.hpp"
 #include "data/validate.hpp"
+#include "training/camera_colours.hpp"
 #include "training/device.hpp"
 #include "training/labels.hpp"
 
@@ -136,7 +137,9 @@ std::string describe_device(const DeviceFinding& device) {
 /// How far the labels of a capture that can be trained on are off. Corrects them in it.
 LabelFindings judged_labels(Capture& capture, const Verdict& verdict) {
     if (verdict.errors > 0 || capture.train.empty() || !capture.has_gaze()) return {};
-    return correct_labels(capture, preset("cpu"));
+    LabelFindings found = correct_labels(capture, preset("cpu"));
+    found.all.push_back(correct_colours(capture, preset("cpu")));
+    return found;
 }
 
 } // namespace

@@ -25,6 +25,7 @@
 #include "data/validate.hpp"
 #include "data/work_beside.hpp"
 #include "training/begun.hpp"
+#include "training/camera_colours.hpp"
 #include "training/density.hpp"
 #include "training/device_choice.hpp"
 #include "training/device_memory.hpp"
@@ -506,6 +507,8 @@ int train(const TrainOptions& o) {
     Capture capture = read_trainable_capture(folder, &expect);
     LabelFindings labels;
     if (config.correct_labels && capture.has_gaze()) labels = correct_labels(capture, config);
+    if (config.correct_colours && capture.has_gaze())
+        labels.all.push_back(correct_colours(capture, config));
     if (o.resume) check_resumed(o, state, capture);
     else state = first_state(config, capture, folder);
     const std::string refined = o.resume ? "" : refine_further(labels, state.config);

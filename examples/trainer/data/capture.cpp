@@ -13,6 +13,7 @@
 
 #include "data/json.hpp"
 #include "data/memory_limit.hpp"
+#include "data/srgb.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -556,9 +557,29 @@ const CaptureView& present_view(const Capture& c, int frame, int camera) {
 
 } // namespace
 
+namespace {
+
+/// Takes a camera's gains out of a picture of 8 bits.
+void take_out(const Vec3<double>& gains, Image<float>& rgb) {
+    std::array<std::array<float, 256>, 3> table{};
+    for (std::size_t c = 0; c < 3; ++c)
+        for (std::size_t v = 0; v < 256; ++v)
+            table[c][v] = static_cast<float>(std::min(
+                1.0, srgb(linear(static_cast<double>(v) / 255) / gains[static_cast<Index>(c)])));
+    for (Index i = 0; i < rgb.pixels.size(); ++i) {
+        float& x = rgb.pixels.data()[i];
+        x = table[static_cast<std::size_t>(i % 3)][static_cast<std::size_t>(
+            std::lround(255.0F * x))];
+    }
+}
+
+} // namespace
+
 Image<float> Capture::image(int frame, int camera) const {
     const CaptureView& v = present_view(*this, frame, camera);
     Image<float> rgb = to_float(cache.get(v.image, 3));
+    if (!camera_gains.empty())
+        take_out(camera_gains[static_cast<std::size_t>(camera)], rgb);
     if (!images_over_black) {
         const Image<float> alpha = mask(frame, camera);
         rgb.pixels.array().rowwise() *= alpha.pixels.row(0).array();

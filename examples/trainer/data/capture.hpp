@@ -127,6 +127,9 @@ struct Capture {
     int height = 0;
     bool images_over_black = true;            ///< of the files; image() is always over black
     bool has_eye_masks = false;               ///< for every view that is present
+    /// Of each camera, factors of the linear light of red, green and blue, which image() takes out;
+    /// empty: none is known.
+    std::vector<Vec3<double>> camera_gains;
 
     int frame_count() const { return static_cast<int>(frames.size()); }
     int camera_count() const { return static_cast<int>(camera_ids.size()); }

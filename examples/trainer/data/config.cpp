@@ -33,6 +33,7 @@ void walk(F& f, TrainConfig& c) {
     f("gaze_axis", c.gaze_axis);
     f("measured_eyes", c.measured_eyes);
     f("correct_labels", c.correct_labels);
+    f("correct_colours", c.correct_colours);
     f("avatar", [&] {
         AvatarConfig& a = c.avatar;
         f("feature", a.feature, Range{1, 4096});
@@ -401,7 +402,7 @@ void take_device_sizes(TrainConfig& c) {
 /// From `tiny` to `cpu` and `gpu`, beside the sizes: labels that are corrected, deformations that hold for expressions and
 /// gazes that no frame has, light that stays where head and eyes turn, and faster Gaussians.
 void take_generalisation(TrainConfig& c) {
-    c.correct_labels = true;
+    c.correct_labels = c.correct_colours = true;
     c.avatar.pose_frequencies = c.avatar.gaze_frequencies = 1;
     c.shading = ShadingName::head_pose;
     c.eye_appearance = EyeAppearanceName::driven;

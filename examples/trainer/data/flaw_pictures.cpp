@@ -6,11 +6,10 @@
 #include <limits>
 #include <vector>
 
+#include "data/srgb.hpp"
+
 namespace rye::trainer {
 namespace {
-
-double linear(double s) { return s <= 0.04045 ? s / 12.92 : std::pow((s + 0.055) / 1.055, 2.4); }
-double srgb(double x) { return x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055; }
 
 std::uint8_t rounded(double x) {
     return static_cast<std::uint8_t>(std::lround(std::clamp(x, 0.0, 255.0)));
