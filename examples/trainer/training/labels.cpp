@@ -245,7 +245,8 @@ class Corrector {
                           static_cast<double>(count());
             for (std::size_t i = 0; i < count(); ++i)
                 moved.push_back(
-                    mm_per_unit * (to_canonical(frame(i), *frame(i).eyes[e].centre) - rig[e]).norm());
+                    mm_per_unit *
+                    (to_canonical(frame(i), *frame(i).eyes[e].centre) - rig[e]).norm());
         }
         std::vector<std::array<SeenGaze, 2>> seen = seen_gazes(c_, c_.train, balls(nullptr));
         Differences d = differences(seen);
@@ -265,8 +266,8 @@ class Corrector {
                 d = r;
             }
         }
-        found_.all.push_back({"eyeball centres from their mean", rms(moved), least_motion, "mm", hold,
-                              "held at their mean, by which gazes agree with the irises"});
+        found_.all.push_back({"eyeball centres from their mean", rms(moved), least_motion, "mm",
+                              hold, "held at their mean, by which gazes agree with the irises"});
         if (hold)
             for (std::size_t i = 0; i < count(); ++i) {
                 CaptureFrame& f = frame(i);
