@@ -102,6 +102,29 @@ for frame in cap/params/*; do
 done
 refuses "exists already" "$rye" refine one --capture cap --out refined1
 
+# Without a run by each other and by irises: nothing is said by four frames, eight are enough.
+"$rye" refine --capture cap --out same > refined.txt
+grep -q "4 training frames say too little" refined.txt || { cat refined.txt; fail "four frames judge"; }
+refuses "--capture is missing" "$rye" refine --out none
+refuses "frames all needs a run" "$rye" refine --capture cap --out none --frames all
+"$rye" capture --out eight --size 64 --cameras 4 --frames 8 --test-frames 1 --apart-frames 0 \
+    --samples 1 --seed 3 --quiet
+"$rye" flaw --capture eight --out turned --seed 1 --pose 2,3 > log.txt
+for threads in 1 2; do
+    "$rye" refine --capture turned --out straight$threads --threads $threads > refined.txt
+done
+grep -q "^head poses: .* deg off, aligned" refined.txt || { cat refined.txt; fail "poses stay wrong"; }
+for frame in turned/params/*; do
+    same "straight1/${frame#turned/}/params.npz" "straight2/${frame#turned/}/params.npz"
+done
+"$rye" info straight1 > info.txt
+grep -q "head poses: .* deg off, aligned" info.txt && { cat info.txt; fail "refined poses are off"; }
+sed 's/^{"avatar"/{"correct_labels": true, "correct_colours": true, "avatar"/' small.json > corrected.json
+"$rye" train --capture turned --preset tiny --config corrected.json --out corrected > log.txt
+grep -q "^stage 2 goes on refining the head poses" log.txt || { cat log.txt; fail "poses are left"; }
+head -n 1 corrected/log.jsonl | grep -q '"stage":"labels"' || fail "the log does not tell of labels"
+grep -q '"centre_corrections": true' corrected/config.json || fail "config.json does not tell"
+
 "$rye" export --run one --ply head.ply
 "$rye" export --run one --ply canonical.ply --canonical --sh 3
 "$rye" render head.ply --eye 0,0,-10 --target 0,0,0 --up 0,-1,0 --fov 18 --size 64x64 \

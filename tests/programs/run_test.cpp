@@ -467,6 +467,10 @@ TEST_CASE("run folder: the log of a resumed run keeps its own lines, whatever el
     state.stage = Stage::mesh;
     state.step = 15;
     CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == checked_lines(step));
+    // What was found about labels is of the whole run.
+    const std::string labels = R"({"stage":"labels","step":0,"labels":[]})" "\n";
+    write_text(folder.path / "log.jsonl", labels + step);
+    CHECK(kept_log(folder.path / "log.jsonl", state, damaged) == checked_lines(labels + step));
 }
 
 TEST_CASE("run folder: a run is replaced when the new one has a checkpoint, not before") {

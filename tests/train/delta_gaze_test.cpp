@@ -11,40 +11,12 @@
 #include <utility>
 
 #include "../support/hostile.hpp"
-#include "../support/tiny_avatar.hpp"
+#include "../support/tiny_sample.hpp"
 
 using namespace rye;
 using namespace rye::test;
 
 namespace {
-
-template <class T>
-AvatarSample<T, TrainedEffects> tiny_sample(Draw draw) {
-    constexpr int w = 18, h = 14;
-    const auto image = [&](int width, int height) {
-        Image<T> i(width, height, 3);
-        i.pixels = draw.columns(3, i.size(), 0.5).unaryExpr([](double x) { return T(x + 0.5); });
-        return i;
-    };
-    AvatarSample<T, TrainedEffects> s;
-    s.drivers = restricted<TrainedEffects>(tiny_drivers<T>());
-    s.frame = 1;
-    s.camera = tiny_camera(w, h).cast<T>();
-    s.truth = image(2 * w, 2 * h);
-    s.truth_small = image(w, h);
-    s.visible = Columns<T>::Ones(1, s.truth.size());
-    s.visible_small = Columns<T>::Ones(1, s.truth_small.size());
-    s.visible_small(0, 5) = T(0);
-    s.eyes = Columns<T>::Zero(1, s.truth.size());
-    s.eyes_small = Columns<T>::Zero(1, s.truth_small.size());
-    for (Index i = 60; i < 90; ++i) s.eyes_small(0, i) = T(1);
-    for (Index i = 300; i < 400; ++i) s.eyes(0, i) = T(1);
-    s.mask_small = Columns<T>::Constant(1, s.truth_small.size(), T(0.75));
-    s.scale = random_scale(w, h, 2, draw.random.fork(3));
-    s.background = VecX<T>::Ones(5);
-    s.blank = draw.columns(5, 1, 0.5).unaryExpr([](double x) { return T(x + 0.5); });
-    return s;
-}
 
 template <class T>
 using Avatar = TrainedAvatar<T>;
@@ -75,7 +47,7 @@ AvatarTraining<> training() {
 TEST_CASE("corrected gazes: their gradient is the transpose of their duals") {
     using D = Dual<double, 1>;
     const Avatar<double> avatar = corrected_avatar();
-    const auto sample = tiny_sample<double>(Draw{{9, 0}});
+    const auto sample = tiny_sample<double, TrainedEffects>(Draw{{9, 0}});
     Avatar<double> own = avatar, gradient = zeros_like(avatar);
     Adam<Avatar<double>> adam(own);
     AvatarTrainer trainer{ScalarBackend<>{}, own, adam, training()};
@@ -88,7 +60,7 @@ TEST_CASE("corrected gazes: their gradient is the transpose of their duals") {
         dual.delta_gaze.data()[i].d[0] = direction.data()[i];
     Adam<Avatar<D>> dual_adam(dual);
     AvatarTrainer dual_trainer{ScalarBackend<>{}, dual, dual_adam, training()};
-    const auto dual_sample = tiny_sample<D>(Draw{{9, 0}});
+    const auto dual_sample = tiny_sample<D, TrainedEffects>(Draw{{9, 0}});
     const double by_dual = dual_trainer.losses(dual_sample.drivers, dual_sample).total.d[0];
     const double by_vjp = gradient.delta_gaze.cwiseProduct(direction).sum();
     CHECK(std::abs(by_dual) > 1e-4);
@@ -100,7 +72,7 @@ TEST_CASE("corrections: what frames have in common is taken off by steps that ar
     const auto off = [](const Columns<double>& a) {
         return a.rowwise().mean().cwiseAbs().maxCoeff();
     };
-    const auto sample = tiny_sample<double>(Draw{{9, 0}});
+    const auto sample = tiny_sample<double, TrainedEffects>(Draw{{9, 0}});
     for (const bool poses : {false, true}) {
         CAPTURE(poses);
         AvatarTraining<> t = training();
@@ -141,7 +113,7 @@ TEST_CASE("corrected gazes: wrong labels come back, and their mean over frames s
     truth.delta_gaze.setZero();
     truth.delta_pose.setZero();
     const auto at = [&](Index frame) {
-        auto s = tiny_sample<float>(Draw{{9, 0}});
+        auto s = tiny_sample<float, TrainedEffects>(Draw{{9, 0}});
         s.frame = frame;
         s.camera = tiny_camera(24, 18).cast<float>();
         s.drivers.gaze = {gaze_vector(0.1F, 0.1F * float(frame)),

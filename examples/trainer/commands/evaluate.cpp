@@ -117,17 +117,25 @@ void print_centres(const CentreErrors& c) {
                 "motion is\nless each eye's mean difference.\n", c.eyes);
 }
 
+/// Gains that are taken out of the photographs, of each camera; null where none are.
+Json gains_json(const Capture& capture) {
+    Json gains;
+    for (std::size_t c = 0; c < capture.camera_gains.size(); ++c) {
+        const Vec3<double>& g = capture.camera_gains[c];
+        gains[capture.camera_ids[c]] = {g[0], g[1], g[2]};
+    }
+    return gains;
+}
+
 void evaluate(const EvaluateOptions& o) {
     set_threads(o.threads);
     const TrainState state = load_trained(o.run);
     Capture capture = read_valid_capture(capture_folder(o.run, state, o.capture, "measuring"));
     require_same_subject(state, capture);
-    if (state.config.correct_colours && !capture.train.empty() && capture.has_gaze()) {
-        const LabelFinding colours = correct_colours(capture, state.config);
-        if (colours.wrong && !o.json)
-            std::printf("colours of cameras: %.1f %% apart, taken out of the photographs\n",
-                        colours.off);
-    }
+    if (state.config.correct_colours && !capture.train.empty() && capture.has_gaze())
+        correct_colours(capture, state.config);
+    if (!capture.camera_gains.empty() && !o.json)
+        std::printf("gains of cameras are taken out of the photographs\n");
     std::vector<int> frames = o.split == "train" ? capture.train : capture.test;
     if (o.split == "novel") frames = capture.novel_gaze;
     if (o.split == "independent") frames = capture.independent_gaze;
@@ -181,6 +189,7 @@ void evaluate(const EvaluateOptions& o) {
     Json results = {{"split", o.split},         {"frames", frames.size()},
                     {"views", per_view.size()}, {"step", state.step},
                     {"device", drawer.name()},  {"missed_degrees", missed_degrees},
+                    {"camera_gains", gains_json(capture)},
                     {"all", all.json()}};
     for (const auto& [name, r] : groups) results[name] = r.json();
     const CentreErrors centres = centre_errors(state, capture, frames);

@@ -399,8 +399,9 @@ void take_device_sizes(TrainConfig& c) {
     g.upsampler.capacity = 16;
 }
 
-/// From `tiny` to `cpu` and `gpu`, beside the sizes: labels that are corrected, deformations that hold for expressions and
-/// gazes that no frame has, light that stays where head and eyes turn, and faster Gaussians.
+/// From `tiny` to `cpu` and `gpu`, beside the sizes: labels and colours that are corrected,
+/// deformations that hold for expressions and gazes that no frame has, light that stays where head
+/// and eyes turn, and faster Gaussians.
 void take_generalisation(TrainConfig& c) {
     c.correct_labels = c.correct_colours = true;
     c.avatar.pose_frequencies = c.avatar.gaze_frequencies = 1;

@@ -18,6 +18,7 @@
 #include "data/config.hpp"
 #include "data/expression_shapes.hpp"
 #include "data/eye_shapes.hpp"
+#include "data/median.hpp"
 
 namespace rye::trainer {
 namespace {
@@ -99,13 +100,6 @@ Vec3<double> to_head(const CaptureFrame& f, const Vec3<double>& world) {
 Columns<double> head_landmarks(const CaptureFrame& f) {
     const Vec3<double> t = f.pose.tail<3>();
     return head_rotation(f).transpose() * (f.landmarks.colwise() - t) / f.scale;
-}
-
-double median(std::vector<double> v) {
-    if (v.empty()) return 0;
-    const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-    std::nth_element(v.begin(), middle, v.end());
-    return *middle;
 }
 
 struct ViewIndex {

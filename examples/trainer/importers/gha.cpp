@@ -17,6 +17,7 @@
 #include "data/checksums.hpp"
 #include "data/config.hpp"
 #include "data/json.hpp"
+#include "data/median.hpp"
 #include "data/threads.hpp"
 #include "data/validate.hpp"
 #include "importers/face_geometry.hpp"
@@ -39,12 +40,6 @@ Vec3<double> lids_in_head(const CaptureFrame& f, int eye) {
     const Vec3<double> world =
         f.landmarks.middleCols(eye_landmarks(eye).front(), 6).rowwise().mean();
     return rotation_of(f).transpose() * (world - f.pose.tail<3>()) / f.scale;
-}
-
-double median(std::vector<double> v) {
-    const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-    std::nth_element(v.begin(), middle, v.end());
-    return *middle;
 }
 
 /// Middle of the lids in the head frame, median over the frames.

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
+#include <vector>
 
 #include <rye/math/rotation.hpp>
 
@@ -48,8 +50,8 @@ void add_frame(const Capture& capture, int frame, const Vec3<double>& head_centr
         const Image<float> picture = capture.image(frame, c), mask = capture.mask(frame, c);
         const Pinhole<double>& camera = capture.camera(frame, c);
         for (Index l = 0; l < world.cols(); ++l) {
-            constexpr Index first_of_eyes = 36, end_of_lips = 66;
-            if (l >= first_of_eyes && l < std::min(end_of_lips, f.landmarks.cols())) continue;
+            constexpr Index first_of_eyes = 36; // of iBUG; lips are behind them, to the last
+            if (l >= first_of_eyes && l < f.landmarks.cols()) continue;
             const Vec3<double> out = rotation * (head.col(l) - head_centre).normalized();
             const Vec3<double> to_camera = (camera.centre() - world.col(l)).normalized();
             if (out.dot(to_camera) < frontal) continue;

@@ -11,6 +11,8 @@
 
 #include <rye/rig/gaze.hpp>
 
+#include "data/median.hpp"
+
 namespace rye::trainer {
 namespace {
 
@@ -127,12 +129,6 @@ struct Skin {
         return std::exp(-0.5 * z.squaredNorm()) / (2 * pi * spread.x() * spread.y());
     }
 };
-
-double median(std::vector<double> v) {
-    const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-    std::nth_element(v.begin(), middle, v.end());
-    return *middle;
-}
 
 /// Medians and median deviations: a part of them may be something else.
 std::optional<Skin> skin_of(const std::vector<Seen>& around) {

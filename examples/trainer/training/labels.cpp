@@ -11,6 +11,7 @@
 #include <rye/train/label_consistency.hpp>
 
 #include "data/expression_shapes.hpp"
+#include "data/median.hpp"
 #include "training/centre_errors.hpp"
 #include "training/expression_regions.hpp"
 #include "training/seen_gazes.hpp"
@@ -25,13 +26,6 @@ double rms(const std::vector<double>& v) {
     double sum = 0;
     for (const double x : v) sum += x * x;
     return v.empty() ? 0 : std::sqrt(sum / static_cast<double>(v.size()));
-}
-
-/// The middle one.
-double median(std::vector<double> v) {
-    const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-    std::nth_element(v.begin(), middle, v.end());
-    return *middle;
 }
 
 /// What drives the frames: K x F, expression and (pitch, yaw) of both eyes [rad].
@@ -395,15 +389,18 @@ nlohmann::ordered_json LabelFindings::json() const {
 std::string refine_further(const LabelFindings& findings, TrainConfig& config) {
     if (config.gaze_mechanism != GazeMechanismName::rotation) return {};
     AvatarTrainConfig& g = config.gaussians;
-    if (findings.gazes) g.rates.delta_gaze = 3e-4;
-    if (findings.poses) {
+    // What a configuration asks for itself stays.
+    const bool gazes = findings.gazes && g.rates.delta_gaze == 0;
+    const bool poses = findings.poses && !g.centre_corrections;
+    if (gazes) g.rates.delta_gaze = 3e-4;
+    if (poses) {
         g.centre_corrections = true;
         g.rates.delta_pose = 3e-4;
     }
-    const std::string what = findings.gazes && findings.poses ? "gazes and head poses"
-                             : findings.gazes                 ? "gazes"
-                             : findings.poses                 ? "head poses"
-                                                              : "";
+    const std::string what = gazes && poses ? "gazes and head poses"
+                             : gazes        ? "gazes"
+                             : poses        ? "head poses"
+                                            : "";
     return what.empty() ? "" : "stage 2 goes on refining the " + what + " of training frames";
 }
 

@@ -41,8 +41,9 @@ struct LabelFindings {
 /// Deterministic: the same capture gives the same bits.
 LabelFindings correct_labels(Capture& capture, const TrainConfig& config);
 
-/// Lets a training go on with what was corrected: gazes, and head poses, of each frame become
-/// parameters of stage 2. Where nothing was, nothing changes. Returns a sentence, or an empty text.
+/// Lets stage 2 go on with what was corrected: gazes, beside a kappa, and head poses of each frame
+/// become parameters, unless the configuration has delta_gaze or centre_corrections already. Where
+/// nothing was corrected, nothing changes. Returns a sentence, or an empty text.
 std::string refine_further(const LabelFindings& findings, TrainConfig& config);
 
 } // namespace rye::trainer

@@ -6,6 +6,7 @@
 
 #include <rye/avatar/hold.hpp>
 
+#include "data/median.hpp"
 #include "data/samples.hpp"
 #include "training/playable.hpp"
 #include "training/types.hpp"
@@ -44,12 +45,6 @@ LabelView<float> label_view(const Capture& capture, int frame, int camera, int b
     v.weight = widened(shrunk(mask, block), beside)
                    .cwiseProduct(shrunk(visible, block).pixels);
     return v;
-}
-
-double median(std::vector<double> v) {
-    const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-    std::nth_element(v.begin(), middle, v.end());
-    return *middle;
 }
 
 /// Marks frames whose residual is above the median by three deviations and a quarter.

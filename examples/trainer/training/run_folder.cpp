@@ -61,7 +61,7 @@ std::string kept_log(const fs::path& log, const TrainState& state, int& damaged)
         // The fit after the last step of stage 1 is done again by a run that is still in it.
         if (state.stage == Stage::mesh && json.contains("landmark_rms")) continue;
         const bool mesh = json.at("stage") == "mesh";
-        const bool before = (mesh && state.stage == Stage::avatar) ||
+        const bool before = json.at("stage") == "labels" || (mesh && state.stage == Stage::avatar) ||
                             (mesh == (state.stage == Stage::mesh) &&
                              json.at("step").get<std::int64_t>() <= state.step);
         if (before)
