@@ -1,25 +1,29 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# check.sh [--all]: builds everything with rye's warnings as errors, and runs every test. With --all
-# also what takes hours: other processors, compilers and systems, numerical variants and sanitizers,
+# check.sh [--all | --release]: builds with rye's warnings as errors, and tests. Without an option
+# what a change must pass while one works on it, in a quarter of an hour on two processors; with
+# --all every test, and those of other lanes and compilers that take minutes; with --release also
+# what takes hours: all processors, compilers and systems, numerical variants and sanitizers,
 # README's first command on bare systems. Ends with a list of what was not run, and why.
 set -eu
 cd "$(dirname "$0")/.."
 . cmake/steps.sh
 
-all=${1:-}
-case $all in
-"" | --all) ;;
-*) echo "check.sh: got $all, expected --all or nothing" >&2; exit 2 ;;
+level=${1:-}
+case $level in
+"") set -- -DRYE_TESTS=quick -DRYE_BUILD_C=OFF -DRYE_BUILD_BENCHMARKS=OFF ;;
+# Of the benchmarks it demands that they compile and link.
+--all | --release)
+    set -- -DRYE_TESTS=all -DRYE_BUILD_C=ON -DRYE_BUILD_BENCHMARKS=ON \
+        -DRYE_BENCHMARK_OPTIMISATION=-O0 ;;
+*) echo "check.sh: got $level, expected --all, --release or nothing" >&2; exit 2 ;;
 esac
 
 build=${BUILD:-build/check}
 
 step "Dependencies" sh cmake/install_dependencies.sh
-# Of the benchmarks it demands that they compile and link.
-step "Configure" configure "$build" -DRYE_WARNINGS=ON -DRYE_MERGE_UNITS=ON \
-    -DRYE_BENCHMARK_OPTIMISATION=-O0
-step "Build everything" cmake --build "$build" --parallel "$jobs"
+step "Configure" configure "$build" -DRYE_WARNINGS=ON -DRYE_MERGE_UNITS=ON "$@"
+step "Build" cmake --build "$build" --parallel "$jobs"
 step "Test" ctest --test-dir "$build" --parallel "$jobs" --output-on-failure
 
 # quickstart_on SUITE: README's first command on a bare system; one that cannot be made is named.
@@ -38,18 +42,22 @@ quickstart_on() {
 # Tests say so in lines that begin with "not run", "skipped" or "NAME: skipped".
 log=$build/Testing/Temporary/LastTest.log
 : > "$build/all.log"
-if [ "$all" = --all ]; then
+not_run() { echo "not run: $1" >> "$build/all.log"; }
+case $level in
+"") not_run "all other tests (check.sh --all)" ;;
+--all) # those that take seconds to a few minutes
+    step "Other lanes and compilers" sh tests/portability.sh lanes4 lanes16 libcxx newest bits32 wasm32 ;;
+--release)
     step "Other processors, compilers and systems" sh tests/portability.sh
     step "Numerical variants and sanitizers" sh tests/variants.sh
     for suite in bookworm trixie; do
         step "README's first command on a bare $suite" quickstart_on "$suite"
-    done
-else
-    cat > "$build/all.log" << 'EOF'
-not run: other processors, compilers and systems (sh tests/portability.sh; check.sh --all)
-not run: numerical variants and sanitizers (sh tests/variants.sh; check.sh --all)
-not run: README's first command on bare systems (check.sh --all)
-EOF
+    done ;;
+esac
+if [ "$level" != --release ]; then
+    not_run "other processors, compilers and systems (tests/portability.sh; check.sh --release)"
+    not_run "numerical variants and sanitizers (tests/variants.sh; check.sh --release)"
+    not_run "README's first command on bare systems (check.sh --release)"
 fi
 if left_out=$(grep -ihE '^(not run|skipped|[a-z_]+: skipped)[,:]? ' "$log" "$build/all.log" | sort -u)
 then
