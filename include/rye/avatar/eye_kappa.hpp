@@ -38,14 +38,21 @@ struct TurnCotangent {
     }
 };
 
-/// From those of its turned points and rotations.
+/// Numbers that a TurnCotangent is summed as: matrix, quaternion.
+inline constexpr int turn_sums = 13;
+
+/// Adds it to sums, from the first on.
+template <class T, class Sums>
+RYE_HD void add_turn_sums(const TurnCotangent<T>& g, Sums& sum, int from) {
+    const auto at = [from](int k) { return static_cast<std::size_t>(from + k); };
+    for (int k = 0; k < 9; ++k) sum[at(k)] += g.rotation.data()[k];
+    for (int k = 0; k < 4; ++k) sum[at(9 + k)] += g.quaternion[k];
+}
+/// Adds such sums to it.
 template <class T>
-TurnCotangent<T> turn_cotangent(const Columns<T>& points, const Columns<T>& rotations,
-                                const Columns<T>& g_points, const Columns<T>& g_rotations) {
-    TurnCotangent<T> sum;
-    for (Index i = 0; i < points.cols(); ++i)
-        sum.add({points.col(i), rotations.col(i)}, {g_points.col(i), g_rotations.col(i)});
-    return sum;
+RYE_HD void take_turn_sums(const T* sum, TurnCotangent<T>& g) {
+    for (int k = 0; k < 9; ++k) g.rotation.data()[k] += sum[k];
+    for (int k = 0; k < 4; ++k) g.quaternion[k] += sum[9 + k];
 }
 
 /// What an eye's kappa acts on: cotangents of the smallest rotation to the optical axis, of the

@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/avatar/eye_points.hpp: the steps by which a frame drives eyeball Gaussians: their features,
-/// sizes, places and turns. drive() takes all of them, interactive/drive_cache.hpp those that a
-/// change calls for.
+/// sizes, places and turns, and back. Functions of a point run on the host (backend/each.hpp) and
+/// on a device (backend/cuda/each.hpp). drive() takes all steps, interactive/drive_cache.hpp those
+/// that a change calls for.
 /// Frame: points relative to the eyeball's centre in canonical units, iris toward +z.
 #pragma once
 
 #include <rye/avatar/eye_parameters.hpp>
-#include <rye/gaussian/gaussians.hpp>
+#include <rye/backend/each.hpp>
+#include <rye/gaussian/attributes.hpp>
+#include <rye/gaussian/gaussian_arrays.hpp>
 #include <rye/rig/eye_transform.hpp>
+#include <rye/rig/gaze_mechanisms.hpp>
 
 namespace rye {
 
@@ -51,29 +55,154 @@ void turn_eye_by(const EyeStream<T, E>& eyes, std::size_t eye, const Vec3<T>& ga
     }
 }
 
-/// Sets the scales of both eyeballs' Gaussians in the world, whose units the head's scale gives, if
-/// any, in the columns of `g` from `begin` on.
-template <class T, EffectSet E, class... Scale>
-void set_eye_scales(const EyeStream<T, E>& eyes, Gaussians<T>& g, Index begin,
-                    const Scale&... head_scale) {
-    const auto exponential = [](const T& v) {
-        using std::exp;
-        return T(exp(v));
-    };
-    g.scale.middleCols(begin, eyes.log_scale.cols()) =
-        (eyes.log_scale.unaryExpr(exponential) * ... * head_scale);
+/// True if a mechanism other than explicit rotation turns the eyes.
+template <EffectSet E>
+inline constexpr bool own_turn = !std::same_as<GazeMechanismOf<E>, ExplicitRotation>;
+/// True if something trained follows from an eye's turn: kappa, or a mechanism's parameters.
+template <EffectSet E, int eye>
+inline constexpr bool turn_is_trained = eye_turns<E, std::size_t(eye)> &&
+                                        (own_turn<E> ? !std::same_as<GazeMechanismOf<E>, FixedEye>
+                                                     : has_effect<E, Kappa>);
+
+/// Trained attributes of eyeball Gaussians.
+template <class T>
+struct EyeArrays {
+    T* log_scale;     ///< 3 x P
+    T* rotation;      ///< 4 x P
+    T* opacity_logit; ///< 1 x P
+
+    template <class U>
+        requires(std::same_as<U, const T> && !std::is_const_v<T>)
+    operator EyeArrays<U>() const { return {log_scale, rotation, opacity_logit}; }
+    /// Returns those from a point on.
+    EyeArrays from(Index first) const {
+        return {log_scale + 3 * first, rotation + 4 * first, opacity_logit + first};
+    }
+};
+template <class T, EffectSet E>
+EyeArrays<const T> arrays_of(const EyeStream<T, E>& eyes) {
+    return {eyes.log_scale.data(), eyes.rotation.data(), eyes.opacity_logit.data()};
+}
+template <class T, EffectSet E>
+EyeArrays<T> arrays_of(EyeStream<T, E>& eyes) {
+    return {eyes.log_scale.data(), eyes.rotation.data(), eyes.opacity_logit.data()};
 }
 
-/// Means and rotations of one eyeball's Gaussians, in the columns of `g` from `begin` on.
-template <class T, EffectSet E>
-void place_eye(const EyeStream<T, E>& eyes, Index eye, const EyeTransform<T>& placed, Index begin,
-               Gaussians<T>& g) {
-    const Index first = eyes.first_point(eye), n = eyes.points_of(eye);
-    const Columns<T> points = eyes.position.middleCols(first, n);
-    const Columns<T> rotations = eyes.rotation.middleCols(first, n);
-    g.mean.middleCols(begin, n) = eye_points<T>(placed, points);
-    g.rotation.middleCols(begin, n) = eye_rotations<T>(placed, rotations);
+/// Returns where the transform of an avatar with a head pose lies; null for one without.
+template <class T>
+const HeadTransform<T>* head_address() {
+    return nullptr;
 }
+template <class T>
+const HeadTransform<T>* head_address(const HeadTransform<T>& head) {
+    return &head;
+}
+
+/// Sets scale [world units] and opacity of Gaussian i of the eyes. `head`: the transform of an
+/// avatar with a head pose.
+template <class T, EffectSet E>
+struct SizeEyePoint {
+    static constexpr const char* name = "eyes, sizes";
+    EyeArrays<const T> raw;
+    GaussianArrays<T> to;
+    const HeadTransform<T>* head;
+
+    RYE_HD void operator()(Index i) const {
+        for (Index k = 0; k < 3; ++k) {
+            const T scale = drawn_scale(raw.log_scale[3 * i + k]);
+            to.scale.data[3 * i + k] = has_effect<E, HeadPose> ? T(scale * head->scale) : scale;
+        }
+        to.opacity.data[i] = drawn_opacity(raw.opacity_logit[i]);
+    }
+};
+
+/// Sets mean and rotation of Gaussian i, in the world, of the left eye for i < left.
+template <class T>
+struct PlaceEyePoint {
+    static constexpr const char* name = "eyes, places";
+    EyeArrays<const T> raw;
+    const T* position; ///< in the eyeball's frame, 3 x P
+    Index left;
+    GaussianArrays<T> to;
+    const EyeTransform<T>* eye; ///< of both eyes
+
+    RYE_HD void operator()(Index i) const {
+        const EyeTransform<T>& own = eye[i < left ? 0 : 1];
+        put_column<3>(own.apply(column3(position, i)), to.mean.data, i);
+        put_column<4>(quat_product<T>(own.quaternion, column4(raw.rotation, i)), to.rotation.data,
+                      i);
+    }
+};
+
+/// Sets all of Gaussian i but its feature.
+template <class T, EffectSet E>
+struct DriveEyePoint {
+    static constexpr const char* name = "eyes";
+    PlaceEyePoint<T> place;
+    const HeadTransform<T>* head;
+
+    RYE_HD void operator()(Index i) const {
+        place(i);
+        SizeEyePoint<T, E>{place.raw, place.to, head}(i);
+    }
+};
+
+/// Places of what an eye's points are summed for: the head's transform, the eye's turn (a matrix
+/// and a quaternion), its centre; as far as something trained follows.
+template <EffectSet E, int eye>
+struct EyeSums {
+    static constexpr bool turn = turn_is_trained<E, eye>;
+    static constexpr int head_at = 0;
+    static constexpr int turn_at = has_effect<E, HeadPose> ? head_sums : 0;
+    static constexpr int centre_at = turn_at + (turn ? turn_sums : 0);
+    static constexpr int count = centre_at + (has_effect<E, EyeOffset> ? 3 : 0);
+    static constexpr int room = 32; ///< numbers that an eye's sums are apart
+};
+
+/// Adds the gradients of point i of an eye, and sums; takes the cotangents of means to the head's
+/// frame, in place. Arrays begin at that eye's first point.
+template <class T, EffectSet E, int eye>
+struct EyePointVjp {
+    using Number = T;
+    using Places = EyeSums<E, eye>;
+    static constexpr const char* name = "eyes, reverse";
+    static constexpr int sums = Places::count;
+    EyeArrays<const T> raw;
+    EyeArrays<T> gradient;
+    const T* position;             ///< as seen, in the eyeball's frame, 3 x P
+    GaussianArrays<const T> world; ///< driven
+    GaussianArrays<T> g;           ///< cotangents
+    const HeadTransform<T>* head;  ///< of an avatar with a head pose
+    const Quat<T>* turn;           ///< rest (+z) to gaze, of an eye that turns
+
+    template <class Sums>
+    RYE_HD void operator()(Index i, [[maybe_unused]] Sums& sum) const {
+        MovedPoint<T> own{column3(g.mean.data, i), column4(g.rotation.data, i)};
+        if constexpr (has_effect<E, HeadPose>) {
+            HeadTransformGradient<T> part;
+            part.add(*head, {column3(world.mean.data, i), column4(world.rotation.data, i)}, own);
+            add_head_sums(part, sum, Places::head_at);
+            put_column<3>(own.mean, g.mean.data, i);
+        }
+        // Scales in the world are proportional to the head's, so it cancels here.
+        for (Index k = 0; k < 3; ++k)
+            gradient.log_scale[3 * i + k] +=
+                drawn_scale_vjp<T>(world.scale.data[3 * i + k], g.scale.data[3 * i + k]);
+        const T a = world.opacity.data[i];
+        gradient.opacity_logit[i] += drawn_opacity_vjp<T>(a, T(1) - a, g.opacity.data[i]);
+        if constexpr (eye_turns<E, std::size_t(eye)>)
+            add_column<4>(quat_product_vjp_right<T>(*turn, own.rotation), gradient.rotation, i);
+        else
+            add_column<4>(own.rotation, gradient.rotation, i);
+        if constexpr (Places::turn) {
+            TurnCotangent<T> part;
+            part.add({column3(position, i), column4(raw.rotation, i)}, own);
+            add_turn_sums(part, sum, Places::turn_at);
+        }
+        if constexpr (has_effect<E, EyeOffset>)
+            for (int k = 0; k < 3; ++k) sum[std::size_t(Places::centre_at + k)] += own.mean[k];
+    }
+};
 
 /// An eyeball (0: the subject's left) with its centre there [unit], turned to its gaze, an optical
 /// axis, if it turns, and carried by the head, the HeadTransform of an avatar that has one.

@@ -6,6 +6,8 @@
 /// Source: paper eq. (9)-(10); composition as in docs/deviations.md.
 #pragma once
 
+#include <tuple>
+
 #include <rye/avatar/eye_points.hpp>
 #include <rye/avatar/frame_cotangent.hpp>
 #include <rye/avatar/head_pose.hpp>
@@ -20,7 +22,7 @@ struct EyeTrace {
     [[no_unique_address]] Slot<E, SeesCornea, OpticsTrace<T>> optics;
 };
 
-/// Where driven eyeballs go: P columns of a cloud from `begin` on.
+/// Destination of driven eyeballs: P columns of a cloud from `begin` on.
 template <class T, EffectSet E>
 struct EyesInCloud {
     EyeTrace<T, E>& trace;
@@ -42,11 +44,7 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
     Columns<T> centre = eyes.centre;
     if constexpr (has_effect<E, EyeOffset>)
         centre += eye_offset<T>(backend, eyes.offset, frame.config, frame.code, trace.offset);
-    const Index all = eyes.position.cols();
     eye_features(backend, eyes, frame, {true, true}, begin, g);
-    set_eye_scales(eyes, g, begin, head.scale...);
-    g.opacity.middleCols(begin, all) =
-        eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     for_eyes([&]<std::size_t eye>() {
         constexpr Index e = static_cast<Index>(eye);
         const EyeTransform<T> placed =
@@ -57,19 +55,19 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
                   quat_product<T>(quat_conjugate<T>(head.quaternion), placed.quaternion)),
              ...);
         }
-        const Index first = eyes.first_point(e);
+        const Index first = eyes.first_point(e), n = eyes.points_of(e);
+        const T* points = eyes.position.data() + 3 * first;
         if constexpr (has_effect<E, SeesCornea>) {
-            const Index n = eyes.points_of(e);
-            const Columns<T> points = eyes.position.middleCols(first, n);
             look_into_eye(backend, eyes.optics,
-                          {eye, drivers.camera, placed, points, begin + first}, trace.optics,
-                          g.feature);
-            g.mean.middleCols(begin + first, n) = eye_points<T>(placed, trace.optics.seen[eye]);
-            const Columns<T> rotations = eyes.rotation.middleCols(first, n);
-            g.rotation.middleCols(begin + first, n) = eye_rotations<T>(placed, rotations);
-        } else {
-            place_eye(eyes, e, placed, begin + first, g);
+                          {eye, drivers.camera, placed,
+                           Columns<T>(eyes.position.middleCols(first, n)), begin + first},
+                          trace.optics, g.feature);
+            points = trace.optics.seen[eye].data();
         }
+        for_each(backend, n,
+                 DriveEyePoint<T, E>{{arrays_of(eyes).from(first), points, n,
+                                      columns_from(arrays_of(g), {begin + first, n}), &placed},
+                                     head_address<T>(head...)});
     });
 }
 
@@ -110,6 +108,14 @@ EyeInputsCotangent<T> eye_features_vjp(const B& backend, const EyeStream<T, E>& 
     return g_inputs;
 }
 
+/// Cotangents of a cloud in the world, whose eyes' columns eye_points_vjp consumes, and the
+/// gradients that it adds to.
+template <class T, EffectSet E>
+struct PointGradients {
+    Gaussians<T>& gaussians;
+    EyeStream<T, E>& eyes;
+};
+
 /// Driven eyes, as far as their vjp reads them.
 template <class T, EffectSet E>
 struct DrivenEyes {
@@ -119,94 +125,93 @@ struct DrivenEyes {
     Index begin;
 };
 
-/// Cotangents of the head-frame eyeballs, which to_world_vjp gives, and what eye_vjp adds to.
+/// Sums over each eye's points: EyeSums.
+template <class T, EffectSet E>
+using SumsOfEyes = std::tuple<SumsOf<EyePointVjp<T, E, 0>>, SumsOf<EyePointVjp<T, E, 1>>>;
+
+/// Accumulates the gradients of sizes, rotations and opacities from the cotangents of the eyes'
+/// columns of `g` in the world; takes those of means to the head's frame, in place. Returns the
+/// points' sums.
+template <class T, EffectSet E, Backend B, class... Head>
+    requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
+SumsOfEyes<T, E> eye_points_vjp(const B& backend, const EyeStream<T, E>& eyes,
+                                const std::type_identity_t<DrivenEyes<T, E>>& driven,
+                                const std::type_identity_t<PointGradients<T, E>>& to,
+                                const Head&... head) {
+    SumsOfEyes<T, E> sums;
+    for_eyes([&]<std::size_t eye>() {
+        constexpr Index e = static_cast<Index>(eye);
+        const Index first = eyes.first_point(e), n = eyes.points_of(e);
+        const ColumnRange columns{driven.begin + first, n};
+        const T* points = eyes.position.data() + 3 * first;
+        if constexpr (has_effect<E, SeesCornea>) points = driven.trace.optics.seen[eye].data();
+        const Quat<T>* turn = nullptr;
+        if constexpr (eye_turns<E, eye>) turn = &of_eye<eye>(driven.trace.turn);
+        std::get<eye>(sums) =
+            sum_each(backend, n,
+                     EyePointVjp<T, E, int(eye)>{
+                         arrays_of(eyes).from(first), arrays_of(to.eyes).from(first), points,
+                         columns_from(arrays_of(driven.world), columns),
+                         columns_from(arrays_of(to.gaussians), columns), head_address<T>(head...), turn});
+    });
+    return sums;
+}
+
+/// Cotangents of the eyeballs, whose means are in the head's frame, and what eye_vjp adds to.
 /// frame.gaze holds the cotangents of the gaze codes before, frame.optics what eye_optics_vjp gave.
 template <class T, EffectSet E>
 struct EyeGradients {
     const Gaussians<T>& gaussians;
+    const SumsOfEyes<T, E>& sums; ///< of eye_points_vjp
     EyeStream<T, E>& eyes;
     FrameCotangent<T, E>& frame;
 };
 
-/// Accumulates parameter gradients.
-template <class T, EffectSet E, Backend B, class... Head>
-    requires (sizeof...(Head) == (has_effect<E, HeadPose> ? 1 : 0))
+/// Accumulates the gradients of what is common to an eye's points: appearance, mechanism, kappa and
+/// offset.
+template <class T, EffectSet E, Backend B>
 void eye_vjp(const B& backend, const EyeStream<T, E>& eyes,
              const std::type_identity_t<DrivenEyes<T, E>>& driven,
-             const std::type_identity_t<EyeGradients<T, E>>& gradients, const Head&... head) {
+             const std::type_identity_t<EyeGradients<T, E>>& gradients) {
     [[maybe_unused]] const AvatarConfig& config = driven.frame.config;
     const Drivers<T, E>& drivers = driven.frame.drivers;
     [[maybe_unused]] const EyeTrace<T, E>& trace = driven.trace;
-    const Gaussians<T>&world = driven.world, &g = gradients.gaussians;
-    const Index begin = driven.begin;
     EyeStream<T, E>& grad = gradients.eyes;
     [[maybe_unused]] FrameCotangent<T, E>& g_frame = gradients.frame;
-    const Index all = eyes.position.cols();
-    const auto of_eyes = [&](const Columns<T>& a) { return a.middleCols(begin, all); };
-    const EyeInputsCotangent<T> g_inputs =
-        eye_features_vjp(backend, eyes, {config, optical_drivers(eyes, drivers), driven.frame.code},
-                         of_eyes(g.feature), grad);
+    const EyeInputsCotangent<T> g_inputs = eye_features_vjp(
+        backend, eyes, {config, optical_drivers(eyes, drivers), driven.frame.code},
+        gradients.gaussians.feature.middleCols(driven.begin, eyes.position.cols()), grad);
     if constexpr (eyes_read_pose<E>) g_frame.eye_pose += g_inputs.pose;
-    if constexpr (has_effect<E, HeadPose>)
-        grad.log_scale += of_eyes(g.scale).cwiseProduct(of_eyes(world.scale)) / (head.scale, ...);
-    else
-        grad.log_scale += of_eyes(g.scale).cwiseProduct(of_eyes(world.scale));
-    grad.opacity_logit += of_eyes(g.opacity).cwiseProduct(
-        of_eyes(world.opacity).unaryExpr([](const T& a) { return T(a * (T(1) - a)); }));
     for_eyes([&]<std::size_t eye>() {
-        constexpr Index e = static_cast<Index>(eye);
-        const Index first = eyes.first_point(e), end = first + eyes.points_of(e);
-        for (Index i = first; i < end; ++i) {
-            if constexpr (eye_turns<E, eye>)
-                grad.rotation.col(i) +=
-                    quat_product_vjp_right<T>(of_eye<eye>(trace.turn), g.rotation.col(begin + i));
-            else
-                grad.rotation.col(i) += g.rotation.col(begin + i);
+        using Sums = EyeSums<E, int(eye)>;
+        if constexpr (eye_turns<E, eye> && (has_effect<E, Kappa> || own_turn<E>)) {
+            TurnCotangent<T> g_turn;
+            if constexpr (Sums::turn)
+                take_turn_sums(std::get<eye>(gradients.sums).begin() + Sums::turn_at, g_turn);
+            if constexpr (has_effect<E, SeesCornea>) g_turn.rotation += g_frame.optics.turn[eye];
+            Vec3<T> g_optical = g_inputs.gaze[eye];
+            if constexpr (own_turn<E>) {
+                const Drivers<T, E>& optical = optical_drivers(eyes, drivers);
+                g_optical += GazeMechanismOf<E>::turn_vjp(
+                    eyes.mechanism(), eye, checked_gaze(of_eye<eye>(optical.gaze)),
+                    turn_cotangent_of(of_eye<eye>(trace.turn), g_turn.rotation, g_turn.quaternion),
+                    grad.mechanism());
+            }
+            if constexpr (has_effect<E, Kappa>)
+                if (eyes.kappa.size() > 0)
+                    grad.kappa.col(static_cast<Index>(eye)) += kappa_vjp<EncodingOf<E>, T>(
+                        config, of_eye<eye>(drivers.gaze), kappa_of(eyes.kappa, eye),
+                        {own_turn<E> ? TurnCotangent<T>{} : g_turn, g_optical,
+                         gaze_code_cotangent<eye>(g_frame)});
         }
     });
-    constexpr bool own_turn = !std::same_as<GazeMechanismOf<E>, ExplicitRotation>;
-    if constexpr (has_effect<E, Kappa> || own_turn)
-        for_eyes([&]<std::size_t eye>() {
-            constexpr Index e = static_cast<Index>(eye);
-            if constexpr (eye_turns<E, eye>) {
-                if constexpr (!own_turn)
-                    if (eyes.kappa.size() == 0) return; // no parameter turns the eye
-                const Index first = eyes.first_point(e), n = eyes.points_of(e);
-                const auto turned = [&](const Columns<T>& points) {
-                    return turn_cotangent<T>(points, eyes.rotation.middleCols(first, n),
-                                             g.mean.middleCols(begin + first, n),
-                                             g.rotation.middleCols(begin + first, n));
-                };
-                TurnCotangent<T> g_turn;
-                if constexpr (has_effect<E, SeesCornea>) {
-                    g_turn = turned(trace.optics.seen[eye]);
-                    g_turn.rotation += g_frame.optics.turn[eye];
-                } else {
-                    g_turn = turned(eyes.position.middleCols(first, n));
-                }
-                Vec3<T> g_optical = g_inputs.gaze[eye];
-                if constexpr (own_turn) {
-                    const Drivers<T, E>& optical = optical_drivers(eyes, drivers);
-                    g_optical += GazeMechanismOf<E>::turn_vjp(
-                        eyes.mechanism(), eye, checked_gaze(of_eye<eye>(optical.gaze)),
-                        turn_cotangent_of(of_eye<eye>(trace.turn), g_turn.rotation,
-                                          g_turn.quaternion),
-                        grad.mechanism());
-                }
-                if constexpr (has_effect<E, Kappa>)
-                    if (eyes.kappa.size() > 0)
-                        grad.kappa.col(e) += kappa_vjp<EncodingOf<E>, T>(
-                            config, of_eye<eye>(drivers.gaze), kappa_of(eyes.kappa, eye),
-                            {own_turn ? TurnCotangent<T>{} : g_turn, g_optical,
-                             gaze_code_cotangent<eye>(g_frame)});
-            }
-        });
     if constexpr (has_effect<E, EyeOffset>) {
-        Columns<T> g_offset = Columns<T>::Zero(3, 2);
-        for (Index e = 0; e < 2; ++e) {
-            const Index first = eyes.first_point(e), end = first + eyes.points_of(e);
-            for (Index i = first; i < end; ++i) g_offset.col(e) += g.mean.col(begin + i);
-        }
+        Columns<T> g_offset(3, 2);
+        for_eyes([&]<std::size_t eye>() {
+            for (Index k = 0; k < 3; ++k)
+                g_offset(k, static_cast<Index>(eye)) = std::get<eye>(
+                    gradients.sums)[std::size_t(EyeSums<E, int(eye)>::centre_at + k)];
+        });
         if constexpr (has_effect<E, SeesCornea>) g_offset += g_frame.optics.centre;
         eye_offset_vjp<T>(backend, eyes.offset, {config, trace.offset}, g_offset,
                           {grad.offset, g_frame.pose});

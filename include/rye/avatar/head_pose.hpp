@@ -98,6 +98,25 @@ struct HeadTransformGradient {
     }
 };
 
+/// Numbers that a HeadTransformGradient is summed as: rotation, quaternion, translation.
+inline constexpr int head_sums = 16;
+
+/// Adds a gradient to sums, from the first on.
+template <class T, class Sums>
+RYE_HD void add_head_sums(const HeadTransformGradient<T>& g, Sums& sum, int from) {
+    const auto at = [from](int k) { return static_cast<std::size_t>(from + k); };
+    for (int k = 0; k < 9; ++k) sum[at(k)] += g.rotation.data()[k];
+    for (int k = 0; k < 4; ++k) sum[at(9 + k)] += g.quaternion[k];
+    for (int k = 0; k < 3; ++k) sum[at(13 + k)] += g.translation[k];
+}
+/// Adds such sums to a gradient.
+template <class T>
+RYE_HD void take_head_sums(const T* sum, HeadTransformGradient<T>& g) {
+    for (int k = 0; k < 9; ++k) g.rotation.data()[k] += sum[k];
+    for (int k = 0; k < 4; ++k) g.quaternion[k] += sum[9 + k];
+    for (int k = 0; k < 3; ++k) g.translation[k] += sum[13 + k];
+}
+
 /// Turns the range's world cotangents in `g` into head-frame ones, in place. Returns the cotangent
 /// of the transform.
 template <class T, Backend B>

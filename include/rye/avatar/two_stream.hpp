@@ -168,27 +168,34 @@ Vec<T, 6> drive_vjp(const B& backend, const TwoStream<T, E>& avatar,
             return {config, trace.code, trace.face, head_scale<T, E>(trace.face, trace.gaussians),
                     trace.gaussians.opacity};
     };
-    const auto streams_vjp = [&](const auto&... head) {
+    const auto face_part = [&] {
         if constexpr (has_own_effects<E>)
             own_effects_vjp<T, E>(backend, avatar,
                                   {optical_drivers(avatar.eyes, drivers), trace.own},
                                   first_columns(g, n), grad);
         face_vjp(backend, avatar.face, driven(), g, {grad.face, g_frame});
-        eye_vjp(backend, avatar.eyes,
-                {{config, drivers, trace.code}, trace.eyes, trace.gaussians, n},
-                {g, grad.eyes, g_frame}, head...);
+    };
+    const DrivenEyes<T, E> eyes{{config, drivers, trace.code}, trace.eyes, trace.gaussians, n};
+    const auto eyes_vjp = [&](const auto& sums) {
+        eye_vjp(backend, avatar.eyes, eyes, {g, sums, grad.eyes, g_frame});
     };
     if constexpr (has_effect<E, HeadPose>) {
         HeadTransformGradient<T> g_head =
             to_world_vjp(backend, trace.head, trace.gaussians, trace.face_columns(), g);
-        g_head += to_world_vjp(backend, trace.head, trace.gaussians, trace.eye_columns(), g);
+        const SumsOfEyes<T, E> sums =
+            eye_points_vjp(backend, avatar.eyes, eyes, {g, grad.eyes}, trace.head);
+        take_head_sums(std::get<0>(sums).begin(), g_head);
+        take_head_sums(std::get<1>(sums).begin(), g_head);
         optics_vjp(trace.head);
         if constexpr (has_effect<E, SeesCornea>) g_head += g_frame.optics.head;
         g_pose = head_pose_vjp(drivers, g_head);
-        streams_vjp(trace.head);
+        face_part();
+        eyes_vjp(sums);
     } else {
+        const SumsOfEyes<T, E> sums = eye_points_vjp(backend, avatar.eyes, eyes, {g, grad.eyes});
         optics_vjp();
-        streams_vjp();
+        face_part();
+        eyes_vjp(sums);
     }
     if constexpr (has_effect<E, ReadsPoseCode>)
         g_pose +=

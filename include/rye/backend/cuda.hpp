@@ -9,7 +9,7 @@
 #include <cstdint>
 #include <string>
 
-#include <rye/core/columns.hpp>
+#include <rye/core/column_array.hpp>
 #include <rye/core/error.hpp>
 
 struct CUstream_st;
@@ -60,18 +60,9 @@ struct CudaQueue {
     DeviceArena memory;
 };
 
-/// A view of columns in device memory, laid out as Columns: number r of column c is
-/// data[c * rows + r].
+/// Columns in device memory.
 template <class T>
-struct DeviceColumns {
-    T* data = nullptr;
-    Index rows = 0, cols = 0;
-
-    Index size() const { return rows * cols; }
-    template <class U>
-        requires(std::same_as<U, const T> && !std::is_const_v<T>)
-    operator DeviceColumns<U>() const { return {data, rows, cols}; }
-};
+using DeviceColumns = ColumnArray<T>;
 
 /// Memory that only grows, and goes back to its arena at the end. It belongs to one stream at a
 /// time: that of the last reserve.

@@ -185,8 +185,6 @@ class DriveCache {
         } else {
             activate_into(backend_, raw_attributes(face), drawn);
         }
-        world_.opacity.rightCols(all - n) =
-            eyes.opacity_logit.unaryExpr([](const T& v) { return sigmoid(v); });
     }
 
     void run_networks(const Changes& c) {
@@ -306,24 +304,29 @@ class DriveCache {
         }
         if (!same_bits(centre, centre_)) moved = {true, true};
         centre_ = centre;
+        const Index points = eyes.position.cols();
+        const GaussianArrays<T> to = columns_from(arrays_of(world_), {rest_->count, points});
         if (c.first || c.scale)
             with_head([&](const auto&... head) {
-                set_eye_scales(eyes, world_, rest_->count, head.scale...);
+                for_each(backend_, points,
+                         SizeEyePoint<T, E>{arrays_of(eyes), to, head_address<T>(head...)});
             });
         const std::array<bool, 2> coloured = write_eye_features(c, drivers);
         for_eyes([&]<std::size_t eye>() {
             constexpr Index e = static_cast<Index>(eye);
-            const Index begin = rest_->count + eyes.first_point(e);
+            const Index first = eyes.first_point(e), n = eyes.points_of(e);
             if (moved[eye]) {
-                place_eye(eyes, e, with_head([&](const auto&... head) {
-                              return placed_eye<eye>(eyes, Vec3<T>(centre_.col(e)), drivers,
-                                                     head...);
-                          }),
-                          begin, world_);
+                const EyeTransform<T> placed = with_head([&](const auto&... head) {
+                    return placed_eye<eye>(eyes, Vec3<T>(centre_.col(e)), drivers, head...);
+                });
+                for_each(backend_, n,
+                         PlaceEyePoint<T>{arrays_of(eyes).from(first),
+                                          eyes.position.data() + 3 * first, n,
+                                          columns_from(to, {first, n}), &placed});
                 ++work_.eyes;
             }
             if (moved[eye] || coloured[eye])
-                for (Index i = begin; i < begin + eyes.points_of(e); ++i) changed_.push_back(i);
+                for (Index i = 0; i < n; ++i) changed_.push_back(rest_->count + first + i);
         });
     }
 

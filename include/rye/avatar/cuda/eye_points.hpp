@@ -15,14 +15,6 @@ struct DeviceEyeOffset {
     float scale;         ///< AvatarConfig::deform_scale
 };
 
-/// Whether a mechanism other than explicit rotation turns the eyes.
-template <EffectSet E>
-inline constexpr bool own_turn = !std::same_as<GazeMechanismOf<E>, ExplicitRotation>;
-/// Whether something trained follows from an eye's turn: kappa, or a mechanism's parameters.
-template <EffectSet E, int eye>
-inline constexpr bool turn_is_trained = eye_turns<E, std::size_t(eye)> &&
-                                        (own_turn<E> ? !std::same_as<GazeMechanismOf<E>, FixedEye>
-                                                     : has_effect<E, Kappa>);
 /// Whether kappa follows from optical axes as parts of the eyes read them.
 template <EffectSet E>
 inline constexpr bool axes_are_trained = has_effect<E, Kappa> &&
@@ -86,93 +78,6 @@ struct PlaceEyesKernel {
     }
 };
 
-/// Arrays of the eyes, in device memory.
-struct DeviceEyeArrays {
-    float* log_scale;     ///< 3 x P
-    float* rotation;      ///< 4 x P
-    float* opacity_logit; ///< 1 x P
-};
-
-/// Sets what Gaussian i of the eyes has beside its feature. `to`: the eyes' columns of a cloud.
-template <EffectSet E>
-struct DriveEyePoint {
-    static constexpr const char* name = "eyes";
-    DeviceEyeArrays raw;
-    const float* position; ///< 3 x P
-    Index left;            ///< points of the left eye, which come first
-    DeviceGaussians<float> to;
-    const DeviceFrameState* frame;
-
-    RYE_DEVICE void operator()(Index i) const {
-        const EyeTransform<float>& eye = frame->eye[i < left ? 0 : 1];
-        put_column<3>(eye.apply(column3(position, i)), to.mean.data, i);
-        put_column<4>(quat_product<float>(eye.quaternion, column4(raw.rotation, i)),
-                      to.rotation.data, i);
-        for (int k = 0; k < 3; ++k) {
-            const float scale = drawn_scale(raw.log_scale[3 * i + k]);
-            to.scale.data[3 * i + k] = has_effect<E, HeadPose> ? scale * frame->head.scale : scale;
-        }
-        to.opacity.data[i] = drawn_opacity(raw.opacity_logit[i]);
-    }
-};
-
-/// What an eye's points are summed for: the head's transform, the eye's turn (a matrix and a
-/// quaternion), its centre; as far as something trained follows.
-template <EffectSet E, int eye>
-struct EyeSums {
-    static constexpr bool turn = turn_is_trained<E, eye>;
-    static constexpr int head_at = 0;
-    static constexpr int turn_at = has_effect<E, HeadPose> ? head_sums : 0;
-    static constexpr int centre_at = turn_at + (turn ? 13 : 0);
-    static constexpr int count = centre_at + (has_effect<E, EyeOffset> ? 3 : 0);
-    static constexpr int room = 32; ///< numbers that an eye's sums are apart
-};
-
-/// Adds the gradients of point i of an eye, and sums. Arrays begin at that eye's first point.
-template <EffectSet E, int eye>
-struct EyePointVjp {
-    using Places = EyeSums<E, eye>;
-    static constexpr const char* name = "eyes, reverse";
-    static constexpr int sums = Places::count;
-    DeviceEyeArrays raw, gradient;
-    const float* position;
-    DeviceGaussians<float> world, g; ///< g's means are left in the head's frame
-    const DeviceFrameState* frame;
-
-    template <class Sums>
-    RYE_DEVICE void operator()(Index i, [[maybe_unused]] Sums& sum) const {
-        MovedPoint<float> own{column3(g.mean.data, i), column4(g.rotation.data, i)};
-        const Vec4<float> rotation = column4(raw.rotation, i);
-        if constexpr (has_effect<E, HeadPose>) {
-            HeadTransformGradient<float> part;
-            part.add(frame->head, {column3(world.mean.data, i), column4(world.rotation.data, i)},
-                     own);
-            add_head_sums(part, sum, Places::head_at);
-        }
-        // Scales in the world are proportional to the head's, so it cancels here.
-        for (int k = 0; k < 3; ++k)
-            gradient.log_scale[3 * i + k] +=
-                drawn_scale_vjp<float>(world.scale.data[3 * i + k], g.scale.data[3 * i + k]);
-        const float a = world.opacity.data[i];
-        gradient.opacity_logit[i] += drawn_opacity_vjp<float>(a, 1.0F - a, g.opacity.data[i]);
-        if constexpr (eye_turns<E, std::size_t(eye)>)
-            add_column<4>(quat_product_vjp_right<float>(frame->turn[eye], own.rotation),
-                          gradient.rotation, i);
-        else
-            add_column<4>(own.rotation, gradient.rotation, i);
-        if constexpr (Places::turn) {
-            TurnCotangent<float> turn;
-            turn.add({column3(position, i), rotation}, own);
-            for (int k = 0; k < 9; ++k)
-                sum[std::size_t(Places::turn_at + k)] += turn.rotation.data()[k];
-            for (int k = 0; k < 4; ++k)
-                sum[std::size_t(Places::turn_at + 9 + k)] += turn.quaternion[k];
-        }
-        if constexpr (has_effect<E, EyeOffset>)
-            for (int k = 0; k < 3; ++k) sum[std::size_t(Places::centre_at + k)] += own.mean[k];
-    }
-};
-
 /// Cotangents of the offset network's outputs, from the eyes' sums.
 template <EffectSet E>
 struct EyeOffsetVjp {
@@ -227,8 +132,7 @@ struct KappaVjpKernel {
             if constexpr (!own_turn<E>) {
                 using Places = EyeSums<E, eye>;
                 const float* const own = sums + eye * Places::room + Places::turn_at;
-                for (int k = 0; k < 9; ++k) turn.rotation.data()[k] = own[k];
-                for (int k = 0; k < 4; ++k) turn.quaternion[k] = own[9 + k];
+                take_turn_sums(own, turn);
             }
             const KappaTangent<float> tangent(
                 frame.state->visual[eye],

@@ -108,7 +108,9 @@ class DeviceEyeStream {
         device_.launch(queue, 1, place);
         launch_each(
             device_, queue, count(),
-            DriveEyePoint<E>{arrays_at(of), position_.data(), host_->points_of(0), to, frame});
+            DriveEyePoint<float, E>{
+                {arrays_at(of), position_.data(), host_->points_of(0), to, &frame->eye[0]},
+                &frame->head});
         appearance_.features_into(queue, of, frame_, to.feature, keep);
     }
 
@@ -175,10 +177,10 @@ class DeviceEyeStream {
 
   private:
     struct BothArrays {
-        DeviceEyeArrays raw, gradient;
+        EyeArrays<float> raw, gradient;
     };
     template <class Of>
-    DeviceEyeArrays arrays_at(const Of& of) const {
+    EyeArrays<float> arrays_at(const Of& of) const {
         return {of(host_->log_scale).data, of(host_->rotation).data, of(host_->opacity_logit).data};
     }
     DeviceEyeOffset offset() const {
@@ -198,14 +200,13 @@ class DeviceEyeStream {
     void points_vjp(const CudaQueue& queue, const BothArrays& all, const DeviceFrameState* frame,
                     const DeviceEyeCotangent& cotangent) {
         const Index first = host_->first_point(eye), n = host_->points_of(eye);
-        const auto from = [&](const DeviceEyeArrays& a) -> DeviceEyeArrays {
-            return {a.log_scale + 3 * first, a.rotation + 4 * first, a.opacity_logit + first};
-        };
         sums_.launch(
             queue, n,
-            EyePointVjp<E, eye>{from(all.raw), from(all.gradient), position_.data() + 3 * first,
-                                columns_from(cotangent.world, {first, n}),
-                                columns_from(cotangent.g, {first, n}), frame},
+            EyePointVjp<float, E, eye>{all.raw.from(first), all.gradient.from(first),
+                                       position_.data() + 3 * first,
+                                       columns_from(cotangent.world, {first, n}),
+                                       columns_from(cotangent.g, {first, n}), &frame->head,
+                                       &frame->turn[eye]},
             {const_cast<float*>(sums(eye))});
     }
 

@@ -30,34 +30,6 @@ struct DeviceRawPoint {
     RYE_HD float opacity() const { return drawn_opacity(raw.opacity_logit[i] + step(7)); }
 };
 
-/// Column i of a view of 3, or of 4, rows; and back.
-RYE_HD inline Vec3<float> column3(const float* x, Index i) {
-    return Vec3<float>(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
-}
-/// Four numbers of column i.
-RYE_HD inline Vec4<float> column4(const float* x, Index i) {
-    return Vec4<float>(x[4 * i], x[4 * i + 1], x[4 * i + 2], x[4 * i + 3]);
-}
-/// Writes column i.
-template <int N>
-RYE_HD void put_column(const Vec<float, N>& v, float* to, Index i) {
-    for (int k = 0; k < N; ++k) to[N * i + k] = v[k];
-}
-/// Adds to column i.
-template <int N>
-RYE_HD void add_column(const Vec<float, N>& v, float* to, Index i) {
-    for (int k = 0; k < N; ++k) to[N * i + k] += v[k];
-}
-
-/// Columns of a cloud.
-template <class T>
-DeviceGaussians<T> columns_from(const DeviceGaussians<T>& g, const ColumnRange& range) {
-    const auto part = [&](const DeviceColumns<T>& a) -> DeviceColumns<T> {
-        return {a.data + range.begin * a.rows, a.rows, range.count};
-    };
-    return {part(g.mean), part(g.rotation), part(g.scale), part(g.opacity), part(g.feature)};
-}
-
 /// A mean of the face in the world, given that in the head's frame.
 template <EffectSet E>
 RYE_HD Vec3<float> mean_of_face([[maybe_unused]] const DeviceFrameState* frame,

@@ -203,24 +203,6 @@ struct FrameCodesKernel {
     }
 };
 
-/// Numbers of the sums that a HeadTransformGradient is made of: rotation, quaternion, translation.
-inline constexpr int head_sums = 16;
-
-/// Adds a gradient to sums, from the first on.
-template <class Sums>
-RYE_HD void add_head_sums(const HeadTransformGradient<float>& g, Sums& sum, int from) {
-    const auto at = [from](int k) { return static_cast<std::size_t>(from + k); };
-    for (int k = 0; k < 9; ++k) sum[at(k)] += g.rotation.data()[k];
-    for (int k = 0; k < 4; ++k) sum[at(9 + k)] += g.quaternion[k];
-    for (int k = 0; k < 3; ++k) sum[at(13 + k)] += g.translation[k];
-}
-/// Adds such sums to a gradient.
-RYE_HD inline void take_head_sums(const float* sum, HeadTransformGradient<float>& g) {
-    for (int k = 0; k < 9; ++k) g.rotation.data()[k] += sum[k];
-    for (int k = 0; k < 4; ++k) g.quaternion[k] += sum[9 + k];
-    for (int k = 0; k < 3; ++k) g.translation[k] += sum[13 + k];
-}
-
 /// Where the sums of a frame's reverse pass lie: of the head's transform over the face and over
 /// each eye, and cotangents of the codes, as CodePlaces has them.
 struct DeviceFrameSums {
