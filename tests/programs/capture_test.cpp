@@ -9,6 +9,8 @@
 
 #include <doctest/doctest.h>
 
+#include <rye/capture/read_capture.hpp>
+
 #include "../support/hostile.hpp"
 #include "tiny_capture.hpp"
 
@@ -119,18 +121,17 @@ TEST_CASE("capture: a photograph is multiplied by its mask, a premultiplied imag
 TEST_CASE("capture: the cache keeps its budget, and a moved capture keeps its cache") {
     const TemporaryFolder folder;
     const TinyCapture tiny(folder.path);
-    CaptureOptions options;
-    options.cache_bytes = 48 * 48 * 8; // two colour images, or one and more masks
-    Capture first = read_capture(folder.path, options);
+    const std::size_t budget = 48 * 48 * 8; // two colour images, or one and more masks
+    Capture first = rye::read_capture(folder.path, ImageCache(budget));
     for (int round = 0; round < 2; ++round)
         for (int f = 0; f < 4; ++f)
             for (int k = 0; k < 3; ++k) {
                 const auto expected = static_cast<float>(100 + 10 * f + k) / 255.0f;
                 CHECK(first.image(f, k).at(24, 24)[0] == expected);
-                CHECK(first.cache.bytes() <= options.cache_bytes);
+                CHECK(first.pictures.bytes() <= budget);
             }
     const Capture c = std::move(first);
-    CHECK(c.cache.bytes() > 0);
+    CHECK(c.pictures.bytes() > 0);
     fs::remove(tiny.image(3, 2));
     CHECK(c.image(3, 2).at(24, 24)[0] == 132 / 255.0f); // still held
     CHECK(c.image(0, 0).at(24, 24)[0] == 100 / 255.0f);
