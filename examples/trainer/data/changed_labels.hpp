@@ -12,6 +12,10 @@
 
 #include <rye/core/columns.hpp>
 
+namespace rye {
+struct CaptureFrame;
+}
+
 namespace rye::trainer {
 
 /// What is added to the labels of one frame.
@@ -34,7 +38,6 @@ enum class HeadPoints {
 /// folder, and not below `from`.
 void check_new_capture(const std::filesystem::path& from, const std::filesystem::path& out);
 
-struct CaptureFrame;
 /// What turns the labels of a frame into those of another: all but landmarks and vertices.
 LabelChange change_between(const CaptureFrame& before, const CaptureFrame& after);
 

@@ -94,6 +94,16 @@ constexpr std::array<int, 6> eye_landmarks(int eye) {
                     : std::array<int, 6>{36, 37, 38, 39, 40, 41};
 }
 
+/// Returns the landmarks common to both of Gaussian Head Avatar's sets, 66 of 66 or 68: all but the
+/// lip corners 48 and 54. Throws Error that begins with `who` for another number.
+inline Columns<double> common_landmarks(const Columns<double>& all, const std::string& who) {
+    if (all.cols() == 66) return all;
+    require(all.cols() == 68, who, "got ", all.cols(), " landmarks, expected 66 or 68");
+    Columns<double> kept(3, 66);
+    kept << all.leftCols(48), all.middleCols(49, 5), all.rightCols(13);
+    return kept;
+}
+
 /// A capture without its pixels: labels, cameras and names of files.
 struct CaptureLabels {
     std::filesystem::path folder;

@@ -152,16 +152,6 @@ inline Rigid<double> read_extrinsic(const NamedArrays& file) {
 
 } // namespace detail
 
-/// Returns the landmarks common to both of Gaussian Head Avatar's sets, 66 of 66 or 68: all but the
-/// lip corners 48 and 54. Throws Error that begins with `who` for another number.
-inline Columns<double> common_landmarks(const Columns<double>& all, const std::string& who) {
-    if (all.cols() == 66) return all;
-    require(all.cols() == 68, who, "got ", all.cols(), " landmarks, expected 66 or 68");
-    Columns<double> kept(3, 66);
-    kept << all.leftCols(48), all.middleCols(49, 5), all.rightCols(13);
-    return kept;
-}
-
 /// Reads the labels of a frame from its folder params/<frame>. An npz may take so much memory
 /// [bytes]. Throws Error for what is missing or wrong.
 inline CaptureFrame read_capture_labels(const std::filesystem::path& params, const std::string& id,

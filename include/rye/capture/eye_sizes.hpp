@@ -26,9 +26,11 @@ inline EyeSizes eye_sizes(const CaptureEye& eye, double scale, double default_ra
     return s;
 }
 
-inline EyeballShape eyeball_shape(const EyeSizes& sizes) {
-    EyeballShape shape =
-        EyeballShape{}.with_radius(sizes.radius).with_limbus(sizes.limbus_radius);
+/// Returns rye's eyeball of these sizes for an avatar with the effects E.
+template <EffectSet E = PaperEffects>
+BasicEyeballShape<E> eyeball_shape(const EyeSizes& sizes) {
+    BasicEyeballShape<E> shape =
+        BasicEyeballShape<E>{}.with_radius(sizes.radius).with_limbus(sizes.limbus_radius);
     shape.iris_plane = sizes.iris_plane;
     return shape;
 }
