@@ -22,7 +22,7 @@ using Mine = More<PaperEffects, ExpressionInfluence<Bell>>;
 int main(int count, char** arguments) try {
     const auto capture = read_capture(count > 1 ? arguments[1] : "capture", PngFiles{});
     const CaptureSubject subject = describe_subject(capture);
-    const XsimdBackend backend{OpenMp{}};
+    const XsimdBackend backend{};
     AvatarConfig config{.expression = capture.expression_width(), .feature = 16, .channels = 8};
     config.networks = {{32}, {32}, {32}, {32}, {32}, {32}, {32}, {32}, {32}, {32}};
     const Vec3<float> middle = subject.head_centre.cast<float>(), half(1.75F, 1.75F, 1.75F);
