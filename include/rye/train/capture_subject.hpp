@@ -127,15 +127,11 @@ inline Drivers<float> frame_drivers(const CaptureLabels& capture, int frame,
 
 namespace detail {
 
-/// Sets centre and sizes of an eyeball, from labels or from the landmarks around the eye.
+/// Sets sizes and centre of an eyeball, the centre from labels or the landmarks around the eye.
 inline void place_eye(CaptureSubject& s, int eye, const CaptureFrame& first,
-                      const EyeSource& source, const std::string& who) {
+                      const EyeSizes& sizes) {
     const auto e = static_cast<std::size_t>(eye);
     const CaptureEye& from = first.eyes[e];
-    const EyeSizes sizes = rye::eye_sizes(s.measured_eyes ? from : CaptureEye{}, first.scale,
-                                          source.default_radius);
-    require_eyeball(sizes, who + ": frame '" + first.id + "': the " +
-                               (eye == 0 ? "left" : "right") + " eyeball");
     s.eye_radius[e] = sizes.radius;
     s.limbus_radius[e] = sizes.limbus_radius;
     s.iris_plane[e] = sizes.iris_plane;
@@ -175,7 +171,14 @@ inline CaptureSubject describe_subject(const CaptureLabels& capture,
     s.head_centre = Vec3<double>((lo.x() + hi.x()) / 2, (lo.y() + hi.y()) / 2 + 0.2 * width,
                                  hi.z() - 0.7 * width);
     s.measured_eyes = eyes.measured && capture.has_centres();
-    for (int eye = 0; eye < 2; ++eye) detail::place_eye(s, eye, first, eyes, who);
+    for (int eye = 0; eye < 2; ++eye) {
+        const CaptureEye& from = first.eyes[static_cast<std::size_t>(eye)];
+        const EyeSizes sizes =
+            eye_sizes(s.measured_eyes ? from : CaptureEye{}, first.scale, eyes.default_radius);
+        require_eyeball(sizes, who + ": frame '" + first.id + "': the " +
+                                   (eye == 0 ? "left" : "right") + " eyeball");
+        detail::place_eye(s, eye, first, sizes);
+    }
     return s;
 }
 
