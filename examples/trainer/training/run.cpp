@@ -465,9 +465,9 @@ TrainState drawn_state(const TrainState& state) {
     return s;
 }
 
-Drivers<float> optical_drivers(const TrainState& state, const Drivers<float>& drivers) {
-    return restricted<PaperEffects>(
-        optical_drivers(state.avatar.eyes, restricted<TrainEffects>(drivers)));
+OpticalDrivers<float> optical_drivers(const TrainState& state, const Drivers<float>& drivers) {
+    return OpticalDrivers<float>(restricted<PaperEffects>(
+        optical_drivers(state.avatar.eyes, restricted<TrainEffects>(drivers)).drivers));
 }
 
 } // namespace rye::trainer

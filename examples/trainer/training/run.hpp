@@ -60,6 +60,6 @@ TrainState load_trained(const std::filesystem::path& run);
 TrainState drawn_state(const TrainState& state);
 
 /// Returns the drivers, whose gazes are of the run's gaze_axis, with optical axes in their place.
-Drivers<float> optical_drivers(const TrainState& state, const Drivers<float>& drivers);
+OpticalDrivers<float> optical_drivers(const TrainState& state, const Drivers<float>& drivers);
 
 } // namespace rye::trainer

@@ -184,8 +184,8 @@ Image<float> picture_of(const TrainState& state, const Gaussians<float>& driven,
 std::array<Vec3<double>, 2> posed_centres(const TrainState& state, const Drivers<float>& drivers) {
     const Avatar& avatar = state.avatar;
     const AvatarConfig& config = state.config.avatar;
-    const Drivers<float> optical = optical_drivers(state, drivers);
-    const HeadTransform<float> head = head_transform(optical);
+    const OpticalDrivers<float> optical = optical_drivers(state, drivers);
+    const HeadTransform<float> head = head_transform(optical.drivers);
     EyeOffsetTrace<float> offset;
     const Columns<float> centre =
         avatar.eyes.centre + eye_offset<float>(train_backend(), avatar.eyes.offset, config,

@@ -67,7 +67,7 @@ FrameDrawer::FrameDrawer(const TrainState& state, const std::vector<DrawnFrame>&
     std::vector<DrawnFrame> optical = frames;
     std::vector<Drivers<float>> drivers;
     for (DrawnFrame& f : optical) {
-        f.drivers = optical_drivers(state, f.drivers);
+        f.drivers = optical_drivers(state, f.drivers).drivers;
         drivers.push_back(f.drivers);
     }
     // Counted only where it chooses, or where there is a loss to explain.

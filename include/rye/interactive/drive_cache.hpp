@@ -75,18 +75,18 @@ class DriveCache {
         work_ = {};
         changed_.clear();
         if (!rest_) begin();
-        const Drivers<T, E>& optical = optical_drivers(avatar_->eyes, drivers);
-        const Changes c = changes(optical);
+        const OpticalDrivers<T, E> optical = optical_drivers(avatar_->eyes, drivers);
+        const Changes c = changes(optical.drivers);
         if (!c.any()) return world_;
         last_.reset();  // invalid until the update is complete
         code_ = frame_code(*config_, optical);
         run_networks(c);
         if constexpr (has_effect<E, HeadPose>)
-            if (c.moves_all()) head_ = head_transform(optical);
-        light(c, optical);
+            if (c.moves_all()) head_ = head_transform(optical.drivers);
+        light(c, optical.drivers);
         sum_face(c);
         place_eyes(c, optical);
-        last_ = optical;
+        last_ = optical.drivers;
         return world_;
     }
 
@@ -288,7 +288,7 @@ class DriveCache {
             return f();
     }
 
-    void place_eyes(const Changes& c, const Drivers<T, E>& drivers) {
+    void place_eyes(const Changes& c, const OpticalDrivers<T, E>& drivers) {
         const EyeStream<T, E>& eyes = avatar_->eyes;
         std::array<bool, 2> moved{c.driver[2] || c.moves_all(), c.driver[3] || c.moves_all()};
         Columns<T> centre = eyes.centre;
@@ -331,7 +331,8 @@ class DriveCache {
     }
 
     /// Writes the features of eyes whose drivers or light changed; returns of which.
-    std::array<bool, 2> write_eye_features(const Changes& c, const Drivers<T, E>& drivers) {
+    std::array<bool, 2> write_eye_features(const Changes& c,
+                                           const OpticalDrivers<T, E>& drivers) {
         const EyeStream<T, E>& eyes = avatar_->eyes;
         std::array<bool, 2> which{}, driven{};
         for (std::size_t eye = 0; eye < 2; ++eye) {

@@ -73,7 +73,8 @@ double fit_deformation(const B& backend, GuidanceMesh<T, E>& mesh, const Landmar
             t.mixed ? made
                     : frames[static_cast<std::size_t>(
                           fit.random.below(draw, static_cast<Index>(frames.size())))];
-        const FrameCode<T, E> code = frame_code(stage.config, frame.drivers);
+        const FrameCode<T, E> code =
+            frame_code(stage.config, OpticalDrivers<T, E>(frame.drivers));
         const LandmarkDeformation<T, E> at{networks, stage, places, code};
         deform_landmarks(alone, at, t.landmarks);
         const LossTerm<T> off = deformation_term<T>(t.landmarks.deformed, frame.landmarks);

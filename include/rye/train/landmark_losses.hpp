@@ -143,7 +143,8 @@ MeshLosses<T> landmark_losses(const B& backend, const GuidanceMesh<T, E>& mesh,
                               const WeightedLandmarks& stage, const MeshSample<T, E>& sample,
                               LandmarkTrace<T, E>& m) {
     const MeshLossConfig& weights = stage.weights;
-    const FrameCode<T, E>& code = m.frame = frame_code(stage.config, sample.drivers);
+    const FrameCode<T, E>& code = m.frame =
+        frame_code(stage.config, OpticalDrivers<T, E>(sample.drivers));
     MeshLosses<T> l;
     place_landmarks<T, E>(backend, mesh, stage, m.geometry, m);
     deform_landmarks<T, E>(backend, {mesh.networks, stage, m, code}, m);
