@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "data/corrected_cameras.hpp"
 
+#include <span>
+
 #include <nlohmann/json.hpp>
 
 #include <rye/capture/atomic_file.hpp>
