@@ -20,6 +20,7 @@
 #include "data/checksums.hpp"
 #include "data/validate.hpp"
 #include "training/camera_colours.hpp"
+#include "training/cameras.hpp"
 #include "training/device.hpp"
 #include "training/labels.hpp"
 
@@ -134,9 +135,11 @@ std::string describe_device(const DeviceFinding& device) {
                               number(device.found->total / 1e9, 1) + " GB free");
 }
 
-/// How far the labels of a capture that can be trained on are off. Corrects them in it.
-LabelFindings judged_labels(Capture& capture, const Verdict& verdict) {
+/// How far the labels of a capture that can be trained on are off, and its cameras, which were to
+/// be corrected first. Corrects both in it.
+LabelFindings judged_labels(Capture& capture, const Verdict& verdict, CameraFindings& cameras) {
     if (verdict.errors > 0 || capture.train.empty() || !capture.has_gaze()) return {};
+    cameras = correct_cameras(capture, preset("cpu"));
     LabelFindings found = correct_labels(capture, preset("cpu"));
     found.all.push_back(correct_colours(capture, preset("cpu")));
     return found;
@@ -216,7 +219,10 @@ void add_info(CLI::App& app) {
             problems.push_back({Problem::Severity::warning, sentence});
         if (arguments->json) {
             nlohmann::ordered_json json = info_json(capture, problems);
-            const LabelFindings labels = judged_labels(capture, judge(capture, problems));
+            CameraFindings cameras;
+            const LabelFindings labels =
+                judged_labels(capture, judge(capture, problems), cameras);
+            json["camera_findings"] = cameras.empty() ? nlohmann::ordered_json() : cameras.json();
             json["label_findings"] = labels.empty() ? nlohmann::ordered_json() : labels.json();
             json["device"] = nullptr;
             if (const auto device = find_device().found)
@@ -232,8 +238,10 @@ void add_info(CLI::App& app) {
             std::cout << (error ? "error:   " : "warning: ") << p.message << "\n";
         }
         const Verdict verdict = judge(capture, problems);
-        for (const std::string& words : judged_labels(capture, verdict).lines())
-            std::cout << line("labels", words);
+        CameraFindings cameras;
+        const LabelFindings labels = judged_labels(capture, verdict, cameras);
+        for (const std::string& words : cameras.lines()) std::cout << line("calibration", words);
+        for (const std::string& words : labels.lines()) std::cout << line("labels", words);
         for (const std::string& words : verdict.expect) std::cout << "warning: " << words << "\n";
         std::cout << line("verdict", verdict.text());
         if (verdict.errors > 0) throw CLI::RuntimeError(1);

@@ -14,6 +14,7 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
+#include "data/corrected_cameras.hpp"
 #include "data/memory_limit.hpp"
 #include "data/run_frames.hpp"
 #include "data/validate.hpp"
@@ -150,6 +151,7 @@ ShownView shown_view(const std::filesystem::path& run, const TrainState& state,
         v.capture =
             read_valid_frame(contents, frame_id(contents, frame), camera_choices(contents, camera));
         require_same_subject(state, v.capture);
+        take_corrected(v.capture, load_corrected_cameras(run));
     }
     v.camera = camera_index(v.capture, camera, v.frame);
     return v;

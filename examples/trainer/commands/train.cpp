@@ -26,6 +26,7 @@
 #include "data/work_beside.hpp"
 #include "training/begun.hpp"
 #include "training/camera_colours.hpp"
+#include "training/cameras.hpp"
 #include "training/density.hpp"
 #include "training/device_choice.hpp"
 #include "training/device_memory.hpp"
@@ -506,6 +507,8 @@ int train(const TrainOptions& o) {
     std::vector<std::string> expect;
     Capture capture = read_trainable_capture(folder, &expect);
     LabelFindings labels;
+    CameraFindings cameras;
+    if (config.correct_cameras && capture.has_gaze()) cameras = correct_cameras(capture, config);
     if (config.correct_labels && capture.has_gaze()) labels = correct_labels(capture, config);
     if (config.correct_colours && capture.has_gaze())
         labels.all.push_back(correct_colours(capture, config));
@@ -543,12 +546,15 @@ int train(const TrainOptions& o) {
     if (config.preset == "paper" && o.perceptual_weights.empty())
         std::cerr << "rye: note: the loss is not the paper's: without --perceptual-weights its "
                      "VGG16 term is replaced by one of gradient pyramids\n";
-    if (!quiet(o))
+    if (!quiet(o)) {
+        for (const std::string& line : cameras.lines()) std::cout << line << "\n";
         for (const std::string& line : labels.lines()) std::cout << line << "\n";
+    }
     if (!quiet(o) && !refined.empty()) std::cout << refined << "\n";
-    if (!o.resume && !labels.empty()) {
+    if (!o.resume && !(labels.empty() && cameras.empty())) {
         Json line = {{"stage", "labels"}, {"step", 0}};
-        line.update(labels.json());
+        if (!labels.empty()) line.update(labels.json());
+        if (!cameras.empty()) line["cameras"] = cameras.json();
         trainer.log(line);
     }
     if (!quiet(o)) std::cout << text_of(size) << "\n";

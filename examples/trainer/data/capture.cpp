@@ -506,6 +506,8 @@ void read_everything(Capture& c, const CaptureOptions& options, Faults& faults) 
 
 } // namespace
 
+Pinhole<double> read_capture_camera(const fs::path& path) { return read_camera(path); }
+
 Columns<double> common_landmarks(const Columns<double>& all, const std::string& who) {
     if (all.cols() == 66) return all;
     require(all.cols() == 68, who, "got ", all.cols(), " landmarks, expected 66 or 68");

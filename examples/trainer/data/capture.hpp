@@ -62,6 +62,12 @@ struct CaptureView {
     bool present = false;    ///< false: this camera missed this frame
 };
 
+/// A camera whose numbers are wrong, and those that replace them.
+struct CorrectedCamera {
+    std::string camera;
+    Pinhole<double> wrong, right;
+};
+
 /// Content of an image file outside the mask.
 enum class ImageContent {
     automatic,   ///< over_black if capture.json says so, else photograph
@@ -130,6 +136,7 @@ struct Capture {
     /// Of each camera, factors of the linear light of red, green and blue, which image() takes out;
     /// empty: none is known.
     std::vector<Vec3<double>> camera_gains;
+    std::vector<CorrectedCamera> corrected_cameras; ///< of which views have the right numbers
 
     int frame_count() const { return static_cast<int>(frames.size()); }
     int camera_count() const { return static_cast<int>(camera_ids.size()); }
@@ -170,6 +177,9 @@ Capture read_capture_frame(const CaptureContents& contents, const std::string& f
                            const std::vector<std::string>& cameras,
                            const CaptureOptions& options = {},
                            std::vector<Problem>* problems = nullptr);
+
+/// Reads a camera_<name>.npz; its size is not in it. Throws Error naming file and field.
+Pinhole<double> read_capture_camera(const std::filesystem::path& path);
 
 /// Reads everything but the pixels. Without `problems` throws the first fault as an Error;
 /// otherwise adds every fault to the list and returns what could be read.

@@ -8,8 +8,8 @@
 #include <rye/math/rotation.hpp>
 #include <rye/rig/gaze.hpp>
 
-#include "data/capture.hpp"
 #include "data/checksums.hpp"
+#include "data/corrected_cameras.hpp"
 #include "data/json.hpp"
 #include "data/memory_limit.hpp"
 
@@ -119,6 +119,27 @@ void change_gaze(const fs::path& file, const LabelChange& change, const HeadMoti
     write_bytes(file, npz_bytes(arrays));
 }
 
+/// Replaces the numbers of a camera in the frames in which it has exactly the wrong ones.
+void change_cameras(const fs::path& from, const fs::path& to, const CorrectedCamera& camera) {
+    const std::string name = "camera_" + camera.camera + ".npz";
+    for (const fs::directory_entry& frame : fs::directory_iterator(from / "cameras")) {
+        if (!fs::exists(frame.path() / name)) continue;
+        if (!same_numbers(read_capture_camera(frame.path() / name), camera.wrong)) continue;
+        const fs::path file = to / "cameras" / frame.path().filename() / name;
+        const std::string who = file.string();
+        NpzArrays arrays = read_npz(file, memory_limit());
+        const Pinhole<double>& right = camera.right;
+        edit(arrays, "intrinsic", who, [&](std::vector<double>& k) {
+            k[0] = right.fx, k[2] = right.cx, k[4] = right.fy, k[5] = right.cy;
+        });
+        edit(arrays, "extrinsic", who, [&](std::vector<double>& m) {
+            Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> extrinsic(m.data());
+            extrinsic << right.camera_from_world.rotation, right.camera_from_world.translation;
+        });
+        write_bytes(file, npz_bytes(arrays));
+    }
+}
+
 /// Moves the points of a file of them.
 void change_points(const fs::path& file, const HeadMotion& motion) {
     const NpyArray array = read_npy(file);
@@ -174,7 +195,7 @@ void check_new_capture(const fs::path& from, const fs::path& out) {
 
 void write_changed_capture(const fs::path& from, const fs::path& out,
                            const std::vector<LabelChange>& changes, HeadPoints points,
-                           const std::vector<std::pair<std::string, Json>>& records) {
+                           const BesideLabels& beside) {
     check_new_capture(from, out);
     fs::path parts = out;
     if (!parts.has_filename()) parts = parts.parent_path();
@@ -197,7 +218,8 @@ void write_changed_capture(const fs::path& from, const fs::path& out,
             }
         }
         restate_checksums(parts, changed);
-        for (const auto& [name, record] : records) {
+        for (const CorrectedCamera& camera : beside.cameras) change_cameras(from, parts, camera);
+        for (const auto& [name, record] : beside.records) {
             const std::string text = checked_text(record, 1);
             write_bytes(parts / name, as_bytes(text));
         }

@@ -12,6 +12,8 @@
 
 #include <rye/core/columns.hpp>
 
+#include "data/capture.hpp"
+
 namespace rye::trainer {
 
 /// What is added to the labels of one frame.
@@ -34,15 +36,20 @@ enum class HeadPoints {
 /// folder, and not below `from`.
 void check_new_capture(const std::filesystem::path& from, const std::filesystem::path& out);
 
-struct CaptureFrame;
 /// What turns the labels of a frame into those of another: all but landmarks and vertices.
 LabelChange change_between(const CaptureFrame& before, const CaptureFrame& after);
 
-/// Copies the capture and changes the labels of these frames. `records` are further files, by name,
-/// each an object that gets its checksum. The folder appears whole or not at all.
+/// What a copy has beside the labels of its frames.
+struct BesideLabels {
+    /// Further files, by name, each an object that gets its checksum.
+    std::vector<std::pair<std::string, nlohmann::ordered_json>> records = {};
+    std::vector<CorrectedCamera> cameras = {}; ///< replaced where files have the wrong numbers
+};
+
+/// Copies the capture and changes the labels of these frames. The folder appears whole or not at
+/// all.
 void write_changed_capture(const std::filesystem::path& from, const std::filesystem::path& out,
                            const std::vector<LabelChange>& changes, HeadPoints points,
-                           const std::vector<std::pair<std::string, nlohmann::ordered_json>>&
-                               records = {});
+                           const BesideLabels& beside = {});
 
 } // namespace rye::trainer

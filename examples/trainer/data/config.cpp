@@ -34,6 +34,7 @@ void walk(F& f, TrainConfig& c) {
     f("measured_eyes", c.measured_eyes);
     f("correct_labels", c.correct_labels);
     f("correct_colours", c.correct_colours);
+    f("correct_cameras", c.correct_cameras);
     f("avatar", [&] {
         AvatarConfig& a = c.avatar;
         f("feature", a.feature, Range{1, 4096});
@@ -403,7 +404,7 @@ void take_device_sizes(TrainConfig& c) {
 /// deformations that hold for expressions and gazes that no frame has, light that stays where head
 /// and eyes turn, and faster Gaussians.
 void take_generalisation(TrainConfig& c) {
-    c.correct_labels = c.correct_colours = true;
+    c.correct_labels = c.correct_colours = c.correct_cameras = true;
     c.avatar.pose_frequencies = c.avatar.gaze_frequencies = 1;
     c.shading = ShadingName::head_pose;
     c.eye_appearance = EyeAppearanceName::driven;

@@ -108,6 +108,7 @@ struct TrainConfig {
                                 ///< from the landmarks around the eyes, as the paper has it
     bool correct_labels = false; ///< of training frames, before training (training/labels.hpp)
     bool correct_colours = false; ///< of cameras (training/camera_colours.hpp)
+    bool correct_cameras = false; ///< pose and focal length (training/cameras.hpp)
     AvatarConfig avatar;
     GazeMechanismName gaze_mechanism = GazeMechanismName::rotation; ///< in JSON a field of avatar
     EyeAppearanceName eye_appearance = EyeAppearanceName::free;  ///< avatar.eye_appearance

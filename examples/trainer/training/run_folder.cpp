@@ -17,6 +17,7 @@
 #include <rye/capture/atomic_file.hpp>
 
 #include "data/checksums.hpp"
+#include "data/corrected_cameras.hpp"
 #include "data/picture.hpp"
 #include "data/run_frames.hpp"
 
@@ -104,6 +105,8 @@ void RunFolder::write_inputs(const TrainState& state) const {
         save_frames(folder_, *capture_);
     else
         fs::remove(frames_path(folder_), ignored); // of a run that was here
+    save_corrected_cameras(
+        folder_, capture_ != nullptr ? capture_->corrected_cameras : std::vector<CorrectedCamera>());
 }
 
 void RunFolder::open_log(const std::string& lines) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/run_folder.hpp: what a training run writes: config.json, frames.safetensors, log.jsonl,
-/// panels and the checkpoint. A run that replaces another one leaves all of it as it was until its
+/// training/run_folder.hpp: what a training run writes: config.json, frames.safetensors,
+/// cameras.json where cameras were corrected, log.jsonl, panels and the checkpoint. A run that replaces another one leaves all of it as it was until its
 /// own first checkpoint is complete. A checkpoint that cannot be written ends the run with an
 /// Error, and the one before it stays; a log line or a panel that cannot be written is left out,
 /// with a warning.

@@ -24,8 +24,22 @@ struct EyeballInHead {
     double radius, limbus_radius, iris_plane;
 };
 
-/// Both eyes of each of these frames. balls: of both eyes in each. Needs eye masks; eyes without
-/// one in a view are not seen by it.
+/// An iris in one view.
+struct SeenIris {
+    int camera;
+    Vec2<double> angles; ///< (pitch, yaw) in the head's frame [rad]
+    double sharpness;    ///< 1 where its pixels tell it as well as any do, less where they are few
+    Vec2<double> at;     ///< its middle in the picture [px]
+    double edge;         ///< radius of the sphere of its rim in the picture [px]
+};
+
+/// Irises of both eyes of each of these frames, by camera. balls: of both eyes in each frame.
+/// Needs eye masks; eyes without one in a view are not seen by it.
+std::vector<std::array<std::vector<SeenIris>, 2>>
+seen_irises(const Capture& capture, const std::vector<int>& frames,
+            const std::vector<std::array<EyeballInHead, 2>>& balls);
+
+/// The irises of each frame joined.
 std::vector<std::array<SeenGaze, 2>>
 seen_gazes(const Capture& capture, const std::vector<int>& frames,
            const std::vector<std::array<EyeballInHead, 2>>& balls);
