@@ -116,20 +116,18 @@ struct SizeEyePoint {
     }
 };
 
-/// Sets mean and rotation of Gaussian i, in the world, of the left eye for i < left.
+/// Sets mean and rotation of Gaussian i of an eye, in the world. Arrays begin at its first point.
 template <class T>
 struct PlaceEyePoint {
     static constexpr const char* name = "eyes, places";
     EyeArrays<const T> raw;
     const T* position; ///< in the eyeball's frame, 3 x P
-    Index left;
     GaussianArrays<T> to;
-    const EyeTransform<T>* eye; ///< of both eyes
+    const EyeTransform<T>* eye;
 
     RYE_HD void operator()(Index i) const {
-        const EyeTransform<T>& own = eye[i < left ? 0 : 1];
-        put_column<3>(own.apply(column3(position, i)), to.mean.data, i);
-        put_column<4>(quat_product<T>(own.quaternion, column4(raw.rotation, i)), to.rotation.data,
+        put_column<3>(eye->apply(column3(position, i)), to.mean.data, i);
+        put_column<4>(quat_product<T>(eye->quaternion, column4(raw.rotation, i)), to.rotation.data,
                       i);
     }
 };

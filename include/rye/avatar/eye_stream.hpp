@@ -64,7 +64,7 @@ void eye_gaussians(const B& backend, const EyeStream<T, E>& eyes,
             points = trace.optics.seen[eye].data();
         }
         for_each(backend, n,
-                 DriveEyePoint<T, E>{{arrays_of(eyes).from(first), points, n,
+                 DriveEyePoint<T, E>{{arrays_of(eyes).from(first), points,
                                       columns_from(arrays_of(g), {begin + first, n}), &placed},
                                      head_address<T>(head...)});
     });

@@ -321,7 +321,7 @@ class DriveCache {
                 });
                 for_each(backend_, n,
                          PlaceEyePoint<T>{arrays_of(eyes).from(first),
-                                          eyes.position.data() + 3 * first, n,
+                                          eyes.position.data() + 3 * first,
                                           columns_from(to, {first, n}), &placed});
                 ++work_.eyes;
             }

@@ -78,6 +78,20 @@ struct PlaceEyesKernel {
     }
 };
 
+/// Sets all of Gaussian i of both eyes but its feature.
+template <EffectSet E>
+struct DriveBothEyes {
+    static constexpr const char* name = "eyes";
+    DriveEyePoint<float, E> point; ///< of the left eye, whose points and transform come first
+    Index left;                    ///< number of its points
+
+    RYE_DEVICE void operator()(Index i) const {
+        DriveEyePoint<float, E> own = point;
+        if (i >= left) ++own.place.eye;
+        own(i);
+    }
+};
+
 /// Cotangents of the offset network's outputs, from the eyes' sums.
 template <EffectSet E>
 struct EyeOffsetVjp {
