@@ -9,6 +9,8 @@
 
 #include <doctest/doctest.h>
 
+#include <rye/math/rotation.hpp>
+
 #include "../support/hostile.hpp"
 #include "data/changed_labels.hpp"
 #include "data/corrected_cameras.hpp"
@@ -188,6 +190,23 @@ TEST_CASE("cameras: what is not seen, too few frames and moving cameras change n
     blind.has_eye_masks = false;
     REQUIRE(correct_cameras(blind, preset("cpu")).not_judged.size() == 1);
     CHECK(same_cameras(blind, flawed.capture));
+}
+
+TEST_CASE("cameras: eyes that all cameras show elsewhere in the head alike are labels' errors") {
+    Capture c = read_capture(right().path);
+    for (CaptureFrame& f : c.frames) {
+        const Vec3<double> off =
+            so3_exp(Vec3<double>(f.pose.head<3>())) * Vec3<double>(0.04, 0.03, 0);
+        for (CaptureEye& eye : f.eyes) eye.centre = *eye.centre + off;
+        for (int e = 0; e < 2; ++e)
+            for (const int l : eye_landmarks(e)) f.landmarks.col(l) += off;
+    }
+    const CameraFindings found = correct_cameras(c, preset("cpu"));
+    REQUIRE(found.not_judged.size() == 1);
+    CHECK(found.not_judged[0].starts_with("cameras: all of them show the eyes"));
+    for (const CameraFinding& f : found.all) CHECK(!f.wrong);
+    CHECK(c.corrected_cameras.empty());
+    CHECK(same_cameras(c, right().capture));
 }
 
 TEST_CASE("cameras: those of a run are taken where a capture has exactly the wrong numbers") {

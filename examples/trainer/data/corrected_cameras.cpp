@@ -101,8 +101,12 @@ void save_corrected_cameras(const fs::path& run, const std::vector<CorrectedCame
 std::vector<CorrectedCamera> load_corrected_cameras(const fs::path& run) {
     const fs::path path = corrected_cameras_path(run);
     if (!fs::exists(path)) return {};
-    const std::string who = path.string();
-    const Json json = parse_checked_json(as_text(read_file(path, max_json_bytes)), who);
+    return parse_corrected_cameras(as_text(read_file(path, max_json_bytes)), path.string());
+}
+
+std::vector<CorrectedCamera> parse_corrected_cameras(std::string_view text,
+                                                     const std::string& who) {
+    const Json json = parse_checked_json(text, who);
     std::vector<CorrectedCamera> all;
     for (const Json& c : json_list(json, "cameras", who, "a list of cameras")) {
         require(c.is_object(), who + ": cameras", "got ", [&] { return json_excerpt(c); },

@@ -5,6 +5,8 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "data/capture.hpp"
@@ -29,5 +31,8 @@ void save_corrected_cameras(const std::filesystem::path& run,
 /// Those of a run; none without the file. Throws Error naming file, camera and field for anything
 /// missing, of another type or out of range, and for a wrong checksum.
 std::vector<CorrectedCamera> load_corrected_cameras(const std::filesystem::path& run);
+
+/// The same from the text of a file; errors begin with `who`.
+std::vector<CorrectedCamera> parse_corrected_cameras(std::string_view text, const std::string& who);
 
 } // namespace rye::trainer

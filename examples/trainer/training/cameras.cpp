@@ -7,6 +7,8 @@
 #include <cstdio>
 #include <optional>
 
+#include <Eigen/Cholesky>
+
 #include <rye/math/rotation.hpp>
 
 #include "data/corrected_cameras.hpp"
@@ -228,7 +230,46 @@ class CameraCorrector {
             if (f.wrong) wrong.push_back({f.camera, cameras_[k], right});
             found_.all.push_back(f);
         }
+        if (const double labels = common_offset(fit); !wrong.empty() && labels > 0) {
+            char text[120];
+            std::snprintf(text, sizeof text,
+                          "cameras: all of them show the eyes %.1f mm off in the head alike, as "
+                          "labels would that are off; none is changed",
+                          labels);
+            found_.not_judged.push_back(text);
+            for (CameraFinding& f : found_.all) f.wrong = false;
+            return;
+        }
         take_corrected(c_, wrong);
+    }
+    /// Length of the one offset in the head, of both eyes in all frames, that explains to within
+    /// the bound where all cameras show the eyes [mm]; 0 where none does. It is the labels', or
+    /// nothing tells whose it is.
+    double common_offset(const CameraFit& fit) const {
+        Mat3<double> squares = Mat3<double>::Zero();
+        Vec3<double> sum = Vec3<double>::Zero(), offset = sum;
+        std::vector<double> rest(judged_.size());
+        for (const bool solved : {false, true}) {
+            for (std::size_t k = 0; k < judged_.size(); ++k)
+                for (Index p = 0; p < lids_.cols(); ++p) {
+                    const Vec3<double> x = lids_.col(p), is = cameras_[k].project_point(x),
+                                       seen = changed(cameras_[k], fit.changes[k]).project_point(x);
+                    const CaptureFrame& f = frame(static_cast<std::size_t>(p / 2));
+                    const Mat3<double> rotation = cameras_[k].camera_from_world.rotation *
+                                                  so3_exp(Vec3<double>(f.pose.head<3>()));
+                    const Mat<double, 2, 3> across = rotation.topRows<2>();
+                    const Vec2<double> off = (seen - is).head<2>() * (is.z() / cameras_[k].fx);
+                    squares += across.transpose() * across;
+                    sum += across.transpose() * off;
+                    if (solved)
+                        rest[k] += (off - across * offset).squaredNorm() /
+                                   static_cast<double>(lids_.cols());
+                }
+            if (!solved) offset = squares.ldlt().solve(sum);
+        }
+        const double worst = mm_per_unit * std::sqrt(*std::max_element(rest.begin(), rest.end()));
+        const double length = mm_per_unit * offset.norm();
+        return worst <= found_.bound && length > found_.bound / 2 ? length : 0;
     }
     /// By how much two cameras show the head's landmarks apart, root mean square.
     void displacement(std::size_t k, const Pinhole<double>& right, CameraFinding& f) const {
@@ -273,10 +314,8 @@ std::vector<std::string> CameraFindings::lines() const {
     std::vector<std::string> out;
     std::size_t right = 0;
     for (const CameraFinding& f : all) {
-        if (!f.wrong) {
-            ++right;
-            continue;
-        }
+        right += f.off <= bound ? 1 : 0;
+        if (!f.wrong) continue;
         out.push_back("camera " + f.camera +
                       text(": %.2f deg, %.1f mm, focal %+.1f %%; shows the head %.1f px off, its "
                            "irises %.1f px, then %.1f px: corrected",
