@@ -34,6 +34,7 @@
 #include "training/labels.hpp"
 #include "training/draws.hpp"
 #include "training/mesh_networks.hpp"
+#include "training/one_camera.hpp"
 #include "training/run_folder.hpp"
 #include "training/run_size.hpp"
 #include "training/steps.hpp"
@@ -515,6 +516,7 @@ int train(const TrainOptions& o) {
     if (o.resume) check_resumed(o, state, capture);
     else state = first_state(config, capture, folder);
     const std::string refined = o.resume ? "" : refine_further(labels, state.config);
+    const std::string flat = o.resume ? "" : flatten_for_one_camera(capture, state.config);
     const RunSize size = run_size(state.config, state.subject, capture.width, capture.height);
     require_room(size, most_memory(), o.config.empty() ? "--preset " + config.preset
                                                        : o.config.string());
@@ -550,7 +552,9 @@ int train(const TrainOptions& o) {
         for (const std::string& line : cameras.lines()) std::cout << line << "\n";
         for (const std::string& line : labels.lines()) std::cout << line << "\n";
     }
-    if (!quiet(o) && !refined.empty()) std::cout << refined << "\n";
+    if (!quiet(o))
+        for (const std::string& words : {refined, flat})
+            if (!words.empty()) std::cout << words << "\n";
     if (!o.resume && !(labels.empty() && cameras.empty())) {
         Json line = {{"stage", "labels"}, {"step", 0}};
         if (!labels.empty()) line.update(labels.json());

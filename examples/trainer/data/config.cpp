@@ -109,6 +109,7 @@ void walk(F& f, TrainConfig& c) {
         f("spacing", g.spacing, Range{1e-4, 1000, true});
         f("spacing_slope", g.spacing_slope, Range{0, 1000});
         f("opacity", g.opacity, part);
+        f("thickness", g.thickness, Range{1e-6, 1});
         f("rate_decay", g.rate_decay, above_zero);
         f("augment", g.augment);
         f("checkpoint_every", g.checkpoint_every, Range{1, 1e9});

@@ -54,6 +54,8 @@ struct AvatarTrainConfig {
     /// eye or lip landmark) are halved, canonical units; spacing 0: none.
     double spacing = 0, spacing_slope = 0.1;
     double opacity = 0.3;       ///< initial
+    /// Initial thickness of the face's Gaussians along the normal, times their width; 1: round.
+    double thickness = 1;
     double rate_decay = 1;
     bool augment = true;        ///< random scale before super-resolution
     int checkpoint_every = 1000;

@@ -70,6 +70,7 @@ AvatarSize begin_avatar(TrainState& state, const TetGrid<float>& grid) {
     init.spacing = static_cast<float>(config.gaussians.spacing);
     init.spacing_slope = static_cast<float>(config.gaussians.spacing_slope);
     init.opacity = static_cast<float>(config.gaussians.opacity);
+    init.thickness = static_cast<float>(config.gaussians.thickness);
     init.eye_opacity = static_cast<float>(config.gaussians.eyeball.opacity);
     init.eye_thickness = static_cast<float>(config.gaussians.eyeball.thickness);
     init.eye_centre.resize(3, 2);

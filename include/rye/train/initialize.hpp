@@ -60,6 +60,8 @@ struct AvatarInit {
     T spacing = T(0), spacing_slope = T(0.1);
     int mouth_points = 3000;
     T opacity = T(0.3);
+    /// Thickness of the surface's Gaussians along its normal, times their width; 1: round.
+    T thickness = T(1);
     T eye_opacity = T(0.9);
     T eye_thickness = T(1); ///< of eyeball Gaussians along the normal, times their width
     std::array<EyeballSourceOf<E>, 2> eyeball = {}; ///< shapes about their centres, canonical units
@@ -166,6 +168,16 @@ FacePoints<T> face_points(const B& backend, const GuidanceMesh<T, E>& mesh,
     return points;
 }
 
+/// Makes the first `count` Gaussians of a face discs of that thickness, times their width, across
+/// their normals, 3 x N.
+template <Real T, EffectSet E>
+void flatten(const Columns<T>& normals, Index count, std::type_identity_t<T> thickness,
+             FaceStream<T, E>& face) {
+    face.log_scale.row(2).leftCols(count).array() += std::log(thickness);
+    for (Index i = 0; i < count; ++i)
+        face.rotation.col(i) = shortest_arc(Vec3<T>(0, 0, 1), Vec3<T>(normals.col(i)));
+}
+
 /// Error if the guidance mesh has no surface.
 template <Real T, EffectSet E, Backend B>
 TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& mesh,
@@ -196,6 +208,8 @@ TwoStream<T, E> initialize_avatar(const B& backend, const GuidanceMesh<T, E>& me
     }).replicate(3, 1);
     f.rotation = Columns<T>::Zero(4, n);
     f.rotation.row(0).setOnes();
+    if (init.thickness < T(1))
+        flatten(points_of_face.normals(), surface.cols(), init.thickness, f);
     f.opacity_logit = Columns<T>::Constant(1, n, logit(init.opacity));
     f.networks = mesh.networks;
     [[maybe_unused]] const auto attributes = [&](int frame_inputs, const std::vector<int>& hidden,
