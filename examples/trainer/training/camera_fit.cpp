@@ -143,8 +143,6 @@ CameraFit fit_cameras(const std::vector<Pinhole<double>>& cameras, const Columns
     found.after = distances(x);
     for (std::size_t c = 0; c < cameras.size(); ++c)
         found.changes.push_back(fit.change(x, static_cast<int>(c)));
-    found.offsets.resize(3, points.cols());
-    for (Index p = 0; p < points.cols(); ++p) found.offsets.col(p) = fit.offset(x, p);
     return found;
 }
 

@@ -40,7 +40,6 @@ struct CameraPriors {
 
 struct CameraFit {
     std::vector<CameraChange> changes; ///< of each camera
-    Columns<double> offsets;           ///< of each point, 3 x points [world unit]
     /// Distance of each point from where it is seen [px]: with cameras as they are and the offsets
     /// that suit them, and with both changed.
     std::vector<double> before, after;
