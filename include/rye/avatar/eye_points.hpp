@@ -209,7 +209,8 @@ EyeTransform<T> placed_eye(const EyeStream<T, E>& eyes, const Vec3<T>& centre,
                            [[maybe_unused]] const OpticalDrivers<T, E>& optical,
                            const Head&... head) {
     EyeTransform<T> placed = eye_at<T>(centre);
-    if constexpr (eye_turns<E, eye>) turn_eye_by(eyes, eye, of_eye<eye>(optical.drivers.gaze), placed);
+    if constexpr (eye_turns<E, eye>)
+        turn_eye_by(eyes, eye, of_eye<eye>(optical.drivers.gaze), placed);
     (carry_eye<T>(placed, {{head.rotation, head.translation}, head.scale}), ...);
     return placed;
 }
@@ -242,7 +243,8 @@ void eye_features(const B& backend, const EyeStream<T, E>& eyes,
             if constexpr (eye_turns<E, eye>)
                 if (which[eye])
                     Mechanism::features(
-                        eyes.mechanism(), eye, checked_gaze(of_eye<eye>(frame.optical.drivers.gaze)),
+                        eyes.mechanism(), eye,
+                        checked_gaze(of_eye<eye>(frame.optical.drivers.gaze)),
                         ColumnsSpan<T>(g.feature.middleCols(begin + eyes.first_point(e),
                                                             eyes.points_of(e))));
         });

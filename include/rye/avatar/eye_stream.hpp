@@ -153,7 +153,8 @@ SumsOfEyes<T, E> eye_points_vjp(const B& backend, const EyeStream<T, E>& eyes,
                      EyePointVjp<T, E, int(eye)>{
                          arrays_of(eyes).from(first), arrays_of(to.eyes).from(first), points,
                          columns_from(arrays_of(driven.world), columns),
-                         columns_from(arrays_of(to.gaussians), columns), head_address<T>(head...), turn});
+                         columns_from(arrays_of(to.gaussians), columns),
+                         head_address<T>(head...), turn});
     });
     return sums;
 }
