@@ -26,7 +26,8 @@
 
 namespace rye {
 
-/// Driven Gaussians, their render and the upsampled image from frame to frame, each updated where
+/// Driven Gaussians, their render and the upsampled image, of which a frame recomputes the changed
+/// parts.
 /// it changed.
 template <Backend B, AccuracyPolicy A, Real T, EffectSet E = PaperEffects>
     requires KeptFromFrameToFrame<E>
@@ -35,7 +36,7 @@ class FrameCache {
                   "FrameCache: an upsampler of one's own is not kept from frame to frame");
 
   public:
-    /// The avatars that it takes.
+    /// Type of the avatars.
     using Avatar = TwoStream<T, E>;
 
     /// Avatar, configuration and roles must outlive the cache. Call reset() when the avatar's
@@ -56,7 +57,7 @@ class FrameCache {
         shown_.reset();
     }
 
-    /// Updates the render; `camera` is that of the render.
+    /// Updates and returns the render; `camera` is that of the render.
     const Raster<T, A::outputs>& update(const Drivers<T, E>& drivers, const Pinhole<T>& camera,
                                         const VecX<T>& background) {
         const bool whole = !shown_ || !redraw_.drawn() || !same_bits(camera, shown_->camera);
@@ -80,7 +81,7 @@ class FrameCache {
         return redraw_.raster();
     }
 
-    /// The last update's render after super-resolution.
+    /// Returns the last update's render after super-resolution.
     const Image<T>& picture() {
         require(shown_.has_value(), "FrameCache", "picture() was called before update()");
         const Image<T>& render = redraw_.raster().feature;
@@ -99,7 +100,7 @@ class FrameCache {
     std::size_t bytes() const { return drive_.bytes() + redraw_.bytes() + upsampler_.bytes(); }
 
   private:
-    /// If more than 1 / whole_share of the Gaussians moved, a full render is cheaper.
+    /// Reciprocal of the share of moved Gaussians beyond which a full render is cheaper.
     static constexpr Index whole_share = 2;
 
     struct Shown {
