@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/density.hpp: rye/train/density.hpp for whichever avatar a run trains, and the most
+/// training/density.hpp: rye/train/density.hpp for any avatar of a run.
 /// Gaussians that its face can have.
 #pragma once
 
@@ -9,7 +9,8 @@
 
 namespace rye::trainer {
 
-/// The change of the state's face and its moments by gaussians.density, whether it is due or not.
+/// Changes the state's face and its moments by gaussians.density, whether a change is due or not.
+/// Trainers made of the state must be made again.
 /// Trainers that were made of the state must be made again.
 DensityChange change_face(TrainState& state);
 

@@ -335,8 +335,8 @@ class Redraw {
         count(projected);
     }
 
-    /// Counts the work and the changed region. For a tile blended in part, the number of entries
-    /// read to its end is unknown.
+    /// Counts the work and the changed region; marks the whole list of a tile blended in part as
+    /// used.
     void count(Index projected) {
         work_ = {projected, static_cast<Index>(blended_.size()), 0};
         region_ = Region(camera_.width, camera_.height);
