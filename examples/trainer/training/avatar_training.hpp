@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/avatar_training.hpp: settings of stage 2 of a run beside its avatar, and the names of
 /// its losses; the same for the CPU and for a device.
-/// its losses; the same for the CPU and for a device.
 #pragma once
 
 #include <string>

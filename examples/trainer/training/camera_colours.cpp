@@ -70,7 +70,6 @@ void add_frame(const Capture& capture, int frame, const Vec3<double>& head_centr
 
 /// Returns the logarithms of gains, 3 x cameras, of mean 0, by robust least squares alternating
 /// between points and cameras.
-/// cameras.
 Columns<double> log_gains(const std::vector<Sample>& all, std::size_t points, Index cameras) {
     constexpr int rounds = 60;
     constexpr double spread2 = 0.08 * 0.08; // variance of shine

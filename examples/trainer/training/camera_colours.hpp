@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/camera_colours.hpp: differences of a capture's cameras in gain and white balance, found
 /// before a training from the colours that several of them see at the same points of the head.
-/// before a training from what several of them see of the same points of the head.
 #pragma once
 
 #include "data/capture.hpp"
@@ -15,7 +14,6 @@ namespace rye::trainer {
 /// product of skin, light and the camera's gain: two cameras differ there by their gains alone,
 /// except for shine, which the median of many differences suppresses. Uses evenly chosen training
 /// frames, and landmarks that a camera sees from the front, without eyes and mouth.
-/// frames, evenly chosen; landmarks that a camera sees from the front, without eyes and mouth.
 LabelFinding correct_colours(Capture& capture, const TrainConfig& config);
 
 } // namespace rye::trainer

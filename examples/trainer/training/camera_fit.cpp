@@ -13,7 +13,6 @@ constexpr Index of_camera = 7; ///< number of unknowns: turn, shift, log_focal
 
 /// Least-squares problem. The unknowns are those of all cameras, unless they are held, and three
 /// for each point, in units of their priors' deviations.
-/// point, in units of their priors' deviations.
 class Fit {
   public:
     Fit(const std::vector<Pinhole<double>>& cameras, const Columns<double>& points,

@@ -43,7 +43,6 @@ struct CameraFit {
     Columns<double> offsets;           ///< of each point, 3 x points [world unit]
     /// Distance of each seen point from its expected position [px]: with the given cameras and the
     /// offsets that fit them, and with both changed.
-    /// that suit them, and with both changed.
     std::vector<double> before, after;
 };
 

@@ -22,7 +22,6 @@ namespace {
 constexpr double degree = 3.14159265358979323846 / 180;
 /// Bound on CameraFinding::off [mm]. The correct cameras of `rye capture --seed 5` and 6 (rye's own
 /// head, a face model) seem off by up to 1.6 mm, also with wrong gazes, poses and landmarks.
-/// seem off by up to 1.6 mm; with gazes, poses and landmarks wrong, too.
 constexpr double bound = 2.5;
 constexpr std::size_t fewest_frames = 6;
 constexpr int fewest_eyes = 6; ///< in a camera's pictures

@@ -44,8 +44,6 @@ struct CameraFindings {
 /// Judges the cameras of a capture with gazes by its training frames. Corrects wrong ones in all of
 /// its frames in which they have the same numbers. Deterministic: the same capture gives the same
 /// bits.
-/// of its frames in which they have the same numbers. Deterministic: the same capture gives the
-/// same bits.
 CameraFindings correct_cameras(Capture& capture, const TrainConfig& config);
 
 } // namespace rye::trainer

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/centre_errors.hpp: errors of the eyeballs' centres of a run against those that its
 /// capture measured, with the eye offset D_e and without.
-/// capture measured, with the eye offset D_e and without.
 #pragma once
 
 #include <vector>
@@ -23,7 +22,6 @@ struct CentreErrors {
     double without = 0;         ///< error of the neutral centre
     /// The same after subtraction of each eye's mean difference: the error of the motion, also if
     /// the neutral centre was not measured but derived from landmarks.
-    /// where the neutral centre was not measured but follows from landmarks.
     double motion_with = 0, motion_without = 0;
 
     nlohmann::ordered_json json() const;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/density.hpp: rye/train/density.hpp for any avatar of a run.
-/// Gaussians that its face can have.
 #pragma once
 
 #include <rye/train/density.hpp>
@@ -11,7 +10,6 @@ namespace rye::trainer {
 
 /// Changes the state's face and its moments by gaussians.density, whether a change is due or not.
 /// Trainers made of the state must be made again.
-/// Trainers that were made of the state must be made again.
 DensityChange change_face(TrainState& state);
 
 } // namespace rye::trainer

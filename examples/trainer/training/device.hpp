@@ -61,7 +61,6 @@ class DeviceEngine {
 
 /// Returns stage 2 on the current device, for each avatar of effects.hpp. Throws an Error for sizes
 /// that do not fit, and in a build without kernels.
-/// fit, and in a build without kernels.
 template <EffectSet E, int alignment = EIGEN_MAX_ALIGN_BYTES>
 std::unique_ptr<DeviceEngine<E>> device_engine(const TwoStream<float, E>& avatar,
                                                const Adam<TwoStream<float, E>>& adam,
@@ -84,7 +83,6 @@ class DeviceDrawer {
     /// Drives the avatar for the following pictures, by gazes as this avatar takes them. A frame
     /// that differs from the previous one in the gazes alone takes less time, and has the same
     /// bits.
-    /// that differ in the gazes alone from the one before take less time, and have the same bits.
     virtual void drive(const Drivers<float>& drivers) = 0;
     /// Returns the picture after super-resolution, on white; `camera` is that of the render.
     virtual Image<float> picture(const Pinhole<float>& camera) = 0;
@@ -97,8 +95,6 @@ class DeviceDrawer {
 
 /// Returns a drawer on the current device, for the avatars of pictures of runs: TrainEffects and
 /// ComparedEffects. Throws an Error for sizes that do not fit, and in a build without kernels.
-/// TrainEffects and ComparedEffects. Throws Error for what does not fit, and in
-/// a build without kernels.
 template <EffectSet E, int alignment = EIGEN_MAX_ALIGN_BYTES>
 std::unique_ptr<DeviceDrawer> device_drawer(const TwoStream<float, E>& avatar,
                                             const AvatarConfig& config, const LandmarkRoles& roles,

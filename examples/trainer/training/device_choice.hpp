@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/device_choice.hpp: the policy that selects a device or the CPU for stage 2 of `rye
 /// train`, and for commands that draw a run.
-/// stage 2, and commands that draw a run for its pictures.
 #pragma once
 
 #include <limits>
@@ -24,7 +23,6 @@ inline DeviceWish device_wish(const std::string& word) {
 
 /// Returns the field of a configuration that has no kernels, as "avatar.feature is 129", with the
 /// expected range; empty if a device can train and draw it.
-/// empty where a device can train and draw it.
 inline std::string without_kernels(const TrainConfig& c) {
     // Tiles of rye::DeviceNetworks.
     constexpr int widest = 256, features = 128, codes = 64, layers = 8;
@@ -67,7 +65,6 @@ struct DeviceDecision {
 /// Returns a device if the build has kernels, a device is present and the configuration has
 /// kernels; else the CPU. Throws an Error that begins with --device if `wish` asks for a device in
 /// vain.
-/// CPU otherwise. Throws Error, beginning with --device, where `wish` asks for a device in vain.
 inline DeviceDecision decided(DeviceWish wish, const TrainConfig& config,
                               const DeviceFinding& finding) {
     if (wish == DeviceWish::cpu) return {};

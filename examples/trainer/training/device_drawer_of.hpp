@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/device_drawer_of.hpp: DeviceDrawer by rye::DeviceAvatarDrawer, on any device that runs
 /// its kernels: CUDA (device_engine.hpp), or the emulation of the tests.
-/// kernels run on: that of CUDA (device_engine.hpp), or the emulation of the tests.
 #pragma once
 
 #include <rye/avatar/cuda/drawer.hpp>
@@ -15,7 +14,6 @@ namespace rye::trainer {
 
 /// DeviceDrawer on a Machine: a Device, its stream() and its memory, which outlive the work, and
 /// its Policy<N> of N planes, whose kernels a DeviceEngineOf shares.
-/// planes, which kernels of a DeviceEngineOf share.
 template <EffectSet E, class Machine>
 class DeviceDrawerOf final : public DeviceDrawer {
     using Device = typename Machine::Device;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/device_engine_of.hpp: DeviceEngine by rye::DeviceAvatarTrainer, on any device that runs
 /// its kernels: CUDA (device_engine.hpp), or the emulation of the tests.
-/// kernels run on: that of CUDA (device_engine.hpp), or the emulation of the tests.
 #pragma once
 
 #include <rye/avatar/hold.hpp>
@@ -41,7 +40,6 @@ class ChosenDevicePerceptual {
 
 /// DeviceEngine on a Machine: a Device, its stream() and its memory, which outlive the work, and
 /// its Policy<N> of N planes.
-/// planes.
 template <EffectSet E, int N, class Machine>
 class DeviceEngineOf final : public DeviceEngine<E> {
     using Device = typename Machine::Device;

@@ -25,7 +25,6 @@ double up(double x, double multiple) { return std::ceil(x / multiple) * multiple
 
 /// Group of a network's vjp memory: networks of displacements are differentiated in parallel with
 /// the face's others, networks of the eyes' features in parallel with both.
-/// face's others, those that make features of eyes beside both.
 enum class VjpMemory { face, displacements, eyes };
 
 /// Network over the points of a driver's list, or of an eye.
@@ -94,7 +93,6 @@ struct UpsamplerLayers {
     }
     /// Returns the memory shared by the passes: planes of a cotangent, two cotangents, those of the
     /// skip, weights as planes for both directions, partial gradients of weights.
-    /// weights as planes for both directions, partial gradients of weights.
     double shared(int planes, int width, int height) const {
         double most = 0, padded = 0, packed = 0, partial = 0;
         for (int l = 0; l < shape.layers(); ++l) {
@@ -256,7 +254,6 @@ DeviceNeed device_need(const TrainConfig& config, const DeviceSizes& s) {
     }
     // Two networks at a time hold sums of their weights' gradients, and one more for eyes'
     // features.
-    // of eyes.
     constexpr double of_sums = number * MlpWeightCut::aim * MlpWeightCut::of_block;
     for (int k = 0; k < 3; ++k) kept += cotangents[k] + outputs[k];
     kept += 2 * of_sums;

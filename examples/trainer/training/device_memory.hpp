@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/device_memory.hpp: estimate by formula, before it begins, of the device memory that
 /// stage 2 needs, without CUDA's own memory (its context, code of kernels).
-/// CUDA's own memory (its context, code of kernels) is not in it.
 #pragma once
 
 #include <array>
@@ -23,7 +22,6 @@ struct DeviceSizes {
 
 /// Returns the sizes of a run: counted in stage 2, estimated before, as the number of the face's
 /// Gaussians depends on the surface that stage 1 finds.
-/// that stage 1 finds.
 DeviceSizes device_sizes(const TrainState& state, const Capture& capture);
 
 /// Device memory of stage 2, by purpose [bytes].

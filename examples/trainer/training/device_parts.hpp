@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/device_parts.hpp: the parts of training/chosen_parts.hpp on a device, with kernels and
 /// memory of the part that an avatar's parameters hold.
-/// memory are those of the part that an avatar's parameters hold.
 #pragma once
 
 #include <memory>

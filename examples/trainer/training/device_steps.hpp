@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/device_steps.hpp: stage 2 of a run on a device: all training views resident, steps in
 /// chunks, the state's avatar and optimiser fetched on demand.
-/// chunks, the state's avatar and optimiser fetched where something reads them.
 #pragma once
 
 #include <memory>
@@ -23,7 +22,6 @@ class DeviceSteps {
     virtual ~DeviceSteps() = default;
     /// Takes the steps of these draws, which follow state.step, and adds their number to it.
     /// Returns the report of the last one.
-    /// report is of the last one.
     virtual StepReport run(TrainState& state, const std::vector<SampleDraw>& draws) = 0;
     /// Copies avatar and optimiser into the state.
     virtual void fetch(TrainState& state) const = 0;
@@ -34,7 +32,6 @@ class DeviceSteps {
 
 /// Copies the state's avatar and optimiser and the capture's training views to the device. The
 /// state must be in stage 2, and without_kernels (device_choice.hpp) empty for it.
-/// is one of stage 2 that without_kernels (device_choice.hpp) finds nothing in.
 std::unique_ptr<DeviceSteps> device_steps(const TrainState& state, const Capture& capture,
                                           const std::filesystem::path& perceptual_weights);
 

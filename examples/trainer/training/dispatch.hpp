@@ -32,7 +32,6 @@ struct Variants {
 
     /// Returns the index of the variant with the fewest effects among those that contain `called`,
     /// the first of equals; `count` if there is none.
-    /// few; count, if none does.
     static constexpr std::size_t smallest(const EffectMask& called) {
         std::size_t best = count;
         for (std::size_t k = 0; k < count; ++k)

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/drawing.hpp: pictures of a trained run with all of its effects, on a device or the CPU,
 /// as --device asks for.
-/// --device asks for.
 #pragma once
 
 #include <memory>
@@ -14,7 +13,6 @@ namespace rye::trainer {
 
 /// Drawer of a drawn run's frames (run.hpp). It and its copies must not outlive the run. Several
 /// threads may use it: one at a time on a device, in parallel on the CPU.
-/// be used by several threads: on a device one at a time, by the CPU side by side.
 class AvatarDrawer {
   public:
     /// Draws on the CPU.
@@ -31,7 +29,6 @@ class AvatarDrawer {
     std::string name() const;
     /// Returns a line: that a device draws, or why the CPU does if a build with kernels chose it by
     /// itself; else empty.
-    /// by itself; else empty.
     const std::string& words() const { return words_; }
 
     /// Returns a picture like render_avatar's `high`; `camera` is of the full-size image.

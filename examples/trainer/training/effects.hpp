@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/effects.hpp: the avatars that the reference trainer trains, as lists of effects. Units
 /// for device compilers include this and not training/types.hpp, which has lanes.
-/// that device compilers read include this and not training/types.hpp, which has lanes.
 #pragma once
 
 #include <rye/avatar/trained.hpp>

@@ -24,7 +24,6 @@ namespace rye::trainer {
 
 /// Error of an eye in which no iris is found: the mean angle between a direction and a random one
 /// on the sphere, so that showing no iris never pays off [deg].
-/// at random from the sphere, so that it is never better to show no iris.
 inline constexpr double missed_degrees = 90;
 
 /// Mean of the measured values.
@@ -76,7 +75,6 @@ struct ViewResult {
     Quality head, face, eyes;
     /// Quality over the rectangles of `eyes`, with the capture's eyeballs painted white in both
     /// pictures: the quality of the skin around the eyes.
-    /// pictures: what the skin around the eyes is worth.
     Quality eye_skin;
     Mean lpips;            ///< over the picture, white outside the head; empty without weights
     /// Rectangle around `eyes` of one view: x, y, width, height [px]; width 0 without visible eyes.
@@ -85,7 +83,6 @@ struct ViewResult {
     int eyes_visible = 0;  ///< number of eyes that count
     /// Errors if the estimator is given the capture's eyeball centre, radii and eye mask of the
     /// frame, the same for each picture.
-    /// each picture the same.
     GazeTable measured;
     /// Errors if the estimator is given the run's own geometry: the eyeballs of its rig, posed by
     /// the frame's drivers, and the pixels of its own eyeball Gaussians. Uses no label of the frame
@@ -120,7 +117,6 @@ class Evaluation {
 
     /// Receiver of a view's photograph, render, and render with the gaze at rest, by the view's
     /// index.
-    /// views.
     using TakePicture = std::function<void(std::size_t, const Image<float>&)>;
 
     /// Returns the results of these views, measured in parallel on the program's threads; the same

@@ -27,7 +27,6 @@ struct Region {
 
 /// Returns the regions, with the beginnings of their names. Cheeks are the sides of the jaw's line,
 /// of the nose and of the mouth, and the lower lids.
-/// the lower lids.
 const std::vector<Region>& regions() {
     static const std::vector<Region> all = {
         {"brow", {{17, 26}}},

@@ -2,8 +2,6 @@
 /// training/expression_regions.hpp: regions of the face on which the coefficients of an expression
 /// act, by their names. Source: descendants of the facial action coding system (ARKit, ICT-FaceKit:
 /// browDown_L, jawOpen, mouthSmileRight), whose names begin with the region and end with the side.
-/// their names. Source: names of the facial action coding system's descendants (ARKit, ICT-FaceKit:
-/// browDown_L, jawOpen, mouthSmileRight), which begin with the region and end with the side.
 #pragma once
 
 #include <string>
@@ -26,7 +24,6 @@ Columns<double> expression_reach(const std::vector<std::string>& names,
 
 /// Returns the prior of expressions that a capture does not show, by the names and shapes of its
 /// coefficients, as mesh.fit_regions and fit_shapes say. Throws an Error as expression_shapes does.
-/// mesh.fit_regions and fit_shapes say. Throws Error as expression_shapes does.
 RegressionConfig expression_prior(const Capture& capture, const Subject& subject,
                                   const MeshTrainConfig& config);
 

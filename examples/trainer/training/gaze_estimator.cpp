@@ -28,7 +28,6 @@ struct Seen {
     double weight;   ///< probability that it is eye, 0 to 1
     /// For the mixture alone: probability of eye before its colour is known, and density of its
     /// colour if it is something else.
-    /// none; for the mixture alone.
     double prior = 1, other = 0;
 };
 
@@ -171,7 +170,6 @@ std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>&
             if (beside <= margin && away <= 0.98) {
                 // From 0.1 at a margin outside the rim to 0.6 at a margin inside it; to 0.9 for the
                 // mixture, where a share of the pixels may be something else.
-                // of the pixels may be something else.
                 const double depth = inside[p] ? to_rest[p] - 0.5 : 0.5 - beside;
                 const double t = std::clamp(0.5 * (depth / margin + 1), 0.0, 1.0);
                 all.push_back(sphere.seen(x, y, rgb, 0.1 + 0.5 * t));
@@ -185,7 +183,6 @@ std::vector<Seen> likely_pixels(const Image<float>& image, const Columns<float>&
     for (Seen& s : all) {
         // Densities over brightness and redness: constant for the eye; skin or lashes for the rest,
         // and in the mixture also lids and corners of every colour.
-        // in the mixture lids and corners of every colour.
         constexpr double any = 2, lashes = 0.3, lids = 2;
         const double like_skin = skin ? skin->density(s) : 0;
         s.other = like_skin + lids;
@@ -207,7 +204,6 @@ struct Fit {
 
 /// Fit of brightness = sclera + (iris - sclera) disc + (pupil - iris) inner disc + light . at.
 /// Memberships are soft over the width of a pixel, so that the error is smooth in the gaze.
-/// Memberships are soft over the width of a pixel so that the error is smooth in the gaze.
 class DiscFit {
   public:
     DiscFit(const std::vector<Seen>& seen, const RimSphere& sphere)

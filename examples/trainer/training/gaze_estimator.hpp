@@ -52,26 +52,21 @@ inline constexpr int min_eye_pixels = 40;
 inline constexpr double min_contrast = 0.3;
 /// Required darkening of iris and pupil, relative to the sclera's brightness: noise, shadow or an
 /// edge of skin cause less.
-/// edge of skin leave below that is no iris.
 inline constexpr double min_darkening = 0.2;
 /// Largest error of the rim of a run's own eyes [radii of the eyeball].
 inline constexpr double own_area_error = 0.3;
 
 /// Returns the smallest contrast of an iris among so many pixels: noise explains a smaller share of
 /// more pixels. min_contrast for 23 pixels or fewer.
-/// min_contrast at 23 pixels or fewer.
 double least_contrast(double pixels);
 
 /// Returns the number of pixels that the estimate uses: those of the visible eye whose left, right
 /// and upper neighbours are inside, too. `eye`: 1 x pixels of an image of this width.
-/// the left, on the right or above is outside. `eye`: 1 x pixels of an image of this width.
 int usable_eye_pixels(const Columns<float>& eye, int width);
 
 /// Returns the estimate; nothing if too little of the eye is seen or no dark disc is found.
 /// `image`: RGB in [0, 1]; `eye`: 1 x pixels, 0.5 or more where this eyeball is visible, with a rim
 /// that is off by up to `area_error` radii of the eyeball (0: exact).
-/// that is off by up to `area_error` radii of the eyeball (0: exact). Nothing where too little of
-/// the eye is seen or no dark disc is found.
 std::optional<GazeEstimate> estimate_gaze(const Image<float>& image, const Columns<float>& eye,
                                           const Pinhole<double>& camera,
                                           const EyeballGeometry& eyeball, double area_error = 0);

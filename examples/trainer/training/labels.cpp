@@ -114,7 +114,6 @@ class Corrector {
 
     /// Returns the landmarks of a frame in the head's frame, without the displacement by the
     /// expression if the face model's shapes are known.
-    /// expression, where the capture has them.
     Columns<double> at_rest(std::size_t i) {
         return to_canonical(frame(i), frame_landmarks(c_, c_.train[i])) - expressed(i);
     }
@@ -182,7 +181,6 @@ class Corrector {
         std::array<Vec2<double>, 2> mean{Vec2<double>::Zero(), Vec2<double>::Zero()};
         /// Standard deviations of an angle and of its measurement in the pictures, both by medians,
         /// since a closed eye may show a false iris.
-        /// show an iris that is none.
         double deviation = 0, noise = 0;
         std::size_t eyes = 0;
     };
@@ -302,7 +300,6 @@ class Corrector {
             if (d.off[e].empty()) continue;
             // The mean over frames: labels contribute their error, pictures a bias of at most this.
             // A larger difference belongs to the visual axis, and is kept.
-            // is no larger than this. A larger difference is the visual axis', and stays.
             constexpr double bias = 0.7 * degree;
             const double of_labels = off * off / static_cast<double>(d.off[e].size());
             const double trusted = of_labels / (of_labels + bias * bias);

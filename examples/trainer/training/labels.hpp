@@ -39,14 +39,11 @@ struct LabelFindings {
 
 /// Judges the labels of the training frames of a capture with gazes, and corrects wrong ones in it.
 /// Deterministic: the same capture gives the same bits.
-/// Deterministic: the same capture gives the same bits.
 LabelFindings correct_labels(Capture& capture, const TrainConfig& config);
 
 /// Lets stage 2 refine the corrected labels further: gazes (with a kappa) and head poses of each
 /// frame become parameters, unless the configuration has delta_gaze or centre_corrections already.
 /// Changes nothing if nothing was corrected. Returns a sentence, or an empty text.
-/// become parameters, unless the configuration has delta_gaze or centre_corrections already. Where
-/// nothing was corrected, nothing changes. Returns a sentence, or an empty text.
 std::string refine_further(const LabelFindings& findings, TrainConfig& config);
 
 } // namespace rye::trainer

@@ -35,7 +35,6 @@ using MeshBackend = OffloadBackend<TrainBackend, MeshNetworks>;
 
 /// Tiles with two bf16 planes per float: with one the surface would be off by hundredths of a cell
 /// (docs/cuda.md).
-/// (docs/cuda.md).
 using MeshTiles = MlpTiles<2, 256, 128>;
 
 /// Networks on a Device, with their memory and staging.
@@ -73,7 +72,6 @@ class MeshNetworksOn : public MeshNetworks {
 
 /// Returns networks on the current device, or null if the host's are to be used. Throws an Error
 /// without a device, and in a build without kernels.
-/// no device, and in a build without kernels.
 template <int alignment = EIGEN_MAX_ALIGN_BYTES>
 std::unique_ptr<MeshNetworks> mesh_networks();
 

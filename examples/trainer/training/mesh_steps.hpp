@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/mesh_steps.hpp: the steps of stage 1 on any backend: the host's in steps.cpp, one with
 /// networks on a device in device_mesh_steps.cpp.
-/// device_mesh_steps.cpp by one whose networks are on a device.
 #pragma once
 
 #include <rye/train/initialize.hpp>

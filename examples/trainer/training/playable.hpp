@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/playable.hpp: a trained run as an avatar for other programs: without optimiser, mesh
 /// and capture.
-/// mesh and capture.
 #pragma once
 
 #include <rye/avatar/playable.hpp>

@@ -60,7 +60,6 @@ void mark_outliers(std::vector<RefinedFrame>& frames) {
 
 /// Subtracts the mean change from the frames: the mean of gazes belongs to the avatar's kappa, that
 /// of poses to the head's frame. Ignores outliers. For a single frame the mean would be all of it.
-/// frame. Outliers have no part in it. Of a single frame it would be all.
 VecX<double> take_mean(RefinedCapture& refined, const RefineOptions& options) {
     const LabelUnknowns& u = refined.unknowns;
     VecX<double> mean = VecX<double>::Zero(u.count());

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/refine.hpp: refinement of the labels of a capture's frames by their photographs and a
 /// trained avatar (rye/train/refine_labels.hpp).
-/// (rye/train/refine_labels.hpp).
 #pragma once
 
 #include <functional>
@@ -48,7 +47,6 @@ struct RefinedCapture {
 
 /// Returns the avatar of a drawn run (run.hpp), with the labels' kind of gazes. Throws an Error for
 /// a run with another gaze mechanism than rotation.
-/// a run by another gaze mechanism than rotation.
 PlayableAvatar<float> refined_avatar(const TrainState& drawn, const Capture& capture);
 
 /// Returns the coefficients that differ between frames of the capture, all, or none.
@@ -56,7 +54,6 @@ std::vector<Index> refined_coefficients(const Capture& capture, RefinedExpressio
 
 /// Refines these frames; calls `told` after each. Throws an Error that names the frame that cannot
 /// be refined.
-/// refined.
 RefinedCapture refine_capture(const PlayableAvatar<float>& avatar, GazeAxis axis,
                               const Capture& capture, const std::vector<int>& frames,
                               const RefineOptions& options,

@@ -236,7 +236,6 @@ struct Words {
 
 /// Throws an Error unless the file is large enough for the networks of its configuration: nothing
 /// is allocated by sizes that only the metadata claim.
-/// nothing is made of sizes that only words claim.
 void require_networks_in(const Safetensors& file, const TrainConfig& config, Stage stage,
                          const std::string& who) {
     double held = 0;

@@ -34,7 +34,6 @@ struct TrainState {
     Adam<Avatar> avatar_adam;
     /// Used instead of these two by a run with another gaze mechanism than rotation. In a drawn
     /// state it has no optimiser's moments, and `avatar` is all of it except the mechanism.
-    /// drawn, without what the optimiser keeps, and `avatar` is all of it but the mechanism.
     std::optional<ComparedTraining> compared;
 };
 
@@ -44,20 +43,17 @@ inline std::filesystem::path checkpoint_path(const std::filesystem::path& run) {
 
 /// Replaces the checkpoint. Throws an Error, before anything is written, if a number of the state
 /// is not finite: such a checkpoint could not be read again.
-/// could not be read again.
 void save_checkpoint(const std::filesystem::path& run, const TrainState& state);
 
 /// Returns the checkpoint of a run. Throws an Error that names file and field for anything missing,
 /// of another version or shape, out of range or not finite. Allocates no more than a few times the
 /// size of the file.
-/// not finite. No more memory is taken than a few times what the file holds.
 TrainState load_checkpoint(const std::filesystem::path& run);
 /// Returns the checkpoint in these bytes, as load_checkpoint; `who` begins the messages.
 TrainState parse_checkpoint(ByteSpan bytes, const std::string& who);
 
 /// Returns a run whose second stage has taken a step, to be drawn; otherwise throws an Error that
 /// names the command that continues it.
-/// with it otherwise.
 TrainState load_trained(const std::filesystem::path& run);
 
 /// Returns a state that draws the same pictures but cannot be trained: without the mesh and the

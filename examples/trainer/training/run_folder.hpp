@@ -24,8 +24,6 @@ void make_run_folder(const std::filesystem::path& folder);
 /// Returns the lines of a log.jsonl that a run continuing from `state` keeps: drops lines written
 /// after its checkpoint, and damaged lines, whose number is added to `damaged`. An unfinished last
 /// line, as left by a killed run, is not counted. Empty without a file.
-/// checkpoint goes, and so do damaged lines, whose number is added to `damaged`. An
-/// unfinished last line is what a killed run leaves, and not counted. Empty without a file.
 std::string kept_log(const std::filesystem::path& log, const TrainState& state, int& damaged);
 
 /// Folder of a training run. One thread may log while another saves or makes a panel, unless the
@@ -35,8 +33,6 @@ class RunFolder {
     /// Creates the folder; throws an Error if it cannot be written to. Writes config.json,
     /// frames.safetensors and log.jsonl, unless a run is replaced. Without a capture there is no
     /// frames.safetensors; with one, it must outlive the folder.
-    /// and log.jsonl, unless a run is replaced. Without a capture there is no frames.safetensors;
-    /// else it must outlive the folder.
     RunFolder(std::filesystem::path folder, const TrainState& state, Beginning beginning,
               const Capture* capture = nullptr);
     ~RunFolder();

@@ -27,7 +27,6 @@ double vertex_density(double lattice, double edge) {
 
 /// Area of the surface that stage 1 finds, relative to that of its initial sphere of radius 1.
 /// Heads with their necks had 0.95 to 1.4, more with finer lattices and pictures.
-/// with their necks had 0.95 to 1.4, more where lattice and pictures are finer.
 constexpr double head_surface = 1.2;
 constexpr double least_share = 0.75; // share of it that is certain: a run is refused only then
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/run_size.hpp: estimate of a training run's size before it begins: a setting that needs
 /// more than the machine has is refused at once, not after hours, and not by the system.
-/// asks for more than the machine has is refused at once, not after hours, and not by the system.
 #pragma once
 
 #include <string>
@@ -19,7 +18,6 @@ struct RunSize {
 
 /// Assumed neutral surface before stage 1: a sphere of radius 1 on which the landmarks lie, with as
 /// many more vertices as heads have more surface.
-/// the landmarks lie on, and has as many more vertices as heads have more surface.
 struct SurfaceGuess {
     Columns<double> points; ///< 3 x N, on the sphere
     VecX<double> vertices; ///< number of the surface's vertices that each stands for, N

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/scene_facts.hpp: facts for scene_profile.hpp, counted from the frames that a trained
 /// run is to draw and from its avatar.
-/// trained run is to draw, and of its avatar.
 #pragma once
 
 #include <vector>
@@ -25,7 +24,6 @@ DriverFacts driver_facts(const TrainState& state, const std::vector<DrawnFrame>&
 
 /// Returns the facts about the avatar in these frames. Motions of the eyes' centres are relative to
 /// those without its network, or, if it is held at the first frame, to those of that frame.
-/// if it is held at the first frame, from where they are there.
 AvatarFacts avatar_facts(const TrainState& state, const std::vector<Drivers<float>>& frames,
                          bool held_at_first);
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/seen_gazes.hpp: gazes of a capture's frames from their photographs: the irises that
 /// gaze_estimator.hpp finds in all views of a frame, joined.
-/// irises that gaze_estimator.hpp finds in all views of a frame, joined.
 #pragma once
 
 #include <array>
@@ -36,7 +35,6 @@ struct SeenIris {
 
 /// Returns the irises of both eyes in each of these frames, by camera. balls: both eyes in each
 /// frame. Needs eye masks; ignores eyes without one in a view.
-/// Needs eye masks; eyes without one in a view are not seen by it.
 std::vector<std::array<std::vector<SeenIris>, 2>>
 seen_irises(const Capture& capture, const std::vector<int>& frames,
             const std::vector<std::array<EyeballInHead, 2>>& balls);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/steps.hpp: the numerical work of the trainer. Its source alone instantiates the
 /// templates of rye for the policies of types.hpp.
-/// templates of rye for the policies of types.hpp, once, so that no other source has to.
 #pragma once
 
 #include <array>
@@ -16,7 +15,6 @@ namespace rye::trainer {
 
 /// Result of a step: its losses by name, and the first parameter whose gradient was not finite (the
 /// step was then not taken).
-/// (the step was then not taken).
 struct StepReport {
     std::vector<std::pair<std::string, double>> losses;  ///< "loss", the weighted sum, first
     Index vertices = 0;                                  ///< of the surface, in stage 1
@@ -121,7 +119,6 @@ ShownAvatar shown_avatar(const TrainState& state, const Drivers<float>& drivers,
                          const Pinhole<float>& camera);
 
 /// Returns a picture of whole blocks of super-resolution, cropped to the camera's size.
-/// beyond the camera's.
 Image<float> of_camera(Image<float> picture, const Pinhole<float>& camera);
 
 /// Returns the driven Gaussians of both streams in the world, the face's first.

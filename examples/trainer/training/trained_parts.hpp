@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/trained_parts.hpp: the parts that a configuration adds to the paper's effects: kappa,
 /// driven eyes, shading.
-/// paper's effects: kappa, driven eyes, shading.
 #pragma once
 
 #include "data/config.hpp"

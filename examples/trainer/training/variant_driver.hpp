@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/variant_driver.hpp: the code compiled for each variant of variant_list.hpp: an avatar
 /// with fewer effects, made of the trained one, and its driven Gaussians.
-/// avatar with fewer effects, made of the trained one, and its driven Gaussians.
 #pragma once
 
 #include <functional>
@@ -18,7 +17,6 @@ namespace rye::trainer {
 using FrameDriver = std::function<Gaussians<float>(const Drivers<float>&)>;
 
 /// Returns the driver of a variant's avatar; effects that it lacks are held at the drivers `at`.
-/// `avatar`, `config` and `roles` must outlive the driver.
 /// `avatar`, `config` and `roles` must outlive the driver.
 template <EffectSet E>
 FrameDriver driver_of(const Avatar& avatar, const AvatarConfig& config, const LandmarkRoles& roles,

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// training/variants.hpp: pictures of a trained run, drawn by the smallest compiled variant of its
 /// avatar (variant_list.hpp) with the effects that they need.
-/// of its avatar (variant_list.hpp) that has what they call for.
 #pragma once
 
 #include <optional>
@@ -15,7 +14,6 @@ namespace rye::trainer {
 
 /// Returns why a device cannot draw what the user asked for by `option`, as FrameDrawer takes it: a
 /// device leaves no effects out. Empty if nothing is left out, or nothing was asked for.
-/// leaves no effects out. Empty where nothing is left out, or nothing was asked for.
 std::string left_out_on_device(const std::string& wanted, const std::string& option);
 
 /// Drawer of a run's frames; must not outlive the run.

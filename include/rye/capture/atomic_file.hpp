@@ -35,7 +35,6 @@ enum class Durability { durable, atomic_only };
 
 /// File that replaces another when it is committed. Throws an Error, with the path, if the system
 /// refuses.
-/// refuses.
 class AtomicFile {
 public:
     explicit AtomicFile(const std::filesystem::path& path) : target_(path) {
@@ -104,7 +103,6 @@ private:
     }
     /// Creates and locks the first temporary file that no running writer holds; removes those of
     /// ended writers.
-    /// of ended ones.
     void open_temporary() {
         for (int i = 0; i < most_names; ++i) {
             const std::filesystem::path name = numbered(target_, i);
@@ -130,7 +128,6 @@ private:
     }
     /// Removes a temporary file that no running process holds; returns false if there is none. The
     /// owner renames it only under the lock, so under the lock the name refers to the same file.
-    /// owner renames it only under the lock, so under the lock the name stays the same file.
     static bool remove_abandoned(const std::filesystem::path& name) {
         const int descriptor =
             ::open(name.c_str(), O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);

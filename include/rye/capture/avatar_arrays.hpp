@@ -14,7 +14,6 @@ namespace rye::detail {
 
 /// Calls f(name, network, shape) for each network of an avatar, named after its fields.
 /// driven_eyes: true if the frame drives the eyes' features.
-/// drives or not; names are those of its fields.
 template <class A, class F>
 void each_network(A& avatar, const AvatarConfig& c, bool driven_eyes, F&& f) {
     const NetworkConfig& n = c.networks;

@@ -29,7 +29,6 @@ namespace rye {
 inline constexpr const char* avatar_format = "rye-avatar";
 /// Version of the format that is written. Readers also accept version 1, whose avatars have no
 /// light and no driven eyes, and a separate kappa.
-/// and no driven eyes, and a kappa beside them.
 inline constexpr const char* avatar_version = "2";
 
 /// How an avatar file stores parameters other than positions.
@@ -59,7 +58,6 @@ inline std::vector<std::string> parse_names(const std::string& text, const std::
 
 /// Returns true if a file has a part, by its word: off or on. Throws an Error for another word, and
 /// if the part's first tensor is present with the word off or absent with the word on.
-/// has the part's first tensor though the word is off, or has not though it is on.
 inline bool has_part(const Safetensors& file, const std::string& who, const std::string& key,
                      const std::array<std::string, 2>& words, const std::string& tensor) {
     const std::string& word = file.word(key);
@@ -84,7 +82,6 @@ Columns<T> avatar_array(const Safetensors& file, const std::string& name) {
 
 /// Replaces the file at `path` by one with this avatar; on failure leaves it unchanged and throws
 /// an Error. Checks the avatar first (check_playable). Returns the bytes written.
-/// Error. The avatar is checked first (check_playable). Returns the bytes written.
 template <Real T>
 std::uint64_t write_avatar(const std::filesystem::path& path, const PlayableAvatar<T>& p,
                            AvatarPrecision precision = AvatarPrecision::half) {

@@ -125,7 +125,6 @@ inline std::uint64_t checked_product(std::uint64_t a, std::uint64_t b, const std
 
 /// Returns the size [bytes] of an array of these extents. The product of all extents other than 0
 /// must fit an Index, so that extents can be multiplied in any order, with or without those of 0.
-/// Index, so that extents can be multiplied in any order, with or without one of 0.
 template <class Extents>
 std::uint64_t checked_size(const Extents& extents, std::uint64_t item, const std::string& who) {
     std::uint64_t size = item;

@@ -53,7 +53,6 @@ Columns<float> glb_floats(const char* field, const Columns<T>& a) {
 /// Returns the bytes of a GLB file of one scene with one cloud. Throws an Error for an empty cloud
 /// (glTF has no empty arrays), harmonics of degree 4, numbers that are not finite, and 4 GiB or
 /// more.
-/// no empty arrays), harmonics of degree 4, numbers that are not finite, and 4 GiB or more.
 template <Real T>
 Bytes glb_bytes(const GaussianCloud<T>& cloud) {
     const std::string who = "glb_bytes";

@@ -85,7 +85,6 @@ inline GzipContents gzip_contents(ByteSpan file, const std::string& who) {
 
 /// Returns the unpacked data of gzip_contents. Throws an Error for a wrong size or checksum, and,
 /// before they are allocated, for data of more than `memory` bytes.
-/// than `memory`, before they are allocated.
 inline Bytes gunzip(const GzipContents& contents, const std::string& who,
                     std::uint64_t memory = default_memory) {
     require_inflatable(contents.deflated, contents.size, who);

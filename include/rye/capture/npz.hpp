@@ -206,7 +206,6 @@ inline NpzArrays read_npz(const std::filesystem::path& path,
 
 /// Returns the bytes of a .npz file, stored, with a fixed date (1980-01-01), so that equal arrays
 /// give equal files.
-/// give equal files.
 inline Bytes npz_bytes(const NpzArrays& arrays) {
     using U16 = std::uint16_t;
     using U32 = std::uint32_t;

@@ -24,7 +24,6 @@ inline constexpr std::size_t splat_record = 32;
 /// Returns the bytes of a .splat file, in the cloud's order. Clamps colours to 0..1; drops
 /// harmonics above band 0. Throws an Error for numbers that are not finite, before or after
 /// conversion to float.
-/// band 0 dropped. Throws Error for numbers that are not finite, before or as floats.
 template <Real T>
 Bytes splat_bytes(const GaussianCloud<T>& cloud) {
     const std::string who = "splat_bytes";
@@ -54,8 +53,6 @@ Bytes splat_bytes(const GaussianCloud<T>& cloud) {
 /// Returns the cloud in the bytes of a .splat file; messages begin with `who`. Throws an Error
 /// unless there are whole records of finite positions and of finite scales that are not negative,
 /// and for a cloud of more bytes than `memory`.
-/// whole records of finite positions and of finite scales that are not negative, and for a cloud of
-/// more bytes than `memory`.
 template <Real T>
 GaussianCloud<T> parse_splat(ByteSpan bytes, const std::string& who,
                              std::uint64_t memory = default_memory) {

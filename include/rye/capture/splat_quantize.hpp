@@ -30,7 +30,6 @@ inline constexpr std::array<int, 15> sh_half_turn{-1, -1, 1,  -1, 1, 1,  -1, 1,
 
 /// Throws an Error, with the field and the Gaussian, unless every number is finite and every array
 /// has the cloud's shape.
-/// another shape than the cloud's.
 template <Real T>
 void check_storable(const GaussianCloud<T>& cloud, const std::string& who) {
     GaussianCloud<T>::fields(

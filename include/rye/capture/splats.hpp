@@ -114,8 +114,6 @@ inline std::string splat_advice(SplatKind kind, const std::string& path) {
 /// Reads a PLY, .splat or SPZ file, or a PLY from a pipe. Throws an Error, with the path, if it
 /// cannot be opened, is of another kind (with the converting command, if any), or as read_ply,
 /// parse_splat and parse_spz do; `memory` is theirs.
-/// cannot be opened, is of another kind (with the converting command where there is one), or as
-/// read_ply, parse_splat and parse_spz do; `memory` is theirs.
 template <Real T>
 GaussianCloud<T> read_splats(const std::filesystem::path& path,
                              std::uint64_t memory = default_memory) {
@@ -135,7 +133,6 @@ GaussianCloud<T> read_splats(const std::filesystem::path& path,
 
 /// Returns the kind that a name's extension asks for. Unless it is a kind that is written, throws
 /// an Error that lists those kinds and `also`, the caller's own.
-/// else the caller writes, unless it is one that is written.
 inline SplatKind written_splat_kind(const std::filesystem::path& path, const std::string& who,
                                     const std::string& also = "") {
     const std::string name = detail::lower_name(path);
@@ -160,7 +157,6 @@ struct SplatFileOptions {
 
 /// Returns the bytes of a file of the given kind. Throws an Error as write_ply, splat_bytes,
 /// spz_bytes and glb_bytes do, and for kinds that are not written.
-/// glb_bytes do, and for kinds that are not written.
 template <Real T>
 Bytes splat_file_bytes(const GaussianCloud<T>& cloud, const SplatFileOptions& options) {
     switch (options.kind) {

@@ -100,8 +100,6 @@ int spz_fractional_bits(const GaussianCloud<T>& cloud) {
 /// Returns the header of the data inside an SPZ file, of which the first 16 bytes suffice; `whole`
 /// is the size of all data [bytes]. Throws an Error for another kind of data, a version other than
 /// 2 or 3, a degree above 3, and arrays of another size than the data's.
-/// size of all [bytes]. Throws Error for another kind of data, a version other than 2 or 3, a
-/// degree above 3 and arrays of another size than the data's.
 inline SpzHeader parse_spz_header(ByteSpan data, std::uint64_t whole, const std::string& who) {
     SpzHeader h;
     const auto word = [&](std::uint64_t at) {
@@ -138,8 +136,6 @@ inline SpzHeader parse_spz_header(ByteSpan data, const std::string& who) {
 /// Returns the cloud in the bytes of an SPZ file; messages begin with `who`. Throws an Error as
 /// gunzip and parse_spz_header do, and, before they are allocated, for data and Gaussians of more
 /// bytes than `memory`. Every number returned is finite.
-/// parse_spz_header do, and for a file whose data and Gaussians take more bytes than `memory`,
-/// before they are allocated; every number that it returns is finite.
 template <Real T>
 GaussianCloud<T> parse_spz(ByteSpan file, const std::string& who,
                            std::uint64_t memory = default_memory) {
@@ -196,7 +192,6 @@ GaussianCloud<T> parse_spz(ByteSpan file, const std::string& who,
 
 /// Returns the bytes of an SPZ file of version 3. Rounds and clamps numbers as stated above. Throws
 /// an Error for a cloud of degree 4, numbers that are not finite, or means beyond 24 bits.
-/// Error for a cloud of degree 4, numbers that are not finite, or means beyond 24 bits.
 template <Real T>
 Bytes spz_bytes(const GaussianCloud<T>& cloud, const Deflate& deflate = stored_deflate,
                 bool antialiased = false) {

@@ -120,7 +120,6 @@ struct BrownConrady {
 
 /// Lens policy of a camera: NoDistortion, or a type with the distorted slope, the cotangent of its
 /// Jacobian, and the fold, up to which it is valid.
-/// Jacobian, and the fold up to which it is valid.
 template <class D>
 concept Distortion =
     std::same_as<D, NoDistortion> ||

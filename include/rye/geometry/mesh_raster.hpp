@@ -32,7 +32,6 @@ struct MeshRasterSettings {
     Culling culling = Culling::back_faces;
     /// Smallest area [px^2] of a face that is not skipped: barycentrics divide by the area, and a
     /// smaller face covers a pixel centre only by chance.
-    /// pixel centre only by chance. [px^2]
     double min_area = 1e-8;
     SilhouetteSettings silhouette = {};
 };
@@ -73,8 +72,6 @@ namespace detail {
 
 /// Face with its corners moved along z so that the pixel's ray is the axis, r_k = xy_k - z_k ray:
 /// then e_k = r_(k+1) x r_(k+2) are the homogeneous edge functions, and e_k / sum e the
-/// perspective-correct barycentrics, without a division by depth.
-/// e_k = r_(k+1) x r_(k+2) are the homogeneous edge functions, and e_k / sum e the
 /// perspective-correct barycentrics, without a division by depth.
 template <class W>
 struct PixelFace {

@@ -27,7 +27,6 @@ struct SilhouetteSettings {
 struct SilhouetteTrace {
     /// Point of the outline nearest to the pixel: a + t (b - a), with vertices a and b. By the
     /// envelope theorem t is constant in the derivative of the squared distance.
-    /// envelope theorem t is constant in the derivative of the squared distance.
     struct Nearest {
         std::int32_t a, b;
         double t;

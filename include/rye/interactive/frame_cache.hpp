@@ -28,7 +28,6 @@ namespace rye {
 
 /// Driven Gaussians, their render and the upsampled image, of which a frame recomputes the changed
 /// parts.
-/// it changed.
 template <Backend B, AccuracyPolicy A, Real T, EffectSet E = PaperEffects>
     requires KeptFromFrameToFrame<E>
 class FrameCache {

@@ -26,7 +26,6 @@ struct RedrawWork {
 
 /// Render that is updated: only tiles whose Gaussians changed are drawn again, with the bits of a
 /// whole render.
-/// whole render.
 template <Backend B, AccuracyPolicy A, Real T>
 class Redraw {
     static_assert(A::order == BlendOrder::by_centre && A::depth_bits <= 8 * int(sizeof(T)),

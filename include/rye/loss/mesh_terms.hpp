@@ -65,7 +65,6 @@ LossTerm<T> mean_absolute(const ColumnsView<T>& x) {
 
 /// Returns L_RGB: mean over pixels and channels of |(color - target) visible|. color, target: 3 x
 /// P, visible: 1 x P. Invisible pixels count in the mean, as zeros.
-/// visible: 1 x P. Invisible pixels count in the mean, as zeros.
 template <class T, Backend B>
 LossTerm<T> color_term(const B& backend, const std::type_identity_t<ColumnsView<T>>& color,
                        const std::type_identity_t<ColumnsView<T>>& target,
@@ -103,7 +102,6 @@ LossTerm<T> silhouette_term(const ColumnsView<T>& soft, const ColumnsView<T>& ma
 
 /// Returns L_def: mean over points and axes of the squared distance of deformed to observed
 /// landmarks, both 3 x L in the head frame.
-/// both 3 x L in the head frame.
 template <class T>
 LossTerm<T> deformation_term(const ColumnsView<T>& deformed, const ColumnsView<T>& observed) {
     const Columns<T> difference = deformed - observed;
@@ -125,7 +123,6 @@ LossTerm<T> landmark_term(const ColumnsView<T>& sdf) {
 
 /// Returns L_lap: mean over vertices and axes of the squared uniform Laplacian of posed vertices, 3
 /// x V in the world; its weight depends on the world's unit.
-/// the world: its weight depends on the world's unit.
 template <class T>
 LossTerm<T> laplacian_term(const ColumnsView<T>& vertices, const std::vector<Face>& faces) {
     const Columns<T> laplacian = uniform_laplacian<T>(vertices, faces);
@@ -135,7 +132,6 @@ LossTerm<T> laplacian_term(const ColumnsView<T>& vertices, const std::vector<Fac
 }
 
 /// Returns L_eyeoffset: mean over eyes and axes of |predicted - observed| displacement of the eyes'
-/// centres, both 3 x 2 in the head frame.
 /// centres, both 3 x 2 in the head frame.
 template <class T>
 LossTerm<T> eye_offset_term(const ColumnsView<T>& predicted, const ColumnsView<T>& observed) {

@@ -62,7 +62,6 @@ RYE_HD T average_of_four(const T& a, const T& b, const T& c, const T& d) {
 
 /// Differences of a number from its neighbours: those from the next ones are its share of the loss,
 /// all of them its slope.
-/// loss, and all of them its slope.
 template <class V>
 struct DifferenceSum {
     V value = V(0), slope = V(0);

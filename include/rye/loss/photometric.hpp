@@ -71,7 +71,6 @@ struct AbsoluteDifference {
 
 /// Returns mean |mask (a - b)| over all pixels and channels, masked or not; its slope at 0 is 0.
 /// Adds `weight` times its cotangent of a to g. a, b, g: channels x pixels.
-/// `weight` times its cotangent of a to g. a, b, g: channels x pixels.
 template <class T, Backend B>
 T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
                 const std::type_identity_t<ColumnsView<T>>& b,
@@ -109,7 +108,6 @@ T add_masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
 
 /// Returns the mean absolute difference over C channels, weighted by a mask (1 x pixels), and its
 /// gradient with respect to a.
-/// respect to a.
 template <class T, Backend B>
 LossGradient<T> masked_l1(const B& backend, const std::type_identity_t<ColumnsView<T>>& a,
                           const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask) {
@@ -121,7 +119,6 @@ LossGradient<T> masked_l1(const B& backend, const std::type_identity_t<ColumnsVi
 
 /// Returns the sum of mask (a - b)^2 over all channels, relative to the mask's, in double; 0 if the
 /// mask is 0 everywhere.
-/// the mask is 0 everywhere.
 template <class T>
 double mean_squared_error(const std::type_identity_t<ColumnsView<T>>& a,
                           const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask) {

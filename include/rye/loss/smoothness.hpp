@@ -21,7 +21,6 @@ using NeighbourGraph = std::vector<std::array<Index, 4>>;
 
 /// Returns the four nearest neighbours of each point (3 x N, N > 4), ties by lower index. Adds
 /// `first` to every index. O(N^2): for the thousands of points of an eye.
-/// every index. O(N^2): for the thousands of points of an eye.
 template <Real T>
 NeighbourGraph four_nearest(const Columns<T>& points, Index first = 0) {
     const Index n = points.cols();

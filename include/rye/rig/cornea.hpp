@@ -203,7 +203,6 @@ RYE_HD void mirror_image_vjp(const Cornea<T>& c, const GlintView<T>& v, const Mi
 
 /// Returns the brightness of a reflection at a point: strength exp(-d^2 / 2 width^2), where d is
 /// the distance of the point from the camera's ray through the image.
-/// the point from the camera's ray through the image.
 template <Scalar T>
 RYE_HD T glint_at(const MirrorImage<T>& m, const GlintView<T>& v, const Vec3<T>& point) {
     using std::exp;
@@ -214,7 +213,6 @@ RYE_HD T glint_at(const MirrorImage<T>& m, const GlintView<T>& v, const Vec3<T>&
 
 /// Returns the cotangent of the point; adds the image's and the camera's to g. `g_log` is the
 /// cotangent of the value's logarithm: the value's cotangent times the value.
-/// cotangent of the value's logarithm, which is that of the value times the value.
 template <Scalar T>
 RYE_HD Vec3<T> glint_at_vjp(const MirrorImage<T>& m, const GlintView<T>& v, const Vec3<T>& point,
                             const T& g_log, GlintGradient<T>& g) {

@@ -41,7 +41,6 @@ struct DrivenFeatures {
     };
     /// Returns the number of a network's inputs for a point: codes of its direction from the
     /// eyeball's centre, at rest and turned.
-    /// and turned.
     static constexpr Index point_inputs() { return 2 * encoded_size(3, frequencies); }
     /// Returns the shape of each network.
     static MlpShape shape(const AppearanceSizes& sizes) {

@@ -96,7 +96,6 @@ inline std::string text_of(const EffectMask& m) {
 
 /// Parses a list of names, as in "head pose, left gaze"; accepts - or _ for a space. Throws an
 /// Error that begins with `who` for an unknown name.
-/// `who` first, for a name that does not exist.
 inline EffectMask effects_of(std::string_view list, const std::string& who) {
     const auto same = [](char a, char b) {
         const auto space = [](char c) { return c == '-' || c == '_' ? ' ' : c; };

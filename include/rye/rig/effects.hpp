@@ -114,7 +114,6 @@ struct EyeOffset {
 
 /// Constant angle per eye from its visual axis, the input, to its optical axis, to which the
 /// eyeball rotates (rig/gaze.hpp). Not in the paper, whose gazes are optical axes.
-/// eyeball rotates (rig/gaze.hpp). Not in the paper, whose gazes are optical axes.
 struct Kappa {
     static constexpr std::string_view name = "kappa";
     static constexpr Reads reads = Reads::gaze;
@@ -163,7 +162,6 @@ struct Glint {
 
 /// Change of colours with the head's rotation under fixed lights (avatar/head_shading.hpp). Not in
 /// the paper.
-/// Not in the paper.
 struct HeadShading {
     static constexpr std::string_view name = "head shading";
     static constexpr Reads reads = Reads::head_pose;

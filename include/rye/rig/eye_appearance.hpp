@@ -30,7 +30,6 @@ struct EyeInputs {
 
 /// Cotangents of the inputs that depend on trained parameters: the gaze (by kappa) and the head
 /// pose (by its correction for a frame).
-/// its correction for a frame.
 template <class T>
 struct EyeInputsCotangent {
     std::array<Vec3<T>, 2> gaze{Vec3<T>::Zero(), Vec3<T>::Zero()}; ///< of EyeInputs::gaze
@@ -109,7 +108,6 @@ static_assert(EyeAppearance<FreeFeatures>);
 
 /// Returns true if the frame drives the features of an eye (0: the left). An appearance that reads
 /// its inputs may answer by driven(parameters, eye) if that depends on its parameters.
-/// the features of an eye (0: the left), if that depends on its parameters.
 template <EyeAppearance A, class P>
 bool drives_features([[maybe_unused]] const P& p, [[maybe_unused]] std::size_t eye) {
     if constexpr (requires { A::driven(p, eye); })
@@ -119,7 +117,6 @@ bool drives_features([[maybe_unused]] const P& p, [[maybe_unused]] std::size_t e
 }
 /// An appearance whose features of an eye depend on that eye's gaze alone, and are written by
 /// eye_features(backend, parameters, inputs, eye, features of both).
-/// and are written alone by eye_features(backend, parameters, inputs, eye, features of both).
 template <class A>
 concept EyeByEye = EyeAppearance<A> &&
                    requires(const typename A::template Parameters<float>& p,

@@ -67,7 +67,6 @@ struct BasicEyeballShape {
 
     /// Returns the eye with another limbus radius; pupil and cornea in proportion, the bulge
     /// starting from the sphere at the limbus.
-    /// from the sphere at the limbus.
     BasicEyeballShape with_limbus(double radius) const {
         BasicEyeballShape s = *this;
         const double k = radius / limbus_radius;
@@ -83,7 +82,6 @@ struct BasicEyeballShape {
 
     /// Returns z of the iris behind the cornea at a distance r from the axis, r <= limbus_radius: a
     /// paraboloid through the middle of the iris and the limbus.
-    /// paraboloid through the middle of the iris and the limbus.
     double iris(double r) const {
         if (!iris_plane) return front(r);
         const double share = r / limbus_radius;
@@ -92,7 +90,6 @@ struct BasicEyeballShape {
 
     /// Returns z of the front surface at a distance r from the axis, r <= limbus_radius: the outer
     /// one of sphere and cornea.
-    /// sphere and cornea.
     double front(double r) const {
         const double sphere = std::sqrt(std::max(0., sclera_radius * sclera_radius - r * r));
         if constexpr (bulges) {
@@ -170,7 +167,6 @@ void check_shape(const BasicEyeballShape<E>& s) {
 
 /// Triangulates the band between two rings with first points a, b and sizes n, m (a in front of b);
 /// always advances on the ring whose next point has the smaller angle.
-/// always advancing on the ring whose next point has the smaller angle.
 inline void join_rings(Index a, Index n, Index b, Index m,
                        std::vector<std::array<Index, 3>>& faces) {
     Index i = n == 1 ? 1 : 0, j = m == 1 ? 1 : 0;                        // a pole has no steps
@@ -217,7 +213,6 @@ Columns<T> vertex_normals(const Columns<T>& points,
 } // namespace detail
 
 /// Returns the template of a shape: a point on the axis, rings from front to back, the back pole. A
-/// ring has a multiple of 8 points, about as far apart as the rings.
 /// ring has a multiple of 8 points, about as far apart as the rings.
 template <Real T, EffectSet E = PaperEffects>
 EyeballTemplate<T> eyeball_template(const BasicEyeballShape<E>& shape) {
@@ -297,7 +292,6 @@ static_assert(EyeballSource<BasicEyeballShape<PaperEffects>>);
 
 /// Returns the gaze direction of an eyeball from its transformed points: from the mean of the
 /// equator to the mean of the iris.
-/// mean of the iris.
 template <Real T>
 Vec3<T> gaze_from_mesh(const EyeballTemplate<T>& eye, const Columns<T>& points) {
     Vec3<T> iris = Vec3<T>::Zero(), centre = Vec3<T>::Zero();

@@ -27,7 +27,6 @@ RYE_HD Vec3<T> gaze_vector(const T& pitch, const T& yaw) {
 
 /// Returns (pitch, yaw) of a direction of any length; at a pole the yaw is 0. Uses atan2: in float,
 /// asin(y) does not resolve angles below 3e-4 rad from the pole.
-/// does not resolve angles below 3e-4 rad from the pole.
 template <Scalar T>
 RYE_HD Vec2<T> pitch_yaw(const Vec3<T>& v) {
     using std::atan2, std::hypot;
@@ -52,7 +51,6 @@ RYE_HD T chord_error(const Vec3<T>& a, const Vec3<T>& b) {
 
 /// Normalises a direction from external input; throws an Error if it is not finite or shorter than
 /// 1e-6, since its direction would be noise.
-/// since its direction would be noise.
 template <Scalar T>
 Vec3<T> checked_gaze(const Vec3<T>& v) {
     using std::isfinite;
@@ -81,8 +79,6 @@ struct KappaAngles {
 /// Returns the optical axis (to which the eyeball rotates) of a visual axis: its angles plus kappa,
 /// its length unchanged. Computed as a rotation, so that a kappa of 0 changes no bit. At a pole the
 /// rotation starts from yaw 0.
-/// length kept. By rotation, not by angles, so a kappa of 0 changes no bit. At a pole the rotation
-/// starts from yaw 0.
 template <Scalar T>
 RYE_HD Vec3<T> apply_kappa(const Vec3<T>& visual, const KappaAngles<T>& kappa) {
     using std::cos, std::sin, std::sqrt;

@@ -83,8 +83,6 @@ M grey_mlp(const MlpShape& shape, const Random& random) {
 /// Appearance by 10 triplets of features per Gaussian, which the gaze of its eye rotates and a
 /// small network turns into its colour. Without the network, which GazeNeRF has in its neural
 /// renderer, the first channels could not be colours.
-/// turns them into its colour. Without the network, which GazeNeRF has in its neural renderer, the
-/// first channels could not be colours.
 struct RotatedFeatures {
     static constexpr bool reads_inputs = true;
     static constexpr int latent_size = 30; ///< 10 triplets
@@ -148,7 +146,6 @@ struct RotatedFeatures {
 
 /// Appearance by a latent per Gaussian: a network of the latent and of the encoded pitch and yaw of
 /// its eye gives its colour.
-/// its colour.
 struct ConditionedFeatures {
     static constexpr bool reads_inputs = true;
     static constexpr int latent_size = 30; ///< as in RotatedFeatures
@@ -212,8 +209,6 @@ struct ConditionedFeatures {
 /// Appearance by one code of 16 triplets per eye, which its gaze rotates: a network of the rotated
 /// code and of a Gaussian's encoded position on the eyeball gives its colour. ST-ED decodes
 /// pictures by convolutions; the position stands for the pixel.
-/// of a Gaussian's encoded place on the eyeball gives its colour. ST-ED decodes pictures by
-/// convolutions; the place stands for the pixel.
 struct RotatedCode {
     static constexpr bool reads_inputs = true;
     static constexpr int latent_size = 48; ///< 16 triplets

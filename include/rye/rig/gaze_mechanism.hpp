@@ -25,7 +25,6 @@ struct NoParameters {
 
 /// Smallest rotation from +z to the gaze, without torsion (paper 3.2). A base for other mechanisms,
 /// which override parts of it.
-/// mechanisms, which override parts of it.
 struct ExplicitRotation {
     /// True if features() changes anything.
     static constexpr bool changes_features = false;
@@ -59,7 +58,6 @@ struct ExplicitRotation {
     static void features(const P&, std::size_t, const Vec3<T>&, ColumnsSpan<T>) {}
     /// Replaces the cotangent of the changed features by the cotangent of the features `before`;
     /// accumulates the parameters' gradient; returns the gaze's cotangent.
-    /// the parameters' gradient; returns the gaze's cotangent.
     template <class P, class T>
     static Vec3<T> features_vjp(const P&, std::size_t, const Vec3<T>&, const ColumnsView<T>&,
                                 ColumnsSpan<T>, P&) {

@@ -111,8 +111,6 @@ void nearest_in_lanes(const ColumnsView<T>& points, const ColumnsView<T>& landma
 /// Returns the 1 x N squared distances of 3 x N points to the nearest of 3 x K landmarks, +inf if K
 /// = 0 or the point is not finite. `nearest`, unless null, receives the landmark's index, -1 for
 /// none; the lowest index wins a tie. Throws an Error if a landmark is not finite.
-/// point is not finite. `nearest`, unless null, receives the landmark's index, -1 for none; the
-/// lowest index wins a tie. Throws Error if a landmark is not finite.
 template <class T, Backend B>
 Columns<T> nearest_squared_distance(const B& backend, const ColumnsView<T>& points,
                                     const ColumnsView<T>& landmarks,

@@ -158,7 +158,6 @@ FaceTarget<T> face_alone_target(const B& backend, const AvatarImages<T>& sample)
 
 /// Returns the blank's background in the eyes and the picture of `alone` beside them, with weight 1
 /// where a visible pixel shows an eye, or would show an eyeball if there were no face.
-/// pixel shows an eye, or an eyeball would be seen if there were no face.
 template <class T, Backend B>
 FaceTarget<T> blank_eyeball_target(const B& backend, const AvatarImages<T>& sample,
                                    const FaceTarget<T>& alone, const Columns<T>& eyeball_alpha) {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/train/avatar_trainer.hpp: stage 2 as an object that drives, renders, compares,
 /// differentiates and takes a step of Adam.
-/// and takes a step of Adam.
 ///     AvatarTrainer trainer{backend, avatar, adam, {.config = config, .roles = roles}};
 ///     for (const auto& sample : samples) trainer.step(sample);
 /// Source: paper section 4.2.
@@ -51,7 +50,6 @@ struct AvatarTraining {
     /// True if the mean over frames is subtracted from the corrections of head poses after each
     /// step: what all frames share belongs to the avatar. It is always subtracted from those of
     /// gazes.
-    /// common to all frames is the avatar's. That of gazes is taken off in any case.
     bool centred_corrections = false;
 };
 
@@ -165,7 +163,6 @@ class AvatarTrainer {
   private:
     /// True if the smoothness is that of parameters, since features are constants; if false it is
     /// that of the frame's generated features.
-    /// is generated for the frame.
     static constexpr bool smooths = requires(const Avatar& a) { a.eyes.feature; } && Real<T>;
     static constexpr bool smooths_driven = !smooths && Real<T>;
 

@@ -2,7 +2,6 @@
 /// rye/train/centring.hpp: subtraction of the mean over frames from the frames' corrections. That
 /// mean belongs to the avatar: gazes' to kappa, poses' to the head's frame. The same sums on host
 /// and device.
-/// to the avatar: kappa to gazes, the head's frame to poses. The same sums on host and device.
 #pragma once
 
 #include <concepts>
@@ -15,7 +14,6 @@ namespace rye {
 
 /// Returns the mean over columns of a row, given its first number in column-major memory; summed in
 /// order, floats in double.
-/// their order, floats in double.
 template <class T>
 RYE_HD T mean_of_row(const T* row, Index rows, Index cols) {
     using Sum = std::conditional_t<std::same_as<T, float>, double, T>;

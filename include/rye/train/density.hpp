@@ -90,7 +90,6 @@ namespace detail {
 
 /// Calls f(name, array...) for all arrays that have a column for each Gaussian of a face, of
 /// avatars of one kind (parameters, moments). Those of a shading that is off are empty.
-/// avatars of one kind (parameters, moments). Those of a shading that is off are empty.
 template <EffectSet E, class F, class... A>
 void for_face_columns(F&& f, A&&... avatar) {
     f("face.xyz", avatar.face.position...);
@@ -145,7 +144,6 @@ std::vector<double> density_criterion(const B& backend, const Columns<T>& positi
 
 /// Returns the axis of a Gaussian along which a move by its own standard deviation has the largest
 /// mean square change of the loss; the first of equals. rotation: from its axes to the head's.
-/// by its own standard deviation; the first of equals. rotation: from its axes to the head's.
 template <Real T>
 int split_axis(const Mat3<T>& rotation, const Vec3<T>& log_scale, const Vec3<T>& square) {
     int axis = 0;

@@ -35,7 +35,6 @@ RYE_HD T blank_eyeball_weight(const T& eye, const T& eyeball_alpha, const T& vis
 
 /// Factor that turns an average over `pixels` into one over a mask, from the mask's sum: at least 8
 /// pixels; 0 for an empty mask.
-/// least 8 pixels; 0 for an empty mask.
 struct EyeGain {
     Index pixels;
 

@@ -97,7 +97,6 @@ struct EdgeBound {
 
 /// Refines the neutral surface around eyes and lips, where a coarse one could neither open nor
 /// close.
-/// neither open nor close.
 template <Real T, Backend B>
 void refine_at_landmarks(const B& backend, const Columns<T>& landmarks, const EdgeBound<T>& bound,
                          TriangleMesh<T>& mesh, Columns<T>& feature) {
@@ -114,7 +113,6 @@ void refine_at_landmarks(const B& backend, const Columns<T>& landmarks, const Ed
 
 /// Moves points that lie in an eyeball to just outside it: lids that start inside could only be
 /// seen through a transparent eye.
-/// show through a transparent eye.
 template <Real T>
 void leave_eyeball(const Columns<T>& eyeball, const Vec3<T>& centre, Columns<T>& points) {
     const T reach = T(1.03) * std::sqrt(eyeball.colwise().squaredNorm().maxCoeff());
@@ -144,7 +142,6 @@ struct FacePoints {
 
 /// Returns the points of initialize_avatar with the same arguments. Throws an Error if the guidance
 /// mesh has no surface.
-/// surface.
 template <Real T, EffectSet E, Backend B>
 FacePoints<T> face_points(const B& backend, const GuidanceMesh<T, E>& mesh,
                           const AvatarConfig& config, const AvatarInit<T, E>& init,

@@ -45,7 +45,6 @@ struct PositiveModes {
 
 /// Linear regressions of quantities of F frames on the frames' drivers, each with the ridge that
 /// best predicts left-out frames.
-/// which it predicts best the frames that are left out of it.
 class LeftOutRidge {
   public:
     /// x: K regressors x F frames. Throws an Error for fewer than three frames.
@@ -221,7 +220,6 @@ inline std::vector<RigidMotion> align_frames(const std::vector<Columns<double>>&
             const Columns<double> residual = now[l] * off.transpose(); // 3 x F
             // The error of a landmark beyond that of still ones is shared by those that move with
             // it: many of them tell no more than one.
-            // too: many of them tell no more than one.
             const double excess = std::max(0.0, spread[l] * spread[l] - 1.25 * still2);
             VecX<double> weight(n); // in units of still2^-1
             for (Index f = 0; f < n; ++f) {

@@ -52,8 +52,6 @@ struct LandmarkTrace : LandmarkPlaces<T, E>, DeformedLandmarks<T, E> {
 /// Settings of the landmarks' terms. `landmarks_follow_gaze` also deforms the landmarks of L_def by
 /// the gaze fields, weighted by lambda_gaze; GHA, which has no gaze fields, deforms them by
 /// expression alone.
-/// the gaze fields too, weighted by lambda_gaze; GHA, which has none, deforms them by expression
-/// alone.
 struct LandmarkStage {
     const AvatarConfig& config;
     const LandmarkRoles& roles;

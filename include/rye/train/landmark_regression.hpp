@@ -38,7 +38,6 @@ namespace detail {
 
 /// Solves A x = b in place for a symmetric positive definite A, n x n, and three columns of b.
 /// Plain loops: the same bits for any width of vectors.
-/// Plain loops: the same bits whatever the width of vectors.
 template <class A, class B>
 void solve_positive(A& a, B& b) {
     const Index n = a.rows();
@@ -83,7 +82,6 @@ inline void require_prior(const RegressionConfig& config, Index expression, Inde
 
 /// Returns the regressors of a frame: 1, the expression, and (pitch, yaw) [rad] of each eye that
 /// the skin follows.
-/// follows.
 template <class T, EffectSet E>
 std::vector<double> landmark_regressors(const Drivers<T, E>& drivers) {
     std::vector<double> x{1};
@@ -124,9 +122,6 @@ struct LandmarkRegression {
 /// landmark follows its influence there: eyes that look the same way in all frames do not tell
 /// which of them a lid follows. Throws an Error for frames with another number of landmarks, and
 /// for an expression_reach or expression_shapes of another shape or with invalid values.
-/// far as its influence there reaches: eyes that look the same way in all frames do not say which
-/// of them a lid follows. Throws Error for frames whose landmarks are another number, and for an
-/// expression_reach or expression_shapes of another shape, or values they must not have.
 template <class T, EffectSet E, Backend B>
 LandmarkRegression landmark_regression(const B& backend, const InfluenceInput<T>& neutral,
                                        const LandmarkRoles& roles,

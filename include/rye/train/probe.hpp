@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/train/probe.hpp: timing of a training step. A step calls its probe at the end of each part;
 /// the default does nothing and costs nothing.
-/// the default does nothing and costs nothing.
 #pragma once
 
 #include <chrono>

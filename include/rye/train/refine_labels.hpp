@@ -141,7 +141,6 @@ class LabelRefiner {
 
     /// Refines the labels of a frame. Throws an Error if no pixel counts or the avatar at its label
     /// is not finite.
-    /// is not finite.
     RefinedLabels refine(const Drivers<T, E>& label, const std::vector<LabelView<T>>& views) {
         const std::vector<std::vector<Index>> used = used_pixels(views);
         RefinedLabels r;
@@ -174,7 +173,6 @@ class LabelRefiner {
 
     /// Returns the derivatives of a view's colours with respect to the unknowns: three rows
     /// (channels) for each pixel in `pixels`, a column per unknown [colour per sigma of its prior].
-    /// three channels, a row each, and a column an unknown [colour per sigma of its prior].
     Columns<T> jacobian(const Drivers<T, E>& label, const LabelView<T>& view,
                         const std::vector<Index>& pixels, const VecX<double>& x) {
         const std::vector<Gaussians<T>> tangents = tangents_at(label, x);

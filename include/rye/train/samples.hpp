@@ -30,7 +30,6 @@ struct MeshSample {
 
 /// Pictures of one frame from one camera, and their masks. "Small" is the size of the feature
 /// render.
-/// render.
 template <class T>
 struct AvatarImages {
     Index frame = 0;              ///< column of delta_pose; -1 for none

@@ -31,7 +31,6 @@ struct MeshRates {
 
 /// Average of the eye terms: over the whole image, as GHA's L1, or over the pixels of the eye mask,
 /// which does not fade as eyes get smaller in the picture.
-/// mask, which does not fade as eyes get smaller in the picture.
 enum class EyeAverage { image, mask };
 
 /// Weights of the terms of the second stage's objective.
@@ -60,7 +59,6 @@ struct AvatarLossConfig {
     double eye_smooth = 0;
     /// Steps per high-resolution eye term, which costs a second super-resolution and counts this
     /// many times.
-    /// n times as heavy.
     int eye_high_every = 1;
     EyeAverage eye_average = EyeAverage::image;
 };
@@ -105,7 +103,6 @@ struct DensityConfig {
     double prune = 0.005;          ///< opacity at rest below which one is removed; 0 for none
     /// Factor of the criterion at an eye or lip landmark, and the distance at which it has fallen
     /// to 1 [canonical unit].
-    /// canonical units.
     double prefer = 3, reach = 0.3;
 };
 

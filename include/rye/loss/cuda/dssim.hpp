@@ -199,7 +199,6 @@ class DeviceDssim {
 
     /// Returns 1 - mean SSIM of a (float) and b (float or bytes) as a term of weight `weight`; adds
     /// `weight` times its cotangent of a to g. Throws an Error unless a, b and g have one shape.
-    /// its cotangent of a is added to g. a, b, g: of one shape; an Error else.
     template <class P>
     DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& a,
                         const DevicePicture<const P>& b, double weight,

@@ -218,7 +218,6 @@ class DeviceLpips {
 
     /// Computes the features of a crop of a picture (three channels, floats or bytes). Throws an
     /// Error if the crop is larger than the picture or has a side below 16 pixels.
-    /// crop is larger than the picture, or less than 16 pixels a side.
     template <class P>
     void truth_into(const CudaQueue& queue, const DevicePicture<const P>& picture,
                     const DeviceCrop& where, DeviceLpipsTruth& to) {
@@ -234,7 +233,6 @@ class DeviceLpips {
 
     /// Returns the distance of the picture's crop to the truth as a term of weight `weight`; adds
     /// `weight` times its cotangent of the picture to g, of the picture's shape.
-    /// its cotangent of the picture is added to g, of the picture's shape.
     DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& picture,
                         const DeviceLpipsTruth& truth, double weight,
                         const DevicePicture<float>& g) {
@@ -267,7 +265,6 @@ class DeviceLpips {
     }
     /// Returns the distance of two pictures of one size, without its cotangent; waits. Keeps the
     /// truth's features in a buffer of its own.
-    /// go to own memory.
     template <class P>
     double value(const CudaQueue& queue, const DevicePicture<const float>& picture,
                  const DevicePicture<const P>& truth) {
@@ -290,7 +287,6 @@ class DeviceLpips {
     }
     /// Returns the same as a perceptual loss of an objective, for a truth of floats or bytes: its
     /// features over `crop` are computed here, or taken from `kept` unless that is null.
-    /// are made here, over `crop`, or unless `kept` is null taken from there.
     template <class P>
     DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& picture,
                         const DevicePicture<const P>& truth, double weight,

@@ -126,7 +126,6 @@ class DevicePyramidLoss {
 
     /// Returns the loss of a and b (floats or bytes) as a term of weight `weight`; adds `weight`
     /// times its cotangent of a to g. Throws an Error unless a, b and g have one shape.
-    /// cotangent of a is added to g. a, b, g: of one shape; an Error else.
     template <class P>
     DeviceLossTerm into(const CudaQueue& queue, const DevicePicture<const float>& a,
                         const DevicePicture<const P>& b, double weight,

@@ -91,7 +91,6 @@ class DeviceSmoothness {
     }
     /// Returns the mean squared difference of values (C x points) as a term of weight `weight`;
     /// adds `weight` times its cotangent to g. Throws an Error for other shapes.
-    /// times its cotangent is added to g. Throws an Error for other shapes.
     DeviceLossTerm into(const CudaQueue& queue, const DeviceColumns<const float>& values,
                         double weight, const DeviceColumns<float>& g) {
         require(values.cols == points_, "smoothness", "the graph has ", points_,

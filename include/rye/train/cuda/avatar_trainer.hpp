@@ -45,7 +45,6 @@ class DeviceAvatarTrainer {
     /// Copies its arguments to the device; waits. Ignores the parts of `training` that a device
     /// computes by Policy and Perceptual (accuracy, perceptual term). Throws an Error for sizes
     /// that do not fit.
-    /// perceptual term) is not read. Waits. Throws an Error for what does not fit.
     template <class A, class P, class Rates>
     DeviceAvatarTrainer(const Device& device, const CudaQueue& queue, const AvatarAndAdam<E>& from,
                         const AvatarTraining<A, P, Rates>& training, Perceptual& perceptual)
@@ -85,7 +84,6 @@ class DeviceAvatarTrainer {
     /// Adds a view, whose pictures stay on the device; returns its number; waits. Throws an Error
     /// for sizes that differ from the first view's, and for drivers that the avatar does not
     /// accept.
-    /// for sizes that differ from the first view's, and for drivers that an avatar refuses.
     Index add(const CudaQueue& queue, const TrainingView& view, const Drivers<float, E>& drivers) {
         require(view.frame >= -1 && view.frame < avatar_.frames(), "DeviceAvatarTrainer", "view ",
                 views_.count(), ": frame is ", view.frame, ", expected -1 to ",
@@ -95,7 +93,6 @@ class DeviceAvatarTrainer {
 
     /// Takes the steps of these draws in order; waits once for all of them, and again only if
     /// memory must grow. Throws an Error for a view that does not exist.
-    /// where room had to be made. Throws an Error for a view that is not there.
     DeviceStepsReport run(const CudaQueue& queue, const std::vector<StepDraw>& draws) {
         if (draws.empty()) return report();
         send_rows(queue, draws);
@@ -125,7 +122,6 @@ class DeviceAvatarTrainer {
     DeviceViews<Device>& views() { return views_; }
     /// Returns the memory of a render (all, the face alone, the eyes alone), which a caller that
     /// knows the need may reserve before the first step.
-    /// first step by somebody who knows how much it needs.
     DeviceFrame<Device>& frame(std::size_t render) { return *frame_[render]; }
     /// Returns the memory held [bytes], without the perceptual term's.
     std::size_t bytes() const {

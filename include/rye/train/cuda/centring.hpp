@@ -35,7 +35,6 @@ struct CentreRowsKernel {
 
 /// Subtracts the mean over frames from the gazes' corrections, and from the poses' if `poses`.
 /// `parameters`: shapes of the host's avatar.
-/// the host's avatar.
 template <class Device, EffectSet E>
 void centre_corrections_into(
     [[maybe_unused]] const Device& device, [[maybe_unused]] const CudaQueue& queue,

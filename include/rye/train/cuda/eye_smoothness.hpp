@@ -31,7 +31,6 @@ class DeviceEyeSmoothness {
     }
     /// Enqueues the term of a driven avatar. Adds the cotangent of parameters to their gradient;
     /// keeps that of generated features for add_into.
-    /// their gradient, another one is kept for add_into.
     template <class Avatar>
     DeviceLossTerm into(const CudaQueue& queue, const Avatar& avatar, double weight,
                         [[maybe_unused]] const typename Avatar::Parameters& gradient) {
@@ -46,7 +45,6 @@ class DeviceEyeSmoothness {
         }
     }
     /// Adds the kept cotangent to that of the eyes' features, C x P; does nothing if features are
-    /// constants.
     /// constants.
     void add_into([[maybe_unused]] const CudaQueue& queue,
                   [[maybe_unused]] const DeviceColumns<float>& g_feature) {

@@ -96,7 +96,6 @@ struct BlankTarget {
 
 /// Terms of the objective and their memory. Perceptual: a term of two pictures, as
 /// DevicePyramidLoss.
-/// DevicePyramidLoss.
 template <class Device, class Perceptual = DevicePyramidLoss<Device>>
 class DeviceImageLosses {
   public:
@@ -135,14 +134,12 @@ class DeviceImageLosses {
     }
     /// Adds a term that is not of images: the smoothness of the eyes' colours. Call it between
     /// into() and report_into().
-    /// and report_into().
     void add_eye_smooth(const DeviceLossTerm& term) { terms_[8] = term; }
     /// Enqueues the report of values and total, which stays on the device.
     void report_into(const CudaQueue& queue) { report_.sum_into(queue, terms_); }
 
     /// Returns the values of the last report; waits. Sets `bad` to the name of the first term that
     /// is not finite, or to empty.
-    /// finite, or becomes empty.
     AvatarLosses<float> fetch(const CudaQueue& queue, std::string& bad) const {
         const LossReport r = report_.fetch(queue);
         bad = r.finite() ? "" : names[r.bad];

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/train/cuda/step_images.hpp: memory of a training step's pictures and their cotangents: three
 /// renders, and super-resolution of two.
-/// cotangents: three renders, super-resolution of two.
 #pragma once
 
 #include <rye/train/cuda/step_kernels.hpp>
@@ -21,7 +20,6 @@ class DeviceStepImageMemory {
   public:
     /// Returns pictures for renders of `channels`; the eyes' has as many with the high-resolution
     /// eye term, else 3.
-    /// of 3.
     template <class Device>
     DeviceStepImages of(const CudaQueue& queue, const DeviceViews<Device>& views, Index channels,
                         bool eyes_high) {

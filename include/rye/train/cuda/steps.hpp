@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/train/cuda/steps.hpp: inputs and results of DeviceAvatarTrainer without its kernels, for
 /// units that are not compiled for a device.
-/// for units that no device compiler sees.
 #pragma once
 
 #include <array>

@@ -10,7 +10,6 @@ namespace rye {
 
 /// Choices of a trainer: planes and widths of the networks' products, numbers of channels that
 /// renders have kernels for, accuracy of renders.
-/// renders have kernels for, the rules of renders.
 template <class Networks_ = DeviceNetworks<1>, class Channels_ = KernelChannels<3, 32>,
           DeviceAccuracy A = Balanced, int upsampler_planes_ = 1>
 struct DeviceTrainerPolicy {

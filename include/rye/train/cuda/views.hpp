@@ -78,8 +78,6 @@ class DeviceViews {
     /// Adds a view and its frame's drivers (packed by DriverPlaces); returns its number; waits.
     /// Throws an Error for arrays of another size, sides that the factor does not divide, and a
     /// size that differs from the first view's.
-    /// Throws an Error for arrays of another size, sides that the factor does not divide, and a
-    /// size that differs from the first view's.
     Index add(const CudaQueue& queue, const TrainingView& view, const std::vector<float>& drivers) {
         check(view);
         const std::size_t pixels = view.mask.size(), floats = drivers.size() * sizeof(float);
@@ -104,7 +102,6 @@ class DeviceViews {
 
     /// Moves all views of another object of the same factor to this one, which must be empty. The
     /// other keeps the memory of its step's pictures.
-    /// before. Memory of a step's pictures stays the other's.
     void take(DeviceViews& from) {
         RYE_ASSERT(count() == 0 && factor_ == from.factor_, "DeviceViews: cannot take the views");
         kept_ = std::exchange(from.kept_, {});
