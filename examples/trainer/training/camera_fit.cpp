@@ -9,10 +9,10 @@
 namespace rye::trainer {
 namespace {
 
-constexpr Index of_camera = 7; ///< unknowns: turn, shift, log_focal
+constexpr Index of_camera = 7; ///< number of unknowns: turn, shift, log_focal
 
-/// The least squares. Unknowns are those of all cameras, unless they are held, and three of each
-/// point, in units of their priors' deviations.
+/// Least-squares problem. The unknowns are those of all cameras, unless they are held, and three
+/// for each point, in units of their priors' deviations.
 class Fit {
   public:
     Fit(const std::vector<Pinhole<double>>& cameras, const Columns<double>& points,
@@ -42,7 +42,7 @@ class Fit {
     Vec3<double> offset(const VecX<double>& x, Index point) const {
         return priors_.point * x.segment<3>(first_point_ + 3 * point);
     }
-    /// Distance of what is seen from where it should be [px].
+    /// Returns the distance of the seen point from its expected position [px].
     Vec2<double> off(const VecX<double>& x, const SeenPoint& s) const {
         const Pinhole<double> c =
             changed(cameras_[static_cast<std::size_t>(s.camera)], change(x, s.camera));
@@ -51,7 +51,7 @@ class Fit {
     }
 
   private:
-    /// Huber's cost of a squared distance in deviations, and its weight.
+    /// Bound of Huber's cost, in deviations: quadratic below, linear above.
     static constexpr double bend = 2;
     static double huber(double squared) {
         return squared <= bend * bend ? squared : 2 * bend * std::sqrt(squared) - bend * bend;
@@ -66,7 +66,8 @@ class Fit {
         return sum;
     }
 
-    /// Derivatives of a place in the picture: 2 x (a camera's unknowns, the point's).
+    /// Returns the derivatives of a position in the picture: 2 x (a camera's unknowns, the
+    /// point's).
     Mat<double, 2, of_camera + 3> derivatives(const VecX<double>& x, const SeenPoint& s) const {
         const Pinhole<double>& is = cameras_[static_cast<std::size_t>(s.camera)];
         const CameraChange by = change(x, s.camera);
@@ -76,7 +77,7 @@ class Fit {
         Mat<double, 2, 3> of_at;
         of_at << c.fx / at.z(), 0, -c.fx * at.x() / (at.z() * at.z()), //
             0, c.fy / at.z(), -c.fy * at.y() / (at.z() * at.z());
-        Mat3<double> turned; // by a small turn: turn x at
+        Mat3<double> turned; // derivative of turn x at by a small turn
         turned << 0, at.z(), -at.y(), -at.z(), 0, at.x(), at.y(), -at.x(), 0;
         Mat<double, 2, of_camera + 3> d;
         d.leftCols<3>() = priors_.turn * of_at * turned;

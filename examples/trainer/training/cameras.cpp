@@ -22,13 +22,13 @@ namespace rye::trainer {
 namespace {
 
 constexpr double degree = 3.14159265358979323846 / 180;
-/// `rye capture --seed 5` and 6, of rye's own head and of a face model, whose cameras are right,
-/// seem off by up to 1.2 mm, and by 1.5 mm where gazes, poses and landmarks are wrong.
+/// Bound on CameraFinding::off [mm]. The correct cameras of `rye capture --seed 5` and 6 (rye's own
+/// head, a face model) seem off by up to 1.2 mm, with wrong gazes, poses and landmarks by 1.5 mm.
 constexpr double bound = 2.5;
 constexpr std::size_t fewest_frames = 6;
 constexpr int fewest_eyes = 6; ///< in a camera's pictures
 
-/// Corrects the cameras of one capture.
+/// Correction of the cameras of one capture.
 class CameraCorrector {
   public:
     CameraCorrector(Capture& capture, const TrainConfig& config) : c_(capture), config_(config) {
@@ -37,7 +37,7 @@ class CameraCorrector {
         choose_frames();
         if (judged_.empty()) return;
         see_masks();
-        // By masks irises come near to where they are looked for, and then nearer by irises.
+        // Masks bring irises close to where they are searched, then irises refine the fit.
         CameraFit fit = fit_cameras(cameras_, lids_, masks_, of_masks());
         constexpr int rounds = 2;
         for (int round = 0; round < rounds; ++round) {
@@ -69,9 +69,9 @@ class CameraCorrector {
         return found_.not_judged.empty();
     }
 
-    /// Training frames, evenly chosen, and cameras whose numbers all of these share.
+    /// Chooses training frames, evenly, and the cameras whose numbers are the same in all of them.
     void choose_frames() {
-        constexpr std::size_t most = 32; // the unknowns of one least squares are few
+        constexpr std::size_t most = 32; // the unknowns of one least-squares problem are few
         const std::size_t n = c_.train.size(), taken = std::min(n, most);
         for (std::size_t i = 0; i < taken; ++i) frames_.push_back(c_.train[i * n / taken]);
         for (int k = 0; k < c_.camera_count(); ++k) {
@@ -92,7 +92,7 @@ class CameraCorrector {
         }
     }
 
-    /// Puts changed cameras into the chosen frames, those without a change bit for bit.
+    /// Puts changed cameras into the chosen frames; cameras without a change keep their bits.
     void put(const std::vector<CameraChange>& changes) {
         for (std::size_t k = 0; k < judged_.size(); ++k) {
             const CameraChange& by = changes[k];
@@ -104,7 +104,7 @@ class CameraCorrector {
         }
     }
 
-    /// Middles of lids, and of the eyes in the masks.
+    /// Finds the middles of lids, and of the eyes in the masks.
     void see_masks() {
         lids_.resize(3, 2 * static_cast<Index>(frames_.size()));
         for (std::size_t i = 0; i < frames_.size(); ++i) {
@@ -143,20 +143,20 @@ class CameraCorrector {
             const Vec2<double>&a = at[l], &b = at[(l + 1) % 6];
             area += (a.x() * b.y() - a.y() * b.x()) / 2;
         }
-        // Of an eye that the nose hides in part, and of closed ones, the middle is elsewhere.
+        // The middle is elsewhere for closed eyes and eyes that the nose partly hides.
         const double shown = count / std::max(1.0, std::abs(area));
         if (shown < 0.5 || shown > 2) return;
-        constexpr double off = 0.3; // of the eye's width: masks tell little beside irises
+        constexpr double off = 0.3; // times the eye's width: masks say little compared with irises
         masks_.push_back({static_cast<int>(k), point(i, e), sum / count,
                           std::max(0.5, off * (at[3] - at[0]).norm())});
     }
     static CameraPriors of_masks() {
         CameraPriors priors;
-        priors.point = 0.02; // the middle of lids is not that of what is seen between them
+        priors.point = 0.02; // the middle of the lids is not that of the visible eye
         return priors;
     }
 
-    /// The fit to irises, which are looked for by the cameras that are put, and to masks.
+    /// Returns the fit to masks and to irises, which are searched with the current cameras.
     CameraFit by_irises() {
         const Index eyes = lids_.cols();
         std::vector<std::array<EyeballInHead, 2>> balls(frames_.size());
@@ -180,7 +180,7 @@ class CameraCorrector {
         for (std::size_t i = 0; i < frames_.size(); ++i)
             for (std::size_t e = 0; e < 2; ++e)
                 for (const SeenIris& s : irises[i][e]) {
-                    constexpr double off = 0.03; // of the edge: where a sharp iris seems to be
+                    constexpr double off = 0.03; // error of a sharp iris, times its edge
                     const int k = index[static_cast<std::size_t>(s.camera)];
                     if (k >= 0)
                         seen_.push_back({k, point(i, e), s.at, off * s.edge / s.sharpness});
@@ -271,7 +271,7 @@ class CameraCorrector {
         const double length = mm_per_unit * offset.norm();
         return worst <= found_.bound && length > found_.bound / 2 ? length : 0;
     }
-    /// By how much two cameras show the head's landmarks apart, root mean square.
+    /// Computes the root mean square distance between the landmarks as two cameras show them.
     void displacement(std::size_t k, const Pinhole<double>& right, CameraFinding& f) const {
         double pixels = 0, lengths = 0, count = 0;
         for (const int i : frames_) {
@@ -293,9 +293,9 @@ class CameraCorrector {
     const TrainConfig& config_;
     std::vector<int> frames_;
     std::vector<std::size_t> judged_;      ///< indices of cameras
-    std::vector<Pinhole<double>> cameras_; ///< of these, as they are in training frames
-    Columns<double> lids_;                 ///< middles of lids, 3 x (2 a frame)
-    std::vector<SeenPoint> masks_;         ///< of them, in the pictures
+    std::vector<Pinhole<double>> cameras_; ///< judged_ cameras, as they are in training frames
+    Columns<double> lids_;                 ///< middles of lids, 3 x (2 per frame)
+    std::vector<SeenPoint> masks_;         ///< middles of eyes in masks
     std::vector<SeenPoint> seen_;          ///< irises, then masks
     std::size_t irises_ = 0;
     CameraFindings found_;

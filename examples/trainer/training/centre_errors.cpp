@@ -8,7 +8,7 @@
 namespace rye::trainer {
 namespace {
 
-/// Sum of the lengths of the vectors less one.
+/// Returns the sum of the lengths of the vectors minus `less`.
 double sum_of_lengths(const std::vector<Vec3<double>>& all, const Vec3<double>& less) {
     double sum = 0;
     for (const Vec3<double>& v : all) sum += (v - less).norm();

@@ -51,7 +51,7 @@ struct ViewColumns {
 template <class T>
 struct GaussianView {
     ViewColumns<T, 3> mean;      ///< 3 x N  [world units]
-    ViewColumns<T, 4> rotation;  ///< 4 x N  quaternions (w, x, y, z) of any norm; 0: no turn
+    ViewColumns<T, 4> rotation;  ///< 4 x N  quaternions (w, x, y, z) of any norm; 0: identity
     ViewColumns<T, 3> scale;     ///< 3 x N  standard deviations along the own axes [world units]
     ViewColumns<T, 1> opacity;   ///< 1 x N  in 0..1
     const T* feature = nullptr;  ///< C x N, `stride` numbers from one Gaussian to the next
