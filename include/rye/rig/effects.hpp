@@ -76,7 +76,8 @@ struct HeadPose {
     static constexpr EffectBound droppable{least_move, "a pose component [rad, unit]"};
 };
 
-/// As Expression, driven by the head pose code, where lambda_exp is below 1.
+/// Colour, displacement and attributes of the face, driven by the head pose code where lambda_exp
+/// is below 1.
 struct PoseResidual {
     static constexpr std::string_view name = "pose residual";
     static constexpr Reads reads = Reads::head_pose;
