@@ -89,8 +89,8 @@ template <class V>
             V(share * two * d2)};
 }
 
-/// Returns the cotangent of x, from the windowed means of the slopes by the means of x, x^2 and x
-/// y.
+/// Returns the cotangent of x, from the windowed means of the slopes by the means of x, x^2 and
+/// x y.
 template <class V>
 [[gnu::always_inline]] RYE_HD inline V ssim_pull(const V& x, const V& y, const V& by_x,
                                                  const V& by_xx, const V& by_xy) {

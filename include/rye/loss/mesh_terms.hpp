@@ -63,8 +63,8 @@ LossTerm<T> mean_absolute(const ColumnsView<T>& x) {
 
 } // namespace detail
 
-/// Returns L_RGB: mean over pixels and channels of |(color - target) visible|. color, target: 3 x
-/// P, visible: 1 x P. Invisible pixels count in the mean, as zeros.
+/// Returns L_RGB: mean over pixels and channels of |(color - target) visible|. color, target:
+/// 3 x P, visible: 1 x P. Invisible pixels count in the mean, as zeros.
 template <class T, Backend B>
 LossTerm<T> color_term(const B& backend, const std::type_identity_t<ColumnsView<T>>& color,
                        const std::type_identity_t<ColumnsView<T>>& target,
@@ -108,8 +108,8 @@ LossTerm<T> deformation_term(const ColumnsView<T>& deformed, const ColumnsView<T
     return detail::sum_of_squares<T>(difference, difference.size());
 }
 
-/// Returns L_offset of one deformation: mean over points of the squared length of its raw output, D
-/// x M.
+/// Returns L_offset of one deformation: mean over points of the squared length of its raw output,
+/// D x M.
 template <class T>
 LossTerm<T> offset_term(const ColumnsView<T>& displacement) {
     return detail::sum_of_squares<T>(displacement, displacement.cols());
@@ -121,8 +121,8 @@ LossTerm<T> landmark_term(const ColumnsView<T>& sdf) {
     return detail::mean_absolute<T>(sdf);
 }
 
-/// Returns L_lap: mean over vertices and axes of the squared uniform Laplacian of posed vertices, 3
-/// x V in the world; its weight depends on the world's unit.
+/// Returns L_lap: mean over vertices and axes of the squared uniform Laplacian of posed vertices,
+/// 3 x V in the world; its weight depends on the world's unit.
 template <class T>
 LossTerm<T> laplacian_term(const ColumnsView<T>& vertices, const std::vector<Face>& faces) {
     const Columns<T> laplacian = uniform_laplacian<T>(vertices, faces);

@@ -52,8 +52,8 @@ struct WeightedMask {
     T weight;
 };
 
-/// Absolute difference of one masked number: |d|, and its share of a cotangent of slope s: sign(d)
-/// s.
+/// Absolute difference of one masked number: |d|, and its share of a cotangent of slope s:
+/// sign(d) s.
 template <class T>
 struct AbsoluteDifference {
     T d;
@@ -117,8 +117,8 @@ LossGradient<T> masked_l1(const B& backend, const std::type_identity_t<ColumnsVi
     return loss;
 }
 
-/// Returns the sum of mask (a - b)^2 over all channels, relative to the mask's, in double; 0 if the
-/// mask is 0 everywhere.
+/// Returns the mean of (a - b)^2 over pixels and channels, weighted by the mask, in double; 0 if
+/// the mask is 0 everywhere.
 template <class T>
 double mean_squared_error(const std::type_identity_t<ColumnsView<T>>& a,
                           const std::type_identity_t<ColumnsView<T>>& b, const Columns<T>& mask) {

@@ -38,8 +38,8 @@ NeighbourGraph four_nearest(const Columns<T>& points, Index first = 0) {
     return graph;
 }
 
-/// Returns a graph of an eyeball's points (eyeball frame: relative to its centre, iris toward +z, 3
-/// x N, N > 4): for each point the three nearest, and the one nearest to its position after a
+/// Returns a graph of an eyeball's points (eyeball frame: relative to its centre, iris toward +z,
+/// 3 x N, N > 4): for each point the three nearest, and the one nearest to its position after a
 /// quarter turn about +z; the fourth nearest if that is the point itself or one of the three. An
 /// eyeball looks alike all around its axis, so that an unobserved part takes the colour of its
 /// ring, not of the shadow at the edge of the observed part.

@@ -2,7 +2,8 @@
 /// rye/loss/ssim.hpp: structural similarity of two images in 0..1, with an 11 x 11 Gaussian window
 /// of sigma 1.5 px. Computed as (1 - (mx - my)^2 / (mx^2 + my^2 + C1)) (1 - var(x - y) / (var x +
 /// var y + C2)), which is the usual product, but exactly 1 for equal images and never above. In
-/// double throughout. Source: Wang et al., "Image Quality Assessment", 2004, eq. 13.
+/// double throughout.
+/// Source: Wang et al., "Image Quality Assessment", 2004, eq. 13.
 #pragma once
 
 #include <algorithm>
