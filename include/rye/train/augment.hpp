@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/train/augment.hpp: random scale between the feature render and super-resolution: the map is
-/// resized (nearest neighbour) by 0.8 to 1.25 and cut or padded back to its size, and likewise
-/// picture and visibility, so that the upsampler sees many sizes of the same head. Padding is 1.
+/// resized (nearest neighbour) by 0.8 to 1.25 and cut or padded back to its size, as are picture
+/// and visibility, so that the upsampler sees many sizes of the same head. Padding is 1.
 /// Source: GHA, training of stage 2.
 #pragma once
 

@@ -20,7 +20,8 @@
 
 namespace rye {
 
-/// Terms of the second stage's objective, unweighted but for the total; 0 for those that are off.
+/// Terms of the second stage's objective, unweighted except for the total; 0 for those that are
+/// off.
 template <class T>
 struct AvatarLosses {
     T high_resolution = T(0), low_resolution = T(0), perceptual = T(0), dssim = T(0);

@@ -12,7 +12,7 @@
 
 namespace rye {
 
-/// Terms of the first stage's objective, unweighted but for the total.
+/// Terms of the first stage's objective, unweighted except for the total.
 template <class T>
 struct MeshLosses {
     T rgb = T(0), silhouette = T(0), deform = T(0), offset = T(0), landmark = T(0);

@@ -99,7 +99,6 @@ std::vector<double> landmark_regressors(const Drivers<T, E>& drivers) {
 
 /// Displacement of L landmarks: displacement(l, axis) = sum over k of coefficient(k, 3 l + axis)
 /// x_k.
-/// x_k.
 struct LandmarkRegression {
     Columns<double> coefficient; ///< K x 3 L [unit per unit of a regressor]
     bool knows_shapes = false;   ///< true if a face model gives a shape for every coefficient

@@ -40,7 +40,7 @@ struct StepDraw {
 struct DeviceStepsReport {
     AvatarLosses<float> losses; ///< of the last step
     Index steps = 0;            ///< taken since the trainer was made, including refused ones
-    Index refused_in_a_row = 0; ///< for a gradient that is not finite; nothing has changed since
+    Index refused_in_a_row = 0; ///< for a gradient that is not finite; such steps change nothing
     std::string bad_field;      ///< field of the last step's bad gradient, if it was refused
 };
 
