@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/interactive/player.hpp: successive pictures of a playable avatar, of which only the parts
 /// that differ from the previous picture are computed (interactive/frame_cache.hpp). Pictures have
-/// three channels
-/// in 0..1, sRGB as trained, at the size of the camera; they equal those of drive(),
+/// three channels in 0..1, sRGB as trained, at the size of the camera; they equal those of drive(),
 /// Rasterizer::forward and upsampler_forward bit for bit.
 /// Memory: that of the frame cache.
 #pragma once
