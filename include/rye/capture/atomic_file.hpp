@@ -94,8 +94,8 @@ private:
         name += ".tmp-" + std::to_string(i);
         return name;
     }
-    /// Returns true if the name refers to the open file: another process may have moved or removed
-    /// it.
+    /// Returns true if the name refers to the open file: another process may have moved or
+    /// removed it.
     static bool names(const std::filesystem::path& name, int descriptor) {
         struct stat a {}, b {};
         return ::fstat(descriptor, &a) == 0 && ::lstat(name.c_str(), &b) == 0 &&

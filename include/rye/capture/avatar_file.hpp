@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// rye/capture/avatar_file.hpp: one file with all that is needed to show an avatar: NAME.avatar, a
-/// safetensors
-/// file with format, version, settings and a checksum in its metadata; docs/runs.md has the
-/// tables. Positions are F32, the other parameters F16 or F32, so that a file is a few megabytes.
-/// Nothing in it depends on a path, a capture or a clock.
+/// safetensors file with format, version, settings and a checksum in its metadata; docs/runs.md has
+/// the tables. Positions are F32, the other parameters F16 or F32, so that a file is a few
+/// megabytes. Nothing in it depends on a path, a capture or a clock.
 #pragma once
 
 #include <array>

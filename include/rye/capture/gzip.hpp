@@ -96,7 +96,7 @@ inline Bytes gunzip(const GzipContents& contents, const std::string& who,
 }
 
 /// Returns the data of a gzip file of one member; throws an Error as gzip_contents and the other
-/// gunzip do.
+/// overload do.
 inline Bytes gunzip(ByteSpan file, const std::string& who, std::uint64_t memory = default_memory) {
     return gunzip(gzip_contents(file, who), who, memory);
 }

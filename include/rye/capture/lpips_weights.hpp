@@ -13,8 +13,8 @@
 namespace rye {
 
 /// Fills weights, which have the expected shapes, from a file that `who` names. Throws an Error for
-/// a missing array, another shape, numbers that are not finite, and negative ones where none may
-/// be.
+/// a missing array, another shape, numbers that are not finite, and negative ones where none
+/// may be.
 template <Real T>
 void load_lpips_weights(const Safetensors& file, const std::string& who, LpipsWeights<T>& weights) {
     LpipsWeights<T>::fields(

@@ -50,8 +50,8 @@ struct NpyArray {
     }
     std::string type() const { return std::string(1, kind) + std::to_string(item_size); }
 
-    /// Returns the converted numbers; throws an Error, with `who` first, for one that does not fit
-    /// T.
+    /// Returns the converted numbers; throws an Error, with `who` first, for one that does not
+    /// fit T.
     template <class T>
     std::vector<T> values(const std::string& who) const;
 };
