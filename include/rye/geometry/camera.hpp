@@ -96,7 +96,7 @@ struct ImageSize {
     int width, height;  ///< [px]
 };
 
-/// Returns a camera at `eye`, looking at `target` in the image centre. Throws Error for bad
+/// Returns a camera at `eye`, looking at `target` in the image centre. Throws an Error for bad
 /// arguments.
 template <Real T>
 Pinhole<T> look_at(const Vec3<T>& eye, const Vec3<T>& target, const Vec3<T>& up, T vertical_fov_rad,

@@ -77,8 +77,8 @@ inline constexpr std::array<TetCase, 16> tet_cases{{{0, {}},
 
 } // namespace detail
 
-/// Returns the topology of the zero surface of sdf, 1 x V; sdf = 0 is inside. Throws Error if not
-/// finite.
+/// Returns the topology of the zero surface of sdf, 1 x V; sdf = 0 is inside. Throws an Error if
+/// not finite.
 template <class T, Backend B>
 SurfaceTopology surface_topology(const B& backend, const TetTopology& grid,
                                  const std::type_identity_t<ColumnsView<T>>& sdf) {

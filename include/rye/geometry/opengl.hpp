@@ -80,7 +80,7 @@ void check_projection(const Mat<T, 4, 4>& p) {
 /// x height pixels; off-centre projections (glFrustum) give a principal point off the centre. The
 /// near plane, by `clip`, is the camera's near_depth [world units]; a far plane is not kept. A
 /// positive multiple of the specification's matrix is the same camera, as clip coordinates are
-/// homogeneous. Throws Error, with the entry and its value, for an empty image, numbers that are
+/// homogeneous. Throws an Error, with the entry and its value, for an empty image, numbers that are
 /// not finite, a view that is not rigid or mirrors, a projection that is orthographic, left-handed,
 /// skewed, mirrored or has an oblique near plane, and a near plane that is not in front.
 template <Real T>

@@ -76,7 +76,7 @@ Vec2<widened_t<T>> to_outline(const ScreenMesh<T>& mesh, const SilhouetteTrace::
 
 } // namespace detail
 
-/// Finds the contributing faces of one band, `covered` has one entry per pixel of the band. The
+/// Finds the contributing faces of one band; `covered` has one entry per pixel of the band. The
 /// band's faces are ordered by index.
 template <class T>
 SilhouetteTrace silhouette_trace(const ScreenFaces<T>& screen, const FaceBand& band,

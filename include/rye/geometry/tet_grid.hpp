@@ -39,7 +39,8 @@ struct TetGrid {
     TetTopology topology;
 };
 
-/// Builds the edges. Throws Error if a vertex index is out of range or repeated in a tetrahedron.
+/// Builds the edges. Throws an Error if a vertex index is out of range or repeated in a
+/// tetrahedron.
 inline TetTopology tet_topology(Index vertex_count, std::vector<Tet> tets) {
     const auto at = [](Index i) { return static_cast<std::size_t>(i); };
     TetTopology out{vertex_count, std::move(tets), {}, {}};
@@ -90,10 +91,11 @@ T tet_volume(const ColumnsView<T>& vertices, const Tet& tet) {
     return area_vector<T>(a, b, c).dot(ad) / T(6);
 }
 
-/// Returns a body-centred cubic lattice that fills the box [lo, hi] exactly; throws Error for bad
-/// sizes. The cell edge is rounded to fit whole cells. Four tetrahedra surround each cell face: its
-/// four sides, joined to the two cell centres (at the box border, to the cell and face centres).
-/// Vertices: corners, then centres, then centres of border faces; about 12 tetrahedra per cell.
+/// Returns a body-centred cubic lattice that fills the box [lo, hi] exactly; throws an Error for
+/// bad sizes. The cell edge is rounded to fit whole cells. Four tetrahedra surround each cell face:
+/// its four sides, joined to the two cell centres (at the box border, to the cell and face
+/// centres). Vertices: corners, then centres, then centres of border faces; about 12 tetrahedra per
+/// cell.
 template <Real T>
 TetGrid<T> bcc_grid(const Vec3<T>& lo, const Vec3<T>& hi, T cell) {
     std::array<Index, 3> n{};
