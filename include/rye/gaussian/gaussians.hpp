@@ -50,7 +50,7 @@ struct ColumnRange {
     Index begin = 0, count = 0;
 };
 
-/// Throws Error unless every array has its number of rows and one column per Gaussian.
+/// Throws an Error unless every array has its number of rows and one column per Gaussian.
 template <class T>
 void check_shapes(const std::string& who, const Gaussians<T>& g) {
     const Index n = g.count();

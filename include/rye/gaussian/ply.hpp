@@ -62,7 +62,7 @@ struct PlyTarget {
     Index row = 0;
 };
 
-/// Returns destinations of the properties of a vertex; throws Error for a missing property.
+/// Returns destinations of the properties of a vertex; throws an Error for a missing property.
 template <class T>
 std::vector<PlyTarget<T>> ply_targets(const PlyHeader& h, GaussianCloud<T>& cloud, bool flat,
                                       const std::string& who) {
@@ -121,7 +121,7 @@ inline std::int64_t bytes_left(std::istream& in) {
 }
 
 /// Returns the rest of a stream of unknown length, at most the size that a binary header states.
-/// Throws Error beyond the limit.
+/// Throws an Error beyond the limit.
 inline std::string drained(std::istream& in, const PlyHeader& h, std::uint64_t memory,
                            const std::string& who) {
     const std::uint64_t want =
@@ -225,7 +225,7 @@ GaussianCloud<T> read_ply_body(std::istream& in, const PlyHeader& h, std::int64_
 } // namespace detail
 
 /// Reads a cloud; messages begin with `name`. Buffers streams that cannot seek, such as a pipe.
-/// Throws Error for a malformed header, for missing, invalid or non-finite numbers, and for a
+/// Throws an Error for a malformed header, for missing, invalid or non-finite numbers, and for a
 /// cloud, with the buffer of a pipe, of more bytes than `memory`.
 template <Real T>
 GaussianCloud<T> read_ply(std::istream& in, const std::string& name,

@@ -74,7 +74,7 @@ inline std::string_view ply_word(std::string_view& line) {
     return word;
 }
 
-/// Returns a header line without its line end, LF or CRLF. Throws Error for an overlong line.
+/// Returns a header line without its line end, LF or CRLF. Throws an Error for an overlong line.
 inline std::string ply_line(std::istream& in, const std::string& who) {
     constexpr std::size_t longest = 4096;
     std::string line;
