@@ -14,8 +14,8 @@ bool has_stage_one(const std::filesystem::path& run);
 
 /// Copies the guidance mesh at the end of stage 1 of `run` into `state`, whose configuration,
 /// frames' mark and training frames are set. Throws an Error that names the run and the field if
-/// the two differ in a field that stage 1 reads; also for another capture, and for a run in stage
-/// 1.
+/// the two differ in a field that stage 1 reads; also for another capture, and for a run in
+/// stage 1.
 void take_stage_one(const std::filesystem::path& run, TrainState& state);
 
 } // namespace rye::trainer

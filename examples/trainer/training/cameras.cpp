@@ -23,7 +23,7 @@ namespace {
 
 constexpr double degree = 3.14159265358979323846 / 180;
 /// Bound on CameraFinding::off [mm]. The correct cameras of `rye capture --seed 5` and 6 (rye's own
-/// head, a face model) seem off by up to 1.2 mm, with wrong gazes, poses and landmarks by 1.5 mm.
+/// head, a face model) seem off by up to 1.6 mm, also with wrong gazes, poses and landmarks.
 constexpr double bound = 2.5;
 constexpr std::size_t fewest_frames = 6;
 constexpr int fewest_eyes = 6; ///< in a camera's pictures
@@ -242,9 +242,9 @@ class CameraCorrector {
         }
         take_corrected(c_, wrong);
     }
-    /// Length of the one offset in the head, of both eyes in all frames, that explains to within
-    /// the bound where all cameras show the eyes [mm]; 0 where none does. It is the labels', or
-    /// nothing tells whose it is.
+    /// Returns the length of the one offset in the head, of both eyes in all frames, that explains
+    /// to within the bound where all cameras show the eyes [mm]; 0 if none does. The labels have
+    /// it, or its source cannot be told.
     double common_offset(const CameraFit& fit) const {
         Mat3<double> squares = Mat3<double>::Zero();
         Vec3<double> sum = Vec3<double>::Zero(), offset = sum;

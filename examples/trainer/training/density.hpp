@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// training/density.hpp: rye/train/density.hpp for any avatar of a run, and the most Gaussians that
-/// its face can have.
+/// training/density.hpp: rye/train/density.hpp for any avatar of a run.
 #pragma once
 
 #include <rye/train/density.hpp>

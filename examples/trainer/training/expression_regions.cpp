@@ -97,7 +97,7 @@ RegressionConfig expression_prior(const Capture& capture, const Subject& subject
     if (config.fit_regions)
         prior.expression_reach = expression_reach(capture.expression_names, subject.neutral);
     if (config.fit_shapes) prior.expression_shapes = expression_shapes(capture);
-    // Gaze explains the remainder before shapes do.
+    // With known shapes, gaze comes first to explain their remainder.
     if (prior.expression_shapes.size() > 0)
         prior.expression_reach = Columns<double>::Constant(prior.expression_shapes.rows(),
                                                            subject.neutral.cols(), least);

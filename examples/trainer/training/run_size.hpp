@@ -20,8 +20,8 @@ struct RunSize {
 /// many more vertices as heads have more surface.
 struct SurfaceGuess {
     Columns<double> points; ///< 3 x N, on the sphere
-    VecX<double> vertices; ///< number of the surface's vertices that each stands for, N
-                           ///< with edges near eyes and lips as short as configured
+    VecX<double> vertices; ///< number of the surface's vertices that each stands for, N;
+                           ///< edges near eyes and lips are as short as configured
     Columns<double> landmarks; ///< all landmarks of the subject, on the sphere, 3 x L
 };
 SurfaceGuess surface_guess(const TrainConfig& config, const Subject& subject);

@@ -7,7 +7,7 @@
 ///                        pixel's weights add up to at most 1, and max(0, .) does not stretch
 ///   antialias            a splat thinner than a pixel calls for it; a dilation of d px^2 changes
 ///                        the opacity of one of variance s [px^2] by 2 d / (2.718 s) or less
-/// all others their inputs vary by less than their own bound
+///   all others           their inputs vary by less than their own bound
 #pragma once
 
 #include <algorithm>

@@ -70,7 +70,6 @@ class AvatarSteps {
 };
 /// Returns the steps of stage 2. `perceptual_weights`: a safetensors file for LPIPS, or empty for
 /// the weight-free loss. The state must not move.
-/// must stay where it is.
 std::unique_ptr<AvatarSteps> avatar_steps(TrainState& state,
                                           const std::filesystem::path& perceptual_weights);
 
@@ -102,7 +101,6 @@ struct PosedEyes {
     std::array<Vec3<double>, 2> centre; ///< world
     /// Share of eyeball e's Gaussians in the pixel's colour, with the face in front of them, as
     /// channel e; of the camera's size.
-    /// have when the face's are before and beside them.
     Image<float> area;
 };
 PosedEyes posed_eyes(const TrainState& state, const Drivers<float>& drivers,
