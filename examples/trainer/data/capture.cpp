@@ -21,7 +21,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-/// Destination of faults: a list, or an exception where there is none.
+/// Destination of faults: a list, or else an exception.
 class Faults {
   public:
     explicit Faults(std::vector<Problem>* list) : list_(list) {}
@@ -33,7 +33,7 @@ class Faults {
     void warning(const std::string& message) {
         if (list_) list_->push_back({Problem::Severity::warning, message});
     }
-    /// True if f() did not throw an Error.
+    /// Returns true if f() did not throw an Error.
     template <class F>
     bool attempt(F&& f) {
         try {
@@ -60,7 +60,8 @@ void require_finite(std::span<const double> values, const std::string& who) {
                         ", expected a finite number");
 }
 
-/// Finite values of one array, whose count must be one of `counts` (any count if empty).
+/// Returns the finite values of one array, whose count must be one of `counts` (any count if
+/// empty).
 std::vector<double> numbers(const NpyArray& array, const std::string& who,
                             std::initializer_list<Index> counts) {
     const Index* end = counts.end();
@@ -76,7 +77,7 @@ std::vector<double> numbers(const NpyArray& array, const std::string& who,
     return values;
 }
 
-/// The arrays of an npz and its file name.
+/// Arrays of an npz and its file name.
 struct Archive {
     explicit Archive(const fs::path& file) : path(file), arrays(read_npz(file, memory_limit())) {}
 
@@ -87,7 +88,7 @@ struct Archive {
         require(found != arrays.end(), label(name), "is missing from the file");
         return numbers(found->second, label(name), counts);
     }
-    /// Stored row-major.
+    /// Returns a matrix stored row-major.
     template <int Rows, int Cols>
     Mat<double, Rows, Cols> matrix(const std::string& name) const {
         const std::vector<double> v = get(name, {Rows * Cols});
@@ -106,7 +107,7 @@ struct Archive {
     NpzArrays arrays;
 };
 
-/// Points (N, 3) as 3 x N.
+/// Returns points (N, 3) as 3 x N.
 Columns<double> read_points(const fs::path& path) {
     const NpyArray array = read_npy(path);
     require(
@@ -216,7 +217,7 @@ Pinhole<double> read_camera(const fs::path& path) {
     return camera;
 }
 
-/// The first existing file of stem.jpg, stem.jpeg, stem.png; else an empty path.
+/// Returns the first existing file of stem.jpg, stem.jpeg, stem.png; else an empty path.
 fs::path find_image(const fs::path& folder, const std::string& stem) {
     for (const char* suffix : {".png", ".jpg", ".jpeg"})
         if (fs::path path = folder / (stem + suffix); fs::exists(path)) return path;
@@ -302,7 +303,7 @@ std::set<std::string> list_cameras(const fs::path& folder, const std::set<std::s
     return ids;
 }
 
-/// capture.json, or null if there is none.
+/// Returns capture.json, or null if there is none.
 Json read_description(const fs::path& path) {
     if (!fs::exists(path)) return nullptr;
     Json json = read_json(path);
@@ -310,7 +311,7 @@ Json read_description(const fs::path& path) {
     return json;
 }
 
-/// A list of strings; empty if the key is absent.
+/// Returns a list of strings; empty if the key is absent.
 std::vector<std::string> strings(const Json& json, const char* key, const std::string& who) {
     std::vector<std::string> out;
     if (!json.is_object() || !json.contains(key)) return out;
@@ -364,7 +365,7 @@ Splits default_splits(const std::vector<std::string>& ids, double test_fraction)
     return {{ids.begin(), ids.end() - tests}, {ids.end() - tests, ids.end()}, {}, {}};
 }
 
-/// Indices of the frames that were read.
+/// Returns the indices of the frames that were read.
 std::vector<int> indices(const Capture& c, const std::vector<std::string>& ids) {
     std::vector<int> out;
     for (const std::string& id : ids)
@@ -436,7 +437,7 @@ CaptureContents list_contents(const fs::path& folder, const CaptureOptions& opti
     return c;
 }
 
-/// Adds a frame and its views; false, with the fault, if it cannot be used.
+/// Adds a frame and its views; returns false, with the fault, if it cannot be used.
 bool add_frame(Capture& c, const std::string& id, bool needs_a_view, Faults& faults) {
     const fs::path images = c.folder / "images" / id;
     if (!fs::is_directory(images)) {
@@ -561,7 +562,7 @@ const CaptureView& present_view(const Capture& c, int frame, int camera) {
 
 namespace {
 
-/// Takes a camera's gains out of a picture of 8 bits.
+/// Divides a picture of 8 bits by a camera's gains, in linear light.
 void take_out(const Vec3<double>& gains, Image<float>& rgb) {
     std::array<std::array<float, 256>, 3> table{};
     for (std::size_t c = 0; c < 3; ++c)

@@ -33,7 +33,7 @@ struct Problem {
 /// Data of one eye in one frame, from gaze.npz.
 struct CaptureEye {
     Vec3<double> optical = Vec3<double>::UnitZ();  ///< unit optical axis, head frame
-    std::optional<Vec3<double>> optical_world;     ///< the same in the world, where the file has it
+    std::optional<Vec3<double>> optical_world;     ///< the same in the world, if the file has it
     std::optional<Vec3<double>> visual;            ///< unit visual axis, head frame
     std::optional<Vec3<double>> centre;            ///< centre of rotation, world
     std::optional<Vec2<double>> kappa;             ///< optical - visual (yaw, pitch) [deg]
@@ -42,7 +42,7 @@ struct CaptureEye {
     std::optional<double> iris_plane;              ///< iris lies near centre + iris_plane * optical
 };
 
-/// One moment, common to all cameras.
+/// Moment common to all cameras.
 struct CaptureFrame {
     std::string id;                 ///< name of its folders
     std::vector<float> expression;  ///< exp_coeff, any width, the same in all frames
@@ -50,19 +50,19 @@ struct CaptureFrame {
     double scale = 1;                              ///< head to world
     Columns<double> landmarks;                     ///< 3 x 66, world: iBUG without 48 and 54
     Columns<double> vertices;                      ///< 3 x V, world; V may be 0
-    std::array<CaptureEye, 2> eyes;                ///< valid where has_gaze
+    std::array<CaptureEye, 2> eyes;                ///< valid if has_gaze
     bool has_gaze = false;                         ///< gaze.npz exists
     bool has_centres = false;                      ///< gaze.npz has both eye centres
 };
 
-/// One frame as seen by one camera. Paths of missing optional files are empty.
+/// Frame as seen by one camera. Paths of missing optional files are empty.
 struct CaptureView {
     Pinhole<double> camera;  ///< of the full-size image
     std::filesystem::path image, mask, eye_mask, visible;
     bool present = false;    ///< false: this camera missed this frame
 };
 
-/// A camera whose numbers are wrong, and those that replace them.
+/// Camera whose numbers are wrong, and the numbers that replace them.
 struct CorrectedCamera {
     std::string camera;
     Pinhole<double> wrong, right;
@@ -77,7 +77,7 @@ enum class ImageContent {
 
 struct CaptureOptions {
     double test_fraction = 0.2;               ///< last frames kept for tests, without capture.json
-    std::size_t cache_bytes = std::size_t(1) << 30U;  ///< of decoded 8-bit images
+    std::size_t cache_bytes = std::size_t(1) << 30U;  ///< limit on decoded 8-bit images
     ImageContent content = ImageContent::automatic;
 };
 
@@ -87,25 +87,25 @@ struct CaptureContents {
     std::filesystem::path folder;
     std::string subject;                        ///< from capture.json, may be empty
     std::vector<std::string> camera_ids;
-    std::vector<std::string> expression_names;  ///< empty where capture.json does not name them
+    std::vector<std::string> expression_names;  ///< empty if capture.json does not name them
     std::vector<std::string> frames;            ///< of all lists, sorted
     std::vector<std::string> train, test, novel_gaze, independent_gaze;
     bool images_over_black = true;
-    std::string image_size;  ///< capture.json's, as JSON; empty where it has none
+    std::string image_size;  ///< capture.json's, as JSON; empty if it has none
 };
 
-/// The landmarks common to both of Gaussian Head Avatar's sets, 66 of 66 or 68: all but the lip
-/// corners 48 and 54. Throws Error that begins with `who` for another number.
+/// Returns the landmarks common to both of Gaussian Head Avatar's sets, 66 of 66 or 68: all except
+/// the lip corners 48 and 54. Throws an Error that begins with `who` for another number.
 Columns<double> common_landmarks(const Columns<double>& all, const std::string& who);
 
-/// Decoded 8-bit images, evicting the least recently used first.
+/// Cache of decoded 8-bit images that evicts the least recently used first.
 class ImageCache {
 public:
     explicit ImageCache(std::size_t budget = std::size_t(1) << 30U) : budget_(budget) {}
     ImageCache(ImageCache&&) = default;
     ImageCache& operator=(ImageCache&&) = default;
 
-    /// The image of `path` in `channels`, read unless cached. Valid until the next call.
+    /// Returns the image of `path` in `channels`, read unless cached; valid until the next call.
     const Image8& get(const std::filesystem::path& path, int channels);
     std::size_t bytes() const { return bytes_; }
 
@@ -120,69 +120,72 @@ private:
     std::map<std::string, std::list<Entry>::iterator> by_key_;
 };
 
-/// A capture. Images are decoded on demand and cached: not for concurrent use by several threads.
+/// Capture whose images are decoded on demand and cached: not for concurrent use by several
+/// threads.
 struct Capture {
     std::filesystem::path folder;
     std::string subject;                      ///< from capture.json, may be empty
     std::vector<std::string> camera_ids;
-    std::vector<std::string> expression_names;  ///< empty where capture.json does not name them
+    std::vector<std::string> expression_names;  ///< empty if capture.json does not name them
     std::vector<CaptureFrame> frames;
     std::vector<CaptureView> views;           ///< frames x cameras, a frame's views adjacent
     std::vector<int> train, test, novel_gaze, independent_gaze;  ///< indices of frames
     int width = 0;                            ///< of the full-size images [px]
     int height = 0;
     bool images_over_black = true;            ///< of the files; image() is always over black
-    bool has_eye_masks = false;               ///< for every view that is present
-    /// Of each camera, factors of the linear light of red, green and blue, which image() takes out;
-    /// empty: none is known.
+    bool has_eye_masks = false;               ///< true if every present view has one
+    /// Factors of the linear light of red, green and blue for each camera, which image() removes;
+    /// empty if unknown.
     std::vector<Vec3<double>> camera_gains;
-    std::vector<CorrectedCamera> corrected_cameras; ///< of which views have the right numbers
+    std::vector<CorrectedCamera> corrected_cameras; ///< replaced where views had the wrong numbers
 
     int frame_count() const { return static_cast<int>(frames.size()); }
     int camera_count() const { return static_cast<int>(camera_ids.size()); }
     int expression_width() const {
         return frames.empty() ? 0 : static_cast<int>(frames.front().expression.size());
     }
-    bool has_gaze() const;       ///< of every frame
-    bool has_centres() const;    ///< of every frame
+    bool has_gaze() const;       ///< true if every frame has it
+    bool has_centres() const;    ///< true if every frame has them
     const CaptureView& view(int frame, int camera) const;
     const Pinhole<double>& camera(int f, int c) const { return view(f, c).camera; }
 
-    /// 3 channels in [0, 1], sRGB as stored, premultiplied over black: add (1 - mask) * background.
+    /// Returns 3 channels in [0, 1], sRGB as stored, premultiplied over black: add (1 - mask) *
+    /// background.
     Image<float> image(int frame, int camera) const;
-    /// 1 channel in [0, 1]: coverage of the pixel by the subject.
+    /// Returns 1 channel in [0, 1]: coverage of the pixel by the subject.
     Image<float> mask(int frame, int camera) const;
-    /// 2 channels, 0 or 1: pixels of the visible left and right eyeball; zeros without an eye mask.
+    /// Returns 2 channels, 0 or 1: pixels of the visible left and right eyeball; zeros without an
+    /// eye mask.
     Image<float> eye_mask(int frame, int camera) const;
-    /// 1 channel in [0, 1]: 0 where the image is padded; ones without a visible file.
+    /// Returns 1 channel in [0, 1]: 0 where the image is padded; ones without a visible file.
     Image<float> visible(int frame, int camera) const;
 
     mutable ImageCache cache;
 };
 
-/// The six landmarks around an eye, as columns of CaptureFrame::landmarks. In the order of iBUG
+/// Returns the six landmarks around an eye, as columns of CaptureFrame::landmarks. In iBUG's order
 /// the lids on the image's left, 36 to 41, are the subject's right eye.
 constexpr std::array<int, 6> eye_landmarks(int eye) {
     return eye == 0 ? std::array<int, 6>{42, 43, 44, 45, 46, 47}
                     : std::array<int, 6>{36, 37, 38, 39, 40, 41};
 }
 
-/// Throws Error if capture.json or the folder is not that of a capture.
+/// Returns the contents; throws an Error if capture.json or the folder is not that of a capture.
 CaptureContents read_contents(const std::filesystem::path& folder,
                               const CaptureOptions& options = {});
 
 /// Reads one frame for these cameras, without pixels; opens no file of another frame or camera. All
-/// of its views may be absent. Faults as in read_capture.
+/// of its views may be absent. Reports faults as read_capture does.
 Capture read_capture_frame(const CaptureContents& contents, const std::string& frame,
                            const std::vector<std::string>& cameras,
                            const CaptureOptions& options = {},
                            std::vector<Problem>* problems = nullptr);
 
-/// Reads a camera_<name>.npz; its size is not in it. Throws Error naming file and field.
+/// Reads a camera_<name>.npz; its size is not in it. Throws an Error that names file and field.
 Pinhole<double> read_capture_camera(const std::filesystem::path& path);
 
-/// Reads everything but the pixels. Without `problems` throws the first fault as an Error;
-/// otherwise adds every fault to the list and returns what could be read.
+/// Reads everything except the pixels. Without `problems` throws the first fault as an Error;
+/// otherwise adds every fault to the list and returns the rest.
 Capture read_capture(const std::filesystem::path& folder, const CaptureOptions& options = {},
                      std::vector<Problem>* problems = nullptr);
 

@@ -23,7 +23,7 @@ void write_bytes(const fs::path& path, ByteSpan bytes) {
     write_atomic(path, bytes, Durability::atomic_only);
 }
 
-/// The numbers in the shape of an array; of 32 bits where it has 32.
+/// Returns the numbers in the shape of an array; of 32 bits if it has 32.
 NpyArray like(const NpyArray& array, const std::vector<double>& values) {
     if (array.kind != 'f' || array.item_size != 4) return npy_array<double>(array.shape, values);
     std::vector<float> narrow;
@@ -31,7 +31,7 @@ NpyArray like(const NpyArray& array, const std::vector<double>& values) {
     return npy_array<float>(array.shape, narrow);
 }
 
-/// Replaces the numbers of an array of an archive that has it by edit(numbers).
+/// Replaces the numbers of an array, if the archive has it, by edit(numbers).
 template <class F>
 void edit(NpzArrays& arrays, const std::string& name, const std::string& who, F&& f) {
     const auto found = arrays.find(name);
@@ -41,7 +41,7 @@ void edit(NpzArrays& arrays, const std::string& name, const std::string& who, F&
     found->second = like(found->second, values);
 }
 
-/// The motion of the world that takes the head from one pose to another.
+/// Motion of the world that takes the head from one pose to another.
 struct HeadMotion {
     Mat3<double> rotation, last;
     Vec3<double> from, to;
@@ -140,7 +140,7 @@ void change_cameras(const fs::path& from, const fs::path& to, const CorrectedCam
     }
 }
 
-/// Moves the points of a file of them.
+/// Moves the points of a file.
 void change_points(const fs::path& file, const HeadMotion& motion) {
     const NpyArray array = read_npy(file);
     std::vector<double> values = array.values<double>(file.string());
@@ -148,7 +148,7 @@ void change_points(const fs::path& file, const HeadMotion& motion) {
     write_bytes(file, npy_bytes(like(array, values)));
 }
 
-/// States the checksums of the arrays that were changed, where capture.json states any.
+/// Updates the checksums of the changed arrays, if capture.json states any.
 void restate_checksums(const fs::path& folder, const std::vector<std::string>& changed) {
     const fs::path file = folder / "capture.json";
     if (!fs::exists(file)) return;
@@ -223,7 +223,7 @@ void write_changed_capture(const fs::path& from, const fs::path& out,
             const std::string text = checked_text(record, 1);
             write_bytes(parts / name, as_bytes(text));
         }
-        read_capture(parts); // throws for what is wrong with it
+        read_capture(parts); // throws for any fault
         if (fs::exists(out)) fs::remove(out);
         fs::rename(parts, out);
     } catch (...) {

@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 using RowMajor = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 
-/// {"intrinsic": [fx, fy, cx, cy], "extrinsic": 12 numbers of 3 rows}.
+/// Returns {"intrinsic": [fx, fy, cx, cy], "extrinsic": 12 numbers of 3 rows}.
 Json json_of(const Pinhole<double>& c) {
     RowMajor extrinsic;
     extrinsic << c.camera_from_world.rotation, c.camera_from_world.translation;
@@ -87,7 +87,7 @@ void save_corrected_cameras(const fs::path& run, const std::vector<CorrectedCame
     const fs::path path = corrected_cameras_path(run);
     if (corrected.empty()) {
         std::error_code ignored;
-        fs::remove(path, ignored); // of a run that was here
+        fs::remove(path, ignored); // of an earlier run
         return;
     }
     Json cameras = Json::array();

@@ -21,7 +21,7 @@ Vec3<double> eye_landmark_centre(const Columns<double>& landmarks, int eye) {
     return sum / 6.0;
 }
 
-/// Of vertices, each so many one is a landmark.
+/// Returns the stride of the vertices that are dense landmarks.
 Index vertex_stride(const Columns<double>& vertices) {
     return std::max<Index>(1, vertices.cols() / dense_landmarks);
 }
@@ -72,7 +72,7 @@ Subject describe_subject(const Capture& capture, const TrainConfig& config) {
     s.neutral = to_canonical(first, frame_landmarks(capture, capture.train.front()));
     const Index sparse = first.landmarks.cols();
     for (Index k = 0; k < s.neutral.cols(); ++k)
-        if (k < 36 || k >= 48) s.roles.expression.push_back(k);  // P_0: all but the eyes
+        if (k < 36 || k >= 48) s.roles.expression.push_back(k);  // P_0: all except the eyes
     for (int eye = 0; eye < 2; ++eye)
         for (const int k : eye_landmarks(eye)) s.roles.eye[static_cast<std::size_t>(eye)].push_back(k);
 
@@ -186,7 +186,7 @@ AvatarSample<float> avatar_sample(const Capture& capture, const TrainConfig& con
     const auto place = std::find(capture.train.begin(), capture.train.end(), frame);
     s.frame = place == capture.train.end() ? -1 : place - capture.train.begin();
     s.camera = reduced(capture.camera(frame, camera).cast<float>(), factor);
-    // Sides not divisible by the factor are extended by repetition; masks, extended by zeros,
+    // Sides that the factor does not divide are extended by repetition; masks, extended by zeros,
     // exclude these pixels from comparisons.
     const Image<float> mask = extended(capture.mask(frame, camera), factor);
     s.truth = on_background(extended(capture.image(frame, camera), factor), mask, 1.0f);
