@@ -42,7 +42,7 @@ std::string cell(const Mean& m, const char* format) {
     return text;
 }
 
-/// A row's name and its results.
+/// Name of a row and its results.
 using Row = std::pair<std::string, ViewResult>;
 
 void print_quality(const std::vector<Row>& rows) {
@@ -118,7 +118,7 @@ void print_centres(const CentreErrors& c) {
                 "motion is\nless each eye's mean difference.\n", c.eyes);
 }
 
-/// Gains that are taken out of the photographs, of each camera; null where none are.
+/// Returns each camera's gains, which are removed from the photographs; null without gains.
 Json gains_json(const Capture& capture) {
     Json gains;
     for (std::size_t c = 0; c < capture.camera_gains.size(); ++c) {
@@ -128,7 +128,7 @@ Json gains_json(const Capture& capture) {
     return gains;
 }
 
-/// Names of cameras that the run was trained with others for; null where there are none.
+/// Returns the names of cameras that were corrected for the training; null without any.
 Json corrected_json(const Capture& capture) {
     Json names;
     for (const CorrectedCamera& c : capture.corrected_cameras) names.push_back(c.camera);

@@ -29,7 +29,7 @@ namespace {
 
 constexpr double degrees = 57.29577951308232;
 
-/// A line "label   text".
+/// Returns a line "label   text".
 std::string line(const std::string& label, const std::string& text) {
     return label + std::string(label.size() < 14 ? 14 - label.size() : 1, ' ') + text + "\n";
 }
@@ -51,7 +51,7 @@ struct Range {
     }
 };
 
-/// Runs of consecutive frames: "0000 to 0031, 0040".
+/// Returns runs of consecutive frames: "0000 to 0031, 0040".
 std::string frame_list(const Capture& c, std::vector<int> frames) {
     std::sort(frames.begin(), frames.end());
     std::string out = std::to_string(frames.size());
@@ -127,7 +127,8 @@ std::string describe_gaze(const Capture& c) {
            line("eye masks", c.has_eye_masks ? "in every view" : "not in every view");
 }
 
-/// The device that `rye train` would take, or why there is none; empty in a build without kernels.
+/// Returns the device that `rye train` would use, or why there is none; empty in a build without
+/// kernels.
 std::string describe_device(const DeviceFinding& device) {
     if (!device.built) return "";
     if (!device.found) return line("device", "none (" + device.reason + ")");
@@ -135,8 +136,8 @@ std::string describe_device(const DeviceFinding& device) {
                               number(device.found->total / 1e9, 1) + " GB free");
 }
 
-/// How far the labels of a capture that can be trained on are off, and its cameras, which were to
-/// be corrected first. Corrects both in it.
+/// Returns the errors of the labels of a trainable capture; `cameras` receives those of its
+/// cameras, which come first. Corrects both in the capture.
 LabelFindings judged_labels(Capture& capture, const Verdict& verdict, CameraFindings& cameras) {
     if (verdict.errors > 0 || capture.train.empty() || !capture.has_gaze()) return {};
     cameras = correct_cameras(capture, preset("cpu"));

@@ -116,7 +116,7 @@ bool has_own_frames(const std::filesystem::path& run) {
     return std::filesystem::exists(frames_path(run));
 }
 
-/// The capture of an older run.
+/// Returns the capture of an older run.
 std::filesystem::path old_capture(const std::filesystem::path& run, const TrainState& state) {
     require(std::filesystem::is_directory(state.capture), run.string(),
             "holds no frames.safetensors (older versions wrote none), and its capture is not at '",
@@ -186,7 +186,7 @@ std::function<std::string(const std::string&)> range_check(T least, T most) {
     return [least, most](const std::string& text) -> std::string {
         T x{};
         if (!CLI::detail::lexical_cast(text, x)) return "";
-        if (!(x < least || x > most)) return ""; // NaN: run_program's own words
+        if (!(x < least || x > most)) return ""; // NaN is reported by run_program
         return "got " + text + ", expected " + number_text(least) + " to " + number_text(most);
     };
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// `rye refine`: a capture whose labels are corrected by its photographs and a trained avatar, or
+/// `rye refine`: writes a capture with labels corrected by its photographs and a trained avatar, or
 /// by each other and the irises in its photographs.
 #include <cmath>
 #include <cstdio>
@@ -31,7 +31,7 @@ struct RefineCommand {
     RefineOptions options;
 };
 
-/// Root mean square of some of the unknowns.
+/// Returns the root mean square of some of the unknowns.
 double rms(const VecX<double>& v) {
     return v.size() == 0 ? 0 : std::sqrt(v.squaredNorm() / static_cast<double>(v.size()));
 }
@@ -55,7 +55,7 @@ void print_frame(const Capture& capture, const LabelUnknowns& u, const RefinedFr
     std::fflush(stdout);
 }
 
-/// Without a run: labels by each other and by irises, as `rye train` corrects them.
+/// Refines without a run: corrects labels by each other and by irises, as `rye train` does.
 void refine_by_labels(const RefineCommand& o) {
     require(!o.capture.empty(), "rye refine", "--capture is missing, expected the folder of a "
                                               "capture where no run is named");
