@@ -33,7 +33,7 @@ V unset_point() {
         return V::Constant(typename V::Scalar(std::numeric_limits<double>::quiet_NaN()));
 }
 
-/// What drives one frame of an avatar with the effects E; a driver that no effect reads is absent.
+/// Drivers of a frame of an avatar with the effects E; a driver that no effect reads is absent.
 template <class T, EffectSet E = PaperEffects>
 struct Drivers {
     /// Blendshape coefficients.
@@ -87,7 +87,7 @@ Drivers<T, E> neutral_drivers(const AvatarConfig& config) {
     return d;
 }
 
-/// What networks read of the head pose: its code.
+/// Effects whose networks read the head pose's code.
 using ReadsPoseCode = AnyOf<PoseResidual, EyeOffset>;
 
 /// The frame inputs of the networks.

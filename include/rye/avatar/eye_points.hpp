@@ -215,7 +215,7 @@ EyeTransform<T> placed_eye(const EyeStream<T, E>& eyes, const Vec3<T>& centre,
     return placed;
 }
 
-/// Whether features of the eyes are made by a part that writes each eye's alone.
+/// True if the part that makes the eyes' features can write one eye's alone.
 template <EffectSet E>
 inline constexpr bool eyes_apart = EyeByEye<EyeAppearanceOf<E>>;
 

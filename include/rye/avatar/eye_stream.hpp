@@ -14,7 +14,7 @@
 
 namespace rye {
 
-/// What the vjp needs of a frame's eyeballs.
+/// Intermediate results of a frame's eyeballs for their vjp.
 template <class T, EffectSet E = PaperEffects>
 struct EyeTrace {
     [[no_unique_address]] Slot<E, EyeOffset, EyeOffsetTrace<T>> offset;

@@ -14,7 +14,7 @@
 
 namespace rye {
 
-/// Of the drivers what fewer effects read.
+/// Returns the drivers that fewer effects read.
 template <EffectSet Fewer, class T, EffectSet E>
 Drivers<T, Fewer> restricted(const Drivers<T, E>& all) {
     Drivers<T, Fewer> d;
@@ -31,7 +31,7 @@ Drivers<T, Fewer> restricted(const Drivers<T, E>& all) {
 
 namespace detail {
 
-/// Whether a driver of the face is among these effects.
+/// Returns true if the effects E have this driver of the face.
 template <EffectSet E>
 constexpr bool drives(ExpressionField) { return has_effect<E, Expression>; }
 template <EffectSet E>
