@@ -210,7 +210,7 @@ class DeviceFaceStream {
         });
         return sum;
     }
-    /// Returns the destination of the cotangent of a driver's code; null if nothing is trained by it.
+    /// Returns the destination of the cotangent of a driver's code; null if it trains nothing.
     template <class By>
     float* g_code_of(const DeviceFaceFrame& frame, By by) const {
         constexpr bool trained =
